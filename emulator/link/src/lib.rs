@@ -1,1 +1,270 @@
-//! Placeholder until the first commit of this crate.
+//! The lock-step link between a host program and the embedded rig.
+//!
+//! The rig is a process of its own (`rig`, package `emulator`): it boots the firmware image on the
+//! emulated STM32H753 and then moves only when told to. The host sends a [`Request`], the rig answers
+//! with exactly one [`Response`]; virtual time passes only inside [`Request::Advance`]. So a host
+//! controller that runs at 100 Hz sees the same bytes at the same virtual times on every machine.
+//!
+//! On the pipe (rig's standard input and output) each message is a little-endian `u32` length followed
+//! by that many bytes of postcard. The rig's log goes to its standard error. This link carries what a
+//! lab has beside the board's own serial line: the robot's pose, the clock on the wall, the hand that
+//! pulls a plug. The board's bytes travel inside it untouched (see the crate `force-wire`).
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+use serde::{Deserialize, Serialize};
+use std::io::{self, Read, Write};
+
+/// Version of this link; both ends compare it in [`Response::Ready`].
+pub const LINK_VERSION: u32 = 1;
+
+/// Number of force units of the rig.
+pub const UNITS: usize = 6;
+
+/// Largest message that either end accepts, in bytes.
+pub const MAX_MESSAGE: u32 = 16 << 20;
+
+/// What the host asks of the rig.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Request {
+    /// First message; answered by [`Response::Ready`].
+    Hello {
+        /// The host's [`LINK_VERSION`].
+        version: u32,
+    },
+    /// Put `to_board` on the board's receive line at its baud rate, then let `duration_ns` of virtual
+    /// time pass; answered by [`Response::Advanced`].
+    Advance {
+        /// Virtual time to pass, in nanoseconds.
+        duration_ns: u64,
+        /// Bytes for the board's USART3.
+        to_board: Vec<u8>,
+    },
+    /// Start or stop the robot's random path (it ramps in and out smoothly); answered by [`Response::Done`].
+    Robot {
+        /// `true`: wander; `false`: come to a standstill.
+        moving: bool,
+    },
+    /// Break something, or mend it; answered by [`Response::Done`].
+    Inject(Injection),
+    /// Ask for the run's figures and register report so far; answered by [`Response::Report`].
+    Report,
+    /// End the process; answered by [`Response::Done`].
+    Quit,
+}
+
+/// What can be done to the rig from outside. Units are numbered from 1.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub enum Injection {
+    /// Pull the sensor cable of a unit: no DRDY, no answer on the bus.
+    UnplugSensor(u8),
+    /// Plug it in again; the converter starts from power-on reset.
+    PlugSensor(u8),
+    /// The converter of a unit answers with NACK until mended by [`Injection::PlugSensor`].
+    Nack(u8),
+    /// SDA is held low until SCL has been clocked nine times or the multiplexer has been reset.
+    StuckSda,
+    /// Press (`true`: loop open) or release the E-stop.
+    EStop(bool),
+    /// The ADC of a unit reports a single spike of this many codes on its next conversion.
+    Spike(u8, i32),
+    /// Pull on a unit's cable with this many newtons from outside (0 ends it).
+    PullCable(u8, f64),
+    /// Disconnect (`true`) or reconnect a unit's encoder: its counts stand still.
+    FreezeEncoder(u8, bool),
+    /// Stop the core inside the superloop as a hung loop would: the watchdog has to find it.
+    HangLoop,
+    /// Flip one bit in RAM: address, bit.
+    FlipBit(u32, u8),
+}
+
+/// What the rig answers.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub enum Response {
+    /// The image is loaded and virtual time stands at zero.
+    Ready {
+        /// The rig's [`LINK_VERSION`].
+        version: u32,
+        /// Seed of everything random in this run.
+        seed: u64,
+        /// Name of the machine and of the engine that runs it.
+        machine: String,
+    },
+    /// Virtual time has passed.
+    Advanced(Advanced),
+    /// The request was carried out.
+    Done,
+    /// Figures and register report.
+    Report(Box<Report>),
+    /// The request could not be carried out; the rig goes on.
+    Failed(String),
+}
+
+/// What happened while virtual time passed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Advanced {
+    /// Virtual time since power-on, in nanoseconds.
+    pub now_ns: u64,
+    /// Bytes that the board's USART3 sent.
+    pub from_board: Vec<u8>,
+    /// The robot's pose as its own controller reports it.
+    pub pose: Pose,
+    /// The plant's true state, one row per millisecond of the interval, the last one at `now_ns`.
+    pub truth: Vec<Truth>,
+    /// Resets of the board since power-on, with the cause of the last one where there was any.
+    pub resets: u32,
+}
+
+/// Where the robot's tip is, in the robot's base frame.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Pose {
+    /// Position in metres.
+    pub position_m: [f64; 3],
+    /// Velocity in metres per second.
+    pub velocity_m_s: [f64; 3],
+}
+
+/// The plant's true state at one instant: what no instrument of the rig sees directly.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Truth {
+    /// Virtual time in nanoseconds.
+    pub t_ns: u64,
+    /// Tip position in metres, robot base frame.
+    pub tip_m: [f64; 3],
+    /// Force that the six cables apply to the tip, in newtons, robot base frame.
+    pub tip_force_n: [f64; 3],
+    /// Cable tensions in newtons.
+    pub tension_n: [f64; UNITS],
+    /// Reel speeds in radians per second, positive while winding in.
+    pub reel_rad_s: [f64; UNITS],
+    /// Voltages at the DAC outputs in volts.
+    pub dac_v: [f64; UNITS],
+}
+
+/// Figures of a run, measured from outside the firmware, in virtual time.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Report {
+    /// Virtual time since power-on, in nanoseconds.
+    pub now_ns: u64,
+    /// Wall-clock time spent running, in nanoseconds.
+    pub wall_ns: u64,
+    /// Instructions retired.
+    pub instructions: u64,
+    /// Fraction of virtual time that the core slept in WFI or WFE.
+    pub sleep_fraction: f64,
+    /// One entry for each DAC update that answered a sample, in the order they happened.
+    pub latencies: Vec<Latency>,
+    /// Conversions that became ready, per unit.
+    pub conversions: [u64; UNITS],
+    /// Conversions that were read out whole before the next one was ready, per unit.
+    pub conversions_read: [u64; UNITS],
+    /// Register accesses that the emulated part refused or did not know, each once, with a count.
+    pub register_events: Vec<RegisterEvent>,
+}
+
+/// The way of one sample from the DRDY edge to the motor, as virtual times in nanoseconds.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Latency {
+    /// Unit, from 1.
+    pub unit: u8,
+    /// Rising edge of DRDY.
+    pub drdy_ns: u64,
+    /// First START of the transaction(s) that serve this sample (the multiplexer's, if one was needed).
+    pub bus_start_ns: u64,
+    /// Last data byte of the conversion result is in the receive register.
+    pub data_ns: u64,
+    /// First DAC data word written to the SPI.
+    pub dac_word_ns: u64,
+    /// Rising LDAC edge that updated this unit's output.
+    pub dac_update_ns: u64,
+    /// Instructions retired between `data_ns` and `dac_word_ns`.
+    pub instructions: u64,
+    /// Whether a multiplexer write was part of it.
+    pub mux_select: bool,
+}
+
+/// A register access that the emulated part refused or did not know.
+#[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub struct RegisterEvent {
+    /// Peripheral and register (`RCC.PLL1DIVR`) or an address.
+    pub place: String,
+    /// What was refused, in the emulated part's words.
+    pub what: String,
+    /// How often.
+    pub count: u64,
+}
+
+/// Writes one message and flushes.
+///
+/// # Errors
+/// Those of the writer; [`io::ErrorKind::InvalidData`] where the message exceeds [`MAX_MESSAGE`].
+pub fn send<T: Serialize>(mut to: impl Write, message: &T) -> io::Result<()> {
+    let bytes = postcard::to_stdvec(message).map_err(invalid)?;
+    let length = u32::try_from(bytes.len())
+        .ok()
+        .filter(|n| *n <= MAX_MESSAGE);
+    let length =
+        length.ok_or_else(|| invalid(format!("message of {} bytes is too large", bytes.len())))?;
+    to.write_all(&length.to_le_bytes())?;
+    to.write_all(&bytes)?;
+    to.flush()
+}
+
+/// Reads one message.
+///
+/// # Errors
+/// Those of the reader ([`io::ErrorKind::UnexpectedEof`] where the other end is gone);
+/// [`io::ErrorKind::InvalidData`] where the bytes are no message of this version.
+pub fn receive<T: for<'de> Deserialize<'de>>(mut from: impl Read) -> io::Result<T> {
+    let mut length = [0; 4];
+    from.read_exact(&mut length)?;
+    let length = u32::from_le_bytes(length);
+    if length > MAX_MESSAGE {
+        return Err(invalid(format!(
+            "message of {length} bytes announced; is the other end a rig?"
+        )));
+    }
+    let mut bytes = vec![0; length as usize];
+    from.read_exact(&mut bytes)?;
+    postcard::from_bytes(&bytes).map_err(invalid)
+}
+
+fn invalid(error: impl Into<Box<dyn std::error::Error + Send + Sync>>) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, error)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_survive_the_pipe() {
+        let request = Request::Advance {
+            duration_ns: 10_000_000,
+            to_board: vec![0, 1, 255],
+        };
+        let mut pipe = Vec::new();
+        send(&mut pipe, &request).unwrap();
+        send(&mut pipe, &Request::Inject(Injection::PullCable(3, 2.5))).unwrap();
+        let mut reader = pipe.as_slice();
+        assert_eq!(receive::<Request>(&mut reader).unwrap(), request);
+        assert_eq!(
+            receive::<Request>(&mut reader).unwrap(),
+            Request::Inject(Injection::PullCable(3, 2.5))
+        );
+        assert_eq!(
+            receive::<Request>(&mut reader).unwrap_err().kind(),
+            io::ErrorKind::UnexpectedEof
+        );
+    }
+
+    #[test]
+    fn a_stranger_on_the_pipe_is_refused() {
+        let error = receive::<Response>(b"GET / HTTP/1.1\r\n".as_slice()).unwrap_err();
+        assert_eq!(error.kind(), io::ErrorKind::InvalidData);
+        assert!(
+            error.to_string().contains("is the other end a rig?"),
+            "{error}"
+        );
+    }
+}
