@@ -1,1 +1,43 @@
-//! Placeholder until the first commit of this crate.
+//! The wire protocol of the force board: what host and board say to each other, and how it is framed.
+//!
+//! * [`message`]: the messages. Commands ([`HostFrame`]) and telemetry ([`BoardFrame`]) are separate
+//!   types, so a stream of samples can never be taken for an answer.
+//! * [`frame`]: COBS frames with a CRC-32, and a decoder that survives any bytes at all.
+//!
+//! Two numbers guard a connection, both checked by [`message::Command::Hello`] before anything else is
+//! accepted: [`ABI_VERSION`] changes when the *meaning* of a message changes, [`SCHEMA_HASH`] whenever
+//! its *layout* does (it is computed from the types). Both are apart from the release version.
+//!
+//! Units on the wire are integers with the unit in the name: `_un` micronewton, `_us` microsecond,
+//! `_nm` nanometre, `_pn` piconewton, `_q16` a number times 65,536. SI belongs to the host's edge.
+#![no_std]
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+
+pub mod frame;
+pub mod message;
+
+pub use frame::{encode, Decoder, FrameError, MAX_FRAME};
+pub use message::{BoardFrame, BoardMessage, Command, HostFrame};
+
+use postcard_schema::key::Key;
+
+/// Number of force units of a board.
+pub const UNITS: usize = 6;
+
+/// Meaning of the messages. Counted up by hand when a field keeps its type but not its meaning.
+pub const ABI_VERSION: u16 = 1;
+
+/// Layout of the messages, hashed from the types of both directions at compile time.
+pub const SCHEMA_HASH: [u8; 8] = {
+    let host = Key::for_path::<HostFrame>("host").to_bytes();
+    let board = Key::for_path::<BoardFrame>("board").to_bytes();
+    let mut hash = [0; 8];
+    let mut i = 0;
+    while i < 8 {
+        // Rotated, so that exchanging the two directions gives another hash.
+        hash[i] = host[i] ^ board[i].rotate_left(3);
+        i += 1;
+    }
+    hash
+};

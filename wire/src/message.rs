@@ -1,0 +1,376 @@
+//! The messages of both directions.
+//!
+//! Units are numbered 0 to 5 in arrays and masks, as everywhere inside the firmware; what a person
+//! reads counts from 1. States and faults travel as the numbers of `force_control::state` and
+//! `force_control::faults`, the one place that names and explains them.
+
+use crate::UNITS;
+use heapless::{String, Vec};
+use postcard_schema::Schema;
+use serde::{Deserialize, Serialize};
+
+/// Most samples in one telemetry frame.
+pub const BATCH: usize = 4;
+
+/// A frame from the host: one command and the number its answer will carry.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct HostFrame {
+    /// Counts the host's frames; the reply repeats it.
+    pub seq: u16,
+    /// What to do.
+    pub command: Command,
+}
+
+/// What the host can ask of the board. Every command but [`Command::Setpoints`] is answered by a
+/// [`Reply`]; setpoints are confirmed by the telemetry that shows them in force.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[allow(clippy::large_enum_variant)] // decoded into place on a board without an allocator
+pub enum Command {
+    /// First command on a link: versions of the host. Anything else before it is refused.
+    Hello {
+        /// The host's [`crate::ABI_VERSION`].
+        abi: u16,
+        /// The host's [`crate::SCHEMA_HASH`].
+        schema: [u8; 8],
+    },
+    /// Ask for a [`Status`] now (one also comes every 50 ms unasked).
+    GetStatus,
+    /// Ask for the configuration of a unit that is in force.
+    GetConfig {
+        /// Unit, from 0.
+        unit: u8,
+    },
+    /// Put a unit's configuration beside the one in force. Nothing changes until [`Command::CommitConfig`].
+    StageConfig {
+        /// Unit, from 0.
+        unit: u8,
+        /// The configuration, checked when staged.
+        config: UnitConfig,
+    },
+    /// Exchange all staged configurations at the next cycle boundary; refused while armed.
+    CommitConfig,
+    /// Average samples with slack cables and take the mean as zero; refused while armed.
+    Zero {
+        /// Bit n: unit n.
+        units: u8,
+    },
+    /// Let the motors act on setpoints. Refused while a fault is latched, a unit isn't ready or the
+    /// E-stop is open.
+    Arm,
+    /// Ramp the torques down and go back to ready.
+    Disarm,
+    /// 0 V on all motors now, latched as a fault until [`Command::ClearFaults`].
+    Stop,
+    /// Forget latched faults whose cause is gone, and bring offline sensors up again. Does not arm.
+    ClearFaults,
+    /// New cable tensions. They expire: when nothing newer has come within `valid_ms`, the board stops.
+    Setpoints {
+        /// For how long these may be held, in milliseconds, 1 to 1,000.
+        valid_ms: u16,
+        /// One for each unit.
+        units: [UnitSetpoint; UNITS],
+    },
+    /// Choose what is streamed.
+    Stream {
+        /// Send every n-th sample of each unit; 0: none.
+        every: u8,
+    },
+}
+
+/// What one unit shall hold.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+pub struct UnitSetpoint {
+    /// Cable tension in micronewton; 0 takes the unit out of action (0 V).
+    pub tension_un: i32,
+    /// 1 / cos of the angle between cable and load-cell axis, times 65,536; 65,536 to 262,144
+    /// (0 to 75.5 degrees). The board multiplies the load-cell force by it to get the cable tension
+    /// (thesis 3.7: T = F / cos theta).
+    pub inv_cos_q16: i32,
+}
+
+/// How a unit's samples are filtered before the controller sees them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum FilterChoice {
+    /// The thesis's filter: the mean of the last n samples, 1 to 16.
+    MovingAverage(u8),
+    /// Second-order Butterworth low pass, corner in hundredths of a hertz.
+    LowPass {
+        /// Corner frequency in 0.01 Hz, 500 to 12,000.
+        corner_chz: u16,
+    },
+}
+
+/// Everything a unit's controller can be told. Physical quantities, as integers with their unit in the
+/// name; the ranges are checked by `force_control`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct UnitConfig {
+    /// Whether this unit exists and takes part.
+    pub enabled: bool,
+    /// Load-cell force per ADC count in piconewton (nominal 6,850,000); negative where pulling lowers the code.
+    pub scale_pn_per_count: i32,
+    /// ADC code at zero load; [`Command::Zero`] sets it on the board.
+    pub zero_code: i32,
+    /// Filter.
+    pub filter: FilterChoice,
+    /// A sample further than this from the prediction is a spike, in micronewton.
+    pub spike_limit_un: i32,
+    /// Proportional gain, N of cable force per N of error, times 65,536.
+    pub kp_q16: i32,
+    /// Integral gain, N per N and second, times 65,536.
+    pub ki_q16: i32,
+    /// Derivative gain, N per N/s, times 65,536.
+    pub kd_q16: i32,
+    /// Damping on the reel's speed, N per m/s, times 65,536.
+    pub damping_q16: i32,
+    /// Whether the friction feedforward acts.
+    pub friction_feedforward: bool,
+    /// Force at the cable with no command, in micronewton (measured 155,000).
+    pub friction_offset_un: i32,
+    /// Force at the cable per commanded force, times 65,536 (measured 1.018).
+    pub friction_gain_q16: i32,
+    /// Coulomb friction without load, in micronewton (measured 909,000).
+    pub coulomb_un: i32,
+    /// Growth of Coulomb friction with load, N per N, times 65,536 (measured 0.154).
+    pub coulomb_load_q16: i32,
+    /// Reel travel over which the friction's direction reverses, in nanometres.
+    pub reversal_nm: i32,
+    /// Cable travel per encoder count in nanometres, positive when winding in counts up; nominal
+    /// 2 pi 10 mm / (4000 * 26 / 7) = 4,229.
+    pub travel_nm_per_count: i32,
+    /// DAC counts per newton of cable force, times 65,536 (nominal 282.4).
+    pub dac_counts_per_n_q16: i32,
+    /// Largest commanded cable force, in micronewton.
+    pub force_limit_un: i32,
+    /// Fastest change of the commanded cable force, in micronewton per second.
+    pub slew_un_per_s: i32,
+    /// Tension at which the unit faults, in micronewton.
+    pub over_tension_un: i32,
+}
+
+/// A frame from the board.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct BoardFrame {
+    /// Counts the frames of this link, dropped ones included: a gap is what the queue had no room for.
+    pub seq: u16,
+    /// What it says.
+    pub message: BoardMessage,
+}
+
+/// What the board says.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[allow(clippy::large_enum_variant)] // built in place on a board without an allocator
+pub enum BoardMessage {
+    /// Answer to a command.
+    Reply(Reply),
+    /// Samples.
+    Samples(Batch),
+    /// State of the whole board, every 50 ms.
+    Status(Status),
+    /// A fault, at the moment it was latched.
+    Fault(FaultReport),
+}
+
+/// Answer to the command with this number.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Reply {
+    /// [`HostFrame::seq`] of the command.
+    pub seq: u16,
+    /// What came of it.
+    pub answer: Answer,
+}
+
+/// What came of a command.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+#[allow(clippy::large_enum_variant)]
+pub enum Answer {
+    /// Done, or begun where it takes time (zeroing, bring-up); [`Status`] tells when it is over.
+    Done,
+    /// To [`Command::Hello`].
+    Hello(BoardInfo),
+    /// To [`Command::GetStatus`].
+    Status(Status),
+    /// To [`Command::GetConfig`].
+    Config(UnitConfig),
+    /// Not done, and why.
+    Refused(Refusal),
+}
+
+/// Why a command was not carried out. Nothing has changed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub enum Refusal {
+    /// No [`Command::Hello`] has been accepted on this link yet.
+    NotConnected,
+    /// The host speaks another protocol; these are the board's numbers.
+    Version {
+        /// The board's [`crate::ABI_VERSION`].
+        abi: u16,
+        /// The board's [`crate::SCHEMA_HASH`].
+        schema: [u8; 8],
+    },
+    /// Not in this state (`force_control::state::SystemState` as a number).
+    State(u8),
+    /// A fault is latched (`force_control::faults`); clear it first.
+    Faulted(u16),
+    /// There is no such unit.
+    Unit(u8),
+    /// A value is out of its range: number of the field in [`UnitConfig`] or of the unit's setpoint, from 0.
+    Range {
+        /// Unit, from 0.
+        unit: u8,
+        /// Field, from 0 in the order of declaration.
+        field: u8,
+    },
+}
+
+/// Who the board is and what happened to it last.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct BoardInfo {
+    /// The board's [`crate::ABI_VERSION`].
+    pub abi: u16,
+    /// The board's [`crate::SCHEMA_HASH`].
+    pub schema: [u8; 8],
+    /// Version of the firmware.
+    pub version: String<32>,
+    /// Core clock in hertz.
+    pub core_hz: u32,
+    /// RCC_RSR at boot (RM0433 8.7.40): why it was reset.
+    pub reset_flags: u32,
+    /// What the run before this one left: the fault or panic that ended it.
+    pub kept: Option<KeptReason>,
+}
+
+/// Why the run before this one ended.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct KeptReason {
+    /// Fault number (`force_control::faults`).
+    pub code: u16,
+    /// Its detail.
+    pub detail: u32,
+    /// Program counter where it is known, or 0.
+    pub pc: u32,
+    /// Where and what, as far as it fits (a panic's file, line and message).
+    pub text: String<96>,
+}
+
+/// A fault at the moment it was latched.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct FaultReport {
+    /// Board time in microseconds.
+    pub t_us: u32,
+    /// Unit from 0; 255: the whole board.
+    pub unit: u8,
+    /// Fault number (`force_control::faults`).
+    pub code: u16,
+    /// Its detail; what it means is told by the fault's page.
+    pub detail: u32,
+}
+
+/// State of the whole board.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Status {
+    /// Board time in microseconds, wraps after 71 minutes.
+    pub t_us: u32,
+    /// `force_control::state::SystemState` as a number.
+    pub state: u8,
+    /// First latched fault of the whole board; 0: none.
+    pub fault: u16,
+    /// Its detail.
+    pub fault_detail: u32,
+    /// Whether the E-stop loop is closed.
+    pub estop_closed: bool,
+    /// Each unit.
+    pub units: [UnitStatus; UNITS],
+    /// CRC-32 over the configuration in force, as encoded for the wire, zeros included.
+    pub config_crc: u32,
+    /// Age of the setpoints in force in milliseconds; 65,535: none.
+    pub setpoint_age_ms: u16,
+    /// Telemetry frames that this link's queue had no room for, since boot.
+    pub frames_dropped: u32,
+    /// Frames from the host that were damaged or unknown, since boot.
+    pub frames_bad: u32,
+    /// Bus recoveries since boot.
+    pub bus_recoveries: u16,
+    /// Part of the last second that the core slept, in thousandths.
+    pub sleep_permille: u16,
+    /// Most samples that waited for the superloop at once since the last status.
+    pub queue_high_water: u8,
+}
+
+/// State of one unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+pub struct UnitStatus {
+    /// `force_control::state::MotorState` as a number.
+    pub state: u8,
+    /// First latched fault; 0: none.
+    pub fault: u16,
+    /// Its detail.
+    pub fault_detail: u32,
+    /// Samples since boot.
+    pub samples: u32,
+    /// Conversions that were not read in time since boot.
+    pub missed: u32,
+    /// Spikes rejected since boot.
+    pub spikes: u32,
+    /// Period of the converter in microseconds, averaged; 0: silent.
+    pub period_us: u16,
+    /// Cable tension after the filter, in micronewton.
+    pub tension_un: i32,
+}
+
+/// Samples of any units, in the order they were taken.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
+pub struct Batch {
+    /// Board time of the first sample's DRDY edge in microseconds.
+    pub t_us: u32,
+    /// The samples.
+    pub samples: Vec<Sample, BATCH>,
+}
+
+/// One sample and what the controller made of it: raw codes as the parts gave them, terms in 0.1 mN.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+pub struct Sample {
+    /// Unit, from 0.
+    pub unit: u8,
+    /// DRDY edge, in microseconds after [`Batch::t_us`].
+    pub dt_us: u16,
+    /// ADC code.
+    pub code: i32,
+    /// Encoder position in counts, lowest 32 bits of the extended position.
+    pub counts: i32,
+    /// DAC code written in answer.
+    pub dac: u16,
+    /// DRDY edge to the DAC word, in microseconds.
+    pub latency_us: u16,
+    /// Filtered cable tension in 0.1 mN.
+    pub tension: i32,
+    /// Setpoint in force (after its slew limit) in 0.1 mN.
+    pub setpoint: i32,
+    /// Proportional term in 0.1 mN.
+    pub p: i32,
+    /// Integral term in 0.1 mN.
+    pub i: i32,
+    /// Derivative and damping terms in 0.1 mN.
+    pub d: i32,
+    /// Feedforward (setpoint and friction) in 0.1 mN.
+    pub ff: i32,
+    /// See [`flags`].
+    pub flags: u8,
+}
+
+/// Bits of [`Sample::flags`].
+pub mod flags {
+    /// The spike gate replaced this sample.
+    pub const SPIKE: u8 = 1;
+    /// The command is at its force limit.
+    pub const LIMITED: u8 = 2;
+    /// The command is at its slew limit.
+    pub const SLEWING: u8 = 4;
+    /// The direction estimate says winding in.
+    pub const WINDING_IN: u8 = 8;
+    /// The direction estimate says paying out.
+    pub const PAYING_OUT: u8 = 16;
+    /// The output is allowed (the unit is running).
+    pub const ACTIVE: u8 = 32;
+    /// A conversion before this one was not read in time.
+    pub const MISSED: u8 = 64;
+}
