@@ -1,0 +1,35 @@
+//! NAU7802: 24-bit bridge converter, one per load cell (Nuvoton datasheet rev. 1.7, January 2012).
+//!
+//! * [`Register`] and the byte types: the register map.
+//! * [`Config`]: settings and the register values they become.
+//! * [`proto`]: bytes of each transaction. [`proto::READ_ADC`] and [`proto::decode_adc`] are the whole
+//!   sample path.
+//! * [`Bringup`]: power-up, configuration, verification and calibration as a state machine.
+//! * [`Nau7802`]: blocking driver over the same.
+//! * [`fast_read`]: what FRD is, and why it is off.
+//!
+//! # Traps that this driver avoids
+//! The conversion-ready bit is not a substitute for the DRDY pin; CALS is waited for and CAL_ERR
+//! checked after each calibration; CS is set, or nothing converts; results are sign-extended from 24
+//! bits; the revision is read only once PUR is up, and then retried a bounded number of times.
+//!
+//! # Timing
+//! DRDY announces a result that is already 6.25 ms old at 320 samples a second (group delay of the
+//! converter's filter, inferred to be a sinc4). No latency counted from DRDY contains it.
+
+pub mod bringup;
+mod code;
+mod config;
+mod driver;
+pub mod fast_read;
+pub mod proto;
+mod regs;
+
+pub use bringup::{Action, Bringup, Cause, Event, SequenceError, Stage};
+pub use code::{AdcCode, Coefficients, GainCoefficient, OffsetCoefficient};
+pub use config::Config;
+pub use driver::{Error, Nau7802, Operation};
+pub use regs::{
+    Adc, CalibrationMode, Channel, Ctrl1, Ctrl2, DrdyPolarity, Gain, I2cCtrl, LdoVoltage, Pga,
+    Power, PuCtrl, Rate, Register, Revision, ADDRESS,
+};
