@@ -1,0 +1,66 @@
+//! Errors of the plant: a configuration that can't be simulated, an input that isn't a voltage.
+
+use std::fmt;
+
+/// A value of [`crate::PlantConfig`] outside what the physics allows.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct ConfigError {
+    /// Dotted key of the value, as in the TOML file: `units[2].position_m`.
+    pub key: String,
+    /// What was found and what is expected.
+    pub problem: String,
+}
+
+impl ConfigError {
+    pub(crate) fn new(key: impl Into<String>, problem: impl Into<String>) -> Self {
+        Self {
+            key: key.into(),
+            problem: problem.into(),
+        }
+    }
+}
+
+impl fmt::Display for ConfigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "plant configuration, `{}`: {}", self.key, self.problem)
+    }
+}
+
+impl std::error::Error for ConfigError {}
+
+/// An input that the plant can't take.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum InputError {
+    /// There is no unit of this number.
+    NoSuchUnit {
+        /// Number asked for, counted from 0.
+        unit: usize,
+        /// Number of units in the plant.
+        units: usize,
+    },
+    /// The voltage is NaN or infinite; 0 V was taken in its place.
+    NotAVoltage {
+        /// Number of the unit, counted from 0.
+        unit: usize,
+    },
+}
+
+impl fmt::Display for InputError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NoSuchUnit { unit, units } => {
+                write!(
+                    f,
+                    "unit {unit} does not exist: units are 0 to {}",
+                    units - 1
+                )
+            }
+            Self::NotAVoltage { unit } => write!(
+                f,
+                "unit {unit}: the amplifier voltage is not a finite number; 0 V taken instead"
+            ),
+        }
+    }
+}
+
+impl std::error::Error for InputError {}

@@ -1,0 +1,125 @@
+//! Where the six units stand, in the robot frame, and a little vector arithmetic.
+
+use crate::config::PlantConfig;
+use serde::Serialize;
+
+/// A point or direction in the robot frame: x, y, z.
+pub type Vec3 = [f64; 3];
+
+pub(crate) fn add(a: Vec3, b: Vec3) -> Vec3 {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+pub(crate) fn sub(a: Vec3, b: Vec3) -> Vec3 {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+pub(crate) fn scale(a: Vec3, k: f64) -> Vec3 {
+    [a[0] * k, a[1] * k, a[2] * k]
+}
+
+pub(crate) fn dot(a: Vec3, b: Vec3) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+pub(crate) fn norm(a: Vec3) -> f64 {
+    dot(a, a).sqrt()
+}
+
+pub(crate) fn unit(a: Vec3) -> Vec3 {
+    scale(a, 1.0 / norm(a))
+}
+
+fn cross(a: Vec3, b: Vec3) -> Vec3 {
+    [
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ]
+}
+
+/// Two directions that make a right-handed frame with the unit vector `axis`.
+fn perpendicular(axis: Vec3) -> (Vec3, Vec3) {
+    // Start from the coordinate axis that `axis` has least of: never near parallel.
+    let mut helper = [0.0; 3];
+    let least = (0..3).min_by(|&i, &j| axis[i].abs().total_cmp(&axis[j].abs()));
+    helper[least.unwrap_or(0)] = 1.0;
+    let first = unit(cross(axis, helper));
+    (first, cross(axis, first))
+}
+
+/// `axis` tilted by two small angles in rad about its two perpendicular directions.
+pub(crate) fn tilted(axis: Vec3, tilt_rad: [f64; 2]) -> Vec3 {
+    let (first, second) = perpendicular(axis);
+    unit(add(
+        axis,
+        add(
+            scale(first, tilt_rad[0].tan()),
+            scale(second, tilt_rad[1].tan()),
+        ),
+    ))
+}
+
+/// One unit as the survey of the thesis (section 3.5.2) reports it: what a rig file would hold.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
+pub struct NominalUnit {
+    /// Where the cable leaves the reel, robot frame, m.
+    pub position_m: Vec3,
+    /// Measuring axis of the load cell, unit vector, robot frame, pointing *toward* the workspace
+    /// centre. A cable along it reads its whole tension: with `d` the direction from the tip to
+    /// [`Self::position_m`], the cell senses `T cos(theta)`, `cos(theta) = -axis . d`.
+    pub axis: Vec3,
+}
+
+/// The surveyed geometry of all units. The plant's own differs from it by the survey's errors
+/// ([`crate::config::SurveyConfig`]), drawn from the seed.
+pub fn nominal_geometry(config: &PlantConfig) -> Vec<NominalUnit> {
+    config
+        .units
+        .iter()
+        .map(|u| {
+            let toward = unit(sub(config.robot.workspace_center_m, u.position_m));
+            NominalUnit {
+                position_m: u.position_m,
+                axis: tilted(toward, u.axis_tilt_rad),
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn default_rig_has_three_roughly_orthogonal_antiparallel_pairs() {
+        let config = PlantConfig::default();
+        let center = config.robot.workspace_center_m;
+        let from: Vec<Vec3> = nominal_geometry(&config)
+            .iter()
+            .map(|u| sub(u.position_m, center))
+            .collect();
+        assert_eq!(from.len(), 6);
+        for f in &from {
+            assert!((0.35..=0.50).contains(&norm(*f)), "{}", norm(*f));
+        }
+        for pair in 0..3 {
+            let cosine = dot(unit(from[2 * pair]), unit(from[2 * pair + 1]));
+            assert!((-0.9999..-0.97).contains(&cosine), "pair {pair}: {cosine}");
+            for other in 0..6 {
+                if other / 2 != pair {
+                    let cosine = dot(unit(from[2 * pair]), unit(from[other]));
+                    assert!(cosine.abs() < 0.25, "{pair} {other}: {cosine}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn tilt_is_the_angle_asked_for() {
+        let axis = unit([0.3, -0.2, 0.9]);
+        let angle = dot(axis, tilted(axis, [0.02, 0.0])).acos();
+        assert!((angle - 0.02).abs() < 1e-9);
+        assert!((norm(tilted(axis, [0.1, -0.2])) - 1.0).abs() < 1e-12);
+    }
+}
