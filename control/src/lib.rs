@@ -1,1 +1,59 @@
-//! Placeholder until the first commit of this crate.
+//! The control core of the force rig: what happens between a load cell's code and a DAC's code, and when
+//! it is allowed to happen.
+//!
+//! No peripherals, no global state, no allocation, no panics. The same objects run on the board, in the
+//! emulated rig and in unit tests.
+//!
+//! | question | module |
+//! | --- | --- |
+//! | what do the numbers mean | [`units`], [`convert`] |
+//! | what can be configured, within which ranges | [`config`] |
+//! | one sample of one unit | [`unit`], made of [`filter`], [`friction`], [`pid`], [`limits`] |
+//! | zeroing | [`zero`] |
+//! | when may a motor pull | [`state`], [`motor`], [`system`], [`supervisor`] |
+//! | what went wrong and how to leave it | [`faults`] |
+//! | where do the cables point (not in the sample path) | [`geometry`] |
+//!
+//! # Signs
+//!
+//! Tension, force and command are positive where the motor pulls the cable in. Encoder travel is positive
+//! where the reel winds in. Direction +1 is winding in, -1 paying out.
+#![no_std]
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+#![warn(
+    clippy::indexing_slicing,
+    clippy::unwrap_used,
+    clippy::expect_used,
+    clippy::panic
+)]
+
+pub mod config;
+pub mod convert;
+pub mod faults;
+pub mod filter;
+pub mod friction;
+pub mod geometry;
+pub mod limits;
+pub mod motor;
+pub mod pid;
+pub mod state;
+pub mod supervisor;
+pub mod system;
+pub mod unit;
+pub mod units;
+pub mod zero;
+
+pub use config::Config;
+pub use faults::Fault;
+pub use force_wire::UNITS;
+pub use state::{MotorState, SystemState};
+pub use unit::{Controller, Input, Output, State};
+pub use units::{Counts, DacCode, InvCos, LoadCode, Micros, Newton};
+
+/// Nominal sample rate of a NAU7802 at CRS = 7, in samples a second (datasheet 11.3). The RC oscillator
+/// makes it 310 to 330.
+pub const NOMINAL_SPS: u32 = 320;
+
+/// Nominal time between two samples of a unit in microseconds.
+pub const NOMINAL_PERIOD_US: u32 = 1_000_000 / NOMINAL_SPS;

@@ -1,0 +1,319 @@
+//! A unit's configuration: the wire's physical numbers, checked, and what the sample path wants precomputed
+//! from them. Staged on the board and exchanged at a cycle boundary.
+//!
+//! Nothing here runs in the sample path, so conversions use `f64` (from libm) and divisions freely.
+
+use crate::convert;
+use crate::filter::FilterConfig;
+use crate::units::{LoadCode, Newton};
+use crate::NOMINAL_SPS;
+use force_wire::message::{FilterChoice, UnitConfig};
+
+/// A number of the configuration, its range, and why the range is what it is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Field {
+    /// Name in [`UnitConfig`].
+    pub name: &'static str,
+    /// Position in [`UnitConfig`], from 0 in the order of declaration.
+    pub number: u8,
+    /// Smallest value.
+    pub min: i32,
+    /// Largest value.
+    pub max: i32,
+    /// Why.
+    pub why: &'static str,
+}
+
+macro_rules! fields {
+    ($($(#[$doc:meta])* $constant:ident = $number:literal, $name:literal, $min:literal ..= $max:literal, $why:literal;)*) => {
+        /// The fields, for [`OutOfRange::field`] and for messages of the host.
+        pub mod field {
+            use super::Field;
+            $($(#[$doc])* pub const $constant: Field = Field {
+                name: $name, number: $number, min: $min, max: $max, why: $why,
+            };)*
+        }
+        /// Every field that has a range, in the order of [`UnitConfig`].
+        pub const FIELDS: &[Field] = &[$(field::$constant,)*];
+    };
+}
+
+fields! {
+    /// Scale of the load cell.
+    SCALE = 1, "scale_pn_per_count", -30_000_000 ..= 30_000_000,
+        "1,000,000 to 30,000,000 in size: measured cells have 6.2 to 7.3 million; the rest leaves room for 1 to 10 kg cells";
+    /// Zero.
+    ZERO = 2, "zero_code", -8_388_608 ..= 8_388_607, "24-bit code";
+    /// Samples of the moving average, or corner of the low pass in 0.01 Hz.
+    FILTER = 3, "filter", 1 ..= 12_000,
+        "moving average of 1 to 16 samples; low pass of 5 Hz (below, the delay eats the loop) to 120 Hz (the sample rate's half is 155 Hz at least)";
+    /// Spike gate.
+    SPIKE_LIMIT = 4, "spike_limit_un", 50_000 ..= 60_000_000,
+        "50 mN is ten times the measured noise; 60 N is past the cell's full scale, so the gate never acts";
+    /// Proportional gain.
+    KP = 5, "kp_q16", 0 ..= 1_310_720, "0 to 20 N/N: the rig was run with up to 15";
+    /// Integral gain.
+    KI = 6, "ki_q16", 0 ..= 13_107_200, "0 to 200 N/(N s): ten times what 10 ms of delay allow";
+    /// Derivative gain.
+    KD = 7, "kd_q16", 0 ..= 32_768, "0 to 0.5 s: a sample period is 0.003 s";
+    /// Damping.
+    DAMPING = 8, "damping_q16", 0 ..= 65_536_000, "0 to 1,000 N s/m: critical for a 10 N/mm cable is 136";
+    /// Friction offset.
+    OFFSET = 10, "friction_offset_un", -3_000_000 ..= 3_000_000, "measured 155,000; 3 N would be a unit that hangs by its cable";
+    /// Friction gain.
+    GAIN = 11, "friction_gain_q16", 32_768 ..= 131_072, "0.5 to 2: measured 1.018";
+    /// Coulomb friction.
+    COULOMB = 12, "coulomb_un", 0 ..= 5_000_000, "measured 909,000; above 5 N the unit can't hold 2 N";
+    /// Load dependence of Coulomb friction.
+    COULOMB_LOAD = 13, "coulomb_load_q16", 0 ..= 26_214, "0 to 0.4: measured 0.154; the gain less this must stay above 0.1";
+    /// Reversal travel.
+    REVERSAL = 14, "reversal_nm", 10_000 ..= 5_000_000,
+        "10 um is two counts, less would be noise; over 5 mm the compensation would come after the disturbance";
+    /// Encoder scale.
+    TRAVEL = 15, "travel_nm_per_count", -100_000 ..= 100_000, "100 to 100,000 in size: nominal 4,229";
+    /// DAC scale.
+    DAC_SCALE = 16, "dac_counts_per_n_q16", -65_536_000 ..= 65_536_000,
+        "10 to 1,000 counts/N in size: 282 (Z6A6 at +-10 V), 564 (+-5 V), 141 (Z12A8)";
+    /// Force limit.
+    FORCE_LIMIT = 17, "force_limit_un", 0 ..= 40_000_000,
+        "0 to 40 N: cables carry up to 12 N and the cell is rated 29 N; the drive could do 116 N, which must never be let out";
+    /// Slew limit.
+    SLEW = 18, "slew_un_per_s", 1_000_000 ..= 2_000_000_000,
+        "1 N/s, below which nothing settles, to 2,000 N/s, past which it limits nothing";
+    /// Over-tension.
+    OVER_TENSION = 19, "over_tension_un", 1_000_000 ..= 50_000_000, "1 to 50 N: the cell's converter ends at 57 N";
+}
+
+/// A number that is out of its range.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct OutOfRange {
+    /// Which.
+    pub field: Field,
+    /// Smallest allowed value here (may be narrower than [`Field::min`]).
+    pub min: i32,
+    /// Largest allowed value here.
+    pub max: i32,
+    /// What was given.
+    pub got: i32,
+}
+
+impl core::fmt::Display for OutOfRange {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(
+            f,
+            "{} = {}: allowed are {} to {} ({})",
+            self.field.name, self.got, self.min, self.max, self.field.why
+        )
+    }
+}
+
+impl core::error::Error for OutOfRange {}
+
+/// Fraction bits of [`Config::scale`].
+pub(crate) const SCALE_SHIFT: u32 = 24;
+/// Fraction bits of `ki` per microsecond.
+pub(crate) const KI_SHIFT: u32 = 42;
+/// How much slower the setpoint may change than the command: 1/8. The command must outrun the setpoint, or
+/// there is no room left for feedback while the setpoint moves.
+pub const SETPOINT_SLEW_SHIFT: u32 = 3;
+
+/// A checked configuration with everything the sample path needs, precomputed.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Config {
+    wire: UnitConfig,
+    /// Force steps per ADC count, times 2^24.
+    pub(crate) scale: i32,
+    pub(crate) zero: i32,
+    pub(crate) filter: FilterConfig,
+    pub(crate) spike_limit: i32,
+    pub(crate) kp_q16: i32,
+    /// Integral gain per microsecond, times 2^42.
+    pub(crate) ki_us: i32,
+    /// Derivative gain times the nominal rate, times 65,536.
+    pub(crate) kd_rate_q16: i32,
+    /// Force steps per nanometre a nominal sample, times 65,536.
+    pub(crate) damping: i32,
+    pub(crate) friction: crate::friction::Model,
+    pub(crate) travel_nm: i32,
+    pub(crate) dac_q16: i32,
+    pub(crate) force_limit: Newton,
+    /// Force steps per microsecond, times 65,536.
+    pub(crate) slew_us_q16: i32,
+    pub(crate) over_tension: Newton,
+}
+
+impl Config {
+    /// What a unit of the thesis's rig starts with, as it goes over the wire.
+    #[must_use]
+    pub const fn nominal() -> UnitConfig {
+        UnitConfig {
+            enabled: true,
+            scale_pn_per_count: 6_850_000,
+            zero_code: 0,
+            filter: FilterChoice::LowPass { corner_chz: 10_000 },
+            spike_limit_un: 1_500_000,
+            kp_q16: 65_536,
+            ki_q16: 20 * 65_536,
+            kd_q16: 0,
+            damping_q16: 60 * 65_536,
+            friction_feedforward: true,
+            friction_offset_un: 155_000,
+            friction_gain_q16: 66_716, // 1.018
+            coulomb_un: 909_000,
+            coulomb_load_q16: 10_093, // 0.154
+            reversal_nm: 100_000,
+            travel_nm_per_count: 4_229,
+            dac_counts_per_n_q16: 18_497_000, // 282.24
+            force_limit_un: 16_000_000,
+            slew_un_per_s: 400_000_000,
+            over_tension_un: 20_000_000,
+        }
+    }
+
+    /// Checks what came over the wire and precomputes.
+    ///
+    /// # Errors
+    ///
+    /// The first number that is out of its range, in the order of the fields.
+    pub fn from_wire(wire: &UnitConfig) -> Result<Self, OutOfRange> {
+        let w = wire;
+        sized(field::SCALE, w.scale_pn_per_count, 1_000_000)?;
+        within(field::ZERO, w.zero_code)?;
+        match w.filter {
+            FilterChoice::MovingAverage(n) => {
+                narrow(field::FILTER, i32::from(n), 1, 16)?;
+            }
+            FilterChoice::LowPass { corner_chz } => {
+                narrow(field::FILTER, i32::from(corner_chz), 500, 12_000)?;
+            }
+        }
+        within(field::SPIKE_LIMIT, w.spike_limit_un)?;
+        within(field::KP, w.kp_q16)?;
+        within(field::KI, w.ki_q16)?;
+        within(field::KD, w.kd_q16)?;
+        within(field::DAMPING, w.damping_q16)?;
+        within(field::OFFSET, w.friction_offset_un)?;
+        within(field::GAIN, w.friction_gain_q16)?;
+        within(field::COULOMB, w.coulomb_un)?;
+        within(field::COULOMB_LOAD, w.coulomb_load_q16)?;
+        within(field::REVERSAL, w.reversal_nm)?;
+        sized(field::TRAVEL, w.travel_nm_per_count, 100)?;
+        sized(field::DAC_SCALE, w.dac_counts_per_n_q16, 655_360)?;
+        within(field::FORCE_LIMIT, w.force_limit_un)?;
+        within(field::SLEW, w.slew_un_per_s)?;
+        within(field::OVER_TENSION, w.over_tension_un)?;
+
+        let step = f64::from(1u32 << Newton::FRAC_BITS);
+        let scale = f64::from(w.scale_pn_per_count) * 1e-12 * step * f64::from(1u32 << SCALE_SHIFT);
+        let ki = f64::from(w.ki_q16) / 65_536.0;
+        let damping = f64::from(w.damping_q16) / 65_536.0;
+        let rate = f64::from(NOMINAL_SPS);
+        Ok(Self {
+            wire: *w,
+            scale: rounded(scale),
+            zero: w.zero_code,
+            filter: FilterConfig::new(w.filter),
+            spike_limit: Newton::from_un(w.spike_limit_un).to_bits(),
+            kp_q16: w.kp_q16,
+            ki_us: rounded(ki * 1e-6 * libm::exp2(f64::from(KI_SHIFT))),
+            kd_rate_q16: w.kd_q16.saturating_mul(NOMINAL_SPS as i32),
+            damping: rounded(damping * rate * 1e-9 * step * 65_536.0),
+            friction: crate::friction::Model::new(w),
+            travel_nm: w.travel_nm_per_count,
+            dac_q16: w.dac_counts_per_n_q16,
+            force_limit: Newton::from_un(w.force_limit_un),
+            slew_us_q16: rounded(f64::from(w.slew_un_per_s) * 1e-12 * step * 65_536.0),
+            over_tension: Newton::from_un(w.over_tension_un),
+        })
+    }
+
+    /// The configuration as it came over the wire, with the zero in force.
+    #[must_use]
+    pub const fn wire(&self) -> &UnitConfig {
+        &self.wire
+    }
+
+    /// Whether this unit takes part.
+    #[must_use]
+    pub const fn enabled(&self) -> bool {
+        self.wire.enabled
+    }
+
+    /// Largest commanded cable force.
+    #[must_use]
+    pub const fn force_limit(&self) -> Newton {
+        self.force_limit
+    }
+
+    /// The same configuration with another zero (see [`crate::zero`]).
+    #[must_use]
+    pub const fn with_zero(mut self, zero: LoadCode) -> Self {
+        self.wire.zero_code = zero.get();
+        self.zero = zero.get();
+        self
+    }
+}
+
+impl Default for Config {
+    /// [`Config::nominal`], switched off: what a board holds before it was told anything.
+    fn default() -> Self {
+        let mut wire = Self::nominal();
+        wire.enabled = false;
+        // The nominal configuration is within its ranges (tested). Should an edit break that, a
+        // configuration without gains and force is still a safe one.
+        Self::from_wire(&wire).unwrap_or(Self {
+            wire,
+            scale: 0,
+            zero: 0,
+            filter: FilterConfig::new(FilterChoice::MovingAverage(1)),
+            spike_limit: 0,
+            kp_q16: 0,
+            ki_us: 0,
+            kd_rate_q16: 0,
+            damping: 0,
+            friction: crate::friction::Model::new(&wire),
+            travel_nm: 0,
+            dac_q16: 0,
+            force_limit: Newton::ZERO,
+            slew_us_q16: 0,
+            over_tension: Newton::ZERO,
+        })
+    }
+}
+
+/// The nominal DAC scale as the wire wants it, from [`convert`]'s constants.
+#[must_use]
+pub fn nominal_dac_counts_per_n_q16() -> i32 {
+    rounded(convert::nominal_codes_per_newton() * 65_536.0)
+}
+
+/// To the nearest integer; ends at i32's ends.
+pub(crate) fn rounded(value: f64) -> i32 {
+    libm::round(value) as i32
+}
+
+fn within(field: Field, got: i32) -> Result<(), OutOfRange> {
+    narrow(field, got, field.min, field.max)
+}
+
+fn narrow(field: Field, got: i32, min: i32, max: i32) -> Result<(), OutOfRange> {
+    if (min..=max).contains(&got) {
+        Ok(())
+    } else {
+        Err(OutOfRange {
+            field,
+            min,
+            max,
+            got,
+        })
+    }
+}
+
+/// For numbers that have a sign and may not be near zero.
+fn sized(field: Field, got: i32, smallest: i32) -> Result<(), OutOfRange> {
+    if got < 0 {
+        narrow(field, got, field.min, -smallest)
+    } else {
+        narrow(field, got, smallest, field.max)
+    }
+}

@@ -1,0 +1,260 @@
+//! Every fault: number, name, what it means, how to leave it.
+//!
+//! Numbers are stable. 1 to 31 are faults of the board: all outputs at 0 V. 32 to 63 are faults of one
+//! unit: its output at 0 V, the others go on. Every fault is latched until `ClearFaults`, which succeeds
+//! for a fault whose cause is gone and never arms.
+
+/// Whom a fault stops.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Scope {
+    /// All six units.
+    Board,
+    /// One unit.
+    Unit,
+}
+
+macro_rules! faults {
+    ($($(#[$doc:meta])* $variant:ident = $code:literal, $scope:ident, $name:literal,
+        meaning: $meaning:literal, way_out: $way_out:literal, detail: $detail:literal;)*) => {
+        /// A fault. As a number it is [`Fault::code`]; 0 is no fault.
+        #[derive(Debug, Clone, Copy, PartialEq, Eq)]
+        #[repr(u16)]
+        pub enum Fault { $($(#[$doc])* $variant = $code,)* }
+
+        impl Fault {
+            /// Every fault, in the order of the numbers.
+            pub const ALL: &'static [Self] = &[$(Self::$variant,)*];
+
+            /// Whom it stops.
+            #[must_use]
+            pub const fn scope(self) -> Scope {
+                match self { $(Self::$variant => Scope::$scope,)* }
+            }
+
+            /// A few words, for tables.
+            #[must_use]
+            pub const fn name(self) -> &'static str {
+                match self { $(Self::$variant => $name,)* }
+            }
+
+            /// What it is.
+            #[must_use]
+            pub const fn meaning(self) -> &'static str {
+                match self { $(Self::$variant => $meaning,)* }
+            }
+
+            /// How to leave it.
+            #[must_use]
+            pub const fn what_to_do(self) -> &'static str {
+                match self { $(Self::$variant => $way_out,)* }
+            }
+
+            /// What the detail number says.
+            #[must_use]
+            pub const fn detail_meaning(self) -> &'static str {
+                match self { $(Self::$variant => $detail,)* }
+            }
+        }
+    };
+}
+
+faults! {
+    /// E-stop loop open.
+    EStop = 1, Board, "E-stop open",
+        meaning: "The E-stop loop is open: the button is pressed, a plug is out or a wire is broken. All motors are at 0 V.",
+        way_out: "Make the rig safe, release the button, check the loop's wiring (PG8 must read high), then clear and arm again.",
+        detail: "board time in microseconds when the loop opened";
+    /// Setpoints not refreshed in time.
+    SetpointsExpired = 2, Board, "setpoints expired",
+        meaning: "The host stopped sending setpoints while the board was armed: the program ended, the link was unplugged or the computer was too slow.",
+        way_out: "Check the link and the host program, then clear, arm and keep sending setpoints within the time they are valid for.",
+        detail: "age of the last setpoints in milliseconds";
+    /// Stop command.
+    HostStop = 3, Board, "stopped by the host",
+        meaning: "The host sent the stop command (forcectl stop, Ctrl-C or a failed check on the host).",
+        way_out: "Nothing is broken. Clear and arm again when the rig may move.",
+        detail: "sequence number of the stop command";
+    /// Superloop late.
+    LoopOverrun = 4, Board, "loop overrun",
+        meaning: "The superloop did not come round in time, so a sample would have been answered too late.",
+        way_out: "Clear. If it comes back, lower the telemetry rate (stream every 2nd sample) and report it with the detail: the firmware should never do this.",
+        detail: "longest pass of the superloop in microseconds";
+    /// Sample queue full.
+    QueueOverflow = 5, Board, "sample queue overflow",
+        meaning: "Samples arrived faster than the superloop took them off the queue, and at least one was lost.",
+        way_out: "Clear. If it comes back, look for a loop overrun before it and report both.",
+        detail: "samples lost";
+    /// I2C bus stuck.
+    BusStuck = 6, Board, "I2C bus stuck",
+        meaning: "The sensor bus stayed blocked after every recovery step (nine clocks, multiplexer reset, set-up): no unit can be measured.",
+        way_out: "Check SCL and SDA for a short, unplug the sensor modules one by one to find the one that holds the bus, power-cycle it, then clear.",
+        detail: "recoveries tried; bit 31: SDA held low, bit 30: SCL held low";
+    /// Multiplexer silent.
+    MuxSilent = 7, Board, "multiplexer silent",
+        meaning: "The TCA9548A at 0x70 does not answer or reads back another channel than was written.",
+        way_out: "Check the multiplexer's supply, its RESET line (PF12 high) and address straps, then clear.",
+        detail: "bits 15 to 8: mask written, bits 7 to 0: mask read back (0xFF: no answer)";
+    /// Reset by the watchdog.
+    WatchdogReset = 8, Board, "reset by the watchdog",
+        meaning: "The run before this one hung and the independent watchdog reset the board. The motors were at 0 V from then on.",
+        way_out: "Note the detail, clear. If it comes back, the part that did not check in is where to look.",
+        detail: "bits of the parts that had not checked in, where they are known";
+    /// Panic.
+    Panic = 9, Board, "firmware panic",
+        meaning: "The firmware found itself in a state that must not be, wrote 0 V and restarted. forcectl status shows file and line.",
+        way_out: "Report file, line and message, then clear.",
+        detail: "line number";
+    /// HardFault.
+    HardFault = 10, Board, "processor fault",
+        meaning: "The processor hit an invalid access or instruction, wrote 0 V and restarted.",
+        way_out: "Report the program counter of forcectl status and the detail, then clear.",
+        detail: "Configurable Fault Status Register (SCB CFSR)";
+    /// Configuration damaged.
+    ConfigCrc = 11, Board, "configuration damaged",
+        meaning: "The configuration in memory no longer has the checksum it had when it was committed.",
+        way_out: "Send the configuration again (forcectl does so when it connects), then clear. If it comes back, suspect the supply.",
+        detail: "CRC-32 that was computed";
+    /// Supply dip.
+    Supply = 12, Board, "supply dip",
+        meaning: "The supply fell below the brown-out level and the board was reset.",
+        way_out: "Check the 5 V supply and its load, then clear.",
+        detail: "RCC_RSR at boot (RM0433 8.7.40)";
+    /// DAC bus fault.
+    DacLink = 13, Board, "DAC bus fault",
+        meaning: "The SPI that feeds the DACs reported an error or did not finish a word: outputs may not be what was asked for. The DACs' RST line holds them at 0 V.",
+        way_out: "Check SPI wiring and the DACs' supply, then clear.",
+        detail: "SPI1 status register (RM0433 50.11.6)";
+    /// Encoder counters.
+    CounterBus = 14, Board, "encoder counter fault",
+        meaning: "An LS7266R1 does not keep what is written to it: the counter bus is not wired or not supplied, so reel speeds would be invented.",
+        way_out: "Check the 8-bit bus (PE8 to PE15), CS lines and supply of the counters, then clear.",
+        detail: "number of the counter, from 1";
+
+    /// Over-tension.
+    OverTension = 32, Unit, "over-tension",
+        meaning: "The cable's tension passed the configured limit. The motor is at 0 V.",
+        way_out: "Find what pulled: robot, tangled cable, wrong zero (zero with slack cables) or a load cell that drifted. Then clear and arm.",
+        detail: "tension in millinewton";
+    /// Sensor silent.
+    SensorSilent = 33, Unit, "sensor silent",
+        meaning: "The load-cell converter stopped signalling samples (no DRDY edge). A force that is not measured is not controlled: the motor is at 0 V.",
+        way_out: "Check the sensor module's cable and plug, then clear: the converter is brought up again.",
+        detail: "microseconds since the last sample";
+    /// Samples too rare.
+    SensorSlow = 34, Unit, "sensor too slow",
+        meaning: "Samples come more rarely than the converter's oscillator allows (below 297 a second): edges or reads are lost, or the rate setting is wrong.",
+        way_out: "Clear, which sets the converter up again. If it comes back, check the DRDY line.",
+        detail: "averaged period in microseconds";
+    /// Samples too often.
+    SensorFast = 35, Unit, "sensor too fast",
+        meaning: "Samples come more often than the converter's oscillator allows (above 344 a second): DRDY carries noise, so codes may be read twice.",
+        way_out: "Check the DRDY line's shield and ground, then clear.",
+        detail: "averaged period in microseconds";
+    /// Bring-up failed.
+    BringUpFailed = 36, Unit, "bring-up failed",
+        meaning: "The load-cell converter could not be set up.",
+        way_out: "Check the sensor module's supply and plug, then clear to try again. A failed calibration (stage 6) means an open or shorted bridge.",
+        detail: "bits 15 to 8: stage (1 address, 2 reset, 3 power-up, 4 revision, 5 registers, 6 calibration, 7 first sample), bits 7 to 0: register";
+    /// ADC saturated.
+    AdcSaturated = 37, Unit, "ADC saturated",
+        meaning: "The converter stands at the end of its range for several samples: the load cell is overloaded, unplugged or broken.",
+        way_out: "Take the load off, check the bridge's four wires, then clear.",
+        detail: "ADC code";
+    /// Encoder error flag.
+    EncoderError = 38, Unit, "encoder error",
+        meaning: "The counter's error flag is set: A and B changed together, so counts were lost to noise or a loose encoder plug.",
+        way_out: "Check the encoder's plug and shield, then clear (the flag is reset). Tension control works without, but friction and damping would act on wrong travel.",
+        detail: "FLAG register of the LS7266R1";
+    /// Reel runs away with a slack cable.
+    CableLost = 39, Unit, "cable lost",
+        meaning: "The reel wound in far with hardly any tension: the cable is broken, unhooked or was very slack.",
+        way_out: "Hook the cable in, take up the slack by hand, then clear and arm.",
+        detail: "travel wound in, in micrometres";
+    /// Zeroing refused.
+    ZeroRefused = 40, Unit, "zeroing refused",
+        meaning: "The load cell was not steady, or too far from zero, while its zero was averaged.",
+        way_out: "Make sure the cable is slack and hangs still, clear, and zero again.",
+        detail: "0: saturated; bit 31 clear: spread in ADC counts; bit 31 set: bits 30 to 0 are the mean's distance from 0 in counts";
+    /// Reads fail.
+    SensorReads = 41, Unit, "sensor reads fail",
+        meaning: "The converter signals samples, but reading them over I2C failed several times in a row.",
+        way_out: "Check SDA, SCL and the module's bus accelerator, then clear: the converter is brought up again.",
+        detail: "failed reads in a row";
+}
+
+impl Fault {
+    /// The number on the wire and in `forcectl explain`.
+    #[must_use]
+    pub const fn code(self) -> u16 {
+        self as u16
+    }
+
+    /// The fault with this number.
+    #[must_use]
+    pub fn from_code(code: u16) -> Option<Self> {
+        Self::ALL.iter().copied().find(|fault| fault.code() == code)
+    }
+}
+
+/// Keeps the first fault until it is cleared: what came after it is most often its consequence.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Latch {
+    first: Option<(Fault, u32)>,
+}
+
+impl Latch {
+    /// An empty latch.
+    #[must_use]
+    pub const fn new() -> Self {
+        Self { first: None }
+    }
+
+    /// Latches a fault unless one is latched already. `true`: this one is new and is to be reported.
+    pub fn latch(&mut self, fault: Fault, detail: u32) -> bool {
+        let new = self.first.is_none();
+        if new {
+            self.first = Some((fault, detail));
+        }
+        new
+    }
+
+    /// Forgets the fault if its cause is gone. `true`: nothing is latched now.
+    pub fn clear(&mut self, still_there: impl FnOnce(Fault) -> bool) -> bool {
+        if let Some((fault, _)) = self.first {
+            if !still_there(fault) {
+                self.first = None;
+            }
+        }
+        self.first.is_none()
+    }
+
+    /// The latched fault and its detail.
+    #[must_use]
+    pub const fn get(&self) -> Option<(Fault, u32)> {
+        self.first
+    }
+
+    /// Whether a fault is latched.
+    #[must_use]
+    pub const fn is_set(&self) -> bool {
+        self.first.is_some()
+    }
+
+    /// The latched fault's number; 0: none.
+    #[must_use]
+    pub const fn code(&self) -> u16 {
+        match self.first {
+            Some((fault, _)) => fault.code(),
+            None => 0,
+        }
+    }
+
+    /// The latched fault's detail; 0 where there is none.
+    #[must_use]
+    pub const fn detail(&self) -> u32 {
+        match self.first {
+            Some((_, detail)) => detail,
+            None => 0,
+        }
+    }
+}

@@ -1,0 +1,144 @@
+//! PID on the tension error with the derivative on the measurement, plus damping on the reel's speed.
+//!
+//! # Time
+//!
+//! A converter runs at 310 to 330 SPS. The integral uses the measured time between two DRDY edges, so that
+//! its rate is a true 1/s and a lost sample is made up for. The derivative and the damping use the nominal
+//! rate: 3 % of a damping gain is nothing, and a division less is a division less. After lost samples the
+//! difference is spread over the periods it spans.
+//!
+//! # Damping
+//!
+//! The load cell's answer is 6.25 ms old when it arrives (sinc4), the encoder's is not. Reel, gear and motor
+//! are 0.46 kg at the cable, which with some N/mm of cable swing at 16 to 25 Hz, where the delay has used up
+//! the loop's phase. A force against the reel's speed damps that swing at its source. Its steady part would
+//! pull against every motion of the robot, so the speed passes a first-order high pass of
+//! [`DAMPING_CORNER_HZ`] first.
+
+use crate::config::{Config, KI_SHIFT};
+use crate::units::Newton;
+
+/// Corner of the damping's high pass in hertz.
+pub const DAMPING_CORNER_HZ: f64 = 2.0;
+
+/// Share of the speed's difference that the high pass lets go in a sample, times 65,536:
+/// 1 - exp(-2 pi 2 Hz / 320 Hz) = 0.03851.
+const DAMPING_LEAK_Q16: i64 = 2_524;
+
+/// Fraction bits of the integral: i64 with 52 of them holds +-2,048 N.
+const INTEGRAL_SHIFT: u32 = 52;
+
+/// What a sample gives the regulator.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Measured {
+    /// Setpoint less tension.
+    pub error: Newton,
+    /// Change of the tension since the last sample.
+    pub rise: Newton,
+    /// Reel travel since the last sample in nanometres.
+    pub travel_nm: i32,
+    /// Time since the last sample in microseconds, 1,000 to 12,500.
+    pub dt_us: u32,
+}
+
+/// The terms of a sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Terms {
+    /// Proportional.
+    pub p: Newton,
+    /// Integral, before this sample's error is added.
+    pub i: Newton,
+    /// Derivative and damping.
+    pub d: Newton,
+}
+
+impl Terms {
+    /// Their sum.
+    #[must_use]
+    pub const fn sum(&self) -> Newton {
+        self.p.saturating_add(self.i).saturating_add(self.d)
+    }
+}
+
+/// Where the command ended up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Bound {
+    /// Followed as it was.
+    Free,
+    /// Held down by a limit.
+    Above,
+    /// Held up by a limit.
+    Below,
+}
+
+/// Memory of the regulator.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Pid {
+    /// Integral, newton times 2^52.
+    integral: i64,
+    /// Slow part of the travel a sample, nanometres times 65,536.
+    slow_travel_q16: i64,
+}
+
+/// How many nominal periods a time spans, as a shift: 0 for one, 1 for two, 2 for more.
+fn periods_shift(dt_us: u32) -> u32 {
+    const PERIOD: u32 = crate::NOMINAL_PERIOD_US;
+    match dt_us {
+        t if t < PERIOD + PERIOD / 2 => 0,
+        t if t < 3 * PERIOD => 1,
+        _ => 2,
+    }
+}
+
+impl Pid {
+    /// The terms of this sample.
+    pub fn terms(&mut self, config: &Config, measured: &Measured) -> Terms {
+        let shift = periods_shift(measured.dt_us);
+        let p = (i64::from(config.kp_q16) * i64::from(measured.error.to_bits())) >> 16;
+        let rise = i64::from(measured.rise.to_bits() >> shift);
+        let derivative = -((i64::from(config.kd_rate_q16) * rise) >> 16);
+
+        let travel_q16 = i64::from(measured.travel_nm >> shift) << 16;
+        self.slow_travel_q16 += ((travel_q16 - self.slow_travel_q16) * DAMPING_LEAK_Q16) >> 16;
+        let fast_q8 = (travel_q16 - self.slow_travel_q16) >> 8;
+        let damping = -((fast_q8 * i64::from(config.damping)) >> 24);
+        Terms {
+            p: Newton::from_wide(p),
+            i: self.integral(),
+            d: Newton::from_wide(derivative + damping),
+        }
+    }
+
+    /// Adds this sample's error to the integral, unless the command stands at a limit and the error pushes
+    /// further into it (anti-windup by clamping).
+    pub fn integrate(&mut self, config: &Config, measured: &Measured, bound: Bound) {
+        let error = i64::from(measured.error.to_bits());
+        let pushes = match bound {
+            Bound::Free => false,
+            Bound::Above => error > 0,
+            Bound::Below => error < 0,
+        };
+        if pushes {
+            return;
+        }
+        // ki dt, times 2^30: at most 200/s * 12.5 ms = 2.5, so 32 bits; times the error 63 bits.
+        let gain_q30 = (i64::from(config.ki_us) * i64::from(measured.dt_us)) >> (KI_SHIFT - 30);
+        let limit = i64::from(config.force_limit.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
+        self.integral = self
+            .integral
+            .saturating_add(error * gain_q30)
+            .clamp(-limit, limit);
+    }
+
+    /// The integral.
+    #[must_use]
+    pub const fn integral(&self) -> Newton {
+        Newton::from_wide(self.integral >> (INTEGRAL_SHIFT - Newton::FRAC_BITS))
+    }
+
+    /// Sets the integral so that the command goes on without a jump.
+    pub fn set_integral(&mut self, config: &Config, value: Newton) {
+        let value = value.clamp_abs(config.force_limit);
+        self.integral = i64::from(value.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
+    }
+}

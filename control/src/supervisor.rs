@@ -1,0 +1,189 @@
+//! Small watchers: a rate bounded from above and below, setpoints that expire, and the check-in that
+//! stands before the watchdog.
+
+use crate::units::Micros;
+
+/// What a rate watcher thinks.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// Within its bounds.
+    Ok,
+    /// Nothing for longer than `silent_us`.
+    Silent,
+    /// The averaged period, in microseconds, is above the bound.
+    TooSlow(u32),
+    /// The averaged period, in microseconds, is below the bound.
+    TooFast(u32),
+}
+
+/// Bounds of a rate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct RateLimits {
+    /// Shortest averaged period in microseconds.
+    pub min_us: u32,
+    /// Longest averaged period in microseconds.
+    pub max_us: u32,
+    /// Longest gap in microseconds.
+    pub silent_us: u32,
+}
+
+impl RateLimits {
+    /// Of a load-cell converter: 320 SPS +-3 % by its oscillator, plus 2 % for what the datasheet does not
+    /// promise (297 to 344 SPS), and silent after four conversions.
+    pub const SENSOR: Self = Self {
+        min_us: 2_900,
+        max_us: 3_370,
+        silent_us: 12_500,
+    };
+}
+
+/// Watches how often something happens. The average is a first-order one over 16 periods, so a single
+/// late edge is not a slow rate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Rate {
+    last: Option<Micros>,
+    /// Average period in microseconds times 256; 0: not known.
+    average_q8: u32,
+    /// Periods seen, up to [`Self::SETTLED`].
+    seen: u8,
+}
+
+impl Rate {
+    /// Periods before the average is judged.
+    const SETTLED: u8 = 32;
+
+    /// Forgets everything; use it when the source is started again.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// It happened, `missed` times unnoticed before (each counts as a period of its own).
+    pub fn observe(&mut self, at: Micros, missed: u8) {
+        if let Some(last) = self.last {
+            let whole = at.since(last).min(1 << 20);
+            let period_q8 = (whole << 8) / (u32::from(missed) + 1);
+            self.average_q8 = if self.average_q8 == 0 {
+                period_q8
+            } else {
+                self.average_q8 - (self.average_q8 >> 4) + (period_q8 >> 4)
+            };
+            self.seen = (self.seen + 1).min(Self::SETTLED);
+        }
+        self.last = Some(at);
+    }
+
+    /// What to think of it now. A source that never showed up is the business of its bring-up: `Ok`.
+    #[must_use]
+    pub fn check(&self, now: Micros, limits: &RateLimits) -> Verdict {
+        let Some(last) = self.last else {
+            return Verdict::Ok;
+        };
+        let gap = now.since(last);
+        // An observation newer than `now` (an interrupt came between) wraps to a huge gap.
+        if gap > limits.silent_us && gap < u32::MAX / 2 {
+            return Verdict::Silent;
+        }
+        if self.seen < Self::SETTLED {
+            return Verdict::Ok;
+        }
+        match self.period_us() {
+            period if period > limits.max_us => Verdict::TooSlow(period),
+            period if period < limits.min_us => Verdict::TooFast(period),
+            _ => Verdict::Ok,
+        }
+    }
+
+    /// Averaged period in microseconds; 0: not known.
+    #[must_use]
+    pub const fn period_us(&self) -> u32 {
+        self.average_q8 >> 8
+    }
+
+    /// When it happened last.
+    #[must_use]
+    pub const fn last(&self) -> Option<Micros> {
+        self.last
+    }
+}
+
+/// The time until which setpoints may be held.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Expiry {
+    renewed: Option<(Micros, u32)>,
+}
+
+impl Expiry {
+    /// New setpoints came; they hold for `valid_ms`, brought into 1 to 1,000.
+    pub fn renew(&mut self, now: Micros, valid_ms: u16) {
+        self.renewed = Some((now, u32::from(valid_ms.clamp(1, 1_000)) * 1_000));
+    }
+
+    /// There are no setpoints any more (disarmed, stopped).
+    pub fn forget(&mut self) {
+        self.renewed = None;
+    }
+
+    /// Whether setpoints are in force at all and have run out. Call it at least every half hour, or the
+    /// clock's wrap makes old setpoints young again; the supervisor calls it every millisecond.
+    #[must_use]
+    pub fn is_expired(&self, now: Micros) -> bool {
+        self.renewed
+            .is_some_and(|(at, valid_us)| now.since(at) > valid_us)
+    }
+
+    /// Whether setpoints are in force and have not run out.
+    #[must_use]
+    pub fn is_valid(&self, now: Micros) -> bool {
+        self.renewed
+            .is_some_and(|(at, valid_us)| now.since(at) <= valid_us)
+    }
+
+    /// Age in milliseconds; 65,535: none.
+    #[must_use]
+    pub fn age_ms(&self, now: Micros) -> u16 {
+        self.renewed.map_or(u16::MAX, |(at, _)| {
+            u16::try_from(now.since(at) / 1_000).unwrap_or(u16::MAX - 1)
+        })
+    }
+}
+
+/// Parts that must all have shown a sign of life before the watchdog is fed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CheckIn {
+    required: u32,
+    seen: u32,
+}
+
+impl CheckIn {
+    /// Needs every part whose bit is set.
+    #[must_use]
+    pub const fn new(required: u32) -> Self {
+        Self { required, seen: 0 }
+    }
+
+    /// Changes who is required, for a part that is switched off on purpose.
+    pub fn require(&mut self, required: u32) {
+        self.required = required;
+    }
+
+    /// The part with this bit number is alive.
+    pub fn sign(&mut self, part: u32) {
+        self.seen |= 1u32.checked_shl(part).unwrap_or(0);
+    }
+
+    /// Bits of the parts that have not signed yet.
+    #[must_use]
+    pub const fn missing(&self) -> u32 {
+        self.required & !self.seen
+    }
+
+    /// Whether everyone has signed; if so, a new round begins.
+    #[must_use]
+    pub fn complete(&mut self) -> bool {
+        let complete = self.missing() == 0;
+        if complete {
+            self.seen = 0;
+        }
+        complete
+    }
+}

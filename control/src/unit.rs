@@ -1,0 +1,364 @@
+//! One sample of one unit: load code in, DAC code out, every term on the way.
+//!
+//! ```text
+//! code ─ zero, scale ─ spike gate ─ filter ─ 1/cos ─▶ tension ─┐
+//! setpoint ─ slew ───────────────────────────────┬─▶ error ─ P, I ─┐
+//! counts ─ travel ─┬─ direction ─ friction model ◀┘  feedforward ──┤
+//!                  └─ high pass ─ damping ─────────────────────────┤
+//!                                     slack brake, slew, limits ◀──┘─▶ command ─▶ DAC code
+//! ```
+
+use crate::config::{Config, SCALE_SHIFT, SETPOINT_SLEW_SHIFT};
+use crate::convert;
+use crate::faults::Fault;
+use crate::filter::{Filter, SpikeGate};
+use crate::friction::{travel, Direction, Tracker};
+use crate::limits;
+use crate::pid::{Bound, Measured, Pid, Terms};
+use crate::units::{Counts, DacCode, InvCos, LoadCode, Micros, Newton};
+use crate::NOMINAL_PERIOD_US;
+use force_wire::message::{flags, Sample, UnitSetpoint};
+
+/// Shortest and longest time between two samples that the integral and the slew limits use, in
+/// microseconds. Anything outside is a restart or an error, not a time to integrate over.
+pub const DT_RANGE_US: (u32, u32) = (1_000, 12_500);
+
+/// Samples in a row past the over-tension limit, or at the converter's end, that make a fault. One alone may
+/// be a read error.
+pub const TRIP_SAMPLES: u8 = 2;
+
+/// Below this tension, or half the setpoint where that is less, a cable counts as slack: half of the
+/// allocation's smallest tension.
+pub const SLACK_TENSION: Newton = Newton::from_un(1_000_000);
+
+/// Reel speed at which slack is taken up, in nanometres a nominal sample: 50 mm/s. A cable that closes at
+/// that speed rises by v sqrt(k m) = 0.05 m/s * sqrt(5,000 N/m * 0.46 kg) = 2.4 N.
+pub const TAKE_UP_NM: i32 = 156_250;
+
+/// Brake on the speed above that, in force steps per nanometre a sample: 200 N s/m.
+const BRAKE_STEPS_PER_NM: i64 = 268;
+
+/// Travel wound in without tension after which the cable counts as lost, in nanometres: 150 mm.
+pub const LOST_TRAVEL_NM: i64 = 150_000_000;
+
+/// What the motor is allowed to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Drive {
+    /// 0 V.
+    #[default]
+    Off,
+    /// Hold the setpoint.
+    Follow,
+    /// Bring the command down to zero at the setpoint's slew rate, then 0 V.
+    Ramp,
+}
+
+/// A setpoint in the controller's units.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Setpoint {
+    /// Cable tension; zero or less takes the unit out of action.
+    pub tension: Newton,
+    /// From load-cell force to cable tension.
+    pub inv_cos: InvCos,
+}
+
+impl Setpoint {
+    /// From the wire; the number of the first field that is out of its range: 0 `tension_un` (0 to the
+    /// force limit), 1 `inv_cos_q16` (65,536 to 262,144).
+    ///
+    /// # Errors
+    ///
+    /// The field's number, from 0.
+    pub fn from_wire(config: &Config, wire: &UnitSetpoint) -> Result<Self, u8> {
+        if !(0..=config.wire().force_limit_un).contains(&wire.tension_un) {
+            return Err(0);
+        }
+        if !(InvCos::ONE.q16()..=InvCos::MAX.q16()).contains(&wire.inv_cos_q16) {
+            return Err(1);
+        }
+        Ok(Self {
+            tension: Newton::from_un(wire.tension_un),
+            inv_cos: InvCos::from_q16(wire.inv_cos_q16),
+        })
+    }
+}
+
+/// What a sample brings.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Input {
+    /// ADC code.
+    pub code: LoadCode,
+    /// Extended encoder position, read with the sample.
+    pub counts: Counts,
+    /// Time of the DRDY edge.
+    pub at: Micros,
+    /// Setpoint in force.
+    pub setpoint: Setpoint,
+    /// What the motor is allowed to do.
+    pub drive: Drive,
+}
+
+/// What a sample led to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Output {
+    /// Code for the DAC; 0 V unless the unit is driven.
+    pub dac: DacCode,
+    /// Commanded cable force before it is rounded to a DAC code.
+    pub command: Newton,
+    /// Filtered cable tension.
+    pub tension: Newton,
+    /// Setpoint after its slew limit.
+    pub setpoint: Newton,
+    /// P, I, D and damping.
+    pub terms: Terms,
+    /// Feedforward of setpoint and friction.
+    pub feedforward: Newton,
+    /// Direction estimate.
+    pub direction: Direction,
+    /// [`force_wire::message::flags`].
+    pub flags: u8,
+    /// What the caller shall latch, with its detail; the DAC code is 0 V already.
+    pub fault: Option<(Fault, u32)>,
+    /// The command is zero: a ramp has arrived.
+    pub at_zero: bool,
+}
+
+impl Output {
+    /// Writes the controller's part of a telemetry sample: tension, setpoint, terms, DAC code, flags.
+    pub fn describe(&self, sample: &mut Sample) {
+        sample.dac = self.dac.0;
+        sample.tension = self.tension.to_tenth_mn();
+        sample.setpoint = self.setpoint.to_tenth_mn();
+        sample.p = self.terms.p.to_tenth_mn();
+        sample.i = self.terms.i.to_tenth_mn();
+        sample.d = self.terms.d.to_tenth_mn();
+        sample.ff = self.feedforward.to_tenth_mn();
+        sample.flags = self.flags;
+    }
+}
+
+/// Memory of a unit's controller.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct State {
+    last: Option<(Counts, Micros)>,
+    gate: SpikeGate,
+    filter: Filter,
+    tension: Newton,
+    tracker: Tracker,
+    pid: Pid,
+    /// Setpoint after its slew limit.
+    setpoint: Newton,
+    /// Last command.
+    command: Newton,
+    /// The loop is closed.
+    closed: bool,
+    /// The integral is to be set so that the command does not jump.
+    rebase: bool,
+    over: u8,
+    saturated: u8,
+    slack_nm: i64,
+}
+
+impl State {
+    /// Forgets everything.
+    pub fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// A new configuration is in force: the next sample sets the integral so that the command goes on
+    /// without a jump.
+    pub fn config_changed(&mut self) {
+        self.rebase = true;
+    }
+
+    /// Filtered cable tension of the last sample.
+    #[must_use]
+    pub const fn tension(&self) -> Newton {
+        self.tension
+    }
+
+    /// Command of the last sample.
+    #[must_use]
+    pub const fn command(&self) -> Newton {
+        self.command
+    }
+}
+
+/// The controller of a unit; all that it remembers is in [`State`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Controller;
+
+impl Controller {
+    /// One sample of one unit.
+    pub fn step(config: &Config, state: &mut State, input: Input) -> Output {
+        let mut flags = 0;
+
+        // Load cell.
+        let counts = i64::from(input.code.get()) - i64::from(config.zero);
+        let force = Newton::from_wide((counts * i64::from(config.scale)) >> SCALE_SHIFT);
+        let (gated, spike) = state.gate.step(config.spike_limit, force);
+        let filtered = state.filter.step(&config.filter, gated);
+        let tension = times_inv_cos(filtered, input.setpoint.inv_cos);
+        let rise = tension.saturating_sub(state.tension);
+        state.tension = tension;
+        if spike {
+            flags |= flags::SPIKE;
+        }
+
+        // Time and travel.
+        let (from, dt) = match state.last {
+            Some((counts, at)) => (counts, input.at.since(at)),
+            None => (input.counts, NOMINAL_PERIOD_US),
+        };
+        state.last = Some((input.counts, input.at));
+        let dt_us = dt.clamp(DT_RANGE_US.0, DT_RANGE_US.1);
+        if dt >= NOMINAL_PERIOD_US + NOMINAL_PERIOD_US / 2 {
+            flags |= flags::MISSED;
+        }
+        let travel_nm = travel(from, input.counts, config.travel_nm);
+        let direction = state.tracker.step(&config.friction, travel_nm);
+        if direction.q30() > 0 {
+            flags |= flags::WINDING_IN;
+        } else if direction.q30() < 0 {
+            flags |= flags::PAYING_OUT;
+        }
+
+        let fault = state.watch(config, &input, gated, tension, travel_nm);
+        let mut output = Output {
+            tension,
+            direction,
+            flags,
+            fault,
+            at_zero: true,
+            ..Output::default()
+        };
+        let slew = limits::slew_step(config.slew_us_q16, dt_us);
+        let setpoint_slew = Newton::from_bits(slew.to_bits() >> SETPOINT_SLEW_SHIFT);
+        let wanted = input
+            .setpoint
+            .tension
+            .clamp_to(Newton::ZERO, config.force_limit);
+        let drive = match input.drive {
+            _ if fault.is_some() => Drive::Off,
+            Drive::Follow if wanted <= Newton::ZERO => Drive::Ramp,
+            drive => drive,
+        };
+
+        match drive {
+            Drive::Off => {
+                state.command = Newton::ZERO;
+                state.closed = false;
+            }
+            Drive::Ramp => {
+                let (command, _) = limits::approach(state.command, Newton::ZERO, setpoint_slew);
+                state.command = command;
+                state.closed = false;
+            }
+            Drive::Follow => {
+                let measured_from = tension.clamp_to(Newton::ZERO, config.force_limit);
+                let start = if state.closed {
+                    state.setpoint
+                } else {
+                    measured_from
+                };
+                let (setpoint, _) = limits::approach(start, wanted, setpoint_slew);
+                let measured = Measured {
+                    error: setpoint.saturating_sub(tension),
+                    rise: if state.closed { rise } else { Newton::ZERO },
+                    travel_nm,
+                    dt_us,
+                };
+                let feedforward = config.friction.command(setpoint, direction);
+                let mut terms = state.pid.terms(config, &measured);
+                if !state.closed || state.rebase {
+                    let others = feedforward.saturating_add(terms.p).saturating_add(terms.d);
+                    state
+                        .pid
+                        .set_integral(config, state.command.saturating_sub(others));
+                    terms.i = state.pid.integral();
+                }
+                let brake = brake(tension, setpoint, travel_nm);
+                let asked = feedforward
+                    .saturating_add(terms.sum())
+                    .saturating_sub(brake);
+                let limited = asked.clamp_to(Newton::ZERO, config.force_limit);
+                let (command, slewing) = limits::approach(state.command, limited, slew);
+                let bound = match command {
+                    c if c < asked => Bound::Above,
+                    c if c > asked => Bound::Below,
+                    _ => Bound::Free,
+                };
+                state.pid.integrate(config, &measured, bound);
+                state.setpoint = setpoint;
+                state.command = command;
+                state.closed = true;
+                output.setpoint = setpoint;
+                output.terms = terms;
+                output.feedforward = feedforward;
+                if limited != asked {
+                    output.flags |= flags::LIMITED;
+                }
+                if slewing {
+                    output.flags |= flags::SLEWING;
+                }
+            }
+        }
+        state.rebase = false;
+        if drive != Drive::Off {
+            output.flags |= flags::ACTIVE;
+        }
+        output.command = state.command;
+        output.at_zero = state.command <= Newton::ZERO;
+        output.dac = convert::dac_code(state.command, config.dac_q16);
+        output
+    }
+}
+
+impl State {
+    /// Looks for what must stop the unit.
+    fn watch(
+        &mut self,
+        config: &Config,
+        input: &Input,
+        gated: Newton,
+        tension: Newton,
+        travel_nm: i32,
+    ) -> Option<(Fault, u32)> {
+        let count = |seen: u8, now: bool| if now { seen.saturating_add(1) } else { 0 };
+        // Before the filter: it would hide a jerk for milliseconds.
+        let direct = times_inv_cos(gated, input.setpoint.inv_cos);
+        self.over = count(self.over, direct > config.over_tension);
+        self.saturated = count(self.saturated, input.code.is_saturated());
+        self.slack_nm = if tension > SLACK_TENSION || input.drive == Drive::Off {
+            0
+        } else {
+            self.slack_nm.saturating_add(i64::from(travel_nm)).max(0)
+        };
+        if self.saturated >= TRIP_SAMPLES {
+            Some((Fault::AdcSaturated, input.code.get() as u32))
+        } else if self.over >= TRIP_SAMPLES {
+            Some((Fault::OverTension, (direct.to_un() / 1_000).unsigned_abs()))
+        } else if self.slack_nm > LOST_TRAVEL_NM {
+            Some((Fault::CableLost, (self.slack_nm / 1_000) as u32))
+        } else {
+            None
+        }
+    }
+}
+
+/// Load-cell force to cable tension: T = F / cos theta (thesis 3.7).
+fn times_inv_cos(force: Newton, inv_cos: InvCos) -> Newton {
+    Newton::from_wide((i64::from(force.to_bits()) * i64::from(inv_cos.q16())) >> 16)
+}
+
+/// What holds the reel back while it takes up slack faster than [`TAKE_UP_NM`], so that a cable never
+/// slams tight.
+fn brake(tension: Newton, setpoint: Newton, travel_nm: i32) -> Newton {
+    let slack = SLACK_TENSION.min(Newton::from_bits(setpoint.to_bits() >> 1));
+    let excess = i64::from(travel_nm) - i64::from(TAKE_UP_NM);
+    if tension < slack && excess > 0 {
+        Newton::from_wide(excess * BRAKE_STEPS_PER_NM)
+    } else {
+        Newton::ZERO
+    }
+}
