@@ -1,0 +1,403 @@
+//! The rig file: everything that belongs to one rig and not to the program, as TOML in SI units.
+//!
+//! Where the cables leave their reels, how each load cell is mounted and calibrated, gains, limits and
+//! friction of each unit, the host controller, the tension policy, where the robot's pose comes from and how
+//! the board is reached. `rigs/raven-left.toml` is a commented example and built in as the default.
+//!
+//! A file is checked as a whole: every problem is reported with file, line, key, unit and what to do
+//! ([`RigFileError`]), and nothing is driven with a file that has one.
+
+mod read;
+
+use crate::vec3::{self, Vec3};
+use force_wire::message::{FilterChoice, UnitConfig};
+use force_wire::UNITS;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use std::fmt;
+use std::path::Path;
+
+/// The rig file that is built in.
+pub const DEFAULT_TEXT: &str = include_str!("../../rigs/raven-left.toml");
+
+/// Name by which messages call the built-in rig file.
+pub const DEFAULT_NAME: &str = "built-in rigs/raven-left.toml";
+
+/// Version of the rig file's keys.
+pub const SCHEMA: i64 = 1;
+
+/// A checked rig file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RigFile {
+    /// Name of the rig.
+    pub name: String,
+    /// How the board is reached where the command line doesn't say.
+    pub link: LinkChoice,
+    /// Where the robot's pose comes from.
+    pub pose: PoseChoice,
+    /// Where the tip works.
+    pub workspace: Workspace,
+    /// The host's force controller.
+    pub controller: ControllerSettings,
+    /// How a force is shared out over the cables.
+    pub allocation: AllocationSettings,
+    /// The units, unit 1 first.
+    pub units: [UnitSettings; UNITS],
+}
+
+/// How the board is reached.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LinkChoice {
+    /// The embedded rig: the firmware image on the emulated board.
+    Embedded,
+    /// USB CDC, found by vendor and product number.
+    Usb,
+    /// A serial port at 2,000,000 baud.
+    Serial(String),
+}
+
+impl std::str::FromStr for LinkChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "embedded" => Ok(Self::Embedded),
+            "usb" => Ok(Self::Usb),
+            _ => match text.strip_prefix("serial:") {
+                Some(port) if !port.is_empty() => Ok(Self::Serial(port.to_owned())),
+                _ => Err(format!(
+                    "`{text}` is no link; use embedded, usb or serial:PORT (as in serial:/dev/ttyACM0)"
+                )),
+            },
+        }
+    }
+}
+
+impl fmt::Display for LinkChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Embedded => f.write_str("embedded"),
+            Self::Usb => f.write_str("usb"),
+            Self::Serial(port) => write!(f, "serial:{port}"),
+        }
+    }
+}
+
+/// Where the robot's pose comes from.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "source", rename_all = "snake_case")]
+pub enum PoseChoice {
+    /// The link brings it (the embedded rig does).
+    Rig,
+    /// JSON lines over UDP, see [`crate::pose`].
+    Udp {
+        /// Address and port to listen on.
+        listen: String,
+        /// A pose older than this stops the rig, s.
+        max_age_s: f64,
+    },
+    /// The tip is clamped here, robot base frame, m.
+    Static {
+        /// Position in m.
+        position_m: Vec3,
+    },
+}
+
+/// Where the tip works.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Workspace {
+    /// Centre, robot base frame, m.
+    pub center_m: Vec3,
+    /// A tip further than this from the centre stops the rig, m.
+    pub radius_m: f64,
+}
+
+/// The host's force controller (thesis 3.7).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ControllerSettings {
+    /// Proportional gain, N per N.
+    pub kp: f64,
+    /// Integral gain, N per N and second.
+    pub ki_per_s: f64,
+    /// Largest integral part, N.
+    pub integral_limit_n: f64,
+    /// Fastest change of the wanted force, N/s.
+    pub slew_n_per_s: f64,
+    /// A force larger than this is refused, N.
+    pub force_limit_n: f64,
+}
+
+/// Which tensions an allocation stays near to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reference {
+    /// The lower bound: kind to robot and motors.
+    Lower,
+    /// Half-way between the bounds: far from slack.
+    Middle,
+}
+
+/// How a force is shared out over the cables.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct AllocationSettings {
+    /// Which tensions to stay near to.
+    pub reference: Reference,
+    /// Weight of staying near, dimensionless.
+    pub tie_break: f64,
+}
+
+/// How a unit's samples are filtered.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Filter {
+    /// Mean of this many samples.
+    MovingAverage(u8),
+    /// Second-order Butterworth low pass with this corner, Hz.
+    LowPass(f64),
+}
+
+/// One force unit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct UnitSettings {
+    /// Number on the unit, from 1.
+    pub number: u8,
+    /// Whether it takes part.
+    pub enabled: bool,
+    /// Where the cable leaves the reel, robot base frame, m (thesis 3.5.2: `P_Cable`).
+    pub exit_m: Vec3,
+    /// The load cell's measuring axis, unit vector in the robot base frame, pointing from the unit to the
+    /// workspace: a cable along it reads its whole tension.
+    pub axis: Vec3,
+    /// Load-cell force per ADC count, N; negative where pulling lowers the code.
+    pub scale_n_per_count: f64,
+    /// Least tension of the cable while the rig is armed, N.
+    pub tension_min_n: f64,
+    /// Largest tension asked of the cable, N.
+    pub tension_max_n: f64,
+    /// Filter of the samples.
+    pub filter: Filter,
+    /// A sample further than this from the prediction is a spike, N.
+    pub spike_limit_n: f64,
+    /// Proportional gain, N per N.
+    pub kp: f64,
+    /// Integral gain, N per N and second.
+    pub ki_per_s: f64,
+    /// Derivative gain, N per N/s.
+    pub kd_s: f64,
+    /// Damping on the reel's speed, N per m/s.
+    pub damping_n_s_per_m: f64,
+    /// Whether the friction feedforward acts.
+    pub friction_feedforward: bool,
+    /// Force at the cable with no command, N.
+    pub friction_offset_n: f64,
+    /// Force at the cable per commanded force.
+    pub friction_gain: f64,
+    /// Coulomb friction without load, N.
+    pub coulomb_n: f64,
+    /// Growth of Coulomb friction with load, N per N.
+    pub coulomb_per_n: f64,
+    /// Reel travel over which the friction's direction reverses, m.
+    pub reversal_m: f64,
+    /// Cable travel per encoder count, m; positive where winding in counts up.
+    pub travel_m_per_count: f64,
+    /// DAC codes per newton of cable force.
+    pub dac_codes_per_n: f64,
+    /// Largest commanded cable force, N.
+    pub force_limit_n: f64,
+    /// Fastest change of the commanded cable force, N/s.
+    pub slew_n_per_s: f64,
+    /// Tension at which the unit faults, N.
+    pub over_tension_n: f64,
+}
+
+/// A number times 65,536, rounded. The reader's ranges keep every product within `i32`.
+fn q16(value: f64) -> i32 {
+    (value * 65_536.0).round() as i32
+}
+
+/// Newtons as micronewtons, rounded.
+fn micro(value: f64) -> i32 {
+    (value * 1e6).round() as i32
+}
+
+impl UnitSettings {
+    /// As the board is told. The zero is not part of a rig file: it is taken at each start.
+    #[must_use]
+    pub fn to_wire(&self) -> UnitConfig {
+        UnitConfig {
+            enabled: self.enabled,
+            scale_pn_per_count: (self.scale_n_per_count * 1e12).round() as i32,
+            zero_code: 0,
+            filter: match self.filter {
+                Filter::MovingAverage(n) => FilterChoice::MovingAverage(n),
+                Filter::LowPass(corner_hz) => FilterChoice::LowPass {
+                    corner_chz: (corner_hz * 100.0).round() as u16,
+                },
+            },
+            spike_limit_un: micro(self.spike_limit_n),
+            kp_q16: q16(self.kp),
+            ki_q16: q16(self.ki_per_s),
+            kd_q16: q16(self.kd_s),
+            damping_q16: q16(self.damping_n_s_per_m),
+            friction_feedforward: self.friction_feedforward,
+            friction_offset_un: micro(self.friction_offset_n),
+            friction_gain_q16: q16(self.friction_gain),
+            coulomb_un: micro(self.coulomb_n),
+            coulomb_load_q16: q16(self.coulomb_per_n),
+            reversal_nm: (self.reversal_m * 1e9).round() as i32,
+            travel_nm_per_count: (self.travel_m_per_count * 1e9).round() as i32,
+            dac_counts_per_n_q16: q16(self.dac_codes_per_n),
+            force_limit_un: micro(self.force_limit_n),
+            slew_un_per_s: micro(self.slew_n_per_s),
+            over_tension_un: micro(self.over_tension_n),
+        }
+    }
+
+    /// Direction from the tip to where the cable leaves the reel, and the cosine of the angle between cable
+    /// and measuring axis; `None` where the tip sits on the exit.
+    #[must_use]
+    pub fn cable_at(&self, tip_m: Vec3) -> Option<(Vec3, f64)> {
+        use force_control::geometry::{cable_direction, cos_cell_angle};
+        use nalgebra::Vector3;
+        let direction = cable_direction(Vector3::from(self.exit_m), Vector3::from(tip_m))?;
+        // The axis points to the workspace, the direction away from it.
+        let cos = cos_cell_angle(direction, -Vector3::from(self.axis))?;
+        Some((direction.into(), cos))
+    }
+}
+
+impl RigFile {
+    /// The built-in example.
+    ///
+    /// # Errors
+    /// Only if the example were wrong; a test keeps it right.
+    pub fn built_in() -> Result<Self, RigFileError> {
+        Self::parse(DEFAULT_NAME, DEFAULT_TEXT)
+    }
+
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// Every problem found, or why the file could not be read.
+    pub fn load(path: &Path) -> Result<Self, RigFileError> {
+        let name = path.display().to_string();
+        let text = std::fs::read_to_string(path).map_err(|error| RigFileError {
+            file: name.clone(),
+            problems: vec![Problem {
+                line: 0,
+                unit: None,
+                key: String::new(),
+                message: format!("cannot be read ({error}); give the path of a rig file, or leave it out for the built-in one"),
+            }],
+        })?;
+        Self::parse(&name, &text)
+    }
+
+    /// Checks the text of a rig file; `file` is its name for messages.
+    ///
+    /// # Errors
+    /// Every problem found.
+    pub fn parse(file: &str, text: &str) -> Result<Self, RigFileError> {
+        read::parse(text).map_err(|problems| RigFileError {
+            file: file.to_owned(),
+            problems,
+        })
+    }
+
+    /// SHA-256, in hexadecimal, of everything the file says (comments and layout left out).
+    #[must_use]
+    pub fn hash(&self) -> String {
+        // Serialising plain numbers and strings to memory cannot fail; an empty text would still hash.
+        let json = serde_json::to_vec(self).unwrap_or_default();
+        Sha256::digest(json)
+            .iter()
+            .map(|b| format!("{b:02x}"))
+            .collect()
+    }
+
+    /// The tensions that an allocation stays near to, N.
+    #[must_use]
+    pub fn reference_n(&self) -> [f64; UNITS] {
+        self.units.map(|unit| match self.allocation.reference {
+            Reference::Lower => unit.tension_min_n,
+            Reference::Middle => 0.5 * (unit.tension_min_n + unit.tension_max_n),
+        })
+    }
+
+    /// Checks a wanted force before anything is driven.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what to give instead.
+    pub fn check_force(&self, force_n: Vec3) -> Result<(), String> {
+        for (axis, value) in ["X", "Y", "Z"].iter().zip(force_n) {
+            if !value.is_finite() {
+                return Err(format!(
+                    "force {axis} is {value}: give three finite numbers in newtons, as in `set-force 0 2.5 0`"
+                ));
+            }
+        }
+        let size = vec3::norm(force_n);
+        if size > self.controller.force_limit_n {
+            return Err(format!(
+                "a force of {size:.4e} N is above the rig's limit of {} N (`force_limit_n` in [controller] of the rig file); nothing was driven",
+                self.controller.force_limit_n
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// CRC-32 that the board reports for six configurations in force, zeros included.
+#[must_use]
+pub fn board_crc(configs: &[UnitConfig; UNITS]) -> u32 {
+    // Plain integers into memory: cannot fail.
+    force_wire::frame::crc32(&postcard::to_stdvec(configs).unwrap_or_default())
+}
+
+/// One problem of a rig file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Problem {
+    /// Line from 1; 0: the whole file.
+    pub line: usize,
+    /// Unit from 1, where it is about one.
+    pub unit: Option<u8>,
+    /// Key, where it is about one.
+    pub key: String,
+    /// What is wrong and what to do.
+    pub message: String,
+}
+
+/// What is wrong with a rig file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RigFileError {
+    /// Its name.
+    pub file: String,
+    /// Every problem, in the order of the lines.
+    pub problems: Vec<Problem>,
+}
+
+impl fmt::Display for RigFileError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        for (i, problem) in self.problems.iter().enumerate() {
+            if i > 0 {
+                writeln!(f)?;
+            }
+            write!(f, "{}", self.file)?;
+            if problem.line > 0 {
+                write!(f, ":{}", problem.line)?;
+            }
+            write!(f, ": ")?;
+            if let Some(unit) = problem.unit {
+                write!(f, "unit {unit}: ")?;
+            }
+            if !problem.key.is_empty() {
+                write!(f, "`{}`: ", problem.key)?;
+            }
+            write!(f, "{}", problem.message)?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for RigFileError {}
