@@ -11,7 +11,8 @@
 //!
 //! The owner performs each [`Action`] and reports the outcome as an [`Event`]. Nothing in between is
 //! hidden: the waits are actions too, so six converters calibrate at the same time on one bus, each
-//! with its own machine.
+//! with its own machine. The converter runs during its calibration, so DRDY edges come before
+//! [`Action::Done`]: ignore them until then.
 //!
 //! Each wait and each retry is bounded ([`limits`]). A failed bus transaction leaves the part's state
 //! unknown, so the sequence starts over from its beginning, a bounded number of times.

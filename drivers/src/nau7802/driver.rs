@@ -3,7 +3,7 @@
 use embedded_hal::delay::DelayNs;
 use embedded_hal::i2c::I2c;
 
-use super::bringup::{Action, Bringup, Event, SequenceError};
+use super::bringup::{Action, Bringup, Cause, Event, SequenceError};
 use super::code::{AdcCode, Coefficients};
 use super::config::Config;
 use super::proto;
@@ -37,7 +37,7 @@ pub enum Error<E> {
     Sequence {
         /// Where and why.
         error: SequenceError,
-        /// The last bus error of the sequence, if there was one.
+        /// The last bus error, if that is why.
         source: Option<E>,
     },
 }
@@ -334,10 +334,13 @@ impl<I2C: I2c> Nau7802<I2C> {
                 }
                 Action::Done => return Ok(()),
                 Action::Failed(error) => {
-                    return Err(Error::Sequence {
-                        error,
-                        source: bus_error,
-                    })
+                    // A bus error that a restart has healed is not why a later check failed.
+                    let source = if error.cause == Cause::Bus {
+                        bus_error
+                    } else {
+                        None
+                    };
+                    return Err(Error::Sequence { error, source });
                 }
             };
         }
