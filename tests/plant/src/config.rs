@@ -191,8 +191,9 @@ pub struct FrictionConfig {
     pub per_load: f64,
     /// Relative standard deviation of `per_load` between units. 0.08 (measured: 0.10, see above).
     pub per_load_relative_sd: f64,
-    /// Breakaway over kinetic friction, >= 1. 1.08: estimate; static above Coulomb friction by thesis 3.6, and
-    /// small, since a Stribeck term explains under 1 % of the measured error.
+    /// Breakaway over kinetic friction, >= 1. 1.04: estimate; static above Coulomb friction by thesis 3.6, and
+    /// small, since a Stribeck term explains under 1 % of the measured error and larger values make the rig
+    /// stick and slip at its usual speeds.
     pub breakaway_ratio: f64,
     /// Cable speed at which the excess of breakaway has fallen to a quarter, m/s. 1e-3: estimate.
     pub stribeck_velocity_m_per_s: f64,
@@ -201,7 +202,7 @@ pub struct FrictionConfig {
     pub presliding_m: f64,
     /// Damping ratio of the rotor on the sticking contact. 0.1: estimate.
     pub presliding_damping_ratio: f64,
-    /// Viscous friction, N.s/m at the cable. 0.3: estimate, a few mN at the rig's speeds; measured as
+    /// Viscous friction, N.s/m at the cable. 0.5: estimate, a few mN at the rig's speeds; measured as
     /// immaterial.
     pub viscous_n_s_per_m: f64,
 }
@@ -217,11 +218,11 @@ impl Default for FrictionConfig {
             coulomb_relative_sd: 0.05,
             per_load: 0.154,
             per_load_relative_sd: 0.08,
-            breakaway_ratio: 1.08,
+            breakaway_ratio: 1.04,
             stribeck_velocity_m_per_s: 1.0e-3,
             presliding_m: 3.0e-5,
             presliding_damping_ratio: 0.1,
-            viscous_n_s_per_m: 0.3,
+            viscous_n_s_per_m: 0.5,
         }
     }
 }
@@ -234,8 +235,8 @@ pub struct CableConfig {
     /// of about 300 tex at some 35 N/tex (fibre: 110 N/tex; braids without matrix lie far below, see
     /// Sry et al., Appl. Sci. 8 (2018) 1096). At 0.42 m: 24 N/mm. 0.5 mm stranded steel is alike.
     pub axial_stiffness_n: f64,
-    /// Damping time of the cable, s: damping is stiffness times this. 2e-4: estimate, 2 % of critical with
-    /// the reflected rotor mass.
+    /// Damping time of the cable, s: damping is stiffness times this. 8e-4: estimate, 9 % of critical with
+    /// the reflected rotor mass: braids and a printed reel are lossy.
     pub damping_s: f64,
     /// Slack at the start, m, >= 0. 0: just taut at zero tension.
     pub initial_slack_m: f64,
@@ -245,7 +246,7 @@ impl Default for CableConfig {
     fn default() -> Self {
         Self {
             axial_stiffness_n: 10_000.0,
-            damping_s: 2.0e-4,
+            damping_s: 8.0e-4,
             initial_slack_m: 0.0,
         }
     }

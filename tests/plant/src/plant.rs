@@ -243,7 +243,7 @@ impl Plant {
         self.tip.position_m
     }
 
-    /// Tip velocity, m/s.
+    /// Tip velocity along its path, m/s; a compliant tip's giving way is not in it.
     pub fn tip_velocity_m_per_s(&self) -> Vec3 {
         self.tip.velocity_m_per_s
     }
@@ -301,7 +301,7 @@ pub struct Truth {
     pub robot_moving: bool,
     /// Tip position, robot frame, m.
     pub tip_position_m: Vec3,
-    /// Tip velocity, m/s.
+    /// Tip velocity along its path, m/s; a compliant tip's giving way is not in it.
     pub tip_velocity_m_per_s: Vec3,
     /// Force on the tip, N.
     pub tip_force_n: Vec3,

@@ -172,7 +172,8 @@ pub(crate) struct Tip {
     give_m: Vec3,
     /// Position, robot frame, m.
     pub position_m: Vec3,
-    /// Velocity, m/s.
+    /// Velocity along the path, m/s, without that of giving way: fed back into the cables' damping within
+    /// one step it would make an algebraic loop.
     pub velocity_m_per_s: Vec3,
 }
 
@@ -218,7 +219,6 @@ impl Tip {
             let move_m = scale(sub(target, self.give_m), part);
             self.give_m = add(self.give_m, move_m);
             self.position_m = add(self.position_m, self.give_m);
-            self.velocity_m_per_s = add(self.velocity_m_per_s, scale(move_m, 1.0 / h_s));
         }
     }
 }

@@ -221,7 +221,10 @@ impl Unit {
         });
         let breakaway = f.breakaway_ratio
             * (parameters.coulomb_n + PRESLIDING_PULL_N * parameters.per_load).max(0.01);
-        let contact = MaxwellSlip::new(breakaway, f.presliding_m);
+        let mut contact = MaxwellSlip::new(breakaway, f.presliding_m);
+        // At rest the contact holds the constant pull, as far as its first element reaches.
+        let held = parameters.offset_n / contact.stiffness_n_per_m();
+        contact.slide(held, parameters.coulomb_n.max(0.0));
         let reel_mass = loose_reel.as_ref().map_or(0.0, |_| shared.reel_mass_kg);
         let mass_kg = (shared.mass_kg + modifiers.mass_kg - reel_mass).max(0.5 * shared.mass_kg);
         let to_exit = sub(parameters.position_m, tip_m);
