@@ -1,1 +1,199 @@
-fn main() {}
+//! The one door for a developer: `cargo xtask COMMAND`.
+//!
+//! Plain cargo can't do three things that this project needs: find a compiler for the board, build
+//! the emulator with `--ignore-rust-version`, and sum up tests of all kinds in one line. xtask does
+//! them by starting cargo; see docs/developing.md.
+
+#![deny(missing_docs)]
+#![forbid(unsafe_code)]
+
+mod elf;
+mod firmware;
+mod flash;
+mod links;
+mod process;
+mod report;
+mod rig;
+mod suite;
+mod tally;
+mod toolchain;
+mod workspace;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use lexopt::{Arg, Parser};
+
+use report::{say, Failure};
+use toolchain::setup;
+use workspace::Workspace;
+
+const HELP: &str = "\
+The one door for a developer of the force rig.
+
+Usage: cargo xtask COMMAND [OPTIONS]
+
+Commands:
+  setup              find or set up the compiler for the board, saying each step
+      --toolchain T  auto (default), rustup or debian; also FORCE_ARM_TOOLCHAIN
+      --retry        try again what failed before
+  build              build the firmware image and report its size
+  size               the same
+  build-rig          build the embedded rig and forcectl
+  flash              build the firmware and write it to a board with probe-rs
+      --run          stay attached and print the firmware's log
+      --under-reset  hold the chip in reset while attaching
+  forcectl ARGS...   build whatever the call needs, then run forcectl (also: cargo forcectl ARGS...)
+  test [STEP...]     run every check there is, or the named steps; closes with `N passed, N failed`
+      --verbose      print every line of the tests
+      --list         list the steps
+  ci                 the same as test
+  bench [ARGS...]    measure the figures into target/bench/figures.json
+  doc [--open]       build the reference documentation
+  help               print this
+
+Exit codes: 0 done, 1 failed, 2 wrong usage; forcectl's and bench's own are passed on.
+More: docs/developing.md
+";
+
+/// Why xtask ends early.
+enum Stop {
+    /// The command line is wrong.
+    Usage(String),
+    /// Something couldn't be done.
+    Failed(Failure),
+}
+
+impl From<lexopt::Error> for Stop {
+    fn from(error: lexopt::Error) -> Self {
+        Self::Usage(error.to_string())
+    }
+}
+
+impl From<Failure> for Stop {
+    fn from(failure: Failure) -> Self {
+        Self::Failed(failure)
+    }
+}
+
+fn main() -> ExitCode {
+    match dispatch() {
+        Ok(code) => ExitCode::from(code),
+        Err(Stop::Usage(message)) => {
+            eprintln!("xtask: {message}\nSee `cargo xtask help`.");
+            ExitCode::from(2)
+        }
+        Err(Stop::Failed(failure)) => {
+            eprintln!("xtask: error: {failure}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn dispatch() -> Result<u8, Stop> {
+    let workspace = Workspace::locate();
+    let mut parser = Parser::from_env();
+    let command = match parser.next()? {
+        None => {
+            return Err(Stop::Usage("a command is missing".into()));
+        }
+        Some(Arg::Short('h') | Arg::Long("help")) => "help".to_string(),
+        Some(Arg::Value(word)) => word.to_string_lossy().into_owned(),
+        Some(other) => return Err(other.unexpected().into()),
+    };
+    match command.as_str() {
+        "setup" => run_setup(&workspace, parser),
+        "build" | "size" => {
+            no_more(parser)?;
+            let arm = setup::ensure(&workspace, setup::wish_from_environment()?)?;
+            let image = firmware::build(&workspace, &arm)?;
+            firmware::print_size(&workspace, &image);
+            Ok(0)
+        }
+        "build-rig" => {
+            no_more(parser)?;
+            rig::build(&workspace, &["rig", "forcectl"])?;
+            Ok(0)
+        }
+        "flash" => run_flash(&workspace, parser),
+        "forcectl" => Ok(rig::forcectl(&workspace, &rest(parser)?)?),
+        "test" | "ci" => run_tests(&workspace, parser),
+        "bench" => Ok(rig::bench(&workspace, &rest(parser)?)?),
+        "doc" => {
+            let arguments = rest(parser)?;
+            process::run(
+                process::cargo(process::Sees::CompilerAndFlags)
+                    .current_dir(workspace.root())
+                    .args(["doc", "--no-deps", "--target-dir"])
+                    .arg(workspace.target())
+                    .args(arguments),
+            )?;
+            Ok(0)
+        }
+        "help" => {
+            print!("{HELP}");
+            Ok(0)
+        }
+        other => Err(Stop::Usage(format!("`{other}` is no command"))),
+    }
+}
+
+fn run_setup(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
+    let mut wish = setup::wish_from_environment()?;
+    while let Some(argument) = parser.next()? {
+        match argument {
+            Arg::Long("toolchain") => {
+                let word = parser.value()?;
+                wish = setup::wish(Some(&word.to_string_lossy()))?;
+            }
+            Arg::Long("retry") => setup::forget(workspace)?,
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    let arm = setup::ensure(workspace, wish)?;
+    say(format!("ARM toolchain: ready: {arm}"));
+    Ok(0)
+}
+
+fn run_flash(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
+    let mut options = flash::Options::default();
+    while let Some(argument) = parser.next()? {
+        match argument {
+            Arg::Long("run") => options.run = true,
+            Arg::Long("under-reset") => options.under_reset = true,
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    flash::flash(workspace, options)?;
+    Ok(0)
+}
+
+fn run_tests(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
+    let mut options = suite::Options::default();
+    while let Some(argument) = parser.next()? {
+        match argument {
+            Arg::Long("verbose") | Arg::Short('v') => options.verbose = true,
+            Arg::Long("list") => {
+                for (name, title) in suite::catalogue() {
+                    println!("{name:<12}{title}");
+                }
+                return Ok(0);
+            }
+            Arg::Value(name) => options.steps.push(name.to_string_lossy().into_owned()),
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    Ok(u8::from(!suite::run(workspace, &options)?))
+}
+
+/// Whatever follows, untouched: it belongs to another program.
+fn rest(mut parser: Parser) -> Result<Vec<OsString>, Stop> {
+    Ok(parser.raw_args()?.collect())
+}
+
+fn no_more(mut parser: Parser) -> Result<(), Stop> {
+    match parser.next()? {
+        None => Ok(()),
+        Some(other) => Err(other.unexpected().into()),
+    }
+}

@@ -1,0 +1,222 @@
+//! Builds the host programs of a run (embedded rig, forcectl, bench) and hands over to them.
+
+use std::ffi::OsString;
+use std::fs;
+use std::process::Command;
+
+use crate::firmware;
+use crate::process::{self, Sees};
+use crate::report::{say, Failure, Result};
+use crate::toolchain::setup;
+use crate::workspace::Workspace;
+
+/// Tells a program where the firmware image is.
+pub const ELF_VARIABLE: &str = "FORCE_FIRMWARE_ELF";
+/// Tells a program where the embedded rig is.
+pub const RIG_VARIABLE: &str = "FORCE_RIG_BIN";
+
+/// A cargo command for the packages around the embedded rig.
+///
+/// Always the same packages, profile and options: cargo unites the features of the packages it is
+/// given, so any other choice could compile the emulator a second time. `--ignore-rust-version`:
+/// see docs/developing.md.
+pub fn cargo(workspace: &Workspace, subcommand: &str) -> Command {
+    let mut cargo = process::cargo(Sees::CompilerAndFlags);
+    cargo
+        .current_dir(workspace.root())
+        .args([subcommand, "--release", "--ignore-rust-version"])
+        .arg("--target-dir")
+        .arg(workspace.target());
+    cargo
+}
+
+/// Builds some of the programs `rig`, `forcectl` and `bench` into `target/release`.
+///
+/// # Errors
+/// When cargo fails.
+pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
+    let first = if programs
+        .iter()
+        .all(|name| workspace.release_program(name).is_file())
+    {
+        ""
+    } else {
+        " (the first time takes two to five minutes)"
+    };
+    say(format!("{}: building{first}", programs.join(" and ")));
+    let mut command = cargo(workspace, "build");
+    for package in ["emulator", "forcectl", "scenarios"] {
+        command.args(["--package", package]);
+    }
+    for program in programs {
+        command.args(["--bin", program]);
+    }
+    process::run(&mut command).map_err(|failure| {
+        Failure::new(format!("{} can't be built: {failure}", programs.join(", "))).remedy(
+            "cargo's message is above; a failed download is retried by running the command again",
+        )
+    })
+}
+
+/// Whether a call of forcectl works on the embedded rig, and so needs firmware and rig built.
+///
+/// Errs on the side of building: only a call that clearly goes elsewhere is excepted.
+pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
+    const OFFLINE: [&str; 6] = [
+        "check",
+        "completions",
+        "explain",
+        "help",
+        "residual",
+        "version",
+    ];
+    const ONLINE: [&str; 8] = [
+        "arm",
+        "disarm",
+        "monitor",
+        "record",
+        "set-force",
+        "status",
+        "stop",
+        "zero",
+    ];
+    let words: Vec<&str> = arguments
+        .iter()
+        .filter_map(|argument| argument.to_str())
+        .take_while(|word| *word != "--")
+        .collect();
+    if words.is_empty()
+        || words
+            .iter()
+            .any(|word| ["-h", "--help", "-V", "--version"].contains(word))
+    {
+        return false;
+    }
+    let rig = words.iter().enumerate().find_map(|(index, word)| {
+        word.strip_prefix("--rig=").or_else(|| {
+            (*word == "--rig")
+                .then(|| words.get(index + 1).copied())
+                .flatten()
+        })
+    });
+    if rig.is_some_and(|rig| !rig.starts_with("embedded")) {
+        return false;
+    }
+    words
+        .iter()
+        .find(|word| OFFLINE.contains(word) || ONLINE.contains(word))
+        .is_none_or(|word| ONLINE.contains(word))
+}
+
+/// Builds what a call of forcectl needs, then becomes forcectl: its exit code and Ctrl-C are the
+/// caller's.
+///
+/// # Errors
+/// When something can't be built or started; otherwise doesn't return.
+pub fn forcectl(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
+    if needs_embedded_rig(arguments) {
+        let arm = setup::ensure(workspace, setup::wish_from_environment()?)?;
+        firmware::build(workspace, &arm)?;
+        build(workspace, &["rig", "forcectl"])?;
+    } else {
+        build(workspace, &["forcectl"])?;
+    }
+    let mut command = Command::new(workspace.release_program("forcectl"));
+    command
+        .args(arguments)
+        .env(ELF_VARIABLE, workspace.firmware_elf())
+        .env(RIG_VARIABLE, workspace.release_program("rig"));
+    hand_over(command)
+}
+
+/// Builds and runs the bench, which writes `target/bench/figures.json`.
+///
+/// # Errors
+/// When something can't be built or started.
+pub fn bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
+    let arm = setup::ensure(workspace, setup::wish_from_environment()?)?;
+    firmware::build(workspace, &arm)?;
+    build(workspace, &["rig", "forcectl", "bench"])?;
+    let folder = workspace.target().join("bench");
+    fs::create_dir_all(&folder)
+        .map_err(|error| Failure::new(format!("{} can't be made: {error}", folder.display())))?;
+    let mut command = Command::new(workspace.release_program("bench"));
+    command
+        .current_dir(workspace.root())
+        .arg("--out")
+        .arg(folder.join("figures.json"))
+        .args(arguments)
+        .env(ELF_VARIABLE, workspace.firmware_elf())
+        .env(RIG_VARIABLE, workspace.release_program("rig"));
+    hand_over(command)
+}
+
+/// Replaces this process by another program.
+#[cfg(unix)]
+fn hand_over(mut command: Command) -> Result<u8> {
+    use std::os::unix::process::CommandExt;
+    let error = command.exec();
+    Err(process::not_started(&command, &error))
+}
+
+/// Runs another program to its end and returns its exit code.
+#[cfg(not(unix))]
+fn hand_over(mut command: Command) -> Result<u8> {
+    let status = command
+        .status()
+        .map_err(|error| process::not_started(&command, &error))?;
+    Ok(status
+        .code()
+        .and_then(|code| u8::try_from(code).ok())
+        .unwrap_or(1))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn needs(line: &str) -> bool {
+        let arguments: Vec<OsString> = line.split_whitespace().map(OsString::from).collect();
+        needs_embedded_rig(&arguments)
+    }
+
+    #[test]
+    fn commands_to_the_rig_need_it() {
+        assert!(needs("set-force 0 2.5 0"));
+        assert!(needs("set-force 0 -2.5 0 --rig embedded"));
+        assert!(needs("--json status --rig=embedded"));
+        assert!(needs("record data/check"));
+        assert!(needs("monitor --seconds 3"));
+    }
+
+    #[test]
+    fn a_real_board_needs_none() {
+        assert!(!needs("set-force 0 2.5 0 --rig /dev/ttyACM0"));
+        assert!(!needs("--rig=usb status"));
+        assert!(!needs("--rig serial:/dev/ttyUSB0 monitor"));
+    }
+
+    #[test]
+    fn offline_commands_need_none() {
+        for line in [
+            "",
+            "--help",
+            "set-force --help",
+            "help set-force",
+            "explain 33",
+            "check rig.toml",
+            "--json check rig.toml",
+            "completions bash",
+            "residual run.mcap",
+            "--version",
+        ] {
+            assert!(!needs(line), "`{line}` builds the firmware in vain");
+        }
+    }
+
+    #[test]
+    fn in_doubt_it_is_built() {
+        assert!(needs("some-later-command"));
+        assert!(needs("status --rig"));
+    }
+}

@@ -1,0 +1,449 @@
+//! `cargo xtask test`: every check there is, one after the other, and one closing line.
+//!
+//! A failed step doesn't stop the others: one run shows everything that is wrong.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::process::{Command, Stdio};
+use std::time::Instant;
+
+use crate::process::{self, Sees};
+use crate::report::{elapsed, say, Failure, Result};
+use crate::tally::{is_news, Tally};
+use crate::toolchain::{setup, Arm, TARGET};
+use crate::workspace::Workspace;
+use crate::{firmware, links, rig};
+
+/// How a step ended when it didn't fail.
+enum Outcome {
+    /// All good; a few words on it, or none.
+    Done(String),
+    /// It doesn't apply to this machine; why.
+    Skipped(String),
+}
+
+/// One check.
+struct Step {
+    /// What `cargo xtask test NAME` calls it.
+    name: &'static str,
+    /// What it is about.
+    title: &'static str,
+    run: fn(&mut Suite) -> Result<Outcome>,
+}
+
+/// Cheap checks first; what later steps need before them.
+const STEPS: [Step; 12] = [
+    Step {
+        name: "lock",
+        title: "Cargo.lock fits the manifests",
+        run: lock,
+    },
+    Step {
+        name: "fmt",
+        title: "formatting",
+        run: fmt,
+    },
+    Step {
+        name: "links",
+        title: "links between the documents",
+        run: document_links,
+    },
+    Step {
+        name: "host",
+        title: "tests of the host crates and of the firmware's pure half",
+        run: host,
+    },
+    Step {
+        name: "no-std",
+        title: "no_std crates, each alone, for the board",
+        run: no_std,
+    },
+    Step {
+        name: "firmware",
+        title: "firmware image",
+        run: firmware_image,
+    },
+    Step {
+        name: "on-target",
+        title: "tests that run on the board: compiled, not run",
+        run: on_target,
+    },
+    Step {
+        name: "rig",
+        title: "embedded rig and forcectl, built",
+        run: rig_programs,
+    },
+    Step {
+        name: "emulated",
+        title: "tests of the embedded rig; scenarios with the firmware image",
+        run: emulated,
+    },
+    Step {
+        name: "clippy",
+        title: "lints",
+        run: clippy,
+    },
+    Step {
+        name: "doc",
+        title: "reference documentation, warnings denied",
+        run: doc,
+    },
+    Step {
+        name: "renode",
+        title: "the same image on Renode",
+        run: renode,
+    },
+];
+
+/// State that steps share.
+struct Suite<'a> {
+    workspace: &'a Workspace,
+    verbose: bool,
+    tally: Tally,
+    /// The compiler for the board, once asked for.
+    arm: Option<Result<Arm>>,
+    /// Whether the image of this run was built.
+    image: Option<Result<()>>,
+    /// The step that is running.
+    current: &'static str,
+}
+
+/// Which steps to run, and how much to print.
+#[derive(Debug, Default)]
+pub struct Options {
+    /// Names of steps; all when empty.
+    pub steps: Vec<String>,
+    /// Print every line of the tests.
+    pub verbose: bool,
+}
+
+/// The steps' names and titles, for help.
+pub fn catalogue() -> impl Iterator<Item = (&'static str, &'static str)> {
+    STEPS.iter().map(|step| (step.name, step.title))
+}
+
+/// Runs the steps and prints the closing line. Returns whether all went well.
+///
+/// # Errors
+/// When a step's name is unknown.
+pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
+    for name in &options.steps {
+        if !STEPS.iter().any(|step| step.name == name) {
+            let names: Vec<_> = catalogue().map(|(name, _)| name).collect();
+            return Err(Failure::new(format!("`{name}` is no step of the tests"))
+                .remedy(format!("the steps are {}", names.join(", "))));
+        }
+    }
+    let chosen: Vec<&Step> = STEPS
+        .iter()
+        .filter(|step| options.steps.is_empty() || options.steps.iter().any(|n| n == step.name))
+        .collect();
+
+    let mut suite = Suite {
+        workspace,
+        verbose: options.verbose,
+        tally: Tally::default(),
+        arm: None,
+        image: None,
+        current: "",
+    };
+    let started = Instant::now();
+    let mut failures = Vec::new();
+    let mut skipped = Vec::new();
+    for (index, step) in chosen.iter().enumerate() {
+        let label = format!("[{}/{}] {}", index + 1, chosen.len(), step.name);
+        say(format!("{label}: {}", step.title));
+        suite.current = step.name;
+        let before = suite.tally;
+        let step_started = Instant::now();
+        let outcome = (step.run)(&mut suite);
+        let time = elapsed(step_started.elapsed());
+        match outcome {
+            Ok(Outcome::Done(words)) if words.is_empty() => say(format!("{label}: ok, {time}")),
+            Ok(Outcome::Done(words)) => say(format!("{label}: ok, {words}, {time}")),
+            Ok(Outcome::Skipped(reason)) => {
+                say(format!("{label}: skipped: {reason}"));
+                skipped.push(format!("{}: {reason}", step.name));
+            }
+            Err(failure) => {
+                say(format!("{label}: FAILED after {time}: {failure}"));
+                // A step that broke without a failing test (a compile error, say) is one failure,
+                // lest a red run close with "0 failed".
+                if suite.tally.failed == before.failed {
+                    suite.tally.failed += 1;
+                }
+                failures.push(format!("{}: {failure}", step.name));
+            }
+        }
+    }
+
+    say(format!("finished in {}", elapsed(started.elapsed())));
+    for line in &skipped {
+        println!("{}", skipped_line(line));
+    }
+    if suite.tally.ignored > 0 {
+        println!("{} tests are switched off", suite.tally.ignored);
+    }
+    for line in &failures {
+        println!("failed: {line}");
+    }
+    println!("{}", suite.tally);
+    Ok(failures.is_empty() && suite.tally.failed == 0)
+}
+
+/// The closing remark on a skipped step.
+fn skipped_line(step_and_reason: &str) -> String {
+    format!("{step_and_reason}, skipped")
+}
+
+impl Suite<'_> {
+    fn arm(&mut self) -> Result<Arm> {
+        if let Some(known) = &self.arm {
+            return known.clone();
+        }
+        let arm =
+            setup::wish_from_environment().and_then(|wish| setup::ensure(self.workspace, wish));
+        self.arm = Some(arm.clone());
+        arm
+    }
+
+    /// Builds the image, once in a run.
+    fn image(&mut self) -> Result<()> {
+        if let Some(known) = &self.image {
+            return known.clone();
+        }
+        let built = self.arm().and_then(|arm| {
+            let image = firmware::build(self.workspace, &arm)?;
+            firmware::print_size(self.workspace, &image);
+            Ok(())
+        });
+        self.image = Some(built.clone());
+        built
+    }
+
+    fn cargo(&self, subcommand: &str) -> Command {
+        let mut cargo = process::cargo(Sees::CompilerAndFlags);
+        cargo
+            .current_dir(self.workspace.root())
+            .arg(subcommand)
+            .arg("--target-dir")
+            .arg(self.workspace.target());
+        cargo
+    }
+
+    /// Runs a `cargo test`, counts its results, shows what is news and keeps everything in a log.
+    fn tests(&mut self, command: &mut Command) -> Result<Outcome> {
+        let folder = self.workspace.notes();
+        let path = folder.join(format!("{}.log", self.current));
+        let mut log = fs::create_dir_all(&folder)
+            .and_then(|()| fs::File::create(&path))
+            .map_err(|error| Failure::new(format!("{} can't be made: {error}", path.display())))?;
+        let mut child = command
+            .stdout(Stdio::piped())
+            .spawn()
+            .map_err(|error| process::not_started(command, &error))?;
+        let mut sum = Tally::default();
+        if let Some(output) = child.stdout.take() {
+            let mut reader = BufReader::new(output);
+            let mut line = Vec::new();
+            // Bytes, not text: a failing test may print anything.
+            while reader
+                .read_until(b'\n', &mut line)
+                .map_err(|error| Failure::new(format!("reading the tests' output: {error}")))?
+                > 0
+            {
+                let text = String::from_utf8_lossy(&line);
+                let text = text.trim_end();
+                if let Some(tally) = Tally::from_line(text) {
+                    sum += tally;
+                }
+                if self.verbose || is_news(text) {
+                    println!("{text}");
+                }
+                // The log is a convenience: a full disk must not look like a failed test.
+                let _ = log.write_all(&line);
+                line.clear();
+            }
+        }
+        let status = child
+            .wait()
+            .map_err(|error| process::not_started(command, &error))?;
+        self.tally += sum;
+        process::check(command, status).map_err(|failure| {
+            Failure::new(format!(
+                "{sum}; {failure}; full output in {}",
+                self.workspace.show(&path)
+            ))
+        })?;
+        Ok(Outcome::Done(sum.to_string()))
+    }
+
+    /// Whether cargo has an optional component, such as clippy.
+    fn has(&self, component: &str) -> bool {
+        process::capture(process::cargo(Sees::CompilerAndFlags).args([component, "--version"]))
+            .is_ok_and(|output| output.status.success())
+    }
+}
+
+fn ok() -> Result<Outcome> {
+    Ok(Outcome::Done(String::new()))
+}
+
+/// What selects everything that builds on any host with plain cargo, `board`'s pure half included.
+const HOST_PACKAGES: [&str; 7] = [
+    "--workspace",
+    "--exclude",
+    "emulator",
+    "--exclude",
+    "scenarios",
+    "--exclude",
+    "on-target",
+];
+
+fn lock(suite: &mut Suite) -> Result<Outcome> {
+    if firmware::lock_is_current(suite.workspace) {
+        return ok();
+    }
+    Err(Failure::new("`cargo tree --locked` refuses Cargo.lock")
+        .remedy("run `cargo check`, then commit Cargo.lock"))
+}
+
+fn fmt(suite: &mut Suite) -> Result<Outcome> {
+    if !suite.has("fmt") {
+        return Ok(Outcome::Skipped(
+            "rustfmt: not installed (rustup component add rustfmt)".into(),
+        ));
+    }
+    let mut command = process::cargo(Sees::CompilerAndFlags);
+    command
+        .current_dir(suite.workspace.root())
+        // Names of files only: a whole diff would bury the rest of the report.
+        .args(["fmt", "--all", "--", "--check", "-l"]);
+    process::run(&mut command).map_err(|_| {
+        Failure::new("the files listed above aren't formatted").remedy("run `cargo fmt --all`")
+    })?;
+    ok()
+}
+
+fn document_links(suite: &mut Suite) -> Result<Outcome> {
+    let count = links::check(suite.workspace)?;
+    Ok(Outcome::Done(format!("{count} links")))
+}
+
+fn host(suite: &mut Suite) -> Result<Outcome> {
+    let mut command = suite.cargo("test");
+    command.arg("--no-fail-fast").args(HOST_PACKAGES);
+    suite.tests(&mut command)
+}
+
+fn no_std(suite: &mut Suite) -> Result<Outcome> {
+    let arm = suite.arm()?;
+    // One call each: together, one crate's features could hide what another lacks. `build` in the
+    // firmware's profile rather than `check`, for it shares the compiled `core` with the image.
+    for package in ["force-control", "force-drivers", "force-wire"] {
+        process::run(firmware::cargo(suite.workspace, &arm, "build").args([
+            "--package",
+            package,
+            "--no-default-features",
+        ]))?;
+    }
+    ok()
+}
+
+fn firmware_image(suite: &mut Suite) -> Result<Outcome> {
+    suite.image()?;
+    ok()
+}
+
+fn on_target(suite: &mut Suite) -> Result<Outcome> {
+    let arm = suite.arm()?;
+    process::run(firmware::cargo(suite.workspace, &arm, "test").args([
+        "--package",
+        "on-target",
+        "--tests",
+        "--no-run",
+    ]))?;
+    ok()
+}
+
+fn rig_programs(suite: &mut Suite) -> Result<Outcome> {
+    rig::build(suite.workspace, &["rig", "forcectl"])?;
+    ok()
+}
+
+fn emulated(suite: &mut Suite) -> Result<Outcome> {
+    // Without a fresh image the scenarios would test an old one, or nothing.
+    suite.image()?;
+    let workspace = suite.workspace;
+    let mut command = rig::cargo(workspace, "test");
+    command
+        .args(["--no-fail-fast", "--package", "emulator"])
+        .args(["--package", "scenarios"])
+        .env(rig::ELF_VARIABLE, workspace.firmware_elf())
+        .env(rig::RIG_VARIABLE, workspace.release_program("rig"));
+    suite.tests(&mut command)
+}
+
+fn clippy(suite: &mut Suite) -> Result<Outcome> {
+    if !suite.has("clippy") {
+        return Ok(Outcome::Skipped(
+            "clippy: not installed (rustup component add clippy)".into(),
+        ));
+    }
+    const DENY: [&str; 3] = ["--", "-D", "warnings"];
+    // All parts, even when one has findings.
+    let mut failures = Vec::new();
+    let mut attempt = |command: &mut Command| {
+        if let Err(failure) = process::run(command) {
+            failures.push(failure.to_string());
+        }
+    };
+    attempt(
+        suite
+            .cargo("clippy")
+            .arg("--all-targets")
+            .args(HOST_PACKAGES)
+            .args(DENY),
+    );
+    attempt(
+        rig::cargo(suite.workspace, "clippy")
+            .args(["--package", "emulator", "--package", "scenarios"])
+            .arg("--all-targets")
+            .args(DENY),
+    );
+    // Debian's packages bring no clippy for their compiler.
+    let mut words = String::new();
+    match suite.arm() {
+        Ok(arm @ Arm::Host { .. }) => attempt(
+            firmware::cargo(suite.workspace, &arm, "clippy")
+                .args(["--package", "board", "--bins"])
+                .args(DENY),
+        ),
+        _ => words = format!("without the code that exists on {TARGET} only"),
+    }
+    if failures.is_empty() {
+        Ok(Outcome::Done(words))
+    } else {
+        Err(Failure::new(failures.join("; ")))
+    }
+}
+
+fn doc(suite: &mut Suite) -> Result<Outcome> {
+    let mut command = suite.cargo("doc");
+    command
+        .arg("--no-deps")
+        .args(HOST_PACKAGES)
+        .env("RUSTDOCFLAGS", "-D warnings");
+    process::run(&mut command)?;
+    ok()
+}
+
+fn renode(suite: &mut Suite) -> Result<Outcome> {
+    let found = std::env::var_os("RENODE").is_some() || process::find_program("renode").is_some();
+    let reason = match (found, suite.workspace.root().join("renode").is_dir()) {
+        (false, _) => "not installed",
+        (true, false) => "installed, but this checkout has no suites for it",
+        (true, true) => "installed, but xtask doesn't run the suites in renode/",
+    };
+    Ok(Outcome::Skipped(reason.into()))
+}

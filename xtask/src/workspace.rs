@@ -1,0 +1,74 @@
+//! Where things are: the workspace root, the target directory and the files in it.
+
+use std::env;
+use std::path::{Path, PathBuf};
+
+/// Paths of one checkout.
+#[derive(Debug, Clone)]
+pub struct Workspace {
+    root: PathBuf,
+    target: PathBuf,
+}
+
+impl Workspace {
+    /// Finds the checkout that this xtask was compiled in.
+    pub fn locate() -> Self {
+        let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let root = manifest.parent().unwrap_or(manifest).to_path_buf();
+        // xtask runs as <target>/<profile>/xtask, so its own path gives the target directory however
+        // it was chosen (default, CARGO_TARGET_DIR, a user's cargo configuration).
+        let target = env::current_exe()
+            .ok()
+            .and_then(|exe| Some(exe.parent()?.parent()?.to_path_buf()))
+            .filter(|dir| dir.join("CACHEDIR.TAG").is_file())
+            .unwrap_or_else(|| root.join("target"));
+        Self { root, target }
+    }
+
+    /// The folder with the workspace's `Cargo.toml`.
+    pub fn root(&self) -> &Path {
+        &self.root
+    }
+
+    /// Cargo's target directory for host programs.
+    pub fn target(&self) -> &Path {
+        &self.target
+    }
+
+    /// The firmware's own target directory. Another compiler with other flags works here; apart from
+    /// the host's directory the two never wait for each other's lock nor spoil each other's
+    /// fingerprints.
+    pub fn firmware_target(&self) -> PathBuf {
+        self.target.join("firmware")
+    }
+
+    /// The finished firmware image, ELF with debug information.
+    pub fn firmware_elf(&self) -> PathBuf {
+        self.firmware_target().join("force-board.elf")
+    }
+
+    /// The finished firmware image as raw flash contents.
+    pub fn firmware_bin(&self) -> PathBuf {
+        self.firmware_target().join("force-board.bin")
+    }
+
+    /// A host program built in release mode.
+    pub fn release_program(&self, name: &str) -> PathBuf {
+        self.target
+            .join("release")
+            .join(format!("{name}{}", env::consts::EXE_SUFFIX))
+    }
+
+    /// xtask's own notes: logs of the test steps, what was tried in vain.
+    pub fn notes(&self) -> PathBuf {
+        self.target.join("xtask")
+    }
+
+    /// A path as shown to people: relative to the root where it lies below it.
+    pub fn show(&self, path: &Path) -> String {
+        path.strip_prefix(&self.root)
+            .unwrap_or(path)
+            .display()
+            .to_string()
+    }
+}
