@@ -8,6 +8,7 @@
 use crate::effects::Effect;
 use crate::error::ConfigError;
 use crate::geometry::Vec3;
+use crate::unit::SMALLEST_REEL_MASS_KG;
 use serde::{Deserialize, Serialize};
 
 /// Standard gravity, m/s^2, by which a load cell's capacity in kg becomes a force.
@@ -659,6 +660,49 @@ impl PlantConfig {
                 (cable + self.load_cell.stiffness_n_per_m) / self.load_cell.assembly_mass_kg,
             ),
         ];
+        let damping = cable * self.cable.damping_s;
+        let loose = self
+            .effects
+            .iter()
+            .any(|e| matches!(e, Effect::Backlash(_)));
+        let lightest = self
+            .drive
+            .reflected_mass_kg()
+            .min(self.load_cell.assembly_mass_kg)
+            .min(if loose {
+                SMALLEST_REEL_MASS_KG
+            } else {
+                f64::INFINITY
+            });
+        if damping * step_s / lightest > 0.5 {
+            return Err(ConfigError::new(
+                "cable.damping_s",
+                format!(
+                    "{} with this stiffness damps a mass of {lightest} kg too fast for step_ns = {}; at most {:.2e} expected, or a shorter step",
+                    self.cable.damping_s,
+                    self.step_ns,
+                    0.5 * lightest / step_s / cable
+                ),
+            ));
+        }
+        let viscous = self.friction.viscous_n_s_per_m
+            + self
+                .effects
+                .iter()
+                .map(|e| match e {
+                    Effect::Viscous(v) => v.coefficient_n_s_per_m,
+                    _ => 0.0,
+                })
+                .sum::<f64>();
+        if viscous * step_s / self.drive.reflected_mass_kg() > 0.5 {
+            return Err(ConfigError::new(
+                "friction.viscous_n_s_per_m",
+                format!(
+                    "{viscous} N.s/m in all is too fast for step_ns = {}; a smaller value or a shorter step expected",
+                    self.step_ns
+                ),
+            ));
+        }
         for (key, omega_squared) in modes {
             let omega = omega_squared.sqrt();
             if omega * step_s > 0.3 {

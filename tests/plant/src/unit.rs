@@ -17,7 +17,7 @@ const PRESLIDING_PULL_N: f64 = 6.0;
 /// the smallest reel mass, 0.02 kg).
 const MESH_STIFFNESS_N_PER_M: f64 = 1.0e5;
 const MESH_DAMPING_N_S_PER_M: f64 = 27.0;
-const SMALLEST_REEL_MASS_KG: f64 = 0.02;
+pub(crate) const SMALLEST_REEL_MASS_KG: f64 = 0.02;
 /// Presliding of the reel's own bearing when there is play, m.
 const BEARING_PRESLIDING_M: f64 = 1.0e-5;
 

@@ -1,5 +1,6 @@
 //! Configuration files: defaults, round trip, and errors that name the key.
 
+use force_plant::rng::Rng;
 use force_plant::{Plant, PlantConfig};
 
 fn refused(change: impl FnOnce(&mut PlantConfig)) -> String {
@@ -129,4 +130,64 @@ fn values_out_of_range_are_refused_by_name() {
             "{message}"
         );
     }
+}
+
+/// Whatever passes the check must be integrable: corners of the allowed ranges, drawn at random.
+#[test]
+fn every_accepted_configuration_stays_finite() {
+    let (mut accepted, mut refused) = (0, 0);
+    for case in 0..400 {
+        let mut rng = Rng::stream(77, "corner", case);
+        let mut corner = |low: f64, high: f64| match rng.next_u64() % 3 {
+            0 => low,
+            1 => high,
+            _ => (low * high).sqrt(),
+        };
+        let mut config = PlantConfig {
+            step_ns: corner(1e4, 1e5) as u64,
+            ..PlantConfig::default()
+        };
+        config.amplifier.gain_a_per_v = corner(0.1, 10.0);
+        config.amplifier.bandwidth_hz = corner(10.0, 1e5);
+        config.drive.rotor_inertia_kg_m2 = corner(1e-7, 1e-4);
+        config.friction.coulomb_n = corner(0.01, 20.0);
+        config.friction.per_load = corner(0.01, 0.9);
+        config.friction.breakaway_ratio = corner(1.0, 3.0);
+        config.friction.presliding_m = corner(1e-6, 1e-3);
+        config.friction.presliding_damping_ratio = corner(0.01, 1.0);
+        config.friction.viscous_n_s_per_m = corner(1e-3, 1e3);
+        config.cable.axial_stiffness_n = corner(100.0, 2e5);
+        config.cable.damping_s = corner(1e-5, 5e-3);
+        config.load_cell.stiffness_n_per_m = corner(1e3, 1e6);
+        config.load_cell.assembly_mass_kg = corner(0.05, 5.0);
+        config.robot.tip_compliance_m_per_n = corner(1e-6, 2e-4);
+        let backlash = "kind = \"backlash\"\ngap_m = 0.001\nreel_friction_n = 0.3";
+        if case % 4 == 0 {
+            config.effects.push(toml::from_str(backlash).unwrap());
+        }
+        let Ok(mut plant) = Plant::new(config.clone(), case as u64) else {
+            refused += 1;
+            continue;
+        };
+        accepted += 1;
+        plant.set_amplifier_power(true);
+        plant.set_robot_moving(true);
+        let mut largest = 0.0_f64;
+        for unit in 0..6 {
+            let volts = 5.0 / 19.35 / config.amplifier.gain_a_per_v;
+            plant.set_amplifier_volts(unit, volts).unwrap();
+        }
+        for ms in 1..600_u64 {
+            plant.advance_to(ms * 1_000_000);
+            for unit in 0..6 {
+                assert!(plant.tension_n(unit).is_finite(), "case {case}: {config:?}");
+                if ms > 300 {
+                    largest = largest.max(plant.tension_n(unit));
+                }
+            }
+        }
+        // 5 N of pull and at most 25 N of breakaway at three times: nothing may feed itself.
+        assert!(largest < 200.0, "case {case}: {largest} N\n{config:?}");
+    }
+    assert!(accepted > 100 && refused > 10, "{accepted} {refused}");
 }
