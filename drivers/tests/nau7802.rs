@@ -111,6 +111,25 @@ fn an_absent_part_is_a_sequence_error_with_the_bus_error_inside() {
 }
 
 #[test]
+fn a_healed_bus_error_is_not_blamed_for_a_later_failure() {
+    let mut all = vec![
+        wr(&[0x00, 0x01]).with_error(NACK),
+        wr(&[0x00, 0x01]),
+        wr(&[0x00, 0x00]),
+        wr(&[0x00, 0x02]),
+        rd(0x00, &[0x0A]),
+    ];
+    all.extend(vec![rd(0x1F, &[0x02]); 10]);
+    let (mut adc, mut bus) = driver(&all);
+    let error = adc.bring_up(&mut NoopDelay::new()).unwrap_err();
+    assert!(
+        matches!(error, Error::Sequence { error, source: None } if error.cause == Cause::Revision(2)),
+        "{error}"
+    );
+    bus.done();
+}
+
+#[test]
 fn a_change_of_gain_or_rate_calibrates() {
     let mut all = configuration(0x2E, 0x70);
     all.extend(calibration());

@@ -24,6 +24,7 @@ struct Fake {
     calibrations: usize,
     cs_rises: usize,
     // Script.
+    ready_after_us: u64,
     never_ready: bool,
     wrong_revisions: usize,
     revision: u8,
@@ -45,6 +46,7 @@ impl Fake {
             transactions: 0,
             calibrations: 0,
             cs_rises: 0,
+            ready_after_us: 150,
             never_ready: false,
             wrong_revisions: 0,
             revision: 0x0F,
@@ -104,8 +106,10 @@ impl Fake {
         self.settle();
         let value = match address {
             0 => {
-                let ready =
-                    !self.never_ready && self.powered_at.is_some_and(|at| self.now_us >= at + 150);
+                let ready = !self.never_ready
+                    && self
+                        .powered_at
+                        .is_some_and(|at| self.now_us >= at + self.ready_after_us);
                 self.registers[0] | if ready { 0x08 } else { 0 }
             }
             0x15 if self.registers[0x1B] & 0x80 != 0 => 0xEE,
@@ -299,6 +303,14 @@ fn a_cold_part_may_need_several_looks_at_its_revision() {
 }
 
 #[test]
+fn each_stage_has_its_own_number_of_looks() {
+    let mut fake = Fake::new();
+    fake.ready_after_us = 50_000;
+    fake.wrong_revisions = usize::from(limits::REVISION_TRIES) - 1;
+    assert_eq!(bring_up(&mut fake), Ok(()));
+}
+
+#[test]
 fn another_part_is_named() {
     let mut fake = Fake::new();
     fake.revision = 0x03;
@@ -308,7 +320,7 @@ fn another_part_is_named() {
     assert_eq!(error.detail(), 0x0503_1F03);
     assert_eq!(
         error.to_string(),
-        "NAU7802 stage 5, register REVISION (0x1F): revision 0x3 where 0xF was expected; is it a NAU7802?"
+        "NAU7802 stage 5 (check the revision), register REVISION (0x1F): revision 0x3 where 0xF was expected; is it a NAU7802?"
     );
 }
 
@@ -356,6 +368,30 @@ fn calibration_errors_are_retried_a_bounded_number_of_times() {
     );
     assert_eq!(error.detail(), 0x1706_0200);
     assert_eq!(fake.calibrations, tries);
+}
+
+#[test]
+fn a_restart_gives_the_calibration_all_its_tries_again() {
+    let tries = usize::from(limits::CALIBRATION_TRIES);
+    let mut fake = Fake::new();
+    fake.failing_calibrations = 2 * (tries - 1);
+    let mut sequence = Bringup::new(Config::FORCE_UNIT);
+    let mut event = Event::Start;
+    let mut disturbed = false;
+    loop {
+        match sequence.next(event) {
+            Action::Done => break,
+            Action::Failed(error) => panic!("{error}"),
+            // The last try of the first round is lost on the bus.
+            Action::Write([0x02, 0x74]) if fake.calibrations == tries - 1 && !disturbed => {
+                disturbed = true;
+                event = Event::BusFault;
+            }
+            action => event = fake.perform(action),
+        }
+    }
+    assert!(disturbed);
+    assert_eq!(fake.calibrations, 2 * (tries - 1) + 1);
 }
 
 #[test]
@@ -507,6 +543,22 @@ fn wrong_events_are_the_callers_error() {
             "{event:?} accepted after a write"
         );
     }
+}
+
+#[test]
+fn stages_are_found_by_their_number() {
+    for stage in Stage::ALL {
+        assert_eq!(Stage::from_number(stage as u8), Some(stage));
+    }
+    assert_eq!(Stage::from_number(0), None);
+    assert_eq!(Stage::from_number(Stage::ALL.len() as u8 + 1), None);
+    let descriptions: std::collections::HashSet<_> =
+        Stage::ALL.iter().map(|stage| stage.description()).collect();
+    assert_eq!(
+        descriptions.len(),
+        Stage::ALL.len(),
+        "no two stages read alike"
+    );
 }
 
 #[test]

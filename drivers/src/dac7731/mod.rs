@@ -23,7 +23,7 @@ pub use driver::{Dac7731, Error, NoLine, Operation, LDAC_PULSE_NS, RESET_PULSE_N
 /// The SPI mode that the part needs: SCLK idles high, data captured on the rising edge.
 pub const SPI_MODE: embedded_hal::spi::Mode = embedded_hal::spi::MODE_3;
 
-/// Highest SCLK frequency in hertz that this driver was written for [20 MHz, unconfirmed]. Stay well below.
+/// Highest SCLK frequency in hertz. Not confirmed in a datasheet page we could read: stay well below.
 pub const MAX_SCLK_HZ: u32 = 20_000_000;
 
 /// Settling time of a full-scale step to 0.003 %, nanoseconds (datasheet, features).

@@ -139,6 +139,79 @@ pub enum Stage {
     Finished = 26,
 }
 
+impl Stage {
+    /// Every stage, in order.
+    pub const ALL: [Self; 26] = [
+        Self::ResetAssert,
+        Self::ResetRelease,
+        Self::PowerUpDigital,
+        Self::PowerUpReady,
+        Self::RevisionCheck,
+        Self::WriteCtrl1,
+        Self::PowerUpAnalog,
+        Self::SupplySettle,
+        Self::WriteCtrl2,
+        Self::WriteI2cCtrl,
+        Self::WritePga,
+        Self::WritePower,
+        Self::WriteAdc,
+        Self::VerifyPuCtrl,
+        Self::VerifyCtrl1,
+        Self::VerifyCtrl2,
+        Self::VerifyI2cCtrl,
+        Self::VerifyPga,
+        Self::VerifyPower,
+        Self::VerifyAdc,
+        Self::CycleStart,
+        Self::CalibrationStart,
+        Self::CalibrationWait,
+        Self::CycleStop,
+        Self::CycleRestart,
+        Self::Finished,
+    ];
+
+    /// The stage of a fault record: the top byte of [`SequenceError::detail`].
+    pub const fn from_number(number: u8) -> Option<Self> {
+        if number >= 1 && number as usize <= Self::ALL.len() {
+            Some(Self::ALL[number as usize - 1])
+        } else {
+            None
+        }
+    }
+
+    /// What the stage does, for messages and documentation.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::ResetAssert => "assert the register reset",
+            Self::ResetRelease => "release the register reset",
+            Self::PowerUpDigital => "power up the digital part",
+            Self::PowerUpReady => "wait for power-up ready",
+            Self::RevisionCheck => "check the revision",
+            Self::WriteCtrl1 => "set supply voltage, gain and DRDY polarity",
+            Self::PowerUpAnalog => "power up the analog part",
+            Self::SupplySettle => "let the analog supply settle",
+            Self::WriteCtrl2 => "set channel and rate",
+            Self::WriteI2cCtrl => "set the bus options",
+            Self::WritePga => "set the amplifier options",
+            Self::WritePower => "set the amplifier capacitor",
+            Self::WriteAdc => "turn the modulator chopper off",
+            Self::VerifyPuCtrl => "read the power control back",
+            Self::VerifyCtrl1 => "read supply voltage, gain and DRDY polarity back",
+            Self::VerifyCtrl2 => "read channel and rate back",
+            Self::VerifyI2cCtrl => "read the bus options back",
+            Self::VerifyPga => "read the amplifier options back",
+            Self::VerifyPower => "read the amplifier capacitor back",
+            Self::VerifyAdc => "read the modulator chopper back",
+            Self::CycleStart => "start the converter",
+            Self::CalibrationStart => "start the calibration",
+            Self::CalibrationWait => "wait for the calibration and check it",
+            Self::CycleStop => "stop the converter",
+            Self::CycleRestart => "start a fresh conversion cycle",
+            Self::Finished => "finished",
+        }
+    }
+}
+
 /// Why the sequence gave up.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -214,8 +287,10 @@ impl core::fmt::Display for SequenceError {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         write!(
             f,
-            "NAU7802 stage {}, register {}: ",
-            self.stage as u8, self.register
+            "NAU7802 stage {} ({}), register {}: ",
+            self.stage as u8,
+            self.stage.description(),
+            self.register
         )?;
         match self.cause {
             Cause::Bus => f.write_str(

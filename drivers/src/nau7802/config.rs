@@ -12,7 +12,7 @@ pub struct Config {
     /// Internal regulator voltage; `None` takes the analog supply from the AVDD pin.
     pub ldo: Option<LdoVoltage>,
     /// Time in microseconds for the analog supply to settle before anything is calibrated on it. The
-    /// datasheet gives no figure that we know of; drivers in the wild wait 250 ms [unconfirmed].
+    /// datasheet gives no figure that we know of; drivers in the wild wait 250 ms. Not confirmed.
     pub supply_settle_us: u32,
     /// Regulator trimmed for output capacitors with high ESR (PGA bit 6).
     pub ldo_stable: bool,

@@ -17,6 +17,22 @@
 //! DRDY announces a result that is already 6.25 ms old at 320 samples a second (group delay of the
 //! converter's filter, inferred to be a sinc4). No latency counted from DRDY contains it.
 
+//!
+//! # Without blocking
+//! A sample, and one turn of a bring-up, as an interrupt handler or a superloop sees them:
+//! ```
+//! use force_drivers::nau7802::{proto, Action, AdcCode, Bringup, Config, Event};
+//!
+//! // After the DRDY edge: send `READ_ADC`, read three bytes, decode.
+//! assert_eq!(proto::READ_ADC, [0x12]);
+//! assert_eq!(proto::decode_adc([0xFF, 0xFF, 0xFE]), AdcCode::new(-2).unwrap());
+//!
+//! // Superloop: start the action, come back when it has completed.
+//! let mut bring_up = Bringup::new(Config::FORCE_UNIT);
+//! assert_eq!(bring_up.next(Event::Start), Action::Write([0x00, 0x01]));
+//! assert_eq!(bring_up.next(Event::Written), Action::Write([0x00, 0x00]));
+//! ```
+
 pub mod bringup;
 mod code;
 mod config;
