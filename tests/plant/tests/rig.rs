@@ -65,11 +65,21 @@ fn an_input_takes_effect_at_the_next_grid_point() {
     assert_eq!(plant.current_a(0), 0.0);
     plant.advance_to(200_000);
     assert!(plant.current_a(0) > 0.1);
+    // A value that was due keeps its place when the next one follows before its step has run.
+    plant.set_amplifier_volts(0, 0.0).unwrap();
+    plant.advance_to(300_000);
+    plant.advance_to(1_000_060_000);
+    plant.set_amplifier_volts(0, 0.1).unwrap();
+    plant.advance_to(1_000_130_000);
+    plant.set_amplifier_volts(0, 0.0).unwrap();
+    plant.advance_to(1_000_150_000);
+    assert!(plant.current_a(0) > 0.01);
+    plant.advance_to(1_000_200_000);
     // The past stays as it is.
     let truth = plant.truth();
     plant.advance_to(5);
     assert_eq!(plant.truth(), truth);
-    assert_eq!(plant.time_ns(), 200_000);
+    assert_eq!(plant.time_ns(), 1_000_200_000);
 }
 
 #[test]
