@@ -2,7 +2,7 @@
 //! model of it does not say. All are off by default.
 //!
 //! One small struct each. To add one: a struct with its parameters, a row in [`Effect`] (and in
-//! `Effect::parts`), an [`install`](Install::install) that adds it to the places where the physics asks
+//! `Effect::parts`), an `install` that adds it to the places where the physics asks
 //! (`Modifiers`), a test. Several effects of one kind add up.
 //!
 //! In TOML, `units` counts from 0 and may be left out for all units:
