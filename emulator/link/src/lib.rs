@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 
 /// Version of this link; both ends compare it in [`Response::Ready`].
-pub const LINK_VERSION: u32 = 1;
+pub const LINK_VERSION: u32 = 2;
 
 /// Number of force units of the rig.
 pub const UNITS: usize = 6;
@@ -139,6 +139,8 @@ pub struct Truth {
     pub reel_rad_s: [f64; UNITS],
     /// Voltages at the DAC outputs in volts.
     pub dac_v: [f64; UNITS],
+    /// Whether the PLC gives the amplifiers their power.
+    pub amplifier_on: bool,
 }
 
 /// Figures of a run, measured from outside the firmware, in virtual time.
@@ -152,12 +154,16 @@ pub struct Report {
     pub instructions: u64,
     /// Fraction of virtual time that the core slept in WFI or WFE.
     pub sleep_fraction: f64,
-    /// One entry for each DAC update that answered a sample, in the order they happened.
+    /// One entry for each DAC update that answered a sample since the last [`Request::Report`], in the
+    /// order they happened. At 1,920 a second, ask at least every two minutes: only the latest 262,144
+    /// are kept.
     pub latencies: Vec<Latency>,
     /// Conversions that became ready, per unit.
     pub conversions: [u64; UNITS],
     /// Conversions that were read out whole before the next one was ready, per unit.
     pub conversions_read: [u64; UNITS],
+    /// Mean frequency of the alive line in hertz, 0 before its second edge.
+    pub alive_hz: f64,
     /// Register accesses that the emulated part refused or did not know, each once, with a count.
     pub register_events: Vec<RegisterEvent>,
 }

@@ -1,0 +1,82 @@
+//! The seam around the CPU engine: what the rig asks of whatever executes the firmware's instructions.
+//!
+//! An engine runs the unmodified image, owns the controller's own peripherals, and calls the
+//! [`crate::board::Board`] it was given for everything outside the package. Only [`rigless`] exists today;
+//! nothing outside that module names it, so another engine is one more module.
+
+pub mod rigless;
+
+use rig_link::RegisterEvent;
+use std::fmt;
+
+/// Where an engine stands.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Progress {
+    /// Virtual time since power-on, in nanoseconds.
+    pub now_ns: u64,
+    /// Instructions retired.
+    pub instructions: u64,
+    /// Virtual time that the core slept, in nanoseconds.
+    pub asleep_ns: u64,
+    /// Resets since power-on.
+    pub resets: u32,
+    /// What caused the last reset.
+    pub last_reset: Option<String>,
+}
+
+/// Something that runs the firmware.
+pub trait Engine: Send {
+    /// Name of the machine and of the engine.
+    fn name(&self) -> String;
+
+    /// Runs until virtual time `t_ns`.
+    ///
+    /// # Errors
+    /// The engine cannot go on.
+    fn run_until(&mut self, t_ns: u64) -> Result<Progress, EngineError>;
+
+    /// Hangs the superloop where it next sleeps; interrupts go on. A reset mends it.
+    ///
+    /// # Errors
+    /// The image never sleeps.
+    fn hang(&mut self) -> Result<(), EngineError>;
+
+    /// Flips `bit` (0 to 7) of the byte at `address`.
+    ///
+    /// # Errors
+    /// There is no memory at the address.
+    fn flip_bit(&mut self, address: u32, bit: u8) -> Result<(), EngineError>;
+
+    /// Reads `length` bytes at `address`.
+    ///
+    /// # Errors
+    /// There is no memory at the address.
+    fn read_memory(&mut self, address: u32, length: usize) -> Result<Vec<u8>, EngineError>;
+
+    /// Writes `bytes` at `address` in RAM.
+    ///
+    /// # Errors
+    /// There is no memory at the address.
+    fn write_memory(&mut self, address: u32, bytes: &[u8]) -> Result<(), EngineError>;
+
+    /// Register accesses that the part refused or did not know.
+    ///
+    /// # Errors
+    /// The engine cannot go on.
+    fn register_events(&mut self) -> Result<Vec<RegisterEvent>, EngineError>;
+}
+
+/// Why an engine could not do what it was asked.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct EngineError(
+    /// What happened and what to do, for a person.
+    pub String,
+);
+
+impl fmt::Display for EngineError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for EngineError {}

@@ -1,0 +1,302 @@
+//! The controller: the engine's STM32H743 with the board on its pins and a watchdog, a holdable I2C bus and a
+//! USB core in the slots that need another model than the engine's.
+//!
+//! The STM32H753 of the Nucleo differs from the H743 by its crypto processors only, which nothing here uses.
+
+use super::i2c::HeldI2c;
+use super::iwdg::Iwdg;
+use super::peers::{DacBus, HostLine, Shared};
+use super::usb::IdleUsb;
+use crate::devices::dac7731::Mode;
+use crate::wiring::{self, Pin, PORTS};
+use rigless::device::{ErasedDevice, Level, ResetCause};
+use rigless::emulator::{Access, AccessKind};
+use rigless::mcu::{Mcu, Operate};
+use rigless::snapshot::Store;
+use rigless::soc::stm32h743::generated::{gpioa, spi1};
+use rigless::soc::stm32h743::peripherals::gpio::{Gpio, Pin as PortPin, PORTS as PORT_NAMES};
+use rigless::soc::stm32h743::Stm32h743;
+use rigless::soc::{Bus, Error};
+use rigless::time::VirtualNanos;
+
+/// Crystal input: 8 MHz from the ST-Link.
+const HSE_HZ: u64 = 8_000_000;
+/// Supply in millivolts.
+const SUPPLY_MV: u32 = 3_300;
+
+const GPIO_BASE: u64 = 0x5802_0000;
+const GPIO_SIZE: u64 = 0x400;
+const GPIO_END: u64 = GPIO_BASE + PORTS as u64 * GPIO_SIZE;
+const SPI1_BASE: u64 = 0x4001_3000;
+const SPI1_CR1: u64 = SPI1_BASE;
+const SPI1_CFG2: u64 = SPI1_BASE + 0x0C;
+const SPI1_TXDR: u64 = SPI1_BASE + 0x20;
+
+const MODER: u64 = 0x00;
+const OTYPER: u64 = 0x04;
+const IDR: u64 = 0x10;
+const ODR: u64 = 0x14;
+const BSRR: u64 = 0x18;
+const BSRR_HIGH: u64 = 0x1A;
+
+/// Position of USART3 and SPI1 in the engine's lists of instances.
+const USART3: usize = 2;
+const SPI1: usize = 0;
+
+/// See the module's page.
+#[derive(Debug)]
+pub struct RigMcu {
+    part: Stm32h743,
+    board: Shared,
+    i2c: HeldI2c,
+    iwdg: Iwdg,
+    usb: IdleUsb,
+    slots: Slots,
+    /// The earliest event asked for on the board's behalf that has not come yet.
+    scheduled: Option<VirtualNanos>,
+    /// Whether the pins in alternate functions were found right since they were last configured.
+    functions_checked: bool,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Slots {
+    i2c1: usize,
+    iwdg: usize,
+    usb: usize,
+    usart3: usize,
+    spi1: usize,
+    ports: [usize; PORTS],
+}
+
+impl Store for RigMcu {}
+
+impl RigMcu {
+    /// The part out of power-on with `board` around it.
+    ///
+    /// # Errors
+    /// The engine's description of the part is not the one this module was written for.
+    pub fn new(board: Shared) -> Result<Self, Error> {
+        let mut part = Stm32h743::new()?;
+        part.rcc.attach_crystals(HSE_HZ, 0);
+        part.set_supply(SUPPLY_MV);
+        part.set_analog_supply(SUPPLY_MV);
+        part.usart[USART3].attach(HostLine(board.clone()));
+        part.spi[SPI1].attach(DacBus(board.clone()));
+        let bus = part.bus();
+        let mut ports = [0; PORTS];
+        for (slot, name) in ports.iter_mut().zip(PORT_NAMES) {
+            *slot = bus.slot(name)?;
+        }
+        let slots = Slots {
+            i2c1: bus.slot("I2C1")?,
+            iwdg: bus.slot("IWDG")?,
+            usb: bus.slot("OTG2_HS_GLOBAL")?,
+            usart3: bus.slot("USART3")?,
+            spi1: bus.slot("SPI1")?,
+            ports,
+        };
+        let mut mcu = Self {
+            i2c: HeldI2c::new(&board),
+            iwdg: Iwdg::default(),
+            usb: IdleUsb,
+            part,
+            board,
+            slots,
+            scheduled: None,
+            functions_checked: false,
+        };
+        mcu.check()?;
+        mcu.sync(VirtualNanos(0));
+        Ok(mcu)
+    }
+
+    /// Puts what the board drives on the pins, and asks to be woken when the board next has something.
+    fn sync(&mut self, now: VirtualNanos) {
+        let (drives, next) = {
+            let mut board = self.board.lock();
+            let drives = board.has_drives().then(|| board.take_drives());
+            (drives, board.next_event())
+        };
+        for (pin, level) in drives.into_iter().flatten() {
+            let port_pin = PortPin::new(pin.pin).expect("a port has sixteen pins");
+            self.part
+                .drive_port(now, pin.port, |gpio, registers, context| {
+                    gpio.drive(port_pin, level.map(Level::from), registers, context);
+                });
+        }
+        self.wake_at(now, next.map(VirtualNanos));
+    }
+
+    fn wake_at(&mut self, now: VirtualNanos, next: Option<VirtualNanos>) {
+        self.scheduled = self.scheduled.filter(|at| *at > now);
+        if let Some(next) = next.filter(|next| self.scheduled.is_none_or(|at| *next < at)) {
+            let (_, mut context) = self.part.bus_mut().drive(now, self.slots.ports[0]);
+            context.schedule(next);
+            self.scheduled = Some(next);
+        }
+    }
+
+    /// The core has made `access`, and every model has settled after it.
+    pub fn accessed(&mut self, access: &Access) {
+        let address = access.address;
+        if (GPIO_BASE..GPIO_END).contains(&address) {
+            let port = ((address - GPIO_BASE) / GPIO_SIZE) as usize;
+            let offset = address % GPIO_SIZE;
+            match (access.kind, offset) {
+                (AccessKind::Write, MODER | OTYPER | ODR | BSRR | BSRR_HIGH) => {
+                    self.port_written(access.virtual_time, port, offset);
+                }
+                (AccessKind::Write, _) => self.functions_checked = false,
+                (AccessKind::Read, IDR) if port == wiring::CNT_D0.port => {
+                    self.board.lock().data_sampled(access.virtual_time.0);
+                }
+                _ => {}
+            }
+        } else if access.kind == AccessKind::Write {
+            match address & !3 {
+                SPI1_TXDR => {
+                    self.board
+                        .lock()
+                        .spi_written(access.virtual_time.0, access.instruction_count);
+                    self.check_functions();
+                }
+                SPI1_CR1 | SPI1_CFG2 => self.spi_set(),
+                _ => {}
+            }
+        }
+    }
+
+    /// The engine stopped between two instructions with `instructions` retired.
+    pub fn stopped(&mut self, instructions: u64) {
+        self.board.lock().probe.counted(instructions);
+    }
+
+    fn port_written(&mut self, now: VirtualNanos, port: usize, offset: u64) {
+        if offset == MODER {
+            self.functions_checked = false;
+        }
+        let registers = self.part.bus().slots()[self.slots.ports[port]].registers();
+        let modes = registers.get(gpioa::Register::Moder);
+        let open_drain = registers.get(gpioa::Register::Otyper) as u16;
+        let level = registers.get(gpioa::Register::Odr) as u16;
+        let driven = outputs(modes) & !(open_drain & level);
+        let wake = {
+            let mut board = self.board.lock();
+            board.port_changed(now.0, port, driven, level);
+            board.has_drives() || board.next_event().map(VirtualNanos) < self.scheduled
+        };
+        if wake || self.scheduled.is_none() {
+            self.sync(now);
+        }
+    }
+
+    fn spi_set(&mut self) {
+        let registers = self.part.bus().slots()[self.slots.spi1].registers();
+        let cfg2 = registers.get(spi1::Register::Cfg2);
+        let enabled = spi1::cr1::SPE.is_set(registers.get(spi1::Register::Cr1));
+        let mode = Mode {
+            cpol: spi1::cfg2::CPOL.is_set(cfg2),
+            cpha: spi1::cfg2::CPHA.is_set(cfg2),
+        };
+        let driven = enabled || spi1::cfg2::AFCNTR.is_set(cfg2);
+        self.board.lock().spi_set(mode, driven.then_some(mode.cpol));
+    }
+
+    /// Pins in a wrong alternate function would carry nothing on the part; the engine does not look.
+    fn check_functions(&mut self) {
+        if self.functions_checked {
+            return;
+        }
+        self.functions_checked = true;
+        for (pin, wanted, signal) in wiring::FUNCTIONS {
+            let registers = self.part.bus().slots()[self.slots.ports[pin.port]].registers();
+            let port_pin = PortPin::new(pin.pin).expect("a port has sixteen pins");
+            let found = Gpio::function(port_pin, registers);
+            if found != Some(wanted) {
+                self.board.lock().complain(
+                    &name(pin),
+                    format!("{signal} needs alternate function {wanted}, the pin has {found:?}"),
+                );
+            }
+        }
+    }
+}
+
+/// Bits of a port's MODER that are general-purpose outputs (01), one per pin.
+fn outputs(modes: u64) -> u16 {
+    let ones = modes & !(modes >> 1) & 0x5555_5555;
+    (0..16).fold(0, |bits, pin| {
+        bits | ((ones >> (2 * pin) & 1) as u16) << pin
+    })
+}
+
+fn name(pin: Pin) -> String {
+    format!("P{}{}", (b'A' + pin.port as u8) as char, pin.pin)
+}
+
+impl Mcu for RigMcu {
+    fn bus(&self) -> &Bus {
+        self.part.bus()
+    }
+
+    fn bus_mut(&mut self) -> &mut Bus {
+        self.part.bus_mut()
+    }
+
+    fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
+        self.part.reset(at, cause);
+        rigless::device::Device::reset(&mut self.i2c);
+        rigless::device::Device::reset(&mut self.iwdg);
+        self.board.lock().controller_reset(at.0);
+        // The events went with the old bus.
+        self.scheduled = None;
+        self.functions_checked = false;
+        self.sync(at);
+    }
+
+    /// The engine's own part asks every model at every stop; only the serial line has anything to say.
+    fn poll(&mut self, now: VirtualNanos) {
+        let waiting = {
+            let mut board = self.board.lock();
+            board.advance(now.0);
+            board.to_board_waiting() > 0
+        };
+        self.sync(now);
+        if waiting {
+            let slot = self.slots.usart3;
+            if let (bus, Some(model)) = self.part.split(slot) {
+                let (registers, mut context) = bus.drive(now, slot);
+                model.poll(registers, &mut context);
+            }
+        }
+    }
+
+    fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
+        let own: Option<&mut dyn ErasedDevice> = if slot == self.slots.i2c1 {
+            Some(&mut self.i2c)
+        } else if slot == self.slots.iwdg {
+            Some(&mut self.iwdg)
+        } else if slot == self.slots.usb {
+            Some(&mut self.usb)
+        } else {
+            None
+        };
+        match own {
+            Some(model) => (self.part.bus_mut(), Some(model)),
+            None => self.part.split(slot),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn outputs_are_the_pins_in_mode_01() {
+        assert_eq!(outputs(0b11_10_01_00), 0b0010);
+        assert_eq!(outputs(0x5555_5555), 0xFFFF);
+        assert_eq!(outputs(0xFFFF_FFFF), 0);
+        assert_eq!(outputs(0xAAAA_AAAA), 0);
+    }
+}

@@ -1,0 +1,369 @@
+//! The engine: the crate `rigless`, a Cortex-M7 and an STM32H743 in Rust.
+//!
+//! It runs the core on a thread of its own and calls back; this module turns that round. The driver waits at
+//! each stop for the next command and sends back where it stands, so that the rig steps the engine like any
+//! other object and both sides take turns on the [`Board`](crate::board::Board).
+
+mod i2c;
+mod iwdg;
+mod machine;
+mod mcu;
+pub mod peers;
+mod usb;
+
+use super::{Engine, EngineError, Progress};
+use crate::image::{Image, FLASH_BASE};
+use machine::{RigMachine, INSTRUCTION_NS};
+use peers::Shared;
+use rig_link::RegisterEvent;
+use rigless::emulator::{run, Driver, Host, Settled, Start, Stop};
+use rigless::image::Image as Placed;
+use rigless::session::Session;
+use rigless::soc::{Fault, Width};
+use rigless::time::VirtualNanos;
+use std::sync::mpsc::{channel, Receiver, Sender};
+use std::thread::JoinHandle;
+
+/// `b .`: a branch to itself.
+const HANG: u16 = 0xE7FE;
+/// How far the hang injection waits for the core to arrive at a sleep before it gives up.
+const FIRST_STOP: VirtualNanos = VirtualNanos(0);
+
+enum Command {
+    RunUntil(u64),
+    Hang,
+    Read(u32, usize),
+    Write(u32, Vec<u8>),
+    Events,
+}
+
+enum Answer {
+    Stands(Progress),
+    Bytes(Result<Vec<u8>, String>),
+    Events(Vec<RegisterEvent>),
+}
+
+/// See the module's page.
+pub struct RiglessEngine {
+    commands: Option<Sender<Command>>,
+    answers: Receiver<Answer>,
+    thread: Option<JoinHandle<Result<(), String>>>,
+}
+
+impl RiglessEngine {
+    /// Loads `image` into a board at power-on.
+    ///
+    /// # Errors
+    /// The engine refuses the image or the part's description.
+    pub fn boot(image: &Image, board: &Shared) -> Result<Self, EngineError> {
+        let placed = Placed::new(&image.path, image.bytes.clone(), None)
+            .map_err(|error| EngineError(error.to_string()))?;
+        let machine = RigMachine::new(board.clone()).map_err(|error| {
+            EngineError(format!(
+                "the engine's STM32H743 is not the expected one: {error}"
+            ))
+        })?;
+        let (commands, orders) = channel();
+        let (reports, answers) = channel();
+        let sleeps = image.sleeps.clone();
+        let thread = std::thread::Builder::new()
+            .name("engine".to_owned())
+            .spawn(move || {
+                let session = Session::new(Box::new(machine), 0, FIRST_STOP)
+                    .map_err(|error| error.to_string())?;
+                let driver = Turns {
+                    orders,
+                    reports,
+                    sleeps,
+                    patched: Vec::new(),
+                    resets: 0,
+                    started: false,
+                };
+                let images = [placed];
+                run(session, &Start::new(&images), driver)
+                    .map(drop)
+                    .map_err(|error| error.to_string())
+            })
+            .map_err(|error| EngineError(format!("cannot start the engine's thread: {error}")))?;
+        let mut engine = Self {
+            commands: Some(commands),
+            answers,
+            thread: Some(thread),
+        };
+        // The first answer is the stop before the first instruction.
+        engine.answer()?;
+        Ok(engine)
+    }
+
+    fn ask(&mut self, command: Command) -> Result<Answer, EngineError> {
+        let sent = self
+            .commands
+            .as_ref()
+            .is_some_and(|commands| commands.send(command).is_ok());
+        if sent {
+            self.answer()
+        } else {
+            Err(self.autopsy())
+        }
+    }
+
+    fn answer(&mut self) -> Result<Answer, EngineError> {
+        self.answers.recv().map_err(|_| self.autopsy())
+    }
+
+    /// Why the thread is gone.
+    fn autopsy(&mut self) -> EngineError {
+        self.commands = None;
+        let why = match self.thread.take().map(JoinHandle::join) {
+            Some(Ok(Err(error))) => error,
+            Some(Ok(Ok(()))) => "the firmware ended the run".to_owned(),
+            Some(Err(panic)) => panic
+                .downcast_ref::<String>()
+                .cloned()
+                .or_else(|| panic.downcast_ref::<&str>().map(|text| (*text).to_owned()))
+                .unwrap_or_else(|| "a model panicked".to_owned()),
+            None => "it has ended before".to_owned(),
+        };
+        EngineError(format!("the engine stopped: {why}"))
+    }
+}
+
+impl Drop for RiglessEngine {
+    fn drop(&mut self) {
+        self.commands = None;
+        if let Some(thread) = self.thread.take() {
+            // Its outcome was reported where somebody asked; here nobody is left to tell.
+            drop(thread.join());
+        }
+    }
+}
+
+impl Engine for RiglessEngine {
+    fn name(&self) -> String {
+        format!("{}, rigless 0.4.0", machine::NAME)
+    }
+
+    fn run_until(&mut self, t_ns: u64) -> Result<Progress, EngineError> {
+        match self.ask(Command::RunUntil(t_ns))? {
+            Answer::Stands(progress) => Ok(progress),
+            _ => Err(out_of_step()),
+        }
+    }
+
+    fn hang(&mut self) -> Result<(), EngineError> {
+        match self.ask(Command::Hang)? {
+            Answer::Bytes(done) => done.map(drop).map_err(EngineError),
+            _ => Err(out_of_step()),
+        }
+    }
+
+    fn flip_bit(&mut self, address: u32, bit: u8) -> Result<(), EngineError> {
+        if bit > 7 {
+            return Err(EngineError(format!("bit {bit} of a byte: bits are 0 to 7")));
+        }
+        let byte = self.read_memory(address, 1)?[0];
+        self.write_memory(address, &[byte ^ 1 << bit])
+    }
+
+    fn read_memory(&mut self, address: u32, length: usize) -> Result<Vec<u8>, EngineError> {
+        match self.ask(Command::Read(address, length))? {
+            Answer::Bytes(bytes) => bytes.map_err(EngineError),
+            _ => Err(out_of_step()),
+        }
+    }
+
+    fn write_memory(&mut self, address: u32, bytes: &[u8]) -> Result<(), EngineError> {
+        match self.ask(Command::Write(address, bytes.to_vec()))? {
+            Answer::Bytes(done) => done.map(drop).map_err(EngineError),
+            _ => Err(out_of_step()),
+        }
+    }
+
+    fn register_events(&mut self) -> Result<Vec<RegisterEvent>, EngineError> {
+        match self.ask(Command::Events)? {
+            Answer::Events(events) => Ok(events),
+            _ => Err(out_of_step()),
+        }
+    }
+}
+
+fn out_of_step() -> EngineError {
+    EngineError("the engine answered another question than it was asked".to_owned())
+}
+
+/// The engine's side of the turns.
+struct Turns {
+    orders: Receiver<Command>,
+    reports: Sender<Answer>,
+    sleeps: Vec<u32>,
+    /// Instructions replaced by the hang injection, to be put back by a reset.
+    patched: Vec<(u32, u16)>,
+    resets: usize,
+    started: bool,
+}
+
+impl Turns {
+    fn hang(&mut self, host: &mut dyn Host) -> Result<Vec<u8>, String> {
+        if self.sleeps.is_empty() {
+            return Err(
+                "the image has no WFI instruction to hang at; does its superloop sleep?".to_owned(),
+            );
+        }
+        if self.patched.is_empty() {
+            for &at in &self.sleeps {
+                let before = host
+                    .read(at.into(), Width::W16)
+                    .map_err(|e| e.to_string())?;
+                put(host, at, Width::W16, HANG.into())?;
+                self.patched.push((at, before as u16));
+            }
+        }
+        Ok(Vec::new())
+    }
+
+    fn mend(&mut self, host: &mut dyn Host) {
+        for (at, before) in self.patched.drain(..) {
+            put(host, at, Width::W16, before.into()).expect("it could be written before");
+        }
+    }
+}
+
+/// Writes memory the way a debugger would, flash included.
+fn put(host: &mut dyn Host, at: u32, width: Width, value: u64) -> Result<(), String> {
+    let in_flash = at >= FLASH_BASE && at - FLASH_BASE < crate::image::FLASH_SIZE;
+    let done = if in_flash {
+        host.program(at.into(), width, value)
+    } else {
+        host.write(at.into(), width, value)
+    };
+    done.map_err(|error| format!("no memory at {at:#010x}: {error}"))
+}
+
+impl Driver<RigMachine> for Turns {
+    fn on_settled(
+        &mut self,
+        session: &mut Session<RigMachine>,
+        host: &mut dyn Host,
+        settled: Settled,
+    ) {
+        match settled {
+            Settled::Access { access, .. } => session.board_mut().mcu.accessed(&access),
+            Settled::Stop(stop) => {
+                session.board_mut().mcu.stopped(stop.instruction_count);
+            }
+            _ => {}
+        }
+        if session.resets().len() != self.resets {
+            self.resets = session.resets().len();
+            self.mend(host);
+        }
+    }
+
+    fn on_stop(
+        &mut self,
+        session: &mut Session<RigMachine>,
+        stop: Stop,
+        host: &mut dyn Host,
+    ) -> Option<VirtualNanos> {
+        if let Some(error) = session.take_error() {
+            panic!("{error}");
+        }
+        let ran_ns = stop.instruction_count * INSTRUCTION_NS;
+        let stands = Answer::Stands(Progress {
+            now_ns: stop.at.0,
+            instructions: stop.instruction_count,
+            asleep_ns: stop.at.0.saturating_sub(ran_ns),
+            resets: session.resets().len() as u32,
+            last_reset: session
+                .resets()
+                .last()
+                .map(|reset| format!("{:?}", reset.cause)),
+        });
+        self.started = true;
+        self.reports.send(stands).ok()?;
+        loop {
+            let answer = match self.orders.recv().ok()? {
+                Command::RunUntil(t_ns) => return Some(VirtualNanos(t_ns.max(stop.at.0))),
+                Command::Hang => Answer::Bytes(self.hang(host)),
+                Command::Read(at, length) => Answer::Bytes(
+                    (0..length as u64)
+                        .map(|n| {
+                            host.read(u64::from(at) + n, Width::W8)
+                                .map(|byte| byte as u8)
+                                .map_err(|error| format!("no memory at {at:#010x}: {error}"))
+                        })
+                        .collect(),
+                ),
+                Command::Write(at, bytes) => Answer::Bytes(
+                    (at..)
+                        .zip(bytes)
+                        .try_for_each(|(at, byte)| put(host, at, Width::W8, byte.into()))
+                        .map(|()| Vec::new()),
+                ),
+                Command::Events => Answer::Events(events(session)),
+            };
+            self.reports.send(answer).ok()?;
+        }
+    }
+}
+
+/// What the engine's session recorded, in the link's words.
+fn events(session: &Session<RigMachine>) -> Vec<RegisterEvent> {
+    let event = |place: String, what: String, count: u64| RegisterEvent { place, what, count };
+    let mut events = Vec::new();
+    for unmapped in session.unmapped() {
+        events.push(event(
+            format!("{:#010x}", unmapped.address),
+            format!(
+                "no register here; first by the instruction at {:#010x}",
+                unmapped.program_counter
+            ),
+            1,
+        ));
+    }
+    for (address, fault) in session.refused() {
+        let place = match fault {
+            Fault::Gated {
+                instance, register, ..
+            } => format!("{instance}.{register}"),
+            _ => format!("{address:#010x}"),
+        };
+        events.push(event(place, fault.to_string(), 1));
+    }
+    for register in session.unimplemented().values() {
+        events.push(event(
+            format!("{}.{}", register.instance, register.register),
+            format!(
+                "no model behind this register; first by the instruction at {:#010x}, last value written {:#x?}",
+                register.program_counter, register.written
+            ),
+            register.reads + register.writes,
+        ));
+    }
+    for (address, space) in session.undefined() {
+        events.push(event(
+            format!("{}@{address:#010x}", space.instance),
+            format!(
+                "no register in this space; first by the instruction at {:#010x}",
+                space.program_counter
+            ),
+            space.reads + space.writes,
+        ));
+    }
+    for (instance, interrupt) in session.unrouted() {
+        events.push(event(
+            (*instance).to_owned(),
+            format!("interrupt {interrupt} reaches no line of the core"),
+            1,
+        ));
+    }
+    for told in session.told() {
+        events.push(event(
+            format!("{}.{}", told.instance, told.register),
+            told.reason.to_owned(),
+            1,
+        ));
+    }
+    events.sort();
+    events
+}

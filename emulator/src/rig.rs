@@ -1,0 +1,229 @@
+//! The rig as one object: boot an image, step it, break things, read the figures.
+
+use crate::board::Board;
+use crate::engine::rigless::peers::Shared;
+use crate::engine::rigless::RiglessEngine;
+use crate::engine::{Engine, EngineError, Progress};
+use crate::image::{Image, ImageError};
+use crate::rtt;
+use force_plant::{ConfigError, Plant, PlantConfig};
+use rig_link::{Advanced, Injection, RegisterEvent, Report, Truth};
+use std::fmt;
+use std::path::Path;
+use std::time::Instant;
+
+/// Spacing of the rows of truth, in nanoseconds.
+const ROW_NS: u64 = 1_000_000;
+
+/// How a rig is put together.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Seed of everything random.
+    pub seed: u64,
+    /// The plant behind the board.
+    pub plant: PlantConfig,
+}
+
+/// Why a rig cannot be built or cannot go on.
+#[derive(Debug)]
+pub enum RigError {
+    /// The firmware image.
+    Image(ImageError),
+    /// The plant's configuration.
+    Plant(ConfigError),
+    /// Plant and board do not fit, or an injection is impossible.
+    Refused(String),
+    /// The engine.
+    Engine(EngineError),
+}
+
+impl fmt::Display for RigError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Image(error) => error.fmt(f),
+            Self::Plant(error) => error.fmt(f),
+            Self::Refused(why) => f.write_str(why),
+            Self::Engine(error) => error.fmt(f),
+        }
+    }
+}
+
+impl std::error::Error for RigError {}
+
+impl From<EngineError> for RigError {
+    fn from(error: EngineError) -> Self {
+        Self::Engine(error)
+    }
+}
+
+/// A firmware image running on the emulated board.
+pub struct Rig {
+    engine: Box<dyn Engine>,
+    board: Shared,
+    progress: Progress,
+    rtt_block: Option<u32>,
+    rtt: Vec<u8>,
+    wall_ns: u64,
+    seed: u64,
+}
+
+impl Rig {
+    /// Boots the image at `elf`. Virtual time stands at zero, before the first instruction.
+    ///
+    /// # Errors
+    /// See [`RigError`].
+    pub fn boot(elf: &Path, options: Options) -> Result<Self, RigError> {
+        let image = Image::read(elf).map_err(RigError::Image)?;
+        Self::boot_image(&image, options)
+    }
+
+    /// Boots an image that has been read already.
+    ///
+    /// # Errors
+    /// See [`RigError`].
+    pub fn boot_image(image: &Image, options: Options) -> Result<Self, RigError> {
+        let plant = Plant::new(options.plant, options.seed).map_err(RigError::Plant)?;
+        let board = Shared::new(Board::new(plant, options.seed).map_err(RigError::Refused)?);
+        let engine = Box::new(RiglessEngine::boot(image, &board)?);
+        Ok(Self {
+            engine,
+            board,
+            progress: Progress::default(),
+            rtt_block: image.rtt,
+            rtt: Vec::new(),
+            wall_ns: 0,
+            seed: options.seed,
+        })
+    }
+
+    /// Name of the machine and of the engine that runs it.
+    #[must_use]
+    pub fn machine(&self) -> String {
+        self.engine.name()
+    }
+
+    /// Seed of this run.
+    #[must_use]
+    pub const fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Virtual time since power-on, in nanoseconds.
+    #[must_use]
+    pub const fn now_ns(&self) -> u64 {
+        self.progress.now_ns
+    }
+
+    /// Puts `to_board` on the board's receive line and lets `duration_ns` pass.
+    ///
+    /// # Errors
+    /// The engine cannot go on.
+    pub fn advance(&mut self, duration_ns: u64, to_board: &[u8]) -> Result<Advanced, RigError> {
+        let began = Instant::now();
+        self.board.lock().queue_to_board(to_board);
+        let end = self.progress.now_ns.saturating_add(duration_ns);
+        let mut truth = Vec::new();
+        loop {
+            let next = ((self.progress.now_ns / ROW_NS + 1) * ROW_NS).min(end);
+            if next > self.progress.now_ns {
+                // The engine stops between two instructions, so up to one late.
+                self.progress = self.engine.run_until(next)?;
+                self.progress.now_ns = next;
+            }
+            truth.push(self.row(next));
+            self.drain_rtt()?;
+            if next >= end {
+                break;
+            }
+        }
+        self.wall_ns += u64::try_from(began.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        let mut board = self.board.lock();
+        Ok(Advanced {
+            now_ns: end,
+            from_board: board.take_from_board(),
+            pose: board.pose(),
+            truth,
+            resets: self.progress.resets,
+        })
+    }
+
+    fn row(&mut self, t_ns: u64) -> Truth {
+        self.board.lock().truth(t_ns)
+    }
+
+    fn drain_rtt(&mut self) -> Result<(), RigError> {
+        if let Some(block) = self.rtt_block {
+            self.rtt.extend(rtt::drain(&mut *self.engine, block)?);
+        }
+        Ok(())
+    }
+
+    /// What the firmware has put into RTT channel 0 since the last call (defmt's encoding is the firmware's).
+    pub fn take_rtt(&mut self) -> Vec<u8> {
+        std::mem::take(&mut self.rtt)
+    }
+
+    /// What caused the last reset of the controller.
+    #[must_use]
+    pub fn last_reset(&self) -> Option<&str> {
+        self.progress.last_reset.as_deref()
+    }
+
+    /// Starts or stops the robot's path.
+    pub fn set_robot_moving(&mut self, moving: bool) {
+        self.board.lock().set_robot_moving(moving);
+    }
+
+    /// Breaks or mends something.
+    ///
+    /// # Errors
+    /// What cannot be done, and why.
+    pub fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
+        match injection {
+            Injection::HangLoop => Ok(self.engine.hang()?),
+            Injection::FlipBit(address, bit) => Ok(self.engine.flip_bit(address, bit)?),
+            other => (self.board.lock().inject(other)).map_err(RigError::Refused),
+        }
+    }
+
+    /// Reads memory of the controller as a debugger would.
+    ///
+    /// # Errors
+    /// There is no memory there.
+    pub fn read_memory(&mut self, address: u32, length: usize) -> Result<Vec<u8>, RigError> {
+        Ok(self.engine.read_memory(address, length)?)
+    }
+
+    /// The figures so far; the latencies since the last call.
+    ///
+    /// # Errors
+    /// The engine cannot go on.
+    pub fn report(&mut self) -> Result<Report, RigError> {
+        let mut register_events = self.engine.register_events()?;
+        let mut board = self.board.lock();
+        let complaints = board.complaints();
+        register_events.extend(complaints.iter().map(|(place, what, count)| RegisterEvent {
+            place: place.to_owned(),
+            what: what.to_owned(),
+            count,
+        }));
+        register_events.sort();
+        let (conversions, conversions_read) = board.conversions();
+        let now_ns = self.progress.now_ns;
+        Ok(Report {
+            now_ns,
+            wall_ns: self.wall_ns,
+            instructions: self.progress.instructions,
+            sleep_fraction: if now_ns == 0 {
+                0.0
+            } else {
+                self.progress.asleep_ns as f64 / now_ns as f64
+            },
+            latencies: board.probe.take(),
+            conversions,
+            conversions_read,
+            alive_hz: board.alive_hz(),
+            register_events,
+        })
+    }
+}
