@@ -200,9 +200,9 @@ impl Image {
         let mut text = format!("{:<24}{:>12}{:>12}\n", "section", "address", "bytes");
         for section in &self.sections {
             text.push_str(&format!(
-                "{:<24}{:>#12x}{:>12}\n",
+                "{:<24}{:>12}{:>12}\n",
                 section.name,
-                section.address,
+                format!("{:#010x}", section.address),
                 grouped(section.size)
             ));
         }
@@ -325,7 +325,7 @@ mod tests {
     #[test]
     fn the_report_names_sections_and_memories() {
         let report = Image::parse(&sample()).unwrap().report();
-        for part in [".text", "0x8000000", "flash", "2,097,152", "DTCM"] {
+        for part in [".text", "0x08000000", "flash", "2,097,152", "DTCM"] {
             assert!(report.contains(part), "{part} is missing in\n{report}");
         }
         assert!(!report.contains("AXI SRAM"), "unused memories stay out");

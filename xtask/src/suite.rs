@@ -163,7 +163,7 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
             Ok(Outcome::Done(words)) => say(format!("{label}: ok, {words}, {time}")),
             Ok(Outcome::Skipped(reason)) => {
                 say(format!("{label}: skipped: {reason}"));
-                skipped.push(format!("{}: {reason}", step.name));
+                skipped.push(skipped_line(step.name, &reason));
             }
             Err(failure) => {
                 say(format!("{label}: FAILED after {time}: {failure}"));
@@ -179,7 +179,7 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
 
     say(format!("finished in {}", elapsed(started.elapsed())));
     for line in &skipped {
-        println!("{}", skipped_line(line));
+        println!("{line}");
     }
     if suite.tally.ignored > 0 {
         println!("{} tests are switched off", suite.tally.ignored);
@@ -192,8 +192,8 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
 }
 
 /// The closing remark on a skipped step.
-fn skipped_line(step_and_reason: &str) -> String {
-    format!("{step_and_reason}, skipped")
+fn skipped_line(step: &str, reason: &str) -> String {
+    format!("{step}: {reason}, skipped")
 }
 
 impl Suite<'_> {
@@ -311,7 +311,7 @@ fn lock(suite: &mut Suite) -> Result<Outcome> {
 fn fmt(suite: &mut Suite) -> Result<Outcome> {
     if !suite.has("fmt") {
         return Ok(Outcome::Skipped(
-            "rustfmt: not installed (rustup component add rustfmt)".into(),
+            "not installed (rustup component add rustfmt)".into(),
         ));
     }
     let mut command = process::cargo(Sees::CompilerAndFlags);
@@ -375,6 +375,7 @@ fn emulated(suite: &mut Suite) -> Result<Outcome> {
     // Without a fresh image the scenarios would test an old one, or nothing.
     suite.image()?;
     let workspace = suite.workspace;
+    rig::build(workspace, &["rig", "forcectl"])?;
     let mut command = rig::cargo(workspace, "test");
     command
         .args(["--no-fail-fast", "--package", "emulator"])
@@ -387,7 +388,7 @@ fn emulated(suite: &mut Suite) -> Result<Outcome> {
 fn clippy(suite: &mut Suite) -> Result<Outcome> {
     if !suite.has("clippy") {
         return Ok(Outcome::Skipped(
-            "clippy: not installed (rustup component add clippy)".into(),
+            "not installed (rustup component add clippy)".into(),
         ));
     }
     const DENY: [&str; 3] = ["--", "-D", "warnings"];
@@ -446,4 +447,33 @@ fn renode(suite: &mut Suite) -> Result<Outcome> {
         (true, true) => "installed, but xtask doesn't run the suites in renode/",
     };
     Ok(Outcome::Skipped(reason.into()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_have_names_of_their_own() {
+        let names: std::collections::HashSet<_> = catalogue().map(|(name, _)| name).collect();
+        assert_eq!(names.len(), STEPS.len());
+    }
+
+    #[test]
+    fn unknown_steps_are_refused_before_anything_runs() {
+        let options = Options {
+            steps: vec!["renod".into()],
+            verbose: false,
+        };
+        let error = run(&Workspace::locate(), &options).unwrap_err().to_string();
+        assert!(error.contains("renod") && error.contains("renode"));
+    }
+
+    #[test]
+    fn a_skipped_step_says_so_in_one_line() {
+        assert_eq!(
+            skipped_line("renode", "not installed"),
+            "renode: not installed, skipped"
+        );
+    }
 }

@@ -101,11 +101,9 @@ impl fmt::Display for Arm {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Host { version } => write!(f, "Rust {version} with its library for {TARGET}"),
-            Self::Debian { version, linker } => write!(
-                f,
-                "Debian's Rust {version} ({DEBIAN_CARGO}), core built from source, linked by {}",
-                linker.display()
-            ),
+            Self::Debian { version, .. } => {
+                write!(f, "Debian's Rust {version}, core built from source")
+            }
         }
     }
 }

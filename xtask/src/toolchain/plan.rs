@@ -155,7 +155,7 @@ fn debian_step(facts: &Facts, apt: &Apt, rust_installed: bool) -> Result<Step, S
                     |candidate| candidate.version.to_string(),
                 );
                 return Err(format!(
-                    "rustc-web or rustc {OLDEST_RUST} or newer is needed, apt offers {found}"
+                    "rustc-web or rustc {OLDEST_RUST} or newer is needed, apt offers {found} (an older release, or no network)"
                 ));
             }
             None if apt.rights == Rights::None => packages.extend(PACKAGE_SETS[0]),

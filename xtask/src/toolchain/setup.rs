@@ -57,16 +57,20 @@ pub fn ensure(workspace: &Workspace, wish: Wish) -> Result<Arm> {
         match plan::next(&facts) {
             Step::Ready(arm) => return Ok(arm),
             Step::AddTarget => {
-                let reason = match add_target() {
-                    Ok(()) => "`rustup target add` had no effect".to_string(),
-                    Err(failure) => {
-                        say(format!("{failure}; going on without rustup"));
-                        remember(workspace, &failure.to_string());
-                        failure.to_string()
-                    }
-                };
+                let reason = add_target().err().map_or_else(
+                    || {
+                        format!(
+                            "rustup says that it has the library for {TARGET}, but it isn't there"
+                        )
+                    },
+                    |failure| failure.to_string(),
+                );
                 facts = facts::gather(workspace, wish);
-                facts.target_add_failed = Some(reason);
+                if !facts.host_has_target {
+                    say(format!("{reason}; going on without rustup"));
+                    remember(workspace, &reason);
+                    facts.target_add_failed = Some(reason);
+                }
             }
             Step::FetchLists => {
                 say("ARM toolchain: fetching Debian's package lists (apt-get update) to find a new enough Rust");
@@ -197,15 +201,14 @@ fn stuck(facts: &Facts, closed: &[String]) -> Failure {
         what.push_str(line);
     }
     let mut remedy = format!(
-        "either `rustup target add {TARGET}` (needs access to static.rust-lang.org),
-         or, on Debian, as root: apt-get update && apt-get install {} lld,
-         then `cargo xtask setup --retry`.",
+        "either `rustup target add {TARGET}` (needs access to static.rust-lang.org),\n\
+         or, on Debian, as root: apt-get update && apt-get install {} lld,\n\
+         then `cargo xtask setup`.",
         plan::PACKAGE_SETS[0].join(" ")
     );
     if facts.target_add_failed.is_some() {
         remedy.push_str(
-            "
-rustup failed before and is not asked again by itself; --retry makes it try.",
+            "\nxtask won't ask rustup again by itself: `cargo xtask setup --retry` does.",
         );
     }
     if facts.host.is_some_and(|version| version < OLDEST_RUST) {
