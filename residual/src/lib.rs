@@ -1,1 +1,39 @@
-//! Placeholder until the first commit of this crate.
+//! Finds what a force model lacks, from measured data.
+//!
+//! Given logs and a declared model (linear in its parameters, `MODEL.toml`), the analysis fits the
+//! model, looks at its residual on groups that were held out, and searches a catalogue of physical
+//! effects for what is missing. It names the effect with its parameters, says which rivals it beat
+//! and by how much, lists what is there but does not matter, and admits when nothing is missing,
+//! when the data cannot tell, and when the catalogue has no name for what is left.
+//!
+//! [`run`] does everything; [`load::load`] and [`analyse`] are its two halves.
+
+#![deny(missing_docs)]
+#![forbid(unsafe_code)]
+
+mod analysis;
+mod effects;
+mod error;
+/// The expression language of model files.
+pub mod expr;
+mod frame;
+mod hygiene;
+mod linalg;
+/// Reading logs.
+pub mod load;
+mod model;
+mod problem;
+mod report;
+mod search;
+/// The model file.
+pub mod spec;
+mod stats;
+mod svg;
+
+pub use analysis::{analyse, run, Options, Progress};
+pub use effects::{experiment, meaning, names, Param};
+pub use error::Error;
+pub use frame::Frame;
+pub use hygiene::Finding;
+pub use report::{Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested, Verdict};
+pub use stats::ResidualTest;

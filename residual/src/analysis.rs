@@ -1,0 +1,665 @@
+//! The whole analysis: load, baseline, selection, rivals, what is left, verdict.
+
+use crate::effects::{self, Build, CATALOGUE};
+use crate::error::Error;
+use crate::expr::Expr;
+use crate::load::{self, Loaded};
+use crate::model::{Chosen, Fit, Model};
+use crate::problem::{correlation_rows, Problem, Sums};
+use crate::report::{Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested, Verdict};
+use crate::search::{self, choose, context, indistinguishable, passes, rank, Candidate, State, Step};
+use crate::spec::{Spec, Term};
+use crate::stats::{self, Rng};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+use std::sync::Arc;
+
+/// Rows above which the catalogue is screened on windows of the data first.
+const SCREEN_ROWS: usize = 120_000;
+/// Bootstrap replicates.
+const REPLICATES: usize = 200;
+
+/// What to analyse.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Log files and folders.
+    pub data: Vec<PathBuf>,
+    /// The model.
+    pub model: Spec,
+    /// Where reports go; nothing is written if `None`.
+    pub out: Option<PathBuf>,
+}
+
+/// Told how far an analysis is.
+pub trait Progress {
+    /// A stage begins; `text` is one line for people.
+    fn stage(&mut self, text: &str);
+}
+
+impl Progress for () {
+    fn stage(&mut self, _: &str) {}
+}
+
+/// Runs an analysis and writes its reports.
+///
+/// # Errors
+/// Any [`Error`]; then nothing is written.
+pub fn run(options: &Options, progress: &mut dyn Progress) -> Result<Report, Error> {
+    progress.stage("reading data");
+    let loaded = load::load(&options.data, &options.model)?;
+    let report = analyse(&options.model, loaded, progress)?;
+    if let Some(out) = &options.out {
+        progress.stage("writing reports");
+        report.write(out)?;
+    }
+    Ok(report)
+}
+
+/// The declared model's prediction with its coefficients written in, as an expression.
+fn load_expression(model: &Model, fit: &Fit) -> String {
+    let mut parts = Vec::new();
+    let mut k = fit.theta.iter();
+    for t in model.terms.iter().filter(|t| !t.local) {
+        let a = t.fixed.unwrap_or_else(|| k.next().copied().unwrap_or(0.0));
+        // The load is what the drive imposes: terms of velocity or time alone are no load.
+        if a != 0.0 {
+            parts.push((t, a));
+        }
+    }
+    let driven: Vec<&(&crate::model::WorkTerm, f64)> = {
+        let d: Vec<_> = parts.iter().filter(|(t, _)| t.expr.names().contains("command")).collect();
+        if d.is_empty() {
+            parts.iter().collect()
+        } else {
+            d
+        }
+    };
+    let text: Vec<String> = driven.iter().map(|(t, a)| Expr::Num(*a).op("*", t.expr.clone()).to_string()).collect();
+    if text.is_empty() {
+        "0".into()
+    } else {
+        format!("({})", text.join(" + "))
+    }
+}
+
+/// Refuses data on which no answer would mean anything.
+fn check_excitation(p: &Problem, spec: &Spec) -> Result<(), Error> {
+    let varies = |v: &[f64]| v.iter().any(|x| (x - v[0]).abs() > 1e-12 * v[0].abs().max(1e-300));
+    if !varies(&p.y) {
+        return Err(Error::data("the target is constant on all fitted rows", "Check roles.target and rows.keep"));
+    }
+    let inputs: Vec<String> = spec
+        .roles
+        .all()
+        .into_iter()
+        .map(|(n, _)| n)
+        .filter(|n| !["time", "target"].contains(&n.as_str()) && !spec.roles.groups.contains_key(n))
+        .collect();
+    if !inputs.is_empty() && !inputs.iter().any(|n| p.frame.column(n).is_some_and(|c| varies(&p.gather(c.to_vec())))) {
+        return Err(Error::data(
+            format!("constant excitation: {} never change on the fitted rows", inputs.join(", ")),
+            "No effect can be told from another without motion or varying load; record an experiment that varies them",
+        ));
+    }
+    Ok(())
+}
+
+struct Analysis<'a> {
+    problem: Problem,
+    thin: Option<Problem>,
+    spec: &'a Spec,
+    load: String,
+    floor: f64,
+    tests: usize,
+}
+
+impl Analysis<'_> {
+    fn fit(&self, chosen: &[Chosen]) -> Result<(Model, Fit), Error> {
+        let model = Model::with(self.spec, chosen)?;
+        let fit = Fit::new(&self.problem, &model)?;
+        Ok((model, fit))
+    }
+
+    fn allowed(&self, e: &dyn effects::Effect) -> bool {
+        let s = &self.spec.selection;
+        (s.only.is_empty() || s.only.iter().any(|n| n == e.name())) && !s.except.iter().any(|n| n == e.name())
+    }
+
+    /// Scans the catalogue (or nameless structure) on top of a model.
+    fn scan(&mut self, model: &Model, fit: &Fit, nameless: bool) -> Result<Vec<Candidate>, Error> {
+        let list = |p: &Problem, f: &Fit| {
+            let ctx = context(p, self.spec, &self.load, f);
+            if nameless {
+                search::generic(&ctx).into_iter().map(|(n, v)| (usize::MAX, n, v)).collect()
+            } else {
+                search::variants(&ctx, &|e| self.allowed(e))
+            }
+        };
+        let found = match &self.thin {
+            None => {
+                let variants = list(&self.problem, fit);
+                State { problem: &self.problem, spec: self.spec, model, fit }.scan(&variants, None)
+            }
+            Some(thin) => {
+                let small = Fit::new(thin, model)?;
+                let variants = list(thin, &small);
+                let mut first = State { problem: thin, spec: self.spec, model, fit: &small }.scan(&variants, None);
+                first.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+                let tests = first.len();
+                first.truncate(14);
+                first.retain(|c| c.gain > 0.25 * self.spec.selection.material);
+                let short: Vec<(usize, String, Arc<effects::Variant>)> =
+                    first.iter().map(|c| (c.effect, c.name.clone(), c.variant.clone())).collect();
+                let at: Vec<f64> = first.iter().map(|c| c.psi).collect();
+                self.tests = self.tests.max(tests);
+                State { problem: &self.problem, spec: self.spec, model, fit }.scan(&short, Some(&at))
+            }
+        };
+        self.tests = self.tests.max(found.len());
+        Ok(found)
+    }
+
+    fn step(&mut self, model: &Model, fit: &Fit) -> Result<Step, Error> {
+        let all = self.scan(model, fit, false)?;
+        Ok(rank(all, self.spec, self.tests, self.floor, self.problem.y.len()))
+    }
+
+    /// Throws out effects that the others make superfluous.
+    fn prune(&self, chosen: &mut Vec<Chosen>) -> Result<(), Error> {
+        loop {
+            let full = stats::rms(&self.fit(chosen)?.1.held);
+            let mut weakest: Option<(usize, f64)> = None;
+            for i in 0..chosen.len() {
+                let mut rest = chosen.clone();
+                rest.remove(i);
+                let without = stats::rms(&self.fit(&rest)?.1.held);
+                let loss = 1.0 - full / without.max(f64::MIN_POSITIVE);
+                if loss < 0.5 * self.spec.selection.material && weakest.is_none_or(|w| loss < w.1) {
+                    weakest = Some((i, loss));
+                }
+            }
+            match weakest {
+                Some((i, _)) => {
+                    chosen.remove(i);
+                }
+                None => return Ok(()),
+            }
+        }
+    }
+
+    /// Refines every nonlinear parameter with the other effects in place.
+    fn polish(&self, chosen: &mut [Chosen]) -> Result<(), Error> {
+        for _ in 0..2 {
+            for i in 0..chosen.len() {
+                let Some(psi) = chosen[i].variant.psi.clone().filter(|p| p.refine) else { continue };
+                let mut rest: Vec<Chosen> = chosen.to_vec();
+                let own = rest.remove(i);
+                let (model, fit) = self.fit(&rest)?;
+                let state = State { problem: &self.problem, spec: self.spec, model: &model, fit: &fit };
+                let (lo, hi) = match psi.resolution {
+                    Some(d) => (own.psi - 0.5 * d, own.psi + 0.5 * d),
+                    None => {
+                        let (lo, hi) = search::bracket(&psi.grid, own.psi);
+                        (own.psi - 0.3 * (own.psi - lo).abs(), own.psi + 0.3 * (hi - own.psi).abs())
+                    }
+                };
+                chosen[i].psi = state.refine(&own.variant, lo, hi);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Analyses data that are already loaded.
+///
+/// # Errors
+/// [`Error::Data`] or [`Error::RankDeficient`].
+pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Result<Report, Error> {
+    let Loaded { frame, keep, fold, fold_names, groups, files, hygiene } = loaded;
+    let sel = &spec.selection;
+    let mut problem = Problem::new(frame, &keep, &fold, sel.decoys, sel.seed);
+    check_excitation(&problem, spec)?;
+    progress.stage(&format!("baseline on {} rows, {} groups in {} folds", problem.y.len(), groups, problem.folds));
+    let declared = Model::declared(spec)?;
+    let first = Fit::new(&problem, &declared)?;
+    if first.dropped.iter().any(|d| *d) {
+        let terms = first.free.iter().zip(&first.dropped).filter(|(_, d)| **d).map(|(i, _)| declared.terms[*i].name.clone()).collect();
+        return Err(Error::RankDeficient { terms });
+    }
+    problem.cut_blocks(correlation_rows(&problem, &first.residual), sel.decoys);
+    let base = Fit::new(&problem, &declared)?;
+    let load = load_expression(&declared, &base);
+    let thin = problem.thin(SCREEN_ROWS);
+    let floor = spec.roles.target.noise_floor.max(crate::hygiene::quantum(&problem.y).map_or(0.0, |q| q / 12f64.sqrt() / 4.0));
+    let mut a = Analysis { problem, thin, spec, load, floor, tests: 1 };
+    let baseline = figures(&a.problem, &base, sel.seed);
+
+    // Forward.
+    let mut chosen: Vec<Chosen> = Vec::new();
+    let mut last_step = None;
+    for round in 0..2 * sel.max_effects {
+        progress.stage(&format!("searching the catalogue, step {}", round + 1));
+        let (model, fit) = a.fit(&chosen)?;
+        let step = a.step(&model, &fit)?;
+        let winner = step.winner;
+        let best = winner.map(|w| choose(&step.ranked[w]));
+        last_step = Some(step);
+        let Some(c) = best else { break };
+        if chosen.len() >= sel.max_effects {
+            break;
+        }
+        let before = stats::rms(&fit.held);
+        let kept = chosen.clone();
+        chosen.push(c);
+        a.prune(&mut chosen)?;
+        let after = stats::rms(&a.fit(&chosen)?.1.held);
+        if after > before * (1.0 - 0.5 * sel.material) {
+            chosen = kept;
+            break;
+        }
+    }
+    a.polish(&mut chosen)?;
+
+    // Rivals: each effect must hold its place against the whole catalogue with the others in place.
+    let mut rivals: Vec<(Option<Rival>, Vec<Candidate>)> = Vec::new();
+    let mut i = 0;
+    let mut swaps = 0;
+    while i < chosen.len() {
+        progress.stage(&format!("rivals of {}", CATALOGUE[chosen[i].effect].name()));
+        let mut rest = chosen.clone();
+        let own = rest.remove(i);
+        let (model, fit) = a.fit(&rest)?;
+        let step = a.step(&model, &fit)?;
+        let own_name = CATALOGUE[own.effect].name();
+        let current = stats::rms(&a.fit(&chosen)?.1.held);
+        if let Some(w) = step.winner {
+            let c = &step.ranked[w];
+            if c.name != own_name && swaps < 4 {
+                let mut other = rest.clone();
+                other.push(choose(c));
+                let rmse = stats::rms(&a.fit(&other)?.1.held);
+                if rmse < 0.99 * current {
+                    chosen = other;
+                    swaps += 1;
+                    a.prune(&mut chosen)?;
+                    a.polish(&mut chosen)?;
+                    (i, rivals) = (0, vec![]);
+                    continue;
+                }
+            }
+        }
+        let n = a.problem.y.len() as f64;
+        let rival = step.ranked.iter().find(|c| c.name != own_name && !rest.iter().any(|r| CATALOGUE[r.effect].name() == c.name)).map(|c| Rival {
+            name: c.name.clone(),
+            heldout_rmse: (c.held / n).sqrt(),
+            behind: (c.held / n).sqrt() / current - 1.0,
+        });
+        let state = State { problem: &a.problem, spec, model: &model, fit: &fit };
+        let ties = step.ranked.iter().position(|c| c.name == own_name).map_or(vec![], |w| indistinguishable(&state, &step, w));
+        rivals.push((rival, ties));
+        i += 1;
+    }
+
+    // What is left.
+    let (model, fit) = a.fit(&chosen)?;
+    if !chosen.is_empty() {
+        progress.stage("what is left");
+        last_step = Some(a.step(&model, &fit)?);
+    }
+    let rows = a.problem.y.len();
+    let mut nameless = a.scan(&model, &fit, true)?;
+    nameless.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+    let tests = a.tests.max(nameless.len());
+    let left: Vec<&Candidate> = nameless.iter().filter(|c| passes(c, spec, tests, a.floor, rows)).collect();
+    let explained = (base.scores.held_total(0) - fit.held.iter().map(|r| r * r).sum::<f64>()).max(0.0);
+    let structure: Vec<Structure> =
+        left.iter().take(6).map(|c| Structure { depends_on: c.name.clone(), gain: c.gain, p: c.p }).collect();
+    let unexplained = left.first().is_some_and(|c| c.base - c.held > 0.25 * explained);
+
+    let frame = a.problem.kept_frame();
+    let mut residual_tests = vec![("before".to_string(), stats::whiteness(&base.residual, &frame))];
+    residual_tests.push(("after".into(), stats::whiteness(&fit.residual, &frame)));
+    for (name, _) in spec.roles.all() {
+        if name == "target" || name == "time" || spec.roles.groups.contains_key(&name) {
+            continue;
+        }
+        let x = a.problem.gather(a.problem.frame.column(&name).unwrap_or(&[]).to_vec());
+        residual_tests.push(("before".into(), stats::cross_correlation(&base.residual, &x, &name, &frame)));
+        residual_tests.push(("after".into(), stats::cross_correlation(&fit.residual, &x, &name, &frame)));
+    }
+
+    // Order by what is lost without each, then tell the story in that order.
+    let full = stats::rms(&fit.held);
+    let mut order: Vec<(usize, f64)> = (0..chosen.len())
+        .map(|i| {
+            let mut rest = chosen.clone();
+            rest.remove(i);
+            Ok((i, stats::rms(&a.fit(&rest)?.1.held)))
+        })
+        .collect::<Result<_, Error>>()?;
+    order.sort_by(|x, y| y.1.total_cmp(&x.1));
+    let mut list = Vec::new();
+    let mut ambiguous = Vec::new();
+    let mut so_far: Vec<Chosen> = Vec::new();
+    let mut before = baseline.heldout_rmse;
+    for (k, (i, _)) in order.iter().enumerate() {
+        let c = &chosen[*i];
+        so_far.push(c.clone());
+        let after = if k + 1 == order.len() { full } else { stats::rms(&a.fit(&so_far)?.1.held) };
+        let (params, ci) = parameters(&a, &chosen, *i)?;
+        let effect = CATALOGUE[c.effect];
+        let ctx = context(&a.problem, spec, &a.load, &base);
+        let against = effect.against(&ctx);
+        let (rival, ties) = rivals.get(*i).cloned().unwrap_or((None, vec![]));
+        if !ties.is_empty() {
+            ambiguous.push(Ambiguity {
+                effects: std::iter::once(effect.name().to_string()).chain(ties.iter().map(|t| t.name.clone())).collect(),
+                experiment: ties
+                    .iter()
+                    .filter_map(|t| effects::experiment(&t.name).map(|e| format!("{}: {e}", t.name)))
+                    .chain([format!("{}: {}", effect.name(), effect.experiment())])
+                    .collect::<Vec<_>>()
+                    .join("; "),
+            });
+        }
+        list.push(Effect {
+            name: effect.name().into(),
+            form: c.variant.label.clone(),
+            meaning: effect.meaning().into(),
+            terms: match (c.variant.build)(c.psi) {
+                Build::Add(p) | Build::Local(p) => p.iter().map(|p| p.text.clone()).collect(),
+                Build::Swap(s) => s.iter().map(|(n, t)| format!("{n} -> {t}")).collect(),
+            },
+            units: params.iter().map(|p| (p.name.clone(), p.unit.clone())).collect(),
+            params: params.iter().map(|p| (p.name.clone(), p.value)).collect(),
+            ci,
+            heldout_before: before,
+            heldout_after: after,
+            rival,
+            plot: plot(&a.problem, &against, &base.residual, &fit.residual),
+        });
+        before = after;
+    }
+
+    let verdict = if list.is_empty() {
+        if unexplained {
+            Verdict::Unknown
+        } else {
+            Verdict::None
+        }
+    } else if unexplained {
+        Verdict::Unknown
+    } else if !ambiguous.is_empty() && ambiguous[0].effects[0] == list[0].name {
+        Verdict::NotIdentifiable
+    } else if list.len() > 1 {
+        Verdict::Several
+    } else {
+        Verdict::Effect
+    };
+
+    let step = last_step.map(|s| s.ranked).unwrap_or_default();
+    let seen_not_material: Vec<NotMaterial> = step
+        .iter()
+        .filter(|c| c.gain > 5e-4 && c.gain < sel.material && c.p * a.tests as f64 <= sel.fdr && !list.iter().any(|e| e.name == c.name))
+        .map(|c| NotMaterial {
+            name: c.name.clone(),
+            form: c.variant.label.clone(),
+            gain: c.gain,
+            params: psi_map(c),
+        })
+        .collect();
+    let tested = step
+        .iter()
+        .map(|c| Tested { name: c.name.clone(), form: c.variant.label.clone(), gain: c.gain, p: c.p, steadiness: c.z, params: psi_map(c) })
+        .collect::<Vec<_>>();
+    let absent = CATALOGUE
+        .iter()
+        .filter(|e| a.allowed(**e))
+        .filter(|e| e.variants(&context(&a.problem, spec, &a.load, &base)).is_empty())
+        .map(|e| e.name().to_string())
+        .collect();
+    let plot_unknown = left.first().map(|c| {
+        let name = ["velocity", "load", "angle", "temperature"].into_iter().chain(spec.roles.pose.keys().map(String::as_str)).find(|n| c.name.contains(n));
+        let text = match name {
+            Some("load") | None => a.load.clone(),
+            Some(n) => n.to_string(),
+        };
+        plot(&a.problem, &text, &base.residual, &fit.residual)
+    });
+    let last = figures(&a.problem, &fit, sel.seed);
+    Ok(Report {
+        title: spec.title.clone(),
+        unit: spec.roles.target.unit.clone(),
+        files: files.iter().map(|f| f.file_name().map_or(String::new(), |n| n.to_string_lossy().into_owned())).collect(),
+        rows: a.problem.y.len(),
+        sequences: a.problem.frame.sequences().len(),
+        groups,
+        folds: fold_names,
+        baseline,
+        last,
+        verdict,
+        effects: list,
+        not_identifiable: ambiguous,
+        structure,
+        seen_not_material,
+        tested,
+        absent,
+        hygiene,
+        residual_tests,
+        extended: extended(spec, &model, &fit, &chosen),
+        declared: declared_terms(&declared, &base),
+        plot_unknown,
+    })
+}
+
+fn psi_map(c: &Candidate) -> BTreeMap<String, f64> {
+    c.variant.psi.iter().map(|p| (p.name.to_string(), c.psi)).collect()
+}
+
+fn declared_terms(model: &Model, fit: &Fit) -> Vec<(String, f64, String, bool)> {
+    let mut k = fit.theta.iter();
+    model
+        .terms
+        .iter()
+        .filter(|t| !t.local)
+        .map(|t| (t.name.clone(), t.fixed.unwrap_or_else(|| k.next().copied().unwrap_or(0.0)), t.unit.clone(), t.fixed.is_some()))
+        .collect()
+}
+
+/// Held-out RMSE and MAE with 95 % block-bootstrap intervals.
+fn figures(p: &Problem, fit: &Fit, seed: u64) -> Figures {
+    let per: Vec<(f64, f64, f64)> = p
+        .blocks
+        .iter()
+        .map(|b| {
+            let r = &fit.held[b.range.clone()];
+            (r.iter().map(|x| x * x).sum(), r.iter().map(|x| x.abs()).sum(), r.len() as f64)
+        })
+        .collect();
+    let mut rng = Rng::new(seed ^ 0xb00);
+    let (mut rmse, mut mae): (Vec<f64>, Vec<f64>) = (0..1000)
+        .map(|_| {
+            let (mut s, mut a, mut n) = (0.0, 0.0, 0.0);
+            for _ in 0..per.len() {
+                let b = per[rng.below(per.len())];
+                s += b.0;
+                a += b.1;
+                n += b.2;
+            }
+            ((s / n).sqrt(), a / n)
+        })
+        .unzip();
+    rmse.sort_by(f64::total_cmp);
+    mae.sort_by(f64::total_cmp);
+    let ci = |v: &[f64]| [stats::quantile_sorted(v, 0.025), stats::quantile_sorted(v, 0.975)];
+    Figures {
+        heldout_rmse: stats::rms(&fit.held),
+        heldout_rmse_ci: ci(&rmse),
+        heldout_mae: fit.held.iter().map(|x| x.abs()).sum::<f64>() / fit.held.len().max(1) as f64,
+        heldout_mae_ci: ci(&mae),
+        insample_rmse: stats::rms(&fit.residual),
+    }
+}
+
+type Intervals = BTreeMap<String, [f64; 2]>;
+
+/// Parameters of one chosen effect with 95 % block-bootstrap intervals; the nonlinear one is chosen
+/// anew in every replicate.
+fn parameters(a: &Analysis, chosen: &[Chosen], index: usize) -> Result<(Vec<effects::Param>, Intervals), Error> {
+    let own = &chosen[index];
+    let p = &a.problem;
+    let sums_at = |psi: f64| -> Result<(Sums, Vec<usize>), Error> {
+        let mut all = chosen.to_vec();
+        all[index].psi = psi;
+        let model = Model::with(a.spec, &all)?;
+        let mut x = Vec::new();
+        let mut fixed = vec![0.0; p.y.len()];
+        let mut mine = Vec::new();
+        let local = matches!((own.variant.build)(psi), Build::Local(_));
+        for t in &model.terms {
+            // A local effect is summarised by one common phase only if it has one: see below.
+            if t.local && !(local && t.chosen == Some(index)) {
+                continue;
+            }
+            let v = p.eval(&t.expr)?;
+            match t.fixed {
+                Some(k) => fixed.iter_mut().zip(&v).for_each(|(f, v)| *f += k * v),
+                None => {
+                    if t.chosen == Some(index) {
+                        mine.push(x.len());
+                    }
+                    x.push(v);
+                }
+            }
+        }
+        let y: Vec<f64> = p.y.iter().zip(&fixed).map(|(y, f)| y - f).collect();
+        let cols: Vec<&[f64]> = x.iter().map(Vec::as_slice).collect();
+        Ok((Sums::new(p, &cols, &y, None, None), mine))
+    };
+    let value = |psi: f64, s: &Sums, mine: &[usize], w: Option<&[f64]>| {
+        let (t, _) = s.fit(w);
+        own.variant.params(psi, &mine.iter().map(|i| t[*i]).collect::<Vec<_>>())
+    };
+    let (s0, mine) = sums_at(own.psi)?;
+    let mut params = value(own.psi, &s0, &mine, None);
+    let local = matches!((own.variant.build)(own.psi), Build::Local(_));
+    if local {
+        let (_, fit) = a.fit(chosen)?;
+        let size = fit.local.iter().map(|(_, r)| r * r).sum::<f64>().sqrt();
+        params.retain(|p| p.name != "phase");
+        params.iter_mut().filter(|p| p.name == "amplitude").for_each(|p| p.value = size);
+    }
+    let mut grid = vec![(own.psi, s0)];
+    if let Some(psi) = own.variant.psi.as_ref().filter(|p| p.refine && !local) {
+        let cost = |s: &Sums| -> f64 {
+            let (x, _) = s.fit(None);
+            (0..s.yy.len()).map(|k| s.block_error(k, &x)).sum()
+        };
+        let (lo, hi) = match psi.resolution {
+            Some(d) => (own.psi - d, own.psi + d),
+            None => search::bracket(&psi.grid, own.psi),
+        };
+        let h = 0.05 * (hi - lo).abs();
+        let centre = cost(&grid[0].1);
+        let n = p.y.len() as f64;
+        let curvature = [own.psi - h, own.psi + h].iter().map(|x| sums_at(*x).map(|s| cost(&s.0) - centre)).collect::<Result<Vec<f64>, _>>()?;
+        let bend = (curvature[0] + curvature[1]).max(1e-12 * centre) / (h * h);
+        let colour = correlation_rows(p, &a.fit(chosen)?.1.residual);
+        let se = (2.0 * centre / n * colour / bend).sqrt().min((hi - lo).abs());
+        let points: Vec<f64> =
+            (-8i32..=8).filter(|k| *k != 0).map(|k| own.psi + 0.5 * f64::from(k) * se).filter(|x| psi.grid[0] < 0.0 || *x > 0.0).collect();
+        let more: Vec<(f64, Sums)> =
+            points.par_iter().filter_map(|x| sums_at(*x).ok().map(|s| (*x, s.0))).collect();
+        grid.extend(more);
+    }
+    let mut rng = Rng::new(a.spec.selection.seed ^ 0xc1);
+    let draws: Vec<Vec<f64>> = (0..REPLICATES)
+        .map(|_| {
+            let mut w = vec![0.0; p.blocks.len()];
+            (0..w.len()).for_each(|_| w[rng.below(p.blocks.len())] += 1.0);
+            w
+        })
+        .collect();
+    let replicates: Vec<Vec<effects::Param>> = draws
+        .par_iter()
+        .map(|w| {
+            let best = grid
+                .iter()
+                .min_by(|a, b| {
+                    let err = |s: &Sums| -> f64 {
+                        let (x, _) = s.fit(Some(w));
+                        (0..w.len()).filter(|k| w[*k] > 0.0).map(|k| w[k] * s.block_error(k, &x)).sum()
+                    };
+                    err(&a.1).total_cmp(&err(&b.1))
+                })
+                .unwrap_or(&grid[0]);
+            value(best.0, &best.1, &mine, Some(w))
+        })
+        .collect();
+    let mut ci = BTreeMap::new();
+    for q in &params {
+        let mut v: Vec<f64> = replicates.iter().filter_map(|r| r.iter().find(|x| x.name == q.name).map(|x| x.value)).collect();
+        if q.name == "phase" {
+            // Phases wrap: count them from the estimate.
+            v.iter_mut().for_each(|x| *x = q.value + (*x - q.value + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI);
+        }
+        v.sort_by(f64::total_cmp);
+        if !local {
+            ci.insert(q.name.clone(), [stats::quantile_sorted(&v, 0.025), stats::quantile_sorted(&v, 0.975)]);
+        }
+    }
+    Ok((params, ci))
+}
+
+/// The model file with the effects as terms: running it again reproduces the final fit.
+fn extended(spec: &Spec, model: &Model, fit: &Fit, chosen: &[Chosen]) -> Spec {
+    let mut out = spec.clone();
+    out.terms = model
+        .terms
+        .iter()
+        .enumerate()
+        .map(|(i, t)| {
+            let fitted = fit.free.iter().position(|f| *f == i).map(|k| fit.theta[k]);
+            let effect = match t.chosen {
+                Some(c) => CATALOGUE[chosen[c].effect].name().to_string(),
+                None => spec.terms[i].effect.clone(),
+            };
+            Term {
+                name: if t.chosen.is_some() { format!("{effect}: {}", t.name) } else { t.name.clone() },
+                expr: t.expr.to_string(),
+                unit: t.unit.clone(),
+                fixed: t.fixed,
+                per: if t.local { "sequence".into() } else { String::new() },
+                effect,
+                fitted: if t.fixed.is_none() { fitted } else { None },
+            }
+        })
+        // A term that repeats others on these data carries nothing.
+        .zip((0..).map(|i| fit.free.iter().position(|f| *f == i).is_some_and(|k| fit.dropped[k])))
+        .filter(|(_, dropped)| !dropped)
+        .map(|(t, _)| t)
+        .collect();
+    out
+}
+
+/// Points and binned means of the residual before and after.
+fn plot(p: &Problem, against: &str, before: &[f64], after: &[f64]) -> Plot {
+    let x = Expr::parse(against).and_then(|e| p.eval(&e)).unwrap_or_default();
+    if x.is_empty() {
+        return Plot::default();
+    }
+    let stride = (x.len() / 1200).max(1);
+    let pick = |v: &[f64]| v.iter().step_by(stride).copied().collect::<Vec<f64>>();
+    let mut order: Vec<usize> = (0..x.len()).collect();
+    order.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
+    let bins = 30.min(x.len());
+    let means = (0..bins)
+        .map(|k| {
+            let rows = &order[x.len() * k / bins..x.len() * (k + 1) / bins];
+            let m = |v: &[f64]| rows.iter().map(|i| v[*i]).sum::<f64>() / rows.len().max(1) as f64;
+            [m(&x), m(before), m(after)]
+        })
+        .collect();
+    Plot { against: against.into(), x: pick(&x), before: pick(before), after: pick(after), means }
+}

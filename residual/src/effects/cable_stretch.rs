@@ -1,0 +1,46 @@
+//! Elasticity in series: the cable stretches before it pulls.
+
+use super::{Build, Context, Effect, Piece, Psi, Variant};
+
+pub(crate) struct CableStretch;
+
+impl Effect for CableStretch {
+    fn name(&self) -> &'static str {
+        "cable_stretch"
+    }
+    fn meaning(&self) -> &'static str {
+        "series elasticity: the load follows the command through a spring and damper (first-order lag), or rises with the winding angle"
+    }
+    fn experiment(&self) -> &'static str {
+        "step and sweep the command with the far end blocked: a lag bends the phase towards a quarter period where a delay lets it run on"
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let mut out = Vec::new();
+        let declared = ctx.declared_columns();
+        if declared.iter().any(|d| d == "command") {
+            let grid = Context::log_grid(0.3 * ctx.dt, (60.0 * ctx.dt).min(ctx.span / 8.0), 14);
+            out.push(Variant::profiled("lag of the command", Psi { name: "time_constant", unit: "s".into(), grid, refine: true, resolution: None }, |tau| {
+                Build::Swap(vec![("command".into(), format!("lowpass(command, {tau})"))])
+            }));
+        }
+        if ctx.spec.roles.angle.is_some() && !declared.iter().any(|d| d == "angle") {
+            out.push(Variant::linear("spring", vec![Piece::new("stiffness", ctx.per(&ctx.position_unit()), "angle")]));
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        let mut y = 0.0;
+        crate::effects::testbench::names("cable_stretch", move |s| {
+            if s.first {
+                y = s.command;
+            }
+            y += (s.command - y) * (1.0 - (-s.dt / 0.15f64).exp());
+            y - s.command
+        });
+    }
+}

@@ -1,0 +1,41 @@
+//! Two clocks that do not run alike.
+
+use super::{Build, Context, Effect, Psi, Variant};
+
+pub(crate) struct ClockSkew;
+
+impl Effect for ClockSkew {
+    fn name(&self) -> &'static str {
+        "clock_skew"
+    }
+    fn meaning(&self) -> &'static str {
+        "clock skew: the clocks of command and target run at different rates, so the lag between them grows along the run"
+    }
+    fn experiment(&self) -> &'static str {
+        "repeat one sharp event at the start and at the end of a long run and compare the lag"
+    }
+    fn against(&self, _: &Context) -> String {
+        "elapsed".into()
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let names = ctx.declared_columns();
+        if names.is_empty() || ctx.span < 200.0 * ctx.dt {
+            return vec![];
+        }
+        let one = ctx.dt / ctx.span;
+        let mut half = Context::log_grid(0.5 * one, 60.0 * one, 16);
+        half.retain(|r| *r < 0.05);
+        let grid: Vec<f64> = half.iter().rev().map(|r| -r).chain(half.iter().copied()).collect();
+        vec![Variant::profiled("rate of the inputs' clock", Psi { name: "skew", unit: "s/s".into(), grid, refine: true, resolution: None }, move |r| {
+            Build::Swap(names.iter().map(|n| (n.clone(), format!("warp({n}, {r})"))).collect())
+        })]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("clock_skew", |s| s.command_at(s.elapsed * 1.004) - s.command);
+    }
+}

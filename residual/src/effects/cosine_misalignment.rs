@@ -1,0 +1,42 @@
+//! A sensor that sees only the component along its own axis.
+
+use super::{Context, Effect, Piece, Variant};
+
+pub(crate) struct CosineMisalignment;
+
+impl Effect for CosineMisalignment {
+    fn name(&self) -> &'static str {
+        "cosine_misalignment"
+    }
+    fn meaning(&self) -> &'static str {
+        "cosine error: the sensor sees the component of the load along its axis, and the angle between them changes"
+    }
+    fn experiment(&self) -> &'static str {
+        "hold one load and turn the direction of the cable through its range"
+    }
+    fn against(&self, ctx: &Context) -> String {
+        ctx.angles().first().map_or_else(|| ctx.load.clone(), |a| a.1.clone())
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let l = &ctx.load;
+        let mut out = Vec::new();
+        for (name, q, range) in ctx.angles() {
+            if range > 6.0 {
+                continue;
+            }
+            let straight = Piece::new("cosine_share", "1", format!("{l} * (cos({q}) - 1)"));
+            out.push(Variant::linear(&format!("{name}, aligned at zero"), vec![straight.clone()]));
+            let tilted = Piece::new("sine_share", "1", format!("{l} * sin({q})"));
+            out.push(Variant::linear(&format!("{name}, tilted"), vec![straight, tilted]));
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("cosine_misalignment", |s| s.command * (s.pose.cos() - 1.0));
+    }
+}

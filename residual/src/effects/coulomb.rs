@@ -1,0 +1,32 @@
+//! Dry friction of constant size.
+
+use super::{Context, Effect, Piece, Variant};
+
+pub(crate) struct Coulomb;
+
+impl Effect for Coulomb {
+    fn name(&self) -> &'static str {
+        "coulomb"
+    }
+    fn meaning(&self) -> &'static str {
+        "dry friction: a constant force with the sign of the velocity"
+    }
+    fn experiment(&self) -> &'static str {
+        "move to and fro at constant speed and constant load: the force jumps by twice the friction when the direction changes"
+    }
+    fn against(&self, ctx: &Context) -> String {
+        ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let Some(v) = &ctx.velocity else { return vec![] };
+        vec![Variant::linear("sign of velocity", vec![Piece::new("friction", ctx.unit(), format!("sgn({v}, {})", ctx.deadband))])]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("coulomb", |s| -0.4 * s.velocity.signum());
+    }
+}

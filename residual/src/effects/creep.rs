@@ -1,0 +1,51 @@
+//! The sensor or the cable gives way slowly under load.
+
+use super::{Build, Context, Effect, Piece, Psi, Variant};
+
+pub(crate) struct Creep;
+
+impl Effect for Creep {
+    fn name(&self) -> &'static str {
+        "creep"
+    }
+    fn meaning(&self) -> &'static str {
+        "creep: part of the answer to a load comes slowly, with its own time constant"
+    }
+    fn experiment(&self) -> &'static str {
+        "hold a load for many time constants, take it off, and watch the zero return"
+    }
+    fn against(&self, _: &Context) -> String {
+        "elapsed".into()
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        if ctx.range(&ctx.load).is_none() {
+            return vec![];
+        }
+        let grid = Context::log_grid(15.0 * ctx.dt, 2.0 * ctx.span, 12);
+        let psi = || Psi { name: "time_constant", unit: "s".into(), grid: grid.clone(), refine: true, resolution: None };
+        let (a, b) = (ctx.load.clone(), ctx.load.clone());
+        vec![
+            Variant::profiled("since the load came on", psi(), move |tau| {
+                Build::Add(vec![Piece::new("creep_share", "1", format!("charge({a}, {tau})"))])
+            }),
+            Variant::profiled("about an old equilibrium", psi(), move |tau| {
+                Build::Add(vec![Piece::new("creep_share", "1", format!("lowpass({b}, {tau}) - {b}"))])
+            }),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        let mut z = 0.0;
+        crate::effects::testbench::names("creep", move |s| {
+            if s.first {
+                z = 0.0;
+            }
+            z += (s.command - z) * (1.0 - (-s.dt / 8.0f64).exp());
+            0.2 * z
+        });
+    }
+}

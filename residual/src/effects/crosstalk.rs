@@ -1,0 +1,34 @@
+//! A neighbour's signal in this one.
+
+use super::{Context, Effect, Piece, Variant};
+
+pub(crate) struct Crosstalk;
+
+impl Effect for Crosstalk {
+    fn name(&self) -> &'static str {
+        "crosstalk"
+    }
+    fn meaning(&self) -> &'static str {
+        "crosstalk: a share of another channel shows in the target"
+    }
+    fn experiment(&self) -> &'static str {
+        "excite the other channel alone"
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        ctx.spec
+            .roles
+            .channels
+            .iter()
+            .filter(|(n, _)| ctx.range(n).is_some())
+            .map(|(n, c)| Variant::linear(n, vec![Piece::new(format!("share_of_{n}"), ctx.per(&c.unit), n.clone())]))
+            .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("crosstalk", |s| 0.2 * s.neighbour);
+    }
+}

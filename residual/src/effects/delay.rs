@@ -1,0 +1,53 @@
+//! Everything happens, but later.
+
+use super::{Build, Context, Effect, Psi, Variant};
+
+pub(crate) struct Delay;
+
+impl Effect for Delay {
+    fn name(&self) -> &'static str {
+        "delay"
+    }
+    fn meaning(&self) -> &'static str {
+        "delay: the target answers the command a fixed time later (negative: the log stamps the target late)"
+    }
+    fn experiment(&self) -> &'static str {
+        "sweep the command up to half the sampling rate: a delay's phase grows in proportion to the frequency, without limit"
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let names = ctx.declared_columns();
+        let steps = [0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 26.0, 32.0];
+        let grid: Vec<f64> = steps.iter().rev().map(|s| -s * ctx.dt).chain(steps.iter().map(|s| s * ctx.dt)).collect();
+        let psi = || Psi { name: "delay", unit: "s".into(), grid: grid.clone(), refine: true, resolution: None };
+        let mut out = Vec::new();
+        if names.iter().any(|n| n == "command") {
+            out.push(Variant::profiled("of the command", psi(), |s| Build::Swap(vec![("command".into(), format!("delay(command, {s})"))])));
+        }
+        if names.len() > 1 || (names.len() == 1 && names[0] != "command") {
+            out.push(Variant::profiled("of the target against everything", psi(), move |s| {
+                Build::Swap(names.iter().map(|n| (n.clone(), format!("delay({n}, {s})"))).collect())
+            }));
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::VecDeque;
+
+    #[test]
+    fn is_named() {
+        let mut line = VecDeque::new();
+        crate::effects::testbench::names("delay", move |s| {
+            if s.first {
+                line.clear();
+            }
+            line.push_back(s.command);
+            if line.len() > 5 {
+                line.pop_front();
+            }
+            line[0] - s.command
+        });
+    }
+}

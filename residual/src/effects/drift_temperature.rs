@@ -1,0 +1,47 @@
+//! Drift with temperature, of zero or of gain.
+
+use super::{Build, Context, Effect, Piece, Psi, Variant};
+
+pub(crate) struct DriftTemperature;
+
+impl Effect for DriftTemperature {
+    fn name(&self) -> &'static str {
+        "drift_temperature"
+    }
+    fn meaning(&self) -> &'static str {
+        "temperature drift of zero or gain, at once or as the part warms through"
+    }
+    fn experiment(&self) -> &'static str {
+        "warm up and cool down under constant load, so that temperature and time part ways"
+    }
+    fn against(&self, _: &Context) -> String {
+        "temperature".into()
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        if ctx.spec.roles.temperature.is_none() {
+            return vec![];
+        }
+        let Some((lo, hi)) = ctx.range("temperature") else { return vec![] };
+        let mid = 0.5 * (lo + hi);
+        let k = ctx.spec.roles.unit("temperature");
+        let per = ctx.per(&k);
+        let mut out = vec![Variant::linear("of zero", vec![Piece::new("drift_per_degree", per.clone(), format!("temperature - {mid}"))])];
+        if ctx.range(&ctx.load).is_some() {
+            let text = format!("(temperature - {mid}) * {}", ctx.load);
+            out.push(Variant::linear("of gain", vec![Piece::new("gain_per_degree", format!("1/({k})"), text)]));
+        }
+        let grid = Context::log_grid(20.0 * ctx.dt, ctx.span, 8);
+        out.push(Variant::profiled("of zero, as it warms through", Psi { name: "time_constant", unit: "s".into(), grid, refine: true, resolution: None }, move |tau| {
+            Build::Add(vec![Piece::new("drift_per_degree", per.clone(), format!("lowpass(temperature, {tau}) - {mid}"))])
+        }));
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("drift_temperature", |s| 0.15 * (s.temperature - 25.0));
+    }
+}

@@ -1,0 +1,37 @@
+//! Drift along the run.
+
+use super::{Context, Effect, Piece, Variant};
+
+pub(crate) struct DriftTime;
+
+impl Effect for DriftTime {
+    fn name(&self) -> &'static str {
+        "drift_time"
+    }
+    fn meaning(&self) -> &'static str {
+        "drift: an error that grows steadily with time"
+    }
+    fn experiment(&self) -> &'static str {
+        "hold one load for a long time at constant temperature; repeat the run with the order of loads reversed"
+    }
+    fn against(&self, _: &Context) -> String {
+        "elapsed".into()
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let unit = ctx.per("s");
+        let mut out = vec![Variant::linear("since the start of the run", vec![Piece::new("drift", unit.clone(), "elapsed")])];
+        let starts: Vec<f64> = ctx.problem.frame.sequences().iter().map(|r| ctx.problem.frame.time()[r.start]).collect();
+        if starts.iter().any(|s| (s - starts[0]).abs() > ctx.span) {
+            out.push(Variant::linear("by the clock", vec![Piece::new("drift", unit, "time")]));
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("drift_time", |s| 0.01 * s.elapsed);
+    }
+}

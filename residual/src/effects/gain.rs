@@ -1,0 +1,31 @@
+//! A wrong scale of the declared model.
+
+use super::{Context, Effect, Piece, Variant};
+
+pub(crate) struct Gain;
+
+impl Effect for Gain {
+    fn name(&self) -> &'static str {
+        "gain"
+    }
+    fn meaning(&self) -> &'static str {
+        "gain: the declared prediction is too small or too large by a constant factor"
+    }
+    fn experiment(&self) -> &'static str {
+        "hold several known loads at rest: the error grows in proportion to the load"
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        if ctx.range(&ctx.load).is_none() {
+            return vec![];
+        }
+        vec![Variant::linear("of the declared prediction", vec![Piece::new("gain_error", "1", ctx.load.clone())])]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("gain", |s| 0.1 * s.command);
+    }
+}

@@ -1,0 +1,37 @@
+//! Dry friction that grows with the load.
+
+use super::{Context, Effect, Piece, Variant};
+
+pub(crate) struct LoadDependentCoulomb;
+
+impl Effect for LoadDependentCoulomb {
+    fn name(&self) -> &'static str {
+        "load_dependent_coulomb"
+    }
+    fn meaning(&self) -> &'static str {
+        "dry friction that grows with the load (gear teeth, wrapped cable): sign of velocity times (constant + share of load)"
+    }
+    fn experiment(&self) -> &'static str {
+        "move to and fro at constant speed under several constant loads: the jump at reversal grows with the load"
+    }
+    fn against(&self, ctx: &Context) -> String {
+        ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let (Some(v), Some(_)) = (&ctx.velocity, ctx.range(&ctx.load)) else { return vec![] };
+        let s = format!("sgn({v}, {})", ctx.deadband);
+        let share = Piece::new("friction_per_load", "1", format!("{s} * abs({})", ctx.load));
+        vec![
+            Variant::linear("constant and share", vec![Piece::new("friction_at_zero_load", ctx.unit(), s), share.clone()]),
+            Variant::linear("share only", vec![share]),
+        ]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("load_dependent_coulomb", |s| -0.15 * s.command * s.velocity.signum());
+    }
+}

@@ -1,0 +1,28 @@
+//! A constant that the model lacks.
+
+use super::{Context, Effect, Piece, Variant};
+
+pub(crate) struct Offset;
+
+impl Effect for Offset {
+    fn name(&self) -> &'static str {
+        "offset"
+    }
+    fn meaning(&self) -> &'static str {
+        "offset: a constant force (zero of the sensor, weight of the mount)"
+    }
+    fn experiment(&self) -> &'static str {
+        "log with no load at all"
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        vec![Variant::linear("constant", vec![Piece::new("offset", ctx.unit(), "1")])]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("offset", |_| 0.3);
+    }
+}

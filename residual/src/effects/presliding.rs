@@ -1,0 +1,88 @@
+//! What friction does at rest and just after a reversal: the direction it holds.
+
+use super::{Build, Context, Effect, Piece, Psi, Variant};
+
+pub(crate) struct Presliding;
+
+impl Effect for Presliding {
+    fn name(&self) -> &'static str {
+        "presliding"
+    }
+    fn meaning(&self) -> &'static str {
+        "presliding: at rest friction holds the direction of the last motion, and turns over a short distance before the next"
+    }
+    fn experiment(&self) -> &'static str {
+        "stop, reverse over a distance far below one turn, and log position finely: the force follows a short elastic loop"
+    }
+    fn against(&self, ctx: &Context) -> String {
+        ctx.velocity.as_ref().map_or_else(|| ctx.load.clone(), |v| format!("held({v}, {})", ctx.deadband))
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let (Some(v), Some(x)) = (ctx.velocity.clone(), ctx.position.clone()) else { return vec![] };
+        let db = ctx.deadband;
+        let (unit, load) = (ctx.unit().to_string(), ctx.load.clone());
+        let mut out = Vec::new();
+        let rest = ctx.values(&format!("sgn({v}, {db}) == 0"));
+        let share = rest.iter().sum::<f64>() / rest.len().max(1) as f64;
+        if share > 0.005 {
+            // Only the rows at rest: what moves is friction's own business.
+            let held = format!("(held({v}, {db}) - sgn({v}, {db}))");
+            out.push(Variant::linear("direction held", vec![Piece::new("held_friction", unit.clone(), held.clone())]));
+            let loaded = ctx.range(&load).is_some();
+            if loaded {
+                out.push(Variant::linear(
+                    "direction held, with load",
+                    vec![
+                        Piece::new("held_friction", unit.clone(), held.clone()),
+                        Piece::new("held_friction_per_load", "1", format!("{held} * abs({load})")),
+                    ],
+                ));
+            }
+            let (v2, unit2) = (v.clone(), unit.clone());
+            out.push(Variant::profiled(
+                "held, then turning before the next motion",
+                Psi { name: "turning_time", unit: "s".into(), grid: Context::log_grid(0.5 * ctx.dt, 40.0 * ctx.dt, 10), refine: true, resolution: None },
+                move |tau| {
+                    let ahead = format!("ahead({v2}, {db}, {tau})");
+                    let mut p = vec![
+                        Piece::new("held_friction", unit2.clone(), held.clone()),
+                        Piece::new("turning_friction", unit2.clone(), ahead.clone()),
+                    ];
+                    if loaded {
+                        p.push(Piece::new("held_friction_per_load", "1", format!("{held} * abs({load})")));
+                        p.push(Piece::new("turning_friction_per_load", "1", format!("{ahead} * abs({load})")));
+                    }
+                    Build::Add(p)
+                },
+            ));
+        }
+        if let Some((lo, hi)) = ctx.range(&x) {
+            let grid = Context::log_grid(2e-4 * (hi - lo), 0.04 * (hi - lo), 12);
+            out.push(Variant::profiled("elastic turn", Psi { name: "presliding_distance", unit: ctx.position_unit(), grid, refine: true, resolution: None }, move |d| {
+                Build::Add(vec![Piece::new("friction", unit.clone(), format!("dahl({x}, {d})"))])
+            }));
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::effects::testbench::{names_with, Excitation};
+
+    #[test]
+    fn is_named() {
+        let mut last = 0.0;
+        names_with("presliding", Excitation { declare_coulomb: true, stops: true, ..Excitation::default() }, move |s| {
+            if s.first {
+                last = 0.0;
+            }
+            if s.velocity != 0.0 {
+                last = s.velocity.signum();
+                0.0
+            } else {
+                -0.6 * last
+            }
+        });
+    }
+}

@@ -1,0 +1,35 @@
+//! Curvature of the characteristic.
+
+use super::{Context, Effect, Piece, Variant};
+
+pub(crate) struct Quadratic;
+
+impl Effect for Quadratic {
+    fn name(&self) -> &'static str {
+        "quadratic"
+    }
+    fn meaning(&self) -> &'static str {
+        "curvature: an error that grows with the square of the load"
+    }
+    fn experiment(&self) -> &'static str {
+        "hold many loads over the whole range at rest, up and down"
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let Some((lo, hi)) = ctx.range(&ctx.load) else { return vec![] };
+        let unit = ctx.per(&format!("{}^2", ctx.unit()));
+        let l = &ctx.load;
+        let mut out = vec![Variant::linear("square of load", vec![Piece::new("curvature", unit.clone(), format!("{l}^2"))])];
+        if lo < 0.0 && hi > 0.0 {
+            out.push(Variant::linear("signed square of load", vec![Piece::new("curvature", unit, format!("{l} * abs({l})"))]));
+        }
+        out
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("quadratic", |s| 0.05 * s.command * s.command);
+    }
+}

@@ -1,0 +1,101 @@
+//! Where to look for ripples: peaks of the residual's spectrum over time or angle.
+
+use super::Context;
+use crate::problem::Problem;
+use rustfft::{num_complex::Complex, FftPlanner};
+
+/// Highest frequency (cycles per unit of `u`) that rows this far apart can carry: half the inverse
+/// of the median step.
+pub(crate) fn highest_frequency(p: &Problem, u: &[f64]) -> f64 {
+    let mut steps: Vec<f64> = p
+        .blocks
+        .iter()
+        .flat_map(|b| u[b.range.clone()].windows(2).map(|w| (w[1] - w[0]).abs()))
+        .filter(|d| *d > 0.0)
+        .collect();
+    crate::stats::median(&mut steps).map_or(0.0, |m| 0.5 / m)
+}
+
+/// Frequencies worth trying: the largest peaks of the residual's spectrum over `u`, and those of a
+/// few decoys, so that decoys may search as the real residual does. `weight` (empty: 1) multiplies
+/// the residual; `coherent` adds the runs with their phases, else their powers are added.
+pub(crate) fn proposals(ctx: &Context, u: &[f64], weight: &[f64], lowest: f64, highest: f64, coherent: bool) -> Vec<f64> {
+    let p = ctx.problem;
+    let mut out = Vec::new();
+    if u.len() != ctx.residual.len() || !(highest > lowest) {
+        return out;
+    }
+    for decoy in 0..=6usize {
+        let mut r: Vec<f64> = ctx.residual.to_vec();
+        if !weight.is_empty() {
+            r.iter_mut().zip(weight).for_each(|(r, w)| *r *= w);
+        }
+        if decoy > 0 {
+            let Some(signs) = p.flips.get(decoy - 1) else { break };
+            for (b, s) in p.blocks.iter().zip(signs) {
+                r[b.range.clone()].iter_mut().for_each(|x| *x *= s);
+            }
+        }
+        out.extend(peaks(p, u, &r, lowest, highest, coherent, if decoy == 0 { 5 } else { 2 }));
+    }
+    out.sort_by(f64::total_cmp);
+    out.dedup();
+    out
+}
+
+/// The `count` largest peaks between `lowest` and `highest`.
+fn peaks(p: &Problem, u: &[f64], r: &[f64], lowest: f64, highest: f64, coherent: bool, count: usize) -> Vec<f64> {
+    // Runs of rows: whole sequences for powers, everything at once when phases count.
+    let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
+    let mut last = usize::MAX;
+    for b in &p.blocks {
+        match runs.last_mut() {
+            Some(run) if coherent || b.sequence == last => run.end = b.range.end,
+            _ => runs.push(b.range.clone()),
+        }
+        last = b.sequence;
+    }
+    let span = runs
+        .iter()
+        .map(|run| {
+            let s = &u[run.clone()];
+            s.iter().copied().fold(f64::MIN, f64::max) - s.iter().copied().fold(f64::MAX, f64::min)
+        })
+        .fold(0.0, f64::max);
+    if !(span > 0.0) {
+        return vec![];
+    }
+    // Nearest-cell gridding, four cells per shortest period, doubled length for finer bins.
+    let cells = ((4.0 * highest * span).ceil() as usize).clamp(64, 1 << 21).next_power_of_two();
+    let width = (1.0 / (4.0 * highest)).max(span / cells as f64);
+    let n = cells * 2;
+    let mut planner = FftPlanner::<f64>::new();
+    let fft = planner.plan_fft_forward(n);
+    let mut power = vec![0.0; n / 2];
+    for run in &runs {
+        let lo = u[run.clone()].iter().copied().fold(f64::MAX, f64::min);
+        let mean = crate::stats::mean(&r[run.clone()]);
+        let mut buf = vec![Complex::new(0.0, 0.0); n];
+        for i in run.clone() {
+            let k = (((u[i] - lo) / width) as usize).min(n - 1);
+            buf[k].re += r[i] - mean;
+        }
+        fft.process(&mut buf);
+        power.iter_mut().zip(&buf).for_each(|(p, z)| *p += z.norm_sqr());
+    }
+    let bin = 1.0 / (n as f64 * width);
+    let lo = ((lowest / bin) as usize).max(1);
+    let hi = ((highest / bin) as usize).min(power.len().saturating_sub(2));
+    let mut tops: Vec<usize> = (lo..hi).filter(|&k| power[k] >= power[k - 1] && power[k] > power[k + 1]).collect();
+    tops.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
+    tops.truncate(count);
+    // Parabola through three bins for the top.
+    tops.into_iter()
+        .map(|k| {
+            let (a, b, c) = (power[k - 1], power[k], power[k + 1]);
+            let d = a - 2.0 * b + c;
+            let shift = if d < 0.0 { 0.5 * (a - c) / d } else { 0.0 };
+            (k as f64 + shift.clamp(-0.5, 0.5)) * bin
+        })
+        .collect()
+}

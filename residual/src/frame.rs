@@ -1,0 +1,89 @@
+//! The table that everything works on: columns of numbers, cut into sequences.
+//!
+//! A *sequence* is an unbroken run of rows of one thing (one unit in one file). Operators with
+//! memory run along it. Hold-out groups are made of whole sequences or of blocks of time in them.
+
+use std::collections::HashMap;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// Columns of equal length, in sequences, with time.
+#[derive(Debug, Clone, Default)]
+pub struct Frame {
+    names: Vec<String>,
+    index: HashMap<String, usize>,
+    columns: Vec<Arc<Vec<f64>>>,
+    time: Arc<Vec<f64>>,
+    sequences: Vec<Range<usize>>,
+}
+
+impl Frame {
+    /// Builds a frame. `sequences` must cover the rows in order without overlap; `time` is in
+    /// seconds and grows within a sequence. `time` and `elapsed` (since the start of the sequence)
+    /// become columns.
+    pub fn new(columns: Vec<(String, Vec<f64>)>, time: Vec<f64>, sequences: Vec<Range<usize>>) -> Frame {
+        let mut elapsed = vec![0.0; time.len()];
+        for r in &sequences {
+            for i in r.clone() {
+                elapsed[i] = time[i] - time[r.start];
+            }
+        }
+        let mut frame = Frame { time: Arc::new(time.clone()), sequences, ..Frame::default() };
+        for (name, values) in columns {
+            frame.insert(&name, values);
+        }
+        frame.insert("time", time);
+        frame.insert("elapsed", elapsed);
+        frame
+    }
+
+    /// Adds or replaces a column.
+    pub fn insert(&mut self, name: &str, values: Vec<f64>) {
+        debug_assert_eq!(values.len(), self.time.len());
+        match self.index.get(name) {
+            Some(&i) => self.columns[i] = Arc::new(values),
+            None => {
+                self.index.insert(name.to_string(), self.columns.len());
+                self.names.push(name.to_string());
+                self.columns.push(Arc::new(values));
+            }
+        }
+    }
+
+    /// Number of rows.
+    pub fn len(&self) -> usize {
+        self.time.len()
+    }
+
+    /// Whether there is no row.
+    pub fn is_empty(&self) -> bool {
+        self.time.is_empty()
+    }
+
+    /// A column by name.
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        self.index.get(name).map(|&i| self.columns[i].as_slice())
+    }
+
+    /// Names of all columns.
+    pub fn names(&self) -> &[String] {
+        &self.names
+    }
+
+    /// Time in seconds.
+    pub fn time(&self) -> &[f64] {
+        &self.time
+    }
+
+    /// Row ranges of the sequences.
+    pub fn sequences(&self) -> &[Range<usize>] {
+        &self.sequences
+    }
+
+    /// Median time between rows, in seconds.
+    pub fn step(&self) -> f64 {
+        let mut d: Vec<f64> =
+            self.sequences.iter().flat_map(|r| self.time[r.clone()].windows(2).map(|w| w[1] - w[0])).filter(|d| *d > 0.0).collect();
+        crate::stats::median(&mut d).unwrap_or(1.0)
+    }
+}

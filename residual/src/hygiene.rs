@@ -1,0 +1,213 @@
+//! Flaws of measured logs: time base, gaps, repeats, spikes, clipping, quantisation, a 256-fold
+//! scale. Each is reported, and handled only as the model file asks.
+
+use crate::frame::Frame;
+use crate::spec::{Action, Hygiene};
+use crate::stats;
+use serde::Serialize;
+
+/// One kind of flaw, summed over the data.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Finding {
+    /// Name of the check.
+    pub check: String,
+    /// How many rows (or places) show it.
+    pub count: usize,
+    /// Where it was seen first.
+    pub first: String,
+    /// What was seen and what was done, in words.
+    pub what: String,
+}
+
+/// Collects findings, one per check.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct Log(Vec<Finding>);
+
+impl Log {
+    /// Adds `n` cases of `check`; nothing is noted for 0.
+    pub(crate) fn count(&mut self, check: &str, n: usize, first: &str, what: &str) {
+        if n == 0 {
+            return;
+        }
+        match self.0.iter_mut().find(|f| f.check == check) {
+            Some(f) => f.count += n,
+            None => self.0.push(Finding { check: check.into(), count: n, first: first.into(), what: what.into() }),
+        }
+    }
+
+    pub(crate) fn done(self) -> Vec<Finding> {
+        self.0
+    }
+}
+
+fn done(action: Action) -> &'static str {
+    match action {
+        Action::Report => "reported only",
+        Action::Drop => "left out of the fit",
+        Action::Fix => "corrected",
+    }
+}
+
+/// Looks for flaws in the target and the columns; corrects or masks rows as asked.
+pub(crate) fn inspect(frame: &mut Frame, keep: &mut [bool], spec: &Hygiene, log: &mut Log) {
+    time_base(frame, log);
+    let mut y = frame.column("target").unwrap_or(&[]).to_vec();
+    let place = |i: usize, frame: &Frame| format!("row {i}, time {} s", frame.time()[i]);
+
+    // A reading left-justified in 32 bits instead of 24 is 256 times too large.
+    let mut sizes: Vec<f64> = y.iter().map(|v| v.abs()).filter(|v| *v > 0.0).collect();
+    if let Some(typical) = stats::median(&mut sizes) {
+        let lo = stats::quantile_sorted(&sizes, 0.05);
+        let hi = stats::quantile_sorted(&sizes, 0.90) * 1.5;
+        let wrong: Vec<usize> =
+            (0..y.len()).filter(|&i| y[i].abs() > 60.0 * typical && y[i].abs() / 256.0 >= lo && y[i].abs() / 256.0 <= hi).collect();
+        if let Some(&first) = wrong.first() {
+            log.count(
+                "scale256",
+                wrong.len(),
+                &place(first, frame),
+                &format!("target values 256 times too large (a 24-bit value left-justified in 32 bits): {}", done(spec.scale256)),
+            );
+            for &i in &wrong {
+                match spec.scale256 {
+                    Action::Fix => y[i] /= 256.0,
+                    Action::Drop => keep[i] = false,
+                    Action::Report => {}
+                }
+            }
+            if spec.scale256 == Action::Fix {
+                frame.insert("target", y.clone());
+            }
+        }
+    }
+
+    let spikes = spikes(&y, frame);
+    if let Some(&first) = spikes.first() {
+        log.count("spike", spikes.len(), &place(first, frame), &format!("isolated target values far from both neighbours: {}", done(spec.spikes)));
+        if spec.spikes == Action::Drop {
+            spikes.iter().for_each(|&i| keep[i] = false);
+        }
+    }
+
+    let clipped = clipped(&y, frame);
+    if let Some(&first) = clipped.first() {
+        log.count(
+            "clipping",
+            clipped.len(),
+            &place(first, frame),
+            &format!("target stuck at {} , the end of its range: {}", y[first], done(spec.clipping)),
+        );
+        if spec.clipping == Action::Drop {
+            clipped.iter().for_each(|&i| keep[i] = false);
+        }
+    }
+
+    let repeated = repeats(frame);
+    if repeated.len() * 100 > frame.len() {
+        log.count(
+            "repeat",
+            repeated.len(),
+            &place(repeated[0], frame),
+            &format!("rows that repeat every value of the row before: {}", done(spec.repeats)),
+        );
+        if spec.repeats == Action::Drop {
+            repeated.iter().for_each(|&i| keep[i] = false);
+        }
+    }
+
+    for name in frame.names().to_vec() {
+        if ["time", "elapsed", "file"].contains(&name.as_str()) {
+            continue;
+        }
+        let c = frame.column(&name).unwrap_or(&[]);
+        if let Some(q) = quantum(c) {
+            log.count(&format!("quantised {name}"), c.len(), "whole record", &format!("column `{name}` moves in steps of {q:.6}"));
+        }
+    }
+}
+
+fn time_base(frame: &Frame, log: &mut Log) {
+    let mut steps: Vec<f64> = frame.sequences().iter().flat_map(|r| frame.time()[r.clone()].windows(2).map(|w| w[1] - w[0])).collect();
+    let Some(mid) = stats::median(&mut steps) else { return };
+    let (lo, hi) = (stats::quantile_sorted(&steps, 0.05), stats::quantile_sorted(&steps, 0.95));
+    log.count(
+        "time base",
+        frame.len(),
+        "whole record",
+        &format!("median step {mid:.6} s ({:.3} rows/s); 5 % to 95 %: {lo:.6} to {hi:.6} s; {} sequences", 1.0 / mid, frame.sequences().len()),
+    );
+}
+
+/// Rows whose target is far from both neighbours, on the same side.
+fn spikes(y: &[f64], frame: &Frame) -> Vec<usize> {
+    let mut out = Vec::new();
+    for r in frame.sequences() {
+        if r.len() < 20 {
+            continue;
+        }
+        let bend = |i: usize| y[i] - 0.5 * (y[i - 1] + y[i + 1]);
+        let mut sizes: Vec<f64> = (r.start + 1..r.end - 1).map(|i| bend(i).abs()).collect();
+        let mad = stats::median(&mut sizes).unwrap_or(0.0);
+        let scale = (1.4826 * mad).max(0.2 * stats::quantile_sorted(&sizes, 0.95));
+        if scale == 0.0 {
+            continue;
+        }
+        for i in r.start + 1..r.end - 1 {
+            let (a, b) = (y[i] - y[i - 1], y[i] - y[i + 1]);
+            if a * b > 0.0 && a.abs().min(b.abs()) > 12.0 * scale {
+                out.push(i);
+            }
+        }
+    }
+    out
+}
+
+/// Rows in runs of five or more at the largest or smallest value of the record.
+fn clipped(y: &[f64], frame: &Frame) -> Vec<usize> {
+    let hi = y.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let lo = y.iter().copied().fold(f64::INFINITY, f64::min);
+    if hi == lo {
+        return vec![];
+    }
+    let mut out = Vec::new();
+    for end in [hi, lo] {
+        let mut at_end = Vec::new();
+        for r in frame.sequences() {
+            let mut run = r.start;
+            for i in r.start..=r.end {
+                if i == r.end || y[i] != end {
+                    if i - run >= 5 {
+                        at_end.extend(run..i);
+                    }
+                    run = i + 1;
+                }
+            }
+        }
+        if at_end.len() * 200 >= y.len() {
+            out.extend(at_end);
+        }
+    }
+    out
+}
+
+fn repeats(frame: &Frame) -> Vec<usize> {
+    let cols: Vec<&[f64]> = frame.names().iter().filter(|n| *n != "time" && *n != "elapsed").filter_map(|n| frame.column(n)).collect();
+    frame.sequences().iter().flat_map(|r| r.start + 1..r.end.max(r.start + 1)).filter(|&i| cols.iter().all(|c| c[i] == c[i - 1])).collect()
+}
+
+/// Step of a quantised column: all distinct values are multiples of it apart, and they repeat.
+pub(crate) fn quantum(c: &[f64]) -> Option<f64> {
+    let stride = (c.len() / 20_000).max(1);
+    let mut v: Vec<f64> = c.iter().step_by(stride).copied().collect();
+    let n = v.len();
+    v.sort_by(f64::total_cmp);
+    v.dedup();
+    if v.len() < 8 || v.len() * 10 > n {
+        return None;
+    }
+    let mut gaps: Vec<f64> = v.windows(2).map(|w| w[1] - w[0]).collect();
+    gaps.sort_by(f64::total_cmp);
+    let q = gaps[gaps.len() / 10];
+    let whole = gaps.iter().filter(|g| ((*g / q) - (*g / q).round()).abs() < 0.05).count();
+    (whole * 10 >= gaps.len() * 9).then_some(q)
+}

@@ -1,0 +1,143 @@
+//! Text logs: CSV and relatives, plain or gzip.
+
+use super::Raw;
+use crate::error::Error;
+use crate::spec::Input;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+/// Opens a file, through gzip if its first bytes say so (names lie, magic numbers do not).
+pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
+    let mut file = BufReader::with_capacity(1 << 16, File::open(path).map_err(|e| Error::io(path, e))?);
+    let gzip = file.fill_buf().map_err(|e| Error::io(path, e))?.starts_with(&[0x1f, 0x8b]);
+    Ok(if gzip { Box::new(BufReader::with_capacity(1 << 16, flate2::bufread::MultiGzDecoder::new(file))) } else { Box::new(file) })
+}
+
+/// Turns every run of blanks into one comma, so that one CSV reader serves both layouts.
+struct Blanks<R> {
+    inner: R,
+    /// Whether a value stands before the current blanks on this line.
+    value: bool,
+    /// Whether blanks are pending.
+    blank: bool,
+}
+
+impl<R: Read> Read for Blanks<R> {
+    fn read(&mut self, buf: &mut [u8]) -> std::io::Result<usize> {
+        // Output never exceeds input, except for one pending comma: read one byte less than fits.
+        if buf.len() < 2 {
+            return Ok(0);
+        }
+        let mut raw = vec![0u8; buf.len() / 2];
+        loop {
+            let n = self.inner.read(&mut raw)?;
+            if n == 0 {
+                return Ok(0);
+            }
+            let mut out = 0;
+            for &b in &raw[..n] {
+                match b {
+                    b' ' | b'\t' => self.blank = true,
+                    b'\r' | b'\n' => {
+                        buf[out] = b;
+                        out += 1;
+                        (self.value, self.blank) = (false, false);
+                    }
+                    _ => {
+                        if self.blank && self.value {
+                            buf[out] = b',';
+                            out += 1;
+                        }
+                        buf[out] = b;
+                        out += 1;
+                        (self.value, self.blank) = (true, false);
+                    }
+                }
+            }
+            if out > 0 {
+                return Ok(out);
+            }
+        }
+    }
+}
+
+/// Reads one text log. Cells that are empty or `nan` are NaN; any other text in a column that is
+/// otherwise numeric is an error, and a column whose first cell is text is skipped.
+pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
+    let reader = open(path)?;
+    let mut builder = csv::ReaderBuilder::new();
+    builder.has_headers(input.header.is_empty()).trim(csv::Trim::All).comment(Some(b'#')).flexible(false);
+    let boxed: Box<dyn Read> = match input.separator.as_str() {
+        "blank" => Box::new(Blanks { inner: reader, value: false, blank: false }),
+        s => {
+            let b = s.as_bytes();
+            if b.len() != 1 {
+                return Err(Error::model(format!("input.separator = \"{s}\": one character, or \"blank\"")));
+            }
+            builder.delimiter(b[0]);
+            Box::new(reader)
+        }
+    };
+    let mut csv = builder.from_reader(boxed);
+    let names: Vec<String> = if input.header.is_empty() {
+        csv.headers().map_err(|e| Error::io(path, e))?.iter().map(str::to_string).collect()
+    } else {
+        input.header.clone()
+    };
+    if names.is_empty() || names.iter().all(String::is_empty) {
+        return Err(Error::io(path, "the file is empty"));
+    }
+    let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
+    let mut text = vec![false; names.len()];
+    let mut record = csv::StringRecord::new();
+    let mut first = true;
+    while csv.read_record(&mut record).map_err(|e| Error::io(path, e))? {
+        if record.len() != names.len() {
+            let line = record.position().map_or(0, csv::Position::line);
+            return Err(Error::io(path, format!("line {line}: {} cells where {} columns are named", record.len(), names.len())));
+        }
+        for (c, cell) in record.iter().enumerate() {
+            let value = if cell.is_empty() {
+                f64::NAN
+            } else {
+                match cell.parse::<f64>() {
+                    Ok(x) => x,
+                    Err(_) => match cell.to_ascii_lowercase().as_str() {
+                        "true" => 1.0,
+                        "false" => 0.0,
+                        "na" | "null" | "none" => f64::NAN,
+                        _ if first || text[c] => {
+                            text[c] = true;
+                            f64::NAN
+                        }
+                        _ => {
+                            return Err(Error::BadCell {
+                                path: path.to_path_buf(),
+                                line: record.position().map_or(0, csv::Position::line),
+                                column: names[c].clone(),
+                                text: cell.to_string(),
+                            })
+                        }
+                    },
+                }
+            };
+            columns[c].push(value);
+        }
+        first = false;
+    }
+    let (names, columns) = names.into_iter().zip(columns).zip(text).filter(|(_, text)| !text).map(|(x, _)| x).unzip();
+    Ok(Raw { names, columns })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blanks_become_commas() {
+        let mut out = String::new();
+        Blanks { inner: "  1  2\t3 \n4 5 6".as_bytes(), value: false, blank: false }.read_to_string(&mut out).unwrap();
+        assert_eq!(out, "1,2,3\n4,5,6");
+    }
+}

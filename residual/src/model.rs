@@ -1,0 +1,208 @@
+//! The model in work: declared terms plus the effects chosen so far, and its fit.
+
+use crate::effects::{Build, Variant};
+use crate::error::Error;
+use crate::expr::Expr;
+use crate::problem::{Problem, Scores, Sums};
+use crate::spec::Spec;
+use std::sync::Arc;
+
+/// One term in work.
+#[derive(Debug, Clone)]
+pub(crate) struct WorkTerm {
+    pub name: String,
+    pub expr: Expr,
+    pub unit: String,
+    pub fixed: Option<f64>,
+    /// Index of the chosen effect that added it; `None` for declared terms.
+    pub chosen: Option<usize>,
+    /// Whether every sequence has its own coefficient.
+    pub local: bool,
+}
+
+/// An effect in the model.
+#[derive(Clone)]
+pub(crate) struct Chosen {
+    /// Index in the catalogue.
+    pub effect: usize,
+    pub variant: Arc<Variant>,
+    pub psi: f64,
+}
+
+/// Terms of declared model and chosen effects.
+#[derive(Debug, Clone)]
+pub(crate) struct Model {
+    pub terms: Vec<WorkTerm>,
+}
+
+impl Model {
+    /// The declared model.
+    pub fn declared(spec: &Spec) -> Result<Model, Error> {
+        let terms = spec
+            .terms
+            .iter()
+            .map(|t| {
+                Ok(WorkTerm {
+                    name: t.name.clone(),
+                    expr: Expr::parse(&t.expr)?,
+                    unit: t.unit.clone(),
+                    fixed: t.fixed,
+                    chosen: None,
+                    local: t.per == "sequence",
+                })
+            })
+            .collect::<Result<_, Error>>()?;
+        Ok(Model { terms })
+    }
+
+    /// Adds one effect at `psi`, as choice number `index`.
+    pub fn apply(&mut self, build: &Build, index: usize) -> Result<(), Error> {
+        match build {
+            Build::Add(pieces) | Build::Local(pieces) => {
+                for p in pieces {
+                    self.terms.push(WorkTerm {
+                        name: p.name.clone(),
+                        expr: Expr::parse(&p.text)?,
+                        unit: p.unit.clone(),
+                        fixed: None,
+                        chosen: Some(index),
+                        local: matches!(build, Build::Local(_)),
+                    });
+                }
+            }
+            Build::Swap(pairs) => {
+                let pairs: Vec<(String, Expr)> =
+                    pairs.iter().map(|(n, t)| Ok((n.clone(), Expr::parse(t)?))).collect::<Result<_, Error>>()?;
+                for t in self.terms.iter_mut().filter(|t| t.chosen.is_none()) {
+                    t.expr = t.expr.substitute(&|n| pairs.iter().find(|(name, _)| name == n).map(|(_, e)| e.clone()));
+                }
+            }
+        }
+        Ok(())
+    }
+
+    /// The declared model with chosen effects.
+    pub fn with(spec: &Spec, chosen: &[Chosen]) -> Result<Model, Error> {
+        let mut m = Model::declared(spec)?;
+        for (i, c) in chosen.iter().enumerate() {
+            m.apply(&(c.variant.build)(c.psi), i)?;
+        }
+        Ok(m)
+    }
+}
+
+/// A fitted model.
+pub(crate) struct Fit {
+    /// Index of each fitted global term.
+    pub free: Vec<usize>,
+    /// Columns of the fitted global terms.
+    pub x: Vec<Vec<f64>>,
+    /// Sum of the terms with declared coefficients.
+    pub fixed: Vec<f64>,
+    /// Coefficients of `free` on all rows.
+    pub theta: Vec<f64>,
+    /// Fitted terms that repeat others.
+    pub dropped: Vec<bool>,
+    /// Sums with the residual as flipped target.
+    pub sums: Sums,
+    /// In-sample residual.
+    pub residual: Vec<f64>,
+    /// Held-out residual, row by row.
+    pub held: Vec<f64>,
+    /// Scores of `sums`: what a candidate must beat.
+    pub scores: Scores,
+    /// Amplitude-like RMS of each local term's coefficients over sequences.
+    pub local: Vec<(usize, f64)>,
+}
+
+impl Fit {
+    /// Fits and holds out.
+    pub fn new(p: &Problem, model: &Model) -> Result<Fit, Error> {
+        let n = p.y.len();
+        let mut fixed = vec![0.0; n];
+        let (mut free, mut x, mut local_terms, mut lx) = (vec![], vec![], vec![], vec![]);
+        for (i, t) in model.terms.iter().enumerate() {
+            let v = p.eval(&t.expr)?;
+            match (t.fixed, t.local) {
+                (Some(k), _) => fixed.iter_mut().zip(&v).for_each(|(f, v)| *f += k * v),
+                (None, false) => {
+                    free.push(i);
+                    x.push(v);
+                }
+                (None, true) => {
+                    local_terms.push(i);
+                    lx.push(v);
+                }
+            }
+        }
+        let y0: Vec<f64> = p.y.iter().zip(&fixed).map(|(y, f)| y - f).collect();
+        let cols: Vec<&[f64]> = x.iter().map(Vec::as_slice).collect();
+        let raw = Sums::new(p, &cols, &y0, None, None);
+        let (theta, dropped) = raw.fit(None);
+        let predict = |theta: &[f64], range: std::ops::Range<usize>, out: &mut [f64]| {
+            for (c, k) in cols.iter().zip(theta) {
+                if *k != 0.0 {
+                    out[range.clone()].iter_mut().zip(&c[range.clone()]).for_each(|(o, v)| *o -= k * v);
+                }
+            }
+        };
+        let mut residual = y0.clone();
+        predict(&theta, 0..n, &mut residual);
+        let mut held = y0;
+        for f in 0..p.folds {
+            let w: Vec<f64> = p.blocks.iter().map(|b| if b.fold == f { 0.0 } else { 1.0 }).collect();
+            let (t, _) = raw.fit(Some(&w));
+            for b in p.blocks.iter().filter(|b| b.fold == f) {
+                predict(&t, b.range.clone(), &mut held);
+            }
+        }
+        let mut local = Vec::new();
+        if !lx.is_empty() {
+            let lcols: Vec<&[f64]> = lx.iter().map(Vec::as_slice).collect();
+            let mut sums2 = vec![0.0; lx.len()];
+            let mut weight = 0.0;
+            // Held-out by halves of each sequence; in-sample by the whole.
+            for (values, halves) in [(&mut held, true), (&mut residual, false)] {
+                let s = Sums::new(p, &lcols, values, None, None);
+                let mut start = 0;
+                while start < p.blocks.len() {
+                    let seq = p.blocks[start].sequence;
+                    let end = start + p.blocks[start..].iter().take_while(|b| b.sequence == seq).count();
+                    for half in 0..if halves { 2 } else { 1 } {
+                        let w: Vec<f64> = (0..p.blocks.len())
+                            .map(|k| if k >= start && k < end && (!halves || (k - start) % 2 != half) { 1.0 } else { 0.0 })
+                            .collect();
+                        let (t, _) = s.fit(Some(&w));
+                        for k in start..end {
+                            if !halves || (k - start) % 2 == half {
+                                let r = p.blocks[k].range.clone();
+                                for (c, a) in lcols.iter().zip(&t) {
+                                    values[r.clone()].iter_mut().zip(&c[r.clone()]).for_each(|(o, v)| *o -= a * v);
+                                }
+                            }
+                        }
+                        if !halves {
+                            let rows = (p.blocks[end - 1].range.end - p.blocks[start].range.start) as f64;
+                            sums2.iter_mut().zip(&t).for_each(|(s, t)| *s += rows * t * t);
+                            weight += rows;
+                        }
+                    }
+                    start = end;
+                }
+            }
+            local = local_terms.iter().zip(&sums2).map(|(i, s)| (*i, (s / f64::max(weight, 1.0)).sqrt())).collect();
+        }
+        let sums = Sums::new(p, &cols, &residual, None, None);
+        let scores = Scores::new(p, &sums);
+        Ok(Fit { free, x, fixed, theta, dropped, sums, residual, held, scores, local })
+    }
+
+    /// Prediction of the global terms in-sample.
+    pub fn prediction(&self) -> Vec<f64> {
+        let mut out = self.fixed.clone();
+        for (c, k) in self.x.iter().zip(&self.theta) {
+            out.iter_mut().zip(c).for_each(|(o, v)| *o += k * v);
+        }
+        out
+    }
+}

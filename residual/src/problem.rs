@@ -1,0 +1,413 @@
+//! The regression problem: kept rows in blocks, blocks in folds, and decoys of the residual.
+//!
+//! A *block* is a stretch of one sequence inside one fold, long against the correlation time of the
+//! residual where the data allow it. Blocks are what the bootstrap draws and what decoys flip:
+//! residual times a random sign per block keeps colour, amplitude and quantisation of the residual
+//! and breaks every lasting relation to the signals. All sums of products are kept per block, so a
+//! decoy costs a few additions per block instead of a pass over the rows.
+
+use crate::error::Error;
+use crate::expr::Expr;
+use crate::frame::Frame;
+use crate::linalg::{dot, squared_error, Cholesky};
+use crate::stats::{self, Rng};
+use std::ops::Range;
+
+/// A stretch of kept rows of one sequence and one fold.
+#[derive(Debug, Clone)]
+pub(crate) struct Block {
+    pub range: Range<usize>,
+    pub fold: usize,
+    pub sequence: usize,
+}
+
+/// Kept rows with their hold-out structure.
+#[derive(Debug)]
+pub(crate) struct Problem {
+    pub frame: Frame,
+    /// Frame rows that are fitted; `None` when all are.
+    rows: Option<Vec<usize>>,
+    /// Target on kept rows.
+    pub y: Vec<f64>,
+    pub blocks: Vec<Block>,
+    pub folds: usize,
+    /// Signs by decoy and block.
+    pub flips: Vec<Vec<f64>>,
+    fold_of_row: Vec<u32>,
+    seed: u64,
+}
+
+/// Relative pivot below which a column counts as a repetition of others.
+pub(crate) const RANK_TOL: f64 = 1e-9;
+
+impl Problem {
+    /// Builds the problem; `correlation` is the correlation time of the residual in rows.
+    pub fn new(frame: Frame, keep: &[bool], fold: &[u32], decoys: usize, seed: u64) -> Problem {
+        let all = keep.iter().all(|k| *k);
+        let rows: Vec<usize> = (0..frame.len()).filter(|&i| keep[i]).collect();
+        let target = frame.column("target").unwrap_or(&[]);
+        let y: Vec<f64> = rows.iter().map(|&i| target[i]).collect();
+        let folds = fold.iter().zip(keep).filter(|(_, k)| **k).map(|(f, _)| *f as usize + 1).max().unwrap_or(1);
+        let fold_of_row: Vec<u32> = rows.iter().map(|&i| fold[i]).collect();
+        let mut p = Problem { frame, rows: (!all).then_some(rows), y, blocks: vec![], folds, flips: vec![], fold_of_row, seed };
+        p.cut_blocks(10.0, decoys);
+        p
+    }
+
+    /// Cuts blocks of about ten correlation times, between 32 and 256 blocks overall if the rows
+    /// allow, and at least four in each long sequence.
+    pub fn cut_blocks(&mut self, correlation: f64, decoys: usize) {
+        let n = self.y.len();
+        let wanted = (10.0 * correlation).clamp(n as f64 / 256.0, n as f64 / 40.0).max(8.0) as usize;
+        self.blocks.clear();
+        let mut at = 0;
+        for (si, r) in self.frame.sequences().iter().enumerate() {
+            let count = match &self.rows {
+                None => r.len(),
+                Some(rows) => rows[at..].iter().take_while(|&&i| i < r.end).count(),
+            };
+            let end = at + count;
+            while at < end {
+                let fold = self.fold_of_row[at];
+                let run = self.fold_of_row[at..end].iter().take_while(|f| **f == fold).count();
+                let pieces = (run as f64 / wanted as f64).round().max(if run >= 64 { 4.0 } else { 1.0 }) as usize;
+                for k in 0..pieces {
+                    let (a, b) = (at + run * k / pieces, at + run * (k + 1) / pieces);
+                    if b > a {
+                        self.blocks.push(Block { range: a..b, fold: fold as usize, sequence: si });
+                    }
+                }
+                at += run;
+            }
+        }
+        let mut rng = Rng::new(self.seed);
+        self.flips = (0..decoys).map(|_| (0..self.blocks.len()).map(|_| rng.sign()).collect()).collect();
+    }
+
+    /// Rows of a frame column that are fitted.
+    pub fn gather(&self, column: Vec<f64>) -> Vec<f64> {
+        match &self.rows {
+            None => column,
+            Some(rows) => rows.iter().map(|&i| column[i]).collect(),
+        }
+    }
+
+    /// Spreads values of kept rows over the frame; other rows get `fill`.
+    pub fn scatter(&self, kept: &[f64], fill: f64) -> Vec<f64> {
+        match &self.rows {
+            None => kept.to_vec(),
+            Some(rows) => {
+                let mut out = vec![fill; self.frame.len()];
+                rows.iter().zip(kept).for_each(|(&i, v)| out[i] = *v);
+                out
+            }
+        }
+    }
+
+    /// Evaluates an expression on the kept rows; values that are not finite become an error.
+    pub fn eval(&self, e: &Expr) -> Result<Vec<f64>, Error> {
+        let v = self.gather(e.eval(&self.frame)?);
+        if let Some(i) = v.iter().position(|x| !x.is_finite()) {
+            return Err(Error::Expression { text: e.to_string(), why: format!("is not finite on fitted row {}", i + 1) });
+        }
+        Ok(v)
+    }
+
+    /// The kept rows as a frame of their own (sequences of kept runs), for tests of the residual.
+    pub fn kept_frame(&self) -> Frame {
+        let time = self.gather(self.frame.time().to_vec());
+        let mut sequences: Vec<Range<usize>> = Vec::new();
+        let mut last = usize::MAX;
+        for b in &self.blocks {
+            if b.sequence == last {
+                if let Some(s) = sequences.last_mut() {
+                    s.end = b.range.end;
+                }
+            } else {
+                sequences.push(b.range.clone());
+            }
+            last = b.sequence;
+        }
+        Frame::new(vec![], time, sequences)
+    }
+
+    /// A smaller problem for screening: windows spread over the data, about `limit` rows in all.
+    pub fn thin(&self, limit: usize) -> Option<Problem> {
+        let n = self.frame.len();
+        if n <= limit + limit / 2 {
+            return None;
+        }
+        let windows: Vec<Range<usize>> = self
+            .frame
+            .sequences()
+            .iter()
+            .flat_map(|r| {
+                let want = (r.len() as f64 * limit as f64 / n as f64) as usize;
+                let count = (want / 4000).max(1);
+                let len = want / count;
+                (0..count).map(move |k| {
+                    let start = r.start + if count > 1 { (r.len() - len) * k / (count - 1) } else { 0 };
+                    start..start + len
+                })
+            })
+            .filter(|w| w.len() >= 16)
+            .collect();
+        let gather = |c: &[f64]| windows.iter().flat_map(|w| c[w.clone()].iter().copied()).collect::<Vec<f64>>();
+        let columns = self
+            .frame
+            .names()
+            .iter()
+            .filter(|c| *c != "time")
+            .map(|c| (c.clone(), gather(self.frame.column(c).unwrap_or(&[]))))
+            .collect();
+        let mut at = 0;
+        let sequences = windows
+            .iter()
+            .map(|w| {
+                at += w.len();
+                at - w.len()..at
+            })
+            .collect();
+        let mut frame = Frame::new(columns, gather(self.frame.time()), sequences);
+        // Time since the start of the whole sequence, not of the window.
+        if let Some(e) = self.frame.column("elapsed") {
+            frame.insert("elapsed", gather(e));
+        }
+        let mut keep_all = vec![true; n];
+        let mut fold_all = vec![0u32; n];
+        match &self.rows {
+            None => fold_all.copy_from_slice(&self.fold_of_row),
+            Some(rows) => {
+                keep_all.fill(false);
+                rows.iter().zip(&self.fold_of_row).for_each(|(&i, f)| {
+                    keep_all[i] = true;
+                    fold_all[i] = *f;
+                });
+            }
+        }
+        let keep: Vec<bool> = windows.iter().flat_map(|w| keep_all[w.clone()].iter().copied()).collect();
+        let fold: Vec<u32> = windows.iter().flat_map(|w| fold_all[w.clone()].iter().copied()).collect();
+        let present: std::collections::BTreeSet<u32> = fold.iter().zip(&keep).filter(|(_, k)| **k).map(|(f, _)| *f).collect();
+        (present.len() >= 2).then(|| Problem::new(frame, &keep, &fold, self.flips.len(), self.seed))
+    }
+}
+
+/// Sums of products per block of a set of columns with a target in two parts: `r`, which decoys
+/// flip, and `m`, which they don't.
+#[derive(Debug, Clone)]
+pub(crate) struct Sums {
+    pub q: usize,
+    /// Gram matrices, `q * q` per block.
+    pub g: Vec<f64>,
+    /// Products with `r`, `q` per block.
+    pub br: Vec<f64>,
+    /// Products with `m`, `q` per block; empty if there is no `m`.
+    pub bm: Vec<f64>,
+    /// `r'r`, `r'm`, `m'm` per block.
+    pub yy: Vec<[f64; 3]>,
+}
+
+impl Sums {
+    /// Sums for columns `x` with flipped target `r` and fixed target `m`; the leading `known`
+    /// columns take their mutual products from `from`.
+    pub fn new(p: &Problem, x: &[&[f64]], r: &[f64], m: Option<&[f64]>, from: Option<&Sums>) -> Sums {
+        let q = x.len();
+        let nb = p.blocks.len();
+        let known = from.map_or(0, |f| f.q);
+        let mut s = Sums { q, g: vec![0.0; nb * q * q], br: vec![0.0; nb * q], bm: vec![], yy: vec![[0.0; 3]; nb] };
+        if m.is_some() {
+            s.bm = vec![0.0; nb * q];
+        }
+        for (k, b) in p.blocks.iter().enumerate() {
+            let g = &mut s.g[k * q * q..(k + 1) * q * q];
+            let rb = &r[b.range.clone()];
+            for i in 0..q {
+                let xi = &x[i][b.range.clone()];
+                for j in 0..=i {
+                    let v = if i < known {
+                        from.map_or(0.0, |f| f.g[k * known * known + i * known + j])
+                    } else {
+                        dot(xi, &x[j][b.range.clone()])
+                    };
+                    g[i * q + j] = v;
+                    g[j * q + i] = v;
+                }
+                s.br[k * q + i] = if i < known { from.map_or(0.0, |f| f.br[k * known + i]) } else { dot(xi, rb) };
+                if let Some(m) = m {
+                    s.bm[k * q + i] = dot(xi, &m[b.range.clone()]);
+                }
+            }
+            let rr = from.map_or_else(|| dot(rb, rb), |f| f.yy[k][0]);
+            s.yy[k] = match m {
+                None => [rr, 0.0, 0.0],
+                Some(m) => {
+                    let mb = &m[b.range.clone()];
+                    [rr, dot(rb, mb), dot(mb, mb)]
+                }
+            };
+        }
+        s
+    }
+
+    /// Right-hand side and squared size of one block under a sign of `r`.
+    pub fn rhs(&self, k: usize, sign: f64, b: &mut [f64]) -> f64 {
+        for i in 0..self.q {
+            b[i] += sign * self.br[k * self.q + i] + if self.bm.is_empty() { 0.0 } else { self.bm[k * self.q + i] };
+        }
+        let [rr, rm, mm] = self.yy[k];
+        rr + 2.0 * sign * rm + mm
+    }
+
+    /// Fits on all blocks with weights (1, or bootstrap counts); returns coefficients and what was
+    /// left out as repetition.
+    pub fn fit(&self, weights: Option<&[f64]>) -> (Vec<f64>, Vec<bool>) {
+        let q = self.q;
+        let (mut g, mut b) = (vec![0.0; q * q], vec![0.0; q]);
+        let mut one = vec![0.0; q];
+        for k in 0..self.yy.len() {
+            let w = weights.map_or(1.0, |w| w[k]);
+            if w == 0.0 {
+                continue;
+            }
+            g.iter_mut().zip(&self.g[k * q * q..]).for_each(|(a, x)| *a += w * x);
+            one.fill(0.0);
+            self.rhs(k, 1.0, &mut one);
+            b.iter_mut().zip(&one).for_each(|(a, x)| *a += w * x);
+        }
+        let c = Cholesky::new(&g, q, RANK_TOL);
+        let x = c.solve(&b);
+        (x, c.dropped)
+    }
+
+    /// Squared error of coefficients on one block.
+    pub fn block_error(&self, k: usize, x: &[f64]) -> f64 {
+        let mut b = vec![0.0; self.q];
+        let yy = self.rhs(k, 1.0, &mut b);
+        squared_error(&self.g[k * self.q * self.q..(k + 1) * self.q * self.q], &b, yy, x)
+    }
+}
+
+/// Squared errors of one fit by target (0 the real one, then decoys) and fold.
+#[derive(Debug, Clone)]
+pub(crate) struct Scores {
+    pub folds: usize,
+    pub train: Vec<f64>,
+    pub held: Vec<f64>,
+}
+
+impl Scores {
+    /// Leave-one-fold-out errors for the real residual and every decoy.
+    pub fn new(p: &Problem, s: &Sums) -> Scores {
+        let (q, folds, nb) = (s.q, p.folds, p.blocks.len());
+        let targets = p.flips.len() + 1;
+        let mut g = vec![vec![0.0; q * q]; folds];
+        for (k, b) in p.blocks.iter().enumerate() {
+            g[b.fold].iter_mut().zip(&s.g[k * q * q..]).for_each(|(a, x)| *a += x);
+        }
+        let mut total = vec![0.0; q * q];
+        g.iter().for_each(|f| total.iter_mut().zip(f).for_each(|(a, x)| *a += x));
+        let factors: Vec<(Vec<f64>, Cholesky)> = g
+            .iter()
+            .map(|f| {
+                let train: Vec<f64> = total.iter().zip(f).map(|(t, x)| t - x).collect();
+                let c = Cholesky::new(&train, q, RANK_TOL);
+                (train, c)
+            })
+            .collect();
+        let mut out = Scores { folds, train: Vec::with_capacity(targets * folds), held: Vec::with_capacity(targets * folds) };
+        for j in 0..targets {
+            let mut b = vec![vec![0.0; q]; folds];
+            let mut yy = vec![0.0; folds];
+            for k in 0..nb {
+                let sign = if j == 0 { 1.0 } else { p.flips[j - 1][k] };
+                let f = p.blocks[k].fold;
+                yy[f] += s.rhs(k, sign, &mut b[f]);
+            }
+            let mut tb = vec![0.0; q];
+            b.iter().for_each(|f| tb.iter_mut().zip(f).for_each(|(a, x)| *a += x));
+            let tyy: f64 = yy.iter().sum();
+            for f in 0..folds {
+                let bt: Vec<f64> = tb.iter().zip(&b[f]).map(|(t, x)| t - x).collect();
+                let x = factors[f].1.solve(&bt);
+                out.train.push(squared_error(&factors[f].0, &bt, tyy - yy[f], &x));
+                out.held.push(squared_error(&g[f], &b[f], yy[f], &x));
+            }
+        }
+        out
+    }
+
+    /// Errors of coefficients that every sequence has for itself: each half of its blocks (odd,
+    /// even) is predicted from the other half, so a phase of its own is no free pass.
+    pub fn local(p: &Problem, s: &Sums) -> Scores {
+        let (q, targets) = (s.q, p.flips.len() + 1);
+        let mut out = Scores { folds: 1, train: vec![], held: vec![] };
+        let mut runs: Vec<Range<usize>> = Vec::new();
+        for (k, b) in p.blocks.iter().enumerate() {
+            match runs.last_mut() {
+                Some(r) if p.blocks[r.start].sequence == b.sequence => r.end = k + 1,
+                _ => runs.push(k..k + 1),
+            }
+        }
+        for j in 0..targets {
+            let (mut train, mut held) = (0.0, 0.0);
+            for run in &runs {
+                let mut g = vec![vec![0.0; q * q]; 2];
+                let mut b = vec![vec![0.0; q]; 2];
+                let mut yy = [0.0; 2];
+                for (i, k) in run.clone().enumerate() {
+                    let half = i % 2;
+                    let sign = if j == 0 { 1.0 } else { p.flips[j - 1][k] };
+                    g[half].iter_mut().zip(&s.g[k * q * q..]).for_each(|(a, x)| *a += x);
+                    yy[half] += s.rhs(k, sign, &mut b[half]);
+                }
+                for half in 0..2 {
+                    let x = Cholesky::new(&g[1 - half], q, RANK_TOL).solve(&b[1 - half]);
+                    train += squared_error(&g[1 - half], &b[1 - half], yy[1 - half], &x);
+                    held += squared_error(&g[half], &b[half], yy[half], &x);
+                }
+            }
+            out.train.push(train);
+            out.held.push(held);
+        }
+        out
+    }
+
+    /// Held-out squared error of target `j`.
+    pub fn held_total(&self, j: usize) -> f64 {
+        self.held[j * self.folds..(j + 1) * self.folds].iter().sum()
+    }
+
+    /// In-sample squared error of the real target (training errors summed over folds).
+    pub fn train_total(&self) -> f64 {
+        self.train[..self.folds].iter().sum()
+    }
+}
+
+/// The best nonlinear parameter is chosen on the training folds of each target separately, so the
+/// held-out error stays honest about having searched. Returns held-out errors by target and the
+/// choice of each fold for the real target.
+pub(crate) fn profile(points: &[&Scores]) -> (Vec<f64>, Vec<usize>) {
+    let Some(first) = points.first() else { return (vec![], vec![]) };
+    let folds = first.folds;
+    let targets = first.held.len() / folds;
+    let mut held = vec![0.0; targets];
+    let mut choice = vec![0; folds];
+    for j in 0..targets {
+        for f in 0..folds {
+            let at = j * folds + f;
+            let best = (0..points.len()).min_by(|a, b| points[*a].train[at].total_cmp(&points[*b].train[at])).unwrap_or(0);
+            held[j] += points[best].held[at];
+            if j == 0 {
+                choice[f] = best;
+            }
+        }
+    }
+    (held, choice)
+}
+
+/// Correlation time of values on kept rows, in rows.
+pub(crate) fn correlation_rows(p: &Problem, r: &[f64]) -> f64 {
+    let frame = p.kept_frame();
+    let reach = (frame.len() / 50).clamp(20, 400);
+    stats::correlation_time(&stats::autocorrelation(r, &frame, reach))
+}

@@ -1,0 +1,341 @@
+//! `MODEL.toml`: which column plays which role, the declared model, hold-out, hygiene, selection.
+//!
+//! `docs/residual/model-toml.md` is the reference for users; the types here are its single source.
+
+use crate::error::Error;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::path::Path;
+
+/// The whole model file.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Spec {
+    /// Free text, shown as the report's title.
+    #[serde(default)]
+    pub title: String,
+    /// How files are read.
+    #[serde(default)]
+    pub input: Input,
+    /// Columns by role.
+    pub roles: Roles,
+    /// Which rows are fitted.
+    #[serde(default)]
+    pub rows: Rows,
+    /// What is held out.
+    #[serde(default)]
+    pub holdout: Holdout,
+    /// What to do about flaws of the data.
+    #[serde(default)]
+    pub hygiene: Hygiene,
+    /// How effects are selected.
+    #[serde(default)]
+    pub selection: Selection,
+    /// Declared terms: the prediction of the target is their sum.
+    #[serde(default)]
+    pub terms: Vec<Term>,
+}
+
+/// How files are read.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Input {
+    /// Names for the columns of text files without a header.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub header: Vec<String>,
+    /// Column separator of text files: one character, or `blank` for runs of blanks.
+    pub separator: String,
+    /// A pattern of the file name, such as `unit{unit}_torque{torque}_comp{comp}`: each `{name}`
+    /// takes the number at its place and becomes a column.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub file_name: String,
+    /// Columns that part a file into sequences (runs of one thing), such as `unit`.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub sequence: Vec<String>,
+}
+
+impl Default for Input {
+    fn default() -> Self {
+        Input { header: vec![], separator: ",".into(), file_name: String::new(), sequence: vec![] }
+    }
+}
+
+/// One column and its unit: value = cell * scale + offset, in `unit`.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Column {
+    /// Column name in the log.
+    pub column: String,
+    /// Unit after conversion, as text for reports.
+    #[serde(default)]
+    pub unit: String,
+    /// Factor from cell to `unit`.
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub scale: f64,
+    /// Offset after the factor, in `unit`.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub offset: f64,
+    /// Velocity: magnitudes up to this are standstill, in `unit`.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub deadband: f64,
+    /// Target: contributions smaller than this (RMS, in `unit`) are never material.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub noise_floor: f64,
+}
+
+fn one() -> f64 {
+    1.0
+}
+fn is_one(x: &f64) -> bool {
+    *x == 1.0
+}
+fn is_zero(x: &f64) -> bool {
+    *x == 0.0
+}
+
+/// Columns by role. Only time and target are required; an effect whose columns are absent is not
+/// looked for, and the report says so.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Roles {
+    /// Time, in seconds after conversion.
+    pub time: Column,
+    /// What the model predicts.
+    pub target: Column,
+    /// The command, or whatever drives the target.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub command: Option<Column>,
+    /// Velocity of the moving part (its sign is friction's).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub velocity: Option<Column>,
+    /// Angle or position of the moving part; radians for the periodic effects.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub angle: Option<Column>,
+    /// Temperature.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub temperature: Option<Column>,
+    /// Setpoint of a closed loop: exogenous, so it can tell cause from feedback.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub setpoint: Option<Column>,
+    /// Pose: joint angles or coordinates of the mechanism, by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub pose: BTreeMap<String, Column>,
+    /// Other channels that might couple in (neighbour units, currents), by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub channels: BTreeMap<String, Column>,
+    /// Columns that only name groups or filter rows, by name.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub groups: BTreeMap<String, Column>,
+}
+
+impl Roles {
+    /// Every mapped column with the name it gets in expressions.
+    pub fn all(&self) -> Vec<(String, &Column)> {
+        let mut out = vec![("time".to_string(), &self.time), ("target".to_string(), &self.target)];
+        for (name, c) in [
+            ("command", &self.command),
+            ("velocity", &self.velocity),
+            ("angle", &self.angle),
+            ("temperature", &self.temperature),
+            ("setpoint", &self.setpoint),
+        ] {
+            if let Some(c) = c {
+                out.push((name.to_string(), c));
+            }
+        }
+        for map in [&self.pose, &self.channels, &self.groups] {
+            out.extend(map.iter().map(|(n, c)| (n.clone(), c)));
+        }
+        out
+    }
+
+    /// Unit of a role or named column, or an empty text.
+    pub fn unit(&self, name: &str) -> String {
+        self.all().into_iter().find(|(n, _)| n == name).map(|(_, c)| c.unit.clone()).unwrap_or_default()
+    }
+}
+
+/// Which rows are fitted. Rows that are left out still carry the memory of operators.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Rows {
+    /// Expression; rows where it is 0 are not fitted.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub keep: String,
+    /// Expression; sequences where it is 0 on every row are not loaded at all.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub sequences: String,
+}
+
+/// What is held out: never random rows.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Holdout {
+    /// Columns whose joint values name a group; `file` stands for the file. Empty: `file`, or
+    /// blocks if `block_s` is given.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub by: Vec<String>,
+    /// Length of a block of time, in seconds: groups are blocks of each sequence.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub block_s: Option<f64>,
+    /// At most so many folds; groups are dealt to folds in turn. 0 means 10.
+    #[serde(skip_serializing_if = "is_zero_usize")]
+    pub folds: usize,
+}
+
+fn is_zero_usize(x: &usize) -> bool {
+    *x == 0
+}
+
+/// What to do with a flaw that was found.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Action {
+    /// Say so, change nothing.
+    #[default]
+    Report,
+    /// Leave the rows out of the fit.
+    Drop,
+    /// Correct the value (only for a 256-fold scale).
+    Fix,
+}
+
+/// What to do about flaws of the data.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Hygiene {
+    /// Isolated target values far from both neighbours.
+    pub spikes: Action,
+    /// Target stuck at its largest or smallest value.
+    pub clipping: Action,
+    /// Rows that repeat the row before with a new time.
+    pub repeats: Action,
+    /// Target values 256 times too large.
+    pub scale256: Action,
+    /// Rows whose time does not grow: `report` refuses the file, `drop` leaves them out.
+    pub time: Action,
+    /// A gap longer than this starts a new sequence, in seconds; 0 means 20 median steps.
+    pub gap_s: f64,
+}
+
+impl Default for Hygiene {
+    fn default() -> Self {
+        Hygiene {
+            spikes: Action::Report,
+            clipping: Action::Report,
+            repeats: Action::Report,
+            scale256: Action::Report,
+            time: Action::Report,
+            gap_s: 0.0,
+        }
+    }
+}
+
+/// How effects are selected.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields, default)]
+pub struct Selection {
+    /// Smallest fall of the held-out RMSE that counts, as a fraction.
+    pub material: f64,
+    /// False discovery rate.
+    pub fdr: f64,
+    /// Number of decoys of the residual.
+    pub decoys: usize,
+    /// At most so many effects.
+    pub max_effects: usize,
+    /// Seed of decoys and bootstrap.
+    pub seed: u64,
+    /// Only these effects; empty means all.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub only: Vec<String>,
+    /// Not these effects.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub except: Vec<String>,
+}
+
+impl Default for Selection {
+    fn default() -> Self {
+        Selection { material: 0.02, fdr: 0.05, decoys: 48, max_effects: 6, seed: 1, only: vec![], except: vec![] }
+    }
+}
+
+/// One term of the model.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Term {
+    /// Name in reports.
+    pub name: String,
+    /// Expression over roles and columns.
+    pub expr: String,
+    /// Unit of the coefficient, as text.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub unit: String,
+    /// The coefficient, if it is declared rather than fitted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fixed: Option<f64>,
+    /// `sequence` if every sequence has its own coefficient (then the held-out half of a sequence is
+    /// predicted from its other half); empty for one coefficient.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub per: String,
+    /// The catalogue effect that added the term; empty for declared ones.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub effect: String,
+    /// The value that the analysis fitted (information only; fitted terms are fitted again).
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub fitted: Option<f64>,
+}
+
+impl Spec {
+    /// Reads a model file.
+    ///
+    /// # Errors
+    /// [`Error::Io`] or [`Error::Model`].
+    pub fn load(path: &Path) -> Result<Spec, Error> {
+        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+        Spec::parse(&text)
+    }
+
+    /// Parses the text of a model file and checks it.
+    ///
+    /// # Errors
+    /// [`Error::Model`] naming the key.
+    pub fn parse(text: &str) -> Result<Spec, Error> {
+        let spec: Spec = toml::from_str(text).map_err(|e| Error::model(e.to_string()))?;
+        if spec.terms.is_empty() {
+            return Err(Error::model("no [[terms]]: declare at least one term, even `expr = \"1\"`"));
+        }
+        let s = &spec.selection;
+        if !(s.material > 0.0 && s.material < 1.0) || !(s.fdr > 0.0 && s.fdr < 1.0) {
+            return Err(Error::model("selection.material and selection.fdr must lie between 0 and 1"));
+        }
+        if s.decoys < 16 {
+            return Err(Error::model("selection.decoys must be at least 16, or chance cannot be told from effect"));
+        }
+        for name in s.only.iter().chain(&s.except) {
+            if !crate::effects::names().contains(&name.as_str()) {
+                return Err(Error::model(format!(
+                    "selection names `{name}`, which is no effect; known are {}",
+                    crate::effects::names().join(", ")
+                )));
+            }
+        }
+        if spec.holdout.block_s.is_some_and(|b| !(b > 0.0)) {
+            return Err(Error::model("holdout.block_s must be positive"));
+        }
+        for (name, c) in spec.roles.all() {
+            if !(c.scale.is_finite() && c.scale != 0.0 && c.offset.is_finite() && c.deadband >= 0.0 && c.noise_floor >= 0.0) {
+                return Err(Error::model(format!("role `{name}`: scale must not be 0, deadband and noise_floor not negative")));
+            }
+        }
+        for t in &spec.terms {
+            crate::expr::Expr::parse(&t.expr)?;
+            if !matches!(t.per.as_str(), "" | "sequence") {
+                return Err(Error::model(format!("term `{}`: per = \"{}\"; only \"sequence\" is known", t.name, t.per)));
+            }
+            if t.fixed.is_some_and(|f| !f.is_finite()) {
+                return Err(Error::model(format!("term `{}`: fixed must be finite", t.name)));
+            }
+        }
+        Ok(spec)
+    }
+}
