@@ -110,7 +110,7 @@ impl core::fmt::Display for OutOfRange {
 impl core::error::Error for OutOfRange {}
 
 /// Fraction bits of [`Config::scale`].
-pub(crate) const SCALE_SHIFT: u32 = 24;
+pub(crate) const SCALE_SHIFT: u32 = 30;
 /// Fraction bits of `ki` per microsecond.
 pub(crate) const KI_SHIFT: u32 = 42;
 /// How much slower the setpoint may change than the command: 1/8. The command must outrun the setpoint, or
@@ -121,8 +121,8 @@ pub const SETPOINT_SLEW_SHIFT: u32 = 3;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Config {
     wire: UnitConfig,
-    /// Force steps per ADC count, times 2^24.
-    pub(crate) scale: i32,
+    /// Force steps per ADC count, times 2^30: 37 bits, which with 25 bits of code make 62.
+    pub(crate) scale: i64,
     pub(crate) zero: i32,
     pub(crate) filter: FilterConfig,
     pub(crate) spike_limit: i32,
@@ -152,10 +152,10 @@ impl Config {
             zero_code: 0,
             filter: FilterChoice::LowPass { corner_chz: 10_000 },
             spike_limit_un: 1_500_000,
-            kp_q16: 65_536,
-            ki_q16: 20 * 65_536,
+            kp_q16: 19_661, // 0.3
+            ki_q16: 25 * 65_536,
             kd_q16: 0,
-            damping_q16: 60 * 65_536,
+            damping_q16: 110 * 65_536,
             friction_feedforward: true,
             friction_offset_un: 155_000,
             friction_gain_q16: 66_716, // 1.018
@@ -210,7 +210,7 @@ impl Config {
         let rate = f64::from(NOMINAL_SPS);
         Ok(Self {
             wire: *w,
-            scale: rounded(scale),
+            scale: libm::round(scale) as i64,
             zero: w.zero_code,
             filter: FilterConfig::new(w.filter),
             spike_limit: Newton::from_un(w.spike_limit_un).to_bits(),

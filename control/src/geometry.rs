@@ -78,6 +78,5 @@ pub fn inv_cos_q16<T: RealField + Copy>(cos: T) -> Option<i32> {
 /// 0.5 degrees and ten times faster than an exact one.
 #[must_use]
 pub fn angle_deg(cos: f32) -> f32 {
-    use micromath::F32Ext;
-    cos.clamp(-1.0, 1.0).acos().to_degrees()
+    micromath::F32Ext::acos(cos.clamp(-1.0, 1.0)).to_degrees()
 }

@@ -14,5 +14,5 @@ pub fn approach(from: Newton, to: Newton, step: Newton) -> (Newton, bool) {
 /// What a rate (force steps a microsecond, times 65,536) comes to in `dt_us`.
 #[must_use]
 pub fn slew_step(rate_us_q16: i32, dt_us: u32) -> Newton {
-    Newton::from_wide((i64::from(rate_us_q16) * i64::from(dt_us)) >> 16)
+    Newton::from_wide_shifted(i64::from(rate_us_q16) * i64::from(dt_us), 16)
 }

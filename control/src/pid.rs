@@ -14,9 +14,21 @@
 //! the loop's phase. A force against the reel's speed damps that swing at its source. Its steady part would
 //! pull against every motion of the robot, so the speed passes a first-order high pass of
 //! [`DAMPING_CORNER_HZ`] first.
+//!
+//! # At rest
+//!
+//! A reel at rest holds any force inside its friction band: the motor's force does not reach the cable, the
+//! loop is open and its delay harmless. Without a friction model nobody but the integral can cross the band,
+//! so it runs five times as fast while the reel rests, fading to its own pace at
+//! [`MOVING_NM`](crate::friction::MOVING_NM). With the friction feedforward on, the direction estimate
+//! crosses the band and the integral keeps its pace.
 
 use crate::config::{Config, KI_SHIFT};
+use crate::friction::Stillness;
 use crate::units::Newton;
+
+/// How much faster the integral is at rest, less one.
+const REST_BOOST: i64 = 4;
 
 /// Corner of the damping's high pass in hertz.
 pub const DAMPING_CORNER_HZ: f64 = 2.0;
@@ -60,17 +72,6 @@ impl Terms {
     }
 }
 
-/// Where the command ended up.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Bound {
-    /// Followed as it was.
-    Free,
-    /// Held down by a limit.
-    Above,
-    /// Held up by a limit.
-    Below,
-}
-
 /// Memory of the regulator.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Pid {
@@ -109,25 +110,30 @@ impl Pid {
         }
     }
 
-    /// Adds this sample's error to the integral, unless the command stands at a limit and the error pushes
-    /// further into it (anti-windup by clamping).
-    pub fn integrate(&mut self, config: &Config, measured: &Measured, bound: Bound) {
+    /// Adds this sample's error to the integral. `excess` is what was asked for less what the limits let
+    /// through: an addition that pushes further into a limit is cut by it, down to nothing (anti-windup by
+    /// clamping, without a jump at the limit). `boost`: see the module's page, "At rest".
+    pub fn integrate(
+        &mut self,
+        config: &Config,
+        measured: &Measured,
+        excess: Newton,
+        boost: Stillness,
+    ) {
         let error = i64::from(measured.error.to_bits());
-        let pushes = match bound {
-            Bound::Free => false,
-            Bound::Above => error > 0,
-            Bound::Below => error < 0,
-        };
-        if pushes {
-            return;
-        }
-        // ki dt, times 2^30: at most 200/s * 12.5 ms = 2.5, so 32 bits; times the error 63 bits.
+        // ki dt, times 2^30: at most 200/s * 12.5 ms = 2.5, up to five times that at rest; cut at 2 so that
+        // the product with the error stays within 62 bits.
         let gain_q30 = (i64::from(config.ki_us) * i64::from(measured.dt_us)) >> (KI_SHIFT - 30);
+        let boosted = (gain_q30 * (Stillness::ONE + REST_BOOST * i64::from(boost.q24()))) >> 24;
+        let mut addition = error * boosted.min(1 << 31);
+        let excess = i64::from(excess.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
+        if excess > 0 && addition > 0 {
+            addition = addition.saturating_sub(excess).max(0);
+        } else if excess < 0 && addition < 0 {
+            addition = addition.saturating_sub(excess).min(0);
+        }
         let limit = i64::from(config.force_limit.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
-        self.integral = self
-            .integral
-            .saturating_add(error * gain_q30)
-            .clamp(-limit, limit);
+        self.integral = self.integral.saturating_add(addition).clamp(-limit, limit);
     }
 
     /// The integral.

@@ -12,9 +12,9 @@ use crate::config::{Config, SCALE_SHIFT, SETPOINT_SLEW_SHIFT};
 use crate::convert;
 use crate::faults::Fault;
 use crate::filter::{Filter, SpikeGate};
-use crate::friction::{travel, Direction, Tracker};
+use crate::friction::{travel, Direction, Stillness, Tracker};
 use crate::limits;
-use crate::pid::{Bound, Measured, Pid, Terms};
+use crate::pid::{Measured, Pid, Terms};
 use crate::units::{Counts, DacCode, InvCos, LoadCode, Micros, Newton};
 use crate::NOMINAL_PERIOD_US;
 use force_wire::message::{flags, Sample, UnitSetpoint};
@@ -35,7 +35,8 @@ pub const SLACK_TENSION: Newton = Newton::from_un(1_000_000);
 /// that speed rises by v sqrt(k m) = 0.05 m/s * sqrt(5,000 N/m * 0.46 kg) = 2.4 N.
 pub const TAKE_UP_NM: i32 = 156_250;
 
-/// Brake on the speed above that, in force steps per nanometre a sample: 200 N s/m.
+/// Brake on the speed above that, in force steps per nanometre a sample and newton of missing tension: 268
+/// are 200 N s/m for a cable without tension.
 const BRAKE_STEPS_PER_NM: i64 = 268;
 
 /// Travel wound in without tension after which the cable counts as lost, in nanometres: 150 mm.
@@ -115,6 +116,8 @@ pub struct Output {
     pub feedforward: Newton,
     /// Direction estimate.
     pub direction: Direction,
+    /// How much the reel rests.
+    pub stillness: Stillness,
     /// [`force_wire::message::flags`].
     pub flags: u8,
     /// What the caller shall latch, with its detail; the DAC code is 0 V already.
@@ -195,7 +198,7 @@ impl Controller {
 
         // Load cell.
         let counts = i64::from(input.code.get()) - i64::from(config.zero);
-        let force = Newton::from_wide((counts * i64::from(config.scale)) >> SCALE_SHIFT);
+        let force = Newton::from_wide_shifted(counts * config.scale, SCALE_SHIFT);
         let (gated, spike) = state.gate.step(config.spike_limit, force);
         let filtered = state.filter.step(&config.filter, gated);
         let tension = times_inv_cos(filtered, input.setpoint.inv_cos);
@@ -216,7 +219,12 @@ impl Controller {
             flags |= flags::MISSED;
         }
         let travel_nm = travel(from, input.counts, config.travel_nm);
-        let direction = state.tracker.step(&config.friction, travel_nm);
+        let last_error = if state.closed {
+            state.setpoint.saturating_sub(tension)
+        } else {
+            Newton::ZERO
+        };
+        let direction = state.tracker.step(&config.friction, travel_nm, last_error);
         if direction.q30() > 0 {
             flags |= flags::WINDING_IN;
         } else if direction.q30() < 0 {
@@ -227,6 +235,7 @@ impl Controller {
         let mut output = Output {
             tension,
             direction,
+            stillness: state.tracker.stillness(),
             flags,
             fault,
             at_zero: true,
@@ -283,12 +292,14 @@ impl Controller {
                     .saturating_sub(brake);
                 let limited = asked.clamp_to(Newton::ZERO, config.force_limit);
                 let (command, slewing) = limits::approach(state.command, limited, slew);
-                let bound = match command {
-                    c if c < asked => Bound::Above,
-                    c if c > asked => Bound::Below,
-                    _ => Bound::Free,
+                let boost = if config.friction.is_enabled() {
+                    Stillness::default()
+                } else {
+                    state.tracker.stillness()
                 };
-                state.pid.integrate(config, &measured, bound);
+                state
+                    .pid
+                    .integrate(config, &measured, asked.saturating_sub(command), boost);
                 state.setpoint = setpoint;
                 state.command = command;
                 state.closed = true;
@@ -348,17 +359,15 @@ impl State {
 
 /// Load-cell force to cable tension: T = F / cos theta (thesis 3.7).
 fn times_inv_cos(force: Newton, inv_cos: InvCos) -> Newton {
-    Newton::from_wide((i64::from(force.to_bits()) * i64::from(inv_cos.q16())) >> 16)
+    Newton::from_wide_shifted(i64::from(force.to_bits()) * i64::from(inv_cos.q16()), 16)
 }
 
 /// What holds the reel back while it takes up slack faster than [`TAKE_UP_NM`], so that a cable never
-/// slams tight.
+/// slams tight. Full with no tension at all, gone at [`SLACK_TENSION`]: it fades as the cable tightens.
 fn brake(tension: Newton, setpoint: Newton, travel_nm: i32) -> Newton {
     let slack = SLACK_TENSION.min(Newton::from_bits(setpoint.to_bits() >> 1));
-    let excess = i64::from(travel_nm) - i64::from(TAKE_UP_NM);
-    if tension < slack && excess > 0 {
-        Newton::from_wide(excess * BRAKE_STEPS_PER_NM)
-    } else {
-        Newton::ZERO
-    }
+    let missing = slack.saturating_sub(tension.clamp_to(Newton::ZERO, slack));
+    // At most 1 N, so 22 bits; the excess another 22, the brake 8.
+    let excess = (i64::from(travel_nm) - i64::from(TAKE_UP_NM)).max(0);
+    Newton::from_wide((excess * BRAKE_STEPS_PER_NM * i64::from(missing.to_bits())) >> 22)
 }

@@ -157,6 +157,13 @@ impl Newton {
         }
     }
 
+    /// From wide bits with `shift` more fraction bits (1 to 62), rounded to the nearest step. Rounded, not cut: what
+    /// is cut is a bias, and the integral would add it up.
+    #[must_use]
+    pub const fn from_wide_shifted(bits: i64, shift: u32) -> Self {
+        Self::from_wide((bits >> shift) + ((bits >> (shift - 1)) & 1))
+    }
+
     /// From micronewton, the wire's unit; saturates at +-512 N. Rounded to the nearest step.
     #[must_use]
     pub const fn from_un(un: i32) -> Self {
