@@ -176,7 +176,7 @@ fn apt_get(facts: &Facts, arguments: &[&str]) -> Result<()> {
         .is_some_and(|apt| apt.rights == Rights::Sudo);
     let mut command = if sudo {
         let mut command = process::command("sudo", Sees::Nothing);
-        command.args(["-n", "DEBIAN_FRONTEND=noninteractive", "apt-get"]);
+        command.args(["-n", "env", "DEBIAN_FRONTEND=noninteractive", "apt-get"]);
         command
     } else {
         process::command("apt-get", Sees::Nothing)
