@@ -19,7 +19,7 @@ usage: rig --elf FILE [--seed N] [--plant FILE.toml] [--paced] [--quiet] [--rtt 
   --paced          no faster than real time
   --quiet          no progress on standard error
   --rtt FILE       write the firmware's RTT channel 0 to FILE, as it comes
-  --free SECONDS   run on its own for so long, print the report to standard error, and end
+  --free SECONDS   run on its own for so long, serial bytes to standard output, report to standard error
 
 Without --free it speaks rig-link on standard input and output.";
 
@@ -161,13 +161,18 @@ type KeepRtt<'a> = &'a mut dyn FnMut(&mut Rig) -> Result<(), String>;
 
 fn free_run(rig: &mut Rig, seconds: f64, pace: &Pace, keep_rtt: KeepRtt<'_>) -> Result<(), String> {
     let end = (seconds * 1e9) as u64;
-    let mut sent = Vec::new();
+    let mut sent = 0;
+    let mut serial = io::stdout().lock();
     let mut resets = 0;
     while rig.now_ns() < end {
         let step = (end - rig.now_ns()).min(10_000_000);
         let advanced = rig.advance(step, &[]).map_err(|error| error.to_string())?;
         keep_rtt(rig)?;
-        sent.extend(advanced.from_board);
+        sent += advanced.from_board.len();
+        serial
+            .write_all(&advanced.from_board)
+            .and_then(|()| serial.flush())
+            .map_err(|error| format!("serial bytes: {error}"))?;
         if advanced.resets != resets {
             resets = advanced.resets;
             let cause = rig.last_reset().unwrap_or("unknown");
@@ -179,7 +184,7 @@ fn free_run(rig: &mut Rig, seconds: f64, pace: &Pace, keep_rtt: KeepRtt<'_>) -> 
         pace.wait(rig.now_ns());
     }
     let report = rig.report().map_err(|error| error.to_string())?;
-    print_report(&report, sent.len());
+    print_report(&report, sent);
     Ok(())
 }
 

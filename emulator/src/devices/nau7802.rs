@@ -112,9 +112,10 @@ pub struct Nau7802 {
     period_ns: f64,
     settling: u32,
     result: i32,
-    /// Number of the result in `result`, and of the one in `latch`.
+    /// Number of the result in `result`, of the one in `latch`, and of the last one counted as read.
     result_number: u64,
     latch_number: u64,
+    counted_number: u64,
     latch: i32,
     ready: bool,
     spike: Option<i32>,
@@ -155,6 +156,7 @@ impl Nau7802 {
             result: 0,
             result_number: 0,
             latch_number: 0,
+            counted_number: 0,
             latch: 0,
             ready: false,
             spike: None,
@@ -341,14 +343,12 @@ impl Nau7802 {
             }
             0x13 => (self.latch >> 8) as u8,
             reg::ADCO_B0 => {
+                // Read whole in time: what is latched is still the newest, and was not counted before.
                 if self.latch_number == self.result_number
-                    && self.latch_number > 0
-                    && !self.ready
-                    && self.conversions_read < self.conversions
+                    && self.counted_number < self.result_number
                 {
+                    self.counted_number = self.result_number;
                     self.conversions_read += 1;
-                    // A second reading of the same result is no second conversion.
-                    self.latch_number = 0;
                 }
                 self.latch as u8
             }
