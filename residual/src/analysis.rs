@@ -6,8 +6,12 @@ use crate::expr::Expr;
 use crate::load::{self, Loaded};
 use crate::model::{Chosen, Fit, Model};
 use crate::problem::{correlation_rows, Problem, Sums};
-use crate::report::{Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested, Verdict};
-use crate::search::{self, choose, context, indistinguishable, passes, rank, Candidate, State, Step};
+use crate::report::{
+    Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested, Verdict,
+};
+use crate::search::{
+    self, choose, context, indistinguishable, passes, rank, Candidate, State, Step,
+};
 use crate::spec::{Spec, Term};
 use crate::stats::{self, Rng};
 use rayon::prelude::*;
@@ -68,14 +72,20 @@ fn load_expression(model: &Model, fit: &Fit) -> String {
         }
     }
     let driven: Vec<&(&crate::model::WorkTerm, f64)> = {
-        let d: Vec<_> = parts.iter().filter(|(t, _)| t.expr.names().contains("command")).collect();
+        let d: Vec<_> = parts
+            .iter()
+            .filter(|(t, _)| t.expr.names().contains("command"))
+            .collect();
         if d.is_empty() {
             parts.iter().collect()
         } else {
             d
         }
     };
-    let text: Vec<String> = driven.iter().map(|(t, a)| Expr::Num(*a).op("*", t.expr.clone()).to_string()).collect();
+    let text: Vec<String> = driven
+        .iter()
+        .map(|(t, a)| Expr::Num(*a).op("*", t.expr.clone()).to_string())
+        .collect();
     if text.is_empty() {
         "0".into()
     } else {
@@ -85,9 +95,15 @@ fn load_expression(model: &Model, fit: &Fit) -> String {
 
 /// Refuses data on which no answer would mean anything.
 fn check_excitation(p: &Problem, spec: &Spec) -> Result<(), Error> {
-    let varies = |v: &[f64]| v.iter().any(|x| (x - v[0]).abs() > 1e-12 * v[0].abs().max(1e-300));
+    let varies = |v: &[f64]| {
+        v.iter()
+            .any(|x| (x - v[0]).abs() > 1e-12 * v[0].abs().max(1e-300))
+    };
     if !varies(&p.y) {
-        return Err(Error::data("the target is constant on all fitted rows", "Check roles.target and rows.keep"));
+        return Err(Error::data(
+            "the target is constant on all fitted rows",
+            "Check roles.target and rows.keep",
+        ));
     }
     let inputs: Vec<String> = spec
         .roles
@@ -96,13 +112,28 @@ fn check_excitation(p: &Problem, spec: &Spec) -> Result<(), Error> {
         .map(|(n, _)| n)
         .filter(|n| !["time", "target"].contains(&n.as_str()) && !spec.roles.groups.contains_key(n))
         .collect();
-    if !inputs.is_empty() && !inputs.iter().any(|n| p.frame.column(n).is_some_and(|c| varies(&p.gather(c.to_vec())))) {
+    if !inputs.is_empty()
+        && !inputs.iter().any(|n| {
+            p.frame
+                .column(n)
+                .is_some_and(|c| varies(&p.gather(c.to_vec())))
+        })
+    {
         return Err(Error::data(
             format!("constant excitation: {} never change on the fitted rows", inputs.join(", ")),
             "No effect can be told from another without motion or varying load; record an experiment that varies them",
         ));
     }
     Ok(())
+}
+
+/// Fitted numbers of a choice.
+fn parameters_of(c: &Chosen) -> usize {
+    let pieces = match (c.variant.build)(c.psi) {
+        Build::Add(p) | Build::Local(p) => p.len(),
+        Build::Swap(_) | Build::SwapAll(_) => 0,
+    };
+    pieces + usize::from(c.variant.psi.as_ref().is_some_and(|p| p.refine))
 }
 
 struct Analysis<'a> {
@@ -123,15 +154,19 @@ impl Analysis<'_> {
 
     fn allowed(&self, e: &dyn effects::Effect) -> bool {
         let s = &self.spec.selection;
-        (s.only.is_empty() || s.only.iter().any(|n| n == e.name())) && !s.except.iter().any(|n| n == e.name())
+        (s.only.is_empty() || s.only.iter().any(|n| n == e.name()))
+            && !s.except.iter().any(|n| n == e.name())
     }
 
     /// Scans the catalogue (or nameless structure) on top of a model.
     fn scan(&mut self, model: &Model, fit: &Fit, nameless: bool) -> Result<Vec<Candidate>, Error> {
         let list = |p: &Problem, f: &Fit| {
-            let ctx = context(p, self.spec, &self.load, f);
+            let ctx = context(p, self.spec, &self.load, model, f);
             if nameless {
-                search::generic(&ctx).into_iter().map(|(n, v)| (usize::MAX, n, v)).collect()
+                search::generic(&ctx)
+                    .into_iter()
+                    .map(|(n, v)| (usize::MAX, n, v))
+                    .collect()
             } else {
                 search::variants(&ctx, &|e| self.allowed(e))
             }
@@ -139,21 +174,41 @@ impl Analysis<'_> {
         let found = match &self.thin {
             None => {
                 let variants = list(&self.problem, fit);
-                State { problem: &self.problem, spec: self.spec, model, fit }.scan(&variants, None)
+                State {
+                    problem: &self.problem,
+                    spec: self.spec,
+                    model,
+                    fit,
+                }
+                .scan(&variants, None)
             }
             Some(thin) => {
                 let small = Fit::new(thin, model)?;
                 let variants = list(thin, &small);
-                let mut first = State { problem: thin, spec: self.spec, model, fit: &small }.scan(&variants, None);
+                let mut first = State {
+                    problem: thin,
+                    spec: self.spec,
+                    model,
+                    fit: &small,
+                }
+                .scan(&variants, None);
                 first.sort_by(|a, b| b.gain.total_cmp(&a.gain));
                 let tests = first.len();
                 first.truncate(14);
                 first.retain(|c| c.gain > 0.25 * self.spec.selection.material);
-                let short: Vec<(usize, String, Arc<effects::Variant>)> =
-                    first.iter().map(|c| (c.effect, c.name.clone(), c.variant.clone())).collect();
+                let short: Vec<(usize, String, Arc<effects::Variant>)> = first
+                    .iter()
+                    .map(|c| (c.effect, c.name.clone(), c.variant.clone()))
+                    .collect();
                 let at: Vec<f64> = first.iter().map(|c| c.psi).collect();
                 self.tests = self.tests.max(tests);
-                State { problem: &self.problem, spec: self.spec, model, fit }.scan(&short, Some(&at))
+                State {
+                    problem: &self.problem,
+                    spec: self.spec,
+                    model,
+                    fit,
+                }
+                .scan(&short, Some(&at))
             }
         };
         self.tests = self.tests.max(found.len());
@@ -162,7 +217,136 @@ impl Analysis<'_> {
 
     fn step(&mut self, model: &Model, fit: &Fit) -> Result<Step, Error> {
         let all = self.scan(model, fit, false)?;
-        Ok(rank(all, self.spec, self.tests, self.floor, self.problem.y.len()))
+        Ok(rank(
+            all,
+            self.spec,
+            self.tests,
+            self.floor,
+            self.problem.y.len(),
+        ))
+    }
+
+    /// Adds effects until nothing material is left; returns the last scan.
+    fn forward(
+        &mut self,
+        chosen: &mut Vec<Chosen>,
+        progress: &mut dyn Progress,
+    ) -> Result<Step, Error> {
+        let sel = &self.spec.selection;
+        loop {
+            progress.stage(&format!(
+                "searching the catalogue on top of {} effect(s)",
+                chosen.len()
+            ));
+            let (model, fit) = self.fit(chosen)?;
+            let step = self.step(&model, &fit)?;
+            let before = stats::rms(&fit.held);
+            let mut taken = false;
+            // The winner may be a form of an effect that is there already and turn out to add nothing.
+            for c in step.winner.into_iter().chain(
+                step.good
+                    .iter()
+                    .copied()
+                    .filter(|i| Some(*i) != step.winner),
+            ) {
+                let c = &step.ranked[c];
+                let mut next = chosen.clone();
+                if !CATALOGUE[c.effect].repeatable() {
+                    next.retain(|x| x.effect != c.effect);
+                }
+                next.push(self.complete(c, &next));
+                self.prune(&mut next)?;
+                let after = stats::rms(&self.fit(&next)?.1.held);
+                if after <= before * (1.0 - sel.material) && next.len() <= sel.max_effects {
+                    *chosen = next;
+                    taken = true;
+                    break;
+                }
+            }
+            if !taken {
+                return Ok(step);
+            }
+        }
+    }
+
+    /// A candidate as a choice. Friction that grows with load on top of plain Coulomb friction is
+    /// one friction with two parameters, so the form with both is taken (and plain Coulomb pruned).
+    fn complete(&self, c: &Candidate, chosen: &[Chosen]) -> Chosen {
+        let mut choice = choose(c);
+        let friction = chosen
+            .iter()
+            .any(|x| CATALOGUE[x.effect].name() == "coulomb");
+        if c.name == "load_dependent_coulomb" && friction {
+            if let Ok((model, fit)) = self.fit(&[]) {
+                let ctx = context(&self.problem, self.spec, &self.load, &model, &fit);
+                if let Some(v) = CATALOGUE[c.effect].variants(&ctx).into_iter().next() {
+                    choice.variant = Arc::new(v);
+                }
+            }
+        }
+        choice
+    }
+
+    /// Each effect must hold its place against the whole catalogue with the others in place.
+    fn rivals(
+        &mut self,
+        chosen: &mut Vec<Chosen>,
+        may_swap: bool,
+        progress: &mut dyn Progress,
+    ) -> Result<(Vec<(Option<Rival>, Vec<Candidate>)>, bool), Error> {
+        let mut out = Vec::new();
+        let rows = self.problem.y.len() as f64;
+        let current = stats::rms(&self.fit(chosen)?.1.held);
+        for i in 0..chosen.len() {
+            let own_name = CATALOGUE[chosen[i].effect].name();
+            progress.stage(&format!("rivals of {own_name}"));
+            let mut rest = chosen.clone();
+            let own = rest.remove(i);
+            let (model, fit) = self.fit(&rest)?;
+            let step = self.step(&model, &fit)?;
+            let there = |name: &str| {
+                rest.iter().any(|r| {
+                    CATALOGUE[r.effect].name() == name && !CATALOGUE[r.effect].repeatable()
+                })
+            };
+            if let Some(c) = step
+                .winner
+                .map(|w| &step.ranked[w])
+                .filter(|c| may_swap && c.name != own_name && !there(&c.name))
+            {
+                let mut other = rest.clone();
+                other.push(self.complete(c, &other));
+                let rmse = stats::rms(&self.fit(&other)?.1.held);
+                let simpler = c.parameters < parameters_of(&own);
+                if rmse < current * if simpler { 1.005 } else { 0.99 } {
+                    self.prune(&mut other)?;
+                    *chosen = other;
+                    return Ok((vec![], true));
+                }
+            }
+            let rival = step
+                .ranked
+                .iter()
+                .find(|c| c.name != own_name && !there(&c.name))
+                .map(|c| Rival {
+                    name: c.name.clone(),
+                    heldout_rmse: (c.held / rows).sqrt(),
+                    behind: (c.held / rows).sqrt() / current - 1.0,
+                });
+            let state = State {
+                problem: &self.problem,
+                spec: self.spec,
+                model: &model,
+                fit: &fit,
+            };
+            let ties = step
+                .ranked
+                .iter()
+                .position(|c| c.name == own_name)
+                .map_or(vec![], |w| indistinguishable(&state, &step, w));
+            out.push((rival, ties));
+        }
+        Ok((out, false))
     }
 
     /// Throws out effects that the others make superfluous.
@@ -192,16 +376,26 @@ impl Analysis<'_> {
     fn polish(&self, chosen: &mut [Chosen]) -> Result<(), Error> {
         for _ in 0..2 {
             for i in 0..chosen.len() {
-                let Some(psi) = chosen[i].variant.psi.clone().filter(|p| p.refine) else { continue };
+                let Some(psi) = chosen[i].variant.psi.clone().filter(|p| p.refine) else {
+                    continue;
+                };
                 let mut rest: Vec<Chosen> = chosen.to_vec();
                 let own = rest.remove(i);
                 let (model, fit) = self.fit(&rest)?;
-                let state = State { problem: &self.problem, spec: self.spec, model: &model, fit: &fit };
+                let state = State {
+                    problem: &self.problem,
+                    spec: self.spec,
+                    model: &model,
+                    fit: &fit,
+                };
                 let (lo, hi) = match psi.resolution {
                     Some(d) => (own.psi - 0.5 * d, own.psi + 0.5 * d),
                     None => {
                         let (lo, hi) = search::bracket(&psi.grid, own.psi);
-                        (own.psi - 0.3 * (own.psi - lo).abs(), own.psi + 0.3 * (hi - own.psi).abs())
+                        (
+                            own.psi - 0.3 * (own.psi - lo).abs(),
+                            own.psi + 0.3 * (hi - own.psi).abs(),
+                        )
                     }
                 };
                 chosen[i].psi = state.refine(&own.variant, lo, hi);
@@ -216,89 +410,69 @@ impl Analysis<'_> {
 /// # Errors
 /// [`Error::Data`] or [`Error::RankDeficient`].
 pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Result<Report, Error> {
-    let Loaded { frame, keep, fold, fold_names, groups, files, hygiene } = loaded;
+    let Loaded {
+        frame,
+        keep,
+        fold,
+        fold_names,
+        groups,
+        files,
+        hygiene,
+    } = loaded;
     let sel = &spec.selection;
     let mut problem = Problem::new(frame, &keep, &fold, sel.decoys, sel.seed);
     check_excitation(&problem, spec)?;
-    progress.stage(&format!("baseline on {} rows, {} groups in {} folds", problem.y.len(), groups, problem.folds));
+    progress.stage(&format!(
+        "baseline on {} rows, {} groups in {} folds",
+        problem.y.len(),
+        groups,
+        problem.folds
+    ));
     let declared = Model::declared(spec)?;
     let first = Fit::new(&problem, &declared)?;
     if first.dropped.iter().any(|d| *d) {
-        let terms = first.free.iter().zip(&first.dropped).filter(|(_, d)| **d).map(|(i, _)| declared.terms[*i].name.clone()).collect();
+        let terms = first
+            .free
+            .iter()
+            .zip(&first.dropped)
+            .filter(|(_, d)| **d)
+            .map(|(i, _)| declared.terms[*i].name.clone())
+            .collect();
         return Err(Error::RankDeficient { terms });
     }
     problem.cut_blocks(correlation_rows(&problem, &first.residual), sel.decoys);
     let base = Fit::new(&problem, &declared)?;
     let load = load_expression(&declared, &base);
     let thin = problem.thin(SCREEN_ROWS);
-    let floor = spec.roles.target.noise_floor.max(crate::hygiene::quantum(&problem.y).map_or(0.0, |q| q / 12f64.sqrt() / 4.0));
-    let mut a = Analysis { problem, thin, spec, load, floor, tests: 1 };
+    let floor = spec
+        .roles
+        .target
+        .noise_floor
+        .max(crate::hygiene::quantum(&problem.y).map_or(0.0, |q| q / 12f64.sqrt() / 4.0));
+    let mut a = Analysis {
+        problem,
+        thin,
+        spec,
+        load,
+        floor,
+        tests: 1,
+    };
     let baseline = figures(&a.problem, &base, sel.seed);
 
-    // Forward.
+    // Forward, then every effect against its rivals; a change starts the forward search again.
     let mut chosen: Vec<Chosen> = Vec::new();
-    let mut last_step = None;
-    for round in 0..2 * sel.max_effects {
-        progress.stage(&format!("searching the catalogue, step {}", round + 1));
-        let (model, fit) = a.fit(&chosen)?;
-        let step = a.step(&model, &fit)?;
-        let winner = step.winner;
-        let best = winner.map(|w| choose(&step.ranked[w]));
-        last_step = Some(step);
-        let Some(c) = best else { break };
-        if chosen.len() >= sel.max_effects {
+    let mut last_step;
+    let mut rivals: Vec<(Option<Rival>, Vec<Candidate>)>;
+    let mut round = 0;
+    loop {
+        last_step = Some(a.forward(&mut chosen, progress)?);
+        a.polish(&mut chosen)?;
+        round += 1;
+        let (list, changed) = a.rivals(&mut chosen, round < 4, progress)?;
+        rivals = list;
+        if !changed {
             break;
         }
-        let before = stats::rms(&fit.held);
-        let kept = chosen.clone();
-        chosen.push(c);
-        a.prune(&mut chosen)?;
-        let after = stats::rms(&a.fit(&chosen)?.1.held);
-        if after > before * (1.0 - 0.5 * sel.material) {
-            chosen = kept;
-            break;
-        }
-    }
-    a.polish(&mut chosen)?;
-
-    // Rivals: each effect must hold its place against the whole catalogue with the others in place.
-    let mut rivals: Vec<(Option<Rival>, Vec<Candidate>)> = Vec::new();
-    let mut i = 0;
-    let mut swaps = 0;
-    while i < chosen.len() {
-        progress.stage(&format!("rivals of {}", CATALOGUE[chosen[i].effect].name()));
-        let mut rest = chosen.clone();
-        let own = rest.remove(i);
-        let (model, fit) = a.fit(&rest)?;
-        let step = a.step(&model, &fit)?;
-        let own_name = CATALOGUE[own.effect].name();
-        let current = stats::rms(&a.fit(&chosen)?.1.held);
-        if let Some(w) = step.winner {
-            let c = &step.ranked[w];
-            if c.name != own_name && swaps < 4 {
-                let mut other = rest.clone();
-                other.push(choose(c));
-                let rmse = stats::rms(&a.fit(&other)?.1.held);
-                if rmse < 0.99 * current {
-                    chosen = other;
-                    swaps += 1;
-                    a.prune(&mut chosen)?;
-                    a.polish(&mut chosen)?;
-                    (i, rivals) = (0, vec![]);
-                    continue;
-                }
-            }
-        }
-        let n = a.problem.y.len() as f64;
-        let rival = step.ranked.iter().find(|c| c.name != own_name && !rest.iter().any(|r| CATALOGUE[r.effect].name() == c.name)).map(|c| Rival {
-            name: c.name.clone(),
-            heldout_rmse: (c.held / n).sqrt(),
-            behind: (c.held / n).sqrt() / current - 1.0,
-        });
-        let state = State { problem: &a.problem, spec, model: &model, fit: &fit };
-        let ties = step.ranked.iter().position(|c| c.name == own_name).map_or(vec![], |w| indistinguishable(&state, &step, w));
-        rivals.push((rival, ties));
-        i += 1;
     }
 
     // What is left.
@@ -311,22 +485,46 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     let mut nameless = a.scan(&model, &fit, true)?;
     nameless.sort_by(|x, y| y.gain.total_cmp(&x.gain));
     let tests = a.tests.max(nameless.len());
-    let left: Vec<&Candidate> = nameless.iter().filter(|c| passes(c, spec, tests, a.floor, rows)).collect();
-    let explained = (base.scores.held_total(0) - fit.held.iter().map(|r| r * r).sum::<f64>()).max(0.0);
-    let structure: Vec<Structure> =
-        left.iter().take(6).map(|c| Structure { depends_on: c.name.clone(), gain: c.gain, p: c.p }).collect();
-    let unexplained = left.first().is_some_and(|c| c.base - c.held > 0.25 * explained);
+    let left: Vec<&Candidate> = nameless
+        .iter()
+        .filter(|c| passes(c, spec, tests, a.floor, rows))
+        .collect();
+    let explained =
+        (base.scores.held_total(0) - fit.held.iter().map(|r| r * r).sum::<f64>()).max(0.0);
+    let structure: Vec<Structure> = left
+        .iter()
+        .take(6)
+        .map(|c| Structure {
+            depends_on: c.name.clone(),
+            gain: c.gain,
+            p: c.p,
+        })
+        .collect();
+    let unexplained = left
+        .first()
+        .is_some_and(|c| c.base - c.held > 0.25 * explained);
 
     let frame = a.problem.kept_frame();
-    let mut residual_tests = vec![("before".to_string(), stats::whiteness(&base.residual, &frame))];
+    let mut residual_tests = vec![(
+        "before".to_string(),
+        stats::whiteness(&base.residual, &frame),
+    )];
     residual_tests.push(("after".into(), stats::whiteness(&fit.residual, &frame)));
     for (name, _) in spec.roles.all() {
         if name == "target" || name == "time" || spec.roles.groups.contains_key(&name) {
             continue;
         }
-        let x = a.problem.gather(a.problem.frame.column(&name).unwrap_or(&[]).to_vec());
-        residual_tests.push(("before".into(), stats::cross_correlation(&base.residual, &x, &name, &frame)));
-        residual_tests.push(("after".into(), stats::cross_correlation(&fit.residual, &x, &name, &frame)));
+        let x = a
+            .problem
+            .gather(a.problem.frame.column(&name).unwrap_or(&[]).to_vec());
+        residual_tests.push((
+            "before".into(),
+            stats::cross_correlation(&base.residual, &x, &name, &frame),
+        ));
+        residual_tests.push((
+            "after".into(),
+            stats::cross_correlation(&fit.residual, &x, &name, &frame),
+        ));
     }
 
     // Order by what is lost without each, then tell the story in that order.
@@ -346,18 +544,26 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     for (k, (i, _)) in order.iter().enumerate() {
         let c = &chosen[*i];
         so_far.push(c.clone());
-        let after = if k + 1 == order.len() { full } else { stats::rms(&a.fit(&so_far)?.1.held) };
+        let after = if k + 1 == order.len() {
+            full
+        } else {
+            stats::rms(&a.fit(&so_far)?.1.held)
+        };
         let (params, ci) = parameters(&a, &chosen, *i)?;
         let effect = CATALOGUE[c.effect];
-        let ctx = context(&a.problem, spec, &a.load, &base);
+        let ctx = context(&a.problem, spec, &a.load, &declared, &base);
         let against = effect.against(&ctx);
         let (rival, ties) = rivals.get(*i).cloned().unwrap_or((None, vec![]));
         if !ties.is_empty() {
             ambiguous.push(Ambiguity {
-                effects: std::iter::once(effect.name().to_string()).chain(ties.iter().map(|t| t.name.clone())).collect(),
+                effects: std::iter::once(effect.name().to_string())
+                    .chain(ties.iter().map(|t| t.name.clone()))
+                    .collect(),
                 experiment: ties
                     .iter()
-                    .filter_map(|t| effects::experiment(&t.name).map(|e| format!("{}: {e}", t.name)))
+                    .filter_map(|t| {
+                        effects::experiment(&t.name).map(|e| format!("{}: {e}", t.name))
+                    })
                     .chain([format!("{}: {}", effect.name(), effect.experiment())])
                     .collect::<Vec<_>>()
                     .join("; "),
@@ -369,9 +575,14 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
             meaning: effect.meaning().into(),
             terms: match (c.variant.build)(c.psi) {
                 Build::Add(p) | Build::Local(p) => p.iter().map(|p| p.text.clone()).collect(),
-                Build::Swap(s) => s.iter().map(|(n, t)| format!("{n} -> {t}")).collect(),
+                Build::Swap(s) | Build::SwapAll(s) => {
+                    s.iter().map(|(n, t)| format!("{n} -> {t}")).collect()
+                }
             },
-            units: params.iter().map(|p| (p.name.clone(), p.unit.clone())).collect(),
+            units: params
+                .iter()
+                .map(|p| (p.name.clone(), p.unit.clone()))
+                .collect(),
             params: params.iter().map(|p| (p.name.clone(), p.value)).collect(),
             ci,
             heldout_before: before,
@@ -401,7 +612,12 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     let step = last_step.map(|s| s.ranked).unwrap_or_default();
     let seen_not_material: Vec<NotMaterial> = step
         .iter()
-        .filter(|c| c.gain > 5e-4 && c.gain < sel.material && c.p * a.tests as f64 <= sel.fdr && !list.iter().any(|e| e.name == c.name))
+        .filter(|c| {
+            c.gain > 5e-4
+                && c.gain < sel.material
+                && c.p * a.tests as f64 <= sel.fdr
+                && !list.iter().any(|e| e.name == c.name)
+        })
         .map(|c| NotMaterial {
             name: c.name.clone(),
             form: c.variant.label.clone(),
@@ -411,16 +627,29 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
         .collect();
     let tested = step
         .iter()
-        .map(|c| Tested { name: c.name.clone(), form: c.variant.label.clone(), gain: c.gain, p: c.p, steadiness: c.z, params: psi_map(c) })
+        .map(|c| Tested {
+            name: c.name.clone(),
+            form: c.variant.label.clone(),
+            gain: c.gain,
+            p: c.p,
+            steadiness: c.z,
+            params: psi_map(c),
+        })
         .collect::<Vec<_>>();
     let absent = CATALOGUE
         .iter()
         .filter(|e| a.allowed(**e))
-        .filter(|e| e.variants(&context(&a.problem, spec, &a.load, &base)).is_empty())
+        .filter(|e| {
+            e.variants(&context(&a.problem, spec, &a.load, &declared, &base))
+                .is_empty()
+        })
         .map(|e| e.name().to_string())
         .collect();
     let plot_unknown = left.first().map(|c| {
-        let name = ["velocity", "load", "angle", "temperature"].into_iter().chain(spec.roles.pose.keys().map(String::as_str)).find(|n| c.name.contains(n));
+        let name = ["velocity", "load", "angle", "temperature"]
+            .into_iter()
+            .chain(spec.roles.pose.keys().map(String::as_str))
+            .find(|n| c.name.contains(n));
         let text = match name {
             Some("load") | None => a.load.clone(),
             Some(n) => n.to_string(),
@@ -431,7 +660,13 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     Ok(Report {
         title: spec.title.clone(),
         unit: spec.roles.target.unit.clone(),
-        files: files.iter().map(|f| f.file_name().map_or(String::new(), |n| n.to_string_lossy().into_owned())).collect(),
+        files: files
+            .iter()
+            .map(|f| {
+                f.file_name()
+                    .map_or(String::new(), |n| n.to_string_lossy().into_owned())
+            })
+            .collect(),
         rows: a.problem.y.len(),
         sequences: a.problem.frame.sequences().len(),
         groups,
@@ -454,7 +689,11 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
 }
 
 fn psi_map(c: &Candidate) -> BTreeMap<String, f64> {
-    c.variant.psi.iter().map(|p| (p.name.to_string(), c.psi)).collect()
+    c.variant
+        .psi
+        .iter()
+        .map(|p| (p.name.to_string(), c.psi))
+        .collect()
 }
 
 fn declared_terms(model: &Model, fit: &Fit) -> Vec<(String, f64, String, bool)> {
@@ -463,7 +702,14 @@ fn declared_terms(model: &Model, fit: &Fit) -> Vec<(String, f64, String, bool)> 
         .terms
         .iter()
         .filter(|t| !t.local)
-        .map(|t| (t.name.clone(), t.fixed.unwrap_or_else(|| k.next().copied().unwrap_or(0.0)), t.unit.clone(), t.fixed.is_some()))
+        .map(|t| {
+            (
+                t.name.clone(),
+                t.fixed.unwrap_or_else(|| k.next().copied().unwrap_or(0.0)),
+                t.unit.clone(),
+                t.fixed.is_some(),
+            )
+        })
         .collect()
 }
 
@@ -474,7 +720,11 @@ fn figures(p: &Problem, fit: &Fit, seed: u64) -> Figures {
         .iter()
         .map(|b| {
             let r = &fit.held[b.range.clone()];
-            (r.iter().map(|x| x * x).sum(), r.iter().map(|x| x.abs()).sum(), r.len() as f64)
+            (
+                r.iter().map(|x| x * x).sum(),
+                r.iter().map(|x| x.abs()).sum(),
+                r.len() as f64,
+            )
         })
         .collect();
     let mut rng = Rng::new(seed ^ 0xb00);
@@ -492,7 +742,12 @@ fn figures(p: &Problem, fit: &Fit, seed: u64) -> Figures {
         .unzip();
     rmse.sort_by(f64::total_cmp);
     mae.sort_by(f64::total_cmp);
-    let ci = |v: &[f64]| [stats::quantile_sorted(v, 0.025), stats::quantile_sorted(v, 0.975)];
+    let ci = |v: &[f64]| {
+        [
+            stats::quantile_sorted(v, 0.025),
+            stats::quantile_sorted(v, 0.975),
+        ]
+    };
     Figures {
         heldout_rmse: stats::rms(&fit.held),
         heldout_rmse_ci: ci(&rmse),
@@ -506,7 +761,11 @@ type Intervals = BTreeMap<String, [f64; 2]>;
 
 /// Parameters of one chosen effect with 95 % block-bootstrap intervals; the nonlinear one is chosen
 /// anew in every replicate.
-fn parameters(a: &Analysis, chosen: &[Chosen], index: usize) -> Result<(Vec<effects::Param>, Intervals), Error> {
+fn parameters(
+    a: &Analysis,
+    chosen: &[Chosen],
+    index: usize,
+) -> Result<(Vec<effects::Param>, Intervals), Error> {
     let own = &chosen[index];
     let p = &a.problem;
     let sums_at = |psi: f64| -> Result<(Sums, Vec<usize>), Error> {
@@ -539,7 +798,8 @@ fn parameters(a: &Analysis, chosen: &[Chosen], index: usize) -> Result<(Vec<effe
     };
     let value = |psi: f64, s: &Sums, mine: &[usize], w: Option<&[f64]>| {
         let (t, _) = s.fit(w);
-        own.variant.params(psi, &mine.iter().map(|i| t[*i]).collect::<Vec<_>>())
+        own.variant
+            .params(psi, &mine.iter().map(|i| t[*i]).collect::<Vec<_>>())
     };
     let (s0, mine) = sums_at(own.psi)?;
     let mut params = value(own.psi, &s0, &mine, None);
@@ -548,7 +808,10 @@ fn parameters(a: &Analysis, chosen: &[Chosen], index: usize) -> Result<(Vec<effe
         let (_, fit) = a.fit(chosen)?;
         let size = fit.local.iter().map(|(_, r)| r * r).sum::<f64>().sqrt();
         params.retain(|p| p.name != "phase");
-        params.iter_mut().filter(|p| p.name == "amplitude").for_each(|p| p.value = size);
+        params
+            .iter_mut()
+            .filter(|p| p.name == "amplitude")
+            .for_each(|p| p.value = size);
     }
     let mut grid = vec![(own.psi, s0)];
     if let Some(psi) = own.variant.psi.as_ref().filter(|p| p.refine && !local) {
@@ -563,14 +826,24 @@ fn parameters(a: &Analysis, chosen: &[Chosen], index: usize) -> Result<(Vec<effe
         let h = 0.05 * (hi - lo).abs();
         let centre = cost(&grid[0].1);
         let n = p.y.len() as f64;
-        let curvature = [own.psi - h, own.psi + h].iter().map(|x| sums_at(*x).map(|s| cost(&s.0) - centre)).collect::<Result<Vec<f64>, _>>()?;
+        let curvature = [own.psi - h, own.psi + h]
+            .iter()
+            .map(|x| sums_at(*x).map(|s| cost(&s.0) - centre))
+            .collect::<Result<Vec<f64>, _>>()?;
         let bend = (curvature[0] + curvature[1]).max(1e-12 * centre) / (h * h);
         let colour = correlation_rows(p, &a.fit(chosen)?.1.residual);
-        let se = (2.0 * centre / n * colour / bend).sqrt().min((hi - lo).abs());
-        let points: Vec<f64> =
-            (-8i32..=8).filter(|k| *k != 0).map(|k| own.psi + 0.5 * f64::from(k) * se).filter(|x| psi.grid[0] < 0.0 || *x > 0.0).collect();
-        let more: Vec<(f64, Sums)> =
-            points.par_iter().filter_map(|x| sums_at(*x).ok().map(|s| (*x, s.0))).collect();
+        let se = (2.0 * centre / n * colour / bend)
+            .sqrt()
+            .min((hi - lo).abs());
+        let points: Vec<f64> = (-8i32..=8)
+            .filter(|k| *k != 0)
+            .map(|k| own.psi + 0.5 * f64::from(k) * se)
+            .filter(|x| psi.grid[0] < 0.0 || *x > 0.0)
+            .collect();
+        let more: Vec<(f64, Sums)> = points
+            .par_iter()
+            .filter_map(|x| sums_at(*x).ok().map(|s| (*x, s.0)))
+            .collect();
         grid.extend(more);
     }
     let mut rng = Rng::new(a.spec.selection.seed ^ 0xc1);
@@ -589,7 +862,10 @@ fn parameters(a: &Analysis, chosen: &[Chosen], index: usize) -> Result<(Vec<effe
                 .min_by(|a, b| {
                     let err = |s: &Sums| -> f64 {
                         let (x, _) = s.fit(Some(w));
-                        (0..w.len()).filter(|k| w[*k] > 0.0).map(|k| w[k] * s.block_error(k, &x)).sum()
+                        (0..w.len())
+                            .filter(|k| w[*k] > 0.0)
+                            .map(|k| w[k] * s.block_error(k, &x))
+                            .sum()
                     };
                     err(&a.1).total_cmp(&err(&b.1))
                 })
@@ -599,14 +875,27 @@ fn parameters(a: &Analysis, chosen: &[Chosen], index: usize) -> Result<(Vec<effe
         .collect();
     let mut ci = BTreeMap::new();
     for q in &params {
-        let mut v: Vec<f64> = replicates.iter().filter_map(|r| r.iter().find(|x| x.name == q.name).map(|x| x.value)).collect();
+        let mut v: Vec<f64> = replicates
+            .iter()
+            .filter_map(|r| r.iter().find(|x| x.name == q.name).map(|x| x.value))
+            .collect();
         if q.name == "phase" {
             // Phases wrap: count them from the estimate.
-            v.iter_mut().for_each(|x| *x = q.value + (*x - q.value + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI);
+            v.iter_mut().for_each(|x| {
+                *x = q.value
+                    + (*x - q.value + std::f64::consts::PI).rem_euclid(std::f64::consts::TAU)
+                    - std::f64::consts::PI
+            });
         }
         v.sort_by(f64::total_cmp);
         if !local {
-            ci.insert(q.name.clone(), [stats::quantile_sorted(&v, 0.025), stats::quantile_sorted(&v, 0.975)]);
+            ci.insert(
+                q.name.clone(),
+                [
+                    stats::quantile_sorted(&v, 0.025),
+                    stats::quantile_sorted(&v, 0.975),
+                ],
+            );
         }
     }
     Ok((params, ci))
@@ -626,17 +915,30 @@ fn extended(spec: &Spec, model: &Model, fit: &Fit, chosen: &[Chosen]) -> Spec {
                 None => spec.terms[i].effect.clone(),
             };
             Term {
-                name: if t.chosen.is_some() { format!("{effect}: {}", t.name) } else { t.name.clone() },
+                name: if t.chosen.is_some() {
+                    format!("{effect}: {}", t.name)
+                } else {
+                    t.name.clone()
+                },
                 expr: t.expr.to_string(),
                 unit: t.unit.clone(),
                 fixed: t.fixed,
-                per: if t.local { "sequence".into() } else { String::new() },
+                per: if t.local {
+                    "sequence".into()
+                } else {
+                    String::new()
+                },
                 effect,
                 fitted: if t.fixed.is_none() { fitted } else { None },
             }
         })
         // A term that repeats others on these data carries nothing.
-        .zip((0..).map(|i| fit.free.iter().position(|f| *f == i).is_some_and(|k| fit.dropped[k])))
+        .zip((0..).map(|i| {
+            fit.free
+                .iter()
+                .position(|f| *f == i)
+                .is_some_and(|k| fit.dropped[k])
+        }))
         .filter(|(_, dropped)| !dropped)
         .map(|(t, _)| t)
         .collect();
@@ -645,7 +947,9 @@ fn extended(spec: &Spec, model: &Model, fit: &Fit, chosen: &[Chosen]) -> Spec {
 
 /// Points and binned means of the residual before and after.
 fn plot(p: &Problem, against: &str, before: &[f64], after: &[f64]) -> Plot {
-    let x = Expr::parse(against).and_then(|e| p.eval(&e)).unwrap_or_default();
+    let x = Expr::parse(against)
+        .and_then(|e| p.eval(&e))
+        .unwrap_or_default();
     if x.is_empty() {
         return Plot::default();
     }
@@ -661,5 +965,11 @@ fn plot(p: &Problem, against: &str, before: &[f64], after: &[f64]) -> Plot {
             [m(&x), m(before), m(after)]
         })
         .collect();
-    Plot { against: against.into(), x: pick(&x), before: pick(before), after: pick(after), means }
+    Plot {
+        against: against.into(),
+        x: pick(&x),
+        before: pick(before),
+        after: pick(after),
+        means,
+    }
 }

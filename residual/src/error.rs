@@ -71,7 +71,10 @@ impl Error {
     }
 
     pub(crate) fn data(what: impl Into<String>, hint: impl Into<String>) -> Self {
-        Error::Data { what: what.into(), hint: hint.into() }
+        Error::Data {
+            what: what.into(),
+            hint: hint.into(),
+        }
     }
 
     pub(crate) fn model(what: impl Into<String>) -> Self {
@@ -79,7 +82,10 @@ impl Error {
     }
 
     pub(crate) fn io(path: &std::path::Path, why: impl fmt::Display) -> Self {
-        Error::Io { path: path.to_path_buf(), why: why.to_string() }
+        Error::Io {
+            path: path.to_path_buf(),
+            why: why.to_string(),
+        }
     }
 }
 

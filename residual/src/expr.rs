@@ -111,7 +111,10 @@ struct Parser<'a> {
 
 impl<'a> Parser<'a> {
     fn fail<T>(&self, why: impl Into<String>) -> Result<T, Error> {
-        Err(Error::Expression { text: self.text.to_string(), why: format!("{} (at character {})", why.into(), self.at + 1) })
+        Err(Error::Expression {
+            text: self.text.to_string(),
+            why: format!("{} (at character {})", why.into(), self.at + 1),
+        })
     }
 
     fn rest(&mut self) -> &'a str {
@@ -129,7 +132,9 @@ impl<'a> Parser<'a> {
         let mut left = self.unary()?;
         loop {
             let rest = self.rest();
-            let Some(&(op, level)) = BINARY.iter().find(|(op, _)| rest.starts_with(op)) else { break };
+            let Some(&(op, level)) = BINARY.iter().find(|(op, _)| rest.starts_with(op)) else {
+                break;
+            };
             if level < floor {
                 break;
             }
@@ -155,7 +160,9 @@ impl<'a> Parser<'a> {
 
     fn atom(&mut self) -> Result<Expr, Error> {
         let rest = self.rest();
-        let Some(first) = rest.chars().next() else { return self.fail("something is missing at the end") };
+        let Some(first) = rest.chars().next() else {
+            return self.fail("something is missing at the end");
+        };
         if first == '(' {
             self.at += 1;
             let inner = self.binary(0)?;
@@ -186,14 +193,23 @@ impl<'a> Parser<'a> {
             };
         }
         if first.is_alphabetic() || first == '_' {
-            let n = rest.find(|c: char| !(c.is_alphanumeric() || c == '_' || c == '.')).unwrap_or(rest.len());
+            let n = rest
+                .find(|c: char| !(c.is_alphanumeric() || c == '_' || c == '.'))
+                .unwrap_or(rest.len());
             let name = &rest[..n];
             self.at += n;
             if !self.rest().starts_with('(') {
-                return Ok(if name == "pi" { Expr::Num(std::f64::consts::PI) } else { Expr::Var(name.to_string()) });
+                return Ok(if name == "pi" {
+                    Expr::Num(std::f64::consts::PI)
+                } else {
+                    Expr::Var(name.to_string())
+                });
             }
             let Some((func, arity)) = Func::lookup(name) else {
-                return self.fail(format!("no function `{name}`; known are {}", Func::ALL.iter().map(|f| f.1).collect::<Vec<_>>().join(", ")));
+                return self.fail(format!(
+                    "no function `{name}`; known are {}",
+                    Func::ALL.iter().map(|f| f.1).collect::<Vec<_>>().join(", ")
+                ));
             };
             self.at += 1;
             let mut args = Vec::new();
@@ -210,7 +226,10 @@ impl<'a> Parser<'a> {
                 }
             }
             if args.len() != arity {
-                return self.fail(format!("`{name}` takes {arity} argument(s), {} given", args.len()));
+                return self.fail(format!(
+                    "`{name}` takes {arity} argument(s), {} given",
+                    args.len()
+                ));
             }
             return Ok(Expr::Call(func, args));
         }
@@ -267,7 +286,11 @@ impl Expr {
     /// # Errors
     /// [`Error::Expression`] with the position of the first thing that is wrong.
     pub fn parse(text: &str) -> Result<Expr, Error> {
-        let mut p = Parser { text, at: 0, depth: 0 };
+        let mut p = Parser {
+            text,
+            at: 0,
+            depth: 0,
+        };
         let e = p.binary(0)?;
         if p.rest().is_empty() {
             Ok(e)
@@ -284,13 +307,6 @@ impl Expr {
     /// `self op other` for one of the language's binary operators.
     pub(crate) fn op(self, op: &'static str, other: Expr) -> Expr {
         Expr::Binary(op, Box::new(self), Box::new(other))
-    }
-
-    /// `func(self, args...)`.
-    pub(crate) fn call(self, func: Func, args: &[f64]) -> Expr {
-        let mut all = vec![self];
-        all.extend(args.iter().map(|&x| Expr::Num(x)));
-        Expr::Call(func, all)
     }
 
     /// Names of the columns used.
@@ -323,8 +339,12 @@ impl Expr {
             Expr::Num(_) => self.clone(),
             Expr::Var(n) => f(n).unwrap_or_else(|| self.clone()),
             Expr::Unary(op, a) => Expr::Unary(*op, Box::new(a.substitute(f))),
-            Expr::Binary(op, a, b) => Expr::Binary(op, Box::new(a.substitute(f)), Box::new(b.substitute(f))),
-            Expr::Call(func, args) => Expr::Call(*func, args.iter().map(|a| a.substitute(f)).collect()),
+            Expr::Binary(op, a, b) => {
+                Expr::Binary(op, Box::new(a.substitute(f)), Box::new(b.substitute(f)))
+            }
+            Expr::Call(func, args) => {
+                Expr::Call(*func, args.iter().map(|a| a.substitute(f)).collect())
+            }
         }
     }
 
@@ -340,7 +360,10 @@ impl Expr {
     fn constant(&self, frame: &Frame) -> Result<f64, Error> {
         match self.value(frame)? {
             Value::One(x) if x.is_finite() => Ok(x),
-            _ => Err(Error::Expression { text: self.to_string(), why: "a constant is needed here, not a column".into() }),
+            _ => Err(Error::Expression {
+                text: self.to_string(),
+                why: "a constant is needed here, not a column".into(),
+            }),
         }
     }
 
@@ -353,7 +376,10 @@ impl Expr {
                 None => {
                     return Err(Error::Expression {
                         text: n.clone(),
-                        why: format!("no such column or role; known are {}", frame.names().join(", ")),
+                        why: format!(
+                            "no such column or role; known are {}",
+                            frame.names().join(", ")
+                        ),
                     })
                 }
             },
@@ -391,7 +417,10 @@ impl Expr {
             if p > 0.0 {
                 Ok(p)
             } else {
-                Err(Error::Expression { text: self.to_string(), why: format!("`{}` must be positive", args[i]) })
+                Err(Error::Expression {
+                    text: self.to_string(),
+                    why: format!("`{}` must be positive", args[i]),
+                })
             }
         };
         let sgn = |x: f64, db: f64| {
@@ -419,11 +448,18 @@ impl Expr {
             Func::Floor => x.map(f64::floor),
             Func::Min => x.zip(args[1].value(frame)?, f64::min),
             Func::Max => x.zip(args[1].value(frame)?, f64::max),
-            Func::Clip => x.zip(args[1].value(frame)?, f64::max).zip(args[2].value(frame)?, f64::min),
+            Func::Clip => x
+                .zip(args[1].value(frame)?, f64::max)
+                .zip(args[2].value(frame)?, f64::min),
             Func::If => {
                 let (a, b) = (args[1].value(frame)?.rows(n), args[2].value(frame)?.rows(n));
                 let c = x.rows(n);
-                Value::Rows(c.iter().zip(a.iter().zip(&b)).map(|(c, (a, b))| if *c != 0.0 { *a } else { *b }).collect())
+                Value::Rows(
+                    c.iter()
+                        .zip(a.iter().zip(&b))
+                        .map(|(c, (a, b))| if *c != 0.0 { *a } else { *b })
+                        .collect(),
+                )
             }
             Func::Sgn => {
                 let db = args[1].constant(frame)?;
@@ -458,7 +494,11 @@ impl Expr {
                 }
                 Value::Rows(v)
             }
-            Func::Deriv => Value::Rows(derivative(&x.rows(n), frame, positive(1)?.max(1.0) as usize)),
+            Func::Deriv => Value::Rows(derivative(
+                &x.rows(n),
+                frame,
+                positive(1)?.max(1.0) as usize,
+            )),
             Func::Integ => {
                 let mut v = x.rows(n);
                 let t = frame.time();
@@ -481,14 +521,18 @@ impl Expr {
             }
             Func::Warp => {
                 let r = args[1].constant(frame)?;
-                Value::Rows(resample(&x.rows(n), frame, |t, t0| t0 + (t - t0) * (1.0 + r)))
+                Value::Rows(resample(&x.rows(n), frame, |t, t0| {
+                    t0 + (t - t0) * (1.0 + r)
+                }))
             }
             Func::Lowpass | Func::Charge => {
                 let tau = positive(1)?;
                 let mut v = x.rows(n);
                 let t = frame.time();
                 for range in frame.sequences() {
-                    let Some(first) = range.clone().next() else { continue };
+                    let Some(first) = range.clone().next() else {
+                        continue;
+                    };
                     let mut y = if func == Func::Lowpass { v[first] } else { 0.0 };
                     let mut px = v[first];
                     for i in range.clone() {
@@ -548,7 +592,12 @@ impl Expr {
 
 impl Frame {
     /// Runs `step(state, x, is_first)` along each sequence.
-    fn scan(&self, mut v: Vec<f64>, start: f64, mut step: impl FnMut(&mut f64, f64, bool) -> f64) -> Value {
+    fn scan(
+        &self,
+        mut v: Vec<f64>,
+        start: f64,
+        mut step: impl FnMut(&mut f64, f64, bool) -> f64,
+    ) -> Value {
         for range in self.sequences() {
             let mut state = start;
             let mut first = true;
@@ -579,7 +628,11 @@ fn derivative(x: &[f64], frame: &Frame, half: usize) -> Vec<f64> {
                 stx += dt * x[j];
             }
             let den = stt - st * st / k;
-            out[i] = if den > 0.0 { (stx - st * sx / k) / den } else { 0.0 };
+            out[i] = if den > 0.0 {
+                (stx - st * sx / k) / den
+            } else {
+                0.0
+            };
         }
     }
     out
@@ -590,7 +643,9 @@ fn resample(x: &[f64], frame: &Frame, at: impl Fn(f64, f64) -> f64) -> Vec<f64> 
     let t = frame.time();
     let mut out = vec![0.0; x.len()];
     for range in frame.sequences() {
-        let Some(first) = range.clone().next() else { continue };
+        let Some(first) = range.clone().next() else {
+            continue;
+        };
         let mut j = first;
         for i in range.clone() {
             let want = at(t[i], t[first]);
@@ -675,7 +730,10 @@ mod tests {
 
     fn frame() -> Frame {
         Frame::new(
-            vec![("x".into(), vec![0.0, 1.0, 2.0, 1.0, 0.0, 5.0, 5.0]), ("v".into(), vec![0.0, 2.0, 0.0, -2.0, 0.0, 0.0, 1.0])],
+            vec![
+                ("x".into(), vec![0.0, 1.0, 2.0, 1.0, 0.0, 5.0, 5.0]),
+                ("v".into(), vec![0.0, 2.0, 0.0, -2.0, 0.0, 0.0, 1.0]),
+            ],
             vec![0.0, 1.0, 2.0, 3.0, 4.0, 0.0, 1.0],
             vec![0..5, 5..7],
         )
@@ -691,14 +749,30 @@ mod tests {
         assert_eq!(eval("2 ^ 3 ^ 2")[0], 512.0);
         assert_eq!(eval("-2 ^ 2")[0], -4.0);
         assert_eq!(eval("8 / 4 / 2")[0], 1.0);
-        assert_eq!(eval("x > 1 && !(v == 0) || x == 5"), [0., 0., 0., 0., 0., 1., 1.]);
+        assert_eq!(
+            eval("x > 1 && !(v == 0) || x == 5"),
+            [0., 0., 0., 0., 0., 1., 1.]
+        );
     }
 
     #[test]
     fn text_of_an_expression_parses_back_to_it() {
-        for text in ["1 - (2 - 3)", "(x + 1) * v", "-(x + v)^2", "2^-1", "held(v, 0.5) * (x - 1e-7)", "x / (v / 2)", "!(x > 1)", "(2^3)^2"] {
+        for text in [
+            "1 - (2 - 3)",
+            "(x + 1) * v",
+            "-(x + v)^2",
+            "2^-1",
+            "held(v, 0.5) * (x - 1e-7)",
+            "x / (v / 2)",
+            "!(x > 1)",
+            "(2^3)^2",
+        ] {
             let e = Expr::parse(text).unwrap();
-            assert_eq!(Expr::parse(&e.to_string()).unwrap().eval(&frame()).unwrap(), e.eval(&frame()).unwrap(), "{text} -> {e}");
+            assert_eq!(
+                Expr::parse(&e.to_string()).unwrap().eval(&frame()).unwrap(),
+                e.eval(&frame()).unwrap(),
+                "{text} -> {e}"
+            );
         }
     }
 
@@ -711,7 +785,11 @@ mod tests {
         assert_eq!(eval("integ(x)"), [0., 0.5, 2.0, 3.5, 4.0, 0., 5.]);
         assert_eq!(eval("deriv(x, 1)"), [1., 1., 0., -1., -1., 0., 0.]);
         let ahead = eval("ahead(v, 0, 1)");
-        assert!((ahead[0] - (-1f64).exp()).abs() < 1e-12 && (ahead[2] + (-1f64).exp()).abs() < 1e-12 && ahead[4] == 0.0);
+        assert!(
+            (ahead[0] - (-1f64).exp()).abs() < 1e-12
+                && (ahead[2] + (-1f64).exp()).abs() < 1e-12
+                && ahead[4] == 0.0
+        );
     }
 
     #[test]
@@ -728,12 +806,27 @@ mod tests {
 
     #[test]
     fn mistakes_are_named() {
-        for (text, part) in [("1 +", "missing"), ("foo(1)", "no function"), ("sin(1, 2)", "takes 1"), ("(1", "`)`"), ("1 2", "operator"), ("#", "not expected")] {
+        for (text, part) in [
+            ("1 +", "missing"),
+            ("foo(1)", "no function"),
+            ("sin(1, 2)", "takes 1"),
+            ("(1", "`)`"),
+            ("1 2", "operator"),
+            ("#", "not expected"),
+        ] {
             let err = Expr::parse(text).unwrap_err().to_string();
             assert!(err.contains(part), "{text}: {err}");
         }
-        assert!(Expr::parse("nosuch").unwrap().eval(&frame()).unwrap_err().to_string().contains("known are"));
-        assert!(Expr::parse("lowpass(x, 0)").unwrap().eval(&frame()).is_err());
+        assert!(Expr::parse("nosuch")
+            .unwrap()
+            .eval(&frame())
+            .unwrap_err()
+            .to_string()
+            .contains("known are"));
+        assert!(Expr::parse("lowpass(x, 0)")
+            .unwrap()
+            .eval(&frame())
+            .is_err());
         assert!(Expr::parse(&"(".repeat(100_000)).is_err());
     }
 }

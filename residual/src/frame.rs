@@ -21,14 +21,22 @@ impl Frame {
     /// Builds a frame. `sequences` must cover the rows in order without overlap; `time` is in
     /// seconds and grows within a sequence. `time` and `elapsed` (since the start of the sequence)
     /// become columns.
-    pub fn new(columns: Vec<(String, Vec<f64>)>, time: Vec<f64>, sequences: Vec<Range<usize>>) -> Frame {
+    pub fn new(
+        columns: Vec<(String, Vec<f64>)>,
+        time: Vec<f64>,
+        sequences: Vec<Range<usize>>,
+    ) -> Frame {
         let mut elapsed = vec![0.0; time.len()];
         for r in &sequences {
             for i in r.clone() {
                 elapsed[i] = time[i] - time[r.start];
             }
         }
-        let mut frame = Frame { time: Arc::new(time.clone()), sequences, ..Frame::default() };
+        let mut frame = Frame {
+            time: Arc::new(time.clone()),
+            sequences,
+            ..Frame::default()
+        };
         for (name, values) in columns {
             frame.insert(&name, values);
         }
@@ -82,8 +90,12 @@ impl Frame {
 
     /// Median time between rows, in seconds.
     pub fn step(&self) -> f64 {
-        let mut d: Vec<f64> =
-            self.sequences.iter().flat_map(|r| self.time[r.clone()].windows(2).map(|w| w[1] - w[0])).filter(|d| *d > 0.0).collect();
+        let mut d: Vec<f64> = self
+            .sequences
+            .iter()
+            .flat_map(|r| self.time[r.clone()].windows(2).map(|w| w[1] - w[0]))
+            .filter(|d| *d > 0.0)
+            .collect();
         crate::stats::median(&mut d).unwrap_or(1.0)
     }
 }

@@ -31,7 +31,12 @@ impl Log {
         }
         match self.0.iter_mut().find(|f| f.check == check) {
             Some(f) => f.count += n,
-            None => self.0.push(Finding { check: check.into(), count: n, first: first.into(), what: what.into() }),
+            None => self.0.push(Finding {
+                check: check.into(),
+                count: n,
+                first: first.into(),
+                what: what.into(),
+            }),
         }
     }
 
@@ -59,8 +64,11 @@ pub(crate) fn inspect(frame: &mut Frame, keep: &mut [bool], spec: &Hygiene, log:
     if let Some(typical) = stats::median(&mut sizes) {
         let lo = stats::quantile_sorted(&sizes, 0.05);
         let hi = stats::quantile_sorted(&sizes, 0.90) * 1.5;
-        let wrong: Vec<usize> =
-            (0..y.len()).filter(|&i| y[i].abs() > 60.0 * typical && y[i].abs() / 256.0 >= lo && y[i].abs() / 256.0 <= hi).collect();
+        let wrong: Vec<usize> = (0..y.len())
+            .filter(|&i| {
+                y[i].abs() > 60.0 * typical && y[i].abs() / 256.0 >= lo && y[i].abs() / 256.0 <= hi
+            })
+            .collect();
         if let Some(&first) = wrong.first() {
             log.count(
                 "scale256",
@@ -83,7 +91,15 @@ pub(crate) fn inspect(frame: &mut Frame, keep: &mut [bool], spec: &Hygiene, log:
 
     let spikes = spikes(&y, frame);
     if let Some(&first) = spikes.first() {
-        log.count("spike", spikes.len(), &place(first, frame), &format!("isolated target values far from both neighbours: {}", done(spec.spikes)));
+        log.count(
+            "spike",
+            spikes.len(),
+            &place(first, frame),
+            &format!(
+                "isolated target values far from both neighbours: {}",
+                done(spec.spikes)
+            ),
+        );
         if spec.spikes == Action::Drop {
             spikes.iter().for_each(|&i| keep[i] = false);
         }
@@ -95,7 +111,11 @@ pub(crate) fn inspect(frame: &mut Frame, keep: &mut [bool], spec: &Hygiene, log:
             "clipping",
             clipped.len(),
             &place(first, frame),
-            &format!("target stuck at {} , the end of its range: {}", y[first], done(spec.clipping)),
+            &format!(
+                "target stuck at {} , the end of its range: {}",
+                y[first],
+                done(spec.clipping)
+            ),
         );
         if spec.clipping == Action::Drop {
             clipped.iter().for_each(|&i| keep[i] = false);
@@ -108,7 +128,10 @@ pub(crate) fn inspect(frame: &mut Frame, keep: &mut [bool], spec: &Hygiene, log:
             "repeat",
             repeated.len(),
             &place(repeated[0], frame),
-            &format!("rows that repeat every value of the row before: {}", done(spec.repeats)),
+            &format!(
+                "rows that repeat every value of the row before: {}",
+                done(spec.repeats)
+            ),
         );
         if spec.repeats == Action::Drop {
             repeated.iter().for_each(|&i| keep[i] = false);
@@ -121,15 +144,29 @@ pub(crate) fn inspect(frame: &mut Frame, keep: &mut [bool], spec: &Hygiene, log:
         }
         let c = frame.column(&name).unwrap_or(&[]);
         if let Some(q) = quantum(c) {
-            log.count(&format!("quantised {name}"), c.len(), "whole record", &format!("column `{name}` moves in steps of {q:.6}"));
+            log.count(
+                &format!("quantised {name}"),
+                c.len(),
+                "whole record",
+                &format!("column `{name}` moves in steps of {q:.6}"),
+            );
         }
     }
 }
 
 fn time_base(frame: &Frame, log: &mut Log) {
-    let mut steps: Vec<f64> = frame.sequences().iter().flat_map(|r| frame.time()[r.clone()].windows(2).map(|w| w[1] - w[0])).collect();
-    let Some(mid) = stats::median(&mut steps) else { return };
-    let (lo, hi) = (stats::quantile_sorted(&steps, 0.05), stats::quantile_sorted(&steps, 0.95));
+    let mut steps: Vec<f64> = frame
+        .sequences()
+        .iter()
+        .flat_map(|r| frame.time()[r.clone()].windows(2).map(|w| w[1] - w[0]))
+        .collect();
+    let Some(mid) = stats::median(&mut steps) else {
+        return;
+    };
+    let (lo, hi) = (
+        stats::quantile_sorted(&steps, 0.05),
+        stats::quantile_sorted(&steps, 0.95),
+    );
     log.count(
         "time base",
         frame.len(),
@@ -191,8 +228,18 @@ fn clipped(y: &[f64], frame: &Frame) -> Vec<usize> {
 }
 
 fn repeats(frame: &Frame) -> Vec<usize> {
-    let cols: Vec<&[f64]> = frame.names().iter().filter(|n| *n != "time" && *n != "elapsed").filter_map(|n| frame.column(n)).collect();
-    frame.sequences().iter().flat_map(|r| r.start + 1..r.end.max(r.start + 1)).filter(|&i| cols.iter().all(|c| c[i] == c[i - 1])).collect()
+    let cols: Vec<&[f64]> = frame
+        .names()
+        .iter()
+        .filter(|n| *n != "time" && *n != "elapsed")
+        .filter_map(|n| frame.column(n))
+        .collect();
+    frame
+        .sequences()
+        .iter()
+        .flat_map(|r| r.start + 1..r.end.max(r.start + 1))
+        .filter(|&i| cols.iter().all(|c| c[i] == c[i - 1]))
+        .collect()
 }
 
 /// Step of a quantised column: all distinct values are multiples of it apart, and they repeat.
@@ -208,6 +255,9 @@ pub(crate) fn quantum(c: &[f64]) -> Option<f64> {
     let mut gaps: Vec<f64> = v.windows(2).map(|w| w[1] - w[0]).collect();
     gaps.sort_by(f64::total_cmp);
     let q = gaps[gaps.len() / 10];
-    let whole = gaps.iter().filter(|g| ((*g / q) - (*g / q).round()).abs() < 0.05).count();
+    let whole = gaps
+        .iter()
+        .filter(|g| ((*g / q) - (*g / q).round()).abs() < 0.05)
+        .count();
     (whole * 10 >= gaps.len() * 9).then_some(q)
 }

@@ -35,5 +35,7 @@ pub use effects::{experiment, meaning, names, Param};
 pub use error::Error;
 pub use frame::Frame;
 pub use hygiene::Finding;
-pub use report::{Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested, Verdict};
+pub use report::{
+    Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested, Verdict,
+};
 pub use stats::ResidualTest;

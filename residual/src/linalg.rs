@@ -48,7 +48,12 @@ impl Cholesky {
                 l[i * n + j] = s / d;
             }
         }
-        Cholesky { n, scale, lower: l, dropped }
+        Cholesky {
+            n,
+            scale,
+            lower: l,
+            dropped,
+        }
     }
 
     /// Solves for one right-hand side.
@@ -100,7 +105,12 @@ pub(crate) fn squared_error(g: &[f64], b: &[f64], yy: f64, x: &[f64]) -> f64 {
 pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut s = [0.0f64; 8];
     let (ca, cb) = (a.chunks_exact(8), b.chunks_exact(8));
-    let tail: f64 = ca.remainder().iter().zip(cb.remainder()).map(|(x, y)| x * y).sum();
+    let tail: f64 = ca
+        .remainder()
+        .iter()
+        .zip(cb.remainder())
+        .map(|(x, y)| x * y)
+        .sum();
     for (x, y) in ca.zip(cb) {
         for k in 0..8 {
             s[k] += x[k] * y[k];
@@ -119,7 +129,10 @@ mod tests {
         let (a, b) = ([1.0, 2.0, 3.0], [1.0, 0.0, -1.0]);
         let c: Vec<f64> = a.iter().zip(&b).map(|(x, y)| x + y).collect();
         let cols = [&a[..], &b[..], &c[..]];
-        let g: Vec<f64> = cols.iter().flat_map(|x| cols.iter().map(|y| dot(x, y))).collect();
+        let g: Vec<f64> = cols
+            .iter()
+            .flat_map(|x| cols.iter().map(|y| dot(x, y)))
+            .collect();
         let y: Vec<f64> = a.iter().zip(&b).map(|(x, z)| 2.0 * x - z).collect();
         let rhs: Vec<f64> = cols.iter().map(|x| dot(x, &y)).collect();
         let f = Cholesky::new(&g, 3, 1e-10);

@@ -70,11 +70,19 @@ impl Model {
                     });
                 }
             }
-            Build::Swap(pairs) => {
-                let pairs: Vec<(String, Expr)> =
-                    pairs.iter().map(|(n, t)| Ok((n.clone(), Expr::parse(t)?))).collect::<Result<_, Error>>()?;
-                for t in self.terms.iter_mut().filter(|t| t.chosen.is_none()) {
-                    t.expr = t.expr.substitute(&|n| pairs.iter().find(|(name, _)| name == n).map(|(_, e)| e.clone()));
+            Build::Swap(pairs) | Build::SwapAll(pairs) => {
+                let all = matches!(build, Build::SwapAll(_));
+                let pairs: Vec<(String, Expr)> = pairs
+                    .iter()
+                    .map(|(n, t)| Ok((n.clone(), Expr::parse(t)?)))
+                    .collect::<Result<_, Error>>()?;
+                for t in self.terms.iter_mut().filter(|t| all || t.chosen.is_none()) {
+                    t.expr = t.expr.substitute(&|n| {
+                        pairs
+                            .iter()
+                            .find(|(name, _)| name == n)
+                            .map(|(_, e)| e.clone())
+                    });
                 }
             }
         }
@@ -142,7 +150,10 @@ impl Fit {
         let predict = |theta: &[f64], range: std::ops::Range<usize>, out: &mut [f64]| {
             for (c, k) in cols.iter().zip(theta) {
                 if *k != 0.0 {
-                    out[range.clone()].iter_mut().zip(&c[range.clone()]).for_each(|(o, v)| *o -= k * v);
+                    out[range.clone()]
+                        .iter_mut()
+                        .zip(&c[range.clone()])
+                        .for_each(|(o, v)| *o -= k * v);
                 }
             }
         };
@@ -150,7 +161,11 @@ impl Fit {
         predict(&theta, 0..n, &mut residual);
         let mut held = y0;
         for f in 0..p.folds {
-            let w: Vec<f64> = p.blocks.iter().map(|b| if b.fold == f { 0.0 } else { 1.0 }).collect();
+            let w: Vec<f64> = p
+                .blocks
+                .iter()
+                .map(|b| if b.fold == f { 0.0 } else { 1.0 })
+                .collect();
             let (t, _) = raw.fit(Some(&w));
             for b in p.blocks.iter().filter(|b| b.fold == f) {
                 predict(&t, b.range.clone(), &mut held);
@@ -167,34 +182,66 @@ impl Fit {
                 let mut start = 0;
                 while start < p.blocks.len() {
                     let seq = p.blocks[start].sequence;
-                    let end = start + p.blocks[start..].iter().take_while(|b| b.sequence == seq).count();
+                    let end = start
+                        + p.blocks[start..]
+                            .iter()
+                            .take_while(|b| b.sequence == seq)
+                            .count();
                     for half in 0..if halves { 2 } else { 1 } {
                         let w: Vec<f64> = (0..p.blocks.len())
-                            .map(|k| if k >= start && k < end && (!halves || (k - start) % 2 != half) { 1.0 } else { 0.0 })
+                            .map(|k| {
+                                if k >= start && k < end && (!halves || (k - start) % 2 != half) {
+                                    1.0
+                                } else {
+                                    0.0
+                                }
+                            })
                             .collect();
                         let (t, _) = s.fit(Some(&w));
                         for k in start..end {
                             if !halves || (k - start) % 2 == half {
                                 let r = p.blocks[k].range.clone();
                                 for (c, a) in lcols.iter().zip(&t) {
-                                    values[r.clone()].iter_mut().zip(&c[r.clone()]).for_each(|(o, v)| *o -= a * v);
+                                    values[r.clone()]
+                                        .iter_mut()
+                                        .zip(&c[r.clone()])
+                                        .for_each(|(o, v)| *o -= a * v);
                                 }
                             }
                         }
                         if !halves {
-                            let rows = (p.blocks[end - 1].range.end - p.blocks[start].range.start) as f64;
-                            sums2.iter_mut().zip(&t).for_each(|(s, t)| *s += rows * t * t);
+                            let rows =
+                                (p.blocks[end - 1].range.end - p.blocks[start].range.start) as f64;
+                            sums2
+                                .iter_mut()
+                                .zip(&t)
+                                .for_each(|(s, t)| *s += rows * t * t);
                             weight += rows;
                         }
                     }
                     start = end;
                 }
             }
-            local = local_terms.iter().zip(&sums2).map(|(i, s)| (*i, (s / f64::max(weight, 1.0)).sqrt())).collect();
+            local = local_terms
+                .iter()
+                .zip(&sums2)
+                .map(|(i, s)| (*i, (s / f64::max(weight, 1.0)).sqrt()))
+                .collect();
         }
         let sums = Sums::new(p, &cols, &residual, None, None);
         let scores = Scores::new(p, &sums);
-        Ok(Fit { free, x, fixed, theta, dropped, sums, residual, held, scores, local })
+        Ok(Fit {
+            free,
+            x,
+            fixed,
+            theta,
+            dropped,
+            sums,
+            residual,
+            held,
+            scores,
+            local,
+        })
     }
 
     /// Prediction of the global terms in-sample.

@@ -47,9 +47,24 @@ impl Problem {
         let rows: Vec<usize> = (0..frame.len()).filter(|&i| keep[i]).collect();
         let target = frame.column("target").unwrap_or(&[]);
         let y: Vec<f64> = rows.iter().map(|&i| target[i]).collect();
-        let folds = fold.iter().zip(keep).filter(|(_, k)| **k).map(|(f, _)| *f as usize + 1).max().unwrap_or(1);
+        let folds = fold
+            .iter()
+            .zip(keep)
+            .filter(|(_, k)| **k)
+            .map(|(f, _)| *f as usize + 1)
+            .max()
+            .unwrap_or(1);
         let fold_of_row: Vec<u32> = rows.iter().map(|&i| fold[i]).collect();
-        let mut p = Problem { frame, rows: (!all).then_some(rows), y, blocks: vec![], folds, flips: vec![], fold_of_row, seed };
+        let mut p = Problem {
+            frame,
+            rows: (!all).then_some(rows),
+            y,
+            blocks: vec![],
+            folds,
+            flips: vec![],
+            fold_of_row,
+            seed,
+        };
         p.cut_blocks(10.0, decoys);
         p
     }
@@ -58,7 +73,9 @@ impl Problem {
     /// allow, and at least four in each long sequence.
     pub fn cut_blocks(&mut self, correlation: f64, decoys: usize) {
         let n = self.y.len();
-        let wanted = (10.0 * correlation).clamp(n as f64 / 256.0, n as f64 / 40.0).max(8.0) as usize;
+        let wanted = (10.0 * correlation)
+            .clamp(n as f64 / 256.0, n as f64 / 40.0)
+            .max(8.0) as usize;
         self.blocks.clear();
         let mut at = 0;
         for (si, r) in self.frame.sequences().iter().enumerate() {
@@ -69,19 +86,31 @@ impl Problem {
             let end = at + count;
             while at < end {
                 let fold = self.fold_of_row[at];
-                let run = self.fold_of_row[at..end].iter().take_while(|f| **f == fold).count();
-                let pieces = (run as f64 / wanted as f64).round().max(if run >= 64 { 4.0 } else { 1.0 }) as usize;
+                let run = self.fold_of_row[at..end]
+                    .iter()
+                    .take_while(|f| **f == fold)
+                    .count();
+                let pieces =
+                    (run as f64 / wanted as f64)
+                        .round()
+                        .max(if run >= 64 { 4.0 } else { 1.0 }) as usize;
                 for k in 0..pieces {
                     let (a, b) = (at + run * k / pieces, at + run * (k + 1) / pieces);
                     if b > a {
-                        self.blocks.push(Block { range: a..b, fold: fold as usize, sequence: si });
+                        self.blocks.push(Block {
+                            range: a..b,
+                            fold: fold as usize,
+                            sequence: si,
+                        });
                     }
                 }
                 at += run;
             }
         }
         let mut rng = Rng::new(self.seed);
-        self.flips = (0..decoys).map(|_| (0..self.blocks.len()).map(|_| rng.sign()).collect()).collect();
+        self.flips = (0..decoys)
+            .map(|_| (0..self.blocks.len()).map(|_| rng.sign()).collect())
+            .collect();
     }
 
     /// Rows of a frame column that are fitted.
@@ -92,23 +121,14 @@ impl Problem {
         }
     }
 
-    /// Spreads values of kept rows over the frame; other rows get `fill`.
-    pub fn scatter(&self, kept: &[f64], fill: f64) -> Vec<f64> {
-        match &self.rows {
-            None => kept.to_vec(),
-            Some(rows) => {
-                let mut out = vec![fill; self.frame.len()];
-                rows.iter().zip(kept).for_each(|(&i, v)| out[i] = *v);
-                out
-            }
-        }
-    }
-
     /// Evaluates an expression on the kept rows; values that are not finite become an error.
     pub fn eval(&self, e: &Expr) -> Result<Vec<f64>, Error> {
         let v = self.gather(e.eval(&self.frame)?);
         if let Some(i) = v.iter().position(|x| !x.is_finite()) {
-            return Err(Error::Expression { text: e.to_string(), why: format!("is not finite on fitted row {}", i + 1) });
+            return Err(Error::Expression {
+                text: e.to_string(),
+                why: format!("is not finite on fitted row {}", i + 1),
+            });
         }
         Ok(v)
     }
@@ -146,13 +166,23 @@ impl Problem {
                 let count = (want / 4000).max(1);
                 let len = want / count;
                 (0..count).map(move |k| {
-                    let start = r.start + if count > 1 { (r.len() - len) * k / (count - 1) } else { 0 };
+                    let start = r.start
+                        + if count > 1 {
+                            (r.len() - len) * k / (count - 1)
+                        } else {
+                            0
+                        };
                     start..start + len
                 })
             })
             .filter(|w| w.len() >= 16)
             .collect();
-        let gather = |c: &[f64]| windows.iter().flat_map(|w| c[w.clone()].iter().copied()).collect::<Vec<f64>>();
+        let gather = |c: &[f64]| {
+            windows
+                .iter()
+                .flat_map(|w| c[w.clone()].iter().copied())
+                .collect::<Vec<f64>>()
+        };
         let columns = self
             .frame
             .names()
@@ -185,9 +215,20 @@ impl Problem {
                 });
             }
         }
-        let keep: Vec<bool> = windows.iter().flat_map(|w| keep_all[w.clone()].iter().copied()).collect();
-        let fold: Vec<u32> = windows.iter().flat_map(|w| fold_all[w.clone()].iter().copied()).collect();
-        let present: std::collections::BTreeSet<u32> = fold.iter().zip(&keep).filter(|(_, k)| **k).map(|(f, _)| *f).collect();
+        let keep: Vec<bool> = windows
+            .iter()
+            .flat_map(|w| keep_all[w.clone()].iter().copied())
+            .collect();
+        let fold: Vec<u32> = windows
+            .iter()
+            .flat_map(|w| fold_all[w.clone()].iter().copied())
+            .collect();
+        let present: std::collections::BTreeSet<u32> = fold
+            .iter()
+            .zip(&keep)
+            .filter(|(_, k)| **k)
+            .map(|(f, _)| *f)
+            .collect();
         (present.len() >= 2).then(|| Problem::new(frame, &keep, &fold, self.flips.len(), self.seed))
     }
 }
@@ -210,11 +251,23 @@ pub(crate) struct Sums {
 impl Sums {
     /// Sums for columns `x` with flipped target `r` and fixed target `m`; the leading `known`
     /// columns take their mutual products from `from`.
-    pub fn new(p: &Problem, x: &[&[f64]], r: &[f64], m: Option<&[f64]>, from: Option<&Sums>) -> Sums {
+    pub fn new(
+        p: &Problem,
+        x: &[&[f64]],
+        r: &[f64],
+        m: Option<&[f64]>,
+        from: Option<&Sums>,
+    ) -> Sums {
         let q = x.len();
         let nb = p.blocks.len();
         let known = from.map_or(0, |f| f.q);
-        let mut s = Sums { q, g: vec![0.0; nb * q * q], br: vec![0.0; nb * q], bm: vec![], yy: vec![[0.0; 3]; nb] };
+        let mut s = Sums {
+            q,
+            g: vec![0.0; nb * q * q],
+            br: vec![0.0; nb * q],
+            bm: vec![],
+            yy: vec![[0.0; 3]; nb],
+        };
         if m.is_some() {
             s.bm = vec![0.0; nb * q];
         }
@@ -232,7 +285,11 @@ impl Sums {
                     g[i * q + j] = v;
                     g[j * q + i] = v;
                 }
-                s.br[k * q + i] = if i < known { from.map_or(0.0, |f| f.br[k * known + i]) } else { dot(xi, rb) };
+                s.br[k * q + i] = if i < known {
+                    from.map_or(0.0, |f| f.br[k * known + i])
+                } else {
+                    dot(xi, rb)
+                };
                 if let Some(m) = m {
                     s.bm[k * q + i] = dot(xi, &m[b.range.clone()]);
                 }
@@ -252,7 +309,12 @@ impl Sums {
     /// Right-hand side and squared size of one block under a sign of `r`.
     pub fn rhs(&self, k: usize, sign: f64, b: &mut [f64]) -> f64 {
         for i in 0..self.q {
-            b[i] += sign * self.br[k * self.q + i] + if self.bm.is_empty() { 0.0 } else { self.bm[k * self.q + i] };
+            b[i] += sign * self.br[k * self.q + i]
+                + if self.bm.is_empty() {
+                    0.0
+                } else {
+                    self.bm[k * self.q + i]
+                };
         }
         let [rr, rm, mm] = self.yy[k];
         rr + 2.0 * sign * rm + mm
@@ -269,7 +331,9 @@ impl Sums {
             if w == 0.0 {
                 continue;
             }
-            g.iter_mut().zip(&self.g[k * q * q..]).for_each(|(a, x)| *a += w * x);
+            g.iter_mut()
+                .zip(&self.g[k * q * q..])
+                .for_each(|(a, x)| *a += w * x);
             one.fill(0.0);
             self.rhs(k, 1.0, &mut one);
             b.iter_mut().zip(&one).for_each(|(a, x)| *a += w * x);
@@ -283,7 +347,12 @@ impl Sums {
     pub fn block_error(&self, k: usize, x: &[f64]) -> f64 {
         let mut b = vec![0.0; self.q];
         let yy = self.rhs(k, 1.0, &mut b);
-        squared_error(&self.g[k * self.q * self.q..(k + 1) * self.q * self.q], &b, yy, x)
+        squared_error(
+            &self.g[k * self.q * self.q..(k + 1) * self.q * self.q],
+            &b,
+            yy,
+            x,
+        )
     }
 }
 
@@ -302,10 +371,14 @@ impl Scores {
         let targets = p.flips.len() + 1;
         let mut g = vec![vec![0.0; q * q]; folds];
         for (k, b) in p.blocks.iter().enumerate() {
-            g[b.fold].iter_mut().zip(&s.g[k * q * q..]).for_each(|(a, x)| *a += x);
+            g[b.fold]
+                .iter_mut()
+                .zip(&s.g[k * q * q..])
+                .for_each(|(a, x)| *a += x);
         }
         let mut total = vec![0.0; q * q];
-        g.iter().for_each(|f| total.iter_mut().zip(f).for_each(|(a, x)| *a += x));
+        g.iter()
+            .for_each(|f| total.iter_mut().zip(f).for_each(|(a, x)| *a += x));
         let factors: Vec<(Vec<f64>, Cholesky)> = g
             .iter()
             .map(|f| {
@@ -314,7 +387,11 @@ impl Scores {
                 (train, c)
             })
             .collect();
-        let mut out = Scores { folds, train: Vec::with_capacity(targets * folds), held: Vec::with_capacity(targets * folds) };
+        let mut out = Scores {
+            folds,
+            train: Vec::with_capacity(targets * folds),
+            held: Vec::with_capacity(targets * folds),
+        };
         for j in 0..targets {
             let mut b = vec![vec![0.0; q]; folds];
             let mut yy = vec![0.0; folds];
@@ -324,12 +401,14 @@ impl Scores {
                 yy[f] += s.rhs(k, sign, &mut b[f]);
             }
             let mut tb = vec![0.0; q];
-            b.iter().for_each(|f| tb.iter_mut().zip(f).for_each(|(a, x)| *a += x));
+            b.iter()
+                .for_each(|f| tb.iter_mut().zip(f).for_each(|(a, x)| *a += x));
             let tyy: f64 = yy.iter().sum();
             for f in 0..folds {
                 let bt: Vec<f64> = tb.iter().zip(&b[f]).map(|(t, x)| t - x).collect();
                 let x = factors[f].1.solve(&bt);
-                out.train.push(squared_error(&factors[f].0, &bt, tyy - yy[f], &x));
+                out.train
+                    .push(squared_error(&factors[f].0, &bt, tyy - yy[f], &x));
                 out.held.push(squared_error(&g[f], &b[f], yy[f], &x));
             }
         }
@@ -340,7 +419,11 @@ impl Scores {
     /// even) is predicted from the other half, so a phase of its own is no free pass.
     pub fn local(p: &Problem, s: &Sums) -> Scores {
         let (q, targets) = (s.q, p.flips.len() + 1);
-        let mut out = Scores { folds: 1, train: vec![], held: vec![] };
+        let mut out = Scores {
+            folds: 1,
+            train: vec![],
+            held: vec![],
+        };
         let mut runs: Vec<Range<usize>> = Vec::new();
         for (k, b) in p.blocks.iter().enumerate() {
             match runs.last_mut() {
@@ -357,7 +440,10 @@ impl Scores {
                 for (i, k) in run.clone().enumerate() {
                     let half = i % 2;
                     let sign = if j == 0 { 1.0 } else { p.flips[j - 1][k] };
-                    g[half].iter_mut().zip(&s.g[k * q * q..]).for_each(|(a, x)| *a += x);
+                    g[half]
+                        .iter_mut()
+                        .zip(&s.g[k * q * q..])
+                        .for_each(|(a, x)| *a += x);
                     yy[half] += s.rhs(k, sign, &mut b[half]);
                 }
                 for half in 0..2 {
@@ -387,7 +473,9 @@ impl Scores {
 /// held-out error stays honest about having searched. Returns held-out errors by target and the
 /// choice of each fold for the real target.
 pub(crate) fn profile(points: &[&Scores]) -> (Vec<f64>, Vec<usize>) {
-    let Some(first) = points.first() else { return (vec![], vec![]) };
+    let Some(first) = points.first() else {
+        return (vec![], vec![]);
+    };
     let folds = first.folds;
     let targets = first.held.len() / folds;
     let mut held = vec![0.0; targets];
@@ -395,7 +483,9 @@ pub(crate) fn profile(points: &[&Scores]) -> (Vec<f64>, Vec<usize>) {
     for j in 0..targets {
         for f in 0..folds {
             let at = j * folds + f;
-            let best = (0..points.len()).min_by(|a, b| points[*a].train[at].total_cmp(&points[*b].train[at])).unwrap_or(0);
+            let best = (0..points.len())
+                .min_by(|a, b| points[*a].train[at].total_cmp(&points[*b].train[at]))
+                .unwrap_or(0);
             held[j] += points[best].held[at];
             if j == 0 {
                 choice[f] = best;

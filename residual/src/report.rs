@@ -227,18 +227,34 @@ impl Report {
     pub fn summary(&self) -> String {
         let u = &self.unit;
         let (b, f) = (num(self.baseline.heldout_rmse), num(self.last.heldout_rmse));
-        let names = self.effects.iter().map(|e| e.name.as_str()).collect::<Vec<_>>().join(", ");
+        let names = self
+            .effects
+            .iter()
+            .map(|e| e.name.as_str())
+            .collect::<Vec<_>>()
+            .join(", ");
         match self.verdict {
             Verdict::None => format!("Nothing material is missing: held-out RMSE {b} {u}."),
             Verdict::Effect => format!("The model lacks {names}: held-out RMSE {b} -> {f} {u}."),
             Verdict::Several => format!("The model lacks {names}: held-out RMSE {b} -> {f} {u}."),
             Verdict::NotIdentifiable => {
-                let who = self.not_identifiable.first().map(|a| a.effects.join(" or ")).unwrap_or_default();
+                let who = self
+                    .not_identifiable
+                    .first()
+                    .map(|a| a.effects.join(" or "))
+                    .unwrap_or_default();
                 format!("The model lacks {who}; these data cannot tell which: held-out RMSE {b} -> {f} {u}.")
             }
             Verdict::Unknown => {
-                let on = self.structure.first().map_or(String::new(), |s| s.depends_on.clone());
-                let part = if names.is_empty() { String::new() } else { format!(" ({names} only stand in for part of it)") };
+                let on = self
+                    .structure
+                    .first()
+                    .map_or(String::new(), |s| s.depends_on.clone());
+                let part = if names.is_empty() {
+                    String::new()
+                } else {
+                    format!(" ({names} only stand in for part of it)")
+                };
                 format!("Structure is left that no effect of the catalogue explains: {on}{part}. Held-out RMSE {b} -> {f} {u}.")
             }
         }
@@ -258,7 +274,16 @@ impl Report {
                 Part::Heading(t) => format!("## {t}\n\n"),
                 Part::Text(t) => format!("{t}\n\n"),
                 Part::Table(head, rows) => {
-                    let line = |cells: &[String]| format!("| {} |\n", cells.iter().map(|c| c.replace('|', "\\|")).collect::<Vec<_>>().join(" | "));
+                    let line = |cells: &[String]| {
+                        format!(
+                            "| {} |\n",
+                            cells
+                                .iter()
+                                .map(|c| c.replace('|', "\\|"))
+                                .collect::<Vec<_>>()
+                                .join(" | ")
+                        )
+                    };
                     let mut t = line(&head);
                     let _ = writeln!(t, "|{}", "---|".repeat(head.len()));
                     rows.iter().for_each(|r| t.push_str(&line(r)));
@@ -271,28 +296,48 @@ impl Report {
 
     /// `report.html`, with the plots inside.
     pub fn html(&self) -> String {
-        let esc = |s: &str| s.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
+        let esc = |s: &str| {
+            s.replace('&', "&amp;")
+                .replace('<', "&lt;")
+                .replace('>', "&gt;")
+        };
         let mut out = format!(
             "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{}</title>\n<style>body{{font:16px/1.5 sans-serif;max-width:60em;margin:2em auto;padding:0 1em;color:#222}}table{{border-collapse:collapse;margin:1em 0}}td,th{{border:1px solid #ccc;padding:.2em .6em;text-align:left}}svg{{max-width:100%;height:auto}}</style></head><body>\n",
             esc(&self.heading())
         );
         for part in self.sections() {
             match part {
-                Part::Title(t) => drop(writeln!(out, "<h1>{}</h1>", esc(&t))),
-                Part::Heading(t) => drop(writeln!(out, "<h2>{}</h2>", esc(&t))),
-                Part::Text(t) => drop(writeln!(out, "<p>{}</p>", esc(&t).replace("**", "").replace('\n', "<br>"))),
+                Part::Title(t) => {
+                    let _ = writeln!(out, "<h1>{}</h1>", esc(&t));
+                }
+                Part::Heading(t) => {
+                    let _ = writeln!(out, "<h2>{}</h2>", esc(&t));
+                }
+                Part::Text(t) => {
+                    let _ = writeln!(
+                        out,
+                        "<p>{}</p>",
+                        esc(&t).replace("**", "").replace('\n', "<br>")
+                    );
+                }
                 Part::Table(head, rows) => {
                     out.push_str("<table><tr>");
-                    head.iter().for_each(|h| drop(write!(out, "<th>{}</th>", esc(h))));
+                    for h in &head {
+                        let _ = write!(out, "<th>{}</th>", esc(h));
+                    }
                     out.push_str("</tr>\n");
                     for r in rows {
                         out.push_str("<tr>");
-                        r.iter().for_each(|c| drop(write!(out, "<td>{}</td>", esc(c))));
+                        for c in &r {
+                            let _ = write!(out, "<td>{}</td>", esc(c));
+                        }
                         out.push_str("</tr>\n");
                     }
                     out.push_str("</table>\n");
                 }
-                Part::Picture(_, _, svg) => drop(writeln!(out, "{svg}")),
+                Part::Picture(_, _, svg) => {
+                    let _ = writeln!(out, "{svg}");
+                }
             }
         }
         out + "</body></html>\n"
@@ -336,7 +381,10 @@ impl Report {
         let u = &self.unit;
         let percent = |x: f64| format!("{:.2} %", 100.0 * x);
         let row = |cells: &[&str]| cells.iter().map(|c| c.to_string()).collect::<Vec<String>>();
-        let mut out = vec![Part::Title(self.heading()), Part::Text(format!("**{}**", self.summary()))];
+        let mut out = vec![
+            Part::Title(self.heading()),
+            Part::Text(format!("**{}**", self.summary())),
+        ];
         out.push(Part::Text(format!(
             "{} rows in {} sequences from {} file(s); {} groups held out in {} folds.",
             self.rows,
@@ -349,26 +397,59 @@ impl Report {
         let line = |name: &str, f: &Figures| {
             vec![
                 name.to_string(),
-                format!("{} ({} to {})", num(f.heldout_rmse), num(f.heldout_rmse_ci[0]), num(f.heldout_rmse_ci[1])),
-                format!("{} ({} to {})", num(f.heldout_mae), num(f.heldout_mae_ci[0]), num(f.heldout_mae_ci[1])),
+                format!(
+                    "{} ({} to {})",
+                    num(f.heldout_rmse),
+                    num(f.heldout_rmse_ci[0]),
+                    num(f.heldout_rmse_ci[1])
+                ),
+                format!(
+                    "{} ({} to {})",
+                    num(f.heldout_mae),
+                    num(f.heldout_mae_ci[0]),
+                    num(f.heldout_mae_ci[1])
+                ),
                 num(f.insample_rmse),
             ]
         };
         out.push(Part::Table(
-            vec!["model".into(), format!("held-out RMSE, {u}"), format!("held-out MAE, {u}"), format!("in-sample RMSE, {u}")],
-            vec![line("declared", &self.baseline), line("with effects", &self.last)],
+            vec![
+                "model".into(),
+                format!("held-out RMSE, {u}"),
+                format!("held-out MAE, {u}"),
+                format!("in-sample RMSE, {u}"),
+            ],
+            vec![
+                line("declared", &self.baseline),
+                line("with effects", &self.last),
+            ],
         ));
-        out.push(Part::Text("Intervals are 95 %, by bootstrap over blocks of time.".into()));
+        out.push(Part::Text(
+            "Intervals are 95 %, by bootstrap over blocks of time.".into(),
+        ));
         for (i, e) in self.effects.iter().enumerate() {
             out.push(Part::Heading(format!("Effect {}: {}", i + 1, e.name)));
-            out.push(Part::Text(format!("{}. Form: {}. Held-out RMSE {} -> {} {u}.", e.meaning, e.form, num(e.heldout_before), num(e.heldout_after))));
+            out.push(Part::Text(format!(
+                "{}. Form: {}. Held-out RMSE {} -> {} {u}.",
+                e.meaning,
+                e.form,
+                num(e.heldout_before),
+                num(e.heldout_after)
+            )));
             out.push(Part::Table(
                 row(&["parameter", "value", "95 % interval", "unit"]),
                 e.params
                     .iter()
                     .map(|(n, v)| {
-                        let ci = e.ci.get(n).map_or("-".into(), |c| format!("{} to {}", num(c[0]), num(c[1])));
-                        vec![n.clone(), num(*v), ci, e.units.get(n).cloned().unwrap_or_default()]
+                        let ci =
+                            e.ci.get(n)
+                                .map_or("-".into(), |c| format!("{} to {}", num(c[0]), num(c[1])));
+                        vec![
+                            n.clone(),
+                            num(*v),
+                            ci,
+                            e.units.get(n).cloned().unwrap_or_default(),
+                        ]
                     })
                     .collect(),
             ));
@@ -382,22 +463,45 @@ impl Report {
                 )));
             }
             if !e.plot.x.is_empty() {
-                out.push(Part::Picture(format!("effect-{}-{}.svg", i + 1, e.name), format!("residual against {}", e.plot.against), svg::residuals(&e.plot, u)));
+                out.push(Part::Picture(
+                    format!("effect-{}-{}.svg", i + 1, e.name),
+                    format!("residual against {}", e.plot.against),
+                    svg::residuals(&e.plot, u),
+                ));
             }
         }
         for a in &self.not_identifiable {
-            out.push(Part::Heading(format!("Not told apart: {}", a.effects.join(", "))));
-            out.push(Part::Text(format!("These explain the data equally well. Experiments that would part them. {}.", a.experiment)));
+            out.push(Part::Heading(format!(
+                "Not told apart: {}",
+                a.effects.join(", ")
+            )));
+            out.push(Part::Text(format!(
+                "These explain the data equally well. Experiments that would part them. {}.",
+                a.experiment
+            )));
         }
         if !self.structure.is_empty() {
             out.push(Part::Heading("Structure that has no name".into()));
             out.push(Part::Text("A free curve in these variables still lowers the held-out error; no effect of the catalogue does as much.".into()));
             out.push(Part::Table(
                 row(&["depends on", "fall of held-out RMSE", "chance"]),
-                self.structure.iter().map(|s| vec![s.depends_on.clone(), percent(s.gain), format!("{:.1e}", s.p)]).collect(),
+                self.structure
+                    .iter()
+                    .map(|s| {
+                        vec![
+                            s.depends_on.clone(),
+                            percent(s.gain),
+                            format!("{:.1e}", s.p),
+                        ]
+                    })
+                    .collect(),
             ));
             if let Some(p) = self.plot_unknown.as_ref().filter(|p| !p.x.is_empty()) {
-                out.push(Part::Picture("structure.svg".into(), format!("residual against {}", p.against), svg::residuals(p, u)));
+                out.push(Part::Picture(
+                    "structure.svg".into(),
+                    format!("residual against {}", p.against),
+                    svg::residuals(p, u),
+                ));
             }
         }
         out.push(Part::Heading("Seen, not material".into()));
@@ -406,35 +510,77 @@ impl Report {
         } else {
             out.push(Part::Table(
                 row(&["effect", "form", "fall of held-out RMSE"]),
-                self.seen_not_material.iter().map(|s| vec![s.name.clone(), s.form.clone(), percent(s.gain)]).collect(),
+                self.seen_not_material
+                    .iter()
+                    .map(|s| vec![s.name.clone(), s.form.clone(), percent(s.gain)])
+                    .collect(),
             ));
         }
-        out.push(Part::Heading("Every effect on top of the final model".into()));
+        out.push(Part::Heading(
+            "Every effect on top of the final model".into(),
+        ));
         out.push(Part::Table(
-            row(&["effect", "form", "fall of held-out RMSE", "chance", "steadiness"]),
+            row(&[
+                "effect",
+                "form",
+                "fall of held-out RMSE",
+                "chance",
+                "steadiness",
+            ]),
             self.tested
                 .iter()
                 .map(|t| {
-                    let at = t.params.iter().map(|(n, v)| format!(", {n} {}", num(*v))).collect::<String>();
-                    vec![t.name.clone(), format!("{}{at}", t.form), percent(t.gain), format!("{:.1e}", t.p), format!("{:.1}", t.steadiness)]
+                    let at = t
+                        .params
+                        .iter()
+                        .map(|(n, v)| format!(", {n} {}", num(*v)))
+                        .collect::<String>();
+                    vec![
+                        t.name.clone(),
+                        format!("{}{at}", t.form),
+                        percent(t.gain),
+                        format!("{:.1e}", t.p),
+                        format!("{:.1}", t.steadiness),
+                    ]
                 })
                 .collect(),
         ));
         if !self.absent.is_empty() {
-            out.push(Part::Text(format!("Not looked for, as the data lack the columns or their variation: {}.", self.absent.join(", "))));
+            out.push(Part::Text(format!(
+                "Not looked for, as the data lack the columns or their variation: {}.",
+                self.absent.join(", ")
+            )));
         }
         out.push(Part::Heading("Tests of the residual".into()));
         out.push(Part::Table(
             row(&["model", "against", "lag, rows", "correlation", "chance"]),
             self.residual_tests
                 .iter()
-                .map(|(w, t)| vec![w.clone(), t.against.clone(), t.lag.to_string(), format!("{:.3}", t.correlation), format!("{:.1e}", t.p)])
+                .map(|(w, t)| {
+                    vec![
+                        w.clone(),
+                        t.against.clone(),
+                        t.lag.to_string(),
+                        format!("{:.3}", t.correlation),
+                        format!("{:.1e}", t.p),
+                    ]
+                })
                 .collect(),
         ));
         out.push(Part::Heading("Hygiene of the data".into()));
         out.push(Part::Table(
             row(&["check", "count", "first", "what"]),
-            self.hygiene.iter().map(|f| vec![f.check.clone(), f.count.to_string(), f.first.clone(), f.what.clone()]).collect(),
+            self.hygiene
+                .iter()
+                .map(|f| {
+                    vec![
+                        f.check.clone(),
+                        f.count.to_string(),
+                        f.first.clone(),
+                        f.what.clone(),
+                    ]
+                })
+                .collect(),
         ));
         out
     }

@@ -55,7 +55,13 @@ pub(crate) fn generic(ctx: &Context) -> Vec<(String, Arc<Variant>)> {
     if ctx.spec.roles.temperature.is_some() {
         vars.push(("temperature".into(), "temperature".into()));
     }
-    for n in ctx.spec.roles.pose.keys().chain(ctx.spec.roles.channels.keys()) {
+    for n in ctx
+        .spec
+        .roles
+        .pose
+        .keys()
+        .chain(ctx.spec.roles.channels.keys())
+    {
         vars.push((n.clone(), n.clone()));
     }
     vars.push(("time in the run".into(), "elapsed".into()));
@@ -77,7 +83,11 @@ pub(crate) fn generic(ctx: &Context) -> Vec<(String, Arc<Variant>)> {
     };
     let mut out = Vec::new();
     let mut add = |name: String, texts: Vec<String>| {
-        let pieces = texts.into_iter().enumerate().map(|(i, t)| Piece::new(format!("shape_{i}"), "", t)).collect();
+        let pieces = texts
+            .into_iter()
+            .enumerate()
+            .map(|(i, t)| Piece::new(format!("shape_{i}"), "", t))
+            .collect();
         out.push((name, Arc::new(Variant::linear("", pieces))));
     };
     for (n, e) in &vars {
@@ -90,20 +100,37 @@ pub(crate) fn generic(ctx: &Context) -> Vec<(String, Arc<Variant>)> {
     for (i, (n, e)) in vars.iter().enumerate() {
         for (m, f) in vars.iter().skip(i + 1) {
             let (a, b) = (unit(e), unit(f));
-            let mut texts = vec![a.clone(), b.clone(), format!("{a} * {b}"), format!("{a}^2"), format!("{b}^2")];
-            texts.extend([format!("{a}^2 * {b}"), format!("{a} * {b}^2"), format!("{a}^2 * {b}^2"), format!("{a}^3"), format!("{b}^3")]);
+            let mut texts = vec![
+                a.clone(),
+                b.clone(),
+                format!("{a} * {b}"),
+                format!("{a}^2"),
+                format!("{b}^2"),
+            ];
+            texts.extend([
+                format!("{a}^2 * {b}"),
+                format!("{a} * {b}^2"),
+                format!("{a}^2 * {b}^2"),
+                format!("{a}^3"),
+                format!("{b}^3"),
+            ]);
             add(format!("{n} and {m} together"), texts);
         }
     }
     if let Some(v) = &ctx.velocity {
         for (n, e) in vars.iter().filter(|(n, _)| n != "velocity") {
             let s = format!("sgn({v}, {})", ctx.deadband);
-            let texts = std::iter::once(s.clone()).chain(hinges(e, 4).into_iter().map(|h| format!("{s} * {h}"))).collect();
+            let texts = std::iter::once(s.clone())
+                .chain(hinges(e, 4).into_iter().map(|h| format!("{s} * {h}")))
+                .collect();
             add(format!("{n}, with the sign of the velocity"), texts);
         }
     }
     for (n, e) in vars.iter().filter(|(n, _)| n == "load" || n == "velocity") {
-        let texts = [0.0, 1.0, 2.0, 4.0, 8.0, 16.0].iter().map(|k| format!("delay({e}, {})", k * ctx.dt)).collect();
+        let texts = [0.0, 1.0, 2.0, 4.0, 8.0, 16.0]
+            .iter()
+            .map(|k| format!("delay({e}, {})", k * ctx.dt))
+            .collect();
         add(format!("the history of {n}"), texts);
         let r = unit(e);
         let texts = [3.0, 12.0, 50.0].iter().flat_map(|k| {
@@ -128,18 +155,34 @@ impl State<'_> {
     fn sums(&self, build: &Build) -> Result<(Sums, bool), Error> {
         match build {
             Build::Add(pieces) => {
-                let cols: Vec<Vec<f64>> =
-                    pieces.iter().map(|p| self.problem.eval(&Expr::parse(&p.text)?)).collect::<Result<_, _>>()?;
+                let cols: Vec<Vec<f64>> = pieces
+                    .iter()
+                    .map(|p| self.problem.eval(&Expr::parse(&p.text)?))
+                    .collect::<Result<_, _>>()?;
                 let all: Vec<&[f64]> = self.fit.x.iter().chain(&cols).map(Vec::as_slice).collect();
-                Ok((Sums::new(self.problem, &all, &self.fit.residual, None, Some(&self.fit.sums)), false))
+                Ok((
+                    Sums::new(
+                        self.problem,
+                        &all,
+                        &self.fit.residual,
+                        None,
+                        Some(&self.fit.sums),
+                    ),
+                    false,
+                ))
             }
             Build::Local(pieces) => {
-                let cols: Vec<Vec<f64>> =
-                    pieces.iter().map(|p| self.problem.eval(&Expr::parse(&p.text)?)).collect::<Result<_, _>>()?;
+                let cols: Vec<Vec<f64>> = pieces
+                    .iter()
+                    .map(|p| self.problem.eval(&Expr::parse(&p.text)?))
+                    .collect::<Result<_, _>>()?;
                 let all: Vec<&[f64]> = cols.iter().map(Vec::as_slice).collect();
-                Ok((Sums::new(self.problem, &all, &self.fit.residual, None, None), true))
+                Ok((
+                    Sums::new(self.problem, &all, &self.fit.residual, None, None),
+                    true,
+                ))
             }
-            Build::Swap(_) => {
+            Build::Swap(_) | Build::SwapAll(_) => {
                 let mut m = self.model.clone();
                 m.apply(build, usize::MAX)?;
                 let n = self.problem.y.len();
@@ -155,14 +198,21 @@ impl State<'_> {
                 }
                 part.iter_mut().zip(&fixed).for_each(|(p, f)| *p -= f);
                 let all: Vec<&[f64]> = x.iter().map(Vec::as_slice).collect();
-                Ok((Sums::new(self.problem, &all, &self.fit.residual, Some(&part), None), false))
+                Ok((
+                    Sums::new(self.problem, &all, &self.fit.residual, Some(&part), None),
+                    false,
+                ))
             }
         }
     }
 
     fn score(&self, build: &Build) -> Option<Scores> {
         let (s, local) = self.sums(build).ok()?;
-        Some(if local { Scores::local(self.problem, &s) } else { Scores::new(self.problem, &s) })
+        Some(if local {
+            Scores::local(self.problem, &s)
+        } else {
+            Scores::new(self.problem, &s)
+        })
     }
 
     /// In-sample squared error with a build (cheaper than scores: no decoys).
@@ -181,7 +231,11 @@ impl State<'_> {
     pub fn refine(&self, variant: &Variant, lo: f64, hi: f64) -> f64 {
         const RATIO: f64 = 0.618_033_988_749_895;
         let log = lo > 0.0 && hi / lo > 1.05;
-        let (to, from): (fn(f64) -> f64, fn(f64) -> f64) = if log { (f64::ln, f64::exp) } else { (|x| x, |x| x) };
+        let (to, from): (fn(f64) -> f64, fn(f64) -> f64) = if log {
+            (f64::ln, f64::exp)
+        } else {
+            (|x| x, |x| x)
+        };
         let (mut a, mut b) = (to(lo), to(hi));
         let cost = |u: f64| self.in_sample(&(variant.build)(from(u)));
         let (mut c, mut d) = (b - RATIO * (b - a), a + RATIO * (b - a));
@@ -208,26 +262,52 @@ impl State<'_> {
         distinct.sort_by(f64::total_cmp);
         distinct.dedup();
         for psi in distinct {
-            let Ok((s, local)) = self.sums(&(variant.build)(psi)) else { continue };
+            let Ok((s, local)) = self.sums(&(variant.build)(psi)) else {
+                continue;
+            };
             if local {
                 let mut start = 0;
                 while start < nb {
                     let seq = self.problem.blocks[start].sequence;
-                    let end = start + self.problem.blocks[start..].iter().take_while(|b| b.sequence == seq).count();
+                    let end = start
+                        + self.problem.blocks[start..]
+                            .iter()
+                            .take_while(|b| b.sequence == seq)
+                            .count();
                     for half in 0..2 {
-                        let w: Vec<f64> =
-                            (0..nb).map(|k| if k >= start && k < end && (k - start) % 2 != half { 1.0 } else { 0.0 }).collect();
+                        let w: Vec<f64> = (0..nb)
+                            .map(|k| {
+                                if k >= start && k < end && (k - start) % 2 != half {
+                                    1.0
+                                } else {
+                                    0.0
+                                }
+                            })
+                            .collect();
                         let (x, _) = s.fit(Some(&w));
-                        (start..end).filter(|k| (k - start) % 2 == half).for_each(|k| out[k] = s.block_error(k, &x));
+                        (start..end)
+                            .filter(|k| (k - start) % 2 == half)
+                            .for_each(|k| out[k] = s.block_error(k, &x));
                     }
                     start = end;
                 }
                 continue;
             }
             for (f, _) in psis.iter().enumerate().filter(|(_, p)| **p == psi) {
-                let w: Vec<f64> = self.problem.blocks.iter().map(|b| if b.fold == f { 0.0 } else { 1.0 }).collect();
+                let w: Vec<f64> = self
+                    .problem
+                    .blocks
+                    .iter()
+                    .map(|b| if b.fold == f { 0.0 } else { 1.0 })
+                    .collect();
                 let (x, _) = s.fit(Some(&w));
-                for (k, _) in self.problem.blocks.iter().enumerate().filter(|(_, b)| b.fold == f) {
+                for (k, _) in self
+                    .problem
+                    .blocks
+                    .iter()
+                    .enumerate()
+                    .filter(|(_, b)| b.fold == f)
+                {
                     out[k] = s.block_error(k, &x);
                 }
             }
@@ -243,9 +323,20 @@ impl State<'_> {
         }
         let mut out = vec![0.0; s.yy.len()];
         for f in 0..self.problem.folds {
-            let w: Vec<f64> = self.problem.blocks.iter().map(|b| if b.fold == f { 0.0 } else { 1.0 }).collect();
+            let w: Vec<f64> = self
+                .problem
+                .blocks
+                .iter()
+                .map(|b| if b.fold == f { 0.0 } else { 1.0 })
+                .collect();
             let (x, _) = s.fit(Some(&w));
-            for (k, _) in self.problem.blocks.iter().enumerate().filter(|(_, b)| b.fold == f) {
+            for (k, _) in self
+                .problem
+                .blocks
+                .iter()
+                .enumerate()
+                .filter(|(_, b)| b.fold == f)
+            {
                 out[k] = s.block_error(k, &x);
             }
         }
@@ -254,7 +345,11 @@ impl State<'_> {
 
     /// Scores variants; the result is one candidate per variant that could be evaluated. `focus`
     /// limits nonlinear parameters to a neighbourhood (used after screening on fewer rows).
-    pub fn scan(&self, variants: &[(usize, String, Arc<Variant>)], focus: Option<&[f64]>) -> Vec<Candidate> {
+    pub fn scan(
+        &self,
+        variants: &[(usize, String, Arc<Variant>)],
+        focus: Option<&[f64]>,
+    ) -> Vec<Candidate> {
         let grids: Vec<Vec<f64>> = variants
             .iter()
             .enumerate()
@@ -264,8 +359,15 @@ impl State<'_> {
                 (Some(p), _) => p.grid.clone(),
             })
             .collect();
-        let jobs: Vec<(usize, f64)> = grids.iter().enumerate().flat_map(|(i, g)| g.iter().map(move |x| (i, *x))).collect();
-        let scored: Vec<Option<Scores>> = jobs.par_iter().map(|(i, psi)| self.score(&(variants[*i].2.build)(*psi))).collect();
+        let jobs: Vec<(usize, f64)> = grids
+            .iter()
+            .enumerate()
+            .flat_map(|(i, g)| g.iter().map(move |x| (i, *x)))
+            .collect();
+        let scored: Vec<Option<Scores>> = jobs
+            .par_iter()
+            .map(|(i, psi)| self.score(&(variants[*i].2.build)(*psi)))
+            .collect();
         let mut per: Vec<Vec<(f64, Scores)>> = variants.iter().map(|_| vec![]).collect();
         for ((i, psi), s) in jobs.iter().zip(scored) {
             if let Some(s) = s {
@@ -278,20 +380,41 @@ impl State<'_> {
                 let (effect, name, variant) = &variants[i];
                 let local = matches!((variant.build)(grids[i].first().copied()?), Build::Local(_));
                 let base: Vec<f64> = (0..=self.problem.flips.len())
-                    .map(|j| if local { self.fit.sums.yy.iter().map(|y| y[0]).sum() } else { self.fit.scores.held_total(j) })
+                    .map(|j| {
+                        if local {
+                            self.fit.sums.yy.iter().map(|y| y[0]).sum()
+                        } else {
+                            self.fit.scores.held_total(j)
+                        }
+                    })
                     .collect();
                 let total = |points: &[(f64, Scores)]| {
                     let refs: Vec<&Scores> = points.iter().map(|p| &p.1).collect();
                     profile(&refs)
                 };
                 let (mut held, mut choice) = total(&points);
-                let gain_of = |held: f64, base: f64| if base > 0.0 { 1.0 - (held / base).max(0.0).sqrt() } else { 0.0 };
+                let gain_of = |held: f64, base: f64| {
+                    if base > 0.0 {
+                        1.0 - (held / base).max(0.0).sqrt()
+                    } else {
+                        0.0
+                    }
+                };
                 let refine = variant.psi.as_ref().is_some_and(|p| p.refine);
-                if refine && !held.is_empty() && gain_of(held[0], base[0]) > 0.3 * self.spec.selection.material {
-                    let best = (0..points.len()).min_by(|a, b| points[*a].1.train_total().total_cmp(&points[*b].1.train_total()))?;
+                if refine
+                    && !held.is_empty()
+                    && gain_of(held[0], base[0]) > 0.3 * self.spec.selection.material
+                {
+                    let best = (0..points.len()).min_by(|a, b| {
+                        points[*a]
+                            .1
+                            .train_total()
+                            .total_cmp(&points[*b].1.train_total())
+                    })?;
                     let at = points[best].0;
                     let resolution = variant.psi.as_ref().and_then(|p| p.resolution);
-                    let (lo, hi) = resolution.map_or_else(|| bracket(&grids[i], at), |d| (at - d, at + d));
+                    let (lo, hi) =
+                        resolution.map_or_else(|| bracket(&grids[i], at), |d| (at - d, at + d));
                     let psi = self.refine(variant, lo, hi);
                     for psi in [psi, psi + 0.15 * (at - psi), psi - 0.15 * (at - psi)] {
                         if let Some(s) = self.score(&(variant.build)(psi)) {
@@ -303,21 +426,34 @@ impl State<'_> {
                 if held.is_empty() {
                     return None;
                 }
-                let psi = points.iter().min_by(|a, b| a.1.train_total().total_cmp(&b.1.train_total()))?.0;
+                let psi = points
+                    .iter()
+                    .min_by(|a, b| a.1.train_total().total_cmp(&b.1.train_total()))?
+                    .0;
                 let gain = gain_of(held[0], base[0]);
-                let decoys: Vec<f64> = held.iter().zip(&base).skip(1).map(|(h, b)| gain_of(*h, *b)).collect();
+                let decoys: Vec<f64> = held
+                    .iter()
+                    .zip(&base)
+                    .skip(1)
+                    .map(|(h, b)| gain_of(*h, *b))
+                    .collect();
                 let p = chance(gain, &decoys);
                 let (mut z, mut losses) = (0.0, vec![]);
                 if gain > 0.25 * self.spec.selection.material {
-                    let psis: Vec<f64> = if local { vec![psi] } else { choice.iter().map(|c| points[*c].0).collect() };
+                    let psis: Vec<f64> = if local {
+                        vec![psi]
+                    } else {
+                        choice.iter().map(|c| points[*c].0).collect()
+                    };
                     losses = self.losses(variant, &psis);
                     z = steadiness(&self.base_losses(local), &losses);
                 }
                 let pieces = match (variant.build)(psi) {
                     Build::Add(p) | Build::Local(p) => p.len(),
-                    Build::Swap(_) => 0,
+                    Build::Swap(_) | Build::SwapAll(_) => 0,
                 };
-                let parameters = pieces + usize::from(variant.psi.as_ref().is_some_and(|p| p.refine));
+                let parameters =
+                    pieces + usize::from(variant.psi.as_ref().is_some_and(|p| p.refine));
                 Some(Candidate {
                     effect: *effect,
                     name: name.clone(),
@@ -338,7 +474,9 @@ impl State<'_> {
     /// RMS of what a candidate adds to the prediction, and the added values.
     pub fn contribution(&self, c: &Candidate) -> Vec<f64> {
         let build = (c.variant.build)(c.psi);
-        let Ok((s, local)) = self.sums(&build) else { return vec![] };
+        let Ok((s, local)) = self.sums(&build) else {
+            return vec![];
+        };
         let mut out = vec![0.0; self.problem.y.len()];
         if local {
             return out;
@@ -346,8 +484,10 @@ impl State<'_> {
         let (x, _) = s.fit(None);
         match &build {
             Build::Add(pieces) => {
-                let cols: Vec<Vec<f64>> =
-                    pieces.iter().filter_map(|p| self.problem.eval(&Expr::parse(&p.text).ok()?).ok()).collect();
+                let cols: Vec<Vec<f64>> = pieces
+                    .iter()
+                    .filter_map(|p| self.problem.eval(&Expr::parse(&p.text).ok()?).ok())
+                    .collect();
                 for (col, k) in self.fit.x.iter().chain(&cols).zip(&x) {
                     out.iter_mut().zip(col).for_each(|(o, v)| *o += k * v);
                 }
@@ -359,11 +499,15 @@ impl State<'_> {
                 }
                 let mut k = x.iter();
                 for t in m.terms.iter().filter(|t| !t.local) {
-                    let Ok(v) = self.problem.eval(&t.expr) else { return vec![] };
+                    let Ok(v) = self.problem.eval(&t.expr) else {
+                        return vec![];
+                    };
                     let a = t.fixed.unwrap_or_else(|| k.next().copied().unwrap_or(0.0));
                     out.iter_mut().zip(&v).for_each(|(o, v)| *o += a * v);
                 }
-                out.iter_mut().zip(self.fit.prediction()).for_each(|(o, p)| *o -= p);
+                out.iter_mut()
+                    .zip(self.fit.prediction())
+                    .for_each(|(o, p)| *o -= p);
             }
         }
         out
@@ -375,14 +519,27 @@ fn neighbourhood(p: &Psi, at: f64) -> Vec<f64> {
     let k = p.grid.partition_point(|g| *g < at);
     let (lo, hi) = (p.grid[k.saturating_sub(1)], p.grid[k.min(p.grid.len() - 1)]);
     let d = p.resolution.unwrap_or((hi - lo).abs()) / 7.0;
-    [-1.0, 0.0, 1.0].iter().map(|s| at + s * d).filter(|x| at <= 0.0 || *x > 0.0).collect()
+    [-1.0, 0.0, 1.0]
+        .iter()
+        .map(|s| at + s * d)
+        .filter(|x| at <= 0.0 || *x > 0.0)
+        .collect()
 }
 
 /// Interval around a grid point in which to refine: up to its neighbours.
 pub(crate) fn bracket(grid: &[f64], at: f64) -> (f64, f64) {
     let k = grid.partition_point(|g| *g < at);
-    let left = if k > 0 { grid[k - 1] } else if at > 0.0 { at * 0.7 } else { at * 1.3 };
-    let right = grid.get(k + 1).copied().unwrap_or(if at > 0.0 { at * 1.4 } else { at * 0.7 });
+    let left = if k > 0 {
+        grid[k - 1]
+    } else if at > 0.0 {
+        at * 0.7
+    } else {
+        at * 1.3
+    };
+    let right = grid
+        .get(k + 1)
+        .copied()
+        .unwrap_or(if at > 0.0 { at * 1.4 } else { at * 0.7 });
     (left, right)
 }
 
@@ -405,7 +562,12 @@ fn chance(gain: f64, decoys: &[f64]) -> f64 {
 
 /// Mean fall of loss over blocks in standard errors of it.
 pub(crate) fn steadiness(before: &[f64], after: &[f64]) -> f64 {
-    let d: Vec<f64> = before.iter().zip(after).map(|(b, a)| b - a).filter(|d| d.is_finite()).collect();
+    let d: Vec<f64> = before
+        .iter()
+        .zip(after)
+        .map(|(b, a)| b - a)
+        .filter(|d| d.is_finite())
+        .collect();
     if d.len() < 4 {
         return 0.0;
     }
@@ -418,7 +580,13 @@ pub(crate) fn steadiness(before: &[f64], after: &[f64]) -> f64 {
 }
 
 /// The context of the current residual.
-pub(crate) fn context<'a>(problem: &'a Problem, spec: &'a Spec, load: &str, fit: &'a Fit) -> Context<'a> {
+pub(crate) fn context<'a>(
+    problem: &'a Problem,
+    spec: &'a Spec,
+    load: &str,
+    model: &Model,
+    fit: &'a Fit,
+) -> Context<'a> {
     let roles = &spec.roles;
     let frame = &problem.frame;
     let velocity = if roles.velocity.is_some() {
@@ -426,19 +594,72 @@ pub(crate) fn context<'a>(problem: &'a Problem, spec: &'a Spec, load: &str, fit:
     } else {
         roles.angle.as_ref().map(|_| "deriv(angle, 2)".to_string())
     };
-    let position = if roles.angle.is_some() { Some("angle".to_string()) } else { velocity.as_ref().map(|_| "integ(velocity)".to_string()) };
+    let position = if roles.angle.is_some() {
+        Some("angle".to_string())
+    } else {
+        velocity.as_ref().map(|_| "integ(velocity)".to_string())
+    };
     let deadband = roles.velocity.as_ref().map_or(0.0, |v| v.deadband);
-    let span = frame.sequences().iter().map(|r| frame.time()[r.end - 1] - frame.time()[r.start]).fold(0.0, f64::max);
-    Context { problem, spec, load: load.to_string(), residual: &fit.residual, velocity, deadband, position, dt: frame.step(), span }
+    let span = frame
+        .sequences()
+        .iter()
+        .map(|r| frame.time()[r.end - 1] - frame.time()[r.start])
+        .fold(0.0, f64::max);
+    let varies = |n: &String| {
+        frame
+            .column(n)
+            .is_some_and(|c| c.iter().any(|x| *x != c[0]))
+    };
+    let mut columns: Vec<String> = model
+        .terms
+        .iter()
+        .flat_map(|t| t.expr.names())
+        .filter(|n| n != "time" && n != "elapsed" && varies(n))
+        .collect();
+    columns.sort();
+    columns.dedup();
+    let friction = velocity.as_ref().is_some_and(|v| {
+        let probe = [
+            format!("sgn({v}"),
+            format!("sign({v}"),
+            format!("held({v}"),
+            format!("tanh({v}"),
+        ];
+        model.terms.iter().any(|t| {
+            let text = t.expr.to_string();
+            probe.iter().any(|p| text.contains(p.as_str()))
+        })
+    });
+    Context {
+        problem,
+        spec,
+        load: load.to_string(),
+        residual: &fit.residual,
+        columns,
+        friction,
+        velocity,
+        deadband,
+        position,
+        dt: frame.step(),
+        span,
+    }
 }
 
 /// Variants of every effect that the model file allows.
-pub(crate) fn variants(ctx: &Context, allowed: &(dyn Fn(&dyn Effect) -> bool + Sync)) -> Vec<(usize, String, Arc<Variant>)> {
+pub(crate) fn variants(
+    ctx: &Context,
+    allowed: &(dyn Fn(&dyn Effect) -> bool + Sync),
+) -> Vec<(usize, String, Arc<Variant>)> {
     CATALOGUE
         .par_iter()
         .enumerate()
         .filter(|(_, e)| allowed(**e))
-        .flat_map(|(i, e)| e.variants(ctx).into_iter().map(|v| (i, e.name().to_string(), Arc::new(v))).collect::<Vec<_>>())
+        .flat_map(|(i, e)| {
+            e.variants(ctx)
+                .into_iter()
+                .map(|v| (i, e.name().to_string(), Arc::new(v)))
+                .collect::<Vec<_>>()
+        })
         .collect()
 }
 
@@ -448,16 +669,27 @@ pub(crate) struct Step {
     pub ranked: Vec<Candidate>,
     /// Index into `ranked` of the candidate to take.
     pub winner: Option<usize>,
+    /// Indices of all that count, best first.
+    pub good: Vec<usize>,
 }
 
 /// Whether a candidate may count at all.
 pub(crate) fn passes(c: &Candidate, spec: &Spec, tests: usize, floor: f64, rows: usize) -> bool {
     let rms = ((c.base - c.held).max(0.0) / rows.max(1) as f64).sqrt();
-    c.gain >= spec.selection.material && c.p * tests as f64 <= spec.selection.fdr && c.z >= 2.5 && rms > floor
+    c.gain >= spec.selection.material
+        && c.p * tests as f64 <= spec.selection.fdr
+        && c.z >= 2.5
+        && rms > floor
 }
 
 /// Ranks a scan: one candidate per effect, the simplest of its variants that does nearly as well.
-pub(crate) fn rank(all: Vec<Candidate>, spec: &Spec, tests: usize, floor: f64, rows: usize) -> Step {
+pub(crate) fn rank(
+    all: Vec<Candidate>,
+    spec: &Spec,
+    tests: usize,
+    floor: f64,
+    rows: usize,
+) -> Step {
     let mut ranked: Vec<Candidate> = Vec::new();
     let mut names: Vec<String> = all.iter().map(|c| c.name.clone()).collect();
     names.sort();
@@ -465,20 +697,41 @@ pub(crate) fn rank(all: Vec<Candidate>, spec: &Spec, tests: usize, floor: f64, r
     for name in names {
         let mut own: Vec<&Candidate> = all.iter().filter(|c| c.name == name).collect();
         own.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-        let Some(best) = own.first().copied() else { continue };
-        let pick = own.iter().copied().filter(|c| stands_for(c, best)).min_by(|a, b| a.parameters.cmp(&b.parameters).then(b.gain.total_cmp(&a.gain)));
+        let Some(best) = own.first().copied() else {
+            continue;
+        };
+        let pick = own
+            .iter()
+            .copied()
+            .filter(|c| stands_for(c, best))
+            .min_by(|a, b| {
+                a.parameters
+                    .cmp(&b.parameters)
+                    .then(b.gain.total_cmp(&a.gain))
+            });
         ranked.push(pick.unwrap_or(best).clone());
     }
     ranked.sort_by(|a, b| b.gain.total_cmp(&a.gain));
-    let good: Vec<usize> = (0..ranked.len()).filter(|&i| passes(&ranked[i], spec, tests, floor, rows)).collect();
+    let good: Vec<usize> = (0..ranked.len())
+        .filter(|&i| passes(&ranked[i], spec, tests, floor, rows))
+        .collect();
     let winner = good.first().map(|&best| {
         good.iter()
             .copied()
             .filter(|&i| stands_for(&ranked[i], &ranked[best]))
-            .min_by(|a, b| ranked[*a].parameters.cmp(&ranked[*b].parameters).then(ranked[*b].gain.total_cmp(&ranked[*a].gain)))
+            .min_by(|a, b| {
+                ranked[*a]
+                    .parameters
+                    .cmp(&ranked[*b].parameters)
+                    .then(ranked[*b].gain.total_cmp(&ranked[*a].gain))
+            })
             .unwrap_or(best)
     });
-    Step { ranked, winner }
+    Step {
+        ranked,
+        winner,
+        good,
+    }
 }
 
 /// Whether `simple` explains what `best` explains: all but 3 % of it, or no steady difference.
@@ -503,7 +756,10 @@ pub(crate) fn indistinguishable(state: &State, step: &Step, winner: usize) -> Ve
         .iter()
         .enumerate()
         .filter(|(i, c)| *i != winner && c.parameters <= w.parameters && c.gain > 0.0)
-        .filter(|(_, c)| (c.held - w.held).abs() < 0.05 * (w.base - w.held) && steadiness(&c.losses, &w.losses).abs() < 1.5)
+        .filter(|(_, c)| {
+            (c.held - w.held).abs() < 0.05 * (w.base - w.held)
+                && steadiness(&c.losses, &w.losses).abs() < 1.5
+        })
         .filter(|(_, c)| {
             let other = state.contribution(c);
             similarity(&own, &other) > 0.98
@@ -517,7 +773,11 @@ pub(crate) fn similarity(a: &[f64], b: &[f64]) -> f64 {
     if a.len() != b.len() {
         return 0.0;
     }
-    let (aa, bb, ab) = (crate::linalg::dot(a, a), crate::linalg::dot(b, b), crate::linalg::dot(a, b));
+    let (aa, bb, ab) = (
+        crate::linalg::dot(a, a),
+        crate::linalg::dot(b, b),
+        crate::linalg::dot(a, b),
+    );
     if aa > 0.0 && bb > 0.0 {
         ab * ab / (aa * bb)
     } else {
@@ -527,5 +787,9 @@ pub(crate) fn similarity(a: &[f64], b: &[f64]) -> f64 {
 
 /// Turns a candidate into a choice.
 pub(crate) fn choose(c: &Candidate) -> Chosen {
-    Chosen { effect: c.effect, variant: c.variant.clone(), psi: c.psi }
+    Chosen {
+        effect: c.effect,
+        variant: c.variant.clone(),
+        psi: c.psi,
+    }
 }

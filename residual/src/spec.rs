@@ -56,7 +56,12 @@ pub struct Input {
 
 impl Default for Input {
     fn default() -> Self {
-        Input { header: vec![], separator: ",".into(), file_name: String::new(), sequence: vec![] }
+        Input {
+            header: vec![],
+            separator: ",".into(),
+            file_name: String::new(),
+            sequence: vec![],
+        }
     }
 }
 
@@ -131,7 +136,10 @@ pub struct Roles {
 impl Roles {
     /// Every mapped column with the name it gets in expressions.
     pub fn all(&self) -> Vec<(String, &Column)> {
-        let mut out = vec![("time".to_string(), &self.time), ("target".to_string(), &self.target)];
+        let mut out = vec![
+            ("time".to_string(), &self.time),
+            ("target".to_string(), &self.target),
+        ];
         for (name, c) in [
             ("command", &self.command),
             ("velocity", &self.velocity),
@@ -151,7 +159,11 @@ impl Roles {
 
     /// Unit of a role or named column, or an empty text.
     pub fn unit(&self, name: &str) -> String {
-        self.all().into_iter().find(|(n, _)| n == name).map(|(_, c)| c.unit.clone()).unwrap_or_default()
+        self.all()
+            .into_iter()
+            .find(|(n, _)| n == name)
+            .map(|(_, c)| c.unit.clone())
+            .unwrap_or_default()
     }
 }
 
@@ -255,7 +267,15 @@ pub struct Selection {
 
 impl Default for Selection {
     fn default() -> Self {
-        Selection { material: 0.02, fdr: 0.05, decoys: 48, max_effects: 6, seed: 1, only: vec![], except: vec![] }
+        Selection {
+            material: 0.02,
+            fdr: 0.05,
+            decoys: 48,
+            max_effects: 6,
+            seed: 1,
+            only: vec![],
+            except: vec![],
+        }
     }
 }
 
@@ -302,14 +322,20 @@ impl Spec {
     pub fn parse(text: &str) -> Result<Spec, Error> {
         let spec: Spec = toml::from_str(text).map_err(|e| Error::model(e.to_string()))?;
         if spec.terms.is_empty() {
-            return Err(Error::model("no [[terms]]: declare at least one term, even `expr = \"1\"`"));
+            return Err(Error::model(
+                "no [[terms]]: declare at least one term, even `expr = \"1\"`",
+            ));
         }
         let s = &spec.selection;
         if !(s.material > 0.0 && s.material < 1.0) || !(s.fdr > 0.0 && s.fdr < 1.0) {
-            return Err(Error::model("selection.material and selection.fdr must lie between 0 and 1"));
+            return Err(Error::model(
+                "selection.material and selection.fdr must lie between 0 and 1",
+            ));
         }
         if s.decoys < 16 {
-            return Err(Error::model("selection.decoys must be at least 16, or chance cannot be told from effect"));
+            return Err(Error::model(
+                "selection.decoys must be at least 16, or chance cannot be told from effect",
+            ));
         }
         for name in s.only.iter().chain(&s.except) {
             if !crate::effects::names().contains(&name.as_str()) {
@@ -323,17 +349,30 @@ impl Spec {
             return Err(Error::model("holdout.block_s must be positive"));
         }
         for (name, c) in spec.roles.all() {
-            if !(c.scale.is_finite() && c.scale != 0.0 && c.offset.is_finite() && c.deadband >= 0.0 && c.noise_floor >= 0.0) {
-                return Err(Error::model(format!("role `{name}`: scale must not be 0, deadband and noise_floor not negative")));
+            if !(c.scale.is_finite()
+                && c.scale != 0.0
+                && c.offset.is_finite()
+                && c.deadband >= 0.0
+                && c.noise_floor >= 0.0)
+            {
+                return Err(Error::model(format!(
+                    "role `{name}`: scale must not be 0, deadband and noise_floor not negative"
+                )));
             }
         }
         for t in &spec.terms {
             crate::expr::Expr::parse(&t.expr)?;
             if !matches!(t.per.as_str(), "" | "sequence") {
-                return Err(Error::model(format!("term `{}`: per = \"{}\"; only \"sequence\" is known", t.name, t.per)));
+                return Err(Error::model(format!(
+                    "term `{}`: per = \"{}\"; only \"sequence\" is known",
+                    t.name, t.per
+                )));
             }
             if t.fixed.is_some_and(|f| !f.is_finite()) {
-                return Err(Error::model(format!("term `{}`: fixed must be finite", t.name)));
+                return Err(Error::model(format!(
+                    "term `{}`: fixed must be finite",
+                    t.name
+                )));
             }
         }
         Ok(spec)

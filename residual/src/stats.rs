@@ -42,7 +42,10 @@ pub fn deviation(v: &[f64]) -> f64 {
 pub fn normal_tail(z: f64) -> f64 {
     let x = z.abs() / std::f64::consts::SQRT_2;
     let t = 1.0 / (1.0 + 0.327_591_1 * x);
-    let poly = t * (0.254_829_592 + t * (-0.284_496_736 + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
+    let poly = t
+        * (0.254_829_592
+            + t * (-0.284_496_736
+                + t * (1.421_413_741 + t * (-1.453_152_027 + t * 1.061_405_429))));
     let tail = 0.5 * poly * (-x * x).exp();
     if z >= 0.0 {
         tail
@@ -113,7 +116,11 @@ pub fn autocorrelation(x: &[f64], frame: &Frame, lags: usize) -> Vec<f64> {
         let s = &x[r.clone()];
         for (k, o) in out.iter_mut().enumerate() {
             if s.len() > k {
-                *o += s[k..].iter().zip(s).map(|(a, b)| (a - m) * (b - m)).sum::<f64>();
+                *o += s[k..]
+                    .iter()
+                    .zip(s)
+                    .map(|(a, b)| (a - m) * (b - m))
+                    .sum::<f64>();
             }
         }
     }
@@ -170,7 +177,12 @@ pub fn whiteness(r: &[f64], frame: &Frame) -> ResidualTest {
             best = (k as i64, rho);
         }
     }
-    ResidualTest { against: "itself".into(), lag: best.0, correlation: best.1, p: chi2_tail(q, lags as f64) }
+    ResidualTest {
+        against: "itself".into(),
+        lag: best.0,
+        correlation: best.1,
+        p: chi2_tail(q, lags as f64),
+    }
 }
 
 /// Cross-correlation of residual and variable at lags -20..=20 rows. The variance of each estimate
@@ -178,11 +190,17 @@ pub fn whiteness(r: &[f64], frame: &Frame) -> ResidualTest {
 /// pass for related; the largest lag is corrected for having been chosen among 41 (Sidak).
 pub fn cross_correlation(r: &[f64], x: &[f64], name: &str, frame: &Frame) -> ResidualTest {
     let reach = (frame.len() / frame.sequences().len().max(1) / 2).clamp(20, 400);
-    let (ar, ax) = (autocorrelation(r, frame, reach), autocorrelation(x, frame, reach));
+    let (ar, ax) = (
+        autocorrelation(r, frame, reach),
+        autocorrelation(x, frame, reach),
+    );
     let n = r.len() as f64;
-    let var = ((1.0 + 2.0 * ar.iter().zip(&ax).skip(1).map(|(a, b)| a * b).sum::<f64>()) / n).max(1.0 / n);
+    let var = ((1.0 + 2.0 * ar.iter().zip(&ax).skip(1).map(|(a, b)| a * b).sum::<f64>()) / n)
+        .max(1.0 / n);
     let (mr, mx) = (mean(r), mean(x));
-    let norm = (r.iter().map(|v| (v - mr).powi(2)).sum::<f64>() * x.iter().map(|v| (v - mx).powi(2)).sum::<f64>()).sqrt();
+    let norm = (r.iter().map(|v| (v - mr).powi(2)).sum::<f64>()
+        * x.iter().map(|v| (v - mx).powi(2)).sum::<f64>())
+    .sqrt();
     let mut best = (0i64, 0.0f64);
     for lag in -20i64..=20 {
         let mut c = 0.0;
@@ -191,7 +209,11 @@ pub fn cross_correlation(r: &[f64], x: &[f64], name: &str, frame: &Frame) -> Res
             let k = lag.unsigned_abs() as usize;
             if a.len() > k {
                 let (head, tail) = if lag >= 0 { (&a[k..], b) } else { (a, &b[k..]) };
-                c += head.iter().zip(tail).map(|(p, q)| (p - mr) * (q - mx)).sum::<f64>();
+                c += head
+                    .iter()
+                    .zip(tail)
+                    .map(|(p, q)| (p - mr) * (q - mx))
+                    .sum::<f64>();
             }
         }
         let rho = if norm > 0.0 { c / norm } else { 0.0 };
@@ -200,7 +222,12 @@ pub fn cross_correlation(r: &[f64], x: &[f64], name: &str, frame: &Frame) -> Res
         }
     }
     let p = 2.0 * normal_tail(best.1.abs() / var.sqrt());
-    ResidualTest { against: name.into(), lag: best.0, correlation: best.1, p: 1.0 - (1.0 - p.min(1.0)).powi(41) }
+    ResidualTest {
+        against: name.into(),
+        lag: best.0,
+        correlation: best.1,
+        p: 1.0 - (1.0 - p.min(1.0)).powi(41),
+    }
 }
 
 #[cfg(test)]
@@ -230,7 +257,11 @@ mod tests {
         let n = 4000;
         let t: Vec<f64> = (0..n).map(|i| i as f64).collect();
         let frame = Frame::new(vec![], t, vec![0..n]);
-        let false_alarms = (0..60).filter(|&s| cross_correlation(&coloured(s, n), &coloured(1000 + s, n), "x", &frame).p < 0.01).count();
+        let false_alarms = (0..60)
+            .filter(|&s| {
+                cross_correlation(&coloured(s, n), &coloured(1000 + s, n), "x", &frame).p < 0.01
+            })
+            .count();
         assert!(false_alarms <= 3, "{false_alarms} of 60");
         let white: Vec<f64> = {
             let mut g = Rng::new(5);

@@ -12,7 +12,11 @@ const TOP: f64 = 28.0;
 fn ticks(lo: f64, hi: f64) -> Vec<f64> {
     let raw = (hi - lo) / 4.0;
     let base = 10f64.powf(raw.log10().floor());
-    let step = [1.0, 2.0, 5.0, 10.0].iter().map(|m| m * base).find(|s| *s >= raw).unwrap_or(raw);
+    let step = [1.0, 2.0, 5.0, 10.0]
+        .iter()
+        .map(|m| m * base)
+        .find(|s| *s >= raw)
+        .unwrap_or(raw);
     let first = (lo / step).ceil() as i64;
     let last = (hi / step).floor() as i64;
     (first..=last).map(|k| k as f64 * step).collect()
@@ -52,11 +56,18 @@ pub(crate) fn residuals(p: &Plot, unit: &str) -> String {
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {total_w} {}\" font-family=\"sans-serif\" font-size=\"11\"><rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>",
         H + TOP + 44.0
     );
-    for (k, (title, values, column)) in [("before", &p.before, 1), ("after", &p.after, 2)].into_iter().enumerate() {
+    for (k, (title, values, column)) in [("before", &p.before, 1), ("after", &p.after, 2)]
+        .into_iter()
+        .enumerate()
+    {
         let ox = LEFT + k as f64 * (W + LEFT);
         let px = |x: f64| ox + (x - x0) / (x1 - x0) * W;
         let py = |y: f64| TOP + (y1 - y) / (y1 - y0) * H;
-        let _ = write!(s, "<text x=\"{:.1}\" y=\"16\" font-weight=\"bold\">{title}</text>", ox);
+        let _ = write!(
+            s,
+            "<text x=\"{:.1}\" y=\"16\" font-weight=\"bold\">{title}</text>",
+            ox
+        );
         let _ = write!(s, "<rect x=\"{ox:.1}\" y=\"{TOP}\" width=\"{W}\" height=\"{H}\" fill=\"none\" stroke=\"#888\"/>");
         for t in ticks(x0, x1) {
             let x = px(t);
@@ -77,10 +88,27 @@ pub(crate) fn residuals(p: &Plot, unit: &str) -> String {
             .filter(|m| m[0] >= x0 && m[0] <= x1 && m[column] >= y0 && m[column] <= y1)
             .map(|m| format!("{:.1},{:.1}", px(m[0]), py(m[column])))
             .collect();
-        let _ = write!(s, "<polyline points=\"{}\" fill=\"none\" stroke=\"#c03020\" stroke-width=\"1.8\"/>", line.join(" "));
-        let name = p.against.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;");
-        let short: String = if name.chars().count() > 52 { name.chars().take(49).chain("...".chars()).collect() } else { name };
-        let _ = write!(s, "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{short}</text>", ox + W / 2.0, TOP + H + 32.0);
+        let _ = write!(
+            s,
+            "<polyline points=\"{}\" fill=\"none\" stroke=\"#c03020\" stroke-width=\"1.8\"/>",
+            line.join(" ")
+        );
+        let name = p
+            .against
+            .replace('&', "&amp;")
+            .replace('<', "&lt;")
+            .replace('>', "&gt;");
+        let short: String = if name.chars().count() > 52 {
+            name.chars().take(49).chain("...".chars()).collect()
+        } else {
+            name
+        };
+        let _ = write!(
+            s,
+            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{short}</text>",
+            ox + W / 2.0,
+            TOP + H + 32.0
+        );
     }
     let _ = write!(s, "<text x=\"12\" y=\"{:.1}\" transform=\"rotate(-90 12 {:.1})\" text-anchor=\"middle\">residual, {unit}</text></svg>", TOP + H / 2.0, TOP + H / 2.0);
     s

@@ -24,12 +24,22 @@ impl Effect for Backlash {
             if !declared.iter().any(|d| d == name) {
                 continue;
             }
-            let Some((lo, hi)) = ctx.range(name) else { continue };
+            let Some((lo, hi)) = ctx.range(name) else {
+                continue;
+            };
             let grid = Context::log_grid(0.01 * (hi - lo), 0.6 * (hi - lo), 12);
             let unit = ctx.spec.roles.unit(name);
-            out.push(Variant::profiled(&format!("gap in {name}"), Psi { name: "gap", unit, grid, refine: true, resolution: None }, move |w| {
-                Build::Swap(vec![(name.to_string(), format!("play({name}, {w})"))])
-            }));
+            out.push(Variant::profiled(
+                &format!("gap in {name}"),
+                Psi {
+                    name: "gap",
+                    unit,
+                    grid,
+                    refine: true,
+                    resolution: None,
+                },
+                move |w| Build::Swap(vec![(name.to_string(), format!("play({name}, {w})"))]),
+            ));
         }
         // The position is not in the declared model: the gap shows as an elastic-plastic loop.
         if let (Some(_), Some(x)) = (&ctx.spec.roles.angle, ctx.position.clone()) {
@@ -37,9 +47,23 @@ impl Effect for Backlash {
                 if let Some((lo, hi)) = ctx.range(&x) {
                     let grid = Context::log_grid(0.01 * (hi - lo), 0.6 * (hi - lo), 12);
                     let per = ctx.per(&ctx.position_unit());
-                    out.push(Variant::profiled("gap in position", Psi { name: "gap", unit: ctx.position_unit(), grid, refine: true, resolution: None }, move |w| {
-                        Build::Add(vec![Piece::new("stiffness", per.clone(), format!("stop({x}, {w})"))])
-                    }));
+                    out.push(Variant::profiled(
+                        "gap in position",
+                        Psi {
+                            name: "gap",
+                            unit: ctx.position_unit(),
+                            grid,
+                            refine: true,
+                            resolution: None,
+                        },
+                        move |w| {
+                            Build::Add(vec![Piece::new(
+                                "stiffness",
+                                per.clone(),
+                                format!("stop({x}, {w})"),
+                            )])
+                        },
+                    ));
                 }
             }
         }

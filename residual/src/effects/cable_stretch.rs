@@ -19,12 +19,27 @@ impl Effect for CableStretch {
         let declared = ctx.declared_columns();
         if declared.iter().any(|d| d == "command") {
             let grid = Context::log_grid(0.3 * ctx.dt, (60.0 * ctx.dt).min(ctx.span / 8.0), 14);
-            out.push(Variant::profiled("lag of the command", Psi { name: "time_constant", unit: "s".into(), grid, refine: true, resolution: None }, |tau| {
-                Build::Swap(vec![("command".into(), format!("lowpass(command, {tau})"))])
-            }));
+            out.push(Variant::profiled(
+                "lag of the command",
+                Psi {
+                    name: "time_constant",
+                    unit: "s".into(),
+                    grid,
+                    refine: true,
+                    resolution: None,
+                },
+                |tau| Build::Swap(vec![("command".into(), format!("lowpass(command, {tau})"))]),
+            ));
         }
         if ctx.spec.roles.angle.is_some() && !declared.iter().any(|d| d == "angle") {
-            out.push(Variant::linear("spring", vec![Piece::new("stiffness", ctx.per(&ctx.position_unit()), "angle")]));
+            out.push(Variant::linear(
+                "spring",
+                vec![Piece::new(
+                    "stiffness",
+                    ctx.per(&ctx.position_unit()),
+                    "angle",
+                )],
+            ));
         }
         out
     }

@@ -25,10 +25,30 @@ impl Effect for ClockSkew {
         let one = ctx.dt / ctx.span;
         let mut half = Context::log_grid(0.5 * one, 60.0 * one, 16);
         half.retain(|r| *r < 0.05);
-        let grid: Vec<f64> = half.iter().rev().map(|r| -r).chain(half.iter().copied()).collect();
-        vec![Variant::profiled("rate of the inputs' clock", Psi { name: "skew", unit: "s/s".into(), grid, refine: true, resolution: None }, move |r| {
-            Build::Swap(names.iter().map(|n| (n.clone(), format!("warp({n}, {r})"))).collect())
-        })]
+        let grid: Vec<f64> = half
+            .iter()
+            .rev()
+            .map(|r| -r)
+            .chain(half.iter().copied())
+            .collect();
+        vec![Variant::profiled(
+            "rate of the inputs' clock",
+            Psi {
+                name: "skew",
+                unit: "s/s".into(),
+                grid,
+                refine: true,
+                resolution: None,
+            },
+            move |r| {
+                Build::Swap(
+                    names
+                        .iter()
+                        .map(|n| (n.clone(), format!("warp({n}, {r})")))
+                        .collect(),
+                )
+            },
+        )]
     }
 }
 
@@ -36,6 +56,8 @@ impl Effect for ClockSkew {
 mod tests {
     #[test]
     fn is_named() {
-        crate::effects::testbench::names("clock_skew", |s| s.command_at(s.elapsed * 1.004) - s.command);
+        crate::effects::testbench::names("clock_skew", |s| {
+            s.command_at(s.elapsed * 1.004) - s.command
+        });
     }
 }

@@ -15,7 +15,9 @@ impl Effect for CosineMisalignment {
         "hold one load and turn the direction of the cable through its range"
     }
     fn against(&self, ctx: &Context) -> String {
-        ctx.angles().first().map_or_else(|| ctx.load.clone(), |a| a.1.clone())
+        ctx.angles()
+            .first()
+            .map_or_else(|| ctx.load.clone(), |a| a.1.clone())
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let l = &ctx.load;
@@ -25,9 +27,15 @@ impl Effect for CosineMisalignment {
                 continue;
             }
             let straight = Piece::new("cosine_share", "1", format!("{l} * (cos({q}) - 1)"));
-            out.push(Variant::linear(&format!("{name}, aligned at zero"), vec![straight.clone()]));
+            out.push(Variant::linear(
+                &format!("{name}, aligned at zero"),
+                vec![straight.clone()],
+            ));
             let tilted = Piece::new("sine_share", "1", format!("{l} * sin({q})"));
-            out.push(Variant::linear(&format!("{name}, tilted"), vec![straight, tilted]));
+            out.push(Variant::linear(
+                &format!("{name}, tilted"),
+                vec![straight, tilted],
+            ));
         }
         out
     }
@@ -37,6 +45,8 @@ impl Effect for CosineMisalignment {
 mod tests {
     #[test]
     fn is_named() {
-        crate::effects::testbench::names("cosine_misalignment", |s| s.command * (s.pose.cos() - 1.0));
+        crate::effects::testbench::names("cosine_misalignment", |s| {
+            s.command * (s.pose.cos() - 1.0)
+        });
     }
 }

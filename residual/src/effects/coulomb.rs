@@ -18,8 +18,17 @@ impl Effect for Coulomb {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let Some(v) = &ctx.velocity else { return vec![] };
-        vec![Variant::linear("sign of velocity", vec![Piece::new("friction", ctx.unit(), format!("sgn({v}, {})", ctx.deadband))])]
+        let Some(v) = &ctx.velocity else {
+            return vec![];
+        };
+        vec![Variant::linear(
+            "sign of velocity",
+            vec![Piece::new(
+                "friction",
+                ctx.unit(),
+                format!("sgn({v}, {})", ctx.deadband),
+            )],
+        )]
     }
 }
 

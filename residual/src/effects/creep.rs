@@ -21,15 +21,36 @@ impl Effect for Creep {
         if ctx.range(&ctx.load).is_none() {
             return vec![];
         }
+        // Under a load that never changes within a run, creep is like any other start-up transient.
+        let size = crate::stats::rms(&ctx.values(&ctx.load));
+        let change =
+            crate::stats::rms(&ctx.values(&format!("{} - seqmean({})", ctx.load, ctx.load)));
+        if change < 0.02 * size {
+            return vec![];
+        }
         let grid = Context::log_grid(15.0 * ctx.dt, 2.0 * ctx.span, 12);
-        let psi = || Psi { name: "time_constant", unit: "s".into(), grid: grid.clone(), refine: true, resolution: None };
+        let psi = || Psi {
+            name: "time_constant",
+            unit: "s".into(),
+            grid: grid.clone(),
+            refine: true,
+            resolution: None,
+        };
         let (a, b) = (ctx.load.clone(), ctx.load.clone());
         vec![
             Variant::profiled("since the load came on", psi(), move |tau| {
-                Build::Add(vec![Piece::new("creep_share", "1", format!("charge({a}, {tau})"))])
+                Build::Add(vec![Piece::new(
+                    "creep_share",
+                    "1",
+                    format!("charge({a}, {tau})"),
+                )])
             }),
             Variant::profiled("about an old equilibrium", psi(), move |tau| {
-                Build::Add(vec![Piece::new("creep_share", "1", format!("lowpass({b}, {tau}) - {b}"))])
+                Build::Add(vec![Piece::new(
+                    "creep_share",
+                    "1",
+                    format!("lowpass({b}, {tau}) - {b}"),
+                )])
             }),
         ]
     }

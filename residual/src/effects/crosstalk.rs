@@ -14,13 +14,25 @@ impl Effect for Crosstalk {
     fn experiment(&self) -> &'static str {
         "excite the other channel alone"
     }
+    fn repeatable(&self) -> bool {
+        true
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         ctx.spec
             .roles
             .channels
             .iter()
             .filter(|(n, _)| ctx.range(n).is_some())
-            .map(|(n, c)| Variant::linear(n, vec![Piece::new(format!("share_of_{n}"), ctx.per(&c.unit), n.clone())]))
+            .map(|(n, c)| {
+                Variant::linear(
+                    n,
+                    vec![Piece::new(
+                        format!("share_of_{n}"),
+                        ctx.per(&c.unit),
+                        n.clone(),
+                    )],
+                )
+            })
             .collect()
     }
 }

@@ -16,17 +16,42 @@ impl Effect for Delay {
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let names = ctx.declared_columns();
-        let steps = [0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0, 26.0, 32.0];
-        let grid: Vec<f64> = steps.iter().rev().map(|s| -s * ctx.dt).chain(steps.iter().map(|s| s * ctx.dt)).collect();
-        let psi = || Psi { name: "delay", unit: "s".into(), grid: grid.clone(), refine: true, resolution: None };
+        let steps = [
+            0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0,
+            26.0, 32.0,
+        ];
+        let grid: Vec<f64> = steps
+            .iter()
+            .rev()
+            .map(|s| -s * ctx.dt)
+            .chain(steps.iter().map(|s| s * ctx.dt))
+            .collect();
+        let psi = || Psi {
+            name: "delay",
+            unit: "s".into(),
+            grid: grid.clone(),
+            refine: true,
+            resolution: None,
+        };
         let mut out = Vec::new();
         if names.iter().any(|n| n == "command") {
-            out.push(Variant::profiled("of the command", psi(), |s| Build::Swap(vec![("command".into(), format!("delay(command, {s})"))])));
-        }
-        if names.len() > 1 || (names.len() == 1 && names[0] != "command") {
-            out.push(Variant::profiled("of the target against everything", psi(), move |s| {
-                Build::Swap(names.iter().map(|n| (n.clone(), format!("delay({n}, {s})"))).collect())
+            out.push(Variant::profiled("of the command", psi(), |s| {
+                Build::Swap(vec![("command".into(), format!("delay(command, {s})"))])
             }));
+        }
+        let all: Vec<String> = ctx.columns.clone();
+        if all.iter().any(|n| n != "command") {
+            out.push(Variant::profiled(
+                "of the target against everything",
+                psi(),
+                move |s| {
+                    Build::SwapAll(
+                        all.iter()
+                            .map(|n| (n.clone(), format!("delay({n}, {s})")))
+                            .collect(),
+                    )
+                },
+            ));
         }
         out
     }

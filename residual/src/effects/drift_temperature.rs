@@ -21,19 +21,45 @@ impl Effect for DriftTemperature {
         if ctx.spec.roles.temperature.is_none() {
             return vec![];
         }
-        let Some((lo, hi)) = ctx.range("temperature") else { return vec![] };
+        let Some((lo, hi)) = ctx.range("temperature") else {
+            return vec![];
+        };
         let mid = 0.5 * (lo + hi);
         let k = ctx.spec.roles.unit("temperature");
         let per = ctx.per(&k);
-        let mut out = vec![Variant::linear("of zero", vec![Piece::new("drift_per_degree", per.clone(), format!("temperature - {mid}"))])];
+        let mut out = vec![Variant::linear(
+            "of zero",
+            vec![Piece::new(
+                "drift_per_degree",
+                per.clone(),
+                format!("temperature - {mid}"),
+            )],
+        )];
         if ctx.range(&ctx.load).is_some() {
             let text = format!("(temperature - {mid}) * {}", ctx.load);
-            out.push(Variant::linear("of gain", vec![Piece::new("gain_per_degree", format!("1/({k})"), text)]));
+            out.push(Variant::linear(
+                "of gain",
+                vec![Piece::new("gain_per_degree", format!("1/({k})"), text)],
+            ));
         }
         let grid = Context::log_grid(20.0 * ctx.dt, ctx.span, 8);
-        out.push(Variant::profiled("of zero, as it warms through", Psi { name: "time_constant", unit: "s".into(), grid, refine: true, resolution: None }, move |tau| {
-            Build::Add(vec![Piece::new("drift_per_degree", per.clone(), format!("lowpass(temperature, {tau}) - {mid}"))])
-        }));
+        out.push(Variant::profiled(
+            "of zero, as it warms through",
+            Psi {
+                name: "time_constant",
+                unit: "s".into(),
+                grid,
+                refine: true,
+                resolution: None,
+            },
+            move |tau| {
+                Build::Add(vec![Piece::new(
+                    "drift_per_degree",
+                    per.clone(),
+                    format!("lowpass(temperature, {tau}) - {mid}"),
+                )])
+            },
+        ));
         out
     }
 }

@@ -19,10 +19,22 @@ impl Effect for DriftTime {
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let unit = ctx.per("s");
-        let mut out = vec![Variant::linear("since the start of the run", vec![Piece::new("drift", unit.clone(), "elapsed")])];
-        let starts: Vec<f64> = ctx.problem.frame.sequences().iter().map(|r| ctx.problem.frame.time()[r.start]).collect();
+        let mut out = vec![Variant::linear(
+            "since the start of the run",
+            vec![Piece::new("drift", unit.clone(), "elapsed")],
+        )];
+        let starts: Vec<f64> = ctx
+            .problem
+            .frame
+            .sequences()
+            .iter()
+            .map(|r| ctx.problem.frame.time()[r.start])
+            .collect();
         if starts.iter().any(|s| (s - starts[0]).abs() > ctx.span) {
-            out.push(Variant::linear("by the clock", vec![Piece::new("drift", unit, "time")]));
+            out.push(Variant::linear(
+                "by the clock",
+                vec![Piece::new("drift", unit, "time")],
+            ));
         }
         out
     }

@@ -18,7 +18,10 @@ impl Effect for Gain {
         if ctx.range(&ctx.load).is_none() {
             return vec![];
         }
-        vec![Variant::linear("of the declared prediction", vec![Piece::new("gain_error", "1", ctx.load.clone())])]
+        vec![Variant::linear(
+            "of the declared prediction",
+            vec![Piece::new("gain_error", "1", ctx.load.clone())],
+        )]
     }
 }
 

@@ -15,29 +15,78 @@ impl Effect for Geometry {
         "visit the same poses several times, in different order and under different loads"
     }
     fn against(&self, ctx: &Context) -> String {
-        ctx.spec.roles.pose.keys().next().cloned().unwrap_or_else(|| ctx.load.clone())
+        ctx.spec
+            .roles
+            .pose
+            .keys()
+            .next()
+            .cloned()
+            .unwrap_or_else(|| ctx.load.clone())
+    }
+    fn repeatable(&self) -> bool {
+        true
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let l = &ctx.load;
-        let poses: Vec<(&String, String)> =
-            ctx.spec.roles.pose.iter().filter(|(n, _)| ctx.range(n).is_some()).map(|(n, c)| (n, c.unit.clone())).collect();
+        let poses: Vec<(&String, String)> = ctx
+            .spec
+            .roles
+            .pose
+            .iter()
+            .filter(|(n, _)| ctx.range(n).is_some())
+            .map(|(n, c)| (n, c.unit.clone()))
+            .collect();
         let mut out = Vec::new();
         for (n, u) in &poses {
             let (a, b) = (ctx.per(u), ctx.per(&format!("{u}^2")));
             let line = Piece::new(format!("per_{n}"), a, (*n).clone());
-            let load = Piece::new(format!("per_{n}_and_load"), format!("1/({u})"), format!("{n} * {l}"));
+            let load = Piece::new(
+                format!("per_{n}_and_load"),
+                format!("1/({u})"),
+                format!("{n} * {l}"),
+            );
             out.push(Variant::linear(&format!("line in {n}"), vec![line.clone()]));
-            out.push(Variant::linear(&format!("curve in {n}"), vec![line, Piece::new(format!("per_{n}_squared"), b, format!("{n}^2"))]));
-            out.push(Variant::linear(&format!("share of load, line in {n}"), vec![load.clone()]));
-            let square = Piece::new(format!("per_{n}_squared_and_load"), format!("1/({u}^2)"), format!("{n}^2 * {l}"));
-            out.push(Variant::linear(&format!("share of load, curve in {n}"), vec![load, square]));
+            out.push(Variant::linear(
+                &format!("curve in {n}"),
+                vec![
+                    line,
+                    Piece::new(format!("per_{n}_squared"), b, format!("{n}^2")),
+                ],
+            ));
+            out.push(Variant::linear(
+                &format!("share of load, line in {n}"),
+                vec![load.clone()],
+            ));
+            let square = Piece::new(
+                format!("per_{n}_squared_and_load"),
+                format!("1/({u}^2)"),
+                format!("{n}^2 * {l}"),
+            );
+            out.push(Variant::linear(
+                &format!("share of load, curve in {n}"),
+                vec![load, square],
+            ));
         }
         if poses.len() > 1 {
-            let lines = poses.iter().map(|(n, u)| Piece::new(format!("per_{n}"), ctx.per(u), (*n).clone())).collect();
+            let lines = poses
+                .iter()
+                .map(|(n, u)| Piece::new(format!("per_{n}"), ctx.per(u), (*n).clone()))
+                .collect();
             out.push(Variant::linear("line in all of the pose", lines));
-            let loads =
-                poses.iter().map(|(n, u)| Piece::new(format!("per_{n}_and_load"), format!("1/({u})"), format!("{n} * {l}"))).collect();
-            out.push(Variant::linear("share of load, line in all of the pose", loads));
+            let loads = poses
+                .iter()
+                .map(|(n, u)| {
+                    Piece::new(
+                        format!("per_{n}_and_load"),
+                        format!("1/({u})"),
+                        format!("{n} * {l}"),
+                    )
+                })
+                .collect();
+            out.push(Variant::linear(
+                "share of load, line in all of the pose",
+                loads,
+            ));
         }
         out
     }

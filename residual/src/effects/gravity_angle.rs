@@ -15,7 +15,12 @@ impl Effect for GravityAngle {
         "turn through the whole range slowly with no load; repeat with the mount turned by a quarter"
     }
     fn against(&self, ctx: &Context) -> String {
-        ctx.angles().first().map_or_else(|| ctx.load.clone(), |a| a.1.clone())
+        ctx.angles()
+            .first()
+            .map_or_else(|| ctx.load.clone(), |a| a.1.clone())
+    }
+    fn repeatable(&self) -> bool {
+        true
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let unit = ctx.unit();
@@ -23,9 +28,18 @@ impl Effect for GravityAngle {
             .into_iter()
             .filter(|(n, _, range)| n != "angle" || *range < 1.5 * std::f64::consts::TAU)
             .map(|(n, q, _)| {
-                let pieces = vec![Piece::new("sine", unit, format!("sin({q})")), Piece::new("cosine", unit, format!("cos({q})"))];
+                let pieces = vec![
+                    Piece::new("sine", unit, format!("sin({q})")),
+                    Piece::new("cosine", unit, format!("cos({q})")),
+                ];
                 let mut v = Variant::linear(&n, pieces).with(weight);
-                v.psi = Some(Psi { name: "order", unit: "1/turn".into(), grid: vec![1.0], refine: false, resolution: None });
+                v.psi = Some(Psi {
+                    name: "order",
+                    unit: "1/turn".into(),
+                    grid: vec![1.0],
+                    refine: false,
+                    resolution: None,
+                });
                 v
             })
             .collect()
@@ -34,10 +48,21 @@ impl Effect for GravityAngle {
 
 fn weight(_: f64, coef: &[f64], pieces: &[Piece], _: &Psi) -> Vec<Param> {
     let unit = pieces.first().map(|p| p.unit.clone()).unwrap_or_default();
-    let (s, c) = (coef.first().copied().unwrap_or(0.0), coef.get(1).copied().unwrap_or(0.0));
+    let (s, c) = (
+        coef.first().copied().unwrap_or(0.0),
+        coef.get(1).copied().unwrap_or(0.0),
+    );
     vec![
-        Param { name: "amplitude".into(), value: s.hypot(c), unit },
-        Param { name: "phase".into(), value: c.atan2(s), unit: "rad".into() },
+        Param {
+            name: "amplitude".into(),
+            value: s.hypot(c),
+            unit,
+        },
+        Param {
+            name: "phase".into(),
+            value: c.atan2(s),
+            unit: "rad".into(),
+        },
     ]
 }
 

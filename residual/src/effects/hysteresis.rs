@@ -29,9 +29,23 @@ impl Effect for Hysteresis {
                 let (lo, hi) = ctx.range(&x)?;
                 let grid = Context::log_grid(0.06 * (hi - lo), 0.8 * (hi - lo), 9);
                 let unit = unit.clone();
-                Some(Variant::profiled(&format!("loop of {name}"), Psi { name: "turning_width", unit: xu, grid, refine: true, resolution: None }, move |d| {
-                    Build::Add(vec![Piece::new("half_height", unit.clone(), format!("dahl({x}, {d})"))])
-                }))
+                Some(Variant::profiled(
+                    &format!("loop of {name}"),
+                    Psi {
+                        name: "turning_width",
+                        unit: xu,
+                        grid,
+                        refine: true,
+                        resolution: None,
+                    },
+                    move |d| {
+                        Build::Add(vec![Piece::new(
+                            "half_height",
+                            unit.clone(),
+                            format!("dahl({x}, {d})"),
+                        )])
+                    },
+                ))
             })
             .collect()
     }

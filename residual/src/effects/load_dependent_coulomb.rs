@@ -18,11 +18,19 @@ impl Effect for LoadDependentCoulomb {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let (Some(v), Some(_)) = (&ctx.velocity, ctx.range(&ctx.load)) else { return vec![] };
+        let (Some(v), Some(_)) = (&ctx.velocity, ctx.range(&ctx.load)) else {
+            return vec![];
+        };
         let s = format!("sgn({v}, {})", ctx.deadband);
         let share = Piece::new("friction_per_load", "1", format!("{s} * abs({})", ctx.load));
         vec![
-            Variant::linear("constant and share", vec![Piece::new("friction_at_zero_load", ctx.unit(), s), share.clone()]),
+            Variant::linear(
+                "constant and share",
+                vec![
+                    Piece::new("friction_at_zero_load", ctx.unit(), s),
+                    share.clone(),
+                ],
+            ),
             Variant::linear("share only", vec![share]),
         ]
     }
@@ -32,6 +40,8 @@ impl Effect for LoadDependentCoulomb {
 mod tests {
     #[test]
     fn is_named() {
-        crate::effects::testbench::names("load_dependent_coulomb", |s| -0.15 * s.command * s.velocity.signum());
+        crate::effects::testbench::names("load_dependent_coulomb", |s| {
+            -0.15 * s.command * s.velocity.signum()
+        });
     }
 }

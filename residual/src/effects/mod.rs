@@ -78,12 +78,18 @@ pub fn names() -> Vec<&'static str> {
 
 /// What an effect means, in one sentence; `None` for an unknown name.
 pub fn meaning(name: &str) -> Option<&'static str> {
-    CATALOGUE.iter().find(|e| e.name() == name).map(|e| e.meaning())
+    CATALOGUE
+        .iter()
+        .find(|e| e.name() == name)
+        .map(|e| e.meaning())
 }
 
 /// The experiment that shows an effect by itself; `None` for an unknown name.
 pub fn experiment(name: &str) -> Option<&'static str> {
-    CATALOGUE.iter().find(|e| e.name() == name).map(|e| e.experiment())
+    CATALOGUE
+        .iter()
+        .find(|e| e.name() == name)
+        .map(|e| e.experiment())
 }
 
 /// One effect of the catalogue.
@@ -97,6 +103,10 @@ pub(crate) trait Effect: Sync {
     /// Expression of the variable that exposes the effect, for plots.
     fn against(&self, ctx: &Context) -> String {
         ctx.load.clone()
+    }
+    /// Whether it can be there more than once (another tone, another channel).
+    fn repeatable(&self) -> bool {
+        false
     }
     /// The ways it can show in these data; empty when the roles it needs are absent.
     fn variants(&self, ctx: &Context) -> Vec<Variant>;
@@ -123,7 +133,11 @@ pub(crate) struct Piece {
 
 impl Piece {
     pub fn new(name: impl Into<String>, unit: impl Into<String>, text: impl Into<String>) -> Piece {
-        Piece { name: name.into(), unit: unit.into(), text: text.into() }
+        Piece {
+            name: name.into(),
+            unit: unit.into(),
+            text: text.into(),
+        }
     }
 }
 
@@ -136,6 +150,8 @@ pub(crate) enum Build {
     Local(Vec<Piece>),
     /// Replaces columns inside the declared terms; no new coefficient.
     Swap(Vec<(String, String)>),
+    /// Replaces columns inside declared terms and effects found so far; no new coefficient.
+    SwapAll(Vec<(String, String)>),
 }
 
 /// A nonlinear parameter and where to look for it.
@@ -166,12 +182,26 @@ pub(crate) struct Variant {
 impl Variant {
     /// A variant without nonlinear parameter.
     pub fn linear(label: &str, pieces: Vec<Piece>) -> Variant {
-        Variant { label: label.into(), psi: None, build: Box::new(move |_| Build::Add(pieces.clone())), derive: None }
+        Variant {
+            label: label.into(),
+            psi: None,
+            build: Box::new(move |_| Build::Add(pieces.clone())),
+            derive: None,
+        }
     }
 
     /// A variant with one.
-    pub fn profiled(label: &str, psi: Psi, build: impl Fn(f64) -> Build + Send + Sync + 'static) -> Variant {
-        Variant { label: label.into(), psi: Some(psi), build: Box::new(build), derive: None }
+    pub fn profiled(
+        label: &str,
+        psi: Psi,
+        build: impl Fn(f64) -> Build + Send + Sync + 'static,
+    ) -> Variant {
+        Variant {
+            label: label.into(),
+            psi: Some(psi),
+            build: Box::new(build),
+            derive: None,
+        }
     }
 
     pub fn with(mut self, derive: Derive) -> Variant {
@@ -183,25 +213,51 @@ impl Variant {
     pub fn params(&self, psi: f64, coef: &[f64]) -> Vec<Param> {
         let pieces = match (self.build)(psi) {
             Build::Add(p) | Build::Local(p) => p,
-            Build::Swap(_) => vec![],
+            Build::Swap(_) | Build::SwapAll(_) => vec![],
         };
         if let (Some(d), Some(p)) = (self.derive, &self.psi) {
             return d(psi, coef, &pieces, p);
         }
-        let mut out: Vec<Param> =
-            self.psi.iter().map(|p| Param { name: p.name.into(), value: psi, unit: p.unit.clone() }).collect();
-        out.extend(pieces.iter().zip(coef).map(|(p, c)| Param { name: p.name.clone(), value: *c, unit: p.unit.clone() }));
+        let mut out: Vec<Param> = self
+            .psi
+            .iter()
+            .map(|p| Param {
+                name: p.name.into(),
+                value: psi,
+                unit: p.unit.clone(),
+            })
+            .collect();
+        out.extend(pieces.iter().zip(coef).map(|(p, c)| Param {
+            name: p.name.clone(),
+            value: *c,
+            unit: p.unit.clone(),
+        }));
         out
     }
 }
 
 /// Amplitude and phase of a sine and cosine pair, for [`Variant::with`].
 pub(crate) fn amplitude_phase(psi: f64, coef: &[f64], pieces: &[Piece], p: &Psi) -> Vec<Param> {
-    let (s, c) = (coef.first().copied().unwrap_or(0.0), coef.get(1).copied().unwrap_or(0.0));
+    let (s, c) = (
+        coef.first().copied().unwrap_or(0.0),
+        coef.get(1).copied().unwrap_or(0.0),
+    );
     vec![
-        Param { name: p.name.into(), value: psi, unit: p.unit.clone() },
-        Param { name: "amplitude".into(), value: s.hypot(c), unit: pieces.first().map(|p| p.unit.clone()).unwrap_or_default() },
-        Param { name: "phase".into(), value: c.atan2(s), unit: "rad".into() },
+        Param {
+            name: p.name.into(),
+            value: psi,
+            unit: p.unit.clone(),
+        },
+        Param {
+            name: "amplitude".into(),
+            value: s.hypot(c),
+            unit: pieces.first().map(|p| p.unit.clone()).unwrap_or_default(),
+        },
+        Param {
+            name: "phase".into(),
+            value: c.atan2(s),
+            unit: "rad".into(),
+        },
     ]
 }
 
@@ -213,6 +269,10 @@ pub(crate) struct Context<'a> {
     pub load: String,
     /// Residual of the current model on fitted rows.
     pub residual: &'a [f64],
+    /// Columns that the current model uses, effects found so far included.
+    pub columns: Vec<String>,
+    /// Whether the current model has dry friction already.
+    pub friction: bool,
     /// Velocity expression (the role, or the derivative of the angle).
     pub velocity: Option<String>,
     /// Standstill band of the velocity.
@@ -248,14 +308,19 @@ impl Context<'_> {
 
     /// Values of an expression on fitted rows; empty if it cannot be evaluated.
     pub fn values(&self, text: &str) -> Vec<f64> {
-        Expr::parse(text).and_then(|e| self.problem.eval(&e)).unwrap_or_default()
+        Expr::parse(text)
+            .and_then(|e| self.problem.eval(&e))
+            .unwrap_or_default()
     }
 
     /// 2 % and 98 % quantiles of an expression; `None` if it is constant or cannot be evaluated.
     pub fn range(&self, text: &str) -> Option<(f64, f64)> {
         let mut v = self.values(text);
         v.sort_by(f64::total_cmp);
-        let (lo, hi) = (stats::quantile_sorted(&v, 0.02), stats::quantile_sorted(&v, 0.98));
+        let (lo, hi) = (
+            stats::quantile_sorted(&v, 0.02),
+            stats::quantile_sorted(&v, 0.98),
+        );
         (hi > lo).then_some((lo, hi))
     }
 
@@ -273,7 +338,8 @@ impl Context<'_> {
             Some(a) => a.unit.clone(),
             None => {
                 let v = self.velocity_unit();
-                v.strip_suffix("/s").map_or(format!("{v}·s"), str::to_string)
+                v.strip_suffix("/s")
+                    .map_or(format!("{v}·s"), str::to_string)
             }
         }
     }
@@ -291,7 +357,13 @@ impl Context<'_> {
 
     /// Angles in the data: (name for reports, expression in radians, total range in radians).
     pub fn angles(&self) -> Vec<(String, String, f64)> {
-        let mut all: Vec<(String, String)> = self.spec.roles.pose.iter().map(|(n, c)| (n.clone(), c.unit.clone())).collect();
+        let mut all: Vec<(String, String)> = self
+            .spec
+            .roles
+            .pose
+            .iter()
+            .map(|(n, c)| (n.clone(), c.unit.clone()))
+            .collect();
         if let Some(a) = &self.spec.roles.angle {
             all.push(("angle".into(), a.unit.clone()));
         }
@@ -299,7 +371,11 @@ impl Context<'_> {
             .filter_map(|(n, unit)| {
                 let k = Context::radians(&unit)?;
                 let (lo, hi) = self.range(&n)?;
-                let text = if k == 1.0 { n.clone() } else { format!("({n} * {k})") };
+                let text = if k == 1.0 {
+                    n.clone()
+                } else {
+                    format!("({n} * {k})")
+                };
                 Some((n, text, (hi - lo) * k))
             })
             .collect()
@@ -313,11 +389,17 @@ impl Context<'_> {
                 out.extend(e.names());
             }
         }
-        out.into_iter().filter(|n| !["time", "elapsed", "file"].contains(&n.as_str()) && self.range(n).is_some()).collect()
+        out.into_iter()
+            .filter(|n| {
+                !["time", "elapsed", "file"].contains(&n.as_str()) && self.range(n).is_some()
+            })
+            .collect()
     }
 
     /// Logarithmic grid.
     pub fn log_grid(lo: f64, hi: f64, n: usize) -> Vec<f64> {
-        (0..n).map(|i| lo * (hi / lo).powf(i as f64 / (n - 1).max(1) as f64)).collect()
+        (0..n)
+            .map(|i| lo * (hi / lo).powf(i as f64 / (n - 1).max(1) as f64))
+            .collect()
     }
 }

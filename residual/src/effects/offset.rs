@@ -15,7 +15,10 @@ impl Effect for Offset {
         "log with no load at all"
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        vec![Variant::linear("constant", vec![Piece::new("offset", ctx.unit(), "1")])]
+        vec![Variant::linear(
+            "constant",
+            vec![Piece::new("offset", ctx.unit(), "1")],
+        )]
     }
 }
 

@@ -18,11 +18,21 @@ impl Effect for Payload {
         "move up and down with and without strong acceleration: weight stays, inertia does not"
     }
     fn against(&self, ctx: &Context) -> String {
-        ctx.velocity.as_ref().map_or_else(|| ctx.load.clone(), |v| format!("deriv({v}, 2)"))
+        ctx.velocity
+            .as_ref()
+            .map_or_else(|| ctx.load.clone(), |v| format!("deriv({v}, 2)"))
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let Some(v) = ctx.velocity.clone() else { return vec![] };
-        let widths = || Psi { name: "slope_half_width", unit: "rows".into(), grid: vec![1.0, 2.0, 3.0, 5.0, 8.0, 12.0], refine: false, resolution: None };
+        let Some(v) = ctx.velocity.clone() else {
+            return vec![];
+        };
+        let widths = || Psi {
+            name: "slope_half_width",
+            unit: "rows".into(),
+            grid: vec![1.0, 2.0, 3.0, 5.0, 8.0, 12.0],
+            refine: false,
+            resolution: None,
+        };
         let metre = match ctx.velocity_unit().as_str() {
             "m/s" => Some(1.0),
             "mm/s" => Some(1e-3),
@@ -31,12 +41,18 @@ impl Effect for Payload {
         let mut out = Vec::new();
         if let Some(k) = metre {
             // Without real acceleration this is an offset and nothing else.
-            let swing = ctx.range(&format!("deriv({v}, 3) * {k}")).map_or(0.0, |(lo, hi)| hi - lo);
+            let swing = ctx
+                .range(&format!("deriv({v}, 3) * {k}"))
+                .map_or(0.0, |(lo, hi)| hi - lo);
             if swing > 0.3 {
                 let v = v.clone();
                 out.push(
                     Variant::profiled("hanging mass", widths(), move |n| {
-                        Build::Add(vec![Piece::new("mass", "kg", format!("{G} + {k} * deriv({v}, {n})"))])
+                        Build::Add(vec![Piece::new(
+                            "mass",
+                            "kg",
+                            format!("{G} + {k} * deriv({v}, {n})"),
+                        )])
                     })
                     .with(coefficients),
                 );
@@ -47,7 +63,11 @@ impl Effect for Payload {
             if name != "angle" && ctx.spec.roles.angle.is_some() {
                 continue;
             }
-            let (v, unit, per) = (v.clone(), unit.clone(), ctx.per(&format!("{}/s", ctx.velocity_unit())));
+            let (v, unit, per) = (
+                v.clone(),
+                unit.clone(),
+                ctx.per(&format!("{}/s", ctx.velocity_unit())),
+            );
             out.push(
                 Variant::profiled(&format!("mass on {name}"), widths(), move |n| {
                     Build::Add(vec![
@@ -64,7 +84,15 @@ impl Effect for Payload {
 }
 
 fn coefficients(_: f64, coef: &[f64], pieces: &[Piece], _: &Psi) -> Vec<Param> {
-    pieces.iter().zip(coef).map(|(p, c)| Param { name: p.name.clone(), value: *c, unit: p.unit.clone() }).collect()
+    pieces
+        .iter()
+        .zip(coef)
+        .map(|(p, c)| Param {
+            name: p.name.clone(),
+            value: *c,
+            unit: p.unit.clone(),
+        })
+        .collect()
 }
 
 #[cfg(test)]
@@ -73,6 +101,13 @@ mod tests {
 
     #[test]
     fn is_named() {
-        names_with("payload", Excitation { metres: true, ..Excitation::default() }, |s| 0.06 * (9.80665 + s.acceleration));
+        names_with(
+            "payload",
+            Excitation {
+                metres: true,
+                ..Excitation::default()
+            },
+            |s| 0.06 * (9.80665 + s.acceleration),
+        );
     }
 }

@@ -15,33 +15,52 @@ impl Effect for Presliding {
         "stop, reverse over a distance far below one turn, and log position finely: the force follows a short elastic loop"
     }
     fn against(&self, ctx: &Context) -> String {
-        ctx.velocity.as_ref().map_or_else(|| ctx.load.clone(), |v| format!("held({v}, {})", ctx.deadband))
+        ctx.velocity.as_ref().map_or_else(
+            || ctx.load.clone(),
+            |v| format!("held({v}, {})", ctx.deadband),
+        )
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let (Some(v), Some(x)) = (ctx.velocity.clone(), ctx.position.clone()) else { return vec![] };
+        let (Some(v), Some(x)) = (ctx.velocity.clone(), ctx.position.clone()) else {
+            return vec![];
+        };
         let db = ctx.deadband;
-        let (unit, load) = (ctx.unit().to_string(), ctx.load.clone());
+        let unit = ctx.unit().to_string();
         let mut out = Vec::new();
         let rest = ctx.values(&format!("sgn({v}, {db}) == 0"));
         let share = rest.iter().sum::<f64>() / rest.len().max(1) as f64;
         if share > 0.005 {
             // Only the rows at rest: what moves is friction's own business.
             let held = format!("(held({v}, {db}) - sgn({v}, {db}))");
-            out.push(Variant::linear("direction held", vec![Piece::new("held_friction", unit.clone(), held.clone())]));
+            out.push(Variant::linear(
+                "direction held",
+                vec![Piece::new("held_friction", unit.clone(), held.clone())],
+            ));
+            let load = ctx.load.clone();
             let loaded = ctx.range(&load).is_some();
             if loaded {
                 out.push(Variant::linear(
                     "direction held, with load",
                     vec![
                         Piece::new("held_friction", unit.clone(), held.clone()),
-                        Piece::new("held_friction_per_load", "1", format!("{held} * abs({load})")),
+                        Piece::new(
+                            "held_friction_per_load",
+                            "1",
+                            format!("{held} * abs({load})"),
+                        ),
                     ],
                 ));
             }
             let (v2, unit2) = (v.clone(), unit.clone());
             out.push(Variant::profiled(
                 "held, then turning before the next motion",
-                Psi { name: "turning_time", unit: "s".into(), grid: Context::log_grid(0.5 * ctx.dt, 40.0 * ctx.dt, 10), refine: true, resolution: None },
+                Psi {
+                    name: "turning_time",
+                    unit: "s".into(),
+                    grid: Context::log_grid(0.5 * ctx.dt, 40.0 * ctx.dt, 10),
+                    refine: true,
+                    resolution: None,
+                },
                 move |tau| {
                     let ahead = format!("ahead({v2}, {db}, {tau})");
                     let mut p = vec![
@@ -49,8 +68,16 @@ impl Effect for Presliding {
                         Piece::new("turning_friction", unit2.clone(), ahead.clone()),
                     ];
                     if loaded {
-                        p.push(Piece::new("held_friction_per_load", "1", format!("{held} * abs({load})")));
-                        p.push(Piece::new("turning_friction_per_load", "1", format!("{ahead} * abs({load})")));
+                        p.push(Piece::new(
+                            "held_friction_per_load",
+                            "1",
+                            format!("{held} * abs({load})"),
+                        ));
+                        p.push(Piece::new(
+                            "turning_friction_per_load",
+                            "1",
+                            format!("{ahead} * abs({load})"),
+                        ));
                     }
                     Build::Add(p)
                 },
@@ -58,8 +85,31 @@ impl Effect for Presliding {
         }
         if let Some((lo, hi)) = ctx.range(&x) {
             let grid = Context::log_grid(2e-4 * (hi - lo), 0.04 * (hi - lo), 12);
-            out.push(Variant::profiled("elastic turn", Psi { name: "presliding_distance", unit: ctx.position_unit(), grid, refine: true, resolution: None }, move |d| {
-                Build::Add(vec![Piece::new("friction", unit.clone(), format!("dahl({x}, {d})"))])
+            let psi = Psi {
+                name: "presliding_distance",
+                unit: ctx.position_unit(),
+                grid,
+                refine: true,
+                resolution: None,
+            };
+            let (friction, loaded) = (ctx.friction, ctx.range(&ctx.load).is_some());
+            let load = ctx.load.clone();
+            out.push(Variant::profiled("elastic turn", psi, move |d| {
+                let state = format!("dahl({x}, {d})");
+                if !friction {
+                    return Build::Add(vec![Piece::new("friction", unit.clone(), state)]);
+                }
+                // Friction is in the model already: only what differs from its jump is new.
+                let turn = format!("({state} - sgn({v}, {db}))");
+                let mut p = vec![Piece::new("turning_friction", unit.clone(), turn.clone())];
+                if loaded {
+                    p.push(Piece::new(
+                        "turning_friction_per_load",
+                        "1",
+                        format!("{turn} * abs({load})"),
+                    ));
+                }
+                Build::Add(p)
             }));
         }
         out
@@ -73,16 +123,24 @@ mod tests {
     #[test]
     fn is_named() {
         let mut last = 0.0;
-        names_with("presliding", Excitation { declare_coulomb: true, stops: true, ..Excitation::default() }, move |s| {
-            if s.first {
-                last = 0.0;
-            }
-            if s.velocity != 0.0 {
-                last = s.velocity.signum();
-                0.0
-            } else {
-                -0.6 * last
-            }
-        });
+        names_with(
+            "presliding",
+            Excitation {
+                declare_coulomb: true,
+                stops: true,
+                ..Excitation::default()
+            },
+            move |s| {
+                if s.first {
+                    last = 0.0;
+                }
+                if s.velocity != 0.0 {
+                    last = s.velocity.signum();
+                    0.0
+                } else {
+                    -0.6 * last
+                }
+            },
+        );
     }
 }

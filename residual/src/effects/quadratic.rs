@@ -15,12 +15,20 @@ impl Effect for Quadratic {
         "hold many loads over the whole range at rest, up and down"
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let Some((lo, hi)) = ctx.range(&ctx.load) else { return vec![] };
+        let Some((lo, hi)) = ctx.range(&ctx.load) else {
+            return vec![];
+        };
         let unit = ctx.per(&format!("{}^2", ctx.unit()));
         let l = &ctx.load;
-        let mut out = vec![Variant::linear("square of load", vec![Piece::new("curvature", unit.clone(), format!("{l}^2"))])];
+        let mut out = vec![Variant::linear(
+            "square of load",
+            vec![Piece::new("curvature", unit.clone(), format!("{l}^2"))],
+        )];
         if lo < 0.0 && hi > 0.0 {
-            out.push(Variant::linear("signed square of load", vec![Piece::new("curvature", unit, format!("{l} * abs({l})"))]));
+            out.push(Variant::linear(
+                "signed square of load",
+                vec![Piece::new("curvature", unit, format!("{l} * abs({l})"))],
+            ));
         }
         out
     }

@@ -20,10 +20,22 @@ impl Effect for Quantisation {
         if ctx.declared_columns().iter().any(|d| d == "command") {
             if let Some((lo, hi)) = ctx.range("command") {
                 let grid = Context::log_grid((hi - lo) / 40.0, (hi - lo) / 1.5, 120);
-                for (label, f) in [("of the command, rounded", "round"), ("of the command, cut off", "floor")] {
-                    let psi = Psi { name: "step", unit: ctx.spec.roles.unit("command"), grid: grid.clone(), refine: true, resolution: None };
+                for (label, f) in [
+                    ("of the command, rounded", "round"),
+                    ("of the command, cut off", "floor"),
+                ] {
+                    let psi = Psi {
+                        name: "step",
+                        unit: ctx.spec.roles.unit("command"),
+                        grid: grid.clone(),
+                        refine: true,
+                        resolution: None,
+                    };
                     out.push(Variant::profiled(label, psi, move |q| {
-                        Build::Swap(vec![("command".into(), format!("{f}(command / {q}) * {q}"))])
+                        Build::Swap(vec![(
+                            "command".into(),
+                            format!("{f}(command / {q}) * {q}"),
+                        )])
                     }));
                 }
             }
@@ -31,9 +43,23 @@ impl Effect for Quantisation {
         if let Some(q) = hygiene::quantum(&ctx.problem.y) {
             let load = ctx.load.clone();
             let unit = ctx.unit().to_string();
-            out.push(Variant::profiled("of the target", Psi { name: "step", unit, grid: vec![q], refine: false, resolution: None }, move |q| {
-                Build::Add(vec![Piece::new("share", "1", format!("round({load} / {q}) * {q} - {load}"))])
-            }));
+            out.push(Variant::profiled(
+                "of the target",
+                Psi {
+                    name: "step",
+                    unit,
+                    grid: vec![q],
+                    refine: false,
+                    resolution: None,
+                },
+                move |q| {
+                    Build::Add(vec![Piece::new(
+                        "share",
+                        "1",
+                        format!("round({load} / {q}) * {q} - {load}"),
+                    )])
+                },
+            ));
         }
         out
     }
@@ -43,6 +69,8 @@ impl Effect for Quantisation {
 mod tests {
     #[test]
     fn is_named() {
-        crate::effects::testbench::names("quantisation", |s| (s.command / 0.9).round() * 0.9 - s.command);
+        crate::effects::testbench::names("quantisation", |s| {
+            (s.command / 0.9).round() * 0.9 - s.command
+        });
     }
 }

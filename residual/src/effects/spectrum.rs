@@ -19,7 +19,14 @@ pub(crate) fn highest_frequency(p: &Problem, u: &[f64]) -> f64 {
 /// Frequencies worth trying: the largest peaks of the residual's spectrum over `u`, and those of a
 /// few decoys, so that decoys may search as the real residual does. `weight` (empty: 1) multiplies
 /// the residual; `coherent` adds the runs with their phases, else their powers are added.
-pub(crate) fn proposals(ctx: &Context, u: &[f64], weight: &[f64], lowest: f64, highest: f64, coherent: bool) -> Vec<f64> {
+pub(crate) fn proposals(
+    ctx: &Context,
+    u: &[f64],
+    weight: &[f64],
+    lowest: f64,
+    highest: f64,
+    coherent: bool,
+) -> Vec<f64> {
     let p = ctx.problem;
     let mut out = Vec::new();
     if u.len() != ctx.residual.len() || !(highest > lowest) {
@@ -31,20 +38,72 @@ pub(crate) fn proposals(ctx: &Context, u: &[f64], weight: &[f64], lowest: f64, h
             r.iter_mut().zip(weight).for_each(|(r, w)| *r *= w);
         }
         if decoy > 0 {
-            let Some(signs) = p.flips.get(decoy - 1) else { break };
+            let Some(signs) = p.flips.get(decoy - 1) else {
+                break;
+            };
             for (b, s) in p.blocks.iter().zip(signs) {
                 r[b.range.clone()].iter_mut().for_each(|x| *x *= s);
             }
         }
-        out.extend(peaks(p, u, &r, lowest, highest, coherent, if decoy == 0 { 5 } else { 2 }));
+        out.extend(peaks(
+            p,
+            u,
+            &r,
+            lowest,
+            highest,
+            coherent,
+            if decoy == 0 { 5 } else { 2 },
+        ));
     }
     out.sort_by(f64::total_cmp);
     out.dedup();
     out
 }
 
+/// Share of the variance of `x` within its runs that a sine of frequency `f` over `u` explains,
+/// runs weighted by their variance.
+pub(crate) fn share(p: &Problem, u: &[f64], x: &[f64], f: f64) -> f64 {
+    let w = f * std::f64::consts::TAU;
+    let (mut line, mut total) = (0.0, 0.0);
+    let mut start = 0;
+    while start < p.blocks.len() {
+        let seq = p.blocks[start].sequence;
+        let end = start
+            + p.blocks[start..]
+                .iter()
+                .take_while(|b| b.sequence == seq)
+                .count();
+        let run = p.blocks[start].range.start..p.blocks[end - 1].range.end;
+        let mean = crate::stats::mean(&x[run.clone()]);
+        let (mut c, mut s, mut v) = (0.0, 0.0, 0.0);
+        for i in run.clone() {
+            let (sin, cos) = (w * u[i]).sin_cos();
+            let d = x[i] - mean;
+            c += d * cos;
+            s += d * sin;
+            v += d * d;
+        }
+        line += 2.0 * (c * c + s * s) / run.len() as f64;
+        total += v;
+        start = end;
+    }
+    if total > 0.0 {
+        line / total
+    } else {
+        0.0
+    }
+}
+
 /// The `count` largest peaks between `lowest` and `highest`.
-fn peaks(p: &Problem, u: &[f64], r: &[f64], lowest: f64, highest: f64, coherent: bool, count: usize) -> Vec<f64> {
+fn peaks(
+    p: &Problem,
+    u: &[f64],
+    r: &[f64],
+    lowest: f64,
+    highest: f64,
+    coherent: bool,
+    count: usize,
+) -> Vec<f64> {
     // Runs of rows: whole sequences for powers, everything at once when phases count.
     let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
     let mut last = usize::MAX;
@@ -66,7 +125,9 @@ fn peaks(p: &Problem, u: &[f64], r: &[f64], lowest: f64, highest: f64, coherent:
         return vec![];
     }
     // Nearest-cell gridding, four cells per shortest period, doubled length for finer bins.
-    let cells = ((4.0 * highest * span).ceil() as usize).clamp(64, 1 << 21).next_power_of_two();
+    let cells = ((4.0 * highest * span).ceil() as usize)
+        .clamp(64, 1 << 21)
+        .next_power_of_two();
     let width = (1.0 / (4.0 * highest)).max(span / cells as f64);
     let n = cells * 2;
     let mut planner = FftPlanner::<f64>::new();
@@ -81,12 +142,17 @@ fn peaks(p: &Problem, u: &[f64], r: &[f64], lowest: f64, highest: f64, coherent:
             buf[k].re += r[i] - mean;
         }
         fft.process(&mut buf);
-        power.iter_mut().zip(&buf).for_each(|(p, z)| *p += z.norm_sqr());
+        power
+            .iter_mut()
+            .zip(&buf)
+            .for_each(|(p, z)| *p += z.norm_sqr());
     }
     let bin = 1.0 / (n as f64 * width);
     let lo = ((lowest / bin) as usize).max(1);
     let hi = ((highest / bin) as usize).min(power.len().saturating_sub(2));
-    let mut tops: Vec<usize> = (lo..hi).filter(|&k| power[k] >= power[k - 1] && power[k] > power[k + 1]).collect();
+    let mut tops: Vec<usize> = (lo..hi)
+        .filter(|&k| power[k] >= power[k - 1] && power[k] > power[k + 1])
+        .collect();
     tops.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
     tops.truncate(count);
     // Parabola through three bins for the top.

@@ -18,18 +18,32 @@ impl Effect for Stribeck {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let Some(v) = ctx.velocity.clone() else { return vec![] };
-        let Some((_, fast)) = ctx.range(&format!("abs({v})")) else { return vec![] };
+        let Some(v) = ctx.velocity.clone() else {
+            return vec![];
+        };
+        let Some((_, fast)) = ctx.range(&format!("abs({v})")) else {
+            return vec![];
+        };
         let (unit, db) = (ctx.unit().to_string(), ctx.deadband);
         let grid = Context::log_grid((0.01 * fast).max(1.5 * db), 0.6 * fast, 14);
         vec![Variant::profiled(
             "gaussian",
-            Psi { name: "stribeck_velocity", unit: ctx.velocity_unit(), grid, refine: true, resolution: None },
+            Psi {
+                name: "stribeck_velocity",
+                unit: ctx.velocity_unit(),
+                grid,
+                refine: true,
+                resolution: None,
+            },
             move |vs| {
                 let s = format!("sgn({v}, {db})");
                 Build::Add(vec![
                     Piece::new("sliding_friction", unit.clone(), s.clone()),
-                    Piece::new("extra_at_low_speed", unit.clone(), format!("{s} * exp(-({v} / {vs})^2)")),
+                    Piece::new(
+                        "extra_at_low_speed",
+                        unit.clone(),
+                        format!("{s} * exp(-({v} / {vs})^2)"),
+                    ),
                 ])
             },
         )]
@@ -40,6 +54,8 @@ impl Effect for Stribeck {
 mod tests {
     #[test]
     fn is_named() {
-        crate::effects::testbench::names("stribeck", |s| -s.velocity.signum() * (0.2 + 0.5 * (-(s.velocity / 0.3).powi(2)).exp()));
+        crate::effects::testbench::names("stribeck", |s| {
+            -s.velocity.signum() * (0.2 + 0.5 * (-(s.velocity / 0.3).powi(2)).exp())
+        });
     }
 }

@@ -18,8 +18,17 @@ impl Effect for Viscous {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let Some(v) = &ctx.velocity else { return vec![] };
-        vec![Variant::linear("velocity", vec![Piece::new("damping", ctx.per(&ctx.velocity_unit()), v.clone())])]
+        let Some(v) = &ctx.velocity else {
+            return vec![];
+        };
+        vec![Variant::linear(
+            "velocity",
+            vec![Piece::new(
+                "damping",
+                ctx.per(&ctx.velocity_unit()),
+                v.clone(),
+            )],
+        )]
     }
 }
 

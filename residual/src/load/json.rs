@@ -22,19 +22,40 @@ const COLUMNS: [(&str, &str); 7] = [
 
 /// The list of unit `u`; a flat list of numbers serves every unit.
 fn list(root: &Value, key: &str, u: usize) -> Vec<f64> {
-    let Some(outer) = root.get(key).and_then(Value::as_array) else { return vec![] };
-    let inner = if outer.first().is_some_and(Value::is_array) { outer.get(u).and_then(Value::as_array) } else { Some(outer) };
-    inner.map(|v| v.iter().map(|x| x.as_f64().unwrap_or(f64::NAN)).collect()).unwrap_or_default()
+    let Some(outer) = root.get(key).and_then(Value::as_array) else {
+        return vec![];
+    };
+    let inner = if outer.first().is_some_and(Value::is_array) {
+        outer.get(u).and_then(Value::as_array)
+    } else {
+        Some(outer)
+    };
+    inner
+        .map(|v| v.iter().map(|x| x.as_f64().unwrap_or(f64::NAN)).collect())
+        .unwrap_or_default()
 }
 
 /// Reads one run.
 pub(super) fn read(path: &Path) -> Result<Raw, Error> {
     let root: Value = serde_json::from_reader(text::open(path)?).map_err(|e| Error::io(path, e))?;
-    let units = root.get("load_cell_forces").and_then(Value::as_array).map_or(0, Vec::len);
+    let units = root
+        .get("load_cell_forces")
+        .and_then(Value::as_array)
+        .map_or(0, Vec::len);
     if units == 0 {
-        return Err(Error::io(path, "not a closed-loop recording: no list `load_cell_forces`"));
+        return Err(Error::io(
+            path,
+            "not a closed-loop recording: no list `load_cell_forces`",
+        ));
     }
-    let mut raw = Raw { names: COLUMNS.iter().map(|c| c.1.to_string()).chain(["unit".to_string()]).collect(), columns: vec![Vec::new(); 8] };
+    let mut raw = Raw {
+        names: COLUMNS
+            .iter()
+            .map(|c| c.1.to_string())
+            .chain(["unit".to_string()])
+            .collect(),
+        columns: vec![Vec::new(); 8],
+    };
     for u in 0..units {
         let lists: Vec<Vec<f64>> = COLUMNS.iter().map(|(key, _)| list(&root, key, u)).collect();
         let n = lists[0].len().min(lists[1].len());

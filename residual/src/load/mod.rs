@@ -25,7 +25,10 @@ pub(crate) struct Raw {
 
 impl Raw {
     fn column(&self, name: &str) -> Option<&[f64]> {
-        self.names.iter().position(|n| n == name).map(|i| self.columns[i].as_slice())
+        self.names
+            .iter()
+            .position(|n| n == name)
+            .map(|i| self.columns[i].as_slice())
     }
 }
 
@@ -53,7 +56,8 @@ pub fn find_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     fn walk(path: &Path, out: &mut Vec<PathBuf>, top: bool) -> Result<(), Error> {
         if path.is_dir() {
             let entries = std::fs::read_dir(path).map_err(|e| Error::io(path, e))?;
-            let mut inner: Vec<PathBuf> = entries.filter_map(|e| e.ok().map(|e| e.path())).collect();
+            let mut inner: Vec<PathBuf> =
+                entries.filter_map(|e| e.ok().map(|e| e.path())).collect();
             inner.sort();
             inner.iter().try_for_each(|p| walk(p, out, false))
         } else if !path.exists() {
@@ -68,7 +72,10 @@ pub fn find_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     let mut out = Vec::new();
     paths.iter().try_for_each(|p| walk(p, &mut out, true))?;
     if out.is_empty() {
-        return Err(Error::data("no .csv, .csv.gz, .txt, .json or .parquet file under the given paths", "Check --data"));
+        return Err(Error::data(
+            "no .csv, .csv.gz, .txt, .json or .parquet file under the given paths",
+            "Check --data",
+        ));
     }
     Ok(out)
 }
@@ -115,7 +122,9 @@ fn file_keys(pattern: &str, name: &str) -> Option<Vec<(String, f64)>> {
                 let at = rest.find(literal)?;
                 rest = &rest[at + literal.len()..];
                 let (key, tail) = tail.split_once('}')?;
-                let mut n = rest.find(|c: char| !(c.is_ascii_digit() || c == '.' || c == '-')).unwrap_or(rest.len());
+                let mut n = rest
+                    .find(|c: char| !(c.is_ascii_digit() || c == '.' || c == '-'))
+                    .unwrap_or(rest.len());
                 while n > 0 && rest[..n].parse::<f64>().is_err() {
                     n -= 1;
                 }
@@ -142,7 +151,13 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
             if !spec.input.file_name.is_empty() {
                 let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("");
                 let keys = file_keys(&spec.input.file_name, name).ok_or_else(|| {
-                    Error::io(path, format!("the file name does not fit input.file_name = \"{}\"", spec.input.file_name))
+                    Error::io(
+                        path,
+                        format!(
+                            "the file name does not fit input.file_name = \"{}\"",
+                            spec.input.file_name
+                        ),
+                    )
                 })?;
                 let n = raw.columns.first().map_or(0, Vec::len);
                 for (key, value) in keys {
@@ -152,12 +167,20 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
             }
             for (_, c) in &roles {
                 if raw.column(&c.column).is_none() {
-                    return Err(Error::MissingColumn { column: c.column.clone(), path: path.clone(), found: raw.names.clone() });
+                    return Err(Error::MissingColumn {
+                        column: c.column.clone(),
+                        path: path.clone(),
+                        found: raw.names.clone(),
+                    });
                 }
             }
             for s in &spec.input.sequence {
                 if raw.column(s).is_none() {
-                    return Err(Error::MissingColumn { column: s.clone(), path: path.clone(), found: raw.names.clone() });
+                    return Err(Error::MissingColumn {
+                        column: s.clone(),
+                        path: path.clone(),
+                        found: raw.names.clone(),
+                    });
                 }
             }
             Ok(raw)
@@ -209,13 +232,33 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
                     out.push(c[i] * k + o);
                 }
             }
-            findings.count("non-finite", bad, &label, "rows with an empty or non-finite cell in a mapped column were left out");
-            findings.count("time", backwards, &label, "rows whose time did not grow were left out");
-            cut_at_gaps(&time, begin, spec.hygiene.gap_s, &mut sequences, &mut findings, &label);
+            findings.count(
+                "non-finite",
+                bad,
+                &label,
+                "rows with an empty or non-finite cell in a mapped column were left out",
+            );
+            findings.count(
+                "time",
+                backwards,
+                &label,
+                "rows whose time did not grow were left out",
+            );
+            cut_at_gaps(
+                &time,
+                begin,
+                spec.hygiene.gap_s,
+                &mut sequences,
+                &mut findings,
+                &label,
+            );
         }
     }
     if time.is_empty() {
-        return Err(Error::data("no row with finite values in every mapped column", "Look at the columns named in [roles]"));
+        return Err(Error::data(
+            "no row with finite values in every mapped column",
+            "Look at the columns named in [roles]",
+        ));
     }
     let file_column: Vec<f64> = file_of_row.iter().map(|&f| f as f64).collect();
     let mut named: Vec<(String, Vec<f64>)> = names.into_iter().zip(columns).collect();
@@ -227,33 +270,66 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
     let mut keep = vec![true; frame.len()];
     if !spec.rows.keep.is_empty() {
         let mask = Expr::parse(&spec.rows.keep)?.eval(&frame)?;
-        keep.iter_mut().zip(&mask).for_each(|(k, m)| *k = *m != 0.0 && !m.is_nan());
+        keep.iter_mut()
+            .zip(&mask)
+            .for_each(|(k, m)| *k = *m != 0.0 && !m.is_nan());
     }
     hygiene::inspect(&mut frame, &mut keep, &spec.hygiene, &mut findings);
     let kept = keep.iter().filter(|k| **k).count();
     if kept < 30 {
-        return Err(Error::data(format!("only {kept} rows are left to fit"), "Look at rows.keep and rows.sequences, or bring more data"));
+        return Err(Error::data(
+            format!("only {kept} rows are left to fit"),
+            "Look at rows.keep and rows.sequences, or bring more data",
+        ));
     }
     let (fold, fold_names, groups) = folds(&frame, &keep, spec, &files)?;
     let used: Vec<PathBuf> = {
-        let mut ids: Vec<usize> = frame.column("file").unwrap_or(&[]).iter().map(|f| *f as usize).collect();
+        let mut ids: Vec<usize> = frame
+            .column("file")
+            .unwrap_or(&[])
+            .iter()
+            .map(|f| *f as usize)
+            .collect();
         ids.dedup();
         ids.into_iter().map(|i| files[i].clone()).collect()
     };
-    Ok(Loaded { frame, keep, fold, fold_names, groups, files: used, hygiene: findings.done() })
+    Ok(Loaded {
+        frame,
+        keep,
+        fold,
+        fold_names,
+        groups,
+        files: used,
+        hygiene: findings.done(),
+    })
 }
 
 /// Columns to keep in memory: roles, and raw columns that an expression or the hold-out names.
 fn wanted(spec: &Spec, raws: &[Raw]) -> Result<Vec<String>, Error> {
-    let mut names: Vec<String> = spec.roles.all().into_iter().map(|(n, _)| n).filter(|n| n != "time").collect();
+    let mut names: Vec<String> = spec
+        .roles
+        .all()
+        .into_iter()
+        .map(|(n, _)| n)
+        .filter(|n| n != "time")
+        .collect();
     let mut extra = std::collections::BTreeSet::new();
-    for text in spec.terms.iter().map(|t| &t.expr).chain([&spec.rows.keep, &spec.rows.sequences]).filter(|t| !t.is_empty()) {
+    for text in spec
+        .terms
+        .iter()
+        .map(|t| &t.expr)
+        .chain([&spec.rows.keep, &spec.rows.sequences])
+        .filter(|t| !t.is_empty())
+    {
         extra.extend(Expr::parse(text)?.names());
     }
     extra.extend(spec.holdout.by.iter().cloned());
     extra.extend(spec.input.sequence.iter().cloned());
     for n in extra {
-        if !names.contains(&n) && !["time", "elapsed", "file"].contains(&n.as_str()) && raws.iter().all(|r| r.column(&n).is_some()) {
+        if !names.contains(&n)
+            && !["time", "elapsed", "file"].contains(&n.as_str())
+            && raws.iter().all(|r| r.column(&n).is_some())
+        {
             names.push(n);
         }
     }
@@ -294,7 +370,11 @@ fn cut_at_gaps(
         return;
     }
     let mut steps: Vec<f64> = time[begin..].windows(2).map(|w| w[1] - w[0]).collect();
-    let limit = if gap_s > 0.0 { gap_s } else { 20.0 * crate::stats::median(&mut steps).unwrap_or(f64::INFINITY) };
+    let limit = if gap_s > 0.0 {
+        gap_s
+    } else {
+        20.0 * crate::stats::median(&mut steps).unwrap_or(f64::INFINITY)
+    };
     let mut start = begin;
     let mut gaps = 0;
     for i in begin + 1..time.len() {
@@ -305,16 +385,33 @@ fn cut_at_gaps(
         }
     }
     out.push(start..time.len());
-    log.count("gap", gaps, label, "gaps in time; memory starts afresh after each");
+    log.count(
+        "gap",
+        gaps,
+        label,
+        "gaps in time; memory starts afresh after each",
+    );
 }
 
 fn keep_sequences(frame: &Frame, keep: &Expr) -> Result<Frame, Error> {
     let mask = keep.eval(frame)?;
-    let kept: Vec<_> = frame.sequences().iter().filter(|r| mask[(*r).clone()].iter().any(|m| *m != 0.0)).cloned().collect();
+    let kept: Vec<_> = frame
+        .sequences()
+        .iter()
+        .filter(|r| mask[(*r).clone()].iter().any(|m| *m != 0.0))
+        .cloned()
+        .collect();
     if kept.is_empty() {
-        return Err(Error::data(format!("rows.sequences = \"{keep}\" keeps nothing"), "Check the expression"));
+        return Err(Error::data(
+            format!("rows.sequences = \"{keep}\" keeps nothing"),
+            "Check the expression",
+        ));
     }
-    let gather = |c: &[f64]| kept.iter().flat_map(|r| c[r.clone()].iter().copied()).collect::<Vec<f64>>();
+    let gather = |c: &[f64]| {
+        kept.iter()
+            .flat_map(|r| c[r.clone()].iter().copied())
+            .collect::<Vec<f64>>()
+    };
     let columns = frame
         .names()
         .iter()
@@ -333,13 +430,32 @@ fn keep_sequences(frame: &Frame, keep: &Expr) -> Result<Frame, Error> {
 }
 
 /// Deals groups to folds.
-fn folds(frame: &Frame, keep: &[bool], spec: &Spec, files: &[PathBuf]) -> Result<(Vec<u32>, Vec<String>, usize), Error> {
+fn folds(
+    frame: &Frame,
+    keep: &[bool],
+    spec: &Spec,
+    files: &[PathBuf],
+) -> Result<(Vec<u32>, Vec<String>, usize), Error> {
     let n = frame.len();
-    let limit = if spec.holdout.folds == 0 { 10 } else { spec.holdout.folds };
-    let by: Vec<String> = if spec.holdout.by.is_empty() && spec.holdout.block_s.is_none() { vec!["file".into()] } else { spec.holdout.by.clone() };
+    let limit = if spec.holdout.folds == 0 {
+        10
+    } else {
+        spec.holdout.folds
+    };
+    let by: Vec<String> = if spec.holdout.by.is_empty() && spec.holdout.block_s.is_none() {
+        vec!["file".into()]
+    } else {
+        spec.holdout.by.clone()
+    };
     let cols: Vec<&[f64]> = by
         .iter()
-        .map(|b| frame.column(b).ok_or_else(|| Error::model(format!("holdout.by names `{b}`, which is no column of every file"))))
+        .map(|b| {
+            frame.column(b).ok_or_else(|| {
+                Error::model(format!(
+                    "holdout.by names `{b}`, which is no column of every file"
+                ))
+            })
+        })
         .collect::<Result<_, _>>()?;
     let mut group_of_row = vec![0usize; n];
     let mut names: Vec<String> = Vec::new();
@@ -360,7 +476,10 @@ fn folds(frame: &Frame, keep: &[bool], spec: &Spec, files: &[PathBuf]) -> Result
                     .zip(&cols)
                     .map(|(b, c)| {
                         if b == "file" {
-                            files.get(c[i] as usize).and_then(|f| f.file_name()).map_or("file".into(), |f| f.to_string_lossy().into_owned())
+                            files
+                                .get(c[i] as usize)
+                                .and_then(|f| f.file_name())
+                                .map_or("file".into(), |f| f.to_string_lossy().into_owned())
                         } else {
                             format!("{b} {}", c[i])
                         }
@@ -387,7 +506,11 @@ fn folds(frame: &Frame, keep: &[bool], spec: &Spec, files: &[PathBuf]) -> Result
     for (g, name) in names.into_iter().enumerate() {
         fold_names[g % count].push(name);
     }
-    Ok((fold, fold_names.into_iter().map(|f| f.join("; ")).collect(), groups))
+    Ok((
+        fold,
+        fold_names.into_iter().map(|f| f.join("; ")).collect(),
+        groups,
+    ))
 }
 
 #[cfg(test)]
@@ -396,9 +519,19 @@ mod tests {
 
     #[test]
     fn file_name_patterns_pick_numbers() {
-        let got = file_keys("unit{unit}_torque{t}_comp{c}", "unit3_torque35_comp14_repeat1.csv").unwrap();
-        assert_eq!(got, [("unit".into(), 3.0), ("t".into(), 35.0), ("c".into(), 14.0)]);
-        assert_eq!(file_keys("kp{kp}_ki{ki}", "wave_kp10.0_ki0.2.csv").unwrap(), [("kp".into(), 10.0), ("ki".into(), 0.2)]);
+        let got = file_keys(
+            "unit{unit}_torque{t}_comp{c}",
+            "unit3_torque35_comp14_repeat1.csv",
+        )
+        .unwrap();
+        assert_eq!(
+            got,
+            [("unit".into(), 3.0), ("t".into(), 35.0), ("c".into(), 14.0)]
+        );
+        assert_eq!(
+            file_keys("kp{kp}_ki{ki}", "wave_kp10.0_ki0.2.csv").unwrap(),
+            [("kp".into(), 10.0), ("ki".into(), 0.2)]
+        );
         assert!(file_keys("unit{unit}", "other.csv").is_none());
     }
 }

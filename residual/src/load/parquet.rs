@@ -9,20 +9,38 @@ use parquet::file::reader::{FileReader, SerializedFileReader};
 use std::path::Path;
 
 /// Appends one column chunk; nulls become NaN.
-fn append<T: DataType>(reader: ColumnReader, rows: usize, optional: bool, out: &mut Vec<f64>, f: impl Fn(&T::T) -> f64) -> Result<(), String> {
+fn append<T: DataType>(
+    reader: ColumnReader,
+    rows: usize,
+    optional: bool,
+    out: &mut Vec<f64>,
+    f: impl Fn(&T::T) -> f64,
+) -> Result<(), String> {
     let mut reader = get_typed_column_reader::<T>(reader);
     let mut done = 0;
     while done < rows {
         let mut values = Vec::new();
         let mut defined = Vec::new();
-        let (records, ..) =
-            reader.read_records(rows - done, if optional { Some(&mut defined) } else { None }, None, &mut values).map_err(|e| e.to_string())?;
+        let (records, ..) = reader
+            .read_records(
+                rows - done,
+                if optional { Some(&mut defined) } else { None },
+                None,
+                &mut values,
+            )
+            .map_err(|e| e.to_string())?;
         if records == 0 {
             return Err("a column chunk ends early".into());
         }
         if optional {
             let mut next = values.iter();
-            out.extend(defined.iter().map(|d| if *d > 0 { next.next().map_or(f64::NAN, &f) } else { f64::NAN }));
+            out.extend(defined.iter().map(|d| {
+                if *d > 0 {
+                    next.next().map_or(f64::NAN, &f)
+                } else {
+                    f64::NAN
+                }
+            }));
         } else {
             out.extend(values.iter().map(&f));
         }
@@ -42,7 +60,10 @@ pub(super) fn read(path: &Path) -> Result<Raw, Error> {
         let kind = column.physical_type();
         if column.max_rep_level() > 0
             || column.max_def_level() > 1
-            || !matches!(kind, Type::DOUBLE | Type::FLOAT | Type::INT32 | Type::INT64 | Type::BOOLEAN)
+            || !matches!(
+                kind,
+                Type::DOUBLE | Type::FLOAT | Type::INT32 | Type::INT64 | Type::BOOLEAN
+            )
         {
             continue;
         }
@@ -51,13 +72,21 @@ pub(super) fn read(path: &Path) -> Result<Raw, Error> {
         for g in 0..reader.num_row_groups() {
             let group = reader.get_row_group(g).map_err(|e| fail(e.to_string()))?;
             let rows = group.metadata().num_rows() as usize;
-            let chunk = group.get_column_reader(c).map_err(|e| fail(e.to_string()))?;
+            let chunk = group
+                .get_column_reader(c)
+                .map_err(|e| fail(e.to_string()))?;
             match kind {
                 Type::DOUBLE => append::<DoubleType>(chunk, rows, optional, &mut out, |x| *x),
-                Type::FLOAT => append::<FloatType>(chunk, rows, optional, &mut out, |x| f64::from(*x)),
-                Type::INT32 => append::<Int32Type>(chunk, rows, optional, &mut out, |x| f64::from(*x)),
+                Type::FLOAT => {
+                    append::<FloatType>(chunk, rows, optional, &mut out, |x| f64::from(*x))
+                }
+                Type::INT32 => {
+                    append::<Int32Type>(chunk, rows, optional, &mut out, |x| f64::from(*x))
+                }
                 Type::INT64 => append::<Int64Type>(chunk, rows, optional, &mut out, |x| *x as f64),
-                _ => append::<BoolType>(chunk, rows, optional, &mut out, |x| f64::from(u8::from(*x))),
+                _ => {
+                    append::<BoolType>(chunk, rows, optional, &mut out, |x| f64::from(u8::from(*x)))
+                }
             }
             .map_err(|e| fail(format!("column `{}`: {e}", column.name())))?;
         }

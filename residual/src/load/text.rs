@@ -9,9 +9,20 @@ use std::path::Path;
 
 /// Opens a file, through gzip if its first bytes say so (names lie, magic numbers do not).
 pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
-    let mut file = BufReader::with_capacity(1 << 16, File::open(path).map_err(|e| Error::io(path, e))?);
-    let gzip = file.fill_buf().map_err(|e| Error::io(path, e))?.starts_with(&[0x1f, 0x8b]);
-    Ok(if gzip { Box::new(BufReader::with_capacity(1 << 16, flate2::bufread::MultiGzDecoder::new(file))) } else { Box::new(file) })
+    let mut file =
+        BufReader::with_capacity(1 << 16, File::open(path).map_err(|e| Error::io(path, e))?);
+    let gzip = file
+        .fill_buf()
+        .map_err(|e| Error::io(path, e))?
+        .starts_with(&[0x1f, 0x8b]);
+    Ok(if gzip {
+        Box::new(BufReader::with_capacity(
+            1 << 16,
+            flate2::bufread::MultiGzDecoder::new(file),
+        ))
+    } else {
+        Box::new(file)
+    })
 }
 
 /// Turns every run of blanks into one comma, so that one CSV reader serves both layouts.
@@ -67,13 +78,23 @@ impl<R: Read> Read for Blanks<R> {
 pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
     let reader = open(path)?;
     let mut builder = csv::ReaderBuilder::new();
-    builder.has_headers(input.header.is_empty()).trim(csv::Trim::All).comment(Some(b'#')).flexible(false);
+    builder
+        .has_headers(input.header.is_empty())
+        .trim(csv::Trim::All)
+        .comment(Some(b'#'))
+        .flexible(false);
     let boxed: Box<dyn Read> = match input.separator.as_str() {
-        "blank" => Box::new(Blanks { inner: reader, value: false, blank: false }),
+        "blank" => Box::new(Blanks {
+            inner: reader,
+            value: false,
+            blank: false,
+        }),
         s => {
             let b = s.as_bytes();
             if b.len() != 1 {
-                return Err(Error::model(format!("input.separator = \"{s}\": one character, or \"blank\"")));
+                return Err(Error::model(format!(
+                    "input.separator = \"{s}\": one character, or \"blank\""
+                )));
             }
             builder.delimiter(b[0]);
             Box::new(reader)
@@ -81,7 +102,11 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
     };
     let mut csv = builder.from_reader(boxed);
     let names: Vec<String> = if input.header.is_empty() {
-        csv.headers().map_err(|e| Error::io(path, e))?.iter().map(str::to_string).collect()
+        csv.headers()
+            .map_err(|e| Error::io(path, e))?
+            .iter()
+            .map(str::to_string)
+            .collect()
     } else {
         input.header.clone()
     };
@@ -92,10 +117,20 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
     let mut text = vec![false; names.len()];
     let mut record = csv::StringRecord::new();
     let mut first = true;
-    while csv.read_record(&mut record).map_err(|e| Error::io(path, e))? {
+    while csv
+        .read_record(&mut record)
+        .map_err(|e| Error::io(path, e))?
+    {
         if record.len() != names.len() {
             let line = record.position().map_or(0, csv::Position::line);
-            return Err(Error::io(path, format!("line {line}: {} cells where {} columns are named", record.len(), names.len())));
+            return Err(Error::io(
+                path,
+                format!(
+                    "line {line}: {} cells where {} columns are named",
+                    record.len(),
+                    names.len()
+                ),
+            ));
         }
         for (c, cell) in record.iter().enumerate() {
             let value = if cell.is_empty() {
@@ -126,7 +161,13 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
         }
         first = false;
     }
-    let (names, columns) = names.into_iter().zip(columns).zip(text).filter(|(_, text)| !text).map(|(x, _)| x).unzip();
+    let (names, columns) = names
+        .into_iter()
+        .zip(columns)
+        .zip(text)
+        .filter(|(_, text)| !text)
+        .map(|(x, _)| x)
+        .unzip();
     Ok(Raw { names, columns })
 }
 
@@ -137,7 +178,13 @@ mod tests {
     #[test]
     fn blanks_become_commas() {
         let mut out = String::new();
-        Blanks { inner: "  1  2\t3 \n4 5 6".as_bytes(), value: false, blank: false }.read_to_string(&mut out).unwrap();
+        Blanks {
+            inner: "  1  2\t3 \n4 5 6".as_bytes(),
+            value: false,
+            blank: false,
+        }
+        .read_to_string(&mut out)
+        .unwrap();
         assert_eq!(out, "1,2,3\n4,5,6");
     }
 }
