@@ -5,6 +5,7 @@
 
 use crate::convert;
 use crate::filter::FilterConfig;
+use crate::limits::Rate;
 use crate::units::{LoadCode, Newton};
 use crate::NOMINAL_SPS;
 use force_wire::message::{FilterChoice, UnitConfig};
@@ -65,7 +66,7 @@ fields! {
     /// Coulomb friction.
     COULOMB = 12, "coulomb_un", 0 ..= 5_000_000, "measured 909,000; above 5 N the unit can't hold 2 N";
     /// Load dependence of Coulomb friction.
-    COULOMB_LOAD = 13, "coulomb_load_q16", 0 ..= 26_214, "0 to 0.4: measured 0.154; the gain less this must stay above 0.1";
+    COULOMB_LOAD = 13, "coulomb_load_q16", 0 ..= 26_214, "0 to 0.4 and at most half the friction gain, or winding in would take twice the force and more; measured 0.154";
     /// Reversal travel.
     REVERSAL = 14, "reversal_nm", 10_000 ..= 5_000_000,
         "10 um is two counts, less would be noise; over 5 mm the compensation would come after the disturbance";
@@ -137,8 +138,8 @@ pub struct Config {
     pub(crate) travel_nm: i32,
     pub(crate) dac_q16: i32,
     pub(crate) force_limit: Newton,
-    /// Force steps per microsecond, times 65,536.
-    pub(crate) slew_us_q16: i32,
+    pub(crate) slew: Rate,
+    pub(crate) setpoint_slew: Rate,
     pub(crate) over_tension: Newton,
 }
 
@@ -163,7 +164,7 @@ impl Config {
             coulomb_load_q16: 10_093, // 0.154
             reversal_nm: 100_000,
             travel_nm_per_count: 4_229,
-            dac_counts_per_n_q16: 18_497_000, // 282.24
+            dac_counts_per_n_q16: 18_495_479, // 282.22
             force_limit_un: 16_000_000,
             slew_un_per_s: 400_000_000,
             over_tension_un: 20_000_000,
@@ -195,7 +196,12 @@ impl Config {
         within(field::OFFSET, w.friction_offset_un)?;
         within(field::GAIN, w.friction_gain_q16)?;
         within(field::COULOMB, w.coulomb_un)?;
-        within(field::COULOMB_LOAD, w.coulomb_load_q16)?;
+        narrow(
+            field::COULOMB_LOAD,
+            w.coulomb_load_q16,
+            field::COULOMB_LOAD.min,
+            field::COULOMB_LOAD.max.min(w.friction_gain_q16 / 2),
+        )?;
         within(field::REVERSAL, w.reversal_nm)?;
         sized(field::TRAVEL, w.travel_nm_per_count, 100)?;
         sized(field::DAC_SCALE, w.dac_counts_per_n_q16, 655_360)?;
@@ -222,7 +228,8 @@ impl Config {
             travel_nm: w.travel_nm_per_count,
             dac_q16: w.dac_counts_per_n_q16,
             force_limit: Newton::from_un(w.force_limit_un),
-            slew_us_q16: rounded(f64::from(w.slew_un_per_s) * 1e-12 * step * 65_536.0),
+            slew: Rate::from_un_per_s(w.slew_un_per_s),
+            setpoint_slew: Rate::from_un_per_s(w.slew_un_per_s).shifted(SETPOINT_SLEW_SHIFT),
             over_tension: Newton::from_un(w.over_tension_un),
         })
     }
@@ -275,7 +282,8 @@ impl Default for Config {
             travel_nm: 0,
             dac_q16: 0,
             force_limit: Newton::ZERO,
-            slew_us_q16: 0,
+            slew: Rate::default(),
+            setpoint_slew: Rate::default(),
             over_tension: Newton::ZERO,
         })
     }

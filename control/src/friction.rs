@@ -55,7 +55,7 @@ impl Model {
         let gain = f64::from(wire.friction_gain_q16) / 65_536.0;
         let c1 = f64::from(wire.coulomb_load_q16) / 65_536.0;
         let inverse = |x: f64| {
-            // The ranges keep x >= 0.1, so the inverse needs at most 4 bits above the point.
+            // The ranges keep x >= 0.25, so the inverse is at most 4. (0.1: no division by zero, whatever comes.)
             crate::config::rounded(f64::from(1u32 << 24) / if x < 0.1 { 0.1 } else { x })
         };
         // -1 to +1 over the reversal travel.

@@ -1,18 +1,57 @@
-//! How fast and how far a command may go.
+//! How fast a force may change.
+//!
+//! A slow ramp moves by few steps of [`Newton`] a sample, and what rounding takes from each would add up along
+//! the ramp. So a ramp keeps its place with 26 bits more.
 
 use crate::units::Newton;
 
-/// Moves `from` towards `to` by at most `step` (not negative); says whether it was held back.
-#[must_use]
-pub fn approach(from: Newton, to: Newton, step: Newton) -> (Newton, bool) {
-    let low = from.saturating_sub(step);
-    let high = from.saturating_add(step);
-    let next = to.clamp_to(low, high);
-    (next, next != to)
+/// Fraction bits of a ramp: +-32,768 N in steps of 4e-15 N.
+pub const RAMP_BITS: u32 = 48;
+
+const EXTRA: u32 = RAMP_BITS - Newton::FRAC_BITS;
+
+/// How fast a ramp may go, in newton a microsecond, times 2^48.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Rate(i64);
+
+impl Rate {
+    /// From micronewton a second.
+    #[must_use]
+    pub fn from_un_per_s(un_per_s: i32) -> Self {
+        let newton_per_us = f64::from(un_per_s) * 1e-12;
+        Self(libm::round(newton_per_us * libm::exp2(f64::from(RAMP_BITS))) as i64)
+    }
+
+    /// A 2^n-th of it.
+    #[must_use]
+    pub const fn shifted(self, n: u32) -> Self {
+        Self(self.0 >> n)
+    }
 }
 
-/// What a rate (force steps a microsecond, times 65,536) comes to in `dt_us`.
-#[must_use]
-pub fn slew_step(rate_us_q16: i32, dt_us: u32) -> Newton {
-    Newton::from_wide_shifted(i64::from(rate_us_q16) * i64::from(dt_us), 16)
+/// A force that follows another at a limited rate.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Ramp(i64);
+
+impl Ramp {
+    /// Where it stands.
+    #[must_use]
+    pub const fn value(self) -> Newton {
+        Newton::from_wide_shifted(self.0, EXTRA)
+    }
+
+    /// Puts it somewhere.
+    pub fn set(&mut self, value: Newton) {
+        self.0 = i64::from(value.to_bits()) << EXTRA;
+    }
+
+    /// Moves towards `to` for `dt_us` (at most 12,500); says whether the rate held it back.
+    pub fn approach(&mut self, to: Newton, rate: Rate, dt_us: u32) -> bool {
+        // 2,000 N/s take 40 bits, the time 14.
+        let step = rate.0.saturating_mul(i64::from(dt_us));
+        let to = i64::from(to.to_bits()) << EXTRA;
+        let distance = to.saturating_sub(self.0);
+        self.0 = self.0.saturating_add(distance.clamp(-step, step));
+        self.0 != to
+    }
 }

@@ -26,7 +26,7 @@ pub enum Action {
     /// Nothing.
     #[default]
     None,
-    /// Start bringing the converter up.
+    /// Write 0 V now (the unit may have been driving) and start bringing the converter up.
     StartBringUp,
     /// Forget filter, integrator and direction: [`crate::unit::State::reset`].
     ResetController,
@@ -61,7 +61,8 @@ pub fn next(state: MotorState, on: Conditions) -> Transition {
                     BringUp
                 }
             }
-            BringUp if on.sensor_up => Ready,
+            // Back in the middle of a run it waits: only arming makes a unit run.
+            BringUp if on.sensor_up && !on.system.drives() => Ready,
             BringUp => BringUp,
             // A converter that was lost without a fault (a recovery that starts over) leaves the loop.
             Ready | Running | Zeroing | Stopping if !on.sensor_up => BringUp,
@@ -76,12 +77,11 @@ pub fn next(state: MotorState, on: Conditions) -> Transition {
     };
     let action = if target == state {
         Action::None
-    } else if state.drives() && !target.drives() {
-        Action::ZeroOutput
     } else {
         match target {
             BringUp => Action::StartBringUp,
             Running => Action::ResetController,
+            _ if state.drives() && !target.drives() => Action::ZeroOutput,
             _ => Action::None,
         }
     };

@@ -8,12 +8,12 @@
 //!                                     slack brake, slew, limits ◀──┘─▶ command ─▶ DAC code
 //! ```
 
-use crate::config::{Config, SCALE_SHIFT, SETPOINT_SLEW_SHIFT};
+use crate::config::{Config, SCALE_SHIFT};
 use crate::convert;
 use crate::faults::Fault;
 use crate::filter::{Filter, SpikeGate};
 use crate::friction::{travel, Direction, Stillness, Tracker};
-use crate::limits;
+use crate::limits::Ramp;
 use crate::pid::{Measured, Pid, Terms};
 use crate::units::{Counts, DacCode, InvCos, LoadCode, Micros, Newton};
 use crate::NOMINAL_PERIOD_US;
@@ -150,9 +150,9 @@ pub struct State {
     tracker: Tracker,
     pid: Pid,
     /// Setpoint after its slew limit.
-    setpoint: Newton,
+    setpoint: Ramp,
     /// Last command.
-    command: Newton,
+    command: Ramp,
     /// The loop is closed.
     closed: bool,
     /// The integral is to be set so that the command does not jump.
@@ -183,7 +183,7 @@ impl State {
     /// Command of the last sample.
     #[must_use]
     pub const fn command(&self) -> Newton {
-        self.command
+        self.command.value()
     }
 }
 
@@ -220,7 +220,7 @@ impl Controller {
         }
         let travel_nm = travel(from, input.counts, config.travel_nm);
         let last_error = if state.closed {
-            state.setpoint.saturating_sub(tension)
+            state.setpoint.value().saturating_sub(tension)
         } else {
             Newton::ZERO
         };
@@ -241,8 +241,6 @@ impl Controller {
             at_zero: true,
             ..Output::default()
         };
-        let slew = limits::slew_step(config.slew_us_q16, dt_us);
-        let setpoint_slew = Newton::from_bits(slew.to_bits() >> SETPOINT_SLEW_SHIFT);
         let wanted = input
             .setpoint
             .tension
@@ -255,22 +253,24 @@ impl Controller {
 
         match drive {
             Drive::Off => {
-                state.command = Newton::ZERO;
+                state.command.set(Newton::ZERO);
                 state.closed = false;
             }
             Drive::Ramp => {
-                let (command, _) = limits::approach(state.command, Newton::ZERO, setpoint_slew);
-                state.command = command;
+                state
+                    .command
+                    .approach(Newton::ZERO, config.setpoint_slew, dt_us);
                 state.closed = false;
             }
             Drive::Follow => {
-                let measured_from = tension.clamp_to(Newton::ZERO, config.force_limit);
-                let start = if state.closed {
-                    state.setpoint
-                } else {
-                    measured_from
-                };
-                let (setpoint, _) = limits::approach(start, wanted, setpoint_slew);
+                if !state.closed {
+                    // From where the cable is: no step of the error.
+                    state
+                        .setpoint
+                        .set(tension.clamp_to(Newton::ZERO, config.force_limit));
+                }
+                state.setpoint.approach(wanted, config.setpoint_slew, dt_us);
+                let setpoint = state.setpoint.value();
                 let measured = Measured {
                     error: setpoint.saturating_sub(tension),
                     rise: if state.closed { rise } else { Newton::ZERO },
@@ -283,7 +283,7 @@ impl Controller {
                     let others = feedforward.saturating_add(terms.p).saturating_add(terms.d);
                     state
                         .pid
-                        .set_integral(config, state.command.saturating_sub(others));
+                        .set_integral(config, state.command.value().saturating_sub(others));
                     terms.i = state.pid.integral();
                 }
                 let brake = brake(tension, setpoint, travel_nm);
@@ -291,17 +291,14 @@ impl Controller {
                     .saturating_add(terms.sum())
                     .saturating_sub(brake);
                 let limited = asked.clamp_to(Newton::ZERO, config.force_limit);
-                let (command, slewing) = limits::approach(state.command, limited, slew);
+                let slewing = state.command.approach(limited, config.slew, dt_us);
+                let excess = asked.saturating_sub(state.command.value());
                 let boost = if config.friction.is_enabled() {
                     Stillness::default()
                 } else {
                     state.tracker.stillness()
                 };
-                state
-                    .pid
-                    .integrate(config, &measured, asked.saturating_sub(command), boost);
-                state.setpoint = setpoint;
-                state.command = command;
+                state.pid.integrate(config, &measured, excess, boost);
                 state.closed = true;
                 output.setpoint = setpoint;
                 output.terms = terms;
@@ -318,9 +315,9 @@ impl Controller {
         if drive != Drive::Off {
             output.flags |= flags::ACTIVE;
         }
-        output.command = state.command;
-        output.at_zero = state.command <= Newton::ZERO;
-        output.dac = convert::dac_code(state.command, config.dac_q16);
+        output.command = state.command.value();
+        output.at_zero = output.command <= Newton::ZERO;
+        output.dac = convert::dac_code(output.command, config.dac_q16);
         output
     }
 }

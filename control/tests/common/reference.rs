@@ -1,0 +1,296 @@
+//! The whole step once more in `f64`, written from the documentation and not from the fixed-point code: SI
+//! units, no formats, no precomputed numbers.
+#![allow(dead_code)] // each user takes a part
+
+use force_control::unit::{Drive, Input};
+use force_wire::message::{FilterChoice, UnitConfig};
+
+const RATE: f64 = 320.0;
+const PERIOD_US: f64 = 3_125.0;
+
+/// What the reference has to say about a sample.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Answer {
+    /// Command in N before rounding to a DAC code.
+    pub command: f64,
+    /// Filtered tension in N.
+    pub tension: f64,
+    /// Terms in N.
+    pub p: f64,
+    pub i: f64,
+    pub d: f64,
+    pub feedforward: f64,
+    pub direction: f64,
+    /// Smallest distance of a yes-or-no decision from its threshold, in N: below a few steps of the format the
+    /// two sides may rightly decide differently.
+    pub margin: f64,
+    pub tripped: bool,
+}
+
+#[derive(Debug, Clone)]
+pub struct Reference {
+    wire: UnitConfig,
+    gate: Option<(f64, f64)>,
+    held: u32,
+    rejected: f64,
+    history: Vec<f64>,
+    biquad: Option<[f64; 4]>,
+    tension: f64,
+    last: Option<(i64, u32)>,
+    direction: f64,
+    slack_nm: f64,
+    pace_nm: f64,
+    slow_nm: f64,
+    integral: f64,
+    setpoint: f64,
+    command: f64,
+    closed: bool,
+    over: u32,
+    saturated: u32,
+    lost_nm: f64,
+}
+
+fn q16(x: i32) -> f64 {
+    f64::from(x) / 65_536.0
+}
+fn micro(x: i32) -> f64 {
+    f64::from(x) * 1e-6
+}
+
+impl Reference {
+    pub fn new(wire: UnitConfig) -> Self {
+        Self {
+            wire,
+            gate: None,
+            held: 0,
+            rejected: 0.0,
+            history: Vec::new(),
+            biquad: None,
+            tension: 0.0,
+            last: None,
+            direction: 0.0,
+            slack_nm: 0.0,
+            pace_nm: 0.0,
+            slow_nm: 0.0,
+            integral: 0.0,
+            setpoint: 0.0,
+            command: 0.0,
+            closed: false,
+            over: 0,
+            saturated: 0,
+            lost_nm: 0.0,
+        }
+    }
+
+    fn spike_gate(&mut self, x: f64, margin: &mut f64) -> f64 {
+        let limit = micro(self.wire.spike_limit_un);
+        let Some((last, slope)) = self.gate else {
+            self.gate = Some((x, 0.0));
+            return x;
+        };
+        let predicted = last + slope;
+        let mut near = |a: f64, b: f64| {
+            let distance = (a - b).abs();
+            *margin = margin.min((distance - limit).abs());
+            distance <= limit
+        };
+        let confirmed = self.held > 0 && near(x, self.rejected);
+        if near(x, predicted) || confirmed || self.held == 3 {
+            let slope = if self.held > 0 {
+                0.0
+            } else {
+                (x - last).clamp(-limit, limit)
+            };
+            self.gate = Some((x, slope));
+            self.held = 0;
+            x
+        } else {
+            self.rejected = x;
+            self.held += 1;
+            self.gate = Some((predicted, 0.0));
+            predicted
+        }
+    }
+
+    fn filter(&mut self, x: f64) -> f64 {
+        match self.wire.filter {
+            FilterChoice::MovingAverage(n) => {
+                let n = usize::from(n);
+                if self.history.is_empty() {
+                    self.history = vec![x; n];
+                }
+                self.history.push(x);
+                self.history.remove(0);
+                self.history.iter().sum::<f64>() / n as f64
+            }
+            FilterChoice::LowPass { corner_chz } => {
+                // s^2 + sqrt2 s + 1 with s = (1/k) (z - 1)/(z + 1), k = tan(pi fc / fs).
+                let k = (std::f64::consts::PI * f64::from(corner_chz) / 100.0 / RATE).tan();
+                let a0 = 1.0 + 2f64.sqrt() * k + k * k;
+                let a1 = 2.0 * (k * k - 1.0);
+                let a2 = 1.0 - 2f64.sqrt() * k + k * k;
+                let [x1, x2, y1, y2] = self.biquad.unwrap_or([x; 4]);
+                let y = (k * k * (x + 2.0 * x1 + x2) - a1 * y1 - a2 * y2) / a0;
+                self.biquad = Some([x, x1, y, y1]);
+                y
+            }
+        }
+    }
+
+    fn friction(&self, tension: f64) -> f64 {
+        if !self.wire.friction_feedforward {
+            return tension;
+        }
+        let gain = q16(self.wire.friction_gain_q16);
+        let c0 = micro(self.wire.coulomb_un);
+        let c1 = q16(self.wire.coulomb_load_q16);
+        let wanted = tension - micro(self.wire.friction_offset_un);
+        let winding_in = (wanted + c0) / (gain - c1);
+        let paying_out = (wanted - c0) / (gain + c1);
+        let share = 0.5 * (1.0 + self.direction);
+        share * winding_in + (1.0 - share) * paying_out
+    }
+
+    pub fn step(&mut self, input: &Input) -> Answer {
+        let w = self.wire;
+        let mut margin = f64::INFINITY;
+        let code = input.code.get();
+        let force = f64::from(code - w.zero_code) * f64::from(w.scale_pn_per_count) * 1e-12;
+        let gated = self.spike_gate(force, &mut margin);
+        let inv_cos = q16(input.setpoint.inv_cos.q16());
+        let tension = self.filter(gated) * inv_cos;
+        let rise = tension - self.tension;
+        self.tension = tension;
+
+        let (from, dt) = match self.last {
+            Some((counts, at)) => (counts, f64::from(input.at.0.wrapping_sub(at))),
+            None => (input.counts.0, PERIOD_US),
+        };
+        self.last = Some((input.counts.0, input.at.0));
+        let dt_us = dt.clamp(1_000.0, 12_500.0);
+        // Periods that the differences span.
+        let spans = if dt_us < 4_687.0 {
+            1.0
+        } else if dt_us < 9_375.0 {
+            2.0
+        } else {
+            4.0
+        };
+        let largest = 4_194_304.0;
+        let travel = ((input.counts.0 - from) as f64 * f64::from(w.travel_nm_per_count))
+            .clamp(-largest, largest);
+
+        // Direction.
+        let play = f64::from(w.travel_nm_per_count).abs();
+        self.pace_nm += (travel.abs().min(65_536.0) - self.pace_nm) / 4.0;
+        let still = (1.0 - self.pace_nm / 4_096.0).max(0.0);
+        let position = self.slack_nm + travel;
+        self.slack_nm = position.clamp(-play, play);
+        let error = if self.closed {
+            self.setpoint - tension
+        } else {
+            0.0
+        };
+        let beyond = (error - error.clamp(-0.03, 0.03)).clamp(-4.0, 4.0);
+        let change = 2.0 * (position - self.slack_nm) / f64::from(w.reversal_nm)
+            + 154.0 / 256.0 * beyond * still;
+        self.direction = (self.direction + change.clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
+
+        // Trips.
+        let direct = gated * inv_cos;
+        let over = micro(w.over_tension_un);
+        margin = margin.min((direct - over).abs());
+        self.over = if direct > over { self.over + 1 } else { 0 };
+        self.saturated = if code == 8_388_607 || code == -8_388_608 {
+            self.saturated + 1
+        } else {
+            0
+        };
+        margin = margin.min((tension - 1.0).abs());
+        self.lost_nm = if tension > 1.0 || input.drive == Drive::Off {
+            0.0
+        } else {
+            (self.lost_nm + travel).max(0.0)
+        };
+        let tripped = self.over >= 2 || self.saturated >= 2 || self.lost_nm > 150e6;
+
+        let limit = micro(w.force_limit_un);
+        let slew = f64::from(w.slew_un_per_s) * 1e-12 * dt_us;
+        let wanted = input.setpoint.tension.to_f64().clamp(0.0, limit);
+        let drive = match input.drive {
+            _ if tripped => Drive::Off,
+            Drive::Follow if wanted == 0.0 => Drive::Ramp,
+            drive => drive,
+        };
+        let mut answer = Answer {
+            tension,
+            direction: self.direction,
+            margin,
+            tripped,
+            ..Answer::default()
+        };
+        match drive {
+            Drive::Off => {
+                self.command = 0.0;
+                self.closed = false;
+            }
+            Drive::Ramp => {
+                self.command += (0.0 - self.command).clamp(-slew / 8.0, slew / 8.0);
+                self.closed = false;
+            }
+            Drive::Follow => {
+                let start = if self.closed {
+                    self.setpoint
+                } else {
+                    tension.clamp(0.0, limit)
+                };
+                self.setpoint = start + (wanted - start).clamp(-slew / 8.0, slew / 8.0);
+                let error = self.setpoint - tension;
+                let feedforward = self.friction(self.setpoint);
+                let p = q16(w.kp_q16) * error;
+                let derivative = if self.closed {
+                    -q16(w.kd_q16) * RATE * rise / spans
+                } else {
+                    0.0
+                };
+                let pace = travel / spans;
+                self.slow_nm += (pace - self.slow_nm) * 2_524.0 / 65_536.0;
+                let d = derivative - q16(w.damping_q16) * RATE * 1e-9 * (pace - self.slow_nm);
+                if !self.closed {
+                    self.integral = (self.command - feedforward - p - d).clamp(-limit, limit);
+                }
+                let i = self.integral;
+                let slack = (self.setpoint / 2.0).min(1.0);
+                let missing = slack - tension.clamp(0.0, slack);
+                let brake = 268.0 / 4_194_304.0 * (travel - 156_250.0).max(0.0) * missing;
+                let asked = feedforward + p + i + d - brake;
+                let limited = asked.clamp(0.0, limit);
+                self.command += (limited - self.command).clamp(-slew, slew);
+                let boost = if w.friction_feedforward {
+                    1.0
+                } else {
+                    1.0 + 4.0 * still
+                };
+                let gain = (q16(w.ki_q16) * dt_us * 1e-6 * boost).min(2.0);
+                let mut addition = gain * error;
+                let excess = asked - self.command;
+                if excess > 0.0 && addition > 0.0 {
+                    addition = (addition - excess).max(0.0);
+                } else if excess < 0.0 && addition < 0.0 {
+                    addition = (addition - excess).min(0.0);
+                }
+                self.integral = (i + addition).clamp(-limit, limit);
+                self.closed = true;
+                answer = Answer {
+                    p,
+                    i,
+                    d,
+                    feedforward,
+                    ..answer
+                };
+            }
+        }
+        answer.command = self.command;
+        answer
+    }
+}

@@ -1,0 +1,232 @@
+//! Six controllers on the plant, sample by sample, in virtual time: converters with their own periods and
+//! sinc4 filters, encoder counts, DAC codes. What the firmware adds (bus, queue) is a delay here.
+#![allow(dead_code)] // each user takes a part
+
+use force_control::unit::{Drive, Setpoint};
+use force_control::zero::{Averager, Progress};
+use force_control::{
+    Config, Controller, Counts, Input, InvCos, LoadCode, Micros, Newton, Output, State,
+};
+use force_plant::{Plant, PlantConfig};
+use force_wire::message::UnitConfig;
+
+pub const STEP_US: u64 = 50;
+/// NAU7802 at gain 128 and 3.0 V: code = bridge * 128 * 2^24 / 1 (full scale +-0.5 / gain).
+const CODES_PER_BRIDGE: f64 = 128.0 * 16_777_216.0;
+
+/// A converter: a ring of bridge values on the plant's grid, read through a sinc4 kernel.
+struct Converter {
+    period_steps: usize,
+    next_step: u64,
+    ring: Vec<f64>,
+    kernel: Vec<f64>,
+    noise: Noise,
+}
+
+/// Gaussian enough: sum of twelve uniforms of a 64-bit LCG.
+pub struct Noise(pub u64);
+
+impl Noise {
+    pub fn unit(&mut self) -> f64 {
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
+        (self.0 >> 11) as f64 / (1u64 << 53) as f64
+    }
+    pub fn normal(&mut self) -> f64 {
+        (0..12).map(|_| self.unit()).sum::<f64>() - 6.0
+    }
+}
+
+fn sinc4(period: usize) -> Vec<f64> {
+    let mut kernel = vec![1.0];
+    for _ in 0..4 {
+        let mut next = vec![0.0; kernel.len() + period - 1];
+        for (i, k) in kernel.iter().enumerate() {
+            for j in 0..period {
+                next[i + j] += k / period as f64;
+            }
+        }
+        kernel = next;
+    }
+    kernel
+}
+
+pub struct Unit {
+    pub config: Config,
+    pub state: State,
+    pub setpoint_n: f64,
+    pub drive: Drive,
+    pub output: Output,
+    pub spikes: Option<Noise>,
+    converter: Converter,
+    pending: Option<(u64, f64)>,
+}
+
+pub struct Rig {
+    pub plant: Plant,
+    pub units: Vec<Unit>,
+    pub step: u64,
+}
+
+impl Rig {
+    /// Zeroed with slack-free cables at rest, drives off.
+    pub fn new(plant: PlantConfig, seed: u64, wire: &UnitConfig) -> Self {
+        let mut plant = Plant::new(plant, seed).expect("the plant's configuration is valid");
+        plant.set_amplifier_power(true);
+        let units = (0..plant.units())
+            .map(|i| {
+                let period_steps = [61, 62, 63, 64, 62, 63][i % 6];
+                let per_n = plant.parameters(i).bridge_per_n;
+                let mut wire = *wire;
+                wire.scale_pn_per_count = (1e12 / (per_n * CODES_PER_BRIDGE)).round() as i32;
+                wire.travel_nm_per_count = -4_229;
+                Unit {
+                    config: Config::from_wire(&wire).expect("in range"),
+                    state: State::default(),
+                    setpoint_n: 0.0,
+                    drive: Drive::Off,
+                    output: Output::default(),
+                    spikes: None,
+                    converter: Converter {
+                        period_steps,
+                        next_step: 400 + 9 * i as u64,
+                        ring: vec![0.0; 4 * 64],
+                        kernel: sinc4(period_steps),
+                        noise: Noise(seed.wrapping_mul(77) + i as u64),
+                    },
+                    pending: None,
+                }
+            })
+            .collect();
+        let mut rig = Self {
+            plant,
+            units,
+            step: 0,
+        };
+        rig.zero();
+        rig
+    }
+
+    fn zero(&mut self) {
+        let mut averagers = vec![Averager::new(); self.units.len()];
+        let mut zeros = vec![None; self.units.len()];
+        while zeros.iter().any(Option::is_none) {
+            self.advance(|i, code, _| {
+                if zeros[i].is_none() {
+                    if let Progress::Done(zero) = averagers[i].push(code) {
+                        zeros[i] = Some(zero);
+                    }
+                }
+            });
+        }
+        for (unit, zero) in self.units.iter_mut().zip(zeros) {
+            unit.config = unit.config.with_zero(zero.expect("found"));
+            unit.state.reset();
+        }
+    }
+
+    /// One plant step; `seen` gets unit, code and the unit's controller output of each sample.
+    pub fn advance(&mut self, mut seen: impl FnMut(usize, LoadCode, &Output)) {
+        self.step += 1;
+        let now = self.step;
+        for (i, unit) in self.units.iter_mut().enumerate() {
+            if let Some((due, volts)) = unit.pending {
+                if due <= now {
+                    self.plant.set_amplifier_volts(i, volts).expect("finite");
+                    unit.pending = None;
+                }
+            }
+        }
+        self.plant.advance_to(now * STEP_US * 1_000);
+        for (i, unit) in self.units.iter_mut().enumerate() {
+            let bridge = self.plant.bridge_v_per_v(i);
+            let c = &mut unit.converter;
+            let size = c.ring.len();
+            c.ring[now as usize % size] = bridge;
+            if now < c.next_step {
+                continue;
+            }
+            c.next_step += c.period_steps as u64;
+            let mean: f64 = c
+                .kernel
+                .iter()
+                .enumerate()
+                .map(|(k, w)| w * c.ring[(now as usize + size - k) % size])
+                .sum();
+            // 3 mN of noise.
+            let noise = 3.0e-3 / 6.85e-6 * c.noise.normal();
+            let mut code = (mean * CODES_PER_BRIDGE + noise).round() as i32;
+            if let Some(spikes) = &mut unit.spikes {
+                if spikes.unit() < 0.003 {
+                    code += (6_000_000.0 * (spikes.unit() - 0.5)) as i32;
+                }
+            }
+            let code = LoadCode::new(code);
+            let cos = self.plant.cell_force_n(i) / self.plant.tension_n(i);
+            let inv_cos = if cos.is_finite() {
+                (65_536.0 / cos) as i32
+            } else {
+                65_536
+            };
+            let input = Input {
+                code,
+                counts: Counts(self.plant.encoder_counts(i)),
+                at: Micros((now * STEP_US) as u32),
+                setpoint: Setpoint {
+                    tension: Newton::from_un((unit.setpoint_n * 1e6) as i32),
+                    inv_cos: InvCos::from_q16(inv_cos),
+                },
+                drive: unit.drive,
+            };
+            unit.output = Controller::step(&unit.config, &mut unit.state, input);
+            let volts = f64::from(unit.output.dac.steps()) * 10.0 / 32_768.0;
+            // 0.2 ms from DRDY to the DAC.
+            unit.pending = Some((now + 4, volts));
+            seen(i, code, &unit.output);
+        }
+    }
+
+    pub fn time_s(&self) -> f64 {
+        (self.step * STEP_US) as f64 * 1e-6
+    }
+}
+
+/// Root mean square and largest tension error per unit over `seconds` while the tip moves, after a settling
+/// time of 3 s, with setpoints that wander slowly between 2.2 and 6 N.
+pub fn tension_errors(
+    plant: PlantConfig,
+    seed: u64,
+    wire: &UnitConfig,
+    seconds: f64,
+) -> Vec<(f64, f64)> {
+    let mut rig = Rig::new(plant, seed, wire);
+    let start = rig.time_s();
+    for unit in &mut rig.units {
+        unit.drive = Drive::Follow;
+    }
+    let mut sums = vec![(0.0, 0.0f64); rig.units.len()];
+    let mut count = 0.0;
+    while rig.time_s() < start + 3.0 + seconds {
+        let t = rig.time_s() - start;
+        if t > 1.0 {
+            rig.plant.set_robot_moving(true);
+        }
+        for (i, unit) in rig.units.iter_mut().enumerate() {
+            unit.setpoint_n = 4.1 + 1.9 * (0.4 * t + i as f64).sin();
+        }
+        rig.advance(|_, _, _| {});
+        if t > 3.0 {
+            count += 1.0;
+            for (i, sum) in sums.iter_mut().enumerate() {
+                let error = rig.plant.tension_n(i) - rig.units[i].setpoint_n;
+                sum.0 += error * error;
+                sum.1 = sum.1.max(error.abs());
+            }
+        }
+    }
+    sums.iter()
+        .map(|(square, peak)| ((square / count).sqrt(), *peak))
+        .collect()
+}

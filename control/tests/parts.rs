@@ -1,0 +1,516 @@
+//! The small parts: conversions, filters, friction, zeroing, supervisors, faults, geometry.
+
+use force_control::config::{field, nominal_dac_counts_per_n_q16, FIELDS};
+use force_control::convert::{
+    dac_code, nominal_codes_per_newton, COUNTS_PER_TURN, GEAR, REEL_RADIUS_M,
+};
+use force_control::faults::{Latch, Scope};
+use force_control::filter::{Filter, FilterConfig, SpikeGate};
+use force_control::friction::{Direction, Model, Tracker};
+use force_control::supervisor::{CheckIn, Expiry, Rate, RateLimits, Verdict};
+use force_control::zero::{Averager, Progress, Refused, SAMPLES};
+use force_control::{geometry, Config, DacCode, Fault, InvCos, LoadCode, Micros, Newton};
+use force_wire::message::{FilterChoice, UnitConfig};
+use nalgebra::Vector3;
+use proptest::prelude::*;
+
+fn newton(n: f64) -> Newton {
+    Newton::from_un((n * 1e6).round() as i32)
+}
+
+#[test]
+fn nominal_numbers_are_those_of_the_parts() {
+    let nominal = Config::nominal();
+    assert!((nominal_codes_per_newton() - 282.22).abs() < 0.01);
+    assert!((nominal.dac_counts_per_n_q16 - nominal_dac_counts_per_n_q16()).abs() < 1_000);
+    let travel = std::f64::consts::TAU * REEL_RADIUS_M / (COUNTS_PER_TURN * GEAR) * 1e9;
+    assert!(
+        (f64::from(nominal.travel_nm_per_count) - travel).abs() < 1.0,
+        "{travel}"
+    );
+    assert!(Config::from_wire(&nominal).is_ok());
+    assert!(!Config::default().enabled());
+    assert_eq!(
+        Config::default().wire().scale_pn_per_count,
+        nominal.scale_pn_per_count
+    );
+}
+
+#[test]
+fn zero_command_is_zero_volt_whatever_the_scale() {
+    for scale in [18_495_479, -18_495_479, 65_536_000] {
+        assert_eq!(dac_code(Newton::ZERO, scale), DacCode::ZERO_VOLT);
+    }
+    assert_eq!(DacCode::default(), DacCode(0x8000));
+    // The ends are reached, not passed.
+    assert_eq!(dac_code(newton(500.0), 65_536_000), DacCode(0xFFFF));
+    assert_eq!(dac_code(newton(500.0), -65_536_000), DacCode(0));
+    assert_eq!(dac_code(newton(12.0), 18_495_479).steps(), 3_387);
+}
+
+/// Sets the field with this number to `value`.
+fn set(config: &mut UnitConfig, number: u8, value: i32) {
+    match number {
+        1 => config.scale_pn_per_count = value,
+        2 => config.zero_code = value,
+        3 => {
+            config.filter = FilterChoice::LowPass {
+                corner_chz: value.clamp(0, 65_535) as u16,
+            }
+        }
+        4 => config.spike_limit_un = value,
+        5 => config.kp_q16 = value,
+        6 => config.ki_q16 = value,
+        7 => config.kd_q16 = value,
+        8 => config.damping_q16 = value,
+        10 => config.friction_offset_un = value,
+        11 => config.friction_gain_q16 = value,
+        12 => config.coulomb_un = value,
+        13 => config.coulomb_load_q16 = value,
+        14 => config.reversal_nm = value,
+        15 => config.travel_nm_per_count = value,
+        16 => config.dac_counts_per_n_q16 = value,
+        17 => config.force_limit_un = value,
+        18 => config.slew_un_per_s = value,
+        19 => config.over_tension_un = value,
+        other => panic!("no field {other}"),
+    }
+}
+
+#[test]
+fn every_field_is_checked_at_both_ends() {
+    for f in FIELDS {
+        for (value, good) in [
+            (f.min, true),
+            (f.max, true),
+            (f.min - 1, false),
+            (f.max + 1, false),
+        ] {
+            let mut config = Config::nominal();
+            set(&mut config, f.number, value);
+            let good = good && !(f.number == 3 && value < 500);
+            match Config::from_wire(&config) {
+                Ok(_) => assert!(good, "{} = {value} was taken", f.name),
+                Err(e) => {
+                    assert!(!good, "{} = {value}: {e}", f.name);
+                    assert_eq!((e.field.number, e.got), (f.number, value));
+                    assert!(e.to_string().contains(f.name));
+                }
+            }
+        }
+    }
+    // Near zero is out of range for what may have a sign, but is divided by or scaled with.
+    for f in [field::SCALE, field::TRAVEL, field::DAC_SCALE] {
+        let mut config = Config::nominal();
+        set(&mut config, f.number, 0);
+        assert_eq!(
+            Config::from_wire(&config).unwrap_err().field.number,
+            f.number
+        );
+    }
+    for n in [0, 17] {
+        let config = UnitConfig {
+            filter: FilterChoice::MovingAverage(n),
+            ..Config::nominal()
+        };
+        assert_eq!(Config::from_wire(&config).unwrap_err().field.number, 3);
+    }
+}
+
+#[test]
+fn spike_gate_takes_spikes_and_lets_steps_pass() {
+    let limit = newton(1.0).to_bits();
+    let mut gate = SpikeGate::default();
+    for _ in 0..5 {
+        assert_eq!(gate.step(limit, newton(3.0)), (newton(3.0), false));
+    }
+    // One spike, of any size.
+    assert_eq!(gate.step(limit, newton(300.0)), (newton(3.0), true));
+    assert_eq!(gate.step(limit, newton(3.1)), (newton(3.1), false));
+    // A step: one sample late.
+    // (After a spike no slope is believed, so the prediction is the last sample.)
+    assert_eq!(gate.step(limit, newton(8.0)), (newton(3.1), true));
+    assert_eq!(gate.step(limit, newton(8.2)), (newton(8.2), false));
+    // Samples that contradict each other are held back three times, not forever.
+    let mut held = 0;
+    for n in 0..4 {
+        let wild = if n % 2 == 0 { 100.0 } else { -100.0 };
+        held += u32::from(gate.step(limit, newton(wild)).1);
+    }
+    assert_eq!(held, 3);
+}
+
+/// Response of a filter to a sine of `hz`: gain and delay in samples.
+fn response(choice: FilterChoice, hz: f64) -> (f64, f64) {
+    let config = FilterConfig::new(choice);
+    let mut filter = Filter::default();
+    let omega = std::f64::consts::TAU * hz / 320.0;
+    let (mut sine, mut cosine, mut count) = (0.0, 0.0, 0.0);
+    for n in 0..6_400 {
+        let phase = omega * f64::from(n);
+        let y = filter.step(&config, newton(5.0 * phase.sin())).to_f64();
+        if n >= 3_200 {
+            sine += y * phase.sin();
+            cosine += y * phase.cos();
+            count += 1.0;
+        }
+    }
+    let (sine, cosine) = (sine / count, cosine / count);
+    (2.0 * sine.hypot(cosine) / 5.0, -cosine.atan2(sine) / omega)
+}
+
+/// Standard deviation after the filter of noise with SD 1 before it.
+fn noise_gain(choice: FilterChoice) -> f64 {
+    let config = FilterConfig::new(choice);
+    let mut filter = Filter::default();
+    filter.step(&config, Newton::ZERO);
+    let mut power = 0.0;
+    let mut x = newton(100.0);
+    for _ in 0..2_000 {
+        power += (filter.step(&config, x).to_f64() / 100.0).powi(2);
+        x = Newton::ZERO;
+    }
+    power.sqrt()
+}
+
+#[test]
+fn filters_have_the_delay_and_the_noise_their_documentation_states() {
+    // Low pass, 100 Hz: 0.473 samples (1.5 ms), noise times 0.785; moving average of 4: 1.5 samples
+    // (4.7 ms), noise times 0.5. Computed apart from this code from the filters' equations.
+    let low_pass = FilterChoice::LowPass { corner_chz: 10_000 };
+    let (gain, delay) = response(low_pass, 5.0);
+    assert!(
+        (gain - 1.0).abs() < 1e-3 && (delay - 0.473).abs() < 0.005,
+        "{gain} {delay}"
+    );
+    let (corner, _) = response(low_pass, 100.0);
+    assert!((corner - 0.5f64.sqrt()).abs() < 1e-3, "{corner}");
+    assert!(
+        (noise_gain(low_pass) - 0.785).abs() < 0.002,
+        "{}",
+        noise_gain(low_pass)
+    );
+    let average = FilterChoice::MovingAverage(4);
+    let (gain, delay) = response(average, 5.0);
+    assert!(
+        (gain - 0.994).abs() < 1e-3 && (delay - 1.5).abs() < 0.01,
+        "{gain} {delay}"
+    );
+    assert!((noise_gain(average) - 0.5).abs() < 1e-3);
+    // An average over 80 Hz's period lets nothing of it through.
+    assert!(response(average, 80.0).0 < 1e-5);
+}
+
+proptest! {
+    #[test]
+    fn filters_settle_on_a_constant_to_the_step(
+        choice in prop_oneof![
+            (1u8..=16).prop_map(FilterChoice::MovingAverage),
+            (500u16..=12_000).prop_map(|corner_chz| FilterChoice::LowPass { corner_chz }),
+        ],
+        from in -57_000_000i32..57_000_000,
+        to in -57_000_000i32..57_000_000,
+    ) {
+        let config = FilterConfig::new(choice);
+        let mut filter = Filter::default();
+        // The first sample fills the memory: no transient.
+        prop_assert!((filter.step(&config, Newton::from_un(from)).to_un() - from).abs() <= 1);
+        let mut y = Newton::ZERO;
+        for _ in 0..1_000 {
+            y = filter.step(&config, Newton::from_un(to));
+        }
+        prop_assert!((y.to_bits() - Newton::from_un(to).to_bits()).abs() <= 1, "{} {}", y.to_bits(), to);
+    }
+
+    #[test]
+    fn filters_survive_any_samples(
+        choice in prop_oneof![
+            (1u8..=16).prop_map(FilterChoice::MovingAverage),
+            (500u16..=12_000).prop_map(|corner_chz| FilterChoice::LowPass { corner_chz }),
+        ],
+        samples in prop::collection::vec(any::<i32>(), 1..200),
+    ) {
+        let config = FilterConfig::new(choice);
+        let mut filter = Filter::default();
+        for &sample in &samples {
+            filter.step(&config, Newton::from_bits(sample));
+        }
+        let mut y = Newton::ZERO;
+        for _ in 0..2_000 {
+            y = filter.step(&config, newton(3.0));
+        }
+        prop_assert!((y.to_f64() - 3.0).abs() < 1e-5);
+    }
+
+    #[test]
+    fn friction_model_is_the_inverse_of_the_measured_law(
+        offset in -1e6f64..1e6,
+        gain in 0.8f64..1.3,
+        c0 in 0.0f64..2e6,
+        c1 in 0.0f64..0.35,
+        tension in 0.0f64..16.0,
+        winding_in: bool,
+    ) {
+        let wire = UnitConfig {
+            friction_offset_un: offset as i32,
+            friction_gain_q16: (gain * 65_536.0) as i32,
+            coulomb_un: c0 as i32,
+            coulomb_load_q16: (c1 * 65_536.0) as i32,
+            ..Config::nominal()
+        };
+        let sign = if winding_in { 1 } else { -1 };
+        let direction = Direction::from_q30(sign * i64::from(Direction::ONE));
+        let command = Model::new(&wire).command(newton(tension), direction).to_f64();
+        let made = f64::from(wire.friction_offset_un) * 1e-6
+            + f64::from(wire.friction_gain_q16) / 65_536.0 * command
+            - sign as f64
+                * (f64::from(wire.coulomb_un) * 1e-6
+                    + f64::from(wire.coulomb_load_q16) / 65_536.0 * command);
+        prop_assert!((made - tension).abs() < 1e-5, "{made}");
+    }
+
+    #[test]
+    fn newton_conversions_round_to_the_nearest(un in -511_000_000i32..511_000_000) {
+        let n = Newton::from_un(un);
+        prop_assert_eq!(n.to_un(), un);
+        prop_assert!((n.to_f64() - f64::from(un) * 1e-6).abs() <= 0.57 / 4_194_304.0);
+        prop_assert!((f64::from(n.to_tenth_mn()) - f64::from(un) / 100.0).abs() <= 0.501);
+    }
+
+    #[test]
+    fn direction_stays_in_bounds_and_moves_smoothly(
+        steps in prop::collection::vec((any::<i32>(), any::<i32>()), 1..100),
+    ) {
+        let model = Model::new(&Config::nominal());
+        let mut tracker = Tracker::default();
+        let mut last = 0i64;
+        for (travel, error) in steps {
+            let d = i64::from(tracker.step(&model, travel, Newton::from_bits(error)).q30());
+            prop_assert!(d.abs() <= i64::from(Direction::ONE));
+            prop_assert!((d - last).abs() <= Tracker::LARGEST_STEP);
+            last = d;
+        }
+    }
+}
+
+#[test]
+fn direction_follows_travel_and_survives_jitter() {
+    let model = Model::new(&Config::nominal()); // 100 um of reversal, 4.229 um a count
+    let mut tracker = Tracker::default();
+    let count = 4_229;
+    for _ in 0..100 {
+        tracker.step(&model, 10 * count, Newton::ZERO);
+    }
+    assert_eq!(tracker.direction().q30(), Direction::ONE);
+    // A count to and fro for as long as you like: nothing moves.
+    for n in 0..10_000 {
+        tracker.step(
+            &model,
+            if n % 2 == 0 { -count } else { count },
+            Newton::ZERO,
+        );
+    }
+    assert_eq!(tracker.direction().q30(), Direction::ONE);
+    // At rest it stays, with noise of the tension as well.
+    for n in 0..10_000 {
+        tracker.step(&model, 0, newton(if n % 3 == 0 { 0.029 } else { -0.029 }));
+    }
+    assert_eq!(tracker.direction().q30(), Direction::ONE);
+    // Reversing takes the reversal travel and one or two counts of play, and passes through the middle.
+    let mut travelled = 0;
+    let mut middle = false;
+    while tracker.direction().q30() > -Direction::ONE {
+        tracker.step(&model, -count, Newton::ZERO);
+        travelled += count;
+        middle |= tracker.direction().q30().abs() < Direction::ONE / 4;
+        assert!(travelled < 200_000, "never reversed");
+    }
+    assert!(
+        middle && (100_000..=100_000 + 3 * count).contains(&travelled),
+        "{travelled}"
+    );
+}
+
+#[test]
+fn a_resting_reel_turns_to_where_it_has_to_go() {
+    let model = Model::new(&Config::nominal());
+    let mut tracker = Tracker::default();
+    for _ in 0..20 {
+        tracker.step(&model, 0, newton(0.2));
+    }
+    assert_eq!(tracker.direction().q30(), Direction::ONE);
+    for _ in 0..40 {
+        tracker.step(&model, 0, newton(-0.2));
+    }
+    assert_eq!(tracker.direction().q30(), -Direction::ONE);
+    // While it moves the error has no say.
+    for _ in 0..50 {
+        tracker.step(&model, -20_000, newton(3.0));
+    }
+    assert_eq!(tracker.direction().q30(), -Direction::ONE);
+}
+
+fn zero_of(codes: impl Iterator<Item = i32>) -> Progress {
+    let mut averager = Averager::new();
+    let mut last = Progress::Collecting(0);
+    for code in codes.take(usize::from(SAMPLES)) {
+        last = averager.push(LoadCode::new(code));
+        if !matches!(last, Progress::Collecting(_)) {
+            break;
+        }
+    }
+    last
+}
+
+#[test]
+fn zero_is_averaged_or_refused() {
+    let noisy = (0..).map(|n| -1_000 + [400, -400, 100, -100][n % 4]);
+    assert_eq!(zero_of(noisy), Progress::Done(LoadCode::new(-1_000)));
+    let swinging = (0..).map(|n: i32| n * 150);
+    assert_eq!(
+        zero_of(swinging),
+        Progress::Refused(Refused::Unsteady(255 * 150))
+    );
+    assert_eq!(
+        zero_of(std::iter::repeat(3_000_000)),
+        Progress::Refused(Refused::FarOff(3_000_000))
+    );
+    assert_eq!(
+        zero_of(std::iter::repeat(0x7F_FFFF)),
+        Progress::Refused(Refused::Saturated)
+    );
+    assert_eq!(Refused::FarOff(-5).detail(), 1 << 31 | 5);
+}
+
+#[test]
+fn rate_is_bounded_from_both_sides() {
+    let run = |period: u32| {
+        let mut rate = Rate::default();
+        let mut t = u32::MAX - 20_000; // across the clock's wrap
+        for _ in 0..200 {
+            t = t.wrapping_add(period);
+            rate.observe(Micros(t), 0);
+        }
+        (rate, Micros(t))
+    };
+    let verdict = |period| {
+        let (rate, now) = run(period);
+        rate.check(now, &RateLimits::SENSOR)
+    };
+    // 310 to 330 SPS are in order; 290 and 350 aren't.
+    assert_eq!(verdict(3_226), Verdict::Ok);
+    assert_eq!(verdict(3_030), Verdict::Ok);
+    assert!(matches!(verdict(3_448), Verdict::TooSlow(p) if p.abs_diff(3_448) < 5));
+    assert!(matches!(verdict(2_857), Verdict::TooFast(p) if p.abs_diff(2_857) < 5));
+    let (rate, now) = run(3_125);
+    let later = |us| rate.check(Micros(now.0.wrapping_add(us)), &RateLimits::SENSOR);
+    assert_eq!(later(12_500), Verdict::Ok);
+    assert_eq!(later(12_501), Verdict::Silent);
+    // An edge that is newer than the supervisor's clock is no silence.
+    assert_eq!(later(u32::MAX - 10), Verdict::Ok);
+    assert_eq!(
+        Rate::default().check(Micros(5_000_000), &RateLimits::SENSOR),
+        Verdict::Ok
+    );
+}
+
+#[test]
+fn setpoints_expire() {
+    let mut expiry = Expiry::default();
+    let at = |us: u32| Micros(u32::MAX - 1_000 + us);
+    assert!(!expiry.is_expired(Micros(0)) && !expiry.is_valid(Micros(0)));
+    assert_eq!(expiry.age_ms(Micros(0)), 65_535);
+    expiry.renew(Micros(u32::MAX - 1_000), 50);
+    assert!(expiry.is_valid(at(900)));
+    let wrapped = |us: u32| Micros((u32::MAX - 1_000).wrapping_add(us));
+    assert!(expiry.is_valid(wrapped(50_000)) && !expiry.is_expired(wrapped(50_000)));
+    assert!(expiry.is_expired(wrapped(50_001)) && !expiry.is_valid(wrapped(50_001)));
+    assert_eq!(expiry.age_ms(wrapped(42_999)), 42);
+    expiry.forget();
+    assert!(!expiry.is_expired(wrapped(60_000)));
+}
+
+#[test]
+fn watchdog_needs_everyone() {
+    let mut parts = CheckIn::new(0b1011);
+    parts.sign(0);
+    parts.sign(3);
+    parts.sign(40); // no such part, no panic
+    assert!(!parts.complete());
+    assert_eq!(parts.missing(), 0b10);
+    parts.sign(1);
+    assert!(parts.complete());
+    // A new round starts from nothing.
+    assert_eq!(parts.missing(), 0b1011);
+}
+
+#[test]
+fn every_fault_explains_itself() {
+    let mut last = 0;
+    for &fault in Fault::ALL {
+        assert!(fault.code() > last, "numbers rise: {fault:?}");
+        last = fault.code();
+        assert_eq!(Fault::from_code(fault.code()), Some(fault));
+        let unit = fault.scope() == Scope::Unit;
+        assert_eq!(unit, fault.code() >= 32, "{fault:?}");
+        assert!(fault.name().len() <= 30 && !fault.name().is_empty());
+        assert!(
+            fault.meaning().len() > 40 && fault.meaning().ends_with('.'),
+            "{fault:?}"
+        );
+        let way_out = fault.what_to_do();
+        assert!(
+            way_out.to_lowercase().contains("clear"),
+            "{fault:?} says no way out: {way_out}"
+        );
+        assert!(!fault.detail_meaning().is_empty());
+    }
+    assert_eq!(Fault::from_code(0), None);
+    assert_eq!(Fault::from_code(33), Some(Fault::SensorSilent));
+}
+
+#[test]
+fn latch_keeps_the_first_fault_until_its_cause_is_gone() {
+    let mut latch = Latch::new();
+    assert!(latch.latch(Fault::SensorSilent, 7));
+    assert!(!latch.latch(Fault::OverTension, 8));
+    assert_eq!(latch.get(), Some((Fault::SensorSilent, 7)));
+    assert!(!latch.clear(|fault| fault == Fault::SensorSilent));
+    assert!(latch.is_set());
+    assert!(latch.clear(|_| false));
+    assert_eq!(
+        (latch.code(), latch.detail(), latch.is_set()),
+        (0, 0, false)
+    );
+}
+
+#[test]
+fn geometry_follows_the_thesis() {
+    let tip = Vector3::new(0.0, 0.1, 0.0);
+    let cable = geometry::cable_direction(Vector3::new(0.3, 0.5, 0.0), tip).unwrap();
+    assert!((cable - Vector3::new(0.6, 0.8, 0.0)).norm() < 1e-12);
+    assert!(geometry::cable_direction(tip, tip).is_none());
+    assert!(geometry::cable_direction(Vector3::new(f64::NAN, 0.0, 0.0), tip).is_none());
+    assert!(geometry::cable_direction(Vector3::new(f64::INFINITY, 0.0, 0.0), tip).is_none());
+    let cos = geometry::cos_cell_angle(cable, Vector3::new(0.0, 2.0, 0.0)).unwrap();
+    assert!((cos - 0.8).abs() < 1e-12);
+    assert!(geometry::cos_cell_angle(cable, Vector3::zeros()).is_none());
+    assert!((geometry::tension(4.0, cos) - 5.0).abs() < 1e-12);
+    assert!((geometry::cell_force(5.0, cos) - 4.0).abs() < 1e-12);
+    assert_eq!(geometry::inv_cos_q16(cos), Some(81_920));
+    assert_eq!(geometry::inv_cos_q16(1.0), Some(InvCos::ONE.q16()));
+    assert_eq!(geometry::inv_cos_q16(0.25), Some(InvCos::MAX.q16()));
+    assert_eq!(geometry::inv_cos_q16(0.249), None);
+    assert_eq!(geometry::inv_cos_q16(f64::NAN), None);
+    let force = geometry::applied_force(&[cable, -cable, Vector3::z()], &[3.0, 1.0, 2.0]);
+    assert!((force - Vector3::new(1.2, 1.6, 2.0)).norm() < 1e-12);
+    // The same in f32, for a board.
+    let narrow =
+        geometry::cable_direction(Vector3::new(0.3f32, 0.5, 0.0), Vector3::new(0.0, 0.1, 0.0))
+            .unwrap();
+    assert!((narrow - Vector3::new(0.6, 0.8, 0.0)).norm() < 1e-6);
+    for cos in [-1.0f32, -0.5, 0.0, 0.3, 0.9, 1.0, 2.0] {
+        let exact = cos.clamp(-1.0, 1.0).acos().to_degrees();
+        assert!((geometry::angle_deg(cos) - exact).abs() < 0.5, "{cos}");
+    }
+}

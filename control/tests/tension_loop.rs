@@ -1,0 +1,250 @@
+//! The controller on a rig: tension error while the tip moves, steps, slack cables, spikes, ramps.
+//!
+//! Two rigs: the project's plant, and a model of its own in `common/simple.rs` with as little in common
+//! with it as possible, so that the defaults are not tuned to one model's ways.
+
+#[path = "common/rig.rs"]
+mod rig;
+#[path = "common/simple.rs"]
+mod simple;
+
+use force_control::unit::Drive;
+use force_control::{Config, DacCode, Fault};
+use force_plant::PlantConfig;
+use force_wire::message::{flags, FilterChoice, UnitConfig};
+
+/// The bound of the project: RMS of the real rig's best run.
+const BOUND_N: f64 = 0.12;
+
+fn without_feedforward() -> UnitConfig {
+    UnitConfig {
+        friction_feedforward: false,
+        ..Config::nominal()
+    }
+}
+
+fn worst_rms(plant: &PlantConfig, wire: &UnitConfig) -> f64 {
+    let errors = rig::tension_errors(plant.clone(), 5, wire, 12.0);
+    println!("{errors:?}");
+    errors.iter().map(|e| e.0).fold(0.0, f64::max)
+}
+
+#[test]
+fn holds_the_tension_while_the_tip_moves() {
+    let plant = PlantConfig::default();
+    let with = worst_rms(&plant, &Config::nominal());
+    let without = worst_rms(&plant, &without_feedforward());
+    assert!(with < BOUND_N, "{with} N");
+    assert!(without < BOUND_N, "{without} N");
+    // The feedforward is worth having.
+    assert!(with < without, "{with} N with, {without} N without");
+}
+
+#[test]
+fn holds_it_with_other_cables_and_the_thesis_filter() {
+    for axial_stiffness_n in [2_000.0, 20_000.0] {
+        let mut plant = PlantConfig::default();
+        plant.cable.axial_stiffness_n = axial_stiffness_n;
+        for wire in [Config::nominal(), without_feedforward()] {
+            let rms = worst_rms(&plant, &wire);
+            assert!(rms < BOUND_N, "{rms} N at {axial_stiffness_n} N");
+        }
+    }
+    let average = UnitConfig {
+        filter: FilterChoice::MovingAverage(4),
+        ..Config::nominal()
+    };
+    let rms = worst_rms(&PlantConfig::default(), &average);
+    assert!(rms < BOUND_N, "{rms} N");
+}
+
+#[test]
+fn has_gain_to_spare() {
+    // Half as much again of every gain: worse perhaps, but no swinging.
+    for wire in [Config::nominal(), without_feedforward()] {
+        let wire = UnitConfig {
+            kp_q16: wire.kp_q16 * 3 / 2,
+            ki_q16: wire.ki_q16 * 3 / 2,
+            damping_q16: wire.damping_q16 * 3 / 2,
+            ..wire
+        };
+        let rms = worst_rms(&PlantConfig::default(), &wire);
+        assert!(rms < BOUND_N, "{rms} N");
+    }
+}
+
+#[test]
+fn holds_it_on_an_independent_model() {
+    for stiffness in [3_000.0, 6_000.0, 12_000.0] {
+        for wire in [Config::nominal(), without_feedforward()] {
+            let rms = simple::rms_while_moving(&wire, stiffness);
+            println!(
+                "{stiffness} N/m, feedforward {}: {rms:.4} N",
+                wire.friction_feedforward
+            );
+            assert!(rms < BOUND_N, "{rms} N at {stiffness} N/m");
+        }
+    }
+}
+
+#[test]
+fn steps_settle_within_half_a_second() {
+    for wire in [Config::nominal(), without_feedforward()] {
+        let mut rig = rig::Rig::new(PlantConfig::default(), 3, &wire);
+        for unit in &mut rig.units {
+            unit.drive = Drive::Follow;
+            unit.setpoint_n = 2.5;
+        }
+        let run = |rig: &mut rig::Rig, seconds: f64| {
+            let end = rig.time_s() + seconds;
+            while rig.time_s() < end {
+                rig.advance(|_, _, _| {});
+            }
+        };
+        run(&mut rig, 2.0);
+        for to in [5.0, 2.5, 3.75] {
+            rig.units.iter_mut().for_each(|unit| unit.setpoint_n = to);
+            run(&mut rig, 0.5);
+            for i in 0..6 {
+                let error = rig.plant.tension_n(i) - to;
+                assert!(
+                    error.abs() < 0.06,
+                    "unit {i} to {to} N: {error} N after 0.5 s"
+                );
+            }
+            run(&mut rig, 1.0);
+            for i in 0..6 {
+                let error = rig.plant.tension_n(i) - to;
+                assert!(error.abs() < 0.04, "unit {i} at {to} N: {error} N");
+            }
+        }
+    }
+}
+
+#[test]
+fn slack_is_taken_up_without_a_slam() {
+    let mut plant = PlantConfig::default();
+    plant.cable.initial_slack_m = 0.03;
+    let mut rig = rig::Rig::new(plant, 4, &Config::nominal());
+    for unit in &mut rig.units {
+        unit.drive = Drive::Follow;
+        unit.setpoint_n = 3.0;
+    }
+    let mut peak = 0.0f64;
+    let mut fastest = 0.0f64;
+    while rig.time_s() < 6.0 {
+        rig.advance(|_, _, output| assert_eq!(output.fault, None));
+        for i in 0..6 {
+            peak = peak.max(rig.plant.tension_n(i));
+            fastest = fastest.max(rig.plant.reel_rad_per_s(i) * 0.01);
+        }
+    }
+    println!("peak {peak:.2} N, reel at most {:.0} mm/s", fastest * 1e3);
+    assert!(fastest > 0.02, "the slack was not taken up: {fastest} m/s");
+    assert!(fastest < 0.09, "{fastest} m/s");
+    assert!(peak < 3.0 + 9.0, "{peak} N");
+    for i in 0..6 {
+        assert!((rig.plant.tension_n(i) - 3.0).abs() < 0.1);
+    }
+}
+
+#[test]
+fn spikes_are_gated_and_counted() {
+    let mut rig = rig::Rig::new(PlantConfig::default(), 6, &Config::nominal());
+    for (i, unit) in rig.units.iter_mut().enumerate() {
+        unit.drive = Drive::Follow;
+        unit.setpoint_n = 4.0;
+        unit.spikes = Some(rig::Noise(90 + i as u64));
+    }
+    let (mut spikes, mut worst) = (0, 0.0f64);
+    while rig.time_s() < 9.0 {
+        rig.advance(|_, _, output| {
+            assert_eq!(output.fault, None);
+            spikes += u32::from(output.flags & flags::SPIKE != 0);
+        });
+        if rig.time_s() > 3.0 {
+            worst = (0..6)
+                .map(|i| (rig.plant.tension_n(i) - 4.0).abs())
+                .fold(worst, f64::max);
+        }
+    }
+    assert!(spikes > 10, "{spikes}");
+    assert!(worst < 0.15, "{worst} N");
+}
+
+#[test]
+fn over_tension_stops_the_unit_and_only_that() {
+    let wire = UnitConfig {
+        over_tension_un: 5_000_000,
+        ..Config::nominal()
+    };
+    let mut rig = rig::Rig::new(PlantConfig::default(), 7, &wire);
+    rig.units.iter_mut().for_each(|unit| {
+        unit.drive = Drive::Follow;
+        unit.setpoint_n = 3.0;
+    });
+    rig.units[2].setpoint_n = 7.0;
+    let mut tripped = false;
+    while rig.time_s() < 4.0 {
+        rig.advance(|i, _, output| {
+            if let Some((fault, millinewton)) = output.fault {
+                assert_eq!((i, fault), (2, Fault::OverTension));
+                assert!((5_000..6_500).contains(&millinewton), "{millinewton}");
+                assert_eq!(output.dac, DacCode::ZERO_VOLT);
+                tripped = true;
+            }
+        });
+        if tripped {
+            rig.units[2].drive = Drive::Off; // the supervisor's part
+        }
+    }
+    assert!(tripped);
+    assert_eq!(rig.units[2].output.dac, DacCode::ZERO_VOLT);
+    for i in [0, 1, 3, 4, 5] {
+        assert!((rig.plant.tension_n(i) - 3.0).abs() < 0.1);
+    }
+}
+
+#[test]
+fn enabling_and_new_gains_make_no_jump_and_a_ramp_ends_at_zero() {
+    let mut rig = rig::Rig::new(PlantConfig::default(), 8, &Config::nominal());
+    // Slowest part of a ramp sample: 50 N/s of setpoint and the feedback's answer to it.
+    let mut last = [0.0; 6];
+    let mut jump = 0.0f64;
+    let mut step = |rig: &mut rig::Rig, until: f64| {
+        while rig.time_s() < until {
+            rig.advance(|i, _, output| {
+                let command = output.command.to_f64();
+                jump = jump.max((command - last[i]).abs());
+                last[i] = command;
+            });
+        }
+        std::mem::take(&mut jump)
+    };
+    let start = rig.time_s();
+    rig.units.iter_mut().for_each(|unit| {
+        unit.drive = Drive::Follow;
+        unit.setpoint_n = 3.0;
+    });
+    let on = step(&mut rig, start + 0.02);
+    assert!(on < 0.4, "{on} N at the moment of enabling");
+    step(&mut rig, start + 3.0);
+    for unit in &mut rig.units {
+        let mut wire = *unit.config.wire();
+        wire.kp_q16 *= 2;
+        wire.friction_offset_un = -500_000;
+        unit.config = Config::from_wire(&wire).expect("in range");
+        unit.state.config_changed();
+    }
+    let changed = step(&mut rig, start + 3.01);
+    assert!(changed < 0.05, "{changed} N at the change of gains");
+    rig.units
+        .iter_mut()
+        .for_each(|unit| unit.drive = Drive::Ramp);
+    let ramp = step(&mut rig, start + 4.0);
+    assert!(ramp < 0.2, "{ramp} N in a sample of the ramp");
+    assert!(rig
+        .units
+        .iter()
+        .all(|unit| unit.output.at_zero && unit.output.dac == DacCode::ZERO_VOLT));
+}
