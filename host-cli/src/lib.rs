@@ -1,7 +1,31 @@
-//! Host library of the force rig.
+//! Host library of the force rig, and the command line `forcectl` on top of it.
+//!
+//! | question | module |
+//! | --- | --- |
+//! | what is this rig | [`rigfile`] |
+//! | how do bytes get to the board | [`link`] |
+//! | what do host and board say | [`session`] |
+//! | where is the tip | [`pose`] |
+//! | which tensions make a force | [`allocation`] |
+//! | what is sent 100 times a second | [`controller`] |
+//! | a whole run | [`run`] |
+//! | how good was it | [`metrics`], [`plot`] |
+//! | what is kept of it | [`record`](mod@crate::record) |
+//!
+//! SI units throughout; the wire's integers end at [`session`].
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
 pub mod allocation;
+pub mod controller;
+pub mod inject;
+pub mod link;
+pub mod metrics;
+pub mod plot;
+pub mod pose;
+#[cfg(feature = "record")]
+pub mod record;
 pub mod rigfile;
+pub mod run;
+pub mod session;
 pub mod vec3;

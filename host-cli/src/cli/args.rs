@@ -1,0 +1,163 @@
+//! What can be typed.
+
+use clap::{Args, Parser, Subcommand};
+use clap_complete::Shell;
+use forcectl::rigfile::LinkChoice;
+use rig_link::Injection;
+use std::path::PathBuf;
+
+/// Below the help of every command.
+const EXIT_CODES: &str = "\
+Exit codes:
+  0  done as asked
+  2  the arguments are wrong; nothing was driven
+  3  the rig file is wrong; nothing was driven
+  4  the link can't be opened, was lost, or the other end is no board of this version
+  5  the board refused, or a fault stopped the rig
+  6  done, but not as asked: a unit dropped out, or the force is out of reach and the nearest one was held
+  7  a file could not be written
+130  ended by Ctrl-C; the rig was disarmed";
+
+#[derive(Debug, Parser)]
+#[command(name = "forcectl", version, about = "Command line of the force rig", after_help = EXIT_CODES, disable_help_subcommand = true)]
+pub struct Cli {
+    #[command(flatten)]
+    pub global: Global,
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Args)]
+pub struct Global {
+    /// How the board is reached: embedded, usb, or serial:PORT. Default: the rig file's
+    #[arg(long, global = true, value_name = "LINK")]
+    pub rig: Option<LinkChoice>,
+    /// Rig file (TOML). Default: the built-in example rig
+    #[arg(long, global = true, value_name = "FILE")]
+    pub config: Option<PathBuf>,
+    /// Seed of everything random in the embedded rig
+    #[arg(long, global = true, value_name = "N")]
+    pub seed: Option<u64>,
+    /// Configuration of the embedded rig's physics (TOML). Default: the rig of the thesis
+    #[arg(long, global = true, value_name = "FILE")]
+    pub plant: Option<PathBuf>,
+    /// Let the embedded rig run no faster than real time
+    #[arg(long, global = true)]
+    pub paced: bool,
+    /// Print one JSON object instead of words and tables
+    #[arg(long, global = true)]
+    pub json: bool,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Hold a force at the tip, and report how well
+    #[command(allow_negative_numbers = true, after_help = SET_FORCE_HELP)]
+    SetForce(SetForce),
+    /// Show the state of board and units
+    Status,
+    /// Show tensions as they come
+    Monitor {
+        /// End after this many seconds; default: at Ctrl-C (embedded rig: 3)
+        #[arg(long = "for", value_name = "SECONDS", value_parser = seconds)]
+        seconds: Option<f64>,
+    },
+    /// Send the rig file's configuration and take zeros; the cables have to be slack
+    Zero,
+    /// Let the motors act on setpoints
+    Arm,
+    /// Ramp the torques down
+    Disarm,
+    /// 0 V on all motors now, latched until `clear`
+    Stop,
+    /// Forget latched faults whose cause is gone; does not arm
+    Clear,
+    /// Explain a fault: what it means and how to leave it
+    Explain {
+        /// Number of the fault; without it, all are listed
+        number: Option<u16>,
+    },
+    /// Check a rig file
+    Check {
+        /// The rig file
+        #[arg(required_unless_present = "print")]
+        file: Option<PathBuf>,
+        /// Print the built-in rig file, to start your own from
+        #[arg(long)]
+        print: bool,
+    },
+    /// Record every sample, driving nothing (to record a force: set-force --record DIR)
+    #[cfg(feature = "record")]
+    Record {
+        /// Folder for the recording
+        folder: PathBuf,
+        /// End after this many seconds; default: at Ctrl-C (embedded rig: 3)
+        #[arg(long = "for", value_name = "SECONDS", value_parser = seconds)]
+        seconds: Option<f64>,
+    },
+    /// Print completions for a shell
+    Completions {
+        /// The shell
+        shell: Shell,
+    },
+}
+
+const SET_FORCE_HELP: &str = "\
+The force is in newtons in the robot's base frame, as in `forcectl set-force 0 2.5 0`.
+
+On a real rig the robot's pose comes from where [pose] of the rig file says: source = \"udp\" listens for JSON lines
+as in {\"measured_cp\": {\"position\": [-0.08, 0.025, -0.14]}} (metres, robot base frame, 100 Hz or faster);
+source = \"static\" takes a clamped tip.
+
+Exit codes: see `forcectl --help`.";
+
+#[derive(Debug, Args)]
+pub struct SetForce {
+    /// Force along x, N
+    #[arg(allow_hyphen_values = true, value_parser = newton)]
+    pub x: f64,
+    /// Force along y, N
+    #[arg(allow_hyphen_values = true, value_parser = newton)]
+    pub y: f64,
+    /// Force along z, N
+    #[arg(allow_hyphen_values = true, value_parser = newton)]
+    pub z: f64,
+    /// How long the force is held
+    #[arg(long = "for", value_name = "SECONDS", default_value = "5", value_parser = seconds)]
+    pub seconds: f64,
+    /// Keep the embedded rig's robot still
+    #[arg(long)]
+    pub still: bool,
+    /// Break something in the embedded rig, as in unplug=3@2s; may be given several times. See `--inject help`
+    #[arg(long, value_name = "WHAT@TIME", value_parser = forcectl::inject::parse, allow_hyphen_values = true)]
+    pub inject: Vec<(f64, Injection)>,
+    /// Folder for the plot (SVG and PNG) and the figures (JSON)
+    #[arg(long, value_name = "DIR", default_value = "forcectl-out")]
+    pub out: PathBuf,
+    /// Record every sample to this folder (MCAP and Parquet)
+    #[cfg(feature = "record")]
+    #[arg(long, value_name = "DIR")]
+    pub record: Option<PathBuf>,
+}
+
+/// A force component: any number that reads as one; the rig's limits are checked with the rig file.
+fn newton(text: &str) -> Result<f64, String> {
+    let value: f64 = text
+        .parse()
+        .map_err(|_| format!("`{text}` is no number; give newtons, as in 2.5"))?;
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(format!(
+            "`{text}` is no force; give a finite number of newtons, as in 2.5. Nothing was driven"
+        ))
+    }
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    text.trim_end_matches('s')
+        .parse::<f64>()
+        .ok()
+        .filter(|s| (0.1..=86_400.0).contains(s))
+        .ok_or_else(|| format!("`{text}` is no time; give 0.1 to 86400 seconds"))
+}

@@ -1,0 +1,105 @@
+//! What can be broken in the embedded rig, as words of a command line: `unplug=3@2s`.
+
+use rig_link::{Injection, UNITS};
+
+/// The words, for help texts.
+pub const HELP: &str = "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop, estop-release, spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, hang; each with @TIME (seconds after the force is wanted, or `start` for power-on), as in unplug=3@2s";
+
+/// Reads one injection and its time in seconds after the force is wanted (`-inf`: at power-on).
+///
+/// # Errors
+/// What is wrong with the text, and what it has to look like.
+pub fn parse(text: &str) -> Result<(f64, Injection), String> {
+    let wrong = |what: &str| format!("`{text}`: {what}; known are {HELP}");
+    let (what, at) = text
+        .split_once('@')
+        .ok_or_else(|| wrong("the time is missing"))?;
+    let at_s = match at {
+        "start" => f64::NEG_INFINITY,
+        _ => at
+            .trim_end_matches('s')
+            .parse::<f64>()
+            .ok()
+            .filter(|t| t.is_finite())
+            .ok_or_else(|| wrong("the time is no number of seconds"))?,
+    };
+    let (name, argument) = match what.split_once('=') {
+        Some((name, argument)) => (name, Some(argument)),
+        None => (what, None),
+    };
+    let (unit_text, value) = match argument.map(|a| a.split_once(':').unwrap_or((a, ""))) {
+        Some(pair) => pair,
+        None => ("", ""),
+    };
+    let unit = || {
+        unit_text
+            .parse::<u8>()
+            .ok()
+            .filter(|unit| (1..=UNITS as u8).contains(unit))
+            .ok_or_else(|| wrong("a unit from 1 to 6 is needed"))
+    };
+    let injection = match name {
+        "unplug" => Injection::UnplugSensor(unit()?),
+        "plug" => Injection::PlugSensor(unit()?),
+        "nack" => Injection::Nack(unit()?),
+        "stuck-sda" => Injection::StuckSda,
+        "estop" => Injection::EStop(true),
+        "estop-release" => Injection::EStop(false),
+        "spike" => Injection::Spike(
+            unit()?,
+            value
+                .parse()
+                .map_err(|_| wrong("a whole number of codes is needed"))?,
+        ),
+        "pull" => {
+            let force: f64 = value.parse().map_err(|_| wrong("a force in N is needed"))?;
+            if !(force.is_finite() && (0.0..=100.0).contains(&force)) {
+                return Err(wrong("a pull of 0 to 100 N is possible"));
+            }
+            Injection::PullCable(unit()?, force)
+        }
+        "freeze-encoder" => Injection::FreezeEncoder(unit()?, true),
+        "thaw-encoder" => Injection::FreezeEncoder(unit()?, false),
+        "hang" => Injection::HangLoop,
+        _ => return Err(wrong("unknown")),
+    };
+    Ok((at_s, injection))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words() {
+        assert_eq!(parse("unplug=3@2s"), Ok((2.0, Injection::UnplugSensor(3))));
+        assert_eq!(parse("estop@0.5"), Ok((0.5, Injection::EStop(true))));
+        assert_eq!(
+            parse("pull=6:2.5@-1s"),
+            Ok((-1.0, Injection::PullCable(6, 2.5)))
+        );
+        assert_eq!(
+            parse("spike=1:-90000@1s"),
+            Ok((1.0, Injection::Spike(1, -90_000)))
+        );
+        assert_eq!(
+            parse("nack=2@start"),
+            Ok((f64::NEG_INFINITY, Injection::Nack(2)))
+        );
+        for bad in [
+            "",
+            "unplug=3",
+            "unplug@2s",
+            "unplug=7@2s",
+            "unplug=0@2s",
+            "pull=1:nan@1s",
+            "explode@1s",
+            "estop@nan",
+            "spike=1@1s",
+            "@",
+            "=@=",
+        ] {
+            assert!(parse(bad).unwrap_err().contains("known are"), "{bad}");
+        }
+    }
+}

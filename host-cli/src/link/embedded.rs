@@ -1,0 +1,295 @@
+//! The embedded rig: the firmware image on the emulated board, a process of its own in lock-step.
+
+use super::{EmbeddedOptions, Exchange, LinkError, RigControls, RigLink};
+use rig_link::{Injection, Report, Request, Response, LINK_VERSION};
+use std::collections::VecDeque;
+use std::io::{BufRead, BufReader, BufWriter};
+use std::path::PathBuf;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+/// Environment variable with the path of the rig program.
+pub const RIG_VARIABLE: &str = "FORCE_RIG_BIN";
+/// Environment variable with the path of the firmware image.
+pub const ELF_VARIABLE: &str = "FORCE_FIRMWARE_ELF";
+/// Lines of the rig's log that are kept for messages.
+const LOG_LINES: usize = 12;
+
+/// Where the rig program and the firmware image are.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Programs {
+    /// The rig program.
+    pub rig: PathBuf,
+    /// The firmware image (ELF).
+    pub firmware: PathBuf,
+}
+
+impl Programs {
+    /// From the environment, as `cargo forcectl` sets it.
+    ///
+    /// # Errors
+    /// [`LinkError::Setup`] where a variable is missing or names no file.
+    pub fn from_environment() -> Result<Self, LinkError> {
+        let path = |variable: &str, what: &str| {
+            let value = std::env::var_os(variable).ok_or_else(|| {
+                LinkError::Setup(format!(
+                    "the embedded rig needs {what}, and {variable} is not set: run through `cargo forcectl`, which builds both and sets it, or choose a board with --rig usb or --rig serial:PORT"
+                ))
+            })?;
+            let path = PathBuf::from(value);
+            if path.is_file() {
+                Ok(path)
+            } else {
+                Err(LinkError::Setup(format!(
+                    "{variable} names {}, which is no file: run through `cargo forcectl`, which builds it",
+                    path.display()
+                )))
+            }
+        };
+        Ok(Self {
+            rig: path(RIG_VARIABLE, "its program")?,
+            firmware: path(ELF_VARIABLE, "a firmware image")?,
+        })
+    }
+}
+
+/// A running embedded rig. Dropping it ends the process.
+#[derive(Debug)]
+pub struct EmbeddedRig {
+    child: Child,
+    to: Option<BufWriter<ChildStdin>>,
+    from: BufReader<ChildStdout>,
+    log: Arc<Mutex<VecDeque<String>>>,
+    machine: String,
+    seed: u64,
+}
+
+impl EmbeddedRig {
+    /// Starts the rig and loads the image; virtual time stands at zero.
+    ///
+    /// # Errors
+    /// [`LinkError`] where it can't be started, speaks another version or refuses the image.
+    pub fn start(programs: &Programs, options: &EmbeddedOptions) -> Result<Self, LinkError> {
+        let mut command = Command::new(&programs.rig);
+        command.arg("--elf").arg(&programs.firmware);
+        if let Some(seed) = options.seed {
+            command.arg("--seed").arg(seed.to_string());
+        }
+        if let Some(plant) = &options.plant {
+            command.arg("--plant").arg(plant);
+        }
+        if options.paced {
+            command.arg("--paced");
+        }
+        // A process group of its own: Ctrl-C is for this program, which then stops the rig in order.
+        #[cfg(unix)]
+        std::os::unix::process::CommandExt::process_group(&mut command, 0);
+        let opening = |cause: String| LinkError::Open {
+            name: format!("the embedded rig {}", programs.rig.display()),
+            cause,
+            hint: "run through `cargo forcectl`, which builds rig and firmware".to_owned(),
+        };
+        let mut child = command
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .map_err(|error| opening(error.to_string()))?;
+        let (Some(to), Some(from), Some(log_from)) =
+            (child.stdin.take(), child.stdout.take(), child.stderr.take())
+        else {
+            return Err(opening("its pipes are missing".to_owned()));
+        };
+        let log = Arc::new(Mutex::new(VecDeque::new()));
+        let keep = Arc::clone(&log);
+        std::thread::spawn(move || {
+            for line in BufReader::new(log_from).lines().map_while(Result::ok) {
+                let mut lines = keep.lock().unwrap_or_else(PoisonError::into_inner);
+                if lines.len() == LOG_LINES {
+                    lines.pop_front();
+                }
+                lines.push_back(line);
+            }
+        });
+        let mut rig = Self {
+            child,
+            to: Some(BufWriter::new(to)),
+            from: BufReader::new(from),
+            log,
+            machine: String::new(),
+            seed: 0,
+        };
+        let hello = Request::Hello {
+            version: LINK_VERSION,
+        };
+        match rig.ask(&hello)? {
+            Response::Ready {
+                version,
+                seed,
+                machine,
+            } if version == LINK_VERSION => {
+                rig.machine = machine;
+                rig.seed = seed;
+                Ok(rig)
+            }
+            Response::Ready { version, .. } => Err(LinkError::Setup(format!(
+                "the embedded rig speaks link version {version}, this forcectl {LINK_VERSION}: run through `cargo forcectl`, which builds both alike"
+            ))),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    fn ask(&mut self, request: &Request) -> Result<Response, LinkError> {
+        let sent = match self.to.as_mut() {
+            Some(to) => rig_link::send(to, request),
+            None => Err(std::io::ErrorKind::BrokenPipe.into()),
+        };
+        match sent.and_then(|()| rig_link::receive(&mut self.from)) {
+            Ok(Response::Failed(why)) => Err(LinkError::Refused(why)),
+            Ok(response) => Ok(response),
+            Err(error) => Err(self.lost(&error)),
+        }
+    }
+
+    /// The rig's last words make the message.
+    fn lost(&mut self, error: &std::io::Error) -> LinkError {
+        // Let the log arrive; the process is gone, or will be.
+        self.to = None;
+        let ended = (0..50).find_map(|_| {
+            std::thread::sleep(Duration::from_millis(10));
+            self.child.try_wait().ok().flatten()
+        });
+        let mut cause = match ended {
+            Some(status) => format!("its process ended ({status})"),
+            None => format!("its answer can't be read ({error})"),
+        };
+        let lines = self.log.lock().unwrap_or_else(PoisonError::into_inner);
+        if !lines.is_empty() {
+            cause.push_str("; its last words:");
+            for line in lines.iter() {
+                cause.push_str("\n  | ");
+                cause.push_str(line);
+            }
+        }
+        LinkError::Lost {
+            name: "the embedded rig".to_owned(),
+            cause,
+        }
+    }
+
+    fn expect_done(&mut self, request: &Request) -> Result<(), LinkError> {
+        match self.ask(request)? {
+            Response::Done => Ok(()),
+            other => Err(unexpected(&other)),
+        }
+    }
+}
+
+fn unexpected(response: &Response) -> LinkError {
+    let what = match response {
+        Response::Ready { .. } => "ready",
+        Response::Advanced(_) => "advanced",
+        Response::Done => "done",
+        Response::Report(_) => "a report",
+        Response::Failed(_) => "failed",
+    };
+    LinkError::Refused(format!("it answered `{what}` to another question"))
+}
+
+impl RigLink for EmbeddedRig {
+    fn name(&self) -> String {
+        format!("embedded rig, {}, seed {}", self.machine, self.seed)
+    }
+
+    fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError> {
+        let request = Request::Advance {
+            duration_ns: u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX),
+            to_board: to_board.to_vec(),
+        };
+        let advanced = match self.ask(&request)? {
+            Response::Advanced(advanced) => advanced,
+            other => return Err(unexpected(&other)),
+        };
+        Ok(Exchange {
+            now_ns: advanced.now_ns,
+            from_board: advanced.from_board,
+            pose: Some(advanced.pose),
+            truth: advanced.truth,
+            resets: advanced.resets,
+        })
+    }
+
+    fn controls(&mut self) -> Option<&mut dyn RigControls> {
+        Some(self)
+    }
+}
+
+impl RigControls for EmbeddedRig {
+    fn robot(&mut self, moving: bool) -> Result<(), LinkError> {
+        self.expect_done(&Request::Robot { moving })
+    }
+
+    fn inject(&mut self, injection: Injection) -> Result<(), LinkError> {
+        self.expect_done(&Request::Inject(injection))
+    }
+
+    fn report(&mut self) -> Result<Report, LinkError> {
+        match self.ask(&Request::Report)? {
+            Response::Report(report) => Ok(*report),
+            other => Err(unexpected(&other)),
+        }
+    }
+
+    fn seed(&self) -> u64 {
+        self.seed
+    }
+}
+
+impl Drop for EmbeddedRig {
+    fn drop(&mut self) {
+        if let Some(to) = self.to.as_mut() {
+            // Best effort: closing the pipe ends the rig as well.
+            let _ = rig_link::send(to, &Request::Quit);
+        }
+        self.to = None;
+        for _ in 0..100 {
+            if matches!(self.child.try_wait(), Ok(Some(_))) {
+                return;
+            }
+            std::thread::sleep(Duration::from_millis(5));
+        }
+        let _ = self.child.kill();
+        let _ = self.child.wait();
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_program_that_is_no_rig_is_reported_with_its_last_words() {
+        let folder = std::env::temp_dir().join(format!("forcectl-no-rig-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).unwrap();
+        // Cargo itself: always there, and it refuses `--elf` on its standard error.
+        let programs = Programs {
+            rig: PathBuf::from(env!("CARGO")),
+            firmware: folder.join("none.elf"),
+        };
+        let error = EmbeddedRig::start(&programs, &EmbeddedOptions::default()).unwrap_err();
+        assert!(matches!(error, LinkError::Lost { .. }), "{error}");
+        assert!(error.to_string().contains("--elf"), "{error}");
+        std::fs::remove_dir_all(&folder).unwrap();
+    }
+
+    #[test]
+    fn a_missing_program_says_how_to_get_it() {
+        let programs = Programs {
+            rig: PathBuf::from("/nonexistent/rig"),
+            firmware: PathBuf::from("/nonexistent/board"),
+        };
+        let error = EmbeddedRig::start(&programs, &EmbeddedOptions::default()).unwrap_err();
+        assert!(error.to_string().contains("cargo forcectl"), "{error}");
+    }
+}

@@ -1,0 +1,127 @@
+//! How bytes reach the board, and how time passes meanwhile.
+//!
+//! A [`RigLink`] carries bytes both ways and lets time pass. On a port that is the clock on the wall; on the
+//! embedded rig it is virtual time, which passes only inside of [`RigLink::exchange`]. So one controller
+//! runs on both.
+
+pub mod embedded;
+#[cfg(test)]
+pub(crate) mod fake;
+pub mod port;
+
+use crate::rigfile::LinkChoice;
+use rig_link::{Injection, Pose, Report, Truth};
+use std::time::Duration;
+
+/// What came of letting time pass.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Exchange {
+    /// Time since the link was opened (a port) or since power-on (the embedded rig), in nanoseconds.
+    pub now_ns: u64,
+    /// Bytes that the board sent.
+    pub from_board: Vec<u8>,
+    /// The robot's pose, where the link knows it.
+    pub pose: Option<Pose>,
+    /// The plant's true state in each millisecond; empty on a real board.
+    pub truth: Vec<Truth>,
+    /// Resets of the board, where the link counts them.
+    pub resets: u32,
+}
+
+/// A way to the board.
+pub trait RigLink {
+    /// What a person calls it.
+    fn name(&self) -> String;
+
+    /// Puts bytes on the board's receive line, lets time pass, and returns what the board sent.
+    ///
+    /// # Errors
+    /// [`LinkError`] where the other end is gone.
+    fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError>;
+
+    /// The hands and eyes that only an emulated rig gives; `None` on a real board.
+    fn controls(&mut self) -> Option<&mut dyn RigControls> {
+        None
+    }
+}
+
+/// What can be done to an emulated rig beside its serial line.
+pub trait RigControls {
+    /// Starts or stops the robot's random path.
+    ///
+    /// # Errors
+    /// [`LinkError`] where the rig is gone or refuses.
+    fn robot(&mut self, moving: bool) -> Result<(), LinkError>;
+
+    /// Breaks something, or mends it.
+    ///
+    /// # Errors
+    /// [`LinkError`] where the rig is gone or refuses.
+    fn inject(&mut self, injection: Injection) -> Result<(), LinkError>;
+
+    /// Figures of the run so far.
+    ///
+    /// # Errors
+    /// [`LinkError`] where the rig is gone or refuses.
+    fn report(&mut self) -> Result<Report, LinkError>;
+
+    /// Seed of everything random in this run.
+    fn seed(&self) -> u64;
+}
+
+/// Why a link does not work. Nothing is driven any more: a board without setpoints stops by itself.
+#[derive(Debug, thiserror::Error)]
+pub enum LinkError {
+    /// A program or setting that the embedded rig needs is not there.
+    #[error("{0}")]
+    Setup(String),
+    /// The link could not be opened.
+    #[error("{name} can't be opened: {cause}; {hint}")]
+    Open {
+        /// What was to be opened.
+        name: String,
+        /// The operating system's words.
+        cause: String,
+        /// What to do.
+        hint: String,
+    },
+    /// The other end went away.
+    #[error(
+        "{name} went away: {cause}; a board without setpoints goes to 0 V by itself within 100 ms"
+    )]
+    Lost {
+        /// Which link.
+        name: String,
+        /// What was noticed.
+        cause: String,
+    },
+    /// The embedded rig refused a request.
+    #[error("the embedded rig can't do that: {0}")]
+    Refused(String),
+}
+
+/// Options of opening a link that only the embedded rig has.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct EmbeddedOptions {
+    /// Seed of everything random; `None`: the rig's own default.
+    pub seed: Option<u64>,
+    /// Let virtual time pass no faster than real time.
+    pub paced: bool,
+    /// Configuration of the plant (TOML); `None`: the rig of the thesis.
+    pub plant: Option<std::path::PathBuf>,
+}
+
+/// Opens a link.
+///
+/// # Errors
+/// [`LinkError`] with what to do about it.
+pub fn open(choice: &LinkChoice, options: &EmbeddedOptions) -> Result<Box<dyn RigLink>, LinkError> {
+    Ok(match choice {
+        LinkChoice::Embedded => Box::new(embedded::EmbeddedRig::start(
+            &embedded::Programs::from_environment()?,
+            options,
+        )?),
+        LinkChoice::Usb => Box::new(port::Port::usb()?),
+        LinkChoice::Serial(path) => Box::new(port::Port::serial(path)?),
+    })
+}

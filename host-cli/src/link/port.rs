@@ -1,0 +1,181 @@
+//! A real board on a serial port: the ST-Link's virtual COM port, or USB CDC.
+
+use super::{Exchange, LinkError, RigLink};
+use serialport::{SerialPort, SerialPortType};
+use std::io::ErrorKind;
+use std::time::{Duration, Instant};
+
+/// Baud rate of USART3 (docs/protocol.md). USB CDC takes any.
+pub const BAUD: u32 = 2_000_000;
+
+/// USB vendor and product number of the board: the shared test pair of pid.codes for open hardware.
+pub const USB_ID: (u16, u16) = (0x1209, 0x0001);
+
+/// An open port.
+pub struct Port {
+    name: String,
+    port: Box<dyn SerialPort>,
+    opened: Instant,
+    /// When the time asked for so far is over: short calls don't add up their overhead.
+    due: Duration,
+}
+
+impl std::fmt::Debug for Port {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Port")
+            .field("name", &self.name)
+            .finish_non_exhaustive()
+    }
+}
+
+/// Ports of this machine, for messages.
+fn ports_here() -> String {
+    let names: Vec<String> = serialport::available_ports()
+        .unwrap_or_default()
+        .into_iter()
+        .map(|port| port.port_name)
+        .collect();
+    if names.is_empty() {
+        "this machine has no serial ports; is the board plugged in?".to_owned()
+    } else {
+        format!("ports here: {}", names.join(", "))
+    }
+}
+
+impl Port {
+    /// Opens a serial port by its name.
+    ///
+    /// # Errors
+    /// [`LinkError::Open`] with the ports that there are.
+    pub fn serial(path: &str) -> Result<Self, LinkError> {
+        let port = serialport::new(path, BAUD)
+            .timeout(Duration::from_millis(1))
+            .open()
+            .map_err(|error| LinkError::Open {
+                name: format!("port {path}"),
+                cause: error.to_string(),
+                hint: match error.kind() {
+                    serialport::ErrorKind::Io(ErrorKind::PermissionDenied) => {
+                        "add yourself to the port's group (dialout or uucp) and log in again"
+                            .to_owned()
+                    }
+                    _ => ports_here(),
+                },
+            })?;
+        Ok(Self {
+            name: path.to_owned(),
+            port,
+            opened: Instant::now(),
+            due: Duration::ZERO,
+        })
+    }
+
+    /// Finds the board's USB CDC port and opens it.
+    ///
+    /// # Errors
+    /// [`LinkError::Open`] where there is none, or more than one.
+    pub fn usb() -> Result<Self, LinkError> {
+        let boards: Vec<String> = serialport::available_ports()
+            .unwrap_or_default()
+            .into_iter()
+            .filter(|port| match &port.port_type {
+                SerialPortType::UsbPort(usb) => (usb.vid, usb.pid) == USB_ID,
+                _ => false,
+            })
+            .map(|port| port.port_name)
+            .collect();
+        match boards.as_slice() {
+            [path] => Self::serial(path),
+            [] => Err(LinkError::Open {
+                name: "USB".to_owned(),
+                cause: format!("no device {:04x}:{:04x} is there", USB_ID.0, USB_ID.1),
+                hint: format!(
+                    "plug the board's user USB (CN13) in, or use --rig serial:PORT; {}",
+                    ports_here()
+                ),
+            }),
+            several => Err(LinkError::Open {
+                name: "USB".to_owned(),
+                cause: format!("{} boards are there", several.len()),
+                hint: format!(
+                    "choose one: --rig serial:{}",
+                    several.join(" or --rig serial:")
+                ),
+            }),
+        }
+    }
+
+    fn lost(&self, error: &std::io::Error) -> LinkError {
+        LinkError::Lost {
+            name: format!("port {}", self.name),
+            cause: error.to_string(),
+        }
+    }
+}
+
+impl RigLink for Port {
+    fn name(&self) -> String {
+        format!("port {}", self.name)
+    }
+
+    fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError> {
+        let mut rest = to_board;
+        let give_up = Instant::now() + Duration::from_millis(100);
+        while !rest.is_empty() {
+            match std::io::Write::write(&mut self.port, rest) {
+                Ok(n) => rest = &rest[n..],
+                Err(error)
+                    if matches!(
+                        error.kind(),
+                        ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock
+                    ) && Instant::now() < give_up => {}
+                Err(error) => return Err(self.lost(&error)),
+            }
+        }
+        // Behind by more than a cycle: start counting anew rather than catch up in a burst.
+        let now = self.opened.elapsed();
+        if now > self.due + Duration::from_millis(50) {
+            self.due = now;
+        }
+        self.due += duration;
+        let mut from_board = Vec::new();
+        let mut chunk = [0; 4096];
+        loop {
+            match std::io::Read::read(&mut self.port, &mut chunk) {
+                Ok(0) => return Err(self.lost(&ErrorKind::UnexpectedEof.into())),
+                Ok(n) => from_board.extend_from_slice(&chunk[..n]),
+                Err(error)
+                    if matches!(
+                        error.kind(),
+                        ErrorKind::TimedOut | ErrorKind::Interrupted | ErrorKind::WouldBlock
+                    ) => {}
+                Err(error) => return Err(self.lost(&error)),
+            }
+            if self.opened.elapsed() >= self.due {
+                break;
+            }
+        }
+        Ok(Exchange {
+            now_ns: u64::try_from(self.opened.elapsed().as_nanos()).unwrap_or(u64::MAX),
+            from_board,
+            pose: None,
+            truth: Vec::new(),
+            resets: 0,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_port_that_is_not_there_is_named() {
+        let error = Port::serial("/dev/no-such-port").unwrap_err().to_string();
+        assert!(error.contains("/dev/no-such-port"), "{error}");
+        assert!(
+            error.contains("ports here") || error.contains("no serial ports"),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,304 @@
+//! The picture of a run: force at the tip, its error, tensions, over time. As SVG and as PNG.
+
+pub mod scene;
+
+use crate::metrics::{Step, SETTLED_WITHIN_N};
+use crate::run::Outcome;
+use crate::vec3;
+use force_wire::UNITS;
+use scene::{Anchor, Color, Scene};
+
+const WIDTH: f32 = 1000.0;
+const LEFT: f32 = 70.0;
+const RIGHT: f32 = 130.0;
+const TOP: f32 = 50.0;
+const PANEL: f32 = 230.0;
+const GAP: f32 = 45.0;
+/// Most points of a curve; longer runs are thinned out.
+const POINTS: usize = 2000;
+
+/// Okabe and Ito's palette: told apart by colour-blind readers too.
+const COLORS: [Color; UNITS] = [
+    Color(0x00, 0x72, 0xB2),
+    Color(0xD5, 0x5E, 0x00),
+    Color(0x00, 0x9E, 0x73),
+    Color(0xCC, 0x79, 0xA7),
+    Color(0xE6, 0x9F, 0x00),
+    Color(0x56, 0xB4, 0xE9),
+];
+const BLACK: Color = Color(0x22, 0x22, 0x22);
+const GRAY: Color = Color(0xB8, 0xB8, 0xB8);
+const BAND: Color = Color(0xE4, 0xF2, 0xEC);
+
+/// One curve.
+struct Curve {
+    label: String,
+    color: Color,
+    width: f32,
+    dashed: bool,
+    points: Vec<(f64, f64)>,
+}
+
+struct Panel {
+    title: &'static str,
+    unit: &'static str,
+    curves: Vec<Curve>,
+    /// A band from 0 to this value that counts as good.
+    band: Option<f64>,
+    /// Shown at least, in value.
+    at_least: (f64, f64),
+}
+
+/// Draws a run.
+#[must_use]
+pub fn draw(outcome: &Outcome) -> Scene {
+    let steps = thinned(&outcome.steps);
+    let panels = [
+        force_panel(&steps, outcome),
+        error_panel(&steps, outcome),
+        tension_panel(&steps),
+    ];
+    let height = TOP + panels.len() as f32 * (PANEL + GAP) + 10.0;
+    let mut scene = Scene::new(WIDTH, height);
+    let asked = outcome.metrics.as_ref().map_or([0.0; 3], |m| m.asked_n);
+    let title = format!(
+        "forcectl set-force {} {} {}   {}   firmware {}",
+        asked[0], asked[1], asked[2], outcome.link, outcome.firmware
+    );
+    scene.text(LEFT, 24.0, &title, Anchor::Start, true, BLACK);
+    let span = match (steps.first(), steps.last()) {
+        (Some(first), Some(last)) if last.t_s > first.t_s => (first.t_s, last.t_s),
+        _ => (0.0, 1.0),
+    };
+    for (i, panel) in panels.iter().enumerate() {
+        let top = TOP + i as f32 * (PANEL + GAP);
+        draw_panel(&mut scene, panel, top, span, i + 1 == panels.len());
+    }
+    scene
+}
+
+fn thinned(steps: &[Step]) -> Vec<&Step> {
+    let stride = steps.len().div_ceil(POINTS).max(1);
+    steps.iter().step_by(stride).collect()
+}
+
+fn curve(
+    label: String,
+    color: Color,
+    width: f32,
+    dashed: bool,
+    steps: &[&Step],
+    value: impl Fn(&Step) -> f64,
+) -> Curve {
+    Curve {
+        label,
+        color,
+        width,
+        dashed,
+        points: steps
+            .iter()
+            .map(|step| (step.t_s, value(step)))
+            .filter(|(_, y)| y.is_finite())
+            .collect(),
+    }
+}
+
+fn from_truth(outcome: &Outcome) -> bool {
+    outcome.steps.iter().all(|step| step.applied_n.is_some())
+}
+
+fn force_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
+    let mut curves = Vec::new();
+    for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
+        let color = COLORS[axis];
+        curves.push(curve(format!("F{name}"), color, 1.6, false, steps, |s| {
+            s.best_force_n()[axis]
+        }));
+        curves.push(curve(String::new(), color, 1.2, true, steps, |s| {
+            s.wanted_n[axis]
+        }));
+    }
+    Panel {
+        title: if from_truth(outcome) {
+            "Force at the tip, in the plant (dashed: wanted)"
+        } else {
+            "Force at the tip, from the load cells (dashed: wanted)"
+        },
+        unit: "N",
+        curves,
+        band: None,
+        at_least: (-0.5, 0.5),
+    }
+}
+
+fn error_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
+    let asked = outcome.metrics.as_ref().map_or([0.0; 3], |m| m.asked_n);
+    let goal = move |s: &Step| if s.t_s >= 0.0 { asked } else { [0.0; 3] };
+    Panel {
+        title: "Length of the force error (band: settled)",
+        unit: "N",
+        curves: vec![curve(
+            "|error|".to_owned(),
+            COLORS[1],
+            1.4,
+            false,
+            steps,
+            |s| {
+                // The step itself would hide everything after it.
+                vec3::norm(vec3::sub(s.best_force_n(), goal(s))).min(0.6)
+            },
+        )],
+        band: Some(SETTLED_WITHIN_N),
+        at_least: (0.0, 0.2),
+    }
+}
+
+fn tension_panel(steps: &[&Step]) -> Panel {
+    let mut curves = Vec::new();
+    for (i, color) in COLORS.into_iter().enumerate() {
+        curves.push(curve(
+            format!("cable {}", i + 1),
+            color,
+            1.4,
+            false,
+            steps,
+            |s| s.best_tension_n()[i],
+        ));
+        curves.push(curve(String::new(), color, 1.0, true, steps, |s| {
+            s.asked_tension_n[i]
+        }));
+    }
+    Panel {
+        title: "Cable tensions (dashed: asked)",
+        unit: "N",
+        curves,
+        band: None,
+        at_least: (0.0, 3.0),
+    }
+}
+
+/// A step of 1, 2 or 5 times a power of ten that divides a span into some five parts.
+fn tick(span: f64) -> f64 {
+    let raw = (span / 5.0).max(1e-9);
+    let power = 10f64.powf(raw.log10().floor());
+    let factor = [1.0, 2.0, 5.0]
+        .into_iter()
+        .find(|f| f * power >= raw)
+        .unwrap_or(10.0);
+    factor * power
+}
+
+fn ticks(low: f64, high: f64) -> Vec<f64> {
+    let step = tick(high - low);
+    let first = (low / step).ceil() as i64;
+    let last = (high / step).floor() as i64;
+    (first..=last).map(|n| n as f64 * step).collect()
+}
+
+fn label(value: f64, step: f64) -> String {
+    let digits = (-step.log10().floor()).clamp(0.0, 6.0) as usize;
+    format!("{value:.digits$}")
+}
+
+fn draw_panel(scene: &mut Scene, panel: &Panel, top: f32, span: (f64, f64), last: bool) {
+    let values = panel
+        .curves
+        .iter()
+        .flat_map(|c| c.points.iter().map(|p| p.1));
+    let (low, high) = values.fold(panel.at_least, |(l, h), y| (l.min(y), h.max(y)));
+    let margin = 0.05 * (high - low);
+    let (low, high) = (if low == 0.0 { 0.0 } else { low - margin }, high + margin);
+    let (right, bottom) = (WIDTH - RIGHT, top + PANEL);
+    let x = |t: f64| LEFT + ((t - span.0) / (span.1 - span.0)) as f32 * (right - LEFT);
+    let y = |v: f64| bottom - ((v - low) / (high - low)) as f32 * PANEL;
+    if let Some(band) = panel.band {
+        scene.rectangle(LEFT, y(band), right - LEFT, bottom - y(band), BAND);
+    }
+    let step = tick(high - low);
+    for value in ticks(low, high) {
+        scene.line(&[(LEFT, y(value)), (right, y(value))], 0.5, GRAY, false);
+        scene.text(
+            LEFT - 6.0,
+            y(value) + 4.0,
+            &label(value, step),
+            Anchor::End,
+            false,
+            BLACK,
+        );
+    }
+    for value in ticks(span.0, span.1) {
+        scene.line(&[(x(value), top), (x(value), bottom)], 0.5, GRAY, false);
+        if last {
+            let text = label(value, tick(span.1 - span.0));
+            scene.text(x(value), bottom + 16.0, &text, Anchor::Middle, false, BLACK);
+        }
+    }
+    if (span.0..span.1).contains(&0.0) {
+        scene.line(&[(x(0.0), top), (x(0.0), bottom)], 1.0, BLACK, true);
+    }
+    let frame = [
+        (LEFT, top),
+        (right, top),
+        (right, bottom),
+        (LEFT, bottom),
+        (LEFT, top),
+    ];
+    scene.line(&frame, 1.0, BLACK, false);
+    scene.text(
+        LEFT,
+        top - 7.0,
+        &format!("{}, {}", panel.title, panel.unit),
+        Anchor::Start,
+        false,
+        BLACK,
+    );
+    if last {
+        scene.text(
+            right,
+            bottom + 32.0,
+            "time since the force was wanted, s",
+            Anchor::End,
+            false,
+            BLACK,
+        );
+    }
+    let mut row = top + 12.0;
+    for curve in &panel.curves {
+        let points: Vec<(f32, f32)> = curve
+            .points
+            .iter()
+            .map(|(t, v)| (x(*t), y(*v).clamp(top, bottom)))
+            .collect();
+        scene.line(&points, curve.width, curve.color, curve.dashed);
+        if !curve.label.is_empty() {
+            scene.line(
+                &[(right + 12.0, row - 4.0), (right + 34.0, row - 4.0)],
+                2.0,
+                curve.color,
+                false,
+            );
+            scene.text(right + 40.0, row, &curve.label, Anchor::Start, false, BLACK);
+            row += 18.0;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_inside() {
+        assert_eq!(
+            ticks(0.0, 1.0),
+            [0.0, 0.2, 0.4, 0.6000000000000001, 0.8, 1.0]
+        );
+        assert_eq!(label(0.6000000000000001, 0.2), "0.6");
+        assert_eq!(label(-2.0, 1.0), "-2");
+        for (low, high) in [(-2.5, 5.0), (0.0, 0.21), (1e-3, 2e3)] {
+            let all = ticks(low, high);
+            assert!((3..=11).contains(&all.len()), "{all:?}");
+            assert!(all.iter().all(|t| (low..=high).contains(t)));
+        }
+    }
+}
