@@ -24,6 +24,9 @@ use std::collections::VecDeque;
 /// How far back the slowest filter looks: four periods at 10 SPS with the slowest clock.
 const FILTER_REACH_NS: u64 = 415_000_000;
 
+/// Nine clocks of a START's address at 400 kHz, less half a percent for rounding, in nanoseconds.
+const ADDRESS_NS: u64 = 22_390;
+
 /// SCL pulses after which a held SDA is let go.
 const RECOVERY_PULSES: u8 = 9;
 
@@ -80,6 +83,7 @@ pub struct Board {
     read_low_ns: Option<u64>,
     read_high_ns: Option<u64>,
     transaction: Transaction,
+    start_ns: u64,
     sda_held: bool,
     scl_pulses: u8,
     to_board: VecDeque<u8>,
@@ -125,6 +129,7 @@ impl Board {
             read_low_ns: None,
             read_high_ns: None,
             transaction: Transaction::default(),
+            start_ns: 0,
             sda_held: false,
             scl_pulses: 0,
             to_board: VecDeque::new(),
@@ -504,6 +509,7 @@ impl Board {
 
     /// The controller begins a START for `address`.
     pub fn i2c_begins(&mut self, t_ns: u64, address: u8) {
+        self.start_ns = t_ns;
         if address == nau7802::ADDRESS {
             self.probe.adc_start(t_ns);
         } else {
@@ -514,6 +520,12 @@ impl Board {
     /// A START with its address has crossed. True: acknowledged.
     pub fn i2c_start(&mut self, t_ns: u64, address: u8, read: bool) -> bool {
         self.now_ns = self.now_ns.max(t_ns);
+        if t_ns.saturating_sub(self.start_ns) < ADDRESS_NS {
+            self.complaints.add(
+                "I2C1.TIMINGR",
+                "SCL runs faster than the 400 kHz that the NAU7802 and the TCA9548A take",
+            );
+        }
         if self.mux.start(address, read) {
             return true;
         }
@@ -762,14 +774,25 @@ mod tests {
         Board::new(Plant::new(PlantConfig::default(), 1).unwrap(), 1).unwrap()
     }
 
+    #[test]
+    fn a_bus_faster_than_400_khz_is_seen() {
+        let mut board = board();
+        board.i2c_begins(1_000_000, 0x70);
+        board.i2c_start(1_022_500, 0x70, false);
+        assert!(board.complaints().is_empty());
+        board.i2c_begins(2_000_000, 0x70);
+        board.i2c_start(2_020_000, 0x70, false);
+        assert!(!board.complaints().is_empty());
+    }
+
     fn select(board: &mut Board, mask: u8) {
-        assert!(board.i2c_start(0, 0x70, false));
+        assert!(board.i2c_start(ADDRESS_NS, 0x70, false));
         assert!(board.i2c_write(0, mask));
         board.i2c_stop();
     }
 
     fn write(board: &mut Board, register: u8, value: u8) -> bool {
-        let done = board.i2c_start(0, 0x2A, false)
+        let done = board.i2c_start(ADDRESS_NS, 0x2A, false)
             && board.i2c_write(0, register)
             && board.i2c_write(0, value);
         board.i2c_stop();
@@ -777,9 +800,9 @@ mod tests {
     }
 
     fn read(board: &mut Board, register: u8) -> u8 {
-        board.i2c_start(0, 0x2A, false);
+        board.i2c_start(ADDRESS_NS, 0x2A, false);
         board.i2c_write(0, register);
-        board.i2c_start(0, 0x2A, true);
+        board.i2c_start(ADDRESS_NS, 0x2A, true);
         let byte = board.i2c_read(0);
         board.i2c_stop();
         byte
@@ -788,7 +811,10 @@ mod tests {
     #[test]
     fn the_multiplexer_routes() {
         let mut board = board();
-        assert!(!board.i2c_start(0, 0x2A, false), "no channel, no converter");
+        assert!(
+            !board.i2c_start(ADDRESS_NS, 0x2A, false),
+            "no channel, no converter"
+        );
         select(&mut board, 0x02);
         assert!(write(&mut board, 0x01, 0x2F));
         select(&mut board, 0x01);
@@ -797,7 +823,7 @@ mod tests {
         assert_eq!(read(&mut board, 0x01), 0x2F);
         select(&mut board, 0xC0);
         assert!(
-            !board.i2c_start(0, 0x2A, false),
+            !board.i2c_start(ADDRESS_NS, 0x2A, false),
             "channels 7 and 8 are empty"
         );
     }
