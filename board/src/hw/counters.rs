@@ -1,0 +1,113 @@
+//! The encoder counters' parallel bus: three LS7266R1 on port E (data) and port D (control).
+//!
+//! Owner: the superloop, when a sample is in; no interrupt. A read of one counter is one write and three
+//! read cycles, 2 us altogether. The data lines are inputs except during a write cycle, and RD# is high
+//! whenever they are outputs, so board and counter never drive against each other.
+//!
+//! A missed deadline does not exist: the counters count by themselves; a late read is a later position.
+
+use super::gpio;
+use board::pins::{self, Pin};
+use core::convert::Infallible;
+use force_drivers::ls7266r1::{Axis, Config, CounterValue, Direction, Error, Ls7266r1, ParallelBus, Port};
+use force_drivers::ls7266r1::{PositionTracker, Target};
+use force_wire::UNITS;
+
+// Times in core cycles at 400 MHz, each with a margin of half: the part's minima are WR# 45 ns, RD# 80 ns,
+// 90 ns between reads.
+const WRITE_CYCLES: u32 = 28;
+const READ_CYCLES: u32 = 48;
+const RECOVERY_CYCLES: u32 = 54;
+const SETUP_CYCLES: u32 = 8;
+
+/// MODER of port E for the data lines 8 to 15: outputs (01 each), or inputs.
+const DATA_OUT: u32 = 0x5555_0000;
+const DATA_MODE: u32 = 0xFFFF_0000;
+
+/// The pins as a bus.
+struct Pins;
+
+impl Pins {
+    fn address(target: Target, port: Port) -> Pin {
+        gpio::write(pins::CNT_CD, port == Port::Control);
+        gpio::write(pins::CNT_XY, target.axis == Axis::Y);
+        let select = pins::CNT_CS[usize::from(target.chip) % pins::CNT_CS.len()];
+        gpio::write(select, false);
+        select
+    }
+
+    fn drive(on: bool) {
+        gpio::registers(pins::CNT_DATA[0].port).moder().modify(|r, w| {
+            // SAFETY: modes of the eight data pins only.
+            unsafe { w.bits(r.bits() & !DATA_MODE | if on { DATA_OUT } else { 0 }) }
+        });
+    }
+}
+
+impl ParallelBus for Pins {
+    type Error = Infallible;
+
+    fn write(&mut self, target: Target, port: Port, byte: u8) -> Result<(), Infallible> {
+        let select = Self::address(target, port);
+        let set = u32::from(byte) << 8;
+        // SAFETY: data pins only; each is either set or reset (section 11.4.7).
+        gpio::registers(pins::CNT_DATA[0].port).bsrr().write(|w| unsafe { w.bits(set | (set ^ 0xFF00) << 16) });
+        Self::drive(true);
+        gpio::write(pins::CNT_WR, false);
+        cortex_m::asm::delay(WRITE_CYCLES);
+        gpio::write(pins::CNT_WR, true);
+        cortex_m::asm::delay(SETUP_CYCLES);
+        Self::drive(false);
+        gpio::write(select, true);
+        cortex_m::asm::delay(RECOVERY_CYCLES);
+        Ok(())
+    }
+
+    fn read(&mut self, target: Target, port: Port) -> Result<u8, Infallible> {
+        let select = Self::address(target, port);
+        cortex_m::asm::delay(SETUP_CYCLES);
+        gpio::write(pins::CNT_RD, false);
+        cortex_m::asm::delay(READ_CYCLES);
+        let byte = (gpio::registers(pins::CNT_DATA[0].port).idr().read().bits() >> 8) as u8;
+        gpio::write(pins::CNT_RD, true);
+        gpio::write(select, true);
+        cortex_m::asm::delay(RECOVERY_CYCLES);
+        Ok(byte)
+    }
+}
+
+/// All six counters and their positions.
+pub struct Counters {
+    chips: Ls7266r1<Pins>,
+    positions: [PositionTracker; UNITS],
+}
+
+const fn target(unit: usize) -> Target {
+    Target { chip: (unit / 2) as u8, axis: if unit.is_multiple_of(2) { Axis::X } else { Axis::Y } }
+}
+
+impl Counters {
+    /// Sets the counters up and tests each; the number of the first chip that does not answer, from 1, comes
+    /// beside them.
+    pub fn start() -> (Self, Option<u32>) {
+        let mut counters = Self {
+            chips: Ls7266r1::new(Pins),
+            positions: [PositionTracker::new(Direction::Normal); UNITS],
+        };
+        let mut broken = None;
+        for unit in 0..UNITS {
+            if let Err(Error::SelfTest { target, .. }) = counters.chips.init(target(unit), Config::MOTOR_ENCODER) {
+                broken = broken.or(Some(u32::from(target.chip) + 1));
+            }
+        }
+        (counters, broken)
+    }
+
+    /// Position of a unit's motor in counts, now.
+    pub fn read(&mut self, unit: u8) -> i64 {
+        let unit = usize::from(unit) % UNITS;
+        let Ok(value) = self.chips.read(target(unit)) else { return self.positions[unit].position() };
+        let value: CounterValue = value;
+        self.positions[unit].update(value)
+    }
+}

@@ -1,0 +1,180 @@
+//! The DACs: SPI1, chip selects, LDAC, RST.
+//!
+//! Owner: the SPI1 interrupt (level `SAMPLE_PATH`); the superloop leaves words in one slot per unit, where
+//! the latest wins: a torque that was not sent in time is not sent late.
+//!
+//! A word (section 50.4.9): CS low, one 16-bit frame in mode 3 at 12.5 MHz, interrupt at EOT, CS high while
+//! SCLK idles high (a CS that rises while it is low would shift one more bit), then an LDAC pulse: the
+//! output moves 2 us after the word was handed over. AFCNTR keeps SCLK and MOSI driven between frames.
+//!
+//! A missed deadline: a word that is not out after a millisecond means that SPI or its interrupt is dead.
+//! The DACs' RST goes low, which is 0 V on all motors without any SPI, and the supervisor latches "DAC bus
+//! fault"; [`release`] comes after that is cleared.
+
+use super::pac::{self, interrupt, SPI1};
+use super::{gpio, startup, time, SamplePath};
+use board::clocks;
+use board::pins;
+use force_control::DacCode;
+use force_wire::UNITS;
+
+/// LDAC and RST pulses in core cycles: 50 ns and more.
+const PULSE_CYCLES: u32 = 40;
+
+static STATE: SamplePath<Dacs> = SamplePath::empty();
+
+struct Dacs {
+    /// Words that wait.
+    slots: [Option<u16>; UNITS],
+    /// Unit whose word is on its way, and since when.
+    sending: Option<(usize, u32)>,
+    /// Units whose word is out since [`take_done`] asked last, and when that was.
+    done: u8,
+    done_at: [u32; UNITS],
+    /// SPI1_SR of a word that did not end.
+    error: Option<u32>,
+}
+
+fn spi1() -> &'static pac::spi1::RegisterBlock {
+    // SAFETY: registers that are there for ever; used by `start` before the interrupt runs, then by code
+    // that holds STATE.
+    unsafe { &*SPI1::PTR }
+}
+
+/// Sets SPI1 up, loads 0 V into all six DACs while their RST is still low, releases it, and loads 0 V again.
+pub fn start() {
+    let spi = spi1();
+    // SSI before MASTER: with software chip select and SSI = 0 a master sees itself deselected, which is
+    // a mode fault that switches it off again (section 50.4.10). CFG1 and CFG2 with SPE = 0.
+    spi.cr1().write(|w| w.ssi().slave_not_selected());
+    spi.cfg1().write(|w| {
+        // SAFETY: DSIZE = 15 is a frame of 16 bits; MBR is three bits, computed in `clocks`.
+        unsafe { w.dsize().bits(15).mbr().bits(clocks::SPI1_MBR) };
+        w.fthlv().one_frame()
+    });
+    spi.cfg2().write(|w| {
+        w.ssm().enabled().master().master().comm().transmitter().cpol().idle_high().cpha().second_edge();
+        w.lsbfrst().msbfirst().sp().motorola().afcntr().controlled()
+    });
+    spi.ier().write(|w| w.eotie().enabled());
+    STATE.install(Dacs {
+        slots: [None; UNITS],
+        sending: None,
+        done: 0,
+        done_at: [0; UNITS],
+        error: None,
+    });
+    startup::unmask(pac::Interrupt::SPI1);
+    load_zero();
+    gpio::write(pins::DAC_RST, true);
+    load_zero();
+}
+
+/// Loads 0 V into all six and waits until they are out: 15 us, at start-up and after a fault only.
+fn load_zero() {
+    take_done();
+    for unit in 0..UNITS as u8 {
+        write(unit, DacCode::ZERO_VOLT);
+    }
+    let mut out = 0;
+    startup::wait_for(10_000, || {
+        out |= take_done().0;
+        out == (1 << UNITS) - 1
+    });
+}
+
+/// Hands a word over. It is out 2 us later, or up to 12 us where all six come at once.
+pub fn write(unit: u8, code: DacCode) {
+    STATE.masked(|dacs| {
+        if let Some(slot) = dacs.slots.get_mut(usize::from(unit)) {
+            *slot = Some(code.0);
+            if dacs.sending.is_none() {
+                dacs.send_next();
+            }
+        }
+    });
+}
+
+/// Units whose word is out since the last call, as a mask, and when each was.
+pub fn take_done() -> (u8, [u32; UNITS]) {
+    STATE.masked(|dacs| (core::mem::take(&mut dacs.done), dacs.done_at)).unwrap_or_default()
+}
+
+/// The status register of a word that did not come to its end, once.
+pub fn take_error() -> Option<u32> {
+    STATE.masked(|dacs| dacs.error.take()).flatten()
+}
+
+/// Whether RST is held low.
+pub fn is_held() -> bool {
+    !gpio::is_set(pins::DAC_RST)
+}
+
+/// Takes RST back after the fault that pulled it was cleared. All DACs stand at 0 V.
+pub fn release() {
+    gpio::write(pins::DAC_RST, true);
+    load_zero();
+}
+
+/// The millisecond, called by SysTick: gives up a word that is late.
+pub fn tick() {
+    // SAFETY: SysTick has level SAMPLE_PATH and is not within another handler of it.
+    unsafe {
+        STATE.in_interrupt(|dacs| {
+            if let Some((unit, since)) = dacs.sending {
+                if time::now().wrapping_sub(since) > clocks::DAC_DEADLINE_US {
+                    gpio::write(pins::DAC_RST, false);
+                    dacs.error = Some(spi1().sr().read().bits());
+                    spi1().cr1().modify(|_, w| w.spe().disabled());
+                    gpio::write(pins::DAC_CS[unit], true);
+                    dacs.sending = None;
+                    dacs.slots = [None; UNITS];
+                }
+            }
+        });
+    }
+}
+
+impl Dacs {
+    fn send_next(&mut self) {
+        let Some((unit, word)) =
+            self.slots.iter_mut().enumerate().find_map(|(unit, slot)| slot.take().map(|word| (unit, word)))
+        else {
+            return;
+        };
+        self.sending = Some((unit, time::now()));
+        gpio::write(pins::DAC_CS[unit], false);
+        let spi = spi1();
+        // SAFETY: one frame.
+        spi.cr2().write(|w| unsafe { w.tsize().bits(1) });
+        spi.cr1().modify(|_, w| w.spe().enabled());
+        // A 16-bit access: a wider one would put a second frame into the FIFO (section 50.4.8).
+        // SAFETY: any word.
+        spi.txdr16().write(|w| unsafe { w.txdr().bits(word) });
+        spi.cr1().modify(|_, w| w.cstart().started());
+    }
+}
+
+#[interrupt]
+fn SPI1() {
+    // SAFETY: a handler of level SAMPLE_PATH.
+    unsafe {
+        STATE.in_interrupt(|dacs| {
+            let spi = spi1();
+            if !spi.sr().read().eot().bit_is_set() {
+                return;
+            }
+            spi.ifcr().write(|w| w.eotc().clear().txtfc().clear());
+            spi.cr1().modify(|_, w| w.spe().disabled());
+            if let Some((unit, _)) = dacs.sending.take() {
+                gpio::write(pins::DAC_CS[unit], true);
+                gpio::write(pins::DAC_LDAC, false);
+                cortex_m::asm::delay(PULSE_CYCLES);
+                gpio::write(pins::DAC_LDAC, true);
+                dacs.done |= 1 << unit;
+                dacs.done_at[unit] = time::now();
+            }
+            dacs.send_next();
+        });
+    }
+}

@@ -1,0 +1,216 @@
+//! What survives a reset, and the handlers of the end: panic, processor faults, unused interrupts.
+//!
+//! Owner: whoever is last. Each of them first pulls the DACs' RST low with direct register writes (0 V on
+//! all motors, whatever else is broken), then writes the reason into memory that start-up does not touch,
+//! then resets. The next boot finds it by its magic number and CRC, latches it as a fault and tells it in
+//! Hello.
+//!
+//! A processor fault may come with a stack pointer that points nowhere (the stack lives in DTCM and faults
+//! when it overflows). So the handler starts in assembly, takes the old pointer aside and begins a new stack
+//! at the top.
+
+use super::pac::SCB;
+use super::{gpio, watchdog};
+use core::fmt::Write;
+use core::mem::MaybeUninit;
+use core::panic::PanicInfo;
+use core::sync::atomic::{AtomicU32, Ordering};
+use force_control::Fault;
+use force_wire::frame::crc32;
+use force_wire::message::KeptReason;
+use heapless::String;
+
+const MAGIC: u32 = 0x4B45_5054;
+
+#[repr(C)]
+#[derive(Clone, Copy)]
+struct Record {
+    magic: u32,
+    code: u32,
+    detail: u32,
+    pc: u32,
+    length: u32,
+    text: [u8; 96],
+    crc: u32,
+    /// The ECC of AXI SRAM commits a write with the next one (section 2.4): something to write after the CRC.
+    flush: u32,
+}
+
+/// Start-up leaves `.uninit` alone, and so does a reset.
+#[link_section = ".uninit.kept"]
+static mut RECORD: MaybeUninit<Record> = MaybeUninit::uninit();
+
+/// Where the superloop is, for a reset by the watchdog.
+#[link_section = ".uninit.stage"]
+static mut STAGE: MaybeUninit<[AtomicU32; 2]> = MaybeUninit::uninit();
+
+/// Piece of the superloop under way. A watchdog's reset is put down to it.
+#[derive(Clone, Copy)]
+#[repr(u32)]
+pub enum Stage {
+    /// Start-up.
+    Start = 1,
+    /// Samples.
+    Samples = 2,
+    /// DAC words that are out.
+    Outputs = 3,
+    /// Supervisor.
+    Supervisor = 4,
+    /// Links.
+    Links = 5,
+    /// Asleep, or on its way there.
+    Sleep = 6,
+}
+
+fn stage_cells() -> &'static [AtomicU32; 2] {
+    // SAFETY: any bits are valid atomics; the array is only reached through shared references.
+    unsafe { (*core::ptr::addr_of!(STAGE)).assume_init_ref() }
+}
+
+/// Notes where the superloop is: two stores.
+#[inline(always)]
+pub fn note(stage: Stage) {
+    let [cell, check] = stage_cells();
+    cell.store(stage as u32, Ordering::Relaxed);
+    check.store(!(stage as u32), Ordering::Relaxed);
+}
+
+fn bytes(record: &Record) -> &[u8] {
+    let length = core::mem::offset_of!(Record, crc);
+    // SAFETY: `repr(C)` of integers without padding up to `crc`.
+    unsafe { core::slice::from_raw_parts(core::ptr::from_ref(record).cast(), length) }
+}
+
+/// Takes the reason that the last run left. With none, a watchdog's or a brown-out's reset makes one.
+pub fn take(reset_flags: u32) -> Option<KeptReason> {
+    // RCC_RSR, section 8.7.40.
+    const IWDG: u32 = 1 << 26;
+    const BROWN_OUT: u32 = 1 << 21;
+    const POWER_ON: u32 = 1 << 23;
+    // SAFETY: a record of integers: any bits are valid ones. Nobody else uses it during start-up.
+    let record = unsafe { (*core::ptr::addr_of!(RECORD)).assume_init() };
+    let valid = record.magic == MAGIC && record.crc == crc32(bytes(&record));
+    // SAFETY: as above. Only once: the run that begins now may leave its own.
+    unsafe { (*core::ptr::addr_of_mut!(RECORD)).write(Record { magic: 0, ..record }) };
+    if valid && reset_flags & POWER_ON == 0 {
+        let text = record.text.get(..record.length as usize).unwrap_or(&[]);
+        return Some(KeptReason {
+            code: record.code as u16,
+            detail: record.detail,
+            pc: record.pc,
+            text: core::str::from_utf8(text).ok().and_then(|text| text.try_into().ok()).unwrap_or_default(),
+        });
+    }
+    let mut text = String::new();
+    let [stage, check] = stage_cells().each_ref().map(|cell| cell.load(Ordering::Relaxed));
+    if reset_flags & IWDG != 0 {
+        let known = stage == !check;
+        let stage = if known { stage } else { 0 };
+        let _ = write!(text, "watchdog reset; the superloop hung in its stage {stage}");
+        return Some(KeptReason { code: Fault::WatchdogReset.code(), detail: 0, pc: 0, text });
+    }
+    if reset_flags & BROWN_OUT != 0 && reset_flags & POWER_ON == 0 {
+        let _ = text.push_str("supply fell below the brown-out level");
+        return Some(KeptReason { code: Fault::Supply.code(), detail: reset_flags, pc: 0, text });
+    }
+    None
+}
+
+/// Writes a reason down.
+pub fn keep(fault: Fault, detail: u32, pc: u32, text: &str) {
+    let mut record =
+        Record { magic: MAGIC, code: u32::from(fault.code()), detail, pc, length: 0, text: [0; 96], crc: 0, flush: 0 };
+    // Cut at a character.
+    let mut length = text.len().min(record.text.len());
+    while !text.is_char_boundary(length) {
+        length -= 1;
+    }
+    record.text[..length].copy_from_slice(&text.as_bytes()[..length]);
+    record.length = length as u32;
+    record.crc = crc32(bytes(&record));
+    // SAFETY: a plain write; whoever gets here runs alone or is about to reset.
+    unsafe { core::ptr::addr_of_mut!(RECORD).cast::<Record>().write_volatile(record) };
+    cortex_m::asm::dsb();
+}
+
+/// 0 V, reason, reset.
+fn end(fault: Fault, detail: u32, pc: u32, text: &str) -> ! {
+    cortex_m::interrupt::disable();
+    gpio::hold_dacs_at_zero();
+    keep(fault, detail, pc, text);
+    watchdog::reset()
+}
+
+#[panic_handler]
+fn panic(info: &PanicInfo) -> ! {
+    cortex_m::interrupt::disable();
+    gpio::hold_dacs_at_zero();
+    let mut text = Tail(String::new());
+    let line = info.location().map_or(0, |location| {
+        let _ = write!(text, "{}:{}: ", location.file(), location.line());
+        location.line()
+    });
+    let _ = write!(text, "{}", info.message());
+    end(Fault::Panic, line, 0, &text.0)
+}
+
+/// Takes what fits.
+struct Tail(String<96>);
+
+impl Write for Tail {
+    fn write_str(&mut self, text: &str) -> core::fmt::Result {
+        for character in text.chars() {
+            if self.0.push(character).is_err() {
+                break;
+            }
+        }
+        Ok(())
+    }
+}
+
+core::arch::global_asm!(
+    ".section .HardFault.entry,\"ax\",%progbits",
+    ".global HardFault",
+    ".type HardFault,%function",
+    ".thumb_func",
+    "HardFault:",
+    "mrs r0, msp",
+    "ldr r1, =_stack_start",
+    "mov sp, r1",
+    "b {handler}",
+    ".size HardFault, . - HardFault",
+    handler = sym hard_fault,
+);
+
+/// `old_stack`: where the processor stacked r0 to r3, r12, lr, pc, xPSR, if it could.
+extern "C" fn hard_fault(old_stack: *const u32) -> ! {
+    cortex_m::interrupt::disable();
+    gpio::hold_dacs_at_zero();
+    extern "C" {
+        static _stack_end: u8;
+        static _stack_start: u8;
+    }
+    // Addresses only.
+    let stack = core::ptr::addr_of!(_stack_end) as usize..core::ptr::addr_of!(_stack_start) as usize - 31;
+    let pc = if stack.contains(&(old_stack as usize)) && old_stack.is_aligned() {
+        // SAFETY: within the stack, eight words below its top.
+        unsafe { old_stack.add(6).read_volatile() }
+    } else {
+        0
+    };
+    // SAFETY: read-only access to status registers (PM 4.3.10).
+    let scb = unsafe { &*SCB::PTR };
+    let mut text = String::<96>::new();
+    let _ = write!(text, "hard fault, HFSR {:08x} BFAR {:08x}", scb.hfsr.read(), scb.bfar.read());
+    if pc == 0 {
+        let _ = text.push_str(", stack overflow");
+    }
+    end(Fault::HardFault, scb.cfsr.read(), pc, &text)
+}
+
+#[cortex_m_rt::exception]
+unsafe fn DefaultHandler(number: i16) {
+    let mut text = String::<96>::new();
+    let _ = write!(text, "interrupt {number} has no handler");
+    end(Fault::HardFault, number as u32, 0, &text)
+}

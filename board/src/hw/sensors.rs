@@ -1,0 +1,334 @@
+//! The load-cell converters: DRDY edges, the I2C controller, and the bus scheduler that joins them.
+//!
+//! Owner: the interrupts of level `SAMPLE_PATH`, which share the state below without locks. Thread mode
+//! takes events off a queue and leaves orders in two atomic masks, so it never masks an interrupt here.
+//!
+//! * EXTI0 to 4, EXTI9_5: a DRDY line rose; note the time, hand the unit to the scheduler. Line 8 is the
+//!   E-stop loop: note when it opened.
+//! * I2C1_EV: next byte; at the STOP the sample goes onto the queue and the next transaction starts.
+//! * I2C1_ER: bus error, lost arbitration; the scheduler starts its recovery.
+//! * TIM2: next step of a recovery, 5 us after the last.
+//! * SysTick: deadlines, orders, edges that were never seen.
+//!
+//! A missed deadline: a transaction that is not over after 300 us is given up at the next DRDY edge or
+//! millisecond, whichever comes first, the bus is recovered within 150 us, and the sample read again. The
+//! other units lose nothing: their results wait in their converters for 2.9 ms.
+//!
+//! The controller (section 47.4): a write of one or two bytes; where something is to be read, the write ends
+//! without STOP (AUTOEND = 0, flag TC) and a read with a repeated START follows. After a NACK the
+//! controller sends the STOP by itself, so every transaction ends with STOPF.
+
+use super::pac::{EXTI, I2C1, SYSCFG};
+use super::{gpio, pac, startup, time, SamplePath};
+use board::bus::{Bus, Event, Sink, Transfer, TransferError, Work};
+use board::clocks;
+use board::pins;
+use core::sync::atomic::{AtomicU32, AtomicU8, Ordering};
+use heapless::spsc;
+use pac::interrupt;
+
+/// Events that can wait for the superloop: six samples and what else a bad millisecond brings. The queue
+/// holds one less.
+pub const QUEUE: usize = 32;
+
+/// The superloop's end of the queue.
+pub type Events = spsc::Consumer<'static, Event>;
+
+static STATE: SamplePath<Sensors> = SamplePath::empty();
+/// Units to bring up, units to leave alone: orders for the next tick.
+static START: AtomicU8 = AtomicU8::new(0);
+static STOP: AtomicU8 = AtomicU8::new(0);
+/// Events that the queue had no room for.
+static LOST: AtomicU32 = AtomicU32::new(0);
+/// Board time when the E-stop loop opened last.
+static ESTOP_OPENED: AtomicU32 = AtomicU32::new(0);
+
+struct Queue(spsc::Producer<'static, Event>);
+
+impl Sink for Queue {
+    fn event(&mut self, event: Event) {
+        if self.0.enqueue(event).is_err() {
+            LOST.store(LOST.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+        }
+    }
+}
+
+struct Sensors {
+    bus: Bus,
+    queue: Queue,
+    transfer: Transfer,
+    written: u8,
+    read: [u8; 3],
+    got: u8,
+    nack: bool,
+}
+
+/// Sets the controller and the EXTI lines up and lets the interrupts through.
+pub fn start(syscfg: &SYSCFG, exti: &EXTI) -> Events {
+    let queue = cortex_m::singleton!(: spsc::Queue<Event, QUEUE> = spsc::Queue::new());
+    let Some(queue) = queue else { panic!("sensors started twice") };
+    let (producer, consumer) = queue.split();
+    STATE.install(Sensors {
+        bus: Bus::new(),
+        queue: Queue(producer),
+        transfer: Transfer { address: 0, write: [0; 2], write_len: 0, read_len: 0 },
+        written: 0,
+        read: [0; 3],
+        got: 0,
+        nack: false,
+    });
+
+    // TIMINGR and the filters with PE = 0 (section 47.4.5); analog filter on, digital off: reset values.
+    let i2c = i2c1();
+    // SAFETY: fields computed and tested in `clocks::i2c_timingr`.
+    i2c.timingr().write(|w| unsafe { w.bits(clocks::I2C_TIMINGR) });
+    i2c.cr1().modify(|_, w| {
+        w.txie().enabled().rxie().enabled().nackie().enabled().stopie().enabled().tcie().enabled().errie().enabled()
+    });
+    i2c.cr1().modify(|_, w| w.pe().enabled());
+
+    // Lines 0 to 5 and 8 come from ports F and G (section 12.3.2: 5 = F, 6 = G).
+    // SAFETY: four bits a line; ports F and G exist.
+    syscfg.exticr1().modify(|_, w| unsafe { w.exti0().bits(5).exti1().bits(5).exti2().bits(5).exti3().bits(5) });
+    syscfg.exticr2().modify(|_, w| unsafe { w.exti4().bits(5).exti5().bits(5) });
+    syscfg.exticr3().modify(|_, w| unsafe { w.exti8().bits(6) });
+    // Rising edges of DRDY, falling ones of the E-stop loop; then unmask (section 20.6).
+    // SAFETY: bits of lines 0 to 8 only, all of which are configurable lines.
+    exti.rtsr1().modify(|r, w| unsafe { w.bits(r.bits() | DRDY_LINES) });
+    exti.ftsr1().modify(|r, w| unsafe { w.bits(r.bits() | ESTOP_LINE) });
+    exti.cpupr1().write(|w| unsafe { w.bits(DRDY_LINES | ESTOP_LINE) });
+    exti.cpuimr1().modify(|r, w| unsafe { w.bits(r.bits() | DRDY_LINES | ESTOP_LINE) });
+
+    use pac::Interrupt as I;
+    for interrupt in [I::EXTI0, I::EXTI1, I::EXTI2, I::EXTI3, I::EXTI4, I::EXTI9_5, I::I2C1_EV, I::I2C1_ER, I::TIM2] {
+        startup::unmask(interrupt);
+    }
+    consumer
+}
+
+/// Orders the bring-up of a unit's converter; begins within a millisecond.
+pub fn bring_up(unit: u8) {
+    STOP.fetch_and(!(1 << unit), Ordering::Relaxed);
+    START.fetch_or(1 << unit, Ordering::Relaxed);
+}
+
+/// Orders that a unit's converter be left alone.
+pub fn leave(unit: u8) {
+    START.fetch_and(!(1 << unit), Ordering::Relaxed);
+    STOP.fetch_or(1 << unit, Ordering::Relaxed);
+}
+
+/// Events lost since boot because the superloop did not take them.
+pub fn events_lost() -> u32 {
+    LOST.load(Ordering::Relaxed)
+}
+
+/// Board time when the E-stop loop opened last.
+pub fn estop_opened_at() -> u32 {
+    ESTOP_OPENED.load(Ordering::Relaxed)
+}
+
+const DRDY_LINES: u32 = 0x3F;
+const ESTOP_LINE: u32 = 1 << pins::E_STOP.number;
+
+fn i2c1() -> &'static pac::i2c1::RegisterBlock {
+    // SAFETY: registers that are there for ever; used by `start` before its interrupts run and by handlers
+    // of one priority afterwards.
+    unsafe { &*I2C1::PTR }
+}
+
+fn exti() -> &'static pac::exti::RegisterBlock {
+    // SAFETY: the handlers write the pending register only, whose bits are cleared one by one.
+    unsafe { &*EXTI::PTR }
+}
+
+/// Runs `f` on the state, then gives the bus its next work.
+///
+/// # Safety
+/// As [`SamplePath::in_interrupt`].
+unsafe fn with(f: impl FnOnce(&mut Sensors, u32)) {
+    // SAFETY: passed on.
+    unsafe {
+        STATE.in_interrupt(|sensors| {
+            f(sensors, time::now());
+            sensors.work();
+        });
+    }
+}
+
+/// The millisecond, called by SysTick.
+pub fn tick() {
+    // SAFETY: SysTick has level SAMPLE_PATH and is not within another handler of it.
+    unsafe {
+        with(|sensors, now| {
+            let start = START.swap(0, Ordering::Relaxed);
+            let stop = STOP.swap(0, Ordering::Relaxed);
+            for unit in 0..force_wire::UNITS as u8 {
+                if stop & (1 << unit) != 0 {
+                    sensors.bus.stop(unit);
+                }
+                if start & (1 << unit) != 0 {
+                    sensors.bus.start(unit, now);
+                }
+            }
+            let levels = gpio::registers(pins::DRDY[0].port).idr().read().bits() & DRDY_LINES;
+            sensors.bus.tick(now, levels as u8, &mut sensors.queue);
+        });
+    }
+}
+
+impl Sensors {
+    fn work(&mut self) {
+        // Each round starts something that ends with an interrupt, or switches the lines, which happens
+        // once on the way into a recovery and once out of it.
+        while let Some(work) = self.bus.next(time::now(), &mut self.queue) {
+            match work {
+                Work::Transfer(transfer) => return self.begin(transfer),
+                Work::TakeLines => {
+                    // PE = 0 resets the controller's state machine and flags (section 47.4.6).
+                    i2c1().cr1().modify(|_, w| w.pe().disabled());
+                    for pin in [pins::I2C_SCL, pins::I2C_SDA] {
+                        gpio::write(pin, true);
+                        gpio::set_output(pin, true);
+                    }
+                }
+                Work::Lines { scl, sda } => {
+                    gpio::write(pins::I2C_SDA, sda);
+                    gpio::write(pins::I2C_SCL, scl);
+                    return time::set_alarm(clocks::RECOVERY_STEP_US);
+                }
+                Work::MuxReset { low } => {
+                    gpio::write(pins::MUX_RST, !low);
+                    return time::set_alarm(clocks::RECOVERY_STEP_US);
+                }
+                Work::GiveLines => {
+                    for pin in [pins::I2C_SCL, pins::I2C_SDA] {
+                        gpio::set_output(pin, false);
+                    }
+                    i2c1().cr1().modify(|_, w| w.pe().enabled());
+                }
+            }
+        }
+    }
+
+    /// Starts a transaction (section 47.4.8).
+    fn begin(&mut self, transfer: Transfer) {
+        self.transfer = transfer;
+        self.written = 0;
+        self.got = 0;
+        self.nack = false;
+        i2c1().cr2().write(|w| {
+            // SAFETY: a 7-bit address in bits 7:1, and a length of 1 or 2.
+            unsafe { w.sadd().bits(u16::from(transfer.address) << 1).nbytes().bits(transfer.write_len) };
+            w.rd_wrn().write().autoend().bit(transfer.read_len == 0).start().start()
+        });
+    }
+
+    /// One event; the outcome where it was the last (section 47.4.8, flow charts).
+    fn event(&mut self) -> Option<Result<[u8; 3], TransferError>> {
+        let i2c = i2c1();
+        let flags = i2c.isr().read();
+        if flags.nackf().bit_is_set() {
+            i2c.icr().write(|w| w.nackcf().clear());
+            self.nack = true;
+        }
+        if flags.rxne().bit_is_set() {
+            let byte = i2c.rxdr().read().rxdata().bits();
+            if let Some(slot) = self.read.get_mut(usize::from(self.got)) {
+                *slot = byte;
+                self.got += 1;
+            }
+        }
+        if flags.txis().bit_is_set() {
+            let byte = self.transfer.write.get(usize::from(self.written)).copied().unwrap_or(0);
+            self.written += 1;
+            // SAFETY: any byte.
+            i2c.txdr().write(|w| unsafe { w.txdata().bits(byte) });
+        }
+        if flags.tc().bit_is_set() {
+            i2c.cr2().write(|w| {
+                // SAFETY: as in `begin`; a length of 1 to 3.
+                unsafe { w.sadd().bits(u16::from(self.transfer.address) << 1).nbytes().bits(self.transfer.read_len) };
+                w.rd_wrn().read().autoend().automatic().start().start()
+            });
+        }
+        if flags.stopf().bit_is_set() {
+            i2c.icr().write(|w| w.stopcf().clear());
+            if self.nack {
+                // A byte may wait in TXDR that would start the next transaction: flush it (TXE = 1).
+                i2c.isr().write(|w| w.txe().set_bit());
+                return Some(Err(TransferError::Nack));
+            }
+            let whole = self.got >= self.transfer.read_len && self.written >= self.transfer.write_len;
+            return Some(if whole { Ok(self.read) } else { Err(TransferError::Bus) });
+        }
+        None
+    }
+}
+
+#[interrupt]
+fn I2C1_EV() {
+    // SAFETY: a handler of level SAMPLE_PATH.
+    unsafe {
+        STATE.in_interrupt(|sensors| {
+            if let Some(outcome) = sensors.event() {
+                sensors.bus.finished(outcome, time::now(), &mut sensors.queue);
+                sensors.work();
+            }
+        });
+    }
+}
+
+#[interrupt]
+fn I2C1_ER() {
+    // SAFETY: a handler of level SAMPLE_PATH.
+    unsafe {
+        with(|sensors, now| {
+            i2c1().icr().write(|w| w.berrcf().clear().arlocf().clear().ovrcf().clear());
+            sensors.bus.finished(Err(TransferError::Bus), now, &mut sensors.queue);
+        });
+    }
+}
+
+#[interrupt]
+fn TIM2() {
+    time::clear_alarm();
+    // SAFETY: a handler of level SAMPLE_PATH.
+    unsafe { with(|sensors, _| sensors.bus.stepped(gpio::read(pins::I2C_SDA))) };
+}
+
+/// A DRDY line rose.
+///
+/// # Safety
+/// Only from handlers of level SAMPLE_PATH.
+unsafe fn edge(unit: u8) {
+    // SAFETY: writing one bit clears one flag (section 20.6.16).
+    exti().cpupr1().write(|w| unsafe { w.bits(1 << unit) });
+    // SAFETY: passed on.
+    unsafe { with(|sensors, now| sensors.bus.drdy(unit, now)) };
+}
+
+macro_rules! drdy_lines {
+    ($($interrupt:ident => $unit:literal),*) => {$(
+        #[interrupt]
+        fn $interrupt() {
+            // SAFETY: a handler of level SAMPLE_PATH.
+            unsafe { edge($unit) };
+        }
+    )*};
+}
+drdy_lines!(EXTI0 => 0, EXTI1 => 1, EXTI2 => 2, EXTI3 => 3, EXTI4 => 4);
+
+#[interrupt]
+fn EXTI9_5() {
+    let pending = exti().cpupr1().read().bits();
+    if pending & ESTOP_LINE != 0 {
+        // SAFETY: as in `edge`.
+        exti().cpupr1().write(|w| unsafe { w.bits(ESTOP_LINE) });
+        ESTOP_OPENED.store(time::now(), Ordering::Relaxed);
+    }
+    if pending & (1 << 5) != 0 {
+        // SAFETY: a handler of level SAMPLE_PATH.
+        unsafe { edge(5) };
+    }
+}

@@ -1,0 +1,146 @@
+//! From reset to 400 MHz: supply, voltage scale, flash, clocks, caches, debug, priorities.
+//!
+//! Owner: `main`, once. The only waits of the firmware are here, and each is bounded: a clock that does not
+//! come up ends in a panic, which leaves the motors at 0 V, the reason kept, and tries again after a reset.
+//!
+//! The order is that of sections 6.6.1 (supply), 6.6.2 (voltage scaling), 4.3.8 (flash before clock) and
+//! 8.5 (clock). ACTVOSRDY belongs to the supply configuration and VOSRDY to the scale: waiting for the
+//! wrong one hangs, or goes on too early.
+
+use super::pac::{self, CRS, FLASH, PWR, RCC};
+use board::clocks::{self, priority};
+use cortex_m::peripheral::{NVIC, SCB};
+
+/// Reads of a flag before it counts as missing: some milliseconds at 64 MHz; the slowest, HSE, takes 2 ms.
+const PATIENCE: u32 = 1_000_000;
+
+/// Waits for a flag, but not for ever.
+fn wait(what: &'static str, mut ready: impl FnMut() -> bool) {
+    if !wait_for(PATIENCE, &mut ready) {
+        panic!("{} did not come up", what);
+    }
+}
+
+/// Waits for a flag for at most `reads` reads of it; whether it came.
+pub fn wait_for(reads: u32, mut ready: impl FnMut() -> bool) -> bool {
+    (0..reads).any(|_| ready())
+}
+
+/// Supply, clocks, caches. Returns RCC_RSR as it was at boot, and clears it for the next.
+pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> u32 {
+    let reset_flags = rcc.rsr().read().bits();
+    rcc.rsr().modify(|_, w| w.rmvf().set_bit());
+
+    // Supply from the regulator (section 6.8.4). The low byte of CR3 can be written once after a power-on;
+    // after any other reset this write changes nothing.
+    pwr.cr3().modify(|_, w| w.scuen().set_bit().ldoen().set_bit().bypass().clear_bit());
+    wait("PWR ACTVOSRDY", || pwr.csr1().read().actvosrdy().bit_is_set());
+    // Voltage scale 1, for 400 MHz (section 6.8.6).
+    // SAFETY: 0b11 is VOS1.
+    pwr.d3cr().modify(|_, w| unsafe { w.vos().bits(0b11) });
+    wait("PWR VOSRDY", || pwr.d3cr().read().vosrdy().bit_is_set());
+
+    // Wait states before the clock that needs them (section 4.3.8).
+    let (latency, delay) = clocks::FLASH_LATENCY;
+    // SAFETY: values out of the manual's table, see `clocks::flash_latency`.
+    flash.acr().modify(|_, w| unsafe { w.latency().bits(latency).wrhighfreq().bits(delay) });
+    wait("flash latency", || flash.acr().read().latency().bits() == latency);
+
+    // HSE in bypass: the ST-Link drives OSC_IN (section 8.5.2).
+    rcc.cr().modify(|_, w| w.hsebyp().bypassed());
+    rcc.cr().modify(|_, w| w.hseon().on().hsi48on().on());
+    wait("HSE", || rcc.cr().read().hserdy().bit_is_set());
+    wait("HSI48", || rcc.cr().read().hsi48rdy().bit_is_set());
+
+    // PLL1 (section 8.5.5): source and dividers while it is off, then on.
+    let pll = clocks::PLL1;
+    // SAFETY: dividers and ranges were checked by `clocks::Pll::new`.
+    rcc.pllckselr().modify(|_, w| unsafe { w.pllsrc().hse().divm1().bits(pll.m) });
+    rcc.pllcfgr().modify(|_, w| {
+        // SAFETY: two bits, all four values exist.
+        unsafe { w.pll1rge().bits(pll.input_range) };
+        w.pll1vcosel().bit(pll.medium_vco).pll1fracen().reset();
+        w.divp1en().enabled().divq1en().enabled().divr1en().disabled()
+    });
+    // SAFETY: see above; the register holds each divider less one.
+    rcc.pll1divr().modify(|_, w| unsafe {
+        w.divn1().bits(pll.n - 1).divp1().bits(pll.p - 1).divq1().bits(pll.q - 1)
+    });
+    rcc.cr().modify(|_, w| w.pll1on().on());
+    wait("PLL1", || rcc.cr().read().pll1rdy().bit_is_set());
+
+    // Bus dividers before the switch, so that no bus is ever too fast (section 8.5.6).
+    rcc.d1cfgr().modify(|_, w| w.d1cpre().div1().hpre().div2().d1ppre().div2());
+    rcc.d2cfgr().modify(|_, w| w.d2ppre1().div2().d2ppre2().div2());
+    rcc.d3cfgr().modify(|_, w| w.d3ppre().div2());
+    rcc.cfgr().modify(|_, w| w.sw().pll1());
+    wait("clock switch", || rcc.cfgr().read().sws().is_pll1());
+
+    // Kernel clocks (section 8.5.8): SPI1 from PLL1 Q, I2C1 and USART3 from APB1, USB from HSI48.
+    rcc.d2ccip1r().modify(|_, w| w.spi123sel().pll1_q());
+    rcc.d2ccip2r().modify(|_, w| w.i2c123sel().rcc_pclk1().usart234578sel().rcc_pclk1().usbsel().hsi48());
+
+    // Peripheral clocks (sections 8.7.38 to 8.7.48). SYSCFG routes EXTI lines; without its clock the
+    // routing is silently dropped.
+    rcc.apb4enr().modify(|_, w| w.syscfgen().enabled());
+    rcc.apb1lenr().modify(|_, w| w.tim2en().enabled().i2c1en().enabled().usart3en().enabled());
+    rcc.apb2enr().modify(|_, w| w.spi1en().enabled());
+    rcc.ahb1enr().modify(|_, w| w.dma1en().enabled());
+    let _ = rcc.ahb1enr().read();
+    reset_flags
+}
+
+/// USB supply and the trimming of its oscillator. `false` where the supply detector says there is none.
+pub fn usb_supply(rcc: &RCC, pwr: &PWR, crs: &CRS) -> bool {
+    // VDD33USB is wired to 3.3 V, so only its detector is needed (section 6.4.5).
+    pwr.cr3().modify(|_, w| w.usb33den().set_bit());
+    if !wait_for(10_000, || pwr.cr3().read().usb33rdy().bit_is_set()) {
+        return false;
+    }
+    rcc.ahb1enr().modify(|_, w| w.usb2otgen().enabled());
+    rcc.ahb1lpenr().modify(|_, w| w.usb2otglpen().enabled().usb2otgulpilpen().disabled());
+    rcc.apb1henr().modify(|_, w| w.crsen().enabled());
+    let _ = rcc.apb1henr().read();
+    // HSI48 follows the host's start-of-frame, 1 kHz (section 9.4): the reset values of CFGR are made for
+    // exactly that, with the source at the second OTG core (SYNCSRC = 3).
+    // SAFETY: two bits of SYNCSRC.
+    crs.cfgr().modify(|_, w| unsafe { w.syncsrc().bits(3) });
+    crs.cr().modify(|_, w| w.autotrimen().enabled().cen().enabled());
+    true
+}
+
+/// Instruction cache on; data cache off, so that DMA and core see the same memory without further thought.
+/// The signal path runs out of flash at 2 wait states: the instruction cache is what makes it fast.
+pub fn caches(scb: &mut SCB) {
+    scb.enable_icache();
+}
+
+/// Keeps the debug port alive in WFI, which would otherwise cut a probe off (section 60.5.8), and stops the
+/// watchdog while the core is halted.
+pub fn debug(dbgmcu: &pac::DBGMCU) {
+    dbgmcu.cr().modify(|_, w| w.dbgsleep_d1().set_bit().d1dbgcken().set_bit().d3dbgcken().set_bit());
+    dbgmcu.apb4fz1().modify(|_, w| w.dbg_wdglsd1().set_bit());
+}
+
+/// Priorities of [`board::clocks::priority`]. Interrupts are unmasked by the modules that own them.
+pub fn priorities(nvic: &mut NVIC, scb: &mut SCB) {
+    use pac::Interrupt as I;
+    for interrupt in [
+        I::EXTI0, I::EXTI1, I::EXTI2, I::EXTI3, I::EXTI4, I::EXTI9_5, I::I2C1_EV, I::I2C1_ER, I::TIM2, I::SPI1,
+    ] {
+        // SAFETY: priorities only; no critical section rests on them yet.
+        unsafe { nvic.set_priority(interrupt, priority::SAMPLE_PATH) };
+    }
+    for interrupt in [I::DMA_STR0, I::OTG_FS] {
+        // SAFETY: as above.
+        unsafe { nvic.set_priority(interrupt, priority::LINKS) };
+    }
+    // SAFETY: as above. SysTick runs the bus scheduler's tick, so it has its level.
+    unsafe { scb.set_priority(cortex_m::peripheral::scb::SystemHandler::SysTick, priority::SAMPLE_PATH) };
+}
+
+/// Lets an interrupt through.
+pub fn unmask(interrupt: pac::Interrupt) {
+    // SAFETY: called by the owner of the interrupt, whose state is installed.
+    unsafe { NVIC::unmask(interrupt) };
+}

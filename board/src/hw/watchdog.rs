@@ -1,0 +1,92 @@
+//! The independent watchdog and the alive line to the PLC.
+//!
+//! Owner: the supervisor, in the superloop. No interrupt: both exist to stop when the superloop does. The
+//! alive line toggles with each millisecond that the superloop comes round; the PLC cuts the amplifiers'
+//! power 10 ms after the last edge. The watchdog is fed every 10 ms and only if every [`Part`] has checked in
+//! since; it bites after 50 ms, and resets the processor. The DACs keep their code through a reset, but the
+//! first instructions after it pull their RST.
+
+use super::gpio;
+use super::pac::IWDG;
+use board::clocks;
+use board::pins;
+use force_control::supervisor::CheckIn;
+
+/// Who has to check in. The numbers are bits of the fault's detail.
+#[derive(Clone, Copy)]
+#[repr(u32)]
+pub enum Part {
+    /// The superloop took all samples off the queue.
+    Samples = 0,
+    /// The bus scheduler's tick ran (a millisecond was seen).
+    Tick = 1,
+    /// No DAC word is late.
+    Dac = 2,
+    /// Both links were served.
+    Links = 3,
+    /// The supervisor ran.
+    Supervisor = 4,
+}
+
+const ALL: u32 = 0b1_1111;
+
+/// Keys of IWDG_KR (section 45.4.1).
+const FEED: u16 = 0xAAAA;
+const UNLOCK: u16 = 0x5555;
+const START: u16 = 0xCCCC;
+
+fn key(registers: &IWDG, key: u16) {
+    // SAFETY: one of the three keys above; any other value does nothing.
+    registers.kr().write(|w| unsafe { w.bits(key) });
+}
+
+/// See the [module](self).
+pub struct Watchdog {
+    registers: IWDG,
+    check_in: CheckIn,
+    since_feed_ms: u32,
+    alive: bool,
+}
+
+impl Watchdog {
+    /// Starts the watchdog (section 45.3.1). Nothing stops it any more.
+    pub fn start(registers: IWDG) -> Self {
+        // Start, unlock, set, wait until the values have crossed into the LSI's domain, feed.
+        key(&registers, START);
+        key(&registers, UNLOCK);
+        // SAFETY: three and twelve bits, computed in `clocks`.
+        registers.pr().write(|w| unsafe { w.bits(clocks::IWDG_PR.into()) });
+        registers.rlr().write(|w| unsafe { w.bits(clocks::IWDG_RLR.into()) });
+        super::startup::wait_for(1_000_000, || registers.sr().read().bits() == 0);
+        key(&registers, FEED);
+        Self { registers, check_in: CheckIn::new(ALL), since_feed_ms: 0, alive: false }
+    }
+
+    /// This part works.
+    pub fn sign(&mut self, part: Part) {
+        self.check_in.sign(part as u32);
+    }
+
+    /// The supervisor's millisecond: toggles the alive line; feeds when it is time and everyone is there.
+    /// Returns who is missing when there was nothing to eat.
+    pub fn tick(&mut self) -> Option<u32> {
+        self.alive = !self.alive;
+        gpio::write(pins::ALIVE, self.alive);
+        self.since_feed_ms += 1;
+        if self.since_feed_ms < clocks::WATCHDOG_FEED_MS {
+            return None;
+        }
+        self.since_feed_ms = 0;
+        if self.check_in.complete() {
+            key(&self.registers, FEED);
+            None
+        } else {
+            Some(self.check_in.missing())
+        }
+    }
+}
+
+/// Resets the processor at once.
+pub fn reset() -> ! {
+    cortex_m::peripheral::SCB::sys_reset()
+}

@@ -1,0 +1,36 @@
+//! The firmware of the force board. This page is the machine; everything else is detail.
+//!
+//! Interrupts carry a sample this far: a DRDY edge is timed (EXTI), the bus scheduler reads the converter
+//! (I2C1), the result waits in a queue. From there the superloop takes it, one piece after the other, each
+//! bounded, samples first and again before each other piece. Then the core sleeps until an interrupt.
+#![cfg_attr(target_os = "none", no_std, no_main)]
+#![deny(missing_docs, unsafe_op_in_unsafe_fn)]
+
+#[cfg(not(target_os = "none"))]
+fn main() {
+    eprintln!("board is firmware: build it with `cargo xtask build`, run it with `cargo xtask flash`.");
+    eprintln!("Its pure half is tested on the host with `cargo test -p board`.");
+    std::process::exit(2);
+}
+
+#[cfg(target_os = "none")]
+mod firmware;
+#[cfg(target_os = "none")]
+mod hw;
+#[cfg(target_os = "none")]
+mod links;
+
+#[cfg(target_os = "none")]
+#[cortex_m_rt::entry]
+fn main() -> ! {
+    let mut board = firmware::Board::start();
+    loop {
+        board.samples(); // queue -> controller -> DAC word, for every sample that waits
+        board.outputs(); // words that are out -> telemetry with their latency
+        board.samples();
+        board.supervisor(); // once a millisecond: conditions, faults, alive line, watchdog, status
+        board.samples();
+        board.links(); // commands in, frames out
+        board.sleep(); // until the next interrupt, unless a sample has come meanwhile
+    }
+}

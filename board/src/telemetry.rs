@@ -1,0 +1,93 @@
+//! From samples to batches: waits for the DAC word that answers a sample, thins out what a link did not
+//! ask for, and fills frames.
+
+use crate::machine::LINKS;
+use force_wire::message::{Batch, Sample, BATCH};
+use force_wire::UNITS;
+use heapless::Vec;
+
+/// A batch that isn't full is sent when its first sample is this old, in microseconds.
+pub const FLUSH_US: u32 = 5_000;
+
+/// Samples whose DAC word is still on its way, one for each unit.
+#[derive(Debug, Default)]
+pub struct Outstanding {
+    samples: [Option<(u32, Sample)>; UNITS],
+}
+
+impl Outstanding {
+    /// Keeps a sample of the DRDY edge `at` until its word is out. Returns the one before it if its word
+    /// never got out (its latency is then 65,535).
+    pub fn insert(&mut self, at: u32, sample: Sample) -> Option<(u32, Sample)> {
+        let slot = self.samples.get_mut(usize::from(sample.unit))?;
+        slot.replace((at, sample)).map(|(at, mut late)| {
+            late.latency_us = u16::MAX;
+            (at, late)
+        })
+    }
+
+    /// The word of this unit was put out at `now`: its sample is complete.
+    pub fn complete(&mut self, unit: usize, now: u32) -> Option<(u32, Sample)> {
+        let (at, mut sample) = self.samples.get_mut(unit)?.take()?;
+        sample.latency_us = u16::try_from(now.wrapping_sub(at)).unwrap_or(u16::MAX);
+        Some((at, sample))
+    }
+}
+
+/// Fills the batches of one link.
+#[derive(Debug, Default)]
+pub struct Batcher {
+    t_us: u32,
+    samples: Vec<Sample, BATCH>,
+    seen: [u8; UNITS],
+}
+
+impl Batcher {
+    /// Takes a sample of the DRDY edge `at`; returns a batch that is full. `every`: one of how many is sent.
+    pub fn push(&mut self, at: u32, mut sample: Sample, every: u8) -> Option<Batch> {
+        let seen = self.seen.get_mut(usize::from(sample.unit))?;
+        *seen = seen.saturating_add(1);
+        if every == 0 || *seen < every {
+            return None;
+        }
+        *seen = 0;
+        // A gap that 16 bits can't hold starts another batch.
+        let full = if !self.samples.is_empty() && at.wrapping_sub(self.t_us).cast_signed().unsigned_abs() > 60_000 {
+            self.take()
+        } else {
+            None
+        };
+        if self.samples.is_empty() {
+            self.t_us = at;
+        }
+        // The bus may have answered a later edge first: the earliest is the batch's time.
+        let early = self.t_us.wrapping_sub(at).cast_signed();
+        if early > 0 {
+            self.t_us = at;
+            for other in &mut self.samples {
+                other.dt_us = other.dt_us.saturating_add(early as u16);
+            }
+        }
+        sample.dt_us = at.wrapping_sub(self.t_us) as u16;
+        // There is room: a full batch leaves at once.
+        let _ = self.samples.push(sample);
+        full.or_else(|| if self.samples.is_full() { self.take() } else { None })
+    }
+
+    /// The batch begun, if it is old enough.
+    pub fn flush(&mut self, now: u32) -> Option<Batch> {
+        if !self.samples.is_empty() && now.wrapping_sub(self.t_us).cast_signed() > FLUSH_US as i32 {
+            self.take()
+        } else {
+            None
+        }
+    }
+
+    fn take(&mut self) -> Option<Batch> {
+        (!self.samples.is_empty())
+            .then(|| Batch { t_us: self.t_us, samples: core::mem::take(&mut self.samples) })
+    }
+}
+
+/// The batchers of all links.
+pub type Batchers = [Batcher; LINKS];
