@@ -82,8 +82,7 @@ impl Iwdg {
     }
 
     fn cross(&mut self, context: &mut DeviceContext<'_>) {
-        if self.hz > 0 {
-            let ns = CROSSING * 1_000_000_000 / self.hz;
+        if let Some(ns) = (CROSSING * 1_000_000_000).checked_div(self.hz) {
             self.crossing = Some(context.schedule(VirtualNanos(context.now().0 + ns)));
         }
     }
