@@ -152,7 +152,7 @@ impl Config {
             scale_pn_per_count: 6_850_000,
             zero_code: 0,
             filter: FilterChoice::LowPass { corner_chz: 10_000 },
-            spike_limit_un: 1_500_000,
+            spike_limit_un: 1_000_000,
             kp_q16: 19_661, // 0.3
             ki_q16: 25 * 65_536,
             kd_q16: 0,

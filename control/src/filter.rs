@@ -16,6 +16,7 @@
 //! 20 Hz, where reel and cable swing. So the default is the low pass at 100 Hz: 3.2 ms less delay than
 //! the thesis's average for 1 to 2 mN more noise. On the plant the loop holds with either.
 
+use crate::limits::symmetric;
 use crate::units::Newton;
 use crate::NOMINAL_SPS;
 use force_wire::message::FilterChoice;
@@ -58,7 +59,7 @@ impl SpikeGate {
             self.slope = if self.held > 0 {
                 0
             } else {
-                sample.saturating_sub(self.last).clamp(-limit, limit)
+                symmetric(sample.saturating_sub(self.last), limit)
             };
             self.last = sample;
             self.held = 0;

@@ -8,6 +8,7 @@
 //!
 //! and in between, for a direction that is not sure of itself, straight between the two.
 
+use crate::limits::symmetric;
 use crate::units::{Counts, Newton};
 use force_wire::message::UnitConfig;
 
@@ -119,8 +120,9 @@ impl Stillness {
 /// 1.3 mm/s, one count a sample, and the least that can be told from rest in 10 ms.
 pub const MOVING_NM: i32 = 1 << 12;
 
-/// Error that does not move the direction of a resting reel: 30 mN, ten times the noise after the filter.
-pub const REST_DEAD_BAND: Newton = Newton::from_un(30_000);
+/// Error that does not move the direction of a resting reel: 10 mN, two to six times the measured noise (1.7
+/// to 5 mN). A wider band leaves the cable that far off for as long as the integral takes to cross the friction.
+pub const REST_DEAD_BAND: Newton = Newton::from_un(10_000);
 
 /// How fast the direction of a resting reel follows the error: 0.6 a newton and sample (192 a newton and
 /// second), in steps of direction a step of force (2^30 / 2^22 * 0.6).
@@ -144,7 +146,11 @@ pub struct Tracker {
     direction: Direction,
     /// Travel that has not used up the play, -play to +play, in nanometres.
     slack_nm: i32,
-    /// Mean travel of a sample without its sign, in nanometres times 4,096; first order over four samples.
+    /// The same for half the play, which is enough against one count to and fro.
+    fine_slack_nm: i32,
+    /// Travel of the last sample past half the play, in nanometres.
+    steady_nm: i32,
+    /// Mean of it without its sign, times 4,096; first order over four samples.
     pace_q12: i32,
 }
 
@@ -157,18 +163,21 @@ impl Tracker {
     /// tension; zero while the loop is open).
     pub fn step(&mut self, model: &Model, travel_nm: i32, error: Newton) -> Direction {
         let travel_nm = travel_nm.clamp(-LARGEST_TRAVEL_NM, LARGEST_TRAVEL_NM);
+        let fine = self.fine_slack_nm.saturating_add(travel_nm);
+        self.fine_slack_nm = symmetric(fine, model.play_nm / 2);
+        self.steady_nm = fine - self.fine_slack_nm;
         // Sixteen times the moving pace is as good as any speed, and keeps the sum within 32 bits.
-        let pace = travel_nm.abs().min(MOVING_NM << 4) << 12;
+        let pace = self.steady_nm.abs().min(MOVING_NM << 4) << 12;
         self.pace_q12 += (pace - self.pace_q12) >> 2;
         let position = self.slack_nm.saturating_add(travel_nm);
-        self.slack_nm = position.clamp(-model.play_nm, model.play_nm);
+        self.slack_nm = symmetric(position, model.play_nm);
         let effective = i64::from(position) - i64::from(self.slack_nm);
         let presliding = (effective * i64::from(model.per_nm_q8)) >> 8;
 
         let error = i64::from(error.to_bits());
         let band = i64::from(REST_DEAD_BAND.to_bits());
         // 4 N ask for more than the largest step; 24 bits of it, 8 of the rate and 24 of stillness make 56.
-        let beyond = (error - error.clamp(-band, band)).clamp(-(4 << 22), 4 << 22);
+        let beyond = (error - symmetric(error, band)).clamp(-(4 << 22), 4 << 22);
         let intent = (beyond * REST_STEPS * i64::from(self.stillness().0)) >> 24;
 
         let change = (presliding + intent).clamp(-Self::LARGEST_STEP, Self::LARGEST_STEP);
@@ -180,6 +189,13 @@ impl Tracker {
     #[must_use]
     pub const fn direction(&self) -> Direction {
         self.direction
+    }
+
+    /// Travel of the last sample in nanometres without the flicker of an encoder that stands on an edge: for
+    /// whatever answers to speed, since one count in a sample is 1.4 mm/s already.
+    #[must_use]
+    pub const fn steady_travel_nm(&self) -> i32 {
+        self.steady_nm
     }
 
     /// How much the reel rests.

@@ -25,6 +25,7 @@
 
 use crate::config::{Config, KI_SHIFT};
 use crate::friction::Stillness;
+use crate::limits::symmetric;
 use crate::units::Newton;
 
 /// How much faster the integral is at rest, less one.
@@ -133,7 +134,7 @@ impl Pid {
             addition = addition.saturating_sub(excess).min(0);
         }
         let limit = i64::from(config.force_limit.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
-        self.integral = self.integral.saturating_add(addition).clamp(-limit, limit);
+        self.integral = symmetric(self.integral.saturating_add(addition), limit);
     }
 
     /// The integral.

@@ -31,16 +31,17 @@ pub const TRIP_SAMPLES: u8 = 2;
 /// allocation's smallest tension.
 pub const SLACK_TENSION: Newton = Newton::from_un(1_000_000);
 
-/// Reel speed at which slack is taken up, in nanometres a nominal sample: 50 mm/s. A cable that closes at
-/// that speed rises by v sqrt(k m) = 0.05 m/s * sqrt(5,000 N/m * 0.46 kg) = 2.4 N.
-pub const TAKE_UP_NM: i32 = 156_250;
+/// Reel speed at which the brake on taking up slack begins, in nanometres a nominal sample: 30 mm/s. A cable
+/// that closes at that speed rises by v sqrt(k m) = 0.03 m/s * sqrt(5,000 N/m * 0.46 kg) = 1.4 N; a stiff one of
+/// 20 N/mm by 2.9 N.
+pub const TAKE_UP_NM: i32 = 93_750;
 
 /// Brake on the speed above that, in force steps per nanometre a sample and newton of missing tension: 268
 /// are 200 N s/m for a cable without tension.
 const BRAKE_STEPS_PER_NM: i64 = 268;
 
 /// Travel wound in without tension after which the cable counts as lost, in nanometres: 150 mm.
-pub const LOST_TRAVEL_NM: i64 = 150_000_000;
+pub const LOST_TRAVEL_NM: i32 = 150_000_000;
 
 /// What the motor is allowed to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -159,7 +160,7 @@ pub struct State {
     rebase: bool,
     over: u8,
     saturated: u8,
-    slack_nm: i64,
+    slack_nm: i32,
 }
 
 impl State {
@@ -274,7 +275,7 @@ impl Controller {
                 let measured = Measured {
                     error: setpoint.saturating_sub(tension),
                     rise: if state.closed { rise } else { Newton::ZERO },
-                    travel_nm,
+                    travel_nm: state.tracker.steady_travel_nm(),
                     dt_us,
                 };
                 let feedforward = config.friction.command(setpoint, direction);
@@ -286,12 +287,11 @@ impl Controller {
                         .set_integral(config, state.command.value().saturating_sub(others));
                     terms.i = state.pid.integral();
                 }
-                let brake = brake(tension, setpoint, travel_nm);
-                let asked = feedforward
-                    .saturating_add(terms.sum())
-                    .saturating_sub(brake);
-                let limited = asked.clamp_to(Newton::ZERO, config.force_limit);
+                let asked = feedforward.saturating_add(terms.sum());
+                let braked = asked.saturating_sub(brake(tension, setpoint, travel_nm));
+                let limited = braked.clamp_to(Newton::ZERO, config.force_limit);
                 let slewing = state.command.approach(limited, config.slew, dt_us);
+                // The brake counts as a limit: while it holds back, the integral must not push.
                 let excess = asked.saturating_sub(state.command.value());
                 let boost = if config.friction.is_enabled() {
                     Stillness::default()
@@ -303,7 +303,7 @@ impl Controller {
                 output.setpoint = setpoint;
                 output.terms = terms;
                 output.feedforward = feedforward;
-                if limited != asked {
+                if limited != braked {
                     output.flags |= flags::LIMITED;
                 }
                 if slewing {
@@ -340,14 +340,14 @@ impl State {
         self.slack_nm = if tension > SLACK_TENSION || input.drive == Drive::Off {
             0
         } else {
-            self.slack_nm.saturating_add(i64::from(travel_nm)).max(0)
+            self.slack_nm.saturating_add(travel_nm).max(0)
         };
         if self.saturated >= TRIP_SAMPLES {
             Some((Fault::AdcSaturated, input.code.get() as u32))
         } else if self.over >= TRIP_SAMPLES {
             Some((Fault::OverTension, (direct.to_un() / 1_000).unsigned_abs()))
         } else if self.slack_nm > LOST_TRAVEL_NM {
-            Some((Fault::CableLost, (self.slack_nm / 1_000) as u32))
+            Some((Fault::CableLost, self.slack_nm.unsigned_abs() / 1_000))
         } else {
             None
         }

@@ -39,6 +39,7 @@ pub struct Reference {
     last: Option<(i64, u32)>,
     direction: f64,
     slack_nm: f64,
+    fine_nm: f64,
     pace_nm: f64,
     slow_nm: f64,
     integral: f64,
@@ -70,6 +71,7 @@ impl Reference {
             last: None,
             direction: 0.0,
             slack_nm: 0.0,
+            fine_nm: 0.0,
             pace_nm: 0.0,
             slow_nm: 0.0,
             integral: 0.0,
@@ -182,7 +184,12 @@ impl Reference {
 
         // Direction.
         let play = f64::from(w.travel_nm_per_count).abs();
-        self.pace_nm += (travel.abs().min(65_536.0) - self.pace_nm) / 4.0;
+        // (The half play is a whole number of nanometres.)
+        let half = (play / 2.0).floor();
+        let fine = self.fine_nm + travel;
+        self.fine_nm = fine.clamp(-half, half);
+        let steady = fine - self.fine_nm;
+        self.pace_nm += (steady.abs().min(65_536.0) - self.pace_nm) / 4.0;
         let still = (1.0 - self.pace_nm / 4_096.0).max(0.0);
         let position = self.slack_nm + travel;
         self.slack_nm = position.clamp(-play, play);
@@ -191,7 +198,7 @@ impl Reference {
         } else {
             0.0
         };
-        let beyond = (error - error.clamp(-0.03, 0.03)).clamp(-4.0, 4.0);
+        let beyond = (error - error.clamp(-0.01, 0.01)).clamp(-4.0, 4.0);
         let change = 2.0 * (position - self.slack_nm) / f64::from(w.reversal_nm)
             + 154.0 / 256.0 * beyond * still;
         self.direction = (self.direction + change.clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
@@ -253,7 +260,7 @@ impl Reference {
                 } else {
                     0.0
                 };
-                let pace = travel / spans;
+                let pace = steady / spans;
                 self.slow_nm += (pace - self.slow_nm) * 2_524.0 / 65_536.0;
                 let d = derivative - q16(w.damping_q16) * RATE * 1e-9 * (pace - self.slow_nm);
                 if !self.closed {
@@ -262,9 +269,9 @@ impl Reference {
                 let i = self.integral;
                 let slack = (self.setpoint / 2.0).min(1.0);
                 let missing = slack - tension.clamp(0.0, slack);
-                let brake = 268.0 / 4_194_304.0 * (travel - 156_250.0).max(0.0) * missing;
-                let asked = feedforward + p + i + d - brake;
-                let limited = asked.clamp(0.0, limit);
+                let brake = 268.0 / 4_194_304.0 * (travel - 93_750.0).max(0.0) * missing;
+                let asked = feedforward + p + i + d;
+                let limited = (asked - brake).clamp(0.0, limit);
                 self.command += (limited - self.command).clamp(-slew, slew);
                 let boost = if w.friction_feedforward {
                     1.0

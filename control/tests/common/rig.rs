@@ -71,8 +71,10 @@ pub struct Rig {
 }
 
 impl Rig {
-    /// Zeroed with slack-free cables at rest, drives off.
+    /// Zeroed with slack cables (3 mm at least), drives off.
     pub fn new(plant: PlantConfig, seed: u64, wire: &UnitConfig) -> Self {
+        let mut plant = plant;
+        plant.cable.initial_slack_m = plant.cable.initial_slack_m.max(3e-3);
         let mut plant = Plant::new(plant, seed).expect("the plant's configuration is valid");
         plant.set_amplifier_power(true);
         let units = (0..plant.units())
@@ -160,7 +162,9 @@ impl Rig {
             let mut code = (mean * CODES_PER_BRIDGE + noise).round() as i32;
             if let Some(spikes) = &mut unit.spikes {
                 if spikes.unit() < 0.003 {
-                    code += (6_000_000.0 * (spikes.unit() - 0.5)) as i32;
+                    // 1.4 to 20 N, either way.
+                    let size = 200_000.0 + 2_800_000.0 * spikes.unit();
+                    code += if spikes.unit() < 0.5 { size } else { -size } as i32;
                 }
             }
             let code = LoadCode::new(code);
