@@ -14,6 +14,20 @@
 //! | what went wrong and how to leave it | [`faults`] |
 //! | where do the cables point (not in the sample path) | [`geometry`] |
 //!
+//! # Error of the fixed-point arithmetic
+//!
+//! At most 1 mN from load code to command (the force before it is rounded to a DAC code, which adds up to
+//! half a code, 1.77 mN). `tests/reference.rs` compares every sample with an independent `f64` version of
+//! the whole step, written from these pages, over configurations anywhere in their ranges and runs of up to
+//! 100,000 samples, integrators included; found: 0.26 mN at worst in 32 million samples.
+//! `cargo run --release -p force-control --example fixed_point_error` prints the figure.
+//!
+//! # Cost
+//!
+//! 32-bit by 32-bit and a few 64-bit multiplications, no division, no float and no panic in
+//! [`Controller::step`]: built for the Cortex-M7 it is 1,500 instructions long with all its branches, of which
+//! a sample takes a part.
+//!
 //! # Signs
 //!
 //! Tension, force and command are positive where the motor pulls the cable in. Encoder travel is positive

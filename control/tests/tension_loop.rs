@@ -249,3 +249,24 @@ fn enabling_and_new_gains_make_no_jump_and_a_ramp_ends_at_zero() {
         .iter()
         .all(|unit| unit.output.at_zero && unit.output.dac == DacCode::ZERO_VOLT));
 }
+
+#[test]
+fn a_cable_that_never_tightens_counts_as_lost() {
+    let mut plant = PlantConfig::default();
+    plant.cable.initial_slack_m = 0.25;
+    let mut rig = rig::Rig::new(plant, 9, &Config::nominal());
+    rig.units[0].drive = Drive::Follow;
+    rig.units[0].setpoint_n = 3.0;
+    let mut lost = None;
+    while rig.time_s() < 8.0 && lost.is_none() {
+        rig.advance(|i, _, output| {
+            if let Some(fault) = output.fault {
+                assert_eq!(i, 0);
+                lost = Some((fault, output.dac));
+            }
+        });
+    }
+    let ((fault, micrometres), dac) = lost.expect("the reel wound in 150 mm without tension");
+    assert_eq!((fault, dac), (Fault::CableLost, DacCode::ZERO_VOLT));
+    assert!((150_000..152_000).contains(&micrometres), "{micrometres}");
+}
