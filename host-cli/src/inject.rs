@@ -27,10 +27,8 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
         Some((name, argument)) => (name, Some(argument)),
         None => (what, None),
     };
-    let (unit_text, value) = match argument.map(|a| a.split_once(':').unwrap_or((a, ""))) {
-        Some(pair) => pair,
-        None => ("", ""),
-    };
+    let argument = argument.unwrap_or_default();
+    let (unit_text, value) = argument.split_once(':').unwrap_or((argument, ""));
     let unit = || {
         unit_text
             .parse::<u8>()

@@ -73,16 +73,16 @@ impl Problem {
 
     /// Half the objective's Hessian, the units that take no part decoupled.
     fn hessian(&self) -> [[f64; UNITS]; UNITS] {
-        let mut h = [[0.0; UNITS]; UNITS];
-        for i in 0..UNITS {
-            for j in 0..UNITS {
-                if self.takes_part(i) && self.takes_part(j) {
-                    h[i][j] = vec3::dot(self.directions[i], self.directions[j]);
-                }
-            }
-            h[i][i] += self.tie_break;
-        }
-        h
+        core::array::from_fn(|i| {
+            core::array::from_fn(|j| {
+                let coupled = if self.takes_part(i) && self.takes_part(j) {
+                    vec3::dot(self.directions[i], self.directions[j])
+                } else {
+                    0.0
+                };
+                coupled + if i == j { self.tie_break } else { 0.0 }
+            })
+        })
     }
 
     /// Half the objective's linear term.

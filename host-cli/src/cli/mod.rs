@@ -440,7 +440,7 @@ fn monitor(
         }
         cycle += 1;
         // Ten lines a second.
-        if cycle % 10 == 0 {
+        if cycle.is_multiple_of(10) {
             let t_s = (session.now_ns() - start_ns) as f64 * 1e-9;
             let tensions = session.tension_n().map(|t| t.map(|(tension, _)| tension));
             if json {

@@ -143,7 +143,7 @@ impl FakeBoard {
     fn send(&mut self, message: BoardMessage) {
         self.seq = self.seq.wrapping_add(1);
         if let Mood::Drops(n) = self.mood {
-            if self.seq % n == 0 {
+            if self.seq.is_multiple_of(n) {
                 return;
             }
         }
@@ -443,7 +443,7 @@ impl FakeBoard {
             self.expires_ns = None;
             self.latch(None, Fault::SetpointsExpired, 101);
         }
-        if age % STATUS_NS == 0 {
+        if age.is_multiple_of(STATUS_NS) {
             let status = self.status();
             self.send(BoardMessage::Status(status));
         }
@@ -535,7 +535,7 @@ impl RigLink for FakeBoard {
                         .random
                         .wrapping_mul(6_364_136_223_846_793_005)
                         .wrapping_add(99);
-                    if (self.random >> 33) as u32 % n == 0 {
+                    if ((self.random >> 33) as u32).is_multiple_of(n) {
                         *byte ^= 0x55;
                     }
                 }

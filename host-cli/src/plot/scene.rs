@@ -209,8 +209,10 @@ fn write_item(svg: &mut String, item: &Item) -> std::fmt::Result {
 
 fn paint(pixmap: &mut Pixmap, item: &Item) {
     let transform = Transform::from_scale(SCALE, SCALE);
-    let mut brush = Paint::default();
-    brush.anti_alias = true;
+    let mut brush = Paint {
+        anti_alias: true,
+        ..Paint::default()
+    };
     match item {
         Item::Line {
             points,
