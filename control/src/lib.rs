@@ -8,7 +8,7 @@
 //! | --- | --- |
 //! | what do the numbers mean | [`units`], [`convert`] |
 //! | what can be configured, within which ranges | [`config`] |
-//! | one sample of one unit | [`unit`], made of [`filter`], [`friction`], [`pid`], [`limits`] |
+//! | one sample of one unit | [`mod@unit`], made of [`filter`], [`friction`], [`pid`], [`limits`] |
 //! | zeroing | [`zero`] |
 //! | when may a motor pull | [`state`], [`motor`], [`system`], [`supervisor`] |
 //! | what went wrong and how to leave it | [`faults`] |
