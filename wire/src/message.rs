@@ -137,7 +137,7 @@ pub struct UnitConfig {
     /// Cable travel per encoder count in nanometres, positive when winding in counts up; nominal
     /// 2 pi 10 mm / (4000 * 26 / 7) = 4,229.
     pub travel_nm_per_count: i32,
-    /// DAC counts per newton of cable force, times 65,536 (nominal 282.4).
+    /// DAC counts per newton of cable force, times 65,536 (nominal 282.2).
     pub dac_counts_per_n_q16: i32,
     /// Largest commanded cable force, in micronewton.
     pub force_limit_un: i32,
