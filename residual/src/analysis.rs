@@ -216,7 +216,8 @@ impl Analysis<'_> {
     }
 
     fn step(&mut self, model: &Model, fit: &Fit) -> Result<Step, Error> {
-        let all = self.scan(model, fit, false)?;
+        let mut all = self.scan(model, fit, false)?;
+        self.look_again(&mut all, model, fit);
         Ok(rank(
             all,
             self.spec,
@@ -224,6 +225,23 @@ impl Analysis<'_> {
             self.floor,
             self.problem.y.len(),
         ))
+    }
+
+    /// A second look at material candidates that the first decoys could not clear.
+    fn look_again(&self, all: &mut [Candidate], model: &Model, fit: &Fit) {
+        let state = State {
+            problem: &self.problem,
+            spec: self.spec,
+            model,
+            fit,
+        };
+        let sel = &self.spec.selection;
+        for c in all
+            .iter_mut()
+            .filter(|c| c.gain >= sel.material && c.p * self.tests as f64 > sel.fdr)
+        {
+            c.p = c.p.min(state.second_look(c));
+        }
     }
 
     /// Adds effects until nothing material is left; returns the last scan.
@@ -483,6 +501,7 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     }
     let rows = a.problem.y.len();
     let mut nameless = a.scan(&model, &fit, true)?;
+    a.look_again(&mut nameless, &model, &fit);
     nameless.sort_by(|x, y| y.gain.total_cmp(&x.gain));
     let tests = a.tests.max(nameless.len());
     let left: Vec<&Candidate> = nameless

@@ -244,6 +244,22 @@ impl Fit {
         })
     }
 
+    /// The same fit with another residual in its place.
+    pub fn on(&self, residual: Vec<f64>, sums: Sums, scores: Scores) -> Fit {
+        Fit {
+            free: self.free.clone(),
+            x: self.x.clone(),
+            fixed: self.fixed.clone(),
+            theta: self.theta.clone(),
+            dropped: self.dropped.clone(),
+            sums,
+            residual,
+            held: vec![],
+            scores,
+            local: vec![],
+        }
+    }
+
     /// Prediction of the global terms in-sample.
     pub fn prediction(&self) -> Vec<f64> {
         let mut out = self.fixed.clone();

@@ -343,12 +343,32 @@ impl Report {
         out + "</body></html>\n"
     }
 
-    /// The extended model file.
+    /// The extended model file: running it again on the same data reproduces the final fit.
+    ///
+    /// # Errors
+    /// [`Error::Model`] if it cannot be written as TOML.
     pub fn model(&self) -> Result<String, Error> {
         toml::to_string(&self.extended).map_err(|e| Error::model(e.to_string()))
     }
 
-    /// Writes `report.json`, `report.md` with its plots, `report.html` and `MODEL.extended.toml`.
+    /// The extended model with every coefficient fixed at its fitted value: run on other data, its
+    /// baseline is a test on rows that were never fitted. Terms with a coefficient for each
+    /// sequence mean nothing elsewhere and are left out.
+    ///
+    /// # Errors
+    /// [`Error::Model`] if it cannot be written as TOML.
+    pub fn frozen(&self) -> Result<String, Error> {
+        let mut spec = self.extended.clone();
+        spec.terms.retain(|t| t.per.is_empty());
+        for t in &mut spec.terms {
+            t.fixed = t.fixed.or(t.fitted);
+            t.fitted = None;
+        }
+        toml::to_string(&spec).map_err(|e| Error::model(e.to_string()))
+    }
+
+    /// Writes `report.json`, `report.md` with its plots, `report.html`, `MODEL.extended.toml` and
+    /// `MODEL.frozen.toml`.
     ///
     /// # Errors
     /// [`Error::Io`].
@@ -364,6 +384,7 @@ impl Report {
             }
         }
         put("MODEL.extended.toml", &self.model()?)?;
+        put("MODEL.frozen.toml", &self.frozen()?)?;
         put("report.md", &self.markdown())?;
         put("report.html", &self.html())?;
         put("report.json", &self.json())

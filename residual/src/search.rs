@@ -471,6 +471,47 @@ impl State<'_> {
             .collect()
     }
 
+    /// Significance against decoys of what remains *after* the candidate. Decoys of the residual
+    /// itself carry the effect in pieces, which hides effects that are slow or act in few places.
+    pub fn second_look(&self, c: &Candidate) -> f64 {
+        let added = self.contribution(c);
+        if added.len() != self.fit.residual.len() {
+            return c.p;
+        }
+        let residual: Vec<f64> = self
+            .fit
+            .residual
+            .iter()
+            .zip(&added)
+            .map(|(r, a)| r - a)
+            .collect();
+        let cols: Vec<&[f64]> = self.fit.x.iter().map(Vec::as_slice).collect();
+        let sums = Sums::new(self.problem, &cols, &residual, None, None);
+        let scores = Scores::new(self.problem, &sums);
+        let fit = self.fit.on(residual, sums, scores);
+        let state = State {
+            problem: self.problem,
+            spec: self.spec,
+            model: self.model,
+            fit: &fit,
+        };
+        let mut grid = c.variant.psi.as_ref().map_or(vec![], |p| p.grid.clone());
+        grid.push(c.psi);
+        let points: Vec<Scores> = grid
+            .par_iter()
+            .filter_map(|psi| state.score(&(c.variant.build)(*psi)))
+            .collect();
+        let refs: Vec<&Scores> = points.iter().collect();
+        let (held, _) = profile(&refs);
+        let decoys: Vec<f64> = held
+            .iter()
+            .enumerate()
+            .skip(1)
+            .map(|(j, h)| (fit.scores.held_total(j) - h) / c.base)
+            .collect();
+        chance((c.base - c.held) / c.base, &decoys)
+    }
+
     /// RMS of what a candidate adds to the prediction, and the added values.
     pub fn contribution(&self, c: &Candidate) -> Vec<f64> {
         let build = (c.variant.build)(c.psi);
@@ -734,14 +775,15 @@ pub(crate) fn rank(
     }
 }
 
-/// Whether `simple` explains what `best` explains: all but 3 % of it, or no steady difference.
+/// Whether `simple` explains what `best` explains: all but 3 % of it, or nearly so
+/// without a steady difference.
 fn stands_for(simple: &Candidate, best: &Candidate) -> bool {
     if simple.parameters >= best.parameters && simple.name != best.name {
         // With as many parameters the better fit is the better claim.
         return simple.held <= best.held;
     }
     let lost = (simple.held - best.held) / (best.base - best.held).max(f64::MIN_POSITIVE);
-    lost < 0.03 || (lost < 0.2 && steadiness(&simple.losses, &best.losses) < 2.0)
+    lost < 0.03 || (lost < 0.15 && steadiness(&simple.losses, &best.losses) < 1.5)
 }
 
 /// Rivals that the data cannot tell from the winner: as many parameters, the same curve, no steady

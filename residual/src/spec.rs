@@ -46,7 +46,8 @@ pub struct Input {
     /// Column separator of text files: one character, or `blank` for runs of blanks.
     pub separator: String,
     /// A pattern of the file name, such as `unit{unit}_torque{torque}_comp{comp}`: each `{name}`
-    /// takes the number at its place and becomes a column.
+    /// takes the number at its place and becomes a column. A pattern with a `/` is matched against
+    /// the whole path.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub file_name: String,
     /// Columns that part a file into sequences (runs of one thing), such as `unit`.

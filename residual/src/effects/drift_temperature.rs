@@ -29,11 +29,15 @@ impl Effect for DriftTemperature {
         let per = ctx.per(&k);
         let mut out = vec![Variant::linear(
             "of zero",
-            vec![Piece::new(
-                "drift_per_degree",
-                per.clone(),
-                format!("temperature - {mid}"),
-            )],
+            vec![
+                Piece::new(
+                    "drift_per_degree",
+                    per.clone(),
+                    format!("temperature - {mid}"),
+                ),
+                // The temperature of no error is unknown: it comes as the error at mid-range.
+                Piece::new("error_at_mid_range", ctx.unit(), "1"),
+            ],
         )];
         if ctx.range(&ctx.load).is_some() {
             let text = format!("(temperature - {mid}) * {}", ctx.load);

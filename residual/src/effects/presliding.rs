@@ -1,6 +1,7 @@
 //! What friction does at rest and just after a reversal: the direction it holds.
 
 use super::{Build, Context, Effect, Piece, Psi, Variant};
+use crate::stats;
 
 pub(crate) struct Presliding;
 
@@ -51,6 +52,10 @@ impl Effect for Presliding {
                     ],
                 ));
             }
+            // Before the first motion of a run nobody knows which way the friction lies: its mean is
+            // a parameter of its own, or other effects would be bent to explain it.
+            let unknown = format!("(held({v}, {db}) == 0)");
+            let waiting = stats::mean(&ctx.values(&unknown)) > 0.002;
             let (v2, unit2) = (v.clone(), unit.clone());
             out.push(Variant::profiled(
                 "held, then turning before the next motion",
@@ -77,6 +82,13 @@ impl Effect for Presliding {
                             "turning_friction_per_load",
                             "1",
                             format!("{ahead} * abs({load})"),
+                        ));
+                    }
+                    if waiting {
+                        p.push(Piece::new(
+                            "before_first_motion",
+                            unit2.clone(),
+                            unknown.clone(),
                         ));
                     }
                     Build::Add(p)

@@ -61,24 +61,13 @@ impl Default for Excitation {
     }
 }
 
-/// Simulates with `effect` added to the declared model, scaled by `scale`.
-pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) -> f64) -> Report {
-    let (groups, rows, dt) = (8u32, 2000usize, 0.02);
+/// Shape of the simulated data: groups, rows in each, step in s.
+const SHAPE: (u32, usize, f64) = (8, 2000, 0.02);
+
+/// Runs `visit` over the rows of every group.
+fn rows_of(x: &Excitation, visit: &mut dyn FnMut(&Row)) {
+    let (groups, rows, dt) = SHAPE;
     let mut rng = Rng::new(x.seed);
-    let names = [
-        "command",
-        "velocity",
-        "angle",
-        "pose_a",
-        "temperature",
-        "neighbour",
-        "target",
-    ];
-    let mut cols: Vec<Vec<f64>> = names.iter().map(|_| vec![]).collect();
-    let mut time = vec![];
-    let mut sequences = vec![];
-    let white = x.noise * (1.0 - x.slow).sqrt();
-    let rho = 0.98f64;
     for group in 0..groups {
         let mut draw = |n: usize, a: f64, lo: f64, hi: f64| -> Vec<(f64, f64, f64)> {
             (0..n)
@@ -96,8 +85,6 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
         let poses = draw(2, 0.25, 0.1, 0.8);
         let other = draw(4, 0.6, 0.2, 6.0);
         let warm = draw(2, 1.5, 0.03, 0.2);
-        let start = time.len();
-        let mut slow = 0.0;
         let mut angle = 0.0;
         for i in 0..rows {
             let t = i as f64 * dt;
@@ -110,7 +97,7 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
                 v = 0.0;
             }
             angle += 6.0 * v * dt;
-            let row = Row {
+            visit(&Row {
                 first: i == 0,
                 group,
                 dt,
@@ -127,32 +114,60 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
                         .sum::<f64>(),
                 neighbour: other.iter().map(|(a, f, p)| a * (f * t + p).sin()).sum(),
                 wander: &wander,
-            };
-            slow = rho * slow + (1.0 - rho * rho).sqrt() * rng.normal();
-            let friction = if x.declare_coulomb && v != 0.0 {
-                -0.6 * v.signum()
-            } else {
-                0.0
-            };
-            let y = row.command
-                + friction
-                + scale * effect(&row)
-                + white * rng.normal()
-                + x.noise * x.slow.sqrt() * slow;
-            let values = [
-                row.command,
-                v,
-                angle,
-                row.pose,
-                row.temperature,
-                row.neighbour,
-                y,
-            ];
-            cols.iter_mut().zip(values).for_each(|(c, v)| c.push(v));
-            time.push(t);
+            });
         }
-        sequences.push(start..time.len());
     }
+}
+
+/// Simulates with `effect` added to the declared model, scaled by `scale`.
+pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) -> f64) -> Report {
+    let (groups, rows, _) = SHAPE;
+    let mut rng = Rng::new(x.seed ^ 0xd15e_a5e);
+    let names = [
+        "command",
+        "velocity",
+        "angle",
+        "pose_a",
+        "temperature",
+        "neighbour",
+        "target",
+    ];
+    let mut cols: Vec<Vec<f64>> = names.iter().map(|_| vec![]).collect();
+    let mut time = vec![];
+    let white = x.noise * (1.0 - x.slow).sqrt();
+    let rho = 0.98f64;
+    let mut slow = 0.0;
+    rows_of(x, &mut |row| {
+        if row.first {
+            slow = 0.0;
+        }
+        slow = rho * slow + (1.0 - rho * rho).sqrt() * rng.normal();
+        let v = row.velocity;
+        let friction = if x.declare_coulomb && v != 0.0 {
+            -0.6 * v.signum()
+        } else {
+            0.0
+        };
+        let y = row.command
+            + friction
+            + scale * effect(row)
+            + white * rng.normal()
+            + x.noise * x.slow.sqrt() * slow;
+        let values = [
+            row.command,
+            v,
+            row.angle,
+            row.pose,
+            row.temperature,
+            row.neighbour,
+            y,
+        ];
+        cols.iter_mut().zip(values).for_each(|(c, v)| c.push(v));
+        time.push(row.elapsed);
+    });
+    let sequences = (0..groups as usize)
+        .map(|g| g * rows..(g + 1) * rows)
+        .collect();
     let n = time.len();
     let fold: Vec<u32> = (0..n).map(|i| (i / rows) as u32).collect();
     let frame = Frame::new(
@@ -217,6 +232,159 @@ pub(crate) fn names_with(effect: &str, x: Excitation, mut f: impl FnMut(&Row) ->
         "{}",
         report.markdown()
     );
+}
+
+/// Effects for the table, each as (name, excitation, function).
+type Case = (
+    &'static str,
+    Excitation,
+    fn() -> Box<dyn FnMut(&Row) -> f64>,
+);
+
+fn cases() -> Vec<Case> {
+    let usual = Excitation::default;
+    vec![
+        ("offset", usual(), || Box::new(|_| 1.0)),
+        ("gain", usual(), || Box::new(|s| s.command)),
+        ("quadratic", usual(), || Box::new(|s| s.command * s.command)),
+        ("coulomb", usual(), || Box::new(|s| -s.velocity.signum())),
+        ("load_dependent_coulomb", usual(), || {
+            Box::new(|s| -s.command * s.velocity.signum())
+        }),
+        ("viscous", usual(), || Box::new(|s| -s.velocity)),
+        ("stribeck", usual(), || {
+            Box::new(|s| -s.velocity.signum() * (0.3 + (-(s.velocity / 0.3).powi(2)).exp()))
+        }),
+        ("periodic_angle", usual(), || {
+            Box::new(|s| (3.7 * s.angle + 0.4).sin())
+        }),
+        ("inertia", usual(), || Box::new(|s| s.acceleration)),
+        ("drift_time", usual(), || Box::new(|s| s.elapsed)),
+        ("drift_temperature", usual(), || {
+            Box::new(|s| s.temperature - 25.0)
+        }),
+        ("crosstalk", usual(), || Box::new(|s| s.neighbour)),
+        ("tone", usual(), || {
+            Box::new(|s| (std::f64::consts::TAU * 4.3 * s.elapsed + f64::from(s.group)).sin())
+        }),
+        ("geometry", usual(), || Box::new(|s| s.command * s.pose)),
+        ("gravity_angle", usual(), || {
+            Box::new(|s| (s.pose + 0.7).sin())
+        }),
+        (
+            "presliding",
+            Excitation {
+                declare_coulomb: true,
+                stops: true,
+                ..usual()
+            },
+            || {
+                let mut last = 0.0;
+                Box::new(move |s| {
+                    if s.first {
+                        last = 0.0;
+                    }
+                    if s.velocity != 0.0 {
+                        last = s.velocity.signum();
+                        0.0
+                    } else {
+                        -last
+                    }
+                })
+            },
+        ),
+        ("hysteresis", usual(), || {
+            let (mut z, mut last) = (0.0, 0.0);
+            Box::new(move |s| {
+                if s.first {
+                    (z, last) = (0.0, s.command);
+                }
+                let dx: f64 = s.command - last;
+                last = s.command;
+                let g = dx.signum();
+                z = g + (z - g) * (-dx.abs() / 0.8).exp();
+                z
+            })
+        }),
+        ("creep", usual(), || {
+            let mut z = 0.0;
+            Box::new(move |s| {
+                if s.first {
+                    z = 0.0;
+                }
+                z += (s.command - z) * (1.0 - (-s.dt / 6.0f64).exp());
+                z
+            })
+        }),
+    ]
+}
+
+/// Names found for one case at an RMS of `strength` times the noise.
+fn attempt(case: &Case, strength: f64, seed: u64) -> Report {
+    let x = Excitation {
+        seed,
+        ..case.1.clone()
+    };
+    // The RMS of the raw effect is measured first, on the same rows.
+    let (mut sum, mut n) = (0.0, 0.0);
+    let mut f = (case.2)();
+    let mut probe = |s: &Row| {
+        let v = f(s);
+        sum += v * v;
+        n += 1.0;
+        v
+    };
+    rows_of(&x, &mut |row| {
+        probe(row);
+    });
+    let scale = strength * x.noise / f64::sqrt(sum / n);
+    simulate(&x, scale, &mut *(case.2)())
+}
+
+/// The table of what was injected and what was named, at the noise and at 0.3 of it. The number of
+/// seeds comes from `RESIDUAL_SEEDS` (default 1).
+#[test]
+fn effects_are_named_at_the_noise_and_below() {
+    use rayon::prelude::*;
+    let seeds: u64 = std::env::var("RESIDUAL_SEEDS")
+        .ok()
+        .and_then(|s| s.parse().ok())
+        .unwrap_or(1);
+    for (strength, floor) in [(1.0, 0.9), (0.3, 0.7)] {
+        let rows: Vec<(usize, Vec<String>)> = cases()
+            .par_iter()
+            .map(|case| {
+                let got: Vec<String> = (0..seeds)
+                    .into_par_iter()
+                    .map(|s| {
+                        let r = attempt(case, strength, 10 + s);
+                        let names: Vec<&str> = r.effects.iter().map(|e| e.name.as_str()).collect();
+                        format!("{}:{}", r.verdict.word(), names.join("+"))
+                    })
+                    .collect();
+                let right = got
+                    .iter()
+                    .filter(|g| {
+                        g.split(':')
+                            .nth(1)
+                            .is_some_and(|n| n.split('+').next() == Some(case.0))
+                    })
+                    .count();
+                (right, got)
+            })
+            .collect();
+        let (mut right, mut all) = (0, 0);
+        for (case, (r, got)) in cases().iter().zip(&rows) {
+            println!("{strength} {:24} {r}/{seeds} {}", case.0, got.join(" "));
+            right += r;
+            all += got.len();
+        }
+        println!("{strength}: {right} of {all} named right first");
+        assert!(
+            right as f64 >= floor * all as f64,
+            "{right} of {all} at {strength}"
+        );
+    }
 }
 
 #[test]

@@ -149,7 +149,13 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
         .map(|path| {
             let mut raw = read(path, spec)?;
             if !spec.input.file_name.is_empty() {
-                let name = path.file_name().and_then(|n| n.to_str()).unwrap_or("");
+                let whole = path.to_string_lossy().replace('\\', "/");
+                // A pattern with a slash speaks about the path, any other about the file's name.
+                let name = if spec.input.file_name.contains('/') {
+                    whole.as_str()
+                } else {
+                    whole.rsplit('/').next().unwrap_or("")
+                };
                 let keys = file_keys(&spec.input.file_name, name).ok_or_else(|| {
                     Error::io(
                         path,

@@ -1,0 +1,345 @@
+//! Input of every kind through the public entry: formats, units, groups, and data that cannot be
+//! analysed.
+
+use residual::{run, spec::Spec, Error, Options, Report, Verdict};
+use std::io::Write;
+use std::path::PathBuf;
+
+/// A folder of its own for one test, removed at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Folder {
+        let dir = std::env::temp_dir().join(format!("residual-test-{}-{name}", std::process::id()));
+        std::fs::create_dir_all(&dir).unwrap();
+        Folder(dir)
+    }
+
+    fn put(&self, name: &str, text: &str) -> PathBuf {
+        let path = self.0.join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+const MODEL: &str = r#"
+[roles]
+time = { column = "t", unit = "s" }
+target = { column = "y", unit = "N" }
+command = { column = "c", unit = "N" }
+velocity = { column = "v", unit = "rad/s" }
+[[terms]]
+name = "tension"
+expr = "command"
+fixed = 1.0
+"#;
+
+/// Pseudo-random number in -1..1 that depends on the row only.
+fn hash(i: usize, salt: u64) -> f64 {
+    let mut z = (i as u64 ^ salt << 40).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+}
+
+/// Rows (time, target, command, velocity) of one run with Coulomb friction of 0.5 N.
+fn rows(run: u64, n: usize) -> Vec<[f64; 4]> {
+    (0..n)
+        .map(|i| {
+            let t = i as f64 * 0.02;
+            let v = (1.3 * t + run as f64).sin() + 0.4 * (3.1 * t).cos();
+            let c = 3.0 + (0.7 * t + 2.0 * run as f64).sin();
+            let noise = 0.08 * (hash(i, run) + hash(i, run + 77) + hash(i, run + 155));
+            [t, c - 0.5 * v.signum() + noise, c, v]
+        })
+        .collect()
+}
+
+fn csv(rows: &[[f64; 4]]) -> String {
+    rows.iter().fold("t,y,c,v\n".to_string(), |s, r| {
+        s + &format!("{},{},{},{}\n", r[0], r[1], r[2], r[3])
+    })
+}
+
+fn analyse(data: &[PathBuf], model: &str) -> Result<Report, Error> {
+    run(
+        &Options {
+            data: data.to_vec(),
+            model: Spec::parse(model)?,
+            out: None,
+        },
+        &mut (),
+    )
+}
+
+fn assert_coulomb(r: &Report) {
+    assert_eq!(r.verdict, Verdict::Effect, "{}", r.markdown());
+    assert_eq!(r.effects[0].name, "coulomb", "{}", r.markdown());
+    let f = r.effects[0].params["friction"];
+    assert!((f + 0.5).abs() < 0.02, "{f}");
+    let ci = r.effects[0].ci["friction"];
+    assert!(ci[0] < f && f < ci[1] && ci[1] - ci[0] < 0.05, "{ci:?}");
+}
+
+#[test]
+fn plain_gzip_and_blank_separated_text_agree() {
+    let dir = Folder::new("text");
+    for run in 0..3 {
+        dir.put(&format!("run{run}.csv"), &csv(&rows(run, 1500)));
+    }
+    let plain = analyse(&[dir.0.clone()], MODEL).unwrap();
+    assert_coulomb(&plain);
+
+    let zipped = Folder::new("gzip");
+    for run in 0..3 {
+        let file = std::fs::File::create(zipped.0.join(format!("run{run}.csv.gz"))).unwrap();
+        let mut gz = flate2::write::GzEncoder::new(file, flate2::Compression::fast());
+        gz.write_all(csv(&rows(run, 1500)).as_bytes()).unwrap();
+        gz.finish().unwrap();
+    }
+    let gzip = analyse(&[zipped.0.clone()], MODEL).unwrap();
+    assert_eq!(gzip.baseline.heldout_rmse, plain.baseline.heldout_rmse);
+
+    let blank = Folder::new("blank");
+    for run in 0..3 {
+        let text = rows(run, 1500).iter().fold(String::new(), |s, r| {
+            s + &format!("  {} {}\t{} {}\n", r[0], r[1], r[2], r[3])
+        });
+        blank.put(&format!("run{run}.txt"), &text);
+    }
+    let model =
+        format!("[input]\nseparator = \"blank\"\nheader = [\"t\", \"y\", \"c\", \"v\"]\n{MODEL}");
+    assert_eq!(
+        analyse(&[blank.0.clone()], &model)
+            .unwrap()
+            .last
+            .heldout_rmse,
+        plain.last.heldout_rmse
+    );
+}
+
+#[cfg(feature = "parquet")]
+#[test]
+fn parquet_agrees_with_text() {
+    use parquet::data_type::DoubleType;
+    use parquet::file::{properties::WriterProperties, writer::SerializedFileWriter};
+    use parquet::schema::parser::parse_message_type;
+    use std::sync::Arc;
+    let dir = Folder::new("parquet");
+    let text = Folder::new("parquet-text");
+    let schema = Arc::new(parse_message_type("message log { required double t; optional double y; required double c; required double v; }").unwrap());
+    for run in 0..2 {
+        let data = rows(run, 1500);
+        text.put(&format!("run{run}.csv"), &csv(&data));
+        let file = std::fs::File::create(dir.0.join(format!("run{run}.parquet"))).unwrap();
+        let mut w = SerializedFileWriter::new(
+            file,
+            schema.clone(),
+            Arc::new(WriterProperties::builder().build()),
+        )
+        .unwrap();
+        for part in data.chunks(700) {
+            let mut group = w.next_row_group().unwrap();
+            for c in 0..4 {
+                let values: Vec<f64> = part.iter().map(|r| r[c]).collect();
+                let mut col = group.next_column().unwrap().unwrap();
+                let defined = vec![1i16; values.len()];
+                col.typed::<DoubleType>()
+                    .write_batch(&values, (c == 1).then_some(&defined[..]), None)
+                    .unwrap();
+                col.close().unwrap();
+            }
+            group.close().unwrap();
+        }
+        w.close().unwrap();
+    }
+    let a = analyse(&[dir.0.clone()], MODEL).unwrap();
+    let b = analyse(&[text.0.clone()], MODEL).unwrap();
+    assert_coulomb(&a);
+    assert_eq!(a.baseline.heldout_rmse, b.baseline.heldout_rmse);
+}
+
+#[test]
+fn the_extended_model_reproduces_the_fit_and_the_frozen_one_transfers() {
+    let dir = Folder::new("extended");
+    for run in 0..3 {
+        dir.put(&format!("run{run}.csv"), &csv(&rows(run, 1500)));
+    }
+    let out = dir.0.join("out");
+    let first = run(
+        &Options {
+            data: vec![dir.0.clone()],
+            model: Spec::parse(MODEL).unwrap(),
+            out: Some(out.clone()),
+        },
+        &mut (),
+    )
+    .unwrap();
+    for name in [
+        "report.json",
+        "report.md",
+        "report.html",
+        "effect-1-coulomb.svg",
+    ] {
+        assert!(out.join(name).exists(), "{name}");
+    }
+    let json: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
+    assert_eq!(json["verdict"], "effect");
+    assert_eq!(
+        json["baseline"]["heldout_rmse"].as_f64(),
+        Some(first.baseline.heldout_rmse)
+    );
+    assert_eq!(
+        json["final"]["heldout_rmse"].as_f64(),
+        Some(first.last.heldout_rmse)
+    );
+    for key in [
+        "name",
+        "params",
+        "ci",
+        "heldout_before",
+        "heldout_after",
+        "rival",
+    ] {
+        assert!(json["effects"][0].get(key).is_some(), "{key}");
+    }
+    assert!(json["seen_not_material"].is_array() && json["hygiene"].is_array());
+    let data: Vec<PathBuf> = (0..3).map(|r| dir.0.join(format!("run{r}.csv"))).collect();
+    let again = analyse(
+        &data,
+        &std::fs::read_to_string(out.join("MODEL.extended.toml")).unwrap(),
+    )
+    .unwrap();
+    assert_eq!(again.verdict, Verdict::None, "{}", again.markdown());
+    assert!((again.baseline.heldout_rmse / first.last.heldout_rmse - 1.0).abs() < 1e-6);
+
+    let other = Folder::new("frozen");
+    for run in 10..12 {
+        other.put(&format!("run{run}.csv"), &csv(&rows(run, 1500)));
+    }
+    let moved = analyse(
+        &[other.0.clone()],
+        &std::fs::read_to_string(out.join("MODEL.frozen.toml")).unwrap(),
+    )
+    .unwrap();
+    assert!(moved.baseline.heldout_rmse < 1.1 * first.last.heldout_rmse);
+}
+
+#[test]
+fn units_convert_and_blocks_of_one_file_hold_out() {
+    let dir = Folder::new("units");
+    let data: Vec<[f64; 4]> = rows(0, 4000)
+        .into_iter()
+        .map(|[t, y, c, v]| [t * 1000.0, y * 1000.0 + 200.0, c, v])
+        .collect();
+    let path = dir.put("one.csv", &csv(&data));
+    let model = MODEL
+        .replace(
+            "{ column = \"t\", unit = \"s\" }",
+            "{ column = \"t\", unit = \"s\", scale = 0.001 }",
+        )
+        .replace(
+            "{ column = \"y\", unit = \"N\" }",
+            "{ column = \"y\", unit = \"N\", scale = 0.001, offset = -0.2 }",
+        );
+    assert_coulomb(&analyse(&[path], &format!("{model}\n[holdout]\nblock_s = 10\n")).unwrap());
+}
+
+fn refused(name: &str, text: &str, model: &str) -> (u8, String) {
+    let dir = Folder::new(name);
+    dir.put("a.csv", text);
+    dir.put("b.csv", text);
+    let out = dir.0.join("out");
+    let err = Spec::parse(model)
+        .and_then(|model| {
+            run(
+                &Options {
+                    data: vec![dir.0.join("a.csv"), dir.0.join("b.csv")],
+                    model,
+                    out: Some(out.clone()),
+                },
+                &mut (),
+            )
+        })
+        .expect_err(name);
+    assert!(!out.exists(), "{name}: a report was written");
+    (err.exit_code(), err.to_string())
+}
+
+#[test]
+fn bad_input_is_refused_with_a_reason_and_no_report() {
+    let good = csv(&rows(0, 800));
+    let cases: Vec<(&str, String, String, u8, &str)> = vec![
+        ("missing", good.replace("t,y,c,v", "t,y,c,w"), MODEL.into(), 3, "no column `v`"),
+        ("text", good.replacen("\n0.02,", "\n0.02,oops,", 1).replacen("oops,", "oops", 1), MODEL.into(), 3, "line 3"),
+        ("nan", csv(&rows(0, 800).iter().map(|r| [r[0], f64::NAN, r[2], r[3]]).collect::<Vec<_>>()), MODEL.into(), 4, "finite"),
+        ("constant", csv(&rows(0, 800).iter().map(|r| [r[0], r[1], 3.0, 0.0]).collect::<Vec<_>>()), MODEL.into(), 4, "constant excitation"),
+        ("flat", csv(&rows(0, 800).iter().map(|r| [r[0], 1.0, r[2], r[3]]).collect::<Vec<_>>()), MODEL.into(), 4, "target is constant"),
+        ("backwards", csv(&rows(0, 800).into_iter().rev().collect::<Vec<_>>()), MODEL.into(), 4, "time does not grow"),
+        ("short", csv(&rows(0, 8)), MODEL.into(), 4, "rows are left"),
+        ("empty", String::new(), MODEL.into(), 3, "empty"),
+        (
+            "rank",
+            good.clone(),
+            format!("{MODEL}[[terms]]\nname = \"one\"\nexpr = \"velocity\"\n[[terms]]\nname = \"two\"\nexpr = \"3 * velocity\"\n"),
+            4,
+            "two",
+        ),
+        ("column", good.clone(), format!("{MODEL}[[terms]]\nname = \"x\"\nexpr = \"nosuch * 2\"\n"), 2, "nosuch"),
+        ("syntax", good.clone(), MODEL.replace("expr = \"command\"", "expr = \"command *\""), 2, "missing at the end"),
+        ("key", good.clone(), MODEL.replace("fixed", "fixd"), 2, "fixd"),
+        ("by", good.clone(), format!("{MODEL}\n[holdout]\nby = [\"unit\"]\n"), 2, "unit"),
+    ];
+    for (name, text, model, code, part) in cases {
+        let (got, message) = refused(name, &text, &model);
+        assert!(
+            got == code && message.contains(part),
+            "{name}: exit {got}, {message}"
+        );
+    }
+    let dir = Folder::new("single");
+    let one = dir.put("only.csv", &good);
+    let err = analyse(&[one], MODEL).unwrap_err();
+    assert!(
+        err.exit_code() == 4 && err.to_string().contains("block_s"),
+        "{err}"
+    );
+    assert_eq!(
+        analyse(&[dir.0.join("nothing.csv")], MODEL)
+            .unwrap_err()
+            .exit_code(),
+        3
+    );
+}
+
+#[test]
+fn flaws_are_reported_and_handled_as_asked() {
+    let dir = Folder::new("flaws");
+    for run in 0..3 {
+        let mut data = rows(run, 1500);
+        data[200][1] *= 256.0;
+        data[400][1] += 9.0;
+        dir.put(&format!("run{run}.csv"), &csv(&data));
+    }
+    let has = |r: &Report, check: &str| r.hygiene.iter().any(|f| f.check == check);
+    let seen = analyse(&[dir.0.clone()], MODEL).unwrap();
+    assert!(
+        has(&seen, "scale256") && has(&seen, "spike"),
+        "{:?}",
+        seen.hygiene
+    );
+    assert!(seen.last.heldout_rmse > 1.0);
+    let mended = analyse(
+        &[dir.0.clone()],
+        &format!("{MODEL}\n[hygiene]\nscale256 = \"fix\"\nspikes = \"drop\"\n"),
+    )
+    .unwrap();
+    assert_coulomb(&mended);
+}
