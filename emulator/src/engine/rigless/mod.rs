@@ -26,7 +26,7 @@ use std::thread::JoinHandle;
 
 /// `b .`: a branch to itself.
 const HANG: u16 = 0xE7FE;
-/// How far the hang injection waits for the core to arrive at a sleep before it gives up.
+/// The run pauses before its first instruction, for the first command.
 const FIRST_STOP: VirtualNanos = VirtualNanos(0);
 
 enum Command {
@@ -77,7 +77,6 @@ impl RiglessEngine {
                     sleeps,
                     patched: Vec::new(),
                     resets: 0,
-                    started: false,
                 };
                 let images = [placed];
                 run(session, &Start::new(&images), driver)
@@ -199,7 +198,6 @@ struct Turns {
     /// Instructions replaced by the hang injection, to be put back by a reset.
     patched: Vec<(u32, u16)>,
     resets: usize,
-    started: bool,
 }
 
 impl Turns {
@@ -279,7 +277,6 @@ impl Driver<RigMachine> for Turns {
                 .last()
                 .map(|reset| format!("{:?}", reset.cause)),
         });
-        self.started = true;
         self.reports.send(stands).ok()?;
         loop {
             let answer = match self.orders.recv().ok()? {
@@ -334,8 +331,10 @@ fn events(session: &Session<RigMachine>) -> Vec<RegisterEvent> {
         events.push(event(
             format!("{}.{}", register.instance, register.register),
             format!(
-                "no model behind this register; first by the instruction at {:#010x}, last value written {:#x?}",
-                register.program_counter, register.written
+                "no model behind this register; first by the instruction at {:#010x}{}",
+                register.program_counter,
+                (register.written)
+                    .map_or_else(String::new, |value| format!(", last written {value:#010x}"))
             ),
             register.reads + register.writes,
         ));
