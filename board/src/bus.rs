@@ -65,11 +65,21 @@ pub struct Transfer {
 
 impl Transfer {
     const fn write(address: u8, bytes: [u8; 2], len: u8) -> Self {
-        Self { address, write: bytes, write_len: len, read_len: 0 }
+        Self {
+            address,
+            write: bytes,
+            write_len: len,
+            read_len: 0,
+        }
     }
 
     const fn write_read(address: u8, register: u8, len: u8) -> Self {
-        Self { address, write: [register, 0], write_len: 1, read_len: len }
+        Self {
+            address,
+            write: [register, 0],
+            write_len: 1,
+            read_len: len,
+        }
     }
 }
 
@@ -181,7 +191,11 @@ enum Phase {
     /// Not looked after: edges are ignored.
     Off,
     /// Being set up; `since`: when the next step could have started.
-    BringUp { machine: Bringup, next: Next, since: u32 },
+    BringUp {
+        machine: Bringup,
+        next: Next,
+        since: u32,
+    },
     Streaming,
 }
 
@@ -219,7 +233,10 @@ impl Unit {
             (Phase::Streaming, Some(last)) => last,
             _ => return None,
         };
-        let due = last.wrapping_add(self.period()).wrapping_sub(now).cast_signed();
+        let due = last
+            .wrapping_add(self.period())
+            .wrapping_sub(now)
+            .cast_signed();
         // Long overdue: lost its plug, rather than late.
         (due > -(PERIOD_US.cast_signed() / 4)).then_some(due)
     }
@@ -229,11 +246,17 @@ impl Unit {
 #[derive(Debug, Clone, Copy)]
 enum Recovery {
     Take,
-    Clear { clear: BusClear, sda_high: bool, after_reset: bool },
+    Clear {
+        clear: BusClear,
+        sda_high: bool,
+        after_reset: bool,
+    },
     ResetLow,
     ResetHigh,
     Give,
-    Pause { until: u32 },
+    Pause {
+        until: u32,
+    },
 }
 
 /// The scheduler. All its functions run at one interrupt priority, so it needs no locks.
@@ -281,7 +304,14 @@ impl Bus {
         if let Some(slot) = self.units.get_mut(usize::from(unit)) {
             let mut machine = Bringup::new(nau7802::Config::FORCE_UNIT);
             let next = Next::Do(machine.next(nau7802::Event::Start));
-            *slot = Unit { phase: Phase::BringUp { machine, next, since: now }, ..Unit::new() };
+            *slot = Unit {
+                phase: Phase::BringUp {
+                    machine,
+                    next,
+                    since: now,
+                },
+                ..Unit::new()
+            };
             self.settle(unit, now, &mut Discard);
         }
     }
@@ -295,7 +325,9 @@ impl Bus {
 
     /// A DRDY line rose.
     pub fn drdy(&mut self, unit: u8, now: u32) {
-        let Some(slot) = self.units.get_mut(usize::from(unit)) else { return };
+        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
+            return;
+        };
         if !matches!(slot.phase, Phase::Streaming) {
             return;
         }
@@ -328,7 +360,9 @@ impl Bus {
     pub fn tick(&mut self, now: u32, drdy_levels: u8, sink: &mut impl Sink) {
         self.check_deadline(now, sink);
         for (n, unit) in self.units.iter_mut().enumerate() {
-            let overdue = unit.last_edge.is_none_or(|last| now.wrapping_sub(last) > PERIOD_US + PERIOD_US / 4);
+            let overdue = unit
+                .last_edge
+                .is_none_or(|last| now.wrapping_sub(last) > PERIOD_US + PERIOD_US / 4);
             // The line stays high until the result is read: high without an edge is an edge that was lost.
             if matches!(unit.phase, Phase::Streaming)
                 && drdy_levels & (1 << n) != 0
@@ -346,8 +380,15 @@ impl Bus {
     }
 
     /// The transaction has ended; `read` holds the bytes that were read.
-    pub fn finished(&mut self, result: Result<[u8; 3], TransferError>, now: u32, sink: &mut impl Sink) {
-        let Some((job, _)) = self.current.take() else { return };
+    pub fn finished(
+        &mut self,
+        result: Result<[u8; 3], TransferError>,
+        now: u32,
+        sink: &mut impl Sink,
+    ) {
+        let Some((job, _)) = self.current.take() else {
+            return;
+        };
         match result {
             Ok(bytes) => {
                 self.rounds = 0;
@@ -395,7 +436,9 @@ impl Bus {
         }
         let unit = self.due_next(now)?;
         let mask = mask_of(unit);
-        self.mux.request(mask).map(|byte| self.select(byte[0], mask, now))
+        self.mux
+            .request(mask)
+            .map(|byte| self.select(byte[0], mask, now))
     }
 
     // --- choosing --------------------------------------------------------------------------------
@@ -416,10 +459,21 @@ impl Bus {
     }
 
     fn choose_sequence(&mut self, now: u32) -> Option<u8> {
-        let room = self.units.iter().filter_map(|unit| unit.due_in(now)).all(|due| due > SEQUENCE_ROOM_US);
+        let room = self
+            .units
+            .iter()
+            .filter_map(|unit| unit.due_in(now))
+            .all(|due| due > SEQUENCE_ROOM_US);
         let mut longest: Option<(u8, u32)> = None;
         for (n, unit) in (0..).zip(&mut self.units) {
-            let Phase::BringUp { machine, next, since } = &mut unit.phase else { continue };
+            let Phase::BringUp {
+                machine,
+                next,
+                since,
+            } = &mut unit.phase
+            else {
+                continue;
+            };
             if let Next::Wait { until } = *next {
                 if now.wrapping_sub(until).cast_signed() < 0 {
                     continue;
@@ -428,7 +482,9 @@ impl Bus {
                 *since = now;
             }
             let waited = now.wrapping_sub(*since);
-            if (room || waited > SEQUENCE_PATIENCE_US) && longest.is_none_or(|(_, most)| waited > most) {
+            if (room || waited > SEQUENCE_PATIENCE_US)
+                && longest.is_none_or(|(_, most)| waited > most)
+            {
                 longest = Some((n, waited));
             }
         }
@@ -455,7 +511,11 @@ impl Bus {
     }
 
     fn select(&mut self, byte: u8, mask: ChannelMask, now: u32) -> Work {
-        self.begin(Job::Select(mask), Transfer::write(Address::DEFAULT.get(), [byte, 0], 1), now)
+        self.begin(
+            Job::Select(mask),
+            Transfer::write(Address::DEFAULT.get(), [byte, 0], 1),
+            now,
+        )
     }
 
     fn read_or_select(&mut self, unit: u8, now: u32) -> Work {
@@ -464,13 +524,20 @@ impl Bus {
             return self.select(byte[0], mask, now);
         }
         let at = self.units[usize::from(unit)].ready.take().unwrap_or(now);
-        let transfer =
-            Transfer::write_read(nau7802::ADDRESS, nau7802::proto::READ_ADC[0], nau7802::proto::READ_ADC_LEN as u8);
+        let transfer = Transfer::write_read(
+            nau7802::ADDRESS,
+            nau7802::proto::READ_ADC[0],
+            nau7802::proto::READ_ADC_LEN as u8,
+        );
         self.begin(Job::Read { unit, at }, transfer, now)
     }
 
     fn sequence_or_select(&mut self, unit: u8, now: u32, sink: &mut impl Sink) -> Option<Work> {
-        let Phase::BringUp { next: Next::Do(action), .. } = self.units[usize::from(unit)].phase else {
+        let Phase::BringUp {
+            next: Next::Do(action),
+            ..
+        } = self.units[usize::from(unit)].phase
+        else {
             return None;
         };
         let transfer = match action {
@@ -492,11 +559,20 @@ impl Bus {
     /// Takes a bring-up's actions that need no bus.
     fn settle(&mut self, unit: u8, now: u32, sink: &mut impl Sink) {
         let slot = &mut self.units[usize::from(unit)];
-        let Phase::BringUp { next, since, .. } = &mut slot.phase else { return };
+        let Phase::BringUp { next, since, .. } = &mut slot.phase else {
+            return;
+        };
         match *next {
-            Next::Do(Action::WaitUs(time)) => *next = Next::Wait { until: now.wrapping_add(time) },
+            Next::Do(Action::WaitUs(time)) => {
+                *next = Next::Wait {
+                    until: now.wrapping_add(time),
+                }
+            }
             Next::Do(Action::Done) => {
-                *slot = Unit { phase: Phase::Streaming, ..Unit::new() };
+                *slot = Unit {
+                    phase: Phase::Streaming,
+                    ..Unit::new()
+                };
                 sink.event(Event::Up { unit });
             }
             Next::Do(Action::Failed(error)) => {
@@ -525,12 +601,20 @@ impl Bus {
                 slot.failures = 0;
                 if matches!(slot.phase, Phase::Streaming) {
                     let missed = core::mem::take(&mut slot.missed);
-                    sink.event(Event::Sample { unit, code: nau7802::proto::decode_adc(bytes), at, missed });
+                    sink.event(Event::Sample {
+                        unit,
+                        code: nau7802::proto::decode_adc(bytes),
+                        at,
+                        missed,
+                    });
                 }
             }
             Job::Sequence { unit } => {
                 let event = match self.units[usize::from(unit)].phase {
-                    Phase::BringUp { next: Next::Do(Action::WriteRead(_)), .. } => nau7802::Event::Read(bytes[0]),
+                    Phase::BringUp {
+                        next: Next::Do(Action::WriteRead(_)),
+                        ..
+                    } => nau7802::Event::Read(bytes[0]),
                     _ => nau7802::Event::Written,
                 };
                 self.advance(unit, event, now, sink);
@@ -554,7 +638,10 @@ impl Bus {
                 let slot = &mut self.units[usize::from(unit)];
                 if matches!(slot.phase, Phase::Streaming) {
                     slot.failures = slot.failures.saturating_add(1);
-                    sink.event(Event::ReadFailed { unit, in_a_row: slot.failures });
+                    sink.event(Event::ReadFailed {
+                        unit,
+                        in_a_row: slot.failures,
+                    });
                     // Once more for the same sample; a second failure waits for the next edge.
                     if !slot.failures.is_multiple_of(2) && slot.ready.is_none() {
                         slot.ready = Some(at);
@@ -569,7 +656,10 @@ impl Bus {
     }
 
     fn check_deadline(&mut self, now: u32, sink: &mut impl Sink) {
-        if self.current.is_some_and(|(_, started)| now.wrapping_sub(started) > I2C_DEADLINE_US) {
+        if self
+            .current
+            .is_some_and(|(_, started)| now.wrapping_sub(started) > I2C_DEADLINE_US)
+        {
             self.finished(Err(TransferError::Timeout), now, sink);
         }
     }
@@ -583,11 +673,18 @@ impl Bus {
                     self.rounds = self.rounds.saturating_add(1);
                     sink.event(Event::Recovery);
                     self.mux.invalidate();
-                    self.recovery =
-                        Some(Recovery::Clear { clear: BusClear::new(), sda_high: true, after_reset: false });
+                    self.recovery = Some(Recovery::Clear {
+                        clear: BusClear::new(),
+                        sda_high: true,
+                        after_reset: false,
+                    });
                     return Some(Work::TakeLines);
                 }
-                Recovery::Clear { clear, sda_high, after_reset } => match clear.next(*sda_high) {
+                Recovery::Clear {
+                    clear,
+                    sda_high,
+                    after_reset,
+                } => match clear.next(*sda_high) {
                     BusClearStep::Lines { scl, sda } => {
                         self.stepping = true;
                         return Some(Work::Lines { scl, sda });
@@ -600,7 +697,10 @@ impl Bus {
                             Recovery::Give
                         });
                         if after_reset && self.rounds >= STUCK_AFTER {
-                            sink.event(Event::Stuck { rounds: self.rounds, sda_low: !released });
+                            sink.event(Event::Stuck {
+                                rounds: self.rounds,
+                                sda_low: !released,
+                            });
                         }
                     }
                 },
@@ -610,14 +710,18 @@ impl Bus {
                     return Some(Work::MuxReset { low: true });
                 }
                 Recovery::ResetHigh => {
-                    self.recovery =
-                        Some(Recovery::Clear { clear: BusClear::new(), sda_high: true, after_reset: true });
+                    self.recovery = Some(Recovery::Clear {
+                        clear: BusClear::new(),
+                        sda_high: true,
+                        after_reset: true,
+                    });
                     self.stepping = true;
                     return Some(Work::MuxReset { low: false });
                 }
                 Recovery::Give => {
-                    self.recovery = (self.rounds >= STUCK_AFTER)
-                        .then(|| Recovery::Pause { until: now.wrapping_add(STUCK_PAUSE_US) });
+                    self.recovery = (self.rounds >= STUCK_AFTER).then(|| Recovery::Pause {
+                        until: now.wrapping_add(STUCK_PAUSE_US),
+                    });
                     return Some(Work::GiveLines);
                 }
                 Recovery::Pause { until } => {

@@ -30,7 +30,10 @@ pub const LSI_HZ: u32 = 32_000;
 /// PLL1: 4 MHz reference, 800 MHz VCO, P for the core, Q for SPI1.
 pub const PLL1: Pll = Pll::new(HSE_HZ, 2, 200, 2, 8);
 const _: () = assert!(PLL1.p_hz == CORE_HZ);
-const _: () = assert!(CORE_HZ <= 400_000_000, "VOS1 ends at 400 MHz (datasheet table 'general operating conditions')");
+const _: () = assert!(
+    CORE_HZ <= 400_000_000,
+    "VOS1 ends at 400 MHz (datasheet table 'general operating conditions')"
+);
 
 /// Kernel clock of SPI1 in hertz: PLL1 Q.
 pub const SPI1_KERNEL_HZ: u32 = PLL1.q_hz;
@@ -66,7 +69,10 @@ impl Pll {
         assert!(m >= 1 && m <= 63, "DIVM is 1 to 63");
         assert!(n >= 4 && n <= 512, "DIVN is 4 to 512");
         assert!(p >= 1 && p <= 128, "DIVP is 1 to 128");
-        assert!(p == 1 || p.is_multiple_of(2), "DIVP1 allows 1 and even numbers only");
+        assert!(
+            p == 1 || p.is_multiple_of(2),
+            "DIVP1 allows 1 and even numbers only"
+        );
         assert!(q >= 1 && q <= 128, "DIVQ is 1 to 128");
         let reference = source_hz / m as u32;
         let (input_range, medium_vco) = match reference {
@@ -77,7 +83,11 @@ impl Pll {
             _ => panic!("PLL reference is 1 to 16 MHz"),
         };
         let vco = reference as u64 * n as u64;
-        let (low, high) = if medium_vco { (150_000_000, 420_000_000) } else { (192_000_000, 836_000_000) };
+        let (low, high) = if medium_vco {
+            (150_000_000, 420_000_000)
+        } else {
+            (192_000_000, 836_000_000)
+        };
         assert!(vco >= low && vco <= high, "VCO out of its range");
         Self {
             m,
@@ -147,17 +157,28 @@ pub const fn i2c_timingr(kernel_hz: u32, scl_hz: u32, rise_ns: u32, fall_ns: u32
         let scldel = (rise_ns + SETUP_MIN_NS).div_ceil(step_ns);
         // SDADEL: hold after SCL fell, less what filter and synchronisation already give.
         let given = FILTER_MIN_NS + 3 * clock_ns;
-        let sdadel = if fall_ns > given { (fall_ns - given).div_ceil(step_ns) } else { 0 };
+        let sdadel = if fall_ns > given {
+            (fall_ns - given).div_ceil(step_ns)
+        } else {
+            0
+        };
         let period = (1_000_000_000 / scl_hz).div_ceil(step_ns);
         let low = (period * LOW_MIN_NS).div_ceil(LOW_MIN_NS + HIGH_MIN_NS);
         let high = period - low;
         if scldel <= 16 && sdadel <= 15 && low <= 256 && high <= 256 {
-            assert!(low * step_ns >= LOW_MIN_NS && high * step_ns >= HIGH_MIN_NS, "bus too fast for Fast-mode");
+            assert!(
+                low * step_ns >= LOW_MIN_NS && high * step_ns >= HIGH_MIN_NS,
+                "bus too fast for Fast-mode"
+            );
             assert!(
                 sdadel * step_ns + rise_ns + FILTER_MAX_NS + 4 * clock_ns <= VALID_MAX_NS,
                 "data would come too late after SCL fell"
             );
-            return (prescaler - 1) << 28 | (scldel - 1) << 20 | sdadel << 16 | (high - 1) << 8 | (low - 1);
+            return (prescaler - 1) << 28
+                | (scldel - 1) << 20
+                | sdadel << 16
+                | (high - 1) << 8
+                | (low - 1);
         }
         prescaler += 1;
     }
@@ -219,7 +240,10 @@ pub const fn usart_brr(kernel_hz: u32, baud: u32) -> u16 {
     let divider = (kernel_hz + baud / 2) / baud;
     assert!(divider >= 16 && divider <= 0xFFFF, "baud rate out of reach");
     let real = kernel_hz / divider;
-    assert!(real.abs_diff(baud) <= baud / 200, "baud rate off by more than 0.5 %");
+    assert!(
+        real.abs_diff(baud) <= baud / 200,
+        "baud rate off by more than 0.5 %"
+    );
     divider as u16
 }
 
@@ -241,9 +265,15 @@ const _: () = assert!(SYSTICK_RELOAD <= 0xFF_FFFF);
 /// Where the division isn't whole or does not fit.
 #[must_use]
 pub const fn timer_psc(timer_hz: u32, count_hz: u32) -> u16 {
-    assert!(timer_hz.is_multiple_of(count_hz), "timer clock is not a multiple");
+    assert!(
+        timer_hz.is_multiple_of(count_hz),
+        "timer clock is not a multiple"
+    );
     let divider = timer_hz / count_hz;
-    assert!(divider >= 1 && divider <= 65_536, "timer prescaler is 16 bits");
+    assert!(
+        divider >= 1 && divider <= 65_536,
+        "timer prescaler is 16 bits"
+    );
     (divider - 1) as u16
 }
 
@@ -293,14 +323,23 @@ mod tests {
         assert_eq!(PLL1.p_hz, 400_000_000);
         assert_eq!(PLL1.q_hz, 100_000_000);
         assert_eq!((PLL1.input_range, PLL1.medium_vco), (2, false));
-        assert_eq!((AHB_HZ, APB_HZ, TIMER_HZ), (200_000_000, 100_000_000, 200_000_000));
+        assert_eq!(
+            (AHB_HZ, APB_HZ, TIMER_HZ),
+            (200_000_000, 100_000_000, 200_000_000)
+        );
         assert_eq!(FLASH_LATENCY, (2, 2));
     }
 
     #[test]
     fn forbidden_dividers_are_caught() {
         // Odd DIVP1, reference too slow, VCO too fast, DIVN too small.
-        for (m, n, p, q) in [(2, 200, 3, 8), (16, 400, 2, 8), (2, 210, 2, 8), (1, 3, 2, 8), (0, 200, 2, 8)] {
+        for (m, n, p, q) in [
+            (2, 200, 3, 8),
+            (16, 400, 2, 8),
+            (2, 210, 2, 8),
+            (1, 3, 2, 8),
+            (0, 200, 2, 8),
+        ] {
             let attempt = std::panic::catch_unwind(|| Pll::new(HSE_HZ, m, n, p, q));
             assert!(attempt.is_err(), "{m} {n} {p} {q}");
         }
@@ -327,10 +366,20 @@ mod tests {
                     let [low, high, setup, hold] = times(kernel, value);
                     assert!(low >= 1_300, "{kernel} {rise} {fall}: low {low}");
                     assert!(high >= 600, "{kernel} {rise} {fall}: high {high}");
-                    assert!(setup >= rise + 100, "{kernel} {rise} {fall}: set-up {setup}");
-                    assert!(hold + rise + 260 <= 900, "{kernel} {rise} {fall}: valid {hold}");
+                    assert!(
+                        setup >= rise + 100,
+                        "{kernel} {rise} {fall}: set-up {setup}"
+                    );
+                    assert!(
+                        hold + rise + 260 <= 900,
+                        "{kernel} {rise} {fall}: valid {hold}"
+                    );
                     assert!(i2c_hz(kernel, value) <= 400_000);
-                    assert!(i2c_hz(kernel, value) >= 370_000, "{kernel}: {}", i2c_hz(kernel, value));
+                    assert!(
+                        i2c_hz(kernel, value) >= 370_000,
+                        "{kernel}: {}",
+                        i2c_hz(kernel, value)
+                    );
                 }
             }
         }
@@ -354,7 +403,10 @@ mod tests {
         for limit in [500_000, 12_500_000, 20_000_000, 50_000_000] {
             let mbr = spi_mbr(100_000_000, limit);
             assert!(100_000_000 >> (mbr + 1) <= limit);
-            assert!(mbr == 0 || 100_000_000 >> mbr > limit, "a faster one would do");
+            assert!(
+                mbr == 0 || 100_000_000 >> mbr > limit,
+                "a faster one would do"
+            );
         }
         assert!(std::panic::catch_unwind(|| spi_mbr(200_000_000, 700_000)).is_err());
     }

@@ -63,7 +63,12 @@ impl Effects for Reports {
     }
 
     fn report(&mut self, report: FaultReport) {
-        defmt::warn!("fault {=u16} unit {=u8} detail {=u32:#x}", report.code, report.unit, report.detail);
+        defmt::warn!(
+            "fault {=u16} unit {=u8} detail {=u32:#x}",
+            report.code,
+            report.unit,
+            report.detail
+        );
         // The status frames tell of what does not fit.
         let _ = self.0.push_back(report);
     }
@@ -84,7 +89,9 @@ impl Board {
     pub fn start() -> Self {
         // Before anything can go wrong.
         gpio::hold_dacs_at_zero();
-        let (Some(mut core), Some(part)) = (cortex_m::Peripherals::take(), pac::Peripherals::take()) else {
+        let (Some(mut core), Some(part)) =
+            (cortex_m::Peripherals::take(), pac::Peripherals::take())
+        else {
             panic!("started twice");
         };
         startup::debug(&part.DBGMCU);
@@ -100,11 +107,16 @@ impl Board {
         dac::start();
         let (counters, broken_counter) = Counters::start();
         let (usart, usart_queue) = usart::start(&part.USART3, &part.DMAMUX1);
-        let usb_supplied = startup::usb_supply(&part.RCC, &part.PWR, &part.CRS);
-        let (usb, usb_queue) = usb::start(false && usb_supplied);
+        let usb_supplied = startup::usb_supply(&part.RCC, &part.PWR);
+        let (usb, usb_queue) = usb::start(usb_supplied);
         let events = sensors::start(&part.SYSCFG, &part.EXTI);
 
-        defmt::info!("force board {=str}, reset flags {=u32:#x}, usb {=bool}", VERSION, reset_flags, usb.is_some());
+        defmt::info!(
+            "force board {=str}, reset flags {=u32:#x}, usb {=bool}",
+            VERSION,
+            reset_flags,
+            usb.is_some()
+        );
         let mut board = Self {
             machine: Machine::new(BoardInfo {
                 abi: ABI_VERSION,
@@ -122,11 +134,17 @@ impl Board {
             usb,
             usart,
             reports: Reports::default(),
-            clock: Clock { pass_began: time::now(), second_began: time::now(), ..Clock::default() },
+            clock: Clock {
+                pass_began: time::now(),
+                second_began: time::now(),
+                ..Clock::default()
+            },
             status_ms: 0,
         };
         if let Some(chip) = broken_counter {
-            board.machine.fault_board(Fault::CounterBus, chip, time::now(), &mut board.reports);
+            board
+                .machine
+                .fault_board(Fault::CounterBus, chip, time::now(), &mut board.reports);
         }
         board
     }
@@ -141,16 +159,25 @@ impl Board {
                 self.watchdog.sign(Part::Samples);
                 return;
             };
-            if let Event::Sample { unit, code, at, missed } = event {
+            if let Event::Sample {
+                unit,
+                code,
+                at,
+                missed,
+            } = event
+            {
                 let counts = self.counters.read(unit);
                 let code = LoadCode::new(code.counts());
-                let (word, sample) = self.machine.sample(unit, code, counts, at, missed, &mut self.reports);
+                let (word, sample) =
+                    self.machine
+                        .sample(unit, code, counts, at, missed, &mut self.reports);
                 dac::write(unit, word);
                 if let Some((at, late)) = self.outstanding.insert(at, sample) {
                     stream(&mut self.links, &self.machine, at, late);
                 }
             } else {
-                self.machine.bus_event(event, time::now(), &mut self.reports);
+                self.machine
+                    .bus_event(event, time::now(), &mut self.reports);
             }
         }
     }
@@ -198,7 +225,12 @@ impl Board {
         }
         if let Some(missing) = self.watchdog.tick() {
             // The watchdog will bite before long: say now why.
-            kept::keep(Fault::WatchdogReset, missing, 0, "a part of the superloop did not check in");
+            kept::keep(
+                Fault::WatchdogReset,
+                missing,
+                0,
+                "a part of the superloop did not check in",
+            );
         }
         self.clock.second(now);
         self.tell(now);
@@ -215,7 +247,11 @@ impl Board {
         let status_due = self.status_ms >= STATUS_MS;
         for link in &mut self.links {
             if status_due {
-                link.send(BoardMessage::Status(self.machine.status(now, self.clock.figures, link.counters())));
+                link.send(BoardMessage::Status(self.machine.status(
+                    now,
+                    self.clock.figures,
+                    link.counters(),
+                )));
             }
             if let Some(batch) = link.batcher.flush(now) {
                 link.send(BoardMessage::Samples(batch));
@@ -230,12 +266,26 @@ impl Board {
     /// Commands in, frames out.
     pub fn links(&mut self) {
         kept::note(Stage::Links);
-        let Self { machine, links, reports, clock, usb, usart, .. } = self;
+        let Self {
+            machine,
+            links,
+            reports,
+            clock,
+            usb,
+            usart,
+            ..
+        } = self;
         let [usb_link, usart_link] = links;
         let mut carry_out = |number: usize, link: &mut Link, byte: u8| {
             if let Some(frame) = link.push(byte) {
-                let answer =
-                    machine.command(number, &frame, time::now(), clock.figures, link.counters(), reports);
+                let answer = machine.command(
+                    number,
+                    &frame,
+                    time::now(),
+                    clock.figures,
+                    link.counters(),
+                    reports,
+                );
                 if let Some(answer) = answer {
                     link.reply(frame.seq, answer);
                 }
@@ -244,7 +294,9 @@ impl Board {
         if let Some(usb) = usb {
             usb.serve(|byte| carry_out(links::USB, usb_link, byte));
         }
-        usart.receive(BYTES_A_PASS, |byte| carry_out(links::USART, usart_link, byte));
+        usart.receive(BYTES_A_PASS, |byte| {
+            carry_out(links::USART, usart_link, byte)
+        });
         usart.send();
         self.watchdog.sign(Part::Links);
     }
@@ -253,7 +305,10 @@ impl Board {
     pub fn sleep(&mut self) {
         kept::note(Stage::Sleep);
         let before = time::now();
-        self.clock.longest_pass = self.clock.longest_pass.max(before.wrapping_sub(self.clock.pass_began));
+        self.clock.longest_pass = self
+            .clock
+            .longest_pass
+            .max(before.wrapping_sub(self.clock.pass_began));
         // With interrupts masked, one that comes between the look and the sleep still ends the sleep (WFI
         // wakes on a pending one), and its handler runs when they are let through again.
         cortex_m::interrupt::free(|_| {
@@ -269,7 +324,12 @@ impl Board {
 }
 
 /// Offers a sample to both links.
-fn stream(links: &mut [Link; LINKS], machine: &Machine, at: u32, sample: force_wire::message::Sample) {
+fn stream(
+    links: &mut [Link; LINKS],
+    machine: &Machine,
+    at: u32,
+    sample: force_wire::message::Sample,
+) {
     for (number, link) in links.iter_mut().enumerate() {
         if let Some(batch) = link.batcher.push(at, sample, machine.stream_every(number)) {
             link.send(BoardMessage::Samples(batch));
@@ -282,7 +342,8 @@ impl Clock {
     fn second(&mut self, now: u32) {
         let elapsed = now.wrapping_sub(self.second_began);
         if elapsed >= 1_000_000 {
-            self.figures.sleep_permille = (u64::from(self.asleep) * 1_000 / u64::from(elapsed)).min(1_000) as u16;
+            self.figures.sleep_permille =
+                (u64::from(self.asleep) * 1_000 / u64::from(elapsed)).min(1_000) as u16;
             self.asleep = 0;
             self.second_began = now;
         }

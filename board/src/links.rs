@@ -28,7 +28,14 @@ const _: () = assert!(MAX_FRAME * 2 < crate::hw::usart::QUEUE);
 impl Link {
     /// A link that has said and heard nothing.
     pub fn new(queue: Producer) -> Self {
-        Self { decoder: Decoder::new(), sequence: 0, queue, dropped: 0, bad: 0, batcher: Batcher::default() }
+        Self {
+            decoder: Decoder::new(),
+            sequence: 0,
+            queue,
+            dropped: 0,
+            bad: 0,
+            batcher: Batcher::default(),
+        }
     }
 
     /// Takes a received byte; a command comes with the last one of its frame.
@@ -44,7 +51,10 @@ impl Link {
 
     /// Queues a message. Where there is no room it is dropped, and the gap in the sequence shows it.
     pub fn send(&mut self, message: BoardMessage) {
-        let frame = BoardFrame { seq: self.sequence, message };
+        let frame = BoardFrame {
+            seq: self.sequence,
+            message,
+        };
         self.sequence = self.sequence.wrapping_add(1);
         let mut bytes = [0; MAX_FRAME];
         let queued = encode(&frame, &mut bytes).ok().and_then(|length| {
@@ -65,6 +75,9 @@ impl Link {
 
     /// What went wrong so far.
     pub fn counters(&self) -> LinkCounters {
-        LinkCounters { dropped: self.dropped, bad: self.bad }
+        LinkCounters {
+            dropped: self.dropped,
+            bad: self.bad,
+        }
     }
 }

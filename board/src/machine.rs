@@ -12,12 +12,15 @@ use force_control::supervisor::{Expiry, Rate, RateLimits, Verdict};
 use force_control::system::{self, Denied, Request};
 use force_control::unit::{self, Controller, Drive, Setpoint};
 use force_control::zero::{Averager, Progress};
-use force_control::{Config, Counts, DacCode, Fault, Input, LoadCode, Micros, MotorState, SystemState};
-use force_drivers::nau7802::{Cause, SequenceError, Stage};
-use force_wire::message::{
-    flags, Answer, BoardInfo, FaultReport, Refusal, Sample, Status, UnitConfig, UnitSetpoint, UnitStatus,
+use force_control::{
+    Config, Counts, DacCode, Fault, Input, LoadCode, Micros, MotorState, SystemState,
 };
+use force_drivers::nau7802::{Cause, SequenceError, Stage};
 use force_wire::frame::crc32;
+use force_wire::message::{
+    flags, Answer, BoardInfo, FaultReport, Refusal, Sample, Status, UnitConfig, UnitSetpoint,
+    UnitStatus,
+};
 use force_wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
 
 /// Links that the board has.
@@ -130,7 +133,10 @@ impl Unit {
         !self.latch.is_set()
             && matches!(
                 self.motor,
-                MotorState::Ready | MotorState::Running | MotorState::Stopping | MotorState::Zeroing
+                MotorState::Ready
+                    | MotorState::Running
+                    | MotorState::Stopping
+                    | MotorState::Zeroing
             )
     }
 }
@@ -231,10 +237,21 @@ impl Machine {
             MotorState::Stopping => Drive::Ramp,
             _ => Drive::Off,
         };
-        let input = Input { code, counts: Counts(counts), at: Micros(at), setpoint: slot.setpoint, drive };
+        let input = Input {
+            code,
+            counts: Counts(counts),
+            at: Micros(at),
+            setpoint: slot.setpoint,
+            drive,
+        };
         let output = Controller::step(&slot.config, &mut slot.control, input);
         slot.at_zero = output.at_zero;
-        let mut sample = Sample { unit, code: code.get(), counts: counts as i32, ..Sample::default() };
+        let mut sample = Sample {
+            unit,
+            code: code.get(),
+            counts: counts as i32,
+            ..Sample::default()
+        };
         output.describe(&mut sample);
         if missed > 0 {
             sample.flags |= flags::MISSED;
@@ -309,7 +326,12 @@ impl Machine {
     /// A fault of the whole board that another part found (a counter that does not answer).
     pub fn fault_board(&mut self, fault: Fault, detail: u32, now: u32, fx: &mut impl Effects) {
         if self.latch.latch(fault, detail) {
-            fx.report(FaultReport { t_us: now, unit: u8::MAX, code: fault.code(), detail });
+            fx.report(FaultReport {
+                t_us: now,
+                unit: u8::MAX,
+                code: fault.code(),
+                detail,
+            });
         }
         // Not with the next sample: now. And again for each fault: it costs little.
         for unit in 0..UNITS as u8 {
@@ -319,14 +341,24 @@ impl Machine {
     }
 
     fn fault_unit(&mut self, unit: u8, fault: Fault, detail: u32, now: u32, fx: &mut impl Effects) {
-        let Some(slot) = self.units.get_mut(usize::from(unit)) else { return };
+        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
+            return;
+        };
         if slot.latch.latch(fault, detail) {
-            fx.report(FaultReport { t_us: now, unit, code: fault.code(), detail });
+            fx.report(FaultReport {
+                t_us: now,
+                unit,
+                code: fault.code(),
+                detail,
+            });
         }
         slot.zero = None;
         fx.zero_output(unit);
         // These leave a converter whose state is not known; the others keep on measuring for telemetry.
-        if matches!(fault, Fault::SensorSilent | Fault::BringUpFailed | Fault::SensorReads) {
+        if matches!(
+            fault,
+            Fault::SensorSilent | Fault::BringUpFailed | Fault::SensorReads
+        ) {
             slot.sensor_up = false;
             slot.came_up = None;
             fx.stop_sensor(unit);
@@ -336,7 +368,11 @@ impl Machine {
 
     fn watch_board(&mut self, now: u32, health: Health, fx: &mut impl Effects) {
         // Two milliseconds in a row: longer than a spark, shorter than a hand.
-        self.estop_open_ms = if health.estop_closed { 0 } else { self.estop_open_ms.saturating_add(1) };
+        self.estop_open_ms = if health.estop_closed {
+            0
+        } else {
+            self.estop_open_ms.saturating_add(1)
+        };
         self.estop_closed = self.estop_open_ms < 2;
         if !self.estop_closed {
             self.fault_board_once(Fault::EStop, health.estop_opened_at, now, fx);
@@ -400,7 +436,11 @@ impl Machine {
 
     /// Both state machines, once. Returns why the request was denied, if it was.
     fn advance(&mut self, request: Request, _now: u32, fx: &mut impl Effects) -> Option<Denied> {
-        let mut enabled = self.units.iter().filter(|unit| unit.config.enabled()).peekable();
+        let mut enabled = self
+            .units
+            .iter()
+            .filter(|unit| unit.config.enabled())
+            .peekable();
         let any_enabled = enabled.peek().is_some();
         let all_ready = any_enabled && enabled.all(Unit::usable);
         let transition = system::next(
@@ -409,11 +449,17 @@ impl Machine {
                 booted: true,
                 faulted: self.latch.is_set(),
                 estop_closed: self.estop_closed,
-                any_bringing_up: self.units.iter().any(|unit| unit.motor == MotorState::BringUp),
+                any_bringing_up: self
+                    .units
+                    .iter()
+                    .any(|unit| unit.motor == MotorState::BringUp),
                 all_ready,
                 any_usable: self.units.iter().any(Unit::usable),
                 zero_done: self.units.iter().all(|unit| unit.zero.is_none()),
-                ramp_done: self.units.iter().all(|unit| !unit.motor.drives() || unit.at_zero),
+                ramp_done: self
+                    .units
+                    .iter()
+                    .all(|unit| !unit.motor.drives() || unit.at_zero),
                 request,
             },
         );
@@ -476,7 +522,7 @@ impl Machine {
 
     // --- commands --------------------------------------------------------------------------------
 
-    /// Carries out a command. `None`: nothing to answer (setpoints that were accepted).
+    /// Carries out a command. `None`: nothing to answer (setpoints within their ranges).
     pub fn command(
         &mut self,
         link: usize,
@@ -527,15 +573,24 @@ impl Machine {
     fn hello(&mut self, link: usize, abi: u16, schema: [u8; 8]) -> Answer {
         if abi != ABI_VERSION || schema != SCHEMA_HASH || link >= LINKS {
             // A host that cannot be understood does not displace one that can.
-            return Answer::Refused(Refusal::Version { abi: ABI_VERSION, schema: SCHEMA_HASH });
+            return Answer::Refused(Refusal::Version {
+                abi: ABI_VERSION,
+                schema: SCHEMA_HASH,
+            });
         }
         self.commander = Some(link);
         Answer::Hello(self.info.clone())
     }
 
     fn stage(&mut self, unit: u8, config: &UnitConfig) -> Result<(), Refusal> {
-        let slot = self.units.get_mut(usize::from(unit)).ok_or(Refusal::Unit(unit))?;
-        let config = Config::from_wire(config).map_err(|error| Refusal::Range { unit, field: error.field.number })?;
+        let slot = self
+            .units
+            .get_mut(usize::from(unit))
+            .ok_or(Refusal::Unit(unit))?;
+        let config = Config::from_wire(config).map_err(|error| Refusal::Range {
+            unit,
+            field: error.field.number,
+        })?;
         slot.staged = Some(config);
         Ok(())
     }
@@ -583,7 +638,12 @@ impl Machine {
         Ok(())
     }
 
-    fn request(&mut self, request: Request, now: u32, fx: &mut impl Effects) -> Result<(), Refusal> {
+    fn request(
+        &mut self,
+        request: Request,
+        now: u32,
+        fx: &mut impl Effects,
+    ) -> Result<(), Refusal> {
         match self.advance(request, now, fx) {
             None => {
                 if request == Request::Disarm {
@@ -605,9 +665,11 @@ impl Machine {
         (0..)
             .zip(&self.units)
             .find(|(_, unit)| unit.config.enabled() && !unit.usable())
-            .map_or(Refusal::State(self.system as u8), |(n, unit)| match unit.latch.get() {
-                Some((fault, _)) => Refusal::Faulted(fault.code()),
-                None => Refusal::Unit(n),
+            .map_or(Refusal::State(self.system as u8), |(n, unit)| {
+                match unit.latch.get() {
+                    Some((fault, _)) => Refusal::Faulted(fault.code()),
+                    None => Refusal::Unit(n),
+                }
             })
     }
 
@@ -624,8 +686,10 @@ impl Machine {
             return Err(Refusal::Faulted(self.latch.code()));
         }
         for unit in &mut self.units {
-            let too_tight = unit.sensor_up && unit.control.tension().to_un() > unit.config.wire().over_tension_un;
-            unit.latch.clear(|fault| fault == Fault::OverTension && too_tight);
+            let too_tight = unit.sensor_up
+                && unit.control.tension().to_un() > unit.config.wire().over_tension_un;
+            unit.latch
+                .clear(|fault| fault == Fault::OverTension && too_tight);
         }
         self.advance(Request::None, now, fx);
         match self.units.iter().find_map(|unit| unit.latch.get()) {
@@ -634,23 +698,32 @@ impl Machine {
         }
     }
 
-    fn setpoints(&mut self, valid_ms: u16, wire: &[UnitSetpoint; UNITS], now: u32) -> Result<(), Refusal> {
+    fn setpoints(
+        &mut self,
+        valid_ms: u16,
+        wire: &[UnitSetpoint; UNITS],
+        now: u32,
+    ) -> Result<(), Refusal> {
         if valid_ms == 0 || valid_ms > 1_000 {
-            return Err(Refusal::Range { unit: u8::MAX, field: 0 });
+            return Err(Refusal::Range {
+                unit: u8::MAX,
+                field: 0,
+            });
         }
         let mut checked = [Setpoint::default(); UNITS];
         for (n, (unit, wire)) in self.units.iter().zip(wire).enumerate() {
             if unit.config.enabled() {
-                checked[n] = Setpoint::from_wire(&unit.config, wire)
-                    .map_err(|field| Refusal::Range { unit: n as u8, field })?;
+                checked[n] =
+                    Setpoint::from_wire(&unit.config, wire).map_err(|field| Refusal::Range {
+                        unit: n as u8,
+                        field,
+                    })?;
             }
         }
         if self.system != SystemState::Running {
-            return Err(if self.latch.is_set() {
-                Refusal::Faulted(self.latch.code())
-            } else {
-                Refusal::State(self.system as u8)
-            });
+            // Those that were on their way when the board was disarmed or stopped: no answer, as for those
+            // that are accepted. What is in force is what telemetry shows.
+            return Ok(());
         }
         for (unit, setpoint) in self.units.iter_mut().zip(checked) {
             unit.setpoint = setpoint;
@@ -677,7 +750,11 @@ impl Machine {
                     samples: unit.samples,
                     missed: unit.missed,
                     spikes: unit.spikes,
-                    period_us: if unit.sensor_up { unit.rate.period_us().min(u32::from(u16::MAX)) as u16 } else { 0 },
+                    period_us: if unit.sensor_up {
+                        unit.rate.period_us().min(u32::from(u16::MAX)) as u16
+                    } else {
+                        0
+                    },
                     tension_un: unit.control.tension().to_un(),
                 }
             }),
@@ -708,7 +785,10 @@ fn bring_up_detail(error: &SequenceError) -> u32 {
     let stage = match error.stage {
         _ if error.cause == Cause::Bus => 1,
         Stage::ResetAssert | Stage::ResetRelease => 2,
-        Stage::PowerUpDigital | Stage::PowerUpReady | Stage::PowerUpAnalog | Stage::SupplySettle => 3,
+        Stage::PowerUpDigital
+        | Stage::PowerUpReady
+        | Stage::PowerUpAnalog
+        | Stage::SupplySettle => 3,
         Stage::RevisionCheck => 4,
         Stage::CycleStart
         | Stage::CalibrationStart

@@ -8,7 +8,9 @@
 
 #[cfg(not(target_os = "none"))]
 fn main() {
-    eprintln!("board is firmware: build it with `cargo xtask build`, run it with `cargo xtask flash`.");
+    eprintln!(
+        "board is firmware: build it with `cargo xtask build`, run it with `cargo xtask flash`."
+    );
     eprintln!("Its pure half is tested on the host with `cargo test -p board`.");
     std::process::exit(2);
 }

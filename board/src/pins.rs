@@ -50,7 +50,12 @@ pub struct Pin {
 impl Pin {
     const fn new(port: Port, number: u8, signal: &'static str, mode: Mode) -> Self {
         assert!(number < 16);
-        Self { port, number, signal, mode }
+        Self {
+            port,
+            number,
+            signal,
+            mode,
+        }
     }
 
     /// The pin's bit in IDR and ODR, and the set half of BSRR.
@@ -85,8 +90,11 @@ pub const CNT_RD: Pin = Pin::new(D, 3, "CNT_RD", HIGH);
 /// WR# of the counters.
 pub const CNT_WR: Pin = Pin::new(D, 4, "CNT_WR", HIGH);
 /// CS# of the three counters.
-pub const CNT_CS: [Pin; 3] =
-    [Pin::new(D, 5, "CNT_CS1", HIGH), Pin::new(D, 6, "CNT_CS2", HIGH), Pin::new(D, 7, "CNT_CS3", HIGH)];
+pub const CNT_CS: [Pin; 3] = [
+    Pin::new(D, 5, "CNT_CS1", HIGH),
+    Pin::new(D, 6, "CNT_CS2", HIGH),
+    Pin::new(D, 7, "CNT_CS3", HIGH),
+];
 /// Data bus of the counters, lowest bit first; consecutive pins of port E.
 pub const CNT_DATA: [Pin; 8] = [
     Pin::new(E, 8, "CNT_D0", Bus),
@@ -140,13 +148,16 @@ pub const PERIPHERAL: [Pin; 9] = [
 
 /// Every pin of the board.
 pub fn all() -> impl Iterator<Item = Pin> {
-    [LED_OK, LED_FAULT, I2C_SCL, I2C_SDA, ALIVE, CNT_CD, CNT_XY, CNT_RD, CNT_WR, MUX_RST, DAC_LDAC, DAC_RST, E_STOP]
-        .into_iter()
-        .chain(CNT_CS)
-        .chain(CNT_DATA)
-        .chain(DRDY)
-        .chain(DAC_CS)
-        .chain(PERIPHERAL)
+    [
+        LED_OK, LED_FAULT, I2C_SCL, I2C_SDA, ALIVE, CNT_CD, CNT_XY, CNT_RD, CNT_WR, MUX_RST,
+        DAC_LDAC, DAC_RST, E_STOP,
+    ]
+    .into_iter()
+    .chain(CNT_CS)
+    .chain(CNT_DATA)
+    .chain(DRDY)
+    .chain(DAC_CS)
+    .chain(PERIPHERAL)
 }
 
 #[cfg(test)]
@@ -163,8 +174,14 @@ mod tests {
             .lines()
             .filter(|line| line.starts_with("| P"))
             .map(|line| {
-                let cells: Vec<_> = line.split('|').map(|cell| cell.trim().to_string()).collect();
-                (cells[1].clone(), [cells[2].clone(), cells[3].clone(), cells[4].clone()])
+                let cells: Vec<_> = line
+                    .split('|')
+                    .map(|cell| cell.trim().to_string())
+                    .collect();
+                (
+                    cells[1].clone(),
+                    [cells[2].clone(), cells[3].clone(), cells[4].clone()],
+                )
             })
             .collect()
     }
@@ -174,10 +191,15 @@ mod tests {
         match mode {
             AsReset => function == "AF0" || function == "OSC_IN",
             Output { .. } => direction == "output" && function == "GPIO",
-            InputPullDown => direction == "input" && function.starts_with("EXTI") && function.ends_with("pull-down"),
+            InputPullDown => {
+                direction == "input"
+                    && function.starts_with("EXTI")
+                    && function.ends_with("pull-down")
+            }
             Bus => direction == "bidirectional" && function == "GPIO",
             Alternate(n) => {
-                ["output", "input", "analog"].contains(&direction) && function.starts_with(&format!("AF{n} "))
+                ["output", "input", "analog"].contains(&direction)
+                    && function.starts_with(&format!("AF{n} "))
             }
             OpenDrain(n) => direction == "open drain" && function.starts_with(&format!("AF{n} ")),
         }
@@ -189,9 +211,15 @@ mod tests {
         assert_eq!(rows.len(), 45, "rows of the table");
         for pin in all() {
             let name = format!("P{:?}{}", pin.port, pin.number);
-            let [signal, direction, function] = rows.remove(&name).unwrap_or_else(|| panic!("{name} is not documented, or twice in the code"));
+            let [signal, direction, function] = rows
+                .remove(&name)
+                .unwrap_or_else(|| panic!("{name} is not documented, or twice in the code"));
             assert_eq!(signal, pin.signal, "{name}");
-            assert!(fits(pin.mode, &direction, &function), "{name}: {:?} against {direction}, {function}", pin.mode);
+            assert!(
+                fits(pin.mode, &direction, &function),
+                "{name}: {:?} against {direction}, {function}",
+                pin.mode
+            );
         }
         assert!(rows.is_empty(), "documented but not in the code: {rows:?}");
     }
@@ -199,10 +227,18 @@ mod tests {
     #[test]
     fn groups_that_the_firmware_addresses_as_one_are_consecutive() {
         for (n, pin) in DRDY.iter().enumerate() {
-            assert_eq!((pin.port, usize::from(pin.number)), (F, n), "EXTI line = unit");
+            assert_eq!(
+                (pin.port, usize::from(pin.number)),
+                (F, n),
+                "EXTI line = unit"
+            );
         }
         for (n, pin) in CNT_DATA.iter().enumerate() {
-            assert_eq!((pin.port, usize::from(pin.number)), (E, 8 + n), "a byte is shifted by 8");
+            assert_eq!(
+                (pin.port, usize::from(pin.number)),
+                (E, 8 + n),
+                "a byte is shifted by 8"
+            );
         }
         for (n, pin) in DAC_CS.iter().enumerate() {
             assert_eq!((pin.port, usize::from(pin.number)), (G, n));

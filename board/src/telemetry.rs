@@ -52,7 +52,9 @@ impl Batcher {
         }
         *seen = 0;
         // A gap that 16 bits can't hold starts another batch.
-        let full = if !self.samples.is_empty() && at.wrapping_sub(self.t_us).cast_signed().unsigned_abs() > 60_000 {
+        let full = if !self.samples.is_empty()
+            && at.wrapping_sub(self.t_us).cast_signed().unsigned_abs() > 60_000
+        {
             self.take()
         } else {
             None
@@ -71,7 +73,13 @@ impl Batcher {
         sample.dt_us = at.wrapping_sub(self.t_us) as u16;
         // There is room: a full batch leaves at once.
         let _ = self.samples.push(sample);
-        full.or_else(|| if self.samples.is_full() { self.take() } else { None })
+        full.or_else(|| {
+            if self.samples.is_full() {
+                self.take()
+            } else {
+                None
+            }
+        })
     }
 
     /// The batch begun, if it is old enough.
@@ -84,8 +92,10 @@ impl Batcher {
     }
 
     fn take(&mut self) -> Option<Batch> {
-        (!self.samples.is_empty())
-            .then(|| Batch { t_us: self.t_us, samples: core::mem::take(&mut self.samples) })
+        (!self.samples.is_empty()).then(|| Batch {
+            t_us: self.t_us,
+            samples: core::mem::take(&mut self.samples),
+        })
     }
 }
 

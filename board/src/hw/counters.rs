@@ -9,7 +9,9 @@
 use super::gpio;
 use board::pins::{self, Pin};
 use core::convert::Infallible;
-use force_drivers::ls7266r1::{Axis, Config, CounterValue, Direction, Error, Ls7266r1, ParallelBus, Port};
+use force_drivers::ls7266r1::{
+    Axis, Config, CounterValue, Direction, Error, Ls7266r1, ParallelBus, Port,
+};
 use force_drivers::ls7266r1::{PositionTracker, Target};
 use force_wire::UNITS;
 
@@ -37,10 +39,12 @@ impl Pins {
     }
 
     fn drive(on: bool) {
-        gpio::registers(pins::CNT_DATA[0].port).moder().modify(|r, w| {
-            // SAFETY: modes of the eight data pins only.
-            unsafe { w.bits(r.bits() & !DATA_MODE | if on { DATA_OUT } else { 0 }) }
-        });
+        gpio::registers(pins::CNT_DATA[0].port)
+            .moder()
+            .modify(|r, w| {
+                // SAFETY: modes of the eight data pins only.
+                unsafe { w.bits(r.bits() & !DATA_MODE | if on { DATA_OUT } else { 0 }) }
+            });
     }
 }
 
@@ -51,7 +55,9 @@ impl ParallelBus for Pins {
         let select = Self::address(target, port);
         let set = u32::from(byte) << 8;
         // SAFETY: data pins only; each is either set or reset (section 11.4.7).
-        gpio::registers(pins::CNT_DATA[0].port).bsrr().write(|w| unsafe { w.bits(set | (set ^ 0xFF00) << 16) });
+        gpio::registers(pins::CNT_DATA[0].port)
+            .bsrr()
+            .write(|w| unsafe { w.bits(set | (set ^ 0xFF00) << 16) });
         Self::drive(true);
         gpio::write(pins::CNT_WR, false);
         cortex_m::asm::delay(WRITE_CYCLES);
@@ -83,7 +89,14 @@ pub struct Counters {
 }
 
 const fn target(unit: usize) -> Target {
-    Target { chip: (unit / 2) as u8, axis: if unit.is_multiple_of(2) { Axis::X } else { Axis::Y } }
+    Target {
+        chip: (unit / 2) as u8,
+        axis: if unit.is_multiple_of(2) {
+            Axis::X
+        } else {
+            Axis::Y
+        },
+    }
 }
 
 impl Counters {
@@ -96,7 +109,9 @@ impl Counters {
         };
         let mut broken = None;
         for unit in 0..UNITS {
-            if let Err(Error::SelfTest { target, .. }) = counters.chips.init(target(unit), Config::MOTOR_ENCODER) {
+            if let Err(Error::SelfTest { target, .. }) =
+                counters.chips.init(target(unit), Config::MOTOR_ENCODER)
+            {
                 broken = broken.or(Some(u32::from(target.chip) + 1));
             }
         }
@@ -106,7 +121,9 @@ impl Counters {
     /// Position of a unit's motor in counts, now.
     pub fn read(&mut self, unit: u8) -> i64 {
         let unit = usize::from(unit) % UNITS;
-        let Ok(value) = self.chips.read(target(unit)) else { return self.positions[unit].position() };
+        let Ok(value) = self.chips.read(target(unit)) else {
+            return self.positions[unit].position();
+        };
         let value: CounterValue = value;
         self.positions[unit].update(value)
     }

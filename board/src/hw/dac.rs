@@ -53,10 +53,18 @@ pub fn start() {
         w.fthlv().one_frame()
     });
     spi.cfg2().write(|w| {
-        w.ssm().enabled().master().master().comm().transmitter().cpol().idle_high().cpha().second_edge();
+        w.ssm()
+            .enabled()
+            .master()
+            .master()
+            .comm()
+            .transmitter()
+            .cpol()
+            .idle_high()
+            .cpha()
+            .second_edge();
         w.lsbfrst().msbfirst().sp().motorola().afcntr().controlled()
     });
-    spi.ier().write(|w| w.eotie().enabled());
     STATE.install(Dacs {
         slots: [None; UNITS],
         sending: None,
@@ -97,7 +105,9 @@ pub fn write(unit: u8, code: DacCode) {
 
 /// Units whose word is out since the last call, as a mask, and when each was.
 pub fn take_done() -> (u8, [u32; UNITS]) {
-    STATE.masked(|dacs| (core::mem::take(&mut dacs.done), dacs.done_at)).unwrap_or_default()
+    STATE
+        .masked(|dacs| (core::mem::take(&mut dacs.done), dacs.done_at))
+        .unwrap_or_default()
 }
 
 /// The status register of a word that did not come to its end, once.
@@ -125,6 +135,7 @@ pub fn tick() {
                 if time::now().wrapping_sub(since) > clocks::DAC_DEADLINE_US {
                     gpio::write(pins::DAC_RST, false);
                     dacs.error = Some(spi1().sr().read().bits());
+                    spi1().ier().write(|w| w.eotie().disabled());
                     spi1().cr1().modify(|_, w| w.spe().disabled());
                     gpio::write(pins::DAC_CS[unit], true);
                     dacs.sending = None;
@@ -137,8 +148,11 @@ pub fn tick() {
 
 impl Dacs {
     fn send_next(&mut self) {
-        let Some((unit, word)) =
-            self.slots.iter_mut().enumerate().find_map(|(unit, slot)| slot.take().map(|word| (unit, word)))
+        let Some((unit, word)) = self
+            .slots
+            .iter_mut()
+            .enumerate()
+            .find_map(|(unit, slot)| slot.take().map(|word| (unit, word)))
         else {
             return;
         };
@@ -148,6 +162,8 @@ impl Dacs {
         // SAFETY: one frame.
         spi.cr2().write(|w| unsafe { w.tsize().bits(1) });
         spi.cr1().modify(|_, w| w.spe().enabled());
+        // EOTIE arms TXC too, which stands while SPE = 0 (errata ES0392 2.22.4): only while a word is out.
+        spi.ier().write(|w| w.eotie().enabled());
         // A 16-bit access: a wider one would put a second frame into the FIFO (section 50.4.8).
         // SAFETY: any word.
         spi.txdr16().write(|w| unsafe { w.txdr().bits(word) });
@@ -164,8 +180,8 @@ fn SPI1() {
             if !spi.sr().read().eot().bit_is_set() {
                 return;
             }
+            spi.ier().write(|w| w.eotie().disabled());
             spi.ifcr().write(|w| w.eotc().clear().txtfc().clear());
-            spi.cr1().modify(|_, w| w.spe().disabled());
             if let Some((unit, _)) = dacs.sending.take() {
                 gpio::write(pins::DAC_CS[unit], true);
                 gpio::write(pins::DAC_LDAC, false);
@@ -174,6 +190,8 @@ fn SPI1() {
                 dacs.done |= 1 << unit;
                 dacs.done_at[unit] = time::now();
             }
+            // Only now: switched off too soon after EOT, the last SCLK pulse would be cut (errata 2.22.6).
+            spi.cr1().modify(|_, w| w.spe().disabled());
             dacs.send_next();
         });
     }

@@ -34,7 +34,9 @@ pub fn registers(port: Port) -> &'static RegisterBlock {
 pub fn write(pin: Pin, high: bool) {
     let bits = if high { pin.mask() } else { pin.mask() << 16 };
     // SAFETY: any value of BSRR is allowed; it touches this pin alone (section 11.4.7).
-    registers(pin.port).bsrr().write(|w| unsafe { w.bits(bits) });
+    registers(pin.port)
+        .bsrr()
+        .write(|w| unsafe { w.bits(bits) });
 }
 
 /// Level of a pin.
@@ -72,8 +74,22 @@ pub fn hold_dacs_at_zero() {
     // SAFETY: RCC is shared, but this runs before anything else does or after everything has ended.
     let rcc = unsafe { &*RCC::PTR };
     rcc.ahb4enr().modify(|_, w| {
-        w.gpioaen().enabled().gpioben().enabled().gpiocen().enabled().gpioden().enabled();
-        w.gpioeen().enabled().gpiofen().enabled().gpiogen().enabled().gpiohen().enabled()
+        w.gpioaen()
+            .enabled()
+            .gpioben()
+            .enabled()
+            .gpiocen()
+            .enabled()
+            .gpioden()
+            .enabled();
+        w.gpioeen()
+            .enabled()
+            .gpiofen()
+            .enabled()
+            .gpiogen()
+            .enabled()
+            .gpiohen()
+            .enabled()
     });
     // A clock needs two cycles of the bus before its peripheral answers (section 8.5.11): read it back.
     let _ = rcc.ahb4enr().read();
@@ -111,14 +127,18 @@ fn configure_pin(pin: Pin) {
     port.otyper().modify(|r, w| unsafe {
         w.bits(r.bits() & !pin.mask() | if open_drain { pin.mask() } else { 0 })
     });
-    port.ospeedr().modify(|r, w| unsafe { w.bits(r.bits() & !(3 << shift) | speed << shift) });
-    port.pupdr().modify(|r, w| unsafe { w.bits(r.bits() & !(3 << shift) | pull << shift) });
+    port.ospeedr()
+        .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << shift) | speed << shift) });
+    port.pupdr()
+        .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << shift) | pull << shift) });
     let nibble = pin.number % 8 * 4;
     let function = u32::from(function) << nibble;
     if pin.number < 8 {
-        port.afrl().modify(|r, w| unsafe { w.bits(r.bits() & !(15 << nibble) | function) });
+        port.afrl()
+            .modify(|r, w| unsafe { w.bits(r.bits() & !(15 << nibble) | function) });
     } else {
-        port.afrh().modify(|r, w| unsafe { w.bits(r.bits() & !(15 << nibble) | function) });
+        port.afrh()
+            .modify(|r, w| unsafe { w.bits(r.bits() & !(15 << nibble) | function) });
     }
     set_mode(pin, mode);
 }

@@ -98,28 +98,54 @@ pub fn take(reset_flags: u32) -> Option<KeptReason> {
             code: record.code as u16,
             detail: record.detail,
             pc: record.pc,
-            text: core::str::from_utf8(text).ok().and_then(|text| text.try_into().ok()).unwrap_or_default(),
+            text: core::str::from_utf8(text)
+                .ok()
+                .and_then(|text| text.try_into().ok())
+                .unwrap_or_default(),
         });
     }
     let mut text = String::new();
-    let [stage, check] = stage_cells().each_ref().map(|cell| cell.load(Ordering::Relaxed));
+    let [stage, check] = stage_cells()
+        .each_ref()
+        .map(|cell| cell.load(Ordering::Relaxed));
     if reset_flags & IWDG != 0 {
         let known = stage == !check;
         let stage = if known { stage } else { 0 };
-        let _ = write!(text, "watchdog reset; the superloop hung in its stage {stage}");
-        return Some(KeptReason { code: Fault::WatchdogReset.code(), detail: 0, pc: 0, text });
+        let _ = write!(
+            text,
+            "watchdog reset; the superloop hung in its stage {stage}"
+        );
+        return Some(KeptReason {
+            code: Fault::WatchdogReset.code(),
+            detail: 0,
+            pc: 0,
+            text,
+        });
     }
     if reset_flags & BROWN_OUT != 0 && reset_flags & POWER_ON == 0 {
         let _ = text.push_str("supply fell below the brown-out level");
-        return Some(KeptReason { code: Fault::Supply.code(), detail: reset_flags, pc: 0, text });
+        return Some(KeptReason {
+            code: Fault::Supply.code(),
+            detail: reset_flags,
+            pc: 0,
+            text,
+        });
     }
     None
 }
 
 /// Writes a reason down.
 pub fn keep(fault: Fault, detail: u32, pc: u32, text: &str) {
-    let mut record =
-        Record { magic: MAGIC, code: u32::from(fault.code()), detail, pc, length: 0, text: [0; 96], crc: 0, flush: 0 };
+    let mut record = Record {
+        magic: MAGIC,
+        code: u32::from(fault.code()),
+        detail,
+        pc,
+        length: 0,
+        text: [0; 96],
+        crc: 0,
+        flush: 0,
+    };
     // Cut at a character.
     let mut length = text.len().min(record.text.len());
     while !text.is_char_boundary(length) {
@@ -129,7 +155,11 @@ pub fn keep(fault: Fault, detail: u32, pc: u32, text: &str) {
     record.length = length as u32;
     record.crc = crc32(bytes(&record));
     // SAFETY: a plain write; whoever gets here runs alone or is about to reset.
-    unsafe { core::ptr::addr_of_mut!(RECORD).cast::<Record>().write_volatile(record) };
+    unsafe {
+        core::ptr::addr_of_mut!(RECORD)
+            .cast::<Record>()
+            .write_volatile(record)
+    };
     cortex_m::asm::dsb();
 }
 
@@ -191,7 +221,8 @@ extern "C" fn hard_fault(old_stack: *const u32) -> ! {
         static _stack_start: u8;
     }
     // Addresses only.
-    let stack = core::ptr::addr_of!(_stack_end) as usize..core::ptr::addr_of!(_stack_start) as usize - 31;
+    let stack =
+        core::ptr::addr_of!(_stack_end) as usize..core::ptr::addr_of!(_stack_start) as usize - 31;
     let pc = if stack.contains(&(old_stack as usize)) && old_stack.is_aligned() {
         // SAFETY: within the stack, eight words below its top.
         unsafe { old_stack.add(6).read_volatile() }
@@ -201,7 +232,12 @@ extern "C" fn hard_fault(old_stack: *const u32) -> ! {
     // SAFETY: read-only access to status registers (PM 4.3.10).
     let scb = unsafe { &*SCB::PTR };
     let mut text = String::<96>::new();
-    let _ = write!(text, "hard fault, HFSR {:08x} BFAR {:08x}", scb.hfsr.read(), scb.bfar.read());
+    let _ = write!(
+        text,
+        "hard fault, HFSR {:08x} BFAR {:08x}",
+        scb.hfsr.read(),
+        scb.bfar.read()
+    );
     if pc == 0 {
         let _ = text.push_str(", stack overflow");
     }

@@ -48,7 +48,10 @@ struct Queue(spsc::Producer<'static, Event>);
 impl Sink for Queue {
     fn event(&mut self, event: Event) {
         if self.0.enqueue(event).is_err() {
-            LOST.store(LOST.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
+            LOST.store(
+                LOST.load(Ordering::Relaxed).wrapping_add(1),
+                Ordering::Relaxed,
+            );
         }
     }
 }
@@ -66,12 +69,19 @@ struct Sensors {
 /// Sets the controller and the EXTI lines up and lets the interrupts through.
 pub fn start(syscfg: &SYSCFG, exti: &EXTI) -> Events {
     let queue = cortex_m::singleton!(: spsc::Queue<Event, QUEUE> = spsc::Queue::new());
-    let Some(queue) = queue else { panic!("sensors started twice") };
+    let Some(queue) = queue else {
+        panic!("sensors started twice")
+    };
     let (producer, consumer) = queue.split();
     STATE.install(Sensors {
         bus: Bus::new(),
         queue: Queue(producer),
-        transfer: Transfer { address: 0, write: [0; 2], write_len: 0, read_len: 0 },
+        transfer: Transfer {
+            address: 0,
+            write: [0; 2],
+            write_len: 0,
+            read_len: 0,
+        },
         written: 0,
         read: [0; 3],
         got: 0,
@@ -81,26 +91,63 @@ pub fn start(syscfg: &SYSCFG, exti: &EXTI) -> Events {
     // TIMINGR and the filters with PE = 0 (section 47.4.5); analog filter on, digital off: reset values.
     let i2c = i2c1();
     // SAFETY: fields computed and tested in `clocks::i2c_timingr`.
-    i2c.timingr().write(|w| unsafe { w.bits(clocks::I2C_TIMINGR) });
+    i2c.timingr()
+        .write(|w| unsafe { w.bits(clocks::I2C_TIMINGR) });
     i2c.cr1().modify(|_, w| {
-        w.txie().enabled().rxie().enabled().nackie().enabled().stopie().enabled().tcie().enabled().errie().enabled()
+        w.txie()
+            .enabled()
+            .rxie()
+            .enabled()
+            .nackie()
+            .enabled()
+            .stopie()
+            .enabled()
+            .tcie()
+            .enabled()
+            .errie()
+            .enabled()
     });
     i2c.cr1().modify(|_, w| w.pe().enabled());
 
     // Lines 0 to 5 and 8 come from ports F and G (section 12.3.2: 5 = F, 6 = G).
     // SAFETY: four bits a line; ports F and G exist.
-    syscfg.exticr1().modify(|_, w| unsafe { w.exti0().bits(5).exti1().bits(5).exti2().bits(5).exti3().bits(5) });
-    syscfg.exticr2().modify(|_, w| unsafe { w.exti4().bits(5).exti5().bits(5) });
+    syscfg.exticr1().modify(|_, w| unsafe {
+        w.exti0()
+            .bits(5)
+            .exti1()
+            .bits(5)
+            .exti2()
+            .bits(5)
+            .exti3()
+            .bits(5)
+    });
+    syscfg
+        .exticr2()
+        .modify(|_, w| unsafe { w.exti4().bits(5).exti5().bits(5) });
     syscfg.exticr3().modify(|_, w| unsafe { w.exti8().bits(6) });
     // Rising edges of DRDY, falling ones of the E-stop loop; then unmask (section 20.6).
     // SAFETY: bits of lines 0 to 8 only, all of which are configurable lines.
-    exti.rtsr1().modify(|r, w| unsafe { w.bits(r.bits() | DRDY_LINES) });
-    exti.ftsr1().modify(|r, w| unsafe { w.bits(r.bits() | ESTOP_LINE) });
-    exti.cpupr1().write(|w| unsafe { w.bits(DRDY_LINES | ESTOP_LINE) });
-    exti.cpuimr1().modify(|r, w| unsafe { w.bits(r.bits() | DRDY_LINES | ESTOP_LINE) });
+    exti.rtsr1()
+        .modify(|r, w| unsafe { w.bits(r.bits() | DRDY_LINES) });
+    exti.ftsr1()
+        .modify(|r, w| unsafe { w.bits(r.bits() | ESTOP_LINE) });
+    exti.cpupr1()
+        .write(|w| unsafe { w.bits(DRDY_LINES | ESTOP_LINE) });
+    exti.cpuimr1()
+        .modify(|r, w| unsafe { w.bits(r.bits() | DRDY_LINES | ESTOP_LINE) });
 
     use pac::Interrupt as I;
-    for interrupt in [I::EXTI0, I::EXTI1, I::EXTI2, I::EXTI3, I::EXTI4, I::EXTI9_5, I::I2C1_EV, I::I2C1_ER, I::TIM2] {
+    for interrupt in [
+        I::EXTI0,
+        I::EXTI1,
+        I::EXTI2,
+        I::EXTI3,
+        I::EXTI4,
+        I::EXTI9_5,
+        I::I2C1_EV,
+        I::I2C1_ER,
+        I::TIM2,
+    ] {
         startup::unmask(interrupt);
     }
     consumer
@@ -219,8 +266,18 @@ impl Sensors {
         self.nack = false;
         i2c1().cr2().write(|w| {
             // SAFETY: a 7-bit address in bits 7:1, and a length of 1 or 2.
-            unsafe { w.sadd().bits(u16::from(transfer.address) << 1).nbytes().bits(transfer.write_len) };
-            w.rd_wrn().write().autoend().bit(transfer.read_len == 0).start().start()
+            unsafe {
+                w.sadd()
+                    .bits(u16::from(transfer.address) << 1)
+                    .nbytes()
+                    .bits(transfer.write_len)
+            };
+            w.rd_wrn()
+                .write()
+                .autoend()
+                .bit(transfer.read_len == 0)
+                .start()
+                .start()
         });
     }
 
@@ -240,7 +297,12 @@ impl Sensors {
             }
         }
         if flags.txis().bit_is_set() {
-            let byte = self.transfer.write.get(usize::from(self.written)).copied().unwrap_or(0);
+            let byte = self
+                .transfer
+                .write
+                .get(usize::from(self.written))
+                .copied()
+                .unwrap_or(0);
             self.written += 1;
             // SAFETY: any byte.
             i2c.txdr().write(|w| unsafe { w.txdata().bits(byte) });
@@ -248,7 +310,12 @@ impl Sensors {
         if flags.tc().bit_is_set() {
             i2c.cr2().write(|w| {
                 // SAFETY: as in `begin`; a length of 1 to 3.
-                unsafe { w.sadd().bits(u16::from(self.transfer.address) << 1).nbytes().bits(self.transfer.read_len) };
+                unsafe {
+                    w.sadd()
+                        .bits(u16::from(self.transfer.address) << 1)
+                        .nbytes()
+                        .bits(self.transfer.read_len)
+                };
                 w.rd_wrn().read().autoend().automatic().start().start()
             });
         }
@@ -259,8 +326,13 @@ impl Sensors {
                 i2c.isr().write(|w| w.txe().set_bit());
                 return Some(Err(TransferError::Nack));
             }
-            let whole = self.got >= self.transfer.read_len && self.written >= self.transfer.write_len;
-            return Some(if whole { Ok(self.read) } else { Err(TransferError::Bus) });
+            let whole =
+                self.got >= self.transfer.read_len && self.written >= self.transfer.write_len;
+            return Some(if whole {
+                Ok(self.read)
+            } else {
+                Err(TransferError::Bus)
+            });
         }
         None
     }
@@ -272,7 +344,9 @@ fn I2C1_EV() {
     unsafe {
         STATE.in_interrupt(|sensors| {
             if let Some(outcome) = sensors.event() {
-                sensors.bus.finished(outcome, time::now(), &mut sensors.queue);
+                sensors
+                    .bus
+                    .finished(outcome, time::now(), &mut sensors.queue);
                 sensors.work();
             }
         });
@@ -284,8 +358,12 @@ fn I2C1_ER() {
     // SAFETY: a handler of level SAMPLE_PATH.
     unsafe {
         with(|sensors, now| {
-            i2c1().icr().write(|w| w.berrcf().clear().arlocf().clear().ovrcf().clear());
-            sensors.bus.finished(Err(TransferError::Bus), now, &mut sensors.queue);
+            i2c1()
+                .icr()
+                .write(|w| w.berrcf().clear().arlocf().clear().ovrcf().clear());
+            sensors
+                .bus
+                .finished(Err(TransferError::Bus), now, &mut sensors.queue);
         });
     }
 }

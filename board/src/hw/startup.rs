@@ -33,8 +33,11 @@ pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> u32 {
 
     // Supply from the regulator (section 6.8.4). The low byte of CR3 can be written once after a power-on;
     // after any other reset this write changes nothing.
-    pwr.cr3().modify(|_, w| w.scuen().set_bit().ldoen().set_bit().bypass().clear_bit());
-    wait("PWR ACTVOSRDY", || pwr.csr1().read().actvosrdy().bit_is_set());
+    pwr.cr3()
+        .modify(|_, w| w.scuen().set_bit().ldoen().set_bit().bypass().clear_bit());
+    wait("PWR ACTVOSRDY", || {
+        pwr.csr1().read().actvosrdy().bit_is_set()
+    });
     // Voltage scale 1, for 400 MHz (section 6.8.6).
     // SAFETY: 0b11 is VOS1.
     pwr.d3cr().modify(|_, w| unsafe { w.vos().bits(0b11) });
@@ -43,8 +46,12 @@ pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> u32 {
     // Wait states before the clock that needs them (section 4.3.8).
     let (latency, delay) = clocks::FLASH_LATENCY;
     // SAFETY: values out of the manual's table, see `clocks::flash_latency`.
-    flash.acr().modify(|_, w| unsafe { w.latency().bits(latency).wrhighfreq().bits(delay) });
-    wait("flash latency", || flash.acr().read().latency().bits() == latency);
+    flash
+        .acr()
+        .modify(|_, w| unsafe { w.latency().bits(latency).wrhighfreq().bits(delay) });
+    wait("flash latency", || {
+        flash.acr().read().latency().bits() == latency
+    });
 
     // HSE in bypass: the ST-Link drives OSC_IN (section 8.5.2).
     rcc.cr().modify(|_, w| w.hsebyp().bypassed());
@@ -55,58 +62,88 @@ pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> u32 {
     // PLL1 (section 8.5.5): source and dividers while it is off, then on.
     let pll = clocks::PLL1;
     // SAFETY: dividers and ranges were checked by `clocks::Pll::new`.
-    rcc.pllckselr().modify(|_, w| unsafe { w.pllsrc().hse().divm1().bits(pll.m) });
+    rcc.pllckselr()
+        .modify(|_, w| unsafe { w.pllsrc().hse().divm1().bits(pll.m) });
     rcc.pllcfgr().modify(|_, w| {
         // SAFETY: two bits, all four values exist.
         unsafe { w.pll1rge().bits(pll.input_range) };
         w.pll1vcosel().bit(pll.medium_vco).pll1fracen().reset();
-        w.divp1en().enabled().divq1en().enabled().divr1en().disabled()
+        w.divp1en()
+            .enabled()
+            .divq1en()
+            .enabled()
+            .divr1en()
+            .disabled()
     });
     // SAFETY: see above; the register holds each divider less one.
     rcc.pll1divr().modify(|_, w| unsafe {
-        w.divn1().bits(pll.n - 1).divp1().bits(pll.p - 1).divq1().bits(pll.q - 1)
+        w.divn1()
+            .bits(pll.n - 1)
+            .divp1()
+            .bits(pll.p - 1)
+            .divq1()
+            .bits(pll.q - 1)
     });
     rcc.cr().modify(|_, w| w.pll1on().on());
     wait("PLL1", || rcc.cr().read().pll1rdy().bit_is_set());
 
     // Bus dividers before the switch, so that no bus is ever too fast (section 8.5.6).
-    rcc.d1cfgr().modify(|_, w| w.d1cpre().div1().hpre().div2().d1ppre().div2());
-    rcc.d2cfgr().modify(|_, w| w.d2ppre1().div2().d2ppre2().div2());
+    rcc.d1cfgr()
+        .modify(|_, w| w.d1cpre().div1().hpre().div2().d1ppre().div2());
+    rcc.d2cfgr()
+        .modify(|_, w| w.d2ppre1().div2().d2ppre2().div2());
     rcc.d3cfgr().modify(|_, w| w.d3ppre().div2());
     rcc.cfgr().modify(|_, w| w.sw().pll1());
     wait("clock switch", || rcc.cfgr().read().sws().is_pll1());
 
     // Kernel clocks (section 8.5.8): SPI1 from PLL1 Q, I2C1 and USART3 from APB1, USB from HSI48.
     rcc.d2ccip1r().modify(|_, w| w.spi123sel().pll1_q());
-    rcc.d2ccip2r().modify(|_, w| w.i2c123sel().rcc_pclk1().usart234578sel().rcc_pclk1().usbsel().hsi48());
+    rcc.d2ccip2r().modify(|_, w| {
+        w.i2c123sel()
+            .rcc_pclk1()
+            .usart234578sel()
+            .rcc_pclk1()
+            .usbsel()
+            .hsi48()
+    });
 
     // Peripheral clocks (sections 8.7.38 to 8.7.48). SYSCFG routes EXTI lines; without its clock the
     // routing is silently dropped.
     rcc.apb4enr().modify(|_, w| w.syscfgen().enabled());
-    rcc.apb1lenr().modify(|_, w| w.tim2en().enabled().i2c1en().enabled().usart3en().enabled());
+    rcc.apb1lenr()
+        .modify(|_, w| w.tim2en().enabled().i2c1en().enabled().usart3en().enabled());
     rcc.apb2enr().modify(|_, w| w.spi1en().enabled());
     rcc.ahb1enr().modify(|_, w| w.dma1en().enabled());
     let _ = rcc.ahb1enr().read();
     reset_flags
 }
 
-/// USB supply and the trimming of its oscillator. `false` where the supply detector says there is none.
-pub fn usb_supply(rcc: &RCC, pwr: &PWR, crs: &CRS) -> bool {
+/// USB supply and clock. `false` where the supply detector says there is none.
+pub fn usb_supply(rcc: &RCC, pwr: &PWR) -> bool {
     // VDD33USB is wired to 3.3 V, so only its detector is needed (section 6.4.5).
     pwr.cr3().modify(|_, w| w.usb33den().set_bit());
     if !wait_for(10_000, || pwr.cr3().read().usb33rdy().bit_is_set()) {
         return false;
     }
     rcc.ahb1enr().modify(|_, w| w.usb2otgen().enabled());
-    rcc.ahb1lpenr().modify(|_, w| w.usb2otglpen().enabled().usb2otgulpilpen().disabled());
+    rcc.ahb1lpenr()
+        .modify(|_, w| w.usb2otglpen().enabled().usb2otgulpilpen().disabled());
+    let _ = rcc.ahb1lpenr().read();
+    true
+}
+
+/// Lets HSI48 follow the host's start-of-frame, 1 kHz (section 9.4): the reset values of CFGR are made for
+/// exactly that, with the source at the second OTG core (SYNCSRC = 3). Without a host there is nothing to
+/// follow, and the factory's trimming is good enough to be enumerated.
+pub fn trim_usb_clock() {
+    // SAFETY: nobody else uses CRS; the enable bit of RCC is set after start-up by this function alone.
+    let (rcc, crs) = unsafe { (&*RCC::PTR, &*CRS::PTR) };
     rcc.apb1henr().modify(|_, w| w.crsen().enabled());
     let _ = rcc.apb1henr().read();
-    // HSI48 follows the host's start-of-frame, 1 kHz (section 9.4): the reset values of CFGR are made for
-    // exactly that, with the source at the second OTG core (SYNCSRC = 3).
     // SAFETY: two bits of SYNCSRC.
     crs.cfgr().modify(|_, w| unsafe { w.syncsrc().bits(3) });
-    crs.cr().modify(|_, w| w.autotrimen().enabled().cen().enabled());
-    true
+    crs.cr()
+        .modify(|_, w| w.autotrimen().enabled().cen().enabled());
 }
 
 /// Instruction cache on; data cache off, so that DMA and core see the same memory without further thought.
@@ -118,7 +155,14 @@ pub fn caches(scb: &mut SCB) {
 /// Keeps the debug port alive in WFI, which would otherwise cut a probe off (section 60.5.8), and stops the
 /// watchdog while the core is halted.
 pub fn debug(dbgmcu: &pac::DBGMCU) {
-    dbgmcu.cr().modify(|_, w| w.dbgsleep_d1().set_bit().d1dbgcken().set_bit().d3dbgcken().set_bit());
+    dbgmcu.cr().modify(|_, w| {
+        w.dbgsleep_d1()
+            .set_bit()
+            .d1dbgcken()
+            .set_bit()
+            .d3dbgcken()
+            .set_bit()
+    });
     dbgmcu.apb4fz1().modify(|_, w| w.dbg_wdglsd1().set_bit());
 }
 
@@ -126,7 +170,16 @@ pub fn debug(dbgmcu: &pac::DBGMCU) {
 pub fn priorities(nvic: &mut NVIC, scb: &mut SCB) {
     use pac::Interrupt as I;
     for interrupt in [
-        I::EXTI0, I::EXTI1, I::EXTI2, I::EXTI3, I::EXTI4, I::EXTI9_5, I::I2C1_EV, I::I2C1_ER, I::TIM2, I::SPI1,
+        I::EXTI0,
+        I::EXTI1,
+        I::EXTI2,
+        I::EXTI3,
+        I::EXTI4,
+        I::EXTI9_5,
+        I::I2C1_EV,
+        I::I2C1_ER,
+        I::TIM2,
+        I::SPI1,
     ] {
         // SAFETY: priorities only; no critical section rests on them yet.
         unsafe { nvic.set_priority(interrupt, priority::SAMPLE_PATH) };
@@ -136,7 +189,12 @@ pub fn priorities(nvic: &mut NVIC, scb: &mut SCB) {
         unsafe { nvic.set_priority(interrupt, priority::LINKS) };
     }
     // SAFETY: as above. SysTick runs the bus scheduler's tick, so it has its level.
-    unsafe { scb.set_priority(cortex_m::peripheral::scb::SystemHandler::SysTick, priority::SAMPLE_PATH) };
+    unsafe {
+        scb.set_priority(
+            cortex_m::peripheral::scb::SystemHandler::SysTick,
+            priority::SAMPLE_PATH,
+        )
+    };
 }
 
 /// Lets an interrupt through.

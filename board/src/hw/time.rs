@@ -49,7 +49,8 @@ pub fn now() -> u32 {
 pub fn set_alarm(us: u32) {
     let tim = tim2();
     // SAFETY: any 32-bit value.
-    tim.ccr1().write(|w| unsafe { w.bits(now().wrapping_add(us)) });
+    tim.ccr1()
+        .write(|w| unsafe { w.bits(now().wrapping_add(us)) });
     // SAFETY: rc_w0 flags: writing 1 leaves the others alone; CC1IF is cleared.
     tim.sr().write(|w| unsafe { w.bits(!2) });
     tim.dier().modify(|_, w| w.cc1ie().set_bit());

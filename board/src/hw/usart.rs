@@ -13,9 +13,9 @@
 
 use super::pac::{self, interrupt, DMA1, DMAMUX1, USART3};
 use super::startup;
-use board::clocks;
 use bbqueue::nicknames::Churrasco;
 use bbqueue::prod_cons::stream::{StreamConsumer, StreamGrantR, StreamProducer};
+use board::clocks;
 use core::cell::UnsafeCell;
 use core::sync::atomic::{compiler_fence, Ordering};
 
@@ -70,27 +70,54 @@ fn dma() -> &'static pac::dma1::RegisterBlock {
 /// Sets line and streams up.
 pub fn start(usart: &USART3, dmamux: &DMAMUX1) -> (Usart, Producer) {
     // SAFETY: interrupts of this module are still masked.
-    unsafe { *SENDER.0.get() = Some(Sender { consumer: SENT.stream_consumer(), grant: None }) };
+    unsafe {
+        *SENDER.0.get() = Some(Sender {
+            consumer: SENT.stream_consumer(),
+            grant: None,
+        })
+    };
 
     // Baud, DMA, no overrun: all with UE = 0 (section 48.5). The FIFO hides the DMA's latency.
     usart.brr().write(|w| w.brr().set(clocks::USART3_BRR));
-    usart.cr3().write(|w| w.dmat().enabled().dmar().enabled().ovrdis().disabled());
-    usart.cr1().write(|w| w.fifoen().enabled().te().enabled().re().enabled());
+    usart
+        .cr3()
+        .write(|w| w.dmat().enabled().dmar().enabled().ovrdis().disabled());
+    usart
+        .cr1()
+        .write(|w| w.fifoen().enabled().te().enabled().re().enabled());
     usart.cr1().modify(|_, w| w.ue().enabled());
 
     // Streams (section 16.3.18, configuration procedure) with EN = 0 as reset leaves them.
     // SAFETY: request numbers of USART3.
-    dmamux.ccr(0).write(|w| unsafe { w.bits(u32::from(REQUEST_TX)) });
-    dmamux.ccr(1).write(|w| unsafe { w.bits(u32::from(REQUEST_RX)) });
+    dmamux
+        .ccr(0)
+        .write(|w| unsafe { w.bits(u32::from(REQUEST_TX)) });
+    dmamux
+        .ccr(1)
+        .write(|w| unsafe { w.bits(u32::from(REQUEST_RX)) });
     let send = dma().st(0);
     // SAFETY: addresses of this peripheral's data registers.
-    send.par().write(|w| unsafe { w.bits(usart.tdr().as_ptr() as u32) });
+    send.par()
+        .write(|w| unsafe { w.bits(usart.tdr().as_ptr() as u32) });
     let receive = dma().st(1);
-    receive.par().write(|w| unsafe { w.bits(usart.rdr().as_ptr() as u32) });
+    receive
+        .par()
+        .write(|w| unsafe { w.bits(usart.rdr().as_ptr() as u32) });
     // SAFETY: AXI SRAM, RING bytes that nothing else writes.
-    receive.m0ar().write(|w| unsafe { w.bits(RECEIVED.0.get() as u32) });
+    receive
+        .m0ar()
+        .write(|w| unsafe { w.bits(RECEIVED.0.get() as u32) });
     receive.ndtr().write(|w| w.ndt().set(RING as u16));
-    receive.cr().write(|w| w.dir().peripheral_to_memory().minc().incremented().circ().enabled().pl().high());
+    receive.cr().write(|w| {
+        w.dir()
+            .peripheral_to_memory()
+            .minc()
+            .incremented()
+            .circ()
+            .enabled()
+            .pl()
+            .high()
+    });
     receive.cr().modify(|_, w| w.en().enabled());
     startup::unmask(pac::Interrupt::DMA_STR0);
     (Usart { taken: 0 }, SENT.stream_producer())
@@ -106,7 +133,14 @@ impl Usart {
                 return;
             }
             // SAFETY: within the ring; the DMA writes ahead of `head`, not here.
-            let byte = unsafe { RECEIVED.0.get().cast::<u8>().add(self.taken).read_volatile() };
+            let byte = unsafe {
+                RECEIVED
+                    .0
+                    .get()
+                    .cast::<u8>()
+                    .add(self.taken)
+                    .read_volatile()
+            };
             self.taken = (self.taken + 1) % RING;
             take(byte);
         }
@@ -128,18 +162,40 @@ impl Sender {
         if self.grant.is_some() {
             return;
         }
-        let Ok(grant) = self.consumer.read() else { return };
+        let Ok(grant) = self.consumer.read() else {
+            return;
+        };
         let stream = dma().st(0);
         // A stream starts only with its flags clear (section 16.3.18).
         dma().lifcr().write(|w| {
-            w.ctcif0().clear().chtif0().clear().cteif0().clear().cdmeif0().clear().cfeif0().clear()
+            w.ctcif0()
+                .clear()
+                .chtif0()
+                .clear()
+                .cteif0()
+                .clear()
+                .cdmeif0()
+                .clear()
+                .cfeif0()
+                .clear()
         });
         // SAFETY: the grant's bytes, which stay untouched until it is released after the transfer.
-        stream.m0ar().write(|w| unsafe { w.bits(grant.as_ptr() as u32) });
+        stream
+            .m0ar()
+            .write(|w| unsafe { w.bits(grant.as_ptr() as u32) });
         stream.ndtr().write(|w| w.ndt().set(grant.len() as u16));
         compiler_fence(Ordering::SeqCst);
         stream.cr().write(|w| {
-            w.dir().memory_to_peripheral().minc().incremented().tcie().enabled().teie().enabled().en().enabled()
+            w.dir()
+                .memory_to_peripheral()
+                .minc()
+                .incremented()
+                .tcie()
+                .enabled()
+                .teie()
+                .enabled()
+                .en()
+                .enabled()
         });
         self.grant = Some(grant);
     }
@@ -148,8 +204,21 @@ impl Sender {
 #[interrupt]
 fn DMA_STR0() {
     // SAFETY: thread mode cannot run meanwhile, and holds no reference outside its masked sections.
-    let Some(sender) = (unsafe { &mut *SENDER.0.get() }) else { return };
-    dma().lifcr().write(|w| w.ctcif0().clear().chtif0().clear().cteif0().clear().cdmeif0().clear().cfeif0().clear());
+    let Some(sender) = (unsafe { &mut *SENDER.0.get() }) else {
+        return;
+    };
+    dma().lifcr().write(|w| {
+        w.ctcif0()
+            .clear()
+            .chtif0()
+            .clear()
+            .cteif0()
+            .clear()
+            .cdmeif0()
+            .clear()
+            .cfeif0()
+            .clear()
+    });
     if let Some(grant) = sender.grant.take() {
         // Sent, or lost to a transfer error, which the host's CRC or sequence number shows.
         let length = grant.len();

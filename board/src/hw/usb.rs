@@ -11,12 +11,14 @@
 //! bounded waits; a core without clock or supply leaves the board without this link, not without control.
 
 use super::pac::{self, interrupt, OTG2_HS_GLOBAL};
-use super::usart::{Consumer, Producer, Queue};
 use super::startup;
+use super::usart::{Consumer, Producer, Queue};
 use board::clocks;
 use synopsys_usb_otg::{UsbBus, UsbPeripheral};
 use usb_device::bus::UsbBusAllocator;
-use usb_device::device::{StringDescriptors, UsbDevice, UsbDeviceBuilder, UsbDeviceState, UsbVidPid};
+use usb_device::device::{
+    StringDescriptors, UsbDevice, UsbDeviceBuilder, UsbDeviceState, UsbVidPid,
+};
 use usbd_serial::SerialPort;
 
 static QUEUE: Queue = Queue::new();
@@ -54,6 +56,7 @@ pub struct Usb {
     device: UsbDevice<'static, Bus>,
     port: SerialPort<'static, Bus>,
     queue: Consumer,
+    trimmed: bool,
 }
 
 /// The queue's end for frames; the link itself where the core answers.
@@ -63,15 +66,32 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
         return (None, producer);
     }
     let memory = cortex_m::singleton!(: [u32; ENDPOINT_WORDS] = [0; ENDPOINT_WORDS]);
-    let Some(memory) = memory else { return (None, producer) };
+    let Some(memory) = memory else {
+        return (None, producer);
+    };
     let bus = cortex_m::singleton!(: UsbBusAllocator<Bus> = UsbBus::new(Otg, memory));
-    let Some(bus) = bus else { return (None, producer) };
+    let Some(bus) = bus else {
+        return (None, producer);
+    };
     let port = SerialPort::new(bus);
-    let strings = StringDescriptors::default().manufacturer("force rig").product("force board").serial_number("1");
-    let Ok(builder) = UsbDeviceBuilder::new(bus, ID).strings(&[strings]) else { return (None, producer) };
+    let strings = StringDescriptors::default()
+        .manufacturer("force rig")
+        .product("force board")
+        .serial_number("1");
+    let Ok(builder) = UsbDeviceBuilder::new(bus, ID).strings(&[strings]) else {
+        return (None, producer);
+    };
     let device = builder.device_class(usbd_serial::USB_CLASS_CDC).build();
     startup::unmask(pac::Interrupt::OTG_FS);
-    (Some(Usb { device, port, queue: QUEUE.stream_consumer() }), producer)
+    (
+        Some(Usb {
+            device,
+            port,
+            queue: QUEUE.stream_consumer(),
+            trimmed: false,
+        }),
+        producer,
+    )
 }
 
 /// Tries what the driver will do without bounds: idle bus, soft reset, FIFO flush (section 57.14).
@@ -88,7 +108,8 @@ fn core_answers() -> bool {
     if !startup::wait_for(READS, || core.grstctl().read().csrst().bit_is_clear()) {
         return false;
     }
-    core.grstctl().modify(|_, w| w.rxfflsh().set_bit().txfflsh().set_bit());
+    core.grstctl()
+        .modify(|_, w| w.rxfflsh().set_bit().txfflsh().set_bit());
     startup::wait_for(READS, || {
         let control = core.grstctl().read();
         control.rxfflsh().bit_is_clear() && control.txfflsh().bit_is_clear()
@@ -99,13 +120,21 @@ impl Usb {
     /// Moves what there is to move: at most a packet each way. Hands over received bytes.
     pub fn serve(&mut self, mut take: impl FnMut(u8)) {
         self.device.poll(&mut [&mut self.port]);
+        if !self.trimmed && self.device.state() != UsbDeviceState::Default {
+            self.trimmed = true;
+            startup::trim_usb_clock();
+        }
         let open = self.device.state() == UsbDeviceState::Configured && self.port.dtr();
         let mut packet = [0; 64];
         if let Ok(length) = self.port.read(&mut packet) {
             packet.iter().take(length).for_each(|byte| take(*byte));
         }
         if let Ok(grant) = self.queue.read() {
-            let sent = if open { self.port.write(&grant).unwrap_or(0) } else { grant.len() };
+            let sent = if open {
+                self.port.write(&grant).unwrap_or(0)
+            } else {
+                grant.len()
+            };
             grant.release(sent);
         }
         if open {

@@ -55,11 +55,20 @@ impl Watchdog {
         key(&registers, START);
         key(&registers, UNLOCK);
         // SAFETY: three and twelve bits, computed in `clocks`.
-        registers.pr().write(|w| unsafe { w.bits(clocks::IWDG_PR.into()) });
-        registers.rlr().write(|w| unsafe { w.bits(clocks::IWDG_RLR.into()) });
+        registers
+            .pr()
+            .write(|w| unsafe { w.bits(clocks::IWDG_PR.into()) });
+        registers
+            .rlr()
+            .write(|w| unsafe { w.bits(clocks::IWDG_RLR.into()) });
         super::startup::wait_for(1_000_000, || registers.sr().read().bits() == 0);
         key(&registers, FEED);
-        Self { registers, check_in: CheckIn::new(ALL), since_feed_ms: 0, alive: false }
+        Self {
+            registers,
+            check_in: CheckIn::new(ALL),
+            since_feed_ms: 0,
+            alive: false,
+        }
     }
 
     /// This part works.
