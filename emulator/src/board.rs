@@ -185,9 +185,8 @@ impl Board {
         while self.history.next_ns() <= t_ns {
             self.plant.advance_to(self.history.next_ns());
             let row = std::array::from_fn(|unit| {
-                let cell = &self.plant.config().load_cell;
-                let per_n = cell.rated_output_v_per_v
-                    / (cell.capacity_kg * force_plant::config::STANDARD_GRAVITY_M_PER_S2);
+                // By the cell's own sensitivity: a known pull is a weight to calibrate with.
+                let per_n = self.plant.parameters(unit).bridge_per_n;
                 self.plant.bridge_v_per_v(unit) + self.pull_n[unit] * per_n
             });
             self.history.push(row);
