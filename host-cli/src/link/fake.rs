@@ -67,6 +67,7 @@ pub(crate) struct FakeBoard {
     setpoints: [Setpoint; UNITS],
     expires_ns: Option<u64>,
     unplugged: [bool; UNITS],
+    weight_n: [f64; UNITS],
     next_sample_ns: [u64; UNITS],
     bridge: [VecDeque<f64>; UNITS],
     random: u64,
@@ -88,10 +89,7 @@ impl FakeBoard {
 
     /// A rig of its own for each seed.
     pub(crate) fn seeded(mood: Mood, seed: u64) -> Self {
-        let mut plant_config = PlantConfig::default();
-        // The rig file's scale is nominal: so are these load cells.
-        plant_config.load_cell.gain_error_sd = 0.0;
-        let mut plant = Plant::new(plant_config, seed).expect("the default plant");
+        let mut plant = Plant::new(PlantConfig::default(), seed).expect("the default plant");
         plant.set_amplifier_power(true);
         Self {
             mood,
@@ -116,6 +114,7 @@ impl FakeBoard {
             setpoints: [Setpoint::default(); UNITS],
             expires_ns: None,
             unplugged: [false; UNITS],
+            weight_n: [0.0; UNITS],
             next_sample_ns: core::array::from_fn(|i| 700_000 * i as u64 + MS),
             bridge: core::array::from_fn(|_| VecDeque::from([0.0; SINC.len()])),
             random: 1,
@@ -415,7 +414,8 @@ impl FakeBoard {
     fn tick(&mut self) {
         for i in 0..UNITS {
             self.bridge[i].pop_front();
-            self.bridge[i].push_back(self.plant.bridge_v_per_v(i));
+            let weight = self.weight_n[i] * self.plant.parameters(i).bridge_per_n;
+            self.bridge[i].push_back(self.plant.bridge_v_per_v(i) + weight);
         }
         let age = self.now_ns - self.epoch_ns;
         match self.system {
@@ -575,6 +575,10 @@ impl RigControls for FakeBoard {
                 if self.system != SystemState::BringUp {
                     self.latch(Some(i), Fault::SensorSilent, 12_500);
                 }
+                Ok(())
+            }
+            Injection::PullCable(unit @ 1..=6, weight_n) => {
+                self.weight_n[usize::from(unit) - 1] = weight_n;
                 Ok(())
             }
             Injection::EStop(true) => {
