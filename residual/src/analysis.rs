@@ -242,6 +242,17 @@ impl Analysis<'_> {
         {
             c.p = c.p.min(state.second_look(c));
         }
+        if self.spec.roles.setpoint.is_some() {
+            for c in all
+                .iter_mut()
+                .filter(|c| c.gain >= sel.material && c.p < 1.0 && state.uses_command(c))
+            {
+                // Friction with a share of load has the sign of the velocity for a witness.
+                if c.name != "load_dependent_coulomb" && state.stands_on_setpoint(c) < 0.5 {
+                    c.p = 1.0;
+                }
+            }
+        }
     }
 
     /// Adds effects until nothing material is left; returns the last scan.

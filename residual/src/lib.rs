@@ -12,6 +12,7 @@
 #![forbid(unsafe_code)]
 
 mod analysis;
+mod board;
 mod effects;
 mod error;
 /// The expression language of model files.
@@ -31,6 +32,7 @@ mod stats;
 mod svg;
 
 pub use analysis::{analyse, run, Options, Progress};
+pub use board::{Board, Ripple};
 pub use effects::{experiment, meaning, names, Param};
 pub use error::Error;
 pub use frame::Frame;

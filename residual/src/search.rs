@@ -512,6 +512,56 @@ impl State<'_> {
         chance((c.base - c.held) / c.base, &decoys)
     }
 
+    /// How much of a candidate's claim stands on the setpoint: 1 if the part of its contribution
+    /// that follows from the setpoint is in the residual too, 0 if it is not there.
+    ///
+    /// In a closed loop the controller turns slow disturbances into command, so anything built from
+    /// the command correlates with the disturbance. The setpoint is free of it: this is the ratio of
+    /// the two-stage to the one-stage least-squares estimate, with the setpoint's history as
+    /// instruments. Also 0 if the setpoint moves too little to tell.
+    pub fn stands_on_setpoint(&self, c: &Candidate) -> f64 {
+        let added = self.contribution(c);
+        if added.iter().all(|a| *a == 0.0) {
+            return 1.0;
+        }
+        let mut texts = vec!["1".to_string()];
+        for k in [0.0, 2.0, 4.0, 8.0, 16.0, 32.0] {
+            let s = format!("delay(setpoint, {})", k * self.problem.frame.step());
+            texts.extend([format!("{s}^2"), s]);
+        }
+        let cols: Vec<Vec<f64>> = texts
+            .iter()
+            .filter_map(|t| self.problem.eval(&Expr::parse(t).ok()?).ok())
+            .collect();
+        let z: Vec<&[f64]> = cols.iter().map(Vec::as_slice).collect();
+        let (k, _) = Sums::new(self.problem, &z, &added, None, None).fit(None);
+        let mut part = vec![0.0; added.len()];
+        for (col, k) in cols.iter().zip(&k) {
+            part.iter_mut().zip(col).for_each(|(p, v)| *p += k * v);
+        }
+        let mean = stats::mean(&part);
+        part.iter_mut().for_each(|p| *p -= mean);
+        let (pp, aa) = (
+            crate::linalg::dot(&part, &part),
+            crate::linalg::dot(&added, &added),
+        );
+        if pp < 0.01 * aa {
+            return 0.0;
+        }
+        crate::linalg::dot(&part, &self.fit.residual) / crate::linalg::dot(&part, &added)
+    }
+
+    /// Whether a candidate is built from the command.
+    pub fn uses_command(&self, c: &Candidate) -> bool {
+        let texts: Vec<String> = match (c.variant.build)(c.psi) {
+            Build::Add(p) | Build::Local(p) => p.into_iter().map(|p| p.text).collect(),
+            Build::Swap(s) | Build::SwapAll(s) => s.into_iter().map(|(n, _)| n).collect(),
+        };
+        texts
+            .iter()
+            .any(|t| Expr::parse(t).is_ok_and(|e| e.names().contains("command")))
+    }
+
     /// RMS of what a candidate adds to the prediction, and the added values.
     pub fn contribution(&self, c: &Candidate) -> Vec<f64> {
         let build = (c.variant.build)(c.psi);

@@ -95,6 +95,12 @@ fn plain_gzip_and_blank_separated_text_agree() {
     }
     let plain = analyse(&[dir.0.clone()], MODEL).unwrap();
     assert_coulomb(&plain);
+    let board = plain.board().unwrap();
+    assert!(
+        board.friction == plain.effects[0].params["friction"]
+            && board.left_out.is_empty()
+            && board.offset == 0.0
+    );
 
     let zipped = Folder::new("gzip");
     for run in 0..3 {
@@ -278,7 +284,7 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
     let good = csv(&rows(0, 800));
     let cases: Vec<(&str, String, String, u8, &str)> = vec![
         ("missing", good.replace("t,y,c,v", "t,y,c,w"), MODEL.into(), 3, "no column `v`"),
-        ("text", good.replacen("\n0.02,", "\n0.02,oops,", 1).replacen("oops,", "oops", 1), MODEL.into(), 3, "line 3"),
+        ("text", good.replacen("\n0.02,", "\n0.02,oops", 1), MODEL.into(), 3, ":3: column `y`"),
         ("nan", csv(&rows(0, 800).iter().map(|r| [r[0], f64::NAN, r[2], r[3]]).collect::<Vec<_>>()), MODEL.into(), 4, "finite"),
         ("constant", csv(&rows(0, 800).iter().map(|r| [r[0], r[1], 3.0, 0.0]).collect::<Vec<_>>()), MODEL.into(), 4, "constant excitation"),
         ("flat", csv(&rows(0, 800).iter().map(|r| [r[0], 1.0, r[2], r[3]]).collect::<Vec<_>>()), MODEL.into(), 4, "target is constant"),
@@ -317,6 +323,45 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
             .exit_code(),
         3
     );
+}
+
+#[test]
+fn the_original_closed_loop_layout_is_read() {
+    let dir = Folder::new("json");
+    for run in 0..3u64 {
+        let data = rows(run, 1200);
+        let list = |c: usize, k: f64| {
+            data.iter()
+                .map(|r| format!("{}", r[c] * k))
+                .collect::<Vec<_>>()
+                .join(",")
+        };
+        let text = format!(
+            "{{\"load_cell_force_times\":[[{}],[]],\"load_cell_forces\":[[{}],[]],\"tor_cmds\":[[{}],[]],\
+             \"p_terms\":[[{}],[]],\"i_terms\":[[],[]],\"d_terms\":[[],[]],\"setpoints\":[[1,2,3],[]],\"pid_p\":1}}",
+            list(0, 1.0),
+            list(1, 1.0),
+            list(2, 10.0),
+            list(3, 1.0)
+        );
+        dir.put(&format!("run{run}.json"), &text);
+    }
+    let model = r#"
+[input]
+sequence = ["unit"]
+[roles]
+time = { column = "time_s", unit = "s" }
+target = { column = "load_cell_n", unit = "N" }
+command = { column = "torque_cmd_mnm", unit = "N", scale = 0.1 }
+velocity = { column = "p_term", unit = "rad/s" }
+[[terms]]
+name = "tension"
+expr = "command"
+fixed = 1.0
+"#;
+    let r = analyse(&[dir.0.clone()], model).unwrap();
+    assert_coulomb(&r);
+    assert_eq!(r.rows, 3600);
 }
 
 #[test]
