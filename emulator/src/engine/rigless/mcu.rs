@@ -6,6 +6,7 @@
 use super::i2c::HeldI2c;
 use super::iwdg::Iwdg;
 use super::peers::{DacBus, HostLine, Shared};
+use super::port::QuietPort;
 use super::usb::IdleUsb;
 use crate::devices::dac7731::Mode;
 use crate::wiring::{self, Pin, PORTS};
@@ -39,6 +40,9 @@ const ODR: u64 = 0x14;
 const BSRR: u64 = 0x18;
 const BSRR_HIGH: u64 = 0x1A;
 
+/// Ports that [`QuietPort`] answers for.
+const QUIET: [usize; 2] = [wiring::CNT_RD.port, wiring::CNT_D0.port];
+
 /// Position of USART3 and SPI1 in the engine's lists of instances.
 const USART3: usize = 2;
 const SPI1: usize = 0;
@@ -51,6 +55,8 @@ pub struct RigMcu {
     i2c: HeldI2c,
     iwdg: Iwdg,
     usb: IdleUsb,
+    /// Strobes and data bus of the counters.
+    quiet: [QuietPort; 2],
     slots: Slots,
     /// The earliest event asked for on the board's behalf that has not come yet.
     scheduled: Option<VirtualNanos>,
@@ -99,6 +105,7 @@ impl RigMcu {
             i2c: HeldI2c::new(&board),
             iwdg: Iwdg::default(),
             usb: IdleUsb,
+            quiet: Default::default(),
             part,
             board,
             slots,
@@ -118,6 +125,10 @@ impl RigMcu {
             (drives, board.next_event())
         };
         for (pin, level) in drives.into_iter().flatten() {
+            if let Some(nth) = QUIET.iter().position(|port| *port == pin.port) {
+                self.quiet[nth].drive(pin.pin, level);
+                continue;
+            }
             let port_pin = PortPin::new(pin.pin).expect("a port has sixteen pins");
             self.part
                 .drive_port(now, pin.port, |gpio, registers, context| {
@@ -278,6 +289,10 @@ impl Mcu for RigMcu {
             Some(&mut self.iwdg)
         } else if slot == self.slots.usb {
             Some(&mut self.usb)
+        } else if slot == self.slots.ports[QUIET[0]] {
+            Some(&mut self.quiet[0])
+        } else if slot == self.slots.ports[QUIET[1]] {
+            Some(&mut self.quiet[1])
         } else {
             None
         };

@@ -9,6 +9,7 @@ mod iwdg;
 mod machine;
 mod mcu;
 pub mod peers;
+mod port;
 mod usb;
 
 use super::{Engine, EngineError, Progress};
