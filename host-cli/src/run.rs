@@ -200,6 +200,8 @@ pub struct Outcome {
     pub samples: u64,
     /// Counters of the link.
     pub link_counters: LinkCounters,
+    /// For how long the amplifiers were without power while the rig was armed, s (embedded rig).
+    pub amplifiers_off_s: f64,
     /// Every cycle.
     #[serde(skip)]
     pub steps: Vec<Step>,
@@ -293,6 +295,7 @@ pub fn set_force(
         faults: prepared.faults.clone(),
         reach: None,
         samples: 0,
+        amplifiers_off: 0,
         latencies_us: Vec::new(),
         t0_ns: None,
         last: None,
@@ -603,6 +606,8 @@ struct Run<'a> {
     faults: Vec<RunFault>,
     reach: Option<Reach>,
     samples: u64,
+    /// Milliseconds in which the amplifiers had no power.
+    amplifiers_off: u64,
     latencies_us: Vec<u16>,
     /// Link time at which the force is wanted.
     t0_ns: Option<u64>,
@@ -695,6 +700,17 @@ impl Run<'_> {
         let step = self.step_of(&output, &input, session, heard.truth.last(), end_s);
         self.observer.step(&step);
         self.steps.push(step);
+        let off = heard
+            .truth
+            .iter()
+            .filter(|truth| !truth.amplifier_on)
+            .count() as u64;
+        if off > 0 && self.amplifiers_off == 0 {
+            self.observer.notice(&format!(
+                "at {end_s:.2} s the PLC cut the amplifiers' power (E-stop, or the board's alive line stopped)"
+            ));
+        }
+        self.amplifiers_off += off;
         self.last = Some(output);
         self.take(heard, session.status(), t_s)
     }
@@ -816,7 +832,9 @@ impl Run<'_> {
             }
             None => missed,
         };
-        let degraded = !self.faults.is_empty() || self.reach.is_some_and(|reach| !reach.feasible);
+        let degraded = !self.faults.is_empty()
+            || self.amplifiers_off > 0
+            || self.reach.is_some_and(|reach| !reach.feasible);
         let info = session.info();
         Ok(Outcome {
             ended: if interrupted {
@@ -836,6 +854,7 @@ impl Run<'_> {
             samples_lost,
             samples: self.samples,
             link_counters: session.counters(),
+            amplifiers_off_s: self.amplifiers_off as f64 * 1e-3,
             steps: std::mem::take(&mut self.steps),
             report,
             configs: prepared.configs,

@@ -14,7 +14,8 @@ Exit codes:
   3  the rig file is wrong; nothing was driven
   4  the link can't be opened, was lost, or the other end is no board of this version
   5  the board refused, or a fault stopped the rig
-  6  done, but not as asked: a unit dropped out, or the force is out of reach and the nearest one was held
+  6  done, but not as asked: a unit dropped out, the amplifiers lost power, or the force is out of
+     reach and the nearest one was held
   7  a file could not be written
 130  ended by Ctrl-C; the rig was disarmed";
 

@@ -118,6 +118,13 @@ pub fn outcome(outcome: &Outcome) -> String {
         link.frames_lost,
         link.frames_bad
     );
+    if outcome.amplifiers_off_s > 0.0 {
+        row!(
+            out,
+            "amplifiers          without power for {:.3} s",
+            outcome.amplifiers_off_s
+        );
+    }
     if let Some(reach) = outcome.reach.filter(|reach| !reach.feasible) {
         row!(out, "out of reach        {}", describe_reach(&reach));
     }
