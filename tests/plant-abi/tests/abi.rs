@@ -12,7 +12,9 @@ fn new(seed: u64, config: Option<&str>) -> Result<*mut Plant, String> {
     let plant = unsafe {
         plant_new(
             seed,
-            config.as_ref().map_or(null_mut(), |c| c.as_ptr().cast_mut()),
+            config
+                .as_ref()
+                .map_or(null_mut(), |c| c.as_ptr().cast_mut()),
             error.as_mut_ptr(),
             error.len(),
         )

@@ -1,0 +1,393 @@
+// I2C controller of the STM32H7 (RM0433 chapter 47), master side, with the time that bits take.
+//
+// Renode's own model takes no time, never sees a NACK, never reports BUSY and keeps its interrupt up after
+// STOPF was cleared through ICR. The bus scheduler of this firmware lives on exactly these.
+
+using Antmicro.Renode.Core;
+using Antmicro.Renode.Logging;
+using Antmicro.Renode.Peripherals.Bus;
+
+namespace Antmicro.Renode.Peripherals.ForceRig
+{
+    /// A device on the bus. A transaction is: Start, bytes, then Start again or Stop.
+    public interface II2cTarget
+    {
+        /// The address is for this device, and it acknowledges.
+        bool Start(int address, bool read);
+        /// A byte was written; whether the device acknowledges.
+        bool Write(byte value);
+        byte Read();
+        void Stop();
+        /// SDA is held low by a device, so that no transfer can begin.
+        bool HoldsBus { get; }
+    }
+
+    [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
+    public class I2cController : IDoubleWordPeripheral, IKnownSize
+    {
+        public I2cController(IMachine machine, Rcc rcc, II2cTarget bus)
+        {
+            this.rcc = rcc;
+            this.bus = bus;
+            time = new VirtualTime(machine);
+            EventInterrupt = new GPIO();
+            ErrorInterrupt = new GPIO();
+            Reset();
+        }
+
+        public void Reset()
+        {
+            control1 = 0;
+            control2 = 0;
+            timing = 0;
+            own1 = 0;
+            own2 = 0;
+            timeout = 0;
+            Disable();
+        }
+
+        public uint ReadDoubleWord(long offset)
+        {
+            switch(offset)
+            {
+            case 0x00:
+                return control1;
+            case 0x04:
+                return control2;
+            case 0x08:
+                return own1;
+            case 0x0C:
+                return own2;
+            case 0x10:
+                return timing;
+            case 0x14:
+                return timeout;
+            case 0x18:
+                return status;
+            case 0x1C:
+            case 0x20:
+                return 0;
+            case 0x24:
+                return ReadData();
+            case 0x28:
+                return transmit;
+            default:
+                this.Log(LogLevel.Warning, "unhandled read at offset 0x{0:X}", offset);
+                return 0;
+            }
+        }
+
+        public void WriteDoubleWord(long offset, uint value)
+        {
+            switch(offset)
+            {
+            case 0x00:
+                var wasEnabled = Enabled;
+                control1 = value;
+                if(wasEnabled && !Enabled)
+                {
+                    Disable();
+                }
+                UpdateInterrupts();
+                break;
+            case 0x04:
+                WriteControl2(value);
+                break;
+            case 0x08:
+                own1 = value;
+                break;
+            case 0x0C:
+                own2 = value;
+                break;
+            case 0x10:
+                if(Enabled)
+                {
+                    this.Log(LogLevel.Warning, "TIMINGR written while PE=1: ignored (RM0433 47.7.5)");
+                    return;
+                }
+                timing = value;
+                break;
+            case 0x14:
+                timeout = value;
+                break;
+            case 0x18:
+                // Only TXE can be written: it flushes the transmit register.
+                if((value & TransmitEmpty) != 0)
+                {
+                    status |= TransmitEmpty;
+                }
+                break;
+            case 0x1C:
+                status &= ~(value & Clearable);
+                UpdateInterrupts();
+                break;
+            case 0x28:
+                WriteData((byte)value);
+                break;
+            default:
+                this.Log(LogLevel.Warning, "unhandled write at offset 0x{0:X}, value 0x{1:X}", offset, value);
+                break;
+            }
+        }
+
+        public long Size { get { return 0x400; } }
+
+        public GPIO EventInterrupt { get; private set; }
+
+        public GPIO ErrorInterrupt { get; private set; }
+
+        private bool Enabled { get { return (control1 & 1) != 0; } }
+
+        /// One SCL period (RM0433 47.4.9, I2C master initialisation): both counted phases, and for each
+        /// the synchronisation, which is two kernel clocks, the analog filter's 50 ns and the digital filter's.
+        private ulong BitNs
+        {
+            get
+            {
+                var hz = rcc.I2c123Hz;
+                if(hz <= 0)
+                {
+                    return 1000000;
+                }
+                var prescaler = (timing >> 28) + 1;
+                var counts = ((timing >> 8 & 255) + 1 + (timing & 255) + 1) * prescaler;
+                var digital = control1 >> 8 & 15;
+                var analogNs = (control1 & 1u << 12) == 0 ? 2 * 50UL : 0UL;
+                return (counts + 2 * (2 + digital)) * 1000000000UL / (ulong)hz + analogNs;
+            }
+        }
+
+        private void Disable()
+        {
+            if(onBus)
+            {
+                bus.Stop();
+            }
+            onBus = false;
+            status = TransmitEmpty;
+            control2 &= ~(StartBit | StopBit | NackBit);
+            remaining = 0;
+            step++;
+            UpdateInterrupts();
+        }
+
+        private void WriteControl2(uint value)
+        {
+            // START and STOP can only be set by software (RM0433 47.7.2).
+            var pending = control2 & (StartBit | StopBit);
+            control2 = value | pending;
+            if(!Enabled)
+            {
+                control2 &= ~(StartBit | StopBit);
+                return;
+            }
+            if((value & StartBit) != 0 && (pending & StartBit) == 0)
+            {
+                Begin();
+            }
+            else if((value & StopBit) != 0 && (pending & StopBit) == 0)
+            {
+                status &= ~TransferComplete;
+                EndWithStop();
+            }
+            else if((status & ReloadComplete) != 0)
+            {
+                status &= ~ReloadComplete;
+                remaining = control2 >> 16 & 255;
+                Continue();
+            }
+            UpdateInterrupts();
+        }
+
+        private void Begin()
+        {
+            status |= Busy;
+            status &= ~(TransferComplete | ReloadComplete);
+            if(bus.HoldsBus)
+            {
+                // SDA low: the controller waits for a free bus, and no flag ever tells.
+                this.Log(LogLevel.Info, "START waits: SDA is held low");
+                return;
+            }
+            remaining = control2 >> 16 & 255;
+            var reading = (control2 & ReadBit) != 0;
+            var address = (int)(control2 >> 1 & 127);
+            // START, eight bits and the acknowledge.
+            After(10, delegate
+            {
+                control2 &= ~StartBit;
+                onBus = true;
+                if(!bus.Start(address, reading))
+                {
+                    Refused();
+                    return;
+                }
+                Continue();
+            });
+        }
+
+        private void Refused()
+        {
+            status |= NotAcknowledged;
+            status &= ~TransmitInterrupt;
+            UpdateInterrupts();
+            // A STOP follows on its own after a NACK (RM0433 47.4.9).
+            EndWithStop();
+        }
+
+        private void Continue()
+        {
+            if(remaining == 0)
+            {
+                if((control2 & ReloadBit) != 0)
+                {
+                    status |= ReloadComplete;
+                }
+                else if((control2 & AutoEndBit) != 0)
+                {
+                    EndWithStop();
+                }
+                else
+                {
+                    status |= TransferComplete;
+                }
+            }
+            else if((control2 & ReadBit) != 0)
+            {
+                ReceiveNext();
+            }
+            else
+            {
+                status |= TransmitInterrupt | TransmitEmpty;
+            }
+            UpdateInterrupts();
+        }
+
+        private void ReceiveNext()
+        {
+            After(9, delegate
+            {
+                received = bus.Read();
+                remaining--;
+                status |= ReceiveFull;
+                if(remaining == 0)
+                {
+                    Continue();
+                }
+                UpdateInterrupts();
+            });
+        }
+
+        private uint ReadData()
+        {
+            if((status & ReceiveFull) != 0)
+            {
+                status &= ~ReceiveFull;
+                if(remaining > 0)
+                {
+                    // SCL was stretched until the byte was taken.
+                    ReceiveNext();
+                }
+                UpdateInterrupts();
+            }
+            return received;
+        }
+
+        private void WriteData(byte value)
+        {
+            transmit = value;
+            if((status & TransmitInterrupt) == 0)
+            {
+                return;
+            }
+            status &= ~(TransmitInterrupt | TransmitEmpty);
+            UpdateInterrupts();
+            After(9, delegate
+            {
+                remaining--;
+                status |= TransmitEmpty;
+                if(!bus.Write(value))
+                {
+                    Refused();
+                    return;
+                }
+                Continue();
+            });
+        }
+
+        private void EndWithStop()
+        {
+            After(1, delegate
+            {
+                control2 &= ~(StopBit | StartBit);
+                status |= StopDetected;
+                status &= ~(Busy | TransferComplete | ReloadComplete | TransmitInterrupt);
+                if(onBus)
+                {
+                    onBus = false;
+                    bus.Stop();
+                }
+                UpdateInterrupts();
+            });
+        }
+
+        private void After(ulong bits, System.Action action)
+        {
+            var mine = ++step;
+            time.At(time.Now + bits * BitNs, delegate
+            {
+                if(mine == step)
+                {
+                    action();
+                }
+            });
+        }
+
+        private void UpdateInterrupts()
+        {
+            var wanted = 0u;
+            wanted |= (control1 & 1u << 1) != 0 ? TransmitInterrupt : 0;
+            wanted |= (control1 & 1u << 2) != 0 ? ReceiveFull : 0;
+            wanted |= (control1 & 1u << 4) != 0 ? NotAcknowledged : 0;
+            wanted |= (control1 & 1u << 5) != 0 ? StopDetected : 0;
+            wanted |= (control1 & 1u << 6) != 0 ? TransferComplete | ReloadComplete : 0;
+            EventInterrupt.Set((status & wanted) != 0);
+            ErrorInterrupt.Set((control1 & 1u << 7) != 0 && (status & Errors) != 0);
+        }
+
+        private uint control1;
+        private uint control2;
+        private uint timing;
+        private uint own1;
+        private uint own2;
+        private uint timeout;
+        private uint status;
+        private uint remaining;
+        private uint transmit;
+        private byte received;
+        private bool onBus;
+        private ulong step;
+
+        private readonly Rcc rcc;
+        private readonly II2cTarget bus;
+        private readonly VirtualTime time;
+
+        private const uint ReadBit = 1u << 10;
+        private const uint StartBit = 1u << 13;
+        private const uint StopBit = 1u << 14;
+        private const uint NackBit = 1u << 15;
+        private const uint ReloadBit = 1u << 24;
+        private const uint AutoEndBit = 1u << 25;
+
+        private const uint TransmitEmpty = 1u << 0;
+        private const uint TransmitInterrupt = 1u << 1;
+        private const uint ReceiveFull = 1u << 2;
+        private const uint NotAcknowledged = 1u << 4;
+        private const uint StopDetected = 1u << 5;
+        private const uint TransferComplete = 1u << 6;
+        private const uint ReloadComplete = 1u << 7;
+        private const uint Errors = 0x3F00;
+        private const uint Busy = 1u << 15;
+        private const uint Clearable = 0x3F38;
+    }
+}

@@ -1,0 +1,421 @@
+// Nuvoton NAU7802, 24-bit bridge ADC (data sheet rev 1.7): registers, power-up, calibration, conversions
+// with their filter and noise, DRDY.
+
+using System;
+using Antmicro.Renode.Core;
+using Antmicro.Renode.Logging;
+
+namespace Antmicro.Renode.Peripherals.ForceRig
+{
+    public class Nau7802 : IPeripheral, II2cTarget, ISampler
+    {
+        /// `unit` from 1.
+        public Nau7802(IMachine machine, Rig rig, int unit)
+        {
+            this.rig = rig;
+            this.unit = Rig.Index(unit);
+            time = new VirtualTime(machine);
+            DRDY = new GPIO();
+            weights = Sinc4(Oversampling);
+            history = new double[weights.Length];
+            PowerOnReset();
+            rig.AddSampler(this);
+            rig.Opened += delegate
+            {
+                random = rig.Stream((ulong)(100 + this.unit));
+                // The RC oscillator: 3 % either way (data sheet 7.4).
+                oscillator = 1.0 + 0.03 * (2.0 * random.Uniform() - 1.0);
+                zeroCounts = 0.0;
+            };
+        }
+
+        /// A reset of the board does not reach this part: it keeps its supply.
+        public void Reset()
+        {
+        }
+
+        public bool HoldsBus { get { return false; } }
+
+        public bool Start(int address, bool read)
+        {
+            if(address != Address || Unplugged || Nacks)
+            {
+                return false;
+            }
+            selected = true;
+            pointerNext = !read;
+            return true;
+        }
+
+        public bool Write(byte value)
+        {
+            if(pointerNext)
+            {
+                pointer = value & 0x7F;
+                pointerNext = false;
+            }
+            else
+            {
+                WriteRegister(pointer, value);
+                pointer = pointer + 1 & 0x7F;
+            }
+            return true;
+        }
+
+        public byte Read()
+        {
+            var value = ReadRegister(pointer);
+            pointer = pointer + 1 & 0x7F;
+            return value;
+        }
+
+        public void Stop()
+        {
+            selected = false;
+        }
+
+        public ulong NextSample { get { return converting ? nextSample : ulong.MaxValue; } }
+
+        public void TakeSample()
+        {
+            history[taken % history.Length] = rig.Bridge(unit);
+            taken++;
+            sampleTime += PeriodNs / Oversampling;
+            nextSample = (ulong)sampleTime;
+        }
+
+        /// Pulled out: no DRDY, no answer; or plugged in again, from power-on reset.
+        public bool Unplugged
+        {
+            get
+            {
+                return unplugged;
+            }
+
+            set
+            {
+                unplugged = value;
+                PowerOnReset();
+            }
+        }
+
+        /// Does not acknowledge its address, while conversions go on.
+        public bool Nacks { get; set; }
+
+        /// Codes added to the next conversion, once.
+        public int Spike { get; set; }
+
+        /// Last conversion.
+        public int Code { get { return result; } }
+
+        /// Time of one conversion in us, with this part's own oscillator.
+        public double PeriodUs { get { return PeriodNs / 1000.0; } }
+
+        public GPIO DRDY { get; private set; }
+
+        private double PeriodNs
+        {
+            get
+            {
+                var code = registers[Control2] >> 4 & 7;
+                var rate = code < 4 ? 10 << code : 320;
+                return 1e9 / (rate * oscillator);
+            }
+        }
+
+        private int Gain { get { return 1 << (registers[Control1] & 7); } }
+
+        private void PowerOnReset()
+        {
+            registers[PowerControl] = 0;
+            ResetRegisters();
+            poweredUpAt = ulong.MaxValue;
+            pointer = 0;
+            selected = false;
+        }
+
+        private void ResetRegisters()
+        {
+            for(var i = 1; i < registers.Length; i++)
+            {
+                registers[i] = 0;
+            }
+            // Gain registers: 1.0.
+            registers[0x07] = 0x80;
+            registers[0x0E] = 0x80;
+            calibrationFails = false;
+            calibrating = false;
+            result = 0;
+            StopConversions();
+        }
+
+        private void StopConversions()
+        {
+            epoch++;
+            converting = false;
+            conversionReady = false;
+            UpdateReadyPin();
+        }
+
+        private byte ReadRegister(int address)
+        {
+            var up = time.Now >= poweredUpAt;
+            switch(address)
+            {
+            case PowerControl:
+                return (byte)(registers[address] & ~0x28 | (conversionReady ? 0x20 : 0) | (up ? 0x08 : 0));
+            case Control2:
+                return (byte)(registers[address] & ~0x0C | (calibrationFails ? 8 : 0) | (calibrating ? 4 : 0));
+            case Result:
+                // Reading the first byte holds all three and answers the conversion.
+                latched = result;
+                if(conversionReady)
+                {
+                    conversionReady = false;
+                    rig.NoteRead(unit);
+                    UpdateReadyPin();
+                }
+                return (byte)(latched >> 16);
+            case Result + 1:
+                return (byte)(latched >> 8);
+            case Result + 2:
+                return (byte)latched;
+            case Adc:
+                return (registers[Pga] & 0x80) == 0 ? registers[address] : (byte)0;
+            case Revision:
+                return (byte)(up ? 0x0F : 0);
+            default:
+                return registers[address];
+            }
+        }
+
+        private void WriteRegister(int address, byte value)
+        {
+            var before = registers[address];
+            switch(address)
+            {
+            case PowerControl:
+                WritePowerControl(before, value);
+                break;
+            case Control1:
+                registers[address] = value;
+                if(before != value)
+                {
+                    Restart();
+                }
+                UpdateReadyPin();
+                break;
+            case Control2:
+                if(calibrating)
+                {
+                    this.Log(LogLevel.Warning, "CTRL2 written during a calibration: ignored");
+                    return;
+                }
+                registers[address] = (byte)(value & ~0x0C);
+                if((value & 4) != 0)
+                {
+                    Calibrate();
+                }
+                else if(before != (value & ~0x0C))
+                {
+                    Restart();
+                }
+                break;
+            case Result:
+            case Result + 1:
+            case Result + 2:
+            case Revision:
+                this.Log(LogLevel.Warning, "write to read-only register 0x{0:X2}", address);
+                break;
+            default:
+                registers[address] = value;
+                break;
+            }
+        }
+
+        private void WritePowerControl(byte before, byte value)
+        {
+            registers[PowerControl] = (byte)(value & ~0x28);
+            if((value & 1) != 0)
+            {
+                poweredUpAt = ulong.MaxValue;
+                ResetRegisters();
+                return;
+            }
+            if((value & 2) != 0 && poweredUpAt == ulong.MaxValue)
+            {
+                poweredUpAt = time.Now + PowerUpNs;
+            }
+            else if((value & 2) == 0)
+            {
+                poweredUpAt = ulong.MaxValue;
+            }
+            if(((before ^ value) & 0x16) != 0)
+            {
+                Restart();
+            }
+        }
+
+        private bool CanConvert { get { return (registers[PowerControl] & 0x16) == 0x16 && !calibrating && !unplugged; } }
+
+        /// Six conversions settle after the start and after each change (data sheet 8.4): DRDY stays quiet.
+        private void Restart()
+        {
+            StopConversions();
+            if(!CanConvert)
+            {
+                return;
+            }
+            var now = time.Now;
+            rig.CatchUp(now);
+            converting = true;
+            settling = SettlingConversions;
+            taken = 0;
+            sampleTime = now + PeriodNs / Oversampling;
+            nextSample = (ulong)sampleTime;
+            conversionEnd = now;
+            ScheduleConversion();
+        }
+
+        private void ScheduleConversion()
+        {
+            var mine = epoch;
+            conversionEnd += PeriodNs;
+            time.At((ulong)conversionEnd, at =>
+            {
+                if(mine != epoch)
+                {
+                    return;
+                }
+                FinishConversion(at);
+                ScheduleConversion();
+            });
+        }
+
+        private void FinishConversion(ulong at)
+        {
+            rig.CatchUp(at);
+            var bridge = 0.0;
+            for(var i = 0; i < weights.Length; i++)
+            {
+                bridge += weights[i] * history[(taken + i) % history.Length];
+            }
+            // Ratiometric: full scale is half the reference, which is also the excitation (data sheet 8.1).
+            var code = bridge * Gain * 16777216.0 + NoiseCounts() + zeroCounts + Spike;
+            Spike = 0;
+            if((registers[Control2] & 0x80) != 0)
+            {
+                // Channel 2 is not wired: noise about zero.
+                code = NoiseCounts();
+            }
+            result = (int)Math.Round(Math.Max(-8388608.0, Math.Min(8388607.0, code)));
+            if(settling > 0)
+            {
+                settling--;
+                return;
+            }
+            rig.NoteReady(unit, at, result);
+            conversionReady = true;
+            UpdateReadyPin();
+        }
+
+        private void Calibrate()
+        {
+            calibrating = true;
+            StopConversions();
+            var mine = epoch;
+            time.At(time.Now + CalibrationNs, delegate
+            {
+                if(mine != epoch)
+                {
+                    return;
+                }
+                calibrating = false;
+                calibrationFails = (registers[PowerControl] & 6) != 6;
+                // Each calibration finds zero a little elsewhere, as users of the part report.
+                zeroCounts = ZeroScatterCounts * random.Normal();
+                Restart();
+            });
+        }
+
+        /// Input-referred noise: 50 nV at 10 SPS and gain 128, with the root of the rate (data sheet 7.2).
+        private double NoiseCounts()
+        {
+            var code = registers[Control2] >> 4 & 7;
+            var rate = code < 4 ? 10 << code : 320;
+            var volts = 50e-9 * Math.Sqrt(rate / 10.0);
+            var reference = Reference[registers[Control1] >> 3 & 7];
+            return volts / reference * Gain * 16777216.0 * random.Normal();
+        }
+
+        private void UpdateReadyPin()
+        {
+            var activeLow = (registers[Control1] & 0x80) != 0;
+            DRDY.Set(!unplugged && (conversionReady ^ activeLow));
+        }
+
+        /// Impulse response of a fourth-order sinc filter over `n` samples a conversion, oldest first, sum 1.
+        private static double[] Sinc4(int n)
+        {
+            var response = new[] { 1.0 };
+            for(var order = 0; order < 4; order++)
+            {
+                var next = new double[response.Length + n - 1];
+                for(var i = 0; i < response.Length; i++)
+                {
+                    for(var j = 0; j < n; j++)
+                    {
+                        next[i + j] += response[i] / n;
+                    }
+                }
+                response = next;
+            }
+            return response;
+        }
+
+        private int pointer;
+        private bool pointerNext;
+        private bool selected;
+        private bool unplugged;
+        private bool calibrating;
+        private bool calibrationFails;
+        private bool converting;
+        private bool conversionReady;
+        private int settling;
+        private int result;
+        private int latched;
+        private int taken;
+        private double sampleTime;
+        private ulong nextSample;
+        private double conversionEnd;
+        private double oscillator = 1.0;
+        private double zeroCounts;
+        private ulong poweredUpAt;
+        private ulong epoch;
+        private Random64 random = new Random64(1);
+
+        private readonly int unit;
+        private readonly Rig rig;
+        private readonly VirtualTime time;
+        private readonly byte[] registers = new byte[128];
+        private readonly double[] weights;
+        private readonly double[] history;
+
+        private static readonly double[] Reference = { 4.5, 4.2, 3.9, 3.6, 3.3, 3.0, 2.7, 2.4 };
+
+        private const int Address = 0x2A;
+        private const int PowerControl = 0x00;
+        private const int Control1 = 0x01;
+        private const int Control2 = 0x02;
+        private const int Result = 0x12;
+        private const int Adc = 0x15;
+        private const int Pga = 0x1B;
+        private const int Revision = 0x1F;
+
+        private const int Oversampling = 16;
+        private const int SettlingConversions = 6;
+        private const ulong PowerUpNs = 200000;
+        private const ulong CalibrationNs = 344000000;
+        private const double ZeroScatterCounts = 600.0;
+    }
+}

@@ -1,0 +1,130 @@
+// The physics: the crate `force-plant` behind its C ABI (tests/plant-abi), loaded at run time.
+//
+// Nothing of the motors, reels, cables and load cells is written again in C#.
+
+using System;
+using System.Runtime.InteropServices;
+using System.Text;
+using Antmicro.Renode.Exceptions;
+using Antmicro.Renode.Utilities;
+
+namespace Antmicro.Renode.Peripherals.ForceRig
+{
+    public sealed class PlantLibrary : IDisposable
+    {
+        /// Numbers that the truth begins with, before three for each unit.
+        public const int TruthRig = 9;
+        public const int TruthUnit = 3;
+
+        public PlantLibrary(string path, ulong seed, string configuration)
+        {
+            IntPtr library;
+            if(!SharedLibraries.TryLoadLibrary(path, out library))
+            {
+                throw new ConstructionException("plant library " + path + " can't be loaded; build it with `cargo build --release -p plant-abi`");
+            }
+            var version = Bind<NoneToUint>(library, "plant_abi_version")();
+            if(version != AbiVersion)
+            {
+                throw new ConstructionException("plant library " + path + " has ABI version " + version + ", the models need " + AbiVersion + ": build both from the same sources");
+            }
+            var create = Bind<NewPlant>(library, "plant_new");
+            free = Bind<HandleToNone>(library, "plant_free");
+            advance = Bind<HandleUlong>(library, "plant_advance_to");
+            volts = Bind<HandleUnitDouble>(library, "plant_set_amplifier_volts");
+            power = Bind<HandleByte>(library, "plant_set_amplifier_power");
+            robot = Bind<HandleByte>(library, "plant_set_robot_moving");
+            bridge = Bind<HandleUnitToDouble>(library, "plant_bridge_v_per_v");
+            counts = Bind<HandleUnitToLong>(library, "plant_encoder_counts");
+            truth = Bind<HandleTruth>(library, "plant_truth");
+            var perNewton = Bind<HandleToDouble>(library, "plant_bridge_per_newton");
+            var units = Bind<HandleToUint>(library, "plant_units");
+
+            var error = new byte[512];
+            var text = configuration == null ? null : Encoding.UTF8.GetBytes(configuration + "\0");
+            handle = create(seed, text, error, (UIntPtr)(uint)error.Length);
+            if(handle == IntPtr.Zero)
+            {
+                var end = Array.IndexOf(error, (byte)0);
+                throw new ConstructionException("plant refuses its configuration: " + Encoding.UTF8.GetString(error, 0, end));
+            }
+            Units = (int)units(handle);
+            BridgePerNewton = perNewton(handle);
+        }
+
+        public void Dispose()
+        {
+            if(handle != IntPtr.Zero)
+            {
+                free(handle);
+                handle = IntPtr.Zero;
+            }
+        }
+
+        public void AdvanceTo(ulong nanoseconds) { advance(handle, nanoseconds); }
+
+        public void SetAmplifierVolts(int unit, double value) { volts(handle, (uint)unit, value); }
+
+        public void SetAmplifierPower(bool on) { power(handle, (byte)(on ? 1 : 0)); }
+
+        public void SetRobotMoving(bool moving) { robot(handle, (byte)(moving ? 1 : 0)); }
+
+        /// Bridge output in V per V of excitation.
+        public double Bridge(int unit) { return bridge(handle, (uint)unit); }
+
+        public long Counts(int unit) { return counts(handle, (uint)unit); }
+
+        /// Tip position, velocity, force on the tip; then tension, reel speed and current of each unit.
+        public double[] Truth()
+        {
+            var row = new double[TruthRig + TruthUnit * Units];
+            truth(handle, row, (UIntPtr)(uint)row.Length);
+            return row;
+        }
+
+        public int Units { get; private set; }
+
+        /// V/V that one newton along a cell's axis is worth.
+        public double BridgePerNewton { get; private set; }
+
+        private static T Bind<T>(IntPtr library, string name)
+        {
+            return (T)(object)Marshal.GetDelegateForFunctionPointer(SharedLibraries.GetSymbolAddress(library, name), typeof(T));
+        }
+
+        private IntPtr handle;
+        private readonly HandleToNone free;
+        private readonly HandleUlong advance;
+        private readonly HandleUnitDouble volts;
+        private readonly HandleByte power;
+        private readonly HandleByte robot;
+        private readonly HandleUnitToDouble bridge;
+        private readonly HandleUnitToLong counts;
+        private readonly HandleTruth truth;
+
+        private const uint AbiVersion = 1;
+
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+        private delegate uint NoneToUint();
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+        private delegate IntPtr NewPlant(ulong seed, byte[] configuration, byte[] error, UIntPtr errorSize);
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+        private delegate void HandleToNone(IntPtr handle);
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+        private delegate uint HandleToUint(IntPtr handle);
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+        private delegate double HandleToDouble(IntPtr handle);
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+        private delegate void HandleUlong(IntPtr handle, ulong value);
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+        private delegate void HandleByte(IntPtr handle, byte value);
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+        private delegate byte HandleUnitDouble(IntPtr handle, uint unit, double value);
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+        private delegate double HandleUnitToDouble(IntPtr handle, uint unit);
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+        private delegate long HandleUnitToLong(IntPtr handle, uint unit);
+        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
+        private delegate UIntPtr HandleTruth(IntPtr handle, double[] row, UIntPtr room);
+    }
+}

@@ -1,0 +1,122 @@
+// Power control of the STM32H7 (RM0433 chapter 6): voltage scaling with its two ready flags.
+//
+// Renode's platform has a tag here whose ACTVOSRDY reads 0, so a wait for it never ends.
+
+using Antmicro.Renode.Core;
+using Antmicro.Renode.Logging;
+using Antmicro.Renode.Peripherals.Bus;
+
+namespace Antmicro.Renode.Peripherals.ForceRig
+{
+    [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
+    public class Pwr : IDoubleWordPeripheral, IKnownSize
+    {
+        public Pwr(IMachine machine)
+        {
+            time = new VirtualTime(machine);
+            Reset();
+        }
+
+        public void Reset()
+        {
+            control1 = 0xF000C000;
+            control2 = 0;
+            control3 = 0x6;
+            cpuControl = 0;
+            d3Control = Scale3;
+            wakeupEnable = 0;
+            actualScale = Scale3;
+            supplyWritten = false;
+            change++;
+        }
+
+        public uint ReadDoubleWord(long offset)
+        {
+            var ready = actualScale == (d3Control & ScaleMask);
+            switch(offset)
+            {
+            case 0x00:
+                return control1;
+            case 0x04:
+                // Before the supply is configured ACTVOSRDY stays 0 (RM0433 6.4.1, "Run* mode").
+                return actualScale | (ready && supplyWritten ? ReadyBit : 0);
+            case 0x08:
+                return control2;
+            case 0x0C:
+                return control3;
+            case 0x10:
+                return cpuControl;
+            case 0x18:
+                return d3Control | (ready ? ReadyBit : 0);
+            case 0x20:
+            case 0x24:
+                return 0;
+            case 0x28:
+                return wakeupEnable;
+            default:
+                this.Log(LogLevel.Warning, "unhandled read at offset 0x{0:X}", offset);
+                return 0;
+            }
+        }
+
+        public void WriteDoubleWord(long offset, uint value)
+        {
+            switch(offset)
+            {
+            case 0x00:
+                control1 = value;
+                break;
+            case 0x08:
+                control2 = value;
+                break;
+            case 0x0C:
+                // The supply part can be written once after power-on (RM0433 6.8.4).
+                control3 = supplyWritten ? control3 & 7 | value & ~7u : value;
+                supplyWritten = true;
+                break;
+            case 0x10:
+                cpuControl = value;
+                break;
+            case 0x18:
+                d3Control = value & ScaleMask;
+                var started = ++change;
+                time.At(time.Now + SettleNs, delegate
+                {
+                    if(started == change)
+                    {
+                        actualScale = d3Control;
+                    }
+                });
+                break;
+            case 0x20:
+                break;
+            case 0x28:
+                wakeupEnable = value;
+                break;
+            default:
+                this.Log(LogLevel.Warning, "unhandled write at offset 0x{0:X}, value 0x{1:X}", offset, value);
+                break;
+            }
+        }
+
+        public long Size { get { return 0x400; } }
+
+        private uint control1;
+        private uint control2;
+        private uint control3;
+        private uint cpuControl;
+        private uint d3Control;
+        private uint wakeupEnable;
+        private uint actualScale;
+        private bool supplyWritten;
+        private uint change;
+
+        private readonly VirtualTime time;
+
+        private const uint ScaleMask = 3u << 14;
+        private const uint Scale3 = 1u << 14;
+        private const uint ReadyBit = 1u << 13;
+        // Regulator settling; the data sheet gives no figure for scaling alone, 20 us is of the usual size.
+        private const ulong SettleNs = 20000;
+    }
+}

@@ -1,0 +1,300 @@
+"""Keywords of the force board's suites: power it up, let time pass, talk to it, break things, look at it.
+
+Virtual time passes only inside of `Advance` and what builds on it, so a suite gives the same figures on a
+slow machine as on a fast one. Units count from 1.
+"""
+
+import os
+import re
+import statistics
+
+from robot.api import logger
+from robot.libraries.BuiltIn import BuiltIn
+
+import force_wire as wire
+
+BOARD_STATES = ["boot", "bring-up", "ready", "zeroing", "running", "stopping", "fault"]
+UNIT_STATES = ["offline", "bring-up", "ready", "running", "faulted", "zeroing", "stopping"]
+FAULTS = {"E-stop": 1, "setpoints expired": 2, "host stop": 3, "I2C bus stuck": 6, "mux silent": 7,
+          "watchdog reset": 8, "over-tension": 32, "sensor silent": 33, "bring-up failed": 36,
+          "ADC saturated": 37, "sensor reads": 41}
+NOMINAL_SCALE_PN = 6_850_000
+HERE = os.path.dirname(os.path.abspath(__file__))
+
+
+class ForceBoard:
+    ROBOT_LIBRARY_SCOPE = "TEST"
+    models_of = None
+
+    def __init__(self):
+        self._forget()
+
+    def _forget(self):
+        self.decoder = wire.Decoder()
+        self.seq = 0
+        self.samples = []
+        self.statuses = []
+        self.faults = []
+        self.replies = []
+        self.board_seqs = []
+        self.tensions = [0.0] * wire.UNITS
+        self.holding = False
+        self.hello = None
+
+    # The emulation
+
+    def run(self, command):
+        return BuiltIn().run_keyword("Execute Command", command)
+
+    def power_up_board(self, seed=1):
+        """A new board, in front of its first instruction."""
+        variables = BuiltIn().get_variables()
+        for name, variable in (("bin", "${ELF}"), ("plant", "${PLANT}")):
+            if variable in variables:
+                self.run("$%s=@%s" % (name, variables[variable]))
+        self.run("$seed=%s" % seed)
+        self.run("include @%s" % os.path.join(HERE, "..", "board.resc"))
+        self._forget()
+
+    def advance(self, milliseconds):
+        """Lets virtual time pass and hears what the board says."""
+        self.run('emulation RunFor "%.6f"' % (float(milliseconds) / 1000.0))
+        self._hear()
+
+    def _hear(self):
+        digits = self.run("serial Take").strip()
+        for frame in self.decoder.feed(bytes.fromhex(digits)):
+            self.board_seqs.append(frame["seq"])
+            for kind, kept in (("status", self.statuses), ("fault", self.faults), ("reply", self.replies)):
+                if kind in frame:
+                    kept.append(frame[kind])
+            self.samples += frame.get("samples", [])
+
+    def now_ms(self):
+        return int(self.run("rig Now").strip(), 0) / 1e6
+
+    # Talking to the board
+
+    def tell(self, command, body=b"", within_ms=200):
+        """Sends a command and returns the board's reply; refused or silent is an error."""
+        reply = self.ask(command, body, within_ms)
+        if reply["answer"] == "Refused":
+            raise AssertionError("%s refused: %s %s" % (command, reply["refusal"], reply.get("value", "")))
+        return reply
+
+    def ask(self, command, body=b"", within_ms=200):
+        self.seq = self.seq + 1 & 0xFFFF
+        wanted = self.seq
+        self.run("serial Send \"%s\"" % wire.encode_command(wanted, command, body).hex())
+        for _ in range(int(within_ms)):
+            self.advance(1)
+            for reply in self.replies:
+                if reply["seq"] == wanted:
+                    self.replies.remove(reply)
+                    return reply
+        raise AssertionError("no answer to %s within %s ms" % (command, within_ms))
+
+    def send(self, command, body=b""):
+        self.seq = self.seq + 1 & 0xFFFF
+        self.run("serial Send \"%s\"" % wire.encode_command(self.seq, command, body).hex())
+
+    def connect(self):
+        """Says hello with the numbers that the board itself gives, and returns what it says of itself."""
+        refused = self.ask("Hello", wire.hello(0, bytes(8)), 500)
+        if refused.get("refusal") != "Version":
+            raise AssertionError("a stranger's hello should be refused, got %s" % refused)
+        self.hello = self.tell("Hello", wire.hello(refused["abi"], refused["schema"]))
+        logger.info("board: %s" % self.hello)
+        return self.hello
+
+    def status(self):
+        return self.tell("GetStatus")["status"]
+
+    def bring_up_units(self, within_ms=6000, **changes):
+        """Enables all units with the configuration in force, but for what is given, and waits until they are ready."""
+        for unit in range(wire.UNITS):
+            body = bytes([unit])
+            config = self.tell("GetConfig", body)["config"]
+            config["enabled"] = True
+            config["scale_pn_per_count"] = NOMINAL_SCALE_PN
+            for name, value in changes.items():
+                config[name] = int(value)
+            self.tell("StageConfig", body + wire._encode_config(config))
+        self.tell("CommitConfig")
+        self.tell("ClearFaults")
+        self._wait(lambda s: all(u["state"] == 2 for u in s["units"]), within_ms, "six units ready")
+
+    def _wait(self, condition, within_ms, what):
+        waited = 0
+        while True:
+            status = self.status()
+            if condition(status):
+                return status
+            if waited >= float(within_ms):
+                raise AssertionError("not within %s ms: %s; last status %s" % (within_ms, what, status))
+            self.advance(20)
+            waited += 20
+
+    def zero_units(self):
+        """Zeroes all load cells; the cables are slack."""
+        self.tell("Zero", bytes([0x3F]))
+        self.advance(50)
+        self._wait(lambda s: s["state"] == 2, 3000, "zeroed and ready")
+
+    def stream(self, every=1):
+        self.tell("Stream", bytes([int(every)]))
+
+    def arm(self):
+        """Arms with a holding tension of nothing; from here on setpoints go out every 10 ms."""
+        self.tell("Arm")
+        self.holding = True
+
+    def disarm(self):
+        self.tell("Disarm")
+        self.holding = False
+
+    def set_tensions(self, *newton):
+        self.tensions = [float(n) for n in newton]
+
+    def hold_for(self, milliseconds):
+        """Sends the setpoints every 10 ms, as forcectl does, while time passes."""
+        for _ in range(int(float(milliseconds) / 10)):
+            self.send("Setpoints", wire.setpoints(100, self.tensions))
+            self.advance(10)
+
+    def armed_board(self, seed=1, tension=4.0):
+        """Power-up to all six cables held at a tension."""
+        self.power_up_board(seed)
+        self.advance(300)
+        self.connect()
+        self.bring_up_units()
+        self.zero_units()
+        self.stream(1)
+        self.arm()
+        self.set_tensions(*[tension] * wire.UNITS)
+        self.hold_for(600)
+
+    # Looking at it
+
+    def board_state_should_be(self, name):
+        state = BOARD_STATES[self.status()["state"]]
+        if state != name:
+            raise AssertionError("board is in state %s, expected %s; %s" % (state, name, self.status()))
+
+    def all_units_should_be(self, name):
+        units = self.status()["units"]
+        states = [UNIT_STATES[u["state"]] for u in units]
+        if set(states) != {name}:
+            raise AssertionError("units are %s, expected all %s; %s" % (states, name, units))
+
+    def board_fault_should_be(self, name):
+        status = self.status()
+        if status["fault"] != FAULTS[name]:
+            raise AssertionError("board fault is %d, expected %s (%d)" % (status["fault"], name, FAULTS[name]))
+
+    def unit_fault_should_be(self, unit, name):
+        status = self.status()
+        got = status["units"][int(unit) - 1]["fault"]
+        if got != FAULTS[name]:
+            raise AssertionError("unit %s has fault %d, expected %s (%d); %s" % (unit, got, name, FAULTS[name], status))
+
+    def output_should_be_zero(self, *units):
+        """The DAC stands at mid-scale: 0 V."""
+        for unit in units or range(1, wire.UNITS + 1):
+            code = self.dac_code(unit)
+            if code != 0x8000:
+                raise AssertionError("DAC of unit %s stands at 0x%04X, not at 0 V" % (unit, code))
+
+    def output_should_drive(self, *units):
+        for unit in units or range(1, wire.UNITS + 1):
+            if self.dac_code(unit) == 0x8000:
+                raise AssertionError("DAC of unit %s stands at 0 V" % unit)
+
+    def dac_code(self, unit):
+        return int(self.run("dacs Code %s" % unit).strip(), 0)
+
+    def true_tension(self, unit):
+        return float(self.run("rig Tension %s" % unit).strip().replace(",", "."))
+
+    def tensions_should_be(self, newton, within):
+        for unit in range(1, wire.UNITS + 1):
+            tension = self.true_tension(unit)
+            if abs(tension - float(newton)) > float(within):
+                raise AssertionError("cable %d is at %.3f N, expected %s +- %s N" % (unit, tension, newton, within))
+            logger.info("cable %d: %.3f N" % (unit, tension))
+
+    def forget_samples(self):
+        self.samples = []
+
+    def samples_should_stream(self, seconds):
+        """Six units at their converters' own rates, nothing missed, nothing dropped, numbers without a gap."""
+        before = self.status()
+        self.forget_samples()
+        self.advance(float(seconds) * 1000)
+        after = self.status()
+        for unit in range(wire.UNITS):
+            period_us = float(self.run("cell%d PeriodUs" % (unit + 1)).strip().replace(",", "."))
+            expected = float(seconds) * 1e6 / period_us
+            got = len([s for s in self.samples if s["unit"] == unit])
+            if abs(got - expected) > 0.02 * expected + 6:
+                raise AssertionError("unit %d: %d samples, its converter made %.0f" % (unit + 1, got, expected))
+            missed = after["units"][unit]["missed"] - before["units"][unit]["missed"]
+            if missed:
+                raise AssertionError("unit %d: %d conversions missed" % (unit + 1, missed))
+            reported = after["units"][unit]["period_us"]
+            if abs(reported - period_us) > 0.01 * period_us:
+                raise AssertionError("unit %d: the board measures a period of %d us, it is %.1f us" % (unit + 1, reported, period_us))
+        if after["frames_dropped"] != before["frames_dropped"]:
+            raise AssertionError("telemetry frames were dropped")
+        self.frames_should_have_no_gap()
+
+    def frames_should_have_no_gap(self):
+        if self.decoder.damaged:
+            raise AssertionError("%d damaged frames" % self.decoder.damaged)
+        for a, b in zip(self.board_seqs, self.board_seqs[1:]):
+            if b != (a + 1) & 0xFFFF:
+                raise AssertionError("frame %d follows %d" % (b, a))
+
+    def codes_should_come_from_the_converters(self):
+        """The last code that each converter made is among those that the board reported."""
+        for unit in range(wire.UNITS):
+            code = int(self.run("cell%d Code" % (unit + 1)).strip(), 0)
+            code -= 1 << 32 if code >= 1 << 31 else 0
+            if code not in [s["code"] for s in self.samples if s["unit"] == unit][-3:]:
+                raise AssertionError("unit %d: the converter's %d is not among the last codes reported" % (unit + 1, code))
+
+    def latency_should_agree_from_both_ends(self, within_us=60):
+        """What the board says (DRDY to DAC word) against what the parts see (DRDY to LDAC edge)."""
+        report = []
+        for unit in range(1, wire.UNITS + 1):
+            outside = self.run("rig LatencyNs %d" % unit).split()
+            if outside[0] == "none":
+                raise AssertionError("unit %d: no DAC update ever answered a sample" % unit)
+            low, median, high = (int(n) / 1000.0 for n in outside)
+            inside = [s["latency_us"] for s in self.samples if s["unit"] == unit - 1 and s["flags"] & 32]
+            own = statistics.median(inside)
+            report.append("unit %d: board %.0f us (median of %d), outside %.1f/%.1f/%.1f us (min/median/max)"
+                          % (unit, own, len(inside), low, median, high))
+            if not 0 <= median - own <= float(within_us):
+                raise AssertionError(report[-1])
+        for line in report:
+            logger.info(line, also_console=True)
+
+    def faults_reported(self):
+        return [(f["code"], f["unit"]) for f in self.faults]
+
+    def reset_flags(self):
+        return self.hello["reset_flags"]
+
+    def kept_reason_should_be(self, name):
+        kept = self.hello["kept"]
+        if kept is None or kept["code"] != FAULTS[name]:
+            raise AssertionError("kept reason is %s, expected %s (%d)" % (kept, name, FAULTS[name]))
+
+    def encoder_position(self, unit):
+        """Last extended position that the board reported for a unit."""
+        return [s["counts"] for s in self.samples if s["unit"] == int(unit) - 1][-1]
+
+    def number(self, command):
+        """A property or method of a model as a number."""
+        return float(re.sub(",", ".", self.run(command).strip())) if "0x" not in self.run(command) else int(self.run(command).strip(), 0)
