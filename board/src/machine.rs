@@ -377,7 +377,8 @@ impl Machine {
         if !self.estop_closed {
             self.fault_board_once(Fault::EStop, health.estop_opened_at, now, fx);
         }
-        if self.system.drives() && self.expiry.is_expired(Micros(now)) {
+        // Not while a disarmed board ramps down: that needs no host, and ends by itself.
+        if self.system == SystemState::Running && self.expiry.is_expired(Micros(now)) {
             let age = u32::from(self.expiry.age_ms(Micros(now)));
             self.fault_board_once(Fault::SetpointsExpired, age, now, fx);
         }

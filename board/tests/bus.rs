@@ -1,0 +1,503 @@
+//! The bus scheduler against a model of the bus in virtual time: six converters with clocks of their own, the
+//! bit times of 400 kHz, and whatever can go wrong with a cable.
+
+use board::bus::{Bus, Event, Sink, Transfer, TransferError, Work, STUCK_AFTER};
+use board::clocks::{I2C_DEADLINE_US, RECOVERY_STEP_US};
+use force_drivers::nau7802::AdcCode;
+
+const UNITS: usize = 6;
+
+#[derive(Default)]
+struct Heard(Vec<Event>);
+
+impl Sink for Heard {
+    fn event(&mut self, event: Event) {
+        self.0.push(event);
+    }
+}
+
+/// A converter: its registers as far as a bring-up reads them back, its clock, its line.
+#[derive(Clone)]
+struct Chip {
+    registers: [u8; 0x20],
+    period: u32,
+    next: u32,
+    drdy: bool,
+    running: bool,
+    answers: bool,
+    calibrated_at: Option<u32>,
+    conversions: u32,
+}
+
+/// The hardware half's job, done by the book, with a bus that can be held.
+struct Bench {
+    bus: Bus,
+    heard: Heard,
+    chips: Vec<Chip>,
+    now: u32,
+    mask: u8,
+    mux_answers: bool,
+    /// End of what is on the bus: a transaction or a recovery step.
+    ends: Option<(u32, End)>,
+    /// SDA is held until so many clocks have come; a reset of the multiplexer frees it too.
+    held: Option<u32>,
+    reset_frees: bool,
+    scl: bool,
+    clocks: u32,
+    mux_resets: u32,
+    selects: u32,
+    on_gpio: bool,
+    blind: u8,
+    latencies: Vec<u32>,
+}
+
+enum End {
+    Transfer(Transfer),
+    Step,
+    Never,
+}
+
+impl Bench {
+    fn new() -> Self {
+        let chip = |n: u32| Chip {
+            registers: [0; 0x20],
+            // 310 to 330 a second, none like the other.
+            period: 3_030 + n * 39,
+            next: 0,
+            drdy: false,
+            running: false,
+            answers: true,
+            calibrated_at: None,
+            conversions: 0,
+        };
+        Self {
+            bus: Bus::new(),
+            heard: Heard::default(),
+            chips: (0..UNITS as u32).map(chip).collect(),
+            now: 0xFFFF_0000, // the clock wraps early in every test
+            mask: 0,
+            mux_answers: true,
+            ends: None,
+            held: None,
+            reset_frees: true,
+            scl: true,
+            clocks: 0,
+            mux_resets: 0,
+            selects: 0,
+            on_gpio: false,
+            blind: 0,
+            latencies: Vec::new(),
+        }
+    }
+
+    fn work(&mut self) {
+        for _ in 0..4 {
+            let Some(work) = self.bus.next(self.now, &mut self.heard) else {
+                return;
+            };
+            match work {
+                Work::Transfer(transfer) => {
+                    assert!(!self.on_gpio, "a transaction while the lines are GPIO");
+                    assert!(self.ends.is_none(), "two things at once on the bus");
+                    let bits = 9 * (1 + u32::from(transfer.write_len))
+                        + if transfer.read_len > 0 {
+                            9 * (1 + u32::from(transfer.read_len))
+                        } else {
+                            0
+                        };
+                    let end = if self.held.is_some() {
+                        End::Never
+                    } else {
+                        End::Transfer(transfer)
+                    };
+                    self.ends = Some((self.now.wrapping_add(bits * 5 / 2 + 5), end));
+                    return;
+                }
+                Work::TakeLines => {
+                    self.on_gpio = true;
+                    self.ends = None;
+                    self.scl = true;
+                }
+                Work::Lines { scl, .. } => {
+                    assert!(self.on_gpio);
+                    if scl && !self.scl {
+                        self.clocks += 1;
+                        self.held = self
+                            .held
+                            .and_then(|left| left.checked_sub(1))
+                            .filter(|left| *left > 0);
+                    }
+                    self.scl = scl;
+                    self.ends = Some((self.now.wrapping_add(RECOVERY_STEP_US), End::Step));
+                    return;
+                }
+                Work::MuxReset { low } => {
+                    if low {
+                        self.mux_resets += 1;
+                        self.mask = 0;
+                        if self.reset_frees {
+                            self.held = None;
+                        }
+                    }
+                    self.ends = Some((self.now.wrapping_add(RECOVERY_STEP_US), End::Step));
+                    return;
+                }
+                Work::GiveLines => self.on_gpio = false,
+            }
+        }
+        panic!("the bus switches its lines for ever");
+    }
+
+    fn transact(&mut self, transfer: Transfer) -> Result<[u8; 3], TransferError> {
+        if transfer.address == 0x70 {
+            self.selects += 1;
+            if !self.mux_answers {
+                return Err(TransferError::Nack);
+            }
+            self.mask = transfer.write[0];
+            return Ok([0; 3]);
+        }
+        assert_eq!(self.mask.count_ones(), 1, "one channel at a time");
+        let now = self.now;
+        let chip = &mut self.chips[self.mask.trailing_zeros() as usize];
+        if !chip.answers {
+            return Err(TransferError::Nack);
+        }
+        let register = usize::from(transfer.write[0]);
+        if transfer.write_len == 2 {
+            chip.registers[register] = transfer.write[1];
+            match register {
+                0x00 => {
+                    chip.running = transfer.write[1] & 0x10 != 0;
+                    chip.next = now.wrapping_add(chip.period * 7);
+                    chip.drdy = false;
+                }
+                0x02 if transfer.write[1] & 0x04 != 0 => {
+                    chip.calibrated_at = Some(now.wrapping_add(344_000))
+                }
+                _ => {}
+            }
+            return Ok([0; 3]);
+        }
+        if transfer.read_len == 3 {
+            assert_eq!(register, 0x12);
+            chip.drdy = false;
+            let [_, a, b, c] = chip.conversions.to_be_bytes();
+            return Ok([a, b, c]);
+        }
+        let value = match register {
+            0x00 => chip.registers[0] | 0x08,
+            0x02 => {
+                if chip
+                    .calibrated_at
+                    .is_some_and(|at| now.wrapping_sub(at) < u32::MAX / 2)
+                {
+                    chip.registers[2] &= !0x04;
+                }
+                chip.registers[2]
+            }
+            0x1F => 0x0F,
+            other => chip.registers[other],
+        };
+        Ok([value, 0, 0])
+    }
+
+    /// Lets time pass, microsecond by microsecond.
+    fn run(&mut self, us: u32) {
+        for _ in 0..us {
+            self.now = self.now.wrapping_add(1);
+            for n in 0..UNITS {
+                let chip = &mut self.chips[n];
+                if chip.running && chip.answers && chip.next == self.now {
+                    chip.next = self.now.wrapping_add(chip.period);
+                    chip.conversions += 1;
+                    if !chip.drdy {
+                        chip.drdy = true;
+                        if self.blind & (1 << n) == 0 {
+                            self.bus.drdy(n as u8, self.now);
+                            self.work();
+                        }
+                    }
+                }
+            }
+            if self.ends.as_ref().is_some_and(|(at, _)| *at == self.now) {
+                match self.ends.take() {
+                    Some((_, End::Transfer(transfer))) => {
+                        let result = self.transact(transfer);
+                        let before = self.heard.0.len();
+                        self.bus.finished(result, self.now, &mut self.heard);
+                        if let Some(Event::Sample { at, .. }) = self.heard.0.get(before) {
+                            self.latencies.push(self.now.wrapping_sub(*at));
+                        }
+                    }
+                    Some((_, End::Step)) => self.bus.stepped(self.held.is_none()),
+                    Some((_, End::Never)) | None => {}
+                }
+                self.work();
+            }
+            if self.now.is_multiple_of(1_000) {
+                let levels = (0..UNITS)
+                    .filter(|n| self.chips[*n].drdy)
+                    .fold(0, |all, n| all | 1 << n);
+                self.bus.tick(self.now, levels, &mut self.heard);
+                self.work();
+            }
+        }
+    }
+
+    fn start(&mut self, units: impl IntoIterator<Item = u8>) {
+        for unit in units {
+            self.bus.start(unit, self.now);
+        }
+    }
+
+    /// All six up and streaming.
+    fn streaming() -> Self {
+        let mut bench = Self::new();
+        bench.start(0..6);
+        bench.run(750_000);
+        let up = bench
+            .heard
+            .0
+            .iter()
+            .filter(|event| matches!(event, Event::Up { .. }))
+            .count();
+        assert_eq!(up, UNITS, "{:?}", bench.heard.0);
+        bench.heard.0.clear();
+        bench.latencies.clear();
+        bench
+    }
+
+    fn samples(&self, of: u8) -> Vec<(AdcCode, u8)> {
+        self.heard
+            .0
+            .iter()
+            .filter_map(|event| match event {
+                Event::Sample {
+                    unit, code, missed, ..
+                } if *unit == of => Some((*code, *missed)),
+                _ => None,
+            })
+            .collect()
+    }
+
+    /// Asserts that a unit's samples follow each other without a gap.
+    fn gapless(&self, unit: u8) {
+        let samples = self.samples(unit);
+        assert!(
+            samples.len() > 10,
+            "unit {unit} has {} samples",
+            samples.len()
+        );
+        for pair in samples.windows(2) {
+            assert_eq!(
+                pair[1].0.counts() - pair[0].0.counts(),
+                1,
+                "unit {unit} lost a conversion"
+            );
+            assert_eq!(pair[1].1, 0, "unit {unit} claims a loss");
+        }
+    }
+}
+
+#[test]
+fn six_bring_ups_overlap_and_all_units_stream_without_loss() {
+    let mut bench = Bench::streaming(); // 0.75 s for what takes 0.62 s alone
+    bench.run(2_000_000);
+    for unit in 0..6 {
+        bench.gapless(unit);
+        let expected = 2_000_000 / bench.chips[usize::from(unit)].period;
+        assert!(bench.samples(unit).len() as u32 >= expected - 1);
+    }
+    assert!(!bench
+        .heard
+        .0
+        .iter()
+        .any(|event| matches!(event, Event::Recovery | Event::ReadFailed { .. })));
+}
+
+#[test]
+fn most_samples_need_no_select() {
+    let mut bench = Bench::streaming();
+    bench.run(3_000_000);
+    bench.latencies.sort_unstable();
+    let median = bench.latencies[bench.latencies.len() / 2];
+    // A read alone: 54 clocks and STOP, 140 us. With a select it would be 190.
+    assert!(median <= 145, "median {median} us");
+    let p99 = bench.latencies[bench.latencies.len() * 99 / 100];
+    // One read ahead of it and a select each for the two: 140 + 190 + 140 us.
+    assert!(p99 <= 470, "99th percentile {p99} us");
+    assert!(
+        *bench.latencies.last().unwrap() < 2_900,
+        "a unit was starved"
+    );
+}
+
+#[test]
+fn a_unit_that_vanishes_does_not_disturb_the_others() {
+    let mut bench = Bench::streaming();
+    bench.run(100_000);
+    bench.chips[2].answers = false;
+    bench.chips[2].drdy = true; // its last edge came, nobody is there any more
+    bench.bus.drdy(2, bench.now);
+    bench.work();
+    bench.run(500_000);
+    for unit in [0, 1, 3, 4, 5] {
+        bench.gapless(unit);
+    }
+    let failed = bench
+        .heard
+        .0
+        .iter()
+        .filter(|event| matches!(event, Event::ReadFailed { unit: 2, .. }))
+        .count();
+    assert!(failed >= 2, "one retry at least");
+    assert!(
+        !bench.heard.0.contains(&Event::Recovery),
+        "a NACK is no reason to touch the bus"
+    );
+}
+
+#[test]
+fn a_unit_comes_back_while_the_others_stream() {
+    let mut bench = Bench::streaming();
+    bench.chips[4].answers = false;
+    bench.bus.stop(4);
+    bench.start([4]);
+    bench.run(100_000);
+    assert!(
+        bench
+            .heard
+            .0
+            .iter()
+            .any(|event| matches!(event, Event::BringUpFailed { unit: 4, .. })),
+        "an empty socket is reported"
+    );
+    bench.chips[4].answers = true;
+    bench.start([4]);
+    bench.run(900_000);
+    assert!(bench.heard.0.contains(&Event::Up { unit: 4 }));
+    for unit in 0..6 {
+        bench.gapless(unit);
+    }
+}
+
+#[test]
+fn a_held_sda_is_clocked_free_within_a_sample_period() {
+    for clocks in 1..=8 {
+        let mut bench = Bench::streaming();
+        bench.run(50_000);
+        bench.held = Some(clocks);
+        bench.run(200_000);
+        assert!(bench.heard.0.contains(&Event::Recovery));
+        assert!(bench.clocks >= clocks && bench.mux_resets == 0, "{clocks}");
+        for unit in 0..6 {
+            bench.gapless(unit);
+        }
+    }
+}
+
+#[test]
+fn what_clocks_do_not_free_the_multiplexers_reset_does() {
+    let mut bench = Bench::streaming();
+    bench.held = Some(1_000);
+    bench.run(200_000);
+    assert_eq!(bench.mux_resets, 1);
+    for unit in 0..6 {
+        bench.gapless(unit);
+    }
+}
+
+#[test]
+fn a_bus_that_stays_held_is_reported_and_taken_up_again_when_it_is_free() {
+    let mut bench = Bench::streaming();
+    bench.held = Some(u32::MAX);
+    bench.reset_frees = false;
+    bench.run(300_000);
+    let stuck = bench
+        .heard
+        .0
+        .iter()
+        .filter_map(|event| match event {
+            Event::Stuck { rounds, sda_low } => Some((*rounds, *sda_low)),
+            _ => None,
+        })
+        .collect::<Vec<_>>();
+    assert_eq!(stuck.first(), Some(&(STUCK_AFTER, true)));
+    assert!(
+        stuck.len() < 20,
+        "it must pause between rounds, or it loads the core"
+    );
+    bench.held = None;
+    bench.heard.0.clear();
+    bench.run(300_000);
+    let losses: u32 = (0..6)
+        .map(|unit| {
+            bench
+                .samples(unit)
+                .iter()
+                .map(|(_, missed)| u32::from(*missed))
+                .sum::<u32>()
+        })
+        .sum();
+    assert!(
+        losses > 6 * 50,
+        "what was lost meanwhile is counted: {losses}"
+    );
+    for unit in 0..6 {
+        assert!(bench.samples(unit).len() > 80, "unit {unit} streams again");
+    }
+}
+
+#[test]
+fn a_silent_multiplexer_is_reset_and_reported() {
+    let mut bench = Bench::streaming();
+    bench.mux_answers = false;
+    bench.run(100_000);
+    assert!(bench
+        .heard
+        .0
+        .iter()
+        .any(|event| matches!(event, Event::MuxSilent { .. })));
+    assert!(bench.mux_resets >= 1);
+    bench.mux_answers = true;
+    bench.heard.0.clear();
+    bench.run(200_000);
+    for unit in 0..6 {
+        assert!(bench.samples(unit).len() > 30);
+    }
+}
+
+#[test]
+fn an_edge_that_was_never_seen_is_found_by_its_level() {
+    let mut bench = Bench::streaming();
+    bench.run(50_000);
+    bench.blind = 1 << 3;
+    bench.run(10_000);
+    bench.blind = 0;
+    bench.run(100_000);
+    let samples = bench.samples(3);
+    assert!(
+        samples.len() > 40,
+        "the unit fell silent after a lost edge: {}",
+        samples.len()
+    );
+    assert!(samples.iter().any(|(_, missed)| *missed > 0));
+}
+
+#[test]
+fn a_conversion_that_nobody_read_is_counted() {
+    let mut bench = Bench::streaming();
+    bench.run(50_000);
+    // Three periods of silence on one line, as a stalled core would leave it.
+    let at = bench.now.wrapping_add(20_000);
+    bench.chips[1].next = at;
+    bench.run(60_000);
+    let most = bench.samples(1).iter().map(|(_, missed)| *missed).max();
+    assert!(most >= Some(5), "{most:?}");
+}
+
+#[test]
+fn the_deadline_leaves_room_for_the_longest_transaction() {
+    assert!(I2C_DEADLINE_US > 2 * 140);
+}

@@ -1,0 +1,611 @@
+//! The machine: who may command, what is refused, what stops the motors.
+
+use board::bus;
+use board::machine::{
+    config_crc, Effects, Health, LinkCounters, LoopFigures, Machine, FIRST_SAMPLE_MS,
+};
+use board::telemetry::{Batcher, Outstanding, FLUSH_US};
+use force_control::{Config, DacCode, Fault, LoadCode, MotorState, SystemState};
+use force_wire::message::{
+    flags, Answer, BoardInfo, FaultReport, KeptReason, Refusal, Sample, Status, UnitSetpoint, BATCH,
+};
+use force_wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
+
+#[derive(Default)]
+struct Board {
+    started: Vec<u8>,
+    stopped: Vec<u8>,
+    zeroed: Vec<u8>,
+    reports: Vec<FaultReport>,
+}
+
+impl Effects for Board {
+    fn start_sensor(&mut self, unit: u8) {
+        self.started.push(unit);
+    }
+    fn stop_sensor(&mut self, unit: u8) {
+        self.stopped.push(unit);
+    }
+    fn zero_output(&mut self, unit: u8) {
+        self.zeroed.push(unit);
+    }
+    fn report(&mut self, report: FaultReport) {
+        self.reports.push(report);
+    }
+}
+
+fn info(kept: Option<KeptReason>) -> BoardInfo {
+    BoardInfo {
+        abi: ABI_VERSION,
+        schema: SCHEMA_HASH,
+        version: "0".try_into().unwrap(),
+        core_hz: 400_000_000,
+        reset_flags: 0,
+        kept,
+    }
+}
+
+/// A machine, a board around it, and a clock.
+struct Bench {
+    machine: Machine,
+    board: Board,
+    now: u32,
+    estop_closed: bool,
+    streaming: [bool; UNITS],
+    /// Newton on each load cell.
+    load_n: f64,
+    last: [DacCode; UNITS],
+}
+
+impl Bench {
+    fn new(kept: Option<KeptReason>) -> Self {
+        Self {
+            machine: Machine::new(info(kept)),
+            board: Board::default(),
+            now: 0xFFF0_0000,
+            estop_closed: true,
+            streaming: [false; UNITS],
+            load_n: 0.0,
+            last: [DacCode::ZERO_VOLT; UNITS],
+        }
+    }
+
+    fn ask(&mut self, link: usize, command: Command) -> Option<Answer> {
+        let frame = HostFrame { seq: 7, command };
+        let (figures, counters) = (LoopFigures::default(), LinkCounters::default());
+        self.machine
+            .command(link, &frame, self.now, figures, counters, &mut self.board)
+    }
+
+    fn done(&mut self, command: Command) {
+        assert_eq!(
+            self.ask(0, command.clone()),
+            Some(Answer::Done),
+            "{command:?}"
+        );
+    }
+
+    fn hello(&mut self, link: usize) -> Option<Answer> {
+        self.ask(
+            link,
+            Command::Hello {
+                abi: ABI_VERSION,
+                schema: SCHEMA_HASH,
+            },
+        )
+    }
+
+    /// Milliseconds with a tick each; a sample of each streaming unit every third, and what was to be brought
+    /// up comes up.
+    fn run(&mut self, ms: u32) {
+        for _ in 0..ms {
+            self.now = self.now.wrapping_add(1_000);
+            let health = Health {
+                estop_closed: self.estop_closed,
+                ..Health::default()
+            };
+            self.machine.tick(self.now, health, &mut self.board);
+            for unit in core::mem::take(&mut self.board.started) {
+                self.streaming[usize::from(unit)] = true;
+                self.machine
+                    .bus_event(bus::Event::Up { unit }, self.now, &mut self.board);
+            }
+            for unit in 0..UNITS {
+                if self.streaming[unit] && (self.now / 1_000).is_multiple_of(3) {
+                    self.sample(unit);
+                }
+            }
+        }
+    }
+
+    fn sample(&mut self, unit: usize) -> Sample {
+        let code =
+            LoadCode::new((self.load_n / 6.85e-6) as i32 + (self.now / 1_000 % 5) as i32 * 20);
+        let (dac, sample) = self
+            .machine
+            .sample(unit as u8, code, 0, self.now, 0, &mut self.board);
+        self.last[unit] = dac;
+        sample
+    }
+
+    fn status(&self) -> Status {
+        self.machine
+            .status(self.now, LoopFigures::default(), LinkCounters::default())
+    }
+
+    /// Configured, up, armed.
+    fn armed() -> Self {
+        let mut bench = Self::ready();
+        bench.done(Command::Arm);
+        bench.run(3);
+        assert_eq!(bench.machine.system(), SystemState::Running);
+        bench
+    }
+
+    fn ready() -> Self {
+        let mut bench = Self::new(None);
+        bench.run(5);
+        bench.hello(0);
+        for unit in 0..UNITS as u8 {
+            bench.done(Command::StageConfig {
+                unit,
+                config: Config::nominal(),
+            });
+        }
+        bench.done(Command::CommitConfig);
+        bench.run(50);
+        assert_eq!(bench.machine.system(), SystemState::Ready);
+        bench
+    }
+
+    fn setpoints(&mut self, tension_un: i32) -> Option<Answer> {
+        let unit = UnitSetpoint {
+            tension_un,
+            inv_cos_q16: 65_536,
+        };
+        self.ask(
+            0,
+            Command::Setpoints {
+                valid_ms: 100,
+                units: [unit; UNITS],
+            },
+        )
+    }
+
+    fn all_at_zero(&self) -> bool {
+        self.last.iter().all(|dac| *dac == DacCode::ZERO_VOLT)
+    }
+}
+
+#[test]
+fn nothing_is_done_for_a_link_without_hello_and_the_last_hello_commands() {
+    let mut bench = Bench::new(None);
+    bench.run(2);
+    for command in [
+        Command::Arm,
+        Command::GetStatus,
+        Command::Stop,
+        Command::CommitConfig,
+    ] {
+        assert_eq!(
+            bench.ask(0, command),
+            Some(Answer::Refused(Refusal::NotConnected))
+        );
+    }
+    assert_eq!(
+        bench.ask(
+            0,
+            Command::Hello {
+                abi: ABI_VERSION,
+                schema: [9; 8]
+            }
+        ),
+        Some(Answer::Refused(Refusal::Version {
+            abi: ABI_VERSION,
+            schema: SCHEMA_HASH
+        }))
+    );
+    assert!(matches!(bench.hello(0), Some(Answer::Hello(_))));
+    assert!(matches!(
+        bench.ask(0, Command::GetStatus),
+        Some(Answer::Status(_))
+    ));
+    assert!(matches!(bench.hello(1), Some(Answer::Hello(_))));
+    assert_eq!(
+        bench.ask(0, Command::GetStatus),
+        Some(Answer::Refused(Refusal::NotConnected))
+    );
+    // A stranger on the other link takes nothing away.
+    bench.ask(
+        0,
+        Command::Hello {
+            abi: ABI_VERSION + 1,
+            schema: SCHEMA_HASH,
+        },
+    );
+    assert!(matches!(
+        bench.ask(1, Command::GetStatus),
+        Some(Answer::Status(_))
+    ));
+}
+
+#[test]
+fn units_are_off_until_configured_and_come_up_on_commit() {
+    let mut bench = Bench::new(None);
+    bench.run(100);
+    assert!(bench.board.started.is_empty() && bench.streaming == [false; UNITS]);
+    bench.hello(0);
+    bench.done(Command::StageConfig {
+        unit: 2,
+        config: Config::nominal(),
+    });
+    bench.run(10);
+    assert!(!bench.streaming[2], "staged is not in force");
+    let before = bench.status().config_crc;
+    bench.done(Command::CommitConfig);
+    bench.run(20);
+    assert!(bench.streaming[2]);
+    assert_eq!(bench.status().units[2].state, MotorState::Ready as u8);
+    assert_ne!(bench.status().config_crc, before);
+    let mut configs = [*Config::default().wire(); UNITS];
+    configs[2] = Config::nominal();
+    assert_eq!(bench.status().config_crc, config_crc(&configs));
+}
+
+#[test]
+fn bad_values_are_named_by_unit_and_field_and_change_nothing() {
+    let mut bench = Bench::ready();
+    let mut config = Config::nominal();
+    config.kp_q16 = -1;
+    let refused = bench.ask(0, Command::StageConfig { unit: 3, config });
+    assert_eq!(
+        refused,
+        Some(Answer::Refused(Refusal::Range { unit: 3, field: 5 }))
+    );
+    let refused = bench.ask(
+        0,
+        Command::StageConfig {
+            unit: 6,
+            config: Config::nominal(),
+        },
+    );
+    assert_eq!(refused, Some(Answer::Refused(Refusal::Unit(6))));
+    assert_eq!(
+        bench.ask(0, Command::GetConfig { unit: 6 }),
+        Some(Answer::Refused(Refusal::Unit(6)))
+    );
+    assert_eq!(
+        bench.ask(0, Command::Zero { units: 0x40 }),
+        Some(Answer::Refused(Refusal::Unit(6)))
+    );
+    let mut bench = Bench::armed();
+    assert_eq!(
+        bench.setpoints(i32::MAX),
+        Some(Answer::Refused(Refusal::Range { unit: 0, field: 0 }))
+    );
+    let unit = UnitSetpoint {
+        tension_un: 3_000_000,
+        inv_cos_q16: 0,
+    };
+    let refused = bench.ask(
+        0,
+        Command::Setpoints {
+            valid_ms: 100,
+            units: [unit; UNITS],
+        },
+    );
+    assert_eq!(
+        refused,
+        Some(Answer::Refused(Refusal::Range { unit: 0, field: 1 }))
+    );
+    bench.run(30);
+    assert!(bench.all_at_zero());
+}
+
+#[test]
+fn armed_motors_pull_and_a_silent_host_stops_them_all() {
+    let mut bench = Bench::armed();
+    for _ in 0..20 {
+        assert_eq!(bench.setpoints(4_000_000), None);
+        bench.run(10);
+    }
+    assert!(
+        bench.last.iter().all(|dac| dac.steps() > 100),
+        "{:?}",
+        bench.last
+    );
+    bench.board.zeroed.clear();
+    bench.run(89); // 99 ms after the last ones, which hold for 100
+    assert_eq!(bench.machine.system(), SystemState::Running);
+    bench.run(3);
+    assert_eq!(bench.machine.system(), SystemState::Fault);
+    assert_eq!(bench.status().fault, Fault::SetpointsExpired.code());
+    for unit in 0..UNITS as u8 {
+        assert!(
+            bench.board.zeroed.contains(&unit),
+            "0 V at once, not with the next sample"
+        );
+    }
+    bench.run(4);
+    assert!(bench.all_at_zero());
+    // Latched: setpoints and arming do nothing until it is cleared, and clearing does not arm.
+    assert_eq!(bench.setpoints(4_000_000), None);
+    let code = Fault::SetpointsExpired.code();
+    assert_eq!(
+        bench.ask(0, Command::Arm),
+        Some(Answer::Refused(Refusal::Faulted(code)))
+    );
+    bench.done(Command::ClearFaults);
+    bench.run(5);
+    assert_eq!(bench.machine.system(), SystemState::Ready);
+    assert!(bench.all_at_zero());
+}
+
+#[test]
+fn a_commit_is_refused_while_armed() {
+    let mut bench = Bench::armed();
+    let state = SystemState::Running as u8;
+    assert_eq!(
+        bench.ask(0, Command::CommitConfig),
+        Some(Answer::Refused(Refusal::State(state)))
+    );
+    assert_eq!(
+        bench.ask(0, Command::Zero { units: 1 }),
+        Some(Answer::Refused(Refusal::State(state)))
+    );
+}
+
+#[test]
+fn disarm_ramps_down_instead_of_dropping() {
+    let mut bench = Bench::armed();
+    for _ in 0..20 {
+        bench.setpoints(6_000_000);
+        bench.run(10);
+    }
+    let before = bench.last[0].steps();
+    bench.done(Command::Disarm);
+    assert_eq!(bench.machine.system(), SystemState::Stopping);
+    bench.run(3);
+    let ramping = bench.last[0].steps();
+    assert!(ramping > 0 && ramping < before, "{before} {ramping}");
+    bench.run(1_000);
+    assert_eq!(bench.machine.system(), SystemState::Ready);
+    assert!(bench.all_at_zero());
+}
+
+#[test]
+fn the_e_stop_stops_within_two_milliseconds_and_stays() {
+    let mut bench = Bench::armed();
+    for _ in 0..10 {
+        bench.setpoints(4_000_000);
+        bench.run(10);
+    }
+    bench.estop_closed = false;
+    bench.run(2);
+    assert_eq!(bench.status().fault, Fault::EStop.code());
+    bench.run(3);
+    assert!(bench.all_at_zero());
+    let code = Fault::EStop.code();
+    assert_eq!(
+        bench.ask(0, Command::ClearFaults),
+        Some(Answer::Refused(Refusal::Faulted(code))),
+        "still open"
+    );
+    bench.estop_closed = true;
+    bench.run(3);
+    assert_eq!(
+        bench.machine.system(),
+        SystemState::Fault,
+        "closing the loop is no permission"
+    );
+    bench.done(Command::ClearFaults);
+}
+
+#[test]
+fn a_silent_sensor_takes_its_unit_out_and_leaves_the_others() {
+    let mut bench = Bench::armed();
+    for _ in 0..10 {
+        bench.setpoints(4_000_000);
+        bench.run(10);
+    }
+    bench.streaming[1] = false;
+    for _ in 0..3 {
+        bench.setpoints(4_000_000);
+        bench.run(10);
+    }
+    let status = bench.status();
+    assert_eq!(status.units[1].fault, Fault::SensorSilent.code());
+    assert_eq!(status.units[1].state, MotorState::Faulted as u8);
+    assert_eq!(
+        (status.fault, status.state),
+        (0, SystemState::Running as u8)
+    );
+    assert!(bench.board.zeroed.contains(&1) && bench.board.stopped.contains(&1));
+    assert!(bench.last[0].steps() > 100);
+    bench.done(Command::Disarm);
+    bench.run(1_000);
+    bench.done(Command::ClearFaults);
+    bench.run(20);
+    assert!(bench.streaming[1], "clearing brings the converter up again");
+}
+
+#[test]
+fn a_converter_that_comes_up_and_says_nothing_is_a_failed_bring_up() {
+    let mut bench = Bench::new(None);
+    bench.hello(0);
+    bench.done(Command::StageConfig {
+        unit: 0,
+        config: Config::nominal(),
+    });
+    bench.done(Command::CommitConfig);
+    for _ in 0..FIRST_SAMPLE_MS + 5 {
+        bench.run(1);
+        bench.streaming[0] = false;
+    }
+    assert_eq!(bench.status().units[0].fault, Fault::BringUpFailed.code());
+    assert_eq!(bench.status().units[0].fault_detail >> 8, 7);
+}
+
+#[test]
+fn zeroing_takes_the_load_away_and_a_touched_cable_is_refused() {
+    let mut bench = Bench::ready();
+    bench.load_n = 1.5;
+    bench.run(50);
+    assert!((bench.status().units[0].tension_un - 1_500_000).abs() < 5_000);
+    bench.done(Command::Zero { units: 0b11 });
+    assert_eq!(bench.machine.system(), SystemState::Zeroing);
+    bench.run(900);
+    assert_eq!(bench.machine.system(), SystemState::Ready);
+    let status = bench.status();
+    assert!(status.units[0].tension_un.abs() < 5_000 && status.units[1].tension_un.abs() < 5_000);
+    assert!(
+        (status.units[2].tension_un - 1_500_000).abs() < 5_000,
+        "not asked for"
+    );
+    let Some(Answer::Config(config)) = bench.ask(0, Command::GetConfig { unit: 0 }) else {
+        panic!()
+    };
+    assert!(
+        (config.zero_code - 219_000).abs() < 1_000,
+        "{}",
+        config.zero_code
+    );
+
+    bench.done(Command::Zero { units: 0b100 });
+    bench.run(300);
+    bench.load_n = 2.5;
+    bench.run(700);
+    assert_eq!(bench.status().units[2].fault, Fault::ZeroRefused.code());
+}
+
+#[test]
+fn what_ended_the_last_run_is_latched_and_told() {
+    let kept = KeptReason {
+        code: Fault::Panic.code(),
+        detail: 42,
+        pc: 0,
+        text: "main.rs:42".try_into().unwrap(),
+    };
+    let mut bench = Bench::new(Some(kept.clone()));
+    bench.run(3);
+    assert_eq!(
+        (bench.status().fault, bench.status().fault_detail),
+        (Fault::Panic.code(), 42)
+    );
+    let Some(Answer::Hello(info)) = bench.hello(1) else {
+        panic!()
+    };
+    assert_eq!(info.kept, Some(kept));
+}
+
+#[test]
+fn the_boards_own_troubles_are_faults() {
+    let cases = [
+        (
+            Health {
+                longest_pass_us: 5_000,
+                ..Health::default()
+            },
+            Fault::LoopOverrun,
+        ),
+        (
+            Health {
+                events_lost: 1,
+                ..Health::default()
+            },
+            Fault::QueueOverflow,
+        ),
+        (
+            Health {
+                dac_error: Some(8),
+                ..Health::default()
+            },
+            Fault::DacLink,
+        ),
+    ];
+    for (health, fault) in cases {
+        let mut bench = Bench::armed();
+        let health = Health {
+            estop_closed: true,
+            ..health
+        };
+        bench.machine.tick(bench.now, health, &mut bench.board);
+        assert_eq!(bench.status().fault, fault.code());
+        bench.sample(0);
+        assert_eq!(bench.last[0], DacCode::ZERO_VOLT);
+    }
+}
+
+#[test]
+fn a_missed_conversion_is_counted_and_flagged() {
+    let mut bench = Bench::ready();
+    let (_, sample) = bench.machine.sample(
+        0,
+        LoadCode::new(0),
+        0,
+        bench.now + 9_375,
+        2,
+        &mut bench.board,
+    );
+    assert_ne!(sample.flags & flags::MISSED, 0);
+    assert_eq!(bench.status().units[0].missed, 2);
+}
+
+#[test]
+fn batches_fill_thin_out_and_leave_in_time() {
+    let mut batcher = Batcher::default();
+    let at = 0xFFFF_FFF0u32;
+    for n in 0..BATCH as u32 - 1 {
+        assert!(batcher
+            .push(at.wrapping_add(n * 500), Sample::default(), 1)
+            .is_none());
+    }
+    // The last one was taken before the first: times stay right.
+    let batch = batcher
+        .push(at.wrapping_sub(100), Sample::default(), 1)
+        .expect("full");
+    assert_eq!(batch.t_us, at.wrapping_sub(100));
+    let times: Vec<_> = batch.samples.iter().map(|sample| sample.dt_us).collect();
+    assert_eq!(times, [100, 600, 1_100, 0]);
+
+    assert!(batcher.push(0, Sample::default(), 0).is_none());
+    assert!(batcher.flush(1_000_000).is_none(), "0 means none");
+    let sent = (0..30)
+        .filter(|n| {
+            batcher
+                .push(
+                    n * 10,
+                    Sample {
+                        unit: 1,
+                        ..Sample::default()
+                    },
+                    3,
+                )
+                .is_some()
+        })
+        .count();
+    assert_eq!(sent, 2, "ten of thirty, four a batch");
+    assert!(batcher.flush(300).is_none());
+    assert_eq!(
+        batcher
+            .flush(300 + FLUSH_US)
+            .map(|batch| batch.samples.len()),
+        Some(2)
+    );
+}
+
+#[test]
+fn latency_is_from_edge_to_word_and_a_word_that_never_left_shows() {
+    let mut outstanding = Outstanding::default();
+    let sample = Sample {
+        unit: 4,
+        ..Sample::default()
+    };
+    assert!(outstanding.insert(u32::MAX - 9, sample).is_none());
+    let (_, done) = outstanding.complete(4, 190).expect("it was there");
+    assert_eq!(done.latency_us, 200);
+    assert!(outstanding.complete(4, 200).is_none());
+    outstanding.insert(0, sample);
+    let (_, late) = outstanding.insert(3_125, sample).expect("the one before");
+    assert_eq!(late.latency_us, u16::MAX);
+}
