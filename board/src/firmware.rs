@@ -1,12 +1,12 @@
 //! What the superloop's pieces do: joins the hardware ([`crate::hw`]) to the machine
 //! ([`board::machine`]).
 
-use crate::hw::counters::Counters;
-use crate::hw::kept::{self, Stage};
-use crate::hw::usart::Usart;
-use crate::hw::usb::Usb;
-use crate::hw::watchdog::{Part, Watchdog};
-use crate::hw::{dac, gpio, pac, sensors, startup, time, usart, usb};
+use board::hw::counters::Counters;
+use board::hw::kept::{self, Stage};
+use board::hw::usart::Usart;
+use board::hw::usb::Usb;
+use board::hw::watchdog::{Part, Watchdog};
+use board::hw::{dac, gpio, pac, sensors, startup, time, usart, usb};
 use crate::links::{self, Link};
 use board::bus::Event;
 use board::clocks;

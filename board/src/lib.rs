@@ -1,4 +1,6 @@
-//! The pure half of the firmware: everything that can run and be tested on any host.
+//! The parts of the firmware, for its binary and for the tests on the board itself.
+//!
+//! Everything but `hw` is pure: it runs and is tested on any host (`cargo test -p board`).
 //!
 //! The hardware half (PAC, interrupts, `unsafe`) is in `hw` and exists on the target only.
 #![cfg_attr(target_os = "none", no_std)]
@@ -6,6 +8,8 @@
 
 pub mod bus;
 pub mod clocks;
+#[cfg(target_os = "none")]
+pub mod hw;
 pub mod machine;
 pub mod pins;
 pub mod telemetry;

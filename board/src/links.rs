@@ -1,6 +1,6 @@
 //! A link: bytes to commands, messages to frames. The same for USB and USART3.
 
-use crate::hw::usart::Producer;
+use board::hw::usart::Producer;
 use board::machine::LinkCounters;
 use board::telemetry::Batcher;
 use force_wire::message::{Answer, Reply};
@@ -23,7 +23,7 @@ pub struct Link {
 }
 
 // The largest grant must stay under half the ring, or it may never fit after a wrap.
-const _: () = assert!(MAX_FRAME * 2 < crate::hw::usart::QUEUE);
+const _: () = assert!(MAX_FRAME * 2 < board::hw::usart::QUEUE);
 
 impl Link {
     /// A link that has said and heard nothing.

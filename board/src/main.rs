@@ -16,9 +16,9 @@ fn main() {
 }
 
 #[cfg(target_os = "none")]
-mod firmware;
+mod end;
 #[cfg(target_os = "none")]
-mod hw;
+mod firmware;
 #[cfg(target_os = "none")]
 mod links;
 

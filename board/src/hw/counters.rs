@@ -7,7 +7,7 @@
 //! A missed deadline does not exist: the counters count by themselves; a late read is a later position.
 
 use super::gpio;
-use board::pins::{self, Pin};
+use crate::pins::{self, Pin};
 use core::convert::Infallible;
 use force_drivers::ls7266r1::{
     Axis, Config, CounterValue, Direction, Error, Ls7266r1, ParallelBus, Port,

@@ -13,8 +13,8 @@
 
 use super::pac::{self, interrupt, SPI1};
 use super::{gpio, startup, time, SamplePath};
-use board::clocks;
-use board::pins;
+use crate::clocks;
+use crate::pins;
 use force_control::DacCode;
 use force_wire::UNITS;
 

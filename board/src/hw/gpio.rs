@@ -1,4 +1,4 @@
-//! Pins, out of the table in [`board::pins`].
+//! Pins, out of the table in [`crate::pins`].
 //!
 //! Owner: nobody alone. Modes are set once at start-up (SCL and SDA again during a bus recovery, the
 //! counters' data bus at each access); levels change through BSRR, which is atomic by itself. No interrupt
@@ -6,7 +6,7 @@
 //! here holds one or the other.
 
 use super::pac::{self, gpioa::RegisterBlock, RCC};
-use board::pins::{self, Mode, Pin, Port};
+use crate::pins::{self, Mode, Pin, Port};
 
 const fn block(port: Port) -> *const RegisterBlock {
     let base = match port {

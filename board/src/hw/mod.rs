@@ -30,7 +30,7 @@ pub use stm32h7::stm32h753 as pac;
 
 use core::cell::UnsafeCell;
 
-/// State that the interrupts of level [`SAMPLE_PATH`](board::clocks::priority::SAMPLE_PATH) share.
+/// State that the interrupts of level [`SAMPLE_PATH`](crate::clocks::priority::SAMPLE_PATH) share.
 ///
 /// They cannot preempt each other, so among them no lock is needed. The superloop runs below them and gets
 /// in only with interrupts masked.

@@ -20,9 +20,9 @@
 
 use super::pac::{EXTI, I2C1, SYSCFG};
 use super::{gpio, pac, startup, time, SamplePath};
-use board::bus::{Bus, Event, Sink, Transfer, TransferError, Work};
-use board::clocks;
-use board::pins;
+use crate::bus::{Bus, Event, Sink, Transfer, TransferError, Work};
+use crate::clocks;
+use crate::pins;
 use core::sync::atomic::{AtomicU32, AtomicU8, Ordering};
 use heapless::spsc;
 use pac::interrupt;

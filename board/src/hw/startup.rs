@@ -8,7 +8,7 @@
 //! wrong one hangs, or goes on too early.
 
 use super::pac::{self, CRS, FLASH, PWR, RCC};
-use board::clocks::{self, priority};
+use crate::clocks::{self, priority};
 use cortex_m::peripheral::{NVIC, SCB};
 
 /// Reads of a flag before it counts as missing: some milliseconds at 64 MHz; the slowest, HSE, takes 2 ms.
@@ -166,7 +166,7 @@ pub fn debug(dbgmcu: &pac::DBGMCU) {
     dbgmcu.apb4fz1().modify(|_, w| w.dbg_wdglsd1().set_bit());
 }
 
-/// Priorities of [`board::clocks::priority`]. Interrupts are unmasked by the modules that own them.
+/// Priorities of [`crate::clocks::priority`]. Interrupts are unmasked by the modules that own them.
 pub fn priorities(nvic: &mut NVIC, scb: &mut SCB) {
     use pac::Interrupt as I;
     for interrupt in [

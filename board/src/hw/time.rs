@@ -7,7 +7,7 @@
 
 use super::pac::TIM2;
 use super::{dac, sensors};
-use board::clocks;
+use crate::clocks;
 use core::sync::atomic::{AtomicBool, Ordering};
 use cortex_m::peripheral::{syst::SystClkSource, SYST};
 use cortex_m_rt::exception;

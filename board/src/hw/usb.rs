@@ -13,7 +13,7 @@
 use super::pac::{self, interrupt, OTG2_HS_GLOBAL};
 use super::startup;
 use super::usart::{Consumer, Producer, Queue};
-use board::clocks;
+use crate::clocks;
 use synopsys_usb_otg::{UsbBus, UsbPeripheral};
 use usb_device::bus::UsbBusAllocator;
 use usb_device::device::{

@@ -8,8 +8,8 @@
 
 use super::gpio;
 use super::pac::IWDG;
-use board::clocks;
-use board::pins;
+use crate::clocks;
+use crate::pins;
 use force_control::supervisor::CheckIn;
 
 /// Who has to check in. The numbers are bits of the fault's detail.
