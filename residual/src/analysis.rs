@@ -427,7 +427,21 @@ impl Analysis<'_> {
                         )
                     }
                 };
-                chosen[i].psi = state.refine(&own.variant, lo, hi);
+                // An optimum at the edge of the interval means that it lies further on.
+                let (mut lo, mut hi) = (lo, hi);
+                for _ in 0..6 {
+                    let best = state.refine(&own.variant, lo, hi);
+                    chosen[i].psi = best;
+                    let reach = hi - lo;
+                    if best - lo > 0.04 * reach && hi - best > 0.04 * reach {
+                        break;
+                    }
+                    let positive = lo > 0.0;
+                    (lo, hi) = (best - 0.7 * reach, best + 0.7 * reach);
+                    if positive {
+                        lo = lo.max(0.3 * best);
+                    }
+                }
             }
         }
         Ok(())

@@ -529,6 +529,22 @@ impl State<'_> {
             let s = format!("delay(setpoint, {})", k * self.problem.frame.step());
             texts.extend([format!("{s}^2"), s]);
         }
+        // Direction of the setpoint, with memory: what friction and play answer to.
+        let mut sp = self
+            .problem
+            .frame
+            .column("setpoint")
+            .unwrap_or(&[])
+            .to_vec();
+        sp.sort_by(f64::total_cmp);
+        let range = stats::quantile_sorted(&sp, 0.98) - stats::quantile_sorted(&sp, 0.02);
+        if range > 0.0 {
+            texts.extend(
+                [0.02, 0.1, 0.4]
+                    .iter()
+                    .map(|k| format!("dahl(setpoint, {})", k * range)),
+            );
+        }
         let cols: Vec<Vec<f64>> = texts
             .iter()
             .filter_map(|t| self.problem.eval(&Expr::parse(t).ok()?).ok())
