@@ -2,8 +2,8 @@
 //! half carries out what [`Bus::next`] says and reports back.
 //!
 //! # Order of service
-//! 1. A unit with a sample ready: first the one whose multiplexer channel is selected already, else the
-//!    one that has waited longest. No unit can starve another: each has at most one sample waiting, and
+//! 1. A unit with a sample ready: first the one whose multiplexer channel is selected already (waiting for it
+//!    where its edge is at most [`WAIT_FOR_SELECTED_US`] away), else the one that has waited longest. No unit can starve another: each has at most one sample waiting, and
 //!    six services (190 us each) fit twice into the shortest sample period (2,900 us).
 //! 2. A step of a converter's bring-up, when no sample is due within [`SEQUENCE_ROOM_US`]; one that has
 //!    waited for [`SEQUENCE_PATIENCE_US`] goes anyway. All six bring-ups advance at the same time, their
@@ -41,6 +41,13 @@ use force_wire::UNITS;
 pub const SEQUENCE_ROOM_US: i32 = 200;
 /// A step of a bring-up waits at most this long for a gap, in microseconds.
 pub const SEQUENCE_PATIENCE_US: u32 = 5_000;
+/// A converter whose channel is selected is waited for when its edge is expected within this time, in
+/// microseconds, although another unit has a sample ready: its read alone is done 190 us before it would be
+/// otherwise, at the price of this wait for the other.
+pub const WAIT_FOR_SELECTED_US: i32 = 35;
+/// How late that edge may be before the wait is given up, in microseconds: interrupt latency and the jitter of
+/// the converter's clock.
+pub const WAIT_TOLERANCE_US: i32 = 10;
 /// Rounds of recovery without a transaction that worked, after which the bus counts as stuck.
 pub const STUCK_AFTER: u16 = 4;
 /// Pause between further rounds on a stuck bus, in microseconds.
@@ -115,6 +122,11 @@ pub enum Work {
     },
     /// Give the lines back to the controller and switch it on. Ask again at once.
     GiveLines,
+    /// Nothing for so many microseconds, unless something happens before; then report [`Bus::stepped`].
+    Pause {
+        /// Microseconds.
+        us: u32,
+    },
 }
 
 /// What the superloop hears of.
@@ -270,6 +282,8 @@ pub struct Bus {
     recovery: Option<Recovery>,
     /// A step of the recovery is on its way.
     stepping: bool,
+    /// Until when the selected converter's edge is waited for.
+    pause: Option<u32>,
     /// Rounds of recovery since a transaction worked.
     rounds: u16,
 }
@@ -295,6 +309,7 @@ impl Bus {
             current: None,
             recovery: None,
             stepping: false,
+            pause: None,
             rounds: 0,
         }
     }
@@ -429,6 +444,16 @@ impl Bus {
             return None;
         }
         if let Some(unit) = self.choose_ready(now) {
+            if self.pause.is_some_and(|until| now.wrapping_sub(until).cast_signed() < 0)
+                && self.mux.state() != MuxState::Known(mask_of(unit))
+            {
+                return None;
+            }
+            self.pause = None;
+            if let Some(us) = self.worth_waiting(unit, now) {
+                self.pause = Some(now.wrapping_add(us));
+                return Some(Work::Pause { us });
+            }
             return Some(self.read_or_select(unit, now));
         }
         if let Some(unit) = self.choose_sequence(now) {
@@ -456,6 +481,20 @@ impl Bus {
             }
         }
         oldest.map(|(n, _)| n)
+    }
+
+    /// How long to wait for the selected unit's edge before `unit` is served, if at all.
+    fn worth_waiting(&self, unit: u8, now: u32) -> Option<u32> {
+        let MuxState::Known(mask) = self.mux.state() else {
+            return None;
+        };
+        let selected = mask.bits().trailing_zeros() as usize;
+        if mask == mask_of(unit) {
+            return None;
+        }
+        let due = self.units.get(selected)?.due_in(now)?;
+        (-WAIT_TOLERANCE_US < due && due <= WAIT_FOR_SELECTED_US)
+            .then(|| (due + WAIT_TOLERANCE_US).unsigned_abs())
     }
 
     fn choose_sequence(&mut self, now: u32) -> Option<u8> {

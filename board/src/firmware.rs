@@ -301,25 +301,26 @@ impl Board {
         self.watchdog.sign(Part::Links);
     }
 
-    /// Sleeps until the next interrupt.
+    /// Sleeps until there is something to do: a sample, a millisecond, USB. The many interrupts in between (a
+    /// sample takes the bus a dozen) wake the core for themselves alone.
     pub fn sleep(&mut self) {
         kept::note(Stage::Sleep);
-        let before = time::now();
-        self.clock.longest_pass = self
-            .clock
-            .longest_pass
-            .max(before.wrapping_sub(self.clock.pass_began));
-        // With interrupts masked, one that comes between the look and the sleep still ends the sleep (WFI
-        // wakes on a pending one), and its handler runs when they are let through again.
-        cortex_m::interrupt::free(|_| {
-            if !self.events.ready() {
+        let pass = time::now().wrapping_sub(self.clock.pass_began);
+        self.clock.longest_pass = self.clock.longest_pass.max(pass);
+        while !(self.events.ready() || time::tick_waits() || usb::calls()) {
+            // With interrupts masked, one that comes between the look and the sleep still ends the sleep
+            // (WFI wakes on a pending one), and its handler runs when they are let through again.
+            self.clock.asleep += cortex_m::interrupt::free(|_| {
+                if self.events.ready() || time::tick_waits() || usb::calls() {
+                    return 0;
+                }
+                let before = time::now();
                 cortex_m::asm::dsb();
                 cortex_m::asm::wfi();
-            }
-        });
-        let after = time::now();
-        self.clock.asleep += after.wrapping_sub(before);
-        self.clock.pass_began = after;
+                time::now().wrapping_sub(before)
+            });
+        }
+        self.clock.pass_began = time::now();
     }
 }
 

@@ -584,6 +584,9 @@ impl Machine {
     }
 
     fn stage(&mut self, unit: u8, config: &UnitConfig) -> Result<(), Refusal> {
+        if self.system.drives() {
+            return Err(Refusal::State(self.system as u8));
+        }
         let slot = self
             .units
             .get_mut(usize::from(unit))

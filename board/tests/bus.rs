@@ -48,6 +48,7 @@ struct Bench {
     selects: u32,
     on_gpio: bool,
     blind: u8,
+    alarm: Option<u32>,
     latencies: Vec<u32>,
 }
 
@@ -86,6 +87,7 @@ impl Bench {
             selects: 0,
             on_gpio: false,
             blind: 0,
+            alarm: None,
             latencies: Vec::new(),
         }
     }
@@ -143,6 +145,11 @@ impl Bench {
                     return;
                 }
                 Work::GiveLines => self.on_gpio = false,
+                Work::Pause { us } => {
+                    assert!(us > 0 && us <= 45);
+                    self.alarm = Some(self.now.wrapping_add(us));
+                    return;
+                }
             }
         }
         panic!("the bus switches its lines for ever");
@@ -219,6 +226,11 @@ impl Bench {
                         }
                     }
                 }
+            }
+            if self.alarm == Some(self.now) {
+                self.alarm = None;
+                self.bus.stepped(self.held.is_none());
+                self.work();
             }
             if self.ends.as_ref().is_some_and(|(at, _)| *at == self.now) {
                 match self.ends.take() {

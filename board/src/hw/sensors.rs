@@ -248,6 +248,7 @@ impl Sensors {
                     gpio::write(pins::MUX_RST, !low);
                     return time::set_alarm(clocks::RECOVERY_STEP_US);
                 }
+                Work::Pause { us } => return time::set_alarm(us),
                 Work::GiveLines => {
                     for pin in [pins::I2C_SCL, pins::I2C_SDA] {
                         gpio::set_output(pin, false);

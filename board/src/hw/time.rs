@@ -64,6 +64,11 @@ pub fn clear_alarm() {
     tim.sr().write(|w| unsafe { w.bits(!2) });
 }
 
+/// Whether a millisecond has begun that nobody has taken yet.
+pub fn tick_waits() -> bool {
+    TICK.load(Ordering::Relaxed)
+}
+
 /// Whether a millisecond has begun since the last call.
 pub fn take_tick() -> bool {
     TICK.load(Ordering::Relaxed) && TICK.swap(false, Ordering::Relaxed)

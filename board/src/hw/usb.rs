@@ -14,6 +14,7 @@ use super::pac::{self, interrupt, OTG2_HS_GLOBAL};
 use super::startup;
 use super::usart::{Consumer, Producer, Queue};
 use crate::clocks;
+use core::sync::atomic::{AtomicBool, Ordering};
 use synopsys_usb_otg::{UsbBus, UsbPeripheral};
 use usb_device::bus::UsbBusAllocator;
 use usb_device::device::{
@@ -22,6 +23,8 @@ use usb_device::device::{
 use usbd_serial::SerialPort;
 
 static QUEUE: Queue = Queue::new();
+/// The core has something to say.
+static CALLING: AtomicBool = AtomicBool::new(false);
 
 /// The test VID/PID pair of pid.codes: replace it before handing boards to others.
 const ID: UsbVidPid = UsbVidPid(0x1209, 0x0001);
@@ -141,11 +144,18 @@ impl Usb {
             // Would block: the next poll goes on.
             let _ = self.port.flush();
         }
+        CALLING.store(false, Ordering::Relaxed);
         startup::unmask(pac::Interrupt::OTG_FS);
     }
+}
+
+/// Whether the core has something to say.
+pub fn calls() -> bool {
+    CALLING.load(Ordering::Relaxed)
 }
 
 #[interrupt]
 fn OTG_FS() {
     cortex_m::peripheral::NVIC::mask(pac::Interrupt::OTG_FS);
+    CALLING.store(true, Ordering::Relaxed);
 }
