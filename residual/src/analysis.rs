@@ -255,12 +255,12 @@ impl Analysis<'_> {
         }
     }
 
-    /// Adds effects until nothing material is left; returns the last scan.
+    /// Adds effects until nothing material is left.
     fn forward(
         &mut self,
         chosen: &mut Vec<Chosen>,
         progress: &mut dyn Progress,
-    ) -> Result<Step, Error> {
+    ) -> Result<(), Error> {
         let sel = &self.spec.selection;
         loop {
             progress.stage(&format!(
@@ -293,7 +293,7 @@ impl Analysis<'_> {
                 }
             }
             if !taken {
-                return Ok(step);
+                return Ok(());
             }
         }
     }
@@ -508,22 +508,27 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     let mut rivals: Vec<(Option<Rival>, Vec<Candidate>)>;
     let mut round = 0;
     loop {
-        last_step = Some(a.forward(&mut chosen, progress)?);
+        a.forward(&mut chosen, progress)?;
         a.polish(&mut chosen)?;
         round += 1;
         let (list, changed) = a.rivals(&mut chosen, round < 4, progress)?;
         rivals = list;
-        if !changed {
+        if changed {
+            continue;
+        }
+        // Polished parameters change the residual: look once more before calling it the end.
+        progress.stage("what is left");
+        let (model, fit) = a.fit(&chosen)?;
+        let step = a.step(&model, &fit)?;
+        let more = step.winner.is_some();
+        last_step = Some(step);
+        if !more || round >= 4 {
             break;
         }
     }
 
     // What is left.
     let (model, fit) = a.fit(&chosen)?;
-    if !chosen.is_empty() {
-        progress.stage("what is left");
-        last_step = Some(a.step(&model, &fit)?);
-    }
     let rows = a.problem.y.len();
     let mut nameless = a.scan(&model, &fit, true)?;
     a.look_again(&mut nameless, &model, &fit);

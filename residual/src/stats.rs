@@ -102,6 +102,7 @@ impl Rng {
     }
 
     /// Standard normal (Box and Muller).
+    #[cfg(test)]
     pub fn normal(&mut self) -> f64 {
         let u = 1.0 - self.uniform();
         (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
