@@ -37,7 +37,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             bridge = Bind<HandleUnitToDouble>(library, "plant_bridge_v_per_v");
             counts = Bind<HandleUnitToLong>(library, "plant_encoder_counts");
             truth = Bind<HandleTruth>(library, "plant_truth");
-            var perNewton = Bind<HandleToDouble>(library, "plant_bridge_per_newton");
+            perNewton = Bind<HandleUnitToDouble>(library, "plant_bridge_per_newton");
             var units = Bind<HandleToUint>(library, "plant_units");
 
             var error = new byte[512];
@@ -49,7 +49,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 throw new ConstructionException("plant refuses its configuration: " + Encoding.UTF8.GetString(error, 0, end));
             }
             Units = (int)units(handle);
-            BridgePerNewton = perNewton(handle);
         }
 
         public void Dispose()
@@ -84,8 +83,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         public int Units { get; private set; }
 
-        /// V/V that one newton along a cell's axis is worth.
-        public double BridgePerNewton { get; private set; }
+        /// V/V that one newton along a cell's axis is worth, by its own sensitivity.
+        public double BridgePerNewton(int unit) { return perNewton(handle, (uint)unit); }
 
         private static T Bind<T>(IntPtr library, string name)
         {
@@ -99,10 +98,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private readonly HandleByte power;
         private readonly HandleByte robot;
         private readonly HandleUnitToDouble bridge;
+        private readonly HandleUnitToDouble perNewton;
         private readonly HandleUnitToLong counts;
         private readonly HandleTruth truth;
 
-        private const uint AbiVersion = 1;
+        private const uint AbiVersion = 2;
 
         [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
         private delegate uint NoneToUint();
@@ -112,8 +112,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private delegate void HandleToNone(IntPtr handle);
         [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
         private delegate uint HandleToUint(IntPtr handle);
-        [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
-        private delegate double HandleToDouble(IntPtr handle);
         [UnmanagedFunctionPointer(CallingConvention.Cdecl)]
         private delegate void HandleUlong(IntPtr handle, ulong value);
         [UnmanagedFunctionPointer(CallingConvention.Cdecl)]

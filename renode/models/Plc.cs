@@ -2,6 +2,7 @@
 // toggles and the E-stop loop is closed.
 
 using Antmicro.Renode.Core;
+using Antmicro.Renode.Logging;
 
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
@@ -25,7 +26,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             var now = time.Now;
             var gap = now - lastEdge;
-            good = gap >= ShortestNs && gap <= LongestNs ? good + 1 : 0;
+            var fits = gap >= ShortestNs && gap <= LongestNs;
+            if(!fits && edges > 0)
+            {
+                this.Log(LogLevel.Info, "alive line: {0} us between two edges", gap / 1000);
+            }
+            good = fits ? good + 1 : 0;
             lastEdge = now;
             edges++;
             if(firstEdge == 0)

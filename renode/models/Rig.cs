@@ -54,14 +54,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
         }
 
-        /// Loads the plant. `configuration`: a TOML file, or null for the default rig.
-        public void Open(ReadFilePath library, ulong seed, ReadFilePath configuration = null)
+        /// Loads the plant. `configuration`: path of a TOML file, or empty for the default rig.
+        public void Open(ReadFilePath library, ulong seed, string configuration = "")
         {
             if(plant != null)
             {
                 throw new RecoverableException("the plant is open already");
             }
-            plant = new PlantLibrary(library, seed, configuration == null ? null : File.ReadAllText(configuration));
+            plant = new PlantLibrary(library, seed, configuration.Length == 0 ? null : File.ReadAllText(configuration));
             if(plant.Units != Units)
             {
                 throw new RecoverableException("the plant has " + plant.Units + " units, the board " + Units);
@@ -140,7 +140,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// Bridge output in V per V as the converter of `unit` sees it: cell, and what pulls on the cable.
         public double Bridge(int unit)
         {
-            return plant.Bridge(unit) + pull[unit] * plant.BridgePerNewton;
+            return plant.Bridge(unit) + pull[unit] * plant.BridgePerNewton(unit);
         }
 
         public long Counts(int unit, ulong at)
@@ -235,6 +235,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
         }
 
+        /// Turns the shaft of an encoder by hand, in counts: what the plant does comes on top.
+        public void TurnEncoder(int unit, int counts)
+        {
+            lost[Index(unit)] -= counts;
+        }
+
         /// Puts a branch to itself under the core, as a loop that hangs would be; interrupts go on.
         /// It lasts until the next reset.
         public void HangLoop()
@@ -301,6 +307,19 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             CatchUp(time.Now);
             return plant.Truth();
+        }
+
+        /// Samples' trips since the last call, in the order of the DAC updates.
+        public SampleTrip[] TakeTrips()
+        {
+            var all = new List<SampleTrip>();
+            foreach(var trips in Trips)
+            {
+                all.AddRange(trips);
+                trips.Clear();
+            }
+            all.Sort((a, b) => a.UpdateNs.CompareTo(b.UpdateNs));
+            return all.ToArray();
         }
 
         public ulong Seed { get; private set; }

@@ -90,15 +90,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             get
             {
-                try
-                {
-                    return Math.Max(1, 10000000000UL / Math.Max(1, uart.BaudRate));
-                }
-                catch(DivideByZeroException)
-                {
-                    // BRR isn't set yet.
-                    return 5000;
-                }
+                // Before the board has set its own rate the far end talks at the one agreed on.
+                var baud = uart.BaudRate;
+                return baud == 0 ? 5000UL : 10000000000UL / baud;
             }
         }
 

@@ -86,8 +86,8 @@ class ForceBoard:
         self.seq = self.seq + 1 & 0xFFFF
         wanted = self.seq
         self.run("serial Send \"%s\"" % wire.encode_command(wanted, command, body).hex())
-        for _ in range(int(within_ms)):
-            self.advance(1)
+        for _ in range(int(within_ms) // 2):
+            self.advance(2)
             for reply in self.replies:
                 if reply["seq"] == wanted:
                     self.replies.remove(reply)
@@ -256,12 +256,24 @@ class ForceBoard:
                 raise AssertionError("frame %d follows %d" % (b, a))
 
     def codes_should_come_from_the_converters(self):
-        """The last code that each converter made is among those that the board reported."""
+        """The last code that each converter made is reported by the board, once its telemetry has come through."""
+        codes = []
         for unit in range(wire.UNITS):
             code = int(self.run("cell%d Code" % (unit + 1)).strip(), 0)
-            code -= 1 << 32 if code >= 1 << 31 else 0
-            if code not in [s["code"] for s in self.samples if s["unit"] == unit][-3:]:
-                raise AssertionError("unit %d: the converter's %d is not among the last codes reported" % (unit + 1, code))
+            codes.append(code - (1 << 32) if code >= 1 << 31 else code)
+        self.advance(20)
+        for unit, code in enumerate(codes):
+            reported = [s["code"] for s in self.samples if s["unit"] == unit][-12:]
+            if code not in reported:
+                raise AssertionError("unit %d: the converter's %d is not among the codes reported: %s" % (unit + 1, code, reported))
+
+    def position_should_follow_the_counter(self, unit):
+        """The board's position, cut to 24 bits, is the counter's within what moved since the last sample."""
+        counter = int(self.run("counters Counter %s" % unit).strip(), 0)
+        position = self.encoder_position(unit)
+        apart = (position - counter + (1 << 23)) % (1 << 24) - (1 << 23)
+        if abs(apart) > 50:
+            raise AssertionError("unit %s: the board is at %d, its counter at %d" % (unit, position, counter))
 
     def latency_should_agree_from_both_ends(self, within_us=60):
         """What the board says (DRDY to DAC word) against what the parts see (DRDY to LDAC edge)."""

@@ -22,7 +22,7 @@ use force_plant::{Plant, PlantConfig};
 use std::ffi::{c_char, CStr};
 
 /// Version of this interface; the caller compares it before anything else.
-pub const ABI_VERSION: u32 = 1;
+pub const ABI_VERSION: u32 = 2;
 
 /// Doubles that [`plant_truth`] writes for the rig itself, before those of the units.
 pub const TRUTH_RIG: usize = 9;
@@ -179,18 +179,14 @@ pub unsafe extern "C" fn plant_bridge_v_per_v(plant: *mut Plant, unit_from_0: u3
     unsafe { unit(plant, unit_from_0) }.map_or(0.0, |(p, u)| p.bridge_v_per_v(u))
 }
 
-/// What a perfect cell would add to the bridge of `unit` for one newton along its axis, in V/V per N.
+/// What one newton along its axis adds to the bridge of `unit`, by the cell's own sensitivity, in V/V per N.
 ///
 /// # Safety
 /// `plant` is null or a live handle that no other thread uses.
 #[no_mangle]
-pub unsafe extern "C" fn plant_bridge_per_newton(plant: *mut Plant) -> f64 {
+pub unsafe extern "C" fn plant_bridge_per_newton(plant: *mut Plant, unit_from_0: u32) -> f64 {
     // SAFETY: by contract.
-    unsafe { rig(plant) }.map_or(0.0, |p| {
-        let cell = &p.config().load_cell;
-        cell.rated_output_v_per_v
-            / (cell.capacity_kg * force_plant::config::STANDARD_GRAVITY_M_PER_S2)
-    })
+    unsafe { unit(plant, unit_from_0) }.map_or(0.0, |(p, u)| p.parameters(u).bridge_per_n)
 }
 
 /// Encoder of `unit`, in quadrature counts at x4 since the start.

@@ -99,11 +99,16 @@ fn null_and_unknown_units_change_nothing() {
 }
 
 #[test]
-fn a_newton_is_worth_the_cells_rated_output() {
+fn a_newton_is_worth_the_cells_own_sensitivity() {
     let plant = new(1, None).unwrap();
-    // SAFETY: a live handle.
-    let per_newton = unsafe { plant_bridge_per_newton(plant) };
-    assert!((per_newton * 3.0 * 9.80665 - 2e-3).abs() < 1e-12);
+    let direct = Plant::new(PlantConfig::default(), 1).unwrap();
+    for u in 0..6 {
+        // SAFETY: a live handle.
+        let per_newton = unsafe { plant_bridge_per_newton(plant, u) };
+        assert_eq!(per_newton, direct.parameters(u as usize).bridge_per_n);
+        // Within a few standard deviations of 2 mV/V at 3 kg.
+        assert!((per_newton * 3.0 * 9.80665 / 2e-3 - 1.0).abs() < 0.2);
+    }
     // SAFETY: as above, and not used again.
     unsafe { plant_free(plant) };
 }

@@ -1,0 +1,214 @@
+// The far end of `renode-rig`: another program moves this emulation in lock-step, over TCP, a line of text for a
+// line of text. Virtual time passes only inside of `advance`.
+//
+//   advance NS HEX     bytes to the board, then time; answer: advanced NOW RESETS HEX and the rows of truth
+//   robot 0|1          inject NAME ARGUMENTS...          report          quit
+//
+// Every answer is one line; what cannot be done is answered by `failed` and the reason.
+
+using System;
+using System.Globalization;
+using System.IO;
+using System.Net.Sockets;
+using System.Text;
+using System.Threading;
+using Antmicro.Renode.Core;
+using Antmicro.Renode.Exceptions;
+using Antmicro.Renode.Logging;
+using Antmicro.Renode.Time;
+
+namespace Antmicro.Renode.Peripherals.ForceRig
+{
+    public class RigServer : IPeripheral
+    {
+        public RigServer(IMachine machine, Rig rig, SerialLine serial, Tca9548a mux, Plc plc,
+            Nau7802 cell1, Nau7802 cell2, Nau7802 cell3, Nau7802 cell4, Nau7802 cell5, Nau7802 cell6)
+        {
+            this.rig = rig;
+            this.serial = serial;
+            this.mux = mux;
+            this.plc = plc;
+            cells = new[] { cell1, cell2, cell3, cell4, cell5, cell6 };
+        }
+
+        public void Reset()
+        {
+        }
+
+        /// Connects to a program on this machine that listens at `port`, and serves it until it quits.
+        /// `thenExit`: Renode ends with it.
+        public void Connect(int port, bool thenExit = false)
+        {
+            var client = new TcpClient("127.0.0.1", port) { NoDelay = true };
+            rig.KeepRows = true;
+            var thread = new Thread(() => Serve(client, thenExit)) { IsBackground = true, Name = "rig server" };
+            thread.Start();
+        }
+
+        private void Serve(TcpClient client, bool thenExit)
+        {
+            using(client)
+            using(var stream = client.GetStream())
+            {
+                var reader = new StreamReader(stream, Encoding.ASCII);
+                var writer = new StreamWriter(stream, Encoding.ASCII) { AutoFlush = true, NewLine = "\n" };
+                writer.WriteLine("ready " + rig.Seed);
+                while(true)
+                {
+                    string line;
+                    try
+                    {
+                        line = reader.ReadLine();
+                    }
+                    catch(IOException)
+                    {
+                        line = null;
+                    }
+                    if(line == null || line == "quit")
+                    {
+                        break;
+                    }
+                    string answer;
+                    try
+                    {
+                        answer = Answer(line.Split(' '));
+                    }
+                    catch(Exception e)
+                    {
+                        this.Log(LogLevel.Warning, "{0}: {1}", line, e);
+                        answer = "failed " + e.Message.Replace('\n', ' ');
+                    }
+                    writer.WriteLine(answer);
+                }
+            }
+            rig.KeepRows = false;
+            this.Log(LogLevel.Info, "the other program has quit");
+            if(thenExit)
+            {
+                Emulator.Exit();
+            }
+        }
+
+        private string Answer(string[] words)
+        {
+            switch(words[0])
+            {
+            case "advance":
+                return Advance(ulong.Parse(words[1]), words.Length > 2 ? words[2] : "");
+            case "robot":
+                rig.MoveRobot(words[1] == "1");
+                return "done";
+            case "inject":
+                Inject(words);
+                return "done";
+            case "report":
+                return Report();
+            default:
+                throw new RecoverableException("no such request: " + words[0]);
+            }
+        }
+
+        private string Advance(ulong nanoseconds, string digits)
+        {
+            if(digits.Length > 0)
+            {
+                serial.Send(digits);
+            }
+            if(nanoseconds > 0)
+            {
+                EmulationManager.Instance.CurrentEmulation.RunFor(TimeInterval.FromTicks(nanoseconds * (TimeInterval.TicksPerSecond / 1000000000UL)));
+            }
+            var text = new StringBuilder();
+            var rows = rig.TakeRows();
+            text.Append("advanced ").Append(rig.Now).Append(' ').Append(rig.Resets).Append(' ');
+            var bytes = serial.TakeBytes();
+            text.Append(bytes.Length == 0 ? "-" : SerialLine.ToHex(bytes));
+            Append(text, rig.Truth());
+            text.Append(' ').Append(rows.Length);
+            foreach(var row in rows)
+            {
+                text.Append(' ').Append(row.TimeNs).Append(row.AmplifierOn ? " 1" : " 0");
+                Append(text, row.Plant);
+                Append(text, row.Volts);
+            }
+            return text.ToString();
+        }
+
+        private static void Append(StringBuilder text, double[] values)
+        {
+            foreach(var value in values)
+            {
+                text.Append(' ').Append(value.ToString("R", CultureInfo.InvariantCulture));
+            }
+        }
+
+        private void Inject(string[] words)
+        {
+            var unit = words.Length > 2 ? int.Parse(words[2]) : 0;
+            switch(words[1])
+            {
+            case "unplug":
+                cells[Rig.Index(unit)].Unplugged = true;
+                break;
+            case "plug":
+                cells[Rig.Index(unit)].Nacks = false;
+                cells[Rig.Index(unit)].Unplugged = false;
+                break;
+            case "nack":
+                cells[Rig.Index(unit)].Nacks = true;
+                break;
+            case "stuck":
+                mux.HoldSda();
+                break;
+            case "estop":
+                plc.Press(words[2] == "1");
+                break;
+            case "spike":
+                cells[Rig.Index(unit)].Spike = int.Parse(words[3]);
+                break;
+            case "pull":
+                rig.PullCable(unit, double.Parse(words[3], CultureInfo.InvariantCulture));
+                break;
+            case "freeze":
+                rig.FreezeEncoder(unit, words[3] == "1");
+                break;
+            case "hang":
+                rig.HangLoop();
+                break;
+            case "flip":
+                rig.FlipBit(ulong.Parse(words[2]), int.Parse(words[3]));
+                break;
+            default:
+                throw new RecoverableException("no such injection: " + words[1]);
+            }
+        }
+
+        /// Conversions, conversions read, frequency of the alive line; then each sample's trip since the last report.
+        private string Report()
+        {
+            var text = new StringBuilder("report " + rig.Now);
+            foreach(var count in rig.Conversions)
+            {
+                text.Append(' ').Append(count);
+            }
+            foreach(var count in rig.ConversionsRead)
+            {
+                text.Append(' ').Append(count);
+            }
+            text.Append(' ').Append(plc.AliveHz.ToString("R", CultureInfo.InvariantCulture));
+            var trips = rig.TakeTrips();
+            text.Append(' ').Append(trips.Length);
+            foreach(var trip in trips)
+            {
+                text.Append(' ').Append(trip.Unit + 1).Append(' ').Append(trip.ReadyNs).Append(' ').Append(trip.UpdateNs);
+            }
+            return text.ToString();
+        }
+
+        private readonly Rig rig;
+        private readonly SerialLine serial;
+        private readonly Tca9548a mux;
+        private readonly Plc plc;
+        private readonly Nau7802[] cells;
+    }
+}
