@@ -1,15 +1,15 @@
 //! What the superloop's pieces do: joins the hardware ([`crate::hw`]) to the machine
 //! ([`board::machine`]).
 
+use crate::links::{self, Link};
+use board::bus::Event;
+use board::clocks;
 use board::hw::counters::Counters;
 use board::hw::kept::{self, Stage};
 use board::hw::usart::Usart;
 use board::hw::usb::Usb;
 use board::hw::watchdog::{Part, Watchdog};
 use board::hw::{dac, gpio, pac, sensors, startup, time, usart, usb};
-use crate::links::{self, Link};
-use board::bus::Event;
-use board::clocks;
 use board::machine::{Effects, Health, LoopFigures, Machine, LINKS};
 use board::pins;
 use board::telemetry::Outstanding;
@@ -168,11 +168,11 @@ impl Board {
             {
                 let counts = self.counters.read(unit);
                 let code = LoadCode::new(code.counts());
-                let (word, sample) =
+                let (word, answered) =
                     self.machine
                         .sample(unit, code, counts, at, missed, &mut self.reports);
                 dac::write(unit, word);
-                if let Some((at, late)) = self.outstanding.insert(at, sample) {
+                if let Some((at, late)) = self.outstanding.insert(at, answered.describe()) {
                     stream(&mut self.links, &self.machine, at, late);
                 }
             } else {

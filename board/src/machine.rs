@@ -13,7 +13,7 @@ use force_control::system::{self, Denied, Request};
 use force_control::unit::{self, Controller, Drive, Setpoint};
 use force_control::zero::{Averager, Progress};
 use force_control::{
-    Config, Counts, DacCode, Fault, Input, LoadCode, Micros, MotorState, SystemState,
+    Config, Counts, DacCode, Fault, Input, LoadCode, Micros, MotorState, Output, SystemState,
 };
 use force_drivers::nau7802::{Cause, SequenceError, Stage};
 use force_wire::frame::crc32;
@@ -141,6 +141,34 @@ impl Unit {
     }
 }
 
+/// A sample that has been answered; turned into telemetry after its DAC word is on its way.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Answered {
+    unit: u8,
+    code: LoadCode,
+    counts: i64,
+    missed: bool,
+    output: Output,
+}
+
+impl Answered {
+    /// The telemetry, times left at 0.
+    #[must_use]
+    pub fn describe(&self) -> Sample {
+        let mut sample = Sample {
+            unit: self.unit,
+            code: self.code.get(),
+            counts: self.counts as i32,
+            ..Sample::default()
+        };
+        self.output.describe(&mut sample);
+        if self.missed {
+            sample.flags |= flags::MISSED;
+        }
+        sample
+    }
+}
+
 /// See the [module](self).
 #[derive(Debug)]
 pub struct Machine {
@@ -213,7 +241,7 @@ impl Machine {
 
     // --- the sample path -------------------------------------------------------------------------
 
-    /// One sample of one unit: the DAC code that answers it, and the telemetry (times left at 0).
+    /// One sample of one unit: the DAC code that answers it, and what telemetry will tell of it.
     pub fn sample(
         &mut self,
         unit: u8,
@@ -222,9 +250,9 @@ impl Machine {
         at: u32,
         missed: u8,
         fx: &mut impl Effects,
-    ) -> (DacCode, Sample) {
+    ) -> (DacCode, Answered) {
         let Some(slot) = self.units.get_mut(usize::from(unit)) else {
-            return (DacCode::ZERO_VOLT, Sample::default());
+            return (DacCode::ZERO_VOLT, Answered::default());
         };
         slot.samples = slot.samples.wrapping_add(1);
         slot.missed = slot.missed.wrapping_add(u32::from(missed));
@@ -246,16 +274,13 @@ impl Machine {
         };
         let output = Controller::step(&slot.config, &mut slot.control, input);
         slot.at_zero = output.at_zero;
-        let mut sample = Sample {
+        let answered = Answered {
             unit,
-            code: code.get(),
-            counts: counts as i32,
-            ..Sample::default()
+            code,
+            counts,
+            missed: missed > 0,
+            output,
         };
-        output.describe(&mut sample);
-        if missed > 0 {
-            sample.flags |= flags::MISSED;
-        }
         if output.flags & flags::SPIKE != 0 {
             slot.spikes = slot.spikes.wrapping_add(1);
         }
@@ -279,7 +304,7 @@ impl Machine {
         if let Some((fault, detail)) = output.fault {
             self.fault_unit(unit, fault, detail, at, fx);
         }
-        (output.dac, sample)
+        (output.dac, answered)
     }
 
     /// Something else that the bus reported.

@@ -121,11 +121,11 @@ impl Bench {
     fn sample(&mut self, unit: usize) -> Sample {
         let code =
             LoadCode::new((self.load_n / 6.85e-6) as i32 + (self.now / 1_000 % 5) as i32 * 20);
-        let (dac, sample) = self
-            .machine
-            .sample(unit as u8, code, 0, self.now, 0, &mut self.board);
+        let (dac, answered) =
+            self.machine
+                .sample(unit as u8, code, 0, self.now, 0, &mut self.board);
         self.last[unit] = dac;
-        sample
+        answered.describe()
     }
 
     fn status(&self) -> Status {
@@ -539,7 +539,7 @@ fn the_boards_own_troubles_are_faults() {
 #[test]
 fn a_missed_conversion_is_counted_and_flagged() {
     let mut bench = Bench::ready();
-    let (_, sample) = bench.machine.sample(
+    let (_, answered) = bench.machine.sample(
         0,
         LoadCode::new(0),
         0,
@@ -547,7 +547,7 @@ fn a_missed_conversion_is_counted_and_flagged() {
         2,
         &mut bench.board,
     );
-    assert_ne!(sample.flags & flags::MISSED, 0);
+    assert_ne!(answered.describe().flags & flags::MISSED, 0);
     assert_eq!(bench.status().units[0].missed, 2);
 }
 

@@ -248,7 +248,6 @@ impl Sensors {
                     gpio::write(pins::MUX_RST, !low);
                     return time::set_alarm(clocks::RECOVERY_STEP_US);
                 }
-                Work::Pause { us } => return time::set_alarm(us),
                 Work::GiveLines => {
                     for pin in [pins::I2C_SCL, pins::I2C_SDA] {
                         gpio::set_output(pin, false);
@@ -265,18 +264,23 @@ impl Sensors {
         self.written = 0;
         self.got = 0;
         self.nack = false;
+        let reads_at_once = transfer.write_len == 0;
+        let length = if reads_at_once {
+            transfer.read_len
+        } else {
+            transfer.write_len
+        };
         i2c1().cr2().write(|w| {
-            // SAFETY: a 7-bit address in bits 7:1, and a length of 1 or 2.
+            // SAFETY: a 7-bit address in bits 7:1, and a length of 1 to 3.
             unsafe {
                 w.sadd()
                     .bits(u16::from(transfer.address) << 1)
                     .nbytes()
-                    .bits(transfer.write_len)
+                    .bits(length)
             };
-            w.rd_wrn()
-                .write()
-                .autoend()
-                .bit(transfer.read_len == 0)
+            w.rd_wrn().bit(reads_at_once);
+            w.autoend()
+                .bit(reads_at_once || transfer.read_len == 0)
                 .start()
                 .start()
         });

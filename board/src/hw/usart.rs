@@ -13,9 +13,9 @@
 
 use super::pac::{self, interrupt, DMA1, DMAMUX1, USART3};
 use super::startup;
+use crate::clocks;
 use bbqueue::nicknames::Churrasco;
 use bbqueue::prod_cons::stream::{StreamConsumer, StreamGrantR, StreamProducer};
-use crate::clocks;
 use core::cell::UnsafeCell;
 use core::sync::atomic::{compiler_fence, Ordering};
 
