@@ -126,6 +126,11 @@ pub enum Work {
 /// What the superloop hears of.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Event {
+    /// A conversion has ended and its result will follow: the time to read what belongs to it (the encoder).
+    Edge {
+        /// Unit, from 0.
+        unit: u8,
+    },
     /// A sample.
     Sample {
         /// Unit, from 0.
@@ -334,7 +339,7 @@ impl Bus {
     }
 
     /// A DRDY line rose.
-    pub fn drdy(&mut self, unit: u8, now: u32) {
+    pub fn drdy(&mut self, unit: u8, now: u32, sink: &mut impl Sink) {
         let Some(slot) = self.units.get_mut(usize::from(unit)) else {
             return;
         };
@@ -363,6 +368,7 @@ impl Bus {
         }
         slot.last_edge = Some(now);
         slot.ready = Some(now);
+        sink.event(Event::Edge { unit });
     }
 
     /// The supervisor's millisecond: deadlines, and edges that were never seen. `drdy_levels` has a bit for
@@ -385,6 +391,7 @@ impl Bus {
                 }
                 unit.last_edge = Some(now);
                 unit.ready = Some(now);
+                sink.event(Event::Edge { unit: n as u8 });
             }
         }
     }

@@ -23,8 +23,8 @@ defmt::timestamp!("{=u32:us}", time::now());
 
 /// Milliseconds between two unasked status frames.
 const STATUS_MS: u32 = 50;
-/// Samples that one piece takes before the next one gets its turn: all units twice.
-const SAMPLES_A_PASS: usize = 2 * UNITS;
+/// Events that one piece takes before the next one gets its turn: edge and sample of all units, twice.
+const EVENTS_A_PASS: usize = 4 * UNITS;
 /// Bytes that one pass takes from USART3: more than two milliseconds of the line.
 const BYTES_A_PASS: usize = 512;
 /// Fault reports that may wait for the links.
@@ -35,6 +35,8 @@ pub struct Board {
     machine: Machine,
     events: sensors::Events,
     counters: Counters,
+    /// Position of each encoder at the last DRDY edge of its unit.
+    counts: [i64; UNITS],
     outstanding: Outstanding,
     watchdog: Watchdog,
     links: [Link; LINKS],
@@ -128,6 +130,7 @@ impl Board {
             }),
             events,
             counters,
+            counts: [0; UNITS],
             outstanding: Outstanding::default(),
             watchdog,
             links: [Link::new(usb_queue), Link::new(usart_queue)],
@@ -154,30 +157,38 @@ impl Board {
         kept::note(Stage::Samples);
         let waiting = self.events.len().min(usize::from(u8::MAX)) as u8;
         self.clock.figures.queue_high_water = self.clock.figures.queue_high_water.max(waiting);
-        for _ in 0..SAMPLES_A_PASS {
+        for _ in 0..EVENTS_A_PASS {
             let Some(event) = self.events.dequeue() else {
                 self.watchdog.sign(Part::Samples);
                 return;
             };
-            if let Event::Sample {
-                unit,
-                code,
-                at,
-                missed,
-            } = event
-            {
-                let counts = self.counters.read(unit);
-                let code = LoadCode::new(code.counts());
-                let (word, answered) =
-                    self.machine
-                        .sample(unit, code, counts, at, missed, &mut self.reports);
-                dac::write(unit, word);
-                if let Some((at, late)) = self.outstanding.insert(at, answered.describe()) {
-                    stream(&mut self.links, &self.machine, at, late);
+            match event {
+                // While the converter is on the bus: off the path from its result to the DAC word.
+                Event::Edge { unit } => {
+                    if let Some(counts) = self.counts.get_mut(usize::from(unit)) {
+                        *counts = self.counters.read(unit);
+                    }
                 }
-            } else {
-                self.machine
-                    .bus_event(event, time::now(), &mut self.reports);
+                Event::Sample {
+                    unit,
+                    code,
+                    at,
+                    missed,
+                } => {
+                    let counts = self.counts.get(usize::from(unit)).copied().unwrap_or(0);
+                    let code = LoadCode::new(code.counts());
+                    let (word, answered) =
+                        self.machine
+                            .sample(unit, code, counts, at, missed, &mut self.reports);
+                    dac::write(unit, word);
+                    let telemetry = answered.describe();
+                    if let Some((at, late)) = self.outstanding.insert(at, telemetry) {
+                        stream(&mut self.links, &self.machine, at, late);
+                    }
+                }
+                other => self
+                    .machine
+                    .bus_event(other, time::now(), &mut self.reports),
             }
         }
     }

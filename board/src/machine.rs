@@ -310,7 +310,7 @@ impl Machine {
     /// Something else that the bus reported.
     pub fn bus_event(&mut self, event: bus::Event, now: u32, fx: &mut impl Effects) {
         match event {
-            bus::Event::Sample { .. } => {}
+            bus::Event::Edge { .. } | bus::Event::Sample { .. } => {}
             bus::Event::Up { unit } => {
                 if let Some(slot) = self.units.get_mut(usize::from(unit)) {
                     slot.came_up = Some(now);

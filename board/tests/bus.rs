@@ -225,7 +225,7 @@ impl Bench {
                     if !chip.drdy {
                         chip.drdy = true;
                         if self.blind & (1 << n) == 0 {
-                            self.bus.drdy(n as u8, self.now);
+                            self.bus.drdy(n as u8, self.now, &mut self.heard);
                             self.work();
                         }
                     }
@@ -350,7 +350,7 @@ fn a_unit_that_vanishes_does_not_disturb_the_others() {
     bench.run(100_000);
     bench.chips[2].answers = false;
     bench.chips[2].drdy = true; // its last edge came, nobody is there any more
-    bench.bus.drdy(2, bench.now);
+    bench.bus.drdy(2, bench.now, &mut bench.heard);
     bench.work();
     bench.run(500_000);
     for unit in [0, 1, 3, 4, 5] {

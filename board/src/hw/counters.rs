@@ -1,6 +1,6 @@
 //! The encoder counters' parallel bus: three LS7266R1 on port E (data) and port D (control).
 //!
-//! Owner: the superloop, when a sample is in; no interrupt. A read of one counter is one write and three
+//! Owner: the superloop, at a unit's DRDY edge; no interrupt. A read of one counter is one write and three
 //! read cycles, 2 us altogether. The data lines are inputs except during a write cycle, and RD# is high
 //! whenever they are outputs, so board and counter never drive against each other.
 //!

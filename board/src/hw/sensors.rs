@@ -3,7 +3,8 @@
 //! Owner: the interrupts of level `SAMPLE_PATH`, which share the state below without locks. Thread mode
 //! takes events off a queue and leaves orders in two atomic masks, so it never masks an interrupt here.
 //!
-//! * EXTI0 to 4, EXTI9_5: a DRDY line rose; note the time, hand the unit to the scheduler. Line 8 is the
+//! * EXTI0 to 4, EXTI9_5: a DRDY line rose; note the time, hand the unit to the scheduler, wake the superloop,
+//!   which reads the encoder while the converter is on the bus. Line 8 is the
 //!   E-stop loop: note when it opened.
 //! * I2C1_EV: next byte; at the STOP the sample goes onto the queue and the next transaction starts.
 //! * I2C1_ER: bus error, lost arbitration; the scheduler starts its recovery.
@@ -388,7 +389,7 @@ unsafe fn edge(unit: u8) {
     // SAFETY: writing one bit clears one flag (section 20.6.16).
     exti().cpupr1().write(|w| unsafe { w.bits(1 << unit) });
     // SAFETY: passed on.
-    unsafe { with(|sensors, now| sensors.bus.drdy(unit, now)) };
+    unsafe { with(|sensors, now| sensors.bus.drdy(unit, now, &mut sensors.queue)) };
 }
 
 macro_rules! drdy_lines {

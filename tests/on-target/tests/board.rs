@@ -51,7 +51,12 @@ mod tests {
         let core_hz_by_dwt = cortex_m::peripheral::DWT::cycle_count().wrapping_sub(cycles) * 10;
         dac::start();
         let (counters, broken_counter) = Counters::start();
-        Rig { counters, broken_counter, core_hz_by_dwt, ticks }
+        Rig {
+            counters,
+            broken_counter,
+            core_hz_by_dwt,
+            ticks,
+        }
     }
 
     /// TIM2 and the core come from the same PLL by different dividers: their ratio is exact.
@@ -68,8 +73,14 @@ mod tests {
     /// An idle I2C bus is high on both lines: pull-ups are there and nobody holds it.
     #[test]
     fn i2c_lines_are_pulled_up() {
-        assert!(gpio::read(pins::I2C_SCL), "SCL low: pull-up missing, or held");
-        assert!(gpio::read(pins::I2C_SDA), "SDA low: pull-up missing, or held");
+        assert!(
+            gpio::read(pins::I2C_SCL),
+            "SCL low: pull-up missing, or held"
+        );
+        assert!(
+            gpio::read(pins::I2C_SDA),
+            "SDA low: pull-up missing, or held"
+        );
     }
 
     /// Every counter kept two patterns on all its data lines.
@@ -92,7 +103,10 @@ mod tests {
     /// A word goes out within its deadline: SPI1, its clock and its interrupt work.
     #[test]
     fn a_dac_word_goes_out() {
-        assert!(!dac::is_held(), "RST of the DACs is still low after start-up");
+        assert!(
+            !dac::is_held(),
+            "RST of the DACs is still low after start-up"
+        );
         dac::take_done();
         dac::write(0, DacCode::ZERO_VOLT);
         let from = time::now();
