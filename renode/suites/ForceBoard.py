@@ -4,9 +4,14 @@ Virtual time passes only inside of `Advance` and what builds on it, so a suite g
 slow machine as on a fast one. Units count from 1.
 """
 
+import json
 import os
 import re
+import socket
 import statistics
+import subprocess
+import tempfile
+import time
 
 from robot.api import logger
 from robot.libraries.BuiltIn import BuiltIn
@@ -173,6 +178,48 @@ class ForceBoard:
         self.arm()
         self.set_tensions(*[tension] * wire.UNITS)
         self.hold_for(600)
+
+    def run_forcectl(self, *words):
+        """Runs forcectl against this emulation and returns its figures.
+
+        forcectl starts `renode-rig`, which waits at a port for this Renode to connect.
+        """
+        variables = BuiltIn().get_variables()
+        for name in ("${FORCECTL}", "${RENODE_RIG}", "${ELF}"):
+            if name not in variables:
+                raise AssertionError("the suite needs the variable %s" % name)
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            port = probe.getsockname()[1]
+        with tempfile.TemporaryDirectory() as folder:
+            environment = dict(os.environ, FORCE_RIG_BIN=variables["${RENODE_RIG}"], FORCE_RENODE_ATTACH=str(port),
+                               FORCE_FIRMWARE_ELF=variables["${ELF}"])
+            command = [variables["${FORCECTL}"], "--json"] + [str(w) for w in words] + ["--out", folder]
+            with open(os.path.join(folder, "err"), "w+") as err:
+                process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=err, text=True)
+                try:
+                    self._connect_server(port, process)
+                    out = process.communicate(timeout=900)[0]
+                finally:
+                    process.kill()
+                err.seek(0)
+                logger.info(err.read())
+        logger.info(out)
+        figures = json.loads(out)
+        if "error" in figures:
+            raise AssertionError("forcectl: %s" % figures["error"])
+        return figures
+
+    def _connect_server(self, port, process):
+        for _ in range(100):
+            try:
+                self.run("server Connect %d" % port)
+                return
+            except Exception as refused:  # the remote library raises its own kinds
+                if process.poll() is not None:
+                    raise AssertionError("forcectl ended before it was connected: %s" % refused)
+                time.sleep(0.1)
+        raise AssertionError("renode-rig does not listen at port %d" % port)
 
     # Looking at it
 

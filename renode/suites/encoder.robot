@@ -27,5 +27,5 @@ Position Goes On Over The Wrap
     Advance    100
     ${first_after}=    Encoder Position    1
     ${second_after}=    Encoder Position    2
-    Should Be Equal As Integers    ${first_after - $first}    2000
-    Should Be Equal As Integers    ${second_after - $second}    -2000
+    Should Be Equal As Integers    ${{$first_after - $first}}    2000
+    Should Be Equal As Integers    ${{$second_after - $second}}    -2000

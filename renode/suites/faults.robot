@@ -79,7 +79,8 @@ E-Stop Pressed While Running
     ${power}=    Execute Command    rig AmplifierOn
     Should Contain    ${power}    False
     Board Fault Should Be    E-stop
-    Tell    ClearFaults
+    ${reply}=    Ask    ClearFaults
+    Should Be Equal    ${reply}[refusal]    Faulted
     Board Fault Should Be    E-stop
     Execute Command    plc Press false
     Advance    20
