@@ -5,6 +5,7 @@
 
 use super::i2c::HeldI2c;
 use super::iwdg::Iwdg;
+use super::listener::{self, Listener};
 use super::peers::{DacBus, HostLine, Shared};
 use super::port::QuietPort;
 use super::usb::IdleUsb;
@@ -43,9 +44,8 @@ const BSRR_HIGH: u64 = 0x1A;
 /// Ports that [`QuietPort`] answers for.
 const QUIET: [usize; 2] = [wiring::CNT_RD.port, wiring::CNT_D0.port];
 
-/// Position of USART3 and SPI1 in the engine's lists of instances.
+/// Position of USART3 in the engine's list of instances.
 const USART3: usize = 2;
-const SPI1: usize = 0;
 
 /// See the module's page.
 #[derive(Debug)]
@@ -57,18 +57,30 @@ pub struct RigMcu {
     usb: IdleUsb,
     /// Strobes and data bus of the counters.
     quiet: [QuietPort; 2],
+    /// The readers of requests.
+    listeners: Vec<Listener>,
     slots: Slots,
+    /// Whose model answers for each slot.
+    answering: Vec<Answering>,
     /// The earliest event asked for on the board's behalf that has not come yet.
     scheduled: Option<VirtualNanos>,
     /// Whether the pins in alternate functions were found right since they were last configured.
     functions_checked: bool,
 }
 
+/// Whose model answers for a slot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Answering {
+    Part,
+    I2c,
+    Iwdg,
+    Usb,
+    Quiet(usize),
+    Listener(usize),
+}
+
 #[derive(Debug, Clone, Copy)]
 struct Slots {
-    i2c1: usize,
-    iwdg: usize,
-    usb: usize,
     usart3: usize,
     spi1: usize,
     ports: [usize; PORTS],
@@ -87,16 +99,23 @@ impl RigMcu {
         part.set_supply(SUPPLY_MV);
         part.set_analog_supply(SUPPLY_MV);
         part.usart[USART3].attach(HostLine(board.clone()));
-        part.spi[SPI1].attach(DacBus(board.clone()));
         let bus = part.bus();
         let mut ports = [0; PORTS];
         for (slot, name) in ports.iter_mut().zip(PORT_NAMES) {
             *slot = bus.slot(name)?;
         }
+        let listeners = fresh_listeners(&board);
+        let mut answering = vec![Answering::Part; bus.slots().len()];
+        answering[bus.slot("I2C1")?] = Answering::I2c;
+        answering[bus.slot("IWDG")?] = Answering::Iwdg;
+        answering[bus.slot("OTG2_HS_GLOBAL")?] = Answering::Usb;
+        for (nth, port) in QUIET.into_iter().enumerate() {
+            answering[ports[port]] = Answering::Quiet(nth);
+        }
+        for (nth, listener) in listeners.iter().enumerate() {
+            answering[bus.slot(listener.instance)?] = Answering::Listener(nth);
+        }
         let slots = Slots {
-            i2c1: bus.slot("I2C1")?,
-            iwdg: bus.slot("IWDG")?,
-            usb: bus.slot("OTG2_HS_GLOBAL")?,
             usart3: bus.slot("USART3")?,
             spi1: bus.slot("SPI1")?,
             ports,
@@ -106,9 +125,11 @@ impl RigMcu {
             iwdg: Iwdg::default(),
             usb: IdleUsb,
             quiet: Default::default(),
+            listeners,
             part,
             board,
             slots,
+            answering,
             scheduled: None,
             functions_checked: false,
         };
@@ -233,6 +254,11 @@ impl RigMcu {
     }
 }
 
+/// The readers of requests out of reset, the DACs on SPI1.
+fn fresh_listeners(board: &Shared) -> Vec<Listener> {
+    listener::fresh(("SPI1", DacBus(board.clone())))
+}
+
 /// Bits of a port's MODER that are general-purpose outputs (01), one per pin.
 fn outputs(modes: u64) -> u16 {
     let ones = modes & !(modes >> 1) & 0x5555_5555;
@@ -258,6 +284,7 @@ impl Mcu for RigMcu {
         self.part.reset(at, cause);
         rigless::device::Device::reset(&mut self.i2c);
         rigless::device::Device::reset(&mut self.iwdg);
+        self.listeners = fresh_listeners(&self.board);
         self.board.lock().controller_reset(at.0);
         // The events went with the old bus.
         self.scheduled = None;
@@ -283,23 +310,15 @@ impl Mcu for RigMcu {
     }
 
     fn split(&mut self, slot: usize) -> (&mut Bus, Option<&mut dyn ErasedDevice>) {
-        let own: Option<&mut dyn ErasedDevice> = if slot == self.slots.i2c1 {
-            Some(&mut self.i2c)
-        } else if slot == self.slots.iwdg {
-            Some(&mut self.iwdg)
-        } else if slot == self.slots.usb {
-            Some(&mut self.usb)
-        } else if slot == self.slots.ports[QUIET[0]] {
-            Some(&mut self.quiet[0])
-        } else if slot == self.slots.ports[QUIET[1]] {
-            Some(&mut self.quiet[1])
-        } else {
-            None
+        let own: &mut dyn ErasedDevice = match self.answering[slot] {
+            Answering::Part => return self.part.split(slot),
+            Answering::I2c => &mut self.i2c,
+            Answering::Iwdg => &mut self.iwdg,
+            Answering::Usb => &mut self.usb,
+            Answering::Quiet(nth) => &mut self.quiet[nth],
+            Answering::Listener(nth) => &mut self.listeners[nth],
         };
-        match own {
-            Some(model) => (self.part.bus_mut(), Some(model)),
-            None => self.part.split(slot),
-        }
+        (self.part.bus_mut(), Some(own))
     }
 }
 

@@ -6,6 +6,7 @@
 
 mod i2c;
 mod iwdg;
+mod listener;
 mod machine;
 mod mcu;
 pub mod peers;
