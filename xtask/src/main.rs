@@ -12,6 +12,7 @@ mod firmware;
 mod flash;
 mod links;
 mod process;
+mod renode;
 mod report;
 mod rig;
 mod suite;
@@ -48,6 +49,9 @@ Commands:
       --verbose      print every line of the tests
       --list         list the steps
   ci                 the same as test
+  renode-test [ARGS] the same image on Renode, suites in renode/suites; ARGS: suites, renode-test's options
+      --install      fetch Renode's portable package first
+  agree [ARGS...]    the same scenario on the embedded rig and on Renode, compared sample by sample
   bench [ARGS...]    measure the figures into target/bench/figures.json
   doc [--open]       build the reference documentation
   help               print this
@@ -118,6 +122,12 @@ fn dispatch() -> Result<u8, Stop> {
         "flash" => run_flash(&workspace, parser),
         "forcectl" => Ok(rig::forcectl(&workspace, &rest(parser)?)?),
         "test" | "ci" => run_tests(&workspace, parser),
+        "renode-test" => run_renode_tests(&workspace, parser),
+        "agree" => {
+            let renode = renode::require(&workspace)?;
+            build_image(&workspace)?;
+            Ok(renode::agree(&workspace, &renode, &rest(parser)?)?)
+        }
         "bench" => Ok(rig::bench(&workspace, &rest(parser)?)?),
         "doc" => {
             let arguments = rest(parser)?;
@@ -184,6 +194,24 @@ fn run_tests(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
         }
     }
     Ok(u8::from(!suite::run(workspace, &options)?))
+}
+
+fn build_image(workspace: &Workspace) -> Result<(), Failure> {
+    let arm = setup::ensure(workspace, setup::wish_from_environment()?)?;
+    firmware::build(workspace, &arm).map(|_| ())
+}
+
+fn run_renode_tests(workspace: &Workspace, parser: Parser) -> Result<u8, Stop> {
+    let mut arguments = rest(parser)?;
+    if arguments.iter().any(|argument| argument == "--install") {
+        arguments.retain(|argument| argument != "--install");
+        renode::install(workspace)?;
+    }
+    let renode = renode::require(workspace)?;
+    build_image(workspace)?;
+    let tally = renode::run(workspace, &renode, &arguments)?;
+    println!("{tally}");
+    Ok(u8::from(tally.failed > 0))
 }
 
 /// Whatever follows, untouched: it belongs to another program.

@@ -12,7 +12,7 @@ use crate::report::{elapsed, say, Failure, Result};
 use crate::tally::{is_news, Tally};
 use crate::toolchain::{setup, Arm, TARGET};
 use crate::workspace::Workspace;
-use crate::{firmware, links, rig};
+use crate::{firmware, links, renode, rig};
 
 /// How a step ended when it didn't fail.
 enum Outcome {
@@ -440,13 +440,21 @@ fn doc(suite: &mut Suite) -> Result<Outcome> {
 }
 
 fn renode(suite: &mut Suite) -> Result<Outcome> {
-    let found = std::env::var_os("RENODE").is_some() || process::find_program("renode").is_some();
-    let reason = match (found, suite.workspace.root().join("renode").is_dir()) {
-        (false, _) => "not installed",
-        (true, false) => "installed, but this checkout has no suites for it",
-        (true, true) => "installed, but xtask doesn't run the suites in renode/",
+    let Some(found) = renode::find(suite.workspace) else {
+        return Ok(Outcome::Skipped("not installed".into()));
     };
-    Ok(Outcome::Skipped(reason.into()))
+    suite.image()?;
+    let tally = renode::run(suite.workspace, &found, &[])?;
+    suite.tally += tally;
+    if tally.failed > 0 {
+        return Err(Failure::new(format!(
+            "{tally}; logs in {}",
+            suite
+                .workspace
+                .show(&suite.workspace.target().join("renode-test"))
+        )));
+    }
+    Ok(Outcome::Done(tally.to_string()))
 }
 
 #[cfg(test)]
