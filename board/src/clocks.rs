@@ -426,6 +426,6 @@ mod tests {
     fn priorities_use_implemented_bits_in_the_right_order() {
         assert_eq!(priority::SAMPLE_PATH & 0x0F, 0);
         assert_eq!(priority::LINKS & 0x0F, 0);
-        assert!(priority::SAMPLE_PATH < priority::LINKS);
+        const { assert!(priority::SAMPLE_PATH < priority::LINKS) };
     }
 }

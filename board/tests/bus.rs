@@ -510,5 +510,5 @@ fn a_conversion_that_nobody_read_is_counted() {
 
 #[test]
 fn the_deadline_leaves_room_for_the_longest_transaction() {
-    assert!(I2C_DEADLINE_US > 2 * 140);
+    const { assert!(I2C_DEADLINE_US > 2 * 140) };
 }
