@@ -488,9 +488,10 @@ pub fn prepare_board(
     calibrate(session, &mut with_zeros, observer)?;
     let in_force = session.get_configs()?;
     if in_force != with_zeros {
-        return Err(RunError::Fault(
-            "the board reads back another configuration than was sent; nothing was armed; check the link and try again".to_owned(),
-        ));
+        return Err(RunError::Fault(format!(
+            "the board reads back another configuration than was sent ({}); nothing was armed; check the link and try again",
+            differences(&with_zeros, &in_force).join(", ")
+        )));
     }
     let status = session.get_status()?;
     let config_crc = board_crc(&in_force);
@@ -515,6 +516,24 @@ pub fn prepare_board(
         missed_before: status.units.map(|unit| unit.missed),
         lost_before: conversions_lost(session.link())?.unwrap_or(0),
     })
+}
+
+/// What differs between the configurations sent and those read back, for people.
+fn differences(sent: &[UnitConfig; UNITS], back: &[UnitConfig; UNITS]) -> Vec<String> {
+    let fields = |config: &UnitConfig| match serde_json::to_value(config) {
+        Ok(serde_json::Value::Object(fields)) => fields,
+        _ => serde_json::Map::new(),
+    };
+    let mut found = Vec::new();
+    for (i, (sent, back)) in sent.iter().zip(back).enumerate() {
+        let back = fields(back);
+        for (name, value) in fields(sent) {
+            if let Some(other) = back.get(&name).filter(|other| **other != value) {
+                found.push(format!("unit {}: {name} {value} became {other}", i + 1));
+            }
+        }
+    }
+    found
 }
 
 /// Conversions that the embedded rig saw unread so far.
