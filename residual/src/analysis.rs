@@ -21,6 +21,9 @@ use std::sync::Arc;
 
 /// Rows above which the catalogue is screened on windows of the data first.
 const SCREEN_ROWS: usize = 120_000;
+/// An effect's nearest rival, and the candidates that the data cannot tell from it.
+type Judged = (Option<Rival>, Vec<Candidate>);
+
 /// Bootstrap replicates.
 const REPLICATES: usize = 200;
 
@@ -322,7 +325,7 @@ impl Analysis<'_> {
         chosen: &mut Vec<Chosen>,
         may_swap: bool,
         progress: &mut dyn Progress,
-    ) -> Result<(Vec<(Option<Rival>, Vec<Candidate>)>, bool), Error> {
+    ) -> Result<(Vec<Judged>, bool), Error> {
         let mut out = Vec::new();
         let rows = self.problem.y.len() as f64;
         let current = stats::rms(&self.fit(chosen)?.1.held);

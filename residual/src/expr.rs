@@ -393,7 +393,7 @@ impl Expr {
                     "*" => a.zip(b, |x, y| x * y),
                     "/" => a.zip(b, |x, y| x / y),
                     "^" => match b {
-                        Value::One(y) if y == 2.0 => a.map(|x| x * x),
+                        Value::One(2.0) => a.map(|x| x * x),
                         b => a.zip(b, f64::powf),
                     },
                     "==" => a.zip(b, |x, y| truth(x == y)),
@@ -797,7 +797,8 @@ mod tests {
     fn low_pass_is_exact_for_a_ramp() {
         let n = 200;
         let t: Vec<f64> = (0..n).map(|i| i as f64 * 0.1).collect();
-        let f = Frame::new(vec![("r".into(), t.clone())], t.clone(), vec![0..n]);
+        let whole = std::iter::once(0..n).collect();
+        let f = Frame::new(vec![("r".into(), t.clone())], t.clone(), whole);
         let y = Expr::parse("lowpass(r, 0.7)").unwrap().eval(&f).unwrap();
         for i in 0..n {
             let want = t[i] - 0.7 * (1.0 - (-t[i] / 0.7).exp());

@@ -210,14 +210,12 @@ fn clipped(y: &[f64], frame: &Frame) -> Vec<usize> {
     for end in [hi, lo] {
         let mut at_end = Vec::new();
         for r in frame.sequences() {
-            let mut run = r.start;
-            for i in r.start..=r.end {
-                if i == r.end || y[i] != end {
-                    if i - run >= 5 {
-                        at_end.extend(run..i);
-                    }
-                    run = i + 1;
+            let mut at = r.start;
+            for run in y[r.clone()].chunk_by(|a, b| a == b) {
+                if run[0] == end && run.len() >= 5 {
+                    at_end.extend(at..at + run.len());
                 }
+                at += run.len();
             }
         }
         if at_end.len() * 200 >= y.len() {

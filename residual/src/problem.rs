@@ -308,8 +308,8 @@ impl Sums {
 
     /// Right-hand side and squared size of one block under a sign of `r`.
     pub fn rhs(&self, k: usize, sign: f64, b: &mut [f64]) -> f64 {
-        for i in 0..self.q {
-            b[i] += sign * self.br[k * self.q + i]
+        for (i, b) in b.iter_mut().enumerate().take(self.q) {
+            *b += sign * self.br[k * self.q + i]
                 + if self.bm.is_empty() {
                     0.0
                 } else {
@@ -477,18 +477,17 @@ pub(crate) fn profile(points: &[&Scores]) -> (Vec<f64>, Vec<usize>) {
         return (vec![], vec![]);
     };
     let folds = first.folds;
-    let targets = first.held.len() / folds;
-    let mut held = vec![0.0; targets];
+    let mut held = vec![0.0; first.held.len() / folds];
     let mut choice = vec![0; folds];
-    for j in 0..targets {
-        for f in 0..folds {
+    for (j, held) in held.iter_mut().enumerate() {
+        for (f, choice) in choice.iter_mut().enumerate() {
             let at = j * folds + f;
             let best = (0..points.len())
                 .min_by(|a, b| points[*a].train[at].total_cmp(&points[*b].train[at]))
                 .unwrap_or(0);
-            held[j] += points[best].held[at];
+            *held += points[best].held[at];
             if j == 0 {
-                choice[f] = best;
+                *choice = best;
             }
         }
     }

@@ -231,11 +231,8 @@ impl State<'_> {
     pub fn refine(&self, variant: &Variant, lo: f64, hi: f64) -> f64 {
         const RATIO: f64 = 0.618_033_988_749_895;
         let log = lo > 0.0 && hi / lo > 1.05;
-        let (to, from): (fn(f64) -> f64, fn(f64) -> f64) = if log {
-            (f64::ln, f64::exp)
-        } else {
-            (|x| x, |x| x)
-        };
+        let to = |x: f64| if log { x.ln() } else { x };
+        let from = |u: f64| if log { u.exp() } else { u };
         let (mut a, mut b) = (to(lo), to(hi));
         let cost = |u: f64| self.in_sample(&(variant.build)(from(u)));
         let (mut c, mut d) = (b - RATIO * (b - a), a + RATIO * (b - a));

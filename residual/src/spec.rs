@@ -328,7 +328,8 @@ impl Spec {
             ));
         }
         let s = &spec.selection;
-        if !(s.material > 0.0 && s.material < 1.0) || !(s.fdr > 0.0 && s.fdr < 1.0) {
+        let share = |x: f64| x > 0.0 && x < 1.0;
+        if !share(s.material) || !share(s.fdr) {
             return Err(Error::model(
                 "selection.material and selection.fdr must lie between 0 and 1",
             ));
@@ -346,7 +347,7 @@ impl Spec {
                 )));
             }
         }
-        if spec.holdout.block_s.is_some_and(|b| !(b > 0.0)) {
+        if spec.holdout.block_s.is_some_and(|b| b.is_nan() || b <= 0.0) {
             return Err(Error::model("holdout.block_s must be positive"));
         }
         for (name, c) in spec.roles.all() {

@@ -93,7 +93,7 @@ fn plain_gzip_and_blank_separated_text_agree() {
     for run in 0..3 {
         dir.put(&format!("run{run}.csv"), &csv(&rows(run, 1500)));
     }
-    let plain = analyse(&[dir.0.clone()], MODEL).unwrap();
+    let plain = analyse(std::slice::from_ref(&dir.0), MODEL).unwrap();
     assert_coulomb(&plain);
     let board = plain.board().unwrap();
     assert!(
@@ -109,7 +109,7 @@ fn plain_gzip_and_blank_separated_text_agree() {
         gz.write_all(csv(&rows(run, 1500)).as_bytes()).unwrap();
         gz.finish().unwrap();
     }
-    let gzip = analyse(&[zipped.0.clone()], MODEL).unwrap();
+    let gzip = analyse(std::slice::from_ref(&zipped.0), MODEL).unwrap();
     assert_eq!(gzip.baseline.heldout_rmse, plain.baseline.heldout_rmse);
 
     let blank = Folder::new("blank");
@@ -122,7 +122,7 @@ fn plain_gzip_and_blank_separated_text_agree() {
     let model =
         format!("[input]\nseparator = \"blank\"\nheader = [\"t\", \"y\", \"c\", \"v\"]\n{MODEL}");
     assert_eq!(
-        analyse(&[blank.0.clone()], &model)
+        analyse(std::slice::from_ref(&blank.0), &model)
             .unwrap()
             .last
             .heldout_rmse,
@@ -165,8 +165,8 @@ fn parquet_agrees_with_text() {
         }
         w.close().unwrap();
     }
-    let a = analyse(&[dir.0.clone()], MODEL).unwrap();
-    let b = analyse(&[text.0.clone()], MODEL).unwrap();
+    let a = analyse(std::slice::from_ref(&dir.0), MODEL).unwrap();
+    let b = analyse(std::slice::from_ref(&text.0), MODEL).unwrap();
     assert_coulomb(&a);
     assert_eq!(a.baseline.heldout_rmse, b.baseline.heldout_rmse);
 }
@@ -231,7 +231,7 @@ fn the_extended_model_reproduces_the_fit_and_the_frozen_one_transfers() {
         other.put(&format!("run{run}.csv"), &csv(&rows(run, 1500)));
     }
     let moved = analyse(
-        &[other.0.clone()],
+        std::slice::from_ref(&other.0),
         &std::fs::read_to_string(out.join("MODEL.frozen.toml")).unwrap(),
     )
     .unwrap();
@@ -359,7 +359,7 @@ name = "tension"
 expr = "command"
 fixed = 1.0
 "#;
-    let r = analyse(&[dir.0.clone()], model).unwrap();
+    let r = analyse(std::slice::from_ref(&dir.0), model).unwrap();
     assert_coulomb(&r);
     assert_eq!(r.rows, 3600);
 }
@@ -374,7 +374,7 @@ fn flaws_are_reported_and_handled_as_asked() {
         dir.put(&format!("run{run}.csv"), &csv(&data));
     }
     let has = |r: &Report, check: &str| r.hygiene.iter().any(|f| f.check == check);
-    let seen = analyse(&[dir.0.clone()], MODEL).unwrap();
+    let seen = analyse(std::slice::from_ref(&dir.0), MODEL).unwrap();
     assert!(
         has(&seen, "scale256") && has(&seen, "spike"),
         "{:?}",
@@ -382,7 +382,7 @@ fn flaws_are_reported_and_handled_as_asked() {
     );
     assert!(seen.last.heldout_rmse > 1.0);
     let mended = analyse(
-        &[dir.0.clone()],
+        std::slice::from_ref(&dir.0),
         &format!("{MODEL}\n[hygiene]\nscale256 = \"fix\"\nspikes = \"drop\"\n"),
     )
     .unwrap();

@@ -29,7 +29,7 @@ pub(crate) fn proposals(
 ) -> Vec<f64> {
     let p = ctx.problem;
     let mut out = Vec::new();
-    if u.len() != ctx.residual.len() || !(highest > lowest) {
+    if u.len() != ctx.residual.len() || (highest - lowest).is_nan() || highest <= lowest {
         return out;
     }
     for decoy in 0..=6usize {
@@ -121,7 +121,7 @@ fn peaks(
             s.iter().copied().fold(f64::MIN, f64::max) - s.iter().copied().fold(f64::MAX, f64::min)
         })
         .fold(0.0, f64::max);
-    if !(span > 0.0) {
+    if span <= 0.0 {
         return vec![];
     }
     // Nearest-cell gridding, four cells per shortest period, doubled length for finer bins.

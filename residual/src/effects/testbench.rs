@@ -122,7 +122,7 @@ fn rows_of(x: &Excitation, visit: &mut dyn FnMut(&Row)) {
 /// Simulates with `effect` added to the declared model, scaled by `scale`.
 pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) -> f64) -> Report {
     let (groups, rows, _) = SHAPE;
-    let mut rng = Rng::new(x.seed ^ 0xd15e_a5e);
+    let mut rng = Rng::new(x.seed ^ 0x0d15_ea5e);
     let names = [
         "command",
         "velocity",
