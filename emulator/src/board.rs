@@ -65,6 +65,8 @@ struct Line {
 #[derive(Debug)]
 pub struct Board {
     now_ns: u64,
+    /// When the converters or the PLC next do something on their own.
+    due_ns: Option<u64>,
     plant: Plant,
     history: History<UNITS>,
     pull_n: [f64; UNITS],
@@ -108,6 +110,7 @@ impl Board {
         }
         let mut board = Self {
             now_ns: 0,
+            due_ns: None,
             plant,
             history: History::new(FILTER_REACH_NS),
             pull_n: [0.0; UNITS],
@@ -142,6 +145,7 @@ impl Board {
         board.pending.push((wiring::E_STOP, Some(true)));
         board.show_drdy(0);
         board.advance_plant(0);
+        board.reschedule();
         Ok(board)
     }
 
@@ -149,10 +153,16 @@ impl Board {
 
     /// When the board next does something on its own.
     #[must_use]
-    pub fn next_event(&self) -> Option<u64> {
-        (self.converters.iter().filter_map(Nau7802::next_event))
+    pub const fn next_event(&self) -> Option<u64> {
+        self.due_ns
+    }
+
+    /// Asks the converters and the PLC anew: whoever touches one of them calls this. The engine wants the
+    /// answer at every stop, so it is kept.
+    fn reschedule(&mut self) {
+        self.due_ns = (self.converters.iter().filter_map(Nau7802::next_event))
             .chain(self.plc.deadline())
-            .min()
+            .min();
     }
 
     /// Everything that is due by `t_ns` happens, in order.
@@ -177,6 +187,7 @@ impl Board {
                 self.switch_power(at);
             }
             self.show_drdy(at);
+            self.reschedule();
         }
         self.now_ns = self.now_ns.max(t_ns);
     }
@@ -254,6 +265,7 @@ impl Board {
             B => self.recovery_pins(rose),
             C if (rose | fell) & wiring::ALIVE.bit() != 0 => {
                 self.plc.edge(t_ns);
+                self.reschedule();
                 self.switch_power(t_ns);
             }
             D => self.counter_pins(t_ns, before, after),
@@ -540,6 +552,7 @@ impl Board {
         if !acknowledged {
             self.i2c_stop();
         }
+        self.reschedule();
         acknowledged
     }
 
@@ -554,6 +567,7 @@ impl Board {
             acknowledged |= chip.write(byte, t_ns, &mut self.complaints);
         }
         self.show_drdy(t_ns);
+        self.reschedule();
         acknowledged
     }
 
@@ -575,6 +589,7 @@ impl Board {
         }
         self.transaction.read = self.transaction.read.saturating_add(1);
         self.show_drdy(t_ns);
+        self.reschedule();
         byte
     }
 
@@ -587,6 +602,7 @@ impl Board {
         }
         self.mux.stop();
         self.converters.iter_mut().for_each(Nau7802::stop);
+        self.reschedule();
     }
 
     // The serial line.
@@ -687,6 +703,7 @@ impl Board {
             }
         }
         self.show_drdy(now);
+        self.reschedule();
         Ok(())
     }
 

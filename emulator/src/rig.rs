@@ -3,13 +3,14 @@
 use crate::board::Board;
 use crate::engine::rigless::peers::Shared;
 use crate::engine::rigless::RiglessEngine;
-use crate::engine::{Engine, EngineError, Progress};
+use crate::engine::{Engine, EngineError, Memory, Progress};
 use crate::image::{Image, ImageError};
 use crate::rtt;
 use force_plant::{ConfigError, Plant, PlantConfig};
 use rig_link::{Advanced, Injection, RegisterEvent, Report, Truth};
 use std::fmt;
 use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 /// Spacing of the rows of truth, in nanoseconds.
@@ -54,6 +55,14 @@ impl From<EngineError> for RigError {
     fn from(error: EngineError) -> Self {
         Self::Engine(error)
     }
+}
+
+/// What the rows of one advance brought.
+#[derive(Default)]
+struct Gathered {
+    truth: Vec<Truth>,
+    rtt: Vec<u8>,
+    error: Option<EngineError>,
 }
 
 /// A firmware image running on the emulated board.
@@ -121,21 +130,13 @@ impl Rig {
     pub fn advance(&mut self, duration_ns: u64, to_board: &[u8]) -> Result<Advanced, RigError> {
         let began = Instant::now();
         self.board.lock().queue_to_board(to_board);
-        let end = self.progress.now_ns.saturating_add(duration_ns);
-        let mut truth = Vec::new();
-        loop {
-            let next = ((self.progress.now_ns / ROW_NS + 1) * ROW_NS).min(end);
-            if next > self.progress.now_ns {
-                // The engine stops between two instructions, so up to one late.
-                self.progress = self.engine.run_until(next)?;
-                self.progress.now_ns = next;
-            }
-            truth.push(self.row(next));
-            self.drain_rtt()?;
-            if next >= end {
-                break;
-            }
-        }
+        let begin = self.progress.now_ns;
+        let end = begin.saturating_add(duration_ns);
+        let truth = if end > begin {
+            self.run(begin, end)?
+        } else {
+            vec![self.board.lock().truth(end)]
+        };
         self.wall_ns += u64::try_from(began.elapsed().as_nanos()).unwrap_or(u64::MAX);
         let mut board = self.board.lock();
         Ok(Advanced {
@@ -147,15 +148,29 @@ impl Rig {
         })
     }
 
-    fn row(&mut self, t_ns: u64) -> Truth {
-        self.board.lock().truth(t_ns)
-    }
-
-    fn drain_rtt(&mut self) -> Result<(), RigError> {
-        if let Some(block) = self.rtt_block {
-            self.rtt.extend(rtt::drain(&mut *self.engine, block)?);
+    fn run(&mut self, begin: u64, end: u64) -> Result<Vec<Truth>, RigError> {
+        let gathered = Arc::new(Mutex::new(Gathered::default()));
+        let (board, block, rows) = (self.board.clone(), self.rtt_block, gathered.clone());
+        let at_row = move |t_ns: u64, memory: &mut dyn Memory| {
+            let mut rows = rows.lock().unwrap_or_else(PoisonError::into_inner);
+            rows.truth.push(board.lock().truth(t_ns));
+            match block.map(|block| rtt::drain(memory, block)) {
+                Some(Ok(bytes)) => rows.rtt.extend(bytes),
+                Some(Err(error)) => rows.error = Some(error),
+                None => {}
+            }
+        };
+        self.progress = self
+            .engine
+            .run_until(begin, end, ROW_NS, Box::new(at_row))?;
+        // The engine stops between two instructions, so up to one late.
+        self.progress.now_ns = end;
+        let mut gathered = gathered.lock().unwrap_or_else(PoisonError::into_inner);
+        self.rtt.append(&mut gathered.rtt);
+        match gathered.error.take() {
+            Some(error) => Err(error.into()),
+            None => Ok(std::mem::take(&mut gathered.truth)),
         }
-        Ok(())
     }
 
     /// What the firmware has put into RTT channel 0 since the last call (defmt's encoding is the firmware's).

@@ -3,7 +3,7 @@
 //! Control block (SEGGER, "RTT protocol"): 16 bytes of name, number of up and down buffers, then per up-buffer
 //! name pointer, buffer pointer, size, write offset, read offset, flags. The probe writes only the read offset.
 
-use crate::engine::{Engine, EngineError};
+use crate::engine::{EngineError, Memory};
 
 const NAME: &[u8] = b"SEGGER RTT";
 const UP_0: u32 = 24;
@@ -12,8 +12,8 @@ const UP_0: u32 = 24;
 ///
 /// # Errors
 /// The engine cannot go on.
-pub fn drain(engine: &mut dyn Engine, at: u32) -> Result<Vec<u8>, EngineError> {
-    let header = engine.read_memory(at, 48)?;
+pub fn drain(memory: &mut dyn Memory, at: u32) -> Result<Vec<u8>, EngineError> {
+    let header = memory.read(at, 48)?;
     let word =
         |n: usize| u32::from_le_bytes([header[n], header[n + 1], header[n + 2], header[n + 3]]);
     let (buffer, size, write, read) = (word(28), word(32), word(36), word(40));
@@ -25,55 +25,38 @@ pub fn drain(engine: &mut dyn Engine, at: u32) -> Result<Vec<u8>, EngineError> {
     }
     let mut bytes = Vec::new();
     if write < read {
-        bytes.extend(engine.read_memory(buffer + read, (size - read) as usize)?);
-        bytes.extend(engine.read_memory(buffer, write as usize)?);
+        bytes.extend(memory.read(buffer + read, (size - read) as usize)?);
+        bytes.extend(memory.read(buffer, write as usize)?);
     } else {
-        bytes.extend(engine.read_memory(buffer + read, (write - read) as usize)?);
+        bytes.extend(memory.read(buffer + read, (write - read) as usize)?);
     }
-    engine.write_memory(at + UP_0 + 16, &write.to_le_bytes())?;
+    memory.write(at + UP_0 + 16, &write.to_le_bytes())?;
     Ok(bytes)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::engine::Progress;
-    use rig_link::RegisterEvent;
 
-    /// An engine that is nothing but memory.
-    struct Memory(Vec<u8>);
+    /// A controller that is nothing but memory.
+    struct Bare(Vec<u8>);
 
-    impl Engine for Memory {
-        fn name(&self) -> String {
-            "memory".to_owned()
-        }
-        fn run_until(&mut self, _t_ns: u64) -> Result<Progress, EngineError> {
-            Ok(Progress::default())
-        }
-        fn hang(&mut self) -> Result<(), EngineError> {
-            Err(EngineError("no core".to_owned()))
-        }
-        fn flip_bit(&mut self, address: u32, bit: u8) -> Result<(), EngineError> {
-            self.0[address as usize] ^= 1 << bit;
-            Ok(())
-        }
-        fn read_memory(&mut self, address: u32, length: usize) -> Result<Vec<u8>, EngineError> {
+    impl Memory for Bare {
+        fn read(&mut self, address: u32, length: usize) -> Result<Vec<u8>, EngineError> {
             let at = address as usize;
             Ok(self.0[at..at + length].to_vec())
         }
-        fn write_memory(&mut self, address: u32, bytes: &[u8]) -> Result<(), EngineError> {
+
+        fn write(&mut self, address: u32, bytes: &[u8]) -> Result<(), EngineError> {
             let at = address as usize;
             self.0[at..at + bytes.len()].copy_from_slice(bytes);
             Ok(())
-        }
-        fn register_events(&mut self) -> Result<Vec<RegisterEvent>, EngineError> {
-            Ok(Vec::new())
         }
     }
 
     #[test]
     fn the_ring_is_emptied_across_its_end() {
-        let mut memory = Memory(vec![0; 128]);
+        let mut memory = Bare(vec![0; 128]);
         memory.0[..10].copy_from_slice(NAME);
         for (at, word) in [(16, 1u32), (28, 64), (32, 8), (36, 2), (40, 6)] {
             memory.0[at..at + 4].copy_from_slice(&word.to_le_bytes());
@@ -86,7 +69,7 @@ mod tests {
 
     #[test]
     fn a_block_that_is_not_set_up_is_left_alone() {
-        let mut memory = Memory(vec![0xA5; 128]);
+        let mut memory = Bare(vec![0xA5; 128]);
         assert!(drain(&mut memory, 0).unwrap().is_empty());
         assert_eq!(memory.0, vec![0xA5; 128]);
     }

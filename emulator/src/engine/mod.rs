@@ -24,16 +24,42 @@ pub struct Progress {
     pub last_reset: Option<String>,
 }
 
+/// The controller's memory, as a debug probe sees it.
+pub trait Memory {
+    /// Reads `length` bytes at `address`.
+    ///
+    /// # Errors
+    /// There is no memory at the address.
+    fn read(&mut self, address: u32, length: usize) -> Result<Vec<u8>, EngineError>;
+
+    /// Writes `bytes` at `address`.
+    ///
+    /// # Errors
+    /// There is no memory at the address.
+    fn write(&mut self, address: u32, bytes: &[u8]) -> Result<(), EngineError>;
+}
+
+/// What a run does at each of its rows, with the row's time in nanoseconds. It is called where the engine
+/// runs, so that a row costs no change of threads.
+pub type AtRow = Box<dyn FnMut(u64, &mut dyn Memory) + Send>;
+
 /// Something that runs the firmware.
 pub trait Engine: Send {
     /// Name of the machine and of the engine.
     fn name(&self) -> String;
 
-    /// Runs until virtual time `t_ns`.
+    /// Runs from virtual time `from_ns` until `t_ns` and calls `at_row` at each whole multiple of `row_ns`
+    /// on the way and at the end.
     ///
     /// # Errors
     /// The engine cannot go on.
-    fn run_until(&mut self, t_ns: u64) -> Result<Progress, EngineError>;
+    fn run_until(
+        &mut self,
+        from_ns: u64,
+        t_ns: u64,
+        row_ns: u64,
+        at_row: AtRow,
+    ) -> Result<Progress, EngineError>;
 
     /// Hangs the superloop where it next sleeps; interrupts go on. A reset mends it.
     ///

@@ -9,6 +9,7 @@ use super::listener::{self, Listener};
 use super::peers::{DacBus, HostLine, Shared};
 use super::port::QuietPort;
 use super::usb::IdleUsb;
+use crate::board::Drive;
 use crate::devices::dac7731::Mode;
 use crate::wiring::{self, Pin, PORTS};
 use rigless::device::{ErasedDevice, Level, ResetCause};
@@ -145,6 +146,10 @@ impl RigMcu {
             let drives = board.has_drives().then(|| board.take_drives());
             (drives, board.next_event())
         };
+        self.carry(now, drives, next);
+    }
+
+    fn carry(&mut self, now: VirtualNanos, drives: Option<Vec<Drive>>, next: Option<u64>) {
         for (pin, level) in drives.into_iter().flatten() {
             if let Some(nth) = QUIET.iter().position(|port| *port == pin.port) {
                 self.quiet[nth].drive(pin.pin, level);
@@ -294,12 +299,14 @@ impl Mcu for RigMcu {
 
     /// The engine's own part asks every model at every stop; only the serial line has anything to say.
     fn poll(&mut self, now: VirtualNanos) {
-        let waiting = {
+        let (drives, next, waiting) = {
             let mut board = self.board.lock();
             board.advance(now.0);
-            board.to_board_waiting() > 0
+            let drives = board.has_drives().then(|| board.take_drives());
+            let waiting = board.to_board_waiting() > 0;
+            (drives, board.next_event(), waiting)
         };
-        self.sync(now);
+        self.carry(now, drives, next);
         if waiting {
             let slot = self.slots.usart3;
             if let (bus, Some(model)) = self.part.split(slot) {

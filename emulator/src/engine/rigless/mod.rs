@@ -13,7 +13,7 @@ pub mod peers;
 mod port;
 mod usb;
 
-use super::{Engine, EngineError, Progress};
+use super::{AtRow, Engine, EngineError, Memory, Progress};
 use crate::image::{Image, FLASH_BASE};
 use machine::{RigMachine, INSTRUCTION_NS};
 use peers::Shared;
@@ -31,8 +31,27 @@ const HANG: u16 = 0xE7FE;
 /// The run pauses before its first instruction, for the first command.
 const FIRST_STOP: VirtualNanos = VirtualNanos(0);
 
+/// A run under way.
+struct Run {
+    next_ns: u64,
+    end_ns: u64,
+    row_ns: u64,
+    at_row: AtRow,
+}
+
+impl Run {
+    const fn row_after(t_ns: u64, row_ns: u64, end_ns: u64) -> u64 {
+        let next = (t_ns / row_ns + 1) * row_ns;
+        if next < end_ns {
+            next
+        } else {
+            end_ns
+        }
+    }
+}
+
 enum Command {
-    RunUntil(u64),
+    Run(Run),
     Hang,
     Read(u32, usize),
     Write(u32, Vec<u8>),
@@ -41,7 +60,7 @@ enum Command {
 
 enum Answer {
     Stands(Progress),
-    Bytes(Result<Vec<u8>, String>),
+    Bytes(Result<Vec<u8>, EngineError>),
     Events(Vec<RegisterEvent>),
 }
 
@@ -79,6 +98,7 @@ impl RiglessEngine {
                     sleeps,
                     patched: Vec::new(),
                     resets: 0,
+                    run: None,
                 };
                 let images = [placed];
                 run(session, &Start::new(&images), driver)
@@ -144,8 +164,20 @@ impl Engine for RiglessEngine {
         format!("{}, rigless 0.4.0", machine::NAME)
     }
 
-    fn run_until(&mut self, t_ns: u64) -> Result<Progress, EngineError> {
-        match self.ask(Command::RunUntil(t_ns))? {
+    fn run_until(
+        &mut self,
+        from_ns: u64,
+        t_ns: u64,
+        row_ns: u64,
+        at_row: AtRow,
+    ) -> Result<Progress, EngineError> {
+        let run = Run {
+            next_ns: Run::row_after(from_ns, row_ns, t_ns),
+            end_ns: t_ns,
+            row_ns,
+            at_row,
+        };
+        match self.ask(Command::Run(run))? {
             Answer::Stands(progress) => Ok(progress),
             _ => Err(out_of_step()),
         }
@@ -153,7 +185,7 @@ impl Engine for RiglessEngine {
 
     fn hang(&mut self) -> Result<(), EngineError> {
         match self.ask(Command::Hang)? {
-            Answer::Bytes(done) => done.map(drop).map_err(EngineError),
+            Answer::Bytes(done) => done.map(drop),
             _ => Err(out_of_step()),
         }
     }
@@ -168,14 +200,14 @@ impl Engine for RiglessEngine {
 
     fn read_memory(&mut self, address: u32, length: usize) -> Result<Vec<u8>, EngineError> {
         match self.ask(Command::Read(address, length))? {
-            Answer::Bytes(bytes) => bytes.map_err(EngineError),
+            Answer::Bytes(bytes) => bytes,
             _ => Err(out_of_step()),
         }
     }
 
     fn write_memory(&mut self, address: u32, bytes: &[u8]) -> Result<(), EngineError> {
         match self.ask(Command::Write(address, bytes.to_vec()))? {
-            Answer::Bytes(done) => done.map(drop).map_err(EngineError),
+            Answer::Bytes(done) => done.map(drop),
             _ => Err(out_of_step()),
         }
     }
@@ -200,6 +232,7 @@ struct Turns {
     /// Instructions replaced by the hang injection, to be put back by a reset.
     patched: Vec<(u32, u16)>,
     resets: usize,
+    run: Option<Run>,
 }
 
 impl Turns {
@@ -225,6 +258,29 @@ impl Turns {
         for (at, before) in self.patched.drain(..) {
             put(host, at, Width::W16, before.into()).expect("it could be written before");
         }
+    }
+}
+
+/// Memory through the engine's host.
+struct Probe<'a>(&'a mut dyn Host);
+
+impl Memory for Probe<'_> {
+    fn read(&mut self, address: u32, length: usize) -> Result<Vec<u8>, EngineError> {
+        (0..length as u64)
+            .map(|n| {
+                self.0
+                    .read(u64::from(address) + n, Width::W8)
+                    .map(|byte| byte as u8)
+                    .map_err(|error| EngineError(format!("no memory at {address:#010x}: {error}")))
+            })
+            .collect()
+    }
+
+    fn write(&mut self, address: u32, bytes: &[u8]) -> Result<(), EngineError> {
+        (address..)
+            .zip(bytes)
+            .try_for_each(|(at, byte)| put(self.0, at, Width::W8, (*byte).into()))
+            .map_err(EngineError)
     }
 }
 
@@ -268,6 +324,14 @@ impl Driver<RigMachine> for Turns {
         if let Some(error) = session.take_error() {
             panic!("{error}");
         }
+        if let Some(run) = &mut self.run {
+            (run.at_row)(run.next_ns, &mut Probe(host));
+            if run.next_ns < run.end_ns {
+                run.next_ns = Run::row_after(run.next_ns, run.row_ns, run.end_ns);
+                return Some(VirtualNanos(run.next_ns.max(stop.at.0)));
+            }
+            self.run = None;
+        }
         let ran_ns = stop.instruction_count * INSTRUCTION_NS;
         let stands = Answer::Stands(Progress {
             now_ns: stop.at.0,
@@ -282,23 +346,17 @@ impl Driver<RigMachine> for Turns {
         self.reports.send(stands).ok()?;
         loop {
             let answer = match self.orders.recv().ok()? {
-                Command::RunUntil(t_ns) => return Some(VirtualNanos(t_ns.max(stop.at.0))),
-                Command::Hang => Answer::Bytes(self.hang(host)),
-                Command::Read(at, length) => Answer::Bytes(
-                    (0..length as u64)
-                        .map(|n| {
-                            host.read(u64::from(at) + n, Width::W8)
-                                .map(|byte| byte as u8)
-                                .map_err(|error| format!("no memory at {at:#010x}: {error}"))
-                        })
-                        .collect(),
-                ),
-                Command::Write(at, bytes) => Answer::Bytes(
-                    (at..)
-                        .zip(bytes)
-                        .try_for_each(|(at, byte)| put(host, at, Width::W8, byte.into()))
-                        .map(|()| Vec::new()),
-                ),
+                Command::Run(run) => {
+                    let next_ns = run.next_ns;
+                    self.run = Some(run);
+                    // The engine stops between two instructions, so up to one late.
+                    return Some(VirtualNanos(next_ns.max(stop.at.0)));
+                }
+                Command::Hang => Answer::Bytes(self.hang(host).map_err(EngineError)),
+                Command::Read(at, length) => Answer::Bytes(Probe(host).read(at, length)),
+                Command::Write(at, bytes) => {
+                    Answer::Bytes(Probe(host).write(at, &bytes).map(|()| Vec::new()))
+                }
                 Command::Events => Answer::Events(events(session)),
             };
             self.reports.send(answer).ok()?;
