@@ -104,7 +104,7 @@ impl fmt::Debug for Listener {
 
 /// Every reader of requests as a power-on or a system reset leaves it, but the clock controller, which the
 /// part keeps. `peer` hangs on the interface of its name.
-pub fn fresh(peer: (&'static str, impl Peer + Send + 'static)) -> Vec<Listener> {
+pub fn fresh(peer: (&'static str, impl Peer + 'static)) -> Vec<Listener> {
     let mut all = Vec::new();
     let mut add = |instance, model: Box<dyn ErasedDevice + Send>, hears| {
         all.push(Listener {
