@@ -12,9 +12,6 @@ Counter And Board Agree
 
 Position Goes On Over The Wrap
     Power Up Board
-    # 8,388,000 counts, 608 before the sign of 24 bits turns over.
-    Execute Command    rig TurnEncoder 1 8388000
-    Execute Command    rig TurnEncoder 2 -8388000
     Advance    300
     Connect
     Bring Up Units
@@ -22,10 +19,17 @@ Position Goes On Over The Wrap
     Advance    100
     ${first}=    Encoder Position    1
     ${second}=    Encoder Position    2
-    Execute Command    rig TurnEncoder 1 2000
-    Execute Command    rig TurnEncoder 2 -2000
-    Advance    100
+    # 24 bits end at 16,777,216 counts: five steps of 4,000,000 go over it, and below zero the other way.
+    FOR    ${step}    IN RANGE    5
+        Execute Command    rig TurnEncoder 1 4000000
+        Execute Command    rig TurnEncoder 2 -4000000
+        Advance    50
+    END
     ${first_after}=    Encoder Position    1
     ${second_after}=    Encoder Position    2
-    Should Be Equal As Integers    ${{$first_after - $first}}    2000
-    Should Be Equal As Integers    ${{$second_after - $second}}    -2000
+    Should Be Equal As Integers    ${{$first_after - $first}}    20000000
+    Should Be Equal As Integers    ${{$second_after - $second}}    -20000000
+    ${counter}=    Number    counters Counter 1
+    Should Be True    ${counter} < 16777216
+    Position Should Follow The Counter    1
+    Position Should Follow The Counter    2

@@ -321,6 +321,23 @@ fn compare(a: &Story, b: &Story, seed: &str) -> bool {
             good &= row(a, b, (name, from, to), unit, asked);
         }
     }
+    println!("\nlatency from DRDY to the DAC's update as the board measures it, us: median, 99th percentile, largest");
+    for (tag, story) in [("A", a), ("B", b)] {
+        let mut all: Vec<u16> = story
+            .samples
+            .iter()
+            .filter(|(_, s)| s.flags & flags::ACTIVE != 0)
+            .map(|(_, s)| s.latency_us)
+            .collect();
+        all.sort_unstable();
+        if let (Some(median), Some(most), Some(last)) = (
+            all.get(all.len() / 2),
+            all.get(all.len() * 99 / 100),
+            all.last(),
+        ) {
+            println!("  {tag}: {median}, {most}, {last} ({} samples)", all.len());
+        }
+    }
     println!("\nstates of the board");
     for (tag, story) in [("A", a), ("B", b)] {
         let line: Vec<String> = story
