@@ -293,13 +293,16 @@ fn a_lost_encoder_does_not_upset_the_tension() {
     stand.truth();
     stand.run(2.0);
     let rows = stand.truth();
-    let rms = (rows
-        .iter()
-        .map(|row| (row.tension_n[4] - 3.0).powi(2))
-        .sum::<f64>()
-        / rows.len() as f64)
-        .sqrt();
-    assert!(rms < 0.6, "{rms:.2} N RMS without encoder");
+    let tensions: Vec<f64> = rows.iter().map(|row| row.tension_n[4]).collect();
+    let lowest = tensions.iter().copied().fold(f64::INFINITY, f64::min);
+    let highest = tensions.iter().copied().fold(0.0, f64::max);
+    let squares: f64 = tensions.iter().map(|tension| (tension - 3.0).powi(2)).sum();
+    let rms = (squares / tensions.len() as f64).sqrt();
+    assert!(
+        rms < 0.6,
+        "{rms:.2} N RMS without encoder, {lowest:.2} to {highest:.2} N; the board says {:?}",
+        stand.status().units[4]
+    );
 }
 
 #[test]
