@@ -6,7 +6,6 @@ slow machine as on a fast one. Units count from 1.
 
 import json
 import os
-import re
 import socket
 import statistics
 import subprocess
@@ -356,4 +355,5 @@ class ForceBoard:
 
     def number(self, command):
         """A property or method of a model as a number."""
-        return float(re.sub(",", ".", self.run(command).strip())) if "0x" not in self.run(command) else int(self.run(command).strip(), 0)
+        text = self.run(command).strip()
+        return int(text, 0) if text.startswith("0x") else float(text.replace(",", "."))

@@ -256,6 +256,8 @@ pub fn run(workspace: &Workspace, renode: &Renode, arguments: &[OsString]) -> Re
         ))
         // The models hold a native plant, which no snapshot can take along.
         .args(["--variable", "CREATE_SNAPSHOT_ON_FAIL:False"])
+        // The keywords' compiled form has no place among the sources.
+        .env("PYTHONDONTWRITEBYTECODE", "1")
         .args(arguments);
     say(format!("renode: {}", renode.tests.display()));
     let status = command
