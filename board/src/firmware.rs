@@ -45,6 +45,7 @@ pub struct Board {
     reports: Reports,
     clock: Clock,
     status_ms: u32,
+    encoder_watched: u8,
 }
 
 /// What the machine's wishes come to.
@@ -143,6 +144,7 @@ impl Board {
                 ..Clock::default()
             },
             status_ms: 0,
+            encoder_watched: 0,
         };
         if let Some(chip) = broken_counter {
             board
@@ -222,6 +224,12 @@ impl Board {
             dac_error,
         };
         self.machine.tick(now, health, &mut self.reports);
+        // One counter a millisecond: noise at an encoder is seen within six.
+        self.encoder_watched = (self.encoder_watched + 1) % UNITS as u8;
+        if let Some(flags) = self.counters.noise(self.encoder_watched) {
+            self.machine
+                .encoder_noise(self.encoder_watched, flags, now, &mut self.reports);
+        }
         let state = self.machine.system();
         if dac::is_held() && dac_error.is_none() && state != SystemState::Fault {
             dac::release();

@@ -39,6 +39,8 @@ pub const MAX_FAILED_READS: u8 = 4;
 /// that a sample may wait.
 pub const MAX_PASS_US: u32 = 1_500;
 
+/// Events of noise at an encoder within a second that are a fault.
+const ENCODER_NOISE_EVENTS: u8 = 5;
 /// Milliseconds between checks of the configuration in memory.
 const CONFIG_CHECK_MS: u32 = 1_000;
 
@@ -91,6 +93,8 @@ pub struct LoopFigures {
 #[derive(Debug, Clone, Copy)]
 struct Unit {
     config: Config,
+    /// When the noise events that are being counted began, and how many there were.
+    encoder_noise: (u32, u8),
     staged: Option<Config>,
     control: unit::State,
     motor: MotorState,
@@ -113,6 +117,7 @@ impl Unit {
     fn new() -> Self {
         Self {
             config: Config::default(),
+            encoder_noise: (0, 0),
             staged: None,
             control: unit::State::default(),
             motor: MotorState::default(),
@@ -363,6 +368,27 @@ impl Machine {
             fx.zero_output(unit);
         }
         self.advance(Request::None, now, fx);
+    }
+
+    /// A counter saw noise at a unit's encoder; `flags` is its FLAG register. One event is no proof of a wrong
+    /// count; [`ENCODER_NOISE_EVENTS`] within a second are a loose plug.
+    pub fn encoder_noise(&mut self, unit: u8, flags: u8, now: u32, fx: &mut impl Effects) {
+        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
+            return;
+        };
+        if !slot.config.enabled() {
+            return;
+        }
+        let (since, events) = slot.encoder_noise;
+        slot.encoder_noise = if now.wrapping_sub(since) > 1_000_000 {
+            (now, 1)
+        } else {
+            (since, events.saturating_add(1))
+        };
+        if slot.encoder_noise.1 >= ENCODER_NOISE_EVENTS {
+            slot.encoder_noise.1 = 0;
+            self.fault_unit(unit, Fault::EncoderError, flags.into(), now, fx);
+        }
     }
 
     fn fault_unit(&mut self, unit: u8, fault: Fault, detail: u32, now: u32, fx: &mut impl Effects) {

@@ -430,6 +430,27 @@ fn a_silent_sensor_takes_its_unit_out_and_leaves_the_others() {
 }
 
 #[test]
+fn noise_at_an_encoder_is_a_fault_when_it_goes_on() {
+    let mut bench = Bench::armed();
+    let noisy = |bench: &mut Bench, gap_us: u32| {
+        for _ in 0..5 {
+            bench.now = bench.now.wrapping_add(gap_us);
+            bench
+                .machine
+                .encoder_noise(2, 0x10, bench.now, &mut bench.board);
+        }
+    };
+    noisy(&mut bench, 300_000);
+    assert_eq!(bench.status().units[2].fault, 0, "single events");
+    noisy(&mut bench, 50_000);
+    let unit = bench.status().units[2];
+    assert_eq!(Fault::from_code(unit.fault), Some(Fault::EncoderError));
+    assert_eq!(unit.fault_detail, 0x10);
+    assert_eq!(bench.status().units[1].fault, 0);
+    assert!(bench.board.zeroed.contains(&2));
+}
+
+#[test]
 fn a_converter_that_comes_up_and_says_nothing_is_a_failed_bring_up() {
     let mut bench = Bench::new(None);
     bench.hello(0);

@@ -133,4 +133,17 @@ impl Counters {
         let value: CounterValue = value;
         self.positions[unit].update(value)
     }
+
+    /// The FLAG register of a unit's counter where it tells of noise at the encoder's inputs (E). E is sticky:
+    /// it is cleared here, so that each event is told once.
+    pub fn noise(&mut self, unit: u8) -> Option<u8> {
+        let target = target(usize::from(unit) % UNITS);
+        let flags = self.chips.flags(target).ok()?;
+        if !flags.noise() {
+            return None;
+        }
+        // The bus cannot fail; if the flag stays, it is told again.
+        let _ = self.chips.clear_noise_flag(target);
+        Some(flags.bits())
+    }
 }
