@@ -96,11 +96,52 @@ pub enum Command {
         #[arg(long = "for", value_name = "SECONDS", value_parser = seconds)]
         seconds: Option<f64>,
     },
+    /// Find what a force model lacks, from logs; drives nothing
+    #[cfg(feature = "residual")]
+    #[command(after_help = RESIDUAL_HELP)]
+    Residual(Residual),
     /// Print completions for a shell
     Completions {
         /// The shell
         shell: Shell,
     },
+}
+
+#[cfg(feature = "residual")]
+const RESIDUAL_HELP: &str = "\
+Data: a path that does not exist as given is looked for below the folder of data, which is the environment
+variable FORCE_DATA, else ./data, else ../shared/data. Without --data all of that folder is read.
+
+--apply changes friction_offset_n, friction_gain, coulomb_n and coulomb_per_n, where found, in all units; it says
+what it changed and what the board can't use. Nothing is changed where structure without a name is left that
+would take more than 10 % of the error. Read the changes before you arm.
+
+Exit codes:
+  0  analysed, whatever the verdict
+  2  the arguments or the model file are wrong
+  3  a log or the rig file can't be read
+  4  the logs can't answer: too few rows, one group, constant excitation, terms that repeat each other
+  6  analysed, but the board can use nothing of it (--apply wrote no rig file)
+  7  a report or rig file could not be written";
+
+#[cfg(feature = "residual")]
+#[derive(Debug, Args)]
+pub struct Residual {
+    /// Logs (CSV, gzip, JSON, Parquet) or folders of them
+    #[arg(long, value_name = "PATH", num_args = 1..)]
+    pub data: Vec<PathBuf>,
+    /// The model file (TOML): columns, units, declared terms
+    #[arg(long, value_name = "MODEL.toml")]
+    pub model: PathBuf,
+    /// Folder for the reports and the extended model
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// Write a copy of this rig file, with what the board can use, to DIR as NAME.residual.toml
+    #[arg(long, value_name = "RIG.toml")]
+    pub apply: Option<PathBuf>,
+    /// With --apply: the model declares what the rig file says already; add to its values
+    #[arg(long, requires = "apply")]
+    pub increment: bool,
 }
 
 const SET_FORCE_HELP: &str = "\

@@ -1,6 +1,8 @@
 //! From arguments to exit code.
 
 mod args;
+#[cfg(feature = "residual")]
+mod residual;
 mod show;
 
 use args::{Cli, Command, Global, SetForce};
@@ -109,6 +111,8 @@ fn run(cli: Cli) -> Result<u8> {
     match &cli.command {
         Command::Explain { number } => return explain(*number, cli.global.json),
         Command::Check { file, print } => return check(file.as_deref(), *print, cli.global.json),
+        #[cfg(feature = "residual")]
+        Command::Residual(arguments) => return residual::residual(arguments, cli.global.json),
         Command::Completions { shell } => {
             clap_complete::generate(
                 *shell,
@@ -171,6 +175,8 @@ fn run(cli: Cli) -> Result<u8> {
         | Command::Explain { .. }
         | Command::Check { .. }
         | Command::Completions { .. } => Ok(0),
+        #[cfg(feature = "residual")]
+        Command::Residual(_) => Ok(0),
     }
 }
 

@@ -1,0 +1,501 @@
+//! `forcectl residual`: what a force model lacks, from logs, and what of it the board can use.
+
+use super::args::Residual;
+use super::{Failure, Result};
+use forcectl::rigfile::{RigFile, UnitSettings};
+use residual::spec::Spec;
+use residual::{Board, Error, Options, Report};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Environment variable with the folder of data.
+const DATA_VARIABLE: &str = "FORCE_DATA";
+/// Where data are looked for when nothing says where, relative to the current folder.
+const DATA_FOLDERS: [&str; 2] = ["data", "../shared/data"];
+/// How to get the measured data of the thesis rig, which are not part of this project.
+const HOW_TO_GET_DATA: &str = "\
+The measured data of the thesis rig are public. To get them:
+  git clone https://github.com/TinNotTim/Ravn-II-testing-platform-torque-control data
+  git -C data checkout 5e4966ee
+and give the folder with --data, or in the environment variable FORCE_DATA. Your own logs need a model file \
+that names their columns (docs/residual/model-toml.md)";
+
+/// Largest fall of the held-out RMSE that nameless structure may still reach on top of the findings, if a
+/// board is to use them: beyond, the parameters are those of a stand-in.
+const MOST_LEFT: f64 = 0.1;
+
+/// Prints each stage with the time since the start.
+struct Stages {
+    start: Instant,
+    quiet: bool,
+}
+
+impl residual::Progress for Stages {
+    fn stage(&mut self, text: &str) {
+        if !self.quiet {
+            eprintln!("[{:6.1} s] {text}", self.start.elapsed().as_secs_f64());
+        }
+    }
+}
+
+/// Runs the analysis, and makes a rig file of it where asked.
+pub fn residual(arguments: &Residual, json: bool) -> Result<u8> {
+    // Everything that may be wrong with the arguments comes before the analysis, which takes longer.
+    let model = Spec::load(&arguments.model).map_err(|error| Failure::new(2, error))?;
+    let rig = match &arguments.apply {
+        Some(path) => Some(BoardFile::open(path, &model, arguments)?),
+        None => None,
+    };
+    let data = data_paths(
+        &arguments.data,
+        std::env::var_os(DATA_VARIABLE).map(PathBuf::from),
+    )?;
+    let options = Options {
+        data,
+        model,
+        out: Some(arguments.out.clone()),
+    };
+    let mut stages = Stages {
+        start: Instant::now(),
+        quiet: json,
+    };
+    let report = residual::run(&options, &mut stages).map_err(|error| {
+        let code = match &error {
+            Error::Io { path, .. } if path.starts_with(&arguments.out) => 7,
+            other => other.exit_code(),
+        };
+        Failure::new(code, error)
+    })?;
+    let applied = match rig {
+        Some(rig) => Some(rig.apply(&report, &arguments.out)?),
+        None => None,
+    };
+    if json {
+        let changed = applied.as_ref().map(
+            |a| serde_json::json!({"file": a.file, "changed": a.changed, "not_used": a.not_used}),
+        );
+        println!(
+            "{}",
+            serde_json::json!({"report": report, "applied": changed})
+        );
+    } else {
+        println!("{}", report.summary());
+        println!("report: {}", arguments.out.join("report.html").display());
+        if let Some(applied) = &applied {
+            applied.say();
+        }
+    }
+    Ok(applied.map_or(0, |a| if a.file.is_some() { 0 } else { 6 }))
+}
+
+/// The files and folders to read: as given, else below the folder of data, else that folder.
+fn data_paths(given: &[PathBuf], variable: Option<PathBuf>) -> Result<Vec<PathBuf>> {
+    let absent = |what: String| Failure::new(3, format!("{what}. {HOW_TO_GET_DATA}"));
+    let folder = match variable {
+        Some(folder) if folder.exists() => Some(folder),
+        Some(folder) => {
+            // A variable that points nowhere only matters to who needs it.
+            if given.is_empty() || given.iter().any(|path| !path.exists()) {
+                return Err(absent(format!(
+                    "{DATA_VARIABLE} is `{}`, which does not exist",
+                    folder.display()
+                )));
+            }
+            None
+        }
+        None => DATA_FOLDERS
+            .map(PathBuf::from)
+            .into_iter()
+            .find(|path| path.is_dir()),
+    };
+    if given.is_empty() {
+        return folder.map(|folder| vec![folder]).ok_or_else(|| {
+            absent(format!(
+                "no data: --data is not given, {DATA_VARIABLE} is not set, and there is no folder {}",
+                DATA_FOLDERS.join(" or ")
+            ))
+        });
+    }
+    given
+        .iter()
+        .map(|path| {
+            let below = folder.as_ref().map(|folder| folder.join(path));
+            std::iter::once(path.clone())
+                .chain(below)
+                .find(|path| path.exists())
+                .ok_or_else(|| absent(format!("{} does not exist", path.display())))
+        })
+        .collect()
+}
+
+/// A rig file that findings go into.
+struct BoardFile {
+    path: PathBuf,
+    text: String,
+    rig: RigFile,
+    increment: bool,
+}
+
+/// What became of the findings.
+#[derive(Debug)]
+struct Applied {
+    /// The rig file written; `None` if there was nothing to change.
+    file: Option<PathBuf>,
+    changed: Vec<String>,
+    not_used: Vec<String>,
+}
+
+impl Applied {
+    fn say(&self) {
+        match &self.file {
+            Some(file) => println!("rig file: {}", file.display()),
+            None => println!("no rig file written: the board can use nothing of this"),
+        }
+        self.changed
+            .iter()
+            .for_each(|line| println!("  changed   {line}"));
+        self.not_used
+            .iter()
+            .for_each(|line| println!("  not used  {line}"));
+    }
+}
+
+/// One key of the board's force model, F = offset + gain T - sign(v) (coulomb + coulomb_per_n T).
+struct Key {
+    name: &'static str,
+    /// Value where the model says nothing but "force = command".
+    neutral: f64,
+    /// Range that the board takes.
+    range: std::ops::RangeInclusive<f64>,
+    read: fn(&UnitSettings) -> f64,
+    /// New value from an old one; `None` where nothing was found.
+    change: fn(&Board, f64) -> Option<f64>,
+}
+
+/// A finding of exactly zero is one that was not made.
+fn found(x: f64) -> Option<f64> {
+    (x != 0.0).then_some(x)
+}
+
+const KEYS: [Key; 4] = [
+    Key {
+        name: "friction_offset_n",
+        neutral: 0.0,
+        range: -3.0..=3.0,
+        read: |u| u.friction_offset_n,
+        change: |b, old| found(b.offset).map(|x| old + x),
+    },
+    Key {
+        name: "friction_gain",
+        neutral: 1.0,
+        range: 0.5..=2.0,
+        read: |u| u.friction_gain,
+        change: |b, old| found(b.gain_error).map(|x| old * (1.0 + x)),
+    },
+    // Friction that takes from the tension while winding in is a negative coefficient of sign(v).
+    Key {
+        name: "coulomb_n",
+        neutral: 0.0,
+        range: 0.0..=5.0,
+        read: |u| u.coulomb_n,
+        change: |b, old| found(b.friction).map(|x| old - x),
+    },
+    Key {
+        name: "coulomb_per_n",
+        neutral: 0.0,
+        range: 0.0..=0.4,
+        read: |u| u.coulomb_per_n,
+        change: |b, old| found(b.friction_per_load).map(|x| old - x),
+    },
+];
+
+impl BoardFile {
+    fn open(path: &Path, model: &Spec, arguments: &Residual) -> Result<Self> {
+        let rig = RigFile::load(path).map_err(|error| Failure::new(3, error))?;
+        let text = std::fs::read_to_string(path)
+            .map_err(|error| Failure::new(3, format!("{}: {error}", path.display())))?;
+        if model.roles.target.unit != "N" {
+            return Err(Failure::new(
+                2,
+                format!(
+                    "--apply needs a target in N, and the model's is in `{}`: give it `unit = \"N\"` with the scale that makes it so",
+                    model.roles.target.unit
+                ),
+            ));
+        }
+        if model.terms.len() > 1 && !arguments.increment {
+            return Err(Failure::new(
+                2,
+                format!(
+                    "--apply: the model declares {} terms, so what is found comes on top of them. If they are what the rig file \
+                     says already, add --increment; if not, declare the command alone",
+                    model.terms.len()
+                ),
+            ));
+        }
+        Ok(Self {
+            path: path.to_owned(),
+            text,
+            rig,
+            increment: arguments.increment,
+        })
+    }
+
+    fn apply(&self, report: &Report, out: &Path) -> Result<Applied> {
+        let nothing = |why: String| Applied {
+            file: None,
+            changed: vec![],
+            not_used: vec![why],
+        };
+        if let Some(left) = report.structure.iter().find(|s| s.gain > MOST_LEFT) {
+            return Ok(nothing(format!(
+                "all of it: a nameless dependence on {} would take another {:.0} % of the error, so what was named may stand in for it",
+                left.depends_on,
+                100.0 * left.gain
+            )));
+        }
+        let Some(board) = report.board() else {
+            return Ok(nothing(format!("the verdict: {}", report.summary())));
+        };
+        let (text, mut applied) = self.edit(&board).map_err(|what| Failure::new(3, what))?;
+        if !applied.changed.is_empty() {
+            let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
+            let file = out.join(format!("{stem}.residual.toml"));
+            std::fs::write(&file, text).map_err(|error| Failure::file(&file, error))?;
+            applied.file = Some(file);
+        }
+        Ok(applied)
+    }
+
+    /// The rig file's text with the findings in it, comments and layout kept.
+    fn edit(&self, board: &Board) -> std::result::Result<(String, Applied), String> {
+        let mut text = self.text.clone();
+        let (mut changed, mut not_used) = (Vec::new(), Vec::new());
+        for key in &KEYS {
+            let new_of = |old: f64| {
+                (key.change)(board, if self.increment { old } else { key.neutral })
+                    .map(|x| (x * 1e4).round() / 1e4)
+            };
+            let wanted = self.rig.units.each_ref().map(|u| new_of((key.read)(u)));
+            let Some(wanted) = wanted.into_iter().collect::<Option<Vec<f64>>>() else {
+                continue;
+            };
+            if let Some(bad) = wanted.iter().find(|x| !key.range.contains(*x)) {
+                not_used.push(format!(
+                    "{} = {bad}: the board takes {} to {}. Friction of the wrong sign: let the velocity be positive while winding in \
+                     (`scale = -1` in the model file)",
+                    key.name,
+                    key.range.start(),
+                    key.range.end()
+                ));
+                continue;
+            }
+            text = set(&text, key.name, &|old| new_of(old).unwrap_or(old));
+            let edited =
+                RigFile::parse(&self.path.display().to_string(), &text).map_err(|error| {
+                    format!("with {} changed the rig file is wrong:\n{error}", key.name)
+                })?;
+            let mut lines = Vec::new();
+            for ((old, new), wanted) in self.rig.units.iter().zip(&edited.units).zip(&wanted) {
+                if ((key.read)(new) - wanted).abs() > 1e-9 {
+                    return Err(format!(
+                        "{}: `{}` is not written on a line of its own; set it to {wanted} by hand",
+                        self.path.display(),
+                        key.name
+                    ));
+                }
+                let line = format!("{}: {} -> {}", key.name, (key.read)(old), wanted);
+                if !lines.contains(&line) {
+                    lines.push(line);
+                }
+            }
+            changed.extend(lines);
+        }
+        if !changed.is_empty()
+            && self
+                .rig
+                .units
+                .iter()
+                .any(|u| u.enabled && !u.friction_feedforward)
+        {
+            not_used.push(
+                "all of it, in units with friction_feedforward = false, until that is true".into(),
+            );
+        }
+        if board.viscous != 0.0 {
+            not_used.push(format!(
+                "viscous, {:.4} N per unit of velocity: the board's feedforward has no term for it",
+                board.viscous
+            ));
+        }
+        if board.delay_s != 0.0 {
+            not_used.push(format!(
+                "delay, {:.1} ms: the board predicts nothing",
+                board.delay_s * 1e3
+            ));
+        }
+        for ripple in &board.ripples {
+            not_used.push(format!(
+                "periodic_angle of order {:.3}: the board has no table over the angle",
+                ripple.order
+            ));
+        }
+        not_used.extend(
+            board
+                .left_out
+                .iter()
+                .map(|name| format!("{name}: the board has no term for it")),
+        );
+        Ok((
+            text,
+            Applied {
+                file: None,
+                changed,
+                not_used,
+            },
+        ))
+    }
+}
+
+/// Sets a key on every line that has it, from its old value; what follows the value stays.
+fn set(text: &str, key: &str, new: &dyn Fn(f64) -> f64) -> String {
+    text.split_inclusive('\n')
+        .map(|line| {
+            let value_at = line
+                .trim_start()
+                .strip_prefix(key)
+                .and_then(|rest| rest.trim_start().strip_prefix('='))
+                .map(|rest| line.len() - rest.trim_start().len());
+            let Some(at) = value_at else {
+                return line.to_owned();
+            };
+            let (head, rest) = line.split_at(at);
+            let end = rest
+                .find(|c: char| c.is_whitespace() || c == '#')
+                .unwrap_or(rest.len());
+            let (old, tail) = rest.split_at(end);
+            match old.replace('_', "").parse::<f64>() {
+                Ok(old) => format!("{head}{:?}{tail}", new(old)),
+                Err(_) => line.to_owned(),
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn file(increment: bool) -> BoardFile {
+        BoardFile {
+            path: "rig.toml".into(),
+            text: forcectl::rigfile::DEFAULT_TEXT.to_owned(),
+            rig: RigFile::built_in().expect("the built-in rig is good"),
+            increment,
+        }
+    }
+
+    fn board() -> Board {
+        Board {
+            friction: -0.8,
+            friction_per_load: -0.1,
+            offset: 0.25,
+            delay_s: 0.018,
+            left_out: vec!["creep".into()],
+            ..Board::default()
+        }
+    }
+
+    #[test]
+    fn findings_replace_the_friction_of_every_unit_and_nothing_else() {
+        let (text, applied) = file(false).edit(&board()).expect("applies");
+        let rig = RigFile::parse("new", &text).expect("still a rig file");
+        let before = RigFile::built_in().expect("good");
+        for (new, old) in rig.units.iter().zip(&before.units) {
+            let wanted = UnitSettings {
+                friction_offset_n: 0.25,
+                coulomb_n: 0.8,
+                coulomb_per_n: 0.1,
+                ..*old
+            };
+            assert_eq!(*new, wanted);
+        }
+        assert_eq!(applied.changed.len(), 3, "{applied:?}");
+        assert!(
+            applied.not_used.iter().any(|s| s.contains("18.0 ms")),
+            "{applied:?}"
+        );
+        assert!(
+            applied.not_used.iter().any(|s| s.contains("creep")),
+            "{applied:?}"
+        );
+        assert_eq!(text.lines().count(), file(false).text.lines().count());
+    }
+
+    #[test]
+    fn increments_come_on_top_also_of_a_units_own_value() {
+        let mut file = file(true);
+        file.text = file
+            .text
+            .replacen("number = 2 ", "coulomb_n = 0.5 # its own\nnumber = 2 ", 1);
+        file.rig = RigFile::parse("rig.toml", &file.text).expect("good");
+        let (text, _) = file
+            .edit(&Board {
+                friction: -0.1,
+                gain_error: 0.01,
+                ..Board::default()
+            })
+            .expect("applies");
+        let rig = RigFile::parse("new", &text).expect("still a rig file");
+        assert!((rig.units[0].coulomb_n - 1.009).abs() < 1e-9);
+        assert!((rig.units[1].coulomb_n - 0.6).abs() < 1e-9);
+        assert!((rig.units[0].friction_gain - 1.0282).abs() < 1e-9);
+        assert!(text.contains("coulomb_n = 0.6 # its own"), "{text}");
+    }
+
+    #[test]
+    fn friction_of_the_wrong_sign_is_not_sent_to_a_board() {
+        let (text, applied) = file(false)
+            .edit(&Board {
+                friction: 0.4,
+                ..Board::default()
+            })
+            .expect("is said, not failed");
+        assert_eq!(text, file(false).text);
+        assert!(applied.changed.is_empty());
+        assert!(applied.not_used[0].contains("winding in"), "{applied:?}");
+    }
+
+    #[test]
+    fn a_key_out_of_reach_is_named() {
+        let mut file = file(false);
+        file.text = file
+            .text
+            .replacen("coulomb_n = 0.909", "\"coulomb_n\" = 0.909", 1);
+        file.rig = RigFile::parse("rig.toml", &file.text).expect("quoted keys are TOML");
+        let error = file.edit(&board()).expect_err("is not found on a line");
+        assert!(
+            error.contains("coulomb_n") && error.contains("0.8"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn data_are_taken_as_given_then_below_the_folder_of_data() {
+        let root = std::env::temp_dir().join(format!("forcectl-data-{}", std::process::id()));
+        std::fs::create_dir_all(root.join("runs")).expect("a temporary folder");
+        let there = |given: &[PathBuf]| data_paths(given, Some(root.clone())).ok();
+        assert_eq!(there(&[root.join("runs")]), Some(vec![root.join("runs")]));
+        assert_eq!(there(&["runs".into()]), Some(vec![root.join("runs")]));
+        assert_eq!(there(&[]), Some(vec![root.clone()]));
+        for (given, variable) in [
+            (vec![PathBuf::from("nowhere")], Some(root.clone())),
+            (vec![], Some(root.join("gone"))),
+        ] {
+            let failure = data_paths(&given, variable).expect_err("is refused");
+            assert_eq!(failure.code, 3);
+            assert!(failure.message.contains("5e4966ee"), "{}", failure.message);
+        }
+        std::fs::remove_dir_all(root).expect("cleaned up");
+    }
+}
