@@ -8,7 +8,7 @@
 use crate::bus;
 use force_control::faults::Latch;
 use force_control::motor;
-use force_control::supervisor::{Expiry, Rate, RateLimits, Verdict};
+use force_control::supervisor::{EncoderWatch, Expiry, Rate, RateLimits, Verdict};
 use force_control::system::{self, Denied, Request};
 use force_control::unit::{self, Controller, Drive, Setpoint};
 use force_control::zero::{Averager, Progress};
@@ -95,6 +95,7 @@ struct Unit {
     config: Config,
     /// When the noise events that are being counted began, and how many there were.
     encoder_noise: (u32, u8),
+    encoder: EncoderWatch,
     staged: Option<Config>,
     control: unit::State,
     motor: MotorState,
@@ -118,6 +119,7 @@ impl Unit {
         Self {
             config: Config::default(),
             encoder_noise: (0, 0),
+            encoder: EncoderWatch::default(),
             staged: None,
             control: unit::State::default(),
             motor: MotorState::default(),
@@ -279,6 +281,9 @@ impl Machine {
         };
         let output = Controller::step(&slot.config, &mut slot.control, input);
         slot.at_zero = output.at_zero;
+        let swing = slot
+            .encoder
+            .observe(drive != Drive::Off, Counts(counts), output.tension);
         let answered = Answered {
             unit,
             code,
@@ -308,6 +313,10 @@ impl Machine {
         }
         if let Some((fault, detail)) = output.fault {
             self.fault_unit(unit, fault, detail, at, fx);
+        } else if let Some(swing) = swing {
+            let detail = (swing.to_un() / 1_000).unsigned_abs();
+            self.fault_unit(unit, Fault::EncoderStill, detail, at, fx);
+            return (DacCode::ZERO_VOLT, answered);
         }
         (output.dac, answered)
     }

@@ -162,8 +162,8 @@ faults! {
         detail: "ADC code";
     /// Encoder error flag.
     EncoderError = 38, Unit, "encoder error",
-        meaning: "The counter's error flag is set: A and B changed together, so counts were lost to noise or a loose encoder plug.",
-        way_out: "Check the encoder's plug and shield, then clear (the flag is reset). Tension control works without, but friction and damping would act on wrong travel.",
+        meaning: "The counter's noise flag (E) was set several times within a second: a loose encoder plug, or noise on its lines. Counts may be lost, and friction feedforward and damping would act on wrong travel.",
+        way_out: "Check the encoder's plug and shield, then clear and arm.",
         detail: "FLAG register of the LS7266R1";
     /// Reel runs away with a slack cable.
     CableLost = 39, Unit, "cable lost",
@@ -180,6 +180,11 @@ faults! {
         meaning: "The converter signals samples, but reading them over I2C failed several times in a row.",
         way_out: "Check SDA, SCL and the module's bus accelerator, then clear: the converter is brought up again.",
         detail: "failed reads in a row";
+    /// The encoder stands still while the tension swings.
+    EncoderStill = 42, Unit, "encoder stands still",
+        meaning: "The tension swung further than a resting reel could hold, and the encoder counted nothing: it is unplugged or broken. Without it the loop has no damping and swings, so the motor is at 0 V.",
+        way_out: "Check the encoder's plug, supply and counter, then clear and arm.",
+        detail: "swing of the tension in millinewton";
 }
 
 impl Fault {

@@ -1,7 +1,7 @@
 //! Small watchers: a rate bounded from above and below, setpoints that expire, and the check-in that
 //! stands before the watchdog.
 
-use crate::units::Micros;
+use crate::units::{Counts, Micros, Newton};
 
 /// What a rate watcher thinks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -185,5 +185,56 @@ impl CheckIn {
             self.seen = 0;
         }
         complete
+    }
+}
+
+/// Counts within which an encoder counts as standing still: its jitter and half a count of play.
+const STILL_COUNTS: u64 = 2;
+
+/// Swing of the tension that no resting reel allows. A reel that stands holds what friction lets it: from
+/// the command less friction to the command plus friction, which is 2 (0.91 + 0.154 T) = 5.5 N at 12 N. More than that
+/// moves the reel, by 1 mm in 24 N of an elastic cable and so by dozens of counts.
+pub const STILL_SWING: Newton = Newton::from_un(6_000_000);
+
+/// Watches an encoder by what the tension does: one that stands still while the tension swings further than a
+/// resting reel allows is unplugged or broken. Without it damping and direction are gone, and the loop swings
+/// between slack and limit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct EncoderWatch {
+    still: Option<Still>,
+}
+
+/// Where the encoder stands, and how far the tension has been since.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Still {
+    at: Counts,
+    low: Newton,
+    high: Newton,
+}
+
+impl EncoderWatch {
+    /// One sample of a unit whose motor acts (`drives`) or not. The swing, when it is more than the reel
+    /// could have held.
+    pub fn observe(&mut self, drives: bool, counts: Counts, tension: Newton) -> Option<Newton> {
+        if !drives {
+            self.still = None;
+            return None;
+        }
+        let fresh = Still {
+            at: counts,
+            low: tension,
+            high: tension,
+        };
+        let still = match self.still {
+            Some(still) if still.at.0.abs_diff(counts.0) <= STILL_COUNTS => Still {
+                low: still.low.min(tension),
+                high: still.high.max(tension),
+                ..still
+            },
+            _ => fresh,
+        };
+        self.still = Some(still);
+        let swing = still.high.saturating_sub(still.low);
+        (swing > STILL_SWING).then_some(swing)
     }
 }

@@ -7,7 +7,7 @@ use force_control::convert::{
 use force_control::faults::{Latch, Scope};
 use force_control::filter::{Filter, FilterConfig, SpikeGate};
 use force_control::friction::{Direction, Model, Tracker};
-use force_control::supervisor::{CheckIn, Expiry, Rate, RateLimits, Verdict};
+use force_control::supervisor::{CheckIn, EncoderWatch, Expiry, Rate, RateLimits, Verdict};
 use force_control::zero::{Averager, Progress, Refused, SAMPLES};
 use force_control::{geometry, Config, DacCode, Fault, InvCos, LoadCode, Micros, Newton};
 use force_wire::message::{FilterChoice, UnitConfig};
@@ -513,4 +513,31 @@ fn geometry_follows_the_thesis() {
         let exact = cos.clamp(-1.0, 1.0).acos().to_degrees();
         assert!((geometry::angle_deg(cos) - exact).abs() < 0.5, "{cos}");
     }
+}
+
+#[test]
+fn an_encoder_that_stands_while_the_tension_swings_is_found() {
+    let newton = |n: f64| force_control::Newton::from_un((n * 1e6) as i32);
+    let counts = |n: i64| force_control::Counts(n);
+    // A resting reel: the tip moves, the tension stays within twice the friction.
+    let mut watch = EncoderWatch::default();
+    for tension in [3.0, 5.4, 0.6, 5.4] {
+        assert_eq!(watch.observe(true, counts(100), newton(tension)), None);
+    }
+    // A reel that follows a large swing.
+    let mut watch = EncoderWatch::default();
+    for (at, tension) in [(0, 1.0), (30, 4.0), (60, 8.0), (90, 11.0), (0, 0.5)] {
+        assert_eq!(watch.observe(true, counts(at), newton(tension)), None);
+    }
+    // Jitter of a count is no motion.
+    let mut watch = EncoderWatch::default();
+    assert_eq!(watch.observe(true, counts(7), newton(0.5)), None);
+    assert_eq!(watch.observe(true, counts(8), newton(4.0)), None);
+    let swing = watch.observe(true, counts(7), newton(7.5));
+    assert_eq!(swing.map(|s| s.to_un()), Some(7_000_000));
+    // A motor that does not act says nothing about its encoder.
+    let mut watch = EncoderWatch::default();
+    assert_eq!(watch.observe(false, counts(0), newton(0.0)), None);
+    assert_eq!(watch.observe(false, counts(0), newton(20.0)), None);
+    assert_eq!(watch.observe(true, counts(0), newton(20.0)), None);
 }
