@@ -671,7 +671,8 @@ impl Bus {
             unit.pointed = false;
         }
         match job {
-            Job::Select(mask) => {
+            // A held line is no refusal: it has its own way to a fault, by rounds of recovery.
+            Job::Select(mask) if error == TransferError::Nack => {
                 self.mux_refusals = self.mux_refusals.saturating_add(1);
                 if self.mux_refusals.is_multiple_of(MUX_REFUSALS) {
                     sink.event(Event::MuxSilent { mask: mask.bits() });
@@ -694,6 +695,7 @@ impl Bus {
                     }
                 }
             }
+            Job::Select(_) => {}
             // The sample's own read will show whether anyone is there.
             Job::Point { .. } => {}
             Job::Sequence { unit } => self.advance(unit, nau7802::Event::BusFault, now, sink),
