@@ -69,6 +69,9 @@ pub struct Metrics {
     /// [`SETTLED_FOR_S`], s; `None`: it never does. Errors are averaged over 100 ms, so that one noisy cycle is not a
     /// failure to settle.
     pub settling_s: Option<f64>,
+    /// The same for the force along the direction asked for alone: the step response, without what friction
+    /// reversals do across it meanwhile.
+    pub settling_along_s: Option<f64>,
     /// Part of the time after settling in which that averaged error is within the band. Below 1 where friction
     /// that changes sides (the robot turns round) pushes the force out for a moment.
     pub within_band: f64,
@@ -123,7 +126,9 @@ pub fn of_run(asked_n: Vec3, steps: &[Step]) -> Option<Metrics> {
         }
     })
     .map(f64::sqrt);
-    let (settling_s, within_band) = settling(asked_n, &wanted);
+    let (settling_s, within_band) = settling(asked_n, &wanted, vec3::norm);
+    let along = vec3::unit(asked_n).unwrap_or([0.0; 3]);
+    let (settling_along_s, _) = settling(asked_n, &wanted, |error| vec3::dot(error, along).abs());
     Some(Metrics {
         from_truth: steady.iter().all(|step| step.applied_n.is_some()),
         asked_n,
@@ -132,6 +137,7 @@ pub fn of_run(asked_n: Vec3, steps: &[Step]) -> Option<Metrics> {
         tip_force_error_n: vec3::norm(error_n),
         tip_force_rms_n: square.sqrt(),
         settling_s,
+        settling_along_s,
         within_band,
         tension_asked_n: mean6(&|step, i| step.asked_tension_n[i]),
         tension_n: mean6(&|step, i| step.best_tension_n()[i]),
@@ -142,14 +148,14 @@ pub fn of_run(asked_n: Vec3, steps: &[Step]) -> Option<Metrics> {
 
 /// When the averaged error enters the band and stays for [`SETTLED_FOR_S`], and the part of the time after that
 /// in which it is within.
-fn settling(asked_n: Vec3, wanted: &[&Step]) -> (Option<f64>, f64) {
+fn settling(asked_n: Vec3, wanted: &[&Step], size: impl Fn(Vec3) -> f64) -> (Option<f64>, f64) {
     let within: Vec<(f64, bool)> = (wanted.iter().enumerate())
         .map(|(i, step)| {
             let window = &wanted[(i + 1).saturating_sub(SMOOTH_CYCLES)..=i];
             let sum = window.iter().fold([0.0; 3], |sum, s| {
                 vec3::add(sum, vec3::sub(s.best_force_n(), asked_n))
             });
-            let error = vec3::norm(vec3::scale(sum, 1.0 / window.len() as f64));
+            let error = size(vec3::scale(sum, 1.0 / window.len() as f64));
             // NaN is not within.
             (step.t_s, error <= SETTLED_WITHIN_N)
         })
@@ -201,6 +207,7 @@ mod tests {
         let metrics = of_run([0.0, 2.5, 0.0], &steps).unwrap();
         let settling = metrics.settling_s.unwrap();
         assert!((0.30..0.37).contains(&settling), "{settling}");
+        assert_eq!(metrics.settling_along_s, Some(settling));
         assert!(
             (metrics.tip_force_error_n - 0.03).abs() < 1e-4,
             "{metrics:?}"

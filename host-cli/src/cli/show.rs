@@ -158,6 +158,9 @@ fn table(out: &mut String, m: &Metrics) {
         m.tip_force_error_n,
         m.tip_force_rms_n
     );
+    let along = m.settling_along_s.map_or_else(String::new, |s| {
+        format!("; along the asked direction alone after {s:.2} s")
+    });
     let settled = m.settling_s.map_or_else(
         || "never".to_owned(),
         |s| {
@@ -169,7 +172,7 @@ fn table(out: &mut String, m: &Metrics) {
     );
     row!(
         out,
-        "  settled           {settled} (within {SETTLED_WITHIN_N} N)"
+        "  settled           {settled} (within {SETTLED_WITHIN_N} N){along}"
     );
     row!(out, "");
     row!(
