@@ -65,15 +65,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             UpdatePads(1u << pin);
         }
 
-        /// Whether core and device drive the pin at the same time.
+        /// Whether the core drives the pin.
         public bool IsOutput(int pin)
         {
             return Mode(pin) == OutputMode;
-        }
-
-        public bool Level(int pin)
-        {
-            return (levels >> pin & 1) != 0;
         }
 
         public uint ReadDoubleWord(long offset)

@@ -42,7 +42,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
                 return false;
             }
-            selected = true;
             pointerNext = !read;
             return true;
         }
@@ -71,7 +70,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         public void Stop()
         {
-            selected = false;
         }
 
         public ulong NextSample { get { return converting ? nextSample : ulong.MaxValue; } }
@@ -131,7 +129,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             ResetRegisters();
             poweredUpAt = ulong.MaxValue;
             pointer = 0;
-            selected = false;
         }
 
         private void ResetRegisters()
@@ -375,7 +372,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private int pointer;
         private bool pointerNext;
-        private bool selected;
         private bool unplugged;
         private bool calibrating;
         private bool calibrationFails;

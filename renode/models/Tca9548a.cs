@@ -38,16 +38,17 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 }
                 inReset = !value;
             }
-            else if(number == 1 && !value && HoldsBus && ++clocks >= 9)
+            else if(number == 1 && !value && HoldsBus && !shorted && ++clocks >= 9)
             {
                 LetGo();
             }
         }
 
-        /// SDA is held low until SCL was clocked nine times, or RESET pulled.
-        public void HoldSda()
+        /// SDA is held low until SCL was clocked nine times, or RESET pulled; `forever`: as a short to ground would.
+        public void HoldSda(bool forever = false)
         {
             HoldsBus = true;
+            shorted = forever;
             clocks = 0;
             port.Drive(sda, false);
         }
@@ -56,7 +57,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         public bool Start(int wanted, bool read)
         {
-            if(inReset)
+            if(inReset || Silent)
             {
                 return false;
             }
@@ -122,12 +123,15 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             forMe = false;
         }
 
+        /// Without supply: nobody answers, here or behind.
+        public bool Silent { get; set; }
+
         /// Channels in force, bit n for channel n.
         public byte Mask { get { return mask; } }
 
         private void LetGo()
         {
-            if(HoldsBus)
+            if(HoldsBus && !shorted)
             {
                 HoldsBus = false;
                 port.Release(sda);
@@ -138,6 +142,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private byte? written;
         private bool forMe;
         private bool inReset;
+        private bool shorted;
         private int clocks;
 
         private readonly int address;

@@ -52,6 +52,22 @@ Stuck Bus Is Freed
     Board State Should Be    running
     Output Should Drive
 
+Bus Shorted For Good
+    Armed Board
+    Execute Command    mux HoldSda true
+    Hold For    600
+    Output Should Be Zero
+    Board Fault Should Be    I2C bus stuck
+
+Multiplexer Without Supply
+    Armed Board
+    Execute Command    mux Silent true
+    Hold For    600
+    Output Should Be Zero
+    ${status}=    Status
+    # Either the multiplexer is named, or each unit whose reads fail.
+    Should Be True    $status['fault'] == 7 or all(u['fault'] == 41 for u in $status['units'])
+
 Host Falls Silent
     Armed Board
     Output Should Drive
