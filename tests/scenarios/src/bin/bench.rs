@@ -221,8 +221,9 @@ fn sample_path(figures: &mut Figures, seconds: u32) -> Result<(), String> {
         ),
         (
             "stage_bus_ms_p50",
-            &|l| (l.bus_start_ns, l.data_ns),
-            "stage: START to the last data byte",
+            // Select and register pointer are usually ahead of the edge: that time is not the sample's.
+            &|l| (l.bus_start_ns.max(l.drdy_ns), l.data_ns),
+            "stage: START, or the edge where the bus was ahead of it, to the last data byte",
         ),
         (
             "stage_compute_ms_p50",
