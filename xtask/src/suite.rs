@@ -357,12 +357,13 @@ fn firmware_image(suite: &mut Suite) -> Result<Outcome> {
 
 fn on_target(suite: &mut Suite) -> Result<Outcome> {
     let arm = suite.arm()?;
-    process::run(firmware::cargo(suite.workspace, &arm, "test").args([
-        "--package",
-        "on-target",
-        "--tests",
-        "--no-run",
-    ]))?;
+    let mut command = firmware::cargo(suite.workspace, &arm, "test");
+    command.args(["--package", "on-target", "--test", "board", "--no-run"]);
+    if let Arm::Debian { .. } = arm {
+        // Tests of a crate with `panic = "abort"` would otherwise want a `core` of their own.
+        command.args(["-Z", "panic-abort-tests"]);
+    }
+    process::run(&mut command)?;
     ok()
 }
 
