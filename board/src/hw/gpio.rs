@@ -9,7 +9,7 @@ use super::pac::{self, gpioa::RegisterBlock, RCC};
 use crate::pins::{self, Mode, Pin, Port};
 
 const fn block(port: Port) -> *const RegisterBlock {
-    let base = match port {
+    match port {
         Port::A => pac::GPIOA::PTR.cast(),
         Port::B => pac::GPIOB::PTR.cast(),
         Port::C => pac::GPIOC::PTR.cast(),
@@ -18,8 +18,7 @@ const fn block(port: Port) -> *const RegisterBlock {
         Port::F => pac::GPIOF::PTR.cast(),
         Port::G => pac::GPIOG::PTR.cast(),
         Port::H => pac::GPIOH::PTR.cast::<RegisterBlock>(),
-    };
-    base
+    }
 }
 
 /// The registers of a port.

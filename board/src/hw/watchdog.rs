@@ -60,7 +60,7 @@ impl Watchdog {
             .write(|w| unsafe { w.bits(clocks::IWDG_PR.into()) });
         registers
             .rlr()
-            .write(|w| unsafe { w.bits(clocks::IWDG_RLR.into()) });
+            .write(|w| unsafe { w.bits(clocks::IWDG_RLR) });
         super::startup::wait_for(1_000_000, || registers.sr().read().bits() == 0);
         key(&registers, FEED);
         Self {

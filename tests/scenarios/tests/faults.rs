@@ -115,8 +115,8 @@ fn a_stuck_bus_is_freed_and_the_units_carry_on() {
     let samples = status.units.map(|unit| unit.samples);
     stand.run(1.0);
     let after = stand.status();
-    for unit in 0..6 {
-        let fresh = after.units[unit].samples - samples[unit];
+    for (unit, before) in samples.into_iter().enumerate() {
+        let fresh = after.units[unit].samples - before;
         assert!(
             (300..=340).contains(&fresh),
             "unit {}: {fresh} samples in a second",

@@ -13,8 +13,8 @@ fn six_units_stream_and_nothing_is_lost() {
     stand.run(5.0);
     let report = stand.report();
     let after = stand.status();
-    for unit in 0..6 {
-        let made = report.conversions[unit] - conversions[unit];
+    for (unit, before_run) in conversions.into_iter().enumerate() {
+        let made = report.conversions[unit] - before_run;
         assert!(
             (1500..=1700).contains(&made),
             "unit {}: {made} conversions in 5 s",

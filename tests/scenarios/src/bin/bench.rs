@@ -160,6 +160,9 @@ fn start(seed: u64) -> Result<EmbeddedRig, String> {
     EmbeddedRig::start(&programs, &options).map_err(|error| error.to_string())
 }
 
+/// Where a part of a sample's way begins and ends, in nanoseconds.
+type Part = fn(&Latency) -> (u64, u64);
+
 /// Six units, armed, the robot moving: latency, losses, load, speed of the emulation.
 fn sample_path(figures: &mut Figures, seconds: u32) -> Result<(), String> {
     println!("\nsample path: six units at 320 SPS with drifting clocks, {seconds} emulated seconds, seed 1");
@@ -187,14 +190,14 @@ fn sample_path(figures: &mut Figures, seconds: u32) -> Result<(), String> {
     }
     eprintln!();
     let after = stand.status();
-    let ms = |part: &dyn Fn(&Latency) -> (u64, u64)| -> Vec<f64> {
+    let ms = |part: Part| -> Vec<f64> {
         latencies
             .iter()
-            .map(|l| part(l))
+            .map(part)
             .map(|(from, to)| to.saturating_sub(from) as f64 * 1e-6)
             .collect()
     };
-    let whole = ms(&|l| (l.drdy_ns, l.dac_update_ns));
+    let whole = ms(|l| (l.drdy_ns, l.dac_update_ns));
     figures.add(
         "drdy_to_dac_ms_p50",
         quantile(&whole, 0.5),
@@ -213,26 +216,26 @@ fn sample_path(figures: &mut Figures, seconds: u32) -> Result<(), String> {
         Goal::None,
         "the same, worst",
     );
-    let stages: [(&'static str, &dyn Fn(&Latency) -> (u64, u64), &'static str); 4] = [
+    let stages: [(&'static str, Part, &'static str); 4] = [
         (
             "stage_wait_ms_p50",
-            &|l| (l.drdy_ns, l.bus_start_ns),
+            |l| (l.drdy_ns, l.bus_start_ns),
             "stage: DRDY edge to START, waiting for the bus",
         ),
         (
             "stage_bus_ms_p50",
             // Select and register pointer are usually ahead of the edge: that time is not the sample's.
-            &|l| (l.bus_start_ns.max(l.drdy_ns), l.data_ns),
+            |l| (l.bus_start_ns.max(l.drdy_ns), l.data_ns),
             "stage: START, or the edge where the bus was ahead of it, to the last data byte",
         ),
         (
             "stage_compute_ms_p50",
-            &|l| (l.data_ns, l.dac_word_ns),
+            |l| (l.data_ns, l.dac_word_ns),
             "stage: last byte to the DAC word",
         ),
         (
             "stage_dac_ms_p50",
-            &|l| (l.dac_word_ns, l.dac_update_ns),
+            |l| (l.dac_word_ns, l.dac_update_ns),
             "stage: DAC word to the LDAC edge",
         ),
     ];
