@@ -196,6 +196,9 @@ const STILL_COUNTS: u64 = 2;
 /// moves the reel, by 1 mm in 24 N of an elastic cable and so by dozens of counts.
 pub const STILL_SWING: Newton = Newton::from_un(6_000_000);
 
+/// Samples for which the swing has to stand, 25 ms: a cable that something pulls is over-tension before that.
+const STILL_SAMPLES: u8 = 8;
+
 /// Watches an encoder by what the tension does: one that stands still while the tension swings further than a
 /// resting reel allows is unplugged or broken. Without it damping and direction are gone, and the loop swings
 /// between slack and limit.
@@ -210,6 +213,7 @@ struct Still {
     at: Counts,
     low: Newton,
     high: Newton,
+    beyond: u8,
 }
 
 impl EncoderWatch {
@@ -224,8 +228,9 @@ impl EncoderWatch {
             at: counts,
             low: tension,
             high: tension,
+            beyond: 0,
         };
-        let still = match self.still {
+        let mut still = match self.still {
             Some(still) if still.at.0.abs_diff(counts.0) <= STILL_COUNTS => Still {
                 low: still.low.min(tension),
                 high: still.high.max(tension),
@@ -233,8 +238,11 @@ impl EncoderWatch {
             },
             _ => fresh,
         };
-        self.still = Some(still);
         let swing = still.high.saturating_sub(still.low);
-        (swing > STILL_SWING).then_some(swing)
+        if swing > STILL_SWING {
+            still.beyond = still.beyond.saturating_add(1);
+        }
+        self.still = Some(still);
+        (still.beyond >= STILL_SAMPLES).then_some(swing)
     }
 }
