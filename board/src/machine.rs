@@ -380,7 +380,7 @@ impl Machine {
     }
 
     /// A counter saw noise at a unit's encoder; `flags` is its FLAG register. One event is no proof of a wrong
-    /// count; [`ENCODER_NOISE_EVENTS`] within a second are a loose plug.
+    /// count; five within a second are a loose plug.
     pub fn encoder_noise(&mut self, unit: u8, flags: u8, now: u32, fx: &mut impl Effects) {
         let Some(slot) = self.units.get_mut(usize::from(unit)) else {
             return;
