@@ -875,7 +875,11 @@ fn parameters(
             Some(d) => (own.psi - d, own.psi + d),
             None => search::bracket(&psi.grid, own.psi),
         };
-        let h = 0.05 * (hi - lo).abs();
+        let mut h = 0.05 * (hi - lo).abs();
+        if psi.grid[0] > 0.0 {
+            // A width or time that came out far below its grid must stay positive.
+            h = h.min(0.5 * own.psi);
+        }
         let centre = cost(&grid[0].1);
         let n = p.y.len() as f64;
         let curvature = [own.psi - h, own.psi + h]

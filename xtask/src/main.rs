@@ -53,10 +53,12 @@ Commands:
       --install      fetch Renode's portable package first
   agree [ARGS...]    the same scenario on the embedded rig and on Renode, compared sample by sample
   bench [ARGS...]    measure the figures into target/bench/figures.json
+  residual-bench [ARGS]
+                     the residual analysis against synthetic logs with undeclared effects; --help says more
   doc [--open]       build the reference documentation
   help               print this
 
-Exit codes: 0 done, 1 failed, 2 wrong usage; forcectl's and bench's own are passed on.
+Exit codes: 0 done, 1 failed, 2 wrong usage; those of forcectl and the benches are passed on.
 More: docs/developing.md
 ";
 
@@ -129,6 +131,7 @@ fn dispatch() -> Result<u8, Stop> {
             Ok(renode::agree(&workspace, &renode, &rest(parser)?)?)
         }
         "bench" => Ok(rig::bench(&workspace, &rest(parser)?)?),
+        "residual-bench" => Ok(rig::residual_bench(&workspace, &rest(parser)?)?),
         "doc" => {
             let arguments = rest(parser)?;
             process::run(

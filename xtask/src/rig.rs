@@ -151,6 +151,23 @@ pub fn bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     hand_over(command)
 }
 
+/// Builds and runs the exam of the residual analysis. It needs neither firmware nor embedded rig.
+///
+/// # Errors
+/// When it can't be built or started.
+pub fn residual_bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
+    let mut build = process::cargo(Sees::CompilerAndFlags);
+    build
+        .current_dir(workspace.root())
+        .args(["build", "--release", "--package", "residual-bench"])
+        .arg("--target-dir")
+        .arg(workspace.target());
+    process::run(&mut build)?;
+    let mut command = Command::new(workspace.release_program("residual-bench"));
+    command.args(arguments);
+    hand_over(command)
+}
+
 /// Replaces this process by another program.
 #[cfg(unix)]
 fn hand_over(mut command: Command) -> Result<u8> {

@@ -1,0 +1,403 @@
+//! The confusion table, rates beside their targets, and the closing summary. The text is Markdown, so that the
+//! terminal and the page in `docs` show the same.
+
+use crate::case::{Group, STRENGTHS};
+use crate::exam::Outcome;
+use crate::judge::Class;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+
+/// A figure with its target.
+#[derive(Debug, Clone)]
+pub struct Rate {
+    /// What is counted.
+    pub what: String,
+    /// Share, between 0 and 1, or a ratio.
+    pub value: f64,
+    /// Number of cases behind it.
+    pub of: usize,
+    /// The figure as text.
+    pub text: String,
+    /// The target as text; empty if there is none.
+    pub target: String,
+    /// Whether the target is reached; `None` without target or cases.
+    pub reached: Option<bool>,
+}
+
+/// Whether a figure must be at least or at most its target.
+enum Target {
+    AtLeast(f64),
+    AtMost(f64),
+    None,
+}
+
+/// A share of cases with its target.
+fn share<'a>(
+    what: &str,
+    cases: impl Iterator<Item = &'a Outcome>,
+    hit: impl Fn(&Outcome) -> bool,
+    target: Target,
+) -> Rate {
+    let (mut hits, mut of) = (0, 0);
+    for case in cases {
+        hits += usize::from(hit(case));
+        of += 1;
+    }
+    let value = hits as f64 / of.max(1) as f64;
+    Rate {
+        what: what.into(),
+        value,
+        of,
+        text: format!("{:.1} % ({hits} of {of})", 100.0 * value),
+        target: match target {
+            Target::AtLeast(x) => format!(">= {:.0} %", 100.0 * x),
+            Target::AtMost(x) => format!("<= {:.0} %", 100.0 * x),
+            Target::None => String::new(),
+        },
+        reached: match target {
+            _ if of == 0 => None,
+            Target::AtLeast(x) => Some(value >= x),
+            Target::AtMost(x) => Some(value <= x),
+            Target::None => None,
+        },
+    }
+}
+
+/// Quantile of unsorted values; 0 if there are none.
+fn quantile(values: &mut [f64], q: f64) -> f64 {
+    values.sort_by(f64::total_cmp);
+    if values.is_empty() {
+        return 0.0;
+    }
+    values[((values.len() - 1) as f64 * q).round() as usize]
+}
+
+/// All rates.
+#[must_use]
+pub fn rates(all: &[Outcome]) -> Vec<Rate> {
+    let group = |g: Group| all.iter().filter(move |o| o.case.group == g);
+    let known = |low: f64, high: f64| {
+        group(Group::Known).filter(move |o| o.case.strength >= low && o.case.strength < high)
+    };
+    let right = |o: &Outcome| o.class == Class::Right;
+    let among = |o: &Outcome| o.class == Class::Among;
+    let told = |o: &&Outcome| o.class != Class::Among;
+    let mut out = vec![
+        share(
+            "right effect first, RMS at least the noise's",
+            known(1.0, 99.0),
+            right,
+            Target::AtLeast(0.95),
+        ),
+        share(
+            "... at 3 times the noise",
+            known(3.0, 99.0),
+            right,
+            Target::None,
+        ),
+        share("... at the noise", known(1.0, 3.0), right, Target::None),
+        share(
+            "... said not to be identifiable, the true effect listed",
+            known(1.0, 99.0),
+            among,
+            Target::None,
+        ),
+        share(
+            "... right among the rest",
+            known(1.0, 99.0).filter(told),
+            right,
+            Target::None,
+        ),
+        share(
+            "right effect first, RMS 0.3 of the noise's",
+            known(0.0, 1.0),
+            right,
+            Target::AtLeast(0.80),
+        ),
+        share(
+            "... said not to be identifiable, the true effect listed",
+            known(0.0, 1.0),
+            among,
+            Target::None,
+        ),
+        share(
+            "... right among the rest",
+            known(0.0, 1.0).filter(told),
+            right,
+            Target::None,
+        ),
+        share(
+            "closed loop, RMS at the noise's: right effect first",
+            group(Group::Closed),
+            right,
+            Target::None,
+        ),
+        share(
+            "... said not to be identifiable, the true effect listed",
+            group(Group::Closed),
+            among,
+            Target::None,
+        ),
+        share(
+            "... another effect first",
+            group(Group::Closed),
+            |o| o.class == Class::Wrong,
+            Target::None,
+        ),
+        share(
+            "one effect right and first, another named beside it",
+            known(0.0, 99.0).filter(|o| right(o)),
+            |o| o.extra > 0,
+            Target::None,
+        ),
+        share(
+            "two effects: one of them first",
+            group(Group::Two),
+            right,
+            Target::AtLeast(0.95),
+        ),
+        share(
+            "... both named, no other",
+            group(Group::Two),
+            |o| right(o) && o.hits == 2 && o.extra == 0,
+            Target::None,
+        ),
+        share(
+            "false alarms on empty sets",
+            group(Group::Empty),
+            |o| o.class != Class::Right,
+            Target::AtMost(0.01),
+        ),
+        share(
+            "... open loop",
+            group(Group::Empty).filter(|o| !o.case.closed_loop),
+            |o| o.class != Class::Right,
+            Target::None,
+        ),
+        share(
+            "... closed loop",
+            group(Group::Empty).filter(|o| o.case.closed_loop),
+            |o| o.class != Class::Right,
+            Target::None,
+        ),
+        share(
+            "effects outside the catalogue called `unknown`",
+            group(Group::Strange),
+            right,
+            Target::AtLeast(0.80),
+        ),
+    ];
+    let mut errors: Vec<f64> = known(1.0, 99.0)
+        .filter(|o| right(o))
+        .flat_map(|o| o.estimates.iter().map(|e| e.error()))
+        .collect();
+    let close = errors.iter().filter(|e| **e <= 0.1).count();
+    let value = close as f64 / errors.len().max(1) as f64;
+    out.push(Rate {
+        what: "parameters within 10 % of the truth, RMS at least the noise's".into(),
+        value,
+        of: errors.len(),
+        text: format!(
+            "{:.1} % ({close} of {}); median error {:.1} %, 95 % quantile {:.1} %",
+            100.0 * value,
+            errors.len(),
+            100.0 * quantile(&mut errors, 0.5),
+            100.0 * quantile(&mut errors, 0.95)
+        ),
+        target: ">= 95 %".into(),
+        reached: (!errors.is_empty()).then_some(value >= 0.95),
+    });
+    let mut over: Vec<f64> = all
+        .iter()
+        .filter(|o| matches!(o.case.group, Group::Known | Group::Closed | Group::Two))
+        .map(Outcome::over_oracle)
+        .collect();
+    let within = over.iter().filter(|r| **r <= 1.05).count();
+    let value = quantile(&mut over, 0.95);
+    out.push(Rate {
+        what: "held-out RMSE after over the oracle's, all known effects, 95 % quantile".into(),
+        value,
+        of: over.len(),
+        text: format!(
+            "{value:.4} (median {:.4}, worst {:.4}; {within} of {} within 1.05)",
+            quantile(&mut over, 0.5),
+            quantile(&mut over, 1.0),
+            over.len()
+        ),
+        target: "<= 1.05".into(),
+        reached: (!over.is_empty()).then_some(value <= 1.05),
+    });
+    out
+}
+
+/// A short name for the head of a column.
+fn short(name: &str) -> String {
+    match name {
+        "not_identifiable" => "n.i.".into(),
+        "none" | "unknown" => name.into(),
+        _ => match name.split_once('_') {
+            Some((a, b)) => format!("{:.3}.{:.3}", a, b),
+            None => format!("{name:.5}"),
+        },
+    }
+}
+
+/// Confusion table of some outcomes: rows truth, columns the first effect named or the verdict.
+fn confusion(title: &str, outcomes: &[&Outcome]) -> String {
+    if outcomes.is_empty() {
+        return String::new();
+    }
+    let mut columns: Vec<String> = outcomes.iter().map(|o| o.answer.clone()).collect();
+    let order: Vec<&str> = residual::names();
+    columns.sort_by_key(|name| {
+        (
+            order.iter().position(|n| n == name).unwrap_or(usize::MAX),
+            name.clone(),
+        )
+    });
+    columns.dedup();
+    // Rows in the order in which the sets were made.
+    let mut rows: Vec<String> = Vec::new();
+    let mut counts: BTreeMap<(String, String), usize> = BTreeMap::new();
+    let mut among: BTreeMap<String, usize> = BTreeMap::new();
+    let mut right: BTreeMap<String, (usize, usize)> = BTreeMap::new();
+    for o in outcomes {
+        let truth = o.case.truth();
+        if !rows.contains(&truth) {
+            rows.push(truth.clone());
+        }
+        *counts.entry((truth.clone(), o.answer.clone())).or_default() += 1;
+        *among.entry(truth.clone()).or_default() += usize::from(o.class == Class::Among);
+        let r = right.entry(truth).or_default();
+        r.0 += usize::from(o.class == Class::Right);
+        r.1 += 1;
+    }
+    let width = rows.iter().map(String::len).max().unwrap_or(0).max(5);
+    let mut out = format!("### {title}\n\n| {:width$} | right |", "truth");
+    for column in &columns {
+        let _ = write!(out, " {:>7} |", short(column));
+    }
+    let _ = writeln!(
+        out,
+        "\n|{}|---:|{}",
+        "-".repeat(width + 2),
+        "---:|".repeat(columns.len())
+    );
+    for row in &rows {
+        let (hits, of) = right[row];
+        let _ = write!(out, "| {row:width$} | {:>5} |", format!("{hits}/{of}"));
+        for column in &columns {
+            let n = counts
+                .get(&(row.clone(), column.clone()))
+                .copied()
+                .unwrap_or(0);
+            let cell = match n {
+                0 => "·".to_string(),
+                _ if column == "not_identifiable" => format!("{} of {n}", among[row]),
+                _ => n.to_string(),
+            };
+            let _ = write!(out, " {cell:>7} |");
+        }
+        out.push('\n');
+    }
+    out.push('\n');
+    out
+}
+
+/// The whole text: tables, rates, summary.
+#[must_use]
+pub fn text(all: &[Outcome]) -> String {
+    let mut out = String::from("## Confusion tables\n\nRows: what is in the log. Columns: the effect named first, or the verdict. `n.i.` (not identifiable): \"2 of 3\" means that\nthree answers named effects that the data cannot tell apart, and two of these lists held the true effect.\n\n");
+    let pick = |f: &dyn Fn(&Outcome) -> bool| all.iter().filter(|o| f(o)).collect::<Vec<_>>();
+    for strength in STRENGTHS {
+        out += &confusion(
+            &format!("One effect, RMS {strength} times the noise's, open loop"),
+            &pick(&|o| o.case.group == Group::Known && o.case.strength == strength),
+        );
+    }
+    out += &confusion(
+        "One effect, RMS as the noise's, closed loop",
+        &pick(&|o| o.case.group == Group::Closed),
+    );
+    out += &confusion(
+        "Two effects, each with the noise's RMS",
+        &pick(&|o| o.case.group == Group::Two),
+    );
+    out += &confusion(
+        "No effect; half of the logs closed loop",
+        &pick(&|o| o.case.group == Group::Empty),
+    );
+    out += &confusion(
+        "Effects in no catalogue, RMS once and three times the noise's",
+        &pick(&|o| o.case.group == Group::Strange),
+    );
+    out += "## Rates\n\n| what | figure | target | |\n|---|---|---|---|\n";
+    let rates = rates(all);
+    for rate in rates.iter().filter(|rate| rate.of > 0) {
+        let _ = writeln!(
+            out,
+            "| {} | {} | {} | {} |",
+            rate.what,
+            rate.text,
+            rate.target,
+            match rate.reached {
+                Some(true) => "reached",
+                Some(false) => "missed",
+                None => "",
+            }
+        );
+    }
+    let judged: Vec<bool> = rates.iter().filter_map(|rate| rate.reached).collect();
+    let _ = writeln!(
+        out,
+        "\n{} sets: {} of {} targets reached, {} missed.",
+        all.len(),
+        judged.iter().filter(|r| **r).count(),
+        judged.len(),
+        judged.iter().filter(|r| !**r).count()
+    );
+    out
+}
+
+/// Every outcome and every rate as JSON.
+#[must_use]
+pub fn json(all: &[Outcome]) -> String {
+    let sets: Vec<serde_json::Value> = all
+        .iter()
+        .map(|o| {
+            serde_json::json!({
+                "group": format!("{:?}", o.case.group).to_lowercase(),
+                "truth": o.case.truth(),
+                "strength": o.case.strength,
+                "closed_loop": o.case.closed_loop,
+                "seed": o.case.seed,
+                "class": format!("{:?}", o.class).to_lowercase(),
+                "verdict": o.verdict,
+                "named": o.named,
+                "not_identifiable": o.among,
+                "structure": o.structure,
+                "estimates": o.estimates.iter().map(|e| serde_json::json!({
+                    "name": e.name, "truth": e.truth, "found": e.found,
+                })).collect::<Vec<_>>(),
+                "heldout_rmse": o.rmse,
+                "oracle_rmse": o.oracle,
+                "rows": o.rows,
+                "seconds": o.seconds,
+            })
+        })
+        .collect();
+    let rates: Vec<serde_json::Value> = rates(all)
+        .iter()
+        .filter(|rate| rate.of > 0)
+        .map(|rate| {
+            serde_json::json!({
+                "what": rate.what, "value": rate.value, "of": rate.of,
+                "target": rate.target, "reached": rate.reached,
+            })
+        })
+        .collect();
+    format!(
+        "{:#}\n",
+        serde_json::json!({ "rates": rates, "sets": sets })
+    )
+}
