@@ -439,6 +439,14 @@ fn a_bus_that_stays_held_is_reported_and_taken_up_again_when_it_is_free() {
         stuck.len() < 20,
         "it must pause between rounds, or it loads the core"
     );
+    assert!(
+        !bench
+            .heard
+            .0
+            .iter()
+            .any(|event| matches!(event, Event::MuxSilent { .. })),
+        "a held line says nothing of the multiplexer"
+    );
     bench.held = None;
     bench.heard.0.clear();
     bench.run(300_000);
