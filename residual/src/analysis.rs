@@ -6,6 +6,7 @@ use crate::expr::Expr;
 use crate::load::{self, Loaded};
 use crate::model::{Chosen, Fit, Model};
 use crate::problem::{correlation_rows, Problem, Sums};
+use crate::progress::Progress;
 use crate::report::{
     Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested, Verdict,
 };
@@ -36,16 +37,6 @@ pub struct Options {
     pub model: Spec,
     /// Where reports go; nothing is written if `None`.
     pub out: Option<PathBuf>,
-}
-
-/// Told how far an analysis is.
-pub trait Progress {
-    /// A stage begins; `text` is one line for people.
-    fn stage(&mut self, text: &str);
-}
-
-impl Progress for () {
-    fn stage(&mut self, _: &str) {}
 }
 
 /// Runs an analysis and writes its reports.
@@ -433,7 +424,7 @@ impl Analysis<'_> {
                 // An optimum at the edge of the interval means that it lies further on.
                 let (mut lo, mut hi) = (lo, hi);
                 for _ in 0..6 {
-                    let best = state.refine(&own.variant, lo, hi);
+                    let best = state.refine(&own.variant, lo, hi, search::FINE);
                     chosen[i].psi = best;
                     let reach = hi - lo;
                     if best - lo > 0.04 * reach && hi - best > 0.04 * reach {
@@ -467,6 +458,7 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     } = loaded;
     let sel = &spec.selection;
     let mut problem = Problem::new(frame, &keep, &fold, sel.decoys, sel.seed);
+    problem.ticker = progress.ticker();
     check_excitation(&problem, spec)?;
     progress.stage(&format!(
         "baseline on {} rows, {} groups in {} folds",
@@ -562,22 +554,24 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
         stats::whiteness(&base.residual, &frame),
     )];
     residual_tests.push(("after".into(), stats::whiteness(&fit.residual, &frame)));
-    for (name, _) in spec.roles.all() {
-        if name == "target" || name == "time" || spec.roles.groups.contains_key(&name) {
-            continue;
-        }
-        let x = a
-            .problem
-            .gather(a.problem.frame.column(&name).unwrap_or(&[]).to_vec());
-        residual_tests.push((
-            "before".into(),
-            stats::cross_correlation(&base.residual, &x, &name, &frame),
-        ));
-        residual_tests.push((
-            "after".into(),
-            stats::cross_correlation(&fit.residual, &x, &name, &frame),
-        ));
-    }
+    let crossed: Vec<_> = spec
+        .roles
+        .all()
+        .into_par_iter()
+        .filter(|(name, _)| {
+            name != "target" && name != "time" && !spec.roles.groups.contains_key(name)
+        })
+        .flat_map_iter(|(name, _)| {
+            let x = a
+                .problem
+                .gather(a.problem.frame.column(&name).unwrap_or(&[]).to_vec());
+            [("before", &base.residual), ("after", &fit.residual)].map(|(when, r)| {
+                let test = stats::cross_correlation(r, &x, &name, &frame);
+                (when.to_string(), test)
+            })
+        })
+        .collect();
+    residual_tests.extend(crossed);
 
     // Order by what is lost without each, then tell the story in that order.
     let full = stats::rms(&fit.held);
@@ -688,11 +682,19 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
             params: psi_map(c),
         })
         .collect::<Vec<_>>();
+    // What the catalogue offers is as well seen on the windows.
+    let small = match &a.thin {
+        Some(thin) => Some((thin, Fit::new(thin, &declared)?)),
+        None => None,
+    };
+    let (on, with) = small
+        .as_ref()
+        .map_or((&a.problem, &base), |(thin, fit)| (*thin, fit));
     let absent = CATALOGUE
         .iter()
         .filter(|e| a.allowed(**e))
         .filter(|e| {
-            e.variants(&context(&a.problem, spec, &a.load, &declared, &base))
+            e.variants(&context(on, spec, &a.load, &declared, with))
                 .is_empty()
         })
         .map(|e| e.name().to_string())

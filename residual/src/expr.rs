@@ -11,6 +11,7 @@
 
 use crate::error::Error;
 use crate::frame::Frame;
+use std::borrow::Cow;
 use std::collections::BTreeSet;
 use std::fmt;
 
@@ -237,37 +238,43 @@ impl<'a> Parser<'a> {
     }
 }
 
-/// A value on the way: constants stay scalars so that no row of them is ever stored.
-enum Value {
+/// A value on the way: constants stay scalars so that no row of them is ever stored, and columns
+/// stay where they are until something is done to them.
+enum Value<'a> {
     One(f64),
-    Rows(Vec<f64>),
+    Rows(Cow<'a, [f64]>),
 }
 
-impl Value {
-    fn map(self, f: impl Fn(f64) -> f64) -> Value {
+impl<'a> Value<'a> {
+    fn owned(v: Vec<f64>) -> Value<'a> {
+        Value::Rows(Cow::Owned(v))
+    }
+
+    fn map(self, f: impl Fn(f64) -> f64) -> Value<'a> {
         match self {
             Value::One(x) => Value::One(f(x)),
-            Value::Rows(mut v) => {
+            Value::Rows(Cow::Borrowed(v)) => Value::owned(v.iter().map(|x| f(*x)).collect()),
+            Value::Rows(Cow::Owned(mut v)) => {
                 v.iter_mut().for_each(|x| *x = f(*x));
-                Value::Rows(v)
+                Value::owned(v)
             }
         }
     }
 
-    fn zip(self, other: Value, f: impl Fn(f64, f64) -> f64) -> Value {
+    fn zip(self, other: Value<'a>, f: impl Fn(f64, f64) -> f64) -> Value<'a> {
         match (self, other) {
-            (Value::One(a), Value::One(b)) => Value::One(f(a, b)),
-            (Value::Rows(mut a), Value::One(b)) => {
-                a.iter_mut().for_each(|x| *x = f(*x, b));
-                Value::Rows(a)
+            (a, Value::One(b)) => a.map(|x| f(x, b)),
+            (Value::One(a), b) => b.map(|x| f(a, x)),
+            (Value::Rows(Cow::Owned(mut a)), Value::Rows(b)) => {
+                a.iter_mut().zip(b.iter()).for_each(|(x, y)| *x = f(*x, *y));
+                Value::owned(a)
             }
-            (Value::One(a), Value::Rows(mut b)) => {
-                b.iter_mut().for_each(|x| *x = f(a, *x));
-                Value::Rows(b)
+            (Value::Rows(a), Value::Rows(Cow::Owned(mut b))) => {
+                b.iter_mut().zip(a.iter()).for_each(|(y, x)| *y = f(*x, *y));
+                Value::owned(b)
             }
-            (Value::Rows(mut a), Value::Rows(b)) => {
-                a.iter_mut().zip(&b).for_each(|(x, y)| *x = f(*x, *y));
-                Value::Rows(a)
+            (Value::Rows(a), Value::Rows(b)) => {
+                Value::owned(a.iter().zip(b.iter()).map(|(x, y)| f(*x, *y)).collect())
             }
         }
     }
@@ -275,7 +282,7 @@ impl Value {
     fn rows(self, n: usize) -> Vec<f64> {
         match self {
             Value::One(x) => vec![x; n],
-            Value::Rows(v) => v,
+            Value::Rows(v) => v.into_owned(),
         }
     }
 }
@@ -367,12 +374,12 @@ impl Expr {
         }
     }
 
-    fn value(&self, frame: &Frame) -> Result<Value, Error> {
+    fn value<'a>(&self, frame: &'a Frame) -> Result<Value<'a>, Error> {
         let truth = |b: bool| if b { 1.0 } else { 0.0 };
         Ok(match self {
             Expr::Num(x) => Value::One(*x),
             Expr::Var(n) => match frame.column(n) {
-                Some(c) => Value::Rows(c.to_vec()),
+                Some(c) => Value::Rows(Cow::Borrowed(c)),
                 None => {
                     return Err(Error::Expression {
                         text: n.clone(),
@@ -410,7 +417,12 @@ impl Expr {
         })
     }
 
-    fn call_value(&self, func: Func, args: &[Expr], frame: &Frame) -> Result<Value, Error> {
+    fn call_value<'a>(
+        &self,
+        func: Func,
+        args: &[Expr],
+        frame: &'a Frame,
+    ) -> Result<Value<'a>, Error> {
         let x = args[0].value(frame)?;
         let positive = |i: usize| -> Result<f64, Error> {
             let p = args[i].constant(frame)?;
@@ -454,7 +466,7 @@ impl Expr {
             Func::If => {
                 let (a, b) = (args[1].value(frame)?.rows(n), args[2].value(frame)?.rows(n));
                 let c = x.rows(n);
-                Value::Rows(
+                Value::owned(
                     c.iter()
                         .zip(a.iter().zip(&b))
                         .map(|(c, (a, b))| if *c != 0.0 { *a } else { *b })
@@ -492,9 +504,9 @@ impl Expr {
                         };
                     }
                 }
-                Value::Rows(v)
+                Value::owned(v)
             }
-            Func::Deriv => Value::Rows(derivative(
+            Func::Deriv => Value::owned(derivative(
                 &x.rows(n),
                 frame,
                 positive(1)?.max(1.0) as usize,
@@ -513,15 +525,15 @@ impl Expr {
                         v[i] = sum;
                     }
                 }
-                Value::Rows(v)
+                Value::owned(v)
             }
             Func::Delay => {
                 let s = args[1].constant(frame)?;
-                Value::Rows(resample(&x.rows(n), frame, |t, _| t - s))
+                Value::owned(resample(&x.rows(n), frame, |t, _| t - s))
             }
             Func::Warp => {
                 let r = args[1].constant(frame)?;
-                Value::Rows(resample(&x.rows(n), frame, |t, t0| {
+                Value::owned(resample(&x.rows(n), frame, |t, t0| {
                     t0 + (t - t0) * (1.0 + r)
                 }))
             }
@@ -548,7 +560,7 @@ impl Expr {
                         v[i] = y;
                     }
                 }
-                Value::Rows(v)
+                Value::owned(v)
             }
             Func::Play | Func::Stop => {
                 let half = positive(1)? / 2.0;
@@ -584,7 +596,7 @@ impl Expr {
                     let m = v[range.clone()].iter().sum::<f64>() / range.len().max(1) as f64;
                     v[range.clone()].iter_mut().for_each(|x| *x = m);
                 }
-                Value::Rows(v)
+                Value::owned(v)
             }
         })
     }
@@ -597,7 +609,7 @@ impl Frame {
         mut v: Vec<f64>,
         start: f64,
         mut step: impl FnMut(&mut f64, f64, bool) -> f64,
-    ) -> Value {
+    ) -> Value<'_> {
         for range in self.sequences() {
             let mut state = start;
             let mut first = true;
@@ -606,7 +618,7 @@ impl Frame {
                 first = false;
             }
         }
-        Value::Rows(v)
+        Value::owned(v)
     }
 }
 

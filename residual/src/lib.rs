@@ -24,6 +24,7 @@ mod linalg;
 pub mod load;
 mod model;
 mod problem;
+mod progress;
 mod report;
 mod search;
 /// The model file.
@@ -31,12 +32,13 @@ pub mod spec;
 mod stats;
 mod svg;
 
-pub use analysis::{analyse, run, Options, Progress};
+pub use analysis::{analyse, run, Options};
 pub use board::{Board, Ripple};
 pub use effects::{experiment, meaning, names, Param};
 pub use error::Error;
 pub use frame::Frame;
 pub use hygiene::Finding;
+pub use progress::{Console, Progress, Ticker};
 pub use report::{
     Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested, Verdict,
 };

@@ -10,6 +10,7 @@ use crate::error::Error;
 use crate::expr::Expr;
 use crate::frame::Frame;
 use crate::linalg::{dot, squared_error, Cholesky};
+use crate::progress::Ticker;
 use crate::stats::{self, Rng};
 use std::ops::Range;
 
@@ -22,7 +23,6 @@ pub(crate) struct Block {
 }
 
 /// Kept rows with their hold-out structure.
-#[derive(Debug)]
 pub(crate) struct Problem {
     pub frame: Frame,
     /// Frame rows that are fitted; `None` when all are.
@@ -35,6 +35,8 @@ pub(crate) struct Problem {
     pub flips: Vec<Vec<f64>>,
     fold_of_row: Vec<u32>,
     seed: u64,
+    /// Told how far a scan is.
+    pub ticker: Option<Ticker>,
 }
 
 /// Relative pivot below which a column counts as a repetition of others.
@@ -64,6 +66,7 @@ impl Problem {
             flips: vec![],
             fold_of_row,
             seed,
+            ticker: None,
         };
         p.cut_blocks(10.0, decoys);
         p
@@ -124,10 +127,13 @@ impl Problem {
     /// Evaluates an expression on the kept rows; values that are not finite become an error.
     pub fn eval(&self, e: &Expr) -> Result<Vec<f64>, Error> {
         let v = self.gather(e.eval(&self.frame)?);
-        if let Some(i) = v.iter().position(|x| !x.is_finite()) {
+        // Zero times anything finite is zero; chunks, as a test that may stop at each value is slow.
+        let finite = |c: &[f64]| c.iter().map(|x| x * 0.0).sum::<f64>() == 0.0;
+        if !v.chunks(1024).all(finite) {
+            let row = v.iter().position(|x| !x.is_finite()).unwrap_or(0) + 1;
             return Err(Error::Expression {
                 text: e.to_string(),
-                why: format!("is not finite on fitted row {}", i + 1),
+                why: format!("is not finite on fitted row {row}"),
             });
         }
         Ok(v)
@@ -229,7 +235,10 @@ impl Problem {
             .filter(|(_, k)| **k)
             .map(|(f, _)| *f)
             .collect();
-        (present.len() >= 2).then(|| Problem::new(frame, &keep, &fold, self.flips.len(), self.seed))
+        (present.len() >= 2).then(|| Problem {
+            ticker: self.ticker.clone(),
+            ..Problem::new(frame, &keep, &fold, self.flips.len(), self.seed)
+        })
     }
 }
 

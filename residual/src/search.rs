@@ -15,7 +15,11 @@ use crate::problem::{profile, Problem, Scores, Sums};
 use crate::spec::Spec;
 use crate::stats;
 use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Arc;
+
+/// Steps of a golden-section search that find an optimum to a 2000th of the interval.
+pub(crate) const FINE: usize = 16;
 
 /// A variant with its best parameter and what it achieves.
 #[derive(Clone)]
@@ -227,8 +231,9 @@ impl State<'_> {
         }
     }
 
-    /// Golden-section search of the nonlinear parameter between `lo` and `hi`.
-    pub fn refine(&self, variant: &Variant, lo: f64, hi: f64) -> f64 {
+    /// Golden-section search of the nonlinear parameter between `lo` and `hi`; every step takes
+    /// two fifths of the interval away.
+    pub fn refine(&self, variant: &Variant, lo: f64, hi: f64, steps: usize) -> f64 {
         const RATIO: f64 = 0.618_033_988_749_895;
         let log = lo > 0.0 && hi / lo > 1.05;
         let to = |x: f64| if log { x.ln() } else { x };
@@ -237,7 +242,7 @@ impl State<'_> {
         let cost = |u: f64| self.in_sample(&(variant.build)(from(u)));
         let (mut c, mut d) = (b - RATIO * (b - a), a + RATIO * (b - a));
         let (mut fc, mut fd) = (cost(c), cost(d));
-        for _ in 0..16 {
+        for _ in 0..steps {
             if fc < fd {
                 (b, d, fd) = (d, c, fc);
                 c = b - RATIO * (b - a);
@@ -361,9 +366,16 @@ impl State<'_> {
             .enumerate()
             .flat_map(|(i, g)| g.iter().map(move |x| (i, *x)))
             .collect();
+        let done = AtomicUsize::new(0);
         let scored: Vec<Option<Scores>> = jobs
             .par_iter()
-            .map(|(i, psi)| self.score(&(variants[*i].2.build)(*psi)))
+            .map(|(i, psi)| {
+                let scores = self.score(&(variants[*i].2.build)(*psi));
+                if let Some(tell) = &self.problem.ticker {
+                    tell(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
+                }
+                scores
+            })
             .collect();
         let mut per: Vec<Vec<(f64, Scores)>> = variants.iter().map(|_| vec![]).collect();
         for ((i, psi), s) in jobs.iter().zip(scored) {
@@ -412,7 +424,9 @@ impl State<'_> {
                     let resolution = variant.psi.as_ref().and_then(|p| p.resolution);
                     let (lo, hi) =
                         resolution.map_or_else(|| bracket(&grids[i], at), |d| (at - d, at + d));
-                    let psi = self.refine(variant, lo, hi);
+                    // After screening the place is known, and polishing follows.
+                    let steps = if focus.is_some() { 6 } else { FINE };
+                    let psi = self.refine(variant, lo, hi, steps);
                     for psi in [psi, psi + 0.15 * (at - psi), psi - 0.15 * (at - psi)] {
                         if let Some(s) = self.score(&(variant.build)(psi)) {
                             points.push((psi, s));

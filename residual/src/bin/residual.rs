@@ -1,16 +1,8 @@
 //! `residual --data PATH... --model MODEL.toml --out DIR`: the analysis by itself.
 
-use residual::{run, Error, Options, Progress};
+use residual::{run, Console, Error, Options};
 use std::path::PathBuf;
 use std::process::ExitCode;
-
-struct Stages(std::time::Instant);
-
-impl Progress for Stages {
-    fn stage(&mut self, text: &str) {
-        eprintln!("[{:7.2} s] {text}", self.0.elapsed().as_secs_f64());
-    }
-}
 
 fn options() -> Result<Options, String> {
     let (mut data, mut model, mut out) = (vec![], None, None);
@@ -43,7 +35,7 @@ fn main() -> ExitCode {
             return ExitCode::from(2);
         }
     };
-    match run(&options, &mut Stages(std::time::Instant::now())) {
+    match run(&options, &mut Console::default()) {
         Ok(report) => {
             println!("{}", report.summary());
             ExitCode::SUCCESS
