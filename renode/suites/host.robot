@@ -9,6 +9,7 @@ Set Force With The Real Controller
     Should Be Equal As Integers    ${figures}[samples_lost]    0
     Should Be Equal As Integers    ${figures}[link_counters][frames_bad]    0
     Should Be Empty    ${figures}[faults]
+    Should Be Equal As Numbers    ${figures}[amplifiers_off_s]    0
     Should Be True    ${figures}[metrics][tip_force_rms_n] < 0.2
     Should Be True    abs(${figures}[metrics][applied_n][1] - 2.5) < 0.1
     Output Should Be Zero
