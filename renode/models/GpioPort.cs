@@ -14,7 +14,7 @@ using Antmicro.Renode.Peripherals.Bus;
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
     [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
-    public class GpioPort : IDoubleWordPeripheral, IKnownSize, INumberedGPIOOutput, IGPIOReceiver
+    public class GpioPort : RegisterBlock, INumberedGPIOOutput, IGPIOReceiver
     {
         /// `modeReset`, `pullReset`: MODER and PUPDR after reset; most ports start analog.
         /// `boardPull`: what the board's own resistors do with a pad that nobody drives, bit n high, else low.
@@ -29,18 +29,20 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 connections[pin] = new GPIO();
             }
             Connections = new ReadOnlyDictionary<int, IGPIO>(connections);
+            // OSPEEDR, AFRL, AFRH.
+            Keep(0x08);
+            Keep(0x20);
+            Keep(0x24);
             Reset();
         }
 
-        public void Reset()
+        public override void Reset()
         {
+            base.Reset();
             mode = modeReset;
             pull = pullReset;
             outputType = 0;
-            speed = 0;
             latch = 0;
-            alternateLow = 0;
-            alternateHigh = 0;
             UpdatePads(0xFFFF);
         }
 
@@ -71,7 +73,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             return Mode(pin) == OutputMode;
         }
 
-        public uint ReadDoubleWord(long offset)
+        protected override uint? Read(long offset)
         {
             switch(offset)
             {
@@ -79,8 +81,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 return mode;
             case 0x04:
                 return outputType;
-            case 0x08:
-                return speed;
             case 0x0C:
                 return pull;
             case 0x10:
@@ -89,17 +89,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 return latch;
             case 0x18:
                 return 0;
-            case 0x20:
-                return alternateLow;
-            case 0x24:
-                return alternateHigh;
             default:
-                this.Log(LogLevel.Warning, "unhandled read at offset 0x{0:X}", offset);
-                return 0;
+                return null;
             }
         }
 
-        public void WriteDoubleWord(long offset, uint value)
+        protected override bool Write(long offset, uint value)
         {
             switch(offset)
             {
@@ -110,9 +105,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             case 0x04:
                 outputType = value;
                 UpdatePads(0xFFFF);
-                break;
-            case 0x08:
-                speed = value;
                 break;
             case 0x0C:
                 pull = value;
@@ -125,19 +117,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 // BSRR: where both bits of a pin are written, set has priority (RM0433 11.4.7).
                 SetLatch(latch & ~(value >> 16) | value & 0xFFFF);
                 break;
-            case 0x20:
-                alternateLow = value;
-                break;
-            case 0x24:
-                alternateHigh = value;
-                break;
             default:
-                this.Log(LogLevel.Warning, "unhandled write at offset 0x{0:X}, value 0x{1:X}", offset, value);
-                break;
+                return false;
             }
+            return true;
         }
-
-        public long Size { get { return 0x400; } }
 
         public IReadOnlyDictionary<int, IGPIO> Connections { get; private set; }
 
@@ -194,11 +178,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private uint mode;
         private uint outputType;
-        private uint speed;
         private uint pull;
         private uint latch;
-        private uint alternateLow;
-        private uint alternateHigh;
         private uint driven;
         private uint external;
         private uint levels;

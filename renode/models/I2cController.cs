@@ -23,7 +23,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
     }
 
     [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
-    public class I2cController : IDoubleWordPeripheral, IKnownSize
+    public class I2cController : RegisterBlock
     {
         public I2cController(IMachine machine, Rcc rcc, II2cTarget bus)
         {
@@ -32,21 +32,23 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             time = new VirtualTime(machine);
             EventInterrupt = new GPIO();
             ErrorInterrupt = new GPIO();
+            // OAR1, OAR2, TIMEOUTR.
+            Keep(0x08);
+            Keep(0x0C);
+            Keep(0x14);
             Reset();
         }
 
-        public void Reset()
+        public override void Reset()
         {
+            base.Reset();
             control1 = 0;
             control2 = 0;
             timing = 0;
-            own1 = 0;
-            own2 = 0;
-            timeout = 0;
             Disable();
         }
 
-        public uint ReadDoubleWord(long offset)
+        protected override uint? Read(long offset)
         {
             switch(offset)
             {
@@ -54,14 +56,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 return control1;
             case 0x04:
                 return control2;
-            case 0x08:
-                return own1;
-            case 0x0C:
-                return own2;
             case 0x10:
                 return timing;
-            case 0x14:
-                return timeout;
             case 0x18:
                 return status;
             case 0x1C:
@@ -72,12 +68,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             case 0x28:
                 return transmit;
             default:
-                this.Log(LogLevel.Warning, "unhandled read at offset 0x{0:X}", offset);
-                return 0;
+                return null;
             }
         }
 
-        public void WriteDoubleWord(long offset, uint value)
+        protected override bool Write(long offset, uint value)
         {
             switch(offset)
             {
@@ -93,22 +88,13 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             case 0x04:
                 WriteControl2(value);
                 break;
-            case 0x08:
-                own1 = value;
-                break;
-            case 0x0C:
-                own2 = value;
-                break;
             case 0x10:
                 if(Enabled)
                 {
                     this.Log(LogLevel.Warning, "TIMINGR written while PE=1: ignored (RM0433 47.7.5)");
-                    return;
+                    return true;
                 }
                 timing = value;
-                break;
-            case 0x14:
-                timeout = value;
                 break;
             case 0x18:
                 // Only TXE can be written: it flushes the transmit register.
@@ -125,12 +111,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 WriteData((byte)value);
                 break;
             default:
-                this.Log(LogLevel.Warning, "unhandled write at offset 0x{0:X}, value 0x{1:X}", offset, value);
-                break;
+                return false;
             }
+            return true;
         }
-
-        public long Size { get { return 0x400; } }
 
         public GPIO EventInterrupt { get; private set; }
 
@@ -358,9 +342,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private uint control1;
         private uint control2;
         private uint timing;
-        private uint own1;
-        private uint own2;
-        private uint timeout;
         private uint status;
         private uint remaining;
         private uint transmit;

@@ -9,7 +9,7 @@ using Antmicro.Renode.Peripherals.Bus;
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
     [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
-    public class Iwdg : IDoubleWordPeripheral, IKnownSize
+    public class Iwdg : RegisterBlock
     {
         public Iwdg(IMachine machine, Rcc rcc)
         {
@@ -19,8 +19,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             Reset();
         }
 
-        public void Reset()
+        public override void Reset()
         {
+            base.Reset();
             prescaler = 0;
             reload = 0xFFF;
             unlocked = false;
@@ -28,7 +29,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             refresh++;
         }
 
-        public uint ReadDoubleWord(long offset)
+        protected override uint? Read(long offset)
         {
             switch(offset)
             {
@@ -43,12 +44,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             case 0x10:
                 return 0xFFF;
             default:
-                this.Log(LogLevel.Warning, "unhandled read at offset 0x{0:X}", offset);
-                return 0;
+                return null;
             }
         }
 
-        public void WriteDoubleWord(long offset, uint value)
+        protected override bool Write(long offset, uint value)
         {
             switch(offset)
             {
@@ -65,7 +65,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 if(!unlocked)
                 {
                     this.Log(LogLevel.Warning, "write at offset 0x{0:X} without the key 0x5555", offset);
-                    return;
+                    return true;
                 }
                 if(offset == 4)
                 {
@@ -79,12 +79,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 updatedAt = time.Now + 5 * LsiPeriodNs;
                 break;
             default:
-                this.Log(LogLevel.Warning, "unhandled write at offset 0x{0:X}, value 0x{1:X}", offset, value);
-                break;
+                return false;
             }
+            return true;
         }
-
-        public long Size { get { return 0x400; } }
 
         private void Refresh()
         {

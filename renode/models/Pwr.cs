@@ -9,73 +9,57 @@ using Antmicro.Renode.Peripherals.Bus;
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
     [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
-    public class Pwr : IDoubleWordPeripheral, IKnownSize
+    public class Pwr : RegisterBlock
     {
         public Pwr(IMachine machine)
         {
             time = new VirtualTime(machine);
+            // CR1, CR2, CPUCR, WKUPEPR.
+            Keep(0x00, 0xF000C000);
+            Keep(0x08);
+            Keep(0x10);
+            Keep(0x28);
             Reset();
         }
 
-        public void Reset()
+        public override void Reset()
         {
-            control1 = 0xF000C000;
-            control2 = 0;
+            base.Reset();
             control3 = 0x6;
-            cpuControl = 0;
             d3Control = Scale3;
-            wakeupEnable = 0;
             actualScale = Scale3;
             supplyWritten = false;
             change++;
         }
 
-        public uint ReadDoubleWord(long offset)
+        protected override uint? Read(long offset)
         {
             var ready = actualScale == (d3Control & ScaleMask);
             switch(offset)
             {
-            case 0x00:
-                return control1;
             case 0x04:
                 // Before the supply is configured ACTVOSRDY stays 0 (RM0433 6.4.1, "Run* mode").
                 return actualScale | (ready && supplyWritten ? ReadyBit : 0);
-            case 0x08:
-                return control2;
             case 0x0C:
                 return control3;
-            case 0x10:
-                return cpuControl;
             case 0x18:
                 return d3Control | (ready ? ReadyBit : 0);
             case 0x20:
             case 0x24:
                 return 0;
-            case 0x28:
-                return wakeupEnable;
             default:
-                this.Log(LogLevel.Warning, "unhandled read at offset 0x{0:X}", offset);
-                return 0;
+                return null;
             }
         }
 
-        public void WriteDoubleWord(long offset, uint value)
+        protected override bool Write(long offset, uint value)
         {
             switch(offset)
             {
-            case 0x00:
-                control1 = value;
-                break;
-            case 0x08:
-                control2 = value;
-                break;
             case 0x0C:
                 // The supply part can be written once after power-on (RM0433 6.8.4).
                 control3 = supplyWritten ? control3 & 7 | value & ~7u : value;
                 supplyWritten = true;
-                break;
-            case 0x10:
-                cpuControl = value;
                 break;
             case 0x18:
                 d3Control = value & ScaleMask;
@@ -90,23 +74,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 break;
             case 0x20:
                 break;
-            case 0x28:
-                wakeupEnable = value;
-                break;
             default:
-                this.Log(LogLevel.Warning, "unhandled write at offset 0x{0:X}, value 0x{1:X}", offset, value);
-                break;
+                return false;
             }
+            return true;
         }
 
-        public long Size { get { return 0x400; } }
-
-        private uint control1;
-        private uint control2;
         private uint control3;
-        private uint cpuControl;
         private uint d3Control;
-        private uint wakeupEnable;
         private uint actualScale;
         private bool supplyWritten;
         private uint change;

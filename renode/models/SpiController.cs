@@ -17,7 +17,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         void Frame(uint word, int bits, bool idleHigh, bool secondEdge);
     }
 
-    public class SpiController : IDoubleWordPeripheral, IWordPeripheral, IBytePeripheral, IKnownSize
+    public class SpiController : RegisterBlock, IWordPeripheral, IBytePeripheral
     {
         public SpiController(IMachine machine, Rcc rcc, ISpiTarget target)
         {
@@ -28,8 +28,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             Reset();
         }
 
-        public void Reset()
+        public override void Reset()
         {
+            base.Reset();
             control1 = 0;
             control2 = 0;
             configuration1 = 0x00070007;
@@ -45,7 +46,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             UpdateInterrupt();
         }
 
-        public uint ReadDoubleWord(long offset)
+        protected override uint? Read(long offset)
         {
             switch(offset)
             {
@@ -68,12 +69,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             case 0x50:
                 return 0;
             default:
-                this.Log(LogLevel.Warning, "unhandled read at offset 0x{0:X}", offset);
-                return 0;
+                return null;
             }
         }
 
-        public void WriteDoubleWord(long offset, uint value)
+        protected override bool Write(long offset, uint value)
         {
             switch(offset)
             {
@@ -123,9 +123,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 }
                 break;
             default:
-                this.Log(LogLevel.Warning, "unhandled write at offset 0x{0:X}, value 0x{1:X}", offset, value);
-                break;
+                return false;
             }
+            return true;
         }
 
         public ushort ReadWord(long offset)
@@ -147,8 +147,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             WriteDoubleWord(offset, value);
         }
-
-        public long Size { get { return 0x400; } }
 
         public GPIO IRQ { get; private set; }
 

@@ -13,7 +13,7 @@ using Antmicro.Renode.Peripherals.UART;
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
     [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
-    public class Usart : IUART, IDoubleWordPeripheral, IKnownSize
+    public class Usart : RegisterBlock, IUART
     {
         public Usart(IMachine machine, Rcc rcc)
         {
@@ -22,18 +22,20 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             IRQ = new GPIO();
             ReceiveRequest = new GPIO();
             TransmitRequest = new GPIO();
+            // GTPR, RTOR.
+            Keep(0x10);
+            Keep(0x14);
             Reset();
         }
 
-        public void Reset()
+        public override void Reset()
         {
+            base.Reset();
             control1 = 0;
             control2 = 0;
             control3 = 0;
             divisor = 0;
             prescaler = 0;
-            guard = 0;
-            receiverTimeout = 0;
             flags = TransmitComplete;
             toSend.Clear();
             received.Clear();
@@ -42,7 +44,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             Update();
         }
 
-        public uint ReadDoubleWord(long offset)
+        protected override uint? Read(long offset)
         {
             switch(offset)
             {
@@ -54,10 +56,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 return control3;
             case 0x0C:
                 return divisor;
-            case 0x10:
-                return guard;
-            case 0x14:
-                return receiverTimeout;
             case 0x18:
             case 0x20:
                 return 0;
@@ -70,12 +68,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             case 0x2C:
                 return prescaler;
             default:
-                this.Log(LogLevel.Warning, "unhandled read at offset 0x{0:X}", offset);
-                return 0;
+                return null;
             }
         }
 
-        public void WriteDoubleWord(long offset, uint value)
+        protected override bool Write(long offset, uint value)
         {
             switch(offset)
             {
@@ -103,12 +100,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             case 0x0C:
                 divisor = value & 0xFFFF;
                 break;
-            case 0x10:
-                guard = value;
-                break;
-            case 0x14:
-                receiverTimeout = value;
-                break;
             case 0x18:
                 if((value & 1u << 3) != 0)
                 {
@@ -129,10 +120,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 prescaler = value & 15;
                 break;
             default:
-                this.Log(LogLevel.Warning, "unhandled write at offset 0x{0:X}, value 0x{1:X}", offset, value);
-                break;
+                return false;
             }
             Update();
+            return true;
         }
 
         /// A byte arrives at the RX pin.
@@ -186,8 +177,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         public Bits StopBits { get { return Bits.One; } }
 
         public Parity ParityBit { get { return Parity.None; } }
-
-        public long Size { get { return 0x400; } }
 
         public GPIO IRQ { get; private set; }
 
@@ -333,8 +322,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private uint control3;
         private uint divisor;
         private uint prescaler;
-        private uint guard;
-        private uint receiverTimeout;
         private uint flags;
         private bool sending;
         private ulong epoch;
