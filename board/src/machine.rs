@@ -599,6 +599,9 @@ impl Machine {
         if self.commander != Some(link) {
             return Some(Answer::Refused(Refusal::NotConnected));
         }
+        // Commands are carried out between two samples, so here is a cycle boundary too: whoever asks after a commit
+        // gets what was committed, and arming acts on it.
+        self.exchange_configs();
         let result = match &frame.command {
             Command::Hello { .. } => Ok(()),
             Command::GetStatus => return Some(Answer::Status(self.status(now, figures, counters))),
@@ -687,10 +690,6 @@ impl Machine {
     }
 
     fn arm(&mut self, now: u32, fx: &mut impl Effects) -> Result<(), Refusal> {
-        if self.commit {
-            // A commit is waiting for its cycle boundary, at most a millisecond away.
-            self.exchange_configs();
-        }
         let was = self.system;
         self.request(Request::Arm, now, fx)?;
         if was != SystemState::Running && !self.expiry.is_valid(Micros(now)) {

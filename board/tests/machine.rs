@@ -178,6 +178,27 @@ impl Bench {
 }
 
 #[test]
+fn what_was_committed_is_read_back_at_once() {
+    let mut bench = Bench::ready();
+    let mut config = Config::nominal();
+    config.coulomb_un = 1_234_567;
+    config.ripples[1].amplitude_un = 400_000;
+    bench.done(Command::StageConfig { unit: 4, config });
+    // Staged is not in force.
+    assert_ne!(
+        bench.ask(0, Command::GetConfig { unit: 4 }),
+        Some(Answer::Config(config))
+    );
+    let crc = bench.status().config_crc;
+    bench.done(Command::CommitConfig);
+    assert_eq!(
+        bench.ask(0, Command::GetConfig { unit: 4 }),
+        Some(Answer::Config(config))
+    );
+    assert_ne!(bench.status().config_crc, crc);
+}
+
+#[test]
 fn nothing_is_done_for_a_link_without_hello_and_the_last_hello_commands() {
     let mut bench = Bench::new(None);
     bench.run(2);

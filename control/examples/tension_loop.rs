@@ -4,12 +4,17 @@
 //!
 //! Prints RMS over all cables, the worst cable's RMS and the largest error, in N. Keys: `kp`, `ki`, `kd`,
 //! `damping` (N, s, m), `ff` (0 or 1), `reversal` (um), `corner` (Hz) or `average` (samples), `slew` (N/s);
-//! of the plant `ea` (cable, N), `breakaway` (ratio), `presliding` (um); `seconds`, `seeds`.
+//! `coulomb` (N), `gain`, `viscous` (N s/m), `ripple` (N, motor's order 1); of the plant `ea` (cable, N), `breakaway`
+//! (ratio), `presliding` (um), and what it does beyond the model: `more_coulomb` (N), `more_viscous` (N s/m),
+//! `more_ripple` (N), `more_gain` (part), `delay` (ms); `seconds`, `seeds`.
 
 #[path = "../tests/common/rig.rs"]
 mod rig;
 
 use force_control::Config;
+use force_plant::effects::{
+    AmplifierGain, CommandDelay, Coulomb, Effect, Periodic, Shaft, Viscous,
+};
 use force_wire::message::FilterChoice;
 use std::process::ExitCode;
 
@@ -40,6 +45,39 @@ fn main() -> ExitCode {
             }
             "average" => wire.filter = FilterChoice::MovingAverage(value as u8),
             "slew" => wire.slew_un_per_s = (value * 1e6) as i32,
+            "coulomb" => wire.coulomb_un = (value * 1e6) as i32,
+            "gain" => wire.friction_gain_q16 = q16,
+            "viscous" => wire.viscous_q16 = q16,
+            "ripple" => {
+                // Counts fall while winding in, so the plant's rising angle is their falling one.
+                let per_turn = -4_294_967_296.0 / 4_000.0;
+                wire.ripples[0].periods_per_count_q32 = per_turn as i32;
+                wire.ripples[0].amplitude_un = (value * 1e6) as i32;
+            }
+            "more_coulomb" => plant.effects.push(Effect::Coulomb(Coulomb {
+                units: vec![],
+                constant_n: value,
+                per_load: 0.0,
+            })),
+            "more_viscous" => plant.effects.push(Effect::Viscous(Viscous {
+                units: vec![],
+                coefficient_n_s_per_m: value,
+            })),
+            "more_ripple" => plant.effects.push(Effect::Periodic(Periodic {
+                units: vec![],
+                shaft: Shaft::Motor,
+                order: 1.0,
+                amplitude_n: value,
+                phase_rad: 0.0,
+            })),
+            "more_gain" => plant.effects.push(Effect::AmplifierGain(AmplifierGain {
+                units: vec![],
+                relative_error: value,
+            })),
+            "delay" => plant.effects.push(Effect::CommandDelay(CommandDelay {
+                units: vec![],
+                delay_s: value * 1e-3,
+            })),
             "ea" => plant.cable.axial_stiffness_n = value,
             "breakaway" => plant.friction.breakaway_ratio = value,
             "presliding" => plant.friction.presliding_m = value * 1e-6,

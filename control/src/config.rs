@@ -8,7 +8,7 @@ use crate::filter::FilterConfig;
 use crate::limits::Rate;
 use crate::units::{LoadCode, Newton};
 use crate::NOMINAL_SPS;
-use force_wire::message::{FilterChoice, UnitConfig};
+use force_wire::message::{FilterChoice, Ripple, UnitConfig, RIPPLES};
 
 /// A number of the configuration, its range, and why the range is what it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -83,6 +83,15 @@ fields! {
         "1 N/s, below which nothing settles, to 2,000 N/s, past which it limits nothing";
     /// Over-tension.
     OVER_TENSION = 19, "over_tension_un", 1_000_000 ..= 50_000_000, "1 to 50 N: the cell's converter ends at 57 N";
+    /// Viscous friction.
+    VISCOUS = 20, "viscous_q16", 0 ..= 6_553_600, "0 to 100 N s/m: below the loop's damping, which holds what is overdone here";
+    /// A ripple's periods per count.
+    RIPPLE_RATE = 21, "ripples.periods_per_count_q32", -858_993_459 ..= 858_993_459,
+        "a fifth of a period a count at most, in size: finer ones can't be told from noise";
+    /// A ripple's amplitude.
+    RIPPLE_AMPLITUDE = 21, "ripples.amplitude_un", 0 ..= 3_000_000, "0 to 3 N: more is a broken reel and not a ripple";
+    /// A ripple's amplitude per setpoint.
+    RIPPLE_LOAD = 21, "ripples.amplitude_load_q16", 0 ..= 13_107, "0 to 0.2 N per N: a reel 2 mm out of round";
 }
 
 /// A number that is out of its range.
@@ -168,6 +177,13 @@ impl Config {
             force_limit_un: 16_000_000,
             slew_un_per_s: 400_000_000,
             over_tension_un: 20_000_000,
+            viscous_q16: 0,
+            ripples: [Ripple {
+                periods_per_count_q32: 0,
+                phase_q32: 0,
+                amplitude_un: 0,
+                amplitude_load_q16: 0,
+            }; RIPPLES],
         }
     }
 
@@ -208,6 +224,12 @@ impl Config {
         within(field::FORCE_LIMIT, w.force_limit_un)?;
         within(field::SLEW, w.slew_un_per_s)?;
         within(field::OVER_TENSION, w.over_tension_un)?;
+        within(field::VISCOUS, w.viscous_q16)?;
+        for ripple in &w.ripples {
+            within(field::RIPPLE_RATE, ripple.periods_per_count_q32)?;
+            within(field::RIPPLE_AMPLITUDE, ripple.amplitude_un)?;
+            within(field::RIPPLE_LOAD, ripple.amplitude_load_q16)?;
+        }
 
         let step = f64::from(1u32 << Newton::FRAC_BITS);
         let scale = f64::from(w.scale_pn_per_count) * 1e-12 * step * f64::from(1u32 << SCALE_SHIFT);

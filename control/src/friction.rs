@@ -7,10 +7,15 @@
 //! * paying out: cmd = (F - offset - c0) / (gain + c1)
 //!
 //! and in between, for a direction that is not sure of itself, straight between the two.
+//!
+//! Two more terms, off unless configured, count like an offset: viscous friction (F falls by b v) and ripples over
+//! the reel's angle. The speed for the former is the travel's mean over some 25 ms: one count in a sample is
+//! 1.35 mm/s already, and what compensates friction in proportion to speed feeds the speed back positively, which
+//! must not reach the cable's swing (16 to 25 Hz). See [`Pace`] and [`Ripples`].
 
 use crate::limits::symmetric;
 use crate::units::{Counts, Newton};
-use force_wire::message::UnitConfig;
+use force_wire::message::{UnitConfig, RIPPLES};
 
 /// Direction of the reel, -1 (paying out) to +1 (winding in), times 2^30.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
@@ -47,6 +52,9 @@ pub struct Model {
     per_nm_q8: i32,
     /// Play that the travel must use up before it counts, in nanometres: one encoder count.
     play_nm: i32,
+    /// Force steps per nanometre a nominal sample, times 65,536.
+    viscous: i32,
+    ripples: Ripples,
 }
 
 impl Model {
@@ -69,7 +77,21 @@ impl Model {
             inv_out_q24: inverse(gain + c1),
             per_nm_q8: crate::config::rounded(per_nm * 256.0),
             play_nm: wire.travel_nm_per_count.saturating_abs(),
+            viscous: crate::config::rounded(
+                f64::from(wire.viscous_q16)
+                    * f64::from(crate::NOMINAL_SPS)
+                    * 1e-9
+                    * f64::from(1u32 << Newton::FRAC_BITS),
+            ),
+            ripples: Ripples::new(wire),
         }
+    }
+
+    /// What viscous friction takes at this pace, at most [`VISCOUS_LIMIT`].
+    fn viscous(&self, pace: Pace) -> Newton {
+        // 27,487 steps a nanometre at most, and 31 bits of pace.
+        let wide = (i64::from(self.viscous) * i64::from(pace.nm_q8())) >> 24;
+        Newton::from_wide(wide).clamp_abs(VISCOUS_LIMIT)
     }
 
     /// Whether the compensation is switched on.
@@ -78,20 +100,125 @@ impl Model {
         self.enabled
     }
 
-    /// The command that makes `tension` while the reel goes in `direction`. With the compensation switched
-    /// off it is the tension itself.
+    /// The command that makes `tension` while the reel goes in `direction`, at the `pace` and the position `at` that
+    /// the viscous term and the ripples want to know. With the compensation switched off it is the tension itself.
     #[must_use]
-    pub fn command(&self, tension: Newton, direction: Direction) -> Newton {
+    pub fn command(&self, tension: Newton, direction: Direction, pace: Pace, at: Counts) -> Newton {
         if !self.enabled {
             return tension;
         }
-        let base = i64::from(tension.to_bits()) - i64::from(self.offset);
+        let base = i64::from(tension.to_bits()) - i64::from(self.offset)
+            + i64::from(self.viscous(pace).to_bits())
+            - i64::from(self.ripples.at(at, tension).to_bits());
         let coulomb = i64::from(self.coulomb);
         let winding_in = ((base + coulomb) * i64::from(self.inv_in_q24)) >> 24;
         let paying_out = ((base - coulomb) * i64::from(self.inv_out_q24)) >> 24;
         let middle = (winding_in + paying_out) >> 1;
         let half = (winding_in - paying_out) >> 1;
         Newton::from_wide(middle + ((half * i64::from(direction.q30())) >> 30))
+    }
+}
+
+/// Largest viscous friction that is made up for: 3 N, twice what the reel's dry friction is at 4 N.
+pub const VISCOUS_LIMIT: Newton = Newton::from_un(3_000_000);
+
+/// Part of the difference that [`Pace`] takes over in a sample: 1/8, a mean over some eight samples (25 ms).
+const PACE_SHIFT: u32 = 3;
+
+/// The reel's speed for the viscous term: first-order mean of the travel a sample, in nanometres times 256.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Pace(i32);
+
+impl Pace {
+    /// Takes a nominal sample's travel in nanometres.
+    pub fn step(&mut self, travel_nm: i32) {
+        let travel = travel_nm.clamp(-LARGEST_TRAVEL_NM, LARGEST_TRAVEL_NM) << 8;
+        // Rounded to the nearest, so that a pace dies out on both sides alike. 31 bits each, their difference 32.
+        let difference = i64::from(travel) - i64::from(self.0);
+        let half = 1 << (PACE_SHIFT - 1);
+        self.0 = self
+            .0
+            .saturating_add(((difference + half) >> PACE_SHIFT) as i32);
+    }
+
+    /// Nanometres a nominal sample, times 256.
+    #[must_use]
+    pub const fn nm_q8(self) -> i32 {
+        self.0
+    }
+}
+
+/// Sine of an angle in turns times 2^32, times 2^30.
+///
+/// The angle is folded to a quarter turn; there sin(pi/2 z) = z (c1 + c3 z^2 + c5 z^4 + c7 z^6), the coefficients
+/// of a least-squares fit over Chebyshev points. Off by less than 1e-6 (tested).
+#[must_use]
+pub fn sin_q30(turns_q32: u32) -> i32 {
+    const C1: i64 = 1_686_623_980;
+    const C3: i64 = -693_521_966;
+    const C5: i64 = 85_291_577;
+    const C7: i64 = -4_652_396;
+    let angle = turns_q32 as i32;
+    // Past a quarter turn either way: mirrored there (half a turn less the angle).
+    let z = if !(-(1 << 30)..=1 << 30).contains(&angle) {
+        i32::MIN.wrapping_sub(angle)
+    } else {
+        angle
+    };
+    let z = i64::from(z);
+    let square = (z * z) >> 30;
+    let mut sum = C7;
+    for coefficient in [C5, C3, C1] {
+        sum = coefficient + ((sum * square) >> 30);
+    }
+    let sine = (z * sum) >> 30;
+    symmetric(sine, 1 << 30) as i32
+}
+
+/// One ripple, precomputed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Ripple {
+    /// Periods per count, times 2^32.
+    rate: i32,
+    /// Phase in turns, times 2^32.
+    phase: i32,
+    amplitude: i32,
+    load_q16: i32,
+}
+
+/// The ripples of a unit.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Ripples([Ripple; RIPPLES]);
+
+impl Ripples {
+    fn new(wire: &UnitConfig) -> Self {
+        Self(wire.ripples.map(|r| Ripple {
+            rate: r.periods_per_count_q32,
+            phase: r.phase_q32,
+            amplitude: Newton::from_un(r.amplitude_un).to_bits(),
+            load_q16: r.amplitude_load_q16,
+        }))
+    }
+
+    /// Their force at a position while the cable is to hold `tension`.
+    #[must_use]
+    pub fn at(&self, counts: Counts, tension: Newton) -> Newton {
+        let mut sum = 0;
+        for r in self
+            .0
+            .iter()
+            .filter(|r| r.amplitude != 0 || r.load_q16 != 0)
+        {
+            // Whole turns drop out of the 32 bits. The rate is off by half a 2^32nd of a period a count: a thousandth
+            // of a turn after eight million counts, 36 m of cable.
+            let turns = (counts.0 as u32)
+                .wrapping_mul(r.rate as u32)
+                .wrapping_add(r.phase as u32);
+            let load = (i64::from(tension.to_bits()) * i64::from(r.load_q16)) >> 16;
+            // 30 bits of amplitude at most, and 30 of sine.
+            sum += ((i64::from(r.amplitude) + load) * i64::from(sin_q30(turns))) >> 30;
+        }
+        Newton::from_wide(sum)
     }
 }
 

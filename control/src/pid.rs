@@ -83,7 +83,7 @@ pub struct Pid {
 }
 
 /// How many nominal periods a time spans, as a shift: 0 for one, 1 for two, 2 for more.
-fn periods_shift(dt_us: u32) -> u32 {
+pub(crate) fn periods_shift(dt_us: u32) -> u32 {
     const PERIOD: u32 = crate::NOMINAL_PERIOD_US;
     match dt_us {
         t if t < PERIOD + PERIOD / 2 => 0,

@@ -12,9 +12,9 @@ use crate::config::{Config, SCALE_SHIFT};
 use crate::convert;
 use crate::faults::Fault;
 use crate::filter::{Filter, SpikeGate};
-use crate::friction::{travel, Direction, Stillness, Tracker};
+use crate::friction::{travel, Direction, Pace, Stillness, Tracker};
 use crate::limits::Ramp;
-use crate::pid::{Measured, Pid, Terms};
+use crate::pid::{periods_shift, Measured, Pid, Terms};
 use crate::units::{Counts, DacCode, InvCos, LoadCode, Micros, Newton};
 use crate::NOMINAL_PERIOD_US;
 use force_wire::message::{flags, Sample, UnitSetpoint};
@@ -149,6 +149,7 @@ pub struct State {
     filter: Filter,
     tension: Newton,
     tracker: Tracker,
+    pace: Pace,
     pid: Pid,
     /// Setpoint after its slew limit.
     setpoint: Ramp,
@@ -220,6 +221,7 @@ impl Controller {
             flags |= flags::MISSED;
         }
         let travel_nm = travel(from, input.counts, config.travel_nm);
+        state.pace.step(travel_nm >> periods_shift(dt_us));
         let last_error = if state.closed {
             state.setpoint.value().saturating_sub(tension)
         } else {
@@ -278,7 +280,10 @@ impl Controller {
                     travel_nm: state.tracker.steady_travel_nm(),
                     dt_us,
                 };
-                let feedforward = config.friction.command(setpoint, direction);
+                let feedforward =
+                    config
+                        .friction
+                        .command(setpoint, direction, state.pace, input.counts);
                 let mut terms = state.pid.terms(config, &measured);
                 if !state.closed || state.rebase {
                     let others = feedforward.saturating_add(terms.p).saturating_add(terms.d);

@@ -9,7 +9,7 @@ use force_control::unit::{Drive, Setpoint};
 use force_control::{
     Config, Controller, Counts, DacCode, Input, InvCos, LoadCode, Micros, Newton, State,
 };
-use force_wire::message::{flags, FilterChoice, Sample, UnitConfig, UnitSetpoint};
+use force_wire::message::{flags, FilterChoice, Ripple, Sample, UnitConfig, UnitSetpoint};
 use proptest::prelude::*;
 
 fn input() -> impl Strategy<Value = Input> {
@@ -59,7 +59,7 @@ proptest! {
 
     #[test]
     fn configurations_are_taken_or_refused(
-        numbers in prop::array::uniform18(any::<i32>()),
+        numbers in prop::array::uniform22(any::<i32>()),
         filter in prop_oneof![
             any::<u8>().prop_map(FilterChoice::MovingAverage),
             any::<u16>().prop_map(|corner_chz| FilterChoice::LowPass { corner_chz }),
@@ -70,7 +70,14 @@ proptest! {
             scale_pn_per_count: n[0], zero_code: n[1], filter, spike_limit_un: n[2], kp_q16: n[3], ki_q16: n[4],
             kd_q16: n[5], damping_q16: n[6], friction_offset_un: n[7], friction_gain_q16: n[8], coulomb_un: n[9],
             coulomb_load_q16: n[10], reversal_nm: n[11], travel_nm_per_count: n[12], dac_counts_per_n_q16: n[13],
-            force_limit_un: n[14], slew_un_per_s: n[15], over_tension_un: n[16], ..Config::nominal()
+            force_limit_un: n[14], slew_un_per_s: n[15], over_tension_un: n[16], viscous_q16: n[17],
+            ripples: [
+                Ripple::default(),
+                Ripple {
+                    periods_per_count_q32: n[18], phase_q32: n[19], amplitude_un: n[20], amplitude_load_q16: n[21],
+                },
+            ],
+            ..Config::nominal()
         };
         if let Err(e) = Config::from_wire(&wire) {
             prop_assert!(e.got < e.min || e.got > e.max, "{e}");

@@ -1,16 +1,16 @@
 //! The small parts: conversions, filters, friction, zeroing, supervisors, faults, geometry.
 
-use force_control::config::{field, nominal_dac_counts_per_n_q16, FIELDS};
+use force_control::config::{field, nominal_dac_counts_per_n_q16, Field, FIELDS};
 use force_control::convert::{
     dac_code, nominal_codes_per_newton, COUNTS_PER_TURN, GEAR, REEL_RADIUS_M,
 };
 use force_control::faults::{Latch, Scope};
 use force_control::filter::{Filter, FilterConfig, SpikeGate};
-use force_control::friction::{Direction, Model, Tracker};
+use force_control::friction::{sin_q30, Direction, Model, Pace, Tracker};
 use force_control::supervisor::{CheckIn, EncoderWatch, Expiry, Rate, RateLimits, Verdict};
 use force_control::zero::{Averager, Progress, Refused, SAMPLES};
-use force_control::{geometry, Config, DacCode, Fault, InvCos, LoadCode, Micros, Newton};
-use force_wire::message::{FilterChoice, UnitConfig};
+use force_control::{geometry, Config, Counts, DacCode, Fault, InvCos, LoadCode, Micros, Newton};
+use force_wire::message::{FilterChoice, Ripple, UnitConfig};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 
@@ -48,9 +48,9 @@ fn zero_command_is_zero_volt_whatever_the_scale() {
     assert_eq!(dac_code(newton(12.0), 18_495_479).steps(), 3_387);
 }
 
-/// Sets the field with this number to `value`.
-fn set(config: &mut UnitConfig, number: u8, value: i32) {
-    match number {
+/// Sets this field to `value`.
+fn set(config: &mut UnitConfig, field: &Field, value: i32) {
+    match field.number {
         1 => config.scale_pn_per_count = value,
         2 => config.zero_code = value,
         3 => {
@@ -73,6 +73,13 @@ fn set(config: &mut UnitConfig, number: u8, value: i32) {
         17 => config.force_limit_un = value,
         18 => config.slew_un_per_s = value,
         19 => config.over_tension_un = value,
+        20 => config.viscous_q16 = value,
+        21 => match field.name {
+            "ripples.periods_per_count_q32" => config.ripples[1].periods_per_count_q32 = value,
+            "ripples.amplitude_un" => config.ripples[1].amplitude_un = value,
+            "ripples.amplitude_load_q16" => config.ripples[1].amplitude_load_q16 = value,
+            other => panic!("no field {other}"),
+        },
         other => panic!("no field {other}"),
     }
 }
@@ -87,7 +94,7 @@ fn every_field_is_checked_at_both_ends() {
             (f.max + 1, false),
         ] {
             let mut config = Config::nominal();
-            set(&mut config, f.number, value);
+            set(&mut config, f, value);
             let good = good && !(f.number == 3 && value < 500);
             match Config::from_wire(&config) {
                 Ok(_) => assert!(good, "{} = {value} was taken", f.name),
@@ -102,7 +109,7 @@ fn every_field_is_checked_at_both_ends() {
     // Near zero is out of range for what may have a sign, but is divided by or scaled with.
     for f in [field::SCALE, field::TRAVEL, field::DAC_SCALE] {
         let mut config = Config::nominal();
-        set(&mut config, f.number, 0);
+        set(&mut config, &f, 0);
         assert_eq!(
             Config::from_wire(&config).unwrap_err().field.number,
             f.number
@@ -260,13 +267,90 @@ proptest! {
         };
         let sign = if winding_in { 1 } else { -1 };
         let direction = Direction::from_q30(sign * i64::from(Direction::ONE));
-        let command = Model::new(&wire).command(newton(tension), direction).to_f64();
+        let command = Model::new(&wire)
+            .command(newton(tension), direction, Pace::default(), Counts(0))
+            .to_f64();
         let made = f64::from(wire.friction_offset_un) * 1e-6
             + f64::from(wire.friction_gain_q16) / 65_536.0 * command
             - sign as f64
                 * (f64::from(wire.coulomb_un) * 1e-6
                     + f64::from(wire.coulomb_load_q16) / 65_536.0 * command);
         prop_assert!((made - tension).abs() < 1e-5, "{made}");
+    }
+
+    #[test]
+    fn viscous_friction_and_ripples_count_like_an_offset(
+        viscous in 0.0f64..100.0,
+        speed_nm in -60_000i32..60_000,
+        periods_per_count in -0.2f64..0.2,
+        phase in -0.5f64..0.5,
+        amplitude in 0.0f64..3.0,
+        share in 0.0f64..0.2,
+        counts in -1_000_000_000i64..1_000_000_000,
+        tension in 0.0f64..16.0,
+    ) {
+        let turn = 2f64.powi(32);
+        let ripple = Ripple {
+            periods_per_count_q32: (periods_per_count * turn) as i32,
+            phase_q32: (phase * turn) as i32,
+            amplitude_un: (amplitude * 1e6) as i32,
+            amplitude_load_q16: (share * 65_536.0) as i32,
+        };
+        let wire = UnitConfig {
+            viscous_q16: (viscous * 65_536.0) as i32,
+            ripples: [Ripple::default(), ripple],
+            friction_offset_un: 0,
+            friction_gain_q16: 65_536,
+            coulomb_un: 0,
+            coulomb_load_q16: 0,
+            ..Config::nominal()
+        };
+        let mut pace = Pace::default();
+        for _ in 0..200 {
+            pace.step(speed_nm);
+        }
+        let added = Model::new(&wire)
+            .command(newton(tension), Direction::default(), pace, Counts(counts))
+            .to_f64()
+            - tension;
+        let speed = f64::from(speed_nm) * 1e-9 * 320.0;
+        let turns = (i128::from(counts) * i128::from(ripple.periods_per_count_q32)
+            + i128::from(ripple.phase_q32))
+        .rem_euclid(1 << 32) as f64
+            / turn;
+        let wanted = (viscous * speed).clamp(-3.0, 3.0)
+            - (amplitude + share * tension) * (std::f64::consts::TAU * turns).sin();
+        prop_assert!((added - wanted).abs() < 3e-4, "{added} N, {wanted} N wanted");
+        // Switched off with the rest.
+        let off = UnitConfig { friction_feedforward: false, ..wire };
+        let command =
+            Model::new(&off).command(newton(tension), Direction::default(), pace, Counts(counts));
+        prop_assert_eq!(command, newton(tension));
+    }
+
+    #[test]
+    fn sine_is_that_of_f64(turns: u32) {
+        let sine = f64::from(sin_q30(turns)) / f64::from(1 << 30);
+        let exact = (std::f64::consts::TAU * f64::from(turns) / 2f64.powi(32)).sin();
+        prop_assert!((sine - exact).abs() < 1e-6, "{sine}, {exact}");
+    }
+
+    #[test]
+    fn pace_follows_any_travel_without_overflow(travels in prop::collection::vec(any::<i32>(), 1..50)) {
+        let mut pace = Pace::default();
+        let largest = travels
+            .iter()
+            .map(|t| i64::from(t.unsigned_abs().min(1 << 22)) << 8)
+            .max()
+            .unwrap_or(0);
+        for travel in travels {
+            pace.step(travel);
+            prop_assert!(i64::from(pace.nm_q8()).abs() <= largest + 4);
+        }
+        for _ in 0..300 {
+            pace.step(0);
+        }
+        prop_assert!(pace.nm_q8().abs() <= 4, "{pace:?}");
     }
 
     #[test]

@@ -209,8 +209,16 @@ pub fn explain_refusal(refusal: &Refusal) -> String {
         Refusal::Faulted(code) => format!("{}; then `forcectl clear`", explain_fault(code, 0)),
         Refusal::Unit(unit) => format!("it has no unit {}", u16::from(unit) + 1),
         Refusal::Range { unit, field } => {
-            let known = FIELDS.iter().find(|f| f.number == field);
-            let name = known.map_or_else(|| format!("number {field}"), |f| format!("`{}` ({} to {}: {})", f.name, f.min, f.max, f.why));
+            let known: Vec<String> = FIELDS
+                .iter()
+                .filter(|f| f.number == field)
+                .map(|f| format!("`{}` ({} to {}: {})", f.name, f.min, f.max, f.why))
+                .collect();
+            let name = if known.is_empty() {
+                format!("number {field}")
+            } else {
+                known.join(" or ")
+            };
             format!("unit {}: field {name} is out of its range; correct the rig file", u16::from(unit) + 1)
         }
     }

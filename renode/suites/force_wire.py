@@ -17,7 +17,9 @@ REFUSALS = ["NotConnected", "Version", "State", "Faulted", "Unit", "Range"]
 CONFIG_FIELDS = ["enabled", "scale_pn_per_count", "zero_code", "filter", "spike_limit_un", "kp_q16", "ki_q16",
                  "kd_q16", "damping_q16", "friction_feedforward", "friction_offset_un", "friction_gain_q16",
                  "coulomb_un", "coulomb_load_q16", "reversal_nm", "travel_nm_per_count",
-                 "dac_counts_per_n_q16", "force_limit_un", "slew_un_per_s", "over_tension_un"]
+                 "dac_counts_per_n_q16", "force_limit_un", "slew_un_per_s", "over_tension_un",
+                 "viscous_q16"] + ["ripple%d_%s" % (n, name) for n in (1, 2) for name in
+                                   ("periods_per_count_q32", "phase_q32", "amplitude_un", "amplitude_load_q16")]
 
 
 def cobs_encode(data):

@@ -12,6 +12,9 @@ use serde::{Deserialize, Serialize};
 /// Most samples in one telemetry frame.
 pub const BATCH: usize = 4;
 
+/// Ripples that a unit's feedforward knows.
+pub const RIPPLES: usize = 2;
+
 /// A frame from the host: one command and the number its answer will carry.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct HostFrame {
@@ -145,6 +148,26 @@ pub struct UnitConfig {
     pub slew_un_per_s: i32,
     /// Tension at which the unit faults, in micronewton.
     pub over_tension_un: i32,
+    /// Viscous friction that the feedforward makes up for, N per m/s of cable travel, times 65,536; 0: none.
+    pub viscous_q16: i32,
+    /// Forces that repeat with the reel's angle, which the feedforward makes up for.
+    pub ripples: [Ripple; RIPPLES],
+}
+
+/// A force on the cable that repeats with the reel's angle (eccentric reel, gear mesh, cogging):
+/// (amplitude + share x setpoint) x sin(2 pi (turns per count x position) + phase), positive where it adds to the
+/// tension. The position is the unit's extended encoder position, which starts at 0 when the board boots: the phase
+/// holds until then. All zero: none.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
+pub struct Ripple {
+    /// Periods per encoder count, times 2^32.
+    pub periods_per_count_q32: i32,
+    /// Phase at position 0 in turns, times 2^32 (-0.5 to 0.5).
+    pub phase_q32: i32,
+    /// Amplitude in micronewton.
+    pub amplitude_un: i32,
+    /// Amplitude per setpoint, N per N, times 65,536.
+    pub amplitude_load_q16: i32,
 }
 
 /// A frame from the board.

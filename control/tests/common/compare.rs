@@ -4,7 +4,7 @@
 use crate::reference::Reference;
 use force_control::unit::{Drive, Setpoint};
 use force_control::{Config, Controller, Counts, Input, InvCos, LoadCode, Micros, Newton, State};
-use force_wire::message::{FilterChoice, UnitConfig};
+use force_wire::message::{FilterChoice, Ripple, UnitConfig};
 
 /// 64-bit LCG, upper bits.
 pub struct Random(pub u64);
@@ -70,6 +70,13 @@ pub fn config(r: &mut Random) -> UnitConfig {
         force_limit_un: r.between(2e6, 40e6) as i32,
         slew_un_per_s: r.scale(5e6, 2e9) as i32,
         over_tension_un: r.between(10e6, 50e6) as i32,
+        viscous_q16: (65_536.0 * maybe(r, 0.1, 100.0)) as i32,
+        ripples: core::array::from_fn(|_| Ripple {
+            periods_per_count_q32: (sign(r) * r.scale(1e3, 8e8)) as i32,
+            phase_q32: r.between(-2_147_483_648.0, 2_147_483_647.0) as i32,
+            amplitude_un: (1e6 * maybe(r, 0.01, 3.0)) as i32,
+            amplitude_load_q16: (65_536.0 * maybe(r, 1e-3, 0.2)) as i32,
+        }),
     }
 }
 

@@ -42,6 +42,7 @@ pub struct Reference {
     fine_nm: f64,
     pace_nm: f64,
     slow_nm: f64,
+    viscous_nm: f64,
     integral: f64,
     setpoint: f64,
     command: f64,
@@ -74,6 +75,7 @@ impl Reference {
             fine_nm: 0.0,
             pace_nm: 0.0,
             slow_nm: 0.0,
+            viscous_nm: 0.0,
             integral: 0.0,
             setpoint: 0.0,
             command: 0.0,
@@ -139,14 +141,31 @@ impl Reference {
         }
     }
 
-    fn friction(&self, tension: f64) -> f64 {
+    fn friction(&self, tension: f64, counts: i64) -> f64 {
         if !self.wire.friction_feedforward {
             return tension;
         }
         let gain = q16(self.wire.friction_gain_q16);
         let c0 = micro(self.wire.coulomb_un);
         let c1 = q16(self.wire.coulomb_load_q16);
-        let wanted = tension - micro(self.wire.friction_offset_un);
+        // Viscous friction at the smoothed speed, at most 3 N.
+        let speed_m_per_s = self.viscous_nm * 1e-9 * RATE;
+        let viscous = (q16(self.wire.viscous_q16) * speed_m_per_s).clamp(-3.0, 3.0);
+        let ripples: f64 = self
+            .wire
+            .ripples
+            .iter()
+            .map(|r| {
+                let turn = 2f64.powi(32);
+                // Whole turns out before the product loses digits.
+                let turns = i128::from(counts) * i128::from(r.periods_per_count_q32)
+                    + i128::from(r.phase_q32);
+                let turns = turns.rem_euclid(1 << 32) as f64 / turn;
+                (micro(r.amplitude_un) + q16(r.amplitude_load_q16) * tension)
+                    * (std::f64::consts::TAU * turns).sin()
+            })
+            .sum();
+        let wanted = tension - micro(self.wire.friction_offset_un) + viscous - ripples;
         let winding_in = (wanted + c0) / (gain - c1);
         let paying_out = (wanted - c0) / (gain + c1);
         let share = 0.5 * (1.0 + self.direction);
@@ -181,6 +200,8 @@ impl Reference {
         let largest = 4_194_304.0;
         let travel = ((input.counts.0 - from) as f64 * f64::from(w.travel_nm_per_count))
             .clamp(-largest, largest);
+
+        self.viscous_nm += ((travel / spans).floor() - self.viscous_nm) / 8.0;
 
         // Direction.
         let play = f64::from(w.travel_nm_per_count).abs();
@@ -253,7 +274,7 @@ impl Reference {
                 };
                 self.setpoint = start + (wanted - start).clamp(-slew / 8.0, slew / 8.0);
                 let error = self.setpoint - tension;
-                let feedforward = self.friction(self.setpoint);
+                let feedforward = self.friction(self.setpoint, input.counts.0);
                 let p = q16(w.kp_q16) * error;
                 let derivative = if self.closed {
                     -q16(w.kd_q16) * RATE * rise / spans

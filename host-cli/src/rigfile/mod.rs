@@ -10,7 +10,7 @@
 mod read;
 
 use crate::vec3::{self, Vec3};
-use force_wire::message::{FilterChoice, UnitConfig};
+use force_wire::message::{FilterChoice, Ripple, UnitConfig, RIPPLES};
 use force_wire::UNITS;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
@@ -209,6 +209,59 @@ pub struct UnitSettings {
     pub slew_n_per_s: f64,
     /// Tension at which the unit faults, N.
     pub over_tension_n: f64,
+    /// Viscous friction that the feedforward makes up for, N per m/s of cable travel; 0: none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub viscous_n_s_per_m: f64,
+    /// Ripples over the reel's angle that the feedforward makes up for.
+    #[serde(skip_serializing_if = "are_none")]
+    pub ripples: [RippleSettings; RIPPLES],
+}
+
+// What is off by default is left out of the hash, so that a rig file of before keeps its own.
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+fn are_none(ripples: &[RippleSettings; RIPPLES]) -> bool {
+    ripples.iter().all(RippleSettings::is_none)
+}
+
+/// A force on the cable that repeats with the reel's angle:
+/// (amplitude_n + amplitude_per_n x setpoint) x sin(2 pi travel / period_m + phase_rad), with the travel of the
+/// unit's encoder since the board booted. The phase is lost when the board is switched off.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct RippleSettings {
+    /// Cable travel of a period, m: 2 pi 10 mm for once a turn of the reel.
+    pub period_m: f64,
+    /// Amplitude, N.
+    pub amplitude_n: f64,
+    /// Amplitude per setpoint, N per N.
+    pub amplitude_per_n: f64,
+    /// Phase at the encoder's zero, rad.
+    pub phase_rad: f64,
+}
+
+impl RippleSettings {
+    /// Whether it does nothing.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        self.amplitude_n == 0.0 && self.amplitude_per_n == 0.0
+    }
+
+    fn to_wire(self, travel_m_per_count: f64) -> Ripple {
+        if self.is_none() || self.period_m <= 0.0 {
+            return Ripple::default();
+        }
+        let turn = 4_294_967_296.0;
+        let turns = self.phase_rad / std::f64::consts::TAU;
+        Ripple {
+            periods_per_count_q32: (travel_m_per_count / self.period_m * turn).round() as i32,
+            // Half a turn exactly would not fit and is minus half a turn.
+            phase_q32: ((turns - turns.round()) * turn).round() as i64 as i32,
+            amplitude_un: micro(self.amplitude_n),
+            amplitude_load_q16: q16(self.amplitude_per_n),
+        }
+    }
 }
 
 /// A number times 65,536, rounded. The reader's ranges keep every product within `i32`.
@@ -251,6 +304,10 @@ impl UnitSettings {
             force_limit_un: micro(self.force_limit_n),
             slew_un_per_s: micro(self.slew_n_per_s),
             over_tension_un: micro(self.over_tension_n),
+            viscous_q16: q16(self.viscous_n_s_per_m),
+            ripples: self
+                .ripples
+                .map(|ripple| ripple.to_wire(self.travel_m_per_count)),
         }
     }
 

@@ -2,7 +2,7 @@
 
 use super::{
     AllocationSettings, ControllerSettings, Filter, PoseChoice, Problem, Reference, RigFile,
-    UnitSettings, Workspace, SCHEMA,
+    RippleSettings, UnitSettings, Workspace, SCHEMA,
 };
 use crate::vec3::{self, Vec3};
 use force_wire::UNITS;
@@ -138,6 +138,19 @@ impl<'c, 't> Section<'c, 't> {
         Found {
             value: number,
             at: span.start,
+            good: true,
+        }
+    }
+
+    /// A number within a range, or `default` where the key is not there.
+    fn optional(&self, key: &str, range: RangeInclusive<f64>, default: f64) -> Found<f64> {
+        if self.get(key).is_some() {
+            let example = format!("{}", range.end());
+            return self.number(key, range, &example);
+        }
+        Found {
+            value: default,
+            at: self.at,
             good: true,
         }
     }
@@ -600,7 +613,35 @@ fn stand_in(number: u8) -> UnitSettings {
         force_limit_n: 0.0,
         slew_n_per_s: 0.0,
         over_tension_n: 0.0,
+        viscous_n_s_per_m: 0.0,
+        ripples: Default::default(),
     }
+}
+
+/// Ripple `n` (from 0): keys `ripple_...` and `ripple2_...`. Without an amplitude there is none.
+fn read_ripple(section: &Section<'_, '_>, n: usize) -> RippleSettings {
+    let prefix = ["ripple", "ripple2"][n.min(1)];
+    let amplitude_key = format!("{prefix}_amplitude_n");
+    let amplitude = section.optional(&amplitude_key, 0.0..=3.0, 0.0);
+    let per_n = section.optional(&format!("{prefix}_amplitude_per_n"), 0.0..=0.2, 0.0);
+    let period_key = format!("{prefix}_period_m");
+    let period = section.optional(&period_key, 5e-4..=1.0, 0.0);
+    let ripple = RippleSettings {
+        period_m: period.value,
+        amplitude_n: amplitude.value,
+        amplitude_per_n: per_n.value,
+        phase_rad: section
+            .optional(&format!("{prefix}_phase_rad"), -1e3..=1e3, 0.0)
+            .value,
+    };
+    if !ripple.is_none() && period.good && ripple.period_m == 0.0 {
+        section.report(
+            amplitude.at,
+            &period_key,
+            format!("is missing beside {prefix}'s amplitude; add the cable travel of a period, as in `{period_key} = 0.0169`"),
+        );
+    }
+    ripple
 }
 
 fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
@@ -655,6 +696,10 @@ fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
         force_limit_n: force_limit.value,
         slew_n_per_s: n("slew_n_per_s", 1.0..=2000.0, "400.0").value,
         over_tension_n: over_tension.value,
+        viscous_n_s_per_m: section
+            .optional("viscous_n_s_per_m", 0.0..=100.0, 0.0)
+            .value,
+        ripples: core::array::from_fn(|n| read_ripple(section, n)),
     };
     if tension_min.good && tension_max.good && tension_min.value >= tension_max.value {
         section.report(
