@@ -10,6 +10,7 @@
 //! | what is sent 100 times a second | [`controller`] |
 //! | a whole run | [`run`] |
 //! | how good was it | [`metrics`], [`plot`] |
+//! | what does the rig lack in its rig file | [`identify`](mod@crate::identify), [`findings`](mod@crate::findings) |
 //! | what is kept of it | [`record`](mod@crate::record) |
 //!
 //! SI units throughout; the wire's integers end at [`session`].
@@ -18,6 +19,10 @@
 
 pub mod allocation;
 pub mod controller;
+#[cfg(feature = "residual")]
+pub mod findings;
+#[cfg(feature = "residual")]
+pub mod identify;
 pub mod inject;
 pub mod link;
 pub mod metrics;

@@ -85,6 +85,8 @@ pub enum Phase {
     Wander,
     /// Holding the force.
     Hold,
+    /// Driving the cables without feedback, for an identification.
+    Excite,
     /// Ramping down.
     Disarm,
 }
@@ -102,6 +104,7 @@ impl Phase {
             Self::Tension => "arming, tensioning the cables",
             Self::Wander => "robot starts to move",
             Self::Hold => "holding the force",
+            Self::Excite => "driving the cables to and fro, loops open",
             Self::Disarm => "ramping down",
         }
     }
@@ -391,7 +394,7 @@ fn hang_weights(session: &mut Session<'_>, weight_n: f64) -> Result<(), LinkErro
 }
 
 /// Ramps down and waits until the motors are at 0 V.
-fn put_down(session: &mut Session<'_>) -> Result<(), SessionError> {
+pub(crate) fn put_down(session: &mut Session<'_>) -> Result<(), SessionError> {
     session.command(&Command::Disarm)?;
     session.set_setpoints(None);
     session.wait_for(SWITCH_WITHIN, "disarming", |status| {

@@ -32,7 +32,7 @@ pub struct Board {
     pub gain_error: f64,
     /// Constant.
     pub offset: f64,
-    /// Delay between command and target, s.
+    /// Delay between command and target, lags included, s.
     pub delay_s: f64,
     /// Ripples over the angle.
     pub ripples: Vec<Ripple>,
@@ -56,11 +56,19 @@ impl Report {
                     b.friction += get("friction_at_zero_load");
                     b.friction_per_load += get("friction_per_load");
                 }
-                "stribeck" => b.friction += get("sliding_friction"),
+                // Only where it falls with speed. Where it grows, this stands in for viscous friction, and its sliding
+                // part would be too much at a reversal.
+                "stribeck" if get("sliding_friction") * get("extra_at_low_speed") >= 0.0 => {
+                    b.friction += get("sliding_friction");
+                }
                 "viscous" => b.viscous += get("damping"),
                 "gain" => b.gain_error += get("gain_error"),
                 "offset" => b.offset += get("offset"),
                 "delay" => b.delay_s += get("delay"),
+                // To a loop slower than it, a first-order lag is a delay of its time constant.
+                "cable_stretch" if e.form == "lag of the command" => {
+                    b.delay_s += get("time_constant");
+                }
                 "periodic_angle" => b.ripples.push(Ripple {
                     order: get("order"),
                     amplitude: get("amplitude"),

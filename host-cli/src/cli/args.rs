@@ -100,6 +100,10 @@ pub enum Command {
     #[cfg(feature = "residual")]
     #[command(after_help = RESIDUAL_HELP)]
     Residual(Residual),
+    /// Find what the rig file lacks on this rig, correct it, and see whether it was better
+    #[cfg(feature = "residual")]
+    #[command(allow_negative_numbers = true, after_help = IDENTIFY_HELP)]
+    Identify(Identify),
     /// Print completions for a shell
     Completions {
         /// The shell
@@ -112,9 +116,10 @@ const RESIDUAL_HELP: &str = "\
 Data: a path that does not exist as given is looked for below the folder of data, which is the environment
 variable FORCE_DATA, else ./data, else ../shared/data. Without --data all of that folder is read.
 
---apply changes friction_offset_n, friction_gain, coulomb_n and coulomb_per_n, where found, in all units; it says
-what it changed and what the board can't use. Nothing is changed where structure without a name is left that
-would take more than 10 % of the error. Read the changes before you arm.
+--apply changes friction, gain, offset, viscous friction (speed in m/s or mm/s) and, for a delay, the loop's gains, where
+found, in all units; it says what it changed and what the board can't use. Ripples need the board's own angle:
+`forcectl identify` finds them. Nothing is changed where structure without a name is left that would take more than a
+tenth of what the findings took off the error. Read the changes before you arm.
 
 Exit codes:
   0  analysed, whatever the verdict
@@ -142,6 +147,48 @@ pub struct Residual {
     /// With --apply: the model declares what the rig file says already; add to its values
     #[arg(long, requires = "apply")]
     pub increment: bool,
+}
+
+#[cfg(feature = "residual")]
+const IDENTIFY_HELP: &str = "\
+Three sessions on the rig: a force is held with the rig file as it is; the cables are driven to and fro with the
+tension loops open, which is recorded and analysed; the same force is held with what the board can use of the
+findings. The robot has to move all along (an embedded rig's does), and the cables have to be slack at the start
+of each session, where zeros are taken.
+
+The corrected rig file is written to DIR as rig.after.toml beside rig.before.toml, whatever comes of it. --apply
+also puts it in the place of --config FILE, keeping the old one as FILE.before-N, but only where the findings were
+clear and the last session was better than the first: the worst cable's tension by 2 %, the tip by no less than 5 %
+worse.
+
+Exit codes:
+  0  something was found, corrected, and better for it (and applied where asked)
+  2  the arguments are wrong; nothing was driven
+  3  the rig file is wrong; nothing was driven
+  4  the link can't be opened, was lost, or the other end is no board of this version
+  5  the board refused, or a fault stopped the rig
+  6  done, but nothing was changed: nothing clear was found, the board can't use it, or it was no better
+  7  a file could not be written
+  8  the recording can't answer";
+
+#[cfg(feature = "residual")]
+#[derive(Debug, Args)]
+pub struct Identify {
+    /// Folder for recordings, reports, plots and rig files; made where it isn't there
+    #[arg(long, value_name = "DIR")]
+    pub out: PathBuf,
+    /// How long the cables are driven for the recording
+    #[arg(long, value_name = "SECONDS", default_value = "40", value_parser = seconds)]
+    pub seconds: f64,
+    /// Force that is held before and after, N along x, y and z
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], default_values = ["0", "2.5", "0"], allow_hyphen_values = true, value_parser = newton)]
+    pub force: Vec<f64>,
+    /// How long that force is held
+    #[arg(long = "for", value_name = "SECONDS", default_value = "12", value_parser = seconds)]
+    pub hold: f64,
+    /// Put the corrected rig file in the place of --config FILE, where it was better
+    #[arg(long)]
+    pub apply: bool,
 }
 
 const SET_FORCE_HELP: &str = "\

@@ -2,6 +2,8 @@
 
 mod args;
 #[cfg(feature = "residual")]
+mod identify;
+#[cfg(feature = "residual")]
 mod residual;
 mod show;
 
@@ -129,6 +131,10 @@ fn run(cli: Cli) -> Result<u8> {
     if let Command::SetForce(arguments) = &cli.command {
         return set_force(&cli.global, &rig, arguments, stop);
     }
+    #[cfg(feature = "residual")]
+    if let Command::Identify(arguments) = &cli.command {
+        return identify::identify(&cli.global, &rig, arguments, stop);
+    }
     let mut link = open(&cli.global, &rig)?;
     let embedded = link.controls().is_some();
     let mut session = Session::connect(link.as_mut())?;
@@ -176,7 +182,7 @@ fn run(cli: Cli) -> Result<u8> {
         | Command::Check { .. }
         | Command::Completions { .. } => Ok(0),
         #[cfg(feature = "residual")]
-        Command::Residual(_) => Ok(0),
+        Command::Residual(_) | Command::Identify(_) => Ok(0),
     }
 }
 

@@ -2,7 +2,9 @@
 
 use super::args::Residual;
 use super::{Failure, Result};
-use forcectl::rigfile::{RigFile, UnitSettings};
+use forcectl::findings::{self, Frame};
+use forcectl::identify;
+use forcectl::rigfile::RigFile;
 use residual::spec::Spec;
 use residual::{Board, Error, Options, Report};
 use std::path::{Path, PathBuf};
@@ -20,14 +22,10 @@ The measured data of the thesis rig are public. To get them:
 and give the folder with --data, or in the environment variable FORCE_DATA. Your own logs need a model file \
 that names their columns (docs/residual/model-toml.md)";
 
-/// Largest fall of the held-out RMSE that nameless structure may still reach on top of the findings, if a
-/// board is to use them: beyond, the parameters are those of a stand-in.
-const MOST_LEFT: f64 = 0.1;
-
 /// Prints each stage with the time since the start.
-struct Stages {
-    start: Instant,
-    quiet: bool,
+pub(super) struct Stages {
+    pub(super) start: Instant,
+    pub(super) quiet: bool,
 }
 
 impl residual::Progress for Stages {
@@ -134,6 +132,7 @@ struct BoardFile {
     text: String,
     rig: RigFile,
     increment: bool,
+    velocity_m_per_s: Option<f64>,
 }
 
 /// What became of the findings.
@@ -159,55 +158,6 @@ impl Applied {
             .for_each(|line| println!("  not used  {line}"));
     }
 }
-
-/// One key of the board's force model, F = offset + gain T - sign(v) (coulomb + coulomb_per_n T).
-struct Key {
-    name: &'static str,
-    /// Value where the model says nothing but "force = command".
-    neutral: f64,
-    /// Range that the board takes.
-    range: std::ops::RangeInclusive<f64>,
-    read: fn(&UnitSettings) -> f64,
-    /// New value from an old one; `None` where nothing was found.
-    change: fn(&Board, f64) -> Option<f64>,
-}
-
-/// A finding of exactly zero is one that was not made.
-fn found(x: f64) -> Option<f64> {
-    (x != 0.0).then_some(x)
-}
-
-const KEYS: [Key; 4] = [
-    Key {
-        name: "friction_offset_n",
-        neutral: 0.0,
-        range: -3.0..=3.0,
-        read: |u| u.friction_offset_n,
-        change: |b, old| found(b.offset).map(|x| old + x),
-    },
-    Key {
-        name: "friction_gain",
-        neutral: 1.0,
-        range: 0.5..=2.0,
-        read: |u| u.friction_gain,
-        change: |b, old| found(b.gain_error).map(|x| old * (1.0 + x)),
-    },
-    // Friction that takes from the tension while winding in is a negative coefficient of sign(v).
-    Key {
-        name: "coulomb_n",
-        neutral: 0.0,
-        range: 0.0..=5.0,
-        read: |u| u.coulomb_n,
-        change: |b, old| found(b.friction).map(|x| old - x),
-    },
-    Key {
-        name: "coulomb_per_n",
-        neutral: 0.0,
-        range: 0.0..=0.4,
-        read: |u| u.coulomb_per_n,
-        change: |b, old| found(b.friction_per_load).map(|x| old - x),
-    },
-];
 
 impl BoardFile {
     fn open(path: &Path, model: &Spec, arguments: &Residual) -> Result<Self> {
@@ -238,6 +188,13 @@ impl BoardFile {
             text,
             rig,
             increment: arguments.increment,
+            velocity_m_per_s: model.roles.velocity.as_ref().and_then(|velocity| {
+                match velocity.unit.as_str() {
+                    "m/s" => Some(1.0),
+                    "mm/s" => Some(1e-3),
+                    _ => None,
+                }
+            }),
         })
     }
 
@@ -247,15 +204,9 @@ impl BoardFile {
             changed: vec![],
             not_used: vec![why],
         };
-        if let Some(left) = report.structure.iter().find(|s| s.gain > MOST_LEFT) {
-            return Ok(nothing(format!(
-                "all of it: a nameless dependence on {} would take another {:.0} % of the error, so what was named may stand in for it",
-                left.depends_on,
-                100.0 * left.gain
-            )));
-        }
-        let Some(board) = report.board() else {
-            return Ok(nothing(format!("the verdict: {}", report.summary())));
+        let board = match identify::usable(report) {
+            Ok(board) => board,
+            Err(why) => return Ok(nothing(why)),
         };
         let (text, mut applied) = self.edit(&board).map_err(|what| Failure::new(3, what))?;
         if !applied.changed.is_empty() {
@@ -269,122 +220,39 @@ impl BoardFile {
 
     /// The rig file's text with the findings in it, comments and layout kept.
     fn edit(&self, board: &Board) -> std::result::Result<(String, Applied), String> {
-        let mut text = self.text.clone();
-        let (mut changed, mut not_used) = (Vec::new(), Vec::new());
-        for key in &KEYS {
-            let new_of = |old: f64| {
-                (key.change)(board, if self.increment { old } else { key.neutral })
-                    .map(|x| (x * 1e4).round() / 1e4)
-            };
-            let wanted = self.rig.units.each_ref().map(|u| new_of((key.read)(u)));
-            let Some(wanted) = wanted.into_iter().collect::<Option<Vec<f64>>>() else {
-                continue;
-            };
-            if let Some(bad) = wanted.iter().find(|x| !key.range.contains(*x)) {
-                not_used.push(format!(
-                    "{} = {bad}: the board takes {} to {}. Friction of the wrong sign: let the velocity be positive while winding in \
-                     (`scale = -1` in the model file)",
-                    key.name,
-                    key.range.start(),
-                    key.range.end()
-                ));
-                continue;
-            }
-            text = set(&text, key.name, &|old| new_of(old).unwrap_or(old));
-            let edited =
-                RigFile::parse(&self.path.display().to_string(), &text).map_err(|error| {
-                    format!("with {} changed the rig file is wrong:\n{error}", key.name)
-                })?;
-            let mut lines = Vec::new();
-            for ((old, new), wanted) in self.rig.units.iter().zip(&edited.units).zip(&wanted) {
-                if ((key.read)(new) - wanted).abs() > 1e-9 {
-                    return Err(format!(
-                        "{}: `{}` is not written on a line of its own; set it to {wanted} by hand",
-                        self.path.display(),
-                        key.name
-                    ));
-                }
-                let line = format!("{}: {} -> {}", key.name, (key.read)(old), wanted);
-                if !lines.contains(&line) {
-                    lines.push(line);
+        let frame = Frame {
+            increment: self.increment,
+            velocity_m_per_s: self.velocity_m_per_s,
+            ..Frame::default()
+        };
+        let mut units = self.rig.units;
+        let mut not_used = Vec::new();
+        for unit in &mut units {
+            let corrected = findings::correct(unit, board, &frame);
+            *unit = corrected.unit;
+            for line in corrected.not_used {
+                if !not_used.contains(&line) {
+                    not_used.push(line);
                 }
             }
-            changed.extend(lines);
         }
-        if !changed.is_empty()
-            && self
-                .rig
-                .units
-                .iter()
-                .any(|u| u.enabled && !u.friction_feedforward)
-        {
-            not_used.push(
-                "all of it, in units with friction_feedforward = false, until that is true".into(),
-            );
-        }
-        if board.viscous != 0.0 {
-            not_used.push(format!(
-                "viscous, {:.4} N per unit of velocity: the board's feedforward has no term for it",
-                board.viscous
-            ));
-        }
-        if board.delay_s != 0.0 {
-            not_used.push(format!(
-                "delay, {:.1} ms: the board predicts nothing",
-                board.delay_s * 1e3
-            ));
-        }
-        for ripple in &board.ripples {
-            not_used.push(format!(
-                "periodic_angle of order {:.3}: the board has no table over the angle",
-                ripple.order
-            ));
-        }
-        not_used.extend(
-            board
-                .left_out
-                .iter()
-                .map(|name| format!("{name}: the board has no term for it")),
-        );
+        let name = self.path.display().to_string();
+        let rewritten = findings::rewrite(&name, &self.text, &self.rig, &units)?;
         Ok((
-            text,
+            rewritten.text,
             Applied {
                 file: None,
-                changed,
+                changed: rewritten.changed,
                 not_used,
             },
         ))
     }
 }
 
-/// Sets a key on every line that has it, from its old value; what follows the value stays.
-fn set(text: &str, key: &str, new: &dyn Fn(f64) -> f64) -> String {
-    text.split_inclusive('\n')
-        .map(|line| {
-            let value_at = line
-                .trim_start()
-                .strip_prefix(key)
-                .and_then(|rest| rest.trim_start().strip_prefix('='))
-                .map(|rest| line.len() - rest.trim_start().len());
-            let Some(at) = value_at else {
-                return line.to_owned();
-            };
-            let (head, rest) = line.split_at(at);
-            let end = rest
-                .find(|c: char| c.is_whitespace() || c == '#')
-                .unwrap_or(rest.len());
-            let (old, tail) = rest.split_at(end);
-            match old.replace('_', "").parse::<f64>() {
-                Ok(old) => format!("{head}{:?}{tail}", new(old)),
-                Err(_) => line.to_owned(),
-            }
-        })
-        .collect()
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use forcectl::rigfile::UnitSettings;
 
     fn file(increment: bool) -> BoardFile {
         BoardFile {
@@ -392,6 +260,7 @@ mod tests {
             text: forcectl::rigfile::DEFAULT_TEXT.to_owned(),
             rig: RigFile::built_in().expect("the built-in rig is good"),
             increment,
+            velocity_m_per_s: None,
         }
     }
 
@@ -400,7 +269,7 @@ mod tests {
             friction: -0.8,
             friction_per_load: -0.1,
             offset: 0.25,
-            delay_s: 0.018,
+            viscous: -0.01,
             left_out: vec!["creep".into()],
             ..Board::default()
         }
@@ -422,7 +291,7 @@ mod tests {
         }
         assert_eq!(applied.changed.len(), 3, "{applied:?}");
         assert!(
-            applied.not_used.iter().any(|s| s.contains("18.0 ms")),
+            applied.not_used.iter().any(|s| s.contains("viscous")),
             "{applied:?}"
         );
         assert!(
@@ -450,6 +319,7 @@ mod tests {
         assert!((rig.units[0].coulomb_n - 1.009).abs() < 1e-9);
         assert!((rig.units[1].coulomb_n - 0.6).abs() < 1e-9);
         assert!((rig.units[0].friction_gain - 1.0282).abs() < 1e-9);
+        assert!((rig.units[0].coulomb_per_n - 0.1555).abs() < 1e-9);
         assert!(text.contains("coulomb_n = 0.6 # its own"), "{text}");
     }
 

@@ -89,7 +89,12 @@ impl FakeBoard {
 
     /// A rig of its own for each seed.
     pub(crate) fn seeded(mood: Mood, seed: u64) -> Self {
-        let mut plant = Plant::new(PlantConfig::default(), seed).expect("the default plant");
+        Self::with(mood, seed, PlantConfig::default())
+    }
+
+    /// A rig that does what no model of it says.
+    pub(crate) fn with(mood: Mood, seed: u64, plant: PlantConfig) -> Self {
+        let mut plant = Plant::new(plant, seed).expect("a good plant");
         plant.set_amplifier_power(true);
         Self {
             mood,

@@ -40,7 +40,7 @@ struct Curve {
 }
 
 struct Panel {
-    title: &'static str,
+    title: String,
     unit: &'static str,
     curves: Vec<Curve>,
     /// A band from 0 to this value that counts as good.
@@ -73,6 +73,56 @@ pub fn draw(outcome: &Outcome) -> Scene {
     for (i, panel) in panels.iter().enumerate() {
         let top = TOP + i as f32 * (PANEL + GAP);
         draw_panel(&mut scene, panel, top, span, i + 1 == panels.len());
+    }
+    scene
+}
+
+/// Draws two runs over each other: the error at the tip, and that of the cable that was worst before.
+#[must_use]
+pub fn compare(before: &Outcome, after: &Outcome) -> Scene {
+    let runs = [
+        ("before", COLORS[1], thinned(&before.steps), 1.0),
+        ("after", COLORS[0], thinned(&after.steps), 1.4),
+    ];
+    let worst = before.metrics.as_ref().map_or(0, |m| {
+        let rms = m.tension_rms_n;
+        (0..UNITS).fold(0, |worst, i| if rms[i] > rms[worst] { i } else { worst })
+    });
+    let asked = before.metrics.as_ref().map_or([0.0; 3], |m| m.asked_n);
+    let panel = |title: String, value: &dyn Fn(&Step) -> f64, at_least| Panel {
+        title,
+        unit: "N",
+        curves: runs
+            .iter()
+            .map(|(label, color, steps, width)| {
+                // The step itself would hide everything after it.
+                let steady: Vec<&Step> = steps.iter().copied().filter(|s| s.t_s > 0.5).collect();
+                curve((*label).to_owned(), *color, *width, false, &steady, value)
+            })
+            .collect(),
+        band: None,
+        at_least,
+    };
+    let panels = [
+        panel(
+            "Length of the force error at the tip".to_owned(),
+            &|s| vec3::norm(vec3::sub(s.best_force_n(), asked)),
+            (0.0, 0.1),
+        ),
+        panel(
+            format!("Tension error of cable {}, the worst before", worst + 1),
+            &|s| s.best_tension_n()[worst] - s.asked_tension_n[worst],
+            (-0.1, 0.1),
+        ),
+    ];
+    let height = TOP + panels.len() as f32 * (PANEL + GAP) + 10.0;
+    let mut scene = Scene::new(WIDTH, height);
+    let title = format!("forcectl identify   {}", before.link);
+    scene.text(LEFT, 24.0, &title, Anchor::Start, true, BLACK);
+    let end = before.steps.last().map_or(1.0, |s| s.t_s.max(1.0));
+    for (i, panel) in panels.iter().enumerate() {
+        let top = TOP + i as f32 * (PANEL + GAP);
+        draw_panel(&mut scene, panel, top, (0.5, end), i + 1 == panels.len());
     }
     scene
 }
@@ -120,9 +170,9 @@ fn force_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
     }
     Panel {
         title: if from_truth(outcome) {
-            "Force at the tip, in the plant (dashed: wanted)"
+            "Force at the tip, in the plant (dashed: wanted)".to_owned()
         } else {
-            "Force at the tip, from the load cells (dashed: wanted)"
+            "Force at the tip, from the load cells (dashed: wanted)".to_owned()
         },
         unit: "N",
         curves,
@@ -135,7 +185,7 @@ fn error_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
     let asked = outcome.metrics.as_ref().map_or([0.0; 3], |m| m.asked_n);
     let goal = move |s: &Step| if s.t_s >= 0.0 { asked } else { [0.0; 3] };
     Panel {
-        title: "Length of the force error (band: settled)",
+        title: "Length of the force error (band: settled)".to_owned(),
         unit: "N",
         curves: vec![curve(
             "|error|".to_owned(),
@@ -169,7 +219,7 @@ fn tension_panel(steps: &[&Step]) -> Panel {
         }));
     }
     Panel {
-        title: "Cable tensions (dashed: asked)",
+        title: "Cable tensions (dashed: asked)".to_owned(),
         unit: "N",
         curves,
         band: None,
