@@ -55,6 +55,7 @@ Commands:
   bench [ARGS...]    measure the figures into target/bench/figures.json
   residual-bench [ARGS]
                      the residual analysis against synthetic logs with undeclared effects; --help says more
+  closed-loop [ARGS] find, declare and re-run one undeclared effect a seed: --seeds 1..10, --markdown FILE
   doc [--open]       build the reference documentation
   help               print this
 
@@ -131,6 +132,7 @@ fn dispatch() -> Result<u8, Stop> {
             Ok(renode::agree(&workspace, &renode, &rest(parser)?)?)
         }
         "bench" => Ok(rig::bench(&workspace, &rest(parser)?)?),
+        "closed-loop" => Ok(rig::closed_loop(&workspace, &rest(parser)?)?),
         "residual-bench" => Ok(rig::residual_bench(&workspace, &rest(parser)?)?),
         "doc" => {
             let arguments = rest(parser)?;

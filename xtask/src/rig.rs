@@ -30,7 +30,7 @@ pub fn cargo(workspace: &Workspace, subcommand: &str) -> Command {
     cargo
 }
 
-/// Builds some of the programs `rig`, `forcectl` and `bench` into `target/release`.
+/// Builds some of the programs `rig`, `forcectl`, `bench` and `closed-loop` into `target/release`.
 ///
 /// # Errors
 /// When cargo fails.
@@ -70,9 +70,10 @@ pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
         "residual",
         "version",
     ];
-    const ONLINE: [&str; 8] = [
+    const ONLINE: [&str; 9] = [
         "arm",
         "disarm",
+        "identify",
         "monitor",
         "record",
         "set-force",
@@ -168,6 +169,27 @@ pub fn residual_bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u
     hand_over(command)
 }
 
+/// Builds and runs the closed loop on rigs with undeclared effects, into `target/closed-loop`.
+///
+/// # Errors
+/// When something can't be built or started.
+pub fn closed_loop(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
+    let arm = setup::ensure(workspace, setup::wish_from_environment()?)?;
+    firmware::build(workspace, &arm)?;
+    build(workspace, &["rig", "forcectl", "closed-loop"])?;
+    let mut command = Command::new(workspace.release_program("closed-loop"));
+    command
+        .current_dir(workspace.root())
+        .arg("--forcectl")
+        .arg(workspace.release_program("forcectl"))
+        .arg("--out")
+        .arg(workspace.target().join("closed-loop"))
+        .args(arguments)
+        .env(ELF_VARIABLE, workspace.firmware_elf())
+        .env(RIG_VARIABLE, workspace.release_program("rig"));
+    hand_over(command)
+}
+
 /// Replaces this process by another program.
 #[cfg(unix)]
 fn hand_over(mut command: Command) -> Result<u8> {
@@ -203,6 +225,7 @@ mod tests {
         assert!(needs("set-force 0 -2.5 0 --rig embedded"));
         assert!(needs("--json status --rig=embedded"));
         assert!(needs("record data/check"));
+        assert!(needs("identify --out out"));
         assert!(needs("monitor --seconds 3"));
     }
 

@@ -1,0 +1,575 @@
+//! Closing the loop on rigs that do what their rig file does not say: one effect a seed, found or not, and what
+//! making up for it bought.
+//!
+//! For each seed an effect and its size are drawn and written to a plant file. `forcectl identify` runs as a process of
+//! its own and hands that file to the rig; its analysis sees the recorded session and nothing else. Only then is
+//! what it reports compared with the truth.
+//!
+//! `cargo xtask closed-loop [--seeds 1..10] [--seconds 40] [--for 12] [--markdown FILE]`
+
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::process::{Command, ExitCode};
+
+const USAGE: &str = "usage: closed-loop --forcectl PROGRAM [--seeds FIRST..LAST] [--seconds S] [--for S] [--out DIR] [--markdown FILE]
+
+  --seeds 1..10    seeds to run, both ends included; every ten in a row have each kind of effect once
+  --seconds 40     length of the recorded session
+  --for 12         for how long the force is held before and after
+  --out DIR        folder for plant files, recordings and reports (default target/closed-loop)
+  --markdown FILE  write the table there as well";
+
+/// Cables start this slack, m, so that zeros are taken without a pull, as docs/bring-up.md has it.
+const SLACK_M: f64 = 0.003;
+/// Mean command of the excitation, N: where friction that grows with load is compared.
+const MIDDLE_N: f64 = 4.5;
+
+/// Draws numbers from a seed: SplitMix64.
+struct Draw(u64);
+
+impl Draw {
+    fn next(&mut self) -> u64 {
+        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
+        let mut z = self.0;
+        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
+        z ^ (z >> 31)
+    }
+
+    fn between(&mut self, low: f64, high: f64) -> f64 {
+        low + (high - low) * (self.next() >> 11) as f64 / (1_u64 << 53) as f64
+    }
+}
+
+/// A kind of effect that a rig may have beyond its rig file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Coulomb,
+    LoadFriction,
+    Ripple,
+    Gain,
+    Delay,
+    Viscous,
+    Backlash,
+    Creep,
+    CellCurve,
+    Nothing,
+}
+
+const KINDS: [Kind; 10] = [
+    Kind::Coulomb,
+    Kind::LoadFriction,
+    Kind::Ripple,
+    Kind::Gain,
+    Kind::Delay,
+    Kind::Viscous,
+    Kind::Backlash,
+    Kind::Creep,
+    Kind::CellCurve,
+    Kind::Nothing,
+];
+
+/// What a rig has beyond its rig file.
+struct Truth {
+    kind: Kind,
+    /// In words, with its size.
+    words: String,
+    /// The plant file's text.
+    plant: String,
+    /// Names by which it counts as named.
+    names: &'static [&'static str],
+    /// The number that is compared, and its unit.
+    value: f64,
+    unit: &'static str,
+}
+
+/// The kinds of ten seeds in a row are a permutation of all.
+fn kind_of(seed: u64) -> Kind {
+    let turn = seed.saturating_sub(1) / KINDS.len() as u64;
+    let mut kinds = KINDS;
+    let mut draw = Draw(turn ^ 0xC105_ED10);
+    for i in (1..kinds.len()).rev() {
+        kinds.swap(i, (draw.next() % (i as u64 + 1)) as usize);
+    }
+    kinds[(seed.saturating_sub(1) % KINDS.len() as u64) as usize]
+}
+
+fn truth(seed: u64) -> Truth {
+    let kind = kind_of(seed);
+    let mut draw = Draw(seed.wrapping_mul(0x5851_F42D_4C95_7F2D));
+    let sign = if draw.next() & 1 == 0 { 1.0 } else { -1.0 };
+    let x = draw.between(0.0, 1.0);
+    let within = |low: f64, high: f64| low + (high - low) * x;
+    let (words, effect, names, value, unit): (_, _, &'static [&'static str], _, _) = match kind {
+        Kind::Coulomb => {
+            let n = within(0.4, 0.8);
+            (
+                format!("Coulomb friction +{n:.3} N"),
+                format!("kind = \"coulomb\"\nconstant_n = {n}"),
+                &["coulomb", "load_dependent_coulomb"],
+                n,
+                "N",
+            )
+        }
+        Kind::LoadFriction => {
+            let share = within(0.08, 0.15);
+            (
+                format!("friction +{share:.3} of the pull"),
+                format!("kind = \"coulomb\"\nconstant_n = 0.0\nper_load = {share}"),
+                &["coulomb", "load_dependent_coulomb"],
+                share * MIDDLE_N,
+                "N at 4.5 N",
+            )
+        }
+        Kind::Ripple => {
+            let n = within(0.4, 0.8);
+            (
+                format!("ripple {n:.3} N, once a motor turn"),
+                format!("kind = \"periodic\"\nshaft = \"motor\"\norder = 1.0\namplitude_n = {n}"),
+                &["periodic_angle"],
+                n,
+                "N",
+            )
+        }
+        Kind::Gain => {
+            let error = sign * within(0.2, 0.3);
+            (
+                format!("amplifier gain {:+.1} %", 100.0 * error),
+                format!("kind = \"amplifier_gain\"\nrelative_error = {error}"),
+                &["gain"],
+                100.0 * error,
+                "%",
+            )
+        }
+        Kind::Delay => {
+            let ms = within(4.0, 10.0);
+            (
+                format!("command delayed by {ms:.2} ms"),
+                format!("kind = \"command_delay\"\ndelay_s = {}", ms * 1e-3),
+                &["delay", "cable_stretch"],
+                ms,
+                "ms",
+            )
+        }
+        Kind::Viscous => {
+            let c = within(20.0, 50.0);
+            (
+                format!("viscous friction +{c:.1} N s/m"),
+                format!("kind = \"viscous\"\ncoefficient_n_s_per_m = {c}"),
+                &["viscous"],
+                c,
+                "N s/m",
+            )
+        }
+        Kind::Backlash => {
+            let mm = within(0.4, 1.0);
+            (
+                format!("backlash of {mm:.2} mm"),
+                format!(
+                    "kind = \"backlash\"\ngap_m = {}\nreel_friction_n = 0.2",
+                    mm * 1e-3
+                ),
+                &["backlash"],
+                mm,
+                "mm",
+            )
+        }
+        Kind::Creep => {
+            let part = within(0.06, 0.12);
+            (
+                format!("creep of the cells, {:.1} % in 6 s", 100.0 * part),
+                format!("kind = \"creep\"\nfraction = {part}\ntime_constant_s = 6.0"),
+                &["creep"],
+                100.0 * part,
+                "%",
+            )
+        }
+        Kind::CellCurve => {
+            let k = within(0.006, 0.012);
+            (
+                format!("cells curved by {k:.4} /N"),
+                format!("kind = \"cell_quadratic\"\nper_n = {k}"),
+                &["quadratic"],
+                k,
+                "1/N",
+            )
+        }
+        Kind::Nothing => (
+            "nothing but the units' own scatter".to_owned(),
+            String::new(),
+            &[],
+            0.0,
+            "",
+        ),
+    };
+    let mut plant = format!("[cable]\ninitial_slack_m = {SLACK_M}\n");
+    if !effect.is_empty() {
+        let _ = write!(plant, "\n[[effects]]\n{effect}\n");
+    }
+    Truth {
+        kind,
+        words,
+        plant,
+        names,
+        value,
+        unit,
+    }
+}
+
+/// What `forcectl identify` said.
+struct Said {
+    /// Effects by name, with the number of units that they were named in.
+    named: BTreeMap<String, usize>,
+    units: usize,
+    /// The compared number in each unit that names the effect.
+    found: Vec<f64>,
+    worst: (f64, Option<f64>),
+    tip: (f64, Option<f64>),
+    changed: usize,
+    better: bool,
+}
+
+fn number(value: &Value, path: &str) -> Result<f64, String> {
+    value
+        .pointer(path)
+        .and_then(Value::as_f64)
+        .ok_or_else(|| format!("identify.json has no number at {path}"))
+}
+
+/// The compared number of a kind, from the effects of a unit that count as the name.
+fn compared(kind: Kind, effects: &[&Value]) -> f64 {
+    let sum = |name: &str| -> f64 {
+        effects
+            .iter()
+            .filter_map(|e| e["params"][name].as_f64())
+            .sum()
+    };
+    match kind {
+        Kind::Coulomb | Kind::LoadFriction => {
+            -(sum("friction") + sum("friction_at_zero_load") + MIDDLE_N * sum("friction_per_load"))
+        }
+        Kind::Ripple => sum("amplitude"),
+        Kind::Gain => 100.0 * sum("gain_error"),
+        Kind::Delay => 1e3 * (sum("delay") + sum("time_constant")),
+        Kind::Viscous => -sum("damping"),
+        Kind::Backlash => 1e3 * 0.010 * (sum("gap") + sum("play")),
+        Kind::Creep => 100.0 * sum("creep_share"),
+        Kind::CellCurve => sum("curvature"),
+        Kind::Nothing => 0.0,
+    }
+}
+
+fn read(truth: &Truth, report: &Value) -> Result<Said, String> {
+    let units = report["units"]
+        .as_array()
+        .ok_or("identify.json has no units")?;
+    let mut named: BTreeMap<String, usize> = BTreeMap::new();
+    let mut found = Vec::new();
+    for unit in units {
+        let effects: Vec<&Value> = unit["effects"].as_array().into_iter().flatten().collect();
+        let mut names: Vec<&str> = effects.iter().filter_map(|e| e["name"].as_str()).collect();
+        names.sort_unstable();
+        names.dedup();
+        for name in names {
+            *named.entry(name.to_owned()).or_default() += 1;
+        }
+        let own: Vec<&Value> = effects
+            .into_iter()
+            .filter(|e| e["name"].as_str().is_some_and(|n| truth.names.contains(&n)))
+            .collect();
+        if !own.is_empty() {
+            found.push(compared(truth.kind, &own));
+        }
+    }
+    found.sort_by(f64::total_cmp);
+    let after = |path: &str| report.pointer(path).and_then(Value::as_f64);
+    Ok(Said {
+        named,
+        units: units.len(),
+        found,
+        worst: (
+            number(report, "/before/worst_tension_rms_n")?,
+            after("/after/worst_tension_rms_n"),
+        ),
+        tip: (
+            number(report, "/before/tip_rms_n")?,
+            after("/after/tip_rms_n"),
+        ),
+        changed: report["changed"].as_array().map_or(0, Vec::len),
+        better: report["better"].as_bool().unwrap_or(false),
+    })
+}
+
+struct Options {
+    forcectl: PathBuf,
+    seeds: (u64, u64),
+    seconds: String,
+    hold: String,
+    out: PathBuf,
+    markdown: Option<PathBuf>,
+}
+
+fn options() -> Result<Options, String> {
+    let mut options = Options {
+        forcectl: PathBuf::new(),
+        seeds: (1, 10),
+        seconds: "40".to_owned(),
+        hold: "12".to_owned(),
+        out: PathBuf::from("target/closed-loop"),
+        markdown: None,
+    };
+    let mut words = std::env::args().skip(1);
+    while let Some(word) = words.next() {
+        let mut value = || words.next().ok_or(format!("{word} needs a value\n{USAGE}"));
+        match word.as_str() {
+            "--forcectl" => options.forcectl = value()?.into(),
+            "--seeds" => {
+                let text = value()?;
+                let (first, last) = text.split_once("..").unwrap_or((&text, &text));
+                let seed = |t: &str| t.trim_start_matches('=').parse::<u64>().ok();
+                options.seeds = seed(first)
+                    .zip(seed(last))
+                    .filter(|(first, last)| (1..=*last).contains(first))
+                    .ok_or(format!(
+                        "--seeds {text}: give FIRST..LAST, whole numbers from 1"
+                    ))?;
+            }
+            "--seconds" => options.seconds = value()?,
+            "--for" => options.hold = value()?,
+            "--out" => options.out = value()?.into(),
+            "--markdown" => options.markdown = Some(value()?.into()),
+            other => return Err(format!("{other}: no such option\n{USAGE}")),
+        }
+    }
+    if options.forcectl.as_os_str().is_empty() {
+        return Err(format!("--forcectl is missing\n{USAGE}"));
+    }
+    Ok(options)
+}
+
+fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Said, String> {
+    let folder = options.out.join(format!("seed{seed}"));
+    // What an earlier run left would be read in place of a report that was never written.
+    if folder.exists() {
+        std::fs::remove_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    }
+    std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let plant = folder.join("plant.toml");
+    std::fs::write(&plant, &truth.plant).map_err(|e| format!("{}: {e}", plant.display()))?;
+    let report = folder.join("found");
+    let output = Command::new(&options.forcectl)
+        .arg("identify")
+        .args(["--rig", "embedded", "--seed", &seed.to_string()])
+        .arg("--plant")
+        .arg(&plant)
+        .args(["--seconds", &options.seconds, "--for", &options.hold])
+        .arg("--out")
+        .arg(&report)
+        .output()
+        .map_err(|e| format!("{}: {e}", options.forcectl.display()))?;
+    // 6: done, and nothing changed. That is a result.
+    if !matches!(output.status.code(), Some(0 | 6)) {
+        let words = String::from_utf8_lossy(&output.stderr);
+        let last = words.lines().last().unwrap_or("no words").to_owned();
+        return Err(format!("forcectl ended with {}: {last}", output.status));
+    }
+    let json = report.join("identify.json");
+    let text = std::fs::read_to_string(&json).map_err(|e| format!("{}: {e}", json.display()))?;
+    let value: Value =
+        serde_json::from_str(&text).map_err(|e| format!("{}: {e}", json.display()))?;
+    read(truth, &value)
+}
+
+const HEAD: &str = "\
+| seed | undeclared | named | true | found | worst cable, N | tip, N | board |
+|---|---|---|---|---|---|---|---|
+";
+
+/// A row of the table, and whether the board made the force better by what was rightly named.
+fn row(seed: u64, truth: &Truth, said: &Result<Said, String>) -> (String, bool) {
+    let said = match said {
+        Ok(said) => said,
+        Err(why) => {
+            return (
+                format!("| {seed} | {} | failed: {why} | | | | | |\n", truth.words),
+                false,
+            )
+        }
+    };
+    let units = said.units;
+    let hits = said.found.len();
+    let others: Vec<String> = said
+        .named
+        .iter()
+        .filter(|(name, count)| !truth.names.contains(&name.as_str()) && **count * 3 >= units)
+        .map(|(name, count)| format!("{name} {count}/{units}"))
+        .collect();
+    let mut named = match truth.names {
+        [] => "-".to_owned(),
+        _ if hits == 0 => "missed".to_owned(),
+        names => {
+            let seen: Vec<&str> = names
+                .iter()
+                .copied()
+                .filter(|n| said.named.contains_key(*n))
+                .collect();
+            format!("{} {hits}/{units}", seen.join(" or "))
+        }
+    };
+    if !others.is_empty() {
+        let _ = write!(named, "; beside it {}", others.join(", "));
+    }
+    let (true_value, found) = if truth.names.is_empty() {
+        ("-".to_owned(), "-".to_owned())
+    } else {
+        let found = said.found.get(hits / 2).map_or("-".to_owned(), |median| {
+            format!(
+                "{median:.3} ({:.3} to {:.3})",
+                said.found[0],
+                said.found[hits - 1]
+            )
+        });
+        (format!("{:.3} {}", truth.value, truth.unit), found)
+    };
+    let pair = |(before, after): (f64, Option<f64>)| {
+        after.map_or(format!("{before:.3}"), |after| {
+            format!("{before:.3} -> {after:.3}")
+        })
+    };
+    let board = match (said.changed, said.better) {
+        (0, _) => "nothing to use",
+        (_, true) => "better",
+        (_, false) => "no better, left as it was",
+    };
+    let text = format!(
+        "| {seed} | {} | {named} | {true_value} | {found} | {} | {} | {board} |\n",
+        truth.words,
+        pair(said.worst),
+        pair(said.tip)
+    );
+    (text, said.better && 2 * hits > units)
+}
+
+fn page(options: &Options, rows: &str, better: &[Kind]) -> String {
+    let (first, last) = options.seeds;
+    format!(
+        "# Closed loop: an effect that the rig file doesn't declare
+
+Printed by `cargo xtask closed-loop --seeds {first}..{last} --markdown docs/residual/closed-loop.md`.
+
+Each seed is another rig (scatter of units, survey, noise, the robot's path) with one effect in all its units that the rig
+file does not have. `forcectl identify` runs as a process of its own on the real firmware: it holds 2.5 N along y at the
+moving tip for {hold} s, drives the cables for {seconds} s with the tension loops open, analyses what was recorded, puts what the
+board can use into a rig file, and holds the force again. The effect is in a file that only the rig reads.
+
+*named*: units in which the effect was named; what else was named in a third of them or more. Units also differ
+from the rig file by themselves (Coulomb friction by 5 %, its share of load by 8 %, offset by 27 mN), which is found as
+friction, gain or offset of its own. *found*: median over the units that name it (smallest to largest). *worst
+cable*, *tip*: RMS of the worst cable's tension error and of the force error at the tip, by the plant's truth,
+before and after. *board*: `better` where the worst cable gained 2 % at least and the tip lost no more than 5 %;
+elsewhere `forcectl identify` leaves the rig file as it was.
+
+{HEAD}{rows}
+Kinds of effect that were named in most units and held better for it: {}.
+",
+        better.len(),
+        hold = options.hold,
+        seconds = options.seconds,
+    )
+}
+
+fn main() -> ExitCode {
+    let options = match options() {
+        Ok(options) => options,
+        Err(why) => {
+            eprintln!("closed-loop: {why}");
+            return ExitCode::from(2);
+        }
+    };
+    let mut rows = String::new();
+    let mut better: Vec<Kind> = Vec::new();
+    let mut failed = false;
+    print!("{HEAD}");
+    for seed in options.seeds.0..=options.seeds.1 {
+        let truth = truth(seed);
+        let said = run(&options, seed, &truth);
+        failed |= said.is_err();
+        let (text, gained) = row(seed, &truth, &said);
+        print!("{text}");
+        rows.push_str(&text);
+        if gained && !better.contains(&truth.kind) {
+            better.push(truth.kind);
+        }
+    }
+    println!(
+        "\nkinds of effect that were named in most units and held better for it: {} {better:?}",
+        better.len()
+    );
+    if let Some(path) = &options.markdown {
+        if let Err(why) = write(path, &page(&options, &rows, &better)) {
+            eprintln!("closed-loop: {why}");
+            return ExitCode::FAILURE;
+        }
+    }
+    if failed {
+        ExitCode::FAILURE
+    } else {
+        ExitCode::SUCCESS
+    }
+}
+
+fn write(path: &Path, text: &str) -> Result<(), String> {
+    std::fs::write(path, text).map_err(|e| format!("{}: {e}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use serde_json::json;
+
+    #[test]
+    fn ten_seeds_in_a_row_have_every_kind_and_good_plants() {
+        for first in [1, 11, 101] {
+            let mut kinds: Vec<Kind> = (first..first + 10).map(kind_of).collect();
+            kinds.sort_by_key(|kind| format!("{kind:?}"));
+            kinds.dedup();
+            assert_eq!(kinds.len(), KINDS.len());
+        }
+        for seed in 1..60 {
+            let truth = truth(seed);
+            assert_eq!(
+                truth.plant.contains("[[effects]]"),
+                truth.kind != Kind::Nothing
+            );
+            assert!(truth.plant.contains("initial_slack_m = 0.003"));
+        }
+        // The sizes differ from seed to seed, and one seed is one rig.
+        assert_ne!(truth(1).plant, truth(11).plant);
+        assert_eq!(truth(7).plant, truth(7).plant);
+    }
+
+    #[test]
+    fn a_report_is_held_against_the_truth() {
+        let seed = (1..20).find(|s| kind_of(*s) == Kind::Gain).unwrap();
+        let truth = truth(seed);
+        let unit = |name: &str, error: f64| json!({"effects": [{"name": name, "params": {"gain_error": error}}]});
+        let report = json!({
+            "units": [unit("gain", -0.2), unit("gain", -0.3), unit("tone", 0.0)],
+            "changed": ["x"],
+            "better": true,
+            "before": {"worst_tension_rms_n": 0.2, "tip_rms_n": 0.1},
+            "after": {"worst_tension_rms_n": 0.1, "tip_rms_n": 0.05},
+        });
+        let said = read(&truth, &report).unwrap();
+        let (text, gained) = row(seed, &truth, &Ok(said));
+        assert!(gained);
+        assert!(text.contains("gain 2/3; beside it tone 1/3"), "{text}");
+        assert!(text.contains("-20.000 (-30.000 to -20.000)"), "{text}");
+        assert!(text.contains("0.200 -> 0.100"), "{text}");
+        let (text, gained) = row(seed, &truth, &Err("no rig".to_owned()));
+        assert!(!gained && text.contains("no rig"));
+        assert!(read(&truth, &json!({"units": []})).is_err());
+    }
+}
