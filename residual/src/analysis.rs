@@ -5,7 +5,7 @@ use crate::error::Error;
 use crate::expr::Expr;
 use crate::load::{self, Loaded};
 use crate::model::{Chosen, Fit, Model};
-use crate::problem::{correlation_rows, Problem, Sums};
+use crate::problem::{correlation_rows, Column, Problem, Sums};
 use crate::progress::Progress;
 use crate::report::{
     Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested, Verdict,
@@ -16,7 +16,7 @@ use crate::search::{
 use crate::spec::{Spec, Term};
 use crate::stats::{self, Rng};
 use rayon::prelude::*;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::PathBuf;
 use std::sync::Arc;
 
@@ -24,6 +24,9 @@ use std::sync::Arc;
 const SCREEN_ROWS: usize = 120_000;
 /// An effect's nearest rival, and the candidates that the data cannot tell from it.
 type Judged = (Option<Rival>, Vec<Candidate>);
+
+/// Share of what the named effects explain above which nameless structure makes them stand-ins.
+const STAND_IN: f64 = 0.25;
 
 /// Bootstrap replicates.
 const REPLICATES: usize = 200;
@@ -137,6 +140,8 @@ struct Analysis<'a> {
     load: String,
     floor: f64,
     tests: usize,
+    /// Scans of the catalogue that were made already, by the model they were made on.
+    scans: HashMap<String, Vec<Candidate>>,
 }
 
 impl Analysis<'_> {
@@ -210,8 +215,16 @@ impl Analysis<'_> {
     }
 
     fn step(&mut self, model: &Model, fit: &Fit) -> Result<Step, Error> {
-        let mut all = self.scan(model, fit, false)?;
-        self.look_again(&mut all, model, fit);
+        let key = model.key();
+        let all = match self.scans.get(&key) {
+            Some(known) => known.clone(),
+            None => {
+                let mut all = self.scan(model, fit, false)?;
+                self.look_again(&mut all, model, fit);
+                self.scans.insert(key, all.clone());
+                all
+            }
+        };
         Ok(rank(
             all,
             self.spec,
@@ -372,6 +385,50 @@ impl Analysis<'_> {
         Ok((out, false))
     }
 
+    /// Two effects that one explains as well are one: tries every pair against the whole catalogue.
+    fn merge(
+        &mut self,
+        chosen: &mut Vec<Chosen>,
+        progress: &mut dyn Progress,
+    ) -> Result<bool, Error> {
+        let squares = |fit: &Fit| fit.held.iter().map(|r| r * r).sum::<f64>();
+        if chosen.len() < 2 {
+            return Ok(false);
+        }
+        let current = squares(&self.fit(chosen)?.1);
+        for j in 1..chosen.len() {
+            for i in 0..j {
+                let name = |k: usize| CATALOGUE[chosen[k].effect].name();
+                progress.stage(&format!("one effect for {} and {}", name(i), name(j)));
+                let spent = parameters_of(&chosen[i]) + parameters_of(&chosen[j]);
+                let mut rest = chosen.clone();
+                rest.remove(j);
+                rest.remove(i);
+                let (model, fit) = self.fit(&rest)?;
+                let pair = squares(&fit) - current;
+                let step = self.step(&model, &fit)?;
+                let fits = |c: &&Candidate| {
+                    c.parameters <= spent
+                        && c.held - current < 0.05 * pair
+                        && !rest.iter().any(|r| {
+                            CATALOGUE[r.effect].name() == c.name
+                                && !CATALOGUE[r.effect].repeatable()
+                        })
+                };
+                for c in step.good.iter().map(|g| &step.ranked[*g]).filter(fits) {
+                    let mut one = rest.clone();
+                    one.push(choose(c));
+                    self.polish(&mut one)?;
+                    if squares(&self.fit(&one)?.1) - current < 0.01 * pair {
+                        *chosen = one;
+                        return Ok(true);
+                    }
+                }
+            }
+        }
+        Ok(false)
+    }
+
     /// Throws out effects that the others make superfluous.
     fn prune(&self, chosen: &mut Vec<Chosen>) -> Result<(), Error> {
         loop {
@@ -494,6 +551,7 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
         load,
         floor,
         tests: 1,
+        scans: HashMap::new(),
     };
     let baseline = figures(&a.problem, &base, sel.seed);
 
@@ -506,6 +564,9 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
         a.forward(&mut chosen, progress)?;
         a.polish(&mut chosen)?;
         round += 1;
+        if round < 4 && a.merge(&mut chosen, progress)? {
+            a.polish(&mut chosen)?;
+        }
         let (list, changed) = a.rivals(&mut chosen, round < 4, progress)?;
         rivals = list;
         if changed {
@@ -533,9 +594,9 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
         .iter()
         .filter(|c| passes(c, spec, tests, a.floor, rows))
         .collect();
-    let explained =
-        (base.scores.held_total(0) - fit.held.iter().map(|r| r * r).sum::<f64>()).max(0.0);
-    let structure: Vec<Structure> = left
+    let held_now = fit.held.iter().map(|r| r * r).sum::<f64>();
+    let explained = (base.scores.held_total(0) - held_now).max(0.0);
+    let mut structure: Vec<Structure> = left
         .iter()
         .take(6)
         .map(|c| Structure {
@@ -544,11 +605,41 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
             p: c.p,
         })
         .collect();
-    let unexplained = left
+    let mut unexplained = left
         .first()
-        .is_some_and(|c| c.base - c.held > 0.25 * explained);
-
+        .is_some_and(|c| c.base - c.held > STAND_IN * explained);
+    // One nameless form in place of all named effects: if it does better, they only stand in for it.
+    if !unexplained && !left.is_empty() && !chosen.is_empty() {
+        let alone = a.scan(&declared, &base, true)?;
+        unexplained = alone.iter().any(|c| {
+            c.held < held_now * (1.0 - sel.material).powi(2)
+                && passes(c, spec, tests, a.floor, rows)
+        });
+    }
     let frame = a.problem.kept_frame();
+    // An effect that fits, but in so few places that nothing confirms it, is neither named nor nothing.
+    if let Some(c) = last_step.iter().flat_map(|s| &s.ranked).find(|c| {
+        !c.steady && c.gain >= sel.material && c.p * tests as f64 <= sel.fdr && c.losses.len() > 8
+    }) {
+        structure.push(Structure {
+            depends_on: format!("few places, too few to be sure; {} would fit", c.name),
+            gain: c.gain,
+            p: c.p,
+        });
+        unexplained |= c.base - c.held > STAND_IN * explained;
+    }
+    let switching = stats::switching(&fit.residual, &frame);
+    let gain = 1.0 - (1.0 - switching.share).sqrt();
+    if switching.z < -5.0 && switching.kurtosis < -0.5 && gain >= sel.material {
+        structure.push(Structure {
+            depends_on: "no column: it switches between levels".into(),
+            gain,
+            p: stats::normal_tail(-switching.z),
+        });
+        structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+        unexplained |= switching.share * held_now > STAND_IN * explained;
+    }
+
     let mut residual_tests = vec![(
         "before".to_string(),
         stats::whiteness(&base.residual, &frame),
@@ -837,7 +928,10 @@ fn parameters(
             }
             let v = p.eval(&t.expr)?;
             match t.fixed {
-                Some(k) => fixed.iter_mut().zip(&v).for_each(|(f, v)| *f += k * v),
+                Some(k) => fixed
+                    .iter_mut()
+                    .zip(v.iter())
+                    .for_each(|(f, v)| *f += k * v),
                 None => {
                     if t.chosen == Some(index) {
                         mine.push(x.len());
@@ -847,7 +941,7 @@ fn parameters(
             }
         }
         let y: Vec<f64> = p.y.iter().zip(&fixed).map(|(y, f)| y - f).collect();
-        let cols: Vec<&[f64]> = x.iter().map(Vec::as_slice).collect();
+        let cols: Vec<&[f64]> = x.iter().map(|c: &Column| c.as_slice()).collect();
         Ok((Sums::new(p, &cols, &y, None, None), mine))
     };
     let value = |psi: f64, s: &Sums, mine: &[usize], w: Option<&[f64]>| {
@@ -1005,9 +1099,9 @@ fn extended(spec: &Spec, model: &Model, fit: &Fit, chosen: &[Chosen]) -> Spec {
 
 /// Points and binned means of the residual before and after.
 fn plot(p: &Problem, against: &str, before: &[f64], after: &[f64]) -> Plot {
-    let x = Expr::parse(against)
-        .and_then(|e| p.eval(&e))
-        .unwrap_or_default();
+    let x = p
+        .eval_text(against, true)
+        .map_or_else(|_| vec![], |v| v.to_vec());
     if x.is_empty() {
         return Plot::default();
     }

@@ -58,11 +58,18 @@ impl Cholesky {
 
     /// Solves for one right-hand side.
     pub fn solve(&self, b: &[f64]) -> Vec<f64> {
+        let mut x = vec![0.0; self.n];
+        self.solve_into(b, &mut x);
+        x
+    }
+
+    /// The same into a buffer of the matrix's size.
+    pub fn solve_into(&self, b: &[f64], x: &mut [f64]) {
         let n = self.n;
         let l = &self.lower;
-        let mut x = vec![0.0; n];
         for i in 0..n {
             if self.dropped[i] {
+                x[i] = 0.0;
                 continue;
             }
             let mut s = b[i] * self.scale[i];
@@ -83,7 +90,6 @@ impl Cholesky {
             x[i] = s / l[i * n + i];
         }
         x.iter_mut().zip(&self.scale).for_each(|(x, s)| *x *= s);
-        x
     }
 }
 

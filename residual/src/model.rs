@@ -3,7 +3,7 @@
 use crate::effects::{Build, Variant};
 use crate::error::Error;
 use crate::expr::Expr;
-use crate::problem::{Problem, Scores, Sums};
+use crate::problem::{Column, Problem, Scores, Sums};
 use crate::spec::Spec;
 use std::sync::Arc;
 
@@ -89,6 +89,14 @@ impl Model {
         Ok(())
     }
 
+    /// Text that is the same for equal models.
+    pub fn key(&self) -> String {
+        self.terms
+            .iter()
+            .map(|t| format!("{} {:?} {}\n", t.expr, t.fixed, t.local))
+            .collect()
+    }
+
     /// The declared model with chosen effects.
     pub fn with(spec: &Spec, chosen: &[Chosen]) -> Result<Model, Error> {
         let mut m = Model::declared(spec)?;
@@ -104,7 +112,7 @@ pub(crate) struct Fit {
     /// Index of each fitted global term.
     pub free: Vec<usize>,
     /// Columns of the fitted global terms.
-    pub x: Vec<Vec<f64>>,
+    pub x: Vec<Column>,
     /// Sum of the terms with declared coefficients.
     pub fixed: Vec<f64>,
     /// Coefficients of `free` on all rows.
@@ -132,7 +140,10 @@ impl Fit {
         for (i, t) in model.terms.iter().enumerate() {
             let v = p.eval(&t.expr)?;
             match (t.fixed, t.local) {
-                (Some(k), _) => fixed.iter_mut().zip(&v).for_each(|(f, v)| *f += k * v),
+                (Some(k), _) => fixed
+                    .iter_mut()
+                    .zip(v.iter())
+                    .for_each(|(f, v)| *f += k * v),
                 (None, false) => {
                     free.push(i);
                     x.push(v);
@@ -144,7 +155,7 @@ impl Fit {
             }
         }
         let y0: Vec<f64> = p.y.iter().zip(&fixed).map(|(y, f)| y - f).collect();
-        let cols: Vec<&[f64]> = x.iter().map(Vec::as_slice).collect();
+        let cols: Vec<&[f64]> = x.iter().map(|c| c.as_slice()).collect();
         let raw = Sums::new(p, &cols, &y0, None, None);
         let (theta, dropped) = raw.fit(None);
         let predict = |theta: &[f64], range: std::ops::Range<usize>, out: &mut [f64]| {
@@ -173,7 +184,7 @@ impl Fit {
         }
         let mut local = Vec::new();
         if !lx.is_empty() {
-            let lcols: Vec<&[f64]> = lx.iter().map(Vec::as_slice).collect();
+            let lcols: Vec<&[f64]> = lx.iter().map(|c: &Column| c.as_slice()).collect();
             let mut sums2 = vec![0.0; lx.len()];
             let mut weight = 0.0;
             // Held-out by halves of each sequence; in-sample by the whole.
@@ -264,7 +275,7 @@ impl Fit {
     pub fn prediction(&self) -> Vec<f64> {
         let mut out = self.fixed.clone();
         for (c, k) in self.x.iter().zip(&self.theta) {
-            out.iter_mut().zip(c).for_each(|(o, v)| *o += k * v);
+            out.iter_mut().zip(c.iter()).for_each(|(o, v)| *o += k * v);
         }
         out
     }

@@ -12,7 +12,23 @@ use crate::frame::Frame;
 use crate::linalg::{dot, squared_error, Cholesky};
 use crate::progress::Ticker;
 use crate::stats::{self, Rng};
+use std::collections::HashMap;
 use std::ops::Range;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Values of an expression on the kept rows.
+pub(crate) type Column = Arc<Vec<f64>>;
+
+/// Most values that evaluated expressions may keep in memory (8 bytes each).
+const CACHE_VALUES: usize = 1 << 24;
+
+/// Expressions that were evaluated already: the same forms come up in every scan.
+#[derive(Debug, Default)]
+struct Cache {
+    columns: HashMap<String, Column>,
+    values: usize,
+    ranges: HashMap<String, Option<(f64, f64)>>,
+}
 
 /// A stretch of kept rows of one sequence and one fold.
 #[derive(Debug, Clone)]
@@ -35,6 +51,7 @@ pub(crate) struct Problem {
     pub flips: Vec<Vec<f64>>,
     fold_of_row: Vec<u32>,
     seed: u64,
+    cache: Mutex<Cache>,
     /// Told how far a scan is.
     pub ticker: Option<Ticker>,
 }
@@ -66,6 +83,7 @@ impl Problem {
             flips: vec![],
             fold_of_row,
             seed,
+            cache: Mutex::default(),
             ticker: None,
         };
         p.cut_blocks(10.0, decoys);
@@ -73,13 +91,20 @@ impl Problem {
     }
 
     /// Cuts blocks of about ten correlation times, between 32 and 256 blocks overall if the rows
-    /// allow, and at least four in each long sequence.
+    /// allow, and at least four in each long run of one fold where there are few runs.
     pub fn cut_blocks(&mut self, correlation: f64, decoys: usize) {
         let n = self.y.len();
         let wanted = (10.0 * correlation)
             .clamp(n as f64 / 256.0, n as f64 / 40.0)
             .max(8.0) as usize;
         self.blocks.clear();
+        let runs = 1 + self
+            .fold_of_row
+            .windows(2)
+            .filter(|w| w[0] != w[1])
+            .count()
+            .max(self.frame.sequences().len());
+        let least = if runs >= 32 { 1.0 } else { 4.0 };
         let mut at = 0;
         for (si, r) in self.frame.sequences().iter().enumerate() {
             let count = match &self.rows {
@@ -96,7 +121,7 @@ impl Problem {
                 let pieces =
                     (run as f64 / wanted as f64)
                         .round()
-                        .max(if run >= 64 { 4.0 } else { 1.0 }) as usize;
+                        .max(if run >= 64 { least } else { 1.0 }) as usize;
                 for k in 0..pieces {
                     let (a, b) = (at + run * k / pieces, at + run * (k + 1) / pieces);
                     if b > a {
@@ -124,19 +149,63 @@ impl Problem {
         }
     }
 
-    /// Evaluates an expression on the kept rows; values that are not finite become an error.
-    pub fn eval(&self, e: &Expr) -> Result<Vec<f64>, Error> {
-        let v = self.gather(e.eval(&self.frame)?);
+    /// Evaluates an expression on the kept rows, and keeps the values for the next time; values that
+    /// are not finite become an error.
+    pub fn eval(&self, e: &Expr) -> Result<Column, Error> {
+        self.cached(&e.to_string(), true, || Ok(e.clone()))
+    }
+
+    /// The same for an expression as text; `keep` it only if it is likely to be asked for again.
+    pub fn eval_text(&self, text: &str, keep: bool) -> Result<Column, Error> {
+        self.cached(text, keep, || Expr::parse(text))
+    }
+
+    fn cached(
+        &self,
+        text: &str,
+        keep: bool,
+        parse: impl FnOnce() -> Result<Expr, Error>,
+    ) -> Result<Column, Error> {
+        let lock = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = lock().columns.get(text) {
+            return Ok(known.clone());
+        }
+        let v = self.gather(parse()?.eval(&self.frame)?);
         // Zero times anything finite is zero; chunks, as a test that may stop at each value is slow.
         let finite = |c: &[f64]| c.iter().map(|x| x * 0.0).sum::<f64>() == 0.0;
         if !v.chunks(1024).all(finite) {
             let row = v.iter().position(|x| !x.is_finite()).unwrap_or(0) + 1;
             return Err(Error::Expression {
-                text: e.to_string(),
+                text: text.to_string(),
                 why: format!("is not finite on fitted row {row}"),
             });
         }
+        let v = Arc::new(v);
+        let mut cache = lock();
+        if keep && cache.values + v.len() <= CACHE_VALUES {
+            cache.values += v.len();
+            cache.columns.insert(text.to_string(), v.clone());
+        }
         Ok(v)
+    }
+
+    /// 2 % and 98 % quantiles of an expression; `None` if they are equal or it cannot be evaluated.
+    pub fn range(&self, text: &str) -> Option<(f64, f64)> {
+        let lock = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(known) = lock().ranges.get(text) {
+            return *known;
+        }
+        let mut v = self
+            .eval_text(text, true)
+            .map_or_else(|_| vec![], |v| v.to_vec());
+        v.sort_unstable_by(f64::total_cmp);
+        let (lo, hi) = (
+            stats::quantile_sorted(&v, 0.02),
+            stats::quantile_sorted(&v, 0.98),
+        );
+        let range = (hi > lo).then_some((lo, hi));
+        lock().ranges.insert(text.to_string(), range);
+        range
     }
 
     /// The kept rows as a frame of their own (sequences of kept runs), for tests of the residual.
@@ -352,6 +421,47 @@ impl Sums {
         (x, c.dropped)
     }
 
+    /// Squared error of every block in the wanted folds, predicted from the other folds.
+    pub fn hold_out(&self, p: &Problem, wanted: &dyn Fn(usize) -> bool, out: &mut [f64]) {
+        for fold in (0..p.folds).filter(|f| wanted(*f)) {
+            self.predict(
+                p.blocks.iter().map(|b| (b.fold != fold, b.fold == fold)),
+                out,
+            );
+        }
+    }
+
+    /// Squared error of every block, predicted from the other half (odd, even) of its sequence.
+    pub fn hold_out_halves(&self, p: &Problem, out: &mut [f64]) {
+        let mut start = 0;
+        while start < p.blocks.len() {
+            let sequence = p.blocks[start].sequence;
+            for half in 0..2 {
+                let uses = p.blocks.iter().enumerate().map(|(k, b)| {
+                    let (own, even) = (b.sequence == sequence, (k - start.min(k)) % 2 == half);
+                    (own && !even, own && even)
+                });
+                self.predict(uses, out);
+            }
+            start += p.blocks[start..]
+                .iter()
+                .take_while(|b| b.sequence == sequence)
+                .count();
+        }
+    }
+
+    /// Fits on some blocks and writes the squared errors of others; `uses` says (fit, predict).
+    fn predict(&self, uses: impl Iterator<Item = (bool, bool)> + Clone, out: &mut [f64]) {
+        let weights: Vec<f64> = uses
+            .clone()
+            .map(|(fit, _)| f64::from(u8::from(fit)))
+            .collect();
+        let (x, _) = self.fit(Some(&weights));
+        for (k, _) in uses.enumerate().filter(|(_, (_, predict))| *predict) {
+            out[k] = self.block_error(k, &x);
+        }
+    }
+
     /// Squared error of coefficients on one block.
     pub fn block_error(&self, k: usize, x: &[f64]) -> f64 {
         let mut b = vec![0.0; self.q];
@@ -401,24 +511,31 @@ impl Scores {
             train: Vec::with_capacity(targets * folds),
             held: Vec::with_capacity(targets * folds),
         };
+        let mut b = vec![0.0; folds * q];
+        let mut yy = vec![0.0; folds];
+        let (mut tb, mut bt, mut x) = (vec![0.0; q], vec![0.0; q], vec![0.0; q]);
         for j in 0..targets {
-            let mut b = vec![vec![0.0; q]; folds];
-            let mut yy = vec![0.0; folds];
+            b.fill(0.0);
+            yy.fill(0.0);
             for k in 0..nb {
                 let sign = if j == 0 { 1.0 } else { p.flips[j - 1][k] };
                 let f = p.blocks[k].fold;
-                yy[f] += s.rhs(k, sign, &mut b[f]);
+                yy[f] += s.rhs(k, sign, &mut b[f * q..(f + 1) * q]);
             }
-            let mut tb = vec![0.0; q];
-            b.iter()
-                .for_each(|f| tb.iter_mut().zip(f).for_each(|(a, x)| *a += x));
+            tb.fill(0.0);
+            for f in 0..folds {
+                tb.iter_mut().zip(&b[f * q..]).for_each(|(a, x)| *a += x);
+            }
             let tyy: f64 = yy.iter().sum();
             for f in 0..folds {
-                let bt: Vec<f64> = tb.iter().zip(&b[f]).map(|(t, x)| t - x).collect();
-                let x = factors[f].1.solve(&bt);
+                let own = &b[f * q..(f + 1) * q];
+                for ((d, t), o) in bt.iter_mut().zip(&tb).zip(own) {
+                    *d = t - o;
+                }
+                factors[f].1.solve_into(&bt, &mut x);
                 out.train
                     .push(squared_error(&factors[f].0, &bt, tyy - yy[f], &x));
-                out.held.push(squared_error(&g[f], &b[f], yy[f], &x));
+                out.held.push(squared_error(&g[f], own, yy[f], &x));
             }
         }
         out

@@ -7,11 +7,11 @@
 //! then throws out what it makes superfluous. So a stand-in (a line in position for a hysteresis)
 //! can enter, but cannot stay.
 
-use crate::effects::{Build, Context, Effect, Psi, Variant, CATALOGUE};
+use crate::effects::{Build, Context, Effect, Piece, Psi, Variant, CATALOGUE};
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::model::{Chosen, Fit, Model};
-use crate::problem::{profile, Problem, Scores, Sums};
+use crate::problem::{profile, Column, Problem, Scores, Sums};
 use crate::spec::Spec;
 use crate::stats;
 use rayon::prelude::*;
@@ -37,6 +37,8 @@ pub(crate) struct Candidate {
     pub p: f64,
     /// Steadiness: mean fall of the held-out squared error over blocks, in standard errors.
     pub z: f64,
+    /// Whether the fall is steady over blocks, or over the few blocks in which the effect acts.
+    pub steady: bool,
     /// Number of fitted parameters it adds.
     pub parameters: usize,
     /// Held-out squared error by block.
@@ -46,7 +48,6 @@ pub(crate) struct Candidate {
 /// Terms that stand for structure without a name: curves in one variable, products of two, lagged
 /// inputs. They are never chosen; they tell that something is left.
 pub(crate) fn generic(ctx: &Context) -> Vec<(String, Arc<Variant>)> {
-    use crate::effects::Piece;
     let mut vars: Vec<(String, String)> = vec![("load".into(), ctx.load.clone())];
     if let Some(v) = &ctx.velocity {
         vars.push(("velocity".into(), v.clone()));
@@ -156,14 +157,23 @@ pub(crate) struct State<'a> {
 
 impl State<'_> {
     /// Sums of the current model with a build applied.
-    fn sums(&self, build: &Build) -> Result<(Sums, bool), Error> {
+    fn sums(&self, build: &Build, keep: bool) -> Result<(Sums, bool), Error> {
+        let columns = |pieces: &[Piece]| -> Result<Vec<Column>, Error> {
+            pieces
+                .iter()
+                .map(|p| self.problem.eval_text(&p.text, keep))
+                .collect()
+        };
         match build {
             Build::Add(pieces) => {
-                let cols: Vec<Vec<f64>> = pieces
+                let cols = columns(pieces)?;
+                let all: Vec<&[f64]> = self
+                    .fit
+                    .x
                     .iter()
-                    .map(|p| self.problem.eval(&Expr::parse(&p.text)?))
-                    .collect::<Result<_, _>>()?;
-                let all: Vec<&[f64]> = self.fit.x.iter().chain(&cols).map(Vec::as_slice).collect();
+                    .chain(&cols)
+                    .map(|c| c.as_slice())
+                    .collect();
                 Ok((
                     Sums::new(
                         self.problem,
@@ -176,11 +186,8 @@ impl State<'_> {
                 ))
             }
             Build::Local(pieces) => {
-                let cols: Vec<Vec<f64>> = pieces
-                    .iter()
-                    .map(|p| self.problem.eval(&Expr::parse(&p.text)?))
-                    .collect::<Result<_, _>>()?;
-                let all: Vec<&[f64]> = cols.iter().map(Vec::as_slice).collect();
+                let cols = columns(pieces)?;
+                let all: Vec<&[f64]> = cols.iter().map(|c| c.as_slice()).collect();
                 Ok((
                     Sums::new(self.problem, &all, &self.fit.residual, None, None),
                     true,
@@ -191,17 +198,20 @@ impl State<'_> {
                 m.apply(build, usize::MAX)?;
                 let n = self.problem.y.len();
                 let mut part = self.fit.prediction();
-                let mut x: Vec<Vec<f64>> = Vec::new();
+                let mut x: Vec<Column> = Vec::new();
                 let mut fixed = vec![0.0; n];
                 for t in m.terms.iter().filter(|t| !t.local) {
-                    let v = self.problem.eval(&t.expr)?;
+                    let v = self.problem.eval_text(&t.expr.to_string(), keep)?;
                     match t.fixed {
-                        Some(k) => fixed.iter_mut().zip(&v).for_each(|(f, v)| *f += k * v),
+                        Some(k) => fixed
+                            .iter_mut()
+                            .zip(v.iter())
+                            .for_each(|(f, v)| *f += k * v),
                         None => x.push(v),
                     }
                 }
                 part.iter_mut().zip(&fixed).for_each(|(p, f)| *p -= f);
-                let all: Vec<&[f64]> = x.iter().map(Vec::as_slice).collect();
+                let all: Vec<&[f64]> = x.iter().map(|c| c.as_slice()).collect();
                 Ok((
                     Sums::new(self.problem, &all, &self.fit.residual, Some(&part), None),
                     false,
@@ -210,8 +220,8 @@ impl State<'_> {
         }
     }
 
-    fn score(&self, build: &Build) -> Option<Scores> {
-        let (s, local) = self.sums(build).ok()?;
+    fn score(&self, build: &Build, keep: bool) -> Option<Scores> {
+        let (s, local) = self.sums(build, keep).ok()?;
         Some(if local {
             Scores::local(self.problem, &s)
         } else {
@@ -221,7 +231,7 @@ impl State<'_> {
 
     /// In-sample squared error with a build (cheaper than scores: no decoys).
     fn in_sample(&self, build: &Build) -> f64 {
-        match self.sums(build) {
+        match self.sums(build, false) {
             Ok((s, false)) => {
                 let (x, _) = s.fit(None);
                 (0..s.yy.len()).map(|k| s.block_error(k, &x)).sum()
@@ -258,60 +268,18 @@ impl State<'_> {
 
     /// Held-out squared error by block when each fold uses its own choice of parameter.
     fn losses(&self, variant: &Variant, psis: &[f64]) -> Vec<f64> {
-        let nb = self.problem.blocks.len();
-        let mut out = vec![f64::NAN; nb];
+        let mut out = vec![f64::NAN; self.problem.blocks.len()];
         let mut distinct: Vec<f64> = psis.to_vec();
         distinct.sort_by(f64::total_cmp);
         distinct.dedup();
         for psi in distinct {
-            let Ok((s, local)) = self.sums(&(variant.build)(psi)) else {
+            let Ok((s, local)) = self.sums(&(variant.build)(psi), false) else {
                 continue;
             };
             if local {
-                let mut start = 0;
-                while start < nb {
-                    let seq = self.problem.blocks[start].sequence;
-                    let end = start
-                        + self.problem.blocks[start..]
-                            .iter()
-                            .take_while(|b| b.sequence == seq)
-                            .count();
-                    for half in 0..2 {
-                        let w: Vec<f64> = (0..nb)
-                            .map(|k| {
-                                if k >= start && k < end && (k - start) % 2 != half {
-                                    1.0
-                                } else {
-                                    0.0
-                                }
-                            })
-                            .collect();
-                        let (x, _) = s.fit(Some(&w));
-                        (start..end)
-                            .filter(|k| (k - start) % 2 == half)
-                            .for_each(|k| out[k] = s.block_error(k, &x));
-                    }
-                    start = end;
-                }
-                continue;
-            }
-            for (f, _) in psis.iter().enumerate().filter(|(_, p)| **p == psi) {
-                let w: Vec<f64> = self
-                    .problem
-                    .blocks
-                    .iter()
-                    .map(|b| if b.fold == f { 0.0 } else { 1.0 })
-                    .collect();
-                let (x, _) = s.fit(Some(&w));
-                for (k, _) in self
-                    .problem
-                    .blocks
-                    .iter()
-                    .enumerate()
-                    .filter(|(_, b)| b.fold == f)
-                {
-                    out[k] = s.block_error(k, &x);
-                }
+                s.hold_out_halves(self.problem, &mut out);
+            } else {
+                s.hold_out(self.problem, &|fold| psis[fold] == psi, &mut out);
             }
         }
         out
@@ -324,24 +292,7 @@ impl State<'_> {
             return s.yy.iter().map(|y| y[0]).collect();
         }
         let mut out = vec![0.0; s.yy.len()];
-        for f in 0..self.problem.folds {
-            let w: Vec<f64> = self
-                .problem
-                .blocks
-                .iter()
-                .map(|b| if b.fold == f { 0.0 } else { 1.0 })
-                .collect();
-            let (x, _) = s.fit(Some(&w));
-            for (k, _) in self
-                .problem
-                .blocks
-                .iter()
-                .enumerate()
-                .filter(|(_, b)| b.fold == f)
-            {
-                out[k] = s.block_error(k, &x);
-            }
-        }
+        s.hold_out(self.problem, &|_| true, &mut out);
         out
     }
 
@@ -370,7 +321,7 @@ impl State<'_> {
         let scored: Vec<Option<Scores>> = jobs
             .par_iter()
             .map(|(i, psi)| {
-                let scores = self.score(&(variants[*i].2.build)(*psi));
+                let scores = self.score(&(variants[*i].2.build)(*psi), true);
                 if let Some(tell) = &self.problem.ticker {
                     tell(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
                 }
@@ -428,7 +379,7 @@ impl State<'_> {
                     let steps = if focus.is_some() { 6 } else { FINE };
                     let psi = self.refine(variant, lo, hi, steps);
                     for psi in [psi, psi + 0.15 * (at - psi), psi - 0.15 * (at - psi)] {
-                        if let Some(s) = self.score(&(variant.build)(psi)) {
+                        if let Some(s) = self.score(&(variant.build)(psi), false) {
                             points.push((psi, s));
                         }
                     }
@@ -449,7 +400,7 @@ impl State<'_> {
                     .map(|(h, b)| gain_of(*h, *b))
                     .collect();
                 let p = chance(gain, &decoys);
-                let (mut z, mut losses) = (0.0, vec![]);
+                let (mut z, mut steady, mut losses) = (0.0, false, vec![]);
                 if gain > 0.25 * self.spec.selection.material {
                     let psis: Vec<f64> = if local {
                         vec![psi]
@@ -457,7 +408,9 @@ impl State<'_> {
                         choice.iter().map(|c| points[*c].0).collect()
                     };
                     losses = self.losses(variant, &psis);
-                    z = steadiness(&self.base_losses(local), &losses);
+                    let before = self.base_losses(local);
+                    z = steadiness(&before, &losses);
+                    steady = z >= 2.5 || steady_where_it_acts(&before, &losses);
                 }
                 let pieces = match (variant.build)(psi) {
                     Build::Add(p) | Build::Local(p) => p.len(),
@@ -475,6 +428,7 @@ impl State<'_> {
                     base: base[0],
                     p,
                     z,
+                    steady,
                     parameters,
                     losses,
                 })
@@ -496,7 +450,7 @@ impl State<'_> {
             .zip(&added)
             .map(|(r, a)| r - a)
             .collect();
-        let cols: Vec<&[f64]> = self.fit.x.iter().map(Vec::as_slice).collect();
+        let cols: Vec<&[f64]> = self.fit.x.iter().map(|c| c.as_slice()).collect();
         let sums = Sums::new(self.problem, &cols, &residual, None, None);
         let scores = Scores::new(self.problem, &sums);
         let fit = self.fit.on(residual, sums, scores);
@@ -510,7 +464,7 @@ impl State<'_> {
         grid.push(c.psi);
         let points: Vec<Scores> = grid
             .par_iter()
-            .filter_map(|psi| state.score(&(c.variant.build)(*psi)))
+            .filter_map(|psi| state.score(&(c.variant.build)(*psi), true))
             .collect();
         let refs: Vec<&Scores> = points.iter().collect();
         let (held, _) = profile(&refs);
@@ -556,15 +510,17 @@ impl State<'_> {
                     .map(|k| format!("dahl(setpoint, {})", k * range)),
             );
         }
-        let cols: Vec<Vec<f64>> = texts
+        let cols: Vec<Column> = texts
             .iter()
-            .filter_map(|t| self.problem.eval(&Expr::parse(t).ok()?).ok())
+            .filter_map(|t| self.problem.eval_text(t, true).ok())
             .collect();
-        let z: Vec<&[f64]> = cols.iter().map(Vec::as_slice).collect();
+        let z: Vec<&[f64]> = cols.iter().map(|c| c.as_slice()).collect();
         let (k, _) = Sums::new(self.problem, &z, &added, None, None).fit(None);
         let mut part = vec![0.0; added.len()];
         for (col, k) in cols.iter().zip(&k) {
-            part.iter_mut().zip(col).for_each(|(p, v)| *p += k * v);
+            part.iter_mut()
+                .zip(col.iter())
+                .for_each(|(p, v)| *p += k * v);
         }
         let mean = stats::mean(&part);
         part.iter_mut().for_each(|p| *p -= mean);
@@ -592,7 +548,7 @@ impl State<'_> {
     /// RMS of what a candidate adds to the prediction, and the added values.
     pub fn contribution(&self, c: &Candidate) -> Vec<f64> {
         let build = (c.variant.build)(c.psi);
-        let Ok((s, local)) = self.sums(&build) else {
+        let Ok((s, local)) = self.sums(&build, false) else {
             return vec![];
         };
         let mut out = vec![0.0; self.problem.y.len()];
@@ -602,12 +558,14 @@ impl State<'_> {
         let (x, _) = s.fit(None);
         match &build {
             Build::Add(pieces) => {
-                let cols: Vec<Vec<f64>> = pieces
+                let cols: Vec<Column> = pieces
                     .iter()
-                    .filter_map(|p| self.problem.eval(&Expr::parse(&p.text).ok()?).ok())
+                    .filter_map(|p| self.problem.eval_text(&p.text, false).ok())
                     .collect();
                 for (col, k) in self.fit.x.iter().chain(&cols).zip(&x) {
-                    out.iter_mut().zip(col).for_each(|(o, v)| *o += k * v);
+                    out.iter_mut()
+                        .zip(col.iter())
+                        .for_each(|(o, v)| *o += k * v);
                 }
             }
             _ => {
@@ -621,7 +579,7 @@ impl State<'_> {
                         return vec![];
                     };
                     let a = t.fixed.unwrap_or_else(|| k.next().copied().unwrap_or(0.0));
-                    out.iter_mut().zip(&v).for_each(|(o, v)| *o += a * v);
+                    out.iter_mut().zip(v.iter()).for_each(|(o, v)| *o += a * v);
                 }
                 out.iter_mut()
                     .zip(self.fit.prediction())
@@ -695,6 +653,22 @@ pub(crate) fn steadiness(before: &[f64], after: &[f64]) -> f64 {
     } else {
         0.0
     }
+}
+
+/// Whether the error falls in nearly all blocks in which it changes at all. An effect that acts in few
+/// places (a limit that is seldom reached) has a large spread over all blocks, however sure it is. A sign
+/// test: at least three blocks with a hundredth of the whole change each, at most one in eight against.
+fn steady_where_it_acts(before: &[f64], after: &[f64]) -> bool {
+    let change: Vec<f64> = before
+        .iter()
+        .zip(after)
+        .map(|(b, a)| b - a)
+        .filter(|d| d.is_finite())
+        .collect();
+    let whole: f64 = change.iter().map(|d| d.abs()).sum();
+    let count = |sign: f64| change.iter().filter(|d| sign * **d > 0.01 * whole).count();
+    let (fell, rose) = (count(1.0), count(-1.0));
+    fell >= 3 && 8 * rose <= fell
 }
 
 /// The context of the current residual.
@@ -796,7 +770,7 @@ pub(crate) fn passes(c: &Candidate, spec: &Spec, tests: usize, floor: f64, rows:
     let rms = ((c.base - c.held).max(0.0) / rows.max(1) as f64).sqrt();
     c.gain >= spec.selection.material
         && c.p * tests as f64 <= spec.selection.fdr
-        && c.z >= 2.5
+        && c.steady
         && rms > floor
 }
 
@@ -877,14 +851,26 @@ pub(crate) fn indistinguishable(state: &State, step: &Step, winner: usize) -> Ve
         .filter(|(i, c)| *i != winner && c.parameters <= w.parameters && c.gain > 0.0)
         .filter(|(_, c)| {
             (c.held - w.held).abs() < 0.05 * (w.base - w.held)
-                && steadiness(&c.losses, &w.losses).abs() < 1.5
+                && steadiness(&c.losses, &w.losses).abs() < 2.5
         })
+        .filter(|(_, c)| !same_formula(w, c))
         .filter(|(_, c)| {
             let other = state.contribution(c);
             similarity(&own, &other) > 0.98
         })
         .map(|(_, c)| c.clone())
         .collect()
+}
+
+/// Whether two candidates are one formula under two names, as Dahl's friction over a short distance
+/// (presliding) and a longer one (hysteresis): then the fitted distance decides on the name.
+fn same_formula(a: &Candidate, b: &Candidate) -> bool {
+    let text = |c: &Candidate, psi: f64| match (c.variant.build)(psi) {
+        Build::Add(p) => p.into_iter().map(|p| p.text).collect(),
+        _ => vec![],
+    };
+    let (own, other) = (text(a, a.psi), text(b, a.psi));
+    a.variant.psi.is_some() && !own.is_empty() && own == other
 }
 
 /// Squared correlation about zero.

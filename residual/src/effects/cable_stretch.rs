@@ -18,7 +18,7 @@ impl Effect for CableStretch {
         let mut out = Vec::new();
         let declared = ctx.declared_columns();
         if declared.iter().any(|d| d == "command") {
-            let grid = Context::log_grid(0.3 * ctx.dt, (60.0 * ctx.dt).min(ctx.span / 8.0), 14);
+            let grid = Context::log_grid(0.03 * ctx.dt, (60.0 * ctx.dt).min(ctx.span / 8.0), 17);
             out.push(Variant::profiled(
                 "lag of the command",
                 Psi {

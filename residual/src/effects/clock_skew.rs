@@ -23,7 +23,7 @@ impl Effect for ClockSkew {
             return vec![];
         }
         let one = ctx.dt / ctx.span;
-        let mut half = Context::log_grid(0.5 * one, 60.0 * one, 16);
+        let mut half = Context::log_grid(0.03 * one, 60.0 * one, 20);
         half.retain(|r| *r < 0.05);
         let grid: Vec<f64> = half
             .iter()

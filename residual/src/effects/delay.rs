@@ -16,9 +16,10 @@ impl Effect for Delay {
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let names = ctx.declared_columns();
+        // Far below a row: a small delay shows through the slope of the command over many rows.
         let steps = [
-            0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 13.0, 16.0, 20.0,
-            26.0, 32.0,
+            0.02, 0.05, 0.12, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0,
+            13.0, 16.0, 20.0, 26.0, 32.0,
         ];
         let grid: Vec<f64> = steps
             .iter()

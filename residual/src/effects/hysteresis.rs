@@ -27,7 +27,8 @@ impl Effect for Hysteresis {
             .into_iter()
             .filter_map(|(name, x, xu)| {
                 let (lo, hi) = ctx.range(&x)?;
-                let grid = Context::log_grid(0.06 * (hi - lo), 0.8 * (hi - lo), 9);
+                // Shorter turning widths are presliding's.
+                let grid = Context::log_grid(0.025 * (hi - lo), 0.8 * (hi - lo), 11);
                 let unit = unit.clone();
                 Some(Variant::profiled(
                     &format!("loop of {name}"),

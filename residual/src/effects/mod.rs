@@ -8,7 +8,6 @@
 use crate::expr::Expr;
 use crate::problem::Problem;
 use crate::spec::Spec;
-use crate::stats;
 use serde::{Deserialize, Serialize};
 
 mod backlash;
@@ -308,20 +307,14 @@ impl Context<'_> {
 
     /// Values of an expression on fitted rows; empty if it cannot be evaluated.
     pub fn values(&self, text: &str) -> Vec<f64> {
-        Expr::parse(text)
-            .and_then(|e| self.problem.eval(&e))
-            .unwrap_or_default()
+        self.problem
+            .eval_text(text, true)
+            .map_or_else(|_| vec![], |v| v.to_vec())
     }
 
     /// 2 % and 98 % quantiles of an expression; `None` if it is constant or cannot be evaluated.
     pub fn range(&self, text: &str) -> Option<(f64, f64)> {
-        let mut v = self.values(text);
-        v.sort_by(f64::total_cmp);
-        let (lo, hi) = (
-            stats::quantile_sorted(&v, 0.02),
-            stats::quantile_sorted(&v, 0.98),
-        );
-        (hi > lo).then_some((lo, hi))
+        self.problem.range(text)
     }
 
     /// Name of the velocity's unit.

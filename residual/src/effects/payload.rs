@@ -59,8 +59,12 @@ impl Effect for Payload {
             }
         }
         let unit = ctx.unit().to_string();
-        for (name, q, _) in ctx.angles() {
+        for (name, q, range) in ctx.angles() {
             if name != "angle" && ctx.spec.roles.angle.is_some() {
+                continue;
+            }
+            // Over several turns a weight on the shaft is a ripple of order one.
+            if name == "angle" && range > 1.5 * std::f64::consts::TAU {
                 continue;
             }
             let (v, unit, per) = (

@@ -50,7 +50,17 @@ impl Effect for PeriodicAngle {
             } else {
                 vec![]
             };
-            let mut grid = spectrum::proposals(ctx, &turns_of, &weight, lowest, highest, true);
+            let mut grid = spectrum::proposals(
+                ctx,
+                &turns_of,
+                &weight,
+                &spectrum::Look {
+                    lowest,
+                    highest,
+                    coherent: true,
+                    lines: false,
+                },
+            );
             if turns < 1.5 {
                 // Order one over less than a turn and a half is gravity's.
                 grid.retain(|o| (o - 1.0).abs() > 0.05);

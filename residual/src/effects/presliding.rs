@@ -30,6 +30,17 @@ impl Effect for Presliding {
         let mut out = Vec::new();
         let rest = ctx.values(&format!("sgn({v}, {db}) == 0"));
         let share = rest.iter().sum::<f64>() / rest.len().max(1) as f64;
+        if share > 0.005 && !ctx.friction {
+            // Dry friction in motion and at rest as one: a stop does not let go of it.
+            out.push(Variant::linear(
+                "friction that stays at rest",
+                vec![Piece::new(
+                    "friction",
+                    unit.clone(),
+                    format!("held({v}, {db})"),
+                )],
+            ));
+        }
         if share > 0.005 {
             // Only the rows at rest: what moves is friction's own business.
             let held = format!("(held({v}, {db}) - sgn({v}, {db}))");
@@ -96,7 +107,8 @@ impl Effect for Presliding {
             ));
         }
         if let Some((lo, hi)) = ctx.range(&x) {
-            let grid = Context::log_grid(2e-4 * (hi - lo), 0.04 * (hi - lo), 12);
+            // Longer turning distances are hysteresis's.
+            let grid = Context::log_grid(2e-4 * (hi - lo), 0.018 * (hi - lo), 11);
             let psi = Psi {
                 name: "presliding_distance",
                 unit: ctx.position_unit(),

@@ -16,20 +16,32 @@ pub(crate) fn highest_frequency(p: &Problem, u: &[f64]) -> f64 {
     crate::stats::median(&mut steps).map_or(0.0, |m| 0.5 / m)
 }
 
+/// How often the power of a line exceeds the median around it. The highest of a few hundred random peaks
+/// of a smooth spectrum stands nine times above (its logarithm over that of 2), less with powers added.
+const LINE: f64 = 15.0;
+
+/// Which peaks of a spectrum to look for.
+pub(crate) struct Look {
+    /// Lowest and highest frequency.
+    pub lowest: f64,
+    /// See `lowest`.
+    pub highest: f64,
+    /// Whether the runs are added with their phases; else their powers are added.
+    pub coherent: bool,
+    /// Whether to leave out peaks that don't stand alone: a hump of the spectrum is no tone.
+    pub lines: bool,
+}
+
 /// Frequencies worth trying: the largest peaks of the residual's spectrum over `u`, and those of a
 /// few decoys, so that decoys may search as the real residual does. `weight` (empty: 1) multiplies
-/// the residual; `coherent` adds the runs with their phases, else their powers are added.
-pub(crate) fn proposals(
-    ctx: &Context,
-    u: &[f64],
-    weight: &[f64],
-    lowest: f64,
-    highest: f64,
-    coherent: bool,
-) -> Vec<f64> {
+/// the residual.
+pub(crate) fn proposals(ctx: &Context, u: &[f64], weight: &[f64], look: &Look) -> Vec<f64> {
     let p = ctx.problem;
     let mut out = Vec::new();
-    if u.len() != ctx.residual.len() || (highest - lowest).is_nan() || highest <= lowest {
+    if u.len() != ctx.residual.len()
+        || (look.highest - look.lowest).is_nan()
+        || look.highest <= look.lowest
+    {
         return out;
     }
     for decoy in 0..=6usize {
@@ -45,26 +57,18 @@ pub(crate) fn proposals(
                 r[b.range.clone()].iter_mut().for_each(|x| *x *= s);
             }
         }
-        out.extend(peaks(
-            p,
-            u,
-            &r,
-            lowest,
-            highest,
-            coherent,
-            if decoy == 0 { 5 } else { 2 },
-        ));
+        out.extend(peaks(p, u, &r, look, if decoy == 0 { 5 } else { 2 }));
     }
     out.sort_by(f64::total_cmp);
     out.dedup();
     out
 }
 
-/// Share of the variance of `x` within its runs that a sine of frequency `f` over `u` explains,
-/// runs weighted by their variance.
-pub(crate) fn share(p: &Problem, u: &[f64], x: &[f64], f: f64) -> f64 {
+/// Largest share of the variance of one of `xs` within its runs that a sine of frequency `f` over `u`
+/// explains, runs weighted by their variance.
+pub(crate) fn share(p: &Problem, u: &[f64], xs: &[Vec<f64>], f: f64) -> f64 {
     let w = f * std::f64::consts::TAU;
-    let (mut line, mut total) = (0.0, 0.0);
+    let mut lines = vec![(0.0, 0.0); xs.len()];
     let mut start = 0;
     while start < p.blocks.len() {
         let seq = p.blocks[start].sequence;
@@ -74,42 +78,36 @@ pub(crate) fn share(p: &Problem, u: &[f64], x: &[f64], f: f64) -> f64 {
                 .take_while(|b| b.sequence == seq)
                 .count();
         let run = p.blocks[start].range.start..p.blocks[end - 1].range.end;
-        let mean = crate::stats::mean(&x[run.clone()]);
-        let (mut c, mut s, mut v) = (0.0, 0.0, 0.0);
-        for i in run.clone() {
-            let (sin, cos) = (w * u[i]).sin_cos();
-            let d = x[i] - mean;
-            c += d * cos;
-            s += d * sin;
-            v += d * d;
+        let wave: Vec<(f64, f64)> = u[run.clone()].iter().map(|u| (w * u).sin_cos()).collect();
+        for (x, (line, total)) in xs.iter().zip(&mut lines) {
+            let x = &x[run.clone()];
+            let mean = crate::stats::mean(x);
+            let (mut c, mut s, mut v) = (0.0, 0.0, 0.0);
+            for (x, (sin, cos)) in x.iter().zip(&wave) {
+                let d = x - mean;
+                c += d * cos;
+                s += d * sin;
+                v += d * d;
+            }
+            *line += 2.0 * (c * c + s * s) / run.len() as f64;
+            *total += v;
         }
-        line += 2.0 * (c * c + s * s) / run.len() as f64;
-        total += v;
         start = end;
     }
-    if total > 0.0 {
-        line / total
-    } else {
-        0.0
-    }
+    lines
+        .iter()
+        .map(|(line, total)| if *total > 0.0 { line / total } else { 0.0 })
+        .fold(0.0, f64::max)
 }
 
 /// The `count` largest peaks between `lowest` and `highest`.
-fn peaks(
-    p: &Problem,
-    u: &[f64],
-    r: &[f64],
-    lowest: f64,
-    highest: f64,
-    coherent: bool,
-    count: usize,
-) -> Vec<f64> {
+fn peaks(p: &Problem, u: &[f64], r: &[f64], look: &Look, count: usize) -> Vec<f64> {
     // Runs of rows: whole sequences for powers, everything at once when phases count.
     let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
     let mut last = usize::MAX;
     for b in &p.blocks {
         match runs.last_mut() {
-            Some(run) if coherent || b.sequence == last => run.end = b.range.end,
+            Some(run) if look.coherent || b.sequence == last => run.end = b.range.end,
             _ => runs.push(b.range.clone()),
         }
         last = b.sequence;
@@ -125,10 +123,10 @@ fn peaks(
         return vec![];
     }
     // Nearest-cell gridding, four cells per shortest period, doubled length for finer bins.
-    let cells = ((4.0 * highest * span).ceil() as usize)
+    let cells = ((4.0 * look.highest * span).ceil() as usize)
         .clamp(64, 1 << 21)
         .next_power_of_two();
-    let width = (1.0 / (4.0 * highest)).max(span / cells as f64);
+    let width = (1.0 / (4.0 * look.highest)).max(span / cells as f64);
     let n = cells * 2;
     let mut planner = FftPlanner::<f64>::new();
     let fft = planner.plan_fft_forward(n);
@@ -148,13 +146,31 @@ fn peaks(
             .for_each(|(p, z)| *p += z.norm_sqr());
     }
     let bin = 1.0 / (n as f64 * width);
-    let lo = ((lowest / bin) as usize).max(1);
-    let hi = ((highest / bin) as usize).min(power.len().saturating_sub(2));
+    let lo = ((look.lowest / bin) as usize).max(1);
+    let hi = ((look.highest / bin) as usize).min(power.len().saturating_sub(2));
     let mut tops: Vec<usize> = (lo..hi)
         .filter(|&k| power[k] >= power[k - 1] && power[k] > power[k + 1])
         .collect();
     tops.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
     tops.truncate(count);
+    if look.lines {
+        // Resolution in bins; neighbours are two to twelve of them away on either side.
+        let one = (1.0 / (span * bin)).ceil() as usize;
+        let limit = LINE
+            / if look.coherent {
+                1.0
+            } else {
+                (runs.len() as f64).sqrt()
+            };
+        tops.retain(|&k| {
+            let mut near: Vec<f64> = (2 * one..=12 * one)
+                .flat_map(|d| [k.checked_sub(d), k.checked_add(d)])
+                .flatten()
+                .filter_map(|i| power.get(i).copied())
+                .collect();
+            crate::stats::median(&mut near).is_some_and(|m| power[k] > limit * m)
+        });
+    }
     // Parabola through three bins for the top.
     tops.into_iter()
         .map(|k| {

@@ -35,13 +35,19 @@ impl Effect for Tone {
             .collect();
         let mut out = Vec::new();
         for (label, local) in [("one phase for all", false), ("a phase for each run", true)] {
-            let mut grid = spectrum::proposals(ctx, &time, &[], lowest, highest, !local);
+            let mut grid = spectrum::proposals(
+                ctx,
+                &time,
+                &[],
+                &spectrum::Look {
+                    lowest,
+                    highest,
+                    coherent: !local,
+                    lines: true,
+                },
+            );
             // At a frequency at which the rig itself is driven, a tone cannot be told from an answer.
-            grid.retain(|f| {
-                inputs
-                    .iter()
-                    .all(|x| spectrum::share(ctx.problem, &time, x, *f) < 0.1)
-            });
+            grid.retain(|f| spectrum::share(ctx.problem, &time, &inputs, *f) < 0.1);
             if grid.is_empty() {
                 continue;
             }

@@ -8,7 +8,8 @@ use residual::{Frame, Report};
 use std::time::Instant;
 use undeclared::{Kind, Log, Set};
 
-/// The declared model that the analysis gets: columns, units, and *force = command*.
+/// The declared model that the analysis gets: columns, units, and *force = command*. The speed has a noise of
+/// 0.01 rad/s in motion, so three times that is standstill.
 pub const MODEL: &str = r#"
 title = "Undeclared effect"
 
@@ -16,12 +17,15 @@ title = "Undeclared effect"
 time        = { column = "time_s", unit = "s" }
 target      = { column = "force_n", unit = "N" }
 command     = { column = "command_n", unit = "N" }
-velocity    = { column = "speed_rad_s", unit = "rad/s" }
+velocity    = { column = "speed_rad_s", unit = "rad/s", deadband = 0.03 }
 angle       = { column = "angle_rad", unit = "rad" }
 temperature = { column = "temperature_c", unit = "K" }
 
 [roles.channels]
 neighbour = { column = "neighbour_n", unit = "N" }
+
+[holdout]
+block_s = 10.0
 
 [[terms]]
 name = "tension"
@@ -73,7 +77,12 @@ impl Outcome {
     }
 }
 
-/// The set as the analysis loads it: one log a group, one group a fold, values as a CSV file holds them.
+/// Seconds of a hold-out group, and the most folds: what [`MODEL`] asks for and the analysis's default.
+const BLOCK_S: f64 = 10.0;
+const FOLDS: usize = 10;
+
+/// The set as the analysis loads it from files with [`MODEL`]: values as a CSV file holds them, blocks of time
+/// dealt to folds in turn.
 #[must_use]
 pub fn load(set: &Set) -> Loaded {
     // Roles' names, in the order of `Log::NAMES` without the time.
@@ -89,28 +98,54 @@ pub fn load(set: &Set) -> Loaded {
         .iter()
         .map(|name| ((*name).to_string(), Vec::new()))
         .collect();
-    let (mut time, mut fold, mut sequences) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut time, mut group, mut sequences) = (Vec::new(), Vec::new(), Vec::new());
+    let mut groups = 0;
     let written = |x: &f64| (x * 1e6).round() / 1e6;
-    for (group, log) in (0u32..).zip(&set.logs) {
+    for log in &set.logs {
         let start = time.len();
         let [first, rest @ ..] = log.columns();
         time.extend(first.iter().map(written));
         for ((_, column), values) in columns.iter_mut().zip(rest) {
             column.extend(values.iter().map(written));
         }
-        fold.resize(time.len(), group);
+        let block = |t: &f64| ((t - time[start]) / BLOCK_S) as usize;
+        group.extend(time[start..].iter().map(|t| groups + block(t)));
+        groups = group.last().map_or(0, |last| last + 1);
         sequences.push(start..time.len());
     }
     let rows = time.len();
+    let folds = groups.min(FOLDS);
     Loaded {
         frame: Frame::new(columns, time, sequences),
         keep: vec![true; rows],
-        fold,
-        fold_names: (1..=set.logs.len()).map(|k| format!("log {k}")).collect(),
-        groups: set.logs.len(),
+        fold: group.iter().map(|g| (g % folds) as u32).collect(),
+        fold_names: (1..=folds).map(|k| format!("fold {k}")).collect(),
+        groups,
         files: vec![],
         hygiene: vec![],
     }
+}
+
+/// Writes a set's logs and [`MODEL`] into a folder of its own under `folder`, to analyse it by hand:
+/// `forcectl residual --data FOLDER --model FOLDER/model.toml --out OUT`.
+///
+/// # Errors
+/// When a file can't be written.
+pub fn write(case: &Case, folder: &std::path::Path) -> std::io::Result<()> {
+    let folder = folder.join(format!(
+        "{:?}-{}-x{}-seed{}",
+        case.group,
+        case.truth(),
+        case.strength,
+        case.recipe().seed
+    ));
+    std::fs::create_dir_all(&folder)?;
+    std::fs::write(folder.join("model.toml"), MODEL)?;
+    let set = undeclared::generate(&case.recipe());
+    for (k, log) in set.logs.iter().enumerate() {
+        std::fs::write(folder.join(format!("log-{}.csv", k + 1)), log.to_csv())?;
+    }
+    std::fs::write(folder.join("truth"), format!("{:#?}\n", set.truth))
 }
 
 /// Analyses logs with the declared model.

@@ -241,8 +241,9 @@ impl Effect {
             }
             Kind::Telegraph => {
                 if t >= memory.next_flip {
-                    // A multiplicative congruential step: the log's generator stays untouched.
-                    memory.noise = (memory.noise ^ self.seed)
+                    // A multiplicative congruential step: the log's generator stays untouched. Each log
+                    // has its own sequence, told by the wanted force at the start.
+                    memory.noise = (memory.noise ^ self.seed ^ drive.wanted_n[0].to_bits())
                         .wrapping_mul(6_364_136_223_846_793_005)
                         .wrapping_add(1);
                     memory.next_flip =
