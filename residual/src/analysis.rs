@@ -1,6 +1,6 @@
 //! The whole analysis: load, baseline, selection, rivals, what is left, verdict.
 
-use crate::effects::{self, Build, CATALOGUE};
+use crate::effects::{self, presliding, Build, CATALOGUE};
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::load::{self, Loaded};
@@ -45,8 +45,11 @@ pub struct Options {
 /// Runs an analysis and writes its reports.
 ///
 /// # Errors
-/// Any [`Error`]; then nothing is written.
+/// Any [`Error`]; then nothing is written, and an earlier report in the folder is gone.
 pub fn run(options: &Options, progress: &mut dyn Progress) -> Result<Report, Error> {
+    if let Some(out) = &options.out {
+        crate::report::clear(out)?;
+    }
     progress.stage("reading data");
     let loaded = load::load(&options.data, &options.model)?;
     let report = analyse(&options.model, loaded, progress)?;
@@ -291,6 +294,7 @@ impl Analysis<'_> {
                     next.retain(|x| x.effect != c.effect);
                 }
                 next.push(self.complete(c, &next));
+                self.part_friction(&mut next)?;
                 self.prune(&mut next)?;
                 let after = stats::rms(&self.fit(&next)?.1.held);
                 if after <= before * (1.0 - sel.material) && next.len() <= sel.max_effects {
@@ -321,6 +325,44 @@ impl Analysis<'_> {
             }
         }
         choice
+    }
+
+    /// Friction that stays at rest is friction in motion and at rest under one coefficient. Once it
+    /// grows with the load, each has coefficients of its own, if that predicts better: as one it
+    /// would keep richer forms of either out.
+    fn part_friction(&self, chosen: &mut Vec<Chosen>) -> Result<(), Error> {
+        let at = |name: &str| {
+            chosen
+                .iter()
+                .position(|c| CATALOGUE[c.effect].name() == name)
+        };
+        let (Some(load), Some(rest)) = (at("load_dependent_coulomb"), at("presliding")) else {
+            return Ok(());
+        };
+        if chosen[rest].variant.label != presliding::AS_ONE {
+            return Ok(());
+        }
+        let (model, fit) = self.fit(&[])?;
+        let ctx = context(&self.problem, self.spec, &self.load, &model, &fit);
+        let form = |i: usize, label: Option<&str>| {
+            let mut all = CATALOGUE[chosen[i].effect].variants(&ctx).into_iter();
+            match label {
+                Some(label) => all.find(|v| v.label == label),
+                None => all.next(),
+            }
+        };
+        let (Some(moving), Some(held)) = (form(load, None), form(rest, Some(presliding::HELD)))
+        else {
+            return Ok(());
+        };
+        let mut parted = chosen.clone();
+        parted[load].variant = Arc::new(moving);
+        parted[rest].variant = Arc::new(held);
+        let error = |c: &[Chosen]| Ok::<f64, Error>(stats::rms(&self.fit(c)?.1.held));
+        if error(&parted)? < error(chosen)? {
+            *chosen = parted;
+        }
+        Ok(())
     }
 
     /// Each effect must hold its place against the whole catalogue with the others in place.
@@ -499,6 +541,65 @@ impl Analysis<'_> {
     }
 }
 
+/// Checks that the data can be analysed, fits the declared model, and cuts the blocks to the colour
+/// of its residual.
+fn fit_declared(problem: &mut Problem, spec: &Spec) -> Result<(Model, Fit), Error> {
+    check_excitation(problem, spec)?;
+    let declared = Model::declared(spec)?;
+    let first = Fit::new(problem, &declared)?;
+    if first.dropped.iter().any(|d| *d) {
+        let terms = first
+            .free
+            .iter()
+            .zip(&first.dropped)
+            .filter(|(_, d)| **d)
+            .map(|(i, _)| declared.terms[*i].name.clone())
+            .collect();
+        return Err(Error::RankDeficient { terms });
+    }
+    problem.cut_blocks(
+        correlation_rows(problem, &first.residual),
+        spec.selection.decoys,
+    );
+    let fit = Fit::new(problem, &declared)?;
+    Ok((declared, fit))
+}
+
+/// The declared model alone, without a search.
+#[derive(Debug, Clone)]
+pub struct Baseline {
+    /// Its errors.
+    pub figures: Figures,
+    /// Its terms: name, coefficient, unit, whether it was declared fixed.
+    pub terms: Vec<(String, f64, String, bool)>,
+    /// Rows of the frame that were fitted.
+    pub rows: Vec<usize>,
+    /// Residual on those rows when their group is held out.
+    pub held: Vec<f64>,
+}
+
+/// Fits the declared model and holds out each group; looks for nothing.
+///
+/// # Errors
+/// [`Error::Data`] or [`Error::RankDeficient`].
+pub fn baseline(spec: &Spec, loaded: &Loaded) -> Result<Baseline, Error> {
+    let sel = &spec.selection;
+    let mut problem = Problem::new(
+        loaded.frame.clone(),
+        &loaded.keep,
+        &loaded.fold,
+        sel.decoys,
+        sel.seed,
+    );
+    let (declared, fit) = fit_declared(&mut problem, spec)?;
+    Ok(Baseline {
+        figures: figures(&problem, &fit, sel.seed),
+        terms: declared_terms(&declared, &fit),
+        rows: (0..loaded.keep.len()).filter(|i| loaded.keep[*i]).collect(),
+        held: fit.held,
+    })
+}
+
 /// Analyses data that are already loaded.
 ///
 /// # Errors
@@ -516,27 +617,13 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     let sel = &spec.selection;
     let mut problem = Problem::new(frame, &keep, &fold, sel.decoys, sel.seed);
     problem.ticker = progress.ticker();
-    check_excitation(&problem, spec)?;
     progress.stage(&format!(
         "baseline on {} rows, {} groups in {} folds",
         problem.y.len(),
         groups,
         problem.folds
     ));
-    let declared = Model::declared(spec)?;
-    let first = Fit::new(&problem, &declared)?;
-    if first.dropped.iter().any(|d| *d) {
-        let terms = first
-            .free
-            .iter()
-            .zip(&first.dropped)
-            .filter(|(_, d)| **d)
-            .map(|(i, _)| declared.terms[*i].name.clone())
-            .collect();
-        return Err(Error::RankDeficient { terms });
-    }
-    problem.cut_blocks(correlation_rows(&problem, &first.residual), sel.decoys);
-    let base = Fit::new(&problem, &declared)?;
+    let (declared, base) = fit_declared(&mut problem, spec)?;
     let load = load_expression(&declared, &base);
     let thin = problem.thin(SCREEN_ROWS);
     let floor = spec
@@ -725,7 +812,7 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
             heldout_before: before,
             heldout_after: after,
             rival,
-            plot: plot(&a.problem, &against, &base.residual, &fit.residual),
+            plot: plot(&a, &against, &base.residual, &fit.residual),
         });
         before = after;
     }
@@ -799,7 +886,7 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
             Some("load") | None => a.load.clone(),
             Some(n) => n.to_string(),
         };
-        plot(&a.problem, &text, &base.residual, &fit.residual)
+        plot(&a, &text, &base.residual, &fit.residual)
     });
     let last = figures(&a.problem, &fit, sel.seed);
     Ok(Report {
@@ -1098,30 +1185,18 @@ fn extended(spec: &Spec, model: &Model, fit: &Fit, chosen: &[Chosen]) -> Spec {
 }
 
 /// Points and binned means of the residual before and after.
-fn plot(p: &Problem, against: &str, before: &[f64], after: &[f64]) -> Plot {
-    let x = p
-        .eval_text(against, true)
-        .map_or_else(|_| vec![], |v| v.to_vec());
-    if x.is_empty() {
-        return Plot::default();
-    }
-    let stride = (x.len() / 1200).max(1);
-    let pick = |v: &[f64]| v.iter().step_by(stride).copied().collect::<Vec<f64>>();
-    let mut order: Vec<usize> = (0..x.len()).collect();
-    order.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
-    let bins = 30.min(x.len());
-    let means = (0..bins)
-        .map(|k| {
-            let rows = &order[x.len() * k / bins..x.len() * (k + 1) / bins];
-            let m = |v: &[f64]| rows.iter().map(|i| v[*i]).sum::<f64>() / rows.len().max(1) as f64;
-            [m(&x), m(before), m(after)]
-        })
-        .collect();
-    Plot {
-        against: against.into(),
-        x: pick(&x),
-        before: pick(before),
-        after: pick(after),
-        means,
-    }
+fn plot(a: &Analysis, against: &str, before: &[f64], after: &[f64]) -> Plot {
+    let x = a.problem.eval_text(against, true).unwrap_or_default();
+    let unit = if against == a.load {
+        a.spec.roles.target.unit.clone()
+    } else {
+        a.spec.roles.unit(against)
+    };
+    let name = against.replace(&a.load, "load");
+    let label = if unit.is_empty() {
+        name
+    } else {
+        format!("{name}, {unit}")
+    };
+    Plot::new(&label, &x, before, after)
 }

@@ -93,7 +93,7 @@ impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Error::Io { path, why } => write!(f, "{}: {why}", path.display()),
-            Error::Model { what } => write!(f, "the model file: {what}"),
+            Error::Model { what } => write!(f, "model file: {what}"),
             Error::Expression { text, why } => write!(f, "expression `{text}`: {why}"),
             Error::MissingColumn { column, path, found } => write!(
                 f,

@@ -26,13 +26,15 @@ mod model;
 mod problem;
 mod progress;
 mod report;
+/// The measured data of the thesis rig: where they are, and their two layouts.
+pub mod rig;
 mod search;
 /// The model file.
 pub mod spec;
 mod stats;
 mod svg;
 
-pub use analysis::{analyse, run, Options};
+pub use analysis::{analyse, baseline, run, Baseline, Options};
 pub use board::{Board, Ripple};
 pub use effects::{experiment, meaning, names, Param};
 pub use error::Error;
@@ -40,6 +42,7 @@ pub use frame::Frame;
 pub use hygiene::Finding;
 pub use progress::{Console, Progress, Ticker};
 pub use report::{
-    Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested, Verdict,
+    clear, num, Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested,
+    Verdict,
 };
 pub use stats::ResidualTest;

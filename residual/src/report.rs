@@ -144,10 +144,10 @@ pub struct Tested {
     pub params: BTreeMap<String, f64>,
 }
 
-/// Data of a plot: thinned points and binned means (x, before, after).
+/// Data of a plot: thinned points, binned means (x, before, after) and RMS of all rows.
 #[derive(Debug, Clone, Default)]
 pub struct Plot {
-    /// Expression on the x axis.
+    /// What is on the x axis, with its unit.
     pub against: String,
     /// x values.
     pub x: Vec<f64>,
@@ -155,8 +155,69 @@ pub struct Plot {
     pub before: Vec<f64>,
     /// Residual of the final model.
     pub after: Vec<f64>,
-    /// Means over 30 bins of equal count.
+    /// Means over at most 30 bins of about equal count.
     pub means: Vec<[f64; 3]>,
+    /// RMS of all rows, before and after.
+    pub rms: [f64; 2],
+}
+
+impl Plot {
+    /// Points of the residual before and after against `x`, about a thousand of them, and the means
+    /// of all rows. Empty if `x` is.
+    pub fn new(against: &str, x: &[f64], before: &[f64], after: &[f64]) -> Plot {
+        if x.is_empty() || before.len() != x.len() || after.len() != x.len() {
+            return Plot::default();
+        }
+        let stride = x.len().div_ceil(1000);
+        let pick = |v: &[f64]| v.iter().step_by(stride).copied().collect::<Vec<f64>>();
+        let mut order: Vec<usize> = (0..x.len()).collect();
+        order.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
+        // Equal values stay in one bin.
+        let mut means = Vec::new();
+        let mut rest = order.as_slice();
+        while !rest.is_empty() {
+            let least = x.len().div_ceil(30).min(rest.len());
+            let last = x[rest[least - 1]];
+            let count = least + rest[least..].iter().take_while(|i| x[**i] == last).count();
+            let (rows, tail) = rest.split_at(count);
+            let mean = |v: &[f64]| rows.iter().map(|i| v[*i]).sum::<f64>() / rows.len() as f64;
+            means.push([mean(x), mean(before), mean(after)]);
+            rest = tail;
+        }
+        Plot {
+            against: against.into(),
+            x: pick(x),
+            before: pick(before),
+            after: pick(after),
+            means,
+            rms: [crate::stats::rms(before), crate::stats::rms(after)],
+        }
+    }
+
+    /// The picture: before and after on one scale, and after once more on its own where it is
+    /// much smaller. `unit` is the target's.
+    pub fn svg(&self, unit: &str) -> String {
+        svg::residuals(self, unit)
+    }
+}
+
+/// Takes away the reports and plots of an earlier analysis, so that they are not taken for new ones
+/// when this one fails. Model files stay: one of them may be the input.
+///
+/// # Errors
+/// [`Error::Io`] if one cannot be taken away.
+pub fn clear(dir: &Path) -> Result<(), Error> {
+    let Ok(entries) = std::fs::read_dir(dir) else {
+        return Ok(());
+    };
+    for path in entries.filter_map(|e| e.ok().map(|e| e.path())) {
+        let name = path.file_name().unwrap_or_default().to_string_lossy();
+        let plot = name == "structure.svg" || name.starts_with("effect-") && name.ends_with(".svg");
+        if plot || ["report.json", "report.md", "report.html"].contains(&name.as_ref()) {
+            std::fs::remove_file(&path).map_err(|e| Error::io(&path, e))?;
+        }
+    }
+    Ok(())
 }
 
 /// Everything an analysis found.
@@ -210,7 +271,7 @@ pub struct Report {
 }
 
 /// A number with four significant digits.
-fn num(x: f64) -> String {
+pub fn num(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {
         return format!("{x}");
     }
@@ -367,7 +428,7 @@ impl Report {
         toml::to_string(&spec).map_err(|e| Error::model(e.to_string()))
     }
 
-    /// Writes `report.json`, `report.md` with its plots, `report.html`, `MODEL.extended.toml` and
+    /// Writes `report.json` (last, so where it is the others are), `report.md` with its plots, `report.html`, `MODEL.extended.toml` and
     /// `MODEL.frozen.toml`.
     ///
     /// # Errors
@@ -487,7 +548,7 @@ impl Report {
                 out.push(Part::Picture(
                     format!("effect-{}-{}.svg", i + 1, e.name),
                     format!("residual against {}", e.plot.against),
-                    svg::residuals(&e.plot, u),
+                    e.plot.svg(u),
                 ));
             }
         }
@@ -521,7 +582,7 @@ impl Report {
                 out.push(Part::Picture(
                     "structure.svg".into(),
                     format!("residual against {}", p.against),
-                    svg::residuals(p, u),
+                    p.svg(u),
                 ));
             }
         }

@@ -313,7 +313,14 @@ impl Spec {
     /// [`Error::Io`] or [`Error::Model`].
     pub fn load(path: &Path) -> Result<Spec, Error> {
         let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
-        Spec::parse(&text)
+        Spec::parse(&text).map_err(|e| match e {
+            Error::Model { what } => Error::model(format!("{}: {what}", path.display())),
+            Error::Expression { text, why } => Error::Expression {
+                text,
+                why: format!("{why}, in {}", path.display()),
+            },
+            other => other,
+        })
     }
 
     /// Parses the text of a model file and checks it.

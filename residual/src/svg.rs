@@ -1,16 +1,22 @@
 //! Plots of residuals as small SVG pictures.
 
-use crate::report::Plot;
+use crate::report::{num, Plot};
+use crate::stats::quantile_sorted;
 use std::fmt::Write as _;
 
-const W: f64 = 340.0;
-const H: f64 = 240.0;
-const LEFT: f64 = 56.0;
-const TOP: f64 = 28.0;
+/// Inside of a panel, and the room around it.
+const W: f64 = 300.0;
+const H: f64 = 230.0;
+const LEFT: f64 = 62.0;
+const TOP: f64 = 30.0;
+const BELOW: f64 = 62.0;
+
+/// Where the RMS after is less than this share of that before, it gets a panel on its own scale.
+const SMALL: f64 = 0.35;
 
 /// Round ticks over a range.
 fn ticks(lo: f64, hi: f64) -> Vec<f64> {
-    let raw = (hi - lo) / 4.0;
+    let raw = (hi - lo) / 5.0;
     let base = 10f64.powf(raw.log10().floor());
     let step = [1.0, 2.0, 5.0, 10.0]
         .iter()
@@ -27,89 +33,131 @@ fn label(x: f64) -> String {
         format!("{x:.0e}")
     } else {
         let s = format!("{x:.4}");
-        s.trim_end_matches('0').trim_end_matches('.').to_string()
+        let s = s.trim_end_matches('0').trim_end_matches('.');
+        if s == "-0" { "0" } else { s }.to_string()
     }
 }
 
-/// Two panels, before and after, on the same scales: points, binned means, axes.
-pub(crate) fn residuals(p: &Plot, unit: &str) -> String {
-    let finite = |v: &[f64]| -> Vec<f64> {
-        let mut v: Vec<f64> = v.iter().copied().filter(|x| x.is_finite()).collect();
-        v.sort_by(f64::total_cmp);
-        v
-    };
-    let xs = finite(&p.x);
-    let ys = finite(&p.before);
-    let q = crate::stats::quantile_sorted;
-    let (mut x0, mut x1) = (q(&xs, 0.002), q(&xs, 0.998));
-    let (mut y0, mut y1) = (q(&ys, 0.002), q(&ys, 0.998));
-    if x1 <= x0 {
-        (x0, x1) = (x0 - 1.0, x0 + 1.0);
+fn escape(s: &str) -> String {
+    s.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+}
+
+/// Range of the values, a share `out` left out at each end, with a margin; never empty.
+fn range(v: &[f64], out: f64, margin: f64) -> (f64, f64) {
+    let mut v: Vec<f64> = v.iter().copied().filter(|x| x.is_finite()).collect();
+    v.sort_by(f64::total_cmp);
+    let (lo, hi) = (quantile_sorted(&v, out), quantile_sorted(&v, 1.0 - out));
+    if hi > lo {
+        (lo - margin * (hi - lo), hi + margin * (hi - lo))
+    } else {
+        (lo - 1.0, lo + 1.0)
     }
-    if y1 <= y0 {
-        (y0, y1) = (y0 - 1.0, y0 + 1.0);
-    }
-    let (dx, dy) = (0.04 * (x1 - x0), 0.06 * (y1 - y0));
-    (x0, x1, y0, y1) = (x0 - dx, x1 + dx, (y0 - dy).min(-dy), (y1 + dy).max(dy));
-    let total_w = 2.0 * (W + LEFT) + 20.0;
-    let mut s = format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {total_w} {}\" font-family=\"sans-serif\" font-size=\"11\"><rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>",
-        H + TOP + 44.0
+}
+
+/// Draws one panel at `ox`.
+fn panel(
+    s: &mut String,
+    p: &Plot,
+    (ox, column, title): (f64, usize, &str),
+    (x0, x1): (f64, f64),
+    (y0, y1): (f64, f64),
+) {
+    let values = if column == 1 { &p.before } else { &p.after };
+    let px = |x: f64| ox + (x - x0) / (x1 - x0) * W;
+    let py = |y: f64| TOP + (y1 - y) / (y1 - y0) * H;
+    let inside = |x: f64, y: f64| x >= x0 && x <= x1 && y >= y0 && y <= y1;
+    let _ = write!(
+        s,
+        "<text x=\"{ox:.1}\" y=\"18\" font-weight=\"bold\">{title}: RMS {}</text>",
+        num(p.rms[column - 1])
     );
-    for (k, (title, values, column)) in [("before", &p.before, 1), ("after", &p.after, 2)]
-        .into_iter()
-        .enumerate()
-    {
-        let ox = LEFT + k as f64 * (W + LEFT);
-        let px = |x: f64| ox + (x - x0) / (x1 - x0) * W;
-        let py = |y: f64| TOP + (y1 - y) / (y1 - y0) * H;
-        let _ = write!(
-            s,
-            "<text x=\"{:.1}\" y=\"16\" font-weight=\"bold\">{title}</text>",
-            ox
-        );
-        let _ = write!(s, "<rect x=\"{ox:.1}\" y=\"{TOP}\" width=\"{W}\" height=\"{H}\" fill=\"none\" stroke=\"#888\"/>");
-        for t in ticks(x0, x1) {
-            let x = px(t);
-            let _ = write!(s, "<line x1=\"{x:.1}\" x2=\"{x:.1}\" y1=\"{TOP}\" y2=\"{:.1}\" stroke=\"#eee\"/><text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>", TOP + H, TOP + H + 14.0, label(t));
-        }
-        for t in ticks(y0, y1) {
-            let y = py(t);
-            let _ = write!(s, "<line x1=\"{ox:.1}\" x2=\"{:.1}\" y1=\"{y:.1}\" y2=\"{y:.1}\" stroke=\"#eee\"/><text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>", ox + W, ox - 4.0, y + 4.0, label(t));
-        }
-        for (x, y) in p.x.iter().zip(values) {
-            if *x >= x0 && *x <= x1 && *y >= y0 && *y <= y1 {
-                let _ = write!(s, "<circle cx=\"{:.1}\" cy=\"{:.1}\" r=\"1.3\" fill=\"#4878a8\" fill-opacity=\"0.35\"/>", px(*x), py(*y));
-            }
-        }
-        let line: Vec<String> = p
-            .means
-            .iter()
-            .filter(|m| m[0] >= x0 && m[0] <= x1 && m[column] >= y0 && m[column] <= y1)
-            .map(|m| format!("{:.1},{:.1}", px(m[0]), py(m[column])))
-            .collect();
-        let _ = write!(
-            s,
-            "<polyline points=\"{}\" fill=\"none\" stroke=\"#c03020\" stroke-width=\"1.8\"/>",
-            line.join(" ")
-        );
-        let name = p
-            .against
-            .replace('&', "&amp;")
-            .replace('<', "&lt;")
-            .replace('>', "&gt;");
-        let short: String = if name.chars().count() > 52 {
-            name.chars().take(49).chain("...".chars()).collect()
-        } else {
-            name
-        };
-        let _ = write!(
-            s,
-            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{short}</text>",
-            ox + W / 2.0,
-            TOP + H + 32.0
-        );
+    for t in ticks(x0, x1) {
+        let x = px(t);
+        let _ = write!(s, "<path d=\"M{x:.1} {TOP}v{H}\" stroke=\"#eee\"/><text x=\"{x:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>", TOP + H + 14.0, label(t));
     }
-    let _ = write!(s, "<text x=\"12\" y=\"{:.1}\" transform=\"rotate(-90 12 {:.1})\" text-anchor=\"middle\">residual, {unit}</text></svg>", TOP + H / 2.0, TOP + H / 2.0);
+    for t in ticks(y0, y1) {
+        let (y, colour) = (py(t), if t == 0.0 { "#999" } else { "#eee" });
+        let _ = write!(s, "<path d=\"M{ox:.1} {y:.1}h{W}\" stroke=\"{colour}\"/><text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>", ox - 4.0, y + 4.0, label(t));
+    }
+    // Points as strokes of no length with round ends: a tenth of the size of circles.
+    let dots: String =
+        p.x.iter()
+            .zip(values)
+            .filter(|(x, y)| inside(**x, **y))
+            .map(|(x, y)| format!("M{:.1} {:.1}h0", px(*x), py(*y)))
+            .collect();
+    let _ = write!(s, "<path d=\"{dots}\" stroke=\"#4878a8\" stroke-opacity=\"0.45\" stroke-width=\"2.6\" stroke-linecap=\"round\"/>");
+    let line: Vec<String> = p
+        .means
+        .iter()
+        .filter(|m| inside(m[0], m[column]))
+        .map(|m| format!("{:.1},{:.1}", px(m[0]), py(m[column])))
+        .collect();
+    let _ = write!(
+        s,
+        "<polyline points=\"{}\" fill=\"none\" stroke=\"#c03020\" stroke-width=\"1.8\"/><path d=\"M{ox:.1} {TOP}h{W}v{H}h-{W}z\" fill=\"none\" stroke=\"#888\"/>",
+        line.join(" ")
+    );
+    let name: String = if p.against.chars().count() > 52 {
+        p.against.chars().take(49).chain("...".chars()).collect()
+    } else {
+        p.against.clone()
+    };
+    let _ = write!(
+        s,
+        "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
+        ox + W / 2.0,
+        TOP + H + 32.0,
+        escape(&name)
+    );
+}
+
+/// Panels before and after on the same scales, and after on its own scale where it is much smaller:
+/// points, means of bins, axes, legend.
+pub(crate) fn residuals(p: &Plot, unit: &str) -> String {
+    let x = range(&p.x, 0.002, 0.04);
+    let y = range(&[p.before.as_slice(), &p.after].concat(), 0.002, 0.06);
+    let y = (y.0.min(0.0), y.1.max(0.0));
+    let mut panels = vec![(1, "before", y), (2, "after", y)];
+    if p.rms[1] < SMALL * p.rms[0] {
+        panels.push((2, "after, own scale", range(&p.after, 0.01, 0.2)));
+    }
+    let (width, height) = (panels.len() as f64 * (W + LEFT) + 12.0, TOP + H + BELOW);
+    let mut s = format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {height}\" width=\"{width}\" font-family=\"sans-serif\" font-size=\"11\"><rect width=\"100%\" height=\"100%\" fill=\"#fff\"/>",
+    );
+    for (k, (column, title, y)) in panels.into_iter().enumerate() {
+        let ox = LEFT + k as f64 * (W + LEFT);
+        panel(&mut s, p, (ox, column, title), x, y);
+    }
+    let (middle, base) = (TOP + H / 2.0, TOP + H + 52.0);
+    let _ = write!(s, "<text x=\"14\" y=\"{middle:.1}\" transform=\"rotate(-90 14 {middle:.1})\" text-anchor=\"middle\">residual, {}</text>", escape(unit));
+    let _ = write!(s, "<path d=\"M{LEFT} {0:.1}h0\" stroke=\"#4878a8\" stroke-width=\"5\" stroke-linecap=\"round\"/><text x=\"{1:.1}\" y=\"{2:.1}\">rows, thinned</text><path d=\"M{3:.1} {0:.1}h22\" stroke=\"#c03020\" stroke-width=\"1.8\"/><text x=\"{4:.1}\" y=\"{2:.1}\">mean of all rows in at most 30 bins</text></svg>", base - 4.0, LEFT + 8.0, base, LEFT + 96.0, LEFT + 124.0);
     s
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_picture_is_small_and_names_its_axes() {
+        let x: Vec<f64> = (0..50_000).map(|i| f64::from(i % 997)).collect();
+        let before: Vec<f64> = x.iter().map(|x| (x / 40.0).sin() - 2.0).collect();
+        let after: Vec<f64> = before.iter().map(|b| 0.05 * (b + 2.0)).collect();
+        let s = residuals(&Plot::new("speed <b>, deg/s", &x, &before, &after), "N");
+        assert!(s.len() < 60_000, "{}", s.len());
+        for part in [
+            "residual, N",
+            "speed &lt;b&gt;, deg/s",
+            "before: RMS",
+            "own scale",
+        ] {
+            assert!(s.contains(part), "{part}");
+        }
+        let flat = residuals(&Plot::new("x", &[1.0; 50], &[0.0; 50], &[0.0; 50]), "N");
+        assert!(!flat.contains("NaN") && !flat.contains("inf"));
+    }
 }

@@ -11,6 +11,7 @@ mod elf;
 mod firmware;
 mod flash;
 mod links;
+mod measured;
 mod process;
 mod renode;
 mod report;
@@ -56,6 +57,11 @@ Commands:
   residual-bench [ARGS]
                      the residual analysis against synthetic logs with undeclared effects; --help says more
   closed-loop [ARGS] find, declare and re-run one undeclared effect a seed: --seeds 1..10, --markdown FILE
+  residual-report [ARGS]
+                     what the residual analysis says about the measured rig, into docs/residual/rig.md
+      --data DIR     folder of the rig's data
+  residual-compare [ARGS]
+                     the same selection with public Python tools, in an environment made for it; --help says more
   doc [--open]       build the reference documentation
   help               print this
 
@@ -134,6 +140,8 @@ fn dispatch() -> Result<u8, Stop> {
         "bench" => Ok(rig::bench(&workspace, &rest(parser)?)?),
         "closed-loop" => Ok(rig::closed_loop(&workspace, &rest(parser)?)?),
         "residual-bench" => Ok(rig::residual_bench(&workspace, &rest(parser)?)?),
+        "residual-report" => Ok(measured::report(&workspace, &rest(parser)?)?),
+        "residual-compare" => Ok(measured::compare(&workspace, &rest(parser)?)?),
         "doc" => {
             let arguments = rest(parser)?;
             process::run(

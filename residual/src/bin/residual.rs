@@ -1,43 +1,69 @@
 //! `residual --data PATH... --model MODEL.toml --out DIR`: the analysis by itself.
 
-use residual::{run, Console, Error, Options};
+use residual::{clear, run, spec::Spec, Console, Error, Options};
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-fn options() -> Result<Options, String> {
+const USAGE: &str = "usage: residual --data PATH... --model MODEL.toml [--out DIR]";
+
+struct Arguments {
+    data: Vec<PathBuf>,
+    model: PathBuf,
+    out: Option<PathBuf>,
+}
+
+fn arguments() -> Result<Arguments, String> {
     let (mut data, mut model, mut out) = (vec![], None, None);
-    let mut args = std::env::args().skip(1).peekable();
+    let mut args = std::env::args_os().skip(1).peekable();
     while let Some(a) = args.next() {
-        match a.as_str() {
-            "--data" => {
-                while let Some(path) = args.next_if(|x| !x.starts_with("--")) {
+        let mut value = |name: &str| {
+            args.next()
+                .map(PathBuf::from)
+                .ok_or(format!("{name} needs a path"))
+        };
+        match a.to_str() {
+            Some("--model") => model = Some(value("--model")?),
+            Some("--out") => out = Some(value("--out")?),
+            Some("--data") => {
+                while let Some(path) =
+                    args.next_if(|x| !x.to_str().is_some_and(|x| x.starts_with("--")))
+                {
                     data.push(PathBuf::from(path));
                 }
             }
-            "--model" => model = args.next().map(PathBuf::from),
-            "--out" => out = args.next().map(PathBuf::from),
-            other => return Err(format!("`{other}` is not an option")),
+            _ => return Err(format!("`{}` is not an option", a.to_string_lossy())),
         }
     }
     let model = model.ok_or("--model is missing")?;
     if data.is_empty() {
         return Err("--data is missing".into());
     }
-    let model = residual::spec::Spec::load(&model).map_err(|e: Error| e.to_string())?;
-    Ok(Options { data, model, out })
+    Ok(Arguments { data, model, out })
+}
+
+fn analyse(a: Arguments) -> Result<String, Error> {
+    if let Some(out) = &a.out {
+        clear(out)?;
+    }
+    let options = Options {
+        data: a.data,
+        model: Spec::load(&a.model)?,
+        out: a.out,
+    };
+    Ok(run(&options, &mut Console::default())?.summary())
 }
 
 fn main() -> ExitCode {
-    let options = match options() {
-        Ok(o) => o,
+    let arguments = match arguments() {
+        Ok(a) => a,
         Err(e) => {
-            eprintln!("error: {e}\nusage: residual --data PATH... --model MODEL.toml [--out DIR]");
+            eprintln!("error: {e}\n{USAGE}");
             return ExitCode::from(2);
         }
     };
-    match run(&options, &mut Console::default()) {
-        Ok(report) => {
-            println!("{}", report.summary());
+    match analyse(arguments) {
+        Ok(summary) => {
+            println!("{summary}");
             ExitCode::SUCCESS
         }
         Err(e) => {

@@ -29,7 +29,7 @@ mod load_dependent_coulomb;
 mod offset;
 mod payload;
 mod periodic_angle;
-mod presliding;
+pub(crate) mod presliding;
 mod quadratic;
 mod quantisation;
 mod saturation;

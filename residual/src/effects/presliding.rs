@@ -3,6 +3,11 @@
 use super::{Build, Context, Effect, Piece, Psi, Variant};
 use crate::stats;
 
+/// Form: friction in motion and at rest under one coefficient.
+pub(crate) const AS_ONE: &str = "friction that stays at rest";
+/// Form: friction at rest alone, in the direction of the last motion, with its share of load.
+pub(crate) const HELD: &str = "direction held, with load";
+
 pub(crate) struct Presliding;
 
 impl Effect for Presliding {
@@ -33,7 +38,7 @@ impl Effect for Presliding {
         if share > 0.005 && !ctx.friction {
             // Dry friction in motion and at rest as one: a stop does not let go of it.
             out.push(Variant::linear(
-                "friction that stays at rest",
+                AS_ONE,
                 vec![Piece::new(
                     "friction",
                     unit.clone(),
@@ -52,7 +57,7 @@ impl Effect for Presliding {
             let loaded = ctx.range(&load).is_some();
             if loaded {
                 out.push(Variant::linear(
-                    "direction held, with load",
+                    HELD,
                     vec![
                         Piece::new("held_friction", unit.clone(), held.clone()),
                         Piece::new(

@@ -136,27 +136,59 @@ fn file_keys(pattern: &str, name: &str) -> Option<Vec<(String, f64)>> {
     }
 }
 
+/// Numbers that the model's pattern finds in a path; `None` if it does not fit.
+fn name_keys(path: &Path, spec: &Spec) -> Option<Vec<(String, f64)>> {
+    let whole = path.to_string_lossy().replace('\\', "/");
+    // A pattern with a slash speaks about the path, any other about the file's name.
+    let name = if spec.input.file_name.contains('/') {
+        whole.as_str()
+    } else {
+        whole.rsplit('/').next().unwrap_or("")
+    };
+    file_keys(&spec.input.file_name, name)
+}
+
 /// Loads everything that the model file asks for.
 ///
 /// # Errors
 /// Any [`Error`]: missing columns, cells that are not numbers, time that runs backwards, too few
 /// rows or groups.
 pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
-    let files = find_files(paths)?;
+    let mut findings = hygiene::Log::default();
+    let mut files = find_files(paths)?;
+    if !spec.input.file_name.is_empty() {
+        // A folder may hold other things; a file that was given by name must fit.
+        let (fit, other): (Vec<PathBuf>, Vec<PathBuf>) = files
+            .into_iter()
+            .partition(|f| paths.contains(f) || name_keys(f, spec).is_some());
+        if let Some(first) = other.first() {
+            if fit.is_empty() {
+                return Err(Error::io(
+                    first,
+                    format!(
+                        "this file's name does not fit input.file_name = \"{}\", nor does any other of the {} found; \
+                         correct the pattern in the model file, or --data",
+                        spec.input.file_name,
+                        other.len()
+                    ),
+                ));
+            }
+            findings.count(
+                "file name",
+                other.len(),
+                &first.display().to_string(),
+                "files in the folders whose name does not fit input.file_name were not read",
+            );
+        }
+        files = fit;
+    }
     let roles = spec.roles.all();
     let raws: Vec<Raw> = files
         .par_iter()
         .map(|path| {
             let mut raw = read(path, spec)?;
             if !spec.input.file_name.is_empty() {
-                let whole = path.to_string_lossy().replace('\\', "/");
-                // A pattern with a slash speaks about the path, any other about the file's name.
-                let name = if spec.input.file_name.contains('/') {
-                    whole.as_str()
-                } else {
-                    whole.rsplit('/').next().unwrap_or("")
-                };
-                let keys = file_keys(&spec.input.file_name, name).ok_or_else(|| {
+                let keys = name_keys(path, spec).ok_or_else(|| {
                     Error::io(
                         path,
                         format!(
@@ -194,7 +226,6 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
         .collect::<Result<_, _>>()?;
 
     let names = wanted(spec, &raws)?;
-    let mut findings = hygiene::Log::default();
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
     let mut time = Vec::new();
     let mut file_of_row: Vec<u32> = Vec::new();

@@ -1,0 +1,120 @@
+//! The residual analysis on the measured data of the thesis rig: its report, and the comparison with
+//! public Python tools.
+
+use std::env;
+use std::ffi::OsString;
+use std::fs;
+use std::path::PathBuf;
+use std::process::Command;
+
+use crate::process::{self, Sees};
+use crate::report::{say, Failure, Result};
+use crate::workspace::Workspace;
+
+/// Python to make the comparison's environment with.
+const PYTHON_VARIABLE: &str = "FORCE_PYTHON";
+/// The comparison, below the root.
+const SCRIPTS: &str = "tests/residual-bench/python";
+
+/// Builds a program of the residual package, and says where it is.
+fn build(workspace: &Workspace, program: &str) -> Result<PathBuf> {
+    process::run(
+        process::cargo(Sees::CompilerAndFlags)
+            .current_dir(workspace.root())
+            .args([
+                "build",
+                "--release",
+                "--package",
+                "residual",
+                "--bin",
+                program,
+            ])
+            .arg("--target-dir")
+            .arg(workspace.target()),
+    )?;
+    Ok(workspace.release_program(program))
+}
+
+/// Runs a program in the root of the workspace with the caller's arguments and returns its exit code.
+fn pass_on(workspace: &Workspace, command: &mut Command, arguments: &[OsString]) -> Result<u8> {
+    let status = command
+        .current_dir(workspace.root())
+        .args(arguments)
+        .status()
+        .map_err(|error| process::not_started(command, &error))?;
+    Ok(status
+        .code()
+        .and_then(|code| u8::try_from(code).ok())
+        .unwrap_or(1))
+}
+
+/// Writes the report on the measured data into `docs/residual/rig.md` and its plots beside it.
+///
+/// # Errors
+/// When the program can't be built or started.
+pub fn report(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
+    let program = build(workspace, "rig-report")?;
+    pass_on(workspace, &mut Command::new(program), arguments)
+}
+
+/// Compares the analysis with public Python tools on the same rows.
+///
+/// # Errors
+/// When Python, its packages or the analysis can't be had.
+pub fn compare(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
+    let python = environment(workspace)?;
+    let program = build(workspace, "residual")?;
+    let script = workspace.root().join(SCRIPTS).join("compare.py");
+    let mut command = Command::new(python);
+    command.arg("-B").arg(script).arg("--residual").arg(program);
+    pass_on(workspace, &mut command, arguments)
+}
+
+/// Python with the packages of `requirements.txt`, in an environment of its own below the target
+/// folder; made once, and anew when the requirements change.
+fn environment(workspace: &Workspace) -> Result<PathBuf> {
+    let requirements = workspace.root().join(SCRIPTS).join("requirements.txt");
+    let wanted = fs::read_to_string(&requirements).map_err(|error| {
+        Failure::new(format!("{} can't be read: {error}", requirements.display()))
+    })?;
+    let folder = workspace.target().join("residual-compare");
+    let python = folder.join(if cfg!(windows) {
+        "Scripts/python.exe"
+    } else {
+        "bin/python"
+    });
+    // Written last, so an environment that was interrupted is made again.
+    let installed = folder.join("requirements.installed");
+    if fs::read_to_string(&installed).is_ok_and(|text| text == wanted) {
+        return Ok(python);
+    }
+    let base = env::var_os(PYTHON_VARIABLE).unwrap_or_else(|| "python3".into());
+    say(format!(
+        "residual-compare: installing pinned packages from PyPI into {}",
+        folder.display()
+    ));
+    let no_python = |failure: Failure| {
+        Failure::new(format!("no Python environment: {failure}")).remedy(format!(
+            "Python 3.11 or later with venv is needed (Debian: python3-venv); {PYTHON_VARIABLE} may name another"
+        ))
+    };
+    process::run(
+        Command::new(base)
+            .args(["-m", "venv", "--clear"])
+            .arg(&folder),
+    )
+    .map_err(no_python)?;
+    process::run(
+        Command::new(&python)
+            .args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"])
+            .arg(&requirements),
+    )
+    .map_err(|failure| {
+        Failure::new(format!("the packages can't be installed: {failure}"))
+            .remedy("pip's message is above; it needs the network, or an index of its own in pip's settings")
+    })?;
+    fs::write(&installed, wanted).map_err(|error| {
+        Failure::new(format!("{} can't be written: {error}", installed.display()))
+    })?;
+    Ok(python)
+}
