@@ -37,6 +37,18 @@ fn forces_that_are_none_are_refused_before_anything_is_opened() {
             &["set-force", "0", "2.5", "0", "--inject", "unplug=9@1s"],
             "1 to 6",
         ),
+        (&["identify"], "--out"),
+        (&["identify", "--out", "o", "--seconds", "2"], "8 to 600"),
+        (&["identify", "--out", "o", "--seconds", "nan"], "seconds"),
+        (
+            &["identify", "--out", "o", "--force", "0", "nan", "0"],
+            "finite",
+        ),
+        (
+            &["identify", "--out", "o", "--force", "0", "99", "0"],
+            "limit",
+        ),
+        (&["identify", "--out", "o", "--apply"], "--config"),
         (
             &["set-force", "0", "2.5", "0", "--rig", "carrier-pigeon"],
             "serial:PORT",

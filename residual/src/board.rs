@@ -40,12 +40,28 @@ pub struct Board {
     pub left_out: Vec<String>,
 }
 
+/// Effects that a board makes up for by the same setting, so that it does not matter which of them it
+/// is: dry friction with or without a share of load describes the same forces at the loads that were
+/// there, and a lag acts on a slower loop as a delay.
+const ALIKE: [&[&str]; 2] = [
+    &["coulomb", "load_dependent_coulomb"],
+    &["delay", "cable_stretch"],
+];
+
 impl Report {
     /// What a board can use. `None` if nothing was found, or if the verdict does not support a
-    /// change of the board (`unknown`, `not_identifiable`).
+    /// change of the board: `unknown`, and `not_identifiable` unless all that cannot be told apart
+    /// comes to the same for a board (dry friction with or without load, delay or lag).
     pub fn board(&self) -> Option<Board> {
-        if !matches!(self.verdict, Verdict::Effect | Verdict::Several) {
-            return None;
+        let alike = |a: &crate::report::Ambiguity| {
+            ALIKE
+                .iter()
+                .any(|family| a.effects.iter().all(|e| family.contains(&e.as_str())))
+        };
+        match self.verdict {
+            Verdict::Effect | Verdict::Several => {}
+            Verdict::NotIdentifiable if self.not_identifiable.iter().all(alike) => {}
+            _ => return None,
         }
         let mut b = Board::default();
         for e in &self.effects {

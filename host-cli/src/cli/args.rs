@@ -184,7 +184,7 @@ pub struct Identify {
     #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], default_values = ["0", "2.5", "0"], allow_hyphen_values = true, value_parser = newton)]
     pub force: Vec<f64>,
     /// How long that force is held
-    #[arg(long = "for", value_name = "SECONDS", default_value = "12", value_parser = seconds)]
+    #[arg(long = "for", value_name = "SECONDS", default_value = "16", value_parser = seconds)]
     pub hold: f64,
     /// Put the corrected rig file in the place of --config FILE, where it was better
     #[arg(long)]

@@ -52,6 +52,7 @@ pub fn identify(
         .map_err(|_| Failure::new(2, "--force takes three numbers, as in --force 0 2.5 0"))?;
     rig.check_force(force_n)
         .map_err(|why| Failure::new(2, why))?;
+    identify::check(rig, arguments.seconds)?;
     let (name, text) = match &global.config {
         Some(path) => {
             let text = std::fs::read_to_string(path)
@@ -341,4 +342,30 @@ fn effect(e: &residual::Effect) -> String {
         })
         .collect();
     format!("{} ({})", e.name, numbers.join(", "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_old_rig_file_is_kept_however_often() {
+        let folder = std::env::temp_dir().join(format!("identify-keep-{}", std::process::id()));
+        std::fs::create_dir_all(&folder).expect("a temporary folder");
+        let path = folder.join("rig.toml");
+        std::fs::write(&path, "one").expect("written");
+        let read = |path: &Path| std::fs::read_to_string(path).expect("is there");
+        let (_, first) = replace(&path, "one", "two").ok().expect("replaced");
+        let (_, second) = replace(&path, "two", "three").ok().expect("replaced");
+        assert_eq!(
+            (read(&path), read(&first), read(&second)),
+            ("three".into(), "one".into(), "two".into())
+        );
+        // Nothing else is left lying about.
+        assert_eq!(std::fs::read_dir(&folder).expect("is there").count(), 3);
+        // A place that can't be written to: an error, and the file is as it was.
+        let failure = replace(&folder.join("none/rig.toml"), "x", "y").expect_err("is refused");
+        assert_eq!(failure.code, 7);
+        std::fs::remove_dir_all(folder).expect("cleaned up");
+    }
 }

@@ -283,7 +283,8 @@ mod tests {
         for (new, old) in rig.units.iter().zip(&before.units) {
             let wanted = UnitSettings {
                 friction_offset_n: 0.25,
-                coulomb_n: 0.8,
+                // 0.1 N below what was found.
+                coulomb_n: 0.7,
                 coulomb_per_n: 0.1,
                 ..*old
             };
@@ -310,7 +311,7 @@ mod tests {
         file.rig = RigFile::parse("rig.toml", &file.text).expect("good");
         let (text, _) = file
             .edit(&Board {
-                friction: -0.1,
+                friction: -0.2,
                 gain_error: 0.01,
                 ..Board::default()
             })
@@ -345,7 +346,7 @@ mod tests {
         file.rig = RigFile::parse("rig.toml", &file.text).expect("quoted keys are TOML");
         let error = file.edit(&board()).expect_err("is not found on a line");
         assert!(
-            error.contains("coulomb_n") && error.contains("0.8"),
+            error.contains("coulomb_n") && error.contains("0.7"),
             "{error}"
         );
     }

@@ -5,7 +5,7 @@
 //! its own and hands that file to the rig; its analysis sees the recorded session and nothing else. Only then is
 //! what it reports compared with the truth.
 //!
-//! `cargo xtask closed-loop [--seeds 1..10] [--seconds 40] [--for 12] [--markdown FILE]`
+//! `cargo xtask closed-loop [--seeds 1..10] [--seconds 40] [--for 16] [--markdown FILE]`
 
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -17,7 +17,7 @@ const USAGE: &str = "usage: closed-loop --forcectl PROGRAM [--seeds FIRST..LAST]
 
   --seeds 1..10    seeds to run, both ends included; every ten in a row have each kind of effect once
   --seconds 40     length of the recorded session
-  --for 12         for how long the force is held before and after
+  --for 16         for how long the force is held before and after
   --out DIR        folder for plant files, recordings and reports (default target/closed-loop)
   --markdown FILE  write the table there as well";
 
@@ -316,7 +316,7 @@ fn options() -> Result<Options, String> {
         forcectl: PathBuf::new(),
         seeds: (1, 10),
         seconds: "40".to_owned(),
-        hold: "12".to_owned(),
+        hold: "16".to_owned(),
         out: PathBuf::from("target/closed-loop"),
         markdown: None,
     };
