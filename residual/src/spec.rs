@@ -369,6 +369,11 @@ impl Spec {
                 )));
             }
         }
+        for text in [&spec.rows.keep, &spec.rows.sequences] {
+            if !text.is_empty() {
+                crate::expr::Expr::parse(text)?;
+            }
+        }
         for t in &spec.terms {
             crate::expr::Expr::parse(&t.expr)?;
             if !matches!(t.per.as_str(), "" | "sequence") {

@@ -290,6 +290,11 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
         ("flat", csv(&rows(0, 800).iter().map(|r| [r[0], 1.0, r[2], r[3]]).collect::<Vec<_>>()), MODEL.into(), 4, "target is constant"),
         ("backwards", csv(&rows(0, 800).into_iter().rev().collect::<Vec<_>>()), MODEL.into(), 4, "time does not grow"),
         ("short", csv(&rows(0, 8)), MODEL.into(), 4, "rows are left"),
+        ("first", good.replacen("\n0,", "\noops,", 1), MODEL.into(), 3, ":2: column `t`"),
+        ("separator", good.replace(',', ";"), MODEL.into(), 3, "input.separator = \";\""),
+        ("cells", good.replacen("\n0.02,", "\n0.02,1,", 1), MODEL.into(), 3, "line 3: 5 cells"),
+        ("binary", "\0\u{fffd}t,y".repeat(400), MODEL.into(), 3, "a.csv"),
+        ("keep", good.clone(), format!("{MODEL}\n[rows]\nkeep = \"abs(velocity > 5\"\n"), 2, "abs(velocity > 5"),
         ("empty", String::new(), MODEL.into(), 3, "empty"),
         (
             "rank",
@@ -310,6 +315,42 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
             "{name}: exit {got}, {message}"
         );
     }
+    let dir = Folder::new("stale");
+    let out = dir.0.join("out");
+    std::fs::create_dir_all(&out).unwrap();
+    for name in [
+        "report.json",
+        "report.html",
+        "report.md",
+        "effect-1-coulomb.svg",
+        "MODEL.extended.toml",
+    ] {
+        std::fs::write(out.join(name), "of an earlier analysis").unwrap();
+    }
+    let options = Options {
+        data: vec![dir.put("short.csv", &csv(&rows(0, 8)))],
+        model: Spec::parse(MODEL).unwrap(),
+        out: Some(out.clone()),
+    };
+    assert!(run(&options, &mut ()).is_err());
+    let left: Vec<_> = std::fs::read_dir(&out)
+        .unwrap()
+        .filter_map(|e| e.ok().map(|e| e.file_name()))
+        .collect();
+    assert_eq!(left, ["MODEL.extended.toml"], "a stale report stayed");
+
+    let dir = Folder::new("cut");
+    let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
+    gz.write_all(good.as_bytes()).unwrap();
+    let whole = gz.finish().unwrap();
+    let path = dir.0.join("cut.csv.gz");
+    std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
+    let err = analyse(&[path], MODEL).unwrap_err();
+    assert!(
+        err.exit_code() == 3 && err.to_string().contains("cut off or damaged"),
+        "{err}"
+    );
+
     let dir = Folder::new("single");
     let one = dir.put("only.csv", &good);
     let err = analyse(&[one], MODEL).unwrap_err();

@@ -55,6 +55,7 @@ pub(super) fn read(path: &Path) -> Result<Raw, Error> {
             .chain(["unit".to_string()])
             .collect(),
         columns: vec![Vec::new(); 8],
+        ..Raw::default()
     };
     for u in 0..units {
         let lists: Vec<Vec<f64>> = COLUMNS.iter().map(|(key, _)| list(&root, key, u)).collect();

@@ -21,9 +21,28 @@ pub(crate) struct Raw {
     pub names: Vec<String>,
     /// Values by column; missing cells are NaN.
     pub columns: Vec<Vec<f64>>,
+    /// Columns of text that were left out: name, first cell and its line.
+    pub text: Vec<(String, String, u64)>,
 }
 
 impl Raw {
+    /// Why a wanted column is not there.
+    fn lacks(&self, column: &str, path: &Path) -> Error {
+        match self.text.iter().find(|(name, ..)| name == column) {
+            Some((_, text, line)) => Error::BadCell {
+                path: path.to_path_buf(),
+                line: *line,
+                column: column.into(),
+                text: text.clone(),
+            },
+            None => Error::MissingColumn {
+                column: column.into(),
+                path: path.to_path_buf(),
+                found: self.names.clone(),
+            },
+        }
+    }
+
     fn column(&self, name: &str) -> Option<&[f64]> {
         self.names
             .iter()
@@ -205,20 +224,12 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
             }
             for (_, c) in &roles {
                 if raw.column(&c.column).is_none() {
-                    return Err(Error::MissingColumn {
-                        column: c.column.clone(),
-                        path: path.clone(),
-                        found: raw.names.clone(),
-                    });
+                    return Err(raw.lacks(&c.column, path));
                 }
             }
             for s in &spec.input.sequence {
                 if raw.column(s).is_none() {
-                    return Err(Error::MissingColumn {
-                        column: s.clone(),
-                        path: path.clone(),
-                        found: raw.names.clone(),
-                    });
+                    return Err(raw.lacks(s, path));
                 }
             }
             Ok(raw)
@@ -232,6 +243,9 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
     let mut sequences = Vec::new();
     for (fi, raw) in raws.iter().enumerate() {
         let label = files[fi].display().to_string();
+        if raw.columns.first().is_none_or(Vec::is_empty) {
+            findings.count("empty file", 1, &label, "files without a row");
+        }
         for rows in split_by(raw, &spec.input.sequence) {
             let tc = &spec.roles.time;
             let source = raw.column(&tc.column).unwrap_or(&[]);

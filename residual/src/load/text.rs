@@ -73,6 +73,28 @@ impl<R: Read> Read for Blanks<R> {
     }
 }
 
+/// What the CSV reader stumbled over, and what to do.
+fn broken(path: &Path, e: &csv::Error) -> Error {
+    let line = e.position().map_or(1, csv::Position::line);
+    match e.kind() {
+        csv::ErrorKind::Utf8 { .. } => Error::io(
+            path,
+            format!("line {line}: this is not text (UTF-8); convert the file, or take it out of --data"),
+        ),
+        csv::ErrorKind::Io(why) => Error::io(
+            path,
+            format!("cannot be read to its end: {why}; if it is compressed it is cut off or damaged, so copy it again"),
+        ),
+        csv::ErrorKind::UnequalLengths {
+            expected_len, len, ..
+        } => Error::io(
+            path,
+            format!("line {line}: {len} cells where the lines before have {expected_len}; mend the line, or take it out"),
+        ),
+        _ => Error::io(path, e),
+    }
+}
+
 /// Reads one text log. Cells that are empty or `nan` are NaN; any other text in a column that is
 /// otherwise numeric is an error, and a column whose first cell is text is skipped.
 pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
@@ -103,7 +125,7 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
     let mut csv = builder.from_reader(boxed);
     let names: Vec<String> = if input.header.is_empty() {
         csv.headers()
-            .map_err(|e| Error::io(path, e))?
+            .map_err(|e| broken(path, &e))?
             .iter()
             .map(str::to_string)
             .collect()
@@ -113,14 +135,24 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
     if names.is_empty() || names.iter().all(String::is_empty) {
         return Err(Error::io(path, "the file is empty"));
     }
+    if let [only] = names.as_slice() {
+        let other = [(';', ";"), ('\t', "\\t"), (',', ","), (' ', "blank")]
+            .into_iter()
+            .find(|(c, _)| only.contains(*c));
+        if let Some((_, name)) = other {
+            return Err(Error::io(
+                path,
+                format!(
+                    "line 1 is one column, `{only}`: the separator seems to be another; set input.separator = \"{name}\" in the model file"
+                ),
+            ));
+        }
+    }
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
-    let mut text = vec![false; names.len()];
+    let mut text: Vec<Option<(String, u64)>> = vec![None; names.len()];
     let mut record = csv::StringRecord::new();
     let mut first = true;
-    while csv
-        .read_record(&mut record)
-        .map_err(|e| Error::io(path, e))?
-    {
+    while csv.read_record(&mut record).map_err(|e| broken(path, &e))? {
         if record.len() != names.len() {
             let line = record.position().map_or(0, csv::Position::line);
             return Err(Error::io(
@@ -142,8 +174,10 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
                         "true" => 1.0,
                         "false" => 0.0,
                         "na" | "null" | "none" => f64::NAN,
-                        _ if first || text[c] => {
-                            text[c] = true;
+                        _ if text[c].is_some() => f64::NAN,
+                        _ if first => {
+                            let line = record.position().map_or(0, csv::Position::line);
+                            text[c] = Some((cell.to_string(), line));
                             f64::NAN
                         }
                         _ => {
@@ -161,14 +195,17 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
         }
         first = false;
     }
-    let (names, columns) = names
-        .into_iter()
-        .zip(columns)
-        .zip(text)
-        .filter(|(_, text)| !text)
-        .map(|(x, _)| x)
-        .unzip();
-    Ok(Raw { names, columns })
+    let mut raw = Raw::default();
+    for ((name, column), text) in names.into_iter().zip(columns).zip(text) {
+        match text {
+            Some((cell, line)) => raw.text.push((name, cell, line)),
+            None => {
+                raw.names.push(name);
+                raw.columns.push(column);
+            }
+        }
+    }
+    Ok(raw)
 }
 
 #[cfg(test)]
