@@ -19,7 +19,8 @@ const USAGE: &str = "usage: closed-loop --forcectl PROGRAM [--seeds FIRST..LAST]
   --seconds 40     length of the recorded session
   --for 16         for how long the force is held before and after
   --out DIR        folder for plant files, recordings and reports (default target/closed-loop)
-  --markdown FILE  write the table there as well";
+  --markdown FILE  write the table there as well
+  --reuse          read the reports that an earlier run left in DIR, and run nothing (to put several runs together)";
 
 /// Cables start this slack, m, so that zeros are taken without a pull, as docs/bring-up.md has it.
 const SLACK_M: f64 = 0.003;
@@ -309,6 +310,7 @@ struct Options {
     hold: String,
     out: PathBuf,
     markdown: Option<PathBuf>,
+    reuse: bool,
 }
 
 fn options() -> Result<Options, String> {
@@ -319,6 +321,7 @@ fn options() -> Result<Options, String> {
         hold: "16".to_owned(),
         out: PathBuf::from("target/closed-loop"),
         markdown: None,
+        reuse: false,
     };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
@@ -339,6 +342,7 @@ fn options() -> Result<Options, String> {
             "--seconds" => options.seconds = value()?,
             "--for" => options.hold = value()?,
             "--out" => options.out = value()?.into(),
+            "--reuse" => options.reuse = true,
             "--markdown" => options.markdown = Some(value()?.into()),
             other => return Err(format!("{other}: no such option\n{USAGE}")),
         }
@@ -351,6 +355,11 @@ fn options() -> Result<Options, String> {
 
 fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Said, String> {
     let folder = options.out.join(format!("seed{seed}"));
+    let report = folder.join("found");
+    let json = report.join("identify.json");
+    if options.reuse {
+        return said(truth, &json);
+    }
     // What an earlier run left would be read in place of a report that was never written.
     if folder.exists() {
         std::fs::remove_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
@@ -358,7 +367,6 @@ fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Said, String> {
     std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
     let plant = folder.join("plant.toml");
     std::fs::write(&plant, &truth.plant).map_err(|e| format!("{}: {e}", plant.display()))?;
-    let report = folder.join("found");
     let output = Command::new(&options.forcectl)
         .arg("identify")
         .args(["--rig", "embedded", "--seed", &seed.to_string()])
@@ -375,10 +383,14 @@ fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Said, String> {
         let last = words.lines().last().unwrap_or("no words").to_owned();
         return Err(format!("forcectl ended with {}: {last}", output.status));
     }
-    let json = report.join("identify.json");
-    let text = std::fs::read_to_string(&json).map_err(|e| format!("{}: {e}", json.display()))?;
-    let value: Value =
-        serde_json::from_str(&text).map_err(|e| format!("{}: {e}", json.display()))?;
+    said(truth, &json)
+}
+
+/// What a report file says.
+fn said(truth: &Truth, json: &Path) -> Result<Said, String> {
+    let fault = |e: &dyn std::fmt::Display| format!("{}: {e}", json.display());
+    let text = std::fs::read_to_string(json).map_err(|e| fault(&e))?;
+    let value: Value = serde_json::from_str(&text).map_err(|e| fault(&e))?;
     read(truth, &value)
 }
 
