@@ -28,6 +28,13 @@ type Judged = (Option<Rival>, Vec<Candidate>);
 /// Share of what the named effects explain above which nameless structure makes them stand-ins.
 const STAND_IN: f64 = 0.25;
 
+/// How far the size of an effect on the part of the command that follows the setpoint may be off the fitted
+/// one, as a factor either way.
+const FEEDBACK: f64 = 1.4;
+
+/// Built from the command and yet not in doubt in a closed loop: it has the sign of the velocity for a witness.
+const WITNESSED: &str = "load_dependent_coulomb";
+
 /// Bootstrap replicates.
 const REPLICATES: usize = 200;
 
@@ -253,12 +260,10 @@ impl Analysis<'_> {
             c.p = c.p.min(state.second_look(c));
         }
         if self.spec.roles.setpoint.is_some() {
-            for c in all
-                .iter_mut()
-                .filter(|c| c.gain >= sel.material && c.p < 1.0 && state.uses_command(c))
-            {
-                // Friction with a share of load has the sign of the velocity for a witness.
-                if c.name != "load_dependent_coulomb" && state.stands_on_setpoint(c) < 0.5 {
+            for c in all.iter_mut().filter(|c| {
+                c.gain >= sel.material && c.p < 1.0 && state.built_on_command(&c.variant, c.psi)
+            }) {
+                if c.name != WITNESSED && state.share_on_setpoint(&c.variant, c.psi) < 0.5 {
                     c.p = 1.0;
                 }
             }
@@ -387,11 +392,11 @@ impl Analysis<'_> {
                     CATALOGUE[r.effect].name() == name && !CATALOGUE[r.effect].repeatable()
                 })
             };
-            if let Some(c) = step
-                .winner
-                .map(|w| &step.ranked[w])
-                .filter(|c| may_swap && c.name != own_name && !there(&c.name))
-            {
+            if let Some(c) = step.winner.map(|w| &step.ranked[w]).filter(|c| {
+                // Another form of the same effect may fit better now that others are in place.
+                let form = (own_name, own.variant.label.as_str());
+                may_swap && (c.name.as_str(), c.variant.label.as_str()) != form && !there(&c.name)
+            }) {
                 let mut other = rest.clone();
                 other.push(self.complete(c, &other));
                 let rmse = stats::rms(&self.fit(&other)?.1.held);
@@ -434,7 +439,8 @@ impl Analysis<'_> {
         progress: &mut dyn Progress,
     ) -> Result<bool, Error> {
         let squares = |fit: &Fit| fit.held.iter().map(|r| r * r).sum::<f64>();
-        if chosen.len() < 2 {
+        // With more effects the pairs are many, and two in place of one would have been thrown out before.
+        if !(2..=3).contains(&chosen.len()) {
             return Ok(false);
         }
         let current = squares(&self.fit(chosen)?.1);
@@ -761,6 +767,47 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
         })
         .collect::<Result<_, Error>>()?;
     order.sort_by(|x, y| y.1.total_cmp(&x.1));
+    // In a closed loop the command answers the disturbance. What the command does to the target must come out
+    // as large where the command follows the setpoint; effects that don't are named, but not believed.
+    if spec.roles.setpoint.is_some() {
+        let mut doubtful = Vec::new();
+        for (i, without) in &order {
+            let mut rest = chosen.clone();
+            let own = rest.remove(*i);
+            let (m, f) = a.fit(&rest)?;
+            let state = State {
+                problem: &a.problem,
+                spec,
+                model: &m,
+                fit: &f,
+            };
+            let name = CATALOGUE[own.effect].name();
+            if !state.built_on_command(&own.variant, own.psi) || name == WITNESSED {
+                continue;
+            }
+            let share = state.share_on_setpoint(&own.variant, own.psi);
+            let size = (without.powi(2) - full.powi(2)) * rows as f64;
+            if !(1.0 / FEEDBACK..=FEEDBACK).contains(&share) && size > 0.5 * STAND_IN * explained {
+                doubtful.push((format!("{name} {share:.2} times"), 1.0 - full / without));
+            }
+        }
+        if let Some((_, gain)) = doubtful.first() {
+            let sizes: Vec<&str> = doubtful.iter().map(|d| d.0.as_str()).collect();
+            structure.insert(
+                0,
+                Structure {
+                    depends_on: format!(
+                        "the command through feedback: where it follows the setpoint the effects are not of the fitted \
+                         size ({}); log the same with the loop open, or with speed and angle",
+                        sizes.join(", ")
+                    ),
+                    gain: *gain,
+                    p: 0.0,
+                },
+            );
+            unexplained = true;
+        }
+    }
     let mut list = Vec::new();
     let mut ambiguous = Vec::new();
     let mut so_far: Vec<Chosen> = Vec::new();

@@ -477,15 +477,15 @@ impl State<'_> {
         chance((c.base - c.held) / c.base, &decoys)
     }
 
-    /// How much of a candidate's claim stands on the setpoint: 1 if the part of its contribution
-    /// that follows from the setpoint is in the residual too, 0 if it is not there.
+    /// How much of a form's claim stands on the setpoint: 1 if the part of its contribution that follows
+    /// from the setpoint is in the residual too, 0 if it is not there.
     ///
     /// In a closed loop the controller turns slow disturbances into command, so anything built from
     /// the command correlates with the disturbance. The setpoint is free of it: this is the ratio of
     /// the two-stage to the one-stage least-squares estimate, with the setpoint's history as
     /// instruments. Also 0 if the setpoint moves too little to tell.
-    pub fn stands_on_setpoint(&self, c: &Candidate) -> f64 {
-        let added = self.contribution(c);
+    pub fn share_on_setpoint(&self, variant: &Variant, psi: f64) -> f64 {
+        let added = self.added(variant, psi);
         if added.iter().all(|a| *a == 0.0) {
             return 1.0;
         }
@@ -534,9 +534,9 @@ impl State<'_> {
         crate::linalg::dot(&part, &self.fit.residual) / crate::linalg::dot(&part, &added)
     }
 
-    /// Whether a candidate is built from the command.
-    pub fn uses_command(&self, c: &Candidate) -> bool {
-        let texts: Vec<String> = match (c.variant.build)(c.psi) {
+    /// Whether a form is built from the command.
+    pub fn built_on_command(&self, variant: &Variant, psi: f64) -> bool {
+        let texts: Vec<String> = match (variant.build)(psi) {
             Build::Add(p) | Build::Local(p) => p.into_iter().map(|p| p.text).collect(),
             Build::Swap(s) | Build::SwapAll(s) => s.into_iter().map(|(n, _)| n).collect(),
         };
@@ -547,7 +547,11 @@ impl State<'_> {
 
     /// RMS of what a candidate adds to the prediction, and the added values.
     pub fn contribution(&self, c: &Candidate) -> Vec<f64> {
-        let build = (c.variant.build)(c.psi);
+        self.added(&c.variant, c.psi)
+    }
+
+    fn added(&self, variant: &Variant, psi: f64) -> Vec<f64> {
+        let build = (variant.build)(psi);
         let Ok((s, local)) = self.sums(&build, false) else {
             return vec![];
         };

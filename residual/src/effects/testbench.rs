@@ -41,6 +41,8 @@ pub(crate) struct Excitation {
     pub declare_coulomb: bool,
     pub stops: bool,
     pub metres: bool,
+    /// Whether a controller on the measured target drives the command, with the setpoint logged.
+    pub closed: bool,
     pub seed: u64,
     /// RMS of the noise.
     pub noise: f64,
@@ -54,6 +56,7 @@ impl Default for Excitation {
             declare_coulomb: false,
             stops: false,
             metres: false,
+            closed: false,
             seed: 1,
             noise: 0.1,
             slow: 0.3,
@@ -124,6 +127,7 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
     let (groups, rows, _) = SHAPE;
     let mut rng = Rng::new(x.seed ^ 0x0d15_ea5e);
     let names = [
+        "setpoint",
         "command",
         "velocity",
         "angle",
@@ -137,10 +141,17 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
     let white = x.noise * (1.0 - x.slow).sqrt();
     let rho = 0.98f64;
     let mut slow = 0.0;
+    let (mut integral, mut correction) = (0.0, 0.0);
     rows_of(x, &mut |row| {
         if row.first {
             slow = 0.0;
+            (integral, correction) = (0.0, 0.0);
         }
+        let setpoint = row.command;
+        let row = &Row {
+            command: setpoint + correction,
+            ..*row
+        };
         slow = rho * slow + (1.0 - rho * rho).sqrt() * rng.normal();
         let v = row.velocity;
         let friction = if x.declare_coulomb && v != 0.0 {
@@ -153,7 +164,13 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
             + scale * effect(row)
             + white * rng.normal()
             + x.noise * x.slow.sqrt() * slow;
+        if x.closed {
+            let error: f64 = setpoint - y;
+            integral += 3.0 * error * row.dt;
+            correction = 0.2 * error + integral;
+        }
         let values = [
+            setpoint,
             row.command,
             v,
             row.angle,
@@ -181,6 +198,11 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
     } else {
         ""
     };
+    let setpoint = if x.closed {
+        "setpoint = { column = \"s\", unit = \"N\" }\n"
+    } else {
+        ""
+    };
     let angle = if x.metres {
         ""
     } else {
@@ -188,7 +210,7 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
     };
     let spec = Spec::parse(&format!(
         "[roles]\ntime = {{ column = \"t\" }}\ntarget = {{ column = \"y\", unit = \"N\" }}\n\
-         command = {{ column = \"c\", unit = \"N\" }}\nvelocity = {{ column = \"v\", unit = \"{unit}\" }}\n{angle}\
+         command = {{ column = \"c\", unit = \"N\" }}\nvelocity = {{ column = \"v\", unit = \"{unit}\" }}\n{angle}{setpoint}\
          temperature = {{ column = \"T\", unit = \"K\" }}\npose.pose_a = {{ column = \"p\", unit = \"rad\" }}\n\
          channels.neighbour = {{ column = \"n\", unit = \"N\" }}\n\
          [[terms]]\nname = \"tension\"\nexpr = \"command\"\nfixed = 1.0\n{friction}"
@@ -418,4 +440,70 @@ fn what_has_no_name_is_called_unknown() {
         0.25 * (2.5 * s.neighbour).sin() * (1.5 * s.velocity).cos()
     });
     assert_eq!(report.verdict, Verdict::Unknown, "{}", report.markdown());
+}
+
+/// Names found, in alphabetical order.
+fn found(report: &Report) -> Vec<&str> {
+    let mut names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+    names.sort_unstable();
+    names
+}
+
+#[test]
+fn two_effects_are_both_named() {
+    let report = simulate(&Excitation::default(), 1.0, &mut |s| {
+        -0.2 * s.velocity.signum() + 0.2 * s.neighbour
+    });
+    assert_eq!(report.verdict, Verdict::Several, "{}", report.markdown());
+    assert_eq!(
+        found(&report),
+        ["coulomb", "crosstalk"],
+        "{}",
+        report.markdown()
+    );
+}
+
+#[test]
+fn a_delay_far_below_a_row_cannot_be_told_from_a_lag() {
+    let report = simulate(&Excitation::default(), 1.0, &mut |s| {
+        s.command_at(s.elapsed - 0.012) - s.command
+    });
+    assert_eq!(
+        report.verdict,
+        Verdict::NotIdentifiable,
+        "{}",
+        report.markdown()
+    );
+    let first = &report.not_identifiable[0];
+    for name in ["delay", "cable_stretch"] {
+        assert!(first.effects.iter().any(|e| e == name), "{first:?}");
+        assert!(first.experiment.contains(&format!("{name}: ")), "{first:?}");
+    }
+}
+
+#[test]
+fn what_the_setpoint_confirms_is_named_in_a_closed_loop() {
+    let x = Excitation {
+        closed: true,
+        ..Excitation::default()
+    };
+    names_with("gain", x.clone(), |s| 0.1 * s.command);
+    names_with("coulomb", x, |s| -0.3 * s.velocity.signum());
+}
+
+#[test]
+fn a_disturbance_that_the_loop_fights_is_no_effect_of_the_command() {
+    let x = Excitation {
+        closed: true,
+        ..Excitation::default()
+    };
+    let report = simulate(&x, 1.0, &mut |s| {
+        let g = f64::from(s.group);
+        0.4 * ((0.9 + 0.17 * g) * s.elapsed + g).sin() + 0.3 * ((0.4 + 0.11 * g) * s.elapsed).sin()
+    });
+    assert!(
+        !matches!(report.verdict, Verdict::Effect | Verdict::Several),
+        "{}",
+        report.markdown()
+    );
 }
