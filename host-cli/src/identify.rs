@@ -704,6 +704,47 @@ mod tests {
         }
         let parsed = RigFile::parse("rig", &findings.rewritten.text).unwrap();
         assert_eq!(parsed, findings.rig);
+        refuses_what_is_not_clear(&findings.units[0].report);
+    }
+
+    /// From a report that a board may use: the same with other verdicts.
+    fn refuses_what_is_not_clear(clear: &Report) {
+        use residual::{Ambiguity, Structure, Verdict};
+        assert!(usable(clear).is_ok(), "{}", clear.summary());
+        let with = |change: &dyn Fn(&mut Report)| {
+            let mut report = clear.clone();
+            change(&mut report);
+            usable(&report)
+        };
+        for verdict in [Verdict::None, Verdict::Unknown] {
+            let why = with(&|r| r.verdict = verdict).unwrap_err();
+            assert!(why.contains("verdict"), "{why}");
+        }
+        let rivals = |names: [&'static str; 2]| {
+            with(&move |r| {
+                r.verdict = Verdict::NotIdentifiable;
+                r.not_identifiable = vec![Ambiguity {
+                    effects: names.map(str::to_owned).to_vec(),
+                    experiment: String::new(),
+                }];
+            })
+        };
+        assert!(rivals(["coulomb", "backlash"]).is_err());
+        assert!(rivals(["coulomb", "delay"]).is_err());
+        // The same friction by either name.
+        assert!(rivals(["load_dependent_coulomb", "coulomb"]).is_ok());
+        let nameless = |part: f64| {
+            with(&move |r| {
+                let explained = r.baseline.heldout_rmse - r.last.heldout_rmse;
+                r.structure = vec![Structure {
+                    depends_on: "time".to_owned(),
+                    gain: part * explained / r.last.heldout_rmse,
+                    p: 0.0,
+                }];
+            })
+        };
+        assert!(nameless(0.05).is_ok());
+        assert!(nameless(0.2).unwrap_err().contains("time"));
     }
 
     #[test]
