@@ -2,7 +2,8 @@
 //!
 //! The data are public but not part of this project. They come as CSV with named columns
 //! (`force_gauge/unitU_torqueT_compC.csv`) or as their author left them
-//! (`force_gauge_records/motor_U/force_gauge_record_N_T_V_C.txt`, four columns without names).
+//! (`force_gauge_records/motor_U/force_gauge_record_N_T_V_C.txt`, four columns without names, and
+//! closed-loop runs as JSON).
 
 use crate::error::Error;
 use crate::spec::Spec;
@@ -36,15 +37,16 @@ pub struct Data {
     pub gauge: Option<PathBuf>,
     /// Whether they are in the original layout.
     pub original: bool,
-    /// Folder of closed-loop runs.
-    pub closed: Option<PathBuf>,
+    /// Closed-loop runs: their folder, or the recordings where there is none.
+    pub closed: Vec<PathBuf>,
 }
 
 impl Data {
     /// Looks for the folders `force_gauge` or `force_gauge_records`, and `closed_loop`, up to three
-    /// levels below `root`.
+    /// levels below `root`; without the last, for closed-loop recordings in JSON.
     pub fn find(root: &Path) -> Data {
         let mut out = Data::default();
+        let mut recordings = Vec::new();
         let mut level = vec![root.to_path_buf()];
         for _ in 0..4 {
             let mut next = Vec::new();
@@ -56,20 +58,27 @@ impl Data {
                     Some("force_gauge_records") if out.gauge.is_none() => {
                         (out.gauge, out.original) = (Some(dir.clone()), true);
                     }
-                    Some("closed_loop") if out.closed.is_none() => out.closed = Some(dir.clone()),
+                    Some("closed_loop") if out.closed.is_empty() => out.closed = vec![dir.clone()],
                     _ => {}
                 }
                 let Ok(entries) = std::fs::read_dir(&dir) else {
                     continue;
                 };
-                next.extend(
-                    entries
-                        .filter_map(|e| e.ok().map(|e| e.path()))
-                        .filter(|p| p.is_dir()),
-                );
+                for path in entries.filter_map(|e| e.ok().map(|e| e.path())) {
+                    if path.is_dir() {
+                        next.push(path);
+                    } else if path.extension().is_some_and(|e| e == "json") {
+                        recordings.push(path);
+                    }
+                }
             }
             next.sort();
             level = next;
+        }
+        if out.closed.is_empty() {
+            recordings.retain(|p| is_recording(p));
+            recordings.sort();
+            out.closed = recordings;
         }
         out
     }
@@ -113,6 +122,12 @@ impl Data {
     }
 }
 
+/// Whether a JSON file is a closed-loop recording.
+fn is_recording(path: &Path) -> bool {
+    const KEY: &[u8] = b"\"load_cell_forces\"";
+    std::fs::read(path).is_ok_and(|text| text.windows(KEY.len()).any(|w| w == KEY))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -121,13 +136,15 @@ mod tests {
     fn both_layouts_are_found_and_their_models_are_good() {
         let root = std::env::temp_dir().join(format!("residual-rig-{}", std::process::id()));
         std::fs::create_dir_all(root.join("clone/force_gauge_records/motor_1")).unwrap();
+        std::fs::write(root.join("clone/other.json"), "{}").unwrap();
+        std::fs::write(root.join("clone/run.json"), "{\"load_cell_forces\": []}").unwrap();
         let original = Data::find(&root);
-        assert!(original.original && original.closed.is_none());
+        assert!(original.original && original.closed == [root.join("clone/run.json")]);
         std::fs::create_dir_all(root.join("rig/force_gauge")).unwrap();
         std::fs::create_dir_all(root.join("rig/closed_loop")).unwrap();
         let named = Data::find(&root);
         std::fs::remove_dir_all(&root).unwrap();
-        assert!(!named.original && named.closed.is_some());
+        assert!(!named.original && named.closed == [root.join("rig/closed_loop")]);
         for text in [GAUGE_ALL, GAUGE_MOVING] {
             let a = original.gauge_model(text, "comp == 0").unwrap();
             let b = named.gauge_model(text, "comp == 0").unwrap();

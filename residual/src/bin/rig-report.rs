@@ -596,16 +596,14 @@ fn compensated(
 }
 
 fn closed_loop(data: &Data, out: &mut Page, console: &mut Console) -> Result<(), Error> {
-    if data.closed.is_none() {
-        out.blocks.insert(
-            "closed",
-            "No folder `closed_loop` in the data given.".into(),
-        );
+    if data.closed.is_empty() {
+        out.blocks
+            .insert("closed", "No closed-loop runs in the data given.".into());
         return Ok(());
     }
     console.stage("== closed-loop runs");
     let spec = Spec::parse(rig::CLOSED_LOOP)?;
-    let loaded = load(&folder(&data.closed), &spec)?;
+    let loaded = load(&data.closed, &spec)?;
     let report = analyse(&spec, loaded.clone(), console)?;
     let declared = baseline(&spec, &loaded)?;
     let found = baseline(&report.extended, &loaded)?;
