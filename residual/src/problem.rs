@@ -170,23 +170,28 @@ impl Problem {
         if let Some(known) = lock().columns.get(text) {
             return Ok(known.clone());
         }
-        let v = self.gather(parse()?.eval(&self.frame)?);
-        // Zero times anything finite is zero; chunks, as a test that may stop at each value is slow.
-        let finite = |c: &[f64]| c.iter().map(|x| x * 0.0).sum::<f64>() == 0.0;
-        if !v.chunks(1024).all(finite) {
-            let row = v.iter().position(|x| !x.is_finite()).unwrap_or(0) + 1;
-            return Err(Error::Expression {
-                text: text.to_string(),
-                why: format!("is not finite on fitted row {row}"),
-            });
-        }
-        let v = Arc::new(v);
+        let v = self.eval_on(&self.frame, &parse()?)?;
         let mut cache = lock();
         if keep && cache.values + v.len() <= CACHE_VALUES {
             cache.values += v.len();
             cache.columns.insert(text.to_string(), v.clone());
         }
         Ok(v)
+    }
+
+    /// Evaluates an expression on the kept rows of a frame with other values in some columns.
+    pub fn eval_on(&self, frame: &Frame, e: &Expr) -> Result<Column, Error> {
+        let v = self.gather(e.eval(frame)?);
+        // Zero times anything finite is zero; chunks, as a test that may stop at each value is slow.
+        let finite = |c: &[f64]| c.iter().map(|x| x * 0.0).sum::<f64>() == 0.0;
+        if !v.chunks(1024).all(finite) {
+            let row = v.iter().position(|x| !x.is_finite()).unwrap_or(0) + 1;
+            return Err(Error::Expression {
+                text: e.to_string(),
+                why: format!("is not finite on fitted row {row}"),
+            });
+        }
+        Ok(Arc::new(v))
     }
 
     /// 2 % and 98 % quantiles of an expression; `None` if they are equal or it cannot be evaluated.

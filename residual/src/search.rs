@@ -193,15 +193,27 @@ impl State<'_> {
                     true,
                 ))
             }
-            Build::Swap(_) | Build::SwapAll(_) => {
-                let mut m = self.model.clone();
-                m.apply(build, usize::MAX)?;
+            Build::Swap(pairs) | Build::SwapAll(pairs) => {
+                // A column that is replaced is evaluated once, however many terms use it.
+                let mut swapped = self.problem.frame.clone();
+                for (name, text) in pairs {
+                    let v = Expr::parse(text)?.eval(&self.problem.frame)?;
+                    swapped.insert(name, v);
+                }
+                let everywhere = matches!(build, Build::SwapAll(_));
                 let n = self.problem.y.len();
                 let mut part = self.fit.prediction();
                 let mut x: Vec<Column> = Vec::new();
                 let mut fixed = vec![0.0; n];
-                for t in m.terms.iter().filter(|t| !t.local) {
-                    let v = self.problem.eval_text(&t.expr.to_string(), keep)?;
+                for t in self.model.terms.iter().filter(|t| !t.local) {
+                    let names = t.expr.names();
+                    let touched = (everywhere || t.chosen.is_none())
+                        && pairs.iter().any(|(name, _)| names.contains(name));
+                    let v = if touched {
+                        self.problem.eval_on(&swapped, &t.expr)?
+                    } else {
+                        self.problem.eval(&t.expr)?
+                    };
                     match t.fixed {
                         Some(k) => fixed
                             .iter_mut()
