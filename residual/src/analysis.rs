@@ -28,6 +28,10 @@ type Judged = (Option<Rival>, Vec<Candidate>);
 /// Share of what the named effects explain above which nameless structure makes them stand-ins.
 const STAND_IN: f64 = 0.25;
 
+/// Share of what the named effects explain by which one nameless form must do better in their place to make them
+/// stand-ins.
+const BETTER_ALONE: f64 = 0.01;
+
 /// How far the size of an effect on the part of the command that follows the setpoint may be off the fitted
 /// one, as a factor either way.
 const FEEDBACK: f64 = 1.4;
@@ -701,11 +705,14 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     let mut unexplained = left
         .first()
         .is_some_and(|c| c.base - c.held > STAND_IN * explained);
-    // One nameless form in place of all named effects: if it does better, they only stand in for it.
+    // One nameless form in place of all named effects: if it does better, they only stand in for it. Better by
+    // something that counts beside what they explain: a free curve that contains an effect takes a last
+    // hundredth more on any real log.
     if !unexplained && !left.is_empty() && !chosen.is_empty() {
         let alone = a.scan(&declared, &base, true)?;
         unexplained = alone.iter().any(|c| {
             c.held < held_now * (1.0 - sel.material).powi(2)
+                && held_now - c.held > BETTER_ALONE * explained
                 && passes(c, spec, tests, a.floor, rows)
         });
     }
