@@ -12,7 +12,6 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::sync::Arc;
-use std::time::Instant;
 
 impl From<FindError> for Failure {
     fn from(error: FindError) -> Self {
@@ -110,10 +109,7 @@ pub fn identify(
     );
     watch.progress.done();
     let recording = recording?;
-    let mut stages = Stages {
-        start: Instant::now(),
-        quiet: global.json,
-    };
+    let mut stages = Stages::new(global.json);
     let findings = identify::find(&recording, rig, &name, &text, out, &mut stages)?;
     file("rig.after.toml", &findings.rewritten.text)?;
 

@@ -8,7 +8,6 @@ use forcectl::rigfile::RigFile;
 use residual::spec::Spec;
 use residual::{Board, Error, Options, Report};
 use std::path::{Path, PathBuf};
-use std::time::Instant;
 
 /// Environment variable with the folder of data.
 const DATA_VARIABLE: &str = "FORCE_DATA";
@@ -22,22 +21,32 @@ The measured data of the thesis rig are public. To get them:
 and give the folder with --data, or in the environment variable FORCE_DATA. Your own logs need a model file \
 that names their columns (docs/residual/model-toml.md)";
 
-/// Prints each stage with the time since the start.
-pub(super) struct Stages {
-    pub(super) start: Instant,
-    pub(super) quiet: bool,
+/// Stages and the share of a scan done, on standard error; nothing where the answer is for programs (`--json`).
+pub(super) struct Stages(Option<residual::Console>);
+
+impl Stages {
+    /// Says nothing where `quiet`.
+    pub(super) fn new(quiet: bool) -> Self {
+        Self((!quiet).then(residual::Console::default))
+    }
 }
 
 impl residual::Progress for Stages {
     fn stage(&mut self, text: &str) {
-        if !self.quiet {
-            eprintln!("[{:6.1} s] {text}", self.start.elapsed().as_secs_f64());
+        if let Some(console) = &mut self.0 {
+            console.stage(text);
         }
+    }
+
+    fn ticker(&mut self) -> Option<residual::Ticker> {
+        self.0.as_mut().and_then(residual::Progress::ticker)
     }
 }
 
 /// Runs the analysis, and makes a rig file of it where asked.
 pub fn residual(arguments: &Residual, json: bool) -> Result<u8> {
+    // Reports of an earlier analysis must not be taken for this one's, whatever goes wrong from here on.
+    residual::clear(&arguments.out).map_err(|error| Failure::new(7, error))?;
     // Everything that may be wrong with the arguments comes before the analysis, which takes longer.
     let model = Spec::load(&arguments.model).map_err(|error| Failure::new(2, error))?;
     let rig = match &arguments.apply {
@@ -53,10 +62,7 @@ pub fn residual(arguments: &Residual, json: bool) -> Result<u8> {
         model,
         out: Some(arguments.out.clone()),
     };
-    let mut stages = Stages {
-        start: Instant::now(),
-        quiet: json,
-    };
+    let mut stages = Stages::new(json);
     let report = residual::run(&options, &mut stages).map_err(|error| {
         let code = match &error {
             Error::Io { path, .. } if path.starts_with(&arguments.out) => 7,
