@@ -525,7 +525,7 @@ pub fn find(
                     model,
                     out: Some(folder.clone()),
                 };
-                residual::run(&options, &mut Quiet)
+                residual::run(&options, &mut ())
             })
             .map_err(|error| FindError::Analysis {
                 unit: unit.number,
@@ -561,12 +561,6 @@ pub fn find(
         rig,
         rewritten,
     })
-}
-
-struct Quiet;
-
-impl residual::Progress for Quiet {
-    fn stage(&mut self, _: &str) {}
 }
 
 /// What a board may use of a report, or why nothing.
@@ -652,7 +646,7 @@ mod tests {
         assert_eq!(board.system, SystemState::Ready, "disarmed at the end");
         let id = std::thread::current().id();
         let out = std::env::temp_dir().join(format!("identify-{}-{id:?}", std::process::id()));
-        let findings = find(&recording, &rig(), "rig", DEFAULT_TEXT, &out, &mut Quiet).unwrap();
+        let findings = find(&recording, &rig(), "rig", DEFAULT_TEXT, &out, &mut ()).unwrap();
         std::fs::remove_dir_all(out).unwrap();
         findings
     }

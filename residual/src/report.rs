@@ -202,22 +202,32 @@ impl Plot {
 }
 
 /// Takes away the reports and plots of an earlier analysis, so that they are not taken for new ones
-/// when this one fails. Model files stay: one of them may be the input.
+/// when this one fails. Model files stay: one of them may be the input. So does everything in a folder
+/// without a `report.json` of ours: a `report.md` there is somebody else's.
 ///
 /// # Errors
 /// [`Error::Io`] if one cannot be taken away.
 pub fn clear(dir: &Path) -> Result<(), Error> {
+    let json = dir.join("report.json");
+    let ours = std::fs::read_to_string(&json)
+        .ok()
+        .and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok())
+        .is_some_and(|v| v.pointer("/baseline/heldout_rmse").is_some());
     let Ok(entries) = std::fs::read_dir(dir) else {
         return Ok(());
     };
+    if !ours {
+        return Ok(());
+    }
     for path in entries.filter_map(|e| e.ok().map(|e| e.path())) {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let plot = name == "structure.svg" || name.starts_with("effect-") && name.ends_with(".svg");
-        if plot || ["report.json", "report.md", "report.html"].contains(&name.as_ref()) {
+        if plot || ["report.md", "report.html"].contains(&name.as_ref()) {
             std::fs::remove_file(&path).map_err(|e| Error::io(&path, e))?;
         }
     }
-    Ok(())
+    // Last: what could not be taken away can be next time.
+    std::fs::remove_file(&json).map_err(|e| Error::io(&json, e))
 }
 
 /// Everything an analysis found.

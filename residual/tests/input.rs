@@ -317,27 +317,45 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
     }
     let dir = Folder::new("stale");
     let out = dir.0.join("out");
-    std::fs::create_dir_all(&out).unwrap();
+    let options = |data: Vec<PathBuf>| Options {
+        data,
+        model: Spec::parse(MODEL).unwrap(),
+        out: Some(out.clone()),
+    };
+    let names = || {
+        let mut names: Vec<_> = std::fs::read_dir(&out)
+            .unwrap()
+            .filter_map(|e| e.ok()?.file_name().into_string().ok())
+            .collect();
+        names.sort();
+        names
+    };
+    let long = [0, 1].map(|run| dir.put(&format!("long{run}.csv"), &csv(&rows(run, 1500))));
+    let short = vec![dir.put("short.csv", &csv(&rows(0, 8)))];
+    run(&options(long.to_vec()), &mut ()).unwrap();
+    let there = names();
     for name in [
         "report.json",
         "report.html",
         "report.md",
         "effect-1-coulomb.svg",
-        "MODEL.extended.toml",
     ] {
-        std::fs::write(out.join(name), "of an earlier analysis").unwrap();
+        assert!(there.iter().any(|n| n == name), "{name} not in {there:?}");
     }
-    let options = Options {
-        data: vec![dir.put("short.csv", &csv(&rows(0, 8)))],
-        model: Spec::parse(MODEL).unwrap(),
-        out: Some(out.clone()),
-    };
-    assert!(run(&options, &mut ()).is_err());
-    let left: Vec<_> = std::fs::read_dir(&out)
-        .unwrap()
-        .filter_map(|e| e.ok().map(|e| e.file_name()))
-        .collect();
-    assert_eq!(left, ["MODEL.extended.toml"], "a stale report stayed");
+    assert!(run(&options(short.clone()), &mut ()).is_err());
+    let left = names();
+    assert!(
+        !left.is_empty() && left.iter().all(|n| n.starts_with("MODEL.")),
+        "stale: {left:?}"
+    );
+
+    // A report that no analysis wrote is not ours to take away.
+    std::fs::write(out.join("report.md"), "my own").unwrap();
+    assert!(run(&options(short), &mut ()).is_err());
+    assert_eq!(
+        std::fs::read_to_string(out.join("report.md")).unwrap(),
+        "my own"
+    );
 
     let dir = Folder::new("cut");
     let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());

@@ -7,8 +7,9 @@ use std::fs;
 use std::path::PathBuf;
 use std::process::Command;
 
-use crate::process::{self, Sees};
+use crate::process;
 use crate::report::{say, Failure, Result};
+use crate::rig;
 use crate::workspace::Workspace;
 
 /// Python to make the comparison's environment with.
@@ -16,45 +17,15 @@ const PYTHON_VARIABLE: &str = "FORCE_PYTHON";
 /// The comparison, below the root.
 const SCRIPTS: &str = "tests/residual-bench/python";
 
-/// Builds a program of the residual package, and says where it is.
-fn build(workspace: &Workspace, program: &str) -> Result<PathBuf> {
-    process::run(
-        process::cargo(Sees::CompilerAndFlags)
-            .current_dir(workspace.root())
-            .args([
-                "build",
-                "--release",
-                "--package",
-                "residual",
-                "--bin",
-                program,
-            ])
-            .arg("--target-dir")
-            .arg(workspace.target()),
-    )?;
-    Ok(workspace.release_program(program))
-}
-
-/// Runs a program in the root of the workspace with the caller's arguments and returns its exit code.
-fn pass_on(workspace: &Workspace, command: &mut Command, arguments: &[OsString]) -> Result<u8> {
-    let status = command
-        .current_dir(workspace.root())
-        .args(arguments)
-        .status()
-        .map_err(|error| process::not_started(command, &error))?;
-    Ok(status
-        .code()
-        .and_then(|code| u8::try_from(code).ok())
-        .unwrap_or(1))
-}
-
 /// Writes the report on the measured data into `docs/residual/rig.md` and its plots beside it.
 ///
 /// # Errors
 /// When the program can't be built or started.
 pub fn report(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
-    let program = build(workspace, "rig-report")?;
-    pass_on(workspace, &mut Command::new(program), arguments)
+    let program = rig::build_host_program(workspace, "residual", "rig-report")?;
+    let mut command = Command::new(program);
+    command.current_dir(workspace.root()).args(arguments);
+    rig::hand_over(command)
 }
 
 /// Compares the analysis with public Python tools on the same rows.
@@ -63,11 +34,17 @@ pub fn report(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
 /// When Python, its packages or the analysis can't be had.
 pub fn compare(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     let python = environment(workspace)?;
-    let program = build(workspace, "residual")?;
+    let program = rig::build_host_program(workspace, "residual", "residual")?;
     let script = workspace.root().join(SCRIPTS).join("compare.py");
     let mut command = Command::new(python);
-    command.arg("-B").arg(script).arg("--residual").arg(program);
-    pass_on(workspace, &mut command, arguments)
+    command
+        .current_dir(workspace.root())
+        .arg("-B")
+        .arg(script)
+        .arg("--residual")
+        .arg(program)
+        .args(arguments);
+    rig::hand_over(command)
 }
 
 /// Python with the packages of `requirements.txt`, in an environment of its own below the target

@@ -2,6 +2,7 @@
 
 use std::ffi::OsString;
 use std::fs;
+use std::path::PathBuf;
 use std::process::Command;
 
 use crate::firmware;
@@ -152,19 +153,28 @@ pub fn bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     hand_over(command)
 }
 
+/// Builds a program that needs nothing of the embedded rig, and says where it is.
+///
+/// # Errors
+/// When cargo fails.
+pub fn build_host_program(workspace: &Workspace, package: &str, program: &str) -> Result<PathBuf> {
+    process::run(
+        process::cargo(Sees::CompilerAndFlags)
+            .current_dir(workspace.root())
+            .args(["build", "--release", "--package", package, "--bin", program])
+            .arg("--target-dir")
+            .arg(workspace.target()),
+    )?;
+    Ok(workspace.release_program(program))
+}
+
 /// Builds and runs the exam of the residual analysis. It needs neither firmware nor embedded rig.
 ///
 /// # Errors
 /// When it can't be built or started.
 pub fn residual_bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
-    let mut build = process::cargo(Sees::CompilerAndFlags);
-    build
-        .current_dir(workspace.root())
-        .args(["build", "--release", "--package", "residual-bench"])
-        .arg("--target-dir")
-        .arg(workspace.target());
-    process::run(&mut build)?;
-    let mut command = Command::new(workspace.release_program("residual-bench"));
+    let program = build_host_program(workspace, "residual-bench", "residual-bench")?;
+    let mut command = Command::new(program);
     command.args(arguments);
     hand_over(command)
 }
@@ -192,7 +202,7 @@ pub fn closed_loop(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> 
 
 /// Replaces this process by another program.
 #[cfg(unix)]
-fn hand_over(mut command: Command) -> Result<u8> {
+pub fn hand_over(mut command: Command) -> Result<u8> {
     use std::os::unix::process::CommandExt;
     let error = command.exec();
     Err(process::not_started(&command, &error))
@@ -200,7 +210,7 @@ fn hand_over(mut command: Command) -> Result<u8> {
 
 /// Runs another program to its end and returns its exit code.
 #[cfg(not(unix))]
-fn hand_over(mut command: Command) -> Result<u8> {
+pub fn hand_over(mut command: Command) -> Result<u8> {
     let status = command
         .status()
         .map_err(|error| process::not_started(&command, &error))?;

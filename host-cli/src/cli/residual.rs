@@ -5,21 +5,10 @@ use super::{Failure, Result};
 use forcectl::findings::{self, Frame};
 use forcectl::identify;
 use forcectl::rigfile::RigFile;
+use residual::rig::{DATA_FOLDERS, DATA_VARIABLE, HOW_TO_GET_DATA};
 use residual::spec::Spec;
 use residual::{Board, Error, Options, Report};
 use std::path::{Path, PathBuf};
-
-/// Environment variable with the folder of data.
-const DATA_VARIABLE: &str = "FORCE_DATA";
-/// Where data are looked for when nothing says where, relative to the current folder.
-const DATA_FOLDERS: [&str; 2] = ["data", "../shared/data"];
-/// How to get the measured data of the thesis rig, which are not part of this project.
-const HOW_TO_GET_DATA: &str = "\
-The measured data of the thesis rig are public. To get them:
-  git clone https://github.com/TinNotTim/Ravn-II-testing-platform-torque-control data
-  git -C data checkout 5e4966ee
-and give the folder with --data, or in the environment variable FORCE_DATA. Your own logs need a model file \
-that names their columns (docs/residual/model-toml.md)";
 
 /// Stages and the share of a scan done, on standard error; nothing where the answer is for programs (`--json`).
 pub(super) struct Stages(Option<residual::Console>);

@@ -20,12 +20,6 @@ kind = \"coulomb\"
 constant_n = 0.6
 ";
 
-struct Quiet;
-
-impl residual::Progress for Quiet {
-    fn stage(&mut self, _: &str) {}
-}
-
 fn start(plant: &Path) -> EmbeddedRig {
     let programs = Programs::from_environment().unwrap_or_else(|error| panic!("{error}"));
     let options = EmbeddedOptions {
@@ -60,7 +54,7 @@ fn undeclared_friction_is_found_and_made_up_for() {
         "built-in",
         DEFAULT_TEXT,
         &out,
-        &mut Quiet,
+        &mut (),
     )
     .unwrap_or_else(|error| panic!("{error}"));
     for (unit, new) in found.units.iter().zip(&found.rig.units) {
