@@ -2,9 +2,11 @@
 //! scale. Each is reported, and handled only as the model file asks.
 
 use crate::frame::Frame;
+use crate::report::num;
 use crate::spec::{Action, Hygiene};
 use crate::stats;
 use serde::Serialize;
+use std::path::PathBuf;
 
 /// One kind of flaw, summed over the data.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -54,10 +56,24 @@ fn done(action: Action) -> &'static str {
 }
 
 /// Looks for flaws in the target and the columns; corrects or masks rows as asked.
-pub(crate) fn inspect(frame: &mut Frame, keep: &mut [bool], spec: &Hygiene, log: &mut Log) {
+/// `files` are those that the frame's `file` column counts.
+pub(crate) fn inspect(
+    frame: &mut Frame,
+    keep: &mut [bool],
+    spec: &Hygiene,
+    files: &[PathBuf],
+    log: &mut Log,
+) {
     time_base(frame, log);
     let mut y = frame.column("target").unwrap_or(&[]).to_vec();
-    let place = |i: usize, frame: &Frame| format!("row {i}, time {} s", frame.time()[i]);
+    let place = |i: usize, frame: &Frame| {
+        let file = frame
+            .column("file")
+            .and_then(|f| files.get(f[i] as usize))
+            .and_then(|f| f.file_name())
+            .map_or(String::new(), |f| format!("{}, ", f.to_string_lossy()));
+        format!("{file}time {} s", num(frame.time()[i]))
+    };
 
     // A reading left-justified in 32 bits instead of 24 is 256 times too large.
     let mut sizes: Vec<f64> = y.iter().map(|v| v.abs()).filter(|v| *v > 0.0).collect();
@@ -112,8 +128,8 @@ pub(crate) fn inspect(frame: &mut Frame, keep: &mut [bool], spec: &Hygiene, log:
             clipped.len(),
             &place(first, frame),
             &format!(
-                "target stuck at {} , the end of its range: {}",
-                y[first],
+                "target stuck at {}, the end of its range: {}",
+                num(y[first]),
                 done(spec.clipping)
             ),
         );
@@ -148,7 +164,7 @@ pub(crate) fn inspect(frame: &mut Frame, keep: &mut [bool], spec: &Hygiene, log:
                 &format!("quantised {name}"),
                 c.len(),
                 "whole record",
-                &format!("column `{name}` moves in steps of {q:.6}"),
+                &format!("column `{name}` moves in steps of {}", num(q)),
             );
         }
     }
@@ -171,7 +187,14 @@ fn time_base(frame: &Frame, log: &mut Log) {
         "time base",
         frame.len(),
         "whole record",
-        &format!("median step {mid:.6} s ({:.3} rows/s); 5 % to 95 %: {lo:.6} to {hi:.6} s; {} sequences", 1.0 / mid, frame.sequences().len()),
+        &format!(
+            "median step {} s ({} rows/s); 5 % to 95 %: {} to {} s; {} sequences",
+            num(mid),
+            num(1.0 / mid),
+            num(lo),
+            num(hi),
+            frame.sequences().len()
+        ),
     );
 }
 

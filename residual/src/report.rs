@@ -149,6 +149,10 @@ pub struct Tested {
 pub struct Plot {
     /// What is on the x axis, with its unit.
     pub against: String,
+    /// What is on the y axis, without its unit.
+    pub value: String,
+    /// What the two panels show: before and after.
+    pub names: [String; 2],
     /// x values.
     pub x: Vec<f64>,
     /// Residual of the declared model.
@@ -186,12 +190,22 @@ impl Plot {
         }
         Plot {
             against: against.into(),
+            value: "residual".into(),
+            names: ["before".into(), "after".into()],
             x: pick(x),
             before: pick(before),
             after: pick(after),
             means,
             rms: [crate::stats::rms(before), crate::stats::rms(after)],
         }
+    }
+
+    /// The same with other names of its y axis and panels.
+    #[must_use]
+    pub fn named(mut self, value: &str, before: &str, after: &str) -> Plot {
+        self.value = value.into();
+        self.names = [before.into(), after.into()];
+        self
     }
 
     /// The picture: before and after on one scale, and after once more on its own where it is
@@ -285,12 +299,121 @@ pub fn num(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {
         return format!("{x}");
     }
-    let digits = (3 - x.abs().log10().floor() as i32).clamp(0, 12) as usize;
-    if x.abs() < 1e-6 || x.abs() >= 1e7 {
+    // Rounded first, as 0.009999999 is 0.01000.
+    let exponent = exponent(x, 3);
+    if !(-6..7).contains(&exponent) {
         format!("{x:.3e}")
     } else {
-        format!("{x:.digits$}")
+        format!("{x:.*}", (3 - exponent).max(0) as usize)
     }
+}
+
+/// Exponent of a number rounded to `decimals` places of its mantissa.
+fn exponent(x: f64, decimals: usize) -> i32 {
+    format!("{x:.decimals$e}")
+        .rsplit_once('e')
+        .and_then(|(_, e)| e.parse().ok())
+        .unwrap_or(0)
+}
+
+/// A value and the ends of its interval, to two digits of half its width: more say nothing.
+fn with_interval(x: f64, [lo, hi]: [f64; 2]) -> (String, String) {
+    let half = 0.5 * (hi - lo);
+    let reach = [x, lo, hi].into_iter().map(f64::abs).fold(0.0, f64::max);
+    if !(half > 0.0 && half.is_finite() && reach.is_finite()) {
+        return (num(x), format!("{} to {}", num(lo), num(hi)));
+    }
+    let last = exponent(half, 1) - 1;
+    let show = |x: f64| {
+        let text = if (1e-3..1e6).contains(&reach) {
+            format!("{x:.*}", (-last).max(0) as usize)
+        } else {
+            let places = (exponent(reach, 3) - last).max(1);
+            let shift = exponent(reach, 3) - exponent(x, 3);
+            format!("{x:.*e}", (places - shift).max(0) as usize)
+        };
+        positive_zero(text)
+    };
+    (show(x), format!("{} to {}", show(lo), show(hi)))
+}
+
+/// `-0.00` without its sign.
+fn positive_zero(text: String) -> String {
+    match text.strip_prefix('-') {
+        Some(rest) if rest.bytes().all(|b| matches!(b, b'0' | b'.')) => rest.into(),
+        _ => text,
+    }
+}
+
+/// A share in per cent.
+fn percent(x: f64) -> String {
+    let decimals = if x.abs() < 0.1 { 2 } else { 1 };
+    format!("{} %", positive_zero(format!("{:.decimals$}", 100.0 * x)))
+}
+
+/// A probability. Far out in the tail only the order of size means anything, and below 1e-12 not even that.
+fn chance(p: f64) -> String {
+    if p.is_nan() {
+        "-".into()
+    } else if p < 1e-12 {
+        "< 1e-12".into()
+    } else if p < 1e-3 {
+        format!("{p:.0e}")
+    } else if p < 0.1 {
+        format!("{p:.3}")
+    } else {
+        format!("{p:.2}")
+    }
+}
+
+/// An expression with its numbers to at most five digits, for reading.
+fn readable(expression: &str) -> String {
+    let mut out = String::new();
+    let mut rest = expression;
+    while let Some(at) = rest.find(|c: char| c.is_ascii_digit()) {
+        let (head, tail) = rest.split_at(at);
+        let part_of_name = head
+            .chars()
+            .next_back()
+            .is_some_and(|c| c.is_alphanumeric() || c == '_');
+        let mut end = tail
+            .find(|c: char| !(c.is_ascii_digit() || c == '.'))
+            .unwrap_or(tail.len());
+        if !part_of_name && tail[end..].starts_with(['e', 'E']) {
+            let exponent = tail[end + 1..].trim_start_matches(['+', '-']);
+            let digits = exponent
+                .find(|c: char| !c.is_ascii_digit())
+                .unwrap_or(exponent.len());
+            if digits > 0 {
+                end = tail.len() - exponent.len() + digits;
+            }
+        }
+        let number = &tail[..end];
+        out.push_str(head);
+        match number.parse::<f64>() {
+            Ok(x) if !part_of_name && x != 0.0 => {
+                let short: f64 = format!("{x:.4e}").parse().unwrap_or(x);
+                out.push_str(&format!("{short}"));
+            }
+            _ => out.push_str(number),
+        }
+        rest = &tail[end..];
+    }
+    out + rest
+}
+
+/// Some of the names, and how many more there are.
+fn some(names: &[String], most: usize) -> String {
+    let mut text = names
+        .iter()
+        .take(most)
+        .map(String::as_str)
+        .collect::<Vec<_>>()
+        .join(", ");
+    if names.len() > most {
+        let _ = write!(text, " and {} more", names.len() - most);
+    }
+    text
 }
 
 impl Report {
@@ -324,7 +447,12 @@ impl Report {
                 let part = if names.is_empty() {
                     String::new()
                 } else {
-                    format!(" ({names} only stand in for part of it)")
+                    let stand = if self.effects.len() > 1 {
+                        "stand"
+                    } else {
+                        "stands"
+                    };
+                    format!(" ({names} only {stand} in for part of it)")
                 };
                 format!("Structure is left that no effect of the catalogue explains: {on}{part}. Held-out RMSE {b} -> {f} {u}.")
             }
@@ -342,6 +470,7 @@ impl Report {
             .into_iter()
             .map(|s| match s {
                 Part::Title(t) => format!("# {t}\n\n"),
+                Part::Verdict(t) => format!("{t}\n\n"),
                 Part::Heading(t) => format!("## {t}\n\n"),
                 Part::Text(t) => format!("{t}\n\n"),
                 Part::Table(head, rows) => {
@@ -360,54 +489,60 @@ impl Report {
                     rows.iter().for_each(|r| t.push_str(&line(r)));
                     t + "\n"
                 }
-                Part::Picture(name, alt, _) => format!("![{alt}]({name})\n\n"),
+                Part::Picture(name, plot) => {
+                    format!("![residual]({name})\n\n{}\n\n", caption(&plot))
+                }
             })
             .collect()
     }
 
     /// `report.html`, with the plots inside.
     pub fn html(&self) -> String {
-        let esc = |s: &str| {
-            s.replace('&', "&amp;")
-                .replace('<', "&lt;")
-                .replace('>', "&gt;")
-        };
         let mut out = format!(
-            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><title>{}</title>\n<style>body{{font:16px/1.5 sans-serif;max-width:60em;margin:2em auto;padding:0 1em;color:#222}}table{{border-collapse:collapse;margin:1em 0}}td,th{{border:1px solid #ccc;padding:.2em .6em;text-align:left}}svg{{max-width:100%;height:auto}}</style></head><body>\n",
-            esc(&self.heading())
+            "<!doctype html>\n<html lang=\"en\"><head><meta charset=\"utf-8\"><meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><title>{}</title>\n<style>{STYLE}</style></head><body>\n",
+            escape(&self.heading())
         );
         for part in self.sections() {
             match part {
                 Part::Title(t) => {
-                    let _ = writeln!(out, "<h1>{}</h1>", esc(&t));
+                    let _ = writeln!(out, "<h1>{}</h1>", escape(&t));
+                }
+                Part::Verdict(t) => {
+                    let word = self.verdict.word();
+                    let _ = writeln!(out, "<p class=\"verdict {word}\">{}</p>", inline(&t));
                 }
                 Part::Heading(t) => {
-                    let _ = writeln!(out, "<h2>{}</h2>", esc(&t));
+                    let _ = writeln!(out, "<h2>{}</h2>", escape(&t));
                 }
                 Part::Text(t) => {
-                    let _ = writeln!(
-                        out,
-                        "<p>{}</p>",
-                        esc(&t).replace("**", "").replace('\n', "<br>")
-                    );
+                    let _ = writeln!(out, "<p>{}</p>", inline(&t));
                 }
                 Part::Table(head, rows) => {
-                    out.push_str("<table><tr>");
+                    out.push_str("<div class=\"wide\"><table><thead><tr>");
                     for h in &head {
-                        let _ = write!(out, "<th>{}</th>", esc(h));
+                        let _ = write!(out, "<th>{}</th>", inline(h));
                     }
-                    out.push_str("</tr>\n");
+                    out.push_str("</tr></thead>\n");
                     for r in rows {
                         out.push_str("<tr>");
                         for c in &r {
-                            let _ = write!(out, "<td>{}</td>", esc(c));
+                            let _ = write!(out, "<td>{}</td>", inline(c));
                         }
                         out.push_str("</tr>\n");
                     }
-                    out.push_str("</table>\n");
+                    out.push_str("</table></div>\n");
                 }
-                Part::Picture(_, _, svg) => {
-                    let _ = writeln!(out, "{svg}");
+                Part::Picture(_, plot) => {
+                    let _ = writeln!(
+                        out,
+                        "<figure><div class=\"panels\">{}</div><figcaption>{} <span style=\"color:{}\">&#9679;</span> {}, <span style=\"color:{}\">&#9473;</span> {}.</figcaption></figure>",
+                        svg::separate(&plot, &self.unit).concat(),
+                        inline(&caption(&plot)),
+                        svg::POINTS,
+                        svg::POINTS_ARE,
+                        svg::MEANS,
+                        svg::MEANS_ARE
+                    );
                 }
             }
         }
@@ -450,8 +585,8 @@ impl Report {
             std::fs::write(&path, text).map_err(|e| Error::io(&path, e))
         };
         for part in self.sections() {
-            if let Part::Picture(name, _, svg) = part {
-                put(&name, &svg)?;
+            if let Part::Picture(name, plot) = part {
+                put(&name, &plot.svg(&self.unit))?;
             }
         }
         put("MODEL.extended.toml", &self.model()?)?;
@@ -469,61 +604,147 @@ impl Report {
         }
     }
 
+    /// What is on an axis, in words and with its unit, from the expression that was evaluated for it.
+    fn axis(&self, expression: &str) -> String {
+        let (name, unit) = self.quantity(expression);
+        if unit.is_empty() {
+            name
+        } else {
+            format!("{name}, {unit}")
+        }
+    }
+
+    /// Name and unit of an expression of the kind that effects are plotted against; any other is its own
+    /// name.
+    fn quantity(&self, expression: &str) -> (String, String) {
+        let e = expression.trim();
+        let inside = |function: &str| {
+            e.strip_prefix(function)?
+                .strip_prefix('(')?
+                .strip_suffix(')')
+                .filter(|inner| {
+                    // The bracket that closes is the one that the function opened.
+                    let mut depth = 0i32;
+                    inner.chars().all(|c| {
+                        depth += i32::from(c == '(') - i32::from(c == ')');
+                        depth >= 0
+                    })
+                })
+                .map(|inner| inner.rsplit_once(", ").unwrap_or((inner, "")).0)
+        };
+        let unit = |name: &str| self.extended.roles.unit(name);
+        if e == "load" {
+            return ("load".into(), self.unit.clone());
+        }
+        if e == "elapsed" {
+            return ("time since the start of the run".into(), "s".into());
+        }
+        if let Some(x) = inside("deriv") {
+            return match self.quantity(x) {
+                (name, u) if u.is_empty() => (format!("rate of change of {name}"), u),
+                (name, u) => (format!("rate of change of {name}"), format!("{u}/s")),
+            };
+        }
+        if let Some(x) = inside("integ") {
+            let (name, u) = self.quantity(x);
+            let u = u.strip_suffix("/s").map_or(format!("{u} s"), String::from);
+            return (format!("time integral of {name}"), u);
+        }
+        if let Some(x) = inside("held") {
+            return (
+                format!("direction held of {}", self.quantity(x).0),
+                String::new(),
+            );
+        }
+        if let Some((a, b)) = product(e) {
+            // An angle turned into radians.
+            if b.parse::<f64>().is_ok() {
+                return (self.quantity(a).0, "rad".into());
+            }
+            let ((a, u), (b, v)) = (self.quantity(a), self.quantity(b));
+            let unit = match (u.as_str(), v.strip_suffix("/s")) {
+                ("", _) => v,
+                ("s", Some(v)) => v.into(),
+                _ if v.is_empty() => u,
+                _ => format!("{u} {v}"),
+            };
+            return (format!("{a} times {b}"), unit);
+        }
+        if e.starts_with("(held(") && e.contains(" - sgn(") {
+            return ("direction held at rest".into(), String::new());
+        }
+        (e.to_string(), unit(e))
+    }
+
     fn sections(&self) -> Vec<Part> {
         let u = &self.unit;
-        let percent = |x: f64| format!("{:.2} %", 100.0 * x);
+        let material = format!(
+            "{} %",
+            (1e4 * self.extended.selection.material).round() / 100.0
+        );
         let row = |cells: &[&str]| cells.iter().map(|c| c.to_string()).collect::<Vec<String>>();
         let mut out = vec![
             Part::Title(self.heading()),
-            Part::Text(format!("**{}**", self.summary())),
+            Part::Verdict(format!(
+                "**Verdict: `{}`.** {}",
+                self.verdict.word(),
+                self.summary()
+            )),
         ];
+        let folds = if self.folds.iter().map(|f| f.len() + 2).sum::<usize>() < 160 {
+            self.folds.join(", ")
+        } else {
+            format!("{} groups in {} folds", self.groups, self.folds.len())
+        };
         out.push(Part::Text(format!(
-            "{} rows in {} sequences from {} file(s); {} groups held out in {} folds.",
+            "{} rows in {} sequences from {} file(s): {}. Held out in turn: {folds}.",
             self.rows,
             self.sequences,
             self.files.len(),
-            self.groups,
-            self.folds.len()
+            some(&self.files, 4)
         )));
-        out.push(Part::Heading("Error before and after".into()));
-        let line = |name: &str, f: &Figures| {
-            vec![
-                name.to_string(),
-                format!(
-                    "{} ({} to {})",
-                    num(f.heldout_rmse),
-                    num(f.heldout_rmse_ci[0]),
-                    num(f.heldout_rmse_ci[1])
-                ),
-                format!(
-                    "{} ({} to {})",
-                    num(f.heldout_mae),
-                    num(f.heldout_mae_ci[0]),
-                    num(f.heldout_mae_ci[1])
-                ),
-                num(f.insample_rmse),
-            ]
-        };
-        out.push(Part::Table(
-            vec![
-                "model".into(),
-                format!("held-out RMSE, {u}"),
-                format!("held-out MAE, {u}"),
-                format!("in-sample RMSE, {u}"),
-            ],
-            vec![
-                line("declared", &self.baseline),
-                line("with effects", &self.last),
-            ],
-        ));
         out.push(Part::Text(
-            "Intervals are 95 %, by bootstrap over blocks of time.".into(),
+            match self.verdict {
+                Verdict::None => format!(
+                    "No effect that the data can show lowers the held-out RMSE by {} or more and stands out from chance.",
+                    material
+                ),
+                Verdict::Unknown if !self.effects.is_empty() => "What is named below stands in for something that has no name here: neither its names nor its numbers are findings. Look at \"Structure that has no name\" first.".into(),
+                Verdict::Unknown => "No effect of the catalogue is named. Look at \"Structure that has no name\".".into(),
+                Verdict::NotIdentifiable => "The section \"Not told apart\" says which experiment would tell.".into(),
+                Verdict::Effect | Verdict::Several => "Each effect held its place against every other of the catalogue (nearest rivals below); friction coefficients multiply the sign of the velocity, so friction against the motion is negative.".into(),
+            },
         ));
+        out.push(Part::Heading("Error before and after".into()));
+        out.push(self.errors());
+        out.push(Part::Text(
+            "Held out: each group predicted from a fit to the others. Intervals are 95 %, by bootstrap over blocks of time.".into(),
+        ));
+        let mut drawn: Vec<(String, usize)> = Vec::new();
         for (i, e) in self.effects.iter().enumerate() {
-            out.push(Part::Heading(format!("Effect {}: {}", i + 1, e.name)));
+            let kind = if self.verdict == Verdict::Unknown {
+                "Stand-in"
+            } else {
+                "Effect"
+            };
+            let others = self
+                .not_identifiable
+                .iter()
+                .filter(|a| a.effects.first() == Some(&e.name))
+                .flat_map(|a| &a.effects[1..])
+                .map(|n| format!(" or {n}"))
+                .collect::<String>();
+            out.push(Part::Heading(format!(
+                "{kind} {}: {}{others}",
+                i + 1,
+                e.name
+            )));
+            let mut meaning = e.meaning.clone();
+            if let Some(first) = meaning.get_mut(0..1) {
+                first.make_ascii_uppercase();
+            }
             out.push(Part::Text(format!(
-                "{}. Form: {}. Held-out RMSE {} -> {} {u}.",
-                e.meaning,
+                "{meaning}. Form: {}. Held-out RMSE {} -> {} {u}.",
                 e.form,
                 num(e.heldout_before),
                 num(e.heldout_after)
@@ -533,19 +754,20 @@ impl Report {
                 e.params
                     .iter()
                     .map(|(n, v)| {
-                        let ci =
+                        let (value, ci) =
                             e.ci.get(n)
-                                .map_or("-".into(), |c| format!("{} to {}", num(c[0]), num(c[1])));
+                                .map_or((num(*v), "-".into()), |ci| with_interval(*v, *ci));
                         vec![
                             n.clone(),
-                            num(*v),
+                            value,
                             ci,
                             e.units.get(n).cloned().unwrap_or_default(),
                         ]
                     })
                     .collect(),
             ));
-            out.push(Part::Text(format!("Terms: `{}`", e.terms.join("`, `"))));
+            let terms: Vec<String> = e.terms.iter().map(|t| readable(t)).collect();
+            out.push(Part::Text(format!("Terms: `{}`", terms.join("`, `"))));
             if let Some(r) = &e.rival {
                 out.push(Part::Text(format!(
                     "Nearest rival: {} in its place gives {} {u}, {} more.",
@@ -554,12 +776,21 @@ impl Report {
                     percent(r.behind)
                 )));
             }
-            if !e.plot.x.is_empty() {
-                out.push(Part::Picture(
-                    format!("effect-{}-{}.svg", i + 1, e.name),
-                    format!("residual against {}", e.plot.against),
-                    e.plot.svg(u),
-                ));
+            if e.plot.x.is_empty() {
+                continue;
+            }
+            // The residuals are those of the whole model: against the same variable they are the same picture.
+            match drawn.iter().find(|(against, _)| *against == e.plot.against) {
+                Some((_, first)) => out.push(Part::Text(format!(
+                    "The picture is that of number {first}."
+                ))),
+                None => {
+                    drawn.push((e.plot.against.clone(), i + 1));
+                    out.push(Part::Picture(
+                        format!("effect-{}-{}.svg", i + 1, e.name),
+                        self.plot(&e.plot),
+                    ));
+                }
             }
         }
         for a in &self.not_identifiable {
@@ -568,38 +799,44 @@ impl Report {
                 a.effects.join(", ")
             )));
             out.push(Part::Text(format!(
-                "These explain the data equally well. Experiments that would part them. {}.",
+                "These explain the data equally well. What would part them: {}.",
                 a.experiment
             )));
         }
         if !self.structure.is_empty() {
             out.push(Part::Heading("Structure that has no name".into()));
-            out.push(Part::Text("A free curve in these variables still lowers the held-out error; no effect of the catalogue does as much.".into()));
+            out.push(Part::Text(format!(
+                "A free curve in these variables still lowers the held-out error; no effect of the catalogue does as much.{}",
+                if self.verdict == Verdict::Unknown {
+                    ""
+                } else {
+                    " It is too little beside what was named to put that in doubt."
+                }
+            )));
             out.push(Part::Table(
                 row(&["depends on", "fall of held-out RMSE", "chance"]),
                 self.structure
                     .iter()
-                    .map(|s| {
-                        vec![
-                            s.depends_on.clone(),
-                            percent(s.gain),
-                            format!("{:.1e}", s.p),
-                        ]
-                    })
+                    .map(|s| vec![s.depends_on.clone(), percent(s.gain), chance(s.p)])
                     .collect(),
             ));
             if let Some(p) = self.plot_unknown.as_ref().filter(|p| !p.x.is_empty()) {
-                out.push(Part::Picture(
-                    "structure.svg".into(),
-                    format!("residual against {}", p.against),
-                    p.svg(u),
-                ));
+                match drawn.iter().find(|(against, _)| *against == p.against) {
+                    Some((_, first)) => out.push(Part::Text(format!(
+                        "The picture is that of number {first}, after."
+                    ))),
+                    None => out.push(Part::Picture("structure.svg".into(), self.plot(p))),
+                }
             }
         }
         out.push(Part::Heading("Seen, not material".into()));
         if self.seen_not_material.is_empty() {
             out.push(Part::Text("Nothing else stands out from chance.".into()));
         } else {
+            out.push(Part::Text(format!(
+                "There, but below the {} of the held-out RMSE from which an effect counts.",
+                material
+            )));
             out.push(Part::Table(
                 row(&["effect", "form", "fall of held-out RMSE"]),
                 self.seen_not_material
@@ -608,8 +845,25 @@ impl Report {
                     .collect(),
             ));
         }
+        out.push(Part::Heading("Declared terms".into()));
+        out.push(Part::Text(
+            "As declared and fitted before anything was added.".into(),
+        ));
+        out.push(Part::Table(
+            row(&["term", "coefficient", "unit", ""]),
+            self.declared
+                .iter()
+                .map(|(name, value, unit, fixed)| {
+                    let how = if *fixed { "fixed" } else { "fitted" };
+                    vec![name.clone(), num(*value), unit.clone(), how.into()]
+                })
+                .collect(),
+        ));
         out.push(Part::Heading(
             "Every effect on top of the final model".into(),
+        ));
+        out.push(Part::Text(
+            "Chance: how likely the residual with random signs block by block gains as much. Steadiness: mean fall of the squared error over blocks of time, in standard errors.".into(),
         ));
         out.push(Part::Table(
             row(&[
@@ -631,8 +885,8 @@ impl Report {
                         t.name.clone(),
                         format!("{}{at}", t.form),
                         percent(t.gain),
-                        format!("{:.1e}", t.p),
-                        format!("{:.1}", t.steadiness),
+                        chance(t.p),
+                        positive_zero(format!("{:.1}", t.steadiness)),
                     ]
                 })
                 .collect(),
@@ -644,6 +898,9 @@ impl Report {
             )));
         }
         out.push(Part::Heading("Tests of the residual".into()));
+        out.push(Part::Text(
+            "The largest correlation of the residual with itself and with each input, over lags; before: declared model, after: with the effects.".into(),
+        ));
         out.push(Part::Table(
             row(&["model", "against", "lag, rows", "correlation", "chance"]),
             self.residual_tests
@@ -653,15 +910,15 @@ impl Report {
                         w.clone(),
                         t.against.clone(),
                         t.lag.to_string(),
-                        format!("{:.3}", t.correlation),
-                        format!("{:.1e}", t.p),
+                        positive_zero(format!("{:.3}", t.correlation)),
+                        chance(t.p),
                     ]
                 })
                 .collect(),
         ));
         out.push(Part::Heading("Hygiene of the data".into()));
         out.push(Part::Table(
-            row(&["check", "count", "first", "what"]),
+            row(&["check", "rows", "first", "what"]),
             self.hygiene
                 .iter()
                 .map(|f| {
@@ -674,14 +931,190 @@ impl Report {
                 })
                 .collect(),
         ));
+        out.push(Part::Heading("Files beside this one".into()));
+        out.push(Part::Text(
+            "`MODEL.extended.toml` is the model file with what was found; on the same data it gives the final fit again. `MODEL.frozen.toml` has every coefficient fixed: run it on other data to test it on rows that were never fitted. `report.json` has everything in full precision.".into(),
+        ));
         out
+    }
+
+    /// Errors of the declared model, after each effect in turn, and of the final model.
+    fn errors(&self) -> Part {
+        let u = &self.unit;
+        let full = |name: String, f: &Figures| {
+            let (rmse, rmse_ci) = with_interval(f.heldout_rmse, f.heldout_rmse_ci);
+            let (mae, mae_ci) = with_interval(f.heldout_mae, f.heldout_mae_ci);
+            vec![
+                name,
+                format!("{rmse} ({rmse_ci})"),
+                format!("{mae} ({mae_ci})"),
+                num(f.insample_rmse),
+            ]
+        };
+        let mut rows = vec![full("declared".into(), &self.baseline)];
+        for (i, e) in self.effects.iter().enumerate() {
+            let name = format!("{} {}", if i == 0 { "with" } else { "and" }, e.name);
+            rows.push(if i + 1 == self.effects.len() {
+                full(name, &self.last)
+            } else {
+                vec![name, num(e.heldout_after), String::new(), String::new()]
+            });
+        }
+        Part::Table(
+            vec![
+                "model".into(),
+                format!("held-out RMSE, {u}"),
+                format!("held-out MAE, {u}"),
+                format!("in-sample RMSE, {u}"),
+            ],
+            rows,
+        )
+    }
+
+    /// A plot with its axis in words.
+    fn plot(&self, p: &Plot) -> Plot {
+        Plot {
+            // What the analysis evaluated and knows a unit of has it already.
+            against: if p.against.contains(['(', '*']) || p.against == "elapsed" {
+                self.axis(&p.against)
+            } else {
+                p.against.clone()
+            },
+            ..p.clone()
+        }
     }
 }
 
+/// Two factors of a product at the top level of an expression, brackets around it aside.
+fn product(e: &str) -> Option<(&str, &str)> {
+    let split = |e: &str| {
+        let mut depth = 0i32;
+        e.char_indices()
+            .find(|(_, c)| {
+                depth += i32::from(*c == '(') - i32::from(*c == ')');
+                depth == 0 && *c == '*'
+            })
+            .map(|(i, _)| i)
+    };
+    let bare = match split(e) {
+        Some(_) => e,
+        None => e.strip_prefix('(')?.strip_suffix(')')?,
+    };
+    let at = split(bare)?;
+    Some((bare[..at].trim(), bare[at + 1..].trim()))
+}
+
+/// What a picture shows.
+fn caption(p: &Plot) -> String {
+    format!(
+        "Residual of the fit to all rows (in-sample) against {}, {} and {}.",
+        p.against, p.names[0], p.names[1]
+    )
+}
+
+fn escape(s: &str) -> String {
+    s.replace('&', "&amp;")
+        .replace('<', "&lt;")
+        .replace('>', "&gt;")
+}
+
+/// Text as HTML, with pairs of backticks as code and pairs of double asterisks as bold.
+fn inline(text: &str) -> String {
+    let pairs = |text: &str, mark: &str, tag: &str| {
+        let parts: Vec<&str> = text.split(mark).collect();
+        let mut out = String::new();
+        for (i, part) in parts.iter().enumerate() {
+            match i {
+                0 => {}
+                // A mark without a partner is itself.
+                _ if i % 2 == 1 && i + 1 == parts.len() => out.push_str(mark),
+                _ if i % 2 == 1 => out.push_str(&format!("<{tag}>")),
+                _ => out.push_str(&format!("</{tag}>")),
+            }
+            out.push_str(part);
+        }
+        out
+    };
+    pairs(&pairs(&escape(text), "**", "strong"), "`", "code")
+        .replace(" -&gt; ", "&nbsp;&rarr; ")
+        .replace('\n', "<br>")
+}
+
+/// Style of `report.html`: readable at 360 px, on a wide screen, and on paper.
+const STYLE: &str = "\
+body{font:16px/1.5 sans-serif;max-width:70em;margin:2em auto;padding:0 1em;color:#222}\
+h1{font-size:1.7em;line-height:1.25}h2{font-size:1.25em;margin-top:2em;overflow-wrap:anywhere}\
+p,figcaption{max-width:52em;overflow-wrap:anywhere}\
+.verdict{font-size:1.1em;border-left:.4em solid #888;background:#f4f4f4;padding:.6em .9em}\
+.effect,.several{border-color:#2a7d46}.none{border-color:#4878a8}\
+.unknown{border-color:#c03020}.not_identifiable{border-color:#c08a10}\
+.wide{overflow-x:auto;margin:1em 0}table{border-collapse:collapse}\
+td,th{border:1px solid #ccc;padding:.2em .6em;min-width:4em;text-align:left;vertical-align:top}\
+code{font-size:.92em;background:#f4f4f4}\
+figure{margin:1em 0}.panels{display:flex;flex-wrap:wrap;gap:.4em}\
+.panels svg{flex:1 1 300px;min-width:0;max-width:400px;height:auto}\
+figcaption{font-size:.9em;color:#444}\
+@media print{body{font-size:10pt;margin:0;max-width:none}h2,thead{break-after:avoid}\
+figure,tr{break-inside:avoid}.wide{overflow:visible}.panels svg{max-width:48%}}";
+
 enum Part {
     Title(String),
+    Verdict(String),
     Heading(String),
     Text(String),
     Table(Vec<String>, Vec<Vec<String>>),
-    Picture(String, String, String),
+    /// File name, data.
+    Picture(String, Plot),
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_have_the_digits_that_mean_something() {
+        assert_eq!(num(0.009_999_999), "0.01000");
+        assert_eq!(num(-1234.56), "-1235");
+        assert_eq!(num(99_999.7), "100000");
+        let texts = |x, ci| {
+            let (value, interval) = with_interval(x, ci);
+            format!("{value} ({interval})")
+        };
+        assert_eq!(
+            texts(0.211_61, [0.204_7, 0.216_6]),
+            "0.2116 (0.2047 to 0.2166)"
+        );
+        assert_eq!(texts(0.687, [0.6302, 0.7456]), "0.687 (0.630 to 0.746)");
+        assert_eq!(texts(-153.4, [-170.0, 2.0]), "-153 (-170 to 2)");
+        assert_eq!(
+            texts(-2.703e-5, [-3.08e-5, -0.228e-5]),
+            "-2.7e-5 (-3.1e-5 to -2e-6)"
+        );
+        assert_eq!(texts(0.5, [0.5, 0.5]), "0.5000 (0.5000 to 0.5000)");
+        assert_eq!(percent(-1e-6), "0.00 %");
+        assert_eq!(chance(0.0), "< 1e-12");
+        assert_eq!(chance(1.04e-5), "1e-5");
+        assert_eq!(chance(0.29), "0.29");
+    }
+
+    #[test]
+    fn expressions_are_shortened_in_their_numbers_alone() {
+        assert_eq!(
+            readable("command -> delay(q2, 0.0629091530243523) + 1.23456789e-7 * v_1.5"),
+            "command -> delay(q2, 0.062909) + 0.00000012346 * v_1.5"
+        );
+        assert_eq!(
+            readable("sgn(velocity, 5) * (2 == x)"),
+            "sgn(velocity, 5) * (2 == x)"
+        );
+        assert_eq!(readable("1e"), "1e");
+    }
+
+    #[test]
+    fn text_becomes_html_without_losing_a_mark() {
+        assert_eq!(
+            inline("**a** `b < c` d ` e\n1 -> 2"),
+            "<strong>a</strong> <code>b &lt; c</code> d ` e<br>1&nbsp;&rarr; 2"
+        );
+    }
 }

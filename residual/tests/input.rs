@@ -195,6 +195,23 @@ fn the_extended_model_reproduces_the_fit_and_the_frozen_one_transfers() {
     ] {
         assert!(out.join(name).exists(), "{name}");
     }
+    // The verdict comes first, and the picture has its axes.
+    let page = std::fs::read_to_string(out.join("report.html")).unwrap();
+    let body = page.split_once("</h1>").unwrap().1.trim_start();
+    assert!(
+        body.starts_with(
+            "<p class=\"verdict effect\"><strong>Verdict: <code>effect</code>.</strong> The model lacks coulomb"
+        ),
+        "{}",
+        &body[..300]
+    );
+    for part in [
+        "velocity, rad/s</text>",
+        "residual, N</text>",
+        "run0.csv, run1.csv, run2.csv",
+    ] {
+        assert!(page.contains(part), "{part}");
+    }
     let json: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
     assert_eq!(json["verdict"], "effect");

@@ -434,6 +434,7 @@ fn moving_rows(data: &Data, out: &mut Page, console: &mut Console) -> Result<Rep
             before,
             &found.held,
         )
+        .named("residual", "declared model", "with what was found")
         .svg("N"),
     );
     // Along the motion friction has one sign, so its growth with load is a slope.
@@ -446,10 +447,15 @@ fn moving_rows(data: &Data, out: &mut Page, console: &mut Console) -> Result<Rep
     out.plots.insert(
         "moving-load.svg",
         Plot::new(
-            "declared load, N; residual times sign of speed",
+            "declared load, N",
             &values(&loaded, &declared, "command / 0.010")?,
             &along(before),
             &along(&found.held),
+        )
+        .named(
+            "residual times sign of speed",
+            "declared model",
+            "with what was found",
         )
         .svg("N"),
     );
@@ -539,6 +545,7 @@ fn all_rows(data: &Data, out: &mut Page, console: &mut Console) -> Result<(), Er
             &pick(&same.held),
             &pick(&found.held),
         )
+        .named("residual", "terms of moving rows", "with what was found")
         .svg("N"),
     );
     Ok(())
@@ -590,6 +597,7 @@ fn compensated(
             &declared.held,
             &test.held,
         )
+        .named("residual", "declared model", "frozen model")
         .svg("N"),
     );
     Ok(())
@@ -639,6 +647,7 @@ fn closed_loop(data: &Data, out: &mut Page, console: &mut Console) -> Result<(),
             &declared.held,
             &found.held,
         )
+        .named("residual", "declared model", "with stand-ins")
         .svg("N"),
     );
     Ok(())

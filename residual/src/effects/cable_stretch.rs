@@ -14,6 +14,14 @@ impl Effect for CableStretch {
     fn experiment(&self) -> &'static str {
         "step and sweep the command with the far end blocked: a lag bends the phase towards a quarter period where a delay lets it run on"
     }
+    fn against(&self, ctx: &Context) -> String {
+        // A lag is off by its time constant times the slope of the load, a spring by its stiffness times the angle.
+        if ctx.declared_columns().iter().any(|d| d == "command") {
+            format!("deriv({}, 2)", ctx.load)
+        } else {
+            ctx.position.clone().unwrap_or_else(|| ctx.load.clone())
+        }
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut out = Vec::new();
         let declared = ctx.declared_columns();

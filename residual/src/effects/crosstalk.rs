@@ -14,6 +14,13 @@ impl Effect for Crosstalk {
     fn experiment(&self) -> &'static str {
         "excite the other channel alone"
     }
+    fn against(&self, ctx: &Context) -> String {
+        let channels = &ctx.spec.roles.channels;
+        match channels.keys().next() {
+            Some(only) if channels.len() == 1 => only.clone(),
+            _ => ctx.load.clone(),
+        }
+    }
     fn repeatable(&self) -> bool {
         true
     }

@@ -14,6 +14,10 @@ impl Effect for Delay {
     fn experiment(&self) -> &'static str {
         "sweep the command up to half the sampling rate: a delay's phase grows in proportion to the frequency, without limit"
     }
+    fn against(&self, ctx: &Context) -> String {
+        // An answer that comes late is off by the delay times this.
+        format!("deriv({}, 2)", ctx.load)
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let names = ctx.declared_columns();
         // Far below a row: a small delay shows through the slope of the command over many rows.

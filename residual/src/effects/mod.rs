@@ -8,6 +8,7 @@
 use crate::expr::Expr;
 use crate::problem::Problem;
 use crate::spec::Spec;
+use crate::stats;
 use serde::{Deserialize, Serialize};
 
 mod backlash;
@@ -303,6 +304,14 @@ impl Context<'_> {
 
     pub fn has_command(&self) -> bool {
         self.spec.roles.command.is_some()
+    }
+
+    /// Whether enough of the fitted rows are at rest to show what friction does there.
+    pub fn rests(&self) -> bool {
+        let Some(v) = &self.velocity else {
+            return false;
+        };
+        stats::mean(&self.values(&format!("sgn({v}, {}) == 0", self.deadband))) > 0.005
     }
 
     /// Values of an expression on fitted rows; empty if it cannot be evaluated.

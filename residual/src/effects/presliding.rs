@@ -21,10 +21,15 @@ impl Effect for Presliding {
         "stop, reverse over a distance far below one turn, and log position finely: the force follows a short elastic loop"
     }
     fn against(&self, ctx: &Context) -> String {
-        ctx.velocity.as_ref().map_or_else(
-            || ctx.load.clone(),
-            |v| format!("held({v}, {})", ctx.deadband),
-        )
+        let db = ctx.deadband;
+        match &ctx.velocity {
+            None => ctx.load.clone(),
+            // Rows in motion are other effects' business; they all lie at 0.
+            Some(v) if ctx.rests() => {
+                format!("(held({v}, {db}) - sgn({v}, {db})) * {}", ctx.load)
+            }
+            Some(v) => format!("held({v}, {db})"),
+        }
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let (Some(v), Some(x)) = (ctx.velocity.clone(), ctx.position.clone()) else {
@@ -33,9 +38,8 @@ impl Effect for Presliding {
         let db = ctx.deadband;
         let unit = ctx.unit().to_string();
         let mut out = Vec::new();
-        let rest = ctx.values(&format!("sgn({v}, {db}) == 0"));
-        let share = rest.iter().sum::<f64>() / rest.len().max(1) as f64;
-        if share > 0.005 && !ctx.friction {
+        let rests = ctx.rests();
+        if rests && !ctx.friction {
             // Dry friction in motion and at rest as one: a stop does not let go of it.
             out.push(Variant::linear(
                 AS_ONE,
@@ -46,7 +50,7 @@ impl Effect for Presliding {
                 )],
             ));
         }
-        if share > 0.005 {
+        if rests {
             // Only the rows at rest: what moves is friction's own business.
             let held = format!("(held({v}, {db}) - sgn({v}, {db}))");
             out.push(Variant::linear(

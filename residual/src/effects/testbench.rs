@@ -440,6 +440,11 @@ fn what_has_no_name_is_called_unknown() {
         0.25 * (2.5 * s.neighbour).sin() * (1.5 * s.velocity).cos()
     });
     assert_eq!(report.verdict, Verdict::Unknown, "{}", report.markdown());
+    assert!(
+        !report.markdown().contains("## Effect "),
+        "what stands in is no effect found: {}",
+        report.markdown()
+    );
 }
 
 /// Names found, in alphabetical order.
@@ -479,6 +484,13 @@ fn a_delay_far_below_a_row_cannot_be_told_from_a_lag() {
         assert!(first.effects.iter().any(|e| e == name), "{first:?}");
         assert!(first.experiment.contains(&format!("{name}: ")), "{first:?}");
     }
+    // Both show in proportion to the slope of the load; the picture is against that, in words.
+    let page = report.html();
+    assert!(
+        page.contains(">rate of change of load, N/s</text>"),
+        "{page}"
+    );
+    assert!(page.contains("<h2>Effect 1: "), "{page}");
 }
 
 #[test]

@@ -325,7 +325,7 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
             .zip(&mask)
             .for_each(|(k, m)| *k = *m != 0.0 && !m.is_nan());
     }
-    hygiene::inspect(&mut frame, &mut keep, &spec.hygiene, &mut findings);
+    hygiene::inspect(&mut frame, &mut keep, &spec.hygiene, &files, &mut findings);
     let kept = keep.iter().filter(|k| **k).count();
     if kept < 30 {
         return Err(Error::data(
