@@ -103,22 +103,22 @@ fn panels(p: &Plot, unit: &str) -> (Vec<Panel>, (f64, f64)) {
         range(&[p.before.as_slice(), &p.after].concat(), 0.005, 0.1),
         &[1, 2],
     );
-    let panel = |column: usize, scale: &str, y: (f64, f64)| Panel {
+    let panel = |column: usize, y: (f64, f64)| Panel {
         column,
         title: format!(
-            "{}{scale}: RMS {} {unit}",
+            "{}: RMS {} {unit}",
             p.names[column - 1],
             num(p.rms[column - 1])
         ),
         y,
     };
-    let mut out = vec![panel(1, "", y), panel(2, "", y)];
+    let mut out = vec![panel(1, y), panel(2, y)];
     if p.rms[1] < SMALL * p.rms[0] {
-        out.push(panel(
-            2,
-            ", own scale",
-            covering(range(&p.after, 0.01, 0.2), &[2]),
-        ));
+        out.push(Panel {
+            column: 2,
+            title: format!("{}, own scale", p.names[1]),
+            y: covering(range(&p.after, 0.01, 0.2), &[2]),
+        });
     }
     (out, range(&p.x, 0.002, 0.04))
 }
