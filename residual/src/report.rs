@@ -215,33 +215,79 @@ impl Plot {
     }
 }
 
-/// Takes away the reports and plots of an earlier analysis, so that they are not taken for new ones
-/// when this one fails. Model files stay: one of them may be the input. So does everything in a folder
-/// without a `report.json` of ours: a `report.md` there is somebody else's.
+/// Files of a report that hold its text.
+const TEXTS: [&str; 3] = ["report.md", "report.html", "report.json"];
+
+/// Makes sure that an analysis may write its reports to a folder, without making it, and takes away the
+/// reports and plots of an earlier one, so that they are not taken for new ones when this one fails.
+/// Model files stay: one of them may be the input. So does everything in a folder without a
+/// `report.json` of ours.
 ///
 /// # Errors
-/// [`Error::Io`] if one cannot be taken away.
+/// [`Error::Io`] if the folder is none or cannot be written to, if it holds a report that no analysis
+/// wrote, or if an earlier report cannot be taken away.
 pub fn clear(dir: &Path) -> Result<(), Error> {
+    writable(dir)?;
+    let Ok(entries) = std::fs::read_dir(dir) else {
+        return Ok(());
+    };
     let json = dir.join("report.json");
     let ours = std::fs::read_to_string(&json)
         .ok()
         .and_then(|text| serde_json::from_str::<serde_json::Value>(&text).ok())
         .is_some_and(|v| v.pointer("/baseline/heldout_rmse").is_some());
-    let Ok(entries) = std::fs::read_dir(dir) else {
-        return Ok(());
-    };
     if !ours {
-        return Ok(());
+        return match TEXTS.iter().map(|n| dir.join(n)).find(|p| p.exists()) {
+            None => Ok(()),
+            Some(foreign) => Err(Error::io(
+                &foreign,
+                "no analysis wrote this file, and a report would overwrite it: choose another folder for the reports, or move it away",
+            )),
+        };
     }
     for path in entries.filter_map(|e| e.ok().map(|e| e.path())) {
         let name = path.file_name().unwrap_or_default().to_string_lossy();
         let plot = name == "structure.svg" || name.starts_with("effect-") && name.ends_with(".svg");
-        if plot || ["report.md", "report.html"].contains(&name.as_ref()) {
+        if plot || TEXTS.contains(&name.as_ref()) && path != json {
             std::fs::remove_file(&path).map_err(|e| Error::io(&path, e))?;
         }
     }
     // Last: what could not be taken away can be next time.
     std::fs::remove_file(&json).map_err(|e| Error::io(&json, e))
+}
+
+/// Whether a folder can be written to, or be made: known before an analysis rather than after it.
+fn writable(dir: &Path) -> Result<(), Error> {
+    let no = |path: &Path, why: String| {
+        Err(Error::io(
+            path,
+            format!("{why}; reports need a folder that can be written to"),
+        ))
+    };
+    // The folder, or the nearest above it that is there.
+    for at in dir.ancestors() {
+        let at = if at.as_os_str().is_empty() {
+            Path::new(".")
+        } else {
+            at
+        };
+        match std::fs::metadata(at) {
+            Ok(m) if !m.is_dir() => return no(at, "this is a file".into()),
+            Ok(_) => {
+                let probe = at.join(format!(".residual-{}", std::process::id()));
+                return match std::fs::write(&probe, "").and_then(|()| std::fs::remove_file(&probe))
+                {
+                    Ok(()) => Ok(()),
+                    Err(e) => no(at, format!("cannot be written to ({e})")),
+                };
+            }
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => {}
+            // Something above it is a file: the loop comes to it.
+            Err(e) if e.kind() == std::io::ErrorKind::NotADirectory => {}
+            Err(e) => return no(at, e.to_string()),
+        }
+    }
+    Ok(())
 }
 
 /// Everything an analysis found.
@@ -580,20 +626,30 @@ impl Report {
     /// [`Error::Io`].
     pub fn write(&self, dir: &Path) -> Result<(), Error> {
         std::fs::create_dir_all(dir).map_err(|e| Error::io(dir, e))?;
-        let put = |name: &str, text: &str| {
+        let mut files: Vec<(String, String)> = self
+            .sections()
+            .into_iter()
+            .filter_map(|part| match part {
+                Part::Picture(name, plot) => Some((name, plot.svg(&self.unit))),
+                _ => None,
+            })
+            .collect();
+        files.push(("MODEL.extended.toml".into(), self.model()?));
+        files.push(("MODEL.frozen.toml".into(), self.frozen()?));
+        files.push(("report.md".into(), self.markdown()));
+        files.push(("report.html".into(), self.html()));
+        files.push(("report.json".into(), self.json()));
+        for (i, (name, text)) in files.iter().enumerate() {
             let path = dir.join(name);
-            std::fs::write(&path, text).map_err(|e| Error::io(&path, e))
-        };
-        for part in self.sections() {
-            if let Part::Picture(name, plot) = part {
-                put(&name, &plot.svg(&self.unit))?;
+            if let Err(e) = std::fs::write(&path, text) {
+                // A part of a report is none.
+                for (name, _) in &files[..=i] {
+                    let _ = std::fs::remove_file(dir.join(name));
+                }
+                return Err(Error::io(&path, e));
             }
         }
-        put("MODEL.extended.toml", &self.model()?)?;
-        put("MODEL.frozen.toml", &self.frozen()?)?;
-        put("report.md", &self.markdown())?;
-        put("report.html", &self.html())?;
-        put("report.json", &self.json())
+        Ok(())
     }
 
     fn heading(&self) -> String {

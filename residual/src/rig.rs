@@ -123,7 +123,7 @@ impl Data {
 }
 
 /// Whether a JSON file is a closed-loop recording.
-fn is_recording(path: &Path) -> bool {
+pub(crate) fn is_recording(path: &Path) -> bool {
     const KEY: &[u8] = b"\"load_cell_forces\"";
     std::fs::read(path).is_ok_and(|text| text.windows(KEY.len()).any(|w| w == KEY))
 }

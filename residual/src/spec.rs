@@ -310,9 +310,14 @@ impl Spec {
     /// Reads a model file.
     ///
     /// # Errors
-    /// [`Error::Io`] or [`Error::Model`].
+    /// [`Error::Model`] or [`Error::Expression`].
     pub fn load(path: &Path) -> Result<Spec, Error> {
-        let text = std::fs::read_to_string(path).map_err(|e| Error::io(path, e))?;
+        let text = std::fs::read_to_string(path).map_err(|e| {
+            Error::model(format!(
+                "{}: cannot be read ({e}); give the path of a model file, as docs/residual/model-toml.md describes it",
+                path.display()
+            ))
+        })?;
         Spec::parse(&text).map_err(|e| match e {
             Error::Model { what } => Error::model(format!("{}: {what}", path.display())),
             Error::Expression { text, why } => Error::Expression {

@@ -7,7 +7,7 @@ use forcectl::identify;
 use forcectl::rigfile::RigFile;
 use residual::rig::{DATA_FOLDERS, DATA_VARIABLE, HOW_TO_GET_DATA};
 use residual::spec::Spec;
-use residual::{Board, Error, Options, Report};
+use residual::{Board, Options, Report};
 use std::path::{Path, PathBuf};
 
 /// Stages and the share of a scan done, on standard error; nothing where the answer is for programs (`--json`).
@@ -49,23 +49,21 @@ pub fn residual(arguments: &Residual, json: bool) -> Result<u8> {
     let options = Options {
         data,
         model,
-        out: Some(arguments.out.clone()),
+        out: None,
     };
     let mut stages = Stages::new(json);
-    let report = residual::run(&options, &mut stages).map_err(|error| {
-        let code = match &error {
-            Error::Io { path, .. } if path.starts_with(&arguments.out) => 7,
-            other => other.exit_code(),
-        };
-        Failure::new(code, error)
-    })?;
+    let report = residual::run(&options, &mut stages)
+        .map_err(|error| Failure::new(error.exit_code(), error))?;
+    report
+        .write(&arguments.out)
+        .map_err(|error| Failure::new(7, error))?;
     let applied = match rig {
         Some(rig) => Some(rig.apply(&report, &arguments.out)?),
         None => None,
     };
     if json {
         let changed = applied.as_ref().map(
-            |a| serde_json::json!({"file": a.file, "changed": a.changed, "not_used": a.not_used}),
+            |a| serde_json::json!({"file": a.file, "changed": a.changed, "not_used": a.not_used, "earlier": a.earlier}),
         );
         println!(
             "{}",
@@ -84,6 +82,15 @@ pub fn residual(arguments: &Residual, json: bool) -> Result<u8> {
 /// The files and folders to read: as given, else below the folder of data, else that folder.
 fn data_paths(given: &[PathBuf], variable: Option<PathBuf>) -> Result<Vec<PathBuf>> {
     let absent = |what: String| Failure::new(3, format!("{what}. {HOW_TO_GET_DATA}"));
+    let missing = |path: &Path, folder: Option<&Path>| {
+        let below = folder.map_or(String::new(), |folder| {
+            format!(", neither as given nor below {}", folder.display())
+        });
+        absent(format!(
+            "--data {}: no such file or folder{below}; check the path",
+            path.display()
+        ))
+    };
     let folder = match variable {
         Some(folder) if folder.exists() => Some(folder),
         Some(folder) => {
@@ -116,7 +123,7 @@ fn data_paths(given: &[PathBuf], variable: Option<PathBuf>) -> Result<Vec<PathBu
             std::iter::once(path.clone())
                 .chain(below)
                 .find(|path| path.exists())
-                .ok_or_else(|| absent(format!("{} does not exist", path.display())))
+                .ok_or_else(|| missing(path, folder.as_deref()))
         })
         .collect()
 }
@@ -137,6 +144,8 @@ struct Applied {
     file: Option<PathBuf>,
     changed: Vec<String>,
     not_used: Vec<String>,
+    /// A rig file that an earlier run wrote and this one did not.
+    earlier: Option<PathBuf>,
 }
 
 impl Applied {
@@ -144,6 +153,9 @@ impl Applied {
         match &self.file {
             Some(file) => println!("rig file: {}", file.display()),
             None => println!("no rig file written: the board can use nothing of this"),
+        }
+        if let Some(earlier) = &self.earlier {
+            println!("  {} is of an earlier run", earlier.display());
         }
         self.changed
             .iter()
@@ -156,6 +168,15 @@ impl Applied {
 
 impl BoardFile {
     fn open(path: &Path, model: &Spec, arguments: &Residual) -> Result<Self> {
+        if !path.is_file() {
+            return Err(Failure::new(
+                3,
+                format!(
+                    "--apply {}: no such file; give the path of a rig file (`forcectl check --print` prints the built-in one)",
+                    path.display()
+                ),
+            ));
+        }
         let rig = RigFile::load(path).map_err(|error| Failure::new(3, error))?;
         let text = std::fs::read_to_string(path)
             .map_err(|error| Failure::new(3, format!("{}: {error}", path.display())))?;
@@ -194,21 +215,27 @@ impl BoardFile {
     }
 
     fn apply(&self, report: &Report, out: &Path) -> Result<Applied> {
-        let nothing = |why: String| Applied {
-            file: None,
-            changed: vec![],
-            not_used: vec![why],
+        let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
+        let file = out.join(format!("{stem}.residual.toml"));
+        let mut applied = match identify::usable(report) {
+            Ok(board) => {
+                let (text, mut applied) =
+                    self.edit(&board).map_err(|what| Failure::new(3, what))?;
+                if !applied.changed.is_empty() {
+                    std::fs::write(&file, text).map_err(|error| Failure::file(&file, error))?;
+                    applied.file = Some(file.clone());
+                }
+                applied
+            }
+            Err(why) => Applied {
+                file: None,
+                changed: vec![],
+                not_used: vec![why],
+                earlier: None,
+            },
         };
-        let board = match identify::usable(report) {
-            Ok(board) => board,
-            Err(why) => return Ok(nothing(why)),
-        };
-        let (text, mut applied) = self.edit(&board).map_err(|what| Failure::new(3, what))?;
-        if !applied.changed.is_empty() {
-            let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
-            let file = out.join(format!("{stem}.residual.toml"));
-            std::fs::write(&file, text).map_err(|error| Failure::file(&file, error))?;
-            applied.file = Some(file);
+        if applied.file.is_none() && file.exists() {
+            applied.earlier = Some(file);
         }
         Ok(applied)
     }
@@ -239,6 +266,7 @@ impl BoardFile {
                 file: None,
                 changed: rewritten.changed,
                 not_used,
+                earlier: None,
             },
         ))
     }

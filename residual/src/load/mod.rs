@@ -91,9 +91,10 @@ pub fn find_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
     let mut out = Vec::new();
     paths.iter().try_for_each(|p| walk(p, &mut out, true))?;
     if out.is_empty() {
-        return Err(Error::data(
-            "no .csv, .csv.gz, .txt, .json or .parquet file under the given paths",
-            "Check --data",
+        let first = paths.first().map_or(Path::new("."), PathBuf::as_path);
+        return Err(Error::io(
+            first,
+            "no .csv, .txt, .json (each also as .gz) or .parquet file is in there; check the paths of the data",
         ));
     }
     Ok(out)
@@ -115,6 +116,13 @@ fn kind(path: &Path) -> Option<Kind> {
         "parquet" | "pq" => Some(Kind::Parquet),
         _ => None,
     }
+}
+
+/// Whether a file is plain JSON, but no closed-loop recording.
+fn other_json(path: &Path) -> bool {
+    path.extension()
+        .is_some_and(|e| e.eq_ignore_ascii_case("json"))
+        && !crate::rig::is_recording(path)
 }
 
 fn read(path: &Path, spec: &Spec) -> Result<Raw, Error> {
@@ -174,7 +182,25 @@ fn name_keys(path: &Path, spec: &Spec) -> Option<Vec<(String, f64)>> {
 /// rows or groups.
 pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
     let mut findings = hygiene::Log::default();
-    let mut files = find_files(paths)?;
+    let files = find_files(paths)?;
+    // A folder may hold JSON of other kinds, such as a report; a file that was given by name is read.
+    let (mut files, other): (Vec<PathBuf>, Vec<PathBuf>) = files
+        .into_iter()
+        .partition(|f| paths.contains(f) || !other_json(f));
+    if let Some(first) = other.first() {
+        if files.is_empty() {
+            return Err(Error::io(
+                first,
+                "no closed-loop recording: no list `load_cell_forces`, and there is no other log in the folder",
+            ));
+        }
+        findings.count(
+            "other JSON",
+            other.len(),
+            &first.display().to_string(),
+            "JSON files in the folders that are no recordings were not read",
+        );
+    }
     if !spec.input.file_name.is_empty() {
         // A folder may hold other things; a file that was given by name must fit.
         let (fit, other): (Vec<PathBuf>, Vec<PathBuf>) = files
@@ -306,9 +332,25 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
         }
     }
     if time.is_empty() {
+        let empty: Vec<String> = roles
+            .iter()
+            .filter(|(_, c)| {
+                raws.iter().all(|r| {
+                    r.column(&c.column)
+                        .is_none_or(|v| v.iter().all(|x| !x.is_finite()))
+                })
+            })
+            .map(|(role, c)| format!("`{}` ({role})", c.column))
+            .collect();
+        let which = if empty.is_empty() || raws.iter().all(|r| r.columns.iter().all(Vec::is_empty))
+        {
+            String::new()
+        } else {
+            format!("; {} has none at all", empty.join(", "))
+        };
         return Err(Error::data(
-            "no row with finite values in every mapped column",
-            "Look at the columns named in [roles]",
+            format!("no row with finite values in every mapped column{which}"),
+            "Look at the columns named in [roles], or leave a role out that was not logged",
         ));
     }
     let file_column: Vec<f64> = file_of_row.iter().map(|&f| f as f64).collect();

@@ -51,7 +51,12 @@ fn append<T: DataType>(
 
 /// Reads one Parquet log.
 pub(super) fn read(path: &Path) -> Result<Raw, Error> {
-    let fail = |e: String| Error::io(path, e);
+    let fail = |e: String| {
+        Error::io(
+            path,
+            format!("cannot be read as Parquet: {e}; copy the file again, or write it anew"),
+        )
+    };
     let file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
     let reader = SerializedFileReader::new(file).map_err(|e| fail(e.to_string()))?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();

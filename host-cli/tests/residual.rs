@@ -1,0 +1,325 @@
+//! `forcectl residual`: arguments, exit codes, where reports go, and what `--apply` does with a rig file.
+//! What the analysis makes of bad logs is tested where it lives, in `residual/tests`.
+#![cfg(feature = "residual")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+
+const MODEL: &str = r#"
+[roles]
+time = { column = "t", unit = "s" }
+target = { column = "force", unit = "N" }
+command = { column = "command", unit = "N" }
+velocity = { column = "speed", unit = "rad/s" }
+[[terms]]
+name = "as commanded"
+expr = "command"
+fixed = 1.0
+"#;
+
+/// Another term with a coefficient of its own.
+const SECOND_TERM: &str = "[[terms]]\nname = \"zero\"\nexpr = \"1\"\n";
+
+/// A folder of its own for one test, removed at the end.
+struct Folder(PathBuf);
+
+impl Folder {
+    fn new(name: &str) -> Self {
+        let folder =
+            std::env::temp_dir().join(format!("forcectl-residual-{name}-{}", std::process::id()));
+        let _ = std::fs::remove_dir_all(&folder);
+        std::fs::create_dir_all(&folder).expect("a temporary folder");
+        Self(folder)
+    }
+
+    /// A folder with three logs of a drive with that much Coulomb friction (N), and a model file.
+    fn with_logs(name: &str, friction_n: f64) -> Self {
+        let folder = Self::new(name);
+        folder.put("MODEL.toml", MODEL);
+        std::fs::create_dir(folder.0.join("logs")).expect("made");
+        for run in 0..3 {
+            folder.put(&format!("logs/run{run}.csv"), &log(run, friction_n));
+        }
+        folder
+    }
+
+    fn put(&self, name: &str, text: &str) {
+        std::fs::write(self.0.join(name), text).expect("written");
+    }
+
+    fn read(&self, name: &str) -> String {
+        std::fs::read_to_string(self.0.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+    }
+
+    fn has(&self, name: &str) -> bool {
+        self.0.join(name).exists()
+    }
+
+    /// Runs `forcectl` in the folder: exit code, standard output and error.
+    fn forcectl(&self, arguments: &str) -> (i32, String, String) {
+        let output: Output = Command::new(env!("CARGO_BIN_EXE_forcectl"))
+            .args(arguments.split_whitespace())
+            .current_dir(&self.0)
+            .env_remove("FORCE_DATA")
+            .output()
+            .expect("forcectl runs");
+        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+        (
+            output.status.code().expect("was not killed"),
+            text(&output.stdout),
+            text(&output.stderr),
+        )
+    }
+
+    /// Runs it, and expects the exit code and all words in what it says.
+    fn expect(&self, arguments: &str, code: i32, words: &[&str]) -> String {
+        let (got, out, err) = self.forcectl(arguments);
+        let said = format!("{out}{err}");
+        assert_eq!(got, code, "{arguments}: {said}");
+        for word in words {
+            assert!(said.contains(word), "{arguments}: no `{word}` in: {said}");
+        }
+        assert!(!said.contains("panicked"), "{arguments}: {said}");
+        said
+    }
+}
+
+impl Drop for Folder {
+    fn drop(&mut self) {
+        let _ = std::fs::remove_dir_all(&self.0);
+    }
+}
+
+/// A number in -1..1 that depends on the row only.
+fn noise(i: u64) -> f64 {
+    let mut z = i.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+}
+
+fn log(run: u32, friction_n: f64) -> String {
+    let mut text = "t,command,speed,force\n".to_string();
+    for i in 0..800u32 {
+        let (t, phase) = (f64::from(i) * 0.02, f64::from(run));
+        let speed = (1.3 * t + phase).sin() + 0.4 * (3.1 * t).cos();
+        let command = 3.0 + (0.7 * t + 2.0 * phase).sin();
+        let key = u64::from(run) << 32 | u64::from(i);
+        let noise = 0.08 * (noise(key) + noise(key + (1 << 20)) + noise(key + (2 << 20)));
+        let force = command - friction_n * speed.signum() + noise;
+        text += &format!("{t},{command},{speed},{force}\n");
+    }
+    text
+}
+
+/// Names of the texts of a report in a folder.
+fn reports(folder: &Path) -> Vec<String> {
+    ["report.md", "report.html", "report.json"]
+        .into_iter()
+        .filter(|name| folder.join(name).exists())
+        .map(String::from)
+        .collect()
+}
+
+#[test]
+fn wrong_arguments_end_before_anything_is_written() {
+    let folder = Folder::with_logs("arguments", 0.5);
+    folder.put("key.toml", &MODEL.replace("fixed", "fixd"));
+    folder.put(
+        "newton.toml",
+        &MODEL.replace(
+            "column = \"force\", unit = \"N\"",
+            "column = \"force\", unit = \"V\"",
+        ),
+    );
+    folder.put("two.toml", &format!("{MODEL}{SECOND_TERM}"));
+    let (_, rig, _) = folder.forcectl("check --print");
+    folder.put("rig.toml", &rig);
+    folder.put("broken.toml", "[rig\n");
+    folder.put("logs/notes.md", "no log");
+    let cases: &[(&str, i32, &[&str])] = &[
+        ("residual --data logs --out out", 2, &["--model"]),
+        ("residual --data logs --model MODEL.toml", 2, &["--out"]),
+        (
+            "residual --data logs --model MODEL.toml --out out --increment",
+            2,
+            &["--apply"],
+        ),
+        (
+            "residual --data logs --model key.toml --out out",
+            2,
+            &["key.toml", "fixd", "line 10"],
+        ),
+        (
+            "residual --data logs --model no.toml --out out",
+            2,
+            &["no.toml", "model file"],
+        ),
+        (
+            "residual --data logs --model logs --out out",
+            2,
+            &["logs: cannot be read", "model file"],
+        ),
+        (
+            "residual --data runs --model MODEL.toml --out out",
+            3,
+            &["--data runs", "check the path"],
+        ),
+        (
+            "residual --data logs runs --model MODEL.toml --out out",
+            3,
+            &["--data runs"],
+        ),
+        (
+            "residual --data logs/run0.csv --model MODEL.toml --out out",
+            4,
+            &["one group", "block_s"],
+        ),
+        (
+            "residual --data logs --model MODEL.toml --out out --apply no.toml",
+            3,
+            &["--apply no.toml", "rig file"],
+        ),
+        (
+            "residual --data logs --model MODEL.toml --out out --apply broken.toml",
+            3,
+            &["broken.toml:1"],
+        ),
+        (
+            "residual --data logs --model newton.toml --out out --apply rig.toml",
+            2,
+            &["target in N"],
+        ),
+        (
+            "residual --data logs --model two.toml --out out --apply rig.toml",
+            2,
+            &["2 terms", "--increment"],
+        ),
+    ];
+    for (arguments, code, words) in cases {
+        folder.expect(arguments, *code, words);
+        assert!(!folder.has("out"), "{arguments} wrote something");
+    }
+    let (code, out, _) =
+        folder.forcectl("--json residual --data logs/run0.csv --model MODEL.toml --out out");
+    let json: serde_json::Value = serde_json::from_str(&out).expect("JSON");
+    assert!(code == 4 && json["exit_code"] == 4, "{out}");
+    assert!(
+        json["error"]
+            .as_str()
+            .is_some_and(|e| e.contains("one group")),
+        "{out}"
+    );
+}
+
+#[test]
+fn a_place_that_takes_no_reports_is_refused_and_left_as_it_is() {
+    let folder = Folder::with_logs("place", 0.5);
+    folder.put("file", "mine");
+    std::fs::create_dir(folder.0.join("own")).expect("made");
+    folder.put("own/report.md", "my own");
+    let base = "residual --data logs --model MODEL.toml --out";
+    folder.expect(&format!("{base} file"), 7, &["file", "folder"]);
+    folder.expect(&format!("{base} file/below"), 7, &["file", "folder"]);
+    folder.expect(
+        &format!("{base} own"),
+        7,
+        &["own/report.md", "another folder"],
+    );
+    assert_eq!(
+        (folder.read("file"), folder.read("own/report.md")),
+        ("mine".into(), "my own".into())
+    );
+    assert_eq!(
+        std::fs::read_dir(folder.0.join("own"))
+            .expect("is there")
+            .count(),
+        1
+    );
+    // Told at once, not after the analysis: it does not even read the logs.
+    folder.expect(
+        "residual --data logs --model no.toml --out own",
+        7,
+        &["own/report.md"],
+    );
+    // A log inside the folder of reports that cannot be read is a bad log, no bad folder.
+    folder.put("logs/cut.parquet", "no parquet");
+    folder.expect(
+        "residual --data logs --model MODEL.toml --out logs",
+        3,
+        &["cut.parquet"],
+    );
+}
+
+#[test]
+fn reports_are_written_replaced_and_gone_when_a_run_fails() {
+    let folder = Folder::with_logs("reports", 0.5);
+    // The folder of reports lies among the data: reports are no logs.
+    let good = "residual --data . --model MODEL.toml --out out";
+    for _ in 0..2 {
+        folder.expect(good, 0, &["The model lacks coulomb", "out/report.html"]);
+        assert_eq!(reports(&folder.0.join("out")).len(), 3);
+    }
+    folder.expect(
+        "residual --data . --model MODEL.toml --out other",
+        0,
+        &["coulomb"],
+    );
+    assert!(folder.read("other/report.md").contains("other JSON"));
+    let verdict: serde_json::Value =
+        serde_json::from_str(&folder.read("out/report.json")).expect("JSON");
+    assert_eq!(verdict["verdict"], "effect");
+    folder.expect(
+        "residual --data logs/run0.csv --model MODEL.toml --out out",
+        4,
+        &["one group"],
+    );
+    assert_eq!(reports(&folder.0.join("out")), Vec::<String>::new());
+    assert!(!folder.has("out/effect-1-coulomb.svg"));
+    // What it found can be run again; it is the declared model of the next look.
+    folder.expect(
+        "residual --data logs --model out/MODEL.extended.toml --out again",
+        0,
+        &["Nothing material is missing"],
+    );
+}
+
+#[test]
+fn a_rig_file_is_copied_with_what_the_board_can_use_or_not_at_all() {
+    let folder = Folder::with_logs("apply", 0.5);
+    let (_, rig, _) = folder.forcectl("check --print");
+    folder.put("rig.toml", &rig);
+    let base = "residual --model MODEL.toml --out out --apply rig.toml --data";
+    folder.expect(
+        &format!("{base} logs"),
+        0,
+        &["out/rig.residual.toml", "changed", "coulomb_n"],
+    );
+    assert_eq!(
+        folder.read("rig.toml"),
+        rig,
+        "the rig file itself is left alone"
+    );
+    let changed = folder.read("out/rig.residual.toml");
+    assert!(changed != rig && changed.lines().count() == rig.lines().count());
+    folder.expect("check out/rig.residual.toml", 0, &[]);
+
+    // Nothing found: nothing written, and what an earlier run wrote is not passed off as new.
+    for run in 0..3 {
+        folder.put(&format!("logs/run{run}.csv"), &log(run, 0.0));
+    }
+    folder.expect(
+        &format!("{base} logs"),
+        6,
+        &[
+            "Nothing material",
+            "no rig file written",
+            "rig.residual.toml is of an earlier run",
+        ],
+    );
+    assert_eq!(folder.read("out/rig.residual.toml"), changed);
+    let (code, out, _) = folder.forcectl(&format!("--json {base} logs"));
+    let json: serde_json::Value = serde_json::from_str(&out).expect("JSON");
+    assert!(code == 6 && json["applied"]["file"].is_null(), "{out}");
+    assert_eq!(json["report"]["verdict"], "none");
+}
