@@ -337,8 +337,8 @@ impl Analysis<'_> {
     }
 
     /// Friction that stays at rest is friction in motion and at rest under one coefficient. Once it
-    /// grows with the load, each has coefficients of its own, if that predicts better: as one it
-    /// would keep richer forms of either out.
+    /// grows with the load, each has coefficients of its own, unless that predicts worse: as one it
+    /// would keep richer forms of either out, and what moves would be told as a difference to what rests.
     fn part_friction(&self, chosen: &mut Vec<Chosen>) -> Result<(), Error> {
         let at = |name: &str| {
             chosen
@@ -353,23 +353,25 @@ impl Analysis<'_> {
         }
         let (model, fit) = self.fit(&[])?;
         let ctx = context(&self.problem, self.spec, &self.load, &model, &fit);
-        let form = |i: usize, label: Option<&str>| {
-            let mut all = CATALOGUE[chosen[i].effect].variants(&ctx).into_iter();
-            match label {
-                Some(label) => all.find(|v| v.label == label),
-                None => all.next(),
-            }
-        };
-        let (Some(moving), Some(held)) = (form(load, None), form(rest, Some(presliding::HELD)))
-        else {
+        let moving = CATALOGUE[chosen[load].effect].variants(&ctx).into_iter();
+        let Some(moving) = moving.take(1).map(Arc::new).next() else {
             return Ok(());
         };
-        let mut parted = chosen.clone();
-        parted[load].variant = Arc::new(moving);
-        parted[rest].variant = Arc::new(held);
         let error = |c: &[Chosen]| Ok::<f64, Error>(stats::rms(&self.fit(c)?.1.held));
-        if error(&parted)? < error(chosen)? {
-            *chosen = parted;
+        // The plain form can say all that the one coefficient said, to rounding.
+        let mut least = error(chosen)? * (1.0 + 1e-9);
+        let from = chosen.clone();
+        for held in CATALOGUE[from[rest].effect].variants(&ctx) {
+            if ![presliding::ALONE, presliding::HELD].contains(&held.label.as_str()) {
+                continue;
+            }
+            let mut parted = from.clone();
+            parted[load].variant = moving.clone();
+            parted[rest].variant = Arc::new(held);
+            let e = error(&parted)?;
+            if e <= least {
+                (least, *chosen) = (e, parted);
+            }
         }
         Ok(())
     }
@@ -402,10 +404,13 @@ impl Analysis<'_> {
                 may_swap && (c.name.as_str(), c.variant.label.as_str()) != form && !there(&c.name)
             }) {
                 let mut other = rest.clone();
-                other.push(self.complete(c, &other));
+                let form = self.complete(c, &other);
+                // Completed, it may be what is there already.
+                let same = (form.effect, &form.variant.label) == (own.effect, &own.variant.label);
+                let simpler = parameters_of(&form) < parameters_of(&own);
+                other.push(form);
                 let rmse = stats::rms(&self.fit(&other)?.1.held);
-                let simpler = c.parameters < parameters_of(&own);
-                if rmse < current * if simpler { 1.005 } else { 0.99 } {
+                if !same && rmse < current * if simpler { 1.005 } else { 0.99 } {
                     self.prune(&mut other)?;
                     *chosen = other;
                     return Ok((vec![], true));
@@ -1058,6 +1063,7 @@ fn parameters(
         let mut all = chosen.to_vec();
         all[index].psi = psi;
         let model = Model::with(a.spec, &all)?;
+        let view = p.view(&model.replaced)?;
         let mut x = Vec::new();
         let mut fixed = vec![0.0; p.y.len()];
         let mut mine = Vec::new();
@@ -1067,7 +1073,7 @@ fn parameters(
             if t.local && !(local && t.chosen == Some(index)) {
                 continue;
             }
-            let v = p.eval(&t.expr)?;
+            let v = p.eval(&view, &t.expr)?;
             match t.fixed {
                 Some(k) => fixed
                     .iter_mut()
@@ -1213,7 +1219,7 @@ fn extended(spec: &Spec, model: &Model, fit: &Fit, chosen: &[Chosen]) -> Spec {
                 } else {
                     t.name.clone()
                 },
-                expr: t.expr.to_string(),
+                expr: model.written_out(&t.expr).to_string(),
                 unit: t.unit.clone(),
                 fixed: t.fixed,
                 per: if t.local {
@@ -1240,7 +1246,10 @@ fn extended(spec: &Spec, model: &Model, fit: &Fit, chosen: &[Chosen]) -> Spec {
 
 /// Points and binned means of the residual before and after.
 fn plot(a: &Analysis, against: &str, before: &[f64], after: &[f64]) -> Plot {
-    let x = a.problem.eval_text(against, true).unwrap_or_default();
+    let x = a
+        .problem
+        .eval_text(&a.problem.plain, against, true)
+        .unwrap_or_default();
     let unit = if against == a.load {
         a.spec.roles.target.unit.clone()
     } else {
@@ -1253,4 +1262,86 @@ fn plot(a: &Analysis, against: &str, before: &[f64], after: &[f64]) -> Plot {
         format!("{name}, {unit}")
     };
     Plot::new(&label, &x, before, after)
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::effects::testbench::{simulate, Excitation};
+    use crate::report::{Effect, Report};
+    use std::collections::VecDeque;
+
+    fn names(report: &Report) -> Vec<&str> {
+        let mut names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+        names.sort_unstable();
+        names
+    }
+
+    fn param(report: &Report, effect: &str, name: &str) -> f64 {
+        let of = |e: &&Effect| e.name == effect;
+        let found = report
+            .effects
+            .iter()
+            .find(of)
+            .and_then(|e| e.params.get(name));
+        *found.unwrap_or_else(|| panic!("no {effect}.{name}\n{}", report.markdown()))
+    }
+
+    fn near(value: f64, truth: f64) {
+        assert!((value / truth - 1.0).abs() < 0.1, "{value} for {truth}");
+    }
+
+    /// Whatever is found after a delay of the target is as late as what was found before.
+    #[test]
+    fn friction_in_a_late_log_is_one_friction() {
+        let mut line = VecDeque::new();
+        let report = simulate(&Excitation::default(), 1.0, &mut |s| {
+            if s.first {
+                line.clear();
+            }
+            line.push_back(s.command - (0.5 + 0.15 * s.command) * s.velocity.signum());
+            if line.len() > 4 {
+                line.pop_front();
+            }
+            line[0] - s.command
+        });
+        assert_eq!(names(&report), ["delay", "load_dependent_coulomb"]);
+        near(param(&report, "delay", "delay"), 0.06);
+        let friction = |name| param(&report, "load_dependent_coulomb", name);
+        near(friction("friction_at_zero_load"), -0.5);
+        near(friction("friction_per_load"), -0.15);
+        let terms = &report.extended.terms;
+        assert!(
+            terms
+                .iter()
+                .skip(1)
+                .all(|t| t.expr.contains("delay(velocity")),
+            "{terms:?}"
+        );
+    }
+
+    /// Friction that grows with load in motion, and another one at rest: neither takes the other's place.
+    #[test]
+    fn friction_at_rest_and_in_motion_have_coefficients_of_their_own() {
+        let excitation = Excitation {
+            stops: true,
+            ..Excitation::default()
+        };
+        let mut last = 0.0;
+        let report = simulate(&excitation, 1.0, &mut |s| {
+            if s.first {
+                last = 0.0;
+            }
+            if s.velocity != 0.0 {
+                last = s.velocity.signum();
+                -(0.3 + 0.15 * s.command) * last
+            } else {
+                -1.2 * last
+            }
+        });
+        assert_eq!(names(&report), ["load_dependent_coulomb", "presliding"]);
+        let moving = |name| param(&report, "load_dependent_coulomb", name);
+        near(moving("friction_at_zero_load"), -0.3);
+        near(moving("friction_per_load"), -0.15);
+        near(param(&report, "presliding", "held_friction"), -1.2);
+    }
 }

@@ -3,7 +3,7 @@
 use crate::effects::{Build, Variant};
 use crate::error::Error;
 use crate::expr::Expr;
-use crate::problem::{Column, Problem, Scores, Sums};
+use crate::problem::{Column, Problem, Replaced, Scores, Sums, View};
 use crate::spec::Spec;
 use std::sync::Arc;
 
@@ -29,10 +29,29 @@ pub(crate) struct Chosen {
     pub psi: f64,
 }
 
+fn parsed(pairs: &[(String, String)]) -> Result<Replaced, Error> {
+    pairs
+        .iter()
+        .map(|(n, t)| Ok((n.clone(), Expr::parse(t)?)))
+        .collect()
+}
+
+fn replace(expr: &Expr, pairs: &Replaced) -> Expr {
+    expr.substitute(&|n| {
+        pairs
+            .iter()
+            .find(|(name, _)| name == n)
+            .map(|(_, e)| e.clone())
+    })
+}
+
 /// Terms of declared model and chosen effects.
 #[derive(Debug, Clone)]
 pub(crate) struct Model {
     pub terms: Vec<WorkTerm>,
+    /// Columns that chosen effects replaced in everything, in terms that come later as well. The
+    /// terms are written without it; see [`Model::written_out`].
+    pub replaced: Vec<Replaced>,
 }
 
 impl Model {
@@ -52,7 +71,18 @@ impl Model {
                 })
             })
             .collect::<Result<_, Error>>()?;
-        Ok(Model { terms })
+        Ok(Model {
+            terms,
+            replaced: vec![],
+        })
+    }
+
+    /// A term in the columns of the log, whatever was replaced.
+    pub fn written_out(&self, expr: &Expr) -> Expr {
+        self.replaced
+            .iter()
+            .rev()
+            .fold(expr.clone(), |e, pairs| replace(&e, pairs))
     }
 
     /// Adds one effect at `psi`, as choice number `index`.
@@ -70,30 +100,24 @@ impl Model {
                     });
                 }
             }
-            Build::Swap(pairs) | Build::SwapAll(pairs) => {
-                let all = matches!(build, Build::SwapAll(_));
-                let pairs: Vec<(String, Expr)> = pairs
-                    .iter()
-                    .map(|(n, t)| Ok((n.clone(), Expr::parse(t)?)))
-                    .collect::<Result<_, Error>>()?;
-                for t in self.terms.iter_mut().filter(|t| all || t.chosen.is_none()) {
-                    t.expr = t.expr.substitute(&|n| {
-                        pairs
-                            .iter()
-                            .find(|(name, _)| name == n)
-                            .map(|(_, e)| e.clone())
-                    });
+            Build::Swap(pairs) => {
+                let pairs = parsed(pairs)?;
+                for t in self.terms.iter_mut().filter(|t| t.chosen.is_none()) {
+                    t.expr = replace(&t.expr, &pairs);
                 }
             }
+            Build::SwapAll(pairs) => self.replaced.push(parsed(pairs)?),
         }
         Ok(())
     }
 
     /// Text that is the same for equal models.
     pub fn key(&self) -> String {
-        self.terms
-            .iter()
+        let terms = self.terms.iter();
+        let replaced = self.replaced.iter().flatten();
+        terms
             .map(|t| format!("{} {:?} {}\n", t.expr, t.fixed, t.local))
+            .chain(replaced.map(|(n, e)| format!("{n} = {e}\n")))
             .collect()
     }
 
@@ -109,18 +133,20 @@ impl Model {
 
 /// A fitted model.
 pub(crate) struct Fit {
+    /// The columns as the model sees them.
+    pub view: Arc<View>,
     /// Index of each fitted global term.
     pub free: Vec<usize>,
     /// Columns of the fitted global terms.
     pub x: Vec<Column>,
-    /// Sum of the terms with declared coefficients.
-    pub fixed: Vec<f64>,
     /// Coefficients of `free` on all rows.
     pub theta: Vec<f64>,
     /// Fitted terms that repeat others.
     pub dropped: Vec<bool>,
     /// Sums with the residual as flipped target.
     pub sums: Sums,
+    /// In-sample prediction of the global terms.
+    pub prediction: Vec<f64>,
     /// In-sample residual.
     pub residual: Vec<f64>,
     /// Held-out residual, row by row.
@@ -135,10 +161,11 @@ impl Fit {
     /// Fits and holds out.
     pub fn new(p: &Problem, model: &Model) -> Result<Fit, Error> {
         let n = p.y.len();
+        let view = p.view(&model.replaced)?;
         let mut fixed = vec![0.0; n];
         let (mut free, mut x, mut local_terms, mut lx) = (vec![], vec![], vec![], vec![]);
         for (i, t) in model.terms.iter().enumerate() {
-            let v = p.eval(&t.expr)?;
+            let v = p.eval(&view, &t.expr)?;
             match (t.fixed, t.local) {
                 (Some(k), _) => fixed
                     .iter_mut()
@@ -170,6 +197,7 @@ impl Fit {
         };
         let mut residual = y0.clone();
         predict(&theta, 0..n, &mut residual);
+        let prediction = p.y.iter().zip(&residual).map(|(y, r)| y - r).collect();
         let mut held = y0;
         for f in 0..p.folds {
             let w: Vec<f64> = p
@@ -242,9 +270,10 @@ impl Fit {
         let sums = Sums::new(p, &cols, &residual, None, None);
         let scores = Scores::new(p, &sums);
         Ok(Fit {
+            view,
             free,
             x,
-            fixed,
+            prediction,
             theta,
             dropped,
             sums,
@@ -258,9 +287,10 @@ impl Fit {
     /// The same fit with another residual in its place.
     pub fn on(&self, residual: Vec<f64>, sums: Sums, scores: Scores) -> Fit {
         Fit {
+            view: self.view.clone(),
             free: self.free.clone(),
             x: self.x.clone(),
-            fixed: self.fixed.clone(),
+            prediction: self.prediction.clone(),
             theta: self.theta.clone(),
             dropped: self.dropped.clone(),
             sums,
@@ -269,14 +299,5 @@ impl Fit {
             scores,
             local: vec![],
         }
-    }
-
-    /// Prediction of the global terms in-sample.
-    pub fn prediction(&self) -> Vec<f64> {
-        let mut out = self.fixed.clone();
-        for (c, k) in self.x.iter().zip(&self.theta) {
-            out.iter_mut().zip(c.iter()).for_each(|(o, v)| *o += k * v);
-        }
-        out
     }
 }

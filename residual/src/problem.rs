@@ -12,22 +12,53 @@ use crate::frame::Frame;
 use crate::linalg::{dot, squared_error, Cholesky};
 use crate::progress::Ticker;
 use crate::stats::{self, Rng};
-use std::collections::HashMap;
+use std::collections::{HashMap, VecDeque};
 use std::ops::Range;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// Values of an expression on the kept rows.
 pub(crate) type Column = Arc<Vec<f64>>;
 
 /// Most values that evaluated expressions may keep in memory (8 bytes each).
-const CACHE_VALUES: usize = 1 << 24;
+const CACHE_VALUES: usize = 1 << 25;
+
+/// Views that are kept: the model's, and those of models without one of its effects.
+const VIEWS: usize = 4;
+
+/// Columns and the expressions that stand in their place.
+pub(crate) type Replaced = Vec<(String, Expr)>;
+
+/// The columns as a model sees them: some are replaced in every term, found or yet to be found.
+#[derive(Debug)]
+pub(crate) struct View {
+    key: String,
+    pub frame: Frame,
+}
 
 /// Expressions that were evaluated already: the same forms come up in every scan.
 #[derive(Debug, Default)]
 struct Cache {
-    columns: HashMap<String, Column>,
+    /// Values by view and text, with the scan that used them last.
+    columns: HashMap<String, (Column, usize)>,
     values: usize,
     ranges: HashMap<String, Option<(f64, f64)>>,
+    views: VecDeque<Arc<View>>,
+    scan: usize,
+    /// The scan in which room was made last.
+    swept: usize,
+}
+
+impl Cache {
+    /// Whether there is room for a column, after forgetting what this scan did not ask for.
+    fn room(&mut self, values: usize) -> bool {
+        if self.values + values > CACHE_VALUES && self.swept < self.scan {
+            self.swept = self.scan;
+            let scan = self.scan;
+            self.columns.retain(|_, (_, used)| *used == scan);
+            self.values = self.columns.values().map(|(v, _)| v.len()).sum();
+        }
+        self.values + values <= CACHE_VALUES
+    }
 }
 
 /// A stretch of kept rows of one sequence and one fold.
@@ -41,6 +72,8 @@ pub(crate) struct Block {
 /// Kept rows with their hold-out structure.
 pub(crate) struct Problem {
     pub frame: Frame,
+    /// The frame as it is.
+    pub plain: Arc<View>,
     /// Frame rows that are fitted; `None` when all are.
     rows: Option<Vec<usize>>,
     /// Target on kept rows.
@@ -75,6 +108,10 @@ impl Problem {
             .unwrap_or(1);
         let fold_of_row: Vec<u32> = rows.iter().map(|&i| fold[i]).collect();
         let mut p = Problem {
+            plain: Arc::new(View {
+                key: String::new(),
+                frame: frame.clone(),
+            }),
             frame,
             rows: (!all).then_some(rows),
             y,
@@ -149,32 +186,88 @@ impl Problem {
         }
     }
 
+    /// The columns with some replaced, one list after the other.
+    pub fn view(&self, replaced: &[Replaced]) -> Result<Arc<View>, Error> {
+        if replaced.is_empty() {
+            return Ok(self.plain.clone());
+        }
+        let texts = replaced.iter().flatten().map(|(n, e)| format!("{n}={e};"));
+        let key: String = texts.collect();
+        if let Some(known) = self.cache().views.iter().find(|v| v.key == key) {
+            return Ok(known.clone());
+        }
+        let mut frame = self.frame.clone();
+        for list in replaced {
+            let old = frame.clone();
+            for (name, e) in list {
+                frame.insert(name, e.eval(&old)?);
+            }
+        }
+        let view = Arc::new(View { key, frame });
+        let mut cache = self.cache();
+        cache.views.push_back(view.clone());
+        if cache.views.len() > VIEWS {
+            cache.views.pop_front();
+        }
+        Ok(view)
+    }
+
+    /// A scan begins: what is evaluated in it is worth more room than what was asked for earlier.
+    pub fn next_scan(&self) {
+        self.cache().scan += 1;
+    }
+
     /// Evaluates an expression on the kept rows, and keeps the values for the next time; values that
     /// are not finite become an error.
-    pub fn eval(&self, e: &Expr) -> Result<Column, Error> {
-        self.cached(&e.to_string(), true, || Ok(e.clone()))
+    pub fn eval(&self, view: &View, e: &Expr) -> Result<Column, Error> {
+        self.cached(format!("{}{e}", view.key), true, || {
+            self.eval_on(&view.frame, e)
+        })
     }
 
     /// The same for an expression as text; `keep` it only if it is likely to be asked for again.
-    pub fn eval_text(&self, text: &str, keep: bool) -> Result<Column, Error> {
-        self.cached(text, keep, || Expr::parse(text))
+    pub fn eval_text(&self, view: &View, text: &str, keep: bool) -> Result<Column, Error> {
+        self.cached(format!("{}{text}", view.key), keep, || {
+            self.eval_on(&view.frame, &Expr::parse(text)?)
+        })
+    }
+
+    /// The same for a term in which columns of a view are replaced; `swapped` gives the frame with
+    /// them, and is asked only if the values are not at hand.
+    pub fn eval_swapped<'a>(
+        &self,
+        view: &View,
+        pairs: &[(String, String)],
+        e: &Expr,
+        keep: bool,
+        swapped: impl FnOnce() -> Result<&'a Frame, Error>,
+    ) -> Result<Column, Error> {
+        self.cached(format!("{}{pairs:?}{e}", view.key), keep, || {
+            self.eval_on(swapped()?, e)
+        })
+    }
+
+    fn cache(&self) -> MutexGuard<'_, Cache> {
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn cached(
         &self,
-        text: &str,
+        key: String,
         keep: bool,
-        parse: impl FnOnce() -> Result<Expr, Error>,
+        values: impl FnOnce() -> Result<Column, Error>,
     ) -> Result<Column, Error> {
-        let lock = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = lock().columns.get(text) {
+        let mut cache = self.cache();
+        let scan = cache.scan;
+        if let Some((known, used)) = cache.columns.get_mut(&key) {
+            *used = scan;
             return Ok(known.clone());
         }
-        let v = self.eval_on(&self.frame, &parse()?)?;
-        let mut cache = lock();
-        if keep && cache.values + v.len() <= CACHE_VALUES {
+        drop(cache);
+        let v = values()?;
+        let mut cache = self.cache();
+        if keep && cache.room(v.len()) && cache.columns.insert(key, (v.clone(), scan)).is_none() {
             cache.values += v.len();
-            cache.columns.insert(text.to_string(), v.clone());
         }
         Ok(v)
     }
@@ -196,12 +289,11 @@ impl Problem {
 
     /// 2 % and 98 % quantiles of an expression; `None` if they are equal or it cannot be evaluated.
     pub fn range(&self, text: &str) -> Option<(f64, f64)> {
-        let lock = || self.cache.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(known) = lock().ranges.get(text) {
+        if let Some(known) = self.cache().ranges.get(text) {
             return *known;
         }
         let mut v = self
-            .eval_text(text, true)
+            .eval_text(&self.plain, text, true)
             .map_or_else(|_| vec![], |v| v.to_vec());
         v.sort_unstable_by(f64::total_cmp);
         let (lo, hi) = (
@@ -209,7 +301,7 @@ impl Problem {
             stats::quantile_sorted(&v, 0.98),
         );
         let range = (hi > lo).then_some((lo, hi));
-        lock().ranges.insert(text.to_string(), range);
+        self.cache().ranges.insert(text.to_string(), range);
         range
     }
 
@@ -331,19 +423,35 @@ pub(crate) struct Sums {
     pub yy: Vec<[f64; 3]>,
 }
 
+/// Sums that are known already: of the same `r` with columns of which some are wanted again.
+#[derive(Clone, Copy)]
+pub(crate) struct Known<'a> {
+    pub sums: &'a Sums,
+    /// Which of its columns each wanted column is, if any; missing entries mean none.
+    pub at: &'a [Option<usize>],
+}
+
+impl Known<'_> {
+    fn place(&self, i: usize) -> Option<usize> {
+        self.at.get(i).copied().flatten()
+    }
+}
+
 impl Sums {
-    /// Sums for columns `x` with flipped target `r` and fixed target `m`; the leading `known`
-    /// columns take their mutual products from `from`.
+    /// Sums for columns `x` with flipped target `r` and fixed target `m`; what is `known` is taken
+    /// from there.
     pub fn new(
         p: &Problem,
         x: &[&[f64]],
         r: &[f64],
         m: Option<&[f64]>,
-        from: Option<&Sums>,
+        known: Option<Known>,
     ) -> Sums {
         let q = x.len();
         let nb = p.blocks.len();
-        let known = from.map_or(0, |f| f.q);
+        let place: Vec<Option<(&Sums, usize)>> = (0..q)
+            .map(|i| known.and_then(|k| Some((k.sums, k.place(i)?))))
+            .collect();
         let mut s = Sums {
             q,
             g: vec![0.0; nb * q * q],
@@ -360,24 +468,22 @@ impl Sums {
             for i in 0..q {
                 let xi = &x[i][b.range.clone()];
                 for j in 0..=i {
-                    let v = if i < known {
-                        from.map_or(0.0, |f| f.g[k * known * known + i * known + j])
-                    } else {
-                        dot(xi, &x[j][b.range.clone()])
+                    let v = match (place[i], place[j]) {
+                        (Some((s, i)), Some((_, j))) => s.g[(k * s.q + i) * s.q + j],
+                        _ => dot(xi, &x[j][b.range.clone()]),
                     };
                     g[i * q + j] = v;
                     g[j * q + i] = v;
                 }
-                s.br[k * q + i] = if i < known {
-                    from.map_or(0.0, |f| f.br[k * known + i])
-                } else {
-                    dot(xi, rb)
+                s.br[k * q + i] = match place[i] {
+                    Some((s, i)) => s.br[k * s.q + i],
+                    None => dot(xi, rb),
                 };
                 if let Some(m) = m {
                     s.bm[k * q + i] = dot(xi, &m[b.range.clone()]);
                 }
             }
-            let rr = from.map_or_else(|| dot(rb, rb), |f| f.yy[k][0]);
+            let rr = known.map_or_else(|| dot(rb, rb), |known| known.sums.yy[k][0]);
             s.yy[k] = match m {
                 None => [rr, 0.0, 0.0],
                 Some(m) => {

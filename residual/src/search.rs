@@ -10,11 +10,13 @@
 use crate::effects::{Build, Context, Effect, Piece, Psi, Variant, CATALOGUE};
 use crate::error::Error;
 use crate::expr::Expr;
+use crate::frame::Frame;
 use crate::model::{Chosen, Fit, Model};
-use crate::problem::{profile, Column, Problem, Scores, Sums};
+use crate::problem::{profile, Column, Known, Problem, Scores, Sums};
 use crate::spec::Spec;
 use crate::stats;
 use rayon::prelude::*;
+use std::cell::OnceCell;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Arc;
 
@@ -161,7 +163,7 @@ impl State<'_> {
         let columns = |pieces: &[Piece]| -> Result<Vec<Column>, Error> {
             pieces
                 .iter()
-                .map(|p| self.problem.eval_text(&p.text, keep))
+                .map(|p| self.problem.eval_text(&self.fit.view, &p.text, keep))
                 .collect()
         };
         match build {
@@ -174,14 +176,13 @@ impl State<'_> {
                     .chain(&cols)
                     .map(|c| c.as_slice())
                     .collect();
+                let at: Vec<Option<usize>> = (0..self.fit.x.len()).map(Some).collect();
+                let known = Known {
+                    sums: &self.fit.sums,
+                    at: &at,
+                };
                 Ok((
-                    Sums::new(
-                        self.problem,
-                        &all,
-                        &self.fit.residual,
-                        None,
-                        Some(&self.fit.sums),
-                    ),
+                    Sums::new(self.problem, &all, &self.fit.residual, None, Some(known)),
                     false,
                 ))
             }
@@ -195,37 +196,58 @@ impl State<'_> {
             }
             Build::Swap(pairs) | Build::SwapAll(pairs) => {
                 // A column that is replaced is evaluated once, however many terms use it.
-                let mut swapped = self.problem.frame.clone();
-                for (name, text) in pairs {
-                    let v = Expr::parse(text)?.eval(&self.problem.frame)?;
-                    swapped.insert(name, v);
-                }
+                let view = &self.fit.view;
+                let frame = OnceCell::new();
+                let swapped = || -> Result<&Frame, Error> {
+                    if let Some(known) = frame.get() {
+                        return Ok(known);
+                    }
+                    let mut new = view.frame.clone();
+                    for (name, text) in pairs {
+                        new.insert(name, Expr::parse(text)?.eval(&view.frame)?);
+                    }
+                    Ok(frame.get_or_init(|| new))
+                };
                 let everywhere = matches!(build, Build::SwapAll(_));
                 let n = self.problem.y.len();
-                let mut part = self.fit.prediction();
-                let mut x: Vec<Column> = Vec::new();
+                let mut part = self.fit.prediction.clone();
+                let (mut x, mut at): (Vec<Column>, Vec<_>) = (vec![], vec![]);
                 let mut fixed = vec![0.0; n];
                 for t in self.model.terms.iter().filter(|t| !t.local) {
                     let names = t.expr.names();
                     let touched = (everywhere || t.chosen.is_none())
                         && pairs.iter().any(|(name, _)| names.contains(name));
                     let v = if touched {
-                        self.problem.eval_on(&swapped, &t.expr)?
+                        self.problem
+                            .eval_swapped(view, pairs, &t.expr, keep, swapped)?
                     } else {
-                        self.problem.eval(&t.expr)?
+                        self.problem.eval(view, &t.expr)?
                     };
                     match t.fixed {
                         Some(k) => fixed
                             .iter_mut()
                             .zip(v.iter())
                             .for_each(|(f, v)| *f += k * v),
-                        None => x.push(v),
+                        None => {
+                            at.push((!touched).then_some(x.len()));
+                            x.push(v);
+                        }
                     }
                 }
+                let known = Known {
+                    sums: &self.fit.sums,
+                    at: &at,
+                };
                 part.iter_mut().zip(&fixed).for_each(|(p, f)| *p -= f);
                 let all: Vec<&[f64]> = x.iter().map(|c| c.as_slice()).collect();
                 Ok((
-                    Sums::new(self.problem, &all, &self.fit.residual, Some(&part), None),
+                    Sums::new(
+                        self.problem,
+                        &all,
+                        &self.fit.residual,
+                        Some(&part),
+                        Some(known),
+                    ),
                     false,
                 ))
             }
@@ -315,6 +337,7 @@ impl State<'_> {
         variants: &[(usize, String, Arc<Variant>)],
         focus: Option<&[f64]>,
     ) -> Vec<Candidate> {
+        self.problem.next_scan();
         let grids: Vec<Vec<f64>> = variants
             .iter()
             .enumerate()
@@ -524,7 +547,7 @@ impl State<'_> {
         }
         let cols: Vec<Column> = texts
             .iter()
-            .filter_map(|t| self.problem.eval_text(t, true).ok())
+            .filter_map(|t| self.problem.eval_text(&self.fit.view, t, true).ok())
             .collect();
         let z: Vec<&[f64]> = cols.iter().map(|c| c.as_slice()).collect();
         let (k, _) = Sums::new(self.problem, &z, &added, None, None).fit(None);
@@ -576,7 +599,7 @@ impl State<'_> {
             Build::Add(pieces) => {
                 let cols: Vec<Column> = pieces
                     .iter()
-                    .filter_map(|p| self.problem.eval_text(&p.text, false).ok())
+                    .filter_map(|p| self.problem.eval_text(&self.fit.view, &p.text, false).ok())
                     .collect();
                 for (col, k) in self.fit.x.iter().chain(&cols).zip(&x) {
                     out.iter_mut()
@@ -590,15 +613,18 @@ impl State<'_> {
                     return vec![];
                 }
                 let mut k = x.iter();
+                let Ok(view) = self.problem.view(&m.replaced) else {
+                    return vec![];
+                };
                 for t in m.terms.iter().filter(|t| !t.local) {
-                    let Ok(v) = self.problem.eval(&t.expr) else {
+                    let Ok(v) = self.problem.eval(&view, &t.expr) else {
                         return vec![];
                     };
                     let a = t.fixed.unwrap_or_else(|| k.next().copied().unwrap_or(0.0));
                     out.iter_mut().zip(v.iter()).for_each(|(o, v)| *o += a * v);
                 }
                 out.iter_mut()
-                    .zip(self.fit.prediction())
+                    .zip(&self.fit.prediction)
                     .for_each(|(o, p)| *o -= p);
             }
         }

@@ -44,8 +44,15 @@ impl Effect for Delay {
                 Build::Swap(vec![("command".into(), format!("delay(command, {s})"))])
             }));
         }
-        let all: Vec<String> = ctx.columns.clone();
-        if all.iter().any(|n| n != "command") {
+        if ctx.columns.iter().any(|n| n != "command") {
+            // Everything: effects that are found later are as late.
+            let roles = &ctx.spec.roles;
+            let all: Vec<String> = roles
+                .all()
+                .into_iter()
+                .map(|(n, _)| n)
+                .filter(|n| n != "time" && n != "target" && !roles.groups.contains_key(n))
+                .collect();
             out.push(Variant::profiled(
                 "of the target against everything",
                 psi(),

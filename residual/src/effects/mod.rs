@@ -150,7 +150,7 @@ pub(crate) enum Build {
     Local(Vec<Piece>),
     /// Replaces columns inside the declared terms; no new coefficient.
     Swap(Vec<(String, String)>),
-    /// Replaces columns inside declared terms and effects found so far; no new coefficient.
+    /// Replaces columns inside declared terms and effects, found so far or later; no new coefficient.
     SwapAll(Vec<(String, String)>),
 }
 
@@ -317,7 +317,7 @@ impl Context<'_> {
     /// Values of an expression on fitted rows; empty if it cannot be evaluated.
     pub fn values(&self, text: &str) -> Vec<f64> {
         self.problem
-            .eval_text(text, true)
+            .eval_text(&self.problem.plain, text, true)
             .map_or_else(|_| vec![], |v| v.to_vec())
     }
 

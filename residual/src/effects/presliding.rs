@@ -5,6 +5,8 @@ use crate::stats;
 
 /// Form: friction in motion and at rest under one coefficient.
 pub(crate) const AS_ONE: &str = "friction that stays at rest";
+/// Form: friction at rest alone, in the direction of the last motion.
+pub(crate) const ALONE: &str = "direction held";
 /// Form: friction at rest alone, in the direction of the last motion, with its share of load.
 pub(crate) const HELD: &str = "direction held, with load";
 
@@ -54,7 +56,7 @@ impl Effect for Presliding {
             // Only the rows at rest: what moves is friction's own business.
             let held = format!("(held({v}, {db}) - sgn({v}, {db}))");
             out.push(Variant::linear(
-                "direction held",
+                ALONE,
                 vec![Piece::new("held_friction", unit.clone(), held.clone())],
             ));
             let load = ctx.load.clone();
