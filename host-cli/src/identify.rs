@@ -8,8 +8,9 @@
 //! but the setpoint. That also keeps a rig quiet that would swing in closed loop, such as one whose drive answers late.
 //! What makes it safe is what the board does at all times: force limit, slew limits, over-tension, slack brake,
 //! expiring setpoints, E-stop. The commands stay 1 N inside the tensions that the rig file allows, so no
-//! friction that the board could make up for lets a cable go slack, and the host ends the session when the force at
-//! the tip passes the rig file's limit.
+//! friction that the board could make up for lets a cable go slack. Friction that nobody makes up for pulls at the tip:
+//! where that force comes near the rig file's limit the commands swing less from then on, and past the limit the host
+//! ends the session.
 //!
 //! # What makes effects tell apart
 //!
@@ -54,6 +55,11 @@ const INSIDE_N: f64 = 1.0;
 const MOST_AMPLITUDE_N: f64 = 1.5;
 /// Smaller ones show nothing, N.
 const LEAST_AMPLITUDE_N: f64 = 0.5;
+/// Part of the rig file's force limit above which the commands swing less from then on; the rest is for what the force
+/// still grows by until that helps.
+const NEAR_LIMIT: f64 = 0.85;
+/// What is left of the swing after a setpoint period (10 ms) above that: half of it after 0.23 s.
+const EASE: f64 = 0.97;
 /// Frequencies of the first unit's sines, Hz; each unit's are 6 % above those of the one before.
 const SINES_HZ: [f64; 5] = [0.11, 0.27, 0.63, 1.37, 2.90];
 /// Age of a conversion when it is ready: half of four conversions, in conversions.
@@ -75,6 +81,8 @@ pub struct Recording {
     configs: [UnitConfig; UNITS],
     /// Units that took part.
     pub available: [bool; UNITS],
+    /// Part of the amplitude that was left at the end; below 1 where the force at the tip came near the limit.
+    pub swing: f64,
 }
 
 /// A row of a session as it is analysed.
@@ -120,7 +128,7 @@ pub fn excite(
         observer,
     );
     match result {
-        Ok(samples) => {
+        Ok((samples, swing)) => {
             observer.progress(Phase::Disarm, 0.0);
             if let Err(error) = run::put_down(&mut session) {
                 session.make_safe();
@@ -130,6 +138,7 @@ pub fn excite(
                 samples,
                 configs: prepared.configs,
                 available: prepared.available,
+                swing,
             })
         }
         Err(error) => {
@@ -161,7 +170,7 @@ fn opened(rig: &RigFile, seconds: f64) -> Result<RigFile, RunError> {
         unit.kd_s = 0.0;
         unit.damping_n_s_per_m = 0.0;
         unit.friction_feedforward = false;
-        if unit.enabled && sines(unit).1 < LEAST_AMPLITUDE_N {
+        if unit.enabled && sines(unit, 1.0).1 < LEAST_AMPLITUDE_N {
             return Err(RunError::Argument(format!(
                 "unit {}: between tension_min_n = {} and tension_max_n = {} there is no room for an excitation; {} N are the least",
                 unit.number,
@@ -174,16 +183,17 @@ fn opened(rig: &RigFile, seconds: f64) -> Result<RigFile, RunError> {
     Ok(open)
 }
 
-/// Middle and amplitude of a unit's commands, N.
-fn sines(unit: &UnitSettings) -> (f64, f64) {
+/// Middle and amplitude of a unit's commands, N, with a part of the swing that there is room for.
+fn sines(unit: &UnitSettings, swing: f64) -> (f64, f64) {
     let low = unit.tension_min_n + INSIDE_N;
-    let amplitude = (0.5 * (unit.tension_max_n - INSIDE_N - low)).min(MOST_AMPLITUDE_N);
+    let room = (0.5 * (unit.tension_max_n - INSIDE_N - low)).min(MOST_AMPLITUDE_N);
+    let amplitude = (swing * room).max(room.min(LEAST_AMPLITUDE_N));
     (low + amplitude, amplitude)
 }
 
 /// A unit's command at a time, N.
-fn command_n(unit: &UnitSettings, i: usize, t_s: f64) -> f64 {
-    let (middle, amplitude) = sines(unit);
+fn command_n(unit: &UnitSettings, i: usize, t_s: f64, swing: f64) -> f64 {
+    let (middle, amplitude) = sines(unit, swing);
     let sum: f64 = SINES_HZ
         .iter()
         .enumerate()
@@ -204,17 +214,18 @@ fn drive(
     seconds: f64,
     stop: &AtomicBool,
     observer: &mut dyn Observer,
-) -> Result<Vec<(TimedSample, f64)>, RunError> {
+) -> Result<(Vec<(TimedSample, f64)>, f64), RunError> {
     observer.progress(Phase::Tension, 0.0);
     observer.samples(&session.take_heard().samples);
     session.command(&Command::Arm)?;
     let start_ns = session.now_ns();
     let mut kept = Vec::new();
     let mut moving = false;
+    let mut swing = 1.0;
     loop {
         let t_s = (session.now_ns() - start_ns) as f64 * 1e-9 - PRETENSION_S;
         if t_s >= SETTLE_S + seconds {
-            return Ok(kept);
+            return Ok((kept, swing));
         }
         if stop.load(Ordering::Relaxed) {
             return Err(RunError::Interrupted);
@@ -256,7 +267,7 @@ fn drive(
             }
             inv_cos[i] = f64::from(q16) / 65_536.0;
             setpoints[i] = UnitSetpoint {
-                tension_un: (command_n(unit, i, t_s) * 1e6).round() as i32,
+                tension_un: (command_n(unit, i, t_s, swing) * 1e6).round() as i32,
                 inv_cos_q16: q16,
             };
         }
@@ -266,6 +277,10 @@ fn drive(
                 "the force at the tip reached {force:.1} N, {} N are allowed (`force_limit_n` in [controller])",
                 rig.controller.force_limit_n
             )));
+        }
+        // Never up again: a command that follows the force is feedback, which the analysis would take for drive.
+        if force > NEAR_LIMIT * rig.controller.force_limit_n {
+            swing = (swing * EASE).max(LEAST_AMPLITUDE_N / MOST_AMPLITUDE_N);
         }
         session.set_setpoints(Some(setpoints));
         session.advance(PERIOD)?;
@@ -634,8 +649,8 @@ mod tests {
         RigFile::built_in().unwrap()
     }
 
-    /// Records, analyses, corrects.
-    fn identified(effects: Vec<Effect>) -> Findings {
+    /// Records, analyses, corrects; and the part of the swing that was left.
+    fn identified(effects: Vec<Effect>) -> (Findings, f64) {
         let plant = PlantConfig {
             effects,
             ..PlantConfig::default()
@@ -648,12 +663,12 @@ mod tests {
         let out = std::env::temp_dir().join(format!("identify-{}-{id:?}", std::process::id()));
         let findings = find(&recording, &rig(), "rig", DEFAULT_TEXT, &out, &mut ()).unwrap();
         std::fs::remove_dir_all(out).unwrap();
-        findings
+        (findings, recording.swing)
     }
 
     #[test]
     fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
-        let findings = identified(vec![
+        let (findings, swing) = identified(vec![
             Effect::Coulomb(Coulomb {
                 units: vec![0],
                 constant_n: 0.6,
@@ -671,6 +686,7 @@ mod tests {
                 relative_error: -0.25,
             }),
         ]);
+        assert_eq!(swing, 1.0, "no more force than was to be expected");
         let (old, new) = (rig().units, findings.rig.units);
         let friction = |u: &UnitSettings| u.coulomb_n + 4.5 * u.coulomb_per_n;
         // Units differ by some 0.1 N by themselves.
@@ -699,6 +715,22 @@ mod tests {
         let parsed = RigFile::parse("rig", &findings.rewritten.text).unwrap();
         assert_eq!(parsed, findings.rig);
         refuses_what_is_not_clear(&findings.units[0].report);
+    }
+
+    #[test]
+    fn a_rig_with_much_friction_is_driven_less_and_still_found_out() {
+        let (findings, swing) = identified(vec![Effect::Coulomb(Coulomb {
+            units: vec![],
+            constant_n: 0.0,
+            per_load: 0.2,
+        })]);
+        assert!(swing < 1.0, "{swing}");
+        for (old, new) in rig().units.iter().zip(&findings.rig.units) {
+            let friction = |u: &UnitSettings| u.coulomb_n + 4.0 * u.coulomb_per_n;
+            let more = friction(new) + crate::findings::UNDER_N - friction(old);
+            // Units differ by some 0.1 N by themselves.
+            assert!((more - 0.8).abs() < 0.3, "{more} {:?}", findings.units);
+        }
     }
 
     /// From a report that a board may use: the same with other verdicts.
@@ -774,7 +806,8 @@ mod tests {
     fn commands_stay_inside_the_tensions_of_the_rig_file() {
         for (i, unit) in rig().units.iter().enumerate() {
             for n in 0..20_000 {
-                let command = command_n(unit, i, f64::from(n) * 0.003);
+                let swing = 1.0 - f64::from(n) / 20_000.0;
+                let command = command_n(unit, i, f64::from(n) * 0.003, swing);
                 assert!(command >= unit.tension_min_n + INSIDE_N - 1e-9);
                 assert!(command <= unit.tension_max_n - INSIDE_N + 1e-9);
             }

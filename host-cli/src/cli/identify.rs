@@ -27,6 +27,8 @@ impl From<FindError> for Failure {
 /// Everything that comes of the command.
 struct Story {
     findings: Findings,
+    /// Part of the excitation's amplitude that was left at the end.
+    swing: f64,
     before: Outcome,
     after: Option<Outcome>,
     figures: (Figures, Option<Figures>),
@@ -115,6 +117,7 @@ pub fn identify(
 
     let mut story = Story {
         findings,
+        swing: recording.swing,
         before,
         after: None,
         figures: (figures_before, None),
@@ -216,6 +219,7 @@ fn record(story: &Story, rig_name: &str) -> serde_json::Value {
         "firmware": story.before.firmware,
         "rig_file": rig_name,
         "units": units,
+        "excitation_swing": story.swing,
         "changed": story.findings.rewritten.changed,
         "before": story.figures.0,
         "after": story.figures.1,
@@ -264,6 +268,12 @@ fn markdown(story: &Story, rig_name: &str) -> String {
             .collect::<Vec<_>>()
             .join(", ")
     ));
+    if story.swing < 1.0 {
+        line(format!(
+            "\nThe force at the tip came near `force_limit_n`, so the commands swung less from then on: {:.0} % at the end.",
+            100.0 * story.swing
+        ));
+    }
     line("\n## Changed in the rig file\n".to_owned());
     let changed = &story.findings.rewritten.changed;
     for change in changed {
