@@ -747,7 +747,9 @@ impl Report {
                 self.summary()
             )),
         ];
-        let folds = if self.folds.iter().map(|f| f.len() + 2).sum::<usize>() < 160 {
+        let folds = if self.folds == self.files {
+            "each file".into()
+        } else if self.folds.iter().map(|f| f.len() + 2).sum::<usize>() < 160 {
             self.folds.join(", ")
         } else {
             format!("{} groups in {} folds", self.groups, self.folds.len())
@@ -825,11 +827,15 @@ impl Report {
             let terms: Vec<String> = e.terms.iter().map(|t| readable(t)).collect();
             out.push(Part::Text(format!("Terms: `{}`", terms.join("`, `"))));
             if let Some(r) = &e.rival {
+                let than = if r.behind < 0.0 {
+                    format!("{} less: too little to take its place", percent(-r.behind))
+                } else {
+                    format!("{} more", percent(r.behind))
+                };
                 out.push(Part::Text(format!(
-                    "Nearest rival: {} in its place gives {} {u}, {} more.",
+                    "Nearest rival: {} in its place gives {} {u}, {than}.",
                     r.name,
-                    num(r.heldout_rmse),
-                    percent(r.behind)
+                    num(r.heldout_rmse)
                 )));
             }
             if e.plot.x.is_empty() {

@@ -1,6 +1,6 @@
 //! Drift with temperature, of zero or of gain.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
+use super::{ratio, Build, Context, Effect, Piece, Psi, Variant};
 
 pub(crate) struct DriftTemperature;
 
@@ -43,7 +43,7 @@ impl Effect for DriftTemperature {
             let text = format!("(temperature - {mid}) * {}", ctx.load);
             out.push(Variant::linear(
                 "of gain",
-                vec![Piece::new("gain_per_degree", format!("1/({k})"), text)],
+                vec![Piece::new("gain_per_degree", ratio("1", &k), text)],
             ));
         }
         let grid = Context::log_grid(20.0 * ctx.dt, ctx.span, 8);

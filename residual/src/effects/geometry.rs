@@ -1,6 +1,6 @@
 //! An error that depends on the pose.
 
-use super::{Context, Effect, Piece, Variant};
+use super::{ratio, Context, Effect, Piece, Variant};
 
 pub(crate) struct Geometry;
 
@@ -42,7 +42,7 @@ impl Effect for Geometry {
             let line = Piece::new(format!("per_{n}"), a, (*n).clone());
             let load = Piece::new(
                 format!("per_{n}_and_load"),
-                format!("1/({u})"),
+                ratio("1", u),
                 format!("{n} * {l}"),
             );
             out.push(Variant::linear(&format!("line in {n}"), vec![line.clone()]));
@@ -59,7 +59,7 @@ impl Effect for Geometry {
             ));
             let square = Piece::new(
                 format!("per_{n}_squared_and_load"),
-                format!("1/({u}^2)"),
+                ratio("1", &format!("{u}^2")),
                 format!("{n}^2 * {l}"),
             );
             out.push(Variant::linear(
@@ -78,7 +78,7 @@ impl Effect for Geometry {
                 .map(|(n, u)| {
                     Piece::new(
                         format!("per_{n}_and_load"),
-                        format!("1/({u})"),
+                        ratio("1", u),
                         format!("{n} * {l}"),
                     )
                 })
