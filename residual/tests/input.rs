@@ -256,6 +256,24 @@ fn the_extended_model_reproduces_the_fit_and_the_frozen_one_transfers() {
 }
 
 #[test]
+fn the_model_of_the_readme_works_as_it_stands() {
+    let readme = include_str!("../../README.md");
+    let (_, block) = readme
+        .split_once("<!-- model:begin -->\n```toml\n")
+        .unwrap();
+    let (model, _) = block.split_once("```\n<!-- model:end -->").unwrap();
+    let dir = Folder::new("readme");
+    for run in 0..3 {
+        let text = csv(&rows(run, 1500));
+        dir.put(
+            &format!("run{run}.csv"),
+            &text.replacen("t,y,c,v", "time_s,force_n,command_n,speed_rad_s", 1),
+        );
+    }
+    assert_coulomb(&analyse(std::slice::from_ref(&dir.0), model).unwrap());
+}
+
+#[test]
 fn units_convert_and_blocks_of_one_file_hold_out() {
     let dir = Folder::new("units");
     let data: Vec<[f64; 4]> = rows(0, 4000)
