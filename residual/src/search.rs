@@ -427,6 +427,12 @@ impl State<'_> {
                     .iter()
                     .min_by(|a, b| a.1.train_total().total_cmp(&b.1.train_total()))?
                     .0;
+                if variant
+                    .adds_to_friction
+                    .is_some_and(|own| !self.adds_to_friction(&(variant.build)(psi), own))
+                {
+                    return None;
+                }
                 let gain = gain_of(held[0], base[0]);
                 let decoys: Vec<f64> = held
                     .iter()
@@ -567,6 +573,49 @@ impl State<'_> {
             return 0.0;
         }
         crate::linalg::dot(&part, &self.fit.residual) / crate::linalg::dot(&part, &added)
+    }
+
+    /// Whether piece `own` makes dry friction larger, as far as there is any in the other terms.
+    fn adds_to_friction(&self, build: &Build, own: usize) -> bool {
+        let (Build::Add(pieces), Some(v)) = (build, velocity_of(self.spec)) else {
+            return true;
+        };
+        let Ok((s, _)) = self.sums(build, false) else {
+            return false;
+        };
+        let (x, _) = s.fit(None);
+        let (refit, new) = x.split_at(self.fit.x.len());
+        let value = |e: &Expr| self.problem.eval(&self.fit.view, e).ok();
+        // Declared and found terms with what the fit adds to their coefficients, then the form's own.
+        let mut refit = self.fit.theta.iter().zip(refit).map(|(t, x)| t + x);
+        let mut friction = vec![0.0; self.problem.y.len()];
+        let mut add = |e: &Expr, k: f64| {
+            for (f, v) in friction
+                .iter_mut()
+                .zip(value(e).iter().flat_map(|v| v.iter()))
+            {
+                *f += k * v;
+            }
+        };
+        for t in self.model.terms.iter().filter(|t| !t.local) {
+            let k = t.fixed.or_else(|| refit.next()).unwrap_or(0.0);
+            if dry_friction(&t.expr, &v) {
+                add(&t.expr, k);
+            }
+        }
+        let parsed: Vec<Expr> = pieces
+            .iter()
+            .filter_map(|p| Expr::parse(&p.text).ok())
+            .collect();
+        for (i, (e, k)) in parsed.iter().zip(new).enumerate() {
+            if i != own && dry_friction(e, &v) {
+                add(e, *k);
+            }
+        }
+        let Some(extra) = parsed.get(own).and_then(value) else {
+            return false;
+        };
+        new[own] * crate::linalg::dot(&friction, &extra) >= 0.0
     }
 
     /// Whether a form is built from the command.
@@ -713,6 +762,24 @@ fn steady_where_it_acts(before: &[f64], after: &[f64]) -> bool {
     fell >= 3 && 8 * rose <= fell
 }
 
+/// Whether a term has the direction of a motion with velocity `v`, and so is dry friction.
+fn dry_friction(term: &Expr, v: &str) -> bool {
+    let text = term.to_string();
+    ["sgn", "sign", "held", "tanh"]
+        .iter()
+        .any(|f| text.contains(&format!("{f}({v}")))
+}
+
+/// The velocity as the model file gives it.
+fn velocity_of(spec: &Spec) -> Option<String> {
+    let roles = &spec.roles;
+    if roles.velocity.is_some() {
+        Some("velocity".to_string())
+    } else {
+        roles.angle.as_ref().map(|_| "deriv(angle, 2)".to_string())
+    }
+}
+
 /// The context of the current residual.
 pub(crate) fn context<'a>(
     problem: &'a Problem,
@@ -723,11 +790,7 @@ pub(crate) fn context<'a>(
 ) -> Context<'a> {
     let roles = &spec.roles;
     let frame = &problem.frame;
-    let velocity = if roles.velocity.is_some() {
-        Some("velocity".to_string())
-    } else {
-        roles.angle.as_ref().map(|_| "deriv(angle, 2)".to_string())
-    };
+    let velocity = velocity_of(spec);
     let position = if roles.angle.is_some() {
         Some("angle".to_string())
     } else {
@@ -752,18 +815,9 @@ pub(crate) fn context<'a>(
         .collect();
     columns.sort();
     columns.dedup();
-    let friction = velocity.as_ref().is_some_and(|v| {
-        let probe = [
-            format!("sgn({v}"),
-            format!("sign({v}"),
-            format!("held({v}"),
-            format!("tanh({v}"),
-        ];
-        model.terms.iter().any(|t| {
-            let text = t.expr.to_string();
-            probe.iter().any(|p| text.contains(p.as_str()))
-        })
-    });
+    let friction = velocity
+        .as_ref()
+        .is_some_and(|v| model.terms.iter().any(|t| dry_friction(&t.expr, v)));
     Context {
         problem,
         spec,

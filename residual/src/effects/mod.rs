@@ -177,6 +177,8 @@ pub(crate) struct Variant {
     pub build: Box<dyn Fn(f64) -> Build + Send + Sync>,
     /// Turns coefficients into physical parameters; by default they are listed as they are.
     pub derive: Option<Derive>,
+    /// A piece that makes dry friction larger by definition: with the other sign it is no such effect.
+    pub adds_to_friction: Option<usize>,
 }
 
 impl Variant {
@@ -187,6 +189,7 @@ impl Variant {
             psi: None,
             build: Box::new(move |_| Build::Add(pieces.clone())),
             derive: None,
+            adds_to_friction: None,
         }
     }
 
@@ -201,11 +204,17 @@ impl Variant {
             psi: Some(psi),
             build: Box::new(build),
             derive: None,
+            adds_to_friction: None,
         }
     }
 
     pub fn with(mut self, derive: Derive) -> Variant {
         self.derive = Some(derive);
+        self
+    }
+
+    pub fn adding_to_friction(mut self, piece: usize) -> Variant {
+        self.adds_to_friction = Some(piece);
         self
     }
 

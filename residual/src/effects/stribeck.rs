@@ -46,12 +46,26 @@ impl Effect for Stribeck {
                     ),
                 ])
             },
-        )]
+        )
+        .adding_to_friction(1)]
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use crate::effects::testbench::{simulate, Excitation};
+
+    /// A wide hump of the other sign bends like viscous friction, and takes Coulomb friction along.
+    #[test]
+    fn friction_that_grows_with_speed_is_not_stribeck() {
+        let report = simulate(&Excitation::default(), 1.0, &mut |s| {
+            -s.velocity.signum() * (0.6 - 0.4 * (-(s.velocity / 0.5).powi(2)).exp())
+        });
+        let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+        assert!(!names.contains(&"stribeck"), "{}", report.markdown());
+        assert!(names.contains(&"coulomb"), "{}", report.markdown());
+    }
+
     #[test]
     fn is_named() {
         crate::effects::testbench::names("stribeck", |s| {
