@@ -159,7 +159,7 @@ pub struct Plot {
     pub before: Vec<f64>,
     /// Residual of the final model.
     pub after: Vec<f64>,
-    /// Means over at most 30 bins of about equal count.
+    /// Means over about 30 bins of about equal count, or of one value each.
     pub means: Vec<[f64; 3]>,
     /// RMS of all rows, before and after.
     pub rms: [f64; 2],
@@ -176,13 +176,21 @@ impl Plot {
         let pick = |v: &[f64]| v.iter().step_by(stride).copied().collect::<Vec<f64>>();
         let mut order: Vec<usize> = (0..x.len()).collect();
         order.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
-        // Equal values stay in one bin.
+        // Equal values stay in one bin; many of them are a bin of their own.
         let mut means = Vec::new();
         let mut rest = order.as_slice();
         while !rest.is_empty() {
             let least = x.len().div_ceil(30).min(rest.len());
             let last = x[rest[least - 1]];
-            let count = least + rest[least..].iter().take_while(|i| x[**i] == last).count();
+            let (from, to) = (
+                rest.partition_point(|i| x[*i] < last),
+                rest.partition_point(|i| x[*i] <= last),
+            );
+            let count = if to >= from + least && 8 * from >= least {
+                from
+            } else {
+                to.max(least)
+            };
             let (rows, tail) = rest.split_at(count);
             let mean = |v: &[f64]| rows.iter().map(|i| v[*i]).sum::<f64>() / rows.len() as f64;
             means.push([mean(x), mean(before), mean(after)]);
@@ -1098,7 +1106,7 @@ fn inline(text: &str) -> String {
         out
     };
     pairs(&pairs(&escape(text), "**", "strong"), "`", "code")
-        .replace(" -&gt; ", "&nbsp;&rarr; ")
+        .replace(" -&gt; ", "&nbsp;&rarr;&nbsp;")
         .replace('\n', "<br>")
 }
 
@@ -1173,10 +1181,24 @@ mod tests {
     }
 
     #[test]
+    fn rows_at_one_value_do_not_swallow_the_others() {
+        let x: Vec<f64> = (0..3000)
+            .map(|i| if i % 50 == 0 { -1.0 } else { 0.0 })
+            .chain((0..3000).map(f64::from))
+            .collect();
+        let y: Vec<f64> = x.iter().map(|x| 2.0 * x).collect();
+        let means = Plot::new("x", &x, &y, &y).means;
+        assert!(means.iter().any(|m| *m == [-1.0, -2.0, -2.0]), "{means:?}");
+        assert!(means.len() > 10 && means.len() < 34, "{means:?}");
+        let nan = [f64::NAN; 40];
+        assert!(!Plot::new("x", &nan, &nan, &nan).means.is_empty());
+    }
+
+    #[test]
     fn text_becomes_html_without_losing_a_mark() {
         assert_eq!(
             inline("**a** `b < c` d ` e\n1 -> 2"),
-            "<strong>a</strong> <code>b &lt; c</code> d ` e<br>1&nbsp;&rarr; 2"
+            "<strong>a</strong> <code>b &lt; c</code> d ` e<br>1&nbsp;&rarr;&nbsp;2"
         );
     }
 }

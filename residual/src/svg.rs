@@ -26,7 +26,7 @@ pub(crate) const MEANS: &str = "#c03020";
 
 /// What the marks are, for the legend.
 pub(crate) const POINTS_ARE: &str = "rows, thinned";
-pub(crate) const MEANS_ARE: &str = "mean of all rows in at most 30 bins";
+pub(crate) const MEANS_ARE: &str = "mean of all rows, by bins";
 
 /// Round step of about three to six ticks over a range, and the decimals that it needs.
 fn tick_step(lo: f64, hi: f64) -> (f64, i32) {
