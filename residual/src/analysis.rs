@@ -9,6 +9,7 @@ use crate::problem::{correlation_rows, Column, Problem, Sums};
 use crate::progress::Progress;
 use crate::report::{
     Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested, Verdict,
+    WITHOUT,
 };
 use crate::search::{
     self, choose, context, indistinguishable, passes, rank, Candidate, State, Step,
@@ -836,6 +837,10 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
         let effect = CATALOGUE[c.effect];
         let ctx = context(&a.problem, spec, &a.load, &declared, &base);
         let against = effect.against(&ctx);
+        // The others are in place on both sides, so that nothing else is in the picture.
+        let mut rest = chosen.clone();
+        rest.remove(*i);
+        let (_, without) = a.fit(&rest)?;
         let (rival, ties) = rivals.get(*i).cloned().unwrap_or((None, vec![]));
         if !ties.is_empty() {
             ambiguous.push(Ambiguity {
@@ -871,7 +876,8 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
             heldout_before: before,
             heldout_after: after,
             rival,
-            plot: plot(&a, &against, &base.residual, &fit.residual),
+            plot: plot(&a, &against, &without.residual, &fit.residual)
+                .named("residual", WITHOUT, "with it"),
         });
         before = after;
     }

@@ -155,7 +155,7 @@ pub struct Plot {
     pub names: [String; 2],
     /// x values.
     pub x: Vec<f64>,
-    /// Residual of the declared model.
+    /// Residual of the model to compare with: the declared one, or the final one without an effect.
     pub before: Vec<f64>,
     /// Residual of the final model.
     pub after: Vec<f64>,
@@ -222,6 +222,9 @@ impl Plot {
         svg::residuals(self, unit)
     }
 }
+
+/// Name of the panel of a model that lacks one effect of the final one.
+pub(crate) const WITHOUT: &str = "without it";
 
 /// Files of a report that hold its text.
 const TEXTS: [&str; 3] = ["report.md", "report.html", "report.json"];
@@ -786,7 +789,6 @@ impl Report {
         out.push(Part::Text(
             "Held out: each group predicted from a fit to the others. Intervals are 95 %, by bootstrap over blocks of time.".into(),
         ));
-        let mut drawn: Vec<(String, usize)> = Vec::new();
         for (i, e) in self.effects.iter().enumerate() {
             let kind = if self.verdict == Verdict::Unknown {
                 "Stand-in"
@@ -846,21 +848,11 @@ impl Report {
                     num(r.heldout_rmse)
                 )));
             }
-            if e.plot.x.is_empty() {
-                continue;
-            }
-            // The residuals are those of the whole model: against the same variable they are the same picture.
-            match drawn.iter().find(|(against, _)| *against == e.plot.against) {
-                Some((_, first)) => out.push(Part::Text(format!(
-                    "The picture is that of number {first}."
-                ))),
-                None => {
-                    drawn.push((e.plot.against.clone(), i + 1));
-                    out.push(Part::Picture(
-                        format!("effect-{}-{}.svg", i + 1, e.name),
-                        self.plot(&e.plot),
-                    ));
-                }
+            if !e.plot.x.is_empty() {
+                out.push(Part::Picture(
+                    format!("effect-{}-{}.svg", i + 1, e.name),
+                    self.plot(&e.plot),
+                ));
             }
         }
         for a in &self.not_identifiable {
@@ -891,12 +883,7 @@ impl Report {
                     .collect(),
             ));
             if let Some(p) = self.plot_unknown.as_ref().filter(|p| !p.x.is_empty()) {
-                match drawn.iter().find(|(against, _)| *against == p.against) {
-                    Some((_, first)) => out.push(Part::Text(format!(
-                        "The picture is that of number {first}, after."
-                    ))),
-                    None => out.push(Part::Picture("structure.svg".into(), self.plot(p))),
-                }
+                out.push(Part::Picture("structure.svg".into(), self.plot(p)));
             }
         }
         out.push(Part::Heading("Seen, not material".into()));
@@ -1077,8 +1064,15 @@ fn product(e: &str) -> Option<(&str, &str)> {
 /// What a picture shows.
 fn caption(p: &Plot) -> String {
     format!(
-        "Residual of the fit to all rows (in-sample) against {}, {} and {}.",
-        p.against, p.names[0], p.names[1]
+        "Residual of the fit to all rows (in-sample) against {}, {} and {}{}.",
+        p.against,
+        p.names[0],
+        p.names[1],
+        if p.names[0] == WITHOUT {
+            ", the other effects in place"
+        } else {
+            ""
+        }
     )
 }
 

@@ -575,7 +575,7 @@ impl State<'_> {
         crate::linalg::dot(&part, &self.fit.residual) / crate::linalg::dot(&part, &added)
     }
 
-    /// Whether piece `own` makes dry friction larger, as far as there is any in the other terms.
+    /// Whether dry friction is larger with piece `own` than without, where that piece acts.
     fn adds_to_friction(&self, build: &Build, own: usize) -> bool {
         let (Build::Add(pieces), Some(v)) = (build, velocity_of(self.spec)) else {
             return true;
@@ -615,7 +615,10 @@ impl State<'_> {
         let Some(extra) = parsed.get(own).and_then(value) else {
             return false;
         };
-        new[own] * crate::linalg::dot(&friction, &extra) >= 0.0
+        let dot = crate::linalg::dot;
+        // Squares with it and without: friction that is all in this piece has no sign to go against.
+        let k = new[own];
+        2.0 * k * dot(&friction, &extra) + k * k * dot(&extra, &extra) >= 0.0
     }
 
     /// Whether a form is built from the command.
