@@ -454,6 +454,8 @@ impl Analysis<'_> {
             return Ok(false);
         }
         let current = squares(&self.fit(chosen)?.1);
+        // A hundredth of what two large effects explain may be a third effect that was found beside them.
+        let most = current * (1.0 + self.spec.selection.material).powi(2);
         for j in 1..chosen.len() {
             for i in 0..j {
                 let name = |k: usize| CATALOGUE[chosen[k].effect].name();
@@ -477,7 +479,8 @@ impl Analysis<'_> {
                     let mut one = rest.clone();
                     one.push(choose(c));
                     self.polish(&mut one)?;
-                    if squares(&self.fit(&one)?.1) - current < 0.01 * pair {
+                    let left = squares(&self.fit(&one)?.1);
+                    if left - current < 0.01 * pair && left < most {
                         *chosen = one;
                         return Ok(true);
                     }
