@@ -328,7 +328,7 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
         ("first", good.replacen("\n0,", "\noops,", 1), MODEL.into(), 3, ":2: column `t`"),
         ("separator", good.replace(',', ";"), MODEL.into(), 3, "input.separator = \";\""),
         ("cells", good.replacen("\n0.02,", "\n0.02,1,", 1), MODEL.into(), 3, "line 3: 5 cells"),
-        ("binary", "\0\u{fffd}t,y".repeat(400), MODEL.into(), 3, "a.csv"),
+        ("binary", "\0\u{fffd}t,y".repeat(400), MODEL.into(), 3, "a.csv: line 1: this is not text"),
         ("keep", good.clone(), format!("{MODEL}\n[rows]\nkeep = \"abs(velocity > 5\"\n"), 2, "abs(velocity > 5"),
         ("empty", String::new(), MODEL.into(), 3, "empty"),
         (

@@ -228,7 +228,8 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
         files = fit;
     }
     let roles = spec.roles.all();
-    let raws: Vec<Raw> = files
+    // All results first: of several bad files it is always the first that is told.
+    let results: Vec<Result<Raw, Error>> = files
         .par_iter()
         .map(|path| {
             let mut raw = read(path, spec)?;
@@ -260,7 +261,8 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
             }
             Ok(raw)
         })
-        .collect::<Result<_, _>>()?;
+        .collect();
+    let raws = results.into_iter().collect::<Result<Vec<Raw>, Error>>()?;
 
     let names = wanted(spec, &raws)?;
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];

@@ -73,14 +73,20 @@ impl<R: Read> Read for Blanks<R> {
     }
 }
 
+fn no_text(path: &Path, line: u64) -> Error {
+    Error::io(
+        path,
+        format!(
+            "line {line}: this is not text (UTF-8); convert the file, or take it out of --data"
+        ),
+    )
+}
+
 /// What the CSV reader stumbled over, and what to do.
 fn broken(path: &Path, e: &csv::Error) -> Error {
     let line = e.position().map_or(1, csv::Position::line);
     match e.kind() {
-        csv::ErrorKind::Utf8 { .. } => Error::io(
-            path,
-            format!("line {line}: this is not text (UTF-8); convert the file, or take it out of --data"),
-        ),
+        csv::ErrorKind::Utf8 { .. } => no_text(path, line),
         csv::ErrorKind::Io(why) => Error::io(
             path,
             format!("cannot be read to its end: {why}; if it is compressed it is cut off or damaged, so copy it again"),
@@ -132,6 +138,9 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
     } else {
         input.header.clone()
     };
+    if names.iter().any(|n| n.contains(char::is_control)) {
+        return Err(no_text(path, 1));
+    }
     if names.is_empty() || names.iter().all(String::is_empty) {
         return Err(Error::io(path, "the file is empty"));
     }
