@@ -354,8 +354,8 @@ impl Analysis<'_> {
         }
         let (model, fit) = self.fit(&[])?;
         let ctx = context(&self.problem, self.spec, &self.load, &model, &fit);
-        let moving = CATALOGUE[chosen[load].effect].variants(&ctx).into_iter();
-        let Some(moving) = moving.take(1).map(Arc::new).next() else {
+        let forms = CATALOGUE[chosen[load].effect].variants(&ctx);
+        let Some(moving) = forms.into_iter().next().map(Arc::new) else {
             return Ok(());
         };
         let error = |c: &[Chosen]| Ok::<f64, Error>(stats::rms(&self.fit(c)?.1.held));

@@ -255,7 +255,7 @@ mod tests {
         let after: Vec<f64> = before.iter().map(|b| 0.05 * (b + 2.0)).collect();
         let plot = Plot::new("speed <b>, deg/s", &x, &before, &after);
         let s = residuals(&plot, "N");
-        assert!(s.len() < 70_000, "{}", s.len());
+        assert!(s.len() < 60_000, "{}", s.len());
         let each = separate(&plot, "N");
         assert_eq!(each.len(), 3);
         for part in ["residual, N", "speed &lt;b&gt;, deg/s"] {

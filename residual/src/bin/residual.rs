@@ -3,6 +3,7 @@
 use residual::{clear, run, spec::Spec, Console, Error, Options};
 use std::path::PathBuf;
 use std::process::ExitCode;
+
 /// Columns come and go by the thousand; the system's allocator gives their memory back each time.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;

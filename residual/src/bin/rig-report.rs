@@ -12,6 +12,7 @@ use residual::{analyse, baseline, num, Baseline, Console, Error, Figures, Plot, 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
+
 /// Columns come and go by the thousand; the system's allocator gives their memory back each time.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;

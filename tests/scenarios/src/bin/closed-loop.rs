@@ -564,6 +564,36 @@ impl Kinds {
     }
 }
 
+/// Why a kind comes out as it does, told only where it did.
+const NOTES: [(Kind, Cost, &str); 5] = [
+    (
+        Kind::Backlash,
+        Cost::None,
+        "*Backlash* is not felt: a cable under tension keeps its gear on one flank, so the play is never crossed.",
+    ),
+    (
+        Kind::Creep,
+        Cost::Left,
+        "*Creep* is an error of the measurement. The loop holds what the cells say; the remedy is a calibration, not a setting.",
+    ),
+    (
+        Kind::CellCurve,
+        Cost::Left,
+        "A *curve of the cells* is an error of the measurement as well: calibrate with several weights.",
+    ),
+    (
+        Kind::Viscous,
+        Cost::None,
+        "*Viscous friction* damps reel and cable: where it costs the loop nothing there is nothing to win.",
+    ),
+    (
+        Kind::LoadFriction,
+        Cost::WonBack,
+        "*Friction in proportion to the pull* is drawn as that of one more guide, a quarter turn at a friction coefficient of 0.10 \
+         to 0.14. `--size 0.5` halves all sizes ([what that cost](identify.md#on-rigs-with-an-effect-that-nobody-declared)).",
+    ),
+];
+
 fn page(options: &Options, rows: &str, kinds: &Kinds) -> String {
     let (first, last) = options.seeds;
     let Kinds {
@@ -572,10 +602,24 @@ fn page(options: &Options, rows: &str, kinds: &Kinds) -> String {
         left,
         harmless,
     } = kinds;
+    let notes: String = NOTES
+        .iter()
+        .filter(|(kind, of, _)| match of {
+            Cost::None => harmless.contains(kind),
+            Cost::WonBack => back.contains(kind),
+            Cost::Left => left.contains(kind),
+        })
+        .map(|(_, _, note)| format!("* {note}\n"))
+        .collect();
+    let size = if options.size < 1.0 {
+        format!(" --size {}", options.size)
+    } else {
+        String::new()
+    };
     format!(
         "# Closed loop: an effect that the rig file doesn't declare
 
-Printed by `cargo xtask closed-loop --seeds {first}..{last} --markdown docs/residual/closed-loop.md`.
+Printed by `cargo xtask closed-loop --seeds {first}..{last}{size} --markdown docs/residual/closed-loop.md`.
 
 Each seed is another rig (scatter of units, survey, noise, the robot's path) with one effect in all its units that the rig
 file does not have. `forcectl identify` runs as a process of its own on the real firmware: it holds 2.5 N along y at the
@@ -598,14 +642,7 @@ helps by itself, as the row with nothing undeclared shows.
 Kinds that had cost the worst cable a tenth or more against *without it*, of whose cost at least half was won back: {}
 ({back:?}). Kinds whose cost is still there: {left:?}. Kinds that cost less than a tenth, or nothing: {harmless:?}.
 
-* *Backlash* is neither seen nor felt: a cable under tension keeps its gear on one flank, so the play is never crossed.
-  What is named there is the units' own scatter.
-* *Creep* and *curve of the cells* are errors of the measurement. The loop holds what the cells say; the report names
-  them, and the remedy is a calibration, not a setting.
-* *Viscous friction* damps reel and cable, and does the loop good; making up for it takes that away.
-* Friction in proportion to the pull is drawn as that of one more guide, a quarter turn at a friction coefficient of 0.10 to
-  0.14. `--size 0.5` halves all sizes ([what that cost](identify.md#on-rigs-with-an-effect-that-nobody-declared)).
-",
+{notes}",
         better.len(),
         back.len(),
         hold = options.hold,
