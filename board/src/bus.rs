@@ -37,10 +37,10 @@
 //! between DRDY edges shows it; it is counted in [`Event::Sample::missed`] of the next sample.
 
 use crate::clocks::I2C_DEADLINE_US;
-use force_drivers::nau7802::{self, Action, AdcCode, Bringup, SequenceError};
-use force_drivers::tca9548::recovery::{BusClear, BusClearStep};
-use force_drivers::tca9548::{Address, ChannelMask, MuxState, Selector};
-use force_wire::UNITS;
+use drivers::nau7802::{self, Action, AdcCode, Bringup, SequenceError};
+use drivers::tca9548::recovery::{BusClear, BusClearStep};
+use drivers::tca9548::{Address, ChannelMask, MuxState, Selector};
+use wire::UNITS;
 
 /// A step of a bring-up starts only if no sample is due within this time, in microseconds: select and the
 /// longest step, 50 + 100 us, and 50 us to select back.
@@ -54,7 +54,7 @@ pub const STUCK_PAUSE_US: u32 = 20_000;
 /// Refusals of the multiplexer in a row after which it is reset, and reported.
 pub const MUX_REFUSALS: u8 = 3;
 
-const PERIOD_US: u32 = force_control::NOMINAL_PERIOD_US;
+const PERIOD_US: u32 = control::NOMINAL_PERIOD_US;
 
 /// One transaction: a write, a read, or a read after a write, with STOP at the end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

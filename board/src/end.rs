@@ -7,9 +7,9 @@
 
 use board::hw::pac::SCB;
 use board::hw::{gpio, kept};
+use control::Fault;
 use core::fmt::Write;
 use core::panic::PanicInfo;
-use force_control::Fault;
 use heapless::String;
 
 #[panic_handler]

@@ -13,11 +13,11 @@ use board::hw::{dac, gpio, pac, sensors, startup, time, usart, usb};
 use board::machine::{Effects, Health, LoopFigures, Machine, LINKS};
 use board::pins;
 use board::telemetry::Outstanding;
+use control::{DacCode, Fault, LoadCode, SystemState};
 use defmt_rtt as _;
-use force_control::{DacCode, Fault, LoadCode, SystemState};
-use force_wire::message::{BoardInfo, FaultReport};
-use force_wire::{BoardMessage, ABI_VERSION, SCHEMA_HASH, UNITS};
 use heapless::{Deque, String};
+use wire::message::{BoardInfo, FaultReport};
+use wire::{BoardMessage, ABI_VERSION, SCHEMA_HASH, UNITS};
 
 defmt::timestamp!("{=u32:us}", time::now());
 
@@ -344,12 +344,7 @@ impl Board {
 }
 
 /// Offers a sample to both links.
-fn stream(
-    links: &mut [Link; LINKS],
-    machine: &Machine,
-    at: u32,
-    sample: force_wire::message::Sample,
-) {
+fn stream(links: &mut [Link; LINKS], machine: &Machine, at: u32, sample: wire::message::Sample) {
     for (number, link) in links.iter_mut().enumerate() {
         if let Some(batch) = link.batcher.push(at, sample, machine.stream_every(number)) {
             link.send(BoardMessage::Samples(batch));

@@ -3,8 +3,8 @@
 use board::hw::usart::Producer;
 use board::machine::LinkCounters;
 use board::telemetry::Batcher;
-use force_wire::message::{Answer, Reply};
-use force_wire::{encode, BoardFrame, BoardMessage, Decoder, FrameError, HostFrame, MAX_FRAME};
+use wire::message::{Answer, Reply};
+use wire::{encode, BoardFrame, BoardMessage, Decoder, FrameError, HostFrame, MAX_FRAME};
 
 /// Number of the USB link.
 pub const USB: usize = 0;

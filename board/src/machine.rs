@@ -6,22 +6,22 @@
 //! listening; its commands are refused. So no two programs can pull at the motors in turn.
 
 use crate::bus;
-use force_control::faults::Latch;
-use force_control::motor;
-use force_control::supervisor::{EncoderWatch, Expiry, Rate, RateLimits, Verdict};
-use force_control::system::{self, Denied, Request};
-use force_control::unit::{self, Controller, Drive, Setpoint};
-use force_control::zero::{Averager, Progress};
-use force_control::{
+use control::faults::Latch;
+use control::motor;
+use control::supervisor::{EncoderWatch, Expiry, Rate, RateLimits, Verdict};
+use control::system::{self, Denied, Request};
+use control::unit::{self, Controller, Drive, Setpoint};
+use control::zero::{Averager, Progress};
+use control::{
     Config, Counts, DacCode, Fault, Input, LoadCode, Micros, MotorState, Output, SystemState,
 };
-use force_drivers::nau7802::{Cause, SequenceError, Stage};
-use force_wire::frame::crc32;
-use force_wire::message::{
+use drivers::nau7802::{Cause, SequenceError, Stage};
+use wire::frame::crc32;
+use wire::message::{
     flags, Answer, BoardInfo, FaultReport, Refusal, Sample, Status, UnitConfig, UnitSetpoint,
     UnitStatus,
 };
-use force_wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
+use wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
 
 /// Links that the board has.
 pub const LINKS: usize = 2;

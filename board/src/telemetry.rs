@@ -2,9 +2,9 @@
 //! ask for, and fills frames.
 
 use crate::machine::LINKS;
-use force_wire::message::{Batch, Sample, BATCH};
-use force_wire::UNITS;
 use heapless::Vec;
+use wire::message::{Batch, Sample, BATCH};
+use wire::UNITS;
 
 /// A batch that isn't full is sent when its first sample is this old, in microseconds.
 pub const FLUSH_US: u32 = 5_000;

@@ -3,7 +3,7 @@
 
 use board::bus::{Bus, Event, Sink, Transfer, TransferError, Work, STUCK_AFTER};
 use board::clocks::{I2C_DEADLINE_US, RECOVERY_STEP_US};
-use force_drivers::nau7802::AdcCode;
+use drivers::nau7802::AdcCode;
 
 const UNITS: usize = 6;
 

@@ -5,11 +5,11 @@ use board::machine::{
     config_crc, Effects, Health, LinkCounters, LoopFigures, Machine, FIRST_SAMPLE_MS,
 };
 use board::telemetry::{Batcher, Outstanding, FLUSH_US};
-use force_control::{Config, DacCode, Fault, LoadCode, MotorState, SystemState};
-use force_wire::message::{
+use control::{Config, DacCode, Fault, LoadCode, MotorState, SystemState};
+use wire::message::{
     flags, Answer, BoardInfo, FaultReport, KeptReason, Refusal, Sample, Status, UnitSetpoint, BATCH,
 };
-use force_wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
+use wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
 
 #[derive(Default)]
 struct Board {

@@ -1,6 +1,6 @@
 //! Tension error of six controllers on the plant while the robot's tip wanders; for tuning.
 //!
-//! `cargo run --release -p force-control --example tension_loop -- ff=0 ki=30 ea=3000`
+//! `cargo run --release -p control --example tension_loop -- ff=0 ki=30 ea=3000`
 //!
 //! Prints RMS over all cables, the worst cable's RMS and the largest error, in N. Keys: `kp`, `ki`, `kd`,
 //! `damping` (N, s, m), `ff` (0 or 1), `reversal` (um), `corner` (Hz) or `average` (samples), `slew` (N/s);
@@ -11,17 +11,15 @@
 #[path = "../tests/common/rig.rs"]
 mod rig;
 
-use force_control::Config;
-use force_plant::effects::{
-    AmplifierGain, CommandDelay, Coulomb, Effect, Periodic, Shaft, Viscous,
-};
-use force_wire::message::FilterChoice;
+use control::Config;
+use plant::effects::{AmplifierGain, CommandDelay, Coulomb, Effect, Periodic, Shaft, Viscous};
 use std::process::ExitCode;
+use wire::message::FilterChoice;
 
 fn main() -> ExitCode {
     let args: Vec<String> = std::env::args().skip(1).collect();
     let mut wire = Config::nominal();
-    let mut plant = force_plant::PlantConfig::default();
+    let mut plant = plant::PlantConfig::default();
     let (mut seconds, mut seeds) = (20.0, 1);
     for arg in &args {
         let Some((key, Ok(value))) = arg.split_once('=').map(|(k, v)| (k, v.parse::<f64>())) else {

@@ -8,7 +8,7 @@ use crate::filter::FilterConfig;
 use crate::limits::Rate;
 use crate::units::{LoadCode, Newton};
 use crate::NOMINAL_SPS;
-use force_wire::message::{FilterChoice, Ripple, UnitConfig, RIPPLES};
+use wire::message::{FilterChoice, Ripple, UnitConfig, RIPPLES};
 
 /// A number of the configuration, its range, and why the range is what it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -19,7 +19,7 @@
 use crate::limits::symmetric;
 use crate::units::Newton;
 use crate::NOMINAL_SPS;
-use force_wire::message::FilterChoice;
+use wire::message::FilterChoice;
 
 /// Samples that a spike gate holds at most; the sample after them passes whatever it says.
 pub const SPIKE_HOLD: u8 = 3;

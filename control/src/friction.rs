@@ -15,7 +15,7 @@
 
 use crate::limits::symmetric;
 use crate::units::{Counts, Newton};
-use force_wire::message::{UnitConfig, RIPPLES};
+use wire::message::{UnitConfig, RIPPLES};
 
 /// Direction of the reel, -1 (paying out) to +1 (winding in), times 2^30.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]

@@ -20,7 +20,7 @@
 //! half a code, 1.77 mN). `tests/reference.rs` compares every sample with an independent `f64` version of
 //! the whole step, written from these pages, over configurations anywhere in their ranges and runs of up to
 //! 100,000 samples, integrators included; found: 0.26 mN at worst in 32 million samples.
-//! `cargo run --release -p force-control --example fixed_point_error` prints the figure.
+//! `cargo run --release -p control --example fixed_point_error` prints the figure.
 //!
 //! # Cost
 //!
@@ -60,10 +60,10 @@ pub mod zero;
 
 pub use config::Config;
 pub use faults::Fault;
-pub use force_wire::UNITS;
 pub use state::{MotorState, SystemState};
 pub use unit::{Controller, Input, Output, State};
 pub use units::{Counts, DacCode, InvCos, LoadCode, Micros, Newton};
+pub use wire::UNITS;
 
 /// Nominal sample rate of a NAU7802 at CRS = 7, in samples a second (datasheet 11.3). The RC oscillator
 /// makes it 310 to 330.

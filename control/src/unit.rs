@@ -17,7 +17,7 @@ use crate::limits::Ramp;
 use crate::pid::{periods_shift, Measured, Pid, Terms};
 use crate::units::{Counts, DacCode, InvCos, LoadCode, Micros, Newton};
 use crate::NOMINAL_PERIOD_US;
-use force_wire::message::{flags, Sample, UnitSetpoint};
+use wire::message::{flags, Sample, UnitSetpoint};
 
 /// Shortest and longest time between two samples that the integral and the slew limits use, in
 /// microseconds. Anything outside is a restart or an error, not a time to integrate over.
@@ -119,7 +119,7 @@ pub struct Output {
     pub direction: Direction,
     /// How much the reel rests.
     pub stillness: Stillness,
-    /// [`force_wire::message::flags`].
+    /// [`wire::message::flags`].
     pub flags: u8,
     /// What the caller shall latch, with its detail; the DAC code is 0 V already.
     pub fault: Option<(Fault, u32)>,

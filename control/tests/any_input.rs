@@ -5,12 +5,12 @@ mod compare;
 #[path = "common/reference.rs"]
 mod reference;
 
-use force_control::unit::{Drive, Setpoint};
-use force_control::{
+use control::unit::{Drive, Setpoint};
+use control::{
     Config, Controller, Counts, DacCode, Input, InvCos, LoadCode, Micros, Newton, State,
 };
-use force_wire::message::{flags, FilterChoice, Ripple, Sample, UnitConfig, UnitSetpoint};
 use proptest::prelude::*;
+use wire::message::{flags, FilterChoice, Ripple, Sample, UnitConfig, UnitSetpoint};
 
 fn input() -> impl Strategy<Value = Input> {
     (

@@ -1,8 +1,8 @@
 //! Both state machines over every state and every condition, against the policy in words.
 
-use force_control::motor::{self, Action};
-use force_control::system::{self, Denied, Request};
-use force_control::{MotorState, SystemState};
+use control::motor::{self, Action};
+use control::system::{self, Denied, Request};
+use control::{MotorState, SystemState};
 
 fn motor_conditions() -> impl Iterator<Item = motor::Conditions> {
     (0..8).flat_map(|bits| {

@@ -1,18 +1,16 @@
 //! The small parts: conversions, filters, friction, zeroing, supervisors, faults, geometry.
 
-use force_control::config::{field, nominal_dac_counts_per_n_q16, Field, FIELDS};
-use force_control::convert::{
-    dac_code, nominal_codes_per_newton, COUNTS_PER_TURN, GEAR, REEL_RADIUS_M,
-};
-use force_control::faults::{Latch, Scope};
-use force_control::filter::{Filter, FilterConfig, SpikeGate};
-use force_control::friction::{sin_q30, Direction, Model, Pace, Tracker};
-use force_control::supervisor::{CheckIn, EncoderWatch, Expiry, Rate, RateLimits, Verdict};
-use force_control::zero::{Averager, Progress, Refused, SAMPLES};
-use force_control::{geometry, Config, Counts, DacCode, Fault, InvCos, LoadCode, Micros, Newton};
-use force_wire::message::{FilterChoice, Ripple, UnitConfig};
+use control::config::{field, nominal_dac_counts_per_n_q16, Field, FIELDS};
+use control::convert::{dac_code, nominal_codes_per_newton, COUNTS_PER_TURN, GEAR, REEL_RADIUS_M};
+use control::faults::{Latch, Scope};
+use control::filter::{Filter, FilterConfig, SpikeGate};
+use control::friction::{sin_q30, Direction, Model, Pace, Tracker};
+use control::supervisor::{CheckIn, EncoderWatch, Expiry, Rate, RateLimits, Verdict};
+use control::zero::{Averager, Progress, Refused, SAMPLES};
+use control::{geometry, Config, Counts, DacCode, Fault, InvCos, LoadCode, Micros, Newton};
 use nalgebra::Vector3;
 use proptest::prelude::*;
+use wire::message::{FilterChoice, Ripple, UnitConfig};
 
 fn newton(n: f64) -> Newton {
     Newton::from_un((n * 1e6).round() as i32)
@@ -601,8 +599,8 @@ fn geometry_follows_the_thesis() {
 
 #[test]
 fn an_encoder_that_stands_while_the_tension_swings_is_found() {
-    let newton = |n: f64| force_control::Newton::from_un((n * 1e6) as i32);
-    let counts = |n: i64| force_control::Counts(n);
+    let newton = |n: f64| control::Newton::from_un((n * 1e6) as i32);
+    let counts = |n: i64| control::Counts(n);
     // A resting reel: the tip moves, the tension stays within twice the friction.
     let mut watch = EncoderWatch::default();
     for tension in [3.0, 5.4, 0.6, 5.4] {

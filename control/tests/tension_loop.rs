@@ -8,10 +8,10 @@ mod rig;
 #[path = "common/simple.rs"]
 mod simple;
 
-use force_control::unit::Drive;
-use force_control::{Config, DacCode, Fault};
-use force_plant::PlantConfig;
-use force_wire::message::{flags, FilterChoice, UnitConfig};
+use control::unit::Drive;
+use control::{Config, DacCode, Fault};
+use plant::PlantConfig;
+use wire::message::{flags, FilterChoice, UnitConfig};
 
 /// The bound of the project: RMS of the real rig's best run.
 const BOUND_N: f64 = 0.12;

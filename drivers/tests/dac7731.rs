@@ -1,14 +1,14 @@
 //! The DAC7731 driver against expected transactions and a shift-register model; its codes against oracles.
 
+use drivers::dac7731::{
+    Dac7731, DacCode, Error, NoLine, Operation, Range, LDAC_PULSE_NS, RESET_PULSE_NS, SPI_MODE,
+};
 use embedded_hal::digital::{ErrorType as PinErrorType, OutputPin};
 use embedded_hal::spi::{ErrorType, SpiBus, MODE_3};
 use embedded_hal_mock::eh1::delay::{CheckedDelay, NoopDelay, Transaction as Delay};
 use embedded_hal_mock::eh1::digital::{Mock as Pin, State, Transaction as PinTransaction};
 use embedded_hal_mock::eh1::spi::{Mock as Spi, Transaction};
 use embedded_hal_mock::eh1::MockError;
-use force_drivers::dac7731::{
-    Dac7731, DacCode, Error, NoLine, Operation, Range, LDAC_PULSE_NS, RESET_PULSE_NS, SPI_MODE,
-};
 use proptest::prelude::*;
 use std::cell::RefCell;
 use std::rc::Rc;

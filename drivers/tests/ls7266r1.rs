@@ -1,13 +1,13 @@
 //! The LS7266R1 driver against a model of the part, its pin-level bus, and the 64-bit position.
 
-use embedded_hal_mock::eh1::delay::NoopDelay;
-use embedded_hal_mock::eh1::digital::{Mock as Pin, State, Transaction};
-use force_drivers::ls7266r1::proto::{self, BusOp};
-use force_drivers::ls7266r1::{
+use drivers::ls7266r1::proto::{self, BusOp};
+use drivers::ls7266r1::{
     Axis, Cmr, Config, CounterValue, Direction, Error, Flags, GpioBus, GpioBusError, Idr, Ior,
     Ls7266r1, OpenDrainPort, ParallelBus, Port, PositionTracker, QuadratureMode, Rld, Stage,
     Target,
 };
+use embedded_hal_mock::eh1::delay::NoopDelay;
+use embedded_hal_mock::eh1::digital::{Mock as Pin, State, Transaction};
 use proptest::prelude::*;
 
 /// One axis as the datasheet describes it.

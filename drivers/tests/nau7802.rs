@@ -1,15 +1,15 @@
 //! The NAU7802 blocking driver against expected bus transactions, and its codes against oracles.
 
-use embedded_hal::i2c::{ErrorKind, NoAcknowledgeSource};
-use embedded_hal_mock::eh1::delay::NoopDelay;
-use embedded_hal_mock::eh1::digital::{Mock as Pin, State, Transaction as PinTransaction};
-use embedded_hal_mock::eh1::i2c::{Mock as I2c, Transaction};
-use force_drivers::nau7802::fast_read::{self, FastReadError, FastReader};
-use force_drivers::nau7802::{
+use drivers::nau7802::fast_read::{self, FastReadError, FastReader};
+use drivers::nau7802::{
     proto, Adc, AdcCode, CalibrationMode, Cause, Channel, Coefficients, Config, Ctrl1, Ctrl2,
     Error, Gain, GainCoefficient, LdoVoltage, Nau7802, OffsetCoefficient, Operation, PuCtrl, Rate,
     Register, Revision, Stage,
 };
+use embedded_hal::i2c::{ErrorKind, NoAcknowledgeSource};
+use embedded_hal_mock::eh1::delay::NoopDelay;
+use embedded_hal_mock::eh1::digital::{Mock as Pin, State, Transaction as PinTransaction};
+use embedded_hal_mock::eh1::i2c::{Mock as I2c, Transaction};
 use proptest::prelude::*;
 
 const ADDRESS: u8 = 0x2A;

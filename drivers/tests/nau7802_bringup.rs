@@ -4,8 +4,8 @@
 //! can get wrong: RR is a level, PUR needs time, CTRL2 ignores writes during a calibration, CAL_ERR is
 //! sticky, and 0x15 reads back only while 0x1B bit 7 is 0.
 
-use force_drivers::nau7802::bringup::limits;
-use force_drivers::nau7802::{
+use drivers::nau7802::bringup::limits;
+use drivers::nau7802::{
     Action, Bringup, CalibrationMode, Cause, Channel, Config, DrdyPolarity, Event, Gain,
     LdoVoltage, Rate, Register, SequenceError, Stage,
 };

@@ -1,16 +1,16 @@
 //! The TCA9548A driver against expected transactions, its bookkeeping, and the recovery of a held bus.
 
+use drivers::tca9548::recovery::{clear_bus, BusClear, BusClearStep, Ladder, Rung};
+use drivers::tca9548::{
+    Address, ChannelMask, Error, MuxState, NoResetLine, Operation, ReadBackError, Selector,
+    Tca9548, RESET_PULSE_NS, RESET_RECOVERY_NS,
+};
 use embedded_hal::digital::{ErrorType, InputPin, OutputPin};
 use embedded_hal::i2c::{ErrorKind, NoAcknowledgeSource};
 use embedded_hal_mock::eh1::delay::{CheckedDelay, NoopDelay, Transaction as Delay};
 use embedded_hal_mock::eh1::digital::{Mock as Pin, State, Transaction as PinTransaction};
 use embedded_hal_mock::eh1::i2c::{Mock as I2c, Transaction};
 use embedded_hal_mock::eh1::MockError;
-use force_drivers::tca9548::recovery::{clear_bus, BusClear, BusClearStep, Ladder, Rung};
-use force_drivers::tca9548::{
-    Address, ChannelMask, Error, MuxState, NoResetLine, Operation, ReadBackError, Selector,
-    Tca9548, RESET_PULSE_NS, RESET_RECOVERY_NS,
-};
 use proptest::prelude::*;
 use std::cell::RefCell;
 use std::rc::Rc;

@@ -1,7 +1,7 @@
 //! The allow list: register accesses that the emulated part refuses or does not know and that are right all
 //! the same, each with its reason. Everything else fails a run.
 
-use rig_link::RegisterEvent;
+use emulator_link::RegisterEvent;
 
 /// One kind of access that is let pass.
 #[derive(Debug, Clone, Copy)]

@@ -17,8 +17,8 @@ use crate::devices::tca9548a::Tca9548a;
 use crate::devices::Complaints;
 use crate::probe::Probe;
 use crate::wiring::{self, Pin, PORTS, UNITS};
-use force_plant::Plant;
-use rig_link::{Injection, Pose, Truth};
+use emulator_link::{Injection, Pose, Truth};
+use plant::Plant;
 use std::collections::VecDeque;
 
 /// How far back the slowest filter looks: four periods at 10 SPS with the slowest clock.
@@ -784,7 +784,7 @@ fn data_pin(bit: u8) -> Pin {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use force_plant::PlantConfig;
+    use plant::PlantConfig;
 
     fn board() -> Board {
         Board::new(Plant::new(PlantConfig::default(), 1).unwrap(), 1).unwrap()

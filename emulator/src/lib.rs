@@ -2,7 +2,7 @@
 //! motor control board and the plant behind them, in virtual time.
 //!
 //! ```text
-//! host program ─ rig-link ─▶ Rig ─▶ engine (core, controller's peripherals) ◀▶ Board (chips, wires) ─▶ plant
+//! host program ─ emulator-link ─▶ Rig ─▶ engine (core, controller's peripherals) ◀▶ Board (chips, wires) ─▶ plant
 //! ```
 //!
 //! * [`Rig`] boots an image and steps it; the binary `rig` puts it behind a pipe.

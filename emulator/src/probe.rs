@@ -5,7 +5,7 @@
 //! instructions were retired meanwhile.
 
 use crate::wiring::UNITS;
-use rig_link::Latency;
+use emulator_link::Latency;
 
 /// Most entries kept between two reports; older ones are dropped first.
 const KEPT: usize = 1 << 18;

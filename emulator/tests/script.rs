@@ -3,7 +3,7 @@
 
 use emulator::image::{Image, FLASH_BASE};
 use emulator::{allowed, Options, Rig};
-use rig_link::{Advanced, Injection};
+use emulator_link::{Advanced, Injection};
 use std::path::Path;
 
 /// One step of a script: operation, address, value.

@@ -19,8 +19,8 @@
 use crate::allocation::{Allocation, AllocationError, Allocator, Problem};
 use crate::rigfile::RigFile;
 use crate::vec3::{self, Vec3};
-use force_wire::message::UnitSetpoint;
-use force_wire::UNITS;
+use wire::message::UnitSetpoint;
+use wire::UNITS;
 
 /// What the controller is told in each cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -217,7 +217,7 @@ impl Controller {
         let mut inv_cos_q16 = [65_536; UNITS];
         for (i, unit) in self.rig.units.iter().enumerate() {
             let cable = unit.cable_at(input.tip_m);
-            let inv_cos = cable.and_then(|(_, cos)| force_control::geometry::inv_cos_q16(cos));
+            let inv_cos = cable.and_then(|(_, cos)| control::geometry::inv_cos_q16(cos));
             match (cable, inv_cos) {
                 (Some((direction, _)), Some(q16)) => {
                     directions[i] = direction;

@@ -19,13 +19,13 @@
 //! may be worse than none.
 
 use crate::rigfile::{RigFile, RippleSettings, UnitSettings};
-use force_wire::UNITS;
 use residual::Board;
 use std::f64::consts::TAU;
+use wire::UNITS;
 
 /// Largest change of `coulomb_n`, N. More is a reel that rubs: mend it.
 const MOST_COULOMB_N: f64 = 2.0;
-/// Dry friction is declared this much below what was found, N. On the plant (`tension_loop` example of `force-control`,
+/// Dry friction is declared this much below what was found, N. On the plant (`tension_loop` example of `control`,
 /// `seconds=20 seeds=2 coulomb=...`) tensions are 0.030 N off with 0.1 N less than there is, 0.032 N with just that, and
 /// 0.042 N with 0.1 N more: too much of it drives the reel past the reversal.
 pub const UNDER_N: f64 = 0.1;
@@ -251,7 +251,7 @@ fn corrected(
         not_used.push("friction, ripples and offset, until friction_feedforward = true".to_owned());
     }
     let rounded = rounded(&new);
-    force_control::Config::from_wire(&rounded.to_wire())
+    control::Config::from_wire(&rounded.to_wire())
         .map_err(|error| format!("the board would refuse it: {error}"))?;
     Ok(rounded)
 }

@@ -31,9 +31,7 @@ use crate::rigfile::{RigFile, UnitSettings};
 use crate::run::{self, Observer, Outcome, Phase, Prepared, RunError};
 use crate::session::{explain_fault, Session, TimedSample, PERIOD};
 use crate::vec3;
-use force_control::convert::REEL_RADIUS_M;
-use force_wire::message::{UnitConfig, UnitSetpoint};
-use force_wire::{Command, UNITS};
+use control::convert::REEL_RADIUS_M;
 use residual::spec::Spec;
 use residual::Report;
 use serde::Serialize;
@@ -41,6 +39,8 @@ use std::f64::consts::TAU;
 use std::fmt::Write as _;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+use wire::message::{UnitConfig, UnitSetpoint};
+use wire::{Command, UNITS};
 
 /// The model of the recorded session.
 pub const MODEL: &str = include_str!("../../residual/models/identify.toml");
@@ -67,7 +67,7 @@ const CONVERSION_AGE: f64 = 2.0;
 /// Half the span over which speed is taken, s: 25 ms in all, in which one count is 0.17 mm/s.
 const HALF_SPEED_SPAN_S: f64 = 0.0125;
 /// Nominal time between two conversions, s.
-const SAMPLE_S: f64 = 1.0 / force_control::NOMINAL_SPS as f64;
+const SAMPLE_S: f64 = 1.0 / control::NOMINAL_SPS as f64;
 /// What nameless structure may still take off the held-out RMSE, as a part of what the findings took off it, if a board
 /// is to use them: beyond, the parameters are those of a stand-in.
 pub const MOST_LEFT: f64 = 0.1;
@@ -255,7 +255,7 @@ fn drive(
                 continue;
             }
             let cable = unit.cable_at(tip_m);
-            let q16 = cable.and_then(|(_, cos)| force_control::geometry::inv_cos_q16(cos));
+            let q16 = cable.and_then(|(_, cos)| control::geometry::inv_cos_q16(cos));
             let (Some((direction, _)), Some(q16)) = (cable, q16) else {
                 return Err(RunError::Fault(format!(
                     "unit {}: the cable is too far off its load cell's axis; check pose, exit_m and axis",
@@ -640,10 +640,10 @@ mod tests {
     use crate::link::fake::{FakeBoard, Mood};
     use crate::rigfile::DEFAULT_TEXT;
     use crate::run::Unwatched;
-    use force_control::SystemState;
-    use force_plant::effects::{AmplifierGain, Coulomb, Effect, Periodic, Shaft};
-    use force_plant::PlantConfig;
-    use rig_link::Injection;
+    use control::SystemState;
+    use emulator_link::Injection;
+    use plant::effects::{AmplifierGain, Coulomb, Effect, Periodic, Shaft};
+    use plant::PlantConfig;
 
     fn rig() -> RigFile {
         RigFile::built_in().unwrap()

@@ -1,6 +1,6 @@
 //! What can be broken in the embedded rig, as words of a command line: `unplug=3@2s`.
 
-use rig_link::{Injection, UNITS};
+use emulator_link::{Injection, UNITS};
 
 /// The words, for help texts.
 pub const HELP: &str = "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop, estop-release, spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, hang; each with @TIME (seconds after the force is wanted, or `start` for power-on), as in unplug=3@2s";

@@ -1,8 +1,8 @@
 //! How good a run was: force at the tip, tensions, settling.
 
 use crate::vec3::{self, Vec3};
-use force_wire::UNITS;
 use serde::Serialize;
+use wire::UNITS;
 
 /// Half the width of the band that counts as settled, N: 5 % of the 2.5 N of the rig's first demonstration.
 pub const SETTLED_WITHIN_N: f64 = 0.125;

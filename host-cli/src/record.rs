@@ -15,8 +15,6 @@
 use crate::metrics::Step;
 use crate::rigfile::{board_crc, RigFile};
 use crate::session::TimedSample;
-use force_wire::message::{Sample, UnitConfig};
-use force_wire::UNITS;
 use mcap::records::MessageHeader;
 use parquet::basic::Compression;
 use parquet::data_type::{DoubleType, Int32Type};
@@ -30,6 +28,8 @@ use std::fs::File;
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use wire::message::{Sample, UnitConfig};
+use wire::UNITS;
 
 /// Rows of a row group.
 const ROWS: usize = 65_536;
@@ -57,7 +57,7 @@ pub struct SampleRow {
     pub encoder_counts: i32,
     /// DAC code.
     pub dac_code: i32,
-    /// [`force_wire::message::flags`].
+    /// [`wire::message::flags`].
     pub flags: i32,
     /// DRDY edge to DAC word, s.
     pub latency_s: f64,
@@ -464,7 +464,7 @@ impl Recorder {
                 "forcectl_version".to_owned(),
                 env!("CARGO_PKG_VERSION").to_owned(),
             ),
-            ("wire_abi".to_owned(), force_wire::ABI_VERSION.to_string()),
+            ("wire_abi".to_owned(), wire::ABI_VERSION.to_string()),
             ("rig_hash_sha256".to_owned(), self.rig.hash()),
             ("rig".to_owned(), rig.to_string()),
             ("board_config_crc32".to_owned(), crc),

@@ -13,14 +13,14 @@ use crate::session::{
     explain_fault, explain_kept, Heard, LinkCounters, Session, SessionError, TimedSample, PERIOD,
 };
 use crate::vec3::Vec3;
-use force_control::{MotorState, SystemState};
-use force_wire::message::{FaultReport, Status, UnitConfig};
-use force_wire::{Command, UNITS};
-use rig_link::{Injection, Report, Truth};
+use control::{MotorState, SystemState};
+use emulator_link::{Injection, Report, Truth};
 use serde::Serialize;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
+use wire::message::{FaultReport, Status, UnitConfig};
+use wire::{Command, UNITS};
 
 /// How long sensors may take to come up: three calibrations of 344 ms each, six units on one bus, and retries.
 const BRING_UP_WITHIN: Duration = Duration::from_secs(15);
@@ -1134,10 +1134,7 @@ mod tests {
     #[test]
     fn strangers_are_refused_and_told_apart() {
         for (mood, words) in [
-            (
-                Mood::OtherAbi(force_wire::ABI_VERSION + 1),
-                "update forcectl",
-            ),
+            (Mood::OtherAbi(wire::ABI_VERSION + 1), "update forcectl"),
             (Mood::OtherAbi(0), "cargo xtask flash"),
             (Mood::Garbage, "none of them a frame"),
             (Mood::Silent, "sends nothing"),

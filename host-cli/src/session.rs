@@ -5,14 +5,14 @@
 //! during a question: the board stops within 100 ms when they cease.
 
 use crate::link::{LinkError, RigLink};
-use force_control::config::FIELDS;
-use force_control::{Fault, MotorState, SystemState};
-use force_wire::message::{
+use control::config::FIELDS;
+use control::{Fault, MotorState, SystemState};
+use emulator_link::{Pose, Truth};
+use std::time::Duration;
+use wire::message::{
     Answer, BoardInfo, FaultReport, KeptReason, Refusal, Sample, Status, UnitConfig, UnitSetpoint,
 };
-use force_wire::{BoardFrame, BoardMessage, Command, Decoder, FrameError, HostFrame, UNITS};
-use rig_link::{Pose, Truth};
-use std::time::Duration;
+use wire::{BoardFrame, BoardMessage, Command, Decoder, FrameError, HostFrame, UNITS};
 
 /// Period of the host's controller and of the setpoints (thesis 3.7: 100 Hz).
 pub const PERIOD: Duration = Duration::from_millis(10);
@@ -292,8 +292,8 @@ impl<'l> Session<'l> {
 
     fn greet(&mut self) -> Result<(), SessionError> {
         let hello = Command::Hello {
-            abi: force_wire::ABI_VERSION,
-            schema: force_wire::SCHEMA_HASH,
+            abi: wire::ABI_VERSION,
+            schema: wire::SCHEMA_HASH,
         };
         let mut waited = Duration::ZERO;
         while waited < BOOT_WITHIN {
@@ -325,13 +325,13 @@ impl<'l> Session<'l> {
             }
             _ => (0, [0; 8]),
         };
-        if abi == force_wire::ABI_VERSION && schema == force_wire::SCHEMA_HASH {
+        if abi == wire::ABI_VERSION && schema == wire::SCHEMA_HASH {
             self.reset_seen = false;
             return Ok(());
         }
-        let advice = if abi > force_wire::ABI_VERSION {
+        let advice = if abi > wire::ABI_VERSION {
             "the board is newer: update forcectl"
-        } else if abi < force_wire::ABI_VERSION {
+        } else if abi < wire::ABI_VERSION {
             "the board is older: flash this version's firmware with `cargo xtask flash`"
         } else {
             "same meaning, another layout: flash the firmware of the same checkout with `cargo xtask flash`"
@@ -339,8 +339,8 @@ impl<'l> Session<'l> {
         Err(SessionError::Version {
             abi,
             schema,
-            own_abi: force_wire::ABI_VERSION,
-            own_schema: force_wire::SCHEMA_HASH,
+            own_abi: wire::ABI_VERSION,
+            own_schema: wire::SCHEMA_HASH,
             advice: advice.to_owned(),
         })
     }
@@ -432,10 +432,10 @@ impl<'l> Session<'l> {
             seq: self.seq,
             command,
         };
-        let mut out = [0; force_wire::MAX_FRAME];
+        let mut out = [0; wire::MAX_FRAME];
         // Every host frame is far shorter than MAX_FRAME, so encoding cannot fail; should a message ever grow
         // past it, the command is never answered and says so.
-        if let Ok(length) = force_wire::encode(&frame, &mut out) {
+        if let Ok(length) = wire::encode(&frame, &mut out) {
             self.outbox.extend_from_slice(&out[..length]);
         }
         self.seq

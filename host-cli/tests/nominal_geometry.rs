@@ -1,8 +1,8 @@
 //! The example rig file and the plant agree on where the units stand, so that the embedded rig is the rig
 //! that the file describes.
 
-use force_plant::{nominal_geometry, PlantConfig};
-use forcectl::rigfile::RigFile;
+use host_cli::rigfile::RigFile;
+use plant::{nominal_geometry, PlantConfig};
 
 #[test]
 fn the_example_rig_file_holds_the_plants_surveyed_geometry() {
@@ -26,7 +26,7 @@ fn the_example_rig_file_holds_the_plants_surveyed_geometry() {
     }
     assert_eq!(rig.workspace.center_m, plant.robot.workspace_center_m);
     // The random path never leaves the box, and the box is inside the sphere that the host allows.
-    if let force_plant::config::PathConfig::Random(path) = &plant.robot.path {
+    if let plant::config::PathConfig::Random(path) = &plant.robot.path {
         let corner = path.half_extent_m.iter().map(|h| h * h).sum::<f64>().sqrt();
         assert!(corner < rig.workspace.radius_m);
     }

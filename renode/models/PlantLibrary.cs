@@ -1,4 +1,4 @@
-// The physics: the crate `force-plant` behind its C ABI (tests/plant-abi), loaded at run time.
+// The physics: the crate `plant` behind its C ABI (emulator/plant-abi), loaded at run time.
 //
 // Nothing of the motors, reels, cables and load cells is written again in C#.
 

@@ -15,7 +15,7 @@ import time
 from robot.api import logger
 from robot.libraries.BuiltIn import BuiltIn
 
-import force_wire as wire
+import wire as wire
 
 BOARD_STATES = ["boot", "bring-up", "ready", "zeroing", "running", "stopping", "fault"]
 UNIT_STATES = ["offline", "bring-up", "ready", "running", "faulted", "zeroing", "stopping"]

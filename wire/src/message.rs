@@ -1,8 +1,8 @@
 //! The messages of both directions.
 //!
 //! Units are numbered 0 to 5 in arrays and masks, as everywhere inside the firmware; what a person
-//! reads counts from 1. States and faults travel as the numbers of `force_control::state` and
-//! `force_control::faults`, the one place that names and explains them.
+//! reads counts from 1. States and faults travel as the numbers of `control::state` and
+//! `control::faults`, the one place that names and explains them.
 
 use crate::UNITS;
 use heapless::{String, Vec};
@@ -104,7 +104,7 @@ pub enum FilterChoice {
 }
 
 /// Everything a unit's controller can be told. Physical quantities, as integers with their unit in the
-/// name; the ranges are checked by `force_control`.
+/// name; the ranges are checked by `control`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct UnitConfig {
     /// Whether this unit exists and takes part.
@@ -230,9 +230,9 @@ pub enum Refusal {
         /// The board's [`crate::SCHEMA_HASH`].
         schema: [u8; 8],
     },
-    /// Not in this state (`force_control::state::SystemState` as a number).
+    /// Not in this state (`control::state::SystemState` as a number).
     State(u8),
-    /// A fault is latched (`force_control::faults`); clear it first.
+    /// A fault is latched (`control::faults`); clear it first.
     Faulted(u16),
     /// There is no such unit.
     Unit(u8),
@@ -265,7 +265,7 @@ pub struct BoardInfo {
 /// Why the run before this one ended.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct KeptReason {
-    /// Fault number (`force_control::faults`).
+    /// Fault number (`control::faults`).
     pub code: u16,
     /// Its detail.
     pub detail: u32,
@@ -282,7 +282,7 @@ pub struct FaultReport {
     pub t_us: u32,
     /// Unit from 0; 255: the whole board.
     pub unit: u8,
-    /// Fault number (`force_control::faults`).
+    /// Fault number (`control::faults`).
     pub code: u16,
     /// Its detail; what it means is told by the fault's page.
     pub detail: u32,
@@ -293,7 +293,7 @@ pub struct FaultReport {
 pub struct Status {
     /// Board time in microseconds, wraps after 71 minutes.
     pub t_us: u32,
-    /// `force_control::state::SystemState` as a number.
+    /// `control::state::SystemState` as a number.
     pub state: u8,
     /// First latched fault of the whole board; 0: none.
     pub fault: u16,
@@ -322,7 +322,7 @@ pub struct Status {
 /// State of one unit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize, Schema)]
 pub struct UnitStatus {
-    /// `force_control::state::MotorState` as a number.
+    /// `control::state::MotorState` as a number.
     pub state: u8,
     /// First latched fault; 0: none.
     pub fault: u16,

@@ -15,7 +15,7 @@ use crate::workspace::Workspace;
 /// Python to make the comparison's environment with.
 const PYTHON_VARIABLE: &str = "FORCE_PYTHON";
 /// The comparison, below the root.
-const SCRIPTS: &str = "tests/residual-bench/python";
+const SCRIPTS: &str = "evaluations/residual-bench/python";
 
 /// Writes the report on the measured data into `docs/residual/rig.md` and its plots beside it.
 ///

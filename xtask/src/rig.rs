@@ -46,7 +46,9 @@ pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
     };
     say(format!("{}: building{first}", programs.join(" and ")));
     let mut command = cargo(workspace, "build");
-    for package in ["emulator", "forcectl", "scenarios"] {
+    // Always the same packages, whichever program is wanted: other packages would mean other features of
+    // their common dependencies, and a second build of them.
+    for package in ["emulator", "host-cli", "bench", "closed-loop"] {
         command.args(["--package", package]);
     }
     for program in programs {

@@ -340,7 +340,7 @@ fn no_std(suite: &mut Suite) -> Result<Outcome> {
     let arm = suite.arm()?;
     // One call each: together, one crate's features could hide what another lacks. `build` in the
     // firmware's profile rather than `check`, for it shares the compiled `core` with the image.
-    for package in ["force-control", "force-drivers", "force-wire"] {
+    for package in ["control", "drivers", "wire"] {
         process::run(firmware::cargo(suite.workspace, &arm, "build").args([
             "--package",
             package,

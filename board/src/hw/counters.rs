@@ -9,11 +9,11 @@
 use super::gpio;
 use crate::pins::{self, Pin};
 use core::convert::Infallible;
-use force_drivers::ls7266r1::{
+use drivers::ls7266r1::{
     Axis, Config, CounterValue, Direction, Error, Ls7266r1, ParallelBus, Port,
 };
-use force_drivers::ls7266r1::{PositionTracker, Target};
-use force_wire::UNITS;
+use drivers::ls7266r1::{PositionTracker, Target};
+use wire::UNITS;
 
 // Times in core cycles at 400 MHz. The part's minima are WR# 45 ns, RD# 80 ns, 90 ns between reads: 18, 32
 // and 36 cycles. The register accesses around each come on top: 10 ns and more.

@@ -15,8 +15,8 @@ use super::pac::{self, interrupt, SPI1};
 use super::{gpio, startup, time, SamplePath};
 use crate::clocks;
 use crate::pins;
-use force_control::DacCode;
-use force_wire::UNITS;
+use control::DacCode;
+use wire::UNITS;
 
 /// LDAC and RST pulses in core cycles: 50 ns and more.
 const PULSE_CYCLES: u32 = 40;

@@ -6,13 +6,13 @@
 //! Hello.
 
 use super::{gpio, watchdog};
+use control::Fault;
 use core::fmt::Write;
 use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, Ordering};
-use force_control::Fault;
-use force_wire::frame::crc32;
-use force_wire::message::KeptReason;
 use heapless::String;
+use wire::frame::crc32;
+use wire::message::KeptReason;
 
 const MAGIC: u32 = 0x4B45_5054;
 

@@ -211,7 +211,7 @@ pub fn tick() {
         with(|sensors, now| {
             let start = START.swap(0, Ordering::Relaxed);
             let stop = STOP.swap(0, Ordering::Relaxed);
-            for unit in 0..force_wire::UNITS as u8 {
+            for unit in 0..wire::UNITS as u8 {
                 if stop & (1 << unit) != 0 {
                     sensors.bus.stop(unit);
                 }

@@ -10,7 +10,7 @@ use super::gpio;
 use super::pac::IWDG;
 use crate::clocks;
 use crate::pins;
-use force_control::supervisor::CheckIn;
+use control::supervisor::CheckIn;
 
 /// Who has to check in. The numbers are bits of the fault's detail.
 #[derive(Clone, Copy)]

@@ -2,9 +2,9 @@
 #![allow(dead_code)] // each user takes a part
 
 use crate::reference::Reference;
-use force_control::unit::{Drive, Setpoint};
-use force_control::{Config, Controller, Counts, Input, InvCos, LoadCode, Micros, Newton, State};
-use force_wire::message::{FilterChoice, Ripple, UnitConfig};
+use control::unit::{Drive, Setpoint};
+use control::{Config, Controller, Counts, Input, InvCos, LoadCode, Micros, Newton, State};
+use wire::message::{FilterChoice, Ripple, UnitConfig};
 
 /// 64-bit LCG, upper bits.
 pub struct Random(pub u64);
@@ -199,7 +199,7 @@ fn one_run(r: &mut Random, wire: &UnitConfig, length: u64, found: &mut Found) {
             .worst_codes
             .max((f64::from(fixed.dac.steps()) - codes).abs());
         found.largest_command = found.largest_command.max(exact.command);
-        let slewing = force_wire::message::flags::SLEWING | force_wire::message::flags::LIMITED;
+        let slewing = wire::message::flags::SLEWING | wire::message::flags::LIMITED;
         if fixed.flags & slewing == 0 && exact.command > 0.0 {
             found.free += 1;
         }

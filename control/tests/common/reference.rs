@@ -2,8 +2,8 @@
 //! units, no formats, no precomputed numbers.
 #![allow(dead_code)] // each user takes a part
 
-use force_control::unit::{Drive, Input};
-use force_wire::message::{FilterChoice, UnitConfig};
+use control::unit::{Drive, Input};
+use wire::message::{FilterChoice, UnitConfig};
 
 const RATE: f64 = 320.0;
 const PERIOD_US: f64 = 3_125.0;

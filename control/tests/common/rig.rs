@@ -2,13 +2,11 @@
 //! sinc4 filters, encoder counts, DAC codes. What the firmware adds (bus, queue) is a delay here.
 #![allow(dead_code)] // each user takes a part
 
-use force_control::unit::{Drive, Setpoint};
-use force_control::zero::{Averager, Progress};
-use force_control::{
-    Config, Controller, Counts, Input, InvCos, LoadCode, Micros, Newton, Output, State,
-};
-use force_plant::{Plant, PlantConfig};
-use force_wire::message::UnitConfig;
+use control::unit::{Drive, Setpoint};
+use control::zero::{Averager, Progress};
+use control::{Config, Controller, Counts, Input, InvCos, LoadCode, Micros, Newton, Output, State};
+use plant::{Plant, PlantConfig};
+use wire::message::UnitConfig;
 
 pub const STEP_US: u64 = 50;
 /// NAU7802 at gain 128 and 3.0 V: code = bridge * 128 * 2^24 / 1 (full scale +-0.5 / gain).

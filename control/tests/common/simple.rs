@@ -2,9 +2,9 @@
 //! speed band in which it sticks), an ideal motor, a moving average of four samples' length for the
 //! converter's delay. Shares nothing with the plant but the measured friction law.
 
-use force_control::unit::{Drive, Setpoint};
-use force_control::{Config, Controller, Counts, Input, InvCos, LoadCode, Micros, Newton, State};
-use force_wire::message::UnitConfig;
+use control::unit::{Drive, Setpoint};
+use control::{Config, Controller, Counts, Input, InvCos, LoadCode, Micros, Newton, State};
+use wire::message::UnitConfig;
 
 const MASS_KG: f64 = 0.46;
 const STEP_S: f64 = 25e-6;

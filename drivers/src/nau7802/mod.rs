@@ -21,7 +21,7 @@
 //! # Without blocking
 //! A sample, and one turn of a bring-up, as an interrupt handler or a superloop sees them:
 //! ```
-//! use force_drivers::nau7802::{proto, Action, AdcCode, Bringup, Config, Event};
+//! use drivers::nau7802::{proto, Action, AdcCode, Bringup, Config, Event};
 //!
 //! // After the DRDY edge: send `READ_ADC`, read three bytes, decode.
 //! assert_eq!(proto::READ_ADC, [0x12]);

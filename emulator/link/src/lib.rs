@@ -8,7 +8,7 @@
 //! On the pipe (rig's standard input and output) each message is a little-endian `u32` length followed
 //! by that many bytes of postcard. The rig's log goes to its standard error. This link carries what a
 //! lab has beside the board's own serial line: the robot's pose, the clock on the wall, the hand that
-//! pulls a plug. The board's bytes travel inside it untouched (see the crate `force-wire`).
+//! pulls a plug. The board's bytes travel inside it untouched (see the crate `wire`).
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 

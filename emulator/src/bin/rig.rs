@@ -1,10 +1,10 @@
-//! `rig`: the embedded rig behind a pipe, for host programs that drive it in lock-step (crate `rig-link`).
+//! `rig`: the embedded rig behind a pipe, for host programs that drive it in lock-step (crate `emulator-link`).
 //!
 //! Requests come on standard input, answers leave on standard output, words for people go to standard error.
 
 use emulator::{allowed, Options, Rig};
-use force_plant::PlantConfig;
-use rig_link::{receive, send, Report, Request, Response, LINK_VERSION};
+use emulator_link::{receive, send, Report, Request, Response, LINK_VERSION};
+use plant::PlantConfig;
 use std::io::{self, BufReader, BufWriter, ErrorKind, Write};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -21,7 +21,7 @@ usage: rig --elf FILE [--seed N] [--plant FILE.toml] [--paced] [--quiet] [--rtt 
   --rtt FILE       write the firmware's RTT channel 0 to FILE, as it comes
   --free SECONDS   run on its own for so long, serial bytes to standard output, report to standard error
 
-Without --free it speaks rig-link on standard input and output.";
+Without --free it speaks emulator-link on standard input and output.";
 
 struct Arguments {
     elf: PathBuf,
@@ -258,7 +258,7 @@ fn answer(rig: &mut Rig, request: Request) -> Response {
         Request::Hello { version } => {
             if version != LINK_VERSION {
                 return Response::Failed(format!(
-                    "this rig speaks version {LINK_VERSION} of rig-link, the host version {version}; build both from one tree"
+                    "this rig speaks version {LINK_VERSION} of emulator-link, the host version {version}; build both from one tree"
                 ));
             }
             return Response::Ready {

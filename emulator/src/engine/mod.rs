@@ -6,7 +6,7 @@
 
 pub mod rigless;
 
-use rig_link::RegisterEvent;
+use emulator_link::RegisterEvent;
 use std::fmt;
 
 /// Where an engine stands.

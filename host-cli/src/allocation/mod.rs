@@ -25,7 +25,7 @@ use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT,
 };
-use force_wire::UNITS;
+use wire::UNITS;
 
 /// Residual in newtons below which a force counts as reached; above, the linear program is asked.
 pub const REACHED_N: f64 = 1e-3;

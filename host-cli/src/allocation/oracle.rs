@@ -4,7 +4,7 @@
 
 use super::Problem;
 use crate::vec3;
-use force_wire::UNITS;
+use wire::UNITS;
 
 /// Slack within which a free tension counts as within its bounds, N.
 const WITHIN_N: f64 = 1e-9;

@@ -2,8 +2,8 @@
 
 use super::{oracle, thesis, AllocationError, Allocator, Path, Problem};
 use crate::vec3::{self, Vec3};
-use force_wire::UNITS;
 use std::time::{Duration, Instant};
+use wire::UNITS;
 
 /// A small deterministic generator (splitmix64) for cases.
 #[derive(Debug, Clone)]

@@ -4,7 +4,7 @@
 
 use super::{force_of, Problem};
 use crate::vec3;
-use force_wire::UNITS;
+use wire::UNITS;
 
 /// Projected gradient descent from `start` (N) until the tensions stand still: one of the minimisers.
 #[must_use]

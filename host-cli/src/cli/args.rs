@@ -2,8 +2,8 @@
 
 use clap::{Args, Parser, Subcommand};
 use clap_complete::Shell;
-use forcectl::rigfile::LinkChoice;
-use rig_link::Injection;
+use emulator_link::Injection;
+use host_cli::rigfile::LinkChoice;
 use std::path::PathBuf;
 
 /// Below the help of every command.
@@ -218,7 +218,7 @@ pub struct SetForce {
     #[arg(long)]
     pub still: bool,
     /// Break something in the embedded rig, as in unplug=3@2s; may be given several times. See `--inject help`
-    #[arg(long, value_name = "WHAT@TIME", value_parser = forcectl::inject::parse, allow_hyphen_values = true)]
+    #[arg(long, value_name = "WHAT@TIME", value_parser = host_cli::inject::parse, allow_hyphen_values = true)]
     pub inject: Vec<(f64, Injection)>,
     /// Folder for the plot (SVG and PNG) and the figures (JSON)
     #[arg(long, value_name = "DIR", default_value = "forcectl-out")]

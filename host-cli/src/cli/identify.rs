@@ -3,10 +3,10 @@
 use super::args::{Global, Identify};
 use super::residual::Stages;
 use super::{open, Failure, Result, Watch};
-use forcectl::identify::{self, Figures, FindError, Findings};
-use forcectl::plot;
-use forcectl::rigfile::{self, RigFile};
-use forcectl::run::{self, Ended, Options, Outcome};
+use host_cli::identify::{self, Figures, FindError, Findings};
+use host_cli::plot;
+use host_cli::rigfile::{self, RigFile};
+use host_cli::run::{self, Ended, Options, Outcome};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

@@ -9,20 +9,20 @@ mod show;
 
 use args::{Cli, Command, Global, SetForce};
 use clap::{CommandFactory, Parser};
-use force_control::{Fault, SystemState};
-use force_wire::message::UnitConfig;
-use force_wire::{Command as Ask, UNITS};
-use forcectl::link::{self, EmbeddedOptions, RigLink};
-use forcectl::metrics::Step;
-use forcectl::plot;
-use forcectl::rigfile::{self, LinkChoice, RigFile};
-use forcectl::run::{self, Ended, Observer, Options, Phase, RunError};
-use forcectl::session::{Session, SessionError, TimedSample, PERIOD};
+use control::{Fault, SystemState};
+use host_cli::link::{self, EmbeddedOptions, RigLink};
+use host_cli::metrics::Step;
+use host_cli::plot;
+use host_cli::rigfile::{self, LinkChoice, RigFile};
+use host_cli::run::{self, Ended, Observer, Options, Phase, RunError};
+use host_cli::session::{Session, SessionError, TimedSample, PERIOD};
 use std::path::Path;
 use std::process::ExitCode;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
+use wire::message::UnitConfig;
+use wire::{Command as Ask, UNITS};
 
 /// How long `monitor` and `record` run on the embedded rig where no time is given, s.
 const EMBEDDED_WATCH_S: f64 = 3.0;
@@ -82,8 +82,8 @@ impl From<RunError> for Failure {
 }
 
 #[cfg(feature = "record")]
-impl From<forcectl::record::RecordError> for Failure {
-    fn from(error: forcectl::record::RecordError) -> Self {
+impl From<host_cli::record::RecordError> for Failure {
+    fn from(error: host_cli::record::RecordError) -> Self {
         Self::new(7, error)
     }
 }
@@ -241,9 +241,9 @@ struct Watch {
     progress: show::Progress,
     json: bool,
     #[cfg(feature = "record")]
-    recorder: Option<forcectl::record::Recorder>,
+    recorder: Option<host_cli::record::Recorder>,
     #[cfg(feature = "record")]
-    record_error: Option<forcectl::record::RecordError>,
+    record_error: Option<host_cli::record::RecordError>,
 }
 
 impl Watch {
@@ -263,8 +263,8 @@ impl Watch {
     fn record(
         &mut self,
         write: impl FnOnce(
-            &mut forcectl::record::Recorder,
-        ) -> std::result::Result<(), forcectl::record::RecordError>,
+            &mut host_cli::record::Recorder,
+        ) -> std::result::Result<(), host_cli::record::RecordError>,
     ) {
         if let Some(recorder) = &mut self.recorder {
             if let Err(error) = write(recorder) {
@@ -337,7 +337,7 @@ fn set_force(
     let mut watch = Watch::new(global.json);
     #[cfg(feature = "record")]
     if let Some(folder) = &arguments.record {
-        watch.recorder = Some(forcectl::record::Recorder::create(folder, rig)?);
+        watch.recorder = Some(host_cli::record::Recorder::create(folder, rig)?);
     }
     let mut link = open(global, rig)?;
     let outcome = run::set_force(link.as_mut(), rig, &options, &mut watch);
@@ -403,7 +403,7 @@ fn status(session: &mut Session<'_>, rig: &RigFile, embedded: bool, json: bool) 
     let status = session.get_status()?;
     if json {
         let info = session.info().cloned();
-        let text = serde_json::json!({"link": session.link().name(), "board": info, "status": status, "state": forcectl::session::system_state_name(status.state)});
+        let text = serde_json::json!({"link": session.link().name(), "board": info, "status": status, "state": host_cli::session::system_state_name(status.state)});
         println!("{text}");
     } else {
         println!("link       {}", session.link().name());
@@ -447,7 +447,7 @@ fn monitor(
         for fault in &heard.faults {
             eprintln!(
                 "{}",
-                forcectl::session::explain_fault(fault.code, fault.detail)
+                host_cli::session::explain_fault(fault.code, fault.detail)
             );
         }
         cycle += 1;
@@ -480,7 +480,7 @@ fn record(
     json: bool,
     stop: &AtomicBool,
 ) -> Result<u8> {
-    let mut recorder = forcectl::record::Recorder::create(folder, rig)?;
+    let mut recorder = host_cli::record::Recorder::create(folder, rig)?;
     recorder.configured(&session.get_configs()?);
     session.command(&Ask::Stream { every: 1 })?;
     session.take_heard();
@@ -571,7 +571,7 @@ fn clear(session: &mut Session<'_>, json: bool) -> Result<u8> {
     }
     let mut left = Vec::new();
     if status.fault != 0 {
-        left.push(forcectl::session::explain_fault(
+        left.push(host_cli::session::explain_fault(
             status.fault,
             status.fault_detail,
         ));
@@ -585,7 +585,7 @@ fn clear(session: &mut Session<'_>, json: bool) -> Result<u8> {
         left.push(format!(
             "unit {}: {}",
             i + 1,
-            forcectl::session::explain_fault(unit.fault, unit.fault_detail)
+            host_cli::session::explain_fault(unit.fault, unit.fault_detail)
         ));
     }
     Err(Failure::new(
@@ -600,8 +600,8 @@ fn clear(session: &mut Session<'_>, json: bool) -> Result<u8> {
 fn explain(number: Option<u16>, json: bool) -> Result<u8> {
     let page = |fault: Fault| {
         let scope = match fault.scope() {
-            force_control::faults::Scope::Board => "board",
-            force_control::faults::Scope::Unit => "unit",
+            control::faults::Scope::Board => "board",
+            control::faults::Scope::Unit => "unit",
         };
         (fault.code(), fault.name(), scope)
     };

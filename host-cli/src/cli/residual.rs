@@ -2,9 +2,9 @@
 
 use super::args::Residual;
 use super::{Failure, Result};
-use forcectl::findings::{self, Frame};
-use forcectl::identify;
-use forcectl::rigfile::RigFile;
+use host_cli::findings::{self, Frame};
+use host_cli::identify;
+use host_cli::rigfile::RigFile;
 use residual::rig::{DATA_FOLDERS, DATA_VARIABLE, HOW_TO_GET_DATA};
 use residual::spec::Spec;
 use residual::{Board, Options, Report};
@@ -275,12 +275,12 @@ impl BoardFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use forcectl::rigfile::UnitSettings;
+    use host_cli::rigfile::UnitSettings;
 
     fn file(increment: bool) -> BoardFile {
         BoardFile {
             path: "rig.toml".into(),
-            text: forcectl::rigfile::DEFAULT_TEXT.to_owned(),
+            text: host_cli::rigfile::DEFAULT_TEXT.to_owned(),
             rig: RigFile::built_in().expect("the built-in rig is good"),
             increment,
             velocity_m_per_s: None,

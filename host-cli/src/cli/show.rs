@@ -1,14 +1,14 @@
 //! Progress and tables for people.
 
-use force_control::MotorState;
-use force_wire::message::{BoardInfo, Status};
-use force_wire::UNITS;
-use forcectl::metrics::{Metrics, SETTLED_WITHIN_N};
-use forcectl::run::{describe_reach, Outcome, Phase};
-use forcectl::session::{explain_fault, explain_kept, motor_state_name, system_state_name};
+use control::MotorState;
+use host_cli::metrics::{Metrics, SETTLED_WITHIN_N};
+use host_cli::run::{describe_reach, Outcome, Phase};
+use host_cli::session::{explain_fault, explain_kept, motor_state_name, system_state_name};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::fmt::Write;
 use std::io::IsTerminal;
+use wire::message::{BoardInfo, Status};
+use wire::UNITS;
 
 /// A line of progress on the terminal; a line for each phase where there is none.
 pub struct Progress {
@@ -92,7 +92,7 @@ pub fn outcome(outcome: &Outcome) -> String {
             row!(
                 out,
                 "\nThe force was held for less than {} s: too short for figures.",
-                forcectl::metrics::STEADY_AFTER_S
+                host_cli::metrics::STEADY_AFTER_S
             );
         }
     }

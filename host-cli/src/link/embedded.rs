@@ -1,7 +1,7 @@
 //! The embedded rig: the firmware image on the emulated board, a process of its own in lock-step.
 
 use super::{EmbeddedOptions, Exchange, LinkError, RigControls, RigLink};
-use rig_link::{Injection, Report, Request, Response, LINK_VERSION};
+use emulator_link::{Injection, Report, Request, Response, LINK_VERSION};
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, BufWriter};
 use std::path::PathBuf;
@@ -142,10 +142,10 @@ impl EmbeddedRig {
 
     fn ask(&mut self, request: &Request) -> Result<Response, LinkError> {
         let sent = match self.to.as_mut() {
-            Some(to) => rig_link::send(to, request),
+            Some(to) => emulator_link::send(to, request),
             None => Err(std::io::ErrorKind::BrokenPipe.into()),
         };
-        match sent.and_then(|()| rig_link::receive(&mut self.from)) {
+        match sent.and_then(|()| emulator_link::receive(&mut self.from)) {
             Ok(Response::Failed(why)) => Err(LinkError::Refused(why)),
             Ok(response) => Ok(response),
             Err(error) => Err(self.lost(&error)),
@@ -250,7 +250,7 @@ impl Drop for EmbeddedRig {
     fn drop(&mut self) {
         if let Some(to) = self.to.as_mut() {
             // Best effort: closing the pipe ends the rig as well.
-            let _ = rig_link::send(to, &Request::Quit);
+            let _ = emulator_link::send(to, &Request::Quit);
         }
         self.to = None;
         for _ in 0..100 {

@@ -1,22 +1,22 @@
-//! A board for tests: speaks force-wire over memory, runs the real control core against the plant, and
+//! A board for tests: speaks wire over memory, runs the real control core against the plant, and
 //! can misbehave. It stands in for the firmware's *manners*; what the firmware really does is tested with the
 //! firmware.
 
 use super::{Exchange, LinkError, RigControls, RigLink};
-use force_control::unit::{Drive, Setpoint};
-use force_control::zero::{Averager, Progress};
-use force_control::{
+use control::unit::{Drive, Setpoint};
+use control::zero::{Averager, Progress};
+use control::{
     Config, Controller, Counts, Fault, Input, LoadCode, Micros, MotorState, State, SystemState,
 };
-use force_plant::{Plant, PlantConfig};
-use force_wire::message::{
+use emulator_link::{Injection, Pose, Report, Truth};
+use plant::{Plant, PlantConfig};
+use std::collections::VecDeque;
+use std::time::Duration;
+use wire::message::{
     Answer, Batch, BoardInfo, FaultReport, Refusal, Reply, Sample, Status, UnitConfig, UnitStatus,
     BATCH,
 };
-use force_wire::{BoardFrame, BoardMessage, Command, Decoder, HostFrame, UNITS};
-use rig_link::{Injection, Pose, Report, Truth};
-use std::collections::VecDeque;
-use std::time::Duration;
+use wire::{BoardFrame, BoardMessage, Command, Decoder, HostFrame, UNITS};
 
 /// How the board misbehaves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -155,8 +155,8 @@ impl FakeBoard {
             seq: self.seq,
             message,
         };
-        let mut out = [0; force_wire::MAX_FRAME];
-        let length = force_wire::encode(&frame, &mut out).expect("fits");
+        let mut out = [0; wire::MAX_FRAME];
+        let length = wire::encode(&frame, &mut out).expect("fits");
         self.out.extend_from_slice(&out[..length]);
     }
 
@@ -231,10 +231,10 @@ impl FakeBoard {
         if let Command::Hello { .. } = command {
             let abi = match self.mood {
                 Mood::OtherAbi(abi) => abi,
-                _ => force_wire::ABI_VERSION,
+                _ => wire::ABI_VERSION,
             };
             self.greeted = true;
-            if abi != force_wire::ABI_VERSION {
+            if abi != wire::ABI_VERSION {
                 return refused(Refusal::Version {
                     abi,
                     schema: [7; 8],
@@ -242,11 +242,11 @@ impl FakeBoard {
             }
             return Some(Answer::Hello(BoardInfo {
                 abi,
-                schema: force_wire::SCHEMA_HASH,
+                schema: wire::SCHEMA_HASH,
                 version: "fake".try_into().expect("short"),
                 core_hz: 400_000_000,
                 reset_flags: 0,
-                kept: (self.resets > 0).then(|| force_wire::message::KeptReason {
+                kept: (self.resets > 0).then(|| wire::message::KeptReason {
                     code: Fault::WatchdogReset.code(),
                     detail: 0,
                     pc: 0,

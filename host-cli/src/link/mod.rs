@@ -10,7 +10,7 @@ pub(crate) mod fake;
 pub mod port;
 
 use crate::rigfile::LinkChoice;
-use rig_link::{Injection, Pose, Report, Truth};
+use emulator_link::{Injection, Pose, Report, Truth};
 use std::time::Duration;
 
 /// What came of letting time pass.

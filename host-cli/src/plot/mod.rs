@@ -5,8 +5,8 @@ pub mod scene;
 use crate::metrics::{Step, SETTLED_WITHIN_N};
 use crate::run::Outcome;
 use crate::vec3;
-use force_wire::UNITS;
 use scene::{Anchor, Color, Scene};
+use wire::UNITS;
 
 const WIDTH: f32 = 1000.0;
 const LEFT: f32 = 70.0;

@@ -10,12 +10,12 @@
 mod read;
 
 use crate::vec3::{self, Vec3};
-use force_wire::message::{FilterChoice, Ripple, UnitConfig, RIPPLES};
-use force_wire::UNITS;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::fmt;
 use std::path::Path;
+use wire::message::{FilterChoice, Ripple, UnitConfig, RIPPLES};
+use wire::UNITS;
 
 /// The rig file that is built in.
 pub const DEFAULT_TEXT: &str = include_str!("../../rigs/raven-left.toml");
@@ -315,7 +315,7 @@ impl UnitSettings {
     /// and measuring axis; `None` where the tip sits on the exit.
     #[must_use]
     pub fn cable_at(&self, tip_m: Vec3) -> Option<(Vec3, f64)> {
-        use force_control::geometry::{cable_direction, cos_cell_angle};
+        use control::geometry::{cable_direction, cos_cell_angle};
         use nalgebra::Vector3;
         let direction = cable_direction(Vector3::from(self.exit_m), Vector3::from(tip_m))?;
         // The axis points to the workspace, the direction away from it.
@@ -409,7 +409,7 @@ impl RigFile {
 #[must_use]
 pub fn board_crc(configs: &[UnitConfig; UNITS]) -> u32 {
     // Plain integers into memory: cannot fail.
-    force_wire::frame::crc32(&postcard::to_stdvec(configs).unwrap_or_default())
+    wire::frame::crc32(&postcard::to_stdvec(configs).unwrap_or_default())
 }
 
 /// One problem of a rig file.

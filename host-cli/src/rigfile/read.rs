@@ -5,12 +5,12 @@ use super::{
     RippleSettings, UnitSettings, Workspace, SCHEMA,
 };
 use crate::vec3::{self, Vec3};
-use force_wire::UNITS;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::ops::{Range, RangeInclusive};
 use toml::de::{DeTable, DeValue};
 use toml::Spanned;
+use wire::UNITS;
 
 /// Text and the problems found so far.
 struct Context<'t> {
@@ -729,7 +729,7 @@ fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
     }
     // The board's own check, so that nothing is refused only once it is connected.
     if section.context.problems.borrow().is_empty() {
-        if let Err(error) = force_control::Config::from_wire(&unit.to_wire()) {
+        if let Err(error) = control::Config::from_wire(&unit.to_wire()) {
             section.report(
                 section.at,
                 error.field.name,

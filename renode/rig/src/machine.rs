@@ -1,7 +1,7 @@
 //! Starting a Renode, or waiting for one, and asking it.
 
 use crate::{text, Arguments};
-use rig_link::{Report, Request, Response};
+use emulator_link::{Report, Request, Response};
 use std::ffi::OsString;
 use std::io::{BufRead, BufReader, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};

@@ -1,6 +1,6 @@
 //! `renode-rig`: the board in Renode, behind the same pipe as the embedded rig.
 //!
-//! It takes the arguments of the embedded rig's program (`--elf`, `--seed`, `--plant`), speaks `rig-link` on
+//! It takes the arguments of the embedded rig's program (`--elf`, `--seed`, `--plant`), speaks `emulator-link` on
 //! standard input and output, and moves a Renode of its own through the model `RigServer` (renode/models). So
 //! whatever drives the embedded rig, `forcectl` with its real controller first, drives Renode unchanged: name
 //! this program in `FORCE_RIG_BIN`.
@@ -17,8 +17,8 @@
 mod machine;
 mod text;
 
+use emulator_link::{receive, send, Request, Response, LINK_VERSION};
 use machine::Machine;
-use rig_link::{receive, send, Request, Response, LINK_VERSION};
 use std::io::{self, BufReader, BufWriter, ErrorKind};
 use std::path::PathBuf;
 use std::process::ExitCode;
@@ -30,7 +30,7 @@ usage: renode-rig --elf FILE [--seed N] [--plant FILE.toml]
   --seed N         seed of everything random (default 1)
   --plant FILE     plant configuration in TOML (default: the rig of the thesis)
 
-Speaks rig-link on standard input and output; Renode's log goes to standard error.";
+Speaks emulator-link on standard input and output; Renode's log goes to standard error.";
 
 /// What the command line asks for.
 #[derive(Debug)]

@@ -2,7 +2,7 @@
 //!
 //! Layouts are those of `renode/models/RigServer.cs`; the two change together.
 
-use rig_link::{Advanced, Injection, Latency, Pose, Report, Request, Response, Truth, UNITS};
+use emulator_link::{Advanced, Injection, Latency, Pose, Report, Request, Response, Truth, UNITS};
 use std::str::SplitWhitespace;
 
 /// Doubles of the plant in a row of truth: tip, speed and force, then three a unit.

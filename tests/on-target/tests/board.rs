@@ -16,8 +16,8 @@ mod tests {
     use board::hw::counters::Counters;
     use board::hw::{dac, gpio, pac, startup, time};
     use board::pins;
+    use control::DacCode;
     use defmt::{assert, assert_eq, unwrap};
-    use force_control::DacCode;
 
     /// What the tests share.
     pub struct Rig {

@@ -1,11 +1,11 @@
 //! Bad days: what breaks, who notices, what the motors do.
 
-use force_control::{Fault, MotorState, SystemState};
-use force_wire::message::Refusal;
-use force_wire::Command;
-use forcectl::session::SessionError;
-use rig_link::Injection;
-use scenarios::{all_at_zero, rig, Stand, ZERO_V};
+use control::{Fault, MotorState, SystemState};
+use emulator_link::Injection;
+use host_cli::session::SessionError;
+use test_stand::{all_at_zero, rig, Stand, ZERO_V};
+use wire::message::Refusal;
+use wire::Command;
 
 /// Mean tension of each cable over half a second. The stand's cells are not calibrated, so 3 N asked are 3 N
 /// give or take some percent.
@@ -245,7 +245,7 @@ fn a_hung_loop_is_reset_by_the_watchdog_and_says_so() {
         stand.inject(Injection::HangLoop);
         let mut error = None;
         for _ in 0..100 {
-            if let Err(stop) = stand.session.advance(forcectl::session::PERIOD) {
+            if let Err(stop) = stand.session.advance(host_cli::session::PERIOD) {
                 error = Some(stop);
                 break;
             }

@@ -1,7 +1,7 @@
 //! The main job: a Cartesian force held at the tip of a moving, frictional, noisy robot.
 
-use forcectl::run::{self, Ended, Options, Unwatched};
-use scenarios::{rig, rig_file};
+use host_cli::run::{self, Ended, Options, Unwatched};
+use test_stand::{rig, rig_file};
 
 fn hold(seed: u64, force_n: [f64; 3]) -> run::Outcome {
     let mut link = rig(seed);
@@ -99,7 +99,7 @@ fn forces_that_are_none_are_refused_before_anything_is_driven() {
         )
         .expect_err("must be refused");
         assert!(matches!(error, run::RunError::Argument(_)), "{error}");
-        use forcectl::link::RigLink;
+        use host_cli::link::RigLink;
         let report = link
             .controls()
             .expect("an embedded rig")

@@ -1,14 +1,14 @@
 //! Friction that the rig file doesn't declare: found on the real firmware, declared, and the tensions are better for it.
 
-use forcectl::findings::UNDER_N;
-use forcectl::identify::{self, Figures};
-use forcectl::link::embedded::{EmbeddedRig, Programs};
-use forcectl::link::EmbeddedOptions;
-use forcectl::rigfile::{RigFile, DEFAULT_TEXT};
-use forcectl::run::{self, Options, Unwatched};
-use scenarios::rig_file;
+use host_cli::findings::UNDER_N;
+use host_cli::identify::{self, Figures};
+use host_cli::link::embedded::{EmbeddedRig, Programs};
+use host_cli::link::EmbeddedOptions;
+use host_cli::rigfile::{RigFile, DEFAULT_TEXT};
+use host_cli::run::{self, Options, Unwatched};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
+use test_stand::rig_file;
 
 /// Two fifths more than the rig file says, in every unit; cables slack where zeros are taken.
 const PLANT: &str = "\

@@ -1,12 +1,10 @@
 //! The link on bad days: strangers, garbage, nonsense.
 
-use force_wire::message::{Answer, FilterChoice, Refusal, UnitSetpoint};
-use force_wire::{
-    BoardFrame, BoardMessage, Command, Decoder, HostFrame, MAX_FRAME, SCHEMA_HASH, UNITS,
-};
-use forcectl::link::RigLink;
-use forcectl::session::SessionError;
-use scenarios::{all_at_zero, rig, rig_file, Stand, MS};
+use host_cli::link::RigLink;
+use host_cli::session::SessionError;
+use test_stand::{all_at_zero, rig, rig_file, Stand, MS};
+use wire::message::{Answer, FilterChoice, Refusal, UnitSetpoint};
+use wire::{BoardFrame, BoardMessage, Command, Decoder, HostFrame, MAX_FRAME, SCHEMA_HASH, UNITS};
 
 /// Sends one frame without a session and returns the answer that carries its number.
 fn ask(
@@ -16,7 +14,7 @@ fn ask(
     command: Command,
 ) -> Option<Answer> {
     let mut frame = [0; MAX_FRAME];
-    let length = force_wire::encode(&HostFrame { seq, command }, &mut frame).expect("fits");
+    let length = wire::encode(&HostFrame { seq, command }, &mut frame).expect("fits");
     let mut bytes = frame[..length].to_vec();
     for _ in 0..300 {
         let heard = link.exchange(&bytes, MS).expect("the rig is there");
@@ -43,11 +41,11 @@ fn a_stranger_is_told_the_boards_version_and_may_do_nothing() {
     // What comes before the board has booted is lost.
     link.exchange(&[], 500 * MS).expect("the rig is there");
     let hello = Command::Hello {
-        abi: force_wire::ABI_VERSION + 1,
+        abi: wire::ABI_VERSION + 1,
         schema: SCHEMA_HASH,
     };
     let mine = Refusal::Version {
-        abi: force_wire::ABI_VERSION,
+        abi: wire::ABI_VERSION,
         schema: SCHEMA_HASH,
     };
     assert_eq!(
@@ -55,7 +53,7 @@ fn a_stranger_is_told_the_boards_version_and_may_do_nothing() {
         Some(Answer::Refused(mine))
     );
     let hello = Command::Hello {
-        abi: force_wire::ABI_VERSION,
+        abi: wire::ABI_VERSION,
         schema: [0xA5; 8],
     };
     assert_eq!(

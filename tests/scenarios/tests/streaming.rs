@@ -1,7 +1,7 @@
 //! Six converters with drifting clocks, read one by one as they become ready.
 
 use emulator::allowed;
-use scenarios::{quantile, rig, Stand};
+use test_stand::{quantile, rig, Stand};
 
 #[test]
 fn six_units_stream_and_nothing_is_lost() {

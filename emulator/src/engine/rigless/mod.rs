@@ -15,9 +15,9 @@ mod usb;
 
 use super::{AtRow, Engine, EngineError, Memory, Progress};
 use crate::image::{Image, FLASH_BASE};
+use emulator_link::RegisterEvent;
 use machine::{RigMachine, INSTRUCTION_NS};
 use peers::Shared;
-use rig_link::RegisterEvent;
 use rigless::emulator::{run, Driver, Host, Settled, Start, Stop};
 use rigless::image::Image as Placed;
 use rigless::session::Session;

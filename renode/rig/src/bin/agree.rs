@@ -7,15 +7,13 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
-use force_control::{Config, MotorState, SystemState};
-use force_wire::message::{flags, Command, HostFrame, Sample, UnitSetpoint};
-use force_wire::{
-    encode, BoardFrame, BoardMessage, Decoder, ABI_VERSION, MAX_FRAME, SCHEMA_HASH, UNITS,
-};
-use rig_link::{receive, send, Injection, Request, Response, LINK_VERSION};
+use control::{Config, MotorState, SystemState};
+use emulator_link::{receive, send, Injection, Request, Response, LINK_VERSION};
 use std::io::{BufReader, BufWriter};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, ExitCode, Stdio};
+use wire::message::{flags, Command, HostFrame, Sample, UnitSetpoint};
+use wire::{encode, BoardFrame, BoardMessage, Decoder, ABI_VERSION, MAX_FRAME, SCHEMA_HASH, UNITS};
 
 const MS: u64 = 1_000_000;
 /// Friction at a pull of T newtons, both ways: measured law of the rig, in DAC counts.
@@ -264,7 +262,7 @@ impl Story {
             }
             BoardMessage::Fault(fault) => self.faults.push((fault.unit, fault.code)),
             BoardMessage::Reply(reply) => {
-                if matches!(reply.answer, force_wire::message::Answer::Refused(_)) {
+                if matches!(reply.answer, wire::message::Answer::Refused(_)) {
                     self.refused += 1;
                 }
             }

@@ -1,0 +1,334 @@
+//! Each optional effect does what its page says: the same rig with and without it, side by side.
+
+mod common;
+use common::{gauge, least_squares, volts_for_pull};
+use plant::config::PathConfig;
+use plant::{Effect, Plant, PlantConfig};
+
+fn effect(toml: &str) -> Effect {
+    toml::from_str(toml).unwrap()
+}
+
+/// The gauge experiment at `pull` without and with `effect`; rows of (time, plain, changed).
+fn side_by_side(
+    effect_toml: &str,
+    pull: f64,
+    speed_m_per_s: f64,
+    seconds: u64,
+    mut see: impl FnMut(f64, &Plant, &Plant),
+) {
+    let config = gauge(0.012, speed_m_per_s);
+    let mut changed = config.clone();
+    changed.effects.push(effect(effect_toml));
+    let volts = volts_for_pull(&config, pull);
+    let mut pair = [config, changed].map(|c| Plant::new(c, 5).unwrap());
+    for plant in &mut pair {
+        plant.set_amplifier_power(true);
+        plant.set_amplifier_volts(0, volts).unwrap();
+        plant.set_robot_moving(speed_m_per_s > 0.0);
+    }
+    for ms in 1..seconds * 1000 {
+        for plant in &mut pair {
+            plant.advance_to(ms * 1_000_000);
+        }
+        see(ms as f64 * 1e-3, &pair[0], &pair[1]);
+    }
+}
+
+/// Mean change of tension while the reel pays out at the sweep's speed, N.
+fn change_while_paying_out(effect_toml: &str, speed_m_per_s: f64) -> f64 {
+    let (mut sum, mut count) = (0.0, 0);
+    // The first leg takes 12 mm over the speed; the end of it is steady.
+    let leg = 0.012 / speed_m_per_s;
+    side_by_side(
+        effect_toml,
+        5.0,
+        speed_m_per_s,
+        (leg + 1.0) as u64,
+        |t, plain, changed| {
+            if t > 0.6 * leg && t < 0.95 * leg {
+                sum += changed.tension_n(0) - plain.tension_n(0);
+                count += 1;
+            }
+        },
+    );
+    sum / f64::from(count)
+}
+
+#[test]
+fn viscous_adds_speed_times_coefficient() {
+    let change = change_while_paying_out("kind = \"viscous\"\ncoefficient_n_s_per_m = 40.0", 0.01);
+    assert!((change - 0.4).abs() < 0.01, "{change}");
+}
+
+#[test]
+fn stribeck_adds_at_low_speed_and_fades() {
+    let toml = "kind = \"stribeck\"\nexcess_n = 0.3\nvelocity_m_per_s = 0.01";
+    let slow = change_while_paying_out(toml, 0.003);
+    let fast = change_while_paying_out(toml, 0.03);
+    assert!((slow - 0.3 * (-0.09_f64).exp()).abs() < 0.02, "{slow}");
+    assert!(fast.abs() < 0.01, "{fast}");
+}
+
+#[test]
+fn coulomb_raises_the_level_by_constant_and_load() {
+    let toml = "kind = \"coulomb\"\nconstant_n = 0.2\nper_load = 0.05";
+    let change = change_while_paying_out(toml, 0.01);
+    assert!((change - 0.45).abs() < 0.01, "{change}");
+}
+
+#[test]
+fn periodic_pull_follows_the_shaft() {
+    for (shaft, order, ratio) in [("reel", 3.0, 1.0), ("motor", 2.0, 26.0 / 7.0)] {
+        let toml = format!(
+            "kind = \"periodic\"\nshaft = \"{shaft}\"\norder = {order:?}\namplitude_n = 0.25\nphase_rad = 0.7"
+        );
+        let (mut rows, mut values) = (Vec::new(), Vec::new());
+        side_by_side(&toml, 5.0, 0.005, 12, |t, plain, changed| {
+            if t > 3.5 && t < 8.0 {
+                let angle = order * ratio * changed.reel_rad(0);
+                rows.push([angle.sin(), angle.cos(), 1.0]);
+                values.push(changed.tension_n(0) - plain.tension_n(0));
+            }
+        });
+        let fit = least_squares(&rows, &values);
+        let (amplitude, phase) = (fit[0].hypot(fit[1]), fit[1].atan2(fit[0]));
+        assert!((amplitude - 0.25).abs() < 0.01, "{shaft}: {amplitude}");
+        assert!((phase - 0.7).abs() < 0.05, "{shaft}: {phase}");
+    }
+}
+
+#[test]
+fn backlash_lets_the_motor_turn_through_the_gap() {
+    let mut config = gauge(0.01, 0.005);
+    config.cable.initial_slack_m = 0.05;
+    config.effects.push(effect(
+        "kind = \"backlash\"\ngap_m = 0.002\nreel_friction_n = 0.3",
+    ));
+    let mut plant = Plant::new(config, 1).unwrap();
+    plant.set_amplifier_power(true);
+    let mut span = (0.0_f64, 0.0_f64);
+    for ms in 1..600_u64 {
+        // To and fro: a pull of 2.5 N for 60 ms each way.
+        let sign = if (ms / 60).is_multiple_of(2) {
+            1.0
+        } else {
+            -1.0
+        };
+        let volts = sign * volts_for_pull(plant.config(), 2.5);
+        plant.set_amplifier_volts(0, volts).unwrap();
+        plant.advance_to(ms * 1_000_000);
+        let motor_rad = -(plant.encoder_counts(0) as f64) / 4000.0 * std::f64::consts::TAU;
+        let lead_m = (motor_rad * 7.0 / 26.0 - plant.reel_rad(0)) * 0.01;
+        span = (span.0.min(lead_m), span.1.max(lead_m));
+    }
+    // The mesh gives another 0.05 mm or so on either side.
+    assert!((span.1 - span.0 - 0.002).abs() < 0.0003, "{span:?}");
+}
+
+#[test]
+fn inertia_slows_the_reel() {
+    let speed_after = |mass: f64| {
+        let mut config = gauge(0.01, 0.005);
+        config.cable.initial_slack_m = 0.1;
+        if mass > 0.0 {
+            config
+                .effects
+                .push(effect(&format!("kind = \"inertia\"\nmass_kg = {mass:?}")));
+        }
+        let volts = volts_for_pull(&config, 10.0);
+        let mut plant = Plant::new(config, 1).unwrap();
+        plant.set_amplifier_power(true);
+        plant.set_amplifier_volts(0, volts).unwrap();
+        plant.advance_to(20_000_000);
+        plant.reel_rad_per_s(0)
+    };
+    let own = PlantConfig::default().drive.reflected_mass_kg();
+    let ratio = speed_after(0.0) / speed_after(own);
+    assert!((ratio - 2.0).abs() < 0.05, "{ratio}");
+}
+
+#[test]
+fn amplifier_gain_and_delay_act_on_the_current() {
+    side_by_side(
+        "kind = \"amplifier_gain\"\nrelative_error = 0.1",
+        5.0,
+        0.0,
+        1,
+        |t, plain, changed| {
+            if t > 0.1 {
+                assert!((changed.current_a(0) / plain.current_a(0) - 1.1).abs() < 1e-9);
+            }
+        },
+    );
+    let mut early = None;
+    side_by_side(
+        "kind = \"command_delay\"\ndelay_s = 0.02",
+        5.0,
+        0.0,
+        1,
+        |t, plain, changed| {
+            assert_eq!(changed.current_a(0) > 0.0, t > 0.020, "{t}");
+            if early.is_none() {
+                early = Some(plain.current_a(0));
+            }
+            if (t - 0.021).abs() < 1e-9 {
+                assert_eq!(Some(changed.current_a(0)), early);
+            }
+        },
+    );
+}
+
+/// Change of the reading as force: bridge difference over the cell's own gain.
+fn reading_change_n(plain: &Plant, changed: &Plant) -> f64 {
+    (changed.bridge_v_per_v(0) - plain.bridge_v_per_v(0)) / plain.parameters(0).bridge_per_n
+}
+
+#[test]
+fn effects_on_the_reading_leave_the_tension_alone() {
+    type Expect = fn(f64, f64) -> f64;
+    let cases: [(&str, Expect, f64); 5] = [
+        ("kind = \"zero_drift\"\nrate_n_per_s = 0.01", |t, _| 0.01 * t, 1e-9),
+        (
+            "kind = \"temperature_drift\"\nrise_k = 10.0\ntime_constant_s = 4.0\nzero_n_per_k = 0.006\ngain_per_k = 1e-3",
+            |t, f| 10.0 * (1.0 - (-t / 4.0).exp()) * (0.006 + 1e-3 * f),
+            1e-9,
+        ),
+        ("kind = \"cell_quadratic\"\nper_n = 0.005", |_, f| 0.005 * f * f, 1e-9),
+        (
+            "kind = \"tone\"\nplace = \"bridge\"\nfrequency_hz = 50.0\namplitude_n = 0.1\nphase_rad = 0.5",
+            |t, _| 0.1 * (std::f64::consts::TAU * 50.0 * t + 0.5).sin(),
+            1e-9,
+        ),
+        // The force rises within 50 ms and then stands: a first-order answer to a step.
+        (
+            "kind = \"creep\"\nfraction = 0.02\ntime_constant_s = 2.0",
+            |t, f| 0.02 * f * (1.0 - (-t / 2.0).exp()),
+            0.003,
+        ),
+    ];
+    for (toml, expect, tolerance) in cases {
+        let mut seen = 0;
+        side_by_side(toml, 5.0, 0.0, 8, |t, plain, changed| {
+            assert_eq!(plain.tension_n(0), changed.tension_n(0));
+            let load = plain.truth().units[0].cell_load_n;
+            let (found, due) = (reading_change_n(plain, changed), expect(t, load));
+            assert!(
+                (found - due).abs() < tolerance,
+                "{toml}\nat {t} s: {found} N, {due} N due"
+            );
+            seen += 1;
+        });
+        assert!(seen > 7_000);
+    }
+}
+
+#[test]
+fn drive_tone_shakes_the_tension() {
+    let (mut rows, mut values) = (Vec::new(), Vec::new());
+    let toml = "kind = \"tone\"\nplace = \"drive\"\nfrequency_hz = 2.0\namplitude_n = 0.2";
+    side_by_side(toml, 5.0, 0.002, 6, |t, plain, changed| {
+        if t > 3.0 {
+            let phase = std::f64::consts::TAU * 2.0 * t;
+            rows.push([phase.sin(), phase.cos(), 1.0]);
+            values.push(changed.tension_n(0) - plain.tension_n(0));
+        }
+    });
+    let fit = least_squares(&rows, &values);
+    assert!((fit[0].hypot(fit[1]) - 0.2).abs() < 0.03, "{fit:?}");
+}
+
+#[test]
+fn crosstalk_brings_the_other_units_load_only() {
+    let mut config = PlantConfig::default();
+    config.robot.path = PathConfig::Fixed(Default::default());
+    let plain_config = config.clone();
+    config.effects.push(effect(
+        "kind = \"crosstalk\"\nfrom_unit = 2\nfraction = 0.05",
+    ));
+    let mut pair = [plain_config, config].map(|c| Plant::new(c, 4).unwrap());
+    for plant in &mut pair {
+        plant.set_amplifier_power(true);
+        plant.set_amplifier_volts(2, 0.6).unwrap();
+        plant.advance_to(2_000_000_000);
+    }
+    let [plain, changed] = &pair;
+    for unit in 0..6 {
+        let difference = changed.bridge_v_per_v(unit) - plain.bridge_v_per_v(unit);
+        let found = difference / plain.parameters(unit).bridge_per_n;
+        let due = if unit == 2 {
+            0.0
+        } else {
+            0.05 * plain.cell_force_n(2)
+        };
+        assert!((found - due).abs() < 1e-5, "unit {unit}: {found} {due}");
+    }
+    assert!(plain.cell_force_n(2) > 4.0);
+}
+
+#[test]
+fn a_hardening_cable_stretches_by_its_law() {
+    side_by_side(
+        "kind = \"cable_hardening\"\nper_strain = 500.0",
+        10.0,
+        0.0,
+        1,
+        |t, plain, changed| {
+            if t < 0.9 {
+                return;
+            }
+            for (plant, k) in [(plain, 0.0), (changed, 500.0)] {
+                let config = plant.config();
+                let u = &plant.truth().units[0];
+                let wound = u.reel_rad * config.drive.reel_radius_m;
+                let weight = plant.parameters(0).assembly_weight_n;
+                let sag = (u.cell_load_n - weight) / config.load_cell.stiffness_n_per_m;
+                let cosine = u.cell_force_n / u.tension_n;
+                let weight_sag = weight / config.load_cell.stiffness_n_per_m * cosine;
+                let free = u.cable_length_m - weight_sag - wound;
+                let strain = (wound - sag * cosine) / free;
+                let due = config.cable.axial_stiffness_n * strain * (1.0 + k * strain);
+                assert!(
+                    (u.tension_n - due).abs() < 0.01,
+                    "k {k}: {} N, {due} N due",
+                    u.tension_n
+                );
+            }
+            assert!(changed.reel_rad(0) < 0.85 * plain.reel_rad(0));
+        },
+    );
+}
+
+#[test]
+fn payload_weighs_on_the_tip() {
+    let mut config = PlantConfig::default();
+    config
+        .effects
+        .push(effect("kind = \"payload\"\nmass_kg = 0.1"));
+    let mut plant = Plant::new(config, 1).unwrap();
+    plant.advance_to(1_000_000);
+    let force = plant.tip_force_n();
+    assert!((force[2] + 0.980665).abs() < 1e-9 && force[0].abs() < 1e-9);
+}
+
+#[test]
+fn an_effect_reaches_only_the_units_it_lists() {
+    let mut config = PlantConfig::default();
+    config.robot.path = PathConfig::Fixed(Default::default());
+    let plain_config = config.clone();
+    config.effects.push(effect(
+        "kind = \"amplifier_gain\"\nunits = [1, 4]\nrelative_error = 0.2",
+    ));
+    let mut pair = [plain_config, config].map(|c| Plant::new(c, 4).unwrap());
+    for plant in &mut pair {
+        plant.set_amplifier_power(true);
+        for unit in 0..6 {
+            plant.set_amplifier_volts(unit, 0.4).unwrap();
+        }
+        plant.advance_to(500_000_000);
+    }
+    for unit in 0..6 {
+        let same = pair[0].tension_n(unit) == pair[1].tension_n(unit);
+        assert_eq!(same, unit != 1 && unit != 4, "unit {unit}");
+    }
+}

@@ -1,0 +1,202 @@
+//! What counts as right. Everything that excuses or equates lies in this file.
+//!
+//! A name is right only if it is the true effect's own name, with one exception:
+//!
+//! * `hysteresis` of the generator is Dahl's formula over the cable's travel, with a turning distance of 3 to
+//!   8 mm. The catalogue has the same formula twice, as `hysteresis` (`loop of position`) and, for turning
+//!   distances that are short against the range, as `presliding` (`elastic turn`). Either name is right.
+//!
+//! In particular `coulomb` called `load_dependent_coulomb` is wrong, and so is the reverse; `presliding` (the
+//! friction of the whole log that keeps its direction at rest) called `coulomb` is wrong.
+//!
+//! `not_identifiable` is not right either: it has its own column where the true effect is among the effects it
+//! lists first, and counts as wrong where it is not.
+
+use residual::{Effect, Report, Verdict};
+use std::collections::BTreeMap;
+use synthetic_sets::{effect::Effect as True, Kind};
+
+/// How an answer relates to the truth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Class {
+    /// The true effect comes first; for empty sets: `none`; for strange ones: `unknown`.
+    Right,
+    /// The true effect is among those that the data are said not to tell apart.
+    Among,
+    /// Something is said to be missing, but not what.
+    Unknown,
+    /// Nothing is said to be missing.
+    None,
+    /// Another effect comes first.
+    Wrong,
+}
+
+/// Whether a found effect is the true one.
+#[must_use]
+pub fn is(kind: Kind, name: &str, form: &str) -> bool {
+    name == kind.name()
+        || (kind == Kind::Hysteresis && name == "presliding" && form == "elastic turn")
+}
+
+/// The same for a name without form, as in a list of effects that cannot be told apart.
+fn among(kind: Kind, names: &[String]) -> bool {
+    names.iter().any(|name| name == kind.name())
+}
+
+/// Compares a report with the kinds that are in the set.
+#[must_use]
+pub fn class(report: &Report, kinds: &[Kind], strange: bool) -> Class {
+    if kinds.is_empty() {
+        return match report.verdict {
+            Verdict::None => Class::Right,
+            Verdict::Unknown => Class::Unknown,
+            _ => Class::Wrong,
+        };
+    }
+    match report.verdict {
+        Verdict::None => Class::None,
+        Verdict::Unknown if strange => Class::Right,
+        Verdict::Unknown => Class::Unknown,
+        Verdict::NotIdentifiable => {
+            let listed = report
+                .not_identifiable
+                .first()
+                .is_some_and(|first| kinds.iter().any(|kind| among(*kind, &first.effects)));
+            if listed {
+                Class::Among
+            } else {
+                Class::Wrong
+            }
+        }
+        Verdict::Effect | Verdict::Several => {
+            let first = report.effects.first().is_some_and(|effect| {
+                kinds
+                    .iter()
+                    .any(|kind| is(*kind, &effect.name, &effect.form))
+            });
+            if first {
+                Class::Right
+            } else {
+                Class::Wrong
+            }
+        }
+    }
+}
+
+/// Column of the confusion table: the first effect named, or the verdict where none counts as named.
+#[must_use]
+pub fn answer(report: &Report) -> String {
+    match report.verdict {
+        Verdict::Effect | Verdict::Several => report
+            .effects
+            .first()
+            .map_or_else(|| "none".into(), |effect| effect.name.clone()),
+        other => other.word().into(),
+    }
+}
+
+/// A parameter of the truth and its estimate.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    /// Name with unit, as the generator has it.
+    pub name: &'static str,
+    /// What was put in.
+    pub truth: f64,
+    /// What was found, in the same unit and sign.
+    pub found: f64,
+}
+
+impl Estimate {
+    /// Error as a share of the truth.
+    #[must_use]
+    pub fn error(&self) -> f64 {
+        (self.found / self.truth - 1.0).abs()
+    }
+}
+
+/// Parameters of a found effect beside the true ones. A parameter that the found form does not have is
+/// 100 % off.
+///
+/// The phase of a ripple is left out (a share of an angle means nothing). The generator's friction and
+/// inertia are positive where they oppose motion; the analysis gives the coefficient of the velocity's
+/// sign, the velocity or the acceleration, which is then negative.
+#[must_use]
+pub fn estimates(truth: &True, found: &Effect) -> Vec<Estimate> {
+    let get = |name: &str| found.params.get(name).copied().unwrap_or(0.0);
+    truth
+        .parameters()
+        .into_iter()
+        .filter(|(name, _)| *name != "phase_rad")
+        .map(|(name, value)| {
+            let found = match (truth.kind, name) {
+                (Kind::Coulomb, _) => -get("friction"),
+                (Kind::LoadDependentCoulomb, _) => -get("friction_per_load"),
+                (Kind::Viscous, _) => -get("damping"),
+                (Kind::Stribeck, "friction_n") => -get("extra_at_low_speed"),
+                (Kind::Stribeck, _) => get("stribeck_velocity"),
+                (Kind::Presliding, _) => -either(&found.params, &["friction", "held_friction"]),
+                (Kind::Hysteresis, "force_n") => {
+                    -either(&found.params, &["half_height", "friction"])
+                }
+                (Kind::Hysteresis, _) => {
+                    either(&found.params, &["turning_width", "presliding_distance"])
+                }
+                (Kind::PeriodicAngle, "amplitude_n") => get("amplitude"),
+                (Kind::PeriodicAngle, _) => get("order"),
+                (Kind::Inertia, _) => -get("inertia"),
+                (Kind::Delay, _) => get("delay"),
+                (Kind::ClockSkew, _) => -get("skew"),
+                (Kind::Gain, _) => get("gain_error"),
+                (Kind::Offset, _) => get("offset"),
+                (Kind::Quadratic, _) => get("curvature"),
+                (Kind::Saturation, _) => get("upper_limit"),
+                (Kind::DriftTime, _) => get("drift"),
+                (Kind::DriftTemperature, _) => get("drift_per_degree"),
+                (Kind::Creep, "fraction") => get("creep_share"),
+                (Kind::Creep, _) => get("time_constant"),
+                (Kind::Crosstalk, _) => get("share_of_neighbour"),
+                (Kind::Tone, "amplitude_n") => get("amplitude"),
+                (Kind::Tone, _) => get("frequency"),
+                _ => f64::NAN,
+            };
+            Estimate {
+                name,
+                truth: value,
+                found,
+            }
+        })
+        .collect()
+}
+
+/// The first of `names` that is there; 0 if none is.
+fn either(params: &BTreeMap<String, f64>, names: &[&str]) -> f64 {
+    names
+        .iter()
+        .find_map(|name| params.get(*name))
+        .copied()
+        .unwrap_or(0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_same_physics_passes_for_the_same() {
+        assert!(is(Kind::Hysteresis, "presliding", "elastic turn"));
+        assert!(!is(Kind::Hysteresis, "presliding", "direction held"));
+        assert!(!is(
+            Kind::Coulomb,
+            "load_dependent_coulomb",
+            "constant and share"
+        ));
+        assert!(!is(Kind::Presliding, "coulomb", "sign of velocity"));
+        for kind in Kind::KNOWN {
+            assert!(is(kind, kind.name(), ""));
+            assert!(residual::names().contains(&kind.name()), "{}", kind.name());
+        }
+        for kind in Kind::STRANGE {
+            assert!(!residual::names().contains(&kind.name()), "{}", kind.name());
+        }
+    }
+}

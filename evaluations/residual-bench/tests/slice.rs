@@ -1,0 +1,71 @@
+//! A small slice of the exam, on development seeds.
+
+use residual_bench::case::{Case, Group, Plan};
+use residual_bench::exam::{sit, Outcome};
+use residual_bench::judge::Class;
+use synthetic_sets::Kind;
+
+/// The set of this group, effect and strength with seed 10000.
+fn outcome(group: Group, kinds: &[Kind], strength: f64) -> Outcome {
+    let plan = Plan {
+        seeds: 10_000..=10_001,
+        kind: None,
+        quick: false,
+    };
+    let case: Case = plan
+        .cases()
+        .into_iter()
+        .find(|case| case.group == group && case.kinds == kinds && case.strength == strength)
+        .expect("the plan has such a set");
+    sit(&case).expect("the analysis runs")
+}
+
+#[test]
+fn effects_of_three_times_the_noise_are_named() {
+    for kind in [
+        Kind::LoadDependentCoulomb,
+        Kind::PeriodicAngle,
+        Kind::Crosstalk,
+    ] {
+        let o = outcome(Group::Known, &[kind], 3.0);
+        assert_eq!(o.class, Class::Right, "{}: {:?}", kind.name(), o.named);
+        assert!(
+            o.over_oracle() < 1.05,
+            "{}: {}",
+            kind.name(),
+            o.over_oracle()
+        );
+        for e in &o.estimates {
+            assert!(e.error() < 0.1, "{}: {e:?}", kind.name());
+        }
+    }
+}
+
+#[test]
+fn an_empty_set_stays_empty() {
+    let o = outcome(Group::Empty, &[], 0.0);
+    assert_eq!(o.verdict, "none", "{:?}", o.named);
+}
+
+#[test]
+fn two_effects_are_both_named() {
+    let o = outcome(Group::Two, &[Kind::LoadDependentCoulomb, Kind::Offset], 1.0);
+    assert_eq!(
+        (o.verdict, o.hits, o.extra),
+        ("several", 2, 0),
+        "{:?}",
+        o.named
+    );
+}
+
+#[test]
+fn an_effect_in_no_catalogue_is_unknown() {
+    let o = outcome(Group::Strange, &[Kind::TravelLoad], 3.0);
+    assert_eq!(o.verdict, "unknown", "{:?}", o.named);
+}
+
+#[test]
+fn friction_is_named_in_a_closed_loop() {
+    let o = outcome(Group::Closed, &[Kind::Coulomb], 1.0);
+    assert_eq!(o.class, Class::Right, "{:?} {:?}", o.verdict, o.named);
+}
