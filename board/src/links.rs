@@ -3,7 +3,7 @@
 use board::hw::usart::Producer;
 use board::machine::LinkCounters;
 use board::telemetry::Batcher;
-use wire::message::{Answer, Reply};
+use wire::message::{Reply, Response};
 use wire::{encode, BoardFrame, BoardMessage, Decoder, FrameError, HostFrame, MAX_FRAME};
 
 /// Number of the USB link.
@@ -69,8 +69,8 @@ impl Link {
     }
 
     /// Answers the command with this number.
-    pub fn reply(&mut self, seq: u16, answer: Answer) {
-        self.send(BoardMessage::Reply(Reply { seq, answer }));
+    pub fn reply(&mut self, seq: u16, response: Response) {
+        self.send(BoardMessage::Reply(Reply { seq, response }));
     }
 
     /// What went wrong so far.

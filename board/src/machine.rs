@@ -18,8 +18,8 @@ use control::{
 use drivers::nau7802::{Cause, SequenceError, Stage};
 use wire::frame::crc32;
 use wire::message::{
-    flags, Answer, BoardInfo, FaultReport, Refusal, Sample, Status, UnitConfig, UnitSetpoint,
-    UnitStatus,
+    flags, BoardInfo, CommandError, FaultReport, Response, Sample, Status, UnitConfig,
+    UnitSetpoint, UnitStatus,
 };
 use wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
 
@@ -592,22 +592,24 @@ impl Machine {
         figures: LoopFigures,
         counters: LinkCounters,
         fx: &mut impl Effects,
-    ) -> Option<Answer> {
+    ) -> Option<Response> {
         if let Command::Hello { abi, schema } = frame.command {
             return Some(self.hello(link, abi, schema));
         }
         if self.commander != Some(link) {
-            return Some(Answer::Refused(Refusal::NotConnected));
+            return Some(Response::Rejected(CommandError::NotConnected));
         }
         // Commands are carried out between two samples, so here is a cycle boundary too: whoever asks after a commit
         // gets what was committed, and arming acts on it.
         self.exchange_configs();
         let result = match &frame.command {
             Command::Hello { .. } => Ok(()),
-            Command::GetStatus => return Some(Answer::Status(self.status(now, figures, counters))),
+            Command::GetStatus => {
+                return Some(Response::Status(self.status(now, figures, counters)))
+            }
             Command::GetConfig { unit } => match self.units.get(usize::from(*unit)) {
-                Some(slot) => return Some(Answer::Config(*slot.config.wire())),
-                None => Err(Refusal::Unit(*unit)),
+                Some(slot) => return Some(Response::Config(*slot.config.wire())),
+                None => Err(CommandError::UnknownUnit(*unit)),
             },
             Command::StageConfig { unit, config } => self.stage(*unit, config),
             Command::CommitConfig => self.commit(),
@@ -629,32 +631,32 @@ impl Machine {
             }
         };
         Some(match result {
-            Ok(()) => Answer::Done,
-            Err(refusal) => Answer::Refused(refusal),
+            Ok(()) => Response::Done,
+            Err(refusal) => Response::Rejected(refusal),
         })
     }
 
-    fn hello(&mut self, link: usize, abi: u16, schema: [u8; 8]) -> Answer {
+    fn hello(&mut self, link: usize, abi: u16, schema: [u8; 8]) -> Response {
         if abi != ABI_VERSION || schema != SCHEMA_HASH || link >= LINKS {
             // A host that cannot be understood does not displace one that can.
-            return Answer::Refused(Refusal::Version {
+            return Response::Rejected(CommandError::Version {
                 abi: ABI_VERSION,
                 schema: SCHEMA_HASH,
             });
         }
         self.commander = Some(link);
-        Answer::Hello(self.info.clone())
+        Response::Hello(self.info.clone())
     }
 
-    fn stage(&mut self, unit: u8, config: &UnitConfig) -> Result<(), Refusal> {
+    fn stage(&mut self, unit: u8, config: &UnitConfig) -> Result<(), CommandError> {
         if self.system.drives() {
-            return Err(Refusal::State(self.system as u8));
+            return Err(CommandError::State(self.system as u8));
         }
         let slot = self
             .units
             .get_mut(usize::from(unit))
-            .ok_or(Refusal::Unit(unit))?;
-        let config = Config::from_wire(config).map_err(|error| Refusal::Range {
+            .ok_or(CommandError::UnknownUnit(unit))?;
+        let config = Config::from_wire(config).map_err(|error| CommandError::Range {
             unit,
             field: error.field.number,
         })?;
@@ -662,23 +664,25 @@ impl Machine {
         Ok(())
     }
 
-    fn commit(&mut self) -> Result<(), Refusal> {
+    fn commit(&mut self) -> Result<(), CommandError> {
         if self.system.drives() || self.system == SystemState::Zeroing {
-            return Err(Refusal::State(self.system as u8));
+            return Err(CommandError::State(self.system as u8));
         }
         self.commit = true;
         Ok(())
     }
 
-    fn zero(&mut self, mask: u8, now: u32, fx: &mut impl Effects) -> Result<(), Refusal> {
+    fn zero(&mut self, mask: u8, now: u32, fx: &mut impl Effects) -> Result<(), CommandError> {
         if mask == 0 || mask >> UNITS != 0 {
-            return Err(Refusal::Unit(mask.trailing_zeros().max(UNITS as u32) as u8));
+            return Err(CommandError::UnknownUnit(
+                mask.trailing_zeros().max(UNITS as u32) as u8,
+            ));
         }
         for (n, unit) in (0..).zip(&self.units) {
             if mask & (1 << n) != 0 && !unit.usable() {
                 return Err(match unit.latch.get() {
-                    Some((fault, _)) => Refusal::Faulted(fault.code()),
-                    None => Refusal::Unit(n),
+                    Some((fault, _)) => CommandError::Faulted(fault.code()),
+                    None => CommandError::UnknownUnit(n),
                 });
             }
         }
@@ -689,7 +693,7 @@ impl Machine {
         Ok(())
     }
 
-    fn arm(&mut self, now: u32, fx: &mut impl Effects) -> Result<(), Refusal> {
+    fn arm(&mut self, now: u32, fx: &mut impl Effects) -> Result<(), CommandError> {
         let was = self.system;
         self.request(Request::Arm, now, fx)?;
         if was != SystemState::Running && !self.expiry.is_valid(Micros(now)) {
@@ -706,7 +710,7 @@ impl Machine {
         request: Request,
         now: u32,
         fx: &mut impl Effects,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), CommandError> {
         match self.advance(request, now, fx) {
             None => {
                 if request == Request::Disarm {
@@ -716,27 +720,28 @@ impl Machine {
                 }
                 Ok(())
             }
-            Some(Denied::Faulted) => Err(Refusal::Faulted(self.latch.code())),
-            Some(Denied::EStopOpen) => Err(Refusal::Faulted(Fault::EStop.code())),
-            Some(Denied::State) => Err(Refusal::State(self.system as u8)),
+            Some(Denied::Faulted) => Err(CommandError::Faulted(self.latch.code())),
+            Some(Denied::EStopOpen) => Err(CommandError::Faulted(Fault::EStop.code())),
+            Some(Denied::State) => Err(CommandError::State(self.system as u8)),
             Some(Denied::UnitNotReady) => Err(self.why_not_ready()),
         }
     }
 
     /// The first enabled unit that isn't ready, or its fault.
-    fn why_not_ready(&self) -> Refusal {
+    fn why_not_ready(&self) -> CommandError {
         (0..)
             .zip(&self.units)
             .find(|(_, unit)| unit.config.enabled() && !unit.usable())
-            .map_or(Refusal::State(self.system as u8), |(n, unit)| {
-                match unit.latch.get() {
-                    Some((fault, _)) => Refusal::Faulted(fault.code()),
-                    None => Refusal::Unit(n),
-                }
-            })
+            .map_or(
+                CommandError::State(self.system as u8),
+                |(n, unit)| match unit.latch.get() {
+                    Some((fault, _)) => CommandError::Faulted(fault.code()),
+                    None => CommandError::UnknownUnit(n),
+                },
+            )
     }
 
-    fn clear_faults(&mut self, now: u32, fx: &mut impl Effects) -> Result<(), Refusal> {
+    fn clear_faults(&mut self, now: u32, fx: &mut impl Effects) -> Result<(), CommandError> {
         let estop_open = !self.estop_closed;
         self.bus_stuck = false; // reported again within STUCK_PAUSE_US if it is still held
         let board = self.latch.clear(|fault| match fault {
@@ -746,7 +751,7 @@ impl Machine {
             _ => false,
         });
         if !board {
-            return Err(Refusal::Faulted(self.latch.code()));
+            return Err(CommandError::Faulted(self.latch.code()));
         }
         for unit in &mut self.units {
             let too_tight = unit.sensor_up
@@ -757,7 +762,7 @@ impl Machine {
         self.advance(Request::None, now, fx);
         match self.units.iter().find_map(|unit| unit.latch.get()) {
             None => Ok(()),
-            Some((fault, _)) => Err(Refusal::Faulted(fault.code())),
+            Some((fault, _)) => Err(CommandError::Faulted(fault.code())),
         }
     }
 
@@ -766,9 +771,9 @@ impl Machine {
         valid_ms: u16,
         wire: &[UnitSetpoint; UNITS],
         now: u32,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), CommandError> {
         if valid_ms == 0 || valid_ms > 1_000 {
-            return Err(Refusal::Range {
+            return Err(CommandError::Range {
                 unit: u8::MAX,
                 field: 0,
             });
@@ -776,11 +781,12 @@ impl Machine {
         let mut checked = [Setpoint::default(); UNITS];
         for (n, (unit, wire)) in self.units.iter().zip(wire).enumerate() {
             if unit.config.enabled() {
-                checked[n] =
-                    Setpoint::from_wire(&unit.config, wire).map_err(|field| Refusal::Range {
+                checked[n] = Setpoint::from_wire(&unit.config, wire).map_err(|field| {
+                    CommandError::Range {
                         unit: n as u8,
                         field,
-                    })?;
+                    }
+                })?;
             }
         }
         if self.system != SystemState::Running {

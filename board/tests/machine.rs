@@ -7,7 +7,8 @@ use board::machine::{
 use board::telemetry::{Batcher, Outstanding, FLUSH_US};
 use control::{Config, DacCode, Fault, LoadCode, MotorState, SystemState};
 use wire::message::{
-    flags, Answer, BoardInfo, FaultReport, KeptReason, Refusal, Sample, Status, UnitSetpoint, BATCH,
+    flags, BoardInfo, CommandError, CrashRecord, FaultReport, Response, Sample, Status,
+    UnitSetpoint, BATCH,
 };
 use wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
 
@@ -34,7 +35,7 @@ impl Effects for Board {
     }
 }
 
-fn info(kept: Option<KeptReason>) -> BoardInfo {
+fn info(kept: Option<CrashRecord>) -> BoardInfo {
     BoardInfo {
         abi: ABI_VERSION,
         schema: SCHEMA_HASH,
@@ -58,7 +59,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(kept: Option<KeptReason>) -> Self {
+    fn new(kept: Option<CrashRecord>) -> Self {
         Self {
             machine: Machine::new(info(kept)),
             board: Board::default(),
@@ -70,7 +71,7 @@ impl Bench {
         }
     }
 
-    fn ask(&mut self, link: usize, command: Command) -> Option<Answer> {
+    fn ask(&mut self, link: usize, command: Command) -> Option<Response> {
         let frame = HostFrame { seq: 7, command };
         let (figures, counters) = (LoopFigures::default(), LinkCounters::default());
         self.machine
@@ -80,12 +81,12 @@ impl Bench {
     fn done(&mut self, command: Command) {
         assert_eq!(
             self.ask(0, command.clone()),
-            Some(Answer::Done),
+            Some(Response::Done),
             "{command:?}"
         );
     }
 
-    fn hello(&mut self, link: usize) -> Option<Answer> {
+    fn hello(&mut self, link: usize) -> Option<Response> {
         self.ask(
             link,
             Command::Hello {
@@ -158,7 +159,7 @@ impl Bench {
         bench
     }
 
-    fn setpoints(&mut self, tension_un: i32) -> Option<Answer> {
+    fn setpoints(&mut self, tension_un: i32) -> Option<Response> {
         let unit = UnitSetpoint {
             tension_un,
             inv_cos_q16: 65_536,
@@ -187,13 +188,13 @@ fn what_was_committed_is_read_back_at_once() {
     // Staged is not in force.
     assert_ne!(
         bench.ask(0, Command::GetConfig { unit: 4 }),
-        Some(Answer::Config(config))
+        Some(Response::Config(config))
     );
     let crc = bench.status().config_crc;
     bench.done(Command::CommitConfig);
     assert_eq!(
         bench.ask(0, Command::GetConfig { unit: 4 }),
-        Some(Answer::Config(config))
+        Some(Response::Config(config))
     );
     assert_ne!(bench.status().config_crc, crc);
 }
@@ -210,7 +211,7 @@ fn nothing_is_done_for_a_link_without_hello_and_the_last_hello_commands() {
     ] {
         assert_eq!(
             bench.ask(0, command),
-            Some(Answer::Refused(Refusal::NotConnected))
+            Some(Response::Rejected(CommandError::NotConnected))
         );
     }
     assert_eq!(
@@ -221,20 +222,20 @@ fn nothing_is_done_for_a_link_without_hello_and_the_last_hello_commands() {
                 schema: [9; 8]
             }
         ),
-        Some(Answer::Refused(Refusal::Version {
+        Some(Response::Rejected(CommandError::Version {
             abi: ABI_VERSION,
             schema: SCHEMA_HASH
         }))
     );
-    assert!(matches!(bench.hello(0), Some(Answer::Hello(_))));
+    assert!(matches!(bench.hello(0), Some(Response::Hello(_))));
     assert!(matches!(
         bench.ask(0, Command::GetStatus),
-        Some(Answer::Status(_))
+        Some(Response::Status(_))
     ));
-    assert!(matches!(bench.hello(1), Some(Answer::Hello(_))));
+    assert!(matches!(bench.hello(1), Some(Response::Hello(_))));
     assert_eq!(
         bench.ask(0, Command::GetStatus),
-        Some(Answer::Refused(Refusal::NotConnected))
+        Some(Response::Rejected(CommandError::NotConnected))
     );
     // A stranger on the other link takes nothing away.
     bench.ask(
@@ -246,7 +247,7 @@ fn nothing_is_done_for_a_link_without_hello_and_the_last_hello_commands() {
     );
     assert!(matches!(
         bench.ask(1, Command::GetStatus),
-        Some(Answer::Status(_))
+        Some(Response::Status(_))
     ));
 }
 
@@ -281,7 +282,10 @@ fn bad_values_are_named_by_unit_and_field_and_change_nothing() {
     let refused = bench.ask(0, Command::StageConfig { unit: 3, config });
     assert_eq!(
         refused,
-        Some(Answer::Refused(Refusal::Range { unit: 3, field: 5 }))
+        Some(Response::Rejected(CommandError::Range {
+            unit: 3,
+            field: 5
+        }))
     );
     let refused = bench.ask(
         0,
@@ -290,19 +294,25 @@ fn bad_values_are_named_by_unit_and_field_and_change_nothing() {
             config: Config::nominal(),
         },
     );
-    assert_eq!(refused, Some(Answer::Refused(Refusal::Unit(6))));
+    assert_eq!(
+        refused,
+        Some(Response::Rejected(CommandError::UnknownUnit(6)))
+    );
     assert_eq!(
         bench.ask(0, Command::GetConfig { unit: 6 }),
-        Some(Answer::Refused(Refusal::Unit(6)))
+        Some(Response::Rejected(CommandError::UnknownUnit(6)))
     );
     assert_eq!(
         bench.ask(0, Command::Zero { units: 0x40 }),
-        Some(Answer::Refused(Refusal::Unit(6)))
+        Some(Response::Rejected(CommandError::UnknownUnit(6)))
     );
     let mut bench = Bench::armed();
     assert_eq!(
         bench.setpoints(i32::MAX),
-        Some(Answer::Refused(Refusal::Range { unit: 0, field: 0 }))
+        Some(Response::Rejected(CommandError::Range {
+            unit: 0,
+            field: 0
+        }))
     );
     let unit = UnitSetpoint {
         tension_un: 3_000_000,
@@ -317,7 +327,10 @@ fn bad_values_are_named_by_unit_and_field_and_change_nothing() {
     );
     assert_eq!(
         refused,
-        Some(Answer::Refused(Refusal::Range { unit: 0, field: 1 }))
+        Some(Response::Rejected(CommandError::Range {
+            unit: 0,
+            field: 1
+        }))
     );
     bench.run(30);
     assert!(bench.all_at_zero());
@@ -354,7 +367,7 @@ fn armed_motors_pull_and_a_silent_host_stops_them_all() {
     let code = Fault::SetpointsExpired.code();
     assert_eq!(
         bench.ask(0, Command::Arm),
-        Some(Answer::Refused(Refusal::Faulted(code)))
+        Some(Response::Rejected(CommandError::Faulted(code)))
     );
     bench.done(Command::ClearFaults);
     bench.run(5);
@@ -368,11 +381,11 @@ fn a_commit_is_refused_while_armed() {
     let state = SystemState::Running as u8;
     assert_eq!(
         bench.ask(0, Command::CommitConfig),
-        Some(Answer::Refused(Refusal::State(state)))
+        Some(Response::Rejected(CommandError::State(state)))
     );
     assert_eq!(
         bench.ask(0, Command::Zero { units: 1 }),
-        Some(Answer::Refused(Refusal::State(state)))
+        Some(Response::Rejected(CommandError::State(state)))
     );
 }
 
@@ -409,7 +422,7 @@ fn the_e_stop_stops_within_two_milliseconds_and_stays() {
     let code = Fault::EStop.code();
     assert_eq!(
         bench.ask(0, Command::ClearFaults),
-        Some(Answer::Refused(Refusal::Faulted(code))),
+        Some(Response::Rejected(CommandError::Faulted(code))),
         "still open"
     );
     bench.estop_closed = true;
@@ -504,7 +517,7 @@ fn zeroing_takes_the_load_away_and_a_touched_cable_is_refused() {
         (status.units[2].tension_un - 1_500_000).abs() < 5_000,
         "not asked for"
     );
-    let Some(Answer::Config(config)) = bench.ask(0, Command::GetConfig { unit: 0 }) else {
+    let Some(Response::Config(config)) = bench.ask(0, Command::GetConfig { unit: 0 }) else {
         panic!()
     };
     assert!(
@@ -522,7 +535,7 @@ fn zeroing_takes_the_load_away_and_a_touched_cable_is_refused() {
 
 #[test]
 fn what_ended_the_last_run_is_latched_and_told() {
-    let kept = KeptReason {
+    let kept = CrashRecord {
         code: Fault::Panic.code(),
         detail: 42,
         pc: 0,
@@ -534,7 +547,7 @@ fn what_ended_the_last_run_is_latched_and_told() {
         (bench.status().fault, bench.status().fault_detail),
         (Fault::Panic.code(), 42)
     );
-    let Some(Answer::Hello(info)) = bench.hello(1) else {
+    let Some(Response::Hello(info)) = bench.hello(1) else {
         panic!()
     };
     assert_eq!(info.kept, Some(kept));

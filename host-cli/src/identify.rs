@@ -130,7 +130,7 @@ pub fn excite(
     match result {
         Ok((samples, swing)) => {
             observer.progress(Phase::Disarm, 0.0);
-            if let Err(error) = run::put_down(&mut session) {
+            if let Err(error) = run::ramp_down_and_disarm(&mut session) {
                 session.make_safe();
                 return Err(error.into());
             }
@@ -216,7 +216,7 @@ fn drive(
     observer: &mut dyn Observer,
 ) -> Result<(Vec<(TimedSample, f64)>, f64), RunError> {
     observer.progress(Phase::Tension, 0.0);
-    observer.samples(&session.take_heard().samples);
+    observer.samples(&session.drain().samples);
     session.command(&Command::Arm)?;
     let start_ns = session.now_ns();
     let mut kept = Vec::new();
@@ -284,9 +284,9 @@ fn drive(
         }
         session.set_setpoints(Some(setpoints));
         session.advance(PERIOD)?;
-        let heard = session.take_heard();
-        observer.samples(&heard.samples);
-        if let Some(fault) = heard.faults.first() {
+        let received = session.drain();
+        observer.samples(&received.samples);
+        if let Some(fault) = received.faults.first() {
             return Err(RunError::Fault(explain_fault(fault.code, fault.detail)));
         }
         if let Some(status) = session.status() {
@@ -300,7 +300,7 @@ fn drive(
             }
         }
         if t_s >= SETTLE_S {
-            kept.extend(heard.samples.iter().map(|timed| {
+            kept.extend(received.samples.iter().map(|timed| {
                 let unit = usize::from(timed.sample.unit).min(UNITS - 1);
                 (*timed, inv_cos[unit])
             }));
@@ -639,7 +639,7 @@ mod tests {
     use super::*;
     use crate::link::fake::{FakeBoard, Mood};
     use crate::rigfile::DEFAULT_TEXT;
-    use crate::run::Unwatched;
+    use crate::run::NoopObserver;
     use control::SystemState;
     use emulator_link::Injection;
     use plant::effects::{AmplifierGain, Coulomb, Effect, Periodic, Shaft};
@@ -657,7 +657,7 @@ mod tests {
         };
         let mut board = FakeBoard::with(Mood::Good, 3, plant);
         let stop = AtomicBool::new(false);
-        let recording = excite(&mut board, &rig(), 24.0, &stop, &mut Unwatched).unwrap();
+        let recording = excite(&mut board, &rig(), 24.0, &stop, &mut NoopObserver).unwrap();
         assert_eq!(board.system, SystemState::Ready, "disarmed at the end");
         let id = std::thread::current().id();
         let out = std::env::temp_dir().join(format!("identify-{}-{id:?}", std::process::id()));
@@ -782,7 +782,7 @@ mod tests {
             .unwrap()
             .inject(Injection::EStop(true))
             .unwrap();
-        let error = excite(&mut board, &rig(), 10.0, &stop, &mut Unwatched).unwrap_err();
+        let error = excite(&mut board, &rig(), 10.0, &stop, &mut NoopObserver).unwrap_err();
         assert!(error.to_string().contains("E-stop"), "{error}");
         assert!(!board.system.drives());
     }
@@ -792,12 +792,12 @@ mod tests {
         let stop = AtomicBool::new(false);
         let mut board = FakeBoard::new(Mood::Good);
         for seconds in [f64::NAN, 1.0, 1e6] {
-            let result = excite(&mut board, &rig(), seconds, &stop, &mut Unwatched);
+            let result = excite(&mut board, &rig(), seconds, &stop, &mut NoopObserver);
             assert!(matches!(result, Err(RunError::Argument(_))), "{seconds}");
         }
         let mut narrow = rig();
         narrow.units[3].tension_max_n = 4.5;
-        let error = excite(&mut board, &narrow, 10.0, &stop, &mut Unwatched).unwrap_err();
+        let error = excite(&mut board, &narrow, 10.0, &stop, &mut NoopObserver).unwrap_err();
         assert!(error.to_string().contains("unit 4"), "{error}");
         assert!(board.commands.is_empty());
     }

@@ -10,7 +10,7 @@ use crate::metrics::{self, Metrics, Step};
 use crate::pose::{PoseError, PoseSource};
 use crate::rigfile::{board_crc, RigFile};
 use crate::session::{
-    explain_fault, explain_kept, Heard, LinkCounters, Session, SessionError, TimedSample, PERIOD,
+    explain_fault, explain_kept, LinkCounters, Received, Session, SessionError, TimedSample, PERIOD,
 };
 use crate::vec3::Vec3;
 use control::{MotorState, SystemState};
@@ -136,9 +136,9 @@ pub trait Observer {
 
 /// Watches nothing.
 #[derive(Debug, Clone, Copy, Default)]
-pub struct Unwatched;
+pub struct NoopObserver;
 
-impl Observer for Unwatched {}
+impl Observer for NoopObserver {}
 
 /// A fault that was latched during a run.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -313,14 +313,14 @@ pub fn set_force(
         }
     };
     run.observer.progress(Phase::Disarm, 0.0);
-    if let Err(error) = put_down(&mut session) {
+    if let Err(error) = ramp_down_and_disarm(&mut session) {
         session.make_safe();
         return Err(error.into());
     }
     let status = session.get_status()?;
-    let heard = session.take_heard();
-    run.observer.samples(&heard.samples);
-    run.samples += heard.samples.len() as u64;
+    let received = session.drain();
+    run.observer.samples(&received.samples);
+    run.samples += received.samples.len() as u64;
     Ok(run.outcome(&mut session, &prepared, &status, interrupted)?)
 }
 
@@ -347,19 +347,19 @@ fn calibrate(
     observer.progress(Phase::Calibrate, 0.0);
     hang_weights(session, WEIGHT_N)?;
     session.advance(WEIGHT_SETTLES)?;
-    observer.samples(&session.take_heard().samples);
+    observer.samples(&session.drain().samples);
     session.advance(WEIGHED_FOR)?;
-    let heard = session.take_heard();
-    observer.samples(&heard.samples);
+    let received = session.drain();
+    observer.samples(&received.samples);
     hang_weights(session, 0.0)?;
     session.advance(WEIGHT_SETTLES)?;
-    observer.samples(&session.take_heard().samples);
+    observer.samples(&session.drain().samples);
     for (i, config) in configs
         .iter_mut()
         .enumerate()
         .filter(|(_, config)| config.enabled)
     {
-        let codes: Vec<f64> = (heard.samples.iter())
+        let codes: Vec<f64> = (received.samples.iter())
             .filter(|timed| usize::from(timed.sample.unit) == i)
             .map(|timed| f64::from(timed.sample.code))
             .collect();
@@ -394,7 +394,7 @@ fn hang_weights(session: &mut Session<'_>, weight_n: f64) -> Result<(), LinkErro
 }
 
 /// Ramps down and waits until the motors are at 0 V.
-pub(crate) fn put_down(session: &mut Session<'_>) -> Result<(), SessionError> {
+pub(crate) fn ramp_down_and_disarm(session: &mut Session<'_>) -> Result<(), SessionError> {
     session.command(&Command::Disarm)?;
     session.set_setpoints(None);
     session.wait_for(SWITCH_WITHIN, "disarming", |status| {
@@ -642,7 +642,7 @@ impl Run<'_> {
         check_stop(&self.options.stop)?;
         let before_s = PRETENSION_S + WANDER_S;
         self.observer.progress(Phase::Tension, 0.0);
-        self.observer.samples(&session.take_heard().samples);
+        self.observer.samples(&session.drain().samples);
         session.command(&Command::Arm)?;
         let start_ns = session.now_ns();
         let t0_ns = start_ns + (before_s * 1e9) as u64;
@@ -717,12 +717,12 @@ impl Run<'_> {
             self.note_reach(output.reach);
         }
         session.advance(PERIOD)?;
-        let heard = session.take_heard();
+        let received = session.drain();
         let end_s = t_s + PERIOD.as_secs_f64();
-        let step = self.step_of(&output, &input, session, heard.truth.last(), end_s);
+        let step = self.step_of(&output, &input, session, received.truth.last(), end_s);
         self.observer.step(&step);
         self.steps.push(step);
-        let off = heard
+        let off = received
             .truth
             .iter()
             .filter(|truth| !truth.amplifier_on)
@@ -734,7 +734,7 @@ impl Run<'_> {
         }
         self.amplifiers_off += off;
         self.last = Some(output);
-        self.take(heard, session.status(), t_s)
+        self.take(received, session.status(), t_s)
     }
 
     fn step_of(
@@ -775,14 +775,19 @@ impl Run<'_> {
         }
     }
 
-    fn take(&mut self, heard: Heard, status: Option<&Status>, t_s: f64) -> Result<(), RunError> {
-        self.observer.samples(&heard.samples);
-        self.samples += heard.samples.len() as u64;
+    fn take(
+        &mut self,
+        received: Received,
+        status: Option<&Status>,
+        t_s: f64,
+    ) -> Result<(), RunError> {
+        self.observer.samples(&received.samples);
+        self.samples += received.samples.len() as u64;
         if t_s >= 0.0 {
             self.latencies_us
-                .extend(heard.samples.iter().map(|timed| timed.sample.latency_us));
+                .extend(received.samples.iter().map(|timed| timed.sample.latency_us));
         }
-        for fault in &heard.faults {
+        for fault in &received.faults {
             self.take_fault(fault, t_s)?;
         }
         if let Some(status) = status {
@@ -987,7 +992,7 @@ mod tests {
     fn load_cells_of_an_emulated_rig_are_calibrated_with_a_weight() {
         let mut board = FakeBoard::new(Mood::Good);
         let options = Options::new([0.0, 1.0, 0.0], 0.2);
-        let outcome = set_force(&mut board, &rig(), &options, &mut Unwatched).unwrap();
+        let outcome = set_force(&mut board, &rig(), &options, &mut NoopObserver).unwrap();
         for (i, config) in outcome.configs.iter().enumerate() {
             // A code is 1 / (128 * 2^24) V/V.
             let per_n = board.plant.parameters(i).bridge_per_n * 128.0 * f64::from(1 << 24);
@@ -1004,7 +1009,12 @@ mod tests {
             [0.0, 1e9, 0.0],
         ] {
             let mut board = FakeBoard::new(Mood::Good);
-            let result = set_force(&mut board, &rig(), &Options::new(bad, 1.0), &mut Unwatched);
+            let result = set_force(
+                &mut board,
+                &rig(),
+                &Options::new(bad, 1.0),
+                &mut NoopObserver,
+            );
             assert!(matches!(result, Err(RunError::Argument(_))), "{bad:?}");
             assert!(board.commands.is_empty());
         }
@@ -1052,7 +1062,7 @@ mod tests {
         let mut board = FakeBoard::new(Mood::Good);
         let mut options = options();
         options.injections = vec![(1.0, Injection::EStop(true))];
-        let error = set_force(&mut board, &rig(), &options, &mut Unwatched).unwrap_err();
+        let error = set_force(&mut board, &rig(), &options, &mut NoopObserver).unwrap_err();
         assert!(
             error.to_string().contains("fault 1, E-stop open"),
             "{error}"
@@ -1083,7 +1093,7 @@ mod tests {
             stop: Arc::new(AtomicBool::new(true)),
             ..options
         };
-        let result = set_force(&mut board, &rig(), &options, &mut Unwatched);
+        let result = set_force(&mut board, &rig(), &options, &mut NoopObserver);
         assert!(matches!(result, Err(RunError::Interrupted)));
         assert!(!board.commands.contains(&Command::Arm));
     }
@@ -1091,7 +1101,7 @@ mod tests {
     #[test]
     fn a_link_that_breaks_is_an_error_and_the_board_stops_by_itself() {
         let mut board = FakeBoard::new(Mood::BreaksAt(5_500_000_000));
-        let error = set_force(&mut board, &rig(), &options(), &mut Unwatched).unwrap_err();
+        let error = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap_err();
         assert!(error.to_string().contains("went away"), "{error}");
         board.mood = Mood::Good;
         board.exchange(&[], Duration::from_millis(200)).unwrap();
@@ -1101,10 +1111,10 @@ mod tests {
     #[test]
     fn a_board_that_falls_silent_or_restarts_ends_the_run() {
         let mut board = FakeBoard::new(Mood::MuteAt(5_500_000_000));
-        let error = set_force(&mut board, &rig(), &options(), &mut Unwatched).unwrap_err();
+        let error = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap_err();
         assert!(error.to_string().contains("doesn't answer"), "{error}");
         let mut board = FakeBoard::new(Mood::ResetsAt(5_500_000_000));
-        let error = set_force(&mut board, &rig(), &options(), &mut Unwatched).unwrap_err();
+        let error = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap_err();
         assert!(error.to_string().contains("was reset"), "{error}");
         assert!(error.to_string().contains("watchdog"), "{error}");
     }
@@ -1112,7 +1122,7 @@ mod tests {
     #[test]
     fn a_bad_line_is_survived_and_counted() {
         let mut board = FakeBoard::new(Mood::Noisy(4000));
-        let outcome = set_force(&mut board, &rig(), &options(), &mut Unwatched).unwrap();
+        let outcome = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap();
         assert!(
             outcome.link_counters.frames_bad > 10,
             "{:?}",
@@ -1125,7 +1135,7 @@ mod tests {
     #[test]
     fn dropped_frames_are_counted_by_their_gaps() {
         let mut board = FakeBoard::new(Mood::Drops(50));
-        let outcome = set_force(&mut board, &rig(), &options(), &mut Unwatched).unwrap();
+        let outcome = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap();
         let counters = outcome.link_counters;
         let share = counters.frames_lost as f64 / (counters.frames + counters.frames_lost) as f64;
         assert!((share - 0.02).abs() < 0.001, "{counters:?}");
@@ -1141,7 +1151,7 @@ mod tests {
             (Mood::Refusing, "refused"),
         ] {
             let mut board = FakeBoard::new(mood);
-            let error = set_force(&mut board, &rig(), &options(), &mut Unwatched).unwrap_err();
+            let error = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap_err();
             assert!(error.to_string().contains(words), "{mood:?}: {error}");
             assert!(!board.commands.contains(&Command::Arm));
         }

@@ -1,6 +1,6 @@
 //! A conversation with the board: connecting, commands with their answers, what the board tells unasked.
 //!
-//! Whatever arrives while a command waits for its answer is kept and handed out by [`Session::take_heard`], so
+//! Whatever arrives while a command waits for its answer is kept and handed out by [`Session::drain`], so
 //! no sample is lost to a question. While setpoints are in force they are sent again every 10 ms, also
 //! during a question: the board stops within 100 ms when they cease.
 
@@ -10,7 +10,8 @@ use control::{Fault, MotorState, SystemState};
 use emulator_link::{Pose, Truth};
 use std::time::Duration;
 use wire::message::{
-    Answer, BoardInfo, FaultReport, KeptReason, Refusal, Sample, Status, UnitConfig, UnitSetpoint,
+    BoardInfo, CommandError, CrashRecord, FaultReport, Response, Sample, Status, UnitConfig,
+    UnitSetpoint,
 };
 use wire::{BoardFrame, BoardMessage, Command, Decoder, FrameError, HostFrame, UNITS};
 
@@ -40,9 +41,9 @@ pub struct TimedSample {
     pub sample: Sample,
 }
 
-/// What came in since the last [`Session::take_heard`].
+/// What came in since the last [`Session::drain`].
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Heard {
+pub struct Received {
     /// Samples, in order.
     pub samples: Vec<TimedSample>,
     /// Faults, as they were latched.
@@ -79,7 +80,7 @@ pub enum SessionError {
     NoBoard {
         /// The link's name.
         link: String,
-        /// What was heard instead, and what to do.
+        /// What was received instead, and what to do.
         what: String,
     },
     /// Board and host speak other protocols.
@@ -104,7 +105,7 @@ pub enum SessionError {
         /// Why, and what to do.
         why: String,
         /// The board's own words.
-        refusal: Refusal,
+        refusal: CommandError,
     },
     /// The board fell silent or doesn't answer.
     #[error("the board doesn't answer `{command}` any more; it goes to 0 V by itself when setpoints cease; check cable and supply, then `forcectl status`")]
@@ -180,7 +181,7 @@ pub fn explain_fault(code: u16, detail: u32) -> String {
 
 /// What the run before this one left, in one line.
 #[must_use]
-pub fn explain_kept(kept: &KeptReason) -> String {
+pub fn explain_kept(kept: &CrashRecord) -> String {
     let mut text = match Fault::from_code(kept.code) {
         Some(fault) => format!("fault {}, {}", kept.code, fault.name()),
         None => format!("reason {}", kept.code),
@@ -196,19 +197,19 @@ pub fn explain_kept(kept: &KeptReason) -> String {
 
 /// Why a command was refused, and what to do.
 #[must_use]
-pub fn explain_refusal(refusal: &Refusal) -> String {
+pub fn explain_refusal(refusal: &CommandError) -> String {
     match *refusal {
-        Refusal::NotConnected => "it has not been greeted on this link; it was reset, or another program took over: connect again".to_owned(),
-        Refusal::Version { abi, .. } => format!("it speaks ABI {abi}"),
-        Refusal::State(state) => match SystemState::from_u8(state) {
+        CommandError::NotConnected => "it has not been greeted on this link; it was reset, or another program took over: connect again".to_owned(),
+        CommandError::Version { abi, .. } => format!("it speaks ABI {abi}"),
+        CommandError::State(state) => match SystemState::from_u8(state) {
             Some(SystemState::Running | SystemState::Stopping) => "it is armed; `forcectl disarm` first".to_owned(),
             Some(SystemState::BringUp | SystemState::Boot) => "its sensors are still being brought up; wait a second, see `forcectl status`".to_owned(),
             Some(SystemState::Ready) => "not in the state `ready`, or a unit isn't ready or the E-stop is open; see `forcectl status`".to_owned(),
             _ => format!("not in the state `{}`; see `forcectl status`", system_state_name(state)),
         },
-        Refusal::Faulted(code) => format!("{}; then `forcectl clear`", explain_fault(code, 0)),
-        Refusal::Unit(unit) => format!("it has no unit {}", u16::from(unit) + 1),
-        Refusal::Range { unit, field } => {
+        CommandError::Faulted(code) => format!("{}; then `forcectl clear`", explain_fault(code, 0)),
+        CommandError::UnknownUnit(unit) => format!("it has no unit {}", u16::from(unit) + 1),
+        CommandError::Range { unit, field } => {
             let known: Vec<String> = FIELDS
                 .iter()
                 .filter(|f| f.number == field)
@@ -230,8 +231,8 @@ pub struct Session<'l> {
     decoder: Decoder,
     seq: u16,
     outbox: Vec<u8>,
-    heard: Heard,
-    reply: Option<(u16, Answer)>,
+    received: Received,
+    reply: Option<(u16, Response)>,
     status: Option<Status>,
     info: Option<BoardInfo>,
     pose: Option<Pose>,
@@ -270,7 +271,7 @@ impl<'l> Session<'l> {
             seq: 0,
             // A zero ends whatever was on the line before.
             outbox: vec![0],
-            heard: Heard::default(),
+            received: Received::default(),
             reply: None,
             status: None,
             info: None,
@@ -286,11 +287,11 @@ impl<'l> Session<'l> {
             setpoints_due_ns: 0,
             tension_n: [None; UNITS],
         };
-        session.greet()?;
+        session.handshake()?;
         Ok(session)
     }
 
-    fn greet(&mut self) -> Result<(), SessionError> {
+    fn handshake(&mut self) -> Result<(), SessionError> {
         let hello = Command::Hello {
             abi: wire::ABI_VERSION,
             schema: wire::SCHEMA_HASH,
@@ -308,15 +309,15 @@ impl<'l> Session<'l> {
         })
     }
 
-    fn greeted(&mut self, answer: Answer) -> Result<(), SessionError> {
+    fn greeted(&mut self, answer: Response) -> Result<(), SessionError> {
         let (abi, schema) = match answer {
-            Answer::Hello(info) => {
+            Response::Hello(info) => {
                 let numbers = (info.abi, info.schema);
                 self.info = Some(info);
                 numbers
             }
-            Answer::Refused(Refusal::Version { abi, schema }) => (abi, schema),
-            Answer::Refused(refusal) => {
+            Response::Rejected(CommandError::Version { abi, schema }) => (abi, schema),
+            Response::Rejected(refusal) => {
                 return Err(SessionError::Refused {
                     command: "hello",
                     why: explain_refusal(&refusal),
@@ -404,8 +405,8 @@ impl<'l> Session<'l> {
     }
 
     /// Everything that came in since the last call.
-    pub fn take_heard(&mut self) -> Heard {
-        std::mem::take(&mut self.heard)
+    pub fn drain(&mut self) -> Received {
+        std::mem::take(&mut self.received)
     }
 
     /// Puts setpoints in force from now on: they go out with the next exchange and every 10 ms after it.
@@ -463,7 +464,7 @@ impl<'l> Session<'l> {
         self.setpoints = None;
         self.info = None;
         self.outbox.clear();
-        let kept = match self.greet() {
+        let kept = match self.handshake() {
             Ok(()) => self
                 .info
                 .as_ref()
@@ -488,7 +489,7 @@ impl<'l> Session<'l> {
             self.reset_seen = true;
         }
         self.resets = Some(exchange.resets);
-        self.heard.truth.extend(exchange.truth);
+        self.received.truth.extend(exchange.truth);
         self.counters.bytes += exchange.from_board.len() as u64;
         for byte in exchange.from_board {
             match self.decoder.push::<BoardFrame>(byte) {
@@ -514,13 +515,13 @@ impl<'l> Session<'l> {
         self.board_seq = Some(frame.seq);
         match frame.message {
             BoardMessage::Reply(reply) => {
-                if let Answer::Status(status) = &reply.answer {
+                if let Response::Status(status) = &reply.response {
                     self.take_status(status.clone());
                 }
-                self.reply = Some((reply.seq, reply.answer));
+                self.reply = Some((reply.seq, reply.response));
             }
             BoardMessage::Status(status) => self.take_status(status),
-            BoardMessage::Fault(fault) => self.heard.faults.push(fault),
+            BoardMessage::Fault(fault) => self.received.faults.push(fault),
             BoardMessage::Samples(batch) => {
                 let start = self.unwrap_time(batch.t_us);
                 for sample in batch.samples {
@@ -528,7 +529,7 @@ impl<'l> Session<'l> {
                     if let Some(slot) = self.tension_n.get_mut(usize::from(sample.unit)) {
                         *slot = Some((f64::from(sample.tension) * 1e-4, t_us));
                     }
-                    self.heard.samples.push(TimedSample { t_us, sample });
+                    self.received.samples.push(TimedSample { t_us, sample });
                 }
             }
         }
@@ -559,7 +560,7 @@ impl<'l> Session<'l> {
         &mut self,
         command: &Command,
         within: Duration,
-    ) -> Result<Option<Answer>, SessionError> {
+    ) -> Result<Option<Response>, SessionError> {
         self.reply = None;
         let seq = self.queue(command.clone());
         let mut waited = Duration::ZERO;
@@ -579,12 +580,12 @@ impl<'l> Session<'l> {
     ///
     /// # Errors
     /// It was refused, or never answered, or the link is gone.
-    pub fn command(&mut self, command: &Command) -> Result<Answer, SessionError> {
+    pub fn command(&mut self, command: &Command) -> Result<Response, SessionError> {
         for attempt in 0..ATTEMPTS {
             self.counters.retries += u64::from(attempt > 0);
             match self.ask_once(command, ANSWER_WITHIN)? {
-                Some(Answer::Refused(refusal)) => {
-                    if refusal == Refusal::NotConnected && self.reset_seen {
+                Some(Response::Rejected(refusal)) => {
+                    if refusal == CommandError::NotConnected && self.reset_seen {
                         return Err(self.after_reset());
                     }
                     return Err(SessionError::Refused {
@@ -609,7 +610,7 @@ impl<'l> Session<'l> {
     /// As [`Session::command`].
     pub fn get_status(&mut self) -> Result<Status, SessionError> {
         match self.command(&Command::GetStatus)? {
-            Answer::Status(status) => Ok(status),
+            Response::Status(status) => Ok(status),
             _ => Err(SessionError::NoAnswer {
                 command: "get status",
             }),
@@ -624,7 +625,7 @@ impl<'l> Session<'l> {
         let mut configs = Vec::with_capacity(UNITS);
         for unit in 0..UNITS as u8 {
             match self.command(&Command::GetConfig { unit })? {
-                Answer::Config(config) => configs.push(config),
+                Response::Config(config) => configs.push(config),
                 _ => {
                     return Err(SessionError::NoAnswer {
                         command: "get configuration",

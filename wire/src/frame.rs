@@ -211,7 +211,7 @@ mod tests {
         let messages = [
             BoardMessage::Reply(Reply {
                 seq: u16::MAX,
-                answer: Answer::Status(status()),
+                response: Response::Status(status()),
             }),
             BoardMessage::Samples(Batch {
                 t_us: u32::MAX,

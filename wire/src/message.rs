@@ -183,7 +183,7 @@ pub struct BoardFrame {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 #[allow(clippy::large_enum_variant)] // built in place on a board without an allocator
 pub enum BoardMessage {
-    /// Answer to a command.
+    /// Response to a command.
     Reply(Reply),
     /// Samples.
     Samples(Batch),
@@ -193,19 +193,19 @@ pub enum BoardMessage {
     Fault(FaultReport),
 }
 
-/// Answer to the command with this number.
+/// Response to the command with this number.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct Reply {
     /// [`HostFrame::seq`] of the command.
     pub seq: u16,
     /// What came of it.
-    pub answer: Answer,
+    pub response: Response,
 }
 
 /// What came of a command.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 #[allow(clippy::large_enum_variant)]
-pub enum Answer {
+pub enum Response {
     /// Done, or begun where it takes time (zeroing, bring-up); [`Status`] tells when it is over.
     Done,
     /// To [`Command::Hello`].
@@ -215,12 +215,12 @@ pub enum Answer {
     /// To [`Command::GetConfig`].
     Config(UnitConfig),
     /// Not done, and why.
-    Refused(Refusal),
+    Rejected(CommandError),
 }
 
 /// Why a command was not carried out. Nothing has changed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
-pub enum Refusal {
+pub enum CommandError {
     /// No [`Command::Hello`] has been accepted on this link yet.
     NotConnected,
     /// The host speaks another protocol; these are the board's numbers.
@@ -235,7 +235,7 @@ pub enum Refusal {
     /// A fault is latched (`control::faults`); clear it first.
     Faulted(u16),
     /// There is no such unit.
-    Unit(u8),
+    UnknownUnit(u8),
     /// A value is out of its range: number of the field in [`UnitConfig`] or of the unit's setpoint, from 0.
     Range {
         /// Unit, from 0.
@@ -259,12 +259,12 @@ pub struct BoardInfo {
     /// RCC_RSR at boot (RM0433 8.7.40): why it was reset.
     pub reset_flags: u32,
     /// What the run before this one left: the fault or panic that ended it.
-    pub kept: Option<KeptReason>,
+    pub kept: Option<CrashRecord>,
 }
 
 /// Why the run before this one ended.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
-pub struct KeptReason {
+pub struct CrashRecord {
     /// Fault number (`control::faults`).
     pub code: u16,
     /// Its detail.

@@ -12,7 +12,7 @@ use core::mem::MaybeUninit;
 use core::sync::atomic::{AtomicU32, Ordering};
 use heapless::String;
 use wire::frame::crc32;
-use wire::message::KeptReason;
+use wire::message::CrashRecord;
 
 const MAGIC: u32 = 0x4B45_5054;
 
@@ -76,7 +76,7 @@ fn bytes(record: &Record) -> &[u8] {
 }
 
 /// Takes the reason that the last run left. With none, a watchdog's or a brown-out's reset makes one.
-pub fn take(reset_flags: u32) -> Option<KeptReason> {
+pub fn take(reset_flags: u32) -> Option<CrashRecord> {
     // RCC_RSR, section 8.7.40.
     const IWDG: u32 = 1 << 26;
     const BROWN_OUT: u32 = 1 << 21;
@@ -88,7 +88,7 @@ pub fn take(reset_flags: u32) -> Option<KeptReason> {
     unsafe { (*core::ptr::addr_of_mut!(RECORD)).write(Record { magic: 0, ..record }) };
     if valid && reset_flags & POWER_ON == 0 {
         let text = record.text.get(..record.length as usize).unwrap_or(&[]);
-        return Some(KeptReason {
+        return Some(CrashRecord {
             code: record.code as u16,
             detail: record.detail,
             pc: record.pc,
@@ -109,7 +109,7 @@ pub fn take(reset_flags: u32) -> Option<KeptReason> {
             text,
             "watchdog reset; the superloop hung in its stage {stage}"
         );
-        return Some(KeptReason {
+        return Some(CrashRecord {
             code: Fault::WatchdogReset.code(),
             detail: 0,
             pc: 0,
@@ -118,7 +118,7 @@ pub fn take(reset_flags: u32) -> Option<KeptReason> {
     }
     if reset_flags & BROWN_OUT != 0 && reset_flags & POWER_ON == 0 {
         let _ = text.push_str("supply fell below the brown-out level");
-        return Some(KeptReason {
+        return Some(CrashRecord {
             code: Fault::Supply.code(),
             detail: reset_flags,
             pc: 0,

@@ -193,7 +193,7 @@ impl<'l> Stand<'l> {
 
     /// The plant's true state in each millisecond since the last call.
     pub fn truth(&mut self) -> Vec<Truth> {
-        self.truth.extend(self.session.take_heard().truth);
+        self.truth.extend(self.session.drain().truth);
         std::mem::take(&mut self.truth)
     }
 }

@@ -9,7 +9,7 @@ use host_cli::link::embedded::{EmbeddedRig, Programs};
 use host_cli::link::{EmbeddedOptions, RigLink};
 use host_cli::metrics::Metrics;
 use host_cli::rigfile::RigFile;
-use host_cli::run::{self, Options, Unwatched};
+use host_cli::run::{self, NoopObserver, Options};
 use serde_json::{Map, Value};
 use std::path::PathBuf;
 use std::process::{Command, ExitCode};
@@ -177,7 +177,7 @@ fn sample_path(figures: &mut Figures, seconds: u32) -> Result<(), String> {
     let mut last = first.clone();
     for second in 0..seconds {
         stand.run(1.0);
-        stand.session.take_heard();
+        stand.session.drain();
         if second % 30 == 29 || second + 1 == seconds {
             last = stand.report();
             latencies.append(&mut last.latencies);
@@ -371,8 +371,8 @@ fn hold(rig: &RigFile, seed: u64, seconds: f64) -> Result<Metrics, String> {
     let mut link = start(seed)?;
     let options = Options::new([0.0, 2.5, 0.0], seconds);
     let link: &mut dyn RigLink = &mut link;
-    let outcome =
-        run::set_force(link, rig, &options, &mut Unwatched).map_err(|error| error.to_string())?;
+    let outcome = run::set_force(link, rig, &options, &mut NoopObserver)
+        .map_err(|error| error.to_string())?;
     outcome
         .metrics
         .ok_or_else(|| "the run was too short for figures".to_owned())

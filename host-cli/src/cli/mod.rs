@@ -443,8 +443,8 @@ fn monitor(
     let mut cycle = 0_u32;
     while !over(session, start_ns, seconds, stop) {
         session.advance(PERIOD)?;
-        let heard = session.take_heard();
-        for fault in &heard.faults {
+        let received = session.drain();
+        for fault in &received.faults {
             eprintln!(
                 "{}",
                 host_cli::session::explain_fault(fault.code, fault.detail)
@@ -483,7 +483,7 @@ fn record(
     let mut recorder = host_cli::record::Recorder::create(folder, rig)?;
     recorder.configured(&session.get_configs()?);
     session.command(&Ask::Stream { every: 1 })?;
-    session.take_heard();
+    session.drain();
     let mut progress = show::Progress::new(json);
     let start_ns = session.now_ns();
     let mut lost = None;
@@ -493,7 +493,7 @@ fn record(
             lost = Some(error);
             break;
         }
-        recorder.samples(&session.take_heard().samples)?;
+        recorder.samples(&session.drain().samples)?;
         let waited_s = (session.now_ns() - start_ns) as f64 * 1e-9;
         progress.at(Phase::Hold, seconds.map_or(0.0, |s| waited_s / s));
     }

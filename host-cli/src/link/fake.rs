@@ -13,8 +13,8 @@ use plant::{Plant, PlantConfig};
 use std::collections::VecDeque;
 use std::time::Duration;
 use wire::message::{
-    Answer, Batch, BoardInfo, FaultReport, Refusal, Reply, Sample, Status, UnitConfig, UnitStatus,
-    BATCH,
+    Batch, BoardInfo, CommandError, FaultReport, Reply, Response, Sample, Status, UnitConfig,
+    UnitStatus, BATCH,
 };
 use wire::{BoardFrame, BoardMessage, Command, Decoder, HostFrame, UNITS};
 
@@ -55,7 +55,7 @@ pub(crate) struct FakeBoard {
     epoch_ns: u64,
     resets: u32,
     decoder: Decoder,
-    greeted: bool,
+    connected: bool,
     seq: u16,
     out: Vec<u8>,
     batch: Option<Batch>,
@@ -107,7 +107,7 @@ impl FakeBoard {
             epoch_ns: 0,
             resets: 0,
             decoder: Decoder::new(),
-            greeted: false,
+            connected: false,
             seq: 0,
             out: Vec::new(),
             batch: None,
@@ -225,28 +225,28 @@ impl FakeBoard {
         }
     }
 
-    fn answer(&mut self, command: &Command) -> Option<Answer> {
+    fn respond(&mut self, command: &Command) -> Option<Response> {
         let armed = self.system.drives();
-        let refused = |refusal| Some(Answer::Refused(refusal));
+        let rejected = |error| Some(Response::Rejected(error));
         if let Command::Hello { .. } = command {
             let abi = match self.mood {
                 Mood::OtherAbi(abi) => abi,
                 _ => wire::ABI_VERSION,
             };
-            self.greeted = true;
+            self.connected = true;
             if abi != wire::ABI_VERSION {
-                return refused(Refusal::Version {
+                return rejected(CommandError::Version {
                     abi,
                     schema: [7; 8],
                 });
             }
-            return Some(Answer::Hello(BoardInfo {
+            return Some(Response::Hello(BoardInfo {
                 abi,
                 schema: wire::SCHEMA_HASH,
                 version: "fake".try_into().expect("short"),
                 core_hz: 400_000_000,
                 reset_flags: 0,
-                kept: (self.resets > 0).then(|| wire::message::KeptReason {
+                kept: (self.resets > 0).then(|| wire::message::CrashRecord {
                     code: Fault::WatchdogReset.code(),
                     detail: 0,
                     pc: 0,
@@ -254,31 +254,31 @@ impl FakeBoard {
                 }),
             }));
         }
-        if !self.greeted {
-            return refused(Refusal::NotConnected);
+        if !self.connected {
+            return rejected(CommandError::NotConnected);
         }
         if self.mood == Mood::Refusing {
-            return refused(Refusal::State(self.system as u8));
+            return rejected(CommandError::State(self.system as u8));
         }
         match command {
-            Command::GetStatus => return Some(Answer::Status(self.status())),
+            Command::GetStatus => return Some(Response::Status(self.status())),
             Command::GetConfig { unit } => {
                 return match self.configs.get(usize::from(*unit)) {
-                    Some(config) => Some(Answer::Config(*config.wire())),
-                    None => refused(Refusal::Unit(*unit)),
+                    Some(config) => Some(Response::Config(*config.wire())),
+                    None => rejected(CommandError::UnknownUnit(*unit)),
                 }
             }
             Command::StageConfig { unit, config } => match Config::from_wire(config) {
                 Ok(checked) => self.staged[usize::from(*unit)] = Some(checked),
                 Err(error) => {
-                    return refused(Refusal::Range {
+                    return rejected(CommandError::Range {
                         unit: *unit,
                         field: error.field.number,
                     })
                 }
             },
             Command::CommitConfig | Command::Zero { .. } if armed => {
-                return refused(Refusal::State(self.system as u8))
+                return rejected(CommandError::State(self.system as u8))
             }
             Command::CommitConfig => {
                 for (config, staged) in self.configs.iter_mut().zip(&mut self.staged) {
@@ -294,12 +294,12 @@ impl FakeBoard {
             }
             Command::Arm => {
                 if let Some((fault, _)) = self.fault {
-                    return refused(Refusal::Faulted(fault.code()));
+                    return rejected(CommandError::Faulted(fault.code()));
                 }
                 let ready = (0..UNITS)
                     .all(|i| matches!(self.unit_state(i), MotorState::Ready | MotorState::Offline));
                 if self.system != SystemState::Ready || !ready {
-                    return refused(Refusal::State(self.system as u8));
+                    return rejected(CommandError::State(self.system as u8));
                 }
                 self.states = [State::default(); UNITS];
                 self.system = SystemState::Running;
@@ -335,17 +335,17 @@ impl FakeBoard {
             }
             Command::Stream { .. } | Command::Hello { .. } => {}
         }
-        Some(Answer::Done)
+        Some(Response::Done)
     }
 
     fn receive(&mut self, bytes: &[u8]) {
         for byte in bytes {
             if let Ok(Some(frame)) = self.decoder.push::<HostFrame>(*byte) {
                 self.commands.push(frame.command.clone());
-                if let Some(answer) = self.answer(&frame.command) {
+                if let Some(response) = self.respond(&frame.command) {
                     self.send(BoardMessage::Reply(Reply {
                         seq: frame.seq,
-                        answer,
+                        response,
                     }));
                 }
             }

@@ -4,7 +4,7 @@ use control::{Fault, MotorState, SystemState};
 use emulator_link::Injection;
 use host_cli::session::SessionError;
 use test_stand::{all_at_zero, rig, Stand, ZERO_V};
-use wire::message::Refusal;
+use wire::message::CommandError;
 use wire::Command;
 
 /// Mean tension of each cable over half a second. The stand's cells are not calibrated, so 3 N asked are 3 N
@@ -213,7 +213,7 @@ fn stop_is_latched() {
         matches!(
             refused,
             Err(SessionError::Refused {
-                refusal: Refusal::Faulted(_),
+                refusal: CommandError::Faulted(_),
                 ..
             })
         ),

@@ -1,6 +1,6 @@
 //! The main job: a Cartesian force held at the tip of a moving, frictional, noisy robot.
 
-use host_cli::run::{self, Ended, Options, Unwatched};
+use host_cli::run::{self, Ended, NoopObserver, Options};
 use test_stand::{rig, rig_file};
 
 fn hold(seed: u64, force_n: [f64; 3]) -> run::Outcome {
@@ -9,7 +9,7 @@ fn hold(seed: u64, force_n: [f64; 3]) -> run::Outcome {
         &mut link,
         &rig_file(),
         &Options::new(force_n, 4.0),
-        &mut Unwatched,
+        &mut NoopObserver,
     )
     .unwrap_or_else(|error| panic!("{error}"))
 }
@@ -95,7 +95,7 @@ fn forces_that_are_none_are_refused_before_anything_is_driven() {
             &mut link,
             &rig_file(),
             &Options::new(force_n, 1.0),
-            &mut Unwatched,
+            &mut NoopObserver,
         )
         .expect_err("must be refused");
         assert!(matches!(error, run::RunError::Argument(_)), "{error}");

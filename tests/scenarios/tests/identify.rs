@@ -5,7 +5,7 @@ use host_cli::identify::{self, Figures};
 use host_cli::link::embedded::{EmbeddedRig, Programs};
 use host_cli::link::EmbeddedOptions;
 use host_cli::rigfile::{RigFile, DEFAULT_TEXT};
-use host_cli::run::{self, Options, Unwatched};
+use host_cli::run::{self, NoopObserver, Options};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use test_stand::rig_file;
@@ -32,7 +32,7 @@ fn start(plant: &Path) -> EmbeddedRig {
 
 fn hold(plant: &Path, rig: &RigFile) -> Figures {
     let options = Options::new([0.0, 2.5, 0.0], 10.0);
-    let outcome = run::set_force(&mut start(plant), rig, &options, &mut Unwatched)
+    let outcome = run::set_force(&mut start(plant), rig, &options, &mut NoopObserver)
         .unwrap_or_else(|error| panic!("{error}"));
     Figures::of(&outcome).expect("ten seconds have figures")
 }
@@ -46,8 +46,14 @@ fn undeclared_friction_is_found_and_made_up_for() {
 
     let before = hold(&plant, &rig_file());
     let stop = AtomicBool::new(false);
-    let recording = identify::excite(&mut start(&plant), &rig_file(), 20.0, &stop, &mut Unwatched)
-        .unwrap_or_else(|error| panic!("{error}"));
+    let recording = identify::excite(
+        &mut start(&plant),
+        &rig_file(),
+        20.0,
+        &stop,
+        &mut NoopObserver,
+    )
+    .unwrap_or_else(|error| panic!("{error}"));
     let found = identify::find(
         &recording,
         &rig_file(),

@@ -3,7 +3,7 @@
 use host_cli::link::RigLink;
 use host_cli::session::SessionError;
 use test_stand::{all_at_zero, rig, rig_file, Stand, MS};
-use wire::message::{Answer, FilterChoice, Refusal, UnitSetpoint};
+use wire::message::{CommandError, FilterChoice, Response, UnitSetpoint};
 use wire::{BoardFrame, BoardMessage, Command, Decoder, HostFrame, MAX_FRAME, SCHEMA_HASH, UNITS};
 
 /// Sends one frame without a session and returns the answer that carries its number.
@@ -12,21 +12,21 @@ fn ask(
     decoder: &mut Decoder,
     seq: u16,
     command: Command,
-) -> Option<Answer> {
+) -> Option<Response> {
     let mut frame = [0; MAX_FRAME];
     let length = wire::encode(&HostFrame { seq, command }, &mut frame).expect("fits");
     let mut bytes = frame[..length].to_vec();
     for _ in 0..300 {
-        let heard = link.exchange(&bytes, MS).expect("the rig is there");
+        let received = link.exchange(&bytes, MS).expect("the rig is there");
         bytes.clear();
-        for byte in heard.from_board {
+        for byte in received.from_board {
             if let Ok(Some(BoardFrame {
                 message: BoardMessage::Reply(reply),
                 ..
             })) = decoder.push(byte)
             {
                 if reply.seq == seq {
-                    return Some(reply.answer);
+                    return Some(reply.response);
                 }
             }
         }
@@ -44,13 +44,13 @@ fn a_stranger_is_told_the_boards_version_and_may_do_nothing() {
         abi: wire::ABI_VERSION + 1,
         schema: SCHEMA_HASH,
     };
-    let mine = Refusal::Version {
+    let mine = CommandError::Version {
         abi: wire::ABI_VERSION,
         schema: SCHEMA_HASH,
     };
     assert_eq!(
         ask(&mut link, &mut decoder, 1, hello),
-        Some(Answer::Refused(mine))
+        Some(Response::Rejected(mine))
     );
     let hello = Command::Hello {
         abi: wire::ABI_VERSION,
@@ -58,7 +58,7 @@ fn a_stranger_is_told_the_boards_version_and_may_do_nothing() {
     };
     assert_eq!(
         ask(&mut link, &mut decoder, 2, hello),
-        Some(Answer::Refused(mine))
+        Some(Response::Rejected(mine))
     );
     for (seq, command) in [
         (3, Command::Arm),
@@ -66,7 +66,7 @@ fn a_stranger_is_told_the_boards_version_and_may_do_nothing() {
         (5, Command::Zero { units: 63 }),
     ] {
         let answer = ask(&mut link, &mut decoder, seq, command);
-        assert_eq!(answer, Some(Answer::Refused(Refusal::NotConnected)));
+        assert_eq!(answer, Some(Response::Rejected(CommandError::NotConnected)));
     }
 }
 
@@ -85,9 +85,9 @@ fn garbage_on_the_line_does_no_harm() {
         .collect();
     let mut driven = false;
     for chunk in noise.chunks(400) {
-        let heard = link.exchange(chunk, 2 * MS).expect("the rig is there");
-        assert_eq!(heard.resets, 0, "garbage reset the board");
-        driven |= !heard.truth.iter().all(all_at_zero);
+        let received = link.exchange(chunk, 2 * MS).expect("the rig is there");
+        assert_eq!(received.resets, 0, "garbage reset the board");
+        driven |= !received.truth.iter().all(all_at_zero);
     }
     assert!(!driven, "garbage drove a motor");
     let mut stand = Stand::ready(&mut link);
@@ -147,7 +147,7 @@ fn a_configuration_out_of_range_is_refused_by_field() {
             matches!(
                 refused,
                 Err(SessionError::Refused {
-                    refusal: Refusal::Range { unit: 2, .. },
+                    refusal: CommandError::Range { unit: 2, .. },
                     ..
                 })
             ),
@@ -162,7 +162,7 @@ fn a_configuration_out_of_range_is_refused_by_field() {
         matches!(
             refused,
             Err(SessionError::Refused {
-                refusal: Refusal::Unit(6),
+                refusal: CommandError::UnknownUnit(6),
                 ..
             })
         ),
@@ -185,7 +185,7 @@ fn a_configuration_is_not_changed_while_armed() {
             matches!(
                 refused,
                 Err(SessionError::Refused {
-                    refusal: Refusal::State(_),
+                    refusal: CommandError::State(_),
                     ..
                 })
             ),

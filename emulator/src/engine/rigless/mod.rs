@@ -58,7 +58,7 @@ enum Command {
     Events,
 }
 
-enum Answer {
+enum Response {
     Stands(Progress),
     Bytes(Result<Vec<u8>, EngineError>),
     Events(Vec<RegisterEvent>),
@@ -67,7 +67,7 @@ enum Answer {
 /// See the module's page.
 pub struct RiglessEngine {
     commands: Option<Sender<Command>>,
-    answers: Receiver<Answer>,
+    answers: Receiver<Response>,
     thread: Option<JoinHandle<Result<(), String>>>,
 }
 
@@ -116,7 +116,7 @@ impl RiglessEngine {
         Ok(engine)
     }
 
-    fn ask(&mut self, command: Command) -> Result<Answer, EngineError> {
+    fn ask(&mut self, command: Command) -> Result<Response, EngineError> {
         let sent = self
             .commands
             .as_ref()
@@ -128,7 +128,7 @@ impl RiglessEngine {
         }
     }
 
-    fn answer(&mut self) -> Result<Answer, EngineError> {
+    fn answer(&mut self) -> Result<Response, EngineError> {
         self.answers.recv().map_err(|_| self.autopsy())
     }
 
@@ -178,14 +178,14 @@ impl Engine for RiglessEngine {
             at_row,
         };
         match self.ask(Command::Run(run))? {
-            Answer::Stands(progress) => Ok(progress),
+            Response::Stands(progress) => Ok(progress),
             _ => Err(out_of_step()),
         }
     }
 
     fn hang(&mut self) -> Result<(), EngineError> {
         match self.ask(Command::Hang)? {
-            Answer::Bytes(done) => done.map(drop),
+            Response::Bytes(done) => done.map(drop),
             _ => Err(out_of_step()),
         }
     }
@@ -200,21 +200,21 @@ impl Engine for RiglessEngine {
 
     fn read_memory(&mut self, address: u32, length: usize) -> Result<Vec<u8>, EngineError> {
         match self.ask(Command::Read(address, length))? {
-            Answer::Bytes(bytes) => bytes,
+            Response::Bytes(bytes) => bytes,
             _ => Err(out_of_step()),
         }
     }
 
     fn write_memory(&mut self, address: u32, bytes: &[u8]) -> Result<(), EngineError> {
         match self.ask(Command::Write(address, bytes.to_vec()))? {
-            Answer::Bytes(done) => done.map(drop),
+            Response::Bytes(done) => done.map(drop),
             _ => Err(out_of_step()),
         }
     }
 
     fn register_events(&mut self) -> Result<Vec<RegisterEvent>, EngineError> {
         match self.ask(Command::Events)? {
-            Answer::Events(events) => Ok(events),
+            Response::Events(events) => Ok(events),
             _ => Err(out_of_step()),
         }
     }
@@ -227,7 +227,7 @@ fn out_of_step() -> EngineError {
 /// The engine's side of the turns.
 struct Turns {
     orders: Receiver<Command>,
-    reports: Sender<Answer>,
+    reports: Sender<Response>,
     sleeps: Vec<u32>,
     /// Instructions replaced by the hang injection, to be put back by a reset.
     patched: Vec<(u32, u16)>,
@@ -333,7 +333,7 @@ impl Driver<RigMachine> for Turns {
             self.run = None;
         }
         let ran_ns = stop.instruction_count * INSTRUCTION_NS;
-        let stands = Answer::Stands(Progress {
+        let stands = Response::Stands(Progress {
             now_ns: stop.at.0,
             instructions: stop.instruction_count,
             asleep_ns: stop.at.0.saturating_sub(ran_ns),
@@ -352,12 +352,12 @@ impl Driver<RigMachine> for Turns {
                     // The engine stops between two instructions, so up to one late.
                     return Some(VirtualNanos(next_ns.max(stop.at.0)));
                 }
-                Command::Hang => Answer::Bytes(self.hang(host).map_err(EngineError)),
-                Command::Read(at, length) => Answer::Bytes(Probe(host).read(at, length)),
+                Command::Hang => Response::Bytes(self.hang(host).map_err(EngineError)),
+                Command::Read(at, length) => Response::Bytes(Probe(host).read(at, length)),
                 Command::Write(at, bytes) => {
-                    Answer::Bytes(Probe(host).write(at, &bytes).map(|()| Vec::new()))
+                    Response::Bytes(Probe(host).write(at, &bytes).map(|()| Vec::new()))
                 }
-                Command::Events => Answer::Events(events(session)),
+                Command::Events => Response::Events(events(session)),
             };
             self.reports.send(answer).ok()?;
         }

@@ -262,7 +262,7 @@ impl Story {
             }
             BoardMessage::Fault(fault) => self.faults.push((fault.unit, fault.code)),
             BoardMessage::Reply(reply) => {
-                if matches!(reply.answer, wire::message::Answer::Refused(_)) {
+                if matches!(reply.response, wire::message::Response::Rejected(_)) {
                     self.refused += 1;
                 }
             }
