@@ -5,32 +5,26 @@
 //! | what is this rig | [`rigfile`] |
 //! | how do bytes get to the board | [`link`] |
 //! | what do host and board say | [`session`] |
-//! | where is the tip | [`pose`] |
-//! | which tensions make a force | [`allocation`] |
-//! | what is sent 100 times a second | [`controller`] |
+//! | where is the tip | [`force::pose`] |
+//! | which tensions make a force | [`force::allocation`] |
+//! | what is sent 100 times a second | [`force::controller`] |
 //! | a whole run | [`run`] |
-//! | how good was it | [`metrics`], [`plot`] |
-//! | what does the rig lack in its rig file | [`identify`](mod@crate::identify), [`findings`](mod@crate::findings) |
+//! | how good was it | [`force::metrics`], [`plot`] |
+//! | what does the rig lack in its rig file | [`identify`](mod@crate::identify), [`findings`](mod@crate::identify::findings) |
 //! | what is kept of it | [`record`](mod@crate::record) |
 //!
 //! SI units throughout; the wire's integers end at [`session`].
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
-pub mod allocation;
-pub mod controller;
-#[cfg(feature = "residual")]
-pub mod findings;
+pub mod force;
 #[cfg(feature = "residual")]
 pub mod identify;
 pub mod inject;
 pub mod link;
-pub mod metrics;
 pub mod plot;
-pub mod pose;
 #[cfg(feature = "record")]
 pub mod record;
 pub mod rigfile;
 pub mod run;
 pub mod session;
-pub mod vec3;

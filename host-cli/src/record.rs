@@ -12,7 +12,7 @@
 //! The Parquet files carry the same configuration in their key-value metadata, the MCAP file in its
 //! metadata record, so a file that went its own way still knows what it was recorded with.
 
-use crate::metrics::Step;
+use crate::force::metrics::Step;
 use crate::rigfile::{board_crc, RigFile};
 use crate::session::TimedSample;
 use mcap::records::MessageHeader;

@@ -4,10 +4,10 @@
 //! allocation's solve and of the emulation's speed, and both depend on the machine.
 
 use emulator_link::Latency;
-use host_cli::allocation::study;
+use host_cli::force::allocation::study;
+use host_cli::force::metrics::Metrics;
 use host_cli::link::embedded::{EmbeddedRig, Programs};
 use host_cli::link::{EmbeddedOptions, RigLink};
-use host_cli::metrics::Metrics;
 use host_cli::rigfile::RigFile;
 use host_cli::run::{self, NoopObserver, Options};
 use serde_json::{Map, Value};

@@ -2,8 +2,8 @@
 
 use super::args::Residual;
 use super::{Failure, Result};
-use host_cli::findings::{self, Frame};
 use host_cli::identify;
+use host_cli::identify::findings::{self, Frame};
 use host_cli::rigfile::RigFile;
 use residual::rig::{DATA_FOLDERS, DATA_VARIABLE, HOW_TO_GET_DATA};
 use residual::spec::Spec;

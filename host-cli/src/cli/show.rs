@@ -1,7 +1,7 @@
 //! Progress and tables for people.
 
 use control::MotorState;
-use host_cli::metrics::{Metrics, SETTLED_WITHIN_N};
+use host_cli::force::metrics::{Metrics, SETTLED_WITHIN_N};
 use host_cli::run::{describe_reach, Outcome, Phase};
 use host_cli::session::{explain_fault, explain_kept, motor_state_name, system_state_name};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
@@ -92,7 +92,7 @@ pub fn outcome(outcome: &Outcome) -> String {
             row!(
                 out,
                 "\nThe force was held for less than {} s: too short for figures.",
-                host_cli::metrics::STEADY_AFTER_S
+                host_cli::force::metrics::STEADY_AFTER_S
             );
         }
     }

@@ -2,9 +2,9 @@
 
 pub mod scene;
 
-use crate::metrics::{Step, SETTLED_WITHIN_N};
+use crate::force::metrics::{Step, SETTLED_WITHIN_N};
+use crate::force::vec3;
 use crate::run::Outcome;
-use crate::vec3;
 use scene::{Anchor, Color, Scene};
 use wire::UNITS;
 

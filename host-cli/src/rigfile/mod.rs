@@ -9,7 +9,7 @@
 
 mod read;
 
-use crate::vec3::{self, Vec3};
+use crate::force::vec3::{self, Vec3};
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::fmt;
@@ -90,7 +90,7 @@ impl fmt::Display for LinkChoice {
 pub enum PoseChoice {
     /// The link brings it (the embedded rig does).
     Rig,
-    /// JSON lines over UDP, see [`crate::pose`].
+    /// JSON lines over UDP, see [`crate::force::pose`].
     Udp {
         /// Address and port to listen on.
         listen: String,

@@ -4,7 +4,7 @@ use super::{
     AllocationSettings, ControllerSettings, Filter, PoseChoice, Problem, Reference, RigFile,
     RippleSettings, UnitSettings, Workspace, SCHEMA,
 };
-use crate::vec3::{self, Vec3};
+use crate::force::vec3::{self, Vec3};
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::ops::{Range, RangeInclusive};

@@ -1,6 +1,6 @@
 //! Friction that the rig file doesn't declare: found on the real firmware, declared, and the tensions are better for it.
 
-use host_cli::findings::UNDER_N;
+use host_cli::identify::findings::UNDER_N;
 use host_cli::identify::{self, Figures};
 use host_cli::link::embedded::{EmbeddedRig, Programs};
 use host_cli::link::EmbeddedOptions;

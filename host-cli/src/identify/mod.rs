@@ -24,13 +24,15 @@
 //! command, travel and speed from that much earlier, and the command half a sample later again, since the DAC holds it
 //! for one.
 
-use crate::findings::{self, Frame, Rewritten};
+pub mod findings;
+
+use crate::force::pose::PoseSource;
+use crate::force::vec3;
+use crate::identify::findings::{Frame, Rewritten};
 use crate::link::RigLink;
-use crate::pose::PoseSource;
 use crate::rigfile::{RigFile, UnitSettings};
 use crate::run::{self, Observer, Outcome, Phase, Prepared, RunError};
 use crate::session::{explain_fault, Session, TimedSample, PERIOD};
-use crate::vec3;
 use control::convert::REEL_RADIUS_M;
 use residual::spec::Spec;
 use residual::Report;
@@ -43,7 +45,7 @@ use wire::message::{UnitConfig, UnitSetpoint};
 use wire::{Command, UNITS};
 
 /// The model of the recorded session.
-pub const MODEL: &str = include_str!("../../residual/models/identify.toml");
+pub const MODEL: &str = include_str!("../../../residual/models/identify.toml");
 
 /// For how long the cables are tensioned before the robot moves, s.
 const PRETENSION_S: f64 = 1.0;
@@ -690,7 +692,7 @@ mod tests {
         let (old, new) = (rig().units, findings.rig.units);
         let friction = |u: &UnitSettings| u.coulomb_n + 4.5 * u.coulomb_per_n;
         // Units differ by some 0.1 N by themselves.
-        let more = friction(&new[0]) + crate::findings::UNDER_N - friction(&old[0]);
+        let more = friction(&new[0]) + crate::identify::findings::UNDER_N - friction(&old[0]);
         assert!((more - 0.6).abs() < 0.25, "{:?}", findings.units[0]);
         let name = &findings.units[0].report.effects[0].name;
         assert!(name.ends_with("coulomb"), "{name}");
@@ -727,7 +729,7 @@ mod tests {
         assert!(swing < 1.0, "{swing}");
         for (old, new) in rig().units.iter().zip(&findings.rig.units) {
             let friction = |u: &UnitSettings| u.coulomb_n + 4.0 * u.coulomb_per_n;
-            let more = friction(new) + crate::findings::UNDER_N - friction(old);
+            let more = friction(new) + crate::identify::findings::UNDER_N - friction(old);
             // Units differ by some 0.1 N by themselves.
             assert!((more - 0.8).abs() < 0.3, "{more} {:?}", findings.units);
         }

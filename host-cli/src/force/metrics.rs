@@ -1,6 +1,6 @@
 //! How good a run was: force at the tip, tensions, settling.
 
-use crate::vec3::{self, Vec3};
+use crate::force::vec3::{self, Vec3};
 use serde::Serialize;
 use wire::UNITS;
 

@@ -3,7 +3,7 @@
 //! judges.
 
 use super::Problem;
-use crate::vec3;
+use crate::force::vec3;
 use wire::UNITS;
 
 /// Slack within which a free tension counts as within its bounds, N.

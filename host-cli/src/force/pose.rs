@@ -13,8 +13,8 @@
 //!   to JSON). Other keys are ignored. A pose older than `max_age_s`, or none at all, stops the rig.
 //! * `source = "static"`: the tip is clamped at `position_m`.
 
+use crate::force::vec3::Vec3;
 use crate::rigfile::PoseChoice;
-use crate::vec3::Vec3;
 use serde::Deserialize;
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};

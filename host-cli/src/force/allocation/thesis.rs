@@ -3,7 +3,7 @@
 //! comparison only.
 
 use super::{force_of, Problem};
-use crate::vec3;
+use crate::force::vec3;
 use wire::UNITS;
 
 /// Projected gradient descent from `start` (N) until the tensions stand still: one of the minimisers.

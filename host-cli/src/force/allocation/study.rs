@@ -1,7 +1,7 @@
 //! Figures on the allocation: agreement with the oracle, time of a solve, steps along a path.
 
 use super::{oracle, thesis, AllocationError, Allocator, Path, Problem};
-use crate::vec3::{self, Vec3};
+use crate::force::vec3::{self, Vec3};
 use std::time::{Duration, Instant};
 use wire::UNITS;
 

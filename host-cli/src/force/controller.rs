@@ -16,9 +16,9 @@
 //!
 //! A unit that is not available (faulted, switched off) gets no share; the force is allocated to the rest.
 
-use crate::allocation::{Allocation, AllocationError, Allocator, Problem};
+use crate::force::allocation::{Allocation, AllocationError, Allocator, Problem};
+use crate::force::vec3::{self, Vec3};
 use crate::rigfile::RigFile;
-use crate::vec3::{self, Vec3};
 use wire::message::UnitSetpoint;
 use wire::UNITS;
 

@@ -20,7 +20,7 @@ pub mod oracle;
 pub mod study;
 pub mod thesis;
 
-use crate::vec3::{self, Vec3};
+use crate::force::vec3::{self, Vec3};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT,

@@ -4,15 +4,15 @@
 //! terminal, no files, one link. Whatever goes wrong, it leaves the rig disarmed as far as the link allows; the
 //! board's own expiry of setpoints does the rest.
 
-use crate::controller::{ControlError, Controller, Input, Output, Reach};
+use crate::force::controller::{ControlError, Controller, Input, Output, Reach};
+use crate::force::metrics::{self, Metrics, Step};
+use crate::force::pose::{PoseError, PoseSource};
+use crate::force::vec3::Vec3;
 use crate::link::{LinkError, RigLink};
-use crate::metrics::{self, Metrics, Step};
-use crate::pose::{PoseError, PoseSource};
 use crate::rigfile::{board_crc, RigFile};
 use crate::session::{
     explain_fault, explain_kept, LinkCounters, Received, Session, SessionError, TimedSample, PERIOD,
 };
-use crate::vec3::Vec3;
 use control::{MotorState, SystemState};
 use emulator_link::{Injection, Report, Truth};
 use serde::Serialize;
