@@ -51,7 +51,7 @@ pub fn identify(
         .as_slice()
         .try_into()
         .map_err(|_| Failure::new(2, "--force takes three numbers, as in --force 0 2.5 0"))?;
-    rig.check_force(force_n)
+    rig.check_force(force_n.into())
         .map_err(|why| Failure::new(2, why))?;
     identify::check(rig, arguments.seconds)?;
     let (name, text) = match &global.config {

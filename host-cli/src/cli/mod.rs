@@ -330,7 +330,7 @@ fn set_force(
         ..Options::new([arguments.x, arguments.y, arguments.z], arguments.seconds)
     };
     // Before anything is opened, and so before anything can be driven.
-    rig.check_force(options.force_n)
+    rig.check_force(options.commanded_n)
         .map_err(|why| Failure::new(2, why))?;
     let out = &arguments.out;
     std::fs::create_dir_all(out).map_err(|error| Failure::file(out, error))?;

@@ -3,7 +3,7 @@
 use control::MotorState;
 use host_cli::force::metrics::{Metrics, SETTLED_WITHIN_N};
 use host_cli::run::{describe_reach, Outcome, Phase};
-use host_cli::session::{explain_fault, explain_kept, motor_state_name, system_state_name};
+use host_cli::session::{explain_crash_record, explain_fault, motor_state_name, system_state_name};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use std::fmt::Write;
 use std::io::IsTerminal;
@@ -145,21 +145,21 @@ fn table(out: &mut String, m: &Metrics) {
     };
     row!(out, "");
     row!(out, "force at the tip, N         x         y         z");
-    row!(out, "  asked             {}", vector(m.asked_n));
+    row!(out, "  commanded         {}", vector(m.commanded_n.into()));
     row!(
         out,
         "  applied           {}   mean, {source}",
-        vector(m.applied_n)
+        vector(m.applied_n.into())
     );
     row!(
         out,
         "  error             {}   length {:.3}, RMS {:.3}",
-        vector(m.error_n),
+        vector(m.error_n.into()),
         m.tip_force_error_n,
         m.tip_force_rms_n
     );
     let along = m.settling_along_s.map_or_else(String::new, |s| {
-        format!("; along the asked direction alone after {s:.2} s")
+        format!("; along the commanded direction alone after {s:.2} s")
     });
     let settled = m.settling_s.map_or_else(
         || "never".to_owned(),
@@ -180,7 +180,7 @@ fn table(out: &mut String, m: &Metrics) {
         "tension, N             1       2       3       4       5       6"
     );
     let units = |values: [f64; UNITS]| values.map(|v| format!("{v:>7.3}")).join(" ");
-    row!(out, "  asked          {}", units(m.tension_asked_n));
+    row!(out, "  setpoint       {}", units(m.tension_setpoint_n));
     row!(
         out,
         "  {:<14} {}",
@@ -204,7 +204,7 @@ pub fn status(info: Option<&BoardInfo>, status: &Status) -> String {
             info.reset_flags
         );
         if let Some(kept) = &info.kept {
-            row!(out, "last run   ended with {}", explain_kept(kept));
+            row!(out, "last run   ended with {}", explain_crash_record(kept));
         }
     }
     row!(
