@@ -639,7 +639,7 @@ impl Figures {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::fake::{FakeBoard, Mood};
+    use crate::link::fake::{Behavior, FakeBoard};
     use crate::rigfile::DEFAULT_TEXT;
     use crate::run::NoopObserver;
     use control::SystemState;
@@ -657,14 +657,12 @@ mod tests {
             effects,
             ..PlantConfig::default()
         };
-        let mut board = FakeBoard::with(Mood::Good, 3, plant);
+        let mut board = FakeBoard::with(Behavior::Good, 3, plant);
         let stop = AtomicBool::new(false);
         let recording = excite(&mut board, &rig(), 24.0, &stop, &mut NoopObserver).unwrap();
         assert_eq!(board.system, SystemState::Ready, "disarmed at the end");
-        let id = std::thread::current().id();
-        let out = std::env::temp_dir().join(format!("identify-{}-{id:?}", std::process::id()));
-        let findings = find(&recording, &rig(), "rig", DEFAULT_TEXT, &out, &mut ()).unwrap();
-        std::fs::remove_dir_all(out).unwrap();
+        let out = tempfile::tempdir().unwrap();
+        let findings = find(&recording, &rig(), "rig", DEFAULT_TEXT, out.path(), &mut ()).unwrap();
         (findings, recording.swing)
     }
 
@@ -778,7 +776,7 @@ mod tests {
     #[test]
     fn a_session_that_faults_ends_disarmed_and_says_why() {
         let stop = AtomicBool::new(false);
-        let mut board = FakeBoard::new(Mood::Good);
+        let mut board = FakeBoard::new(Behavior::Good);
         board
             .controls()
             .unwrap()
@@ -792,7 +790,7 @@ mod tests {
     #[test]
     fn nothing_is_driven_without_time_or_room() {
         let stop = AtomicBool::new(false);
-        let mut board = FakeBoard::new(Mood::Good);
+        let mut board = FakeBoard::new(Behavior::Good);
         for seconds in [f64::NAN, 1.0, 1e6] {
             let result = excite(&mut board, &rig(), seconds, &stop, &mut NoopObserver);
             assert!(matches!(result, Err(RunError::Argument(_))), "{seconds}");

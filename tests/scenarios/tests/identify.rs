@@ -6,7 +6,7 @@ use host_cli::link::embedded::{EmbeddedRig, Programs};
 use host_cli::link::EmbeddedOptions;
 use host_cli::rigfile::{RigFile, DEFAULT_TEXT};
 use host_cli::run::{self, NoopObserver, Options};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use test_stand::rig_file;
 
@@ -38,10 +38,9 @@ fn hold(plant: &Path, rig: &RigFile) -> Figures {
 }
 
 #[test]
-fn undeclared_friction_is_found_and_made_up_for() {
-    let out: PathBuf = std::env::temp_dir().join(format!("identify-{}", std::process::id()));
-    std::fs::create_dir_all(&out).expect("a temporary folder");
-    let plant = out.join("plant.toml");
+fn undeclared_friction_is_found_and_compensated() {
+    let out = tempfile::tempdir().expect("a temporary folder");
+    let plant = out.path().join("plant.toml");
     std::fs::write(&plant, PLANT).expect("a plant file");
 
     let before = hold(&plant, &rig_file());
@@ -59,7 +58,7 @@ fn undeclared_friction_is_found_and_made_up_for() {
         &rig_file(),
         "built-in",
         DEFAULT_TEXT,
-        &out,
+        out.path(),
         &mut (),
     )
     .unwrap_or_else(|error| panic!("{error}"));
@@ -81,5 +80,4 @@ fn undeclared_friction_is_found_and_made_up_for() {
         before.tension_rms_n,
         after.tension_rms_n
     );
-    std::fs::remove_dir_all(out).expect("cleaned up");
 }
