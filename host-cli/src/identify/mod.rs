@@ -690,7 +690,8 @@ mod tests {
         let (old, new) = (rig().units, findings.rig.units);
         let friction = |u: &UnitSettings| u.coulomb_n + 4.5 * u.coulomb_per_n;
         // Units differ by some 0.1 N by themselves.
-        let more = friction(&new[0]) + crate::identify::findings::UNDER_N - friction(&old[0]);
+        let more =
+            friction(&new[0]) + crate::identify::findings::FRICTION_MARGIN_N - friction(&old[0]);
         assert!((more - 0.6).abs() < 0.25, "{:?}", findings.units[0]);
         let name = &findings.units[0].report.effects[0].name;
         assert!(name.ends_with("coulomb"), "{name}");
@@ -727,7 +728,7 @@ mod tests {
         assert!(swing < 1.0, "{swing}");
         for (old, new) in rig().units.iter().zip(&findings.rig.units) {
             let friction = |u: &UnitSettings| u.coulomb_n + 4.0 * u.coulomb_per_n;
-            let more = friction(new) + crate::identify::findings::UNDER_N - friction(old);
+            let more = friction(new) + crate::identify::findings::FRICTION_MARGIN_N - friction(old);
             // Units differ by some 0.1 N by themselves.
             assert!((more - 0.8).abs() < 0.3, "{more} {:?}", findings.units);
         }
