@@ -1,4 +1,4 @@
-//! The one door for a developer: `cargo xtask COMMAND`.
+//! The developer's commands: `cargo xtask COMMAND`.
 //!
 //! Plain cargo can't do three things that this project needs: find a compiler for the board, build
 //! the emulator with `--ignore-rust-version`, and sum up tests of all kinds in one line. xtask does
@@ -31,7 +31,7 @@ use toolchain::setup;
 use workspace::Workspace;
 
 const HELP: &str = "\
-The one door for a developer of the force rig.
+Commands for developers of the force rig.
 
 Usage: cargo xtask COMMAND [OPTIONS]
 

@@ -19,7 +19,7 @@ use synthetic_sets::{effect::Effect as True, Kind};
 /// How an answer relates to the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Class {
-    /// The true effect comes first; for empty sets: `none`; for strange ones: `unknown`.
+    /// The true effect comes first; for empty sets: `none`; for uncatalogued ones: `unknown`.
     Right,
     /// The true effect is among those that the data are said not to tell apart.
     Among,
@@ -45,7 +45,7 @@ fn among(kind: Kind, names: &[String]) -> bool {
 
 /// Compares a report with the kinds that are in the set.
 #[must_use]
-pub fn class(report: &Report, kinds: &[Kind], strange: bool) -> Class {
+pub fn class(report: &Report, kinds: &[Kind], uncatalogued: bool) -> Class {
     if kinds.is_empty() {
         return match report.verdict {
             Verdict::None => Class::Right,
@@ -55,7 +55,7 @@ pub fn class(report: &Report, kinds: &[Kind], strange: bool) -> Class {
     }
     match report.verdict {
         Verdict::None => Class::None,
-        Verdict::Unknown if strange => Class::Right,
+        Verdict::Unknown if uncatalogued => Class::Right,
         Verdict::Unknown => Class::Unknown,
         Verdict::NotIdentifiable => {
             let listed = report
@@ -195,7 +195,7 @@ mod tests {
             assert!(is(kind, kind.name(), ""));
             assert!(residual::names().contains(&kind.name()), "{}", kind.name());
         }
-        for kind in Kind::STRANGE {
+        for kind in Kind::UNCATALOGUED {
             assert!(!residual::names().contains(&kind.name()), "{}", kind.name());
         }
     }

@@ -1,4 +1,4 @@
-//! One set through the analysis.
+//! Runs the analysis on one set and compares the answer with the truth.
 
 use crate::case::Case;
 use crate::judge::{self, Class, Estimate};
@@ -151,7 +151,7 @@ pub fn write(case: &Case, folder: &std::path::Path) -> std::io::Result<()> {
 /// Analyses logs with the declared model.
 ///
 /// # Errors
-/// The analysis's own message: no set of the exam should lead to one.
+/// The analysis's own message: no set of the benchmark should lead to one.
 pub fn analyse(set: &Set) -> Result<Report, String> {
     let spec = Spec::parse(MODEL).map_err(|error| error.to_string())?;
     residual::analyse(&spec, load(set), &mut ()).map_err(|error| error.to_string())
@@ -161,7 +161,7 @@ pub fn analyse(set: &Set) -> Result<Report, String> {
 ///
 /// # Errors
 /// As [`analyse`], with the set's name.
-pub fn sit(case: &Case) -> Result<Outcome, String> {
+pub fn evaluate(case: &Case) -> Result<Outcome, String> {
     let set = synthetic_sets::generate(&case.recipe());
     let started = Instant::now();
     let report = analyse(&set).map_err(|error| {
@@ -173,7 +173,10 @@ pub fn sit(case: &Case) -> Result<Outcome, String> {
         )
     })?;
     let seconds = started.elapsed().as_secs_f64();
-    let strange = case.kinds.iter().any(|kind| Kind::STRANGE.contains(kind));
+    let uncatalogued = case
+        .kinds
+        .iter()
+        .any(|kind| Kind::UNCATALOGUED.contains(kind));
     let mut estimates = Vec::new();
     let mut hits = 0;
     for truth in &set.truth.effects {
@@ -188,7 +191,7 @@ pub fn sit(case: &Case) -> Result<Outcome, String> {
     }
     Ok(Outcome {
         case: case.clone(),
-        class: judge::class(&report, &case.kinds, strange),
+        class: judge::class(&report, &case.kinds, uncatalogued),
         verdict: report.verdict.word(),
         answer: judge::answer(&report),
         named: report
