@@ -102,7 +102,7 @@ impl Board {
         let reset_flags = startup::clocks(&part.RCC, &part.PWR, &part.FLASH);
         startup::caches(&mut core.SCB);
         startup::priorities(&mut core.NVIC, &mut core.SCB);
-        let kept = kept::take(reset_flags);
+        let crash_record = kept::take(reset_flags);
         kept::note(Stage::Start);
         let watchdog = Watchdog::start(part.IWDG);
         time::start(&mut core.SYST);
@@ -127,7 +127,7 @@ impl Board {
                 version: String::try_from(VERSION).unwrap_or_default(),
                 core_hz: clocks::CORE_HZ,
                 reset_flags,
-                kept,
+                crash_record,
             }),
             events,
             counters,
@@ -346,7 +346,7 @@ impl Board {
 /// Offers a sample to both links.
 fn stream(links: &mut [Link; LINKS], machine: &Machine, at: u32, sample: wire::message::Sample) {
     for (number, link) in links.iter_mut().enumerate() {
-        if let Some(batch) = link.batcher.push(at, sample, machine.stream_every(number)) {
+        if let Some(batch) = link.batcher.push(at, sample, machine.decimation(number)) {
             link.send(BoardMessage::Samples(batch));
         }
     }

@@ -164,8 +164,8 @@ impl Answered {
     pub fn describe(&self) -> Sample {
         let mut sample = Sample {
             unit: self.unit,
-            code: self.code.get(),
-            counts: self.counts as i32,
+            adc_code: self.code.get(),
+            encoder_counts: self.counts as i32,
             ..Sample::default()
         };
         self.output.describe(&mut sample);
@@ -192,7 +192,7 @@ pub struct Machine {
     recoveries: u16,
     bus_stuck: bool,
     commander: Option<usize>,
-    every: [u8; LINKS],
+    decimation: [u8; LINKS],
     info: BoardInfo,
 }
 
@@ -202,9 +202,9 @@ impl Machine {
     #[must_use]
     pub fn new(info: BoardInfo) -> Self {
         let mut latch = Latch::new();
-        if let Some(kept) = &info.kept {
-            if let Some(fault) = Fault::from_code(kept.code) {
-                latch.latch(fault, kept.detail);
+        if let Some(record) = &info.crash_record {
+            if let Some(fault) = Fault::from_code(record.code) {
+                latch.latch(fault, record.detail);
             }
         }
         let mut machine = Self {
@@ -221,7 +221,7 @@ impl Machine {
             recoveries: 0,
             bus_stuck: false,
             commander: None,
-            every: [0; LINKS],
+            decimation: [0; LINKS],
             info,
         };
         machine.config_crc = machine.crc();
@@ -240,10 +240,10 @@ impl Machine {
         self.latch.is_set() || self.units.iter().any(|unit| unit.latch.is_set())
     }
 
-    /// Every how many samples of a unit this link wants one; 0: none.
+    /// Decimation of this link's telemetry: one sample of each unit in this many is sent; 0: none.
     #[must_use]
-    pub fn stream_every(&self, link: usize) -> u8 {
-        self.every.get(link).copied().unwrap_or(0)
+    pub fn decimation(&self, link: usize) -> u8 {
+        self.decimation.get(link).copied().unwrap_or(0)
     }
 
     // --- the sample path -------------------------------------------------------------------------
@@ -625,8 +625,8 @@ impl Machine {
                 Ok(()) => return None,
                 refused => refused,
             },
-            Command::Stream { every } => {
-                self.every[link] = *every;
+            Command::Stream { decimation } => {
+                self.decimation[link] = *decimation;
                 Ok(())
             }
         };
@@ -682,7 +682,10 @@ impl Machine {
             if mask & (1 << n) != 0 && !unit.usable() {
                 return Err(match unit.latch.get() {
                     Some((fault, _)) => CommandError::Faulted(fault.code()),
-                    None => CommandError::UnknownUnit(n),
+                    None => CommandError::UnitNotReady {
+                        unit: n,
+                        state: unit.motor as u8,
+                    },
                 });
             }
         }
@@ -736,7 +739,10 @@ impl Machine {
                 CommandError::State(self.system as u8),
                 |(n, unit)| match unit.latch.get() {
                     Some((fault, _)) => CommandError::Faulted(fault.code()),
-                    None => CommandError::UnknownUnit(n),
+                    None => CommandError::UnitNotReady {
+                        unit: n,
+                        state: unit.motor as u8,
+                    },
                 },
             )
     }

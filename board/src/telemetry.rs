@@ -43,11 +43,11 @@ pub struct Batcher {
 }
 
 impl Batcher {
-    /// Takes a sample of the DRDY edge `at`; returns a batch that is full. `every`: one of how many is sent.
-    pub fn push(&mut self, at: u32, mut sample: Sample, every: u8) -> Option<Batch> {
+    /// Takes a sample of the DRDY edge `at`; returns a batch that is full. `decimation`: one of how many is sent.
+    pub fn push(&mut self, at: u32, mut sample: Sample, decimation: u8) -> Option<Batch> {
         let seen = self.seen.get_mut(usize::from(sample.unit))?;
         *seen = seen.saturating_add(1);
-        if every == 0 || *seen < every {
+        if decimation == 0 || *seen < decimation {
             return None;
         }
         *seen = 0;

@@ -7,7 +7,7 @@ use board::machine::{
 use board::telemetry::{Batcher, Outstanding, FLUSH_US};
 use control::{Config, DacCode, Fault, LoadCode, MotorState, SystemState};
 use wire::message::{
-    flags, BoardInfo, CommandError, CrashRecord, FaultReport, Response, Sample, Status,
+    flags, BoardInfo, CommandError, CrashRecord, FaultReport, Response, Sample, Status, UnitConfig,
     UnitSetpoint, BATCH,
 };
 use wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
@@ -35,14 +35,14 @@ impl Effects for Board {
     }
 }
 
-fn info(kept: Option<CrashRecord>) -> BoardInfo {
+fn info(crash_record: Option<CrashRecord>) -> BoardInfo {
     BoardInfo {
         abi: ABI_VERSION,
         schema: SCHEMA_HASH,
         version: "0".try_into().unwrap(),
         core_hz: 400_000_000,
         reset_flags: 0,
-        kept,
+        crash_record,
     }
 }
 
@@ -59,9 +59,9 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(kept: Option<CrashRecord>) -> Self {
+    fn new(crash_record: Option<CrashRecord>) -> Self {
         Self {
-            machine: Machine::new(info(kept)),
+            machine: Machine::new(info(crash_record)),
             board: Board::default(),
             now: 0xFFF0_0000,
             estop_closed: true,
@@ -272,6 +272,37 @@ fn units_are_off_until_configured_and_come_up_on_commit() {
     let mut configs = [*Config::default().wire(); UNITS];
     configs[2] = Config::nominal();
     assert_eq!(bench.status().config_crc, config_crc(&configs));
+}
+
+#[test]
+fn a_unit_that_is_not_ready_is_named_with_its_state() {
+    let mut bench = Bench::ready();
+    let stage = |enabled| Command::StageConfig {
+        unit: 2,
+        config: UnitConfig {
+            enabled,
+            ..Config::nominal()
+        },
+    };
+    let not_ready = |state: MotorState| {
+        Some(Response::Rejected(CommandError::UnitNotReady {
+            unit: 2,
+            state: state as u8,
+        }))
+    };
+    bench.done(stage(false));
+    bench.done(Command::CommitConfig);
+    bench.run(5);
+    assert_eq!(
+        bench.ask(0, Command::Zero { units: 0b100 }),
+        not_ready(MotorState::Offline)
+    );
+    // Enabled again, but the bring-up has only begun.
+    bench.done(stage(true));
+    bench.done(Command::CommitConfig);
+    assert_eq!(bench.ask(0, Command::Arm), not_ready(MotorState::BringUp));
+    bench.run(50);
+    bench.done(Command::Arm);
 }
 
 #[test]
@@ -535,13 +566,13 @@ fn zeroing_takes_the_load_away_and_a_touched_cable_is_refused() {
 
 #[test]
 fn what_ended_the_last_run_is_latched_and_told() {
-    let kept = CrashRecord {
+    let record = CrashRecord {
         code: Fault::Panic.code(),
         detail: 42,
         pc: 0,
         text: "main.rs:42".try_into().unwrap(),
     };
-    let mut bench = Bench::new(Some(kept.clone()));
+    let mut bench = Bench::new(Some(record.clone()));
     bench.run(3);
     assert_eq!(
         (bench.status().fault, bench.status().fault_detail),
@@ -550,7 +581,7 @@ fn what_ended_the_last_run_is_latched_and_told() {
     let Some(Response::Hello(info)) = bench.hello(1) else {
         panic!()
     };
-    assert_eq!(info.kept, Some(kept));
+    assert_eq!(info.crash_record, Some(record));
 }
 
 #[test]

@@ -130,7 +130,7 @@ pub struct Output {
 impl Output {
     /// Writes the controller's part of a telemetry sample: tension, setpoint, terms, DAC code, flags.
     pub fn describe(&self, sample: &mut Sample) {
-        sample.dac = self.dac.0;
+        sample.dac_code = self.dac.0;
         sample.tension = self.tension.to_tenth_mn();
         sample.setpoint = self.setpoint.to_tenth_mn();
         sample.p = self.terms.p.to_tenth_mn();

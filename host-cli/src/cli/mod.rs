@@ -429,7 +429,7 @@ fn monitor(
     json: bool,
     stop: &AtomicBool,
 ) -> Result<u8> {
-    session.command(&Ask::Stream { every: 1 })?;
+    session.command(&Ask::Stream { decimation: 1 })?;
     let start_ns = session.now_ns();
     if !json {
         println!(
@@ -482,7 +482,7 @@ fn record(
 ) -> Result<u8> {
     let mut recorder = host_cli::record::Recorder::create(folder, rig)?;
     recorder.configured(&session.get_configs()?);
-    session.command(&Ask::Stream { every: 1 })?;
+    session.command(&Ask::Stream { decimation: 1 })?;
     session.drain();
     let mut progress = show::Progress::new(json);
     let start_ns = session.now_ns();

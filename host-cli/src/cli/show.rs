@@ -203,7 +203,7 @@ pub fn status(info: Option<&BoardInfo>, status: &Status) -> String {
             info.core_hz / 1_000_000,
             info.reset_flags
         );
-        if let Some(kept) = &info.kept {
+        if let Some(kept) = &info.crash_record {
             row!(out, "last run   ended with {}", explain_kept(kept));
         }
     }

@@ -246,7 +246,7 @@ impl FakeBoard {
                 version: "fake".try_into().expect("short"),
                 core_hz: 400_000_000,
                 reset_flags: 0,
-                kept: (self.resets > 0).then(|| wire::message::CrashRecord {
+                crash_record: (self.resets > 0).then(|| wire::message::CrashRecord {
                     code: Fault::WatchdogReset.code(),
                     detail: 0,
                     pc: 0,
@@ -396,8 +396,8 @@ impl FakeBoard {
         }
         let mut sample = Sample {
             unit: i as u8,
-            code: code.get(),
-            counts: counts as i32,
+            adc_code: code.get(),
+            encoder_counts: counts as i32,
             latency_us: 200,
             ..Sample::default()
         };

@@ -279,7 +279,7 @@ pub fn set_force(
     }
     observer.progress(Phase::Connect, 0.0);
     let mut session = Session::connect(link)?;
-    if let Some(kept) = session.info().and_then(|info| info.kept.as_ref()) {
+    if let Some(kept) = session.info().and_then(|info| info.crash_record.as_ref()) {
         observer.notice(&format!(
             "the board's run before this one ended with {}",
             explain_kept(kept)
@@ -361,7 +361,7 @@ fn calibrate(
     {
         let codes: Vec<f64> = (received.samples.iter())
             .filter(|timed| usize::from(timed.sample.unit) == i)
-            .map(|timed| f64::from(timed.sample.code))
+            .map(|timed| f64::from(timed.sample.adc_code))
             .collect();
         let mean = codes.iter().sum::<f64>() / codes.len() as f64;
         let scale = WEIGHT_N / (mean - f64::from(config.zero_code)) * 1e12;
@@ -461,7 +461,7 @@ pub fn prepare_board(
             explain_fault(status.fault, status.fault_detail)
         )));
     }
-    session.command(&Command::Stream { every: 1 })?;
+    session.command(&Command::Stream { decimation: 1 })?;
     observer.progress(Phase::Configure, 0.0);
     let mut configs = rig.units.map(|unit| unit.to_wire());
     session.configure(&configs)?;
