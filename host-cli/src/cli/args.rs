@@ -220,7 +220,7 @@ pub struct SetForce {
     /// Break something in the embedded rig, as in unplug=3@2s; may be given several times. See `--inject help`
     #[arg(long, value_name = "WHAT@TIME", value_parser = host_cli::inject::parse, allow_hyphen_values = true)]
     pub inject: Vec<(f64, Injection)>,
-    /// Folder for the plot (SVG and PNG) and the figures (JSON)
+    /// Folder for the plot (SVG) and the figures (JSON)
     #[arg(long, value_name = "DIR", default_value = "forcectl-out")]
     pub out: PathBuf,
     /// Record every sample to this folder (MCAP and Parquet)

@@ -347,18 +347,11 @@ fn set_force(
     let recorded = watch.finish_recording();
     let outcome = outcome?;
     let scene = plot::draw(&outcome);
-    let (svg, png, figures) = (
-        out.join("set-force.svg"),
-        out.join("set-force.png"),
-        out.join("set-force.json"),
-    );
+    let (svg, figures) = (out.join("set-force.svg"), out.join("set-force.json"));
     std::fs::write(&svg, scene.to_svg()).map_err(|error| Failure::file(&svg, error))?;
-    let image = scene.to_png().map_err(|error| Failure::file(&png, error))?;
-    std::fs::write(&png, image).map_err(|error| Failure::file(&png, error))?;
     let mut json =
         serde_json::to_value(&outcome).map_err(|error| Failure::file(&figures, error))?;
     json["plot_svg"] = svg.display().to_string().into();
-    json["plot_png"] = png.display().to_string().into();
     let text =
         serde_json::to_string_pretty(&json).map_err(|error| Failure::file(&figures, error))?;
     std::fs::write(&figures, &text).map_err(|error| Failure::file(&figures, error))?;
@@ -367,7 +360,7 @@ fn set_force(
     } else {
         print!("{}", show::outcome(&outcome));
         println!(
-            "plot                {} and .png, figures in {}",
+            "plot                {}, figures in {}",
             svg.display(),
             figures.display()
         );
