@@ -20,7 +20,7 @@
 
 use crate::rigfile::{RigFile, RippleSettings, UnitSettings};
 use force_wire::UNITS;
-use residual::Board;
+use residual::Compensation as Board;
 use std::f64::consts::TAU;
 
 /// Largest change of `coulomb_n`, N. More is a reel that rubs: mend it.

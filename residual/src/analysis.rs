@@ -1,6 +1,6 @@
 //! The whole analysis: load, baseline, selection, rivals, what is left, verdict.
 
-use crate::effects::{self, presliding, Build, CATALOGUE};
+use crate::effects::{self, Build, Context, EffectKind, EffectRef, Form, Friction, CATALOGUE};
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::load::{self, Loaded};
@@ -12,7 +12,8 @@ use crate::report::{
     WITHOUT,
 };
 use crate::search::{
-    self, choose, context, indistinguishable, passes, rank, Candidate, State, Step,
+    self, choose, context, indistinguishable, passes, rank, Candidate, Nameless, Offer, Origin,
+    State, Step,
 };
 use crate::spec::{Spec, Term};
 use crate::stats::{self, Rng};
@@ -36,9 +37,6 @@ const BETTER_ALONE: f64 = 0.01;
 /// How far the size of an effect on the part of the command that follows the setpoint may be off the fitted
 /// one, as a factor either way.
 const FEEDBACK: f64 = 1.4;
-
-/// Built from the command and yet not in doubt in a closed loop: it has the sign of the velocity for a witness.
-const WITNESSED: &str = "load_dependent_coulomb";
 
 /// Bootstrap replicates.
 const REPLICATES: usize = 200;
@@ -166,25 +164,21 @@ impl Analysis<'_> {
         Ok((model, fit))
     }
 
-    fn allowed(&self, e: &dyn effects::Effect) -> bool {
+    fn allowed(&self, e: EffectRef) -> bool {
         let s = &self.spec.selection;
         (s.only.is_empty() || s.only.iter().any(|n| n == e.name()))
             && !s.except.iter().any(|n| n == e.name())
     }
 
     /// Scans the catalogue (or nameless structure) on top of a model.
-    fn scan(&mut self, model: &Model, fit: &Fit, nameless: bool) -> Result<Vec<Candidate>, Error> {
-        let list = |p: &Problem, f: &Fit| {
-            let ctx = context(p, self.spec, &self.load, model, f);
-            if nameless {
-                search::generic(&ctx)
-                    .into_iter()
-                    .map(|(n, v)| (usize::MAX, n, v))
-                    .collect()
-            } else {
-                search::variants(&ctx, &|e| self.allowed(e))
-            }
-        };
+    fn scan<O: Origin>(
+        &mut self,
+        model: &Model,
+        fit: &Fit,
+        offers: &dyn Fn(&Self, &Context) -> Vec<Offer<O>>,
+    ) -> Result<Vec<Candidate<O>>, Error> {
+        let list =
+            |p: &Problem, f: &Fit| offers(self, &context(p, self.spec, &self.load, model, f));
         let found = match &self.thin {
             None => {
                 let variants = list(&self.problem, fit);
@@ -210,9 +204,12 @@ impl Analysis<'_> {
                 let tests = first.len();
                 first.truncate(14);
                 first.retain(|c| c.gain > 0.25 * self.spec.selection.material);
-                let short: Vec<(usize, String, Arc<effects::Variant>)> = first
+                let short: Vec<Offer<O>> = first
                     .iter()
-                    .map(|c| (c.effect, c.name.clone(), c.variant.clone()))
+                    .map(|c| Offer {
+                        origin: c.origin.clone(),
+                        variant: c.variant.clone(),
+                    })
                     .collect();
                 let at: Vec<f64> = first.iter().map(|c| c.psi).collect();
                 self.tests = self.tests.max(tests);
@@ -234,7 +231,9 @@ impl Analysis<'_> {
         let all = match self.scans.get(&key) {
             Some(known) => known.clone(),
             None => {
-                let mut all = self.scan(model, fit, false)?;
+                let mut all = self.scan(model, fit, &|s: &Self, ctx| {
+                    search::variants(ctx, &|e| s.allowed(e))
+                })?;
                 self.look_again(&mut all, model, fit);
                 self.scans.insert(key, all.clone());
                 all
@@ -250,7 +249,7 @@ impl Analysis<'_> {
     }
 
     /// A second look at material candidates that the first decoys could not clear.
-    fn look_again(&self, all: &mut [Candidate], model: &Model, fit: &Fit) {
+    fn look_again<O: Origin>(&self, all: &mut [Candidate<O>], model: &Model, fit: &Fit) {
         let state = State {
             problem: &self.problem,
             spec: self.spec,
@@ -268,7 +267,7 @@ impl Analysis<'_> {
             for c in all.iter_mut().filter(|c| {
                 c.gain >= sel.material && c.p < 1.0 && state.built_on_command(&c.variant, c.psi)
             }) {
-                if c.name != WITNESSED && state.share_on_setpoint(&c.variant, c.psi) < 0.5 {
+                if !c.origin.has_witness() && state.share_on_setpoint(&c.variant, c.psi) < 0.5 {
                     c.p = 1.0;
                 }
             }
@@ -300,8 +299,8 @@ impl Analysis<'_> {
             ) {
                 let c = &step.ranked[c];
                 let mut next = chosen.clone();
-                if !CATALOGUE[c.effect].repeatable() {
-                    next.retain(|x| x.effect != c.effect);
+                if !c.origin.repeatable() {
+                    next.retain(|x| x.effect.kind() != c.origin.kind());
                 }
                 next.push(self.complete(c, &next));
                 self.part_friction(&mut next)?;
@@ -325,11 +324,11 @@ impl Analysis<'_> {
         let mut choice = choose(c);
         let friction = chosen
             .iter()
-            .any(|x| CATALOGUE[x.effect].name() == "coulomb");
-        if c.name == "load_dependent_coulomb" && friction {
+            .any(|x| x.effect.friction() == Some(Friction::Constant));
+        if c.origin.friction() == Some(Friction::WithLoad) && friction {
             if let Ok((model, fit)) = self.fit(&[]) {
                 let ctx = context(&self.problem, self.spec, &self.load, &model, &fit);
-                if let Some(v) = CATALOGUE[c.effect].variants(&ctx).into_iter().next() {
+                if let Some(v) = c.origin.variants(&ctx).into_iter().next() {
                     choice.variant = Arc::new(v);
                 }
             }
@@ -341,20 +340,20 @@ impl Analysis<'_> {
     /// grows with the load, each has coefficients of its own, unless that predicts worse: as one it
     /// would keep richer forms of either out, and what moves would be told as a difference to what rests.
     fn part_friction(&self, chosen: &mut Vec<Chosen>) -> Result<(), Error> {
-        let at = |name: &str| {
+        let at = |friction: Friction| {
             chosen
                 .iter()
-                .position(|c| CATALOGUE[c.effect].name() == name)
+                .position(|c| c.effect.friction() == Some(friction))
         };
-        let (Some(load), Some(rest)) = (at("load_dependent_coulomb"), at("presliding")) else {
+        let (Some(load), Some(rest)) = (at(Friction::WithLoad), at(Friction::AtRest)) else {
             return Ok(());
         };
-        if chosen[rest].variant.label != presliding::AS_ONE {
+        if chosen[rest].variant.form != Form::MotionAndRest {
             return Ok(());
         }
         let (model, fit) = self.fit(&[])?;
         let ctx = context(&self.problem, self.spec, &self.load, &model, &fit);
-        let forms = CATALOGUE[chosen[load].effect].variants(&ctx);
+        let forms = chosen[load].effect.variants(&ctx);
         let Some(moving) = forms.into_iter().next().map(Arc::new) else {
             return Ok(());
         };
@@ -362,8 +361,8 @@ impl Analysis<'_> {
         // The plain form can say all that the one coefficient said, to rounding.
         let mut least = error(chosen)? * (1.0 + 1e-9);
         let from = chosen.clone();
-        for held in CATALOGUE[from[rest].effect].variants(&ctx) {
-            if ![presliding::ALONE, presliding::HELD].contains(&held.label.as_str()) {
+        for held in from[rest].effect.variants(&ctx) {
+            if ![Form::AtRest, Form::AtRestWithLoad].contains(&held.form) {
                 continue;
             }
             let mut parted = from.clone();
@@ -388,26 +387,28 @@ impl Analysis<'_> {
         let rows = self.problem.y.len() as f64;
         let current = stats::rms(&self.fit(chosen)?.1.held);
         for i in 0..chosen.len() {
-            let own_name = CATALOGUE[chosen[i].effect].name();
-            progress.stage(&format!("rivals of {own_name}"));
+            let own_kind = chosen[i].effect.kind();
+            progress.stage(&format!("rivals of {own_kind}"));
             let mut rest = chosen.clone();
             let own = rest.remove(i);
             let (model, fit) = self.fit(&rest)?;
             let step = self.step(&model, &fit)?;
-            let there = |name: &str| {
-                rest.iter().any(|r| {
-                    CATALOGUE[r.effect].name() == name && !CATALOGUE[r.effect].repeatable()
-                })
+            let there = |kind: EffectKind| {
+                rest.iter()
+                    .any(|r| r.effect.kind() == kind && !r.effect.repeatable())
             };
             if let Some(c) = step.winner.map(|w| &step.ranked[w]).filter(|c| {
                 // Another form of the same effect may fit better now that others are in place.
-                let form = (own_name, own.variant.label.as_str());
-                may_swap && (c.name.as_str(), c.variant.label.as_str()) != form && !there(&c.name)
+                let form = (own_kind, own.variant.label.as_str());
+                may_swap
+                    && (c.origin.kind(), c.variant.label.as_str()) != form
+                    && !there(c.origin.kind())
             }) {
                 let mut other = rest.clone();
                 let form = self.complete(c, &other);
                 // Completed, it may be what is there already.
-                let same = (form.effect, &form.variant.label) == (own.effect, &own.variant.label);
+                let same =
+                    (form.effect.kind(), &form.variant.label) == (own_kind, &own.variant.label);
                 let simpler = parameters_of(&form) < parameters_of(&own);
                 other.push(form);
                 let rmse = stats::rms(&self.fit(&other)?.1.held);
@@ -420,9 +421,9 @@ impl Analysis<'_> {
             let rival = step
                 .ranked
                 .iter()
-                .find(|c| c.name != own_name && !there(&c.name))
+                .find(|c| c.origin.kind() != own_kind && !there(c.origin.kind()))
                 .map(|c| Rival {
-                    name: c.name.clone(),
+                    name: c.origin.kind(),
                     heldout_rmse: (c.held / rows).sqrt(),
                     behind: (c.held / rows).sqrt() / current - 1.0,
                 });
@@ -435,7 +436,7 @@ impl Analysis<'_> {
             let ties = step
                 .ranked
                 .iter()
-                .position(|c| c.name == own_name)
+                .position(|c| c.origin.kind() == own_kind)
                 .map_or(vec![], |w| indistinguishable(&state, &step, w));
             out.push((rival, ties));
         }
@@ -458,7 +459,7 @@ impl Analysis<'_> {
         let most = current * (1.0 + self.spec.selection.material).powi(2);
         for j in 1..chosen.len() {
             for i in 0..j {
-                let name = |k: usize| CATALOGUE[chosen[k].effect].name();
+                let name = |k: usize| chosen[k].effect.name();
                 progress.stage(&format!("one effect for {} and {}", name(i), name(j)));
                 let spent = parameters_of(&chosen[i]) + parameters_of(&chosen[j]);
                 let mut rest = chosen.clone();
@@ -470,10 +471,9 @@ impl Analysis<'_> {
                 let fits = |c: &&Candidate| {
                     c.parameters <= spent
                         && c.held - current < 0.05 * pair
-                        && !rest.iter().any(|r| {
-                            CATALOGUE[r.effect].name() == c.name
-                                && !CATALOGUE[r.effect].repeatable()
-                        })
+                        && !rest
+                            .iter()
+                            .any(|r| r.effect.kind() == c.origin.kind() && !r.effect.repeatable())
                 };
                 for c in step.good.iter().map(|g| &step.ranked[*g]).filter(fits) {
                     let mut one = rest.clone();
@@ -649,7 +649,7 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
         .roles
         .target
         .noise_floor
-        .max(crate::hygiene::quantum(&problem.y).map_or(0.0, |q| q / 12f64.sqrt() / 4.0));
+        .max(stats::quantum(&problem.y).map_or(0.0, |q| q / 12f64.sqrt() / 4.0));
     let mut a = Analysis {
         problem,
         thin,
@@ -692,11 +692,12 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     // What is left.
     let (model, fit) = a.fit(&chosen)?;
     let rows = a.problem.y.len();
-    let mut nameless = a.scan(&model, &fit, true)?;
+    let nameless_offers = |_: &Analysis, ctx: &Context| search::generic(ctx);
+    let mut nameless = a.scan(&model, &fit, &nameless_offers)?;
     a.look_again(&mut nameless, &model, &fit);
     nameless.sort_by(|x, y| y.gain.total_cmp(&x.gain));
     let tests = a.tests.max(nameless.len());
-    let left: Vec<&Candidate> = nameless
+    let left: Vec<&Candidate<Nameless>> = nameless
         .iter()
         .filter(|c| passes(c, spec, tests, a.floor, rows))
         .collect();
@@ -706,7 +707,7 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
         .iter()
         .take(6)
         .map(|c| Structure {
-            depends_on: c.name.clone(),
+            depends_on: c.origin.depends_on.clone(),
             gain: c.gain,
             p: c.p,
         })
@@ -718,7 +719,7 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     // something that counts beside what they explain: a free curve that contains an effect takes a last
     // hundredth more on any real log.
     if !unexplained && !left.is_empty() && !chosen.is_empty() {
-        let alone = a.scan(&declared, &base, true)?;
+        let alone = a.scan(&declared, &base, &nameless_offers)?;
         unexplained = alone.iter().any(|c| {
             c.held < held_now * (1.0 - sel.material).powi(2)
                 && held_now - c.held > BETTER_ALONE * explained
@@ -731,7 +732,10 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
         !c.steady && c.gain >= sel.material && c.p * tests as f64 <= sel.fdr && c.losses.len() > 8
     }) {
         structure.push(Structure {
-            depends_on: format!("few places, too few to be sure; {} would fit", c.name),
+            depends_on: format!(
+                "few places, too few to be sure; {} would fit",
+                c.origin.name()
+            ),
             gain: c.gain,
             p: c.p,
         });
@@ -797,8 +801,8 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
                 model: &m,
                 fit: &f,
             };
-            let name = CATALOGUE[own.effect].name();
-            if !state.built_on_command(&own.variant, own.psi) || name == WITNESSED {
+            let name = own.effect.name();
+            if !state.built_on_command(&own.variant, own.psi) || own.effect.has_witness() {
                 continue;
             }
             let share = state.share_on_setpoint(&own.variant, own.psi);
@@ -837,7 +841,7 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
             stats::rms(&a.fit(&so_far)?.1.held)
         };
         let (params, ci) = parameters(&a, &chosen, *i)?;
-        let effect = CATALOGUE[c.effect];
+        let effect = c.effect;
         let ctx = context(&a.problem, spec, &a.load, &declared, &base);
         let against = effect.against(&ctx);
         // The others are in place on both sides, so that nothing else is in the picture.
@@ -847,22 +851,21 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
         let (rival, ties) = rivals.get(*i).cloned().unwrap_or((None, vec![]));
         if !ties.is_empty() {
             ambiguous.push(Ambiguity {
-                effects: std::iter::once(effect.name().to_string())
-                    .chain(ties.iter().map(|t| t.name.clone()))
+                effects: std::iter::once(effect.kind())
+                    .chain(ties.iter().map(|t| t.origin.kind()))
                     .collect(),
                 experiment: ties
                     .iter()
-                    .filter_map(|t| {
-                        effects::experiment(&t.name).map(|e| format!("{}: {e}", t.name))
-                    })
+                    .map(|t| format!("{}: {}", t.origin.name(), t.origin.experiment()))
                     .chain([format!("{}: {}", effect.name(), effect.experiment())])
                     .collect::<Vec<_>>()
                     .join("; "),
             });
         }
         list.push(Effect {
-            name: effect.name().into(),
+            name: effect.kind(),
             form: c.variant.label.clone(),
+            form_kind: c.variant.form,
             meaning: effect.meaning().into(),
             terms: match (c.variant.build)(c.psi) {
                 Build::Add(p) | Build::Local(p) => p.iter().map(|p| p.text.clone()).collect(),
@@ -908,10 +911,10 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
             c.gain > 5e-4
                 && c.gain < sel.material
                 && c.p * a.tests as f64 <= sel.fdr
-                && !list.iter().any(|e| e.name == c.name)
+                && !list.iter().any(|e| e.name == c.origin.kind())
         })
         .map(|c| NotMaterial {
-            name: c.name.clone(),
+            name: c.origin.kind(),
             form: c.variant.label.clone(),
             gain: c.gain,
             params: psi_map(c),
@@ -920,7 +923,7 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     let tested = step
         .iter()
         .map(|c| Tested {
-            name: c.name.clone(),
+            name: c.origin.kind(),
             form: c.variant.label.clone(),
             gain: c.gain,
             p: c.p,
@@ -943,18 +946,11 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
             e.variants(&context(on, spec, &a.load, &declared, with))
                 .is_empty()
         })
-        .map(|e| e.name().to_string())
+        .map(|e| e.kind())
         .collect();
     let plot_unknown = left.first().map(|c| {
-        let name = ["velocity", "load", "angle", "temperature"]
-            .into_iter()
-            .chain(spec.roles.pose.keys().map(String::as_str))
-            .find(|n| c.name.contains(n));
-        let text = match name {
-            Some("load") | None => a.load.clone(),
-            Some(n) => n.to_string(),
-        };
-        plot(&a, &text, &base.residual, &fit.residual)
+        let text = c.origin.against().unwrap_or(&a.load);
+        plot(&a, text, &base.residual, &fit.residual)
     });
     let last = figures(&a.problem, &fit, sel.seed);
     Ok(Report {
@@ -988,7 +984,7 @@ pub fn analyse(spec: &Spec, loaded: Loaded, progress: &mut dyn Progress) -> Resu
     })
 }
 
-fn psi_map(c: &Candidate) -> BTreeMap<String, f64> {
+fn psi_map<O>(c: &Candidate<O>) -> BTreeMap<String, f64> {
     c.variant
         .psi
         .iter()
@@ -1219,7 +1215,7 @@ fn extended(spec: &Spec, model: &Model, fit: &Fit, chosen: &[Chosen]) -> Spec {
         .map(|(i, t)| {
             let fitted = fit.free.iter().position(|f| *f == i).map(|k| fit.theta[k]);
             let effect = match t.chosen {
-                Some(c) => CATALOGUE[chosen[c].effect].name().to_string(),
+                Some(c) => chosen[c].effect.name().to_string(),
                 None => spec.terms[i].effect.clone(),
             };
             Term {

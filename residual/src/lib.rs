@@ -12,7 +12,7 @@
 #![forbid(unsafe_code)]
 
 mod analysis;
-mod board;
+mod compensation;
 mod effects;
 mod error;
 /// The expression language of model files.
@@ -35,8 +35,8 @@ mod stats;
 mod svg;
 
 pub use analysis::{analyse, baseline, run, Baseline, Options};
-pub use board::{Board, Ripple};
-pub use effects::{experiment, meaning, names, Param};
+pub use compensation::{Compensation, Ripple};
+pub use effects::{experiment, meaning, names, EffectKind, Form, Param};
 pub use error::Error;
 pub use frame::Frame;
 pub use hygiene::Finding;

@@ -1,6 +1,6 @@
 //! The model in work: declared terms plus the effects chosen so far, and its fit.
 
-use crate::effects::{Build, Variant};
+use crate::effects::{Build, EffectRef, Variant};
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::problem::{Column, Problem, Replaced, Scores, Sums, View};
@@ -23,8 +23,7 @@ pub(crate) struct WorkTerm {
 /// An effect in the model.
 #[derive(Clone)]
 pub(crate) struct Chosen {
-    /// Index in the catalogue.
-    pub effect: usize,
+    pub effect: EffectRef,
     pub variant: Arc<Variant>,
     pub psi: f64,
 }

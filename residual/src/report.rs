@@ -1,6 +1,7 @@
 //! What an analysis found, and its written forms: `report.json`, `report.md`, `report.html` and the
 //! extended model file.
 
+use crate::effects::{EffectKind, Form};
 use crate::error::Error;
 use crate::hygiene::Finding;
 use crate::spec::Spec;
@@ -59,7 +60,7 @@ pub struct Figures {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Rival {
     /// Its name.
-    pub name: String,
+    pub name: EffectKind,
     /// Held-out RMSE with it instead.
     pub heldout_rmse: f64,
     /// How much larger that is than the final RMSE, as a fraction.
@@ -70,9 +71,11 @@ pub struct Rival {
 #[derive(Debug, Clone, Serialize)]
 pub struct Effect {
     /// Name in the catalogue.
-    pub name: String,
-    /// In which form it shows.
+    pub name: EffectKind,
+    /// In which form it shows, for readers.
     pub form: String,
+    /// The form, where code must know it.
+    pub form_kind: Form,
     /// What it is.
     pub meaning: String,
     /// Expressions added (`column -> expression` for replacements).
@@ -98,7 +101,7 @@ pub struct Effect {
 #[derive(Debug, Clone, Serialize)]
 pub struct Ambiguity {
     /// Their names; the one in `effects` first.
-    pub effects: Vec<String>,
+    pub effects: Vec<EffectKind>,
     /// The experiment that would tell them apart.
     pub experiment: String,
 }
@@ -118,7 +121,7 @@ pub struct Structure {
 #[derive(Debug, Clone, Serialize)]
 pub struct NotMaterial {
     /// Name.
-    pub name: String,
+    pub name: EffectKind,
     /// Form.
     pub form: String,
     /// Relative fall of the held-out RMSE.
@@ -131,7 +134,7 @@ pub struct NotMaterial {
 #[derive(Debug, Clone, Serialize)]
 pub struct Tested {
     /// Name.
-    pub name: String,
+    pub name: EffectKind,
     /// Form.
     pub form: String,
     /// Relative fall of the held-out RMSE on top of the final model.
@@ -336,7 +339,7 @@ pub struct Report {
     /// The last scan of the catalogue, on top of the final model.
     pub tested: Vec<Tested>,
     /// Effects that were not looked for, as the data lack their columns.
-    pub absent: Vec<String>,
+    pub absent: Vec<EffectKind>,
     /// Flaws of the data.
     pub hygiene: Vec<Finding>,
     /// Whiteness and cross-correlation tests of the residual, `before` and `after`.
@@ -481,7 +484,7 @@ impl Report {
         let names = self
             .effects
             .iter()
-            .map(|e| e.name.as_str())
+            .map(|e| e.name.to_string())
             .collect::<Vec<_>>()
             .join(", ");
         match self.verdict {
@@ -492,7 +495,7 @@ impl Report {
                 let who = self
                     .not_identifiable
                     .first()
-                    .map(|a| a.effects.join(" or "))
+                    .map(|a| joined(&a.effects, " or "))
                     .unwrap_or_default();
                 format!("The model lacks {who}; these data cannot tell which: held-out RMSE {b} -> {f} {u}.")
             }
@@ -858,7 +861,7 @@ impl Report {
         for a in &self.not_identifiable {
             out.push(Part::Heading(format!(
                 "Not told apart: {}",
-                a.effects.join(", ")
+                joined(&a.effects, ", ")
             )));
             out.push(Part::Text(format!(
                 "These explain the data equally well. What would part them: {}.",
@@ -898,7 +901,7 @@ impl Report {
                 row(&["effect", "form", "fall of held-out RMSE"]),
                 self.seen_not_material
                     .iter()
-                    .map(|s| vec![s.name.clone(), s.form.clone(), percent(s.gain)])
+                    .map(|s| vec![s.name.to_string(), s.form.clone(), percent(s.gain)])
                     .collect(),
             ));
         }
@@ -939,7 +942,7 @@ impl Report {
                         .map(|(n, v)| format!(", {n} {}", num(*v)))
                         .collect::<String>();
                     vec![
-                        t.name.clone(),
+                        t.name.to_string(),
                         format!("{}{at}", t.form),
                         percent(t.gain),
                         chance(t.p),
@@ -951,7 +954,7 @@ impl Report {
         if !self.absent.is_empty() {
             out.push(Part::Text(format!(
                 "Not looked for, as the data lack the columns or their variation: {}.",
-                self.absent.join(", ")
+                joined(&self.absent, ", ")
             )));
         }
         out.push(Part::Heading("Tests of the residual".into()));
@@ -1040,6 +1043,12 @@ impl Report {
             ..p.clone()
         }
     }
+}
+
+/// Names of effects in one text.
+fn joined(effects: &[EffectKind], between: &str) -> String {
+    let names: Vec<&str> = effects.iter().map(|k| k.as_str()).collect();
+    names.join(between)
 }
 
 /// Two factors of a product at the top level of an expression, brackets around it aside.

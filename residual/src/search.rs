@@ -7,7 +7,7 @@
 //! then throws out what it makes superfluous. So a stand-in (a line in position for a hysteresis)
 //! can enter, but cannot stay.
 
-use crate::effects::{Build, Context, Effect, Piece, Psi, Variant, CATALOGUE};
+use crate::effects::{Build, Context, EffectRef, Piece, Psi, Variant, CATALOGUE};
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::frame::Frame;
@@ -23,11 +23,67 @@ use std::sync::Arc;
 /// Steps of a golden-section search that find an optimum to a 2000th of the interval.
 pub(crate) const FINE: usize = 16;
 
+/// Where a form comes from: an effect of the catalogue, or structure without a name.
+pub(crate) trait Origin: Clone + Send + Sync {
+    /// See [`Effect::has_witness`](crate::effects::Effect::has_witness).
+    fn has_witness(&self) -> bool {
+        false
+    }
+}
+
+impl Origin for EffectRef {
+    fn has_witness(&self) -> bool {
+        (**self).has_witness()
+    }
+}
+
+/// A form that is offered to a scan.
+#[derive(Clone)]
+pub(crate) struct Offer<O = EffectRef> {
+    pub origin: O,
+    pub variant: Arc<Variant>,
+}
+
+/// A variable that nameless structure can depend on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(crate) enum Axis {
+    Velocity,
+    Load,
+    Angle,
+    Temperature,
+    Pose,
+    Channel,
+    Time,
+}
+
+/// Structure without a name: a free form in one or two variables.
+#[derive(Debug, Clone)]
+pub(crate) struct Nameless {
+    /// What it depends on, for readers.
+    pub depends_on: String,
+    /// The variables, with the expression of each.
+    pub axes: Vec<(Axis, String)>,
+}
+
+impl Origin for Nameless {}
+
+impl Nameless {
+    /// Expression to plot the residual against; `None` for the load, which also stands in for
+    /// variables that show nothing by themselves.
+    pub fn against(&self) -> Option<&str> {
+        let (axis, expression) = self.axes.iter().min_by_key(|(axis, _)| *axis)?;
+        let plain = matches!(
+            axis,
+            Axis::Velocity | Axis::Angle | Axis::Temperature | Axis::Pose
+        );
+        plain.then_some(expression)
+    }
+}
+
 /// A variant with its best parameter and what it achieves.
 #[derive(Clone)]
-pub(crate) struct Candidate {
-    pub effect: usize,
-    pub name: String,
+pub(crate) struct Candidate<O = EffectRef> {
+    pub origin: O,
     pub variant: Arc<Variant>,
     pub psi: f64,
     /// Relative fall of the held-out RMSE.
@@ -49,30 +105,29 @@ pub(crate) struct Candidate {
 
 /// Terms that stand for structure without a name: curves in one variable, products of two, lagged
 /// inputs. They are never chosen; they tell that something is left.
-pub(crate) fn generic(ctx: &Context) -> Vec<(String, Arc<Variant>)> {
-    let mut vars: Vec<(String, String)> = vec![("load".into(), ctx.load.clone())];
+pub(crate) fn generic(ctx: &Context) -> Vec<Offer<Nameless>> {
+    let mut vars: Vec<(Axis, String, String)> = vec![(Axis::Load, "load".into(), ctx.load.clone())];
     if let Some(v) = &ctx.velocity {
-        vars.push(("velocity".into(), v.clone()));
+        vars.push((Axis::Velocity, "velocity".into(), v.clone()));
     }
     if let Some(x) = &ctx.position {
         if ctx.spec.roles.angle.is_some() {
-            vars.push(("angle".into(), x.clone()));
+            vars.push((Axis::Angle, "angle".into(), x.clone()));
         }
     }
     if ctx.spec.roles.temperature.is_some() {
-        vars.push(("temperature".into(), "temperature".into()));
+        vars.push((
+            Axis::Temperature,
+            "temperature".into(),
+            "temperature".into(),
+        ));
     }
-    for n in ctx
-        .spec
-        .roles
-        .pose
-        .keys()
-        .chain(ctx.spec.roles.channels.keys())
-    {
-        vars.push((n.clone(), n.clone()));
-    }
-    vars.push(("time in the run".into(), "elapsed".into()));
-    vars.retain(|(_, e)| ctx.range(e).is_some());
+    let roles = &ctx.spec.roles;
+    let pose = roles.pose.keys().map(|n| (Axis::Pose, n));
+    let channels = roles.channels.keys().map(|n| (Axis::Channel, n));
+    vars.extend(pose.chain(channels).map(|(a, n)| (a, n.clone(), n.clone())));
+    vars.push((Axis::Time, "time in the run".into(), "elapsed".into()));
+    vars.retain(|(_, _, e)| ctx.range(e).is_some());
     let hinges = |e: &str, count: usize| -> Vec<String> {
         let mut v = ctx.values(e);
         v.sort_by(f64::total_cmp);
@@ -89,23 +144,31 @@ pub(crate) fn generic(ctx: &Context) -> Vec<(String, Arc<Variant>)> {
         out
     };
     let mut out = Vec::new();
-    let mut add = |name: String, texts: Vec<String>| {
+    let mut add = |depends_on: String, on: &[&(Axis, String, String)], texts: Vec<String>| {
         let pieces = texts
             .into_iter()
             .enumerate()
             .map(|(i, t)| Piece::new(format!("shape_{i}"), "", t))
             .collect();
-        out.push((name, Arc::new(Variant::linear("", pieces))));
+        out.push(Offer {
+            origin: Nameless {
+                depends_on,
+                axes: on.iter().map(|(a, _, e)| (*a, e.clone())).collect(),
+            },
+            variant: Arc::new(Variant::linear("", pieces)),
+        });
     };
-    for (n, e) in &vars {
-        add(format!("a curve in {n}"), hinges(e, 7));
+    for var in &vars {
+        let (_, n, e) = var;
+        add(format!("a curve in {n}"), &[var], hinges(e, 7));
     }
     let unit = |e: &str| {
         let (lo, hi) = ctx.range(e).unwrap_or((0.0, 1.0));
         format!("(({e} - {}) / {})", 0.5 * (lo + hi), 0.5 * (hi - lo))
     };
-    for (i, (n, e)) in vars.iter().enumerate() {
-        for (m, f) in vars.iter().skip(i + 1) {
+    for (i, var) in vars.iter().enumerate() {
+        for other in vars.iter().skip(i + 1) {
+            let ((_, n, e), (_, m, f)) = (var, other);
             let (a, b) = (unit(e), unit(f));
             let mut texts = vec![
                 a.clone(),
@@ -121,30 +184,38 @@ pub(crate) fn generic(ctx: &Context) -> Vec<(String, Arc<Variant>)> {
                 format!("{a}^3"),
                 format!("{b}^3"),
             ]);
-            add(format!("{n} and {m} together"), texts);
+            add(format!("{n} and {m} together"), &[var, other], texts);
         }
     }
     if let Some(v) = &ctx.velocity {
-        for (n, e) in vars.iter().filter(|(n, _)| n != "velocity") {
+        let velocity = (Axis::Velocity, String::new(), v.clone());
+        for var in vars.iter().filter(|(a, ..)| *a != Axis::Velocity) {
+            let (_, n, e) = var;
             let s = format!("sgn({v}, {})", ctx.deadband);
             let texts = std::iter::once(s.clone())
                 .chain(hinges(e, 4).into_iter().map(|h| format!("{s} * {h}")))
                 .collect();
-            add(format!("{n}, with the sign of the velocity"), texts);
+            add(
+                format!("{n}, with the sign of the velocity"),
+                &[var, &velocity],
+                texts,
+            );
         }
     }
-    for (n, e) in vars.iter().filter(|(n, _)| n == "load" || n == "velocity") {
+    let driving = |axis: &Axis| matches!(axis, Axis::Load | Axis::Velocity);
+    for var in vars.iter().filter(|(a, ..)| driving(a)) {
+        let (_, n, e) = var;
         let texts = [0.0, 1.0, 2.0, 4.0, 8.0, 16.0]
             .iter()
             .map(|k| format!("delay({e}, {})", k * ctx.dt))
             .collect();
-        add(format!("the history of {n}"), texts);
+        add(format!("the history of {n}"), &[var], texts);
         let r = unit(e);
         let texts = [3.0, 12.0, 50.0].iter().flat_map(|k| {
             let l = format!("lowpass({r}, {})", k * ctx.dt);
             [l.clone(), format!("{l}^2"), format!("{l} * {r}")]
         });
-        add(format!("the slow history of {n}"), texts.collect());
+        add(format!("the slow history of {n}"), &[var], texts.collect());
     }
     out
 }
@@ -332,16 +403,16 @@ impl State<'_> {
 
     /// Scores variants; the result is one candidate per variant that could be evaluated. `focus`
     /// limits nonlinear parameters to a neighbourhood (used after screening on fewer rows).
-    pub fn scan(
+    pub fn scan<O: Origin>(
         &self,
-        variants: &[(usize, String, Arc<Variant>)],
+        variants: &[Offer<O>],
         focus: Option<&[f64]>,
-    ) -> Vec<Candidate> {
+    ) -> Vec<Candidate<O>> {
         self.problem.next_scan();
         let grids: Vec<Vec<f64>> = variants
             .iter()
             .enumerate()
-            .map(|(i, (_, _, v))| match (&v.psi, focus) {
+            .map(|(i, offer)| match (&offer.variant.psi, focus) {
                 (None, _) => vec![0.0],
                 (Some(p), Some(at)) if p.refine => neighbourhood(p, at[i]),
                 (Some(p), _) => p.grid.clone(),
@@ -356,7 +427,7 @@ impl State<'_> {
         let scored: Vec<Option<Scores>> = jobs
             .par_iter()
             .map(|(i, psi)| {
-                let scores = self.score(&(variants[*i].2.build)(*psi), true);
+                let scores = self.score(&(variants[*i].variant.build)(*psi), true);
                 if let Some(tell) = &self.problem.ticker {
                     tell(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
                 }
@@ -372,7 +443,7 @@ impl State<'_> {
         per.into_par_iter()
             .enumerate()
             .filter_map(|(i, mut points)| {
-                let (effect, name, variant) = &variants[i];
+                let Offer { origin, variant } = &variants[i];
                 let local = matches!((variant.build)(grids[i].first().copied()?), Build::Local(_));
                 let base: Vec<f64> = (0..=self.problem.flips.len())
                     .map(|j| {
@@ -460,8 +531,7 @@ impl State<'_> {
                 let parameters =
                     pieces + usize::from(variant.psi.as_ref().is_some_and(|p| p.refine));
                 Some(Candidate {
-                    effect: *effect,
-                    name: name.clone(),
+                    origin: origin.clone(),
                     variant: variant.clone(),
                     psi,
                     gain,
@@ -479,7 +549,7 @@ impl State<'_> {
 
     /// Significance against decoys of what remains *after* the candidate. Decoys of the residual
     /// itself carry the effect in pieces, which hides effects that are slow or act in few places.
-    pub fn second_look(&self, c: &Candidate) -> f64 {
+    pub fn second_look<O: Origin>(&self, c: &Candidate<O>) -> f64 {
         let added = self.contribution(c);
         if added.len() != self.fit.residual.len() {
             return c.p;
@@ -633,7 +703,7 @@ impl State<'_> {
     }
 
     /// RMS of what a candidate adds to the prediction, and the added values.
-    pub fn contribution(&self, c: &Candidate) -> Vec<f64> {
+    pub fn contribution<O>(&self, c: &Candidate<O>) -> Vec<f64> {
         self.added(&c.variant, c.psi)
     }
 
@@ -837,18 +907,17 @@ pub(crate) fn context<'a>(
 }
 
 /// Variants of every effect that the model file allows.
-pub(crate) fn variants(
-    ctx: &Context,
-    allowed: &(dyn Fn(&dyn Effect) -> bool + Sync),
-) -> Vec<(usize, String, Arc<Variant>)> {
+pub(crate) fn variants(ctx: &Context, allowed: &(dyn Fn(EffectRef) -> bool + Sync)) -> Vec<Offer> {
     CATALOGUE
         .par_iter()
-        .enumerate()
-        .filter(|(_, e)| allowed(**e))
-        .flat_map(|(i, e)| {
+        .filter(|e| allowed(**e))
+        .flat_map(|e| {
             e.variants(ctx)
                 .into_iter()
-                .map(|v| (i, e.name().to_string(), Arc::new(v)))
+                .map(|v| Offer {
+                    origin: *e,
+                    variant: Arc::new(v),
+                })
                 .collect::<Vec<_>>()
         })
         .collect()
@@ -865,7 +934,13 @@ pub(crate) struct Step {
 }
 
 /// Whether a candidate may count at all.
-pub(crate) fn passes(c: &Candidate, spec: &Spec, tests: usize, floor: f64, rows: usize) -> bool {
+pub(crate) fn passes<O>(
+    c: &Candidate<O>,
+    spec: &Spec,
+    tests: usize,
+    floor: f64,
+    rows: usize,
+) -> bool {
     let rms = ((c.base - c.held).max(0.0) / rows.max(1) as f64).sqrt();
     c.gain >= spec.selection.material
         && c.p * tests as f64 <= spec.selection.fdr
@@ -882,11 +957,11 @@ pub(crate) fn rank(
     rows: usize,
 ) -> Step {
     let mut ranked: Vec<Candidate> = Vec::new();
-    let mut names: Vec<String> = all.iter().map(|c| c.name.clone()).collect();
-    names.sort();
+    let mut names: Vec<&str> = all.iter().map(|c| c.origin.name()).collect();
+    names.sort_unstable();
     names.dedup();
     for name in names {
-        let mut own: Vec<&Candidate> = all.iter().filter(|c| c.name == name).collect();
+        let mut own: Vec<&Candidate> = all.iter().filter(|c| c.origin.name() == name).collect();
         own.sort_by(|a, b| b.gain.total_cmp(&a.gain));
         let Some(best) = own.first().copied() else {
             continue;
@@ -928,7 +1003,7 @@ pub(crate) fn rank(
 /// Whether `simple` explains what `best` explains: all but 3 % of it, or nearly so
 /// without a steady difference.
 fn stands_for(simple: &Candidate, best: &Candidate) -> bool {
-    if simple.parameters >= best.parameters && simple.name != best.name {
+    if simple.parameters >= best.parameters && simple.origin.kind() != best.origin.kind() {
         // With as many parameters the better fit is the better claim.
         return simple.held <= best.held;
     }
@@ -992,7 +1067,7 @@ pub(crate) fn similarity(a: &[f64], b: &[f64]) -> f64 {
 /// Turns a candidate into a choice.
 pub(crate) fn choose(c: &Candidate) -> Chosen {
     Chosen {
-        effect: c.effect,
+        effect: c.origin,
         variant: c.variant.clone(),
         psi: c.psi,
     }

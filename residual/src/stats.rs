@@ -38,6 +38,26 @@ pub fn deviation(v: &[f64]) -> f64 {
     (v.iter().map(|x| (x - m) * (x - m)).sum::<f64>() / (v.len().max(2) - 1) as f64).sqrt()
 }
 
+/// Step of a quantised column: all distinct values are multiples of it apart, and they repeat.
+pub fn quantum(c: &[f64]) -> Option<f64> {
+    let stride = (c.len() / 20_000).max(1);
+    let mut v: Vec<f64> = c.iter().step_by(stride).copied().collect();
+    let n = v.len();
+    v.sort_by(f64::total_cmp);
+    v.dedup();
+    if v.len() < 8 || v.len() * 10 > n {
+        return None;
+    }
+    let mut gaps: Vec<f64> = v.windows(2).map(|w| w[1] - w[0]).collect();
+    gaps.sort_by(f64::total_cmp);
+    let q = gaps[gaps.len() / 10];
+    let whole = gaps
+        .iter()
+        .filter(|g| ((*g / q) - (*g / q).round()).abs() < 0.05)
+        .count();
+    (whole * 10 >= gaps.len() * 9).then_some(q)
+}
+
 /// Upper tail of the standard normal distribution (Abramowitz and Stegun 7.1.26 on erfc; absolute
 /// error below 1.5e-7).
 pub fn normal_tail(z: f64) -> f64 {

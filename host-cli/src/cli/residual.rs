@@ -7,7 +7,7 @@ use forcectl::identify;
 use forcectl::rigfile::RigFile;
 use residual::rig::{DATA_FOLDERS, DATA_VARIABLE, HOW_TO_GET_DATA};
 use residual::spec::Spec;
-use residual::{Board, Options, Report};
+use residual::{Compensation as Board, Options, Report};
 use std::path::{Path, PathBuf};
 
 /// Stages and the share of a scan done, on standard error; nothing where the answer is for programs (`--json`).

@@ -192,7 +192,13 @@ fn parameters(r: &Report) -> String {
                 e.ci.get(name)
                     .map_or("-".into(), |c| format!("{} to {}", num(c[0]), num(c[1])));
             let unit = e.units.get(name).cloned().unwrap_or_default();
-            rows.push(vec![e.name.clone(), name.clone(), num(*value), ci, unit]);
+            rows.push(vec![
+                e.name.to_string(),
+                name.clone(),
+                num(*value),
+                ci,
+                unit,
+            ]);
         }
     }
     let mut out = table(
@@ -205,8 +211,8 @@ fn parameters(r: &Report) -> String {
         .filter_map(|e| {
             let x = e.rival.as_ref()?;
             Some(vec![
-                e.name.clone(),
-                x.name.clone(),
+                e.name.to_string(),
+                x.name.to_string(),
                 num(x.heldout_rmse),
                 percent(x.behind),
             ])
@@ -252,7 +258,14 @@ fn rest(r: &Report) -> String {
         ));
     }
     for a in &r.not_identifiable {
-        out.push_str(&format!("\nNot told apart: {}.\n", a.effects.join(", ")));
+        out.push_str(&format!(
+            "\nNot told apart: {}.\n",
+            a.effects
+                .iter()
+                .map(|e| e.as_str())
+                .collect::<Vec<_>>()
+                .join(", ")
+        ));
     }
     out
 }

@@ -519,3 +519,51 @@ fn a_disturbance_that_the_loop_fights_is_no_effect_of_the_command() {
         report.markdown()
     );
 }
+
+/// Everything in a report that is for readers only, replaced.
+fn reworded(report: &Report) -> Report {
+    let mut out = report.clone();
+    out.title = "x".into();
+    for (i, e) in out.effects.iter_mut().enumerate() {
+        e.form = format!("form {i} load lag of the command");
+        e.meaning = "meaning".into();
+        e.terms.iter_mut().for_each(|t| *t = "term".into());
+        e.units.values_mut().for_each(|u| *u = "unit".into());
+    }
+    for a in &mut out.not_identifiable {
+        a.experiment = "experiment".into();
+    }
+    for s in &mut out.structure {
+        s.depends_on = "variable".into();
+    }
+    for t in &mut out.tested {
+        t.form = "form".into();
+    }
+    out
+}
+
+#[test]
+fn no_board_setting_depends_on_the_words_of_a_report() {
+    let mut lag = 0.0;
+    let late = simulate(&Excitation::default(), 1.0, &mut |s| {
+        if s.first {
+            lag = s.command;
+        }
+        lag += (s.command - lag) * (1.0 - (-s.dt / 0.15f64).exp());
+        lag - s.command
+    });
+    let ripple = |of_load: bool| {
+        simulate(&Excitation::default(), 1.0, &mut |s| {
+            let size = if of_load { 0.2 * s.command } else { 0.4 };
+            size * (3.0 * s.angle + 0.4).sin() - 0.3 * s.velocity.signum()
+        })
+    };
+    let of = |report: &Report| report.compensation().expect("a setting");
+    let (plain, loaded) = (ripple(false), ripple(true));
+    assert!(of(&late).delay_s > 0.1);
+    assert!(!of(&plain).ripples[0].of_load && of(&plain).friction < -0.2);
+    assert!(of(&loaded).ripples[0].of_load);
+    for report in [late, plain, loaded] {
+        assert_eq!(reworded(&report).compensation(), report.compensation());
+    }
+}

@@ -180,7 +180,7 @@ pub fn sit(case: &Case) -> Result<Outcome, String> {
         let found = report
             .effects
             .iter()
-            .find(|effect| judge::is(truth.kind, &effect.name, &effect.form));
+            .find(|effect| judge::is(truth.kind, effect.name, effect.form_kind));
         if let Some(found) = found {
             hits += 1;
             estimates.extend(judge::estimates(truth, found));
@@ -194,12 +194,12 @@ pub fn sit(case: &Case) -> Result<Outcome, String> {
         named: report
             .effects
             .iter()
-            .map(|effect| effect.name.clone())
+            .map(|effect| effect.name.to_string())
             .collect(),
         among: report
             .not_identifiable
             .first()
-            .map(|first| first.effects.clone())
+            .map(|first| first.effects.iter().map(ToString::to_string).collect())
             .unwrap_or_default(),
         structure: report
             .structure
