@@ -142,7 +142,7 @@ pub struct Tested {
     /// Probability of that by chance (decoys).
     pub p: f64,
     /// Mean fall of the squared error over blocks in standard errors.
-    pub steadiness: f64,
+    pub t_statistic: f64,
     /// Its nonlinear parameter.
     pub params: BTreeMap<String, f64>,
 }
@@ -411,8 +411,8 @@ fn percent(x: f64) -> String {
     format!("{} %", positive_zero(format!("{:.decimals$}", 100.0 * x)))
 }
 
-/// A probability. Far out in the tail only the order of size means anything, and below 1e-12 not even that.
-fn chance(p: f64) -> String {
+/// A p value. Far out in the tail only the order of size means anything, and below 1e-12 not even that.
+fn p_value(p: f64) -> String {
     if p.is_nan() {
         "-".into()
     } else if p < 1e-12 {
@@ -879,10 +879,10 @@ impl Report {
                 }
             )));
             out.push(Part::Table(
-                row(&["depends on", "fall of held-out RMSE", "chance"]),
+                row(&["depends on", "fall of held-out RMSE", "p value"]),
                 self.structure
                     .iter()
-                    .map(|s| vec![s.depends_on.clone(), percent(s.gain), chance(s.p)])
+                    .map(|s| vec![s.depends_on.clone(), percent(s.gain), p_value(s.p)])
                     .collect(),
             ));
             if let Some(p) = self.plot_unknown.as_ref().filter(|p| !p.x.is_empty()) {
@@ -923,15 +923,15 @@ impl Report {
             "Every effect on top of the final model".into(),
         ));
         out.push(Part::Text(
-            "Chance: how likely the residual with random signs block by block gains as much. Steadiness: mean fall of the squared error over blocks of time, in standard errors.".into(),
+            "p value: probability that the residual with random signs block by block gains as much. t statistic: mean fall of the squared error over blocks of time, in standard errors.".into(),
         ));
         out.push(Part::Table(
             row(&[
                 "effect",
                 "form",
                 "fall of held-out RMSE",
-                "chance",
-                "steadiness",
+                "p value",
+                "t statistic",
             ]),
             self.tested
                 .iter()
@@ -945,8 +945,8 @@ impl Report {
                         t.name.to_string(),
                         format!("{}{at}", t.form),
                         percent(t.gain),
-                        chance(t.p),
-                        positive_zero(format!("{:.1}", t.steadiness)),
+                        p_value(t.p),
+                        positive_zero(format!("{:.1}", t.t_statistic)),
                     ]
                 })
                 .collect(),
@@ -962,7 +962,7 @@ impl Report {
             "The largest correlation of the residual with itself and with each input, over lags; before: declared model, after: with the effects.".into(),
         ));
         out.push(Part::Table(
-            row(&["model", "against", "lag, rows", "correlation", "chance"]),
+            row(&["model", "against", "lag, rows", "correlation", "p value"]),
             self.residual_tests
                 .iter()
                 .map(|(w, t)| {
@@ -971,7 +971,7 @@ impl Report {
                         t.against.clone(),
                         t.lag.to_string(),
                         positive_zero(format!("{:.3}", t.correlation)),
-                        chance(t.p),
+                        p_value(t.p),
                     ]
                 })
                 .collect(),
@@ -1165,9 +1165,9 @@ mod tests {
         );
         assert_eq!(texts(0.5, [0.5, 0.5]), "0.5000 (0.5000 to 0.5000)");
         assert_eq!(percent(-1e-6), "0.00 %");
-        assert_eq!(chance(0.0), "< 1e-12");
-        assert_eq!(chance(1.04e-5), "1e-5");
-        assert_eq!(chance(0.29), "0.29");
+        assert_eq!(p_value(0.0), "< 1e-12");
+        assert_eq!(p_value(1.04e-5), "1e-5");
+        assert_eq!(p_value(0.29), "0.29");
     }
 
     #[test]

@@ -1,10 +1,11 @@
 //! Holds `docs/residual/effects.md` against the catalogue: it says what the catalogue offers, in the
 //! catalogue's own words.
 
-use super::{Build, CATALOGUE};
+use super::CATALOGUE;
 use crate::frame::Frame;
-use crate::model::{Fit, Model};
+use crate::model::{Fit, Fitted, Model};
 use crate::problem::Problem;
+use crate::scan::Scan;
 use crate::spec::Spec;
 use crate::stats;
 use std::collections::BTreeMap;
@@ -74,7 +75,8 @@ fn offered(velocity: &str, terms: &str, out: &mut BTreeMap<(usize, String), Vec<
     let problem = problem(if velocity.contains("m/s") { 1.0 } else { 3.0 });
     let model = Model::declared(&spec).unwrap();
     let fit = Fit::new(&problem, &model).unwrap();
-    let context = crate::search::context(&problem, &spec, "command", &model, &fit);
+    let fitted = Fitted { model, fit };
+    let context = Scan::new(&problem, &spec, "command", &fitted).context();
     for (i, effect) in CATALOGUE.iter().enumerate() {
         for variant in effect.variants(&context) {
             if variant.label.contains("OTHER") {
@@ -84,10 +86,7 @@ fn offered(velocity: &str, terms: &str, out: &mut BTreeMap<(usize, String), Vec<
                 .psi
                 .as_ref()
                 .map_or(0.0, |p| p.grid[p.grid.len() / 2]);
-            let count = match (variant.build)(psi) {
-                Build::Add(p) | Build::Local(p) => p.len(),
-                Build::Swap(_) | Build::SwapAll(_) => 0,
-            };
+            let count = variant.pieces(psi);
             let known = out.entry((i, variant.label.clone())).or_default();
             for p in variant.params(psi, &vec![1.0; count]) {
                 let text = format!("`{}` {}", p.name, p.unit);

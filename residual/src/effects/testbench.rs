@@ -2,8 +2,7 @@
 //! motion, a command that wanders and steps, coloured and white noise.
 
 use crate::analysis::analyse;
-use crate::frame::Frame;
-use crate::load::Loaded;
+use crate::data::Data;
 use crate::report::{Report, Verdict};
 use crate::spec::Spec;
 use crate::stats::Rng;
@@ -182,16 +181,11 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
         cols.iter_mut().zip(values).for_each(|(c, v)| c.push(v));
         time.push(row.elapsed);
     });
-    let sequences = (0..groups as usize)
-        .map(|g| g * rows..(g + 1) * rows)
-        .collect();
-    let n = time.len();
-    let fold: Vec<u32> = (0..n).map(|i| (i / rows) as u32).collect();
-    let frame = Frame::new(
-        names.iter().map(|s| s.to_string()).zip(cols).collect(),
-        time,
-        sequences,
-    );
+    let sequences = (0..groups as usize).map(|g| g * rows..(g + 1) * rows);
+    let data = Data::from_columns(time, names.iter().copied().zip(cols))
+        .sequences(sequences)
+        .build()
+        .expect("the simulated columns are valid");
     let unit = if x.metres { "m/s" } else { "rad/s" };
     let friction = if x.declare_coulomb {
         "[[terms]]\nname = \"f\"\nexpr = \"sign(velocity)\"\n"
@@ -216,16 +210,7 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
          [[terms]]\nname = \"tension\"\nexpr = \"command\"\nfixed = 1.0\n{friction}"
     ))
     .expect("the test model is valid");
-    let loaded = Loaded {
-        frame,
-        keep: vec![true; n],
-        fold,
-        fold_names: (0..groups).map(|g| g.to_string()).collect(),
-        groups: groups as usize,
-        files: vec![],
-        hygiene: vec![],
-    };
-    analyse(&spec, loaded, &mut ()).expect("the analysis runs")
+    analyse(&spec, data, &mut ()).expect("the analysis runs")
 }
 
 /// The effect must be named first, and bring the error down to the noise.
