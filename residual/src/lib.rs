@@ -12,31 +12,45 @@
 #![forbid(unsafe_code)]
 
 mod analysis;
-mod board;
+mod assembly;
+mod compensation;
+mod data;
+mod declared;
+mod diagnostics;
 mod effects;
 mod error;
 /// The expression language of model files.
 pub mod expr;
+mod extended;
+mod feedback;
+mod figures;
 mod frame;
 mod hygiene;
+mod intervals;
+mod leftover;
 mod linalg;
 /// Reading logs.
 pub mod load;
 mod model;
 mod problem;
 mod progress;
+mod ranking;
 mod report;
 /// The measured data of the thesis rig: where they are, and their two layouts.
 pub mod rig;
+mod scan;
 mod search;
 /// The model file.
 pub mod spec;
 mod stats;
 mod svg;
+mod verdict;
 
-pub use analysis::{analyse, baseline, run, Baseline, Options};
-pub use board::{Board, Ripple};
-pub use effects::{experiment, meaning, names, Param};
+pub use analysis::{analyse, run, Options};
+pub use compensation::{Compensation, Ripple};
+pub use data::{Data, DataBuilder};
+pub use declared::{baseline, Baseline};
+pub use effects::{experiment, meaning, names, EffectKind, Form, Param};
 pub use error::Error;
 pub use frame::Frame;
 pub use hygiene::Finding;

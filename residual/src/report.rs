@@ -1,6 +1,7 @@
 //! What an analysis found, and its written forms: `report.json`, `report.md`, `report.html` and the
 //! extended model file.
 
+use crate::effects::{EffectKind, Form};
 use crate::error::Error;
 use crate::hygiene::Finding;
 use crate::spec::Spec;
@@ -59,7 +60,7 @@ pub struct Figures {
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Rival {
     /// Its name.
-    pub name: String,
+    pub name: EffectKind,
     /// Held-out RMSE with it instead.
     pub heldout_rmse: f64,
     /// How much larger that is than the final RMSE, as a fraction.
@@ -70,9 +71,11 @@ pub struct Rival {
 #[derive(Debug, Clone, Serialize)]
 pub struct Effect {
     /// Name in the catalogue.
-    pub name: String,
-    /// In which form it shows.
+    pub name: EffectKind,
+    /// In which form it shows, for readers.
     pub form: String,
+    /// The form, where code must know it.
+    pub form_kind: Form,
     /// What it is.
     pub meaning: String,
     /// Expressions added (`column -> expression` for replacements).
@@ -98,7 +101,7 @@ pub struct Effect {
 #[derive(Debug, Clone, Serialize)]
 pub struct Ambiguity {
     /// Their names; the one in `effects` first.
-    pub effects: Vec<String>,
+    pub effects: Vec<EffectKind>,
     /// The experiment that would tell them apart.
     pub experiment: String,
 }
@@ -118,7 +121,7 @@ pub struct Structure {
 #[derive(Debug, Clone, Serialize)]
 pub struct NotMaterial {
     /// Name.
-    pub name: String,
+    pub name: EffectKind,
     /// Form.
     pub form: String,
     /// Relative fall of the held-out RMSE.
@@ -131,7 +134,7 @@ pub struct NotMaterial {
 #[derive(Debug, Clone, Serialize)]
 pub struct Tested {
     /// Name.
-    pub name: String,
+    pub name: EffectKind,
     /// Form.
     pub form: String,
     /// Relative fall of the held-out RMSE on top of the final model.
@@ -139,7 +142,7 @@ pub struct Tested {
     /// Probability of that by chance (decoys).
     pub p: f64,
     /// Mean fall of the squared error over blocks in standard errors.
-    pub steadiness: f64,
+    pub t_statistic: f64,
     /// Its nonlinear parameter.
     pub params: BTreeMap<String, f64>,
 }
@@ -336,7 +339,7 @@ pub struct Report {
     /// The last scan of the catalogue, on top of the final model.
     pub tested: Vec<Tested>,
     /// Effects that were not looked for, as the data lack their columns.
-    pub absent: Vec<String>,
+    pub absent: Vec<EffectKind>,
     /// Flaws of the data.
     pub hygiene: Vec<Finding>,
     /// Whiteness and cross-correlation tests of the residual, `before` and `after`.
@@ -408,8 +411,8 @@ fn percent(x: f64) -> String {
     format!("{} %", positive_zero(format!("{:.decimals$}", 100.0 * x)))
 }
 
-/// A probability. Far out in the tail only the order of size means anything, and below 1e-12 not even that.
-fn chance(p: f64) -> String {
+/// A p value. Far out in the tail only the order of size means anything, and below 1e-12 not even that.
+fn p_value(p: f64) -> String {
     if p.is_nan() {
         "-".into()
     } else if p < 1e-12 {
@@ -481,7 +484,7 @@ impl Report {
         let names = self
             .effects
             .iter()
-            .map(|e| e.name.as_str())
+            .map(|e| e.name.to_string())
             .collect::<Vec<_>>()
             .join(", ");
         match self.verdict {
@@ -492,7 +495,7 @@ impl Report {
                 let who = self
                     .not_identifiable
                     .first()
-                    .map(|a| a.effects.join(" or "))
+                    .map(|a| joined(&a.effects, " or "))
                     .unwrap_or_default();
                 format!("The model lacks {who}; these data cannot tell which: held-out RMSE {b} -> {f} {u}.")
             }
@@ -858,7 +861,7 @@ impl Report {
         for a in &self.not_identifiable {
             out.push(Part::Heading(format!(
                 "Not told apart: {}",
-                a.effects.join(", ")
+                joined(&a.effects, ", ")
             )));
             out.push(Part::Text(format!(
                 "These explain the data equally well. What would part them: {}.",
@@ -876,10 +879,10 @@ impl Report {
                 }
             )));
             out.push(Part::Table(
-                row(&["depends on", "fall of held-out RMSE", "chance"]),
+                row(&["depends on", "fall of held-out RMSE", "p value"]),
                 self.structure
                     .iter()
-                    .map(|s| vec![s.depends_on.clone(), percent(s.gain), chance(s.p)])
+                    .map(|s| vec![s.depends_on.clone(), percent(s.gain), p_value(s.p)])
                     .collect(),
             ));
             if let Some(p) = self.plot_unknown.as_ref().filter(|p| !p.x.is_empty()) {
@@ -898,7 +901,7 @@ impl Report {
                 row(&["effect", "form", "fall of held-out RMSE"]),
                 self.seen_not_material
                     .iter()
-                    .map(|s| vec![s.name.clone(), s.form.clone(), percent(s.gain)])
+                    .map(|s| vec![s.name.to_string(), s.form.clone(), percent(s.gain)])
                     .collect(),
             ));
         }
@@ -920,15 +923,15 @@ impl Report {
             "Every effect on top of the final model".into(),
         ));
         out.push(Part::Text(
-            "Chance: how likely the residual with random signs block by block gains as much. Steadiness: mean fall of the squared error over blocks of time, in standard errors.".into(),
+            "p value: probability that the residual with random signs block by block gains as much. t statistic: mean fall of the squared error over blocks of time, in standard errors.".into(),
         ));
         out.push(Part::Table(
             row(&[
                 "effect",
                 "form",
                 "fall of held-out RMSE",
-                "chance",
-                "steadiness",
+                "p value",
+                "t statistic",
             ]),
             self.tested
                 .iter()
@@ -939,11 +942,11 @@ impl Report {
                         .map(|(n, v)| format!(", {n} {}", num(*v)))
                         .collect::<String>();
                     vec![
-                        t.name.clone(),
+                        t.name.to_string(),
                         format!("{}{at}", t.form),
                         percent(t.gain),
-                        chance(t.p),
-                        positive_zero(format!("{:.1}", t.steadiness)),
+                        p_value(t.p),
+                        positive_zero(format!("{:.1}", t.t_statistic)),
                     ]
                 })
                 .collect(),
@@ -951,7 +954,7 @@ impl Report {
         if !self.absent.is_empty() {
             out.push(Part::Text(format!(
                 "Not looked for, as the data lack the columns or their variation: {}.",
-                self.absent.join(", ")
+                joined(&self.absent, ", ")
             )));
         }
         out.push(Part::Heading("Tests of the residual".into()));
@@ -959,7 +962,7 @@ impl Report {
             "The largest correlation of the residual with itself and with each input, over lags; before: declared model, after: with the effects.".into(),
         ));
         out.push(Part::Table(
-            row(&["model", "against", "lag, rows", "correlation", "chance"]),
+            row(&["model", "against", "lag, rows", "correlation", "p value"]),
             self.residual_tests
                 .iter()
                 .map(|(w, t)| {
@@ -968,7 +971,7 @@ impl Report {
                         t.against.clone(),
                         t.lag.to_string(),
                         positive_zero(format!("{:.3}", t.correlation)),
-                        chance(t.p),
+                        p_value(t.p),
                     ]
                 })
                 .collect(),
@@ -1040,6 +1043,12 @@ impl Report {
             ..p.clone()
         }
     }
+}
+
+/// Names of effects in one text.
+fn joined(effects: &[EffectKind], between: &str) -> String {
+    let names: Vec<&str> = effects.iter().map(|k| k.as_str()).collect();
+    names.join(between)
 }
 
 /// Two factors of a product at the top level of an expression, brackets around it aside.
@@ -1156,9 +1165,9 @@ mod tests {
         );
         assert_eq!(texts(0.5, [0.5, 0.5]), "0.5000 (0.5000 to 0.5000)");
         assert_eq!(percent(-1e-6), "0.00 %");
-        assert_eq!(chance(0.0), "< 1e-12");
-        assert_eq!(chance(1.04e-5), "1e-5");
-        assert_eq!(chance(0.29), "0.29");
+        assert_eq!(p_value(0.0), "< 1e-12");
+        assert_eq!(p_value(1.04e-5), "1e-5");
+        assert_eq!(p_value(0.29), "0.29");
     }
 
     #[test]

@@ -2,9 +2,8 @@
 
 use crate::case::Case;
 use crate::judge::{self, Class, Estimate};
-use residual::load::Loaded;
 use residual::spec::Spec;
-use residual::{Frame, Report};
+use residual::{Data, Report};
 use std::time::Instant;
 use synthetic_sets::{Kind, Log, Set};
 
@@ -83,8 +82,10 @@ const FOLDS: usize = 10;
 
 /// The set as the analysis loads it from files with [`MODEL`]: values as a CSV file holds them, blocks of time
 /// dealt to folds in turn.
-#[must_use]
-pub fn load(set: &Set) -> Loaded {
+///
+/// # Errors
+/// The analysis's own: no set should lead to one.
+pub fn load(set: &Set) -> Result<Data, residual::Error> {
     // Roles' names, in the order of `Log::NAMES` without the time.
     const ROLES: [&str; 6] = [
         "target",
@@ -113,17 +114,11 @@ pub fn load(set: &Set) -> Loaded {
         groups = group.last().map_or(0, |last| last + 1);
         sequences.push(start..time.len());
     }
-    let rows = time.len();
-    let folds = groups.min(FOLDS);
-    Loaded {
-        frame: Frame::new(columns, time, sequences),
-        keep: vec![true; rows],
-        fold: group.iter().map(|g| (g % folds) as u32).collect(),
-        fold_names: (1..=folds).map(|k| format!("fold {k}")).collect(),
-        groups,
-        files: vec![],
-        hygiene: vec![],
-    }
+    Data::from_columns(time, columns)
+        .sequences(sequences)
+        .groups(group)
+        .folds(FOLDS)
+        .build()
 }
 
 /// Writes a set's logs and [`MODEL`] into a folder of its own under `folder`, to analyse it by hand:
@@ -154,7 +149,9 @@ pub fn write(case: &Case, folder: &std::path::Path) -> std::io::Result<()> {
 /// The analysis's own message: no set of the benchmark should lead to one.
 pub fn analyse(set: &Set) -> Result<Report, String> {
     let spec = Spec::parse(MODEL).map_err(|error| error.to_string())?;
-    residual::analyse(&spec, load(set), &mut ()).map_err(|error| error.to_string())
+    load(set)
+        .and_then(|data| residual::analyse(&spec, data, &mut ()))
+        .map_err(|error| error.to_string())
 }
 
 /// Makes a set, has it analysed, and compares.
@@ -183,7 +180,7 @@ pub fn evaluate(case: &Case) -> Result<Outcome, String> {
         let found = report
             .effects
             .iter()
-            .find(|effect| judge::is(truth.kind, &effect.name, &effect.form));
+            .find(|effect| judge::is(truth.kind, effect.name, effect.form_kind));
         if let Some(found) = found {
             hits += 1;
             estimates.extend(judge::estimates(truth, found));
@@ -197,12 +194,12 @@ pub fn evaluate(case: &Case) -> Result<Outcome, String> {
         named: report
             .effects
             .iter()
-            .map(|effect| effect.name.clone())
+            .map(|effect| effect.name.to_string())
             .collect(),
         among: report
             .not_identifiable
             .first()
-            .map(|first| first.effects.clone())
+            .map(|first| first.effects.iter().map(ToString::to_string).collect())
             .unwrap_or_default(),
         structure: report
             .structure

@@ -8,7 +8,7 @@ use host_cli::identify::findings::{self, Frame};
 use host_cli::rigfile::RigFile;
 use residual::rig::{DATA_FOLDERS, DATA_VARIABLE, HOW_TO_GET_DATA};
 use residual::spec::Spec;
-use residual::{Board, Options, Report};
+use residual::{Compensation as Board, Options, Report};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 

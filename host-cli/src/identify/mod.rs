@@ -584,7 +584,7 @@ pub fn find(
 ///
 /// # Errors
 /// The verdict doesn't support a change, or nameless structure is left beside what was named.
-pub fn usable(report: &Report) -> Result<residual::Board, String> {
+pub fn usable(report: &Report) -> Result<residual::Compensation, String> {
     let (before, after) = (report.baseline.heldout_rmse, report.last.heldout_rmse);
     let left = |s: &&residual::Structure| s.gain * after > MOST_LEFT * (before - after);
     if let Some(left) = report.structure.iter().find(left) {
@@ -598,7 +598,7 @@ pub fn usable(report: &Report) -> Result<residual::Board, String> {
         ));
     }
     report
-        .board()
+        .compensation()
         .ok_or_else(|| format!("the verdict: {}", report.summary()))
 }
 
@@ -694,7 +694,7 @@ mod tests {
         // Units differ by some 0.1 N by themselves.
         let more = friction(&new[0]) + crate::identify::findings::UNDER_N - friction(&old[0]);
         assert!((more - 0.6).abs() < 0.25, "{:?}", findings.units[0]);
-        let name = &findings.units[0].report.effects[0].name;
+        let name = findings.units[0].report.effects[0].name.as_str();
         assert!(name.ends_with("coulomb"), "{name}");
 
         let ripple = new[1].ripples[0];
@@ -737,7 +737,7 @@ mod tests {
 
     /// From a report that a board may use: the same with other verdicts.
     fn refuses_what_is_not_clear(clear: &Report) {
-        use residual::{Ambiguity, Structure, Verdict};
+        use residual::{Ambiguity, EffectKind, Structure, Verdict};
         assert!(usable(clear).is_ok(), "{}", clear.summary());
         let with = |change: &dyn Fn(&mut Report)| {
             let mut report = clear.clone();
@@ -748,19 +748,19 @@ mod tests {
             let why = with(&|r| r.verdict = verdict).unwrap_err();
             assert!(why.contains("verdict"), "{why}");
         }
-        let rivals = |names: [&'static str; 2]| {
+        let rivals = |names: [EffectKind; 2]| {
             with(&move |r| {
                 r.verdict = Verdict::NotIdentifiable;
                 r.not_identifiable = vec![Ambiguity {
-                    effects: names.map(str::to_owned).to_vec(),
+                    effects: names.to_vec(),
                     experiment: String::new(),
                 }];
             })
         };
-        assert!(rivals(["coulomb", "backlash"]).is_err());
-        assert!(rivals(["coulomb", "delay"]).is_err());
+        assert!(rivals([EffectKind::Coulomb, EffectKind::Backlash]).is_err());
+        assert!(rivals([EffectKind::Coulomb, EffectKind::Delay]).is_err());
         // The same friction by either name.
-        assert!(rivals(["load_dependent_coulomb", "coulomb"]).is_ok());
+        assert!(rivals([EffectKind::LoadDependentCoulomb, EffectKind::Coulomb]).is_ok());
         let nameless = |part: f64| {
             with(&move |r| {
                 let explained = r.baseline.heldout_rmse - r.last.heldout_rmse;

@@ -1,12 +1,12 @@
 //! Dry friction of constant size.
 
-use super::{Context, Effect, Piece, Variant};
+use super::{Context, Effect, EffectKind, Found, Friction, Piece, Remedy, Setting, Variant};
 
 pub(crate) struct Coulomb;
 
 impl Effect for Coulomb {
-    fn name(&self) -> &'static str {
-        "coulomb"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Coulomb
     }
     fn meaning(&self) -> &'static str {
         "dry friction: a constant force with the sign of the velocity"
@@ -16,6 +16,15 @@ impl Effect for Coulomb {
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
+    }
+    fn friction(&self) -> Option<Friction> {
+        Some(Friction::Constant)
+    }
+    fn setting(&self) -> Option<Setting> {
+        Some(Setting::DryFriction)
+    }
+    fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        vec![Remedy::Friction((found.get)("friction"))]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some(v) = &ctx.velocity else {

@@ -1,12 +1,12 @@
 //! The sensor or the cable gives way slowly under load.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 
 pub(crate) struct Creep;
 
 impl Effect for Creep {
-    fn name(&self) -> &'static str {
-        "creep"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Creep
     }
     fn meaning(&self) -> &'static str {
         "creep: part of the answer to a load comes slowly, with its own time constant"

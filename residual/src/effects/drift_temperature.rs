@@ -1,12 +1,12 @@
 //! Drift with temperature, of zero or of gain.
 
-use super::{ratio, Build, Context, Effect, Piece, Psi, Variant};
+use super::{ratio, Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 
 pub(crate) struct DriftTemperature;
 
 impl Effect for DriftTemperature {
-    fn name(&self) -> &'static str {
-        "drift_temperature"
+    fn kind(&self) -> EffectKind {
+        EffectKind::DriftTemperature
     }
     fn meaning(&self) -> &'static str {
         "temperature drift of zero or gain, at once or as the part warms through"

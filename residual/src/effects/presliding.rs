@@ -1,20 +1,13 @@
 //! What friction does at rest and just after a reversal: the direction it holds.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Form, Friction, Piece, Psi, Variant};
 use crate::stats;
-
-/// Form: friction in motion and at rest under one coefficient.
-pub(crate) const AS_ONE: &str = "friction that stays at rest";
-/// Form: friction at rest alone, in the direction of the last motion.
-pub(crate) const ALONE: &str = "direction held";
-/// Form: friction at rest alone, in the direction of the last motion, with its share of load.
-pub(crate) const HELD: &str = "direction held, with load";
 
 pub(crate) struct Presliding;
 
 impl Effect for Presliding {
-    fn name(&self) -> &'static str {
-        "presliding"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Presliding
     }
     fn meaning(&self) -> &'static str {
         "presliding: at rest friction holds the direction of the last motion, and turns over a short distance before the next"
@@ -33,6 +26,9 @@ impl Effect for Presliding {
             Some(v) => format!("held({v}, {db})"),
         }
     }
+    fn friction(&self) -> Option<Friction> {
+        Some(Friction::AtRest)
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let (Some(v), Some(x)) = (ctx.velocity.clone(), ctx.position.clone()) else {
             return vec![];
@@ -43,36 +39,45 @@ impl Effect for Presliding {
         let rests = ctx.rests();
         if rests && !ctx.friction {
             // Dry friction in motion and at rest as one: a stop does not let go of it.
-            out.push(Variant::linear(
-                AS_ONE,
-                vec![Piece::new(
-                    "friction",
-                    unit.clone(),
-                    format!("held({v}, {db})"),
-                )],
-            ));
+            out.push(
+                Variant::linear(
+                    "friction that stays at rest",
+                    vec![Piece::new(
+                        "friction",
+                        unit.clone(),
+                        format!("held({v}, {db})"),
+                    )],
+                )
+                .form(Form::MotionAndRest),
+            );
         }
         if rests {
             // Only the rows at rest: what moves is friction's own business.
             let held = format!("(held({v}, {db}) - sgn({v}, {db}))");
-            out.push(Variant::linear(
-                ALONE,
-                vec![Piece::new("held_friction", unit.clone(), held.clone())],
-            ));
+            out.push(
+                Variant::linear(
+                    "direction held",
+                    vec![Piece::new("held_friction", unit.clone(), held.clone())],
+                )
+                .form(Form::AtRest),
+            );
             let load = ctx.load.clone();
             let loaded = ctx.range(&load).is_some();
             if loaded {
-                out.push(Variant::linear(
-                    HELD,
-                    vec![
-                        Piece::new("held_friction", unit.clone(), held.clone()),
-                        Piece::new(
-                            "held_friction_per_load",
-                            "1",
-                            format!("{held} * abs({load})"),
-                        ),
-                    ],
-                ));
+                out.push(
+                    Variant::linear(
+                        "direction held, with load",
+                        vec![
+                            Piece::new("held_friction", unit.clone(), held.clone()),
+                            Piece::new(
+                                "held_friction_per_load",
+                                "1",
+                                format!("{held} * abs({load})"),
+                            ),
+                        ],
+                    )
+                    .form(Form::AtRestWithLoad),
+                );
             }
             // Before the first motion of a run nobody knows which way the friction lies: its mean is
             // a parameter of its own, or other effects would be bent to explain it.
@@ -129,23 +134,26 @@ impl Effect for Presliding {
             };
             let (friction, loaded) = (ctx.friction, ctx.range(&ctx.load).is_some());
             let load = ctx.load.clone();
-            out.push(Variant::profiled("elastic turn", psi, move |d| {
-                let state = format!("dahl({x}, {d})");
-                if !friction {
-                    return Build::Add(vec![Piece::new("friction", unit.clone(), state)]);
-                }
-                // Friction is in the model already: only what differs from its jump is new.
-                let turn = format!("({state} - sgn({v}, {db}))");
-                let mut p = vec![Piece::new("turning_friction", unit.clone(), turn.clone())];
-                if loaded {
-                    p.push(Piece::new(
-                        "turning_friction_per_load",
-                        "1",
-                        format!("{turn} * abs({load})"),
-                    ));
-                }
-                Build::Add(p)
-            }));
+            out.push(
+                Variant::profiled("elastic turn", psi, move |d| {
+                    let state = format!("dahl({x}, {d})");
+                    if !friction {
+                        return Build::Add(vec![Piece::new("friction", unit.clone(), state)]);
+                    }
+                    // Friction is in the model already: only what differs from its jump is new.
+                    let turn = format!("({state} - sgn({v}, {db}))");
+                    let mut p = vec![Piece::new("turning_friction", unit.clone(), turn.clone())];
+                    if loaded {
+                        p.push(Piece::new(
+                            "turning_friction_per_load",
+                            "1",
+                            format!("{turn} * abs({load})"),
+                        ));
+                    }
+                    Build::Add(p)
+                })
+                .form(Form::ElasticTurn),
+            );
         }
         out
     }

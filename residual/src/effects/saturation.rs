@@ -1,12 +1,12 @@
 //! A limit that the model does not know.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 
 pub(crate) struct Saturation;
 
 impl Effect for Saturation {
-    fn name(&self) -> &'static str {
-        "saturation"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Saturation
     }
     fn meaning(&self) -> &'static str {
         "saturation: beyond a limit the target no longer follows the command"

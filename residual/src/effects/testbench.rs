@@ -2,8 +2,7 @@
 //! motion, a command that wanders and steps, coloured and white noise.
 
 use crate::analysis::analyse;
-use crate::frame::Frame;
-use crate::load::Loaded;
+use crate::data::Data;
 use crate::report::{Report, Verdict};
 use crate::spec::Spec;
 use crate::stats::Rng;
@@ -182,16 +181,11 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
         cols.iter_mut().zip(values).for_each(|(c, v)| c.push(v));
         time.push(row.elapsed);
     });
-    let sequences = (0..groups as usize)
-        .map(|g| g * rows..(g + 1) * rows)
-        .collect();
-    let n = time.len();
-    let fold: Vec<u32> = (0..n).map(|i| (i / rows) as u32).collect();
-    let frame = Frame::new(
-        names.iter().map(|s| s.to_string()).zip(cols).collect(),
-        time,
-        sequences,
-    );
+    let sequences = (0..groups as usize).map(|g| g * rows..(g + 1) * rows);
+    let data = Data::from_columns(time, names.iter().copied().zip(cols))
+        .sequences(sequences)
+        .build()
+        .expect("the simulated columns are valid");
     let unit = if x.metres { "m/s" } else { "rad/s" };
     let friction = if x.declare_coulomb {
         "[[terms]]\nname = \"f\"\nexpr = \"sign(velocity)\"\n"
@@ -216,16 +210,7 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
          [[terms]]\nname = \"tension\"\nexpr = \"command\"\nfixed = 1.0\n{friction}"
     ))
     .expect("the test model is valid");
-    let loaded = Loaded {
-        frame,
-        keep: vec![true; n],
-        fold,
-        fold_names: (0..groups).map(|g| g.to_string()).collect(),
-        groups: groups as usize,
-        files: vec![],
-        hygiene: vec![],
-    };
-    analyse(&spec, loaded, &mut ()).expect("the analysis runs")
+    analyse(&spec, data, &mut ()).expect("the analysis runs")
 }
 
 /// The effect must be named first, and bring the error down to the noise.
@@ -518,4 +503,52 @@ fn a_disturbance_that_the_loop_fights_is_no_effect_of_the_command() {
         "{}",
         report.markdown()
     );
+}
+
+/// Everything in a report that is for readers only, replaced.
+fn reworded(report: &Report) -> Report {
+    let mut out = report.clone();
+    out.title = "x".into();
+    for (i, e) in out.effects.iter_mut().enumerate() {
+        e.form = format!("form {i} load lag of the command");
+        e.meaning = "meaning".into();
+        e.terms.iter_mut().for_each(|t| *t = "term".into());
+        e.units.values_mut().for_each(|u| *u = "unit".into());
+    }
+    for a in &mut out.not_identifiable {
+        a.experiment = "experiment".into();
+    }
+    for s in &mut out.structure {
+        s.depends_on = "variable".into();
+    }
+    for t in &mut out.tested {
+        t.form = "form".into();
+    }
+    out
+}
+
+#[test]
+fn no_board_setting_depends_on_the_words_of_a_report() {
+    let mut lag = 0.0;
+    let late = simulate(&Excitation::default(), 1.0, &mut |s| {
+        if s.first {
+            lag = s.command;
+        }
+        lag += (s.command - lag) * (1.0 - (-s.dt / 0.15f64).exp());
+        lag - s.command
+    });
+    let ripple = |of_load: bool| {
+        simulate(&Excitation::default(), 1.0, &mut |s| {
+            let size = if of_load { 0.2 * s.command } else { 0.4 };
+            size * (3.0 * s.angle + 0.4).sin() - 0.3 * s.velocity.signum()
+        })
+    };
+    let of = |report: &Report| report.compensation().expect("a setting");
+    let (plain, loaded) = (ripple(false), ripple(true));
+    assert!(of(&late).delay_s > 0.1);
+    assert!(!of(&plain).ripples[0].of_load && of(&plain).friction < -0.2);
+    assert!(of(&loaded).ripples[0].of_load);
+    for report in [late, plain, loaded] {
+        assert_eq!(reworded(&report).compensation(), report.compensation());
+    }
 }

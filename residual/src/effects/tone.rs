@@ -1,12 +1,12 @@
 //! A sine of constant frequency: mains, a fan, an alias of something faster.
 
-use super::{amplitude_phase, spectrum, Build, Context, Effect, Piece, Psi, Variant};
+use super::{amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 
 pub(crate) struct Tone;
 
 impl Effect for Tone {
-    fn name(&self) -> &'static str {
-        "tone"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Tone
     }
     fn meaning(&self) -> &'static str {
         "a tone of constant frequency in time, whatever moves (mains, fan, or the alias of something above half the row rate)"
