@@ -7,6 +7,7 @@ use crate::error::Error;
 use crate::feedback;
 use crate::leftover::Leftover;
 use crate::load;
+use crate::nested::nested;
 use crate::progress::Progress;
 use crate::report::Report;
 use crate::search::Search;
@@ -113,7 +114,11 @@ pub fn analyse(spec: &Spec, data: Data, progress: &mut dyn Progress) -> Result<R
         weights: &weights,
         frame: &frame,
     };
-    assembly::report(found, &data)
+    let mut report = assembly::report(found, &data)?;
+    if spec.selection.nested {
+        report.nested_rmse = Some(nested(spec, &data, progress)?.rmse);
+    }
+    Ok(report)
 }
 
 #[cfg(test)]

@@ -67,6 +67,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         folds: data.fold_names.clone(),
         baseline: figures(&search.problem, base, seed),
         last: figures(&search.problem, fit, seed),
+        nested_rmse: None,
         verdict,
         not_identifiable: ambiguous,
         plot_unknown: found.left.largest.as_ref().map(|nameless| {

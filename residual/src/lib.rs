@@ -32,6 +32,7 @@ mod linalg;
 /// Reading logs.
 pub mod load;
 mod model;
+mod nested;
 mod problem;
 mod progress;
 mod ranking;
@@ -54,6 +55,7 @@ pub use effects::{experiment, meaning, names, EffectKind, Form, Param};
 pub use error::Error;
 pub use frame::Frame;
 pub use hygiene::Finding;
+pub use nested::{nested, Nested, NestedFold};
 pub use progress::{Console, Progress, Ticker};
 pub use report::{
     clear, num, Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested,

@@ -15,6 +15,7 @@ use std::path::Path;
 /// The answer in one word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Verdict {
     /// One effect of the catalogue explains what the model lacks.
     Effect,
@@ -43,6 +44,7 @@ impl Verdict {
 
 /// Errors of a model, in the target's unit; intervals are 95 %, block bootstrap.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Figures {
     /// Root mean square error on held-out groups.
     pub heldout_rmse: f64,
@@ -58,6 +60,7 @@ pub struct Figures {
 
 /// The best other effect in the place of a named one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Rival {
     /// Its name.
     pub name: EffectKind,
@@ -69,6 +72,7 @@ pub struct Rival {
 
 /// One effect found.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Effect {
     /// Name in the catalogue.
     pub name: EffectKind,
@@ -99,6 +103,7 @@ pub struct Effect {
 
 /// Effects that these data cannot tell apart.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Ambiguity {
     /// Their names; the one in `effects` first.
     pub effects: Vec<EffectKind>,
@@ -106,8 +111,19 @@ pub struct Ambiguity {
     pub experiment: String,
 }
 
+impl Ambiguity {
+    /// Effects that cannot be told apart, and the experiment that would tell them apart.
+    pub fn new(effects: Vec<EffectKind>, experiment: impl Into<String>) -> Ambiguity {
+        Ambiguity {
+            effects,
+            experiment: experiment.into(),
+        }
+    }
+}
+
 /// Structure without a name.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Structure {
     /// Variables it depends on.
     pub depends_on: String,
@@ -117,8 +133,21 @@ pub struct Structure {
     pub p: f64,
 }
 
+impl Structure {
+    /// Structure that depends on variables, with the relative fall of the held-out RMSE that a free
+    /// curve in them reaches and its p value.
+    pub fn new(depends_on: impl Into<String>, gain: f64, p: f64) -> Structure {
+        Structure {
+            depends_on: depends_on.into(),
+            gain,
+            p,
+        }
+    }
+}
+
 /// An effect that is there but does not matter.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct NotMaterial {
     /// Name.
     pub name: EffectKind,
@@ -132,6 +161,7 @@ pub struct NotMaterial {
 
 /// One line of the last scan of the catalogue.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Tested {
     /// Name.
     pub name: EffectKind,
@@ -306,6 +336,7 @@ fn writable(dir: &Path) -> Result<(), Error> {
 
 /// Everything an analysis found.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Report {
     /// Title from the model file.
     pub title: String,
@@ -326,6 +357,9 @@ pub struct Report {
     /// Errors of the final model.
     #[serde(rename = "final")]
     pub last: Figures,
+    /// RMSE on folds that took no part in the selection, if `selection.nested` asks for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nested_rmse: Option<f64>,
     /// The answer.
     pub verdict: Verdict,
     /// Effects found, strongest first.
@@ -789,9 +823,7 @@ impl Report {
         ));
         out.push(Part::Heading("Error before and after".into()));
         out.push(self.errors());
-        out.push(Part::Text(
-            "Held out: each group predicted from a fit to the others. Intervals are 95 %, by bootstrap over blocks of time.".into(),
-        ));
+        out.push(Part::Text(self.held_out()));
         for (i, e) in self.effects.iter().enumerate() {
             let kind = if self.verdict == Verdict::Unknown {
                 "Stand-in"
@@ -996,6 +1028,23 @@ impl Report {
             "`MODEL.extended.toml` is the model file with what was found; on the same data it gives the final fit again. `MODEL.frozen.toml` has every coefficient fixed: run it on other data to test it on rows that were never fitted. `report.json` has everything in full precision.".into(),
         ));
         out
+    }
+
+    /// What the held-out figures are, and the nested one.
+    fn held_out(&self) -> String {
+        let nested = match self.nested_rmse {
+            Some(rmse) => format!(
+                " With the whole selection repeated without each fold, the RMSE on the folds left out is {} {}.",
+                num(rmse),
+                self.unit
+            ),
+            None => String::new(),
+        };
+        format!(
+            "Held out: the coefficients that predict a group are fitted to the other folds. Effects are selected by this \
+             same error, and nonlinear parameters are refined on all rows, so the error on new data may be somewhat \
+             larger.{nested} Intervals are 95 %, by bootstrap over blocks of time."
+        )
     }
 
     /// Errors of the declared model, after each effect in turn, and of the final model.

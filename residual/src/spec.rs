@@ -196,6 +196,9 @@ pub struct Holdout {
     pub folds: usize,
 }
 
+fn is_false(x: &bool) -> bool {
+    !*x
+}
 fn is_zero_usize(x: &usize) -> bool {
     *x == 0
 }
@@ -255,6 +258,10 @@ pub struct Selection {
     pub familywise_error: f64,
     /// Number of decoys of the residual.
     pub decoys: usize,
+    /// Whether to repeat the whole selection with each fold left out, and to report the error on the
+    /// folds left out as `nested_rmse`. Costs as many analyses as there are folds.
+    #[serde(skip_serializing_if = "is_false")]
+    pub nested: bool,
     /// At most so many effects.
     pub max_effects: usize,
     /// Seed of decoys and bootstrap.
@@ -273,6 +280,7 @@ impl Default for Selection {
             material: 0.02,
             familywise_error: 0.05,
             decoys: 48,
+            nested: false,
             max_effects: 6,
             seed: 1,
             only: vec![],

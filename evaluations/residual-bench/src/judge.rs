@@ -80,6 +80,8 @@ pub fn class(report: &Report, kinds: &[Kind], uncatalogued: bool) -> Class {
                 Class::Wrong
             }
         }
+        // A verdict that this file does not know excuses nothing.
+        _ => Class::Wrong,
     }
 }
 

@@ -751,10 +751,7 @@ mod tests {
         let rivals = |names: [EffectKind; 2]| {
             with(&move |r| {
                 r.verdict = Verdict::NotIdentifiable;
-                r.not_identifiable = vec![Ambiguity {
-                    effects: names.to_vec(),
-                    experiment: String::new(),
-                }];
+                r.not_identifiable = vec![Ambiguity::new(names.to_vec(), "")];
             })
         };
         assert!(rivals([EffectKind::Coulomb, EffectKind::Backlash]).is_err());
@@ -764,11 +761,11 @@ mod tests {
         let nameless = |part: f64| {
             with(&move |r| {
                 let explained = r.baseline.heldout_rmse - r.last.heldout_rmse;
-                r.structure = vec![Structure {
-                    depends_on: "time".to_owned(),
-                    gain: part * explained / r.last.heldout_rmse,
-                    p: 0.0,
-                }];
+                r.structure = vec![Structure::new(
+                    "time",
+                    part * explained / r.last.heldout_rmse,
+                    0.0,
+                )];
             })
         };
         assert!(nameless(0.05).is_ok());
