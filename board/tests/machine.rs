@@ -5,7 +5,7 @@ use board::machine::{
     config_crc, Effects, Health, LinkCounters, LoopFigures, Machine, FIRST_SAMPLE_MS,
 };
 use board::telemetry::{Batcher, Outstanding, FLUSH_US};
-use control::{Config, DacCode, Fault, LoadCode, MotorState, SystemState};
+use control::{AdcCode, Config, DacCode, EncoderCounts, Fault, Micros, MotorState, SystemState};
 use wire::message::{
     flags, BoardInfo, CommandError, CrashRecord, FaultReport, Response, Sample, Status, UnitConfig,
     UnitSetpoint, BATCH,
@@ -50,7 +50,7 @@ fn info(crash_record: Option<CrashRecord>) -> BoardInfo {
 struct Bench {
     machine: Machine,
     board: Board,
-    now: u32,
+    now: Micros,
     estop_closed: bool,
     streaming: [bool; UNITS],
     /// Newton on each load cell.
@@ -63,7 +63,7 @@ impl Bench {
         Self {
             machine: Machine::new(info(crash_record)),
             board: Board::default(),
-            now: 0xFFF0_0000,
+            now: Micros(0xFFF0_0000),
             estop_closed: true,
             streaming: [false; UNITS],
             load_n: 0.0,
@@ -100,7 +100,7 @@ impl Bench {
     /// up comes up.
     fn run(&mut self, ms: u32) {
         for _ in 0..ms {
-            self.now = self.now.wrapping_add(1_000);
+            self.now.0 = self.now.0.wrapping_add(1_000);
             let health = Health {
                 estop_closed: self.estop_closed,
                 ..Health::default()
@@ -112,7 +112,7 @@ impl Bench {
                     .bus_event(bus::Event::Up { unit }, self.now, &mut self.board);
             }
             for unit in 0..UNITS {
-                if self.streaming[unit] && (self.now / 1_000).is_multiple_of(3) {
+                if self.streaming[unit] && (self.now.0 / 1_000).is_multiple_of(3) {
                     self.sample(unit);
                 }
             }
@@ -121,12 +121,17 @@ impl Bench {
 
     fn sample(&mut self, unit: usize) -> Sample {
         let code =
-            LoadCode::new((self.load_n / 6.85e-6) as i32 + (self.now / 1_000 % 5) as i32 * 20);
-        let (dac, answered) =
-            self.machine
-                .sample(unit as u8, code, 0, self.now, 0, &mut self.board);
+            AdcCode::new((self.load_n / 6.85e-6) as i32 + (self.now.0 / 1_000 % 5) as i32 * 20);
+        let (dac, pending) = self.machine.sample(
+            unit as u8,
+            code,
+            EncoderCounts(0),
+            self.now,
+            0,
+            &mut self.board,
+        );
         self.last[unit] = dac;
-        answered.describe()
+        pending.describe()
     }
 
     fn status(&self) -> Status {
@@ -499,7 +504,7 @@ fn noise_at_an_encoder_is_a_fault_when_it_goes_on() {
     let mut bench = Bench::armed();
     let noisy = |bench: &mut Bench, gap_us: u32| {
         for _ in 0..5 {
-            bench.now = bench.now.wrapping_add(gap_us);
+            bench.now.0 = bench.now.0.wrapping_add(gap_us);
             bench
                 .machine
                 .encoder_noise(2, 0x10, bench.now, &mut bench.board);
@@ -625,15 +630,15 @@ fn the_boards_own_troubles_are_faults() {
 #[test]
 fn a_missed_conversion_is_counted_and_flagged() {
     let mut bench = Bench::ready();
-    let (_, answered) = bench.machine.sample(
+    let (_, pending) = bench.machine.sample(
         0,
-        LoadCode::new(0),
-        0,
-        bench.now + 9_375,
+        AdcCode::new(0),
+        EncoderCounts(0),
+        Micros(bench.now.0 + 9_375),
         2,
         &mut bench.board,
     );
-    assert_ne!(answered.describe().flags & flags::MISSED, 0);
+    assert_ne!(pending.describe().flags & flags::MISSED, 0);
     assert_eq!(bench.status().units[0].missed, 2);
 }
 

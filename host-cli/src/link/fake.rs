@@ -6,7 +6,8 @@ use super::{Exchange, LinkError, RigControls, RigLink};
 use control::unit::{Drive, Setpoint};
 use control::zero::{Averager, Progress};
 use control::{
-    Config, Controller, Counts, Fault, Input, LoadCode, Micros, MotorState, State, SystemState,
+    AdcCode, Config, Controller, EncoderCounts, Fault, Input, Micros, MotorState, State,
+    SystemState,
 };
 use emulator_link::{Injection, Pose, Report, Truth};
 use plant::{Plant, PlantConfig};
@@ -361,7 +362,7 @@ impl FakeBoard {
             .sum();
         // 24 bits over +-0.5 VREF/128; noise of 3 mN is 440 counts.
         let code = bridge * 128.0 * f64::from(1 << 24) + 440.0 * self.noise();
-        let code = LoadCode::new(code.round() as i32);
+        let code = AdcCode::new(code.round() as i32);
         let counts = self.plant.encoder_counts(i);
         let drive = match self.unit_state(i) {
             MotorState::Running if self.setpoints[i].tension.to_bits() > 0 => Drive::Follow,
@@ -369,8 +370,8 @@ impl FakeBoard {
             _ => Drive::Off,
         };
         let input = Input {
-            code,
-            counts: Counts(counts),
+            adc_code: code,
+            encoder_counts: EncoderCounts(counts),
             at: Micros(self.t_us()),
             setpoint: self.setpoints[i],
             drive,

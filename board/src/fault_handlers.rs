@@ -1,12 +1,11 @@
-//! The handlers of the end: panic, processor faults, interrupts that nobody owns. All of them lead to
-//! [`kept::end`]: 0 V, the reason kept, reset.
+//! Panic handler and fault handlers: panic, HardFault, interrupts without a handler. All of them call
+//! [`crash_record::fail`]: 0 V, crash record, reset.
 //!
-//! A processor fault may come with a stack pointer that points nowhere (the stack lives in DTCM and faults
-//! when it overflows). So the handler starts in assembly, takes the old pointer aside and begins a new stack
-//! at the top.
+//! HardFault may be entered with an invalid stack pointer (the stack lies in DTCM and faults when it overflows).
+//! So its handler starts in assembly, saves the old pointer and starts a new stack at the top.
 
 use board::hw::pac::SCB;
-use board::hw::{gpio, kept};
+use board::hw::{crash_record, gpio};
 use control::Fault;
 use core::fmt::Write;
 use core::panic::PanicInfo;
@@ -22,10 +21,10 @@ fn panic(info: &PanicInfo) -> ! {
         location.line()
     });
     let _ = write!(text, "{}", info.message());
-    kept::end(Fault::Panic, line, 0, &text.0)
+    crash_record::fail(Fault::Panic, line, 0, &text.0)
 }
 
-/// Takes what fits.
+/// Keeps the text that fits.
 struct Tail(String<96>);
 
 impl Write for Tail {
@@ -82,12 +81,12 @@ extern "C" fn hard_fault(old_stack: *const u32) -> ! {
     if pc == 0 {
         let _ = text.push_str(", stack overflow");
     }
-    kept::end(Fault::HardFault, scb.cfsr.read(), pc, &text)
+    crash_record::fail(Fault::HardFault, scb.cfsr.read(), pc, &text)
 }
 
 #[cortex_m_rt::exception]
 unsafe fn DefaultHandler(number: i16) {
     let mut text = String::<96>::new();
     let _ = write!(text, "interrupt {number} has no handler");
-    kept::end(Fault::HardFault, number as u32, 0, &text)
+    crash_record::fail(Fault::HardFault, number as u32, 0, &text)
 }

@@ -1,9 +1,9 @@
-//! What survives a reset.
+//! The crash record: fault, detail and program counter of the run that ended, in memory that survives a reset.
 //!
-//! Owner: whoever is last: panic, processor fault, unused interrupt. [`end`] first pulls the DACs' RST low with direct register writes (0 V on
-//! all motors, whatever else is broken), then writes the reason into memory that start-up does not touch,
-//! then resets. The next boot finds it by its magic number and CRC, latches it as a fault and tells it in
-//! Hello.
+//! Written by the panic handler, the processor's fault handlers and the handler of unused interrupts. [`fail`]
+//! first pulls the DACs' RST low with direct register writes (0 V on all motors, independent of the state of
+//! the rest of the firmware), then writes the record, then resets the processor. The next boot validates it by its
+//! magic number and CRC, latches it as a fault and sends it in the response to Hello.
 
 use super::{gpio, watchdog};
 use control::Fault;
@@ -14,7 +14,8 @@ use heapless::String;
 use wire::frame::crc32;
 use wire::message::CrashRecord;
 
-const MAGIC: u32 = 0x4B45_5054;
+/// "CRSH" in ASCII. Marks a record that was written completely up to its CRC.
+const MAGIC: u32 = 0x4352_5348;
 
 #[repr(C)]
 #[derive(Clone, Copy)]
@@ -26,19 +27,19 @@ struct Record {
     length: u32,
     text: [u8; 96],
     crc: u32,
-    /// The ECC of AXI SRAM commits a write with the next one (section 2.4): something to write after the CRC.
+    /// The ECC of AXI SRAM commits a write with the next one (section 2.4): this word is written after the CRC.
     flush: u32,
 }
 
-/// Start-up leaves `.uninit` alone, and so does a reset.
-#[link_section = ".uninit.kept"]
+/// Neither start-up nor a reset writes to `.uninit`.
+#[link_section = ".uninit.crash_record"]
 static mut RECORD: MaybeUninit<Record> = MaybeUninit::uninit();
 
-/// Where the superloop is, for a reset by the watchdog.
+/// Stage of the superloop, for a reset by the watchdog.
 #[link_section = ".uninit.stage"]
 static mut STAGE: MaybeUninit<[AtomicU32; 2]> = MaybeUninit::uninit();
 
-/// Piece of the superloop under way. A watchdog's reset is put down to it.
+/// Stage of the superloop. A watchdog reset is attributed to it.
 #[derive(Clone, Copy)]
 #[repr(u32)]
 pub enum Stage {
@@ -46,13 +47,13 @@ pub enum Stage {
     Start = 1,
     /// Samples.
     Samples = 2,
-    /// DAC words that are out.
+    /// DAC words that were sent.
     Outputs = 3,
     /// Supervisor.
     Supervisor = 4,
     /// Links.
     Links = 5,
-    /// Asleep, or on its way there.
+    /// Sleep, and the decision to sleep.
     Sleep = 6,
 }
 
@@ -61,9 +62,9 @@ fn stage_cells() -> &'static [AtomicU32; 2] {
     unsafe { (*core::ptr::addr_of!(STAGE)).assume_init_ref() }
 }
 
-/// Notes where the superloop is: two stores.
+/// Records the stage of the superloop. Two stores.
 #[inline(always)]
-pub fn note(stage: Stage) {
+pub fn set_stage(stage: Stage) {
     let [cell, check] = stage_cells();
     cell.store(stage as u32, Ordering::Relaxed);
     check.store(!(stage as u32), Ordering::Relaxed);
@@ -75,16 +76,16 @@ fn bytes(record: &Record) -> &[u8] {
     unsafe { core::slice::from_raw_parts(core::ptr::from_ref(record).cast(), length) }
 }
 
-/// Takes the reason that the last run left. With none, a watchdog's or a brown-out's reset makes one.
-pub fn take(reset_flags: u32) -> Option<CrashRecord> {
+/// Takes the crash record of the previous run. Without one, a watchdog or brown-out reset creates one.
+pub fn take_crash_record(reset_flags: u32) -> Option<CrashRecord> {
     // RCC_RSR, section 8.7.40.
     const IWDG: u32 = 1 << 26;
     const BROWN_OUT: u32 = 1 << 21;
     const POWER_ON: u32 = 1 << 23;
-    // SAFETY: a record of integers: any bits are valid ones. Nobody else uses it during start-up.
+    // SAFETY: a record of integers: any bits are valid. Nothing else uses it during start-up.
     let record = unsafe { (*core::ptr::addr_of!(RECORD)).assume_init() };
     let valid = record.magic == MAGIC && record.crc == crc32(bytes(&record));
-    // SAFETY: as above. Only once: the run that begins now may leave its own.
+    // SAFETY: as above. Invalidated, because the run that begins now may write its own.
     unsafe { (*core::ptr::addr_of_mut!(RECORD)).write(Record { magic: 0, ..record }) };
     if valid && reset_flags & POWER_ON == 0 {
         let text = record.text.get(..record.length as usize).unwrap_or(&[]);
@@ -128,8 +129,8 @@ pub fn take(reset_flags: u32) -> Option<CrashRecord> {
     None
 }
 
-/// Writes a reason down.
-pub fn keep(fault: Fault, detail: u32, pc: u32, text: &str) {
+/// Writes the crash record.
+pub fn write_crash_record(fault: Fault, detail: u32, pc: u32, text: &str) {
     let mut record = Record {
         magic: MAGIC,
         code: u32::from(fault.code()),
@@ -148,7 +149,7 @@ pub fn keep(fault: Fault, detail: u32, pc: u32, text: &str) {
     record.text[..length].copy_from_slice(&text.as_bytes()[..length]);
     record.length = length as u32;
     record.crc = crc32(bytes(&record));
-    // SAFETY: a plain write; whoever gets here runs alone or is about to reset.
+    // SAFETY: a plain write; the caller either is the superloop or has disabled interrupts.
     unsafe {
         core::ptr::addr_of_mut!(RECORD)
             .cast::<Record>()
@@ -157,10 +158,10 @@ pub fn keep(fault: Fault, detail: u32, pc: u32, text: &str) {
     cortex_m::asm::dsb();
 }
 
-/// The end of a run: 0 V, reason, reset.
-pub fn end(fault: Fault, detail: u32, pc: u32, text: &str) -> ! {
+/// Ends the run: 0 V on all motors, crash record, reset.
+pub fn fail(fault: Fault, detail: u32, pc: u32, text: &str) -> ! {
     cortex_m::interrupt::disable();
     gpio::hold_dacs_at_zero();
-    keep(fault, detail, pc, text);
+    write_crash_record(fault, detail, pc, text);
     watchdog::reset()
 }
