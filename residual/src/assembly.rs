@@ -80,7 +80,13 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         effects,
         absent: absent(search)?,
         hygiene: data.hygiene.clone(),
-        residual_tests: residual_tests(search, found.frame, &base.residual, &fit.residual),
+        residual_tests: residual_tests(
+            &search.problem,
+            &spec.roles,
+            found.frame,
+            &base.residual,
+            &fit.residual,
+        ),
         extended: extended(spec, &outcome.fitted, &outcome.chosen),
         declared: declared::terms(&search.declared),
     })

@@ -9,7 +9,8 @@ pub(crate) use correlation::correlation_rows;
 pub(crate) use switching::switching;
 
 use crate::frame::Frame;
-use crate::search::Search;
+use crate::problem::Problem;
+use crate::spec::Roles;
 use crate::stats::ResidualTest;
 use rayon::prelude::*;
 use whiteness::{cross_correlation, whiteness};
@@ -17,7 +18,8 @@ use whiteness::{cross_correlation, whiteness};
 /// Tests of the residual of the declared (`before`) and of the final model (`after`): whiteness, then
 /// correlation with every input. `frame` has the kept rows.
 pub(crate) fn residual_tests(
-    search: &Search,
+    problem: &Problem,
+    roles: &Roles,
     frame: &Frame,
     before: &[f64],
     after: &[f64],
@@ -27,14 +29,13 @@ pub(crate) fn residual_tests(
         .iter()
         .map(|(when, r)| (when.to_string(), whiteness(r, frame)))
         .collect();
-    let roles = &search.spec.roles;
     let crossed: Vec<(String, ResidualTest)> = roles
         .all()
         .into_par_iter()
         .filter(|(name, _)| name != "target" && name != "time" && !roles.groups.contains_key(name))
         .flat_map_iter(|(name, _)| {
-            let column = search.problem.frame.column(&name).unwrap_or(&[]);
-            let x = search.problem.gather(column.to_vec());
+            let column = problem.frame.column(&name).unwrap_or(&[]);
+            let x = problem.gather(column.to_vec());
             both.map(|(when, r)| {
                 let test = cross_correlation(r, &x, &name, frame);
                 (when.to_string(), test)
