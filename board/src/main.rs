@@ -16,7 +16,7 @@ fn main() {
 }
 
 #[cfg(target_os = "none")]
-mod end;
+mod fault_handlers;
 #[cfg(target_os = "none")]
 mod firmware;
 #[cfg(target_os = "none")]

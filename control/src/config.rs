@@ -6,7 +6,7 @@
 use crate::convert;
 use crate::filter::FilterConfig;
 use crate::limits::Rate;
-use crate::units::{LoadCode, Newton};
+use crate::units::{rounded, AdcCode, Newton};
 use crate::NOMINAL_SPS;
 use wire::message::{FilterChoice, Ripple, UnitConfig, RIPPLES};
 
@@ -276,7 +276,7 @@ impl Config {
 
     /// The same configuration with another zero (see [`crate::zero`]).
     #[must_use]
-    pub const fn with_zero(mut self, zero: LoadCode) -> Self {
+    pub const fn with_zero(mut self, zero: AdcCode) -> Self {
         self.wire.zero_code = zero.get();
         self.zero = zero.get();
         self
@@ -315,11 +315,6 @@ impl Default for Config {
 #[must_use]
 pub fn nominal_dac_counts_per_n_q16() -> i32 {
     rounded(convert::nominal_codes_per_newton() * 65_536.0)
-}
-
-/// To the nearest integer; ends at i32's ends.
-pub(crate) fn rounded(value: f64) -> i32 {
-    libm::round(value) as i32
 }
 
 fn within(field: Field, got: i32) -> Result<(), OutOfRange> {

@@ -62,7 +62,7 @@ pub use config::Config;
 pub use faults::Fault;
 pub use state::{MotorState, SystemState};
 pub use unit::{Controller, Input, Output, State};
-pub use units::{Counts, DacCode, InvCos, LoadCode, Micros, Newton};
+pub use units::{AdcCode, DacCode, EncoderCounts, InvCos, Micros, Newton};
 pub use wire::UNITS;
 
 /// Nominal sample rate of a NAU7802 at CRS = 7, in samples a second (datasheet 11.3). The RC oscillator

@@ -7,7 +7,7 @@ use crate::units::Newton;
 
 /// Not further from zero than `bound`, which is not negative. Unlike `clamp` it can't panic whatever the
 /// bound is, so no panic is linked into the sample path.
-pub(crate) fn symmetric<T: Ord + Copy + core::ops::Neg<Output = T>>(value: T, bound: T) -> T {
+pub(crate) fn clamp_abs<T: Ord + Copy + core::ops::Neg<Output = T>>(value: T, bound: T) -> T {
     value.min(bound).max(-bound)
 }
 
@@ -57,7 +57,7 @@ impl Ramp {
         let step = rate.0.saturating_mul(i64::from(dt_us));
         let to = i64::from(to.to_bits()) << EXTRA;
         let distance = to.saturating_sub(self.0);
-        self.0 = self.0.saturating_add(symmetric(distance, step));
+        self.0 = self.0.saturating_add(clamp_abs(distance, step));
         self.0 != to
     }
 }

@@ -15,7 +15,7 @@ import time
 from robot.api import logger
 from robot.libraries.BuiltIn import BuiltIn
 
-import wire as wire
+import force_wire as wire
 
 BOARD_STATES = ["boot", "bring-up", "ready", "zeroing", "running", "stopping", "fault"]
 UNIT_STATES = ["offline", "bring-up", "ready", "running", "faulted", "zeroing", "stopping"]
@@ -69,9 +69,9 @@ class ForceBoard:
         digits = self.run("serial Take").strip()
         for frame in self.decoder.feed(bytes.fromhex(digits)):
             self.board_seqs.append(frame["seq"])
-            for kind, kept in (("status", self.statuses), ("fault", self.faults), ("reply", self.replies)):
+            for kind, received in (("status", self.statuses), ("fault", self.faults), ("reply", self.replies)):
                 if kind in frame:
-                    kept.append(frame[kind])
+                    received.append(frame[kind])
             self.samples += frame.get("samples", [])
 
     def now_ms(self):
@@ -82,8 +82,8 @@ class ForceBoard:
     def tell(self, command, body=b"", within_ms=200):
         """Sends a command and returns the board's reply; refused or silent is an error."""
         reply = self.ask(command, body, within_ms)
-        if reply["answer"] == "Refused":
-            raise AssertionError("%s refused: %s %s" % (command, reply["refusal"], reply.get("value", "")))
+        if reply["response"] == "Rejected":
+            raise AssertionError("%s rejected: %s %s" % (command, reply["error"], reply.get("value", "")))
         return reply
 
     def ask(self, command, body=b"", within_ms=200):
@@ -104,10 +104,10 @@ class ForceBoard:
 
     def connect(self):
         """Says hello with the numbers that the board itself gives, and returns what it says of itself."""
-        refused = self.ask("Hello", wire.hello(0, bytes(8)), 500)
-        if refused.get("refusal") != "Version":
-            raise AssertionError("a stranger's hello should be refused, got %s" % refused)
-        self.hello = self.tell("Hello", wire.hello(refused["abi"], refused["schema"]))
+        rejected = self.ask("Hello", wire.hello(0, bytes(8)), 500)
+        if rejected.get("error") != "Version":
+            raise AssertionError("Hello with another schema hash should be rejected, got %s" % rejected)
+        self.hello = self.tell("Hello", wire.hello(rejected["abi"], rejected["schema"]))
         logger.info("board: %s" % self.hello)
         return self.hello
 
@@ -145,8 +145,8 @@ class ForceBoard:
         self.advance(50)
         self._wait(lambda s: s["state"] == 2, 3000, "zeroed and ready")
 
-    def stream(self, every=1):
-        self.tell("Stream", bytes([int(every)]))
+    def stream(self, decimation=1):
+        self.tell("Stream", bytes([int(decimation)]))
 
     def arm(self):
         """Arms with a holding tension of nothing; from here on setpoints go out every 10 ms."""
@@ -309,7 +309,7 @@ class ForceBoard:
             codes.append(code - (1 << 32) if code >= 1 << 31 else code)
         self.advance(20)
         for unit, code in enumerate(codes):
-            reported = [s["code"] for s in self.samples if s["unit"] == unit][-12:]
+            reported = [s["adc_code"] for s in self.samples if s["unit"] == unit][-12:]
             if code not in reported:
                 raise AssertionError("unit %d: the converter's %d is not among the codes reported: %s" % (unit + 1, code, reported))
 
@@ -345,14 +345,14 @@ class ForceBoard:
     def reset_flags(self):
         return self.hello["reset_flags"]
 
-    def kept_reason_should_be(self, name):
-        kept = self.hello["kept"]
-        if kept is None or kept["code"] != FAULTS[name]:
-            raise AssertionError("kept reason is %s, expected %s (%d)" % (kept, name, FAULTS[name]))
+    def crash_record_should_be(self, name):
+        record = self.hello["crash_record"]
+        if record is None or record["code"] != FAULTS[name]:
+            raise AssertionError("crash record is %s, expected %s (%d)" % (record, name, FAULTS[name]))
 
     def encoder_position(self, unit):
         """Last extended position that the board reported for a unit."""
-        return [s["counts"] for s in self.samples if s["unit"] == int(unit) - 1][-1]
+        return [s["encoder_counts"] for s in self.samples if s["unit"] == int(unit) - 1][-1]
 
     def number(self, command):
         """A property or method of a model as a number."""

@@ -31,7 +31,7 @@ Power On Is Told As Power On
     ${hello}=    Connect
     # PORRSTF
     Should Be True    ${hello}[reset_flags] & (1 << 23)
-    Should Be Equal    ${hello}[kept]    ${None}
+    Should Be Equal    ${hello}[crash_record]    ${None}
 
 Time Of The Board Is Time
     Power Up Board

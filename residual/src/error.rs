@@ -5,6 +5,7 @@ use std::path::PathBuf;
 
 /// A failure of an analysis. No report is written when one is returned.
 #[derive(Debug, Clone, PartialEq)]
+#[non_exhaustive]
 pub enum Error {
     /// A file or folder could not be read or written.
     Io {

@@ -159,7 +159,7 @@ pub(crate) fn inspect(
             continue;
         }
         let c = frame.column(&name).unwrap_or(&[]);
-        if let Some(q) = quantum(c) {
+        if let Some(q) = stats::quantum(c) {
             log.count(
                 &format!("quantised {name}"),
                 c.len(),
@@ -261,24 +261,4 @@ fn repeats(frame: &Frame) -> Vec<usize> {
         .flat_map(|r| r.start + 1..r.end.max(r.start + 1))
         .filter(|&i| cols.iter().all(|c| c[i] == c[i - 1]))
         .collect()
-}
-
-/// Step of a quantised column: all distinct values are multiples of it apart, and they repeat.
-pub(crate) fn quantum(c: &[f64]) -> Option<f64> {
-    let stride = (c.len() / 20_000).max(1);
-    let mut v: Vec<f64> = c.iter().step_by(stride).copied().collect();
-    let n = v.len();
-    v.sort_by(f64::total_cmp);
-    v.dedup();
-    if v.len() < 8 || v.len() * 10 > n {
-        return None;
-    }
-    let mut gaps: Vec<f64> = v.windows(2).map(|w| w[1] - w[0]).collect();
-    gaps.sort_by(f64::total_cmp);
-    let q = gaps[gaps.len() / 10];
-    let whole = gaps
-        .iter()
-        .filter(|g| ((*g / q) - (*g / q).round()).abs() < 0.05)
-        .count();
-    (whole * 10 >= gaps.len() * 9).then_some(q)
 }

@@ -1,6 +1,7 @@
 //! What an analysis found, and its written forms: `report.json`, `report.md`, `report.html` and the
 //! extended model file.
 
+use crate::effects::{EffectKind, Form};
 use crate::error::Error;
 use crate::hygiene::Finding;
 use crate::spec::Spec;
@@ -14,6 +15,7 @@ use std::path::Path;
 /// The answer in one word.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
+#[non_exhaustive]
 pub enum Verdict {
     /// One effect of the catalogue explains what the model lacks.
     Effect,
@@ -42,6 +44,7 @@ impl Verdict {
 
 /// Errors of a model, in the target's unit; intervals are 95 %, block bootstrap.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Figures {
     /// Root mean square error on held-out groups.
     pub heldout_rmse: f64,
@@ -57,9 +60,10 @@ pub struct Figures {
 
 /// The best other effect in the place of a named one.
 #[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
 pub struct Rival {
     /// Its name.
-    pub name: String,
+    pub name: EffectKind,
     /// Held-out RMSE with it instead.
     pub heldout_rmse: f64,
     /// How much larger that is than the final RMSE, as a fraction.
@@ -68,11 +72,14 @@ pub struct Rival {
 
 /// One effect found.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Effect {
     /// Name in the catalogue.
-    pub name: String,
-    /// In which form it shows.
+    pub name: EffectKind,
+    /// In which form it shows, for readers.
     pub form: String,
+    /// The form, where code must know it.
+    pub form_kind: Form,
     /// What it is.
     pub meaning: String,
     /// Expressions added (`column -> expression` for replacements).
@@ -96,15 +103,27 @@ pub struct Effect {
 
 /// Effects that these data cannot tell apart.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Ambiguity {
     /// Their names; the one in `effects` first.
-    pub effects: Vec<String>,
+    pub effects: Vec<EffectKind>,
     /// The experiment that would tell them apart.
     pub experiment: String,
 }
 
+impl Ambiguity {
+    /// Effects that cannot be told apart, and the experiment that would tell them apart.
+    pub fn new(effects: Vec<EffectKind>, experiment: impl Into<String>) -> Ambiguity {
+        Ambiguity {
+            effects,
+            experiment: experiment.into(),
+        }
+    }
+}
+
 /// Structure without a name.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Structure {
     /// Variables it depends on.
     pub depends_on: String,
@@ -114,11 +133,24 @@ pub struct Structure {
     pub p: f64,
 }
 
+impl Structure {
+    /// Structure that depends on variables, with the relative fall of the held-out RMSE that a free
+    /// curve in them reaches and its p value.
+    pub fn new(depends_on: impl Into<String>, gain: f64, p: f64) -> Structure {
+        Structure {
+            depends_on: depends_on.into(),
+            gain,
+            p,
+        }
+    }
+}
+
 /// An effect that is there but does not matter.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct NotMaterial {
     /// Name.
-    pub name: String,
+    pub name: EffectKind,
     /// Form.
     pub form: String,
     /// Relative fall of the held-out RMSE.
@@ -129,9 +161,10 @@ pub struct NotMaterial {
 
 /// One line of the last scan of the catalogue.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Tested {
     /// Name.
-    pub name: String,
+    pub name: EffectKind,
     /// Form.
     pub form: String,
     /// Relative fall of the held-out RMSE on top of the final model.
@@ -139,7 +172,7 @@ pub struct Tested {
     /// Probability of that by chance (decoys).
     pub p: f64,
     /// Mean fall of the squared error over blocks in standard errors.
-    pub steadiness: f64,
+    pub t_statistic: f64,
     /// Its nonlinear parameter.
     pub params: BTreeMap<String, f64>,
 }
@@ -303,6 +336,7 @@ fn writable(dir: &Path) -> Result<(), Error> {
 
 /// Everything an analysis found.
 #[derive(Debug, Clone, Serialize)]
+#[non_exhaustive]
 pub struct Report {
     /// Title from the model file.
     pub title: String,
@@ -323,6 +357,9 @@ pub struct Report {
     /// Errors of the final model.
     #[serde(rename = "final")]
     pub last: Figures,
+    /// RMSE on folds that took no part in the selection, if `selection.nested` asks for it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub nested_rmse: Option<f64>,
     /// The answer.
     pub verdict: Verdict,
     /// Effects found, strongest first.
@@ -336,7 +373,7 @@ pub struct Report {
     /// The last scan of the catalogue, on top of the final model.
     pub tested: Vec<Tested>,
     /// Effects that were not looked for, as the data lack their columns.
-    pub absent: Vec<String>,
+    pub absent: Vec<EffectKind>,
     /// Flaws of the data.
     pub hygiene: Vec<Finding>,
     /// Whiteness and cross-correlation tests of the residual, `before` and `after`.
@@ -408,8 +445,8 @@ fn percent(x: f64) -> String {
     format!("{} %", positive_zero(format!("{:.decimals$}", 100.0 * x)))
 }
 
-/// A probability. Far out in the tail only the order of size means anything, and below 1e-12 not even that.
-fn chance(p: f64) -> String {
+/// A p value. Far out in the tail only the order of size means anything, and below 1e-12 not even that.
+fn p_value(p: f64) -> String {
     if p.is_nan() {
         "-".into()
     } else if p < 1e-12 {
@@ -481,7 +518,7 @@ impl Report {
         let names = self
             .effects
             .iter()
-            .map(|e| e.name.as_str())
+            .map(|e| e.name.to_string())
             .collect::<Vec<_>>()
             .join(", ");
         match self.verdict {
@@ -492,7 +529,7 @@ impl Report {
                 let who = self
                     .not_identifiable
                     .first()
-                    .map(|a| a.effects.join(" or "))
+                    .map(|a| joined(&a.effects, " or "))
                     .unwrap_or_default();
                 format!("The model lacks {who}; these data cannot tell which: held-out RMSE {b} -> {f} {u}.")
             }
@@ -786,9 +823,7 @@ impl Report {
         ));
         out.push(Part::Heading("Error before and after".into()));
         out.push(self.errors());
-        out.push(Part::Text(
-            "Held out: each group predicted from a fit to the others. Intervals are 95 %, by bootstrap over blocks of time.".into(),
-        ));
+        out.push(Part::Text(self.held_out()));
         for (i, e) in self.effects.iter().enumerate() {
             let kind = if self.verdict == Verdict::Unknown {
                 "Stand-in"
@@ -858,7 +893,7 @@ impl Report {
         for a in &self.not_identifiable {
             out.push(Part::Heading(format!(
                 "Not told apart: {}",
-                a.effects.join(", ")
+                joined(&a.effects, ", ")
             )));
             out.push(Part::Text(format!(
                 "These explain the data equally well. What would part them: {}.",
@@ -876,10 +911,10 @@ impl Report {
                 }
             )));
             out.push(Part::Table(
-                row(&["depends on", "fall of held-out RMSE", "chance"]),
+                row(&["depends on", "fall of held-out RMSE", "p value"]),
                 self.structure
                     .iter()
-                    .map(|s| vec![s.depends_on.clone(), percent(s.gain), chance(s.p)])
+                    .map(|s| vec![s.depends_on.clone(), percent(s.gain), p_value(s.p)])
                     .collect(),
             ));
             if let Some(p) = self.plot_unknown.as_ref().filter(|p| !p.x.is_empty()) {
@@ -898,7 +933,7 @@ impl Report {
                 row(&["effect", "form", "fall of held-out RMSE"]),
                 self.seen_not_material
                     .iter()
-                    .map(|s| vec![s.name.clone(), s.form.clone(), percent(s.gain)])
+                    .map(|s| vec![s.name.to_string(), s.form.clone(), percent(s.gain)])
                     .collect(),
             ));
         }
@@ -920,15 +955,15 @@ impl Report {
             "Every effect on top of the final model".into(),
         ));
         out.push(Part::Text(
-            "Chance: how likely the residual with random signs block by block gains as much. Steadiness: mean fall of the squared error over blocks of time, in standard errors.".into(),
+            "p value: probability that the residual with random signs block by block gains as much. t statistic: mean fall of the squared error over blocks of time, in standard errors.".into(),
         ));
         out.push(Part::Table(
             row(&[
                 "effect",
                 "form",
                 "fall of held-out RMSE",
-                "chance",
-                "steadiness",
+                "p value",
+                "t statistic",
             ]),
             self.tested
                 .iter()
@@ -939,11 +974,11 @@ impl Report {
                         .map(|(n, v)| format!(", {n} {}", num(*v)))
                         .collect::<String>();
                     vec![
-                        t.name.clone(),
+                        t.name.to_string(),
                         format!("{}{at}", t.form),
                         percent(t.gain),
-                        chance(t.p),
-                        positive_zero(format!("{:.1}", t.steadiness)),
+                        p_value(t.p),
+                        positive_zero(format!("{:.1}", t.t_statistic)),
                     ]
                 })
                 .collect(),
@@ -951,7 +986,7 @@ impl Report {
         if !self.absent.is_empty() {
             out.push(Part::Text(format!(
                 "Not looked for, as the data lack the columns or their variation: {}.",
-                self.absent.join(", ")
+                joined(&self.absent, ", ")
             )));
         }
         out.push(Part::Heading("Tests of the residual".into()));
@@ -959,7 +994,7 @@ impl Report {
             "The largest correlation of the residual with itself and with each input, over lags; before: declared model, after: with the effects.".into(),
         ));
         out.push(Part::Table(
-            row(&["model", "against", "lag, rows", "correlation", "chance"]),
+            row(&["model", "against", "lag, rows", "correlation", "p value"]),
             self.residual_tests
                 .iter()
                 .map(|(w, t)| {
@@ -968,7 +1003,7 @@ impl Report {
                         t.against.clone(),
                         t.lag.to_string(),
                         positive_zero(format!("{:.3}", t.correlation)),
-                        chance(t.p),
+                        p_value(t.p),
                     ]
                 })
                 .collect(),
@@ -993,6 +1028,23 @@ impl Report {
             "`MODEL.extended.toml` is the model file with what was found; on the same data it gives the final fit again. `MODEL.frozen.toml` has every coefficient fixed: run it on other data to test it on rows that were never fitted. `report.json` has everything in full precision.".into(),
         ));
         out
+    }
+
+    /// What the held-out figures are, and the nested one.
+    fn held_out(&self) -> String {
+        let nested = match self.nested_rmse {
+            Some(rmse) => format!(
+                " With the whole selection repeated without each fold, the RMSE on the folds left out is {} {}.",
+                num(rmse),
+                self.unit
+            ),
+            None => String::new(),
+        };
+        format!(
+            "Held out: the coefficients that predict a group are fitted to the other folds. Effects are selected by this \
+             same error, and nonlinear parameters are refined on all rows, so the error on new data may be somewhat \
+             larger.{nested} Intervals are 95 %, by bootstrap over blocks of time."
+        )
     }
 
     /// Errors of the declared model, after each effect in turn, and of the final model.
@@ -1040,6 +1092,12 @@ impl Report {
             ..p.clone()
         }
     }
+}
+
+/// Names of effects in one text.
+fn joined(effects: &[EffectKind], between: &str) -> String {
+    let names: Vec<&str> = effects.iter().map(|k| k.as_str()).collect();
+    names.join(between)
 }
 
 /// Two factors of a product at the top level of an expression, brackets around it aside.
@@ -1156,9 +1214,9 @@ mod tests {
         );
         assert_eq!(texts(0.5, [0.5, 0.5]), "0.5000 (0.5000 to 0.5000)");
         assert_eq!(percent(-1e-6), "0.00 %");
-        assert_eq!(chance(0.0), "< 1e-12");
-        assert_eq!(chance(1.04e-5), "1e-5");
-        assert_eq!(chance(0.29), "0.29");
+        assert_eq!(p_value(0.0), "< 1e-12");
+        assert_eq!(p_value(1.04e-5), "1e-5");
+        assert_eq!(p_value(0.29), "0.29");
     }
 
     #[test]

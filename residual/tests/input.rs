@@ -95,7 +95,7 @@ fn plain_gzip_and_blank_separated_text_agree() {
     }
     let plain = analyse(std::slice::from_ref(&dir.0), MODEL).unwrap();
     assert_coulomb(&plain);
-    let board = plain.board().unwrap();
+    let board = plain.compensation().unwrap();
     assert!(
         board.friction == plain.effects[0].params["friction"]
             && board.left_out.is_empty()

@@ -196,9 +196,9 @@ mod tests {
         let sample = Sample {
             unit: 255,
             dt_us: u16::MAX,
-            code: i32::MIN,
-            counts: i32::MIN,
-            dac: u16::MAX,
+            adc_code: i32::MIN,
+            encoder_counts: i32::MIN,
+            dac_code: u16::MAX,
             latency_us: u16::MAX,
             tension: i32::MIN,
             setpoint: i32::MIN,

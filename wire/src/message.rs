@@ -75,8 +75,8 @@ pub enum Command {
     },
     /// Choose what is streamed.
     Stream {
-        /// Send every n-th sample of each unit; 0: none.
-        every: u8,
+        /// One sample in this many is sent, for each unit; 1: all, 0: none.
+        decimation: u8,
     },
 }
 
@@ -234,8 +234,15 @@ pub enum CommandError {
     State(u8),
     /// A fault is latched (`control::faults`); clear it first.
     Faulted(u16),
-    /// There is no such unit.
+    /// The board has no unit with this number.
     UnknownUnit(u8),
+    /// The unit exists but cannot take part now: it is disabled or its sensor is not up yet. No fault is latched.
+    UnitNotReady {
+        /// Unit, from 0.
+        unit: u8,
+        /// `control::state::MotorState` of the unit as a number.
+        state: u8,
+    },
     /// A value is out of its range: number of the field in [`UnitConfig`] or of the unit's setpoint, from 0.
     Range {
         /// Unit, from 0.
@@ -258,8 +265,8 @@ pub struct BoardInfo {
     pub core_hz: u32,
     /// RCC_RSR at boot (RM0433 8.7.40): why it was reset.
     pub reset_flags: u32,
-    /// What the run before this one left: the fault or panic that ended it.
-    pub kept: Option<CrashRecord>,
+    /// Crash record of the previous run: the fault or panic that ended it, or `None`.
+    pub crash_record: Option<CrashRecord>,
 }
 
 /// Why the run before this one ended.
@@ -357,11 +364,11 @@ pub struct Sample {
     /// DRDY edge, in microseconds after [`Batch::t_us`].
     pub dt_us: u16,
     /// ADC code.
-    pub code: i32,
+    pub adc_code: i32,
     /// Encoder position in counts, lowest 32 bits of the extended position.
-    pub counts: i32,
-    /// DAC code written in answer.
-    pub dac: u16,
+    pub encoder_counts: i32,
+    /// DAC code that the controller computed from this sample.
+    pub dac_code: u16,
     /// DRDY edge to the DAC word, in microseconds.
     pub latency_us: u16,
     /// Filtered cable tension in 0.1 mN.

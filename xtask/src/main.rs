@@ -1,4 +1,4 @@
-//! The one door for a developer: `cargo xtask COMMAND`.
+//! Developer commands: `cargo xtask COMMAND`.
 //!
 //! Plain cargo can't do three things that this project needs: find a compiler for the board, build
 //! the emulator with `--ignore-rust-version`, and sum up tests of all kinds in one line. xtask does
@@ -10,12 +10,15 @@
 mod elf;
 mod firmware;
 mod flash;
+mod licences;
 mod links;
 mod measured;
+mod optional;
 mod process;
 mod renode;
 mod report;
 mod rig;
+mod rust_version;
 mod suite;
 mod tally;
 mod toolchain;
@@ -31,7 +34,7 @@ use toolchain::setup;
 use workspace::Workspace;
 
 const HELP: &str = "\
-The one door for a developer of the force rig.
+Developer commands of the force rig.
 
 Usage: cargo xtask COMMAND [OPTIONS]
 
@@ -62,6 +65,8 @@ Commands:
       --data DIR     folder of the rig's data
   residual-compare [ARGS]
                      the same selection with public Python tools, in an environment made for it; --help says more
+  deny               run cargo-deny on the dependencies: licences, sources, duplicates (deny.toml)
+  msrv               compile every package of this computer with the oldest supported Rust
   doc [--open]       build the reference documentation
   help               print this
 
@@ -142,6 +147,21 @@ fn dispatch() -> Result<u8, Stop> {
         "residual-bench" => Ok(rig::residual_bench(&workspace, &rest(parser)?)?),
         "residual-report" => Ok(measured::report(&workspace, &rest(parser)?)?),
         "residual-compare" => Ok(measured::compare(&workspace, &rest(parser)?)?),
+        "deny" => {
+            no_more(parser)?;
+            if !optional::run(&workspace, &optional::DENY)? {
+                say(format!(
+                    "cargo-deny is not installed ({}), skipped",
+                    optional::DENY.install
+                ));
+            }
+            Ok(0)
+        }
+        "msrv" => {
+            no_more(parser)?;
+            rust_version::compile(&workspace)?;
+            Ok(0)
+        }
         "doc" => {
             let arguments = rest(parser)?;
             process::run(

@@ -170,7 +170,7 @@ pub fn build_host_program(workspace: &Workspace, package: &str, program: &str) -
     Ok(workspace.release_program(program))
 }
 
-/// Builds and runs the exam of the residual analysis. It needs neither firmware nor embedded rig.
+/// Builds and runs the synthetic benchmark of the residual analysis. It needs neither firmware nor embedded rig.
 ///
 /// # Errors
 /// When it can't be built or started.

@@ -12,7 +12,7 @@ use crate::report::{elapsed, say, Failure, Result};
 use crate::tally::{is_news, Tally};
 use crate::toolchain::{setup, Arm, TARGET};
 use crate::workspace::Workspace;
-use crate::{firmware, links, renode, rig};
+use crate::{firmware, licences, links, optional, renode, rig, rust_version};
 
 /// How a step ended when it didn't fail.
 enum Outcome {
@@ -32,7 +32,7 @@ struct Step {
 }
 
 /// Cheap checks first; what later steps need before them.
-const STEPS: [Step; 12] = [
+const STEPS: [Step; 16] = [
     Step {
         name: "lock",
         title: "Cargo.lock fits the manifests",
@@ -47,6 +47,26 @@ const STEPS: [Step; 12] = [
         name: "links",
         title: "links between the documents",
         run: document_links,
+    },
+    Step {
+        name: "typos",
+        title: "spelling",
+        run: typos,
+    },
+    Step {
+        name: "rust-version",
+        title: "the oldest supported Rust, the same in manifests, texts and scripts",
+        run: oldest_rust,
+    },
+    Step {
+        name: "licences",
+        title: "licences of all packages that are compiled",
+        run: all_licences,
+    },
+    Step {
+        name: "deny",
+        title: "dependencies by deny.toml: licences, sources, duplicates",
+        run: deny,
     },
     Step {
         name: "host",
@@ -328,6 +348,33 @@ fn fmt(suite: &mut Suite) -> Result<Outcome> {
 fn document_links(suite: &mut Suite) -> Result<Outcome> {
     let count = links::check(suite.workspace)?;
     Ok(Outcome::Done(format!("{count} links")))
+}
+
+fn typos(suite: &mut Suite) -> Result<Outcome> {
+    by_tool(suite, &optional::TYPOS)
+}
+
+fn oldest_rust(suite: &mut Suite) -> Result<Outcome> {
+    rust_version::check(suite.workspace).map(Outcome::Done)
+}
+
+fn all_licences(suite: &mut Suite) -> Result<Outcome> {
+    licences::check(suite.workspace).map(Outcome::Done)
+}
+
+fn deny(suite: &mut Suite) -> Result<Outcome> {
+    by_tool(suite, &optional::DENY)
+}
+
+fn by_tool(suite: &Suite, tool: &optional::Tool) -> Result<Outcome> {
+    if optional::run(suite.workspace, tool)? {
+        ok()
+    } else {
+        Ok(Outcome::Skipped(format!(
+            "not installed ({})",
+            tool.install
+        )))
+    }
 }
 
 fn host(suite: &mut Suite) -> Result<Outcome> {

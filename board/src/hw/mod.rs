@@ -11,14 +11,14 @@
 //! | [`usart`] | USART3, DMA1 streams 0 and 1 | DMA_STR0 |
 //! | [`usb`] | USB OTG FS, CRS | OTG_FS |
 //! | [`watchdog`] | IWDG, the alive line | |
-//! | [`kept`] | what survives a reset; panic and fault handlers | HardFault, all unused ones |
+//! | [`crash_record`] | the crash record in memory that survives a reset | |
 //!
 //! Section numbers are those of RM0433 rev 8, "PM" those of the Cortex-M7 programming manual PM0253.
 
 pub mod counters;
+pub mod crash_record;
 pub mod dac;
 pub mod gpio;
-pub mod kept;
 pub mod sensors;
 pub mod startup;
 pub mod time;

@@ -36,10 +36,10 @@ pub const QUEUE: usize = 32;
 pub type Events = spsc::Consumer<'static, Event>;
 
 static STATE: SamplePath<Sensors> = SamplePath::empty();
-/// Units to bring up, units to leave alone: orders for the next tick.
+/// Units to start and units to stop with the next tick.
 static START: AtomicU8 = AtomicU8::new(0);
 static STOP: AtomicU8 = AtomicU8::new(0);
-/// Events that the queue had no room for.
+/// Events dropped because the queue was full.
 static LOST: AtomicU32 = AtomicU32::new(0);
 /// Board time when the E-stop loop opened last.
 static ESTOP_OPENED: AtomicU32 = AtomicU32::new(0);
@@ -154,14 +154,14 @@ pub fn start(syscfg: &SYSCFG, exti: &EXTI) -> Events {
     consumer
 }
 
-/// Orders the bring-up of a unit's converter; begins within a millisecond.
-pub fn bring_up(unit: u8) {
+/// Requests the bring-up of a unit's converter. It begins within a millisecond.
+pub fn start_sensor(unit: u8) {
     STOP.fetch_and(!(1 << unit), Ordering::Relaxed);
     START.fetch_or(1 << unit, Ordering::Relaxed);
 }
 
-/// Orders that a unit's converter be left alone.
-pub fn leave(unit: u8) {
+/// Requests that a unit's converter is no longer serviced. Takes effect within a millisecond.
+pub fn stop_sensor(unit: u8) {
     START.fetch_and(!(1 << unit), Ordering::Relaxed);
     STOP.fetch_or(1 << unit, Ordering::Relaxed);
 }

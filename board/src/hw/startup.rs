@@ -1,7 +1,7 @@
 //! From reset to 400 MHz: supply, voltage scale, flash, clocks, caches, debug, priorities.
 //!
 //! Owner: `main`, once. The only waits of the firmware are here, and each is bounded: a clock that does not
-//! come up ends in a panic, which leaves the motors at 0 V, the reason kept, and tries again after a reset.
+//! come up ends in a panic, which leaves the motors at 0 V, writes a crash record and resets the board.
 //!
 //! The order is that of sections 6.6.1 (supply), 6.6.2 (voltage scaling), 4.3.8 (flash before clock) and
 //! 8.5 (clock). ACTVOSRDY belongs to the supply configuration and VOSRDY to the scale: waiting for the

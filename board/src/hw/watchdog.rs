@@ -72,8 +72,8 @@ impl Watchdog {
     }
 
     /// This part works.
-    pub fn sign(&mut self, part: Part) {
-        self.check_in.sign(part as u32);
+    pub fn check_in(&mut self, part: Part) {
+        self.check_in.check_in(part as u32);
     }
 
     /// The supervisor's millisecond: toggles the alive line; feeds when it is time and everyone is there.

@@ -1,27 +1,64 @@
-//! `forcectl identify`: what the rig file lacks on this rig, corrected, and whether it was better.
+//! `forcectl identify`: finds what the rig file lacks on this rig, corrects it, and measures whether that is better.
 
-use super::args::{Global, Identify};
+use super::connection::Connection;
+use super::exit::{self, Failure, Reply, Result};
 use super::residual::Stages;
-use super::{open, Failure, Result, Watch};
-use host_cli::identify::{self, Figures, FindError, Findings};
+use super::watch::Watch;
+use super::{values, Context};
+use clap::Args;
+use host_cli::identify::{self, Figures, Findings};
 use host_cli::plot;
 use host_cli::rigfile::{self, RigFile};
-use host_cli::run::{self, Ended, Options, Outcome};
+use host_cli::run::{self, Ended, Options, Outcome, RunError};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::AtomicBool;
-use std::sync::Arc;
 
-impl From<FindError> for Failure {
-    fn from(error: FindError) -> Self {
-        let code = match &error {
-            FindError::File { .. } => 7,
-            FindError::Analysis { .. } => 8,
-            FindError::RigFile(_) => 3,
-        };
-        Self::new(code, error)
-    }
+/// Below the help of the command.
+pub const HELP: &str = "\
+The command runs three sessions on the rig:
+  1. It holds a force with the rig file as it is.
+  2. It drives the cables back and forth with the tension loops open, records this, and analyses the recording.
+  3. It holds the same force with those findings that the board can use.
+The robot has to move during all sessions; the embedded rig's robot does. The cables have to be slack at the start of
+each session, because zeros are taken there.
+
+The rig file is written to DIR as rig.before.toml, the corrected one as rig.after.toml. --apply also replaces the file
+that --rig names and keeps the old one as FILE.before-N. It does so only where the findings were clear and session 3 was
+better than session 1: the tension error of the worst cable at least 2 % smaller, the force error at the tip at most 5 %
+larger.
+
+Exit codes:
+  0  something was found and corrected, and the result was better (and was applied where asked)
+  2  the arguments are wrong; nothing was driven
+  3  the rig file is wrong; nothing was driven
+  4  the link cannot be opened, was lost, or the other end is not a board of this version
+  5  the board refused a command, or a fault stopped the rig
+  6  nothing was changed: nothing clear was found, the board cannot use it, or the result was not better
+  7  a file or the standard output could not be written
+  8  the recording does not allow an analysis
+130  Ctrl-C, SIGTERM or SIGHUP ended the command; the rig is disarmed";
+
+/// Arguments of `identify`.
+#[derive(Debug, Args)]
+pub struct Identify {
+    /// Folder for recordings, reports, plots and rig files; created where it does not exist
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Force that is held in sessions 1 and 3, N along x, y and z
+    #[arg(long, num_args = 3, value_names = ["X", "Y", "Z"], default_values = ["0", "2.5", "0"], allow_hyphen_values = true, value_parser = values::newton)]
+    force: Vec<f64>,
+    /// Time for which the force is held in sessions 1 and 3
+    #[arg(long, value_name = "SECONDS", default_value = "16", value_parser = values::seconds)]
+    duration: f64,
+    /// Time for which the cables are driven in session 2, 8 to 600
+    #[arg(long, value_name = "SECONDS", default_value = "40", value_parser = values::seconds)]
+    drive_duration: f64,
+    /// Replace the file that --rig names by the corrected one, where the result was better
+    #[arg(long)]
+    apply: bool,
+    #[command(flatten)]
+    connection: Connection,
 }
 
 /// Everything that comes of the command.
@@ -38,124 +75,159 @@ struct Story {
     left: Option<String>,
 }
 
-/// Runs the command.
-pub fn identify(
-    global: &Global,
-    rig: &RigFile,
-    arguments: &Identify,
-    stop: Arc<AtomicBool>,
-) -> Result<u8> {
-    // Whatever may be wrong with the arguments comes before anything is driven.
-    let force_n: [f64; 3] = arguments
-        .force
-        .as_slice()
-        .try_into()
-        .map_err(|_| Failure::new(2, "--force takes three numbers, as in --force 0 2.5 0"))?;
-    rig.check_force(force_n.into())
-        .map_err(|why| Failure::new(2, why))?;
-    identify::check(rig, arguments.seconds)?;
-    let (name, text) = match &global.config {
-        Some(path) => {
-            let text = std::fs::read_to_string(path)
-                .map_err(|error| Failure::new(3, format!("{}: {error}", path.display())))?;
-            (path.display().to_string(), text)
-        }
-        None if arguments.apply => {
-            return Err(Failure::new(
-                2,
-                "--apply needs a rig file to change: give it with --config FILE (`forcectl check --print > FILE` makes one)",
-            ))
-        }
-        None => (
-            rigfile::DEFAULT_NAME.to_owned(),
-            rigfile::DEFAULT_TEXT.to_owned(),
-        ),
-    };
-    let out = &arguments.out;
-    std::fs::create_dir_all(out).map_err(|error| Failure::file(out, error))?;
-    let file = |name: &str, text: &str| -> Result<()> {
-        let path = out.join(name);
-        std::fs::write(&path, text).map_err(|error| Failure::file(&path, error))
-    };
-    file("rig.before.toml", &text)?;
+impl Identify {
+    /// Runs the command. Arguments are checked before anything is opened or driven.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        let rig = self.connection.load(context)?;
+        let force_n: [f64; 3] = self.force.as_slice().try_into().map_err(|_| {
+            Failure::new(
+                exit::USAGE,
+                "--force takes three numbers, for example --force 0 2.5 0",
+            )
+        })?;
+        rig.check_force(force_n.into())
+            .map_err(|why| Failure::new(exit::USAGE, why))?;
+        identify::check(&rig, self.drive_duration)?;
+        let (name, text) = self.rig_text()?;
+        std::fs::create_dir_all(&self.out).map_err(|error| Failure::file(&self.out, error))?;
+        self.write("rig.before.toml", &text)?;
 
-    let options = Options {
-        stop: Arc::clone(&stop),
-        ..Options::new(force_n, arguments.hold)
-    };
-    let hold = |rig: &RigFile, what: &str| -> Result<(Outcome, Figures)> {
-        let mut watch = Watch::new(global.json);
-        watch.progress.say(what);
-        let outcome = run::set_force(open(global, rig)?.as_mut(), rig, &options, &mut watch);
+        let (before, figures_before) = self.hold(
+            context,
+            &rig,
+            force_n,
+            "session 1: holding a force with the rig file as it is",
+        )?;
+        let recording = self.drive(context, &rig)?;
+        let mut stages = Stages::new(!context.output.shows_progress());
+        let findings = identify::find(&recording, &rig, &name, &text, &self.out, &mut stages)?;
+        self.write("rig.after.toml", &findings.rewritten.text)?;
+
+        let mut story = Story {
+            findings,
+            swing: recording.swing,
+            before,
+            after: None,
+            figures: (figures_before, None),
+            applied: None,
+            left: None,
+        };
+        // From here on Ctrl-C must not leave half a rig file.
+        let _in_order = context.interrupt.in_order();
+        if story.findings.rewritten.changed.is_empty() {
+            story.left =
+                Some("nothing was found that is clear and that the board can use".to_owned());
+        } else {
+            let (after, figures_after) = self.hold(
+                context,
+                &story.findings.rig,
+                force_n,
+                "session 3: holding the same force with what was found",
+            )?;
+            let better = figures_after.better_than(&story.figures.0);
+            story.after = Some(after);
+            story.figures.1 = Some(figures_after);
+            if !better {
+                story.left = Some("the force was held no better with it".to_owned());
+            } else if let (true, Some(path)) = (self.apply, &self.connection.rig) {
+                story.applied = Some(replace(path, &text, &story.findings.rewritten.text)?);
+            }
+        }
+        self.report(&story, &name)
+    }
+
+    /// Name and text of the rig file.
+    fn rig_text(&self) -> Result<(String, String)> {
+        match &self.connection.rig {
+            Some(path) => {
+                let text = std::fs::read_to_string(path).map_err(|error| {
+                    Failure::new(exit::RIG_FILE, format!("{}: {error}", path.display()))
+                })?;
+                Ok((path.display().to_string(), text))
+            }
+            None if self.apply => Err(Failure::new(
+                exit::USAGE,
+                "--apply needs a rig file to change: give it with --rig FILE (`forcectl check --print > FILE` makes one)",
+            )),
+            None => Ok((
+                rigfile::DEFAULT_NAME.to_owned(),
+                rigfile::DEFAULT_TEXT.to_owned(),
+            )),
+        }
+    }
+
+    fn write(&self, name: &str, text: &str) -> Result<()> {
+        let path = self.out.join(name);
+        std::fs::write(&path, text).map_err(|error| Failure::file(&path, error))
+    }
+
+    /// Holds the force in a session of its own.
+    fn hold(
+        &self,
+        context: &Context,
+        rig: &RigFile,
+        force_n: [f64; 3],
+        what: &str,
+    ) -> Result<(Outcome, Figures)> {
+        let options = Options {
+            stop: context.interrupt.flag(),
+            ..Options::new(force_n, self.duration)
+        };
+        let _in_order = context.interrupt.in_order();
+        let mut link = self.connection.open(rig, context)?;
+        let mut watch = Watch::new(&context.output);
+        watch.progress.beside(|output| output.note(what));
+        let outcome = run::set_force(link.as_mut(), rig, &options, &mut watch);
         watch.progress.done();
         let outcome = outcome?;
-        if outcome.ended == Ended::Interrupted {
-            return Err(Failure::from(run::RunError::Interrupted));
+        if outcome.ended == Ended::Interrupted || context.interrupt.requested() {
+            return Err(Failure::from(RunError::Interrupted));
         }
-        let figures = Figures::of(&outcome)
-            .ok_or_else(|| Failure::new(2, "--for is too short for figures: give 2 s or more"))?;
+        let figures = Figures::of(&outcome).ok_or_else(|| {
+            Failure::new(
+                exit::USAGE,
+                "--duration is too short for figures; give 2 s or more",
+            )
+        })?;
         Ok((outcome, figures))
-    };
-    let (before, figures_before) = hold(rig, "session 1: a force with the rig file as it is")?;
+    }
 
-    let mut watch = Watch::new(global.json);
-    watch
-        .progress
-        .say("session 2: driving the cables, to be analysed");
-    let recording = identify::excite(
-        open(global, rig)?.as_mut(),
-        rig,
-        arguments.seconds,
-        &stop,
-        &mut watch,
-    );
-    watch.progress.done();
-    let recording = recording?;
-    let mut stages = Stages::new(global.json);
-    let findings = identify::find(&recording, rig, &name, &text, out, &mut stages)?;
-    file("rig.after.toml", &findings.rewritten.text)?;
-
-    let mut story = Story {
-        findings,
-        swing: recording.swing,
-        before,
-        after: None,
-        figures: (figures_before, None),
-        applied: None,
-        left: None,
-    };
-    if story.findings.rewritten.changed.is_empty() {
-        story.left = Some("nothing was found that is clear and that the board can use".to_owned());
-    } else {
-        let (after, figures_after) = hold(
-            &story.findings.rig,
-            "session 3: the same force with what was found",
-        )?;
-        let better = figures_after.better_than(&story.figures.0);
-        story.after = Some(after);
-        story.figures.1 = Some(figures_after);
-        if !better {
-            story.left = Some("the force was held no better with it".to_owned());
-        } else if let (true, Some(path)) = (arguments.apply, &global.config) {
-            story.applied = Some(replace(path, &text, &story.findings.rewritten.text)?);
+    /// Drives the cables with the loops open, and records it.
+    fn drive(&self, context: &Context, rig: &RigFile) -> Result<identify::Recording> {
+        let _in_order = context.interrupt.in_order();
+        let mut link = self.connection.open(rig, context)?;
+        let mut watch = Watch::new(&context.output);
+        watch
+            .progress
+            .beside(|output| output.note("session 2: driving the cables for the analysis"));
+        let stop = context.interrupt.flag();
+        let recording =
+            identify::excite(link.as_mut(), rig, self.drive_duration, &stop, &mut watch);
+        watch.progress.done();
+        let recording = recording?;
+        if context.interrupt.requested() {
+            return Err(Failure::from(RunError::Interrupted));
         }
+        Ok(recording)
     }
-    if let Some(after) = &story.after {
-        file("compare.svg", &plot::compare(&story.before, after).to_svg())?;
+
+    /// Writes report, plot and figures.
+    fn report(&self, story: &Story, name: &str) -> Result<Reply> {
+        if let Some(after) = &story.after {
+            let plot = plot::compare(&story.before, after).to_svg();
+            self.write("compare.svg", &plot)?;
+        }
+        let report = markdown(story, name);
+        self.write("report.md", &report)?;
+        let record = record(story, name);
+        self.write("identify.json", &format!("{record:#}"))?;
+        let text = format!("{report}\nresults: {}\n", self.out.display());
+        Ok(Reply::new(text, record).with_code(if story.left.is_none() {
+            exit::DONE
+        } else {
+            exit::DEGRADED
+        }))
     }
-    let report = markdown(&story, &name);
-    file("report.md", &report)?;
-    let record = record(&story, &name);
-    let pretty = serde_json::to_string_pretty(&record)
-        .map_err(|error| Failure::file(&out.join("identify.json"), error))?;
-    file("identify.json", &pretty)?;
-    if global.json {
-        println!("{record}");
-    } else {
-        println!("{report}");
-        println!("all of it: {}", out.display());
-    }
-    Ok(if story.left.is_none() { 0 } else { 6 })
 }
 
 /// Puts a new rig file in the place of the old one, which is kept beside it under a name that was free.
@@ -165,7 +237,7 @@ fn replace(path: &Path, old: &str, new: &str) -> Result<(PathBuf, PathBuf)> {
         let mut name = path.as_os_str().to_owned();
         name.push(format!(".before-{n}"));
         let candidate = PathBuf::from(name);
-        // Made here or not at all: whatever has the name already is not overwritten.
+        // An existing file is not overwritten.
         match std::fs::File::create_new(&candidate) {
             Ok(mut file) => {
                 std::io::Write::write_all(&mut file, old.as_bytes())
@@ -180,14 +252,14 @@ fn replace(path: &Path, old: &str, new: &str) -> Result<(PathBuf, PathBuf)> {
     }
     let kept = kept.ok_or_else(|| {
         Failure::new(
-            7,
+            exit::FILE,
             format!(
-                "{}: ten thousand old files stand beside it; move them away",
+                "{}: all names from .before-1 to .before-9999 are taken; move the old files away",
                 path.display()
             ),
         )
     })?;
-    // The new text beside it first, so that the name never stands for half a file.
+    // Written beside it and renamed, so that the name never stands for half a file.
     let mut name = path.as_os_str().to_owned();
     name.push(".new");
     let fresh = PathBuf::from(name);

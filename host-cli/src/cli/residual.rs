@@ -1,14 +1,55 @@
 //! `forcectl residual`: what a force model lacks, from logs, and what of it the board can use.
 
-use super::args::Residual;
-use super::{Failure, Result};
+use super::exit::{self, Failure, Reply, Result};
+use super::Context;
+use clap::Args;
 use host_cli::identify;
 use host_cli::identify::findings::{self, Frame};
 use host_cli::rigfile::RigFile;
 use residual::rig::{DATA_FOLDERS, DATA_VARIABLE, HOW_TO_GET_DATA};
 use residual::spec::Spec;
-use residual::{Board, Options, Report};
+use residual::{Compensation as Board, Options, Report};
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+
+/// Below the help of the command.
+pub const HELP: &str = "\
+Data: a path that does not exist as given is looked for below the data folder. That folder is the environment variable
+FORCE_DATA, else ./data, else ../shared/data. Without --data the whole data folder is read.
+
+--apply changes friction, gain, offset, viscous friction (speed in m/s or mm/s) and, for a delay, the gains of the loop,
+where they were found, in all units. It prints what it changed and what the board cannot use. Ripples need the board's
+own angle; `forcectl identify` finds them. Nothing is changed where unnamed structure is left that would take more than
+a tenth of what the findings took off the error. Read the changes before you arm.
+
+Exit codes:
+  0  the logs were analysed, whatever the verdict
+  2  the arguments or the model file are wrong
+  3  a log or the rig file cannot be read
+  4  the logs do not allow an analysis: too few rows, one group, constant excitation, terms that repeat each other
+  6  the logs were analysed, but the board can use nothing of the findings (--apply wrote no rig file)
+  7  a report, a rig file or the standard output could not be written
+130  Ctrl-C, SIGTERM or SIGHUP ended the command";
+
+/// Arguments of `residual`.
+#[derive(Debug, Args)]
+pub struct Residual {
+    /// Logs (CSV, gzip, JSON, Parquet) or folders of them
+    #[arg(long, value_name = "PATH", num_args = 1..)]
+    data: Vec<PathBuf>,
+    /// Model file (TOML): columns, units, declared terms
+    #[arg(long, value_name = "MODEL.toml")]
+    model: PathBuf,
+    /// Folder for the reports and the extended model
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Write a copy of this rig file, with the findings that the board can use, to DIR as NAME.residual.toml
+    #[arg(long, value_name = "RIG.toml")]
+    apply: Option<PathBuf>,
+    /// With --apply: the model declares the values of the rig file; add the findings to them
+    #[arg(long, requires = "apply")]
+    increment: bool,
+}
 
 /// Stages and the share of a scan done, on standard error; nothing where the answer is for programs (`--json`).
 pub(super) struct Stages(Option<residual::Console>);
@@ -32,8 +73,15 @@ impl residual::Progress for Stages {
     }
 }
 
+impl Residual {
+    /// Runs the command.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        analyse(self, context)
+    }
+}
+
 /// Runs the analysis, and makes a rig file of it where asked.
-pub fn residual(arguments: &Residual, json: bool) -> Result<u8> {
+fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
     // Reports of an earlier analysis must not be taken for this one's, whatever goes wrong from here on.
     residual::clear(&arguments.out).map_err(|error| Failure::new(7, error))?;
     // Everything that may be wrong with the arguments comes before the analysis, which takes longer.
@@ -51,9 +99,11 @@ pub fn residual(arguments: &Residual, json: bool) -> Result<u8> {
         model,
         out: None,
     };
-    let mut stages = Stages::new(json);
+    let mut stages = Stages::new(!context.output.shows_progress());
     let report = residual::run(&options, &mut stages)
         .map_err(|error| Failure::new(error.exit_code(), error))?;
+    // From here on Ctrl-C must not leave half a report.
+    let _in_order = context.interrupt.in_order();
     report
         .write(&arguments.out)
         .map_err(|error| Failure::new(7, error))?;
@@ -61,22 +111,25 @@ pub fn residual(arguments: &Residual, json: bool) -> Result<u8> {
         Some(rig) => Some(rig.apply(&report, &arguments.out)?),
         None => None,
     };
-    if json {
-        let changed = applied.as_ref().map(
-            |a| serde_json::json!({"file": a.file, "changed": a.changed, "not_used": a.not_used, "earlier": a.earlier}),
-        );
-        println!(
-            "{}",
-            serde_json::json!({"report": report, "applied": changed})
-        );
-    } else {
-        println!("{}", report.summary());
-        println!("report: {}", arguments.out.join("report.html").display());
-        if let Some(applied) = &applied {
-            applied.say();
-        }
+    let changed = applied.as_ref().map(
+        |a| serde_json::json!({"file": a.file, "changed": a.changed, "not_used": a.not_used, "earlier": a.earlier}),
+    );
+    let mut text = String::new();
+    row!(text, "{}", report.summary());
+    row!(
+        text,
+        "report: {}",
+        arguments.out.join("report.html").display()
+    );
+    if let Some(applied) = &applied {
+        applied.describe(&mut text);
     }
-    Ok(applied.map_or(0, |a| if a.file.is_some() { 0 } else { 6 }))
+    let code = match &applied {
+        Some(applied) if applied.file.is_none() => exit::DEGRADED,
+        _ => exit::DONE,
+    };
+    let json = serde_json::json!({"report": report, "applied": changed});
+    Ok(Reply::new(text, json).with_code(code))
 }
 
 /// The files and folders to read: as given, else below the folder of data, else that folder.
@@ -149,20 +202,23 @@ struct Applied {
 }
 
 impl Applied {
-    fn say(&self) {
+    fn describe(&self, text: &mut String) {
         match &self.file {
-            Some(file) => println!("rig file: {}", file.display()),
-            None => println!("no rig file written: the board can use nothing of this"),
+            Some(file) => row!(text, "rig file: {}", file.display()),
+            None => row!(
+                text,
+                "no rig file written: the board can use nothing of this"
+            ),
         }
         if let Some(earlier) = &self.earlier {
-            println!("  {} is of an earlier run", earlier.display());
+            row!(text, "  {} is of an earlier run", earlier.display());
         }
-        self.changed
-            .iter()
-            .for_each(|line| println!("  changed   {line}"));
-        self.not_used
-            .iter()
-            .for_each(|line| println!("  not used  {line}"));
+        for line in &self.changed {
+            row!(text, "  changed   {line}");
+        }
+        for line in &self.not_used {
+            row!(text, "  not used  {line}");
+        }
     }
 }
 

@@ -140,7 +140,7 @@ fn analyse(unit: &UnitSettings, csv: &str, out: &Path) -> Result<Report, FindErr
 ///
 /// # Errors
 /// The verdict doesn't support a change, or nameless structure is left beside the named effects.
-pub fn usable(report: &Report) -> Result<residual::Board, String> {
+pub fn usable(report: &Report) -> Result<residual::Compensation, String> {
     let (before, after) = (report.baseline.heldout_rmse, report.last.heldout_rmse);
     let left = |s: &&residual::Structure| s.gain * after > MAX_UNEXPLAINED * (before - after);
     if let Some(left) = report.structure.iter().find(left) {
@@ -154,6 +154,6 @@ pub fn usable(report: &Report) -> Result<residual::Board, String> {
         ));
     }
     report
-        .board()
+        .compensation()
         .ok_or_else(|| format!("the verdict: {}", report.summary()))
 }

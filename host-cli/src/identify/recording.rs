@@ -85,18 +85,18 @@ impl Recording {
             };
             let t_s = timed.t_us as f64 * 1e-6;
             let scale = f64::from(config.scale_pn_per_count) * 1e-12;
-            let force = (f64::from(s.code) - f64::from(config.zero_code)) * scale;
+            let force = (f64::from(s.adc_code) - f64::from(config.zero_code)) * scale;
             tension[i].push(t_s - age_s, force * inv_cos);
             if i == unit {
                 let codes_per_n = f64::from(config.dac_counts_per_n_q16) / 65_536.0;
                 let latency_s = f64::from(s.latency_us) * 1e-6;
                 command.push(
                     t_s + latency_s + 0.5 * SAMPLE_S,
-                    (f64::from(s.dac) - 32_768.0) / codes_per_n,
+                    (f64::from(s.dac_code) - 32_768.0) / codes_per_n,
                 );
                 travel.push(
                     t_s,
-                    f64::from(s.counts) * f64::from(config.travel_nm_per_count) * 1e-9,
+                    f64::from(s.encoder_counts) * f64::from(config.travel_nm_per_count) * 1e-9,
                 );
             }
         }

@@ -58,7 +58,7 @@ fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
     // Units differ by some 0.1 N by themselves.
     let more = friction(&new[0]) + crate::identify::findings::FRICTION_MARGIN_N - friction(&old[0]);
     assert!((more - 0.6).abs() < 0.25, "{:?}", findings.units[0]);
-    let name = &findings.units[0].report.effects[0].name;
+    let name = findings.units[0].report.effects[0].name.as_str();
     assert!(name.ends_with("coulomb"), "{name}");
 
     let ripple = new[1].ripples[0];
@@ -101,7 +101,7 @@ fn a_rig_with_much_friction_is_driven_less_and_still_found_out() {
 
 /// From a report that a board may use: the same with other verdicts.
 fn refuses_what_is_not_clear(clear: &Report) {
-    use residual::{Ambiguity, Structure, Verdict};
+    use residual::{Ambiguity, EffectKind, Structure, Verdict};
     assert!(usable(clear).is_ok(), "{}", clear.summary());
     let with = |change: &dyn Fn(&mut Report)| {
         let mut report = clear.clone();
@@ -112,27 +112,24 @@ fn refuses_what_is_not_clear(clear: &Report) {
         let why = with(&|r| r.verdict = verdict).unwrap_err();
         assert!(why.contains("verdict"), "{why}");
     }
-    let rivals = |names: [&'static str; 2]| {
+    let rivals = |names: [EffectKind; 2]| {
         with(&move |r| {
             r.verdict = Verdict::NotIdentifiable;
-            r.not_identifiable = vec![Ambiguity {
-                effects: names.map(str::to_owned).to_vec(),
-                experiment: String::new(),
-            }];
+            r.not_identifiable = vec![Ambiguity::new(names.to_vec(), "")];
         })
     };
-    assert!(rivals(["coulomb", "backlash"]).is_err());
-    assert!(rivals(["coulomb", "delay"]).is_err());
+    assert!(rivals([EffectKind::Coulomb, EffectKind::Backlash]).is_err());
+    assert!(rivals([EffectKind::Coulomb, EffectKind::Delay]).is_err());
     // The same friction by either name.
-    assert!(rivals(["load_dependent_coulomb", "coulomb"]).is_ok());
+    assert!(rivals([EffectKind::LoadDependentCoulomb, EffectKind::Coulomb]).is_ok());
     let nameless = |part: f64| {
         with(&move |r| {
             let explained = r.baseline.heldout_rmse - r.last.heldout_rmse;
-            r.structure = vec![Structure {
-                depends_on: "time".to_owned(),
-                gain: part * explained / r.last.heldout_rmse,
-                p: 0.0,
-            }];
+            r.structure = vec![Structure::new(
+                "time",
+                part * explained / r.last.heldout_rmse,
+                0.0,
+            )];
         })
     };
     assert!(nameless(0.05).is_ok());

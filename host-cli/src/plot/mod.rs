@@ -1,4 +1,4 @@
-//! The picture of a run: force at the tip, its error, tensions, over time. As SVG and as PNG.
+//! The picture of a run: force at the tip, its error, tensions, over time, as SVG.
 
 pub mod scene;
 

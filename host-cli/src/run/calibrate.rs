@@ -76,7 +76,7 @@ fn scale_pn_per_count(samples: &[TimedSample], i: usize, config: &UnitConfig) ->
     let codes: Vec<f64> = samples
         .iter()
         .filter(|timed| usize::from(timed.sample.unit) == i)
-        .map(|timed| f64::from(timed.sample.code))
+        .map(|timed| f64::from(timed.sample.adc_code))
         .collect();
     let mean = codes.iter().sum::<f64>() / codes.len() as f64;
     let scale = WEIGHT_N / (mean - f64::from(config.zero_code)) * 1e12;
@@ -116,7 +116,7 @@ mod tests {
                 t_us: 0,
                 sample: Sample {
                     unit,
-                    code,
+                    adc_code: code,
                     ..Sample::default()
                 },
             })

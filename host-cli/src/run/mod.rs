@@ -121,7 +121,7 @@ pub fn set_force(
     let injections = inject_at_power_on(link, options)?;
     observer.progress(Phase::Connect, 0.0);
     let mut session = Session::connect(link)?;
-    if let Some(record) = session.info().and_then(|info| info.kept.as_ref()) {
+    if let Some(record) = session.info().and_then(|info| info.crash_record.as_ref()) {
         observer.notice(&format!(
             "the board's run before this one ended with {}",
             explain_crash_record(record)

@@ -56,7 +56,7 @@ pub fn prepare_board(
     observer: &mut dyn Observer,
 ) -> Result<Prepared, RunError> {
     check_idle(&session.get_status()?)?;
-    session.command(&Command::Stream { every: 1 })?;
+    session.command(&Command::Stream { decimation: 1 })?;
     observer.progress(Phase::Configure, 0.0);
     let mut configs = rig.units.map(|unit| unit.to_wire());
     session.configure(&configs)?;

@@ -87,6 +87,11 @@ pub fn explain_refusal(refusal: &CommandError) -> String {
         },
         CommandError::Faulted(code) => format!("{}; then `forcectl clear`", explain_fault(code, 0)),
         CommandError::UnknownUnit(unit) => format!("it has no unit {}", u16::from(unit) + 1),
+        CommandError::UnitNotReady { unit, state } => format!(
+            "unit {} is not ready (its state is `{}`); see `forcectl status`",
+            u16::from(unit) + 1,
+            motor_state_name(state)
+        ),
         CommandError::Range { unit, field } => {
             let known: Vec<String> = FIELDS
                 .iter()
@@ -121,6 +126,20 @@ mod tests {
         })
         .contains("number 250"));
         assert!(explain_refusal(&CommandError::UnknownUnit(6)).contains("unit 7"));
+    }
+
+    #[test]
+    fn unknown_and_not_ready_units_read_differently() {
+        let unknown = explain_refusal(&CommandError::UnknownUnit(6));
+        assert!(unknown.contains("no unit 7"), "{unknown}");
+        let not_ready = explain_refusal(&CommandError::UnitNotReady {
+            unit: 2,
+            state: MotorState::BringUp as u8,
+        });
+        assert!(
+            not_ready.contains("unit 3 is not ready") && not_ready.contains("bring-up"),
+            "{not_ready}"
+        );
     }
 
     #[test]

@@ -35,7 +35,7 @@ impl Session<'_> {
             Ok(()) => self
                 .info
                 .as_ref()
-                .and_then(|info| info.kept.as_ref())
+                .and_then(|info| info.crash_record.as_ref())
                 .map(explain_crash_record),
             Err(_) => None,
         };

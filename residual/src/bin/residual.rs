@@ -5,6 +5,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Columns come and go by the thousand; the system's allocator gives their memory back each time.
+#[cfg(feature = "programs")]
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 

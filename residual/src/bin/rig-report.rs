@@ -5,7 +5,7 @@
 //! plots into a folder beside it, named like the page. What the figures mean is the page's own text.
 
 use residual::expr::Expr;
-use residual::load::{load, Loaded};
+use residual::load::load;
 use residual::rig::{self, Data};
 use residual::spec::{Spec, Term};
 use residual::{analyse, baseline, num, Baseline, Console, Error, Figures, Plot, Progress, Report};
@@ -14,6 +14,7 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Columns come and go by the thousand; the system's allocator gives their memory back each time.
+#[cfg(feature = "programs")]
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
@@ -192,7 +193,13 @@ fn parameters(r: &Report) -> String {
                 e.ci.get(name)
                     .map_or("-".into(), |c| format!("{} to {}", num(c[0]), num(c[1])));
             let unit = e.units.get(name).cloned().unwrap_or_default();
-            rows.push(vec![e.name.clone(), name.clone(), num(*value), ci, unit]);
+            rows.push(vec![
+                e.name.to_string(),
+                name.clone(),
+                num(*value),
+                ci,
+                unit,
+            ]);
         }
     }
     let mut out = table(
@@ -205,8 +212,8 @@ fn parameters(r: &Report) -> String {
         .filter_map(|e| {
             let x = e.rival.as_ref()?;
             Some(vec![
-                e.name.clone(),
-                x.name.clone(),
+                e.name.to_string(),
+                x.name.to_string(),
                 num(x.heldout_rmse),
                 percent(x.behind),
             ])
@@ -252,7 +259,14 @@ fn rest(r: &Report) -> String {
         ));
     }
     for a in &r.not_identifiable {
-        out.push_str(&format!("\nNot told apart: {}.\n", a.effects.join(", ")));
+        out.push_str(&format!(
+            "\nNot told apart: {}.\n",
+            a.effects
+                .iter()
+                .map(|e| e.as_str())
+                .collect::<Vec<_>>()
+                .join(", ")
+        ));
     }
     out
 }
@@ -263,15 +277,15 @@ fn rmse(v: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Values of an expression on the fitted rows of a baseline.
-fn values(loaded: &Loaded, b: &Baseline, expr: &str) -> Result<Vec<f64>, Error> {
-    let v = Expr::parse(expr)?.eval(&loaded.frame)?;
+fn values(loaded: &residual::Data, b: &Baseline, expr: &str) -> Result<Vec<f64>, Error> {
+    let v = Expr::parse(expr)?.eval(loaded.frame())?;
     Ok(b.rows.iter().map(|i| v[*i]).collect())
 }
 
 /// Held-out RMSE of each fold, before and after.
-fn by_fold(loaded: &Loaded, before: &Baseline, after: &Baseline) -> String {
+fn by_fold(loaded: &residual::Data, before: &Baseline, after: &Baseline) -> String {
     let rows: Vec<Vec<String>> = loaded
-        .fold_names
+        .folds()
         .iter()
         .enumerate()
         .map(|(f, name)| {
@@ -280,7 +294,7 @@ fn by_fold(loaded: &Loaded, before: &Baseline, after: &Baseline) -> String {
                     b.rows
                         .iter()
                         .zip(&b.held)
-                        .filter(|(i, _)| loaded.fold[**i] as usize == f)
+                        .filter(|(i, _)| loaded.fold()[**i] as usize == f)
                         .map(|(_, r)| *r),
                 ))
             };

@@ -5,6 +5,7 @@ mod json;
 mod parquet;
 mod text;
 
+use crate::data::{Data, FEWEST_ROWS};
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::frame::Frame;
@@ -49,25 +50,6 @@ impl Raw {
             .position(|n| n == name)
             .map(|i| self.columns[i].as_slice())
     }
-}
-
-/// What was loaded.
-#[derive(Debug, Clone)]
-pub struct Loaded {
-    /// The table.
-    pub frame: Frame,
-    /// Rows that are fitted.
-    pub keep: Vec<bool>,
-    /// Fold of each row.
-    pub fold: Vec<u32>,
-    /// Name of each fold's groups.
-    pub fold_names: Vec<String>,
-    /// Number of groups before they were dealt to folds.
-    pub groups: usize,
-    /// Files read.
-    pub files: Vec<PathBuf>,
-    /// What hygiene found.
-    pub hygiene: Vec<hygiene::Finding>,
 }
 
 /// Every data file under the paths, sorted, so that results do not depend on the file system.
@@ -180,7 +162,7 @@ fn name_keys(path: &Path, spec: &Spec) -> Option<Vec<(String, f64)>> {
 /// # Errors
 /// Any [`Error`]: missing columns, cells that are not numbers, time that runs backwards, too few
 /// rows or groups.
-pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
+pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
     let mut findings = hygiene::Log::default();
     let files = find_files(paths)?;
     // A folder may hold JSON of other kinds, such as a report; a file that was given by name is read.
@@ -371,7 +353,7 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
     }
     hygiene::inspect(&mut frame, &mut keep, &spec.hygiene, &files, &mut findings);
     let kept = keep.iter().filter(|k| **k).count();
-    if kept < 30 {
+    if kept < FEWEST_ROWS {
         return Err(Error::data(
             format!("only {kept} rows are left to fit"),
             "Look at rows.keep and rows.sequences, or bring more data",
@@ -388,7 +370,7 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Loaded, Error> {
         ids.dedup();
         ids.into_iter().map(|i| files[i].clone()).collect()
     };
-    Ok(Loaded {
+    Ok(Data {
         frame,
         keep,
         fold,

@@ -3,7 +3,7 @@
 use super::ripples::add_ripple;
 use super::{bounded, KEYS};
 use crate::rigfile::UnitSettings;
-use residual::Board;
+use residual::Compensation;
 use std::f64::consts::TAU;
 
 /// Largest change of `coulomb_n`, N. More is a reel that rubs and needs repair.
@@ -67,7 +67,7 @@ pub fn gains_for_delay(delay_s: f64) -> [f64; 3] {
 /// The settings of a unit with the findings in them. Where one of them is out of its bounds the settings are the
 /// old ones, and `not_used` says why.
 #[must_use]
-pub fn correct(unit: &UnitSettings, compensation: &Board, frame: &Frame) -> Corrected {
+pub fn correct(unit: &UnitSettings, compensation: &Compensation, frame: &Frame) -> Corrected {
     let mut not_used: Vec<String> = compensation
         .left_out
         .iter()
@@ -85,7 +85,7 @@ pub fn correct(unit: &UnitSettings, compensation: &Board, frame: &Frame) -> Corr
 
 fn corrected(
     unit: &UnitSettings,
-    compensation: &Board,
+    compensation: &Compensation,
     frame: &Frame,
     not_used: &mut Vec<String>,
 ) -> Result<UnitSettings, String> {
@@ -166,7 +166,7 @@ impl Declared {
 fn correct_offset_and_friction(
     new: &mut UnitSettings,
     declared: &Declared,
-    compensation: &Board,
+    compensation: &Compensation,
     frame: &Frame,
 ) -> Result<(), String> {
     if compensation.offset != 0.0 {
@@ -198,7 +198,7 @@ fn correct_offset_and_friction(
 fn correct_gain_and_share(
     new: &mut UnitSettings,
     declared: &Declared,
-    compensation: &Board,
+    compensation: &Compensation,
     frame: &Frame,
 ) -> Result<(), String> {
     if compensation.gain_error == 0.0 && compensation.friction_per_load == 0.0 {

@@ -114,7 +114,7 @@ impl FakeBoard {
             version: "fake".try_into().expect("short"),
             core_hz: 400_000_000,
             reset_flags: 0,
-            kept: (self.resets > 0).then(|| wire::message::CrashRecord {
+            crash_record: (self.resets > 0).then(|| wire::message::CrashRecord {
                 code: Fault::WatchdogReset.code(),
                 detail: 0,
                 pc: 0,

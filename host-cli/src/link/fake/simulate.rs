@@ -3,7 +3,7 @@
 use super::{Behavior, FakeBoard, MS};
 use control::unit::Drive;
 use control::zero::Progress;
-use control::{Controller, Counts, Fault, Input, LoadCode, Micros, MotorState, SystemState};
+use control::{AdcCode, Controller, EncoderCounts, Fault, Input, Micros, MotorState, SystemState};
 use emulator_link::Truth;
 use wire::message::{Batch, Sample, BATCH};
 use wire::{BoardMessage, UNITS};
@@ -27,7 +27,7 @@ impl FakeBoard {
             .sum();
         // 24 bits over +-0.5 VREF/128; noise of 3 mN is 440 counts.
         let code = bridge * 128.0 * f64::from(1 << 24) + 440.0 * self.noise();
-        let code = LoadCode::new(code.round() as i32);
+        let code = AdcCode::new(code.round() as i32);
         let counts = self.plant.encoder_counts(i);
         let drive = match self.unit_state(i) {
             MotorState::Running if self.setpoints[i].tension.to_bits() > 0 => Drive::Follow,
@@ -35,8 +35,8 @@ impl FakeBoard {
             _ => Drive::Off,
         };
         let input = Input {
-            code,
-            counts: Counts(counts),
+            adc_code: code,
+            encoder_counts: EncoderCounts(counts),
             at: Micros(self.t_us()),
             setpoint: self.setpoints[i],
             drive,
@@ -62,8 +62,8 @@ impl FakeBoard {
         }
         let mut sample = Sample {
             unit: i as u8,
-            code: code.get(),
-            counts: counts as i32,
+            adc_code: code.get(),
+            encoder_counts: counts as i32,
             latency_us: 200,
             ..Sample::default()
         };

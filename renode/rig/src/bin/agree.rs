@@ -102,7 +102,7 @@ fn scenario(program: &Path, elf: &Path, seed: &str) -> Result<Story, String> {
     m.until(650)?;
     m.tell(&Command::ClearFaults)?;
     m.until(2_500)?;
-    m.tell(&Command::Stream { every: 1 })?;
+    m.tell(&Command::Stream { decimation: 1 })?;
     m.tell(&Command::Zero { units: 0x3F })?;
     m.until(5_000)?;
     m.tell(&Command::Arm)?;
@@ -425,8 +425,8 @@ fn row(a: &Story, b: &Story, window: (&str, u64, u64), unit: usize, asked: f64) 
         }
         _ => f64::NAN,
     };
-    let code = |s: &Sample| f64::from(s.code);
-    let dac = |s: &Sample| f64::from(s.dac);
+    let code = |s: &Sample| f64::from(s.adc_code);
+    let dac = |s: &Sample| f64::from(s.dac_code);
     let tension = |s: &Sample| f64::from(s.tension) * 0.1;
     let (tension_mn, dac_counts) = (difference(tension), difference(dac));
     // Both ends of the friction band, the law measured on the rig (0.909 N, 0.154 N per N).

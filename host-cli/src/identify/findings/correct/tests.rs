@@ -44,16 +44,16 @@ fn force(u: &UnitSettings, more: f64, dac: f64, speed: f64, travel: f64) -> f64 
 #[test]
 fn new_settings_say_what_old_ones_and_findings_said() {
     let old = rig().units[0];
-    let board = Board {
+    let compensation = Compensation {
         friction: -0.4,
         friction_per_load: -0.05,
         viscous: -12.0,
         gain_error: -0.2,
         offset: 0.1,
         ripples: vec![ripple(26.0 / 7.0, 0.5, 1.2, false)],
-        ..Board::default()
+        ..Compensation::default()
     };
-    let new = correct(&old, &board, &frame());
+    let new = correct(&old, &compensation, &frame());
     assert!(new.not_used.is_empty(), "{new:?}");
     for (dac, speed, travel) in [
         (600.0, 0.02, 0.01),
@@ -63,10 +63,10 @@ fn new_settings_say_what_old_ones_and_findings_said() {
         let command = dac / old.dac_codes_per_n;
         let sign = f64::signum(speed);
         let load = (old.friction_gain - old.coulomb_per_n * sign) * command;
-        let found = board.offset
-            + board.gain_error * load
-            + sign * (board.friction + board.friction_per_load * load)
-            + board.viscous * speed
+        let found = compensation.offset
+            + compensation.gain_error * load
+            + sign * (compensation.friction + compensation.friction_per_load * load)
+            + compensation.viscous * speed
             + 0.5 * f64::sin(26.0 / 7.0 * travel / 0.010 + 1.2);
         let expected = force(&old, 0.0, dac, speed, travel) + found;
         let made = force(&new.unit, FRICTION_MARGIN_N, dac, speed, travel);
@@ -79,61 +79,61 @@ fn new_settings_say_what_old_ones_and_findings_said() {
 fn corrections_are_bounded_and_all_or_nothing() {
     let old = rig().units[0];
     let refused = [
-        Board {
+        Compensation {
             friction: -2.5,
-            ..Board::default()
+            ..Compensation::default()
         },
-        Board {
+        Compensation {
             friction: 2.0,
-            ..Board::default()
+            ..Compensation::default()
         },
-        Board {
+        Compensation {
             gain_error: -0.6,
-            ..Board::default()
+            ..Compensation::default()
         },
-        Board {
+        Compensation {
             gain_error: f64::NAN,
-            ..Board::default()
+            ..Compensation::default()
         },
-        Board {
+        Compensation {
             friction_per_load: -0.3,
-            ..Board::default()
+            ..Compensation::default()
         },
-        Board {
+        Compensation {
             offset: f64::INFINITY,
-            ..Board::default()
+            ..Compensation::default()
         },
-        Board {
+        Compensation {
             viscous: -150.0,
-            ..Board::default()
+            ..Compensation::default()
         },
-        Board {
+        Compensation {
             delay_s: 0.05,
-            ..Board::default()
+            ..Compensation::default()
         },
-        Board {
+        Compensation {
             ripples: vec![ripple(1e4, 0.5, 0.0, false)],
-            ..Board::default()
+            ..Compensation::default()
         },
-        Board {
+        Compensation {
             ripples: vec![ripple(1.0, 2.5, 0.0, false)],
-            ..Board::default()
+            ..Compensation::default()
         },
-        Board {
+        Compensation {
             ripples: (1..4)
                 .map(|n| ripple(f64::from(n), 0.1, 0.0, false))
                 .collect(),
-            ..Board::default()
+            ..Compensation::default()
         },
     ];
-    for mut board in refused {
+    for mut compensation in refused {
         // A good finding beside the bad one is not used either.
-        board.left_out = vec!["creep".into()];
-        if board.offset == 0.0 {
-            board.offset = 0.1;
+        compensation.left_out = vec!["creep".into()];
+        if compensation.offset == 0.0 {
+            compensation.offset = 0.1;
         }
-        let new = correct(&old, &board, &frame());
-        assert_eq!(new.unit, old, "{board:?}");
+        let new = correct(&old, &compensation, &frame());
+        assert_eq!(new.unit, old, "{compensation:?}");
         assert!(
             new.not_used.iter().any(|why| why.starts_with("all of it")),
             "{new:?}"
@@ -145,21 +145,21 @@ fn corrections_are_bounded_and_all_or_nothing() {
 #[test]
 fn a_delay_brings_gains_down_once() {
     let old = rig().units[0];
-    let board = |delay_s| Board {
+    let compensation = |delay_s| Compensation {
         delay_s,
-        ..Board::default()
+        ..Compensation::default()
     };
-    let short = correct(&old, &board(0.001), &frame());
+    let short = correct(&old, &compensation(0.001), &frame());
     assert_eq!(short.unit, old);
     assert!(short.not_used[0].contains("1.0 ms"));
     let mut last = old;
     for ms in [2.0, 4.0, 8.0, 30.0] {
-        let new = correct(&old, &board(ms * 1e-3), &frame()).unit;
+        let new = correct(&old, &compensation(ms * 1e-3), &frame()).unit;
         assert!(new.kp < last.kp || last.kp == 0.0, "{ms} ms: {}", new.kp);
         assert!(new.ki_per_s <= last.ki_per_s && new.ki_per_s >= 10.0);
         assert!(new.damping_n_s_per_m <= last.damping_n_s_per_m);
         // The delay is still there the next time; the gains allow for it by then.
-        assert_eq!(correct(&new, &board(ms * 1e-3), &frame()).unit, new);
+        assert_eq!(correct(&new, &compensation(ms * 1e-3), &frame()).unit, new);
         last = new;
     }
     assert_eq!((last.kp, last.damping_n_s_per_m), (0.0, 0.0));
@@ -167,22 +167,32 @@ fn a_delay_brings_gains_down_once() {
 
 #[test]
 fn ripples_of_one_period_add_up_and_others_take_the_next_place() {
-    let board = |ripples| Board {
+    let compensation = |ripples| Compensation {
         ripples,
-        ..Board::default()
+        ..Compensation::default()
     };
     let old = rig().units[0];
-    let one = correct(&old, &board(vec![ripple(3.7, 0.4, 0.5, false)]), &frame()).unit;
+    let one = correct(
+        &old,
+        &compensation(vec![ripple(3.7, 0.4, 0.5, false)]),
+        &frame(),
+    )
+    .unit;
     // The same again with its sign turned: gone.
     let half_turn = 0.5 + std::f64::consts::PI;
     let none = correct(
         &one,
-        &board(vec![ripple(3.71, 0.4, half_turn, false)]),
+        &compensation(vec![ripple(3.71, 0.4, half_turn, false)]),
         &frame(),
     )
     .unit;
     assert!(none.ripples[0].amplitude_n < 1e-3, "{none:?}");
-    let two = correct(&one, &board(vec![ripple(1.0, 0.03, 0.0, true)]), &frame()).unit;
+    let two = correct(
+        &one,
+        &compensation(vec![ripple(1.0, 0.03, 0.0, true)]),
+        &frame(),
+    )
+    .unit;
     assert_eq!(two.ripples[0], one.ripples[0]);
     assert!((two.ripples[1].amplitude_per_n - 0.03).abs() < 1e-9);
     assert!((two.ripples[1].period_m - 0.0628319).abs() < 1e-6);
@@ -191,7 +201,11 @@ fn ripples_of_one_period_add_up_and_others_take_the_next_place() {
         travel_m_per_rad: None,
         ..frame()
     };
-    let new = correct(&old, &board(vec![ripple(3.7, 0.4, 0.5, false)]), &stranger);
+    let new = correct(
+        &old,
+        &compensation(vec![ripple(3.7, 0.4, 0.5, false)]),
+        &stranger,
+    );
     assert_eq!(new.unit, old);
     assert!(new.not_used[0].contains("phase"));
 }

@@ -1,0 +1,1 @@
+//! Every command line of `forcectl` in README.md and docs/ is one that the parser takes.

@@ -1,0 +1,188 @@
+//! Exit codes, and the failure that carries one.
+
+use host_cli::link::LinkError;
+use host_cli::run::RunError;
+use host_cli::session::SessionError;
+use serde_json::{json, Value};
+use std::path::Path;
+
+/// The command did what was asked.
+pub const DONE: u8 = 0;
+/// The arguments are wrong. Nothing was opened or driven.
+pub const USAGE: u8 = 2;
+/// The rig file is wrong. Nothing was opened or driven.
+pub const RIG_FILE: u8 = 3;
+/// The link cannot be opened, was lost, or the other end is not a board of this version.
+pub const LINK: u8 = 4;
+/// The board refused a command, or a fault stopped the rig.
+pub const BOARD: u8 = 5;
+/// The run ended in order, but not with the result that was asked for.
+pub const DEGRADED: u8 = 6;
+/// A file or the standard output could not be written.
+pub const FILE: u8 = 7;
+/// The recording of `identify` does not allow an analysis.
+#[cfg(feature = "residual")]
+pub const ANALYSIS: u8 = 8;
+/// Ctrl-C, SIGTERM or SIGHUP ended the command.
+pub const INTERRUPTED: u8 = 130;
+
+/// The table below the help of `forcectl`.
+pub const TABLE: &str = "\
+Exit codes:
+  0  the command did what was asked
+  2  the arguments are wrong; nothing was driven
+  3  the rig file is wrong; nothing was driven
+  4  the link cannot be opened, was lost, or the other end is not a board of this version
+  5  the board refused a command, or a fault stopped the rig
+  6  the run ended in order, but a unit dropped out, the amplifiers lost power, or the force was
+     out of reach and the nearest possible force was held
+  7  a file or the standard output could not be written
+130  Ctrl-C, SIGTERM or SIGHUP ended the command; the rig is disarmed
+`residual` and `identify` list their own codes in their help.";
+
+/// What a command has to say: a text for people, a JSON object for programs, and the exit code.
+#[derive(Debug)]
+pub struct Reply {
+    /// Exit code.
+    pub code: u8,
+    /// What standard output gets without `--json`.
+    pub text: String,
+    /// What standard output gets with `--json`; `None` where the command has printed its own lines.
+    pub json: Option<Value>,
+}
+
+impl Reply {
+    /// The command did what was asked.
+    pub fn new(text: impl Into<String>, json: Value) -> Self {
+        Self {
+            code: DONE,
+            text: text.into(),
+            json: Some(json),
+        }
+    }
+
+    /// One sentence, which is `done` in JSON.
+    pub fn done(text: &str) -> Self {
+        Self::new(format!("{text}\n"), json!({ "done": text }))
+    }
+
+    /// A text that has no JSON form. The command has refused `--json` before.
+    pub fn text(text: impl Into<String>) -> Self {
+        Self {
+            code: DONE,
+            text: text.into(),
+            json: None,
+        }
+    }
+
+    /// The same with another exit code.
+    pub fn with_code(self, code: u8) -> Self {
+        Self { code, ..self }
+    }
+}
+
+/// Why a command failed.
+#[derive(Debug)]
+pub struct Failure {
+    /// Exit code.
+    pub code: u8,
+    /// What happened, where, and what to do.
+    pub message: String,
+    /// Results that exist in spite of the failure.
+    pub reply: Option<Box<Reply>>,
+}
+
+/// Result of a command.
+pub type Result<T> = std::result::Result<T, Failure>;
+
+impl Failure {
+    /// A failure with its exit code.
+    pub fn new(code: u8, message: impl ToString) -> Self {
+        Self {
+            code,
+            message: message.to_string(),
+            reply: None,
+        }
+    }
+
+    /// A file that cannot be written.
+    pub fn file(path: &Path, error: impl std::fmt::Display) -> Self {
+        Self::new(
+            FILE,
+            format!("{} cannot be written: {error}", path.display()),
+        )
+    }
+
+    /// Adds the results that exist in spite of the failure.
+    #[cfg(feature = "record")]
+    pub fn with_reply(self, reply: Reply) -> Self {
+        Self {
+            reply: Some(Box::new(reply)),
+            ..self
+        }
+    }
+
+    /// The JSON object that stands for the failure.
+    pub fn json(&self) -> Value {
+        let mut object = json!({ "error": self.message, "exit_code": self.code });
+        if let Some(result) = self.reply.as_ref().and_then(|reply| reply.json.as_ref()) {
+            object["result"] = result.clone();
+        }
+        object
+    }
+}
+
+impl From<LinkError> for Failure {
+    fn from(error: LinkError) -> Self {
+        Self::new(LINK, error)
+    }
+}
+
+impl From<SessionError> for Failure {
+    fn from(error: SessionError) -> Self {
+        let code = match &error {
+            SessionError::Link(_)
+            | SessionError::NoBoard { .. }
+            | SessionError::Version { .. }
+            | SessionError::NoAnswer { .. } => LINK,
+            SessionError::Refused { .. }
+            | SessionError::Reset { .. }
+            | SessionError::Fault(_)
+            | SessionError::TooLong(_) => BOARD,
+        };
+        Self::new(code, error)
+    }
+}
+
+impl From<RunError> for Failure {
+    fn from(error: RunError) -> Self {
+        match error {
+            RunError::Session(error) => error.into(),
+            RunError::Argument(_) => Self::new(USAGE, error),
+            RunError::Interrupted => Self::new(INTERRUPTED, error),
+            RunError::Control(_) | RunError::Pose(_) | RunError::Fault(_) => {
+                Self::new(BOARD, error)
+            }
+        }
+    }
+}
+
+#[cfg(feature = "record")]
+impl From<host_cli::record::RecordError> for Failure {
+    fn from(error: host_cli::record::RecordError) -> Self {
+        Self::new(FILE, error)
+    }
+}
+
+#[cfg(feature = "residual")]
+impl From<host_cli::identify::FindError> for Failure {
+    fn from(error: host_cli::identify::FindError) -> Self {
+        use host_cli::identify::FindError;
+        let code = match &error {
+            FindError::File { .. } => FILE,
+            FindError::Analysis { .. } => ANALYSIS,
+            FindError::RigFile(_) => RIG_FILE,
+        };
+        Self::new(code, error)
+    }
+}

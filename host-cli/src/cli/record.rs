@@ -1,0 +1,65 @@
+//! `forcectl record`: records every sample and drives nothing.
+
+use super::connection::{configure_embedded, Connection};
+use super::exit::{Failure, Reply, Result};
+use super::monitor::End;
+use super::progress::Progress;
+use super::{values, Context};
+use clap::Args;
+use host_cli::record::Recorder;
+use host_cli::session::PERIOD;
+use serde_json::json;
+use std::path::PathBuf;
+use wire::Command;
+
+/// Arguments of `record`.
+#[derive(Debug, Args)]
+pub struct Record {
+    /// Folder for the recording
+    folder: PathBuf,
+    /// End after this time [default: at Ctrl-C; embedded rig: 3]
+    #[arg(long, value_name = "SECONDS", value_parser = values::seconds)]
+    duration: Option<f64>,
+    #[command(flatten)]
+    connection: Connection,
+}
+
+impl Record {
+    /// Runs the command. A lost link ends the recording; what was received is kept.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        self.connection.with_session(context, |session, rig| {
+            configure_embedded(session, rig)?;
+            let mut recorder = Recorder::create(&self.folder, rig)?;
+            recorder.configured(&session.get_configs()?);
+            session.command(&Command::Stream { decimation: 1 })?;
+            session.drain();
+            let mut progress = Progress::new(&context.output);
+            let end = End::after(session, self.duration);
+            let mut lost = None;
+            while !end.reached(session, context) {
+                if let Err(error) = session.advance(PERIOD) {
+                    lost = Some(error);
+                    break;
+                }
+                recorder.samples(&session.drain().samples)?;
+                progress.at("recording", end.fraction(session));
+            }
+            progress.done();
+            let rows = recorder.finish()?;
+            let counters = session.counters();
+            let reply = Reply::new(
+                format!(
+                    "{rows} samples in {}; telemetry frames lost {}, damaged {}\n",
+                    self.folder.display(),
+                    counters.frames_lost,
+                    counters.frames_bad
+                ),
+                json!({"samples": rows, "folder": self.folder, "link": counters}),
+            );
+            match lost {
+                Some(error) => Err(Failure::from(error).with_reply(reply)),
+                None => Ok(reply),
+            }
+        })
+    }
+}

@@ -1,0 +1,252 @@
+//! `forcectl set-force`: holds a force at the tip, and reports how well.
+
+use super::connection::Connection;
+use super::exit::{self, Failure, Reply, Result};
+use super::watch::Watch;
+use super::{values, Context};
+use clap::Args;
+use emulator_link::Injection;
+use host_cli::force::metrics::{Metrics, SETTLED_WITHIN_N};
+use host_cli::plot;
+use host_cli::run::{self, describe_reach, Ended, Options, Outcome};
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use wire::UNITS;
+
+/// Below the help of the command.
+pub const HELP: &str = "\
+The force is in newtons in the robot's base frame, for example `forcectl set-force 0 2.5 0`.
+
+On a real rig the section [pose] of the rig file says where the robot's pose comes from. source = \"udp\" listens for
+JSON lines such as {\"measured_cp\": {\"position\": [-0.08, 0.025, -0.14]}} (metres, robot base frame, 100 Hz or faster).
+source = \"static\" assumes a clamped tip.
+
+Exit codes: see `forcectl --help`.";
+
+/// Arguments of `set-force`.
+#[derive(Debug, Args)]
+pub struct SetForce {
+    /// Force along x, N
+    #[arg(allow_hyphen_values = true, value_parser = values::newton)]
+    x: f64,
+    /// Force along y, N
+    #[arg(allow_hyphen_values = true, value_parser = values::newton)]
+    y: f64,
+    /// Force along z, N
+    #[arg(allow_hyphen_values = true, value_parser = values::newton)]
+    z: f64,
+    /// Time for which the force is held
+    #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = values::seconds)]
+    duration: f64,
+    /// Folder for the plot (SVG) and the figures (JSON); created where it does not exist
+    #[arg(long, value_name = "DIR", default_value = "forcectl-out")]
+    out: PathBuf,
+    /// Record every sample to this folder (MCAP and Parquet)
+    #[cfg(feature = "record")]
+    #[arg(long, value_name = "DIR")]
+    record: Option<PathBuf>,
+    #[command(flatten)]
+    connection: Connection,
+    /// Keep the embedded rig's robot still
+    #[arg(long)]
+    still: bool,
+    /// Cause a fault in the embedded rig, for example unplug=3@2s; repeatable. `--inject help` lists the faults
+    #[arg(long, value_name = "WHAT@TIME", value_parser = host_cli::inject::parse, allow_hyphen_values = true)]
+    inject: Vec<(f64, Injection)>,
+}
+
+impl SetForce {
+    /// Runs the command. Arguments are checked before anything is opened or driven.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        let output = &context.output;
+        let rig = self.connection.load(context)?;
+        self.connection.only_embedded(
+            &rig,
+            &[
+                ("--still", self.still),
+                ("--inject", !self.inject.is_empty()),
+            ],
+        )?;
+        let options = Options {
+            robot_moves: !self.still,
+            injections: self.inject.clone(),
+            stop: context.interrupt.flag(),
+            ..Options::new([self.x, self.y, self.z], self.duration)
+        };
+        rig.check_force(options.commanded_n)
+            .map_err(|why| Failure::new(exit::USAGE, why))?;
+        std::fs::create_dir_all(&self.out).map_err(|error| Failure::file(&self.out, error))?;
+        let mut watch = Watch::new(output);
+        #[cfg(feature = "record")]
+        if let Some(folder) = &self.record {
+            watch.record_to(folder, &rig)?;
+        }
+        let _in_order = context.interrupt.in_order();
+        let mut link = self.connection.open(&rig, context)?;
+        let outcome = run::set_force(link.as_mut(), &rig, &options, &mut watch);
+        watch.progress.done();
+        // What was recorded up to an error is kept.
+        #[cfg(feature = "record")]
+        let recorded = watch.finish_recording();
+        let reply = self.report(&outcome?)?;
+        #[cfg(feature = "record")]
+        if let Err(failure) = recorded {
+            return Err(failure.with_reply(reply));
+        }
+        Ok(reply)
+    }
+
+    /// Writes plot and figures, and makes the table.
+    fn report(&self, outcome: &Outcome) -> Result<Reply> {
+        let svg = self.out.join("set-force.svg");
+        let figures = self.out.join("set-force.json");
+        let write = |path: &Path, text: String| {
+            std::fs::write(path, text).map_err(|error| Failure::file(path, error))
+        };
+        write(&svg, plot::draw(outcome).to_svg())?;
+        let mut json =
+            serde_json::to_value(outcome).map_err(|error| Failure::file(&figures, error))?;
+        json["plot_svg"] = svg.display().to_string().into();
+        write(&figures, format!("{json:#}"))?;
+        let mut text = table(outcome);
+        row!(
+            text,
+            "plot                {}, figures in {}",
+            svg.display(),
+            figures.display()
+        );
+        #[cfg(feature = "record")]
+        if let Some(folder) = &self.record {
+            row!(text, "recording           {}", folder.display());
+        }
+        Ok(Reply::new(text, json).with_code(match outcome.ended {
+            Ended::Done => exit::DONE,
+            Ended::Degraded => exit::DEGRADED,
+            Ended::Interrupted => exit::INTERRUPTED,
+        }))
+    }
+}
+
+fn vector(v: [f64; 3]) -> String {
+    format!("{:>9.3} {:>9.3} {:>9.3}", v[0], v[1], v[2])
+}
+
+/// The table for people.
+fn table(outcome: &Outcome) -> String {
+    let mut out = String::new();
+    row!(
+        out,
+        "rig                 {}, firmware {}",
+        outcome.link,
+        outcome.firmware
+    );
+    row!(
+        out,
+        "configuration       CRC {:08x}, rig file {}",
+        outcome.config_crc,
+        &outcome.rig_hash[..12]
+    );
+    match &outcome.metrics {
+        Some(metrics) => metrics_table(&mut out, metrics),
+        None => {
+            row!(
+                out,
+                "\nThe force was held for less than {} s: too short for figures.",
+                host_cli::force::metrics::STEADY_AFTER_S
+            );
+        }
+    }
+    if let Some(latency) = outcome.latency_ms {
+        let how = if latency.measured_outside {
+            "edge to DAC output, by the rig"
+        } else {
+            "edge to DAC word, by the firmware"
+        };
+        row!(
+            out,
+            "loop latency        {:.3} ms median, {:.3} ms 99th percentile ({how})",
+            latency.p50,
+            latency.p99
+        );
+    }
+    let link = outcome.link_counters;
+    row!(
+        out,
+        "samples             {} received, {} lost before the controller; telemetry frames lost {}, damaged {}",
+        outcome.samples,
+        outcome.samples_lost,
+        link.frames_lost,
+        link.frames_bad
+    );
+    if outcome.amplifiers_off_s > 0.0 {
+        row!(
+            out,
+            "amplifiers          without power for {:.3} s",
+            outcome.amplifiers_off_s
+        );
+    }
+    if let Some(reach) = outcome.reach.filter(|reach| !reach.feasible) {
+        row!(out, "out of reach        {}", describe_reach(&reach));
+    }
+    for fault in &outcome.faults {
+        let who = fault
+            .unit
+            .map_or_else(|| "board".to_owned(), |unit| format!("unit {unit}"));
+        row!(out, "fault at {:>6.2} s   {who}: {}", fault.t_s, fault.text);
+    }
+    out
+}
+
+fn metrics_table(out: &mut String, m: &Metrics) {
+    let source = if m.from_truth {
+        "in the plant"
+    } else {
+        "by load cells"
+    };
+    row!(out, "");
+    row!(out, "force at the tip, N         x         y         z");
+    row!(out, "  commanded         {}", vector(m.commanded_n.into()));
+    row!(
+        out,
+        "  applied           {}   mean, {source}",
+        vector(m.applied_n.into())
+    );
+    row!(
+        out,
+        "  error             {}   length {:.3}, RMS {:.3}",
+        vector(m.error_n.into()),
+        m.tip_force_error_n,
+        m.tip_force_rms_n
+    );
+    let along = m.settling_along_s.map_or_else(String::new, |s| {
+        format!("; along the commanded direction alone after {s:.2} s")
+    });
+    let settled = m.settling_s.map_or_else(
+        || "never".to_owned(),
+        |s| {
+            format!(
+                "after {s:.2} s, within the band for {:.1} % of the time from then on",
+                100.0 * m.within_band
+            )
+        },
+    );
+    row!(
+        out,
+        "  settled           {settled} (within {SETTLED_WITHIN_N} N){along}"
+    );
+    row!(out, "");
+    row!(
+        out,
+        "tension, N             1       2       3       4       5       6"
+    );
+    let units = |values: [f64; UNITS]| values.map(|v| format!("{v:>7.3}")).join(" ");
+    row!(out, "  setpoint       {}", units(m.tension_setpoint_n));
+    row!(
+        out,
+        "  {:<14} {}",
+        if m.from_truth { "true" } else { "measured" },
+        units(m.tension_n)
+    );
+    row!(out, "  RMS error      {}", units(m.tension_rms_n));
+    row!(out, "");
+}

@@ -1,0 +1,126 @@
+//! `forcectl status`: the state of board and units.
+
+use super::connection::{configure_embedded, Connection};
+use super::exit::{self, Reply, Result};
+use super::Context;
+use clap::Args;
+use control::MotorState;
+use host_cli::session::{explain_crash_record, explain_fault, motor_state_name, system_state_name};
+use serde_json::json;
+use std::fmt::Write as _;
+use wire::message::{BoardInfo, Status as BoardStatus};
+
+/// Arguments of `status`.
+#[derive(Debug, Args)]
+pub struct Status {
+    #[command(flatten)]
+    connection: Connection,
+}
+
+impl Status {
+    /// Runs the command. A latched fault gives exit code 5.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        self.connection.with_session(context, |session, rig| {
+            configure_embedded(session, rig)?;
+            let status = session.get_status()?;
+            let (link, info) = (session.link().name(), session.info().cloned());
+            let faulted = status.fault != 0 || status.units.iter().any(|unit| unit.fault != 0);
+            let text = format!("link       {link}\n{}", table(info.as_ref(), &status));
+            let json = json!({
+                "link": link,
+                "board": info,
+                "status": status,
+                "state": system_state_name(status.state),
+            });
+            Ok(Reply::new(text, json).with_code(if faulted { exit::BOARD } else { exit::DONE }))
+        })
+    }
+}
+
+/// The table for people.
+fn table(info: Option<&BoardInfo>, status: &BoardStatus) -> String {
+    let mut out = String::new();
+    if let Some(info) = info {
+        row!(
+            out,
+            "firmware   {} (ABI {}), core {} MHz, reset flags {:#010x}",
+            info.version,
+            info.abi,
+            info.core_hz / 1_000_000,
+            info.reset_flags
+        );
+        if let Some(kept) = &info.crash_record {
+            row!(out, "last run   ended with {}", explain_crash_record(kept));
+        }
+    }
+    row!(
+        out,
+        "state      {}, E-stop {}",
+        system_state_name(status.state),
+        if status.estop_closed {
+            "closed (may run)"
+        } else {
+            "OPEN"
+        }
+    );
+    if status.fault != 0 {
+        row!(
+            out,
+            "fault      {}",
+            explain_fault(status.fault, status.fault_detail)
+        );
+    }
+    let age = if status.setpoint_age_ms == u16::MAX {
+        "none".to_owned()
+    } else {
+        format!("{} ms old", status.setpoint_age_ms)
+    };
+    row!(
+        out,
+        "setpoints  {age}; configuration CRC {:08x}; up {:.1} s",
+        status.config_crc,
+        f64::from(status.t_us) * 1e-6
+    );
+    row!(
+        out,
+        "health     asleep {:.1} %, queue at most {}, frames dropped {}, bad {}, bus recoveries {}",
+        f64::from(status.sleep_permille) * 0.1,
+        status.queue_high_water,
+        status.frames_dropped,
+        status.frames_bad,
+        status.bus_recoveries
+    );
+    row!(
+        out,
+        "\nunit  state      tension N   rate 1/s   samples   missed  spikes  fault"
+    );
+    for (i, unit) in status.units.iter().enumerate() {
+        let live =
+            MotorState::from_u8(unit.state) != Some(MotorState::Offline) && unit.period_us > 0;
+        let (tension, rate) = if live {
+            (
+                format!("{:.3}", f64::from(unit.tension_un) * 1e-6),
+                format!("{:.1}", 1e6 / f64::from(unit.period_us)),
+            )
+        } else {
+            ("-".to_owned(), "-".to_owned())
+        };
+        let fault = if unit.fault == 0 {
+            "-".to_owned()
+        } else {
+            explain_fault(unit.fault, unit.fault_detail)
+        };
+        row!(
+            out,
+            "{:>4}  {:<9} {:>10} {:>10} {:>9} {:>8} {:>7}  {fault}",
+            i + 1,
+            motor_state_name(unit.state),
+            tension,
+            rate,
+            unit.samples,
+            unit.missed,
+            unit.spikes
+        );
+    }
+    out
+}

@@ -1,0 +1,122 @@
+//! Reads the command line. Mistakes get a hint where the program knows one: options that were renamed, options that only
+//! other commands have, and options of a command that stand before it.
+
+use super::exit::{self, Failure, Reply};
+use super::output::{self, Output, OutputArgs};
+use super::Cli;
+use clap::error::{ContextKind, ContextValue, ErrorKind};
+use clap::{CommandFactory, Parser};
+use std::ffi::OsString;
+
+/// Options that were renamed: old name, command (`None`: any command), new name.
+const RENAMED: [(&str, Option<&str>, &str); 4] = [
+    ("--config", None, "--rig"),
+    ("--for", None, "--duration"),
+    ("--seconds", Some("identify"), "--drive-duration"),
+    ("--seconds", None, "--duration"),
+];
+
+/// Reads the command line. Where it is wrong, or asks for help, the answer is printed and the exit code returned.
+pub fn parse(arguments: &[OsString]) -> Result<Cli, u8> {
+    Cli::try_parse_from(arguments).map_err(|error| answer(error, arguments))
+}
+
+fn answer(mut error: clap::Error, arguments: &[OsString]) -> u8 {
+    let words: Vec<&str> = arguments
+        .iter()
+        .skip(1)
+        .filter_map(|word| word.to_str())
+        .take_while(|word| *word != "--")
+        .collect();
+    let output = Output::new(OutputArgs {
+        json: words.contains(&"--json"),
+        ..OutputArgs::default()
+    });
+    if let Some(hint) = hint(&error, &words) {
+        error.insert(
+            ContextKind::Suggested,
+            ContextValue::StyledStrs(vec![hint.into()]),
+        );
+        // clap's own guess is worse than what is known.
+        error.insert(ContextKind::SuggestedArg, ContextValue::None);
+        error.insert(ContextKind::SuggestedSubcommand, ContextValue::None);
+    }
+    let text = error.render();
+    if !error.use_stderr() {
+        let text = if output::stdout_is_terminal() {
+            text.ansi().to_string()
+        } else {
+            text.to_string()
+        };
+        output.print(&text);
+        return output.finish(&Ok(Reply::text("")));
+    }
+    if output.json() {
+        let text = text.to_string();
+        let message = if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
+            "a command is missing; `forcectl --help` lists the commands"
+        } else {
+            // Without the usage, which is for people.
+            let end = text.find("\n\nUsage:").unwrap_or(text.len());
+            text[..end].trim().trim_start_matches("error: ")
+        };
+        return output.finish(&Err(Failure::new(exit::USAGE, message)));
+    }
+    output::to_stderr(&if output::stderr_is_terminal() {
+        text.ansi().to_string()
+    } else {
+        text.to_string()
+    });
+    exit::USAGE
+}
+
+/// What is known about an option that clap does not expect.
+fn hint(error: &clap::Error, words: &[&str]) -> Option<String> {
+    if error.kind() != ErrorKind::UnknownArgument {
+        return None;
+    }
+    let Some(ContextValue::String(option)) = error.get(ContextKind::InvalidArg) else {
+        return None;
+    };
+    let option = option.split(['=', ' ']).next()?;
+    let cli = Cli::command();
+    let has = |command: &clap::Command, option: &str| {
+        command.get_arguments().any(|arg| {
+            arg.get_long()
+                .is_some_and(|long| option == format!("--{long}"))
+        })
+    };
+    let command = words.iter().find_map(|word| cli.find_subcommand(word));
+    let name = command.map(clap::Command::get_name);
+    let new = RENAMED
+        .iter()
+        .find(|(old, of, _)| *old == option && (of.is_none() || *of == name))
+        .map(|(_, _, new)| *new);
+    let wanted = new.unwrap_or(option);
+    let renamed = new.map_or(String::new(), |new| format!("`{option}` is now `{new}`"));
+    let with: Vec<&str> = cli
+        .get_subcommands()
+        .filter(|command| has(command, wanted))
+        .map(clap::Command::get_name)
+        .collect();
+    let place = match (command, name) {
+        (Some(command), Some(name)) if has(command, wanted) => match new {
+            // The option is right and stands before its command.
+            None => format!("`{wanted}` stands after the command: forcectl {name} {wanted} ..."),
+            Some(_) => String::new(),
+        },
+        (_, Some(name)) if !with.is_empty() => {
+            format!(
+                "`{name}` does not use `{wanted}`; these commands do: {}",
+                with.join(", ")
+            )
+        }
+        _ => String::new(),
+    };
+    let hint = [renamed, place]
+        .into_iter()
+        .filter(|part| !part.is_empty())
+        .collect::<Vec<_>>()
+        .join("; ");
+    (!hint.is_empty()).then_some(hint)
+}

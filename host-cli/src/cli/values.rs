@@ -1,0 +1,108 @@
+//! Values of arguments: what reads as a number, a time, a link or a file.
+
+use host_cli::rigfile::LinkChoice;
+use std::path::PathBuf;
+
+/// A force component in newtons. The rig's limits are checked with the rig file.
+pub fn newton(text: &str) -> Result<f64, String> {
+    let value: f64 = text
+        .parse()
+        .map_err(|_| format!("`{text}` is not a number; give newtons, for example 2.5"))?;
+    if value.is_finite() {
+        Ok(value)
+    } else {
+        Err(format!(
+            "`{text}` is not a finite number; give newtons, for example 2.5"
+        ))
+    }
+}
+
+/// A duration in seconds, 0.1 to 86400; a trailing `s` is allowed.
+pub fn seconds(text: &str) -> Result<f64, String> {
+    let value: f64 = text
+        .strip_suffix('s')
+        .unwrap_or(text)
+        .parse()
+        .map_err(|_| format!("`{text}` is not a number; give seconds, for example 5"))?;
+    if (0.1..=86_400.0).contains(&value) {
+        Ok(value)
+    } else {
+        Err(format!(
+            "`{text}` is not a duration; give 0.1 to 86400 seconds"
+        ))
+    }
+}
+
+/// The seed of the embedded rig.
+pub fn seed(text: &str) -> Result<u64, String> {
+    text.parse()
+        .map_err(|_| format!("`{text}` is not a seed; give a whole number from 0"))
+}
+
+/// The number of a fault.
+pub fn fault_number(text: &str) -> Result<u16, String> {
+    text.parse()
+        .map_err(|_| format!("`{text}` is not a fault number; `forcectl explain` lists all faults"))
+}
+
+/// A connection.
+pub fn link(text: &str) -> Result<LinkChoice, String> {
+    text.parse::<LinkChoice>().map_err(|error| {
+        if text.ends_with(".toml") {
+            format!("`{text}` is not a link; give the rig file with `--rig {text}`")
+        } else {
+            error
+        }
+    })
+}
+
+/// The path of a rig file. The names of connections are refused, because `--rig` took them before.
+pub fn rig_file(text: &str) -> Result<PathBuf, String> {
+    match text.parse::<LinkChoice>() {
+        Ok(link) => Err(format!(
+            "`--rig` takes a rig file; give the connection with `--link {link}`"
+        )),
+        Err(_) => Ok(text.into()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_read_or_refused_with_an_example() {
+        assert_eq!(newton("-2.5"), Ok(-2.5));
+        assert_eq!(seconds("2s"), Ok(2.0));
+        assert_eq!(seconds("0.1"), Ok(0.1));
+        for (error, words) in [
+            (
+                newton("much"),
+                "`much` is not a number; give newtons, for example 2.5",
+            ),
+            (newton("nan"), "finite"),
+            (newton("inf"), "finite"),
+            (seconds("long"), "`long` is not a number; give seconds"),
+            (seconds("nan"), "0.1 to 86400 seconds"),
+            (seconds("0"), "0.1 to 86400 seconds"),
+            (seconds("5ss"), "not a number"),
+        ] {
+            let error = error.expect_err("is refused");
+            assert!(error.contains(words), "{error}");
+        }
+        assert!(seed("-1").is_err_and(|error| error.contains("whole number from 0")));
+        assert!(fault_number("x").is_err_and(|error| error.contains("forcectl explain")));
+    }
+
+    #[test]
+    fn a_link_and_a_rig_file_that_are_mixed_up_are_told_apart() {
+        assert_eq!(link("usb"), Ok(LinkChoice::Usb));
+        assert!(link("my.toml").is_err_and(|error| error.contains("`--rig my.toml`")));
+        assert!(link("pigeon").is_err_and(|error| error.contains("serial:PORT")));
+        assert_eq!(rig_file("my.toml"), Ok(PathBuf::from("my.toml")));
+        for name in ["embedded", "usb", "serial:/dev/ttyACM0"] {
+            let error = rig_file(name).expect_err("is a link");
+            assert!(error.contains(&format!("`--link {name}`")), "{error}");
+        }
+    }
+}
