@@ -267,7 +267,7 @@ fn read_filter(section: &Section<'_, '_>) -> Filter {
                 section.report(
                     kind.at,
                     "filter",
-                    format!("`{other}` is no filter; use \"low_pass\" or \"moving_average\""),
+                    format!("`{other}` is not a filter; use \"low_pass\" or \"moving_average\""),
                 );
             }
             Filter::MovingAverage(1)
