@@ -135,14 +135,14 @@ def residual(program, files, folder, runs, material):
     the analyses; predicting is a run of its own, whose baseline is the error wanted.
     """
     original = files[0][2] is None
-    models = Path(__file__).resolve().parents[3] / "residual" / "models"
+    models = Path(__file__).resolve().parents[3] / "evaluations" / "measured-rig" / "models"
     text = (models / ("gauge-original.toml" if original else "gauge-moving.toml")).read_text()
     model, test, out = folder / "model.toml", folder / "test.toml", folder / "out"
     model.write_text(text + f"\n[selection]\nmaterial = {material}\nmax_effects = {MOST_TERMS}\n"
                      f"only = {json.dumps(EFFECTS)}\n")
 
     def call(chosen, by):
-        done = subprocess.run([program, "--data", *[str(f[1]) for f in chosen], "--model", str(by), "--out", str(out)],
+        done = subprocess.run([program, "residual", "--data", *[str(f[1]) for f in chosen], "--model", str(by), "--out", str(out)],
                               capture_output=True, text=True)
         if done.returncode:
             sys.exit(f"residual failed:\n{done.stderr}")
@@ -181,7 +181,7 @@ def data_folder(given):
 def main():
     arguments = argparse.ArgumentParser(prog="cargo xtask residual-compare", description=__doc__,
                                         formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("--residual", required=True, help=argparse.SUPPRESS)
+    arguments.add_argument("--forcectl", required=True, help=argparse.SUPPRESS)
     arguments.add_argument("--data", help="folder of the rig's data (else FORCE_DATA, ./data, ../shared/data)")
     arguments.add_argument("--runs", type=int, default=3, help="the least time of so many runs counts (default 3)")
     arguments.add_argument("--markdown", type=Path, help="write the table into this file")
@@ -190,7 +190,7 @@ def main():
     files = data_folder(a.data)
     unit, y, names, x = read(files)
     with tempfile.TemporaryDirectory() as folder:
-        analyses = [(material, residual(a.residual, files, Path(folder), a.runs, material)) for material in (0.02, 0.002)]
+        analyses = [(material, residual(a.forcectl, files, Path(folder), a.runs, material)) for material in (0.02, 0.002)]
     own = analyses[0][1][1]
     if analyses[0][1][2] != len(y):
         sys.exit(f"not the same rows: {analyses[0][1][2]} and {len(y)}")
