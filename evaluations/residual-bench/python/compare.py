@@ -5,12 +5,12 @@ thresholded least squares) choose terms from a library of candidates that holds 
 looks for under the same names: offset, gain, curvature, Coulomb and load-dependent Coulomb friction,
 viscous and Stribeck friction (fourteen speeds), inertia, drift, ripple of the reel. Each unit is
 held out once, selection included. `residual` gets the same rows and a model file with the same
-effects and chooses by holding out one of the three units left. Where a tool leaves a choice that its own criterion does not settle on new units (number of
-terms, threshold), a second line makes it by holding out units inside the training data.
+effects, and chooses by holding out one of the three remaining units. Where the own criterion of a tool does not determine
+a choice for new units (number of terms, threshold), a second line makes it by holding out units inside the training data.
 
 Every tool chooses and fits on three units and predicts the fourth, four times. Times are of reading,
-selecting and fitting for all four, the least of several runs; Python's start and imports are left
-out, `residual`'s start is not.
+selecting and fitting for all four, the least of several runs. They exclude the start and the imports of
+Python, and include the start of `residual`.
 """
 
 import argparse
@@ -227,13 +227,12 @@ def main():
 
 
 FAIRNESS = """\
-`residual` stops at effects that take less than 2 % of the error, since it is asked what matters; the last line lets it go
-on to 0.2 %. Besides what is asked here it chooses the Stribeck speed and the order of the ripple continuously, calibrates
-every gain against 48 decoys of the residual, makes every effect hold its place against the others, gives bootstrap intervals,
-looks for nameless structure and writes its reports, all within its time, on all cores. The Python tools are given the candidates
-as finished columns and know nothing of groups, so holding out is done around them; their time has no start and no import in it.
-They return terms, several of which may stand for one effect or for none (a sum of Stribeck curves is any curve of the speed);
-they do not name an effect or say that they cannot tell."""
+`residual` does not add effects that reduce the error by less than 2 %; in the last line the limit is 0.2 %. The time of `residual`,
+on all cores, includes more than this comparison needs: it chooses the Stribeck speed and the order of the ripple continuously,
+compares every gain with 48 decoys of the residual and every effect with the others in its place, computes bootstrap intervals,
+looks for unexplained structure, and writes its reports. The Python tools get the candidates as finished columns and do not use
+groups, so the comparison holds out units around them. They return terms. Several terms may describe one effect or none (a sum of
+Stribeck curves is any curve of the speed). They do not name effects, and do not report that the data cannot distinguish them."""
 
 if __name__ == "__main__":
     main()
