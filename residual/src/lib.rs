@@ -8,9 +8,6 @@
 //!
 //! [`run`] does everything; [`load::load`] and [`analyse`] are its two halves.
 
-#![deny(missing_docs)]
-#![forbid(unsafe_code)]
-
 mod analysis;
 mod assembly;
 mod compensation;
