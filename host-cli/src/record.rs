@@ -164,12 +164,12 @@ fn cycle_schema() -> String {
     let mut schema = "message cycle { required double t_s; ".to_owned();
     for (kind, name, labels) in [
         ("required", "tip_m", &["x", "y", "z"][..]),
-        ("required", "wanted_n", &["x", "y", "z"]),
+        ("required", "commanded_n", &["x", "y", "z"]),
         ("required", "estimated_n", &["x", "y", "z"]),
         ("optional", "applied_n", &["x", "y", "z"]),
         (
             "required",
-            "asked_tension_n",
+            "tension_setpoint_n",
             &["1", "2", "3", "4", "5", "6"],
         ),
         (
@@ -195,11 +195,11 @@ fn cycle_cells(s: &Step) -> Vec<Cell> {
     let mut cells = vec![Cell::F(s.t_s)];
     let required =
         |values: &[f64], cells: &mut Vec<Cell>| cells.extend(values.iter().map(|v| Cell::F(*v)));
-    required(&s.tip_m, &mut cells);
-    required(&s.wanted_n, &mut cells);
-    required(&s.estimated_n, &mut cells);
+    required(s.tip_m.as_slice(), &mut cells);
+    required(s.commanded_n.as_slice(), &mut cells);
+    required(s.estimated_n.as_slice(), &mut cells);
     cells.extend((0..3).map(|i| Cell::O(s.applied_n.map(|f| f[i]))));
-    required(&s.asked_tension_n, &mut cells);
+    required(&s.tension_setpoint_n, &mut cells);
     required(&s.measured_tension_n, &mut cells);
     cells.extend((0..UNITS).map(|i| Cell::O(s.true_tension_n.map(|t| t[i]))));
     cells
@@ -548,11 +548,11 @@ mod tests {
         recorder.samples(&samples).unwrap();
         let step = Step {
             t_s: 0.01,
-            tip_m: [1.0, 2.0, 3.0],
-            wanted_n: [0.0, 2.5, 0.0],
-            estimated_n: [0.1; 3],
+            tip_m: [1.0, 2.0, 3.0].into(),
+            commanded_n: [0.0, 2.5, 0.0].into(),
+            estimated_n: [0.1; 3].into(),
             applied_n: None,
-            asked_tension_n: [2.0; UNITS],
+            tension_setpoint_n: [2.0; UNITS],
             measured_tension_n: [2.1; UNITS],
             true_tension_n: Some([2.2; UNITS]),
             available: [true; UNITS],

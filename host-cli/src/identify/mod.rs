@@ -27,13 +27,13 @@
 pub mod findings;
 
 use crate::force::pose::PoseSource;
-use crate::force::vec3;
 use crate::identify::findings::{Frame, Rewritten};
 use crate::link::RigLink;
 use crate::rigfile::{RigFile, UnitSettings};
 use crate::run::{self, Observer, Outcome, Phase, Prepared, RunError};
 use crate::session::{explain_fault, Session, TimedSample, PERIOD};
 use control::convert::REEL_RADIUS_M;
+use nalgebra::Vector3;
 use residual::spec::Spec;
 use residual::Report;
 use serde::Serialize;
@@ -238,15 +238,15 @@ fn drive(
                 controls.robot(true)?;
             }
         }
-        let tip_m = pose.tip_m(session.pose().map(|pose| pose.position_m))?;
-        let off = vec3::norm(vec3::sub(tip_m, rig.workspace.center_m));
+        let tip_m = pose.tip_m(session.pose().map(|pose| pose.position_m.into()))?;
+        let off = (tip_m - rig.workspace.center_m).norm();
         if off.is_nan() || off > rig.workspace.radius_m {
             return Err(RunError::Fault(format!(
                 "the tip is {off:.3} m from the workspace's centre, {} m are allowed (`radius_m` in [workspace])",
                 rig.workspace.radius_m
             )));
         }
-        let mut force_n = [0.0; 3];
+        let mut force_n = Vector3::zeros();
         let mut inv_cos = [1.0; UNITS];
         let mut setpoints = [UnitSetpoint {
             tension_un: 0,
@@ -265,7 +265,7 @@ fn drive(
                 )));
             };
             if let Some((tension, _)) = session.tension_n()[i] {
-                force_n = vec3::add(force_n, vec3::scale(direction, tension));
+                force_n += direction * tension;
             }
             inv_cos[i] = f64::from(q16) / 65_536.0;
             setpoints[i] = UnitSetpoint {
@@ -273,7 +273,7 @@ fn drive(
                 inv_cos_q16: q16,
             };
         }
-        let force = vec3::norm(force_n);
+        let force = force_n.norm();
         if force > rig.controller.force_limit_n {
             return Err(RunError::Fault(format!(
                 "the force at the tip reached {force:.1} N, {} N are allowed (`force_limit_n` in [controller])",

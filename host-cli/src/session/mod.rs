@@ -181,7 +181,7 @@ pub fn explain_fault(code: u16, detail: u32) -> String {
 
 /// What the run before this one left, in one line.
 #[must_use]
-pub fn explain_kept(kept: &CrashRecord) -> String {
+pub fn explain_crash_record(kept: &CrashRecord) -> String {
     let mut text = match Fault::from_code(kept.code) {
         Some(fault) => format!("fault {}, {}", kept.code, fault.name()),
         None => format!("reason {}", kept.code),
@@ -474,7 +474,7 @@ impl<'l> Session<'l> {
                 .info
                 .as_ref()
                 .and_then(|info| info.crash_record.as_ref())
-                .map(explain_kept),
+                .map(explain_crash_record),
             Err(_) => None,
         };
         SessionError::Reset { kept }
