@@ -27,8 +27,6 @@
 //! # Features
 //! `defmt`: derives `defmt::Format` on error and state types.
 #![no_std]
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 pub mod dac7731;
 pub mod ls7266r1;

@@ -11,8 +11,6 @@
 //! Units on the wire are integers with the unit in the name: `_un` micronewton, `_us` microsecond,
 //! `_nm` nanometre, `_pn` piconewton, `_q16` a number times 65,536. SI belongs to the host's edge.
 #![no_std]
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 pub mod frame;
 pub mod message;

@@ -9,8 +9,6 @@
 //! by that many bytes of postcard. The rig's log goes to its standard error. This link carries what a
 //! lab has beside the board's own serial line: the robot's pose, the clock on the wall, the hand that
 //! pulls a plug. The board's bytes travel inside it untouched (see the crate `wire`).
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};

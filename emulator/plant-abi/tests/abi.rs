@@ -1,4 +1,6 @@
 //! The C ABI answers what the plant answers, and survives what a caller must not do.
+// Calls the C ABI as a caller in C does.
+#![allow(unsafe_code)]
 
 use plant::{Plant, PlantConfig};
 use plant_abi::*;

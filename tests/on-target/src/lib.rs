@@ -4,5 +4,3 @@
 //! takes them for. The amplifiers stay off: the alive line is never toggled, and the DACs' RST is low or the
 //! DACs hold 0 V. Wiring and how to run: docs/bring-up.md.
 #![no_std]
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]

@@ -4,8 +4,6 @@
 //! says decides what it is told next. What they share is the plant with its seed. Devices, buses and noise are
 //! two implementations, so that samples agree in the mean and not bit by bit; the table gives each difference that
 //! is left with its reason, and the program fails where one is larger than its reason explains.
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 use control::{Config, MotorState, SystemState};
 use emulator_link::{receive, send, Injection, Request, Response, LINK_VERSION};
