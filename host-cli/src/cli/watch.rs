@@ -114,8 +114,8 @@ impl Observer for Watch {
             let line = format!(
                 "{:>7.2} s   force N{}   tension N{}",
                 step.t_s,
-                cells(&step.estimated_n),
-                cells(&step.measured_tension_n)
+                cells(step.estimated_n.as_slice()),
+                cells(step.measured_tension_n.as_slice())
             );
             self.progress.beside(|output| output.detail(&line));
         }

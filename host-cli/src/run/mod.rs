@@ -265,7 +265,7 @@ pub fn set_force(
     }
     if !options.injections.is_empty() && link.controls().is_none() {
         return Err(RunError::Argument(
-            "nothing can be injected into a real rig; use --rig embedded".to_owned(),
+            "nothing can be injected into a real rig; use --link embedded".to_owned(),
         ));
     }
     let mut pose = PoseSource::open(&rig.pose)?;
