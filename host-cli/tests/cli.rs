@@ -236,7 +236,7 @@ fn options_of_the_embedded_rig_are_refused_with_another_link_before_anything_is_
     let folder = folder();
     std::fs::write(
         folder.path().join("usb.toml"),
-        built_in().replacen("link = \"embedded\"", "link = \"usb\"", 1),
+        built_in().replacen("rig = \"embedded\"", "rig = \"usb\"", 1),
     )
     .expect("written");
     for (options, name, link) in [
