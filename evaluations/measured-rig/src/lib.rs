@@ -12,8 +12,6 @@
 //! | `text.rs` | what the blocks have in common |
 //! | `gauge.rs`, `moving.rs`, `closed_loop.rs` | the analyses |
 
-#![deny(missing_docs)]
-#![forbid(unsafe_code)]
 
 /// The command line.
 pub mod arguments;

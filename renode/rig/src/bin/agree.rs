@@ -17,6 +17,17 @@ const MS: u64 = 1_000_000;
 /// Friction at a pull of T newtons, both ways: measured law of the rig, in DAC counts.
 const COUNTS_PER_N: f64 = 282.22;
 
+const USAGE: &str = "\
+usage: agree --elf FILE --rig PROGRAM --renode-rig PROGRAM [--seed N]
+
+  --elf FILE            firmware image (ELF) to boot
+  --rig PROGRAM         the embedded rig's program
+  --renode-rig PROGRAM  the program that runs Renode
+  --seed N              seed of everything random (default 1)
+  -h, --help            print this
+
+`cargo xtask agree` builds the programs and gives all but the seed.";
+
 fn main() -> ExitCode {
     match run() {
         Ok(true) => ExitCode::SUCCESS,
@@ -34,15 +45,19 @@ fn run() -> Result<bool, String> {
     let mut seed = "1".to_owned();
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
+        if ["-h", "--help"].contains(&word.as_str()) {
+            println!("{USAGE}");
+            return Ok(true);
+        }
         let value = words
             .next()
-            .ok_or_else(|| format!("{word} needs a value"))?;
+            .ok_or_else(|| format!("{word} needs a value\n{USAGE}"))?;
         match word.as_str() {
             "--elf" => elf = Some(PathBuf::from(value)),
             "--rig" => programs[0] = Some(PathBuf::from(value)),
             "--renode-rig" => programs[1] = Some(PathBuf::from(value)),
             "--seed" => seed = value,
-            _ => return Err(format!("{word}: unknown; usage: agree --elf FILE --rig PROGRAM --renode-rig PROGRAM [--seed N]")),
+            _ => return Err(format!("{word}: unknown\n{USAGE}")),
         }
     }
     let elf = elf.ok_or("--elf is missing")?;
