@@ -3,7 +3,7 @@
 
 #[cfg(not(target_os = "none"))]
 fn main() {
-    println!("on-target: nothing to test on a host; flash it with `cargo xtask test --on-target`");
+    println!("on-target: these tests run on the board, not on a host; see docs/bring-up.md");
 }
 
 #[cfg(target_os = "none")]
