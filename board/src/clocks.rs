@@ -277,7 +277,7 @@ pub const fn timer_psc(timer_hz: u32, count_hz: u32) -> u16 {
     (divider - 1) as u16
 }
 
-/// The watchdog bites this long after its last meal, in milliseconds, nominal.
+/// Time from the last feed of the watchdog to its reset, in milliseconds, nominal.
 pub const WATCHDOG_MS: u32 = 50;
 /// The watchdog is fed this often, in milliseconds, if every part has checked in.
 pub const WATCHDOG_FEED_MS: u32 = 10;

@@ -49,7 +49,7 @@ macro_rules! faults {
                 match self { $(Self::$variant => $way_out,)* }
             }
 
-            /// What the detail number says.
+            /// Meaning of the detail number.
             #[must_use]
             pub const fn detail_meaning(self) -> &'static str {
                 match self { $(Self::$variant => $detail,)* }

@@ -1,4 +1,4 @@
-//! The state machine of the board as a pure function: state and conditions in, state and refusal out
+//! The state machine of the board as a pure function: state and conditions in, state and denial out
 //! (thesis 3.6.2, SystemStateMachine).
 //!
 //! Policy (docs/architecture.md, "Faults: unit or board"): a fault of the board wins over everything and

@@ -189,7 +189,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             status &= ~(TransferComplete | ReloadComplete);
             if(bus.HoldsBus)
             {
-                // SDA low: the controller waits for a free bus, and no flag ever tells.
+                // SDA low: the controller waits for a free bus, and no flag is set.
                 this.Log(LogLevel.Info, "START waits: SDA is held low");
                 return;
             }

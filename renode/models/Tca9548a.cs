@@ -123,7 +123,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             forMe = false;
         }
 
-        /// Without supply: nobody answers, here or behind.
+        /// Without supply: no acknowledge, here or behind.
         public bool Silent { get; set; }
 
         /// Channels in force, bit n for channel n.

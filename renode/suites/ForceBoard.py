@@ -61,7 +61,7 @@ class ForceBoard:
         self._forget()
 
     def advance(self, milliseconds):
-        """Lets virtual time pass and hears what the board says."""
+        """Lets virtual time pass and collects the frames of the board."""
         self.run('emulation RunFor "%.6f"' % (float(milliseconds) / 1000.0))
         self._hear()
 
@@ -103,7 +103,7 @@ class ForceBoard:
         self.run("serial Send \"%s\"" % wire.encode_command(self.seq, command, body).hex())
 
     def connect(self):
-        """Says hello with the numbers that the board itself gives, and returns what it says of itself."""
+        """Sends Hello with the board's own ABI version and schema hash, and returns the board's information."""
         rejected = self.ask("Hello", wire.hello(0, bytes(8)), 500)
         if rejected.get("error") != "Version":
             raise AssertionError("Hello with another schema hash should be rejected, got %s" % rejected)
@@ -322,7 +322,7 @@ class ForceBoard:
             raise AssertionError("unit %s: the board is at %d, its counter at %d" % (unit, position, counter))
 
     def latency_should_agree_from_both_ends(self, within_us=10):
-        """What the board says (DRDY to DAC word) against what the parts see (DRDY to LDAC edge)."""
+        """Latency measured by the board (DRDY to DAC word) against the devices (DRDY to LDAC edge)."""
         report = []
         for unit in range(1, wire.UNITS + 1):
             outside = self.run("rig LatencyNs %d" % unit).split()

@@ -63,7 +63,7 @@ pub struct Usart {
 }
 
 fn dma() -> &'static pac::dma1::RegisterBlock {
-    // SAFETY: stream 0 is used by whoever holds SENDER, stream 1 by `Usart`.
+    // SAFETY: stream 0 is used by the holder of SENDER, stream 1 by `Usart`.
     unsafe { &*DMA1::PTR }
 }
 

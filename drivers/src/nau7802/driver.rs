@@ -30,7 +30,7 @@ pub enum Error<E> {
         register: Register,
         /// Direction of the transaction.
         operation: Operation,
-        /// What the bus said.
+        /// Error of the bus.
         source: E,
     },
     /// A bring-up, reconfiguration or calibration gave up.

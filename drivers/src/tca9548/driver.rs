@@ -33,7 +33,7 @@ pub enum Error<E, P> {
         operation: Operation,
         /// Mask that was written or expected; zero for a plain read.
         mask: ChannelMask,
-        /// What the bus said.
+        /// Error of the bus.
         source: E,
     },
     /// The mux holds another mask than was written.
@@ -165,7 +165,7 @@ impl<I2C: I2c, RST: OutputPin> Tca9548<I2C, RST> {
             .map_err(Error::ReadBack)
     }
 
-    /// Reads the mask that the part holds. Doesn't change what [`Self::state`] says, except on a failure.
+    /// Reads the mask that the part holds. Does not change [`Self::state`], except on a failure.
     ///
     /// # Errors
     /// [`Error::Bus`]; the mask is unknown then.

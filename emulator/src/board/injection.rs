@@ -6,7 +6,7 @@ use crate::wiring::{self, UNITS};
 use emulator_link::Injection;
 
 impl Board {
-    /// Breaks or mends something.
+    /// Injects a fault, or removes it.
     ///
     /// # Errors
     /// A unit that does not exist, a figure that is not finite, or an injection that is the engine's.

@@ -1,11 +1,11 @@
 //! The motor control board around the controller: every chip, the wires between them, and the plant.
 //!
-//! The engine (see [`crate::engine`]) tells it what the controller does at its pins and buses, with the
-//! virtual time; the board tells the engine what it drives back and when it next wants to be woken. It knows
-//! no engine and no register of the controller.
+//! The engine (see [`crate::engine`]) reports what the controller does at its pins and buses, with the
+//! virtual time; the board reports the levels that it drives back and the time of its next event. It depends on
+//! no engine and on no register of the controller.
 //!
-//! The plant is advanced only when somebody looks: a conversion ends, a counter is latched, a DAC moves, a
-//! row of truth is asked for. On the way it leaves its bridges and encoders on a fixed grid, from which the
+//! The plant is advanced on demand: a conversion ends, a counter is latched, a DAC changes, a
+//! row of truth is requested. On the way it records its bridges and encoders on a fixed grid, from which the
 //! converters' filters and the counters take what they need.
 
 mod counter_bus;

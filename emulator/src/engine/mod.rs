@@ -61,7 +61,7 @@ pub trait Engine: Send {
         at_row: AtRow,
     ) -> Result<Progress, EngineError>;
 
-    /// Hangs the superloop where it next sleeps; interrupts go on. A reset mends it.
+    /// Hangs the superloop where it next sleeps; interrupts go on. A reset restores it.
     ///
     /// # Errors
     /// The image never sleeps.

@@ -70,7 +70,7 @@ mod tests {
         assert!((99..=101).contains(&rig.ticks));
     }
 
-    /// An idle I2C bus is high on both lines: pull-ups are there and nobody holds it.
+    /// An idle I2C bus is high on both lines: pull-ups are there and nothing holds it low.
     #[test]
     fn i2c_lines_are_pulled_up() {
         assert!(

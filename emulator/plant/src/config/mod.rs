@@ -328,7 +328,7 @@ impl Default for RobotConfig {
 pub enum PathConfig {
     /// Sums of sinusoids drawn from the seed, as in the thesis (section 4.1).
     Random(RandomPath),
-    /// To and fro along a line at constant speed: the force-gauge experiment.
+    /// Back and forth along a line at constant speed: the force-gauge experiment.
     Sweep(SweepPath),
     /// Stands at an offset from the centre.
     Fixed(FixedPath),

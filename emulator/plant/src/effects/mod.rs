@@ -42,7 +42,7 @@ pub enum Effect {
     Backlash(Backlash),
     /// More inertia on the reel.
     Inertia(Inertia),
-    /// The amplifier's gain is not what its label says.
+    /// The amplifier's gain differs from its nominal value.
     AmplifierGain(AmplifierGain),
     /// The amplifier answers late.
     CommandDelay(CommandDelay),

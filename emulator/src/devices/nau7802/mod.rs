@@ -134,7 +134,7 @@ impl Nau7802 {
         self.power_on();
     }
 
-    /// Plugs it in again (power-on reset) and mends an injected NACK.
+    /// Plugs it in again (power-on reset) and removes an injected NACK.
     pub fn plug(&mut self) {
         self.nacks = false;
         if !self.plugged {

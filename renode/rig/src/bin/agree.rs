@@ -63,7 +63,7 @@ fn run() -> Result<bool, String> {
     Ok(compare(&a, &b, &seed))
 }
 
-/// What one machine said while the scenario ran.
+/// Messages of one machine during the scenario.
 #[derive(Default)]
 struct Story {
     machine: String,
