@@ -136,7 +136,7 @@ pub const I2C_TIMINGR: u32 = i2c_timingr(APB_HZ, I2C_HZ, I2C_RISE_NS, I2C_FALL_N
 /// SCL low and high are counted so that together they fill the period, low in the specification's
 /// proportion of 1.3 to 0.6. The controller adds two synchronisation delays (filter, edges, 2 to 3
 /// kernel clocks), which are left out on purpose: they slow the bus by up to 10 %, they never make it
-/// faster than asked.
+/// faster than requested.
 ///
 /// # Panics
 /// Where the kernel clock cannot make these times.

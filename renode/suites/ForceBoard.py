@@ -1,4 +1,4 @@
-"""Keywords of the force board's suites: power it up, let time pass, talk to it, break things, look at it.
+"""Keywords of the force board's suites: power it up, let time pass, send commands, inject faults, check the result.
 
 Virtual time passes only inside of `Advance` and what builds on it, so a suite gives the same figures on a
 slow machine as on a fast one. Units count from 1.
@@ -63,9 +63,9 @@ class ForceBoard:
     def advance(self, milliseconds):
         """Lets virtual time pass and collects the frames of the board."""
         self.run('emulation RunFor "%.6f"' % (float(milliseconds) / 1000.0))
-        self._hear()
+        self._receive()
 
-    def _hear(self):
+    def _receive(self):
         digits = self.run("serial Take").strip()
         for frame in self.decoder.feed(bytes.fromhex(digits)):
             self.board_seqs.append(frame["seq"])
@@ -88,15 +88,15 @@ class ForceBoard:
 
     def ask(self, command, body=b"", within_ms=200):
         self.seq = self.seq + 1 & 0xFFFF
-        wanted = self.seq
-        self.run("serial Send \"%s\"" % wire.encode_command(wanted, command, body).hex())
+        seq = self.seq
+        self.run("serial Send \"%s\"" % wire.encode_command(seq, command, body).hex())
         for _ in range(int(within_ms) // 2):
             self.advance(2)
             for reply in self.replies:
-                if reply["seq"] == wanted:
+                if reply["seq"] == seq:
                     self.replies.remove(reply)
                     return reply
-        raise AssertionError("no answer to %s within %s ms" % (command, within_ms))
+        raise AssertionError("no response to %s within %s ms" % (command, within_ms))
 
     def send(self, command, body=b""):
         self.seq = self.seq + 1 & 0xFFFF

@@ -43,17 +43,17 @@ pub enum Error<E, P> {
 }
 
 impl<E, P> Error<E, P> {
-    /// For a fault record: number of the failure (1 write, 2 read, 3 read-back, 4 reset pin), mask wanted
+    /// For a fault record: number of the failure (1 write, 2 read, 3 read-back, 4 reset pin), expected mask
     /// and mask found, from the third byte down.
     pub fn detail(&self) -> u32 {
-        let (number, wanted, found) = match self {
+        let (number, expected, found) = match self {
             Self::Bus {
                 operation, mask, ..
             } => (*operation as u8, mask.bits(), 0),
             Self::ReadBack(error) => (3, error.expected.bits(), error.found.bits()),
             Self::ResetPin(_) => (4, 0, 0),
         };
-        u32::from_be_bytes([0, number, wanted, found])
+        u32::from_be_bytes([0, number, expected, found])
     }
 }
 

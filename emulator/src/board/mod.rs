@@ -148,8 +148,8 @@ impl Board {
         self.due_ns
     }
 
-    /// Asks the converters and the PLC anew: whoever touches one of them calls this. The engine wants the
-    /// answer at every stop, so it is kept.
+    /// Updates the time of the next event of the converters and the PLC. Call it after each access to one of them.
+    /// The engine reads it at every stop, so it is stored.
     fn reschedule(&mut self) {
         self.due_ns = (self.converters.iter().filter_map(Nau7802::next_event))
             .chain(self.plc.deadline())

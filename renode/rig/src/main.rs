@@ -32,7 +32,7 @@ usage: renode-rig --elf FILE [--seed N] [--plant FILE.toml]
 
 Speaks emulator-link on standard input and output; Renode's log goes to standard error.";
 
-/// What the command line asks for.
+/// Options of the command line.
 #[derive(Debug)]
 pub struct Arguments {
     /// Firmware image.

@@ -15,7 +15,7 @@
 //! [`Action::Done`]: ignore them until then.
 //!
 //! Each wait and each retry is bounded ([`limits`]). A failed bus transaction leaves the part's state
-//! unknown, so the sequence starts over from its beginning, a bounded number of times.
+//! unknown, so the sequence restarts from its beginning, a bounded number of times.
 
 mod types;
 
@@ -84,7 +84,7 @@ impl Bringup {
     }
 
     /// Changes the settings of a part that is up. Includes the calibration that every change of gain,
-    /// rate, channel or supply asks for.
+    /// rate, channel or supply requires.
     pub const fn reconfigure(config: Config) -> Self {
         Self::starting_at(Stage::WriteCtrl1, config, config.calibration)
     }

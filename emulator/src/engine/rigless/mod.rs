@@ -221,7 +221,7 @@ impl Engine for RiglessEngine {
 }
 
 fn out_of_step() -> EngineError {
-    EngineError("the engine answered another question than it was asked".to_owned())
+    EngineError("the engine's response does not belong to the request".to_owned())
 }
 
 /// The engine's side of the turns.
