@@ -519,15 +519,10 @@ mod tests {
     use parquet::file::reader::{FileReader, SerializedFileReader};
     use parquet::record::RowAccessor;
 
-    fn folder(name: &str) -> PathBuf {
-        let folder = std::env::temp_dir().join(format!("forcectl-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&folder);
-        folder
-    }
-
     #[test]
     fn a_recording_reads_back_with_its_configuration() {
-        let folder = folder("record");
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path().join("record");
         let rig = RigFile::built_in().unwrap();
         let mut recorder = Recorder::create(&folder, &rig).unwrap();
         let mut configs = rig.units.map(|unit| unit.to_wire());
@@ -617,6 +612,5 @@ mod tests {
 
         let again = Recorder::create(&folder, &rig).unwrap_err();
         assert!(again.to_string().contains("another folder"), "{again}");
-        std::fs::remove_dir_all(&folder).unwrap();
     }
 }

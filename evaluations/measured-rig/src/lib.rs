@@ -12,7 +12,6 @@
 //! | `text.rs` | what the blocks have in common |
 //! | `gauge.rs`, `moving.rs`, `closed_loop.rs` | the analyses |
 
-
 /// The command line.
 pub mod arguments;
 mod closed_loop;

@@ -270,17 +270,15 @@ mod tests {
 
     #[test]
     fn a_program_that_is_no_rig_is_reported_with_its_last_words() {
-        let folder = std::env::temp_dir().join(format!("forcectl-no-rig-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).unwrap();
+        let folder = tempfile::tempdir().unwrap();
         // Cargo itself: always there, and it refuses `--elf` on its standard error.
         let programs = Programs {
             rig: PathBuf::from(env!("CARGO")),
-            firmware: folder.join("none.elf"),
+            firmware: folder.path().join("none.elf"),
         };
         let error = EmbeddedRig::start(&programs, &EmbeddedOptions::default()).unwrap_err();
         assert!(matches!(error, LinkError::Lost { .. }), "{error}");
         assert!(error.to_string().contains("--elf"), "{error}");
-        std::fs::remove_dir_all(&folder).unwrap();
     }
 
     #[test]

@@ -27,11 +27,11 @@ pub(crate) fn ramp_down_and_disarm(session: &mut Session<'_>) -> Result<(), Sess
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::fake::{FakeBoard, Mood};
+    use crate::link::fake::{Behavior, FakeBoard};
 
     #[test]
     fn a_board_that_is_armed_ends_ready_and_one_that_is_not_stays_so() {
-        let mut board = FakeBoard::new(Mood::Good);
+        let mut board = FakeBoard::new(Behavior::Good);
         let mut session = Session::connect(&mut board).unwrap();
         ramp_down_and_disarm(&mut session).unwrap();
         session.advance(Duration::from_secs(2)).unwrap();

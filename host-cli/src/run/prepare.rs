@@ -242,13 +242,13 @@ fn wait_ready(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::link::fake::{FakeBoard, Mood};
+    use crate::link::fake::{Behavior, FakeBoard};
     use crate::run::NoopObserver;
 
     #[test]
     fn a_prepared_board_holds_the_configuration_and_is_disarmed() {
         let rig = RigFile::built_in().unwrap();
-        let mut board = FakeBoard::new(Mood::Good);
+        let mut board = FakeBoard::new(Behavior::Good);
         let mut session = Session::connect(&mut board).unwrap();
         let stop = AtomicBool::new(false);
         let prepared = prepare_board(&mut session, &rig, &stop, &mut NoopObserver).unwrap();
@@ -268,7 +268,7 @@ mod tests {
             (Command::Arm, "armed already"),
             (Command::Stop, "a fault is latched"),
         ] {
-            let mut board = FakeBoard::new(Mood::Good);
+            let mut board = FakeBoard::new(Behavior::Good);
             let mut session = Session::connect(&mut board).unwrap();
             session.advance(Duration::from_secs(2)).unwrap();
             session.command(&command).unwrap();

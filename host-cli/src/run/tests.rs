@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::force::metrics::Step;
-use crate::link::fake::{FakeBoard, Mood};
+use crate::link::fake::{Behavior, FakeBoard};
 use crate::session::TimedSample;
 use control::SystemState;
 use std::sync::atomic::Ordering;
@@ -31,7 +31,7 @@ fn options() -> Options {
 
 #[test]
 fn a_force_is_held_while_the_robot_moves() {
-    let mut board = FakeBoard::new(Mood::Good);
+    let mut board = FakeBoard::new(Behavior::Good);
     let mut notes = Notes::default();
     let outcome = set_force(&mut board, &rig(), &options(), &mut notes).unwrap();
     assert_eq!(outcome.ended, Ended::Done, "{:?}", notes.0);
@@ -60,7 +60,7 @@ fn a_force_is_held_while_the_robot_moves() {
 
 #[test]
 fn load_cells_of_an_emulated_rig_are_calibrated_with_a_weight() {
-    let mut board = FakeBoard::new(Mood::Good);
+    let mut board = FakeBoard::new(Behavior::Good);
     let options = Options::new([0.0, 1.0, 0.0], 0.2);
     let outcome = set_force(&mut board, &rig(), &options, &mut NoopObserver).unwrap();
     for (i, config) in outcome.configs.iter().enumerate() {
@@ -78,7 +78,7 @@ fn nothing_is_driven_with_a_bad_force() {
         [0.0, f64::INFINITY, 0.0],
         [0.0, 1e9, 0.0],
     ] {
-        let mut board = FakeBoard::new(Mood::Good);
+        let mut board = FakeBoard::new(Behavior::Good);
         let result = set_force(
             &mut board,
             &rig(),
@@ -92,7 +92,7 @@ fn nothing_is_driven_with_a_bad_force() {
 
 #[test]
 fn a_unit_that_faults_is_reported_and_the_others_carry_on() {
-    let mut board = FakeBoard::new(Mood::Good);
+    let mut board = FakeBoard::new(Behavior::Good);
     let mut options = options();
     options.injections = vec![(1.5, Injection::UnplugSensor(4))];
     let mut notes = Notes::default();
@@ -113,7 +113,7 @@ fn a_unit_that_faults_is_reported_and_the_others_carry_on() {
 
 #[test]
 fn a_unit_that_never_came_up_is_left_out() {
-    let mut board = FakeBoard::new(Mood::Good);
+    let mut board = FakeBoard::new(Behavior::Good);
     let mut options = options();
     options.injections = vec![(f64::NEG_INFINITY, Injection::UnplugSensor(2))];
     let mut notes = Notes::default();
@@ -129,7 +129,7 @@ fn a_unit_that_never_came_up_is_left_out() {
 
 #[test]
 fn the_e_stop_ends_the_run_with_its_page() {
-    let mut board = FakeBoard::new(Mood::Good);
+    let mut board = FakeBoard::new(Behavior::Good);
     let mut options = options();
     options.injections = vec![(1.0, Injection::EStop(true))];
     let error = set_force(&mut board, &rig(), &options, &mut NoopObserver).unwrap_err();
@@ -150,7 +150,7 @@ fn ctrl_c_disarms() {
             }
         }
     }
-    let mut board = FakeBoard::new(Mood::Good);
+    let mut board = FakeBoard::new(Behavior::Good);
     let options = options();
     let mut press = Press(Arc::clone(&options.stop));
     let outcome = set_force(&mut board, &rig(), &options, &mut press).unwrap();
@@ -158,7 +158,7 @@ fn ctrl_c_disarms() {
     assert_eq!(board.system, SystemState::Ready);
     assert!(outcome.steps.last().unwrap().t_s < 1.6);
     // Before anything was armed: nothing ever is.
-    let mut board = FakeBoard::new(Mood::Good);
+    let mut board = FakeBoard::new(Behavior::Good);
     let options = Options {
         stop: Arc::new(AtomicBool::new(true)),
         ..options
@@ -170,20 +170,20 @@ fn ctrl_c_disarms() {
 
 #[test]
 fn a_link_that_breaks_is_an_error_and_the_board_stops_by_itself() {
-    let mut board = FakeBoard::new(Mood::BreaksAt(5_500_000_000));
+    let mut board = FakeBoard::new(Behavior::BreaksAt(5_500_000_000));
     let error = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap_err();
     assert!(error.to_string().contains("went away"), "{error}");
-    board.mood = Mood::Good;
+    board.behavior = Behavior::Good;
     board.exchange(&[], Duration::from_millis(200)).unwrap();
     assert_eq!(board.fault.map(|f| f.0.code()), Some(2));
 }
 
 #[test]
 fn a_board_that_falls_silent_or_restarts_ends_the_run() {
-    let mut board = FakeBoard::new(Mood::MuteAt(5_500_000_000));
+    let mut board = FakeBoard::new(Behavior::MuteAt(5_500_000_000));
     let error = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap_err();
     assert!(error.to_string().contains("doesn't answer"), "{error}");
-    let mut board = FakeBoard::new(Mood::ResetsAt(5_500_000_000));
+    let mut board = FakeBoard::new(Behavior::ResetsAt(5_500_000_000));
     let error = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap_err();
     assert!(error.to_string().contains("was reset"), "{error}");
     assert!(error.to_string().contains("watchdog"), "{error}");
@@ -191,7 +191,7 @@ fn a_board_that_falls_silent_or_restarts_ends_the_run() {
 
 #[test]
 fn a_bad_line_is_survived_and_counted() {
-    let mut board = FakeBoard::new(Mood::Noisy(4000));
+    let mut board = FakeBoard::new(Behavior::Noisy(4000));
     let outcome = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap();
     assert!(
         outcome.link_counters.frames_bad > 10,
@@ -204,7 +204,7 @@ fn a_bad_line_is_survived_and_counted() {
 
 #[test]
 fn dropped_frames_are_counted_by_their_gaps() {
-    let mut board = FakeBoard::new(Mood::Drops(50));
+    let mut board = FakeBoard::new(Behavior::Drops(50));
     let outcome = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap();
     let counters = outcome.link_counters;
     let share = counters.frames_lost as f64 / (counters.frames + counters.frames_lost) as f64;
@@ -213,16 +213,16 @@ fn dropped_frames_are_counted_by_their_gaps() {
 
 #[test]
 fn strangers_are_refused_and_told_apart() {
-    for (mood, words) in [
-        (Mood::OtherAbi(wire::ABI_VERSION + 1), "update forcectl"),
-        (Mood::OtherAbi(0), "cargo xtask flash"),
-        (Mood::Garbage, "none of them a frame"),
-        (Mood::Silent, "sends nothing"),
-        (Mood::Refusing, "refused"),
+    for (behavior, words) in [
+        (Behavior::OtherAbi(wire::ABI_VERSION + 1), "update forcectl"),
+        (Behavior::OtherAbi(0), "cargo xtask flash"),
+        (Behavior::Garbage, "none of them a frame"),
+        (Behavior::Silent, "sends nothing"),
+        (Behavior::Refusing, "refused"),
     ] {
-        let mut board = FakeBoard::new(mood);
+        let mut board = FakeBoard::new(behavior);
         let error = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap_err();
-        assert!(error.to_string().contains(words), "{mood:?}: {error}");
+        assert!(error.to_string().contains(words), "{behavior:?}: {error}");
         assert!(!board.commands.contains(&Command::Arm));
     }
 }

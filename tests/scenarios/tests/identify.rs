@@ -1,12 +1,12 @@
 //! Friction that the rig file doesn't declare: found on the real firmware, declared, and the tensions are better for it.
 
-use host_cli::identify::findings::UNDER_N;
+use host_cli::identify::findings::FRICTION_MARGIN_N;
 use host_cli::identify::{self, Figures};
 use host_cli::link::embedded::{EmbeddedRig, Programs};
 use host_cli::link::EmbeddedOptions;
 use host_cli::rigfile::{RigFile, DEFAULT_TEXT};
 use host_cli::run::{self, NoopObserver, Options};
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use test_stand::rig_file;
 
@@ -38,10 +38,9 @@ fn hold(plant: &Path, rig: &RigFile) -> Figures {
 }
 
 #[test]
-fn undeclared_friction_is_found_and_made_up_for() {
-    let out: PathBuf = std::env::temp_dir().join(format!("identify-{}", std::process::id()));
-    std::fs::create_dir_all(&out).expect("a temporary folder");
-    let plant = out.join("plant.toml");
+fn undeclared_friction_is_found_and_compensated() {
+    let out = tempfile::tempdir().expect("a temporary folder");
+    let plant = out.path().join("plant.toml");
     std::fs::write(&plant, PLANT).expect("a plant file");
 
     let before = hold(&plant, &rig_file());
@@ -59,13 +58,14 @@ fn undeclared_friction_is_found_and_made_up_for() {
         &rig_file(),
         "built-in",
         DEFAULT_TEXT,
-        &out,
+        out.path(),
         &mut (),
     )
     .unwrap_or_else(|error| panic!("{error}"));
     for (unit, new) in found.units.iter().zip(&found.rig.units) {
         // Constant and share of load together, at the excitation's middle; units differ by 0.1 N by themselves.
-        let more = new.coulomb_n + UNDER_N + 4.5 * new.coulomb_per_n - 0.909 - 4.5 * 0.154;
+        let more =
+            new.coulomb_n + FRICTION_MARGIN_N + 4.5 * new.coulomb_per_n - 0.909 - 4.5 * 0.154;
         assert!(
             (more - 0.6).abs() < 0.25,
             "unit {}: {more:.3} N more found, 0.6 there; {:?}",
@@ -81,5 +81,4 @@ fn undeclared_friction_is_found_and_made_up_for() {
         before.tension_rms_n,
         after.tension_rms_n
     );
-    std::fs::remove_dir_all(out).expect("cleaned up");
 }

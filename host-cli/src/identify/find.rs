@@ -1,0 +1,159 @@
+//! The analysis of a recorded session, unit by unit, and the corrected rig file.
+
+use super::findings::{self, Frame, Rewritten};
+use super::{model, Recording};
+use crate::rigfile::{RigFile, UnitSettings};
+use control::convert::REEL_RADIUS_M;
+use residual::Report;
+use serde::Serialize;
+use std::path::Path;
+
+/// Largest reduction of the held-out RMSE by structure without a name, as a part of the reduction by the findings, with
+/// which a board may use the findings. Above it their parameters may stand for another effect.
+pub const MAX_UNEXPLAINED: f64 = 0.1;
+
+/// What was found on one unit, and what of it is used.
+#[derive(Debug, Clone, Serialize)]
+pub struct UnitFinding {
+    /// Unit from 1.
+    pub unit: u8,
+    /// The analysis.
+    pub report: Report,
+    /// What of it is not in the new settings, and why.
+    pub not_used: Vec<String>,
+}
+
+/// What was found on a rig.
+#[derive(Debug, Clone)]
+pub struct Findings {
+    /// Unit by unit.
+    pub units: Vec<UnitFinding>,
+    /// The rig with what the board can use.
+    pub rig: RigFile,
+    /// The text of the rig file with it, and the changes.
+    pub rewritten: Rewritten,
+}
+
+/// Why an analysis could not be done.
+#[derive(Debug, thiserror::Error)]
+pub enum FindError {
+    /// A file could not be written.
+    #[error("{path}: {cause}")]
+    File {
+        /// The file.
+        path: String,
+        /// The operating system's message.
+        cause: std::io::Error,
+    },
+    /// The analysis failed.
+    #[error("unit {unit}: {error}")]
+    Analysis {
+        /// Unit from 1.
+        unit: u8,
+        /// What is wrong.
+        error: residual::Error,
+    },
+    /// The rig file's text can't be changed.
+    #[error("{0}")]
+    RigFile(String),
+}
+
+/// Analyses a recording unit by unit, with reports in folders below `out`, and puts what the board can use into the
+/// text of the rig file.
+///
+/// # Errors
+/// [`FindError`].
+pub fn find(
+    recording: &Recording,
+    rig: &RigFile,
+    rig_name: &str,
+    rig_text: &str,
+    out: &Path,
+    progress: &mut dyn residual::Progress,
+) -> Result<Findings, FindError> {
+    let mut units = Vec::new();
+    let mut new = rig.units;
+    for (i, unit) in rig.units.iter().enumerate() {
+        if !recording.available[i] {
+            continue;
+        }
+        progress.stage(&format!("unit {}", unit.number));
+        let report = analyse(unit, &recording.csv(i), out)?;
+        let not_used = match usable(&report) {
+            Ok(mut compensation) => {
+                let angles: Vec<f64> = recording.rows(i).iter().map(|r| r.angle_rad).collect();
+                findings::merge_ripples(&mut compensation.ripples, &angles);
+                let frame = Frame {
+                    increment: true,
+                    gain_of_drive: true,
+                    velocity_m_per_s: Some(1.0),
+                    travel_m_per_rad: Some(REEL_RADIUS_M),
+                };
+                let corrected = findings::correct(unit, &compensation, &frame);
+                new[i] = corrected.unit;
+                corrected.not_used
+            }
+            Err(why) => vec![why],
+        };
+        units.push(UnitFinding {
+            unit: unit.number,
+            report,
+            not_used,
+        });
+    }
+    let rewritten = findings::rewrite(rig_name, rig_text, rig, &new).map_err(FindError::RigFile)?;
+    let mut rig = rig.clone();
+    rig.units = new;
+    Ok(Findings {
+        units,
+        rig,
+        rewritten,
+    })
+}
+
+/// Analyses the log of one unit, with its files in a folder below `out`.
+fn analyse(unit: &UnitSettings, csv: &str, out: &Path) -> Result<Report, FindError> {
+    let folder = out.join(format!("unit{}", unit.number));
+    let log = folder.join("session.csv");
+    let file = |cause| FindError::File {
+        path: log.display().to_string(),
+        cause,
+    };
+    std::fs::create_dir_all(&folder).map_err(file)?;
+    std::fs::write(&log, csv).map_err(file)?;
+    model(unit)
+        .and_then(|model| {
+            let options = residual::Options {
+                data: vec![log.clone()],
+                model,
+                out: Some(folder.clone()),
+            };
+            residual::run(&options, &mut ())
+        })
+        .map_err(|error| FindError::Analysis {
+            unit: unit.number,
+            error,
+        })
+}
+
+/// What a board may use of a report, or why nothing.
+///
+/// # Errors
+/// The verdict doesn't support a change, or nameless structure is left beside the named effects.
+pub fn usable(report: &Report) -> Result<residual::Compensation, String> {
+    let (before, after) = (report.baseline.heldout_rmse, report.last.heldout_rmse);
+    let left = |s: &&residual::Structure| s.gain * after > MAX_UNEXPLAINED * (before - after);
+    if let Some(left) = report.structure.iter().find(left) {
+        return Err(format!(
+            "all of it: a dependence on {} without a name would reduce the error by another {:.3} {}, beside the {:.3} {} of the named effects; these may stand for something else",
+            left.depends_on,
+            left.gain * after,
+            report.unit,
+            before - after,
+            report.unit
+        ));
+    }
+    report
+        .compensation()
+        .ok_or_else(|| format!("the verdict: {}", report.summary()))
+}

@@ -1,0 +1,64 @@
+//! How the board is reached, and where the robot's pose comes from.
+
+use nalgebra::Vector3;
+use serde::Serialize;
+use std::fmt;
+
+/// How the board is reached.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum LinkChoice {
+    /// The embedded rig: the firmware image on the emulated board.
+    Embedded,
+    /// USB CDC, found by vendor and product number.
+    Usb,
+    /// A serial port at 2,000,000 baud.
+    Serial(String),
+}
+
+impl std::str::FromStr for LinkChoice {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        match text {
+            "embedded" => Ok(Self::Embedded),
+            "usb" => Ok(Self::Usb),
+            _ => match text.strip_prefix("serial:") {
+                Some(port) if !port.is_empty() => Ok(Self::Serial(port.to_owned())),
+                _ => Err(format!(
+                    "`{text}` is not a link; use embedded, usb or serial:PORT (for example serial:/dev/ttyACM0)"
+                )),
+            },
+        }
+    }
+}
+
+impl fmt::Display for LinkChoice {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Embedded => f.write_str("embedded"),
+            Self::Usb => f.write_str("usb"),
+            Self::Serial(port) => write!(f, "serial:{port}"),
+        }
+    }
+}
+
+/// Where the robot's pose comes from.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[serde(tag = "source", rename_all = "snake_case")]
+pub enum PoseChoice {
+    /// The link brings it (the embedded rig does).
+    Rig,
+    /// JSON lines over UDP, see [`crate::force::pose`].
+    Udp {
+        /// Address and port to listen on.
+        listen: String,
+        /// A pose older than this stops the rig, s.
+        max_age_s: f64,
+    },
+    /// The tip is clamped here, robot base frame, m.
+    Static {
+        /// Position in m.
+        position_m: Vector3<f64>,
+    },
+}

@@ -1,0 +1,224 @@
+//! Settings of the workspace, the host's controller and the units, in SI units, and the units' form on the wire.
+
+use nalgebra::Vector3;
+use serde::Serialize;
+use wire::message::{FilterChoice, Ripple, UnitConfig, RIPPLES};
+
+/// Where the tip works.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Workspace {
+    /// Centre, robot base frame, m.
+    pub center_m: Vector3<f64>,
+    /// A tip further than this from the centre stops the rig, m.
+    pub radius_m: f64,
+}
+
+/// The host's force controller (thesis 3.7).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct ControllerSettings {
+    /// Proportional gain, N per N.
+    pub kp: f64,
+    /// Integral gain, N per N and second.
+    pub ki_per_s: f64,
+    /// Largest integral part, N.
+    pub integral_limit_n: f64,
+    /// Fastest change of the commanded force, N/s.
+    pub slew_n_per_s: f64,
+    /// A force larger than this is refused, N.
+    pub force_limit_n: f64,
+}
+
+/// Which tensions an allocation stays near to.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Reference {
+    /// The lower bound: kind to robot and motors.
+    Lower,
+    /// Half-way between the bounds: far from slack.
+    Middle,
+}
+
+/// How a force is shared out over the cables.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct AllocationSettings {
+    /// Which tensions to stay near to.
+    pub reference: Reference,
+    /// Weight of staying near, dimensionless.
+    pub tie_break: f64,
+}
+
+/// How a unit's samples are filtered.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Filter {
+    /// Mean of this many samples.
+    MovingAverage(u8),
+    /// Second-order Butterworth low pass with this corner, Hz.
+    LowPass(f64),
+}
+
+/// One force unit.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct UnitSettings {
+    /// Number on the unit, from 1.
+    pub number: u8,
+    /// Whether it takes part.
+    pub enabled: bool,
+    /// Where the cable leaves the reel, robot base frame, m (thesis 3.5.2: `P_Cable`).
+    pub exit_m: Vector3<f64>,
+    /// The load cell's measuring axis, unit vector in the robot base frame, pointing from the unit to the
+    /// workspace: a cable along it reads its whole tension.
+    pub axis: Vector3<f64>,
+    /// Load-cell force per ADC count, N; negative where pulling lowers the code.
+    pub scale_n_per_count: f64,
+    /// Least tension of the cable while the rig is armed, N.
+    pub tension_min_n: f64,
+    /// Largest setpoint of the cable's tension, N.
+    pub tension_max_n: f64,
+    /// Filter of the samples.
+    pub filter: Filter,
+    /// A sample further than this from the prediction is a spike, N.
+    pub spike_limit_n: f64,
+    /// Proportional gain, N per N.
+    pub kp: f64,
+    /// Integral gain, N per N and second.
+    pub ki_per_s: f64,
+    /// Derivative gain, N per N/s.
+    pub kd_s: f64,
+    /// Damping on the reel's speed, N per m/s.
+    pub damping_n_s_per_m: f64,
+    /// Whether the friction feedforward acts.
+    pub friction_feedforward: bool,
+    /// Force at the cable with no command, N.
+    pub friction_offset_n: f64,
+    /// Force at the cable per commanded force.
+    pub friction_gain: f64,
+    /// Coulomb friction without load, N.
+    pub coulomb_n: f64,
+    /// Growth of Coulomb friction with load, N per N.
+    pub coulomb_per_n: f64,
+    /// Reel travel over which the friction's direction reverses, m.
+    pub reversal_m: f64,
+    /// Cable travel per encoder count, m; positive where winding in counts up.
+    pub travel_m_per_count: f64,
+    /// DAC codes per newton of cable force.
+    pub dac_codes_per_n: f64,
+    /// Largest commanded cable force, N.
+    pub force_limit_n: f64,
+    /// Fastest change of the commanded cable force, N/s.
+    pub slew_n_per_s: f64,
+    /// Tension at which the unit faults, N.
+    pub over_tension_n: f64,
+    /// Viscous friction that the feedforward compensates, N per m/s of cable travel; 0: none.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub viscous_n_s_per_m: f64,
+    /// Ripples over the reel's angle that the feedforward compensates.
+    #[serde(skip_serializing_if = "are_none")]
+    pub ripples: [RippleSettings; RIPPLES],
+}
+
+// What is off by default is left out of the hash, so that a rig file of before keeps its own.
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
+}
+
+fn are_none(ripples: &[RippleSettings; RIPPLES]) -> bool {
+    ripples.iter().all(RippleSettings::is_none)
+}
+
+/// A force on the cable that repeats with the reel's angle:
+/// (amplitude_n + amplitude_per_n x setpoint) x sin(2 pi travel / period_m + phase_rad), with the travel of the
+/// unit's encoder since the board booted. The phase is lost when the board is switched off.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+pub struct RippleSettings {
+    /// Cable travel of a period, m: 2 pi 10 mm for once a turn of the reel.
+    pub period_m: f64,
+    /// Amplitude, N.
+    pub amplitude_n: f64,
+    /// Amplitude per setpoint, N per N.
+    pub amplitude_per_n: f64,
+    /// Phase at the encoder's zero, rad.
+    pub phase_rad: f64,
+}
+
+impl RippleSettings {
+    /// Whether it does nothing.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        self.amplitude_n == 0.0 && self.amplitude_per_n == 0.0
+    }
+
+    fn to_wire(self, travel_m_per_count: f64) -> Ripple {
+        if self.is_none() || self.period_m <= 0.0 {
+            return Ripple::default();
+        }
+        let turn = 4_294_967_296.0;
+        let turns = self.phase_rad / std::f64::consts::TAU;
+        Ripple {
+            periods_per_count_q32: (travel_m_per_count / self.period_m * turn).round() as i32,
+            // Half a turn exactly would not fit and is minus half a turn.
+            phase_q32: ((turns - turns.round()) * turn).round() as i64 as i32,
+            amplitude_un: micro(self.amplitude_n),
+            amplitude_load_q16: q16(self.amplitude_per_n),
+        }
+    }
+}
+
+/// A number times 65,536, rounded. The reader's ranges keep every product within `i32`.
+fn q16(value: f64) -> i32 {
+    (value * 65_536.0).round() as i32
+}
+
+/// Newtons as micronewtons, rounded.
+fn micro(value: f64) -> i32 {
+    (value * 1e6).round() as i32
+}
+
+impl UnitSettings {
+    /// As the board is told. The zero is not part of a rig file: it is taken at each start.
+    #[must_use]
+    pub fn to_wire(&self) -> UnitConfig {
+        UnitConfig {
+            enabled: self.enabled,
+            scale_pn_per_count: (self.scale_n_per_count * 1e12).round() as i32,
+            zero_code: 0,
+            filter: match self.filter {
+                Filter::MovingAverage(n) => FilterChoice::MovingAverage(n),
+                Filter::LowPass(corner_hz) => FilterChoice::LowPass {
+                    corner_chz: (corner_hz * 100.0).round() as u16,
+                },
+            },
+            spike_limit_un: micro(self.spike_limit_n),
+            kp_q16: q16(self.kp),
+            ki_q16: q16(self.ki_per_s),
+            kd_q16: q16(self.kd_s),
+            damping_q16: q16(self.damping_n_s_per_m),
+            friction_feedforward: self.friction_feedforward,
+            friction_offset_un: micro(self.friction_offset_n),
+            friction_gain_q16: q16(self.friction_gain),
+            coulomb_un: micro(self.coulomb_n),
+            coulomb_load_q16: q16(self.coulomb_per_n),
+            reversal_nm: (self.reversal_m * 1e9).round() as i32,
+            travel_nm_per_count: (self.travel_m_per_count * 1e9).round() as i32,
+            dac_counts_per_n_q16: q16(self.dac_codes_per_n),
+            force_limit_un: micro(self.force_limit_n),
+            slew_un_per_s: micro(self.slew_n_per_s),
+            over_tension_un: micro(self.over_tension_n),
+            viscous_q16: q16(self.viscous_n_s_per_m),
+            ripples: self
+                .ripples
+                .map(|ripple| ripple.to_wire(self.travel_m_per_count)),
+        }
+    }
+
+    /// Direction from the tip to where the cable leaves the reel, and the cosine of the angle between cable
+    /// and measuring axis; `None` where the tip sits on the exit.
+    #[must_use]
+    pub fn cable_at(&self, tip_m: Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
+        use control::geometry::{cable_direction, cos_cell_angle};
+        let direction = cable_direction(self.exit_m, tip_m)?;
+        // The axis points to the workspace, the direction away from it.
+        let cos = cos_cell_angle(direction, -self.axis)?;
+        Some((direction, cos))
+    }
+}

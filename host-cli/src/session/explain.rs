@@ -1,0 +1,151 @@
+//! Numbers of the wire in words: commands, states, faults, rejections.
+
+use control::config::FIELDS;
+use control::{Fault, MotorState, SystemState};
+use wire::message::{CommandError, CrashRecord};
+use wire::Command;
+
+/// Name of a command in messages.
+#[must_use]
+pub fn command_name(command: &Command) -> &'static str {
+    match command {
+        Command::Hello { .. } => "hello",
+        Command::GetStatus => "get status",
+        Command::GetConfig { .. } => "get configuration",
+        Command::StageConfig { .. } => "stage configuration",
+        Command::CommitConfig => "commit configuration",
+        Command::Zero { .. } => "zero",
+        Command::Arm => "arm",
+        Command::Disarm => "disarm",
+        Command::Stop => "stop",
+        Command::ClearFaults => "clear faults",
+        Command::Setpoints { .. } => "setpoints",
+        Command::Stream { .. } => "stream",
+    }
+}
+
+/// Name of a system state's number.
+#[must_use]
+pub fn system_state_name(number: u8) -> String {
+    SystemState::from_u8(number).map_or_else(
+        || format!("unknown state {number}"),
+        |s| s.name().to_owned(),
+    )
+}
+
+/// Name of a unit's state's number.
+#[must_use]
+pub fn motor_state_name(number: u8) -> String {
+    MotorState::from_u8(number).map_or_else(
+        || format!("unknown state {number}"),
+        |s| s.name().to_owned(),
+    )
+}
+
+/// A fault in one line: number, name, meaning, way out.
+#[must_use]
+pub fn explain_fault(code: u16, detail: u32) -> String {
+    match Fault::from_code(code) {
+        Some(fault) => format!(
+            "fault {code}, {}. {} {} (detail {detail}: {}; `forcectl explain {code}`)",
+            fault.name(),
+            fault.meaning(),
+            fault.what_to_do(),
+            fault.detail_meaning()
+        ),
+        None => format!("fault {code} (detail {detail}), which this forcectl does not know; is the firmware newer?"),
+    }
+}
+
+/// The crash record of the board's run before this one, in one line.
+#[must_use]
+pub fn explain_crash_record(record: &CrashRecord) -> String {
+    let mut text = match Fault::from_code(record.code) {
+        Some(fault) => format!("fault {}, {}", record.code, fault.name()),
+        None => format!("reason {}", record.code),
+    };
+    if record.pc != 0 {
+        text.push_str(&format!(", at {:#010x}", record.pc));
+    }
+    if !record.text.is_empty() {
+        text.push_str(&format!(": {}", record.text.as_str()));
+    }
+    text
+}
+
+/// Why a command was refused, and what to do.
+#[must_use]
+pub fn explain_refusal(refusal: &CommandError) -> String {
+    match *refusal {
+        CommandError::NotConnected => "no handshake took place on this link: the board was reset, or another program took over; connect again".to_owned(),
+        CommandError::Version { abi, .. } => format!("it speaks ABI {abi}"),
+        CommandError::State(state) => match SystemState::from_u8(state) {
+            Some(SystemState::Running | SystemState::Stopping) => "it is armed; `forcectl disarm` first".to_owned(),
+            Some(SystemState::BringUp | SystemState::Boot) => "its sensors are still being brought up; wait a second, see `forcectl status`".to_owned(),
+            Some(SystemState::Ready) => "not in the state `ready`, or a unit isn't ready or the E-stop is open; see `forcectl status`".to_owned(),
+            _ => format!("not in the state `{}`; see `forcectl status`", system_state_name(state)),
+        },
+        CommandError::Faulted(code) => format!("{}; then `forcectl clear`", explain_fault(code, 0)),
+        CommandError::UnknownUnit(unit) => format!("it has no unit {}", u16::from(unit) + 1),
+        CommandError::UnitNotReady { unit, state } => format!(
+            "unit {} is not ready (its state is `{}`); see `forcectl status`",
+            u16::from(unit) + 1,
+            motor_state_name(state)
+        ),
+        CommandError::Range { unit, field } => {
+            let known: Vec<String> = FIELDS
+                .iter()
+                .filter(|f| f.number == field)
+                .map(|f| format!("`{}` ({} to {}: {})", f.name, f.min, f.max, f.why))
+                .collect();
+            let name = if known.is_empty() {
+                format!("number {field}")
+            } else {
+                known.join(" or ")
+            };
+            format!("unit {}: field {name} is out of its range; correct the rig file", u16::from(unit) + 1)
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_rejection_says_which_unit_and_which_field() {
+        let field = FIELDS.iter().find(|field| field.name == "kp_q16").unwrap();
+        let text = explain_refusal(&CommandError::Range {
+            unit: 2,
+            field: field.number,
+        });
+        assert!(text.starts_with("unit 3: field `kp_q16`"), "{text}");
+        assert!(explain_refusal(&CommandError::Range {
+            unit: 0,
+            field: 250
+        })
+        .contains("number 250"));
+        assert!(explain_refusal(&CommandError::UnknownUnit(6)).contains("unit 7"));
+    }
+
+    #[test]
+    fn unknown_and_not_ready_units_read_differently() {
+        let unknown = explain_refusal(&CommandError::UnknownUnit(6));
+        assert!(unknown.contains("no unit 7"), "{unknown}");
+        let not_ready = explain_refusal(&CommandError::UnitNotReady {
+            unit: 2,
+            state: MotorState::BringUp as u8,
+        });
+        assert!(
+            not_ready.contains("unit 3 is not ready") && not_ready.contains("bring-up"),
+            "{not_ready}"
+        );
+    }
+
+    #[test]
+    fn numbers_of_a_newer_firmware_stay_numbers() {
+        assert_eq!(system_state_name(200), "unknown state 200");
+        assert_eq!(motor_state_name(200), "unknown state 200");
+        assert!(explain_fault(60_000, 7).contains("fault 60000 (detail 7)"));
+    }
+}

@@ -1,0 +1,192 @@
+//! Requests: a command goes out, its response comes back, several times where frames get lost.
+
+use super::{
+    command_name, explain_fault, explain_refusal, system_state_name, Session, SessionError, PERIOD,
+    SETPOINTS_VALID_MS,
+};
+use std::time::Duration;
+use wire::message::{CommandError, Response, Status, UnitConfig};
+use wire::{Command, HostFrame, UNITS};
+
+/// How long a response may take. The board answers within a pass of its loop; the rest is the link's.
+pub(super) const RESPONSE_TIMEOUT: Duration = Duration::from_millis(150);
+/// How often a command is sent before the link counts as dead. Every command may be repeated.
+const MAX_ATTEMPTS: u32 = 4;
+/// Time between two checks for a response.
+const POLL_PERIOD: Duration = Duration::from_millis(1);
+
+impl Session<'_> {
+    /// Queues the setpoints in force, if any.
+    pub(super) fn queue_setpoints(&mut self) {
+        if let Some(units) = self.setpoints {
+            self.setpoints_due_ns = self.now_ns + PERIOD.as_nanos() as u64;
+            self.queue(Command::Setpoints {
+                valid_ms: SETPOINTS_VALID_MS,
+                units,
+            });
+        }
+    }
+
+    /// Encodes a command for the next exchange; returns its number.
+    pub(super) fn queue(&mut self, command: Command) -> u16 {
+        self.seq = self.seq.wrapping_add(1);
+        let frame = HostFrame {
+            seq: self.seq,
+            command,
+        };
+        let mut out = [0; wire::MAX_FRAME];
+        // Every host frame is far shorter than MAX_FRAME, so encoding cannot fail; should a message ever grow
+        // past it, the request times out with an error.
+        if let Ok(length) = wire::encode(&frame, &mut out) {
+            self.outbox.extend_from_slice(&out[..length]);
+        }
+        self.seq
+    }
+
+    /// Sends a command once and waits for its response; `None` after `timeout`.
+    pub(super) fn request_once(
+        &mut self,
+        command: &Command,
+        timeout: Duration,
+    ) -> Result<Option<Response>, SessionError> {
+        self.reply = None;
+        let seq = self.queue(command.clone());
+        let mut waited = Duration::ZERO;
+        while waited < timeout {
+            self.exchange(POLL_PERIOD)?;
+            waited += POLL_PERIOD;
+            if let Some((number, response)) = self.reply.take() {
+                if number == seq {
+                    return Ok(Some(response));
+                }
+            }
+        }
+        Ok(None)
+    }
+
+    /// Sends a command and waits for its response. Repeats it where no response comes.
+    ///
+    /// # Errors
+    /// The board rejected it or never answered, or the link is gone.
+    pub fn command(&mut self, command: &Command) -> Result<Response, SessionError> {
+        for attempt in 0..MAX_ATTEMPTS {
+            self.counters.retries += u64::from(attempt > 0);
+            match self.request_once(command, RESPONSE_TIMEOUT)? {
+                Some(Response::Rejected(refusal)) => {
+                    if refusal == CommandError::NotConnected && self.reset_seen {
+                        return Err(self.after_reset());
+                    }
+                    return Err(SessionError::Refused {
+                        command: command_name(command),
+                        why: explain_refusal(&refusal),
+                        refusal,
+                    });
+                }
+                Some(response) => return Ok(response),
+                None if self.reset_seen => return Err(self.after_reset()),
+                None => {}
+            }
+        }
+        Err(SessionError::NoAnswer {
+            command: command_name(command),
+        })
+    }
+
+    /// Requests the status.
+    ///
+    /// # Errors
+    /// As [`Session::command`].
+    pub fn get_status(&mut self) -> Result<Status, SessionError> {
+        match self.command(&Command::GetStatus)? {
+            Response::Status(status) => Ok(status),
+            _ => Err(SessionError::NoAnswer {
+                command: "get status",
+            }),
+        }
+    }
+
+    /// Requests the six configurations in force.
+    ///
+    /// # Errors
+    /// As [`Session::command`].
+    pub fn get_configs(&mut self) -> Result<[UnitConfig; UNITS], SessionError> {
+        let mut configs = Vec::with_capacity(UNITS);
+        for unit in 0..UNITS as u8 {
+            match self.command(&Command::GetConfig { unit })? {
+                Response::Config(config) => configs.push(config),
+                _ => {
+                    return Err(SessionError::NoAnswer {
+                        command: "get configuration",
+                    })
+                }
+            }
+        }
+        configs.try_into().map_err(|_| SessionError::NoAnswer {
+            command: "get configuration",
+        })
+    }
+
+    /// Puts six configurations in force.
+    ///
+    /// # Errors
+    /// As [`Session::command`].
+    pub fn configure(&mut self, configs: &[UnitConfig; UNITS]) -> Result<(), SessionError> {
+        for (unit, config) in configs.iter().enumerate() {
+            self.command(&Command::StageConfig {
+                unit: unit as u8,
+                config: *config,
+            })?;
+        }
+        self.command(&Command::CommitConfig)?;
+        Ok(())
+    }
+
+    /// Lets time pass until the newest status satisfies `done`.
+    ///
+    /// # Errors
+    /// [`SessionError::TooLong`] with `what` after `timeout`; a fault of the board; the link.
+    pub fn wait_for(
+        &mut self,
+        timeout: Duration,
+        what: &str,
+        done: impl Fn(&Status) -> bool,
+    ) -> Result<Status, SessionError> {
+        let deadline = self.now_ns + timeout.as_nanos() as u64;
+        // What is there already may be older than the command that is waited for.
+        self.status = None;
+        loop {
+            self.advance(PERIOD)?;
+            if let Some(status) = &self.status {
+                if done(status) {
+                    return Ok(status.clone());
+                }
+                if status.fault != 0 {
+                    return Err(SessionError::Fault(explain_fault(
+                        status.fault,
+                        status.fault_detail,
+                    )));
+                }
+            }
+            if self.now_ns >= deadline {
+                let state = self.status.as_ref().map_or_else(
+                    || "no status".to_owned(),
+                    |s| format!("state `{}`", system_state_name(s.state)),
+                );
+                return Err(SessionError::TooLong(format!(
+                    "{what} is not over after {} s ({state}); see `forcectl status`",
+                    timeout.as_secs_f64()
+                )));
+            }
+        }
+    }
+
+    /// Takes the rig to a safe state as far as the link allows: asks to disarm, and to stop where that fails. Setpoints
+    /// cease either way, so the board stops by itself even when nothing gets through.
+    pub fn make_safe(&mut self) {
+        self.setpoints = None;
+        self.outbox.clear();
+        if self.command(&Command::Disarm).is_err() {
+            let _ = self.command(&Command::Stop);
+        }
+    }
+}
