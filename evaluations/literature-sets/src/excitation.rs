@@ -37,13 +37,24 @@ enum Piece {
     RandomWalk,
 }
 
-const PIECES: [Piece; 6] =
-    [Piece::Plateaus, Piece::Sine, Piece::Reversals, Piece::StopAndGo, Piece::Chirp, Piece::RandomWalk];
+const PIECES: [Piece; 6] = [
+    Piece::Plateaus,
+    Piece::Sine,
+    Piece::Reversals,
+    Piece::StopAndGo,
+    Piece::Chirp,
+    Piece::RandomWalk,
+];
 
 /// A synthetic run: `duration` s of rows at a rate, on a grid of step `dt`.
 pub fn synthetic(random: &mut Random, duration: f64, dt: f64, limits: &Limits) -> World {
     let steps = steps(duration, dt);
-    let mut world = World { dt, start: -BEFORE_S, velocity: motion(random, steps, dt, limits), ..World::default() };
+    let mut world = World {
+        dt,
+        start: -BEFORE_S,
+        velocity: motion(random, steps, dt, limits),
+        ..World::default()
+    };
     world.command = load(random, steps, dt, 1.0, 13.0);
     world.integrate_angle(0.0);
     surroundings(random, &mut world);
@@ -71,10 +82,21 @@ fn surroundings(random: &mut Random, world: &mut World) {
     }
     for joint in &mut world.pose {
         let waves: Vec<[f64; 3]> = (0..3)
-            .map(|_| [random.uniform(0.1, 0.5), random.log_uniform(0.02, 0.4), random.uniform(0.0, TAU)])
+            .map(|_| {
+                [
+                    random.uniform(0.1, 0.5),
+                    random.log_uniform(0.02, 0.4),
+                    random.uniform(0.0, TAU),
+                ]
+            })
             .collect();
         *joint = (0..steps)
-            .map(|i| waves.iter().map(|[a, f, phase]| a * (TAU * f * i as f64 * dt + phase).sin()).sum())
+            .map(|i| {
+                waves
+                    .iter()
+                    .map(|[a, f, phase]| a * (TAU * f * i as f64 * dt + phase).sin())
+                    .sum()
+            })
             .collect();
     }
 }
@@ -87,7 +109,7 @@ fn motion(random: &mut Random, steps: usize, dt: f64, limits: &Limits) -> Vec<f6
         let kind = PIECES[random.index(PIECES.len())];
         let length = (random.uniform(4.0, 12.0) / dt) as usize;
         let shape = piece(random, kind, length, dt);
-        let speed = limits.speed_rad_s * random.log_uniform(0.1, 1.0);
+        let speed = limits.speed_rad_s * random.log_uniform(0.25, 1.0);
         let mut direction = random.sign();
         for x in shape {
             // Turn back at the end of the travel; the rest of the piece is mirrored.
@@ -101,7 +123,10 @@ fn motion(random: &mut Random, steps: usize, dt: f64, limits: &Limits) -> Vec<f6
         }
     }
     reference.truncate(steps);
-    smooth(&slew(&reference, limits.acceleration_rad_s2 * dt), (0.04 / dt) as usize)
+    smooth(
+        &slew(&reference, limits.acceleration_rad_s2 * dt),
+        (0.04 / dt) as usize,
+    )
 }
 
 /// A load between two limits in N: pieces of all kinds, with limited rate.
@@ -112,7 +137,11 @@ fn load(random: &mut Random, steps: usize, dt: f64, low: f64, high: f64) -> Vec<
         let length = (random.uniform(4.0, 12.0) / dt) as usize;
         let middle = random.uniform(low + 0.15 * (high - low), high - 0.15 * (high - low));
         let reach = (high - middle).min(middle - low) * random.uniform(0.3, 1.0);
-        reference.extend(piece(random, kind, length, dt).into_iter().map(|x| middle + reach * x));
+        reference.extend(
+            piece(random, kind, length, dt)
+                .into_iter()
+                .map(|x| middle + reach * x),
+        );
     }
     reference.truncate(steps);
     smooth(&slew(&reference, 40.0 * dt), (0.04 / dt) as usize)
@@ -137,11 +166,21 @@ fn piece(random: &mut Random, kind: Piece, length: usize, dt: f64) -> Vec<f64> {
         }),
         Piece::Reversals => {
             let period = (random.log_uniform(0.5, 3.0) / dt) as usize;
-            (0..length).map(|i| if (i / period.max(1)) % 2 == 0 { 1.0 } else { -1.0 }).collect()
+            (0..length)
+                .map(|i| {
+                    if (i / period.max(1)) % 2 == 0 {
+                        1.0
+                    } else {
+                        -1.0
+                    }
+                })
+                .collect()
         }
         Piece::Sine => {
             let (f, phase) = (random.log_uniform(0.1, 1.2), random.uniform(0.0, TAU));
-            (0..length).map(|i| (TAU * f * i as f64 * dt + phase).sin()).collect()
+            (0..length)
+                .map(|i| (TAU * f * i as f64 * dt + phase).sin())
+                .collect()
         }
         Piece::Chirp => {
             let (from, to) = (random.uniform(0.1, 0.4), random.uniform(1.0, 2.5));
@@ -231,9 +270,16 @@ struct MeasuredLog {
 struct Column(&'static [(&'static str, f64)]);
 
 const TIME: Column = Column(&[("time_s", 1.0)]);
-const COMMAND: Column = Column(&[("command_n", 1.0), ("torque_cmd_nm", 100.0), ("torque_cmd_mnm", 0.1)]);
-const VELOCITY: Column =
-    Column(&[("speed_rad_s", 1.0), ("velocity_rad_s", 1.0), ("motor_speed_deg_s", PI / 180.0 / MEASURED_GEAR)]);
+const COMMAND: Column = Column(&[
+    ("command_n", 1.0),
+    ("torque_cmd_nm", 100.0),
+    ("torque_cmd_mnm", 0.1),
+]);
+const VELOCITY: Column = Column(&[
+    ("speed_rad_s", 1.0),
+    ("velocity_rad_s", 1.0),
+    ("motor_speed_deg_s", PI / 180.0 / MEASURED_GEAR),
+]);
 
 impl Measured {
     /// Reads each CSV file under a folder that has the columns for time, command and velocity: `time_s`; `command_n`
@@ -274,18 +320,29 @@ impl Measured {
     /// A run with the motion and command of one log, from its start, at most `duration` s long, and the name of the
     /// log's file. Between rows of the log the signals are linear; where the log stands still, so does the run.
     /// Returns the duration that the log has.
-    pub fn run(&self, index: usize, random: &mut Random, duration: f64, dt: f64) -> (World, f64, String) {
+    pub fn run(
+        &self,
+        index: usize,
+        random: &mut Random,
+        duration: f64,
+        dt: f64,
+    ) -> (World, f64, String) {
         let log = &self.logs[index % self.logs.len()];
         let first = log.time[0];
         let duration = duration.min(log.time[log.time.len() - 1] - first);
         let mut row = 0;
-        let mut world = World { dt, start: -BEFORE_S, ..World::default() };
+        let mut world = World {
+            dt,
+            start: -BEFORE_S,
+            ..World::default()
+        };
         for i in 0..steps(duration, dt) {
             let time = (first + world.time(i)).max(first);
             while row + 2 < log.time.len() && log.time[row + 1] < time {
                 row += 1;
             }
-            let at = row as f64 + ((time - log.time[row]) / (log.time[row + 1] - log.time[row])).clamp(0.0, 1.0);
+            let at = row as f64
+                + ((time - log.time[row]) / (log.time[row + 1] - log.time[row])).clamp(0.0, 1.0);
             world.velocity.push(interpolate(&log.velocity, at));
             world.command.push(interpolate(&log.command, at));
         }
@@ -294,15 +351,23 @@ impl Measured {
         world.command = smooth(&world.command, width);
         world.integrate_angle(0.0);
         surroundings(random, &mut world);
-        let name = log.file.file_name().unwrap_or_default().to_string_lossy().into_owned();
+        let name = log
+            .file
+            .file_name()
+            .unwrap_or_default()
+            .to_string_lossy()
+            .into_owned();
         (world, duration, name)
     }
 }
 
 fn collect_csv(folder: &Path, files: &mut Vec<PathBuf>) -> Result<(), String> {
-    let entries = fs::read_dir(folder).map_err(|e| format!("{}: {e}; give a folder with logs", folder.display()))?;
+    let entries = fs::read_dir(folder)
+        .map_err(|e| format!("{}: {e}; give a folder with logs", folder.display()))?;
     for entry in entries {
-        let path = entry.map_err(|e| format!("{}: {e}", folder.display()))?.path();
+        let path = entry
+            .map_err(|e| format!("{}: {e}", folder.display()))?
+            .path();
         if path.is_dir() {
             collect_csv(&path, files)?;
         } else if path.extension().is_some_and(|e| e == "csv") {
@@ -316,15 +381,35 @@ impl MeasuredLog {
     fn read(file: &Path) -> Result<Option<Self>, String> {
         let text = fs::read_to_string(file).map_err(|e| format!("{}: {e}", file.display()))?;
         let mut lines = text.lines();
-        let header: Vec<&str> = lines.next().unwrap_or("").split(',').map(str::trim).collect();
+        let header: Vec<&str> = lines
+            .next()
+            .unwrap_or("")
+            .split(',')
+            .map(str::trim)
+            .collect();
         let find = |Column(names): &Column| {
-            names.iter().find_map(|(name, factor)| header.iter().position(|h| h == name).map(|at| (at, *factor)))
+            names.iter().find_map(|(name, factor)| {
+                header
+                    .iter()
+                    .position(|h| h == name)
+                    .map(|at| (at, *factor))
+            })
         };
-        let (Some(time), Some(command), Some(velocity)) = (find(&TIME), find(&COMMAND), find(&VELOCITY)) else {
+        let (Some(time), Some(command), Some(velocity)) =
+            (find(&TIME), find(&COMMAND), find(&VELOCITY))
+        else {
             return Ok(None);
         };
-        let mut log = Self { file: file.to_path_buf(), time: vec![], command: vec![], velocity: vec![] };
-        for (number, line) in lines.enumerate().filter(|(_, line)| !line.trim().is_empty()) {
+        let mut log = Self {
+            file: file.to_path_buf(),
+            time: vec![],
+            command: vec![],
+            velocity: vec![],
+        };
+        for (number, line) in lines
+            .enumerate()
+            .filter(|(_, line)| !line.trim().is_empty())
+        {
             let cells: Vec<&str> = line.split(',').collect();
             let cell = |(at, factor): (usize, f64)| -> Result<f64, String> {
                 let text = cells.get(at).map_or("", |c| c.trim());

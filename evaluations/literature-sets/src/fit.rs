@@ -30,7 +30,10 @@ impl Basis {
     pub fn remove_from(&self, signal: &mut [f64]) {
         for column in &self.0 {
             let along = dot(column, signal);
-            signal.iter_mut().zip(column).for_each(|(x, c)| *x -= along * c);
+            signal
+                .iter_mut()
+                .zip(column)
+                .for_each(|(x, c)| *x -= along * c);
         }
     }
 

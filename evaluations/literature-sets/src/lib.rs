@@ -29,5 +29,8 @@ pub const REEL_RADIUS_M: f64 = 0.010;
 /// Upper end of the range of the load cell in N.
 pub const FULL_SCALE_N: f64 = 15.0;
 
-/// Simulation steps for each row of a log.
-pub const STEPS_PER_ROW: usize = 10;
+/// Simulation steps for each row of a log, at a row rate in Hz: at least 10, and at least 2000 in a second, so that
+/// mains tones and the ripple of fast gears are resolved at slow row rates too.
+pub fn steps_per_row(rate_hz: f64) -> usize {
+    ((2000.0 / rate_hz).ceil() as usize).max(10)
+}

@@ -1,7 +1,7 @@
 //! `literature-sets`: writes synthetic sets of logs with effects from the literature.
 
 use lexopt::prelude::*;
-use literature_sets::effects::{by_name, Effect, CATALOGUE};
+use literature_sets::effects::{by_name, table, Effect, CATALOGUE};
 use literature_sets::excitation::Measured;
 use literature_sets::random::Random;
 use literature_sets::set::{Request, Set};
@@ -28,6 +28,7 @@ Usage: literature-sets --out DIR [options]
   --excitation DIR   take command, velocity and angle from the measured logs in this folder
   --no-compare       do not fit other effects of the catalogue to the missing ones (faster)
   --list             list the effects
+  --table            the effects with the ranges of their parameters, as Markdown
   --help             this text
 ";
 
@@ -55,13 +56,19 @@ fn main() -> ExitCode {
 }
 
 fn run() -> Result<(), String> {
-    let Some(options) = options(lexopt::Parser::from_env())? else { return Ok(()) };
+    let Some(options) = options(lexopt::Parser::from_env())? else {
+        return Ok(());
+    };
     for seed in (0..options.sets).map(|n| options.request.seed.wrapping_add(n)) {
         let effects = match &options.choice {
             Choice::Given(effects) => effects.clone(),
             Choice::Random => random_effects(seed),
         };
-        let request = Request { seed, effects, ..options.request.clone() };
+        let request = Request {
+            seed,
+            effects,
+            ..options.request.clone()
+        };
         let folder = options.out.join(format!("set-{seed}"));
         let set = Set::generate(&request).map_err(|e| format!("set with seed {seed}: {e}"))?;
         write::write(&set, &folder)?;
@@ -77,7 +84,10 @@ fn random_effects(seed: u64) -> Vec<&'static Effect> {
     let mut effects: Vec<&'static Effect> = Vec::new();
     while effects.len() < count {
         let outside = random.chance(0.2);
-        let pool: Vec<&Effect> = CATALOGUE.iter().filter(|e| e.outside == outside && !effects.contains(e)).collect();
+        let pool: Vec<&Effect> = CATALOGUE
+            .iter()
+            .filter(|e| e.outside == outside && !effects.contains(e))
+            .collect();
         effects.push(pool[random.index(pool.len())]);
     }
     effects
@@ -104,11 +114,16 @@ fn options(mut parser: lexopt::Parser) -> Result<Option<Options>, String> {
                 list();
                 return Ok(None);
             }
+            "table" => {
+                print!("{}", table());
+                return Ok(None);
+            }
             "no-compare" => {
                 request.compare = false;
                 continue;
             }
-            "out" | "seed" | "sets" | "effect" | "size" | "rate" | "noise" | "runs" | "duration" | "excitation" => {}
+            "out" | "seed" | "sets" | "effect" | "size" | "rate" | "noise" | "runs"
+            | "duration" | "excitation" => {}
             _ => return Err(format!("no option --{name}; see --help")),
         }
         let value = parser.value().map_err(|e| format!("{e}; see --help"))?;
@@ -127,24 +142,37 @@ fn options(mut parser: lexopt::Parser) -> Result<Option<Options>, String> {
         }
     }
     let out = out.ok_or("no --out; give the folder for the sets, or see --help")?;
-    Ok(Some(Options { out, sets, choice, request }))
+    Ok(Some(Options {
+        out,
+        sets,
+        choice,
+        request,
+    }))
 }
 
 fn number<T: std::str::FromStr>(name: &str, text: &str) -> Result<T, String> {
-    text.parse().map_err(|_| format!("--{name} {text}: not a number of the right kind; see --help"))
+    text.parse()
+        .map_err(|_| format!("--{name} {text}: not a number of the right kind; see --help"))
 }
 
 fn effects(text: &str) -> Result<Choice, String> {
     match text {
         "none" => Ok(Choice::Given(Vec::new())),
         "random" => Ok(Choice::Random),
-        names => names.split(',').map(|name| by_name(name.trim())).collect::<Result<_, _>>().map(Choice::Given),
+        names => names
+            .split(',')
+            .map(|name| by_name(name.trim()))
+            .collect::<Result<_, _>>()
+            .map(Choice::Given),
     }
 }
 
 fn list() {
     for effect in CATALOGUE {
         let mark = if effect.outside { " [outside]" } else { "" };
-        println!("{:20} {}{mark}\n{:20} {}\n{:20} {}", effect.name, effect.title, "", effect.equation, "", effect.source);
+        println!(
+            "{:20} {}{mark}\n{:20} {}\n{:20} {}",
+            effect.name, effect.title, "", effect.equation, "", effect.source
+        );
     }
 }

@@ -24,15 +24,33 @@ pub struct Colour {
 
 impl Colour {
     /// Only white noise.
-    pub const WHITE: Self =
-        Self { white: 1.0, autoregressive: 0.0, coefficient: 0.0, flicker: 0.0, tone: 0.0, tone_hz: 50.0 };
+    pub const WHITE: Self = Self {
+        white: 1.0,
+        autoregressive: 0.0,
+        coefficient: 0.0,
+        flicker: 0.0,
+        tone: 0.0,
+        tone_hz: 50.0,
+    };
 
     /// A random colour: always white noise, each other component with a probability of one half (tone: one fifth).
     pub fn draw(random: &mut Random) -> Self {
         let white = random.uniform(0.3, 1.0);
-        let autoregressive = if random.chance(0.5) { random.uniform(0.1, 1.0) } else { 0.0 };
-        let flicker = if random.chance(0.5) { random.uniform(0.1, 0.6) } else { 0.0 };
-        let tone = if random.chance(0.2) { random.uniform(0.05, 0.3) } else { 0.0 };
+        let autoregressive = if random.chance(0.5) {
+            random.uniform(0.1, 1.0)
+        } else {
+            0.0
+        };
+        let flicker = if random.chance(0.5) {
+            random.uniform(0.1, 0.6)
+        } else {
+            0.0
+        };
+        let tone = if random.chance(0.2) {
+            random.uniform(0.05, 0.3)
+        } else {
+            0.0
+        };
         let sum = white + autoregressive + flicker + tone;
         Self {
             white: white / sum,
@@ -61,7 +79,7 @@ impl Colour {
     ///
     /// The autoregressive part is stationary from its first value. The 1/f part is the sum of first-order processes of
     /// equal variance whose time constants are octaves apart, a classical approximation (van der Ziel 1950; Barnes and
-    /// Jarquio 1971); its spectrum falls as 1/f from the inverse of the run's length to a quarter of the row rate.
+    /// Jarvis 1971); its spectrum falls as 1/f from the inverse of the run's length to a quarter of the row rate.
     pub fn generate(&self, rows: usize, rate_hz: f64, random: &mut Random) -> Vec<f64> {
         let mut noise = vec![0.0; rows];
         for x in &mut noise {
@@ -71,11 +89,17 @@ impl Colour {
         let octaves = (rows.max(2) as f64).log2().ceil() as i32;
         for octave in 0..octaves {
             let coefficient = (-(2f64.powi(-octave))).exp();
-            add_autoregressive(&mut noise, self.flicker / f64::from(octaves), coefficient, random);
+            add_autoregressive(
+                &mut noise,
+                self.flicker / f64::from(octaves),
+                coefficient,
+                random,
+            );
         }
         let phase = random.uniform(0.0, TAU);
         for (i, x) in noise.iter_mut().enumerate() {
-            *x += (2.0 * self.tone).sqrt() * (TAU * self.tone_hz * i as f64 / rate_hz + phase).sin();
+            *x +=
+                (2.0 * self.tone).sqrt() * (TAU * self.tone_hz * i as f64 / rate_hz + phase).sin();
         }
         noise
     }

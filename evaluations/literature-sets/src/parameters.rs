@@ -56,13 +56,13 @@ impl Parameters {
         scaled
     }
 
-    /// The same parameters with one (by index) taken from `other`.
-    pub fn with_one_of(&self, other: &Self, index: usize) -> Self {
-        let mut mixed = self.clone();
-        if let (Some(to), Some(from)) = (mixed.0.get_mut(index), other.0.get(index)) {
-            to.value = from.value;
+    /// The same parameters with one (by index) multiplied by a factor, or taken from `other` without a factor.
+    pub fn with_changed(&self, index: usize, factor: Option<f64>, other: &Self) -> Self {
+        let mut changed = self.clone();
+        if let (Some(to), Some(from)) = (changed.0.get_mut(index), other.0.get(index)) {
+            to.value = factor.map_or(from.value, |factor| to.value * factor);
         }
-        mixed
+        changed
     }
 
     /// For `truth.json`: each parameter with unit, range, and whether the value lies in the range.
@@ -107,7 +107,10 @@ pub struct Draw<'a> {
 impl<'a> Draw<'a> {
     /// A draw without parameters yet.
     pub fn new(random: &'a mut Random) -> Self {
-        Self { random, drawn: Parameters::default() }
+        Self {
+            random,
+            drawn: Parameters::default(),
+        }
     }
 
     /// The parameters drawn so far.
@@ -115,8 +118,21 @@ impl<'a> Draw<'a> {
         self.drawn
     }
 
-    fn push(&mut self, name: &'static str, unit: &'static str, value: f64, typical: [f64; 2], scaled: bool) -> f64 {
-        self.drawn.0.push(Parameter { name, unit, value, typical, scaled });
+    fn push(
+        &mut self,
+        name: &'static str,
+        unit: &'static str,
+        value: f64,
+        typical: [f64; 2],
+        scaled: bool,
+    ) -> f64 {
+        self.drawn.0.push(Parameter {
+            name,
+            unit,
+            value,
+            typical,
+            scaled,
+        });
         value
     }
 
@@ -168,7 +184,12 @@ impl<'a> Draw<'a> {
         [low, high]: [f64; 2],
     ) -> f64 {
         let value = base * self.random.uniform(low, high);
-        let ends = [base_typical[0] * low, base_typical[0] * high, base_typical[1] * low, base_typical[1] * high];
+        let ends = [
+            base_typical[0] * low,
+            base_typical[0] * high,
+            base_typical[1] * low,
+            base_typical[1] * high,
+        ];
         let typical = [
             ends.iter().copied().fold(f64::INFINITY, f64::min),
             ends.iter().copied().fold(f64::NEG_INFINITY, f64::max),

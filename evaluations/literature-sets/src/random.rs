@@ -60,5 +60,7 @@ impl Random {
 /// FNV-1a hash of bytes, 64 bits (Fowler, Noll, Vo 1991). For stream labels and for the comparison of logs; not a
 /// cryptographic hash.
 pub fn fnv1a(bytes: &[u8]) -> u64 {
-    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3))
+    bytes.iter().fold(0xcbf2_9ce4_8422_2325, |hash, byte| {
+        (hash ^ u64::from(*byte)).wrapping_mul(0x0100_0000_01b3)
+    })
 }

@@ -7,7 +7,7 @@ use crate::noise::{scale_to_rms, Colour};
 use crate::parameters::{Parameters, Scene};
 use crate::random::Random;
 use crate::world::World;
-use crate::STEPS_PER_ROW;
+use crate::{steps_per_row, FULL_SCALE_N};
 use serde_json::{json, Value};
 
 /// Slowest and fastest row rate in Hz.
@@ -21,6 +21,9 @@ pub const DEADBAND_RAD_S: f64 = 0.02;
 
 /// Velocity in rad/s that rounds the declared Coulomb friction.
 const FRICTION_ROUNDING_RAD_S: f64 = 0.2;
+
+/// Time in s that the logger's clock shows at the first row.
+const CLOCK_START_S: f64 = 1.0;
 
 /// A declared model: what the owner of the rig believes. Its terms are smooth functions of the logged columns and are
 /// exactly true, so an empty set lacks nothing.
@@ -78,7 +81,13 @@ impl Declared {
             terms.push(term("offset", "1", "N", false, offset));
         }
         if matches!(self, Self::Viscous | Self::Friction) {
-            terms.push(term("viscous friction", "velocity", "N s/rad", false, viscous));
+            terms.push(term(
+                "viscous friction",
+                "velocity",
+                "N s/rad",
+                false,
+                viscous,
+            ));
         }
         if self == Self::Friction {
             let expr = format!("tanh(velocity / {FRICTION_ROUNDING_RAD_S})");
@@ -149,7 +158,9 @@ impl Request {
             if (low..=high).contains(&value) {
                 Ok(())
             } else {
-                Err(format!("{name} is {value} {unit}; give {low} {unit} to {high} {unit}"))
+                Err(format!(
+                    "{name} is {value} {unit}; give {low} {unit} to {high} {unit}"
+                ))
             }
         };
         within("the row rate", self.rate_hz, RATES_HZ, "Hz")?;
@@ -164,11 +175,17 @@ impl Request {
             within("the number of runs", runs as f64, [2.0, 100.0], "runs")?;
         }
         if self.effects.len() > 3 {
-            return Err(format!("{} effects in one set; give at most 3", self.effects.len()));
+            return Err(format!(
+                "{} effects in one set; give at most 3",
+                self.effects.len()
+            ));
         }
         for (i, effect) in self.effects.iter().enumerate() {
             if self.effects[..i].contains(effect) {
-                return Err(format!("effect {} is given twice; give each once", effect.name));
+                return Err(format!(
+                    "effect {} is given twice; give each once",
+                    effect.name
+                ));
             }
         }
         Ok(())
@@ -218,6 +235,8 @@ pub struct Run {
     pub clean: Vec<f64>,
     /// Rows that were lost.
     pub rows_lost: usize,
+    /// Rows whose reading without noise lies outside 0 N to 15 N, where a real cable or cell would do something else.
+    pub rows_out_of_range: usize,
 }
 
 /// A set of logs and all that is true about it.
@@ -252,13 +271,21 @@ struct Sampling {
 }
 
 /// The runs, and the basis of the declared model.
-struct Stage0 {
-    runs: Vec<Sampling>,
-    terms: Vec<Term>,
+struct Rig<'a> {
+    runs: &'a [Sampling],
+    terms: &'a [Term],
     basis: Basis,
 }
 
-impl Stage0 {
+impl<'a> Rig<'a> {
+    fn new(runs: &'a [Sampling], terms: &'a [Term]) -> Self {
+        Self {
+            runs,
+            terms,
+            basis: fitted_terms(runs, terms),
+        }
+    }
+
     /// Readings without noise in the rows of all runs, with given effects.
     fn readings(&self, effects: &[(&Effect, &Parameters)]) -> Vec<Vec<f64>> {
         let mut order: Vec<_> = effects.to_vec();
@@ -270,7 +297,10 @@ impl Stage0 {
                 for (effect, parameters) in &order {
                     (effect.apply)(parameters, &run.world, &mut signal);
                 }
-                run.times.iter().map(|t| run.world.sample(&signal, *t)).collect()
+                run.times
+                    .iter()
+                    .map(|t| run.world.sample(&signal, *t))
+                    .collect()
             })
             .collect()
     }
@@ -281,22 +311,39 @@ impl Stage0 {
             .map(|i| {
                 self.terms
                     .iter()
-                    .map(|term| term.coefficient * term.value(world.command[i], world.velocity[i], world.angle[i]))
+                    .map(|term| {
+                        term.coefficient
+                            * term.value(world.command[i], world.velocity[i], world.angle[i])
+                    })
                     .sum()
             })
             .collect()
     }
 
     /// What effects add to the readings of all runs, one after the other.
-    fn contribution(&self, effects: &[(&Effect, &Parameters)], without: &[(&Effect, &Parameters)]) -> Vec<f64> {
-        let (with, without) = (self.readings(effects).concat(), self.readings(without).concat());
+    fn contribution(
+        &self,
+        effects: &[(&Effect, &Parameters)],
+        without: &[(&Effect, &Parameters)],
+    ) -> Vec<f64> {
+        let (with, without) = (
+            self.readings(effects).concat(),
+            self.readings(without).concat(),
+        );
         with.iter().zip(&without).map(|(a, b)| a - b).collect()
     }
 
     /// The scale at which the declared model leaves `wanted` N RMS of an effect.
-    fn scale_to(&self, effect: &Effect, drawn: &Parameters, wanted: f64, tolerance: f64) -> Result<f64, String> {
+    fn scale_to(
+        &self,
+        effect: &Effect,
+        drawn: &Parameters,
+        wanted: f64,
+        tolerance: f64,
+    ) -> Result<f64, String> {
         let left = |scale: f64| {
-            self.basis.rms_left(&self.contribution(&[(effect, &drawn.at_scale(scale))], &[]))
+            self.basis
+                .rms_left(&self.contribution(&[(effect, &drawn.at_scale(scale))], &[]))
         };
         // Nearly all effects are nearly proportional to the scale: false position in the logarithm, kept in a bracket.
         let (mut low, mut high): (f64, f64) = (0.0, f64::INFINITY);
@@ -313,7 +360,11 @@ impl Stage0 {
             } else {
                 high = scale;
             }
-            let mut next = if now > 0.0 { scale * (wanted / now).clamp(1e-3, 1e3) } else { scale * 10.0 };
+            let mut next = if now > 0.0 {
+                scale * (wanted / now).clamp(1e-3, 1e3)
+            } else {
+                scale * 10.0
+            };
             if next <= low || next >= high || tries > 12 {
                 next = match (low, high) {
                     (0.0, high) => high * 0.1,
@@ -349,51 +400,62 @@ impl Set {
         let colour = Colour::draw(&mut random);
         let quantum_n = noise_rms_n * random.log_uniform(0.02, 0.5);
         let jitter_s = random.uniform(0.0, 0.04) / request.rate_hz;
-        let needs_temperature = request.effects.iter().any(|e| e.name.starts_with("temperature"))
-            || request.effects.iter().any(|e| e.name == "viscous-temperature");
+        let needs_temperature = request
+            .effects
+            .iter()
+            .any(|e| e.name.starts_with("temperature"))
+            || request
+                .effects
+                .iter()
+                .any(|e| e.name == "viscous-temperature");
         let has_temperature = random.chance(0.6) || needs_temperature;
         let loss = random.uniform(0.0, 0.003);
 
         let terms = Self::declare(request, &mut Random::new(seed, "declared"));
         let (runs, names) = Self::sample(request, jitter_s, loss);
-        let basis = Self::basis(&runs, &terms);
-        let stage = Stage0 { runs, terms, basis };
-        let scene = scene(&stage.runs, request.rate_hz);
+        let rig = Rig::new(&runs, &terms);
+        let scene = scene(&runs, request.rate_hz);
 
         let mut scaled: Vec<(&'static Effect, Parameters)> = Vec::new();
         if request.size > 0.0 {
             for effect in &request.effects {
-                let drawn = effect.draw(&mut Random::new(seed, &format!("effect {}", effect.name)), &scene);
-                let scale = stage.scale_to(effect, &drawn, request.size * noise_rms_n, 2e-3)?;
+                let drawn = effect.draw(
+                    &mut Random::new(seed, &format!("effect {}", effect.name)),
+                    &scene,
+                );
+                let scale = rig.scale_to(effect, &drawn, request.size * noise_rms_n, 2e-3)?;
                 scaled.push((effect, drawn.at_scale(scale)));
             }
         }
         let all: Vec<(&Effect, &Parameters)> = scaled.iter().map(|(e, p)| (*e, p)).collect();
-        let joint_rms_n = stage.basis.rms_left(&stage.contribution(&all, &[]));
+        let joint_rms_n = rig.basis.rms_left(&rig.contribution(&all, &[]));
         let mut missing = Vec::new();
         for (effect, parameters) in &scaled {
             let others: Vec<_> = all.iter().copied().filter(|(e, _)| e != effect).collect();
-            let alone = stage.contribution(&[(effect, parameters)], &[]);
+            let alone = rig.contribution(&[(effect, parameters)], &[]);
             missing.push(Missing {
                 effect,
                 parameters: parameters.clone(),
-                rms_n: stage.basis.rms_left(&alone),
+                rms_n: rig.basis.rms_left(&alone),
                 raw_rms_n: rms(&alone),
-                marginal_rms_n: stage.basis.rms_left(&stage.contribution(&all, &others)),
+                marginal_rms_n: rig.basis.rms_left(&rig.contribution(&all, &others)),
                 alike: if request.compare {
-                    compare(&stage, effect, parameters, noise_rms_n, &scene, seed)
+                    compare(&rig, effect, parameters, noise_rms_n, &scene, seed)
                 } else {
                     Vec::new()
                 },
             });
         }
 
-        let mut noise: Vec<Vec<f64>> = stage
-            .runs
+        let mut noise: Vec<Vec<f64>> = runs
             .iter()
             .enumerate()
             .map(|(i, run)| {
-                colour.generate(run.times.len(), request.rate_hz, &mut Random::new(seed, &format!("noise {i}")))
+                colour.generate(
+                    run.times.len(),
+                    request.rate_hz,
+                    &mut Random::new(seed, &format!("noise {i}")),
+                )
             })
             .collect();
         scale_to_rms(&mut noise, noise_rms_n);
@@ -402,9 +464,8 @@ impl Set {
             .filter(|(e, _)| e.stage == Stage::Limit)
             .map(|(_, p)| sensor::clipping_level(p))
             .fold(f64::INFINITY, f64::min);
-        let readings = stage.readings(&all);
-        let runs = stage
-            .runs
+        let readings = rig.readings(&all);
+        let logs = runs
             .iter()
             .zip(readings)
             .zip(noise)
@@ -412,7 +473,12 @@ impl Set {
             .enumerate()
             .map(|(i, (((sampling, clean), noise), (name, rows_lost)))| {
                 let random = Random::new(seed, &format!("log {i}"));
-                let log = Log { quantum_n, jitter_s, has_temperature, ceiling };
+                let log = Log {
+                    quantum_n,
+                    jitter_s,
+                    has_temperature,
+                    ceiling,
+                };
                 let mut run = log.write(sampling, clean, noise, random);
                 run.excitation = name;
                 run.rows_lost = rows_lost;
@@ -421,7 +487,7 @@ impl Set {
             .collect();
         Ok(Self {
             request: request.clone(),
-            terms: stage.terms,
+            terms,
             missing,
             joint_rms_n,
             noise_rms_n,
@@ -429,7 +495,7 @@ impl Set {
             quantum_n,
             jitter_s,
             has_temperature,
-            runs,
+            runs: logs,
         })
     }
 
@@ -439,20 +505,31 @@ impl Set {
             .into_iter()
             .filter(|d| request.effects.iter().all(|e| !e.declared_in.contains(d)))
             .collect();
-        let declared = free.get(random.index(free.len())).copied().unwrap_or(Declared::Spring);
+        let declared = free
+            .get(random.index(free.len()))
+            .copied()
+            .unwrap_or(Declared::Spring);
         declared.terms(random)
     }
 
     /// Motion, command and row times of all runs; and for each its source and the rows lost.
     #[allow(clippy::type_complexity)]
-    fn sample(request: &Request, jitter_s: f64, loss: f64) -> (Vec<Sampling>, Vec<(Option<String>, usize)>) {
+    fn sample(
+        request: &Request,
+        jitter_s: f64,
+        loss: f64,
+    ) -> (Vec<Sampling>, Vec<(Option<String>, usize)>) {
         let mut random = Random::new(request.seed, "excitation");
-        let dt = 1.0 / (request.rate_hz * STEPS_PER_ROW as f64);
+        let dt = 1.0 / (request.rate_hz * steps_per_row(request.rate_hz) as f64);
         let drawn_runs = random.integer(4, 8);
         let runs = request.runs.unwrap_or(drawn_runs);
         let short = request.effects.iter().any(|e| e.name == "backlash");
         let limits = Limits {
-            speed_rad_s: if short { random.uniform(0.8, 2.0) } else { random.uniform(1.5, 6.0) },
+            speed_rad_s: if short {
+                random.uniform(0.8, 2.0)
+            } else {
+                random.uniform(1.5, 6.0)
+            },
             travel_rad: if short { 1.5 } else { 12.0 },
             acceleration_rad_s2: random.log_uniform(15.0, 80.0),
         };
@@ -465,12 +542,20 @@ impl Set {
             let duration = request.duration_s.unwrap_or(drawn);
             let (mut world, duration, name) = match &request.excitation {
                 Some(measured) => {
-                    let (world, duration, name) = measured.run(first + i, &mut random, duration, dt);
+                    let (world, duration, name) =
+                        measured.run(first + i, &mut random, duration, dt);
                     (world, duration, Some(name))
                 }
-                None => (excitation::synthetic(&mut random, duration, dt, &limits), duration, None),
+                None => (
+                    excitation::synthetic(&mut random, duration, dt, &limits),
+                    duration,
+                    None,
+                ),
             };
-            world.seed = request.seed.wrapping_mul(0x9e37_79b9_7f4a_7c15).wrapping_add(i as u64);
+            world.seed = request
+                .seed
+                .wrapping_mul(0x9e37_79b9_7f4a_7c15)
+                .wrapping_add(i as u64);
             let rows = (duration * request.rate_hz) as usize;
             let mut times: Vec<f64> = (0..rows)
                 .map(|row| {
@@ -488,25 +573,6 @@ impl Set {
             samplings.push(Sampling { world, times });
         }
         (samplings, names)
-    }
-
-    /// The fitted terms in the rows of all runs.
-    fn basis(runs: &[Sampling], terms: &[Term]) -> Basis {
-        let columns: Vec<Vec<f64>> = terms
-            .iter()
-            .filter(|term| !term.fixed)
-            .map(|term| {
-                runs.iter()
-                    .flat_map(|run| {
-                        run.times.iter().map(|t| {
-                            let at = |signal: &[f64]| run.world.sample(signal, *t);
-                            term.value(at(&run.world.command), at(&run.world.velocity), at(&run.world.angle))
-                        })
-                    })
-                    .collect()
-            })
-            .collect();
-        Basis::new(&columns)
     }
 
     /// All that is true about the set, for `truth.json`.
@@ -560,6 +626,7 @@ impl Set {
                 "file": file_name(i),
                 "rows": run.rows.len(),
                 "rows_lost": run.rows_lost,
+                "rows_out_of_range": run.rows_out_of_range,
                 "motion_and_command_from": run.excitation,
             })).collect::<Vec<_>>(),
         })
@@ -586,6 +653,29 @@ impl Set {
     }
 }
 
+/// The fitted terms in the rows of all runs.
+fn fitted_terms(runs: &[Sampling], terms: &[Term]) -> Basis {
+    let columns: Vec<Vec<f64>> = terms
+        .iter()
+        .filter(|term| !term.fixed)
+        .map(|term| {
+            runs.iter()
+                .flat_map(|run| {
+                    run.times.iter().map(|t| {
+                        let at = |signal: &[f64]| run.world.sample(signal, *t);
+                        term.value(
+                            at(&run.world.command),
+                            at(&run.world.velocity),
+                            at(&run.world.angle),
+                        )
+                    })
+                })
+                .collect()
+        })
+        .collect();
+    Basis::new(&columns)
+}
+
 /// Name of the file of run `i`, counted from 0.
 pub fn file_name(i: usize) -> String {
     format!("run{:02}.csv", i + 1)
@@ -600,10 +690,14 @@ fn scene(runs: &[Sampling], rate_hz: f64) -> Scene {
         max_speed_rad_s: 0.0,
     };
     for Sampling { world, .. } in runs {
-        let extreme = |signal: &[f64], pick: fn(f64, f64) -> f64| signal.iter().copied().fold(f64::NAN, pick);
+        let extreme =
+            |signal: &[f64], pick: fn(f64, f64) -> f64| signal.iter().copied().fold(f64::NAN, pick);
         scene.max_command_n = scene.max_command_n.max(extreme(&world.command, f64::max));
         scene.min_command_n = scene.min_command_n.min(extreme(&world.command, f64::min));
-        let (low, high) = (extreme(&world.angle, f64::min), extreme(&world.angle, f64::max));
+        let (low, high) = (
+            extreme(&world.angle, f64::min),
+            extreme(&world.angle, f64::max),
+        );
         scene.travel_rad = scene.travel_rad.max(0.5 * (high - low));
         let speed = extreme(&world.velocity, f64::max).max(-extreme(&world.velocity, f64::min));
         scene.max_speed_rad_s = scene.max_speed_rad_s.max(speed);
@@ -611,42 +705,69 @@ fn scene(runs: &[Sampling], rate_hz: f64) -> Scene {
     scene
 }
 
-/// Parameters tried for each other effect, and again near the best.
-const TRIES: usize = 12;
+/// Random parameters tried for each other effect.
+const RANDOM_TRIES: usize = 12;
 
-/// Fits the effects that `effect.equivalences` names to the contribution of the effect, with parameters found by a
-/// random search. The result is an upper bound: another search may leave less.
+/// Changes tried to the best parameters of each other effect.
+const LOCAL_TRIES: usize = 20;
+
+/// Runs of a set that effects are compared on.
+const COMPARED_RUNS: usize = 2;
+
+/// Fits the effects that `effect.equivalences` names to the contribution of the effect in the first runs, with parameters
+/// found by a random search that may leave the documented ranges. The result is an upper bound: another search may leave
+/// less.
 fn compare(
-    stage: &Stage0,
+    rig: &Rig,
     effect: &Effect,
     parameters: &Parameters,
     noise_rms_n: f64,
     scene: &Scene,
     seed: u64,
 ) -> Vec<Alike> {
-    let mut target = stage.contribution(&[(effect, parameters)], &[]);
-    stage.basis.remove_from(&mut target);
+    let rig = Rig::new(&rig.runs[..rig.runs.len().min(COMPARED_RUNS)], rig.terms);
+    let mut target = rig.contribution(&[(effect, parameters)], &[]);
+    rig.basis.remove_from(&mut target);
     let wanted = rms(&target);
+    if wanted == 0.0 {
+        return Vec::new();
+    }
+    let left_by = |candidate: &Effect, drawn: &Parameters| -> Option<f64> {
+        let scale = rig.scale_to(candidate, drawn, wanted, 0.02).ok()?;
+        let mut column = rig.contribution(&[(candidate, &drawn.at_scale(scale))], &[]);
+        rig.basis.remove_from(&mut column);
+        Some(Basis::new(&[column]).rms_left(&target)).filter(|left| left.is_finite())
+    };
     let candidates = CATALOGUE.iter().filter(|candidate| {
-        *candidate != effect && effect.equivalences.iter().any(|e| e.names.contains(&candidate.name))
+        *candidate != effect
+            && effect
+                .equivalences
+                .iter()
+                .any(|e| e.names.contains(&candidate.name))
     });
     let mut alike: Vec<Alike> = candidates
         .filter_map(|candidate| {
-            let mut random = Random::new(seed, &format!("compare {} {}", effect.name, candidate.name));
+            let mut random =
+                Random::new(seed, &format!("compare {} {}", effect.name, candidate.name));
             let mut best: Option<(f64, Parameters)> = None;
-            for n in 0..2 * TRIES {
+            for n in 0..RANDOM_TRIES + LOCAL_TRIES {
                 let mut drawn = candidate.draw(&mut random, scene);
-                if let (true, Some((_, best))) = (n >= TRIES, &best) {
-                    let count = drawn.list().len();
-                    drawn = best.with_one_of(&drawn, random.index(count));
+                if let (true, Some((_, best))) = (n >= RANDOM_TRIES, &best) {
+                    // A first parameter that carries the size is left alone: the scale sets it anyway.
+                    let list = drawn.list();
+                    let changed = random.integer(
+                        usize::from(list.len() > 1 && list[0].scaled),
+                        list.len() - 1,
+                    );
+                    let spread = if random.chance(0.5) { 2.0 } else { 0.5 };
+                    let factor = random
+                        .chance(0.75)
+                        .then_some((spread * random.normal()).exp());
+                    drawn = best.with_changed(changed, factor, &drawn);
                 }
-                let Ok(scale) = stage.scale_to(candidate, &drawn, wanted, 0.02) else { continue };
-                let contribution = stage.contribution(&[(candidate, &drawn.at_scale(scale))], &[]);
-                let mut basis = Basis::default();
-                let mut column = contribution;
-                stage.basis.remove_from(&mut column);
-                basis.add(&column);
-                let left = basis.rms_left(&target);
+                let Some(left) = left_by(candidate, &drawn) else {
+                    continue;
+                };
                 if best.as_ref().is_none_or(|(least, _)| left < *least) {
                     best = Some((left, drawn));
                 }
@@ -671,13 +792,24 @@ struct Log {
 }
 
 impl Log {
-    fn write(&self, sampling: &Sampling, clean: Vec<f64>, noise: Vec<f64>, mut random: Random) -> Run {
+    fn write(
+        &self,
+        sampling: &Sampling,
+        clean: Vec<f64>,
+        noise: Vec<f64>,
+        mut random: Random,
+    ) -> Run {
         let world = &sampling.world;
         let mut columns = vec!["time_s", "force_n", "command_n", "speed_rad_s", "angle_rad"];
         if self.has_temperature {
             columns.push("temperature_c");
         }
-        columns.extend(["neighbour_1_n", "neighbour_2_n", "shoulder_rad", "elbow_rad"]);
+        columns.extend([
+            "neighbour_1_n",
+            "neighbour_2_n",
+            "shoulder_rad",
+            "elbow_rad",
+        ]);
         let mut last = f64::NEG_INFINITY;
         let rows = sampling
             .times
@@ -686,10 +818,18 @@ impl Log {
             .map(|(&t, (clean, noise))| {
                 let at = |signal: &[f64]| world.sample(signal, t);
                 // The time stamp misses the moment of the sample by a little; it still grows.
-                let stamp = round(t + 0.1 * self.jitter_s * random.normal(), 1e-6).max(last + 1e-6);
+                let stamp = round(
+                    t + CLOCK_START_S + 0.1 * self.jitter_s * random.normal(),
+                    1e-6,
+                )
+                .max(last + 1e-6);
                 last = stamp;
                 let velocity = at(&world.velocity);
-                let speed = if velocity == 0.0 { 0.0 } else { velocity + 0.003 * random.normal() };
+                let speed = if velocity == 0.0 {
+                    0.0
+                } else {
+                    velocity + 0.003 * random.normal()
+                };
                 let mut row = vec![
                     stamp,
                     round((clean + noise).min(self.ceiling), self.quantum_n),
@@ -707,7 +847,18 @@ impl Log {
                 row
             })
             .collect();
-        Run { columns, rows, noise, clean, ..Run::default() }
+        let rows_out_of_range = clean
+            .iter()
+            .filter(|f| !(0.0..=FULL_SCALE_N).contains(*f))
+            .count();
+        Run {
+            columns,
+            rows,
+            noise,
+            clean,
+            rows_out_of_range,
+            ..Run::default()
+        }
     }
 }
 

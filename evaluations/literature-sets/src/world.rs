@@ -1,6 +1,6 @@
 //! One run of the rig on the fine time grid: what happens around the load cell.
 
-/// Signals of one run on a uniform grid with [`crate::STEPS_PER_ROW`] steps for each row of the log. All have the
+/// Signals of one run on a uniform grid with [`crate::steps_per_row`] steps for each row of the log. All have the
 /// same length. The grid starts before the first row and ends after the last one, because effects such as a delay
 /// need the signals there.
 #[derive(Clone, Debug, Default)]
@@ -59,7 +59,8 @@ impl World {
     pub fn integrate_angle(&mut self, at_zero: f64) {
         self.angle = vec![0.0; self.velocity.len()];
         for i in 1..self.velocity.len() {
-            self.angle[i] = self.angle[i - 1] + 0.5 * self.dt * (self.velocity[i] + self.velocity[i - 1]);
+            self.angle[i] =
+                self.angle[i - 1] + 0.5 * self.dt * (self.velocity[i] + self.velocity[i - 1]);
         }
         let shift = at_zero - self.sample(&self.angle, 0.0);
         self.angle.iter_mut().for_each(|angle| *angle += shift);

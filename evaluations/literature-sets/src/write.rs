@@ -60,7 +60,10 @@ pub fn model_toml(set: &Set) -> String {
 pub fn write(set: &Set, folder: &Path) -> Result<(), String> {
     let failed = |path: &Path, e: std::io::Error| format!("{}: {e}", path.display());
     if folder.exists() {
-        return Err(format!("{} exists; remove it or give another --out or --seed", folder.display()));
+        return Err(format!(
+            "{} exists; remove it or give another --out or --seed",
+            folder.display()
+        ));
     }
     let logs = folder.join("logs");
     fs::create_dir_all(&logs).map_err(|e| failed(&logs, e))?;

@@ -1,15 +1,15 @@
 //! Friction of the drive and the cable guide. All take away from the tension while the reel winds in (velocity > 0).
 
 use crate::parameters::{Draw, Parameters, Scene};
-use crate::world::World;
+use crate::world::{interpolate, World};
 use std::f64::consts::PI;
 
 /// Range of a Coulomb level in N.
 const COULOMB: [f64; 2] = [0.02, 1.0];
 
 /// The Stribeck curve: `fc + (fs - fc) exp(-|v/vs|^delta)` (Bo and Pavelescu 1982, "The friction-speed relation and
-/// its influence on the critical velocity of stick-slip motion", Wear 82; with `delta = 2` also Tustin 1947 and
-/// Armstrong-Helouvry 1991).
+/// its influence on the critical velocity of stick-slip motion", Wear 82; `delta = 1` is Tustin 1947,
+/// `delta = 2` Armstrong-Helouvry 1991).
 pub fn stribeck(speed: f64, fc: f64, fs: f64, vs: f64, delta: f64) -> f64 {
     fc + (fs - fc) * (-(speed.abs() / vs).powf(delta)).exp()
 }
@@ -87,7 +87,11 @@ pub fn draw_viscous_load(draw: &mut Draw, _: &Scene) {
 /// joints Bittencourt and Gunnarsson 2012, who find a halving over about 20 K).
 pub fn viscous_temperature(p: &Parameters, world: &World, tension: &mut [f64]) {
     let (b, beta) = (p.get("b"), p.get("beta"));
-    for ((t, v), temperature) in tension.iter_mut().zip(&world.velocity).zip(&world.temperature) {
+    for ((t, v), temperature) in tension
+        .iter_mut()
+        .zip(&world.velocity)
+        .zip(&world.temperature)
+    {
         *t -= b * (-beta * (temperature - 25.0)).exp() * v;
     }
 }
@@ -122,7 +126,9 @@ pub fn dahl_step(h: f64, dx: f64, d: f64, i: f64) -> f64 {
     let gap = if i == 1.0 {
         gap * (-s).exp()
     } else {
-        (gap.powf(1.0 - i) - (1.0 - i) * s).max(0.0).powf(1.0 / (1.0 - i))
+        (gap.powf(1.0 - i) - (1.0 - i) * s)
+            .max(0.0)
+            .powf(1.0 / (1.0 - i))
     };
     sign * (1.0 - gap)
 }
@@ -175,7 +181,7 @@ pub fn armstrong(p: &Parameters, world: &World, tension: &mut [f64]) {
     let (fc, fv, fs_a, fs_inf) = (p.get("fc"), p.get("fv"), p.get("fs_a"), p.get("fs_inf"));
     let (vs, delta, gamma) = (p.get("vs"), p.get("delta"), p.get("gamma"));
     let kt = fs_inf / p.get("d");
-    let memory = (p.get("tau_l") * 1e-3 / world.dt).round() as usize;
+    let memory = p.get("tau_l") * 1e-3 / world.dt;
     let (mut spring, mut dwell, mut fs, mut sliding) = (0.0_f64, 0.0, fs_a, 0.0_f64);
     for (i, t) in tension.iter_mut().enumerate() {
         let v = world.velocity[i];
@@ -192,7 +198,7 @@ pub fn armstrong(p: &Parameters, world: &World, tension: &mut [f64]) {
             spring = spring.clamp(-fs_inf, fs_inf);
         }
         if sliding != 0.0 {
-            let remembered = world.velocity[i.saturating_sub(memory)];
+            let remembered = interpolate(&world.velocity, i as f64 - memory);
             spring = stribeck(remembered, fc, fs, vs, delta) * sliding;
         }
         *t -= spring + fv * v;
@@ -278,7 +284,8 @@ pub fn bouc_wen_state<'a>(p: &Parameters, world: &'a World) -> impl Iterator<Ite
     let (beta, n, d) = (p.get("beta"), p.get("n"), p.get("d"));
     let mut z = 0.0_f64;
     world.velocity.iter().map(move |v| {
-        let dx = v * world.dt / d;
+        // After ten times `d` in one direction `z` has settled.
+        let dx = (v * world.dt / d).clamp(-10.0, 10.0);
         let substeps = (dx.abs() * 20.0).ceil();
         let h = dx / substeps.max(1.0);
         let slope = |z: f64| 1.0 - z.abs().powf(n) * (1.0 - beta + beta * (h * z).signum());

@@ -89,8 +89,14 @@ impl Effect {
 /// For an unknown name, with the nearest known one.
 pub fn by_name(name: &str) -> Result<&'static Effect, String> {
     CATALOGUE.iter().find(|e| e.name == name).ok_or_else(|| {
-        let nearest = CATALOGUE.iter().min_by_key(|e| distance(e.name, name)).map_or("", |e| e.name);
-        format!("no effect `{name}`; did you mean `{nearest}`? `--list` shows all {}", CATALOGUE.len())
+        let nearest = CATALOGUE
+            .iter()
+            .min_by_key(|e| distance(e.name, name))
+            .map_or("", |e| e.name);
+        format!(
+            "no effect `{name}`; did you mean `{nearest}`? `--list` shows all {}",
+            CATALOGUE.len()
+        )
     })
 }
 
@@ -110,11 +116,68 @@ fn distance(a: &str, b: &str) -> usize {
     row[b.len()]
 }
 
-const fn same(names: &'static [&'static str], kind: &'static str, reason: &'static str) -> Equivalence {
-    Equivalence { names, kind, reason }
+const fn same(
+    names: &'static [&'static str],
+    kind: &'static str,
+    reason: &'static str,
+) -> Equivalence {
+    Equivalence {
+        names,
+        kind,
+        reason,
+    }
 }
 
 const NO_OTHER_NAME: &[Equivalence] = &[];
+
+/// The catalogue as a Markdown table, with the ranges for a travel of 1.5 rad and commands of 1 N to 13 N. The page
+/// `docs/residual/literature-sets.md` holds it.
+pub fn table() -> String {
+    let scene = Scene {
+        rate_hz: 100.0,
+        max_command_n: 13.0,
+        min_command_n: 1.0,
+        travel_rad: 1.5,
+        max_speed_rad_s: 3.0,
+    };
+    let mut text =
+        String::from("| name | effect and equation | parameters | source |\n|---|---|---|---|\n");
+    for effect in CATALOGUE {
+        let parameters: Vec<String> = effect
+            .draw(&mut Random::new(1, "table"), &scene)
+            .list()
+            .iter()
+            .map(|p| {
+                let [low, high] = p.typical.map(|x| (x * 1e6).round() / 1e6);
+                let range = if low == high {
+                    format!("{low:.4}")
+                } else {
+                    format!("{low} to {high}")
+                };
+                let unit = if p.unit == "-" {
+                    String::new()
+                } else {
+                    format!(" {}", p.unit)
+                };
+                format!(
+                    "{}{} {range}{unit}",
+                    p.name,
+                    if p.scaled { "*" } else { "" }
+                )
+            })
+            .collect();
+        let outside = if effect.outside { " (outside)" } else { "" };
+        text += &format!(
+            "| `{}` | {}{outside}: `{}` | {} | {} |\n",
+            effect.name,
+            effect.title,
+            effect.equation.replace('|', "\\|"),
+            parameters.join("; "),
+            effect.source
+        );
+    }
+    text
+}
 
 /// All effects.
 pub const CATALOGUE: &[Effect] = &[
@@ -520,7 +583,7 @@ pub const CATALOGUE: &[Effect] = &[
     Effect {
         name: "creep",
         title: "creep of the load cell with return to zero",
-        source: "OIML R 60 2017; Zener 1948; Bethe 1994",
+        source: "OIML R 60 2017; Zener 1948",
         equation: "y = F + a1 x1 + a2 x2; tau x' + x = F, unloaded before the run",
         outside: false,
         stage: Stage::Cell,
@@ -587,7 +650,7 @@ pub const CATALOGUE: &[Effect] = &[
     Effect {
         name: "crosstalk",
         title: "crosstalk from two neighbour channels",
-        source: "Braun and Wogerbauer 2011",
+        source: "Webster 1999",
         equation: "y = F + c1 n1 + c2 n2",
         outside: false,
         stage: Stage::Cell,
@@ -617,7 +680,7 @@ pub const CATALOGUE: &[Effect] = &[
         name: "mains",
         title: "mains tone",
         source: "Horowitz and Hill 2015",
-        equation: "y = F + a sin(2 pi f t + phase of the run)",
+        equation: "y = F + a sin(2 pi f t + phase of the run), f = nominal (1 + detune)",
         outside: false,
         stage: Stage::Amplifier,
         draw: sensor::draw_mains,

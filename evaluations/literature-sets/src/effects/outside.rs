@@ -39,7 +39,12 @@ pub fn kink(p: &Parameters, _: &World, signal: &mut [f64]) {
 pub fn draw_kink(draw: &mut Draw, scene: &Scene) {
     draw.signed("share", "-", 0.003, 0.2);
     let range = scene.max_command_n - scene.min_command_n;
-    draw.uniform("at", "N", scene.min_command_n + 0.3 * range, scene.min_command_n + 0.7 * range);
+    draw.uniform(
+        "at",
+        "N",
+        scene.min_command_n + 0.3 * range,
+        scene.min_command_n + 0.7 * range,
+    );
 }
 
 /// Bouc-Wen hysteresis whose force is proportional to the load (Do, Tjahjowidodo, Lau and Phee 2014, hysteresis of
@@ -64,13 +69,19 @@ pub fn draw_bouc_wen_load(draw: &mut Draw, _: &Scene) {
 pub fn rest_bursts(p: &Parameters, world: &World, tension: &mut [f64]) {
     let mut random = Random::new(world.seed, "rest-bursts");
     let chance = p.get("rate") * world.dt;
-    bursts(p, world, tension, |_, resting| resting && random.chance(chance), true);
+    bursts(
+        p,
+        world,
+        tension,
+        |_, resting| resting && random.chance(chance),
+        true,
+    );
 }
 
 /// Draws [`rest_bursts`].
 pub fn draw_rest_bursts(draw: &mut Draw, _: &Scene) {
     draw_burst(draw);
-    draw.log("rate", "1/s", 0.3, 3.0);
+    draw.log("rate", "1/s", 1.0, 5.0);
 }
 
 /// Bursts on release: each time the reel breaks loose after a rest the cable rings (stick-slip: Rabinowicz 1958;

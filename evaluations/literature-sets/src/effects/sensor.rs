@@ -23,7 +23,12 @@ pub struct SecondOrder {
 impl SecondOrder {
     /// In equilibrium with an input. `omega` in rad/s, `zeta` below 1.
     pub fn at_rest(omega: f64, zeta: f64, input: f64) -> Self {
-        Self { omega, zeta: zeta.min(0.999), value: input, slope: 0.0 }
+        Self {
+            omega,
+            zeta: zeta.min(0.999),
+            value: input,
+            slope: 0.0,
+        }
     }
 
     /// One step of `dt` s while the input goes from `from` to `to`.
@@ -40,7 +45,8 @@ impl SecondOrder {
         self.value = to - behind + decay * (error * cos + quadrature * sin);
         self.slope = rate
             + decay
-                * (-zeta * omega * (error * cos + quadrature * sin) + damped * (quadrature * cos - error * sin));
+                * (-zeta * omega * (error * cos + quadrature * sin)
+                    + damped * (quadrature * cos - error * sin));
     }
 }
 
@@ -119,11 +125,14 @@ pub fn draw_clock_skew(draw: &mut Draw, _: &Scene) {
 }
 
 /// Creep of the load cell: OIML R 60 (2017) defines it as the change of the output under constant load and tests it
-/// with the return to zero. Anelastic relaxation with two time constants (Zener 1948; for load cells Bethe 1994):
+/// with the return to zero. Anelastic relaxation with two time constants (Zener 1948, "Elasticity and Anelasticity of Metals"):
 /// `y = F + a1 x1 + a2 x2`, `tau x' + x = F`. The cell is unloaded before the run starts.
 pub fn creep(p: &Parameters, world: &World, signal: &mut [f64]) {
     let (a1, a2) = (p.get("a1") * 1e-2, p.get("a2") * 1e-2);
-    let (k1, k2) = (1.0 - (-world.dt / p.get("tau1")).exp(), 1.0 - (-world.dt / p.get("tau2")).exp());
+    let (k1, k2) = (
+        1.0 - (-world.dt / p.get("tau1")).exp(),
+        1.0 - (-world.dt / p.get("tau2")).exp(),
+    );
     let (mut x1, mut x2) = (0.0, 0.0);
     for s in signal.iter_mut() {
         x1 += k1 * (*s - x1);
@@ -184,8 +193,8 @@ pub fn draw_temperature_span(draw: &mut Draw, _: &Scene) {
     draw.signed("s", "%/K", 0.001, 0.05);
 }
 
-/// Crosstalk from the loads of two neighbour channels (for multi-axis cells Braun and Wogerbauer 2011; for multiplexed
-/// amplifiers any data sheet): `y = F + c1 n1 + c2 n2`.
+/// Crosstalk from the loads of two neighbour channels (Webster 1999, "The Measurement, Instrumentation and Sensors
+/// Handbook"; data sheets of multiplexed amplifiers): `y = F + c1 n1 + c2 n2`.
 pub fn crosstalk(p: &Parameters, world: &World, signal: &mut [f64]) {
     let (c1, c2) = (p.get("c1") * 1e-2, p.get("c2") * 1e-2);
     for (i, s) in signal.iter_mut().enumerate() {
@@ -222,7 +231,7 @@ pub fn draw_clipping(draw: &mut Draw, scene: &Scene) {
 /// Mains pick-up (Horowitz and Hill 2015, "The Art of Electronics"): a tone at 50 Hz or 60 Hz or twice that, sampled
 /// without a filter. The phase differs from run to run.
 pub fn mains(p: &Parameters, world: &World, signal: &mut [f64]) {
-    let (a, f) = (p.get("a"), p.get("f"));
+    let (a, f) = (p.get("a"), p.get("nominal") * (1.0 + p.get("detune")));
     let phase = Random::new(world.seed, "mains").uniform(0.0, TAU);
     for (i, s) in signal.iter_mut().enumerate() {
         *s += a * (TAU * f * world.time(i) + phase).sin();
@@ -232,6 +241,6 @@ pub fn mains(p: &Parameters, world: &World, signal: &mut [f64]) {
 /// Draws [`mains`]. The grid is within 0.1 % of its nominal frequency.
 pub fn draw_mains(draw: &mut Draw, _: &Scene) {
     draw.scaled("a", "N", 0.001, 0.2);
-    let nominal = draw.choice("nominal", "Hz", &[50.0, 60.0, 100.0, 120.0]);
-    draw.uniform("f", "Hz", 0.999 * nominal, 1.001 * nominal);
+    draw.choice("nominal", "Hz", &[50.0, 60.0, 100.0, 120.0]);
+    draw.uniform("detune", "-", -0.001, 0.001);
 }
