@@ -105,8 +105,9 @@ fn surroundings(random: &mut Random, world: &mut World) {
 fn motion(random: &mut Random, steps: usize, dt: f64, limits: &Limits) -> Vec<f64> {
     let mut reference = Vec::with_capacity(steps);
     let mut angle = 0.0_f64;
+    let mut deck = Vec::new();
     while reference.len() < steps {
-        let kind = PIECES[random.index(PIECES.len())];
+        let kind = next_piece(random, &mut deck);
         let length = (random.uniform(4.0, 12.0) / dt) as usize;
         let shape = piece(random, kind, length, dt);
         let speed = limits.speed_rad_s * random.log_uniform(0.25, 1.0);
@@ -132,8 +133,9 @@ fn motion(random: &mut Random, steps: usize, dt: f64, limits: &Limits) -> Vec<f6
 /// A load between two limits in N: pieces of all kinds, with limited rate.
 fn load(random: &mut Random, steps: usize, dt: f64, low: f64, high: f64) -> Vec<f64> {
     let mut reference = Vec::with_capacity(steps);
+    let mut deck = Vec::new();
     while reference.len() < steps {
-        let kind = PIECES[random.index(PIECES.len())];
+        let kind = next_piece(random, &mut deck);
         let length = (random.uniform(4.0, 12.0) / dt) as usize;
         let middle = random.uniform(low + 0.15 * (high - low), high - 0.15 * (high - low));
         let reach = (high - middle).min(middle - low) * random.uniform(0.3, 1.0);
@@ -145,6 +147,14 @@ fn load(random: &mut Random, steps: usize, dt: f64, low: f64, high: f64) -> Vec<
     }
     reference.truncate(steps);
     smooth(&slew(&reference, 40.0 * dt), (0.04 / dt) as usize)
+}
+
+/// A piece at random from a deck that holds each kind once, so that a run of a minute has all kinds.
+fn next_piece(random: &mut Random, deck: &mut Vec<Piece>) -> Piece {
+    if deck.is_empty() {
+        deck.extend(PIECES);
+    }
+    deck.swap_remove(random.index(deck.len()))
 }
 
 /// One piece with values of -1 to 1.
@@ -239,13 +249,23 @@ fn slew(reference: &[f64], step: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Mean over a window of `width` steps and then again, which rounds corners to continuous acceleration.
+/// Mean over a window of `width` steps and then again, which rounds corners to continuous acceleration. Less than 1e-9
+/// becomes 0: at rest the running sum leaves rounding errors.
 fn smooth(signal: &[f64], width: usize) -> Vec<f64> {
     let once = |signal: &[f64]| -> Vec<f64> {
+        let mut sum = 0.0;
         (0..signal.len())
             .map(|i| {
-                let window = &signal[i.saturating_sub(width)..=i];
-                window.iter().sum::<f64>() / window.len() as f64
+                sum += signal[i];
+                if i > width {
+                    sum -= signal[i - width - 1];
+                }
+                let mean = sum / (i.min(width) + 1) as f64;
+                if mean.abs() < 1e-9 {
+                    0.0
+                } else {
+                    mean
+                }
             })
             .collect()
     };

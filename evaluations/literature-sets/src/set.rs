@@ -275,15 +275,20 @@ struct Rig<'a> {
     runs: &'a [Sampling],
     terms: &'a [Term],
     basis: Basis,
+    /// Readings without noise and effects, of all runs one after the other.
+    plain: Vec<f64>,
 }
 
 impl<'a> Rig<'a> {
     fn new(runs: &'a [Sampling], terms: &'a [Term]) -> Self {
-        Self {
+        let mut rig = Self {
             runs,
             terms,
             basis: fitted_terms(runs, terms),
-        }
+            plain: Vec::new(),
+        };
+        rig.plain = rig.readings(&[]).concat();
+        rig
     }
 
     /// Readings without noise in the rows of all runs, with given effects.
@@ -321,39 +326,30 @@ impl<'a> Rig<'a> {
     }
 
     /// What effects add to the readings of all runs, one after the other.
-    fn contribution(
-        &self,
-        effects: &[(&Effect, &Parameters)],
-        without: &[(&Effect, &Parameters)],
-    ) -> Vec<f64> {
-        let (with, without) = (
-            self.readings(effects).concat(),
-            self.readings(without).concat(),
-        );
-        with.iter().zip(&without).map(|(a, b)| a - b).collect()
+    fn contribution(&self, effects: &[(&Effect, &Parameters)]) -> Vec<f64> {
+        difference(&self.readings(effects).concat(), &self.plain)
     }
 
-    /// The scale at which the declared model leaves `wanted` N RMS of an effect.
+    /// The parameters scaled so that the declared model leaves `wanted` N RMS of the effect, and what it leaves.
     fn scale_to(
         &self,
         effect: &Effect,
         drawn: &Parameters,
         wanted: f64,
         tolerance: f64,
-    ) -> Result<f64, String> {
-        let left = |scale: f64| {
-            self.basis
-                .rms_left(&self.contribution(&[(effect, &drawn.at_scale(scale))], &[]))
-        };
+    ) -> Result<(Parameters, Vec<f64>), String> {
         // Nearly all effects are nearly proportional to the scale: false position in the logarithm, kept in a bracket.
         let (mut low, mut high): (f64, f64) = (0.0, f64::INFINITY);
         let mut scale = 1.0;
         let mut tries = 0;
         while tries < 60 {
             tries += 1;
-            let now = left(scale);
+            let scaled = drawn.at_scale(scale);
+            let mut left = self.contribution(&[(effect, &scaled)]);
+            self.basis.remove_from(&mut left);
+            let now = rms(&left);
             if (now - wanted).abs() <= tolerance * wanted {
-                return Ok(scale);
+                return Ok((scaled, left));
             }
             if now < wanted {
                 low = scale;
@@ -423,22 +419,26 @@ impl Set {
                     &mut Random::new(seed, &format!("effect {}", effect.name)),
                     &scene,
                 );
-                let scale = rig.scale_to(effect, &drawn, request.size * noise_rms_n, 2e-3)?;
-                scaled.push((effect, drawn.at_scale(scale)));
+                let (parameters, _) =
+                    rig.scale_to(effect, &drawn, request.size * noise_rms_n, 2e-3)?;
+                scaled.push((effect, parameters));
             }
         }
         let all: Vec<(&Effect, &Parameters)> = scaled.iter().map(|(e, p)| (*e, p)).collect();
-        let joint_rms_n = rig.basis.rms_left(&rig.contribution(&all, &[]));
+        let joint_rms_n = rig.basis.rms_left(&rig.contribution(&all));
         let mut missing = Vec::new();
         for (effect, parameters) in &scaled {
             let others: Vec<_> = all.iter().copied().filter(|(e, _)| e != effect).collect();
-            let alone = rig.contribution(&[(effect, parameters)], &[]);
+            let alone = rig.contribution(&[(effect, parameters)]);
             missing.push(Missing {
                 effect,
                 parameters: parameters.clone(),
                 rms_n: rig.basis.rms_left(&alone),
                 raw_rms_n: rms(&alone),
-                marginal_rms_n: rig.basis.rms_left(&rig.contribution(&all, &others)),
+                marginal_rms_n: rig.basis.rms_left(&difference(
+                    &rig.contribution(&all),
+                    &rig.contribution(&others),
+                )),
                 alike: if request.compare {
                     compare(&rig, effect, parameters, noise_rms_n, &scene, seed)
                 } else {
@@ -676,6 +676,10 @@ fn fitted_terms(runs: &[Sampling], terms: &[Term]) -> Basis {
     Basis::new(&columns)
 }
 
+fn difference(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
+}
+
 /// Name of the file of run `i`, counted from 0.
 pub fn file_name(i: usize) -> String {
     format!("run{:02}.csv", i + 1)
@@ -726,16 +730,14 @@ fn compare(
     seed: u64,
 ) -> Vec<Alike> {
     let rig = Rig::new(&rig.runs[..rig.runs.len().min(COMPARED_RUNS)], rig.terms);
-    let mut target = rig.contribution(&[(effect, parameters)], &[]);
+    let mut target = rig.contribution(&[(effect, parameters)]);
     rig.basis.remove_from(&mut target);
     let wanted = rms(&target);
     if wanted == 0.0 {
         return Vec::new();
     }
     let left_by = |candidate: &Effect, drawn: &Parameters| -> Option<f64> {
-        let scale = rig.scale_to(candidate, drawn, wanted, 0.02).ok()?;
-        let mut column = rig.contribution(&[(candidate, &drawn.at_scale(scale))], &[]);
-        rig.basis.remove_from(&mut column);
+        let (_, column) = rig.scale_to(candidate, drawn, wanted, 0.02).ok()?;
         Some(Basis::new(&[column]).rms_left(&target)).filter(|left| left.is_finite())
     };
     let candidates = CATALOGUE.iter().filter(|candidate| {

@@ -206,7 +206,11 @@ fn times_grow_and_rows_are_lost() {
 #[test]
 fn motion_turns_rests_and_stays_in_reach() {
     for seed in 20..26 {
-        let set = set(seed, &[], 1.0);
+        let long = Request {
+            duration_s: Some(60.0),
+            ..request(seed, &[], 1.0)
+        };
+        let set = Set::generate(&long).unwrap();
         let rows: Vec<&Vec<f64>> = set.runs.iter().flat_map(|run| &run.rows).collect();
         let count = |f: &dyn Fn(&[f64]) -> bool| rows.iter().filter(|row| f(row)).count();
         assert!(count(&|row| row[3] == 0.0) > 10, "never at rest");

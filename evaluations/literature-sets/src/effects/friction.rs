@@ -236,7 +236,14 @@ pub fn maxwell_slip(p: &Parameters, world: &World, tension: &mut [f64]) {
     let mut force = [0.0_f64; ELEMENTS];
     let mut slipping = [0.0_f64; ELEMENTS];
     for (t, v) in tension.iter_mut().zip(&world.velocity) {
+        if *v == 0.0 {
+            // Elements stick at rest and hold their force.
+            slipping = [0.0; ELEMENTS];
+            *t -= force.iter().sum::<f64>();
+            continue;
+        }
         let s = stribeck(*v, fc, fs, vs, delta);
+        let decay = (-attraction * world.dt / s).exp();
         for e in 0..ELEMENTS {
             if slipping[e] != 0.0 && v * slipping[e] <= 0.0 {
                 slipping[e] = 0.0;
@@ -251,7 +258,7 @@ pub fn maxwell_slip(p: &Parameters, world: &World, tension: &mut [f64]) {
                 }
             } else {
                 let steady = limit * slipping[e];
-                force[e] = steady + (force[e] - steady) * (-attraction * world.dt / s).exp();
+                force[e] = steady + (force[e] - steady) * decay;
             }
         }
         *t -= force.iter().sum::<f64>();
@@ -271,7 +278,7 @@ pub fn draw_maxwell_slip(draw: &mut Draw, _: &Scene) {
 
 /// Bouc 1967 and Wen 1976, "Method for random vibration of hysteretic systems": the hysteretic part `F = fh z` with
 /// `d dz/dx = 1 - |z|^n (gamma + beta sgn(v z))`, `gamma = 1 - beta`, so that `|z|` stays below 1. Integrated with the
-/// midpoint rule in substeps of at most a twentieth of `d`.
+/// midpoint rule in substeps of at most a tenth of `d`.
 pub fn bouc_wen(p: &Parameters, world: &World, tension: &mut [f64]) {
     let fh = p.get("fh");
     for (t, z) in tension.iter_mut().zip(bouc_wen_state(p, world)) {
@@ -286,7 +293,7 @@ pub fn bouc_wen_state<'a>(p: &Parameters, world: &'a World) -> impl Iterator<Ite
     world.velocity.iter().map(move |v| {
         // After ten times `d` in one direction `z` has settled.
         let dx = (v * world.dt / d).clamp(-10.0, 10.0);
-        let substeps = (dx.abs() * 20.0).ceil();
+        let substeps = (dx.abs() * 10.0).ceil();
         let h = dx / substeps.max(1.0);
         let slope = |z: f64| 1.0 - z.abs().powf(n) * (1.0 - beta + beta * (h * z).signum());
         for _ in 0..substeps as usize {
