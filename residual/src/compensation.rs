@@ -95,6 +95,26 @@ impl Report {
     /// delay or lag).
     ///
     /// It is computed from kinds, forms and parameters; no label or sentence of the report counts.
+    ///
+    /// ```
+    /// # use residual::{analyse, spec::Spec, Data};
+    /// # let model = Spec::parse(
+    /// #     "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\ncommand = { column = \"c\" }\n\
+    /// #      [selection]\nonly = [\"gain\", \"offset\"]\n[[terms]]\nname = \"y\"\nexpr = \"command\"\nfixed = 1.0\n",
+    /// # )?;
+    /// # let time: Vec<f64> = (0..400).map(|i| f64::from(i % 100) * 0.02).collect();
+    /// # let command: Vec<f64> = (0..400).map(|i| (0.1 * f64::from(i)).sin()).collect();
+    /// # let target = (0..400).map(|i| command[i] + 0.5 + 0.01 * (7.0 * (i * i) as f64).sin()).collect();
+    /// # let data = Data::from_columns(time, [("command", command), ("target", target)])
+    /// #     .sequences((0..4).map(|run| 100 * run..100 * (run + 1)))
+    /// #     .build()?;
+    /// // A target that lies 0.5 above the command.
+    /// let report = analyse(&model, data, &mut ())?;
+    /// let found = report.compensation().expect("an offset");
+    /// let add_to_command = -found.offset;
+    /// assert!((add_to_command + 0.5).abs() < 0.01);
+    /// # Ok::<(), residual::Error>(())
+    /// ```
     pub fn compensation(&self) -> Option<Compensation> {
         match self.verdict {
             Verdict::Effect | Verdict::Several => {}

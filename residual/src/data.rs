@@ -179,12 +179,12 @@ impl DataBuilder {
         if self.keep.is_empty() {
             self.keep = vec![true; rows];
         }
+        self.check()?;
         if self.groups.is_empty() {
             self.groups = (0..self.sequences.len())
                 .flat_map(|g| self.sequences[g].clone().map(move |_| g))
                 .collect();
         }
-        self.check()?;
         let (fold, fold_names, groups) = self.deal()?;
         Ok(Data {
             frame: Frame::new(self.columns, self.time, self.sequences),
@@ -200,7 +200,8 @@ impl DataBuilder {
     fn check(&self) -> Result<(), Error> {
         let rows = self.time.len();
         let lengths = self.columns.iter().map(|(n, c)| (n.as_str(), c.len()));
-        let of_rows = [("groups", self.groups.len()), ("keep", self.keep.len())];
+        let groups = Some(("groups", self.groups.len())).filter(|(_, l)| *l > 0);
+        let of_rows = groups.into_iter().chain([("keep", self.keep.len())]);
         if let Some((name, length)) = lengths.chain(of_rows).find(|(_, l)| *l != rows) {
             return Err(Error::data(
                 format!("`{name}` has {length} rows, the time has {rows}"),

@@ -1,6 +1,6 @@
 //! Small statistics on plain values: robust location, steps, distributions, a reproducible generator.
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 /// Sorts in place and returns the median; `None` if empty.
 pub fn median(v: &mut [f64]) -> Option<f64> {
@@ -116,15 +116,18 @@ impl Rng {
 }
 
 /// One test of the residual.
-#[derive(Debug, Clone, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct ResidualTest {
     /// Variable tested against; `itself` for whiteness.
     pub against: String,
     /// Lag of the largest correlation, in rows (positive: the residual follows the variable).
     pub lag: i64,
     /// Correlation at that lag.
+    #[serde(deserialize_with = "crate::nan::from_null")]
     pub correlation: f64,
     /// Probability of a statistic at least so large by chance.
+    #[serde(rename = "p_value", deserialize_with = "crate::nan::from_null")]
     pub p: f64,
 }
 

@@ -45,7 +45,7 @@ use wire::message::{UnitConfig, UnitSetpoint};
 use wire::{Command, UNITS};
 
 /// The model of the recorded session.
-pub const MODEL: &str = include_str!("../../../residual/models/identify.toml");
+pub const MODEL: &str = include_str!("../../models/identify.toml");
 
 /// For how long the cables are tensioned before the robot moves, s.
 const PRETENSION_S: f64 = 1.0;

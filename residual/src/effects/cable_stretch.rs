@@ -14,7 +14,7 @@ impl Effect for CableStretch {
         "series elasticity: the load follows the command through a spring and damper (first-order lag), or rises with the winding angle"
     }
     fn experiment(&self) -> &'static str {
-        "step and sweep the command with the far end blocked: a lag bends the phase towards a quarter period where a delay lets it run on"
+        "step and sweep the command with the far end blocked: the phase of a lag approaches a quarter period, that of a delay grows without limit"
     }
     fn against(&self, ctx: &Context) -> String {
         // A lag is off by its time constant times the slope of the load, a spring by its stiffness times the angle.

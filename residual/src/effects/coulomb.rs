@@ -12,7 +12,7 @@ impl Effect for Coulomb {
         "dry friction: a constant force with the sign of the velocity"
     }
     fn experiment(&self) -> &'static str {
-        "move to and fro at constant speed and constant load: the force jumps by twice the friction when the direction changes"
+        "move back and forth at constant speed and constant load: the force jumps by twice the friction when the direction changes"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())

@@ -9,10 +9,10 @@ impl Effect for Creep {
         EffectKind::Creep
     }
     fn meaning(&self) -> &'static str {
-        "creep: part of the answer to a load comes slowly, with its own time constant"
+        "creep: part of the response to a load is slow, with a time constant of its own"
     }
     fn experiment(&self) -> &'static str {
-        "hold a load for many time constants, take it off, and watch the zero return"
+        "hold a load for many time constants, remove it, and record the return to zero"
     }
     fn against(&self, _: &Context) -> String {
         "elapsed".into()

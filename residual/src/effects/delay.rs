@@ -9,7 +9,7 @@ impl Effect for Delay {
         EffectKind::Delay
     }
     fn meaning(&self) -> &'static str {
-        "delay: the target answers the command a fixed time later (negative: the log stamps the target late)"
+        "delay: the target follows the command after a fixed time (negative: the time stamps of the target are late)"
     }
     fn experiment(&self) -> &'static str {
         "sweep the command up to half the sampling rate: a delay's phase grows in proportion to the frequency, without limit"

@@ -9,10 +9,10 @@ impl Effect for DriftTemperature {
         EffectKind::DriftTemperature
     }
     fn meaning(&self) -> &'static str {
-        "temperature drift of zero or gain, at once or as the part warms through"
+        "temperature drift of zero or gain, at once or with a thermal time constant"
     }
     fn experiment(&self) -> &'static str {
-        "warm up and cool down under constant load, so that temperature and time part ways"
+        "warm up and cool down under constant load, so that temperature and time do not rise together"
     }
     fn against(&self, _: &Context) -> String {
         "temperature".into()

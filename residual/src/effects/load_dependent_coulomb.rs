@@ -12,7 +12,7 @@ impl Effect for LoadDependentCoulomb {
         "dry friction that grows with the load (gear teeth, wrapped cable): sign of velocity times (constant + share of load)"
     }
     fn experiment(&self) -> &'static str {
-        "move to and fro at constant speed under several constant loads: the jump at reversal grows with the load"
+        "move back and forth at constant speed under several constant loads: the jump at reversal grows with the load"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())

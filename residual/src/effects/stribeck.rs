@@ -12,7 +12,7 @@ impl Effect for Stribeck {
         "Stribeck friction: dry friction that is larger at low speed and falls to its sliding value"
     }
     fn experiment(&self) -> &'static str {
-        "move at many constant speeds from creeping to fast, both directions, constant load"
+        "move at many constant speeds from very slow to fast, both directions, constant load"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())

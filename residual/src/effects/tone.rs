@@ -9,7 +9,7 @@ impl Effect for Tone {
         EffectKind::Tone
     }
     fn meaning(&self) -> &'static str {
-        "a tone of constant frequency in time, whatever moves (mains, fan, or the alias of something above half the row rate)"
+        "a tone of constant frequency in time, independent of the motion (mains, fan, or the alias of something above half the row rate)"
     }
     fn experiment(&self) -> &'static str {
         "log at rest with the drive off, at two sampling rates: a true tone keeps its frequency, an alias moves"

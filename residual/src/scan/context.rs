@@ -1,19 +1,8 @@
 //! What the effects are told of the data and the current model.
 
-use super::friction::dry_friction;
+use super::friction::{dry_friction, velocity_of};
 use super::Scan;
 use crate::effects::Context;
-use crate::spec::Spec;
-
-/// The velocity as the model file gives it: the role, or the slope of the angle.
-pub(super) fn velocity_of(spec: &Spec) -> Option<String> {
-    let roles = &spec.roles;
-    if roles.velocity.is_some() {
-        Some("velocity".to_string())
-    } else {
-        roles.angle.as_ref().map(|_| "deriv(angle, 2)".to_string())
-    }
-}
 
 impl<'a> Scan<'a> {
     /// The context of the current residual.

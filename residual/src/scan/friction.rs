@@ -1,10 +1,20 @@
 //! Dry friction in a model: which terms are, and whether a form makes it larger as its name says.
 
-use super::context::velocity_of;
 use super::{Applied, Scan};
 use crate::effects::Build;
 use crate::expr::Expr;
 use crate::linalg::dot;
+use crate::spec::Spec;
+
+/// The velocity as the model file gives it: the role, or the slope of the angle.
+pub(super) fn velocity_of(spec: &Spec) -> Option<String> {
+    let roles = &spec.roles;
+    if roles.velocity.is_some() {
+        Some("velocity".to_string())
+    } else {
+        roles.angle.as_ref().map(|_| "deriv(angle, 2)".to_string())
+    }
+}
 
 /// Whether a term has the direction of a motion with velocity `v`, and so is dry friction.
 pub(super) fn dry_friction(term: &Expr, v: &str) -> bool {

@@ -1,17 +1,19 @@
 //! Plots of residuals as small SVG pictures.
 
-use crate::report::{num, Plot};
+use super::plot::Plot;
+use crate::format::num;
 use crate::stats::quantile_sorted;
 use std::fmt::Write as _;
 
-/// Inside of a panel, and the room around it.
+/// Width and height of a panel's inside, in pixels, as all lengths here.
 const W: f64 = 290.0;
 const H: f64 = 220.0;
+/// Margins of a panel.
 const LEFT: f64 = 66.0;
 const TOP: f64 = 30.0;
 const RIGHT: f64 = 18.0;
 const BELOW: f64 = 46.0;
-/// Room for the legend.
+/// Height of the legend.
 const LEGEND: f64 = 24.0;
 
 /// Where the RMS after is less than this share of that before, it gets a panel on its own scale.
@@ -21,12 +23,12 @@ const SMALL: f64 = 0.35;
 const EMPTY: f64 = 0.25;
 
 /// Colours of points and means.
-pub(crate) const POINTS: &str = "#4878a8";
-pub(crate) const MEANS: &str = "#c03020";
+pub(super) const POINTS: &str = "#4878a8";
+pub(super) const MEANS: &str = "#c03020";
 
-/// What the marks are, for the legend.
-pub(crate) const POINTS_ARE: &str = "rows, thinned";
-pub(crate) const MEANS_ARE: &str = "mean of all rows, by bins";
+/// Text of the legend.
+pub(super) const POINTS_ARE: &str = "rows, thinned";
+pub(super) const MEANS_ARE: &str = "mean of all rows, by bins";
 
 /// Round step of about three to six ticks over a range, and the decimals that it needs.
 fn tick_step(lo: f64, hi: f64) -> (f64, i32) {
@@ -216,8 +218,16 @@ fn open(width: f64, height: f64, p: &Plot, unit: &str) -> String {
     )
 }
 
-/// All panels side by side, with a legend: a picture for a page that shows it whole.
-pub(crate) fn residuals(p: &Plot, unit: &str) -> String {
+impl Plot {
+    /// The picture as SVG: all panels side by side, with a legend. There are panels before and after on
+    /// one scale, and the one after again on its own scale where it is much smaller. `unit` is the target's.
+    pub fn svg(&self, unit: &str) -> String {
+        side_by_side(self, unit)
+    }
+}
+
+/// All panels side by side, with a legend.
+fn side_by_side(p: &Plot, unit: &str) -> String {
     let (panels, x) = panels(p, unit);
     let height = TOP + H + BELOW + LEGEND;
     let width = panels.len() as f64 * (LEFT + W) + RIGHT;
@@ -230,9 +240,9 @@ pub(crate) fn residuals(p: &Plot, unit: &str) -> String {
     s
 }
 
-/// Each panel as a picture of its own, so that a narrow page can put them below each other. The legend
-/// is the page's business.
-pub(crate) fn separate(p: &Plot, unit: &str) -> Vec<String> {
+/// Each panel as a picture of its own, so that a narrow page can put them below each other. They have no
+/// legend: the page has it.
+pub(super) fn separate(p: &Plot, unit: &str) -> Vec<String> {
     let (panels, x) = panels(p, unit);
     panels
         .iter()
@@ -254,7 +264,7 @@ mod tests {
         let before: Vec<f64> = x.iter().map(|x| (x / 40.0).sin() - 2.0).collect();
         let after: Vec<f64> = before.iter().map(|b| 0.05 * (b + 2.0)).collect();
         let plot = Plot::new("speed <b>, deg/s", &x, &before, &after);
-        let s = residuals(&plot, "N");
+        let s = side_by_side(&plot, "N");
         assert!(s.len() < 60_000, "{}", s.len());
         let each = separate(&plot, "N");
         assert_eq!(each.len(), 3);
@@ -267,7 +277,7 @@ mod tests {
             assert!(s.contains(part), "{part}");
         }
         assert!(each[1].contains(&rms) && s.contains(MEANS_ARE) && s.contains("own scale"));
-        let flat = residuals(&Plot::new("x", &[1.0; 50], &[0.0; 50], &[0.0; 50]), "N");
+        let flat = side_by_side(&Plot::new("x", &[1.0; 50], &[0.0; 50], &[0.0; 50]), "N");
         assert!(!flat.contains("NaN") && !flat.contains("inf"));
     }
 
@@ -276,9 +286,9 @@ mod tests {
         let n = 1000;
         let x: Vec<f64> = (0..n).map(f64::from).collect();
         let mut y: Vec<f64> = x.iter().map(|x| (0.37 * x).sin()).collect();
-        assert!(!residuals(&Plot::new("x", &x, &y, &y), "N").contains("outside"));
+        assert!(!side_by_side(&Plot::new("x", &x, &y, &y), "N").contains("outside"));
         y[500] = 1e3;
-        let s = residuals(&Plot::new("x", &x, &y, &y), "N");
+        let s = side_by_side(&Plot::new("x", &x, &y, &y), "N");
         assert!(s.contains("1 of 1000 points outside"), "{s}");
     }
 
