@@ -1,7 +1,7 @@
 //! The lock-step link between a host program and the embedded rig.
 //!
 //! The rig is a process of its own (`rig`, package `emulator`): it boots the firmware image on the
-//! emulated STM32H753 and then moves only when told to. The host sends a [`Request`], the rig answers
+//! emulated STM32H753 and then advances only on request. The host sends a [`Request`], the rig answers
 //! with exactly one [`Response`]; virtual time passes only inside [`Request::Advance`]. So a host
 //! controller that runs at 100 Hz sees the same bytes at the same virtual times on every machine.
 //!
@@ -43,7 +43,7 @@ pub enum Request {
         /// `true`: wander; `false`: come to a standstill.
         moving: bool,
     },
-    /// Break something, or mend it; answered by [`Response::Done`].
+    /// Inject a fault, or remove it; answered by [`Response::Done`].
     Inject(Injection),
     /// Ask for the run's figures and register report so far; answered by [`Response::Report`].
     Report,

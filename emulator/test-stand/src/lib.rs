@@ -158,7 +158,7 @@ impl<'l> Stand<'l> {
             .unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Breaks or mends something.
+    /// Injects a fault, or removes it.
     ///
     /// # Panics
     /// Where the rig refuses.

@@ -15,12 +15,8 @@ use std::path::PathBuf;
 use std::process::{Command, ExitCode};
 use test_stand::{quantile, rig_file, Stand};
 
-const USAGE: &str = "\
-usage: bench --out FILE.json [--markdown FILE.md] [--quick]
-
-  --out FILE       write the figures as one flat JSON object
-  --markdown FILE  write them as a page for docs/
-  --quick          20 emulated seconds instead of ten minutes, 5,000 allocations instead of 100,000";
+/// What `--help` prints; `cargo xtask bench --help` as well.
+const HELP: &str = include_str!("help.txt");
 
 /// Seeds of the runs whose worst figure is quoted.
 const SEEDS: [u64; 3] = [1, 2, 3];
@@ -92,7 +88,8 @@ struct Arguments {
     quick: bool,
 }
 
-fn arguments() -> Result<Arguments, String> {
+/// `None`: `--help` was asked for.
+fn arguments() -> Result<Option<Arguments>, String> {
     let (mut out, mut markdown, mut quick) = (None, None, false);
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
@@ -100,25 +97,36 @@ fn arguments() -> Result<Arguments, String> {
             words
                 .next()
                 .map(PathBuf::from)
-                .ok_or_else(|| format!("{word} needs a file\n{USAGE}"))
+                .ok_or_else(|| format!("{word} needs a file\n\n{HELP}"))
         };
         match word.as_str() {
             "--out" => out = Some(path()?),
             "--markdown" => markdown = Some(path()?),
             "--quick" => quick = true,
-            _ => return Err(format!("{word}: no such option\n{USAGE}")),
+            "-h" | "--help" => return Ok(None),
+            _ => return Err(format!("{word}: no such option\n\n{HELP}")),
         }
     }
-    Ok(Arguments {
-        out: out.ok_or_else(|| format!("--out is missing\n{USAGE}"))?,
+    Ok(Some(Arguments {
+        out: out.ok_or_else(|| format!("--out is missing\n\n{HELP}"))?,
         markdown,
         quick,
-    })
+    }))
 }
 
 fn main() -> ExitCode {
-    let done = arguments().and_then(|arguments| bench(&arguments));
-    match done {
+    let arguments = match arguments() {
+        Ok(Some(arguments)) => arguments,
+        Ok(None) => {
+            print!("{HELP}");
+            return ExitCode::SUCCESS;
+        }
+        Err(error) => {
+            eprintln!("bench: {error}");
+            return ExitCode::from(2);
+        }
+    };
+    match bench(&arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("bench: {error}");

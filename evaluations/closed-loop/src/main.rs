@@ -5,7 +5,7 @@
 //! its own and hands that file to the rig; its analysis sees the recorded session and nothing else. Only then is
 //! what it reports compared with the truth.
 //!
-//! `cargo xtask closed-loop [--seeds 1..10] [--seconds 40] [--for 16] [--size 1] [--markdown FILE]`
+//! `cargo xtask closed-loop [--seeds 1..10] [--drive-duration 40] [--duration 16] [--size 1] [--markdown FILE]`
 
 use serde_json::Value;
 use std::collections::BTreeMap;
@@ -13,15 +13,8 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
-const USAGE: &str = "usage: closed-loop --forcectl PROGRAM [--seeds FIRST..LAST] [--seconds S] [--for S] [--size F] [--out DIR] [--markdown FILE]
-
-  --seeds 1..10    seeds to run, both ends included; every ten in a row have each kind of effect once
-  --seconds 40     length of the recorded session
-  --for 16         for how long the force is held before and after
-  --size 1         factor on the drawn sizes, 0.1 to 1
-  --out DIR        folder for plant files, recordings and reports (default target/closed-loop)
-  --markdown FILE  write the table there as well
-  --reuse          read the reports that an earlier run left in DIR, and run nothing (to put several runs together)";
+/// What `--help` prints; `cargo xtask closed-loop --help` as well.
+const HELP: &str = include_str!("help.txt");
 
 /// Cables start this slack, m, so that zeros are taken without a pull, as docs/bring-up.md has it.
 const SLACK_M: f64 = 0.003;
@@ -317,7 +310,7 @@ fn read(truth: &Truth, report: &Value) -> Result<Said, String> {
 struct Options {
     forcectl: PathBuf,
     seeds: (u64, u64),
-    seconds: String,
+    drive: String,
     hold: String,
     size: f64,
     out: PathBuf,
@@ -325,11 +318,12 @@ struct Options {
     reuse: bool,
 }
 
-fn options() -> Result<Options, String> {
+/// `None`: `--help` was asked for.
+fn options() -> Result<Option<Options>, String> {
     let mut options = Options {
         forcectl: PathBuf::new(),
         seeds: (1, 10),
-        seconds: "40".to_owned(),
+        drive: "40".to_owned(),
         hold: "16".to_owned(),
         size: 1.0,
         out: PathBuf::from("target/closed-loop"),
@@ -338,7 +332,11 @@ fn options() -> Result<Options, String> {
     };
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
-        let mut value = || words.next().ok_or(format!("{word} needs a value\n{USAGE}"));
+        let mut value = || {
+            words
+                .next()
+                .ok_or(format!("{word} needs a value\n\n{HELP}"))
+        };
         match word.as_str() {
             "--forcectl" => options.forcectl = value()?.into(),
             "--seeds" => {
@@ -352,8 +350,8 @@ fn options() -> Result<Options, String> {
                         "--seeds {text}: give FIRST..LAST, whole numbers from 1"
                     ))?;
             }
-            "--seconds" => options.seconds = value()?,
-            "--for" => options.hold = value()?,
+            "--drive-duration" => options.drive = value()?,
+            "--duration" => options.hold = value()?,
             "--size" => {
                 let text = value()?;
                 let size = text.parse().ok().filter(|x| (0.1..=1.0).contains(x));
@@ -362,13 +360,14 @@ fn options() -> Result<Options, String> {
             "--out" => options.out = value()?.into(),
             "--reuse" => options.reuse = true,
             "--markdown" => options.markdown = Some(value()?.into()),
-            other => return Err(format!("{other}: no such option\n{USAGE}")),
+            "-h" | "--help" => return Ok(None),
+            other => return Err(format!("{other}: no such option\n\n{HELP}")),
         }
     }
     if options.forcectl.as_os_str().is_empty() {
-        return Err(format!("--forcectl is missing\n{USAGE}"));
+        return Err(format!("--forcectl is missing\n\n{HELP}"));
     }
-    Ok(options)
+    Ok(Some(options))
 }
 
 fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Said, String> {
@@ -388,10 +387,11 @@ fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Said, String> {
     std::fs::write(&plant, &truth.plant).map_err(|e| format!("{}: {e}", plant.display()))?;
     let output = Command::new(&options.forcectl)
         .arg("identify")
-        .args(["--rig", "embedded", "--seed", &seed.to_string()])
+        .args(["--link", "embedded", "--seed", &seed.to_string()])
         .arg("--plant")
         .arg(&plant)
-        .args(["--seconds", &options.seconds, "--for", &options.hold])
+        .args(["--drive-duration", &options.drive])
+        .args(["--duration", &options.hold])
         .arg("--out")
         .arg(&report)
         .output()
@@ -407,8 +407,8 @@ fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Said, String> {
     let plain = control.join("plant.toml");
     std::fs::write(&plain, plant_text("")).map_err(|e| format!("{}: {e}", plain.display()))?;
     Command::new(&options.forcectl)
-        .args(["set-force", "0", "2.5", "0", "--for", &options.hold])
-        .args(["--rig", "embedded", "--seed", &seed.to_string()])
+        .args(["set-force", "0", "2.5", "0", "--duration", &options.hold])
+        .args(["--link", "embedded", "--seed", &seed.to_string()])
         .arg("--plant")
         .arg(&plain)
         .arg("--out")
@@ -646,13 +646,17 @@ Kinds that had cost the worst cable a tenth or more against *without it*, of who
         better.len(),
         back.len(),
         hold = options.hold,
-        seconds = options.seconds,
+        seconds = options.drive,
     )
 }
 
 fn main() -> ExitCode {
     let options = match options() {
-        Ok(options) => options,
+        Ok(Some(options)) => options,
+        Ok(None) => {
+            print!("{HELP}");
+            return ExitCode::SUCCESS;
+        }
         Err(why) => {
             eprintln!("closed-loop: {why}");
             return ExitCode::from(2);

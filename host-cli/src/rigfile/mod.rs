@@ -67,7 +67,7 @@ impl std::str::FromStr for LinkChoice {
             _ => match text.strip_prefix("serial:") {
                 Some(port) if !port.is_empty() => Ok(Self::Serial(port.to_owned())),
                 _ => Err(format!(
-                    "`{text}` is no link; use embedded, usb or serial:PORT (as in serial:/dev/ttyACM0)"
+                    "`{text}` is not a link; use embedded, usb or serial:PORT (for example serial:/dev/ttyACM0)"
                 )),
             },
         }

@@ -422,7 +422,7 @@ fn read_pose(root: &Section<'_, '_>) -> PoseChoice {
                     listen.at,
                     "listen",
                     format!(
-                        "`{}` is no address with a port, as in \"127.0.0.1:4711\"",
+                        "`{}` is not an address with a port, for example \"127.0.0.1:4711\"",
                         listen.value
                     ),
                 );
@@ -440,7 +440,7 @@ fn read_pose(root: &Section<'_, '_>) -> PoseChoice {
                 section.report(
                     source.at,
                     "source",
-                    format!("`{other}` is no pose source; use \"rig\", \"udp\" or \"static\""),
+                    format!("`{other}` is not a pose source; use \"rig\", \"udp\" or \"static\""),
                 );
             }
             PoseChoice::Rig
@@ -487,7 +487,7 @@ fn read_allocation(root: &Section<'_, '_>) -> AllocationSettings {
                     section.report(
                         reference.at,
                         "reference",
-                        format!("`{other}` is no policy; use \"lower\" (kind to robot and motors) or \"middle\" (far from slack)"),
+                        format!("`{other}` is not a policy; use \"lower\" (kind to robot and motors) or \"middle\" (far from slack)"),
                     );
                 }
                 Reference::Lower
@@ -776,7 +776,7 @@ fn read_filter(section: &Section<'_, '_>) -> Filter {
                 section.report(
                     kind.at,
                     "filter",
-                    format!("`{other}` is no filter; use \"low_pass\" or \"moving_average\""),
+                    format!("`{other}` is not a filter; use \"low_pass\" or \"moving_average\""),
                 );
             }
             Filter::MovingAverage(1)

@@ -161,7 +161,7 @@ fn check_arguments(
     }
     if !options.injections.is_empty() && link.controls().is_none() {
         return Err(RunError::Argument(
-            "nothing can be injected into a real rig; use --rig embedded".to_owned(),
+            "nothing can be injected into a real rig; use --link embedded".to_owned(),
         ));
     }
     Ok(())
