@@ -162,3 +162,27 @@ pub(crate) fn terms(declared: &Fitted) -> Vec<DeclaredTerm> {
         })
         .collect()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_that_is_no_effect_is_refused() {
+        let with = |names: &str| {
+            let spec = Spec::parse(&format!(
+                "[roles]\ntime = {{ column = \"t\" }}\ntarget = {{ column = \"y\" }}\n\
+                 [selection]\n{names}\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n"
+            ));
+            check_selection(&spec.unwrap())
+        };
+        assert_eq!(with("only = [\"coulomb\"]\nexcept = [\"delay\"]"), Ok(()));
+        for names in ["only = [\"gremlins\"]", "except = [\"gremlins\"]"] {
+            let error = with(names).unwrap_err().to_string();
+            assert!(
+                error.contains("`gremlins`") && error.contains("payload"),
+                "{error}"
+            );
+        }
+    }
+}
