@@ -1,11 +1,10 @@
-//! What the superloop's pieces do: joins the hardware ([`crate::hw`]) to the machine
-//! ([`board::machine`]).
+//! The stages of the superloop: connects the hardware ([`board::hw`]) to the machine ([`board::machine`]).
 
 use crate::links::{self, Link};
 use board::bus::Event;
 use board::clocks;
 use board::hw::counters::Counters;
-use board::hw::kept::{self, Stage};
+use board::hw::crash_record::{self, Stage};
 use board::hw::usart::Usart;
 use board::hw::usb::Usb;
 use board::hw::watchdog::{Part, Watchdog};
@@ -13,7 +12,7 @@ use board::hw::{dac, gpio, pac, sensors, startup, time, usart, usb};
 use board::machine::{Effects, Health, LoopFigures, Machine, LINKS};
 use board::pins;
 use board::telemetry::Outstanding;
-use control::{DacCode, Fault, LoadCode, SystemState};
+use control::{AdcCode, DacCode, EncoderCounts, Fault, Micros, SystemState};
 use defmt_rtt as _;
 use heapless::{Deque, String};
 use wire::message::{BoardInfo, FaultReport};
@@ -21,22 +20,22 @@ use wire::{BoardMessage, ABI_VERSION, SCHEMA_HASH, UNITS};
 
 defmt::timestamp!("{=u32:us}", time::now());
 
-/// Milliseconds between two unasked status frames.
+/// Period of the status frames in milliseconds.
 const STATUS_MS: u32 = 50;
-/// Events that one piece takes before the next one gets its turn: edge and sample of all units, twice.
-const EVENTS_A_PASS: usize = 4 * UNITS;
-/// Bytes that one pass takes from USART3: more than two milliseconds of the line.
-const BYTES_A_PASS: usize = 512;
-/// Fault reports that may wait for the links.
+/// Largest number of events of one [`Board::samples`]: edge and sample of all units, twice.
+const EVENTS_PER_PASS: usize = 4 * UNITS;
+/// Largest number of bytes that one pass takes from USART3: more than two milliseconds of the line.
+const BYTES_PER_PASS: usize = 512;
+/// Capacity of the queue of fault reports.
 const REPORTS: usize = 16;
 
-/// Everything that the superloop owns.
+/// State of the superloop.
 pub struct Board {
     machine: Machine,
     events: sensors::Events,
     counters: Counters,
     /// Position of each encoder at the last DRDY edge of its unit.
-    counts: [i64; UNITS],
+    counts: [EncoderCounts; UNITS],
     outstanding: Outstanding,
     watchdog: Watchdog,
     links: [Link; LINKS],
@@ -45,20 +44,20 @@ pub struct Board {
     reports: Reports,
     clock: Clock,
     status_ms: u32,
-    encoder_watched: u8,
+    encoder_checked: u8,
 }
 
-/// What the machine's wishes come to.
+/// Executes the effects of the machine; fault reports wait here for the links.
 #[derive(Default)]
 struct Reports(Deque<FaultReport, REPORTS>);
 
 impl Effects for Reports {
     fn start_sensor(&mut self, unit: u8) {
-        sensors::bring_up(unit);
+        sensors::start_sensor(unit);
     }
 
     fn stop_sensor(&mut self, unit: u8) {
-        sensors::leave(unit);
+        sensors::stop_sensor(unit);
     }
 
     fn zero_output(&mut self, unit: u8) {
@@ -72,12 +71,12 @@ impl Effects for Reports {
             report.unit,
             report.detail
         );
-        // The status frames tell of what does not fit.
+        // A report that does not fit is lost; status frames show the latched fault.
         let _ = self.0.push_back(report);
     }
 }
 
-/// How the superloop spends its time.
+/// Time figures of the superloop.
 #[derive(Default)]
 struct Clock {
     pass_began: u32,
@@ -90,7 +89,7 @@ struct Clock {
 impl Board {
     /// From reset to the first pass of the superloop.
     pub fn start() -> Self {
-        // Before anything can go wrong.
+        // First of all: 0 V on all motors.
         gpio::hold_dacs_at_zero();
         let (Some(mut core), Some(part)) =
             (cortex_m::Peripherals::take(), pac::Peripherals::take())
@@ -102,8 +101,8 @@ impl Board {
         let reset_flags = startup::clocks(&part.RCC, &part.PWR, &part.FLASH);
         startup::caches(&mut core.SCB);
         startup::priorities(&mut core.NVIC, &mut core.SCB);
-        let kept = kept::take(reset_flags);
-        kept::note(Stage::Start);
+        let crash_record = crash_record::take_crash_record(reset_flags);
+        crash_record::set_stage(Stage::Start);
         let watchdog = Watchdog::start(part.IWDG);
         time::start(&mut core.SYST);
 
@@ -127,11 +126,11 @@ impl Board {
                 version: String::try_from(VERSION).unwrap_or_default(),
                 core_hz: clocks::CORE_HZ,
                 reset_flags,
-                kept,
+                crash_record,
             }),
             events,
             counters,
-            counts: [0; UNITS],
+            counts: [EncoderCounts::default(); UNITS],
             outstanding: Outstanding::default(),
             watchdog,
             links: [Link::new(usb_queue), Link::new(usart_queue)],
@@ -144,31 +143,34 @@ impl Board {
                 ..Clock::default()
             },
             status_ms: 0,
-            encoder_watched: 0,
+            encoder_checked: 0,
         };
         if let Some(chip) = broken_counter {
-            board
-                .machine
-                .fault_board(Fault::CounterBus, chip, time::now(), &mut board.reports);
+            board.machine.fault_board(
+                Fault::CounterBus,
+                chip,
+                Micros(time::now()),
+                &mut board.reports,
+            );
         }
         board
     }
 
-    /// Answers every sample that waits. From the I2C result to the DAC word this is the whole path.
+    /// Processes the queued samples: the whole path from the I2C result to the DAC word.
     pub fn samples(&mut self) {
-        kept::note(Stage::Samples);
+        crash_record::set_stage(Stage::Samples);
         let waiting = self.events.len().min(usize::from(u8::MAX)) as u8;
         self.clock.figures.queue_high_water = self.clock.figures.queue_high_water.max(waiting);
-        for _ in 0..EVENTS_A_PASS {
+        for _ in 0..EVENTS_PER_PASS {
             let Some(event) = self.events.dequeue() else {
-                self.watchdog.sign(Part::Samples);
+                self.watchdog.check_in(Part::Samples);
                 return;
             };
             match event {
-                // While the converter is on the bus: off the path from its result to the DAC word.
+                // During the converter's I2C read, so outside the path from its result to the DAC word.
                 Event::Edge { unit } => {
                     if let Some(counts) = self.counts.get_mut(usize::from(unit)) {
-                        *counts = self.counters.read(unit);
+                        *counts = EncoderCounts(self.counters.read(unit));
                     }
                 }
                 Event::Sample {
@@ -177,27 +179,36 @@ impl Board {
                     at,
                     missed,
                 } => {
-                    let counts = self.counts.get(usize::from(unit)).copied().unwrap_or(0);
-                    let code = LoadCode::new(code.counts());
-                    let (word, answered) =
-                        self.machine
-                            .sample(unit, code, counts, at, missed, &mut self.reports);
+                    let counts = self
+                        .counts
+                        .get(usize::from(unit))
+                        .copied()
+                        .unwrap_or_default();
+                    let code = AdcCode::new(code.counts());
+                    let (word, pending) = self.machine.sample(
+                        unit,
+                        code,
+                        counts,
+                        Micros(at),
+                        missed,
+                        &mut self.reports,
+                    );
                     dac::write(unit, word);
-                    let telemetry = answered.describe();
+                    let telemetry = pending.describe();
                     if let Some((at, late)) = self.outstanding.insert(at, telemetry) {
                         stream(&mut self.links, &self.machine, at, late);
                     }
                 }
                 other => self
                     .machine
-                    .bus_event(other, time::now(), &mut self.reports),
+                    .bus_event(other, Micros(time::now()), &mut self.reports),
             }
         }
     }
 
-    /// Completes the samples whose DAC words are out, and hands them to the links.
+    /// Completes the samples whose DAC words were sent, and passes them to the links.
     pub fn outputs(&mut self) {
-        kept::note(Stage::Outputs);
+        crash_record::set_stage(Stage::Outputs);
         let (done, at) = dac::take_done();
         for (unit, at) in at.into_iter().enumerate() {
             if done & (1 << unit) != 0 {
@@ -213,22 +224,22 @@ impl Board {
         if !time::take_tick() {
             return;
         }
-        kept::note(Stage::Supervisor);
+        crash_record::set_stage(Stage::Supervisor);
         let now = time::now();
         let dac_error = dac::take_error();
         let health = Health {
             estop_closed: gpio::read(pins::E_STOP),
-            estop_opened_at: sensors::estop_opened_at(),
+            estop_opened_at: Micros(sensors::estop_opened_at()),
             longest_pass_us: core::mem::take(&mut self.clock.longest_pass),
             events_lost: sensors::events_lost(),
             dac_error,
         };
-        self.machine.tick(now, health, &mut self.reports);
+        self.machine.tick(Micros(now), health, &mut self.reports);
         // One counter a millisecond: noise at an encoder is seen within six.
-        self.encoder_watched = (self.encoder_watched + 1) % UNITS as u8;
-        if let Some(flags) = self.counters.noise(self.encoder_watched) {
+        self.encoder_checked = (self.encoder_checked + 1) % UNITS as u8;
+        if let Some(flags) = self.counters.noise(self.encoder_checked) {
             self.machine
-                .encoder_noise(self.encoder_watched, flags, now, &mut self.reports);
+                .encoder_noise(self.encoder_checked, flags, Micros(now), &mut self.reports);
         }
         let state = self.machine.system();
         if dac::is_held() && dac_error.is_none() && state != SystemState::Fault {
@@ -237,14 +248,14 @@ impl Board {
         gpio::write(pins::LED_OK, state == SystemState::Running);
         gpio::write(pins::LED_FAULT, self.machine.is_faulted());
 
-        self.watchdog.sign(Part::Tick);
-        self.watchdog.sign(Part::Supervisor);
+        self.watchdog.check_in(Part::Tick);
+        self.watchdog.check_in(Part::Supervisor);
         if dac_error.is_none() {
-            self.watchdog.sign(Part::Dac);
+            self.watchdog.check_in(Part::Dac);
         }
         if let Some(missing) = self.watchdog.tick() {
-            // The watchdog will bite before long: say now why.
-            kept::keep(
+            // The watchdog is not fed any more and resets the board soon: record the cause now.
+            crash_record::write_crash_record(
                 Fault::WatchdogReset,
                 missing,
                 0,
@@ -252,11 +263,11 @@ impl Board {
             );
         }
         self.clock.second(now);
-        self.tell(now);
+        self.publish_telemetry(now);
     }
 
-    /// Faults, status and batches that are due.
-    fn tell(&mut self, now: u32) {
+    /// Sends fault reports, status and batches that are due.
+    fn publish_telemetry(&mut self, now: u32) {
         while let Some(report) = self.reports.0.pop_front() {
             for link in &mut self.links {
                 link.send(BoardMessage::Fault(report));
@@ -267,7 +278,7 @@ impl Board {
         for link in &mut self.links {
             if status_due {
                 link.send(BoardMessage::Status(self.machine.status(
-                    now,
+                    Micros(now),
                     self.clock.figures,
                     link.counters(),
                 )));
@@ -284,7 +295,7 @@ impl Board {
 
     /// Commands in, frames out.
     pub fn links(&mut self) {
-        kept::note(Stage::Links);
+        crash_record::set_stage(Stage::Links);
         let Self {
             machine,
             links,
@@ -295,40 +306,40 @@ impl Board {
             ..
         } = self;
         let [usb_link, usart_link] = links;
-        let mut carry_out = |number: usize, link: &mut Link, byte: u8| {
+        let mut execute = |number: usize, link: &mut Link, byte: u8| {
             if let Some(frame) = link.push(byte) {
-                let answer = machine.command(
+                let response = machine.command(
                     number,
                     &frame,
-                    time::now(),
+                    Micros(time::now()),
                     clock.figures,
                     link.counters(),
                     reports,
                 );
-                if let Some(answer) = answer {
-                    link.reply(frame.seq, answer);
+                if let Some(response) = response {
+                    link.reply(frame.seq, response);
                 }
             }
         };
         if let Some(usb) = usb {
-            usb.serve(|byte| carry_out(links::USB, usb_link, byte));
+            usb.serve(|byte| execute(links::USB, usb_link, byte));
         }
-        usart.receive(BYTES_A_PASS, |byte| {
-            carry_out(links::USART, usart_link, byte)
+        usart.receive(BYTES_PER_PASS, |byte| {
+            execute(links::USART, usart_link, byte)
         });
         usart.send();
-        self.watchdog.sign(Part::Links);
+        self.watchdog.check_in(Part::Links);
     }
 
-    /// Sleeps until there is something to do: a sample, a millisecond, USB. The many interrupts in between (a
-    /// sample takes the bus a dozen) wake the core for themselves alone.
+    /// Sleeps until the superloop has work: a sample, a millisecond, USB. Other interrupts (about twelve I2C
+    /// events per sample) run their handlers and the core sleeps again.
     pub fn sleep(&mut self) {
-        kept::note(Stage::Sleep);
+        crash_record::set_stage(Stage::Sleep);
         let pass = time::now().wrapping_sub(self.clock.pass_began);
         self.clock.longest_pass = self.clock.longest_pass.max(pass);
         while !(self.events.ready() || time::tick_waits() || usb::calls()) {
-            // With interrupts masked, one that comes between the look and the sleep still ends the sleep
-            // (WFI wakes on a pending one), and its handler runs when they are let through again.
+            // Interrupts are masked, so one that arrives between the check and WFI still ends the sleep (WFI wakes
+            // on a pending interrupt). Its handler runs when they are unmasked.
             self.clock.asleep += cortex_m::interrupt::free(|_| {
                 if self.events.ready() || time::tick_waits() || usb::calls() {
                     return 0;
@@ -343,17 +354,17 @@ impl Board {
     }
 }
 
-/// Offers a sample to both links.
+/// Passes a sample to the batches of both links.
 fn stream(links: &mut [Link; LINKS], machine: &Machine, at: u32, sample: wire::message::Sample) {
     for (number, link) in links.iter_mut().enumerate() {
-        if let Some(batch) = link.batcher.push(at, sample, machine.stream_every(number)) {
+        if let Some(batch) = link.batcher.push(at, sample, machine.decimation(number)) {
             link.send(BoardMessage::Samples(batch));
         }
     }
 }
 
 impl Clock {
-    /// Works the sleep figure out, once a second.
+    /// Updates the sleep figure once a second.
     fn second(&mut self, now: u32) {
         let elapsed = now.wrapping_sub(self.second_began);
         if elapsed >= 1_000_000 {

@@ -1,7 +1,5 @@
-//! From samples to batches: waits for the DAC word that answers a sample, thins out what a link did not
-//! ask for, and fills frames.
+//! From samples to batches: holds a sample until its DAC word is sent, decimates per link, fills frames.
 
-use crate::machine::LINKS;
 use heapless::Vec;
 use wire::message::{Batch, Sample, BATCH};
 use wire::UNITS;
@@ -9,15 +7,15 @@ use wire::UNITS;
 /// A batch that isn't full is sent when its first sample is this old, in microseconds.
 pub const FLUSH_US: u32 = 5_000;
 
-/// Samples whose DAC word is still on its way, one for each unit.
+/// Samples whose DAC word is not sent yet, one for each unit.
 #[derive(Debug, Default)]
 pub struct Outstanding {
     samples: [Option<(u32, Sample)>; UNITS],
 }
 
 impl Outstanding {
-    /// Keeps a sample of the DRDY edge `at` until its word is out. Returns the one before it if its word
-    /// never got out (its latency is then 65,535).
+    /// Holds a sample of the DRDY edge `at` until its word is sent. Returns the previous sample if its word was
+    /// never sent; its latency is then 65,535.
     pub fn insert(&mut self, at: u32, sample: Sample) -> Option<(u32, Sample)> {
         let slot = self.samples.get_mut(usize::from(sample.unit))?;
         slot.replace((at, sample)).map(|(at, mut late)| {
@@ -26,7 +24,7 @@ impl Outstanding {
         })
     }
 
-    /// The word of this unit was put out at `now`: its sample is complete.
+    /// The word of this unit was sent at `now`: its sample is complete.
     pub fn complete(&mut self, unit: usize, now: u32) -> Option<(u32, Sample)> {
         let (at, mut sample) = self.samples.get_mut(unit)?.take()?;
         sample.latency_us = u16::try_from(now.wrapping_sub(at)).unwrap_or(u16::MAX);
@@ -43,15 +41,16 @@ pub struct Batcher {
 }
 
 impl Batcher {
-    /// Takes a sample of the DRDY edge `at`; returns a batch that is full. `every`: one of how many is sent.
-    pub fn push(&mut self, at: u32, mut sample: Sample, every: u8) -> Option<Batch> {
+    /// Takes a sample of the DRDY edge `at`; returns a full batch. `decimation`: one sample in this many is sent,
+    /// 0: none.
+    pub fn push(&mut self, at: u32, mut sample: Sample, decimation: u8) -> Option<Batch> {
         let seen = self.seen.get_mut(usize::from(sample.unit))?;
         *seen = seen.saturating_add(1);
-        if every == 0 || *seen < every {
+        if decimation == 0 || *seen < decimation {
             return None;
         }
         *seen = 0;
-        // A gap that 16 bits can't hold starts another batch.
+        // A gap that does not fit into 16 bits starts another batch.
         let full = if !self.samples.is_empty()
             && at.wrapping_sub(self.t_us).cast_signed().unsigned_abs() > 60_000
         {
@@ -62,7 +61,7 @@ impl Batcher {
         if self.samples.is_empty() {
             self.t_us = at;
         }
-        // The bus may have answered a later edge first: the earliest is the batch's time.
+        // The bus may have read a later edge first: the earliest edge is the time of the batch.
         let early = self.t_us.wrapping_sub(at).cast_signed();
         if early > 0 {
             self.t_us = at;
@@ -71,7 +70,7 @@ impl Batcher {
             }
         }
         sample.dt_us = at.wrapping_sub(self.t_us) as u16;
-        // There is room: a full batch leaves at once.
+        // Never full here: a full batch is returned at once.
         let _ = self.samples.push(sample);
         full.or_else(|| {
             if self.samples.is_full() {
@@ -82,7 +81,7 @@ impl Batcher {
         })
     }
 
-    /// The batch begun, if it is old enough.
+    /// The batch in progress, if it is old enough.
     pub fn flush(&mut self, now: u32) -> Option<Batch> {
         if !self.samples.is_empty() && now.wrapping_sub(self.t_us).cast_signed() > FLUSH_US as i32 {
             self.take()
@@ -98,6 +97,3 @@ impl Batcher {
         })
     }
 }
-
-/// The batchers of all links.
-pub type Batchers = [Batcher; LINKS];

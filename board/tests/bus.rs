@@ -8,9 +8,9 @@ use drivers::nau7802::AdcCode;
 const UNITS: usize = 6;
 
 #[derive(Default)]
-struct Heard(Vec<Event>);
+struct Received(Vec<Event>);
 
-impl Sink for Heard {
+impl Sink for Received {
     fn event(&mut self, event: Event) {
         self.0.push(event);
     }
@@ -33,7 +33,7 @@ struct Chip {
 /// The hardware half's job, done by the book, with a bus that can be held.
 struct Bench {
     bus: Bus,
-    heard: Heard,
+    received: Received,
     chips: Vec<Chip>,
     now: u32,
     mask: u8,
@@ -74,7 +74,7 @@ impl Bench {
         };
         Self {
             bus: Bus::new(),
-            heard: Heard::default(),
+            received: Received::default(),
             chips: (0..UNITS as u32).map(chip).collect(),
             now: 0xFFFF_0000, // the clock wraps early in every test
             mask: 0,
@@ -94,7 +94,7 @@ impl Bench {
 
     fn work(&mut self) {
         for _ in 0..4 {
-            let Some(work) = self.bus.next(self.now, &mut self.heard) else {
+            let Some(work) = self.bus.next(self.now, &mut self.received) else {
                 return;
             };
             match work {
@@ -225,7 +225,7 @@ impl Bench {
                     if !chip.drdy {
                         chip.drdy = true;
                         if self.blind & (1 << n) == 0 {
-                            self.bus.drdy(n as u8, self.now, &mut self.heard);
+                            self.bus.drdy(n as u8, self.now, &mut self.received);
                             self.work();
                         }
                     }
@@ -235,9 +235,9 @@ impl Bench {
                 match self.ends.take() {
                     Some((_, End::Transfer(transfer))) => {
                         let result = self.transact(transfer);
-                        let before = self.heard.0.len();
-                        self.bus.finished(result, self.now, &mut self.heard);
-                        if let Some(Event::Sample { at, .. }) = self.heard.0.get(before) {
+                        let before = self.received.0.len();
+                        self.bus.finished(result, self.now, &mut self.received);
+                        if let Some(Event::Sample { at, .. }) = self.received.0.get(before) {
                             self.latencies.push(self.now.wrapping_sub(*at));
                         }
                     }
@@ -250,7 +250,7 @@ impl Bench {
                 let levels = (0..UNITS)
                     .filter(|n| self.chips[*n].drdy)
                     .fold(0, |all, n| all | 1 << n);
-                self.bus.tick(self.now, levels, &mut self.heard);
+                self.bus.tick(self.now, levels, &mut self.received);
                 self.work();
             }
         }
@@ -268,19 +268,19 @@ impl Bench {
         bench.start(0..6);
         bench.run(750_000);
         let up = bench
-            .heard
+            .received
             .0
             .iter()
             .filter(|event| matches!(event, Event::Up { .. }))
             .count();
-        assert_eq!(up, UNITS, "{:?}", bench.heard.0);
-        bench.heard.0.clear();
+        assert_eq!(up, UNITS, "{:?}", bench.received.0);
+        bench.received.0.clear();
         bench.latencies.clear();
         bench
     }
 
     fn samples(&self, of: u8) -> Vec<(AdcCode, u8)> {
-        self.heard
+        self.received
             .0
             .iter()
             .filter_map(|event| match event {
@@ -321,7 +321,7 @@ fn six_bring_ups_overlap_and_all_units_stream_without_loss() {
         assert!(bench.samples(unit).len() as u32 >= expected - 1);
     }
     assert!(!bench
-        .heard
+        .received
         .0
         .iter()
         .any(|event| matches!(event, Event::Recovery | Event::ReadFailed { .. })));
@@ -349,22 +349,22 @@ fn a_unit_that_vanishes_does_not_disturb_the_others() {
     let mut bench = Bench::streaming();
     bench.run(100_000);
     bench.chips[2].answers = false;
-    bench.chips[2].drdy = true; // its last edge came, nobody is there any more
-    bench.bus.drdy(2, bench.now, &mut bench.heard);
+    bench.chips[2].drdy = true; // its last edge; then the converter is gone
+    bench.bus.drdy(2, bench.now, &mut bench.received);
     bench.work();
     bench.run(500_000);
     for unit in [0, 1, 3, 4, 5] {
         bench.gapless(unit);
     }
     let failed = bench
-        .heard
+        .received
         .0
         .iter()
         .filter(|event| matches!(event, Event::ReadFailed { unit: 2, .. }))
         .count();
     assert!(failed >= 2, "one retry at least");
     assert!(
-        !bench.heard.0.contains(&Event::Recovery),
+        !bench.received.0.contains(&Event::Recovery),
         "a NACK is no reason to touch the bus"
     );
 }
@@ -378,7 +378,7 @@ fn a_unit_comes_back_while_the_others_stream() {
     bench.run(100_000);
     assert!(
         bench
-            .heard
+            .received
             .0
             .iter()
             .any(|event| matches!(event, Event::BringUpFailed { unit: 4, .. })),
@@ -387,7 +387,7 @@ fn a_unit_comes_back_while_the_others_stream() {
     bench.chips[4].answers = true;
     bench.start([4]);
     bench.run(900_000);
-    assert!(bench.heard.0.contains(&Event::Up { unit: 4 }));
+    assert!(bench.received.0.contains(&Event::Up { unit: 4 }));
     for unit in 0..6 {
         bench.gapless(unit);
     }
@@ -400,7 +400,7 @@ fn a_held_sda_is_clocked_free_within_a_sample_period() {
         bench.run(50_000);
         bench.held = Some(clocks);
         bench.run(200_000);
-        assert!(bench.heard.0.contains(&Event::Recovery));
+        assert!(bench.received.0.contains(&Event::Recovery));
         assert!(bench.clocks >= clocks && bench.mux_resets == 0, "{clocks}");
         for unit in 0..6 {
             bench.gapless(unit);
@@ -426,7 +426,7 @@ fn a_bus_that_stays_held_is_reported_and_taken_up_again_when_it_is_free() {
     bench.reset_frees = false;
     bench.run(300_000);
     let stuck = bench
-        .heard
+        .received
         .0
         .iter()
         .filter_map(|event| match event {
@@ -441,14 +441,14 @@ fn a_bus_that_stays_held_is_reported_and_taken_up_again_when_it_is_free() {
     );
     assert!(
         !bench
-            .heard
+            .received
             .0
             .iter()
             .any(|event| matches!(event, Event::MuxSilent { .. })),
-        "a held line says nothing of the multiplexer"
+        "a blocked line is no evidence of a silent multiplexer"
     );
     bench.held = None;
-    bench.heard.0.clear();
+    bench.received.0.clear();
     bench.run(300_000);
     let losses: u32 = (0..6)
         .map(|unit| {
@@ -474,13 +474,13 @@ fn a_silent_multiplexer_is_reset_and_reported() {
     bench.mux_answers = false;
     bench.run(100_000);
     assert!(bench
-        .heard
+        .received
         .0
         .iter()
         .any(|event| matches!(event, Event::MuxSilent { .. })));
     assert!(bench.mux_resets >= 1);
     bench.mux_answers = true;
-    bench.heard.0.clear();
+    bench.received.0.clear();
     bench.run(200_000);
     for unit in 0..6 {
         assert!(bench.samples(unit).len() > 30);

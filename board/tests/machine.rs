@@ -5,10 +5,10 @@ use board::machine::{
     config_crc, Effects, Health, LinkCounters, LoopFigures, Machine, FIRST_SAMPLE_MS,
 };
 use board::telemetry::{Batcher, Outstanding, FLUSH_US};
-use control::{Config, DacCode, Fault, LoadCode, MotorState, SystemState};
+use control::{AdcCode, Config, DacCode, EncoderCounts, Fault, Micros, MotorState, SystemState};
 use wire::message::{
-    flags, BoardInfo, CommandError, CrashRecord, FaultReport, Response, Sample, Status,
-    UnitSetpoint, BATCH,
+    flags, BoardInfo, CommandError, CrashRecord, FaultReport, FilterChoice, Response, Ripple,
+    Sample, Status, UnitConfig, UnitSetpoint, BATCH, RIPPLES,
 };
 use wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
 
@@ -35,14 +35,14 @@ impl Effects for Board {
     }
 }
 
-fn info(kept: Option<CrashRecord>) -> BoardInfo {
+fn info(crash_record: Option<CrashRecord>) -> BoardInfo {
     BoardInfo {
         abi: ABI_VERSION,
         schema: SCHEMA_HASH,
         version: "0".try_into().unwrap(),
         core_hz: 400_000_000,
         reset_flags: 0,
-        kept,
+        crash_record,
     }
 }
 
@@ -50,7 +50,7 @@ fn info(kept: Option<CrashRecord>) -> BoardInfo {
 struct Bench {
     machine: Machine,
     board: Board,
-    now: u32,
+    now: Micros,
     estop_closed: bool,
     streaming: [bool; UNITS],
     /// Newton on each load cell.
@@ -59,11 +59,11 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(kept: Option<CrashRecord>) -> Self {
+    fn new(crash_record: Option<CrashRecord>) -> Self {
         Self {
-            machine: Machine::new(info(kept)),
+            machine: Machine::new(info(crash_record)),
             board: Board::default(),
-            now: 0xFFF0_0000,
+            now: Micros(0xFFF0_0000),
             estop_closed: true,
             streaming: [false; UNITS],
             load_n: 0.0,
@@ -100,7 +100,7 @@ impl Bench {
     /// up comes up.
     fn run(&mut self, ms: u32) {
         for _ in 0..ms {
-            self.now = self.now.wrapping_add(1_000);
+            self.now.0 = self.now.0.wrapping_add(1_000);
             let health = Health {
                 estop_closed: self.estop_closed,
                 ..Health::default()
@@ -112,7 +112,7 @@ impl Bench {
                     .bus_event(bus::Event::Up { unit }, self.now, &mut self.board);
             }
             for unit in 0..UNITS {
-                if self.streaming[unit] && (self.now / 1_000).is_multiple_of(3) {
+                if self.streaming[unit] && (self.now.0 / 1_000).is_multiple_of(3) {
                     self.sample(unit);
                 }
             }
@@ -121,12 +121,17 @@ impl Bench {
 
     fn sample(&mut self, unit: usize) -> Sample {
         let code =
-            LoadCode::new((self.load_n / 6.85e-6) as i32 + (self.now / 1_000 % 5) as i32 * 20);
-        let (dac, answered) =
-            self.machine
-                .sample(unit as u8, code, 0, self.now, 0, &mut self.board);
+            AdcCode::new((self.load_n / 6.85e-6) as i32 + (self.now.0 / 1_000 % 5) as i32 * 20);
+        let (dac, pending) = self.machine.sample(
+            unit as u8,
+            code,
+            EncoderCounts(0),
+            self.now,
+            0,
+            &mut self.board,
+        );
         self.last[unit] = dac;
-        answered.describe()
+        pending.describe()
     }
 
     fn status(&self) -> Status {
@@ -272,6 +277,80 @@ fn units_are_off_until_configured_and_come_up_on_commit() {
     let mut configs = [*Config::default().wire(); UNITS];
     configs[2] = Config::nominal();
     assert_eq!(bench.status().config_crc, config_crc(&configs));
+}
+
+/// A configuration whose encoding is as long as it can be.
+#[test]
+fn the_checksum_covers_the_longest_configuration() {
+    let n = i32::MIN;
+    let ripple = Ripple {
+        periods_per_count_q32: n,
+        phase_q32: n,
+        amplitude_un: n,
+        amplitude_load_q16: n,
+    };
+    let longest = UnitConfig {
+        enabled: true,
+        scale_pn_per_count: n,
+        zero_code: n,
+        filter: FilterChoice::LowPass {
+            corner_chz: u16::MAX,
+        },
+        spike_limit_un: n,
+        kp_q16: n,
+        ki_q16: n,
+        kd_q16: n,
+        damping_q16: n,
+        friction_feedforward: true,
+        friction_offset_un: n,
+        friction_gain_q16: n,
+        coulomb_un: n,
+        coulomb_load_q16: n,
+        reversal_nm: n,
+        travel_nm_per_count: n,
+        dac_counts_per_n_q16: n,
+        force_limit_un: n,
+        slew_un_per_s: n,
+        over_tension_un: n,
+        viscous_q16: n,
+        ripples: [ripple; RIPPLES],
+    };
+    let crc = config_crc(&[longest; UNITS]);
+    assert_ne!(crc, 0, "the encoding did not fit");
+    let mut other = [longest; UNITS];
+    other[5].ripples[1].amplitude_load_q16 = i32::MAX;
+    assert_ne!(config_crc(&other), crc);
+}
+
+#[test]
+fn a_unit_that_is_not_ready_is_named_with_its_state() {
+    let mut bench = Bench::ready();
+    let stage = |enabled| Command::StageConfig {
+        unit: 2,
+        config: UnitConfig {
+            enabled,
+            ..Config::nominal()
+        },
+    };
+    let not_ready = |state: MotorState| {
+        Some(Response::Rejected(CommandError::UnitNotReady {
+            unit: 2,
+            state: state as u8,
+        }))
+    };
+    bench.done(stage(false));
+    bench.done(Command::CommitConfig);
+    bench.run(5);
+    assert_eq!(
+        bench.ask(0, Command::Zero { units: 0b100 }),
+        not_ready(MotorState::Offline)
+    );
+    // Enabled again, but the bring-up has only begun.
+    bench.done(stage(true));
+    bench.done(Command::CommitConfig);
+    assert_eq!(bench.ask(0, Command::Arm), not_ready(MotorState::BringUp));
+    bench.run(50);
+    bench.done(Command::Arm);
 }
 
 #[test]
@@ -468,7 +547,7 @@ fn noise_at_an_encoder_is_a_fault_when_it_goes_on() {
     let mut bench = Bench::armed();
     let noisy = |bench: &mut Bench, gap_us: u32| {
         for _ in 0..5 {
-            bench.now = bench.now.wrapping_add(gap_us);
+            bench.now.0 = bench.now.0.wrapping_add(gap_us);
             bench
                 .machine
                 .encoder_noise(2, 0x10, bench.now, &mut bench.board);
@@ -535,13 +614,13 @@ fn zeroing_takes_the_load_away_and_a_touched_cable_is_refused() {
 
 #[test]
 fn what_ended_the_last_run_is_latched_and_told() {
-    let kept = CrashRecord {
+    let record = CrashRecord {
         code: Fault::Panic.code(),
         detail: 42,
         pc: 0,
         text: "main.rs:42".try_into().unwrap(),
     };
-    let mut bench = Bench::new(Some(kept.clone()));
+    let mut bench = Bench::new(Some(record.clone()));
     bench.run(3);
     assert_eq!(
         (bench.status().fault, bench.status().fault_detail),
@@ -550,7 +629,7 @@ fn what_ended_the_last_run_is_latched_and_told() {
     let Some(Response::Hello(info)) = bench.hello(1) else {
         panic!()
     };
-    assert_eq!(info.kept, Some(kept));
+    assert_eq!(info.crash_record, Some(record));
 }
 
 #[test]
@@ -594,15 +673,15 @@ fn the_boards_own_troubles_are_faults() {
 #[test]
 fn a_missed_conversion_is_counted_and_flagged() {
     let mut bench = Bench::ready();
-    let (_, answered) = bench.machine.sample(
+    let (_, pending) = bench.machine.sample(
         0,
-        LoadCode::new(0),
-        0,
-        bench.now + 9_375,
+        AdcCode::new(0),
+        EncoderCounts(0),
+        Micros(bench.now.0 + 9_375),
         2,
         &mut bench.board,
     );
-    assert_ne!(answered.describe().flags & flags::MISSED, 0);
+    assert_ne!(pending.describe().flags & flags::MISSED, 0);
     assert_eq!(bench.status().units[0].missed, 2);
 }
 

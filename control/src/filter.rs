@@ -16,12 +16,12 @@
 //! 20 Hz, where reel and cable swing. So the default is the low pass at 100 Hz: 3.2 ms less delay than
 //! the thesis's average for 1 to 2 mN more noise. On the plant the loop holds with either.
 
-use crate::limits::symmetric;
+use crate::limits::clamp_abs;
 use crate::units::Newton;
 use crate::NOMINAL_SPS;
 use wire::message::FilterChoice;
 
-/// Samples that a spike gate holds at most; the sample after them passes whatever it says.
+/// Samples that a spike gate holds at most; the sample after them passes unconditionally.
 pub const SPIKE_HOLD: u8 = 3;
 
 /// Replaces single wild samples by a prediction.
@@ -55,11 +55,11 @@ impl SpikeGate {
         let predicted = self.last.saturating_add(self.slope);
         let confirmed = self.held > 0 && near(sample, self.rejected);
         if near(sample, predicted) || confirmed || self.held >= SPIKE_HOLD {
-            // A level that was just accepted says nothing about the slope.
+            // A level that was just accepted carries no information about the slope.
             self.slope = if self.held > 0 {
                 0
             } else {
-                symmetric(sample.saturating_sub(self.last), limit)
+                clamp_abs(sample.saturating_sub(self.last), limit)
             };
             self.last = sample;
             self.held = 0;
@@ -116,7 +116,7 @@ impl FilterConfig {
                 // Butterworth through the bilinear transform, corner prewarped.
                 let k = libm::tan(core::f64::consts::PI * corner / f64::from(NOMINAL_SPS));
                 let norm = 1.0 / (1.0 + core::f64::consts::SQRT_2 * k + k * k);
-                let q30 = |x: f64| crate::config::rounded(x * f64::from(1u32 << 30));
+                let q30 = |x: f64| crate::units::rounded(x * f64::from(1u32 << 30));
                 let a1 = q30(2.0 * (k * k - 1.0) * norm);
                 let a2 = q30((1.0 - core::f64::consts::SQRT_2 * k + k * k) * norm);
                 // The gain at 0 Hz is 4 b0 / (1 + a1 + a2): a2 moves by three steps at most so that it is 1

@@ -1,7 +1,7 @@
-//! Which way the reel goes, and what command makes a wanted tension in spite of friction.
+//! Which way the reel goes, and which command produces a given tension in spite of friction.
 //!
 //! Measured on the rig: F = offset + gain cmd - dir (c0 + c1 cmd), with dir = +1 winding in. Solved for the
-//! command that makes a wanted F:
+//! command that produces a given F:
 //!
 //! * winding in: cmd = (F - offset + c0) / (gain - c1)
 //! * paying out: cmd = (F - offset - c0) / (gain + c1)
@@ -11,10 +11,10 @@
 //! Two more terms, off unless configured, count like an offset: viscous friction (F falls by b v) and ripples over
 //! the reel's angle. The speed for the former is the travel's mean over some 25 ms: one count in a sample is
 //! 1.35 mm/s already, and what compensates friction in proportion to speed feeds the speed back positively, which
-//! must not reach the cable's swing (16 to 25 Hz). See [`Pace`] and [`Ripples`].
+//! must not reach the cable's swing (16 to 25 Hz). See [`ReelSpeed`] and [`Ripples`].
 
-use crate::limits::symmetric;
-use crate::units::{Counts, Newton};
+use crate::limits::clamp_abs;
+use crate::units::{EncoderCounts, Newton};
 use wire::message::{UnitConfig, RIPPLES};
 
 /// Direction of the reel, -1 (paying out) to +1 (winding in), times 2^30.
@@ -65,7 +65,7 @@ impl Model {
         let c1 = f64::from(wire.coulomb_load_q16) / 65_536.0;
         let inverse = |x: f64| {
             // The ranges keep x >= 0.25, so the inverse is at most 4. (0.1: no division by zero, whatever comes.)
-            crate::config::rounded(f64::from(1u32 << 24) / if x < 0.1 { 0.1 } else { x })
+            crate::units::rounded(f64::from(1u32 << 24) / if x < 0.1 { 0.1 } else { x })
         };
         // -1 to +1 over the reversal travel.
         let per_nm = 2.0 * f64::from(Direction::ONE) / f64::from(wire.reversal_nm.max(1));
@@ -75,9 +75,9 @@ impl Model {
             coulomb: Newton::from_un(wire.coulomb_un).to_bits(),
             inv_in_q24: inverse(gain - c1),
             inv_out_q24: inverse(gain + c1),
-            per_nm_q8: crate::config::rounded(per_nm * 256.0),
+            per_nm_q8: crate::units::rounded(per_nm * 256.0),
             play_nm: wire.travel_nm_per_count.saturating_abs(),
-            viscous: crate::config::rounded(
+            viscous: crate::units::rounded(
                 f64::from(wire.viscous_q16)
                     * f64::from(crate::NOMINAL_SPS)
                     * 1e-9
@@ -87,10 +87,10 @@ impl Model {
         }
     }
 
-    /// What viscous friction takes at this pace, at most [`VISCOUS_LIMIT`].
-    fn viscous(&self, pace: Pace) -> Newton {
-        // 27,487 steps a nanometre at most, and 31 bits of pace.
-        let wide = (i64::from(self.viscous) * i64::from(pace.nm_q8())) >> 24;
+    /// What viscous friction takes at this speed, at most [`VISCOUS_LIMIT`].
+    fn viscous(&self, speed: ReelSpeed) -> Newton {
+        // 27,487 steps a nanometre at most, and 31 bits of speed.
+        let wide = (i64::from(self.viscous) * i64::from(speed.nm_q8())) >> 24;
         Newton::from_wide(wide).clamp_abs(VISCOUS_LIMIT)
     }
 
@@ -100,15 +100,21 @@ impl Model {
         self.enabled
     }
 
-    /// The command that makes `tension` while the reel goes in `direction`, at the `pace` and the position `at` that
-    /// the viscous term and the ripples want to know. With the compensation switched off it is the tension itself.
+    /// The command that makes `tension` while the reel moves in `direction`, with the reel `speed` and the position `at` for
+    /// the viscous term and the ripples. With the compensation switched off it is the tension itself.
     #[must_use]
-    pub fn command(&self, tension: Newton, direction: Direction, pace: Pace, at: Counts) -> Newton {
+    pub fn command(
+        &self,
+        tension: Newton,
+        direction: Direction,
+        speed: ReelSpeed,
+        at: EncoderCounts,
+    ) -> Newton {
         if !self.enabled {
             return tension;
         }
         let base = i64::from(tension.to_bits()) - i64::from(self.offset)
-            + i64::from(self.viscous(pace).to_bits())
+            + i64::from(self.viscous(speed).to_bits())
             - i64::from(self.ripples.at(at, tension).to_bits());
         let coulomb = i64::from(self.coulomb);
         let winding_in = ((base + coulomb) * i64::from(self.inv_in_q24)) >> 24;
@@ -119,26 +125,26 @@ impl Model {
     }
 }
 
-/// Largest viscous friction that is made up for: 3 N, twice what the reel's dry friction is at 4 N.
+/// Largest viscous friction that is compensated: 3 N, twice what the reel's dry friction is at 4 N.
 pub const VISCOUS_LIMIT: Newton = Newton::from_un(3_000_000);
 
-/// Part of the difference that [`Pace`] takes over in a sample: 1/8, a mean over some eight samples (25 ms).
-const PACE_SHIFT: u32 = 3;
+/// Part of the difference that [`ReelSpeed`] takes over in a sample: 1/8, a mean over some eight samples (25 ms).
+const REEL_SPEED_SHIFT: u32 = 3;
 
 /// The reel's speed for the viscous term: first-order mean of the travel a sample, in nanometres times 256.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Pace(i32);
+pub struct ReelSpeed(i32);
 
-impl Pace {
+impl ReelSpeed {
     /// Takes a nominal sample's travel in nanometres.
     pub fn step(&mut self, travel_nm: i32) {
-        let travel = travel_nm.clamp(-LARGEST_TRAVEL_NM, LARGEST_TRAVEL_NM) << 8;
-        // Rounded to the nearest, so that a pace dies out on both sides alike. 31 bits each, their difference 32.
+        let travel = travel_nm.clamp(-MAX_TRAVEL_NM, MAX_TRAVEL_NM) << 8;
+        // Rounded to the nearest, so that a speed dies out on both sides alike. 31 bits each, their difference 32.
         let difference = i64::from(travel) - i64::from(self.0);
-        let half = 1 << (PACE_SHIFT - 1);
+        let half = 1 << (REEL_SPEED_SHIFT - 1);
         self.0 = self
             .0
-            .saturating_add(((difference + half) >> PACE_SHIFT) as i32);
+            .saturating_add(((difference + half) >> REEL_SPEED_SHIFT) as i32);
     }
 
     /// Nanometres a nominal sample, times 256.
@@ -172,7 +178,7 @@ pub fn sin_q30(turns_q32: u32) -> i32 {
         sum = coefficient + ((sum * square) >> 30);
     }
     let sine = (z * sum) >> 30;
-    symmetric(sine, 1 << 30) as i32
+    clamp_abs(sine, 1 << 30) as i32
 }
 
 /// One ripple, precomputed.
@@ -202,7 +208,7 @@ impl Ripples {
 
     /// Their force at a position while the cable is to hold `tension`.
     #[must_use]
-    pub fn at(&self, counts: Counts, tension: Newton) -> Newton {
+    pub fn at(&self, counts: EncoderCounts, tension: Newton) -> Newton {
         let mut sum = 0;
         for r in self
             .0
@@ -243,8 +249,8 @@ impl Stillness {
     }
 }
 
-/// Pace at which a reel no longer counts as resting at all, in nanometres a sample: 4,096, which are
-/// 1.3 mm/s, one count a sample, and the least that can be told from rest in 10 ms.
+/// Speed at which a reel no longer counts as resting, in nanometres a sample: 4,096, which are
+/// 1.3 mm/s, one count a sample, and the smallest speed distinguishable from rest within 10 ms.
 pub const MOVING_NM: i32 = 1 << 12;
 
 /// Error that does not move the direction of a resting reel: 10 mN, two to six times the measured noise (1.7
@@ -269,45 +275,45 @@ const REST_STEPS: i64 = 154;
 /// on the plant of the emulated rig: without this the compensation comes after the integral has done the work,
 /// and makes the error larger, not smaller.)
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Tracker {
+pub struct DirectionEstimator {
     direction: Direction,
     /// Travel that has not used up the play, -play to +play, in nanometres.
     slack_nm: i32,
-    /// The same for half the play, which is enough against one count to and fro.
+    /// The same for half the play, which is enough against a jitter of one count.
     fine_slack_nm: i32,
     /// Travel of the last sample past half the play, in nanometres.
     steady_nm: i32,
     /// Mean of it without its sign, times 4,096; first order over four samples.
-    pace_q12: i32,
+    speed_q12: i32,
 }
 
-impl Tracker {
+impl DirectionEstimator {
     /// Most that the direction changes in one sample: half of a whole reversal. Whatever the reel does, the
     /// feedforward takes two samples at least from one side to the other.
-    pub const LARGEST_STEP: i64 = Direction::ONE as i64;
+    pub const MAX_STEP: i64 = Direction::ONE as i64;
 
     /// Takes a sample's travel in nanometres (positive: winding in) and the tension error (setpoint less
     /// tension; zero while the loop is open).
     pub fn step(&mut self, model: &Model, travel_nm: i32, error: Newton) -> Direction {
-        let travel_nm = travel_nm.clamp(-LARGEST_TRAVEL_NM, LARGEST_TRAVEL_NM);
+        let travel_nm = travel_nm.clamp(-MAX_TRAVEL_NM, MAX_TRAVEL_NM);
         let fine = self.fine_slack_nm.saturating_add(travel_nm);
-        self.fine_slack_nm = symmetric(fine, model.play_nm / 2);
+        self.fine_slack_nm = clamp_abs(fine, model.play_nm / 2);
         self.steady_nm = fine - self.fine_slack_nm;
-        // Sixteen times the moving pace is as good as any speed, and keeps the sum within 32 bits.
-        let pace = self.steady_nm.abs().min(MOVING_NM << 4) << 12;
-        self.pace_q12 += (pace - self.pace_q12) >> 2;
+        // Sixteen times the moving speed is as good as any speed, and keeps the sum within 32 bits.
+        let speed = self.steady_nm.abs().min(MOVING_NM << 4) << 12;
+        self.speed_q12 += (speed - self.speed_q12) >> 2;
         let position = self.slack_nm.saturating_add(travel_nm);
-        self.slack_nm = symmetric(position, model.play_nm);
+        self.slack_nm = clamp_abs(position, model.play_nm);
         let effective = i64::from(position) - i64::from(self.slack_nm);
         let presliding = (effective * i64::from(model.per_nm_q8)) >> 8;
 
         let error = i64::from(error.to_bits());
         let band = i64::from(REST_DEAD_BAND.to_bits());
         // 4 N ask for more than the largest step; 24 bits of it, 8 of the rate and 24 of stillness make 56.
-        let beyond = (error - symmetric(error, band)).clamp(-(4 << 22), 4 << 22);
+        let beyond = (error - clamp_abs(error, band)).clamp(-(4 << 22), 4 << 22);
         let intent = (beyond * REST_STEPS * i64::from(self.stillness().0)) >> 24;
 
-        let change = (presliding + intent).clamp(-Self::LARGEST_STEP, Self::LARGEST_STEP);
+        let change = (presliding + intent).clamp(-Self::MAX_STEP, Self::MAX_STEP);
         self.direction = Direction::from_q30(i64::from(self.direction.0) + change);
         self.direction
     }
@@ -328,19 +334,19 @@ impl Tracker {
     /// How much the reel rests.
     #[must_use]
     pub fn stillness(&self) -> Stillness {
-        // MOVING_NM times 4,096 is 2^24: the pace is the share already.
-        Stillness::from_q24((MOVING_NM << 12) - self.pace_q12)
+        // MOVING_NM times 4,096 is 2^24: the speed is the share already.
+        Stillness::from_q24((MOVING_NM << 12) - self.speed_q12)
     }
 }
 
 /// Largest travel of a sample that is believed, in nanometres: 4.2 mm in 3.1 ms is 1.3 m/s, twice what the
 /// motor reaches at the amplifier's voltage. Longer ones are cut.
-pub const LARGEST_TRAVEL_NM: i32 = 1 << 22;
+pub const MAX_TRAVEL_NM: i32 = 1 << 22;
 
 /// Travel between two encoder positions in nanometres, positive winding in.
 #[must_use]
-pub fn travel(from: Counts, to: Counts, nm_per_count: i32) -> i32 {
+pub fn travel(from: EncoderCounts, to: EncoderCounts, nm_per_count: i32) -> i32 {
     let counts = to.0.wrapping_sub(from.0).clamp(-(1 << 22), 1 << 22);
     let nm = counts * i64::from(nm_per_count);
-    nm.clamp(-i64::from(LARGEST_TRAVEL_NM), i64::from(LARGEST_TRAVEL_NM)) as i32
+    nm.clamp(-i64::from(MAX_TRAVEL_NM), i64::from(MAX_TRAVEL_NM)) as i32
 }

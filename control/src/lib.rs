@@ -33,8 +33,6 @@
 //! Tension, force and command are positive where the motor pulls the cable in. Encoder travel is positive
 //! where the reel winds in. Direction +1 is winding in, -1 paying out.
 #![no_std]
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 #![warn(
     clippy::indexing_slicing,
     clippy::unwrap_used,
@@ -62,7 +60,7 @@ pub use config::Config;
 pub use faults::Fault;
 pub use state::{MotorState, SystemState};
 pub use unit::{Controller, Input, Output, State};
-pub use units::{Counts, DacCode, InvCos, LoadCode, Micros, Newton};
+pub use units::{AdcCode, DacCode, EncoderCounts, InvCos, Micros, Newton};
 pub use wire::UNITS;
 
 /// Nominal sample rate of a NAU7802 at CRS = 7, in samples a second (datasheet 11.3). The RC oscillator

@@ -7,7 +7,7 @@ use crate::units::Newton;
 
 /// Not further from zero than `bound`, which is not negative. Unlike `clamp` it can't panic whatever the
 /// bound is, so no panic is linked into the sample path.
-pub(crate) fn symmetric<T: Ord + Copy + core::ops::Neg<Output = T>>(value: T, bound: T) -> T {
+pub(crate) fn clamp_abs<T: Ord + Copy + core::ops::Neg<Output = T>>(value: T, bound: T) -> T {
     value.min(bound).max(-bound)
 }
 
@@ -51,13 +51,13 @@ impl Ramp {
         self.0 = i64::from(value.to_bits()) << EXTRA;
     }
 
-    /// Moves towards `to` for `dt_us` (at most 12,500); says whether the rate held it back.
+    /// Moves towards `to` for `dt_us` (at most 12,500); returns whether the rate limited it.
     pub fn approach(&mut self, to: Newton, rate: Rate, dt_us: u32) -> bool {
         // 2,000 N/s take 40 bits, the time 14.
         let step = rate.0.saturating_mul(i64::from(dt_us));
         let to = i64::from(to.to_bits()) << EXTRA;
         let distance = to.saturating_sub(self.0);
-        self.0 = self.0.saturating_add(symmetric(distance, step));
+        self.0 = self.0.saturating_add(clamp_abs(distance, step));
         self.0 != to
     }
 }

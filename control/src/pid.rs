@@ -3,7 +3,7 @@
 //! # Time
 //!
 //! A converter runs at 310 to 330 SPS. The integral uses the measured time between two DRDY edges, so that
-//! its rate is a true 1/s and a lost sample is made up for. The derivative and the damping use the nominal
+//! its rate is a true 1/s and a lost sample is accounted for. The derivative and the damping use the nominal
 //! rate: 3 % of a damping gain is nothing, and a division less is a division less. After lost samples the
 //! difference is spread over the periods it spans.
 //!
@@ -18,14 +18,14 @@
 //! # At rest
 //!
 //! A reel at rest holds any force inside its friction band: the motor's force does not reach the cable, the
-//! loop is open and its delay harmless. Without a friction model nobody but the integral can cross the band,
-//! so it runs five times as fast while the reel rests, fading to its own pace at
+//! loop is open and its delay harmless. Without a friction model only the integral can cross the band,
+//! so it runs five times as fast while the reel rests, fading to its own rate at
 //! [`MOVING_NM`](crate::friction::MOVING_NM). With the friction feedforward on, the direction estimate
-//! crosses the band and the integral keeps its pace.
+//! crosses the band and the integral keeps its rate.
 
 use crate::config::{Config, KI_SHIFT};
 use crate::friction::Stillness;
-use crate::limits::symmetric;
+use crate::limits::clamp_abs;
 use crate::units::Newton;
 
 /// How much faster the integral is at rest, less one.
@@ -111,7 +111,7 @@ impl Pid {
         }
     }
 
-    /// Adds this sample's error to the integral. `excess` is what was asked for less what the limits let
+    /// Adds this sample's error to the integral. `excess` is the unlimited command less what the limits let
     /// through: an addition that pushes further into a limit is cut by it, down to nothing (anti-windup by
     /// clamping, without a jump at the limit). `boost`: see the module's page, "At rest".
     pub fn integrate(
@@ -134,7 +134,7 @@ impl Pid {
             addition = addition.saturating_sub(excess).min(0);
         }
         let limit = i64::from(config.force_limit.to_bits()) << (INTEGRAL_SHIFT - Newton::FRAC_BITS);
-        self.integral = symmetric(self.integral.saturating_add(addition), limit);
+        self.integral = clamp_abs(self.integral.saturating_add(addition), limit);
     }
 
     /// The integral.

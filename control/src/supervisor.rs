@@ -1,7 +1,7 @@
 //! Small watchers: a rate bounded from above and below, setpoints that expire, and the check-in that
 //! stands before the watchdog.
 
-use crate::units::{Counts, Micros, Newton};
+use crate::units::{EncoderCounts, Micros, Newton};
 
 /// What a rate watcher thinks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -147,7 +147,7 @@ impl Expiry {
     }
 }
 
-/// Parts that must all have shown a sign of life before the watchdog is fed.
+/// Parts that must all have checked in before the watchdog is fed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct CheckIn {
     required: u32,
@@ -155,29 +155,24 @@ pub struct CheckIn {
 }
 
 impl CheckIn {
-    /// Needs every part whose bit is set.
+    /// Requires every part whose bit is set in `required`.
     #[must_use]
     pub const fn new(required: u32) -> Self {
         Self { required, seen: 0 }
     }
 
-    /// Changes who is required, for a part that is switched off on purpose.
-    pub fn require(&mut self, required: u32) {
-        self.required = required;
-    }
-
-    /// The part with this bit number is alive.
-    pub fn sign(&mut self, part: u32) {
+    /// Records that the part with this bit number has run. A number above 31 is ignored.
+    pub fn check_in(&mut self, part: u32) {
         self.seen |= 1u32.checked_shl(part).unwrap_or(0);
     }
 
-    /// Bits of the parts that have not signed yet.
+    /// Bits of the parts that have not checked in yet.
     #[must_use]
     pub const fn missing(&self) -> u32 {
         self.required & !self.seen
     }
 
-    /// Whether everyone has signed; if so, a new round begins.
+    /// Whether every required part has checked in. If so, the next round begins.
     #[must_use]
     pub fn complete(&mut self) -> bool {
         let complete = self.missing() == 0;
@@ -210,7 +205,7 @@ pub struct EncoderWatch {
 /// Where the encoder stands, and how far the tension has been since.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 struct Still {
-    at: Counts,
+    at: EncoderCounts,
     low: Newton,
     high: Newton,
     beyond: u8,
@@ -219,7 +214,12 @@ struct Still {
 impl EncoderWatch {
     /// One sample of a unit whose motor acts (`drives`) or not. The swing, when it is more than the reel
     /// could have held.
-    pub fn observe(&mut self, drives: bool, counts: Counts, tension: Newton) -> Option<Newton> {
+    pub fn observe(
+        &mut self,
+        drives: bool,
+        counts: EncoderCounts,
+        tension: Newton,
+    ) -> Option<Newton> {
         if !drives {
             self.still = None;
             return None;

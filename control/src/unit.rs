@@ -12,10 +12,10 @@ use crate::config::{Config, SCALE_SHIFT};
 use crate::convert;
 use crate::faults::Fault;
 use crate::filter::{Filter, SpikeGate};
-use crate::friction::{travel, Direction, Pace, Stillness, Tracker};
+use crate::friction::{travel, Direction, DirectionEstimator, ReelSpeed, Stillness};
 use crate::limits::Ramp;
 use crate::pid::{periods_shift, Measured, Pid, Terms};
-use crate::units::{Counts, DacCode, InvCos, LoadCode, Micros, Newton};
+use crate::units::{AdcCode, DacCode, EncoderCounts, InvCos, Micros, Newton};
 use crate::NOMINAL_PERIOD_US;
 use wire::message::{flags, Sample, UnitSetpoint};
 
@@ -89,9 +89,9 @@ impl Setpoint {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Input {
     /// ADC code.
-    pub code: LoadCode,
+    pub adc_code: AdcCode,
     /// Extended encoder position, read with the sample.
-    pub counts: Counts,
+    pub encoder_counts: EncoderCounts,
     /// Time of the DRDY edge.
     pub at: Micros,
     /// Setpoint in force.
@@ -130,7 +130,7 @@ pub struct Output {
 impl Output {
     /// Writes the controller's part of a telemetry sample: tension, setpoint, terms, DAC code, flags.
     pub fn describe(&self, sample: &mut Sample) {
-        sample.dac = self.dac.0;
+        sample.dac_code = self.dac.0;
         sample.tension = self.tension.to_tenth_mn();
         sample.setpoint = self.setpoint.to_tenth_mn();
         sample.p = self.terms.p.to_tenth_mn();
@@ -144,12 +144,12 @@ impl Output {
 /// Memory of a unit's controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct State {
-    last: Option<(Counts, Micros)>,
+    last: Option<(EncoderCounts, Micros)>,
     gate: SpikeGate,
     filter: Filter,
     tension: Newton,
-    tracker: Tracker,
-    pace: Pace,
+    estimator: DirectionEstimator,
+    reel_speed: ReelSpeed,
     pid: Pid,
     /// Setpoint after its slew limit.
     setpoint: Ramp,
@@ -199,8 +199,8 @@ impl Controller {
         let mut flags = 0;
 
         // Load cell.
-        let counts = i64::from(input.code.get()) - i64::from(config.zero);
-        let force = Newton::from_wide_shifted(counts * config.scale, SCALE_SHIFT);
+        let adc_counts = i64::from(input.adc_code.get()) - i64::from(config.zero);
+        let force = Newton::from_wide_shifted(adc_counts * config.scale, SCALE_SHIFT);
         let (gated, spike) = state.gate.step(config.spike_limit, force);
         let filtered = state.filter.step(&config.filter, gated);
         let tension = times_inv_cos(filtered, input.setpoint.inv_cos);
@@ -211,23 +211,25 @@ impl Controller {
         }
 
         // Time and travel.
-        let (from, dt) = match state.last {
-            Some((counts, at)) => (counts, input.at.since(at)),
-            None => (input.counts, NOMINAL_PERIOD_US),
+        let (last_counts, dt) = match state.last {
+            Some((encoder_counts, at)) => (encoder_counts, input.at.since(at)),
+            None => (input.encoder_counts, NOMINAL_PERIOD_US),
         };
-        state.last = Some((input.counts, input.at));
+        state.last = Some((input.encoder_counts, input.at));
         let dt_us = dt.clamp(DT_RANGE_US.0, DT_RANGE_US.1);
         if dt >= NOMINAL_PERIOD_US + NOMINAL_PERIOD_US / 2 {
             flags |= flags::MISSED;
         }
-        let travel_nm = travel(from, input.counts, config.travel_nm);
-        state.pace.step(travel_nm >> periods_shift(dt_us));
+        let travel_nm = travel(last_counts, input.encoder_counts, config.travel_nm);
+        state.reel_speed.step(travel_nm >> periods_shift(dt_us));
         let last_error = if state.closed {
             state.setpoint.value().saturating_sub(tension)
         } else {
             Newton::ZERO
         };
-        let direction = state.tracker.step(&config.friction, travel_nm, last_error);
+        let direction = state
+            .estimator
+            .step(&config.friction, travel_nm, last_error);
         if direction.q30() > 0 {
             flags |= flags::WINDING_IN;
         } else if direction.q30() < 0 {
@@ -238,19 +240,19 @@ impl Controller {
         let mut output = Output {
             tension,
             direction,
-            stillness: state.tracker.stillness(),
+            stillness: state.estimator.stillness(),
             flags,
             fault,
             at_zero: true,
             ..Output::default()
         };
-        let wanted = input
+        let requested = input
             .setpoint
             .tension
             .clamp_to(Newton::ZERO, config.force_limit);
         let drive = match input.drive {
             _ if fault.is_some() => Drive::Off,
-            Drive::Follow if wanted <= Newton::ZERO => Drive::Ramp,
+            Drive::Follow if requested <= Newton::ZERO => Drive::Ramp,
             drive => drive,
         };
 
@@ -272,18 +274,22 @@ impl Controller {
                         .setpoint
                         .set(tension.clamp_to(Newton::ZERO, config.force_limit));
                 }
-                state.setpoint.approach(wanted, config.setpoint_slew, dt_us);
+                state
+                    .setpoint
+                    .approach(requested, config.setpoint_slew, dt_us);
                 let setpoint = state.setpoint.value();
                 let measured = Measured {
                     error: setpoint.saturating_sub(tension),
                     rise: if state.closed { rise } else { Newton::ZERO },
-                    travel_nm: state.tracker.steady_travel_nm(),
+                    travel_nm: state.estimator.steady_travel_nm(),
                     dt_us,
                 };
-                let feedforward =
-                    config
-                        .friction
-                        .command(setpoint, direction, state.pace, input.counts);
+                let feedforward = config.friction.command(
+                    setpoint,
+                    direction,
+                    state.reel_speed,
+                    input.encoder_counts,
+                );
                 let mut terms = state.pid.terms(config, &measured);
                 if !state.closed || state.rebase {
                     let others = feedforward.saturating_add(terms.p).saturating_add(terms.d);
@@ -292,16 +298,16 @@ impl Controller {
                         .set_integral(config, state.command.value().saturating_sub(others));
                     terms.i = state.pid.integral();
                 }
-                let asked = feedforward.saturating_add(terms.sum());
-                let braked = asked.saturating_sub(brake(tension, setpoint, travel_nm));
+                let unlimited = feedforward.saturating_add(terms.sum());
+                let braked = unlimited.saturating_sub(brake(tension, setpoint, travel_nm));
                 let limited = braked.clamp_to(Newton::ZERO, config.force_limit);
                 let slewing = state.command.approach(limited, config.slew, dt_us);
                 // The brake counts as a limit: while it holds back, the integral must not push.
-                let excess = asked.saturating_sub(state.command.value());
+                let excess = unlimited.saturating_sub(state.command.value());
                 let boost = if config.friction.is_enabled() {
                     Stillness::default()
                 } else {
-                    state.tracker.stillness()
+                    state.estimator.stillness()
                 };
                 state.pid.integrate(config, &measured, excess, boost);
                 state.closed = true;
@@ -341,14 +347,14 @@ impl State {
         // Before the filter: it would hide a jerk for milliseconds.
         let direct = times_inv_cos(gated, input.setpoint.inv_cos);
         self.over = count(self.over, direct > config.over_tension);
-        self.saturated = count(self.saturated, input.code.is_saturated());
+        self.saturated = count(self.saturated, input.adc_code.is_saturated());
         self.slack_nm = if tension > SLACK_TENSION || input.drive == Drive::Off {
             0
         } else {
             self.slack_nm.saturating_add(travel_nm).max(0)
         };
         if self.saturated >= TRIP_SAMPLES {
-            Some((Fault::AdcSaturated, input.code.get() as u32))
+            Some((Fault::AdcSaturated, input.adc_code.get() as u32))
         } else if self.over >= TRIP_SAMPLES {
             Some((Fault::OverTension, (direct.to_un() / 1_000).unsigned_abs()))
         } else if self.slack_nm > LOST_TRAVEL_NM {

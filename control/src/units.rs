@@ -16,9 +16,9 @@ use fixed::types::I10F22;
 
 /// A NAU7802 conversion result: signed, 24 bits, -8,388,608 to 8,388,607.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-pub struct LoadCode(i32);
+pub struct AdcCode(i32);
 
-impl LoadCode {
+impl AdcCode {
     /// Largest code; the converter saturates there.
     pub const MAX: Self = Self(0x7F_FFFF);
     /// Smallest code; the converter saturates there.
@@ -42,7 +42,7 @@ impl LoadCode {
         self.0
     }
 
-    /// Whether the converter stands at an end of its range, where it says nothing about the force.
+    /// Whether the converter stands at an end of its range, where it does not represent the force.
     #[must_use]
     pub const fn is_saturated(self) -> bool {
         self.0 == Self::MAX.0 || self.0 == Self::MIN.0
@@ -72,7 +72,7 @@ impl Default for DacCode {
 
 /// Encoder position in quadrature counts, extended past the counter's 24 bits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
-pub struct Counts(pub i64);
+pub struct EncoderCounts(pub i64);
 
 /// Board time in microseconds; wraps after 71.6 minutes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -119,6 +119,11 @@ impl Default for InvCos {
     fn default() -> Self {
         Self::ONE
     }
+}
+
+/// To the nearest integer; ends at i32's ends.
+pub(crate) fn rounded(value: f64) -> i32 {
+    libm::round(value) as i32
 }
 
 /// A force in newton, I10F22.

@@ -4,7 +4,7 @@
 //! converter (thesis 3.5.1; device-facts: 0.5 to 1 % steps), so it is taken anew at each start, cables
 //! slack.
 
-use crate::units::LoadCode;
+use crate::units::AdcCode;
 
 /// Samples of an average: 0.8 s at 320 SPS, which takes the standard error of 5 mN noise to 0.3 mN and is
 /// 40 periods of 50 Hz mains.
@@ -36,7 +36,7 @@ pub enum Progress {
     /// This many samples are still to come.
     Collecting(u16),
     /// The zero.
-    Done(LoadCode),
+    Done(AdcCode),
     /// None, and why.
     Refused(Refused),
 }
@@ -69,7 +69,7 @@ impl Averager {
     }
 
     /// Takes a sample. After `Done` or `Refused` a new average begins with the next sample.
-    pub fn push(&mut self, code: LoadCode) -> Progress {
+    pub fn push(&mut self, code: AdcCode) -> Progress {
         if code.is_saturated() {
             *self = Self::new();
             return Progress::Refused(Refused::Saturated);
@@ -92,7 +92,7 @@ impl Averager {
         } else if mean.unsigned_abs() > MAX_ZERO {
             Progress::Refused(Refused::FarOff(mean))
         } else {
-            Progress::Done(LoadCode::new(mean))
+            Progress::Done(AdcCode::new(mean))
         }
     }
 }

@@ -7,7 +7,7 @@ mod reference;
 
 use control::unit::{Drive, Setpoint};
 use control::{
-    Config, Controller, Counts, DacCode, Input, InvCos, LoadCode, Micros, Newton, State,
+    AdcCode, Config, Controller, DacCode, EncoderCounts, Input, InvCos, Micros, Newton, State,
 };
 use proptest::prelude::*;
 use wire::message::{flags, FilterChoice, Ripple, Sample, UnitConfig, UnitSetpoint};
@@ -22,8 +22,8 @@ fn input() -> impl Strategy<Value = Input> {
         0..3usize,
     )
         .prop_map(|(code, counts, at, tension, inv_cos, drive)| Input {
-            code: LoadCode::new(code),
-            counts: Counts(counts),
+            adc_code: AdcCode::new(code),
+            encoder_counts: EncoderCounts(counts),
             at: Micros(at),
             setpoint: Setpoint {
                 tension: Newton::from_bits(tension),
@@ -53,7 +53,7 @@ proptest! {
             }
             let mut sample = Sample::default();
             output.describe(&mut sample);
-            prop_assert_eq!(sample.dac, output.dac.0);
+            prop_assert_eq!(sample.dac_code, output.dac.0);
         }
     }
 

@@ -4,10 +4,10 @@ use control::config::{field, nominal_dac_counts_per_n_q16, Field, FIELDS};
 use control::convert::{dac_code, nominal_codes_per_newton, COUNTS_PER_TURN, GEAR, REEL_RADIUS_M};
 use control::faults::{Latch, Scope};
 use control::filter::{Filter, FilterConfig, SpikeGate};
-use control::friction::{sin_q30, Direction, Model, Pace, Tracker};
+use control::friction::{sin_q30, Direction, DirectionEstimator, Model, ReelSpeed};
 use control::supervisor::{CheckIn, EncoderWatch, Expiry, Rate, RateLimits, Verdict};
 use control::zero::{Averager, Progress, Refused, SAMPLES};
-use control::{geometry, Config, Counts, DacCode, Fault, InvCos, LoadCode, Micros, Newton};
+use control::{geometry, AdcCode, Config, DacCode, EncoderCounts, Fault, InvCos, Micros, Newton};
 use nalgebra::Vector3;
 use proptest::prelude::*;
 use wire::message::{FilterChoice, Ripple, UnitConfig};
@@ -266,7 +266,7 @@ proptest! {
         let sign = if winding_in { 1 } else { -1 };
         let direction = Direction::from_q30(sign * i64::from(Direction::ONE));
         let command = Model::new(&wire)
-            .command(newton(tension), direction, Pace::default(), Counts(0))
+            .command(newton(tension), direction, ReelSpeed::default(), EncoderCounts(0))
             .to_f64();
         let made = f64::from(wire.friction_offset_un) * 1e-6
             + f64::from(wire.friction_gain_q16) / 65_536.0 * command
@@ -303,26 +303,26 @@ proptest! {
             coulomb_load_q16: 0,
             ..Config::nominal()
         };
-        let mut pace = Pace::default();
+        let mut speed = ReelSpeed::default();
         for _ in 0..200 {
-            pace.step(speed_nm);
+            speed.step(speed_nm);
         }
         let added = Model::new(&wire)
-            .command(newton(tension), Direction::default(), pace, Counts(counts))
+            .command(newton(tension), Direction::default(), speed, EncoderCounts(counts))
             .to_f64()
             - tension;
-        let speed = f64::from(speed_nm) * 1e-9 * 320.0;
+        let speed_m_per_s = f64::from(speed_nm) * 1e-9 * 320.0;
         let turns = (i128::from(counts) * i128::from(ripple.periods_per_count_q32)
             + i128::from(ripple.phase_q32))
         .rem_euclid(1 << 32) as f64
             / turn;
-        let wanted = (viscous * speed).clamp(-3.0, 3.0)
+        let expected = (viscous * speed_m_per_s).clamp(-3.0, 3.0)
             - (amplitude + share * tension) * (std::f64::consts::TAU * turns).sin();
-        prop_assert!((added - wanted).abs() < 3e-4, "{added} N, {wanted} N wanted");
+        prop_assert!((added - expected).abs() < 3e-4, "{added} N, {expected} N expected");
         // Switched off with the rest.
         let off = UnitConfig { friction_feedforward: false, ..wire };
         let command =
-            Model::new(&off).command(newton(tension), Direction::default(), pace, Counts(counts));
+            Model::new(&off).command(newton(tension), Direction::default(), speed, EncoderCounts(counts));
         prop_assert_eq!(command, newton(tension));
     }
 
@@ -335,20 +335,20 @@ proptest! {
 
     #[test]
     fn pace_follows_any_travel_without_overflow(travels in prop::collection::vec(any::<i32>(), 1..50)) {
-        let mut pace = Pace::default();
+        let mut speed = ReelSpeed::default();
         let largest = travels
             .iter()
             .map(|t| i64::from(t.unsigned_abs().min(1 << 22)) << 8)
             .max()
             .unwrap_or(0);
         for travel in travels {
-            pace.step(travel);
-            prop_assert!(i64::from(pace.nm_q8()).abs() <= largest + 4);
+            speed.step(travel);
+            prop_assert!(i64::from(speed.nm_q8()).abs() <= largest + 4);
         }
         for _ in 0..300 {
-            pace.step(0);
+            speed.step(0);
         }
-        prop_assert!(pace.nm_q8().abs() <= 4, "{pace:?}");
+        prop_assert!(speed.nm_q8().abs() <= 4, "{speed:?}");
     }
 
     #[test]
@@ -364,12 +364,12 @@ proptest! {
         steps in prop::collection::vec((any::<i32>(), any::<i32>()), 1..100),
     ) {
         let model = Model::new(&Config::nominal());
-        let mut tracker = Tracker::default();
+        let mut estimator = DirectionEstimator::default();
         let mut last = 0i64;
         for (travel, error) in steps {
-            let d = i64::from(tracker.step(&model, travel, Newton::from_bits(error)).q30());
+            let d = i64::from(estimator.step(&model, travel, Newton::from_bits(error)).q30());
             prop_assert!(d.abs() <= i64::from(Direction::ONE));
-            prop_assert!((d - last).abs() <= Tracker::LARGEST_STEP);
+            prop_assert!((d - last).abs() <= DirectionEstimator::MAX_STEP);
             last = d;
         }
     }
@@ -378,33 +378,33 @@ proptest! {
 #[test]
 fn direction_follows_travel_and_survives_jitter() {
     let model = Model::new(&Config::nominal()); // 100 um of reversal, 4.229 um a count
-    let mut tracker = Tracker::default();
+    let mut estimator = DirectionEstimator::default();
     let count = 4_229;
     for _ in 0..100 {
-        tracker.step(&model, 10 * count, Newton::ZERO);
+        estimator.step(&model, 10 * count, Newton::ZERO);
     }
-    assert_eq!(tracker.direction().q30(), Direction::ONE);
-    // A count to and fro for as long as you like: nothing moves.
+    assert_eq!(estimator.direction().q30(), Direction::ONE);
+    // A jitter of one count for any time: nothing moves.
     for n in 0..10_000 {
-        tracker.step(
+        estimator.step(
             &model,
             if n % 2 == 0 { -count } else { count },
             Newton::ZERO,
         );
     }
-    assert_eq!(tracker.direction().q30(), Direction::ONE);
+    assert_eq!(estimator.direction().q30(), Direction::ONE);
     // At rest it stays, with noise of the tension as well.
     for n in 0..10_000 {
-        tracker.step(&model, 0, newton(if n % 3 == 0 { 0.0099 } else { -0.0099 }));
+        estimator.step(&model, 0, newton(if n % 3 == 0 { 0.0099 } else { -0.0099 }));
     }
-    assert_eq!(tracker.direction().q30(), Direction::ONE);
+    assert_eq!(estimator.direction().q30(), Direction::ONE);
     // Reversing takes the reversal travel and one or two counts of play, and passes through the middle.
     let mut travelled = 0;
     let mut middle = false;
-    while tracker.direction().q30() > -Direction::ONE {
-        tracker.step(&model, -count, Newton::ZERO);
+    while estimator.direction().q30() > -Direction::ONE {
+        estimator.step(&model, -count, Newton::ZERO);
         travelled += count;
-        middle |= tracker.direction().q30().abs() < Direction::ONE / 4;
+        middle |= estimator.direction().q30().abs() < Direction::ONE / 4;
         assert!(travelled < 200_000, "never reversed");
     }
     assert!(
@@ -416,27 +416,27 @@ fn direction_follows_travel_and_survives_jitter() {
 #[test]
 fn a_resting_reel_turns_to_where_it_has_to_go() {
     let model = Model::new(&Config::nominal());
-    let mut tracker = Tracker::default();
+    let mut estimator = DirectionEstimator::default();
     for _ in 0..20 {
-        tracker.step(&model, 0, newton(0.2));
+        estimator.step(&model, 0, newton(0.2));
     }
-    assert_eq!(tracker.direction().q30(), Direction::ONE);
+    assert_eq!(estimator.direction().q30(), Direction::ONE);
     for _ in 0..40 {
-        tracker.step(&model, 0, newton(-0.2));
+        estimator.step(&model, 0, newton(-0.2));
     }
-    assert_eq!(tracker.direction().q30(), -Direction::ONE);
+    assert_eq!(estimator.direction().q30(), -Direction::ONE);
     // While it moves the error has no say.
     for _ in 0..50 {
-        tracker.step(&model, -20_000, newton(3.0));
+        estimator.step(&model, -20_000, newton(3.0));
     }
-    assert_eq!(tracker.direction().q30(), -Direction::ONE);
+    assert_eq!(estimator.direction().q30(), -Direction::ONE);
 }
 
 fn zero_of(codes: impl Iterator<Item = i32>) -> Progress {
     let mut averager = Averager::new();
     let mut last = Progress::Collecting(0);
     for code in codes.take(usize::from(SAMPLES)) {
-        last = averager.push(LoadCode::new(code));
+        last = averager.push(AdcCode::new(code));
         if !matches!(last, Progress::Collecting(_)) {
             break;
         }
@@ -447,7 +447,7 @@ fn zero_of(codes: impl Iterator<Item = i32>) -> Progress {
 #[test]
 fn zero_is_averaged_or_refused() {
     let noisy = (0..).map(|n| -1_000 + [400, -400, 100, -100][n % 4]);
-    assert_eq!(zero_of(noisy), Progress::Done(LoadCode::new(-1_000)));
+    assert_eq!(zero_of(noisy), Progress::Done(AdcCode::new(-1_000)));
     let swinging = (0..).map(|n: i32| n * 150);
     assert_eq!(
         zero_of(swinging),
@@ -513,14 +513,14 @@ fn setpoints_expire() {
 }
 
 #[test]
-fn watchdog_needs_everyone() {
+fn the_watchdog_needs_every_part() {
     let mut parts = CheckIn::new(0b1011);
-    parts.sign(0);
-    parts.sign(3);
-    parts.sign(40); // no such part, no panic
+    parts.check_in(0);
+    parts.check_in(3);
+    parts.check_in(40); // no such part, no panic
     assert!(!parts.complete());
     assert_eq!(parts.missing(), 0b10);
-    parts.sign(1);
+    parts.check_in(1);
     assert!(parts.complete());
     // A new round starts from nothing.
     assert_eq!(parts.missing(), 0b1011);
@@ -543,7 +543,7 @@ fn every_fault_explains_itself() {
         let way_out = fault.what_to_do();
         assert!(
             way_out.to_lowercase().contains("clear"),
-            "{fault:?} says no way out: {way_out}"
+            "{fault:?} has no way out: {way_out}"
         );
         assert!(!fault.detail_meaning().is_empty());
     }
@@ -600,7 +600,7 @@ fn geometry_follows_the_thesis() {
 #[test]
 fn an_encoder_that_stands_while_the_tension_swings_is_found() {
     let newton = |n: f64| control::Newton::from_un((n * 1e6) as i32);
-    let counts = |n: i64| control::Counts(n);
+    let counts = |n: i64| control::EncoderCounts(n);
     // A resting reel: the tip moves, the tension stays within twice the friction.
     let mut watch = EncoderWatch::default();
     for tension in [3.0, 5.4, 0.6, 5.4] {
@@ -621,7 +621,7 @@ fn an_encoder_that_stands_while_the_tension_swings_is_found() {
         swing = watch.observe(true, counts(7), newton(7.5));
     }
     assert_eq!(swing.map(|s| s.to_un()), Some(7_000_000));
-    // A motor that does not act says nothing about its encoder.
+    // An inactive motor is no evidence about its encoder.
     let mut watch = EncoderWatch::default();
     assert_eq!(watch.observe(false, counts(0), newton(0.0)), None);
     assert_eq!(watch.observe(false, counts(0), newton(20.0)), None);

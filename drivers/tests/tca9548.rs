@@ -1,6 +1,6 @@
 //! The TCA9548A driver against expected transactions, its bookkeeping, and the recovery of a held bus.
 
-use drivers::tca9548::recovery::{clear_bus, BusClear, BusClearStep, Ladder, Rung};
+use drivers::tca9548::recovery::{clear_bus, BusClear, BusClearStep, Recovery, RecoveryStep};
 use drivers::tca9548::{
     Address, ChannelMask, Error, MuxState, NoResetLine, Operation, ReadBackError, Selector,
     Tca9548, RESET_PULSE_NS, RESET_RECOVERY_NS,
@@ -283,40 +283,57 @@ fn bus_clear_steps_are_bounded() {
     assert_eq!(machine.next(true), BusClearStep::Done { released: true });
 }
 
-#[test]
-fn the_ladder_climbs_once() {
-    use Rung::{BringUpDevice, ClearBus, GivenUp, Recovered, ResetMux, SelectVerified};
-    for (outcomes, path) in [
-        (
-            &[true, true, true][..],
-            &[SelectVerified, BringUpDevice, Recovered][..],
-        ),
-        (
-            &[false, true, true, true],
-            &[ResetMux, SelectVerified, BringUpDevice, Recovered],
-        ),
-        (
-            &[true, false, true, false],
-            &[SelectVerified, ResetMux, SelectVerified, GivenUp],
-        ),
-        (
-            &[true, true, false, true, true, true],
-            &[
-                SelectVerified,
-                BringUpDevice,
-                ResetMux,
-                SelectVerified,
-                BringUpDevice,
-                Recovered,
-            ],
-        ),
-        (&[false, false, true], &[ResetMux, GivenUp, GivenUp]),
-    ] {
-        let mut ladder = Ladder::new();
-        assert_eq!(ladder.rung(), ClearBus);
-        let climbed: Vec<Rung> = outcomes.iter().map(|&worked| ladder.next(worked)).collect();
-        assert_eq!(climbed, path, "{outcomes:?}");
+/// Runs a recovery. `free`: level of SDA after this number of resets of the mux. Returns the steps; consecutive
+/// steps of the lines count as one.
+fn recovery_steps(reset_mux: bool, free: impl Fn(u32) -> bool) -> Vec<RecoveryStep> {
+    const CLOCKS: RecoveryStep = RecoveryStep::Lines {
+        scl: false,
+        sda: false,
+    };
+    let mut recovery = Recovery::new(reset_mux);
+    let mut steps = Vec::new();
+    let mut resets = 0;
+    for _ in 0..100 {
+        let step = match recovery.next(free(resets)) {
+            RecoveryStep::Lines { .. } => CLOCKS,
+            step => step,
+        };
+        resets += u32::from(step == RecoveryStep::MuxReset { low: true });
+        if steps.last() != Some(&step) {
+            steps.push(step);
+        } else if matches!(step, RecoveryStep::GiveLines { .. }) {
+            return steps;
+        }
     }
+    panic!("does not end: {steps:?}");
+}
+
+#[test]
+fn the_mux_is_reset_only_where_the_clocks_do_not_help_or_the_caller_requests_it() {
+    use RecoveryStep::{GiveLines, MuxReset, TakeLines};
+    let clocks = RecoveryStep::Lines {
+        scl: false,
+        sda: false,
+    };
+    let mild = vec![TakeLines, clocks, GiveLines { released: true }];
+    let with_reset = |released| {
+        vec![
+            TakeLines,
+            clocks,
+            MuxReset { low: true },
+            MuxReset { low: false },
+            clocks,
+            GiveLines { released },
+        ]
+    };
+    assert_eq!(recovery_steps(false, |_| true), mild);
+    assert_eq!(recovery_steps(true, |_| true), with_reset(true));
+    assert_eq!(
+        recovery_steps(false, |resets| resets > 0),
+        with_reset(true),
+        "a device behind the mux holds SDA"
+    );
+    assert_eq!(recovery_steps(false, |_| false), with_reset(false));
 }
 
 /// What can happen to a mux.
@@ -350,7 +367,7 @@ proptest! {
                     prop_assert_eq!(part, mask.bits());
                 }
                 Happening::SelectLost(mask, arrived) => {
-                    // The write fails on the bus, whether or not the byte got through; nobody reports it.
+                    // The write fails on the bus, whether or not the byte got through; no report follows.
                     if let Some([byte]) = selector.request(ChannelMask::from_bits(mask)) {
                         part = if arrived { byte } else { part };
                     }

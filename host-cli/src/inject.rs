@@ -3,9 +3,9 @@
 use emulator_link::{Injection, UNITS};
 
 /// The words, for help texts.
-pub const HELP: &str = "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop, estop-release, spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, hang; each with @TIME (seconds after the force is wanted, or `start` for power-on), as in unplug=3@2s";
+pub const HELP: &str = "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop, estop-release, spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, hang; each with @TIME (seconds after the force is commanded, or `start` for power-on), as in unplug=3@2s";
 
-/// Reads one injection and its time in seconds after the force is wanted (`-inf`: at power-on).
+/// Reads one injection and its time in seconds after the force is commanded (`-inf`: at power-on).
 ///
 /// # Errors
 /// What is wrong with the text, and what it has to look like.

@@ -103,14 +103,14 @@ impl SampleRow {
         Self {
             t_s: timed.t_us as f64 * 1e-6,
             unit: i32::from(s.unit) + 1,
-            adc_code: s.code,
-            encoder_counts: s.counts,
-            dac_code: i32::from(s.dac),
+            adc_code: s.adc_code,
+            encoder_counts: s.encoder_counts,
+            dac_code: i32::from(s.dac_code),
             flags: i32::from(s.flags),
             latency_s: f64::from(s.latency_us) * 1e-6,
-            load_cell_n: (f64::from(s.code) - f64::from(zero)) * scale_n,
-            travel_m: f64::from(s.counts) * travel_m,
-            dac_v: dac_v(s.dac),
+            load_cell_n: (f64::from(s.adc_code) - f64::from(zero)) * scale_n,
+            travel_m: f64::from(s.encoder_counts) * travel_m,
+            dac_v: dac_v(s.dac_code),
             tension_n: tenth_mn(s.tension),
             setpoint_n: tenth_mn(s.setpoint),
             p_n: tenth_mn(s.p),
@@ -164,12 +164,12 @@ fn cycle_schema() -> String {
     let mut schema = "message cycle { required double t_s; ".to_owned();
     for (kind, name, labels) in [
         ("required", "tip_m", &["x", "y", "z"][..]),
-        ("required", "wanted_n", &["x", "y", "z"]),
+        ("required", "commanded_n", &["x", "y", "z"]),
         ("required", "estimated_n", &["x", "y", "z"]),
         ("optional", "applied_n", &["x", "y", "z"]),
         (
             "required",
-            "asked_tension_n",
+            "tension_setpoint_n",
             &["1", "2", "3", "4", "5", "6"],
         ),
         (
@@ -195,11 +195,11 @@ fn cycle_cells(s: &Step) -> Vec<Cell> {
     let mut cells = vec![Cell::F(s.t_s)];
     let required =
         |values: &[f64], cells: &mut Vec<Cell>| cells.extend(values.iter().map(|v| Cell::F(*v)));
-    required(&s.tip_m, &mut cells);
-    required(&s.wanted_n, &mut cells);
-    required(&s.estimated_n, &mut cells);
+    required(s.tip_m.as_slice(), &mut cells);
+    required(s.commanded_n.as_slice(), &mut cells);
+    required(s.estimated_n.as_slice(), &mut cells);
     cells.extend((0..3).map(|i| Cell::O(s.applied_n.map(|f| f[i]))));
-    required(&s.asked_tension_n, &mut cells);
+    required(&s.tension_setpoint_n, &mut cells);
     required(&s.measured_tension_n, &mut cells);
     cells.extend((0..UNITS).map(|i| Cell::O(s.true_tension_n.map(|t| t[i]))));
     cells
@@ -538,8 +538,8 @@ mod tests {
                 t_us: 5_000_000_000 + n * 500,
                 sample: Sample {
                     unit: 2,
-                    code: 1000 + n as i32,
-                    dac: 0x8000 + 3277,
+                    adc_code: 1000 + n as i32,
+                    dac_code: 0x8000 + 3277,
                     tension: -25_000,
                     ..Sample::default()
                 },
@@ -548,11 +548,11 @@ mod tests {
         recorder.samples(&samples).unwrap();
         let step = Step {
             t_s: 0.01,
-            tip_m: [1.0, 2.0, 3.0],
-            wanted_n: [0.0, 2.5, 0.0],
-            estimated_n: [0.1; 3],
+            tip_m: [1.0, 2.0, 3.0].into(),
+            commanded_n: [0.0, 2.5, 0.0].into(),
+            estimated_n: [0.1; 3].into(),
             applied_n: None,
-            asked_tension_n: [2.0; UNITS],
+            tension_setpoint_n: [2.0; UNITS],
             measured_tension_n: [2.1; UNITS],
             true_tension_n: Some([2.2; UNITS]),
             available: [true; UNITS],

@@ -24,7 +24,10 @@ fn the_example_rig_file_holds_the_plants_surveyed_geometry() {
             );
         }
     }
-    assert_eq!(rig.workspace.center_m, plant.robot.workspace_center_m);
+    assert_eq!(
+        <[f64; 3]>::from(rig.workspace.center_m),
+        plant.robot.workspace_center_m
+    );
     // The random path never leaves the box, and the box is inside the sphere that the host allows.
     if let plant::config::PathConfig::Random(path) = &plant.robot.path {
         let corner = path.half_extent_m.iter().map(|h| h * h).sum::<f64>().sqrt();

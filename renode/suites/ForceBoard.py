@@ -1,4 +1,4 @@
-"""Keywords of the force board's suites: power it up, let time pass, talk to it, break things, look at it.
+"""Keywords of the force board's suites: power it up, let time pass, send commands, inject faults, check the result.
 
 Virtual time passes only inside of `Advance` and what builds on it, so a suite gives the same figures on a
 slow machine as on a fast one. Units count from 1.
@@ -15,7 +15,7 @@ import time
 from robot.api import logger
 from robot.libraries.BuiltIn import BuiltIn
 
-import wire as wire
+import force_wire as wire
 
 BOARD_STATES = ["boot", "bring-up", "ready", "zeroing", "running", "stopping", "fault"]
 UNIT_STATES = ["offline", "bring-up", "ready", "running", "faulted", "zeroing", "stopping"]
@@ -61,17 +61,17 @@ class ForceBoard:
         self._forget()
 
     def advance(self, milliseconds):
-        """Lets virtual time pass and hears what the board says."""
+        """Lets virtual time pass and collects the frames of the board."""
         self.run('emulation RunFor "%.6f"' % (float(milliseconds) / 1000.0))
-        self._hear()
+        self._receive()
 
-    def _hear(self):
+    def _receive(self):
         digits = self.run("serial Take").strip()
         for frame in self.decoder.feed(bytes.fromhex(digits)):
             self.board_seqs.append(frame["seq"])
-            for kind, kept in (("status", self.statuses), ("fault", self.faults), ("reply", self.replies)):
+            for kind, received in (("status", self.statuses), ("fault", self.faults), ("reply", self.replies)):
                 if kind in frame:
-                    kept.append(frame[kind])
+                    received.append(frame[kind])
             self.samples += frame.get("samples", [])
 
     def now_ms(self):
@@ -82,32 +82,32 @@ class ForceBoard:
     def tell(self, command, body=b"", within_ms=200):
         """Sends a command and returns the board's reply; refused or silent is an error."""
         reply = self.ask(command, body, within_ms)
-        if reply["answer"] == "Refused":
-            raise AssertionError("%s refused: %s %s" % (command, reply["refusal"], reply.get("value", "")))
+        if reply["response"] == "Rejected":
+            raise AssertionError("%s rejected: %s %s" % (command, reply["error"], reply.get("value", "")))
         return reply
 
     def ask(self, command, body=b"", within_ms=200):
         self.seq = self.seq + 1 & 0xFFFF
-        wanted = self.seq
-        self.run("serial Send \"%s\"" % wire.encode_command(wanted, command, body).hex())
+        seq = self.seq
+        self.run("serial Send \"%s\"" % wire.encode_command(seq, command, body).hex())
         for _ in range(int(within_ms) // 2):
             self.advance(2)
             for reply in self.replies:
-                if reply["seq"] == wanted:
+                if reply["seq"] == seq:
                     self.replies.remove(reply)
                     return reply
-        raise AssertionError("no answer to %s within %s ms" % (command, within_ms))
+        raise AssertionError("no response to %s within %s ms" % (command, within_ms))
 
     def send(self, command, body=b""):
         self.seq = self.seq + 1 & 0xFFFF
         self.run("serial Send \"%s\"" % wire.encode_command(self.seq, command, body).hex())
 
     def connect(self):
-        """Says hello with the numbers that the board itself gives, and returns what it says of itself."""
-        refused = self.ask("Hello", wire.hello(0, bytes(8)), 500)
-        if refused.get("refusal") != "Version":
-            raise AssertionError("a stranger's hello should be refused, got %s" % refused)
-        self.hello = self.tell("Hello", wire.hello(refused["abi"], refused["schema"]))
+        """Sends Hello with the board's own ABI version and schema hash, and returns the board's information."""
+        rejected = self.ask("Hello", wire.hello(0, bytes(8)), 500)
+        if rejected.get("error") != "Version":
+            raise AssertionError("Hello with another schema hash should be rejected, got %s" % rejected)
+        self.hello = self.tell("Hello", wire.hello(rejected["abi"], rejected["schema"]))
         logger.info("board: %s" % self.hello)
         return self.hello
 
@@ -145,8 +145,8 @@ class ForceBoard:
         self.advance(50)
         self._wait(lambda s: s["state"] == 2, 3000, "zeroed and ready")
 
-    def stream(self, every=1):
-        self.tell("Stream", bytes([int(every)]))
+    def stream(self, decimation=1):
+        self.tell("Stream", bytes([int(decimation)]))
 
     def arm(self):
         """Arms with a holding tension of nothing; from here on setpoints go out every 10 ms."""
@@ -309,7 +309,7 @@ class ForceBoard:
             codes.append(code - (1 << 32) if code >= 1 << 31 else code)
         self.advance(20)
         for unit, code in enumerate(codes):
-            reported = [s["code"] for s in self.samples if s["unit"] == unit][-12:]
+            reported = [s["adc_code"] for s in self.samples if s["unit"] == unit][-12:]
             if code not in reported:
                 raise AssertionError("unit %d: the converter's %d is not among the codes reported: %s" % (unit + 1, code, reported))
 
@@ -322,7 +322,7 @@ class ForceBoard:
             raise AssertionError("unit %s: the board is at %d, its counter at %d" % (unit, position, counter))
 
     def latency_should_agree_from_both_ends(self, within_us=10):
-        """What the board says (DRDY to DAC word) against what the parts see (DRDY to LDAC edge)."""
+        """Latency measured by the board (DRDY to DAC word) against the devices (DRDY to LDAC edge)."""
         report = []
         for unit in range(1, wire.UNITS + 1):
             outside = self.run("rig LatencyNs %d" % unit).split()
@@ -345,14 +345,14 @@ class ForceBoard:
     def reset_flags(self):
         return self.hello["reset_flags"]
 
-    def kept_reason_should_be(self, name):
-        kept = self.hello["kept"]
-        if kept is None or kept["code"] != FAULTS[name]:
-            raise AssertionError("kept reason is %s, expected %s (%d)" % (kept, name, FAULTS[name]))
+    def crash_record_should_be(self, name):
+        record = self.hello["crash_record"]
+        if record is None or record["code"] != FAULTS[name]:
+            raise AssertionError("crash record is %s, expected %s (%d)" % (record, name, FAULTS[name]))
 
     def encoder_position(self, unit):
         """Last extended position that the board reported for a unit."""
-        return [s["counts"] for s in self.samples if s["unit"] == int(unit) - 1][-1]
+        return [s["encoder_counts"] for s in self.samples if s["unit"] == int(unit) - 1][-1]
 
     def number(self, command):
         """A property or method of a model as a number."""

@@ -3,7 +3,7 @@ Documentation     Boot: clock tree, who the board is, quiet log.
 Library           ForceBoard.py
 
 *** Test Cases ***
-Clock Tree Is What The Board Says
+Clock Tree Agrees With The Board's Report
     Power Up Board
     Advance    300
     ${hello}=    Connect
@@ -25,13 +25,13 @@ Outputs Stand At Zero From The First Instruction
     Advance    500
     Output Should Be Zero
 
-Power On Is Told As Power On
+Power On Is Reported As Power On
     Power Up Board
     Advance    300
     ${hello}=    Connect
     # PORRSTF
     Should Be True    ${hello}[reset_flags] & (1 << 23)
-    Should Be Equal    ${hello}[kept]    ${None}
+    Should Be Equal    ${hello}[crash_record]    ${None}
 
 Time Of The Board Is Time
     Power Up Board

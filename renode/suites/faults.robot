@@ -84,8 +84,8 @@ Stop Command
     Output Should Be Zero
     Board Fault Should Be    host stop
     ${reply}=    Ask    Arm
-    Should Be Equal    ${reply}[answer]    Refused
-    Should Be Equal    ${reply}[refusal]    Faulted
+    Should Be Equal    ${reply}[response]    Rejected
+    Should Be Equal    ${reply}[error]    Faulted
 
 E-Stop Pressed While Running
     Armed Board
@@ -96,7 +96,7 @@ E-Stop Pressed While Running
     Should Contain    ${power}    False
     Board Fault Should Be    E-stop
     ${reply}=    Ask    ClearFaults
-    Should Be Equal    ${reply}[refusal]    Faulted
+    Should Be Equal    ${reply}[error]    Faulted
     Board Fault Should Be    E-stop
     Execute Command    plc Press false
     Advance    20
@@ -122,7 +122,7 @@ Spike Is No Force
     Board State Should Be    running
     Tensions Should Be    4    0.6
 
-Watchdog Resets A Hung Loop And The Reason Is Kept
+Watchdog Resets A Hung Loop And Leaves A Crash Record
     Armed Board
     Output Should Drive
     Execute Command    rig HangLoop
@@ -133,5 +133,5 @@ Watchdog Resets A Hung Loop And The Reason Is Kept
     ${hello}=    Connect
     # IWDG1RSTF
     Should Be True    ${hello}[reset_flags] & (1 << 26)
-    Kept Reason Should Be    watchdog reset
+    Crash Record Should Be    watchdog reset
     Output Should Be Zero

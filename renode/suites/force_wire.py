@@ -11,7 +11,7 @@ UNITS = 6
 
 COMMANDS = ["Hello", "GetStatus", "GetConfig", "StageConfig", "CommitConfig", "Zero", "Arm", "Disarm",
             "Stop", "ClearFaults", "Setpoints", "Stream"]
-REFUSALS = ["NotConnected", "Version", "State", "Faulted", "Unit", "Range"]
+ERRORS = ["NotConnected", "Version", "State", "Faulted", "UnknownUnit", "UnitNotReady", "Range"]
 
 # Integer fields of a unit's configuration, in the order of declaration; the filter is a variant.
 CONFIG_FIELDS = ["enabled", "scale_pn_per_count", "zero_code", "filter", "spike_limit_un", "kp_q16", "ki_q16",
@@ -117,9 +117,9 @@ def _status(r):
 def _sample(r, start_us):
     sample = {"unit": r.byte()}
     sample["t_us"] = (start_us + r.unsigned()) & 0xFFFFFFFF
-    sample["code"] = r.signed()
-    sample["counts"] = r.signed()
-    sample["dac"] = r.unsigned()
+    sample["adc_code"] = r.signed()
+    sample["encoder_counts"] = r.signed()
+    sample["dac_code"] = r.unsigned()
     sample["latency_us"] = r.unsigned()
     for name in ("tension", "setpoint", "p", "i", "d", "ff"):
         sample[name] = r.signed()
@@ -155,36 +155,37 @@ def _encode_config(config):
 
 def _reply(r):
     reply = {"seq": r.unsigned()}
-    answer = r.unsigned()
-    if answer == 0:
-        reply["answer"] = "Done"
-    elif answer == 1:
-        reply["answer"] = "Hello"
+    variant = r.unsigned()
+    if variant == 0:
+        reply["response"] = "Done"
+    elif variant == 1:
+        reply["response"] = "Hello"
         reply["abi"] = r.unsigned()
         reply["schema"] = r.raw(8)
         reply["version"] = r.text()
         reply["core_hz"] = r.unsigned()
         reply["reset_flags"] = r.unsigned()
-        reply["kept"] = None
+        reply["crash_record"] = None
         if r.byte():
-            reply["kept"] = {"code": r.unsigned(), "detail": r.unsigned(), "pc": r.unsigned(), "text": r.text()}
-    elif answer == 2:
-        reply["answer"] = "Status"
+            reply["crash_record"] = {"code": r.unsigned(), "detail": r.unsigned(), "pc": r.unsigned(),
+                                     "text": r.text()}
+    elif variant == 2:
+        reply["response"] = "Status"
         reply["status"] = _status(r)
-    elif answer == 3:
-        reply["answer"] = "Config"
+    elif variant == 3:
+        reply["response"] = "Config"
         reply["config"] = _config(r)
     else:
-        reply["answer"] = "Refused"
-        reply["refusal"] = REFUSALS[r.unsigned()]
-        if reply["refusal"] == "Version":
+        reply["response"] = "Rejected"
+        reply["error"] = ERRORS[r.unsigned()]
+        if reply["error"] == "Version":
             reply["abi"] = r.unsigned()
             reply["schema"] = r.raw(8)
-        elif reply["refusal"] in ("State", "Unit"):
+        elif reply["error"] in ("State", "UnknownUnit"):
             reply["value"] = r.byte()
-        elif reply["refusal"] == "Faulted":
+        elif reply["error"] == "Faulted":
             reply["value"] = r.unsigned()
-        elif reply["refusal"] == "Range":
+        elif reply["error"] in ("UnitNotReady", "Range"):
             reply["value"] = (r.byte(), r.byte())
     return reply
 

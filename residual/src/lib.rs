@@ -1,48 +1,91 @@
 //! Finds what a force model lacks, from measured data.
 //!
 //! Given logs and a declared model (linear in its parameters, `MODEL.toml`), the analysis fits the
-//! model, looks at its residual on groups that were held out, and searches a catalogue of physical
-//! effects for what is missing. It names the effect with its parameters, says which rivals it beat
-//! and by how much, lists what is there but does not matter, and admits when nothing is missing,
-//! when the data cannot tell, and when the catalogue has no name for what is left.
+//! model, tests its residual on groups that were held out, and searches a catalogue of physical
+//! effects for what is missing. The report names the effects with their parameters, the rivals and
+//! the difference to them, and effects that are too small to matter. Its verdict says too when
+//! nothing is missing, when the data cannot tell, and when no effect explains what is left.
 //!
-//! [`run`] does everything; [`load::load`] and [`analyse`] are its two halves.
-
-#![deny(missing_docs)]
-#![forbid(unsafe_code)]
+//! [`run`] reads files and writes reports; [`analyse`] works on columns in memory ([`Data`]).
+//! `docs/residual/how-it-works.md` describes the method and where each part of it is.
+//!
+//! ```
+//! use residual::{baseline, spec::Spec, Data};
+//!
+//! // A declared model: force = command. The fitted gain shows what it is worth.
+//! let model = Spec::parse(
+//!     r#"
+//! [roles]
+//! time = { column = "t", unit = "s" }
+//! target = { column = "force", unit = "N" }
+//! command = { column = "command", unit = "N" }
+//!
+//! [[terms]]
+//! name = "gain"
+//! expr = "command"
+//! "#,
+//! )?;
+//! let time: Vec<f64> = (0..90).map(|i| f64::from(i % 30) * 0.01).collect();
+//! let command: Vec<f64> = (0..90).map(|i| 2.0 + f64::from(i).sin()).collect();
+//! let force: Vec<f64> = command.iter().map(|c| 1.1 * c).collect();
+//! let data = Data::from_columns(time, [("command", command), ("target", force)])
+//!     .sequences([0..30, 30..60, 60..90])
+//!     .build()?;
+//! let declared = baseline(&model, &data)?;
+//! let (name, gain, ..) = &declared.terms[0];
+//! assert_eq!(name, "gain");
+//! assert!((gain - 1.1).abs() < 1e-9);
+//! # Ok::<(), residual::Error>(())
+//! ```
 
 mod analysis;
-mod board;
+mod assembly;
+mod compensation;
+mod data;
+mod declared;
+mod diagnostics;
 mod effects;
 mod error;
 /// The expression language of model files.
 pub mod expr;
+mod extended;
+mod feedback;
+mod figures;
+mod format;
 mod frame;
 mod hygiene;
+mod intervals;
+mod leftover;
 mod linalg;
 /// Reading logs.
 pub mod load;
 mod model;
+mod nan;
+mod nested;
 mod problem;
 mod progress;
+mod ranking;
 mod report;
-/// The measured data of the thesis rig: where they are, and their two layouts.
-pub mod rig;
+mod scan;
 mod search;
 /// The model file.
 pub mod spec;
 mod stats;
-mod svg;
+mod verdict;
 
-pub use analysis::{analyse, baseline, run, Baseline, Options};
-pub use board::{Board, Ripple};
-pub use effects::{experiment, meaning, names, Param};
+pub use analysis::{analyse, run, Options};
+pub use compensation::{Compensation, Ripple};
+pub use data::{Data, DataBuilder};
+pub use declared::{baseline, Baseline};
+pub use effects::{experiment, meaning, names, EffectKind, Form, Param};
 pub use error::Error;
+pub use format::num;
 pub use frame::Frame;
 pub use hygiene::Finding;
+pub use nested::{nested, Nested, NestedFold};
 pub use progress::{Console, Progress, Ticker};
 pub use report::{
-    clear, num, Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested,
-    Verdict,
+    clear, Ambiguity, DeclaredTerm, Effect, Figures, ModelTest, NotMaterial, Plot, Report, Rival,
+    Structure, Tested, Verdict, SCHEMA_VERSION,
 };
 pub use stats::ResidualTest;

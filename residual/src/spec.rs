@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The whole model file.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spec {
     /// Free text, shown as the report's title.
@@ -37,7 +37,7 @@ pub struct Spec {
 }
 
 /// How files are read.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Input {
     /// Names for the columns of text files without a header.
@@ -50,7 +50,7 @@ pub struct Input {
     /// the whole path.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub file_name: String,
-    /// Columns that part a file into sequences (runs of one thing), such as `unit`.
+    /// Columns that split a file into sequences, such as `unit`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sequence: Vec<String>,
 }
@@ -67,7 +67,7 @@ impl Default for Input {
 }
 
 /// One column and its unit: value = cell * scale + offset, in `unit`.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Column {
     /// Column name in the log.
@@ -101,7 +101,7 @@ fn is_zero(x: &f64) -> bool {
 
 /// Columns by role. Only time and target are required; an effect whose columns are absent is not
 /// looked for, and the report says so.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Roles {
     /// Time, in seconds after conversion.
@@ -169,7 +169,7 @@ impl Roles {
 }
 
 /// Which rows are fitted. Rows that are left out still carry the memory of operators.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Rows {
     /// Expression; rows where it is 0 are not fitted.
@@ -181,7 +181,7 @@ pub struct Rows {
 }
 
 /// What is held out: never random rows.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Holdout {
     /// Columns whose joint values name a group; `file` stands for the file. Empty: `file`, or
@@ -196,6 +196,9 @@ pub struct Holdout {
     pub folds: usize,
 }
 
+fn is_false(x: &bool) -> bool {
+    !*x
+}
 fn is_zero_usize(x: &usize) -> bool {
     *x == 0
 }
@@ -204,7 +207,7 @@ fn is_zero_usize(x: &usize) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Action {
-    /// Say so, change nothing.
+    /// Only report it.
     #[default]
     Report,
     /// Leave the rows out of the fit.
@@ -214,7 +217,7 @@ pub enum Action {
 }
 
 /// What to do about flaws of the data.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Hygiene {
     /// Isolated target values far from both neighbours.
@@ -245,15 +248,20 @@ impl Default for Hygiene {
 }
 
 /// How effects are selected.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Selection {
     /// Smallest fall of the held-out RMSE that counts, as a fraction.
     pub material: f64,
-    /// False discovery rate.
-    pub fdr: f64,
+    /// Family-wise error: highest probability that any of the forms tried in one scan counts by
+    /// chance. Each p value is multiplied by the number of forms (Bonferroni).
+    pub familywise_error: f64,
     /// Number of decoys of the residual.
     pub decoys: usize,
+    /// Whether to repeat the whole selection with each fold left out, and to report the error on the
+    /// folds left out as `nested_rmse`. Costs as many analyses as there are folds.
+    #[serde(skip_serializing_if = "is_false")]
+    pub nested: bool,
     /// At most so many effects.
     pub max_effects: usize,
     /// Seed of decoys and bootstrap.
@@ -270,8 +278,9 @@ impl Default for Selection {
     fn default() -> Self {
         Selection {
             material: 0.02,
-            fdr: 0.05,
+            familywise_error: 0.05,
             decoys: 48,
+            nested: false,
             max_effects: 6,
             seed: 1,
             only: vec![],
@@ -281,7 +290,7 @@ impl Default for Selection {
 }
 
 /// One term of the model.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Term {
     /// Name in reports.
@@ -333,7 +342,7 @@ impl Spec {
     /// # Errors
     /// [`Error::Model`] naming the key.
     pub fn parse(text: &str) -> Result<Spec, Error> {
-        let spec: Spec = toml::from_str(text).map_err(|e| Error::model(e.to_string()))?;
+        let spec: Spec = toml::from_str(text).map_err(|e| renamed(e.to_string()))?;
         if spec.terms.is_empty() {
             return Err(Error::model(
                 "no [[terms]]: declare at least one term, even `expr = \"1\"`",
@@ -341,23 +350,15 @@ impl Spec {
         }
         let s = &spec.selection;
         let share = |x: f64| x > 0.0 && x < 1.0;
-        if !share(s.material) || !share(s.fdr) {
+        if !share(s.material) || !share(s.familywise_error) {
             return Err(Error::model(
-                "selection.material and selection.fdr must lie between 0 and 1",
+                "selection.material and selection.familywise_error must lie between 0 and 1",
             ));
         }
         if s.decoys < 16 {
             return Err(Error::model(
-                "selection.decoys must be at least 16, or chance cannot be told from effect",
+                "selection.decoys must be at least 16, or chance cannot be distinguished from an effect",
             ));
-        }
-        for name in s.only.iter().chain(&s.except) {
-            if !crate::effects::names().contains(&name.as_str()) {
-                return Err(Error::model(format!(
-                    "selection names `{name}`, which is no effect; known are {}",
-                    crate::effects::names().join(", ")
-                )));
-            }
         }
         if spec.holdout.block_s.is_some_and(|b| b.is_nan() || b <= 0.0) {
             return Err(Error::model("holdout.block_s must be positive"));
@@ -395,5 +396,38 @@ impl Spec {
             }
         }
         Ok(spec)
+    }
+}
+
+/// A TOML error; where a key has a new name, with that.
+fn renamed(what: String) -> Error {
+    Error::model(if what.contains("unknown field `fdr`") {
+        format!(
+            "{what}\nThe key `selection.fdr` is now `selection.familywise_error`: the test was never a \
+             false discovery rate. Rename it; the value keeps its meaning"
+        )
+    } else {
+        what
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_old_name_of_a_key_is_refused_with_the_new_one() {
+        let with = |key: &str| {
+            Spec::parse(&format!(
+                "[roles]\ntime = {{ column = \"t\" }}\ntarget = {{ column = \"y\" }}\n\
+                 [selection]\n{key} = 0.01\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n"
+            ))
+        };
+        let spec = with("familywise_error").unwrap();
+        assert_eq!(spec.selection.familywise_error, 0.01);
+        let error = with("fdr").unwrap_err().to_string();
+        assert!(error.contains("`selection.familywise_error`"), "{error}");
+        let other = with("fdrx").unwrap_err().to_string();
+        assert!(!other.contains("is now"), "{other}");
     }
 }

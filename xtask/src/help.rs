@@ -108,6 +108,18 @@ pub const ENTRIES: &[Entry] = &[
         page: "  --data DIR       folder of the rig's data (default FORCE_DATA, ./data, ../shared/data)\n  --runs N         report the least time of N runs (default 3)\n  --markdown FILE  write the table into this file\n",
     },
     Entry {
+        name: "deny",
+        arguments: "",
+        summary: "run cargo-deny on the dependencies: licences, sources, duplicates (deny.toml)",
+        page: "",
+    },
+    Entry {
+        name: "msrv",
+        arguments: "",
+        summary: "compile every package of this computer with the oldest supported Rust",
+        page: "",
+    },
+    Entry {
         name: "doc",
         arguments: "[OPTIONS]",
         summary: "build the reference documentation",

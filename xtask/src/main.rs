@@ -1,22 +1,22 @@
-//! The developer's commands: `cargo xtask COMMAND`.
+//! Developer commands: `cargo xtask COMMAND`.
 //!
 //! Plain cargo can't do three things that this project needs: find a compiler for the board, build
 //! the emulator with `--ignore-rust-version`, and sum up tests of all kinds in one line. xtask does
 //! them by starting cargo; see docs/developing.md.
 
-#![deny(missing_docs)]
-#![forbid(unsafe_code)]
-
 mod elf;
 mod firmware;
 mod flash;
 mod help;
+mod licences;
 mod links;
 mod measured;
+mod optional;
 mod process;
 mod renode;
 mod report;
 mod rig;
+mod rust_version;
 mod suite;
 mod tally;
 mod toolchain;
@@ -111,6 +111,21 @@ fn dispatch() -> Result<u8, Stop> {
         "residual-bench" => Ok(rig::residual_bench(&workspace, &rest(parser)?)?),
         "residual-report" => Ok(measured::report(&workspace, &rest(parser)?)?),
         "residual-compare" => Ok(measured::compare(&workspace, &rest(parser)?)?),
+        "deny" => {
+            no_more(parser)?;
+            if !optional::run(&workspace, &optional::DENY)? {
+                say(format!(
+                    "cargo-deny is not installed ({}), skipped",
+                    optional::DENY.install
+                ));
+            }
+            Ok(0)
+        }
+        "msrv" => {
+            no_more(parser)?;
+            rust_version::compile(&workspace)?;
+            Ok(0)
+        }
         "doc" => {
             let arguments = rest(parser)?;
             process::run(

@@ -31,6 +31,20 @@ pub fn cargo(workspace: &Workspace, subcommand: &str) -> Command {
     cargo
 }
 
+/// The command that builds some of the programs.
+pub fn build_command(workspace: &Workspace, programs: &[&str]) -> Command {
+    let mut command = cargo(workspace, "build");
+    // Always the same packages, whichever program is wanted: other packages would mean other features of
+    // their common dependencies, and a second build of them.
+    for package in ["emulator", "host-cli", "bench", "closed-loop"] {
+        command.args(["--package", package]);
+    }
+    for program in programs {
+        command.args(["--bin", program]);
+    }
+    command
+}
+
 /// Builds some of the programs `rig`, `forcectl`, `bench` and `closed-loop` into `target/release`.
 ///
 /// # Errors
@@ -45,16 +59,7 @@ pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
         " (the first time takes two to five minutes)"
     };
     say(format!("{}: building{first}", programs.join(" and ")));
-    let mut command = cargo(workspace, "build");
-    // Always the same packages, whichever program is wanted: other packages would mean other features of
-    // their common dependencies, and a second build of them.
-    for package in ["emulator", "host-cli", "bench", "closed-loop"] {
-        command.args(["--package", package]);
-    }
-    for program in programs {
-        command.args(["--bin", program]);
-    }
-    process::run(&mut command).map_err(|failure| {
+    process::run(&mut build_command(workspace, programs)).map_err(|failure| {
         Failure::new(format!("{} can't be built: {failure}", programs.join(", "))).remedy(
             "cargo's message is above; a failed download is retried by running the command again",
         )
@@ -164,7 +169,7 @@ pub fn build_host_program(workspace: &Workspace, package: &str, program: &str) -
     Ok(workspace.release_program(program))
 }
 
-/// Builds and runs the exam of the residual analysis. It needs neither firmware nor embedded rig.
+/// Builds and runs the synthetic benchmark of the residual analysis. It needs neither firmware nor embedded rig.
 ///
 /// # Errors
 /// When it can't be built or started.

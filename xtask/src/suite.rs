@@ -4,7 +4,7 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::Instant;
 
 use crate::process::{self, Sees};
@@ -12,7 +12,7 @@ use crate::report::{elapsed, say, Failure, Result};
 use crate::tally::{is_news, Tally};
 use crate::toolchain::{setup, Arm, TARGET};
 use crate::workspace::Workspace;
-use crate::{firmware, links, renode, rig};
+use crate::{firmware, licences, links, optional, renode, rig, rust_version};
 
 /// How a step ended when it didn't fail.
 enum Outcome {
@@ -32,7 +32,7 @@ struct Step {
 }
 
 /// Cheap checks first; what later steps need before them.
-const STEPS: [Step; 12] = [
+const STEPS: [Step; 16] = [
     Step {
         name: "lock",
         title: "Cargo.lock fits the manifests",
@@ -47,6 +47,26 @@ const STEPS: [Step; 12] = [
         name: "links",
         title: "links between the documents",
         run: document_links,
+    },
+    Step {
+        name: "typos",
+        title: "spelling",
+        run: typos,
+    },
+    Step {
+        name: "rust-version",
+        title: "the oldest supported Rust, the same in manifests, texts and scripts",
+        run: oldest_rust,
+    },
+    Step {
+        name: "licences",
+        title: "licences of all packages that are compiled",
+        run: all_licences,
+    },
+    Step {
+        name: "deny",
+        title: "dependencies by deny.toml: licences, sources, duplicates",
+        run: deny,
     },
     Step {
         name: "host",
@@ -106,6 +126,10 @@ struct Suite<'a> {
     image: Option<Result<()>>,
     /// The step that is running.
     current: &'static str,
+    /// All steps of this run.
+    chosen: Vec<&'static str>,
+    /// Builds for later steps that run beside the host tests.
+    ahead: Vec<Child>,
 }
 
 /// Which steps to run, and how much to print.
@@ -146,6 +170,8 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
         arm: None,
         image: None,
         current: "",
+        chosen: chosen.iter().map(|step| step.name).collect(),
+        ahead: Vec::new(),
     };
     let started = Instant::now();
     let mut failures = Vec::new();
@@ -154,6 +180,9 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
         let label = format!("[{}/{}] {}", index + 1, chosen.len(), step.name);
         say(format!("{label}: {}", step.title));
         suite.current = step.name;
+        if step.name != "host" {
+            suite.wait_for_builds();
+        }
         let before = suite.tally;
         let step_started = Instant::now();
         let outcome = (step.run)(&mut suite);
@@ -177,6 +206,7 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
         }
     }
 
+    suite.wait_for_builds();
     say(format!("finished in {}", elapsed(started.elapsed())));
     for line in &skipped {
         println!("{line}");
@@ -205,6 +235,38 @@ impl Suite<'_> {
             setup::wish_from_environment().and_then(|wish| setup::ensure(self.workspace, wish));
         self.arm = Some(arm.clone());
         arm
+    }
+
+    /// Starts what later steps build in other folders of the target directory: the image, which ends in
+    /// a minute on one core, and the embedded rig. The tests of the host crates leave cores idle meanwhile.
+    ///
+    /// Nothing is printed and no result is kept: the step itself builds again, which is immediate after a
+    /// success and shows the messages after a failure.
+    fn build_ahead(&mut self) {
+        let wanted = |names: &[&str]| self.chosen.iter().any(|name| names.contains(name));
+        let image = wanted(&["no-std", "firmware", "on-target", "emulated"]);
+        let rig = wanted(&["rig", "emulated"]);
+        let mut commands = Vec::new();
+        if image {
+            if let Ok(arm) = self.arm() {
+                commands.push(firmware::build_command(self.workspace, &arm));
+            }
+        }
+        if rig {
+            commands.push(rig::build_command(self.workspace, &["rig", "forcectl"]));
+        }
+        for mut command in commands {
+            let started = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+            self.ahead.extend(started.ok());
+        }
+    }
+
+    /// Waits for the builds that [`Self::build_ahead`] started.
+    fn wait_for_builds(&mut self) {
+        for mut build in self.ahead.drain(..) {
+            // The step that needs it builds again and judges.
+            let _ = build.wait();
+        }
     }
 
     /// Builds the image, once in a run.
@@ -330,7 +392,35 @@ fn document_links(suite: &mut Suite) -> Result<Outcome> {
     Ok(Outcome::Done(format!("{count} links")))
 }
 
+fn typos(suite: &mut Suite) -> Result<Outcome> {
+    by_tool(suite, &optional::TYPOS)
+}
+
+fn oldest_rust(suite: &mut Suite) -> Result<Outcome> {
+    rust_version::check(suite.workspace).map(Outcome::Done)
+}
+
+fn all_licences(suite: &mut Suite) -> Result<Outcome> {
+    licences::check(suite.workspace).map(Outcome::Done)
+}
+
+fn deny(suite: &mut Suite) -> Result<Outcome> {
+    by_tool(suite, &optional::DENY)
+}
+
+fn by_tool(suite: &Suite, tool: &optional::Tool) -> Result<Outcome> {
+    if optional::run(suite.workspace, tool)? {
+        ok()
+    } else {
+        Ok(Outcome::Skipped(format!(
+            "not installed ({})",
+            tool.install
+        )))
+    }
+}
+
 fn host(suite: &mut Suite) -> Result<Outcome> {
+    suite.build_ahead();
     let mut command = suite.cargo("test");
     command.arg("--no-fail-fast").args(HOST_PACKAGES);
     suite.tests(&mut command)

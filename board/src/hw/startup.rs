@@ -1,7 +1,7 @@
 //! From reset to 400 MHz: supply, voltage scale, flash, clocks, caches, debug, priorities.
 //!
 //! Owner: `main`, once. The only waits of the firmware are here, and each is bounded: a clock that does not
-//! come up ends in a panic, which leaves the motors at 0 V, the reason kept, and tries again after a reset.
+//! come up ends in a panic, which leaves the motors at 0 V, writes a crash record and resets the board.
 //!
 //! The order is that of sections 6.6.1 (supply), 6.6.2 (voltage scaling), 4.3.8 (flash before clock) and
 //! 8.5 (clock). ACTVOSRDY belongs to the supply configuration and VOSRDY to the scale: waiting for the
@@ -118,7 +118,7 @@ pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> u32 {
     reset_flags
 }
 
-/// USB supply and clock. `false` where the supply detector says there is none.
+/// USB supply and clock. `false` if the supply detector finds none.
 pub fn usb_supply(rcc: &RCC, pwr: &PWR) -> bool {
     // VDD33USB is wired to 3.3 V, so only its detector is needed (section 6.4.5).
     pwr.cr3().modify(|_, w| w.usb33den().set_bit());
@@ -136,7 +136,7 @@ pub fn usb_supply(rcc: &RCC, pwr: &PWR) -> bool {
 /// exactly that, with the source at the second OTG core (SYNCSRC = 3). Without a host there is nothing to
 /// follow, and the factory's trimming is good enough to be enumerated.
 pub fn trim_usb_clock() {
-    // SAFETY: nobody else uses CRS; the enable bit of RCC is set after start-up by this function alone.
+    // SAFETY: nothing else uses CRS; the enable bit of RCC is set after start-up by this function alone.
     let (rcc, crs) = unsafe { (&*RCC::PTR, &*CRS::PTR) };
     rcc.apb1henr().modify(|_, w| w.crsen().enabled());
     let _ = rcc.apb1henr().read();

@@ -3,7 +3,7 @@
 
 use crate::reference::Reference;
 use control::unit::{Drive, Setpoint};
-use control::{Config, Controller, Counts, Input, InvCos, LoadCode, Micros, Newton, State};
+use control::{AdcCode, Config, Controller, EncoderCounts, Input, InvCos, Micros, Newton, State};
 use wire::message::{FilterChoice, Ripple, UnitConfig};
 
 /// 64-bit LCG, upper bits.
@@ -155,8 +155,8 @@ fn one_run(r: &mut Random, wire: &UnitConfig, length: u64, found: &mut Found) {
             period + 2.0 * r.normal()
         } as u32);
         let input = Input {
-            code: LoadCode::new((force / scale) as i32 + wire.zero_code),
-            counts: Counts(counts as i64),
+            adc_code: AdcCode::new((force / scale) as i32 + wire.zero_code),
+            encoder_counts: EncoderCounts(counts as i64),
             at: Micros(at),
             setpoint: Setpoint {
                 tension: Newton::from_un((setpoint * 1e6) as i32),

@@ -165,9 +165,9 @@ impl Reference {
                     * (std::f64::consts::TAU * turns).sin()
             })
             .sum();
-        let wanted = tension - micro(self.wire.friction_offset_un) + viscous - ripples;
-        let winding_in = (wanted + c0) / (gain - c1);
-        let paying_out = (wanted - c0) / (gain + c1);
+        let base = tension - micro(self.wire.friction_offset_un) + viscous - ripples;
+        let winding_in = (base + c0) / (gain - c1);
+        let paying_out = (base - c0) / (gain + c1);
         let share = 0.5 * (1.0 + self.direction);
         share * winding_in + (1.0 - share) * paying_out
     }
@@ -175,7 +175,7 @@ impl Reference {
     pub fn step(&mut self, input: &Input) -> Answer {
         let w = self.wire;
         let mut margin = f64::INFINITY;
-        let code = input.code.get();
+        let code = input.adc_code.get();
         let force = f64::from(code - w.zero_code) * f64::from(w.scale_pn_per_count) * 1e-12;
         let gated = self.spike_gate(force, &mut margin);
         let inv_cos = q16(input.setpoint.inv_cos.q16());
@@ -185,9 +185,9 @@ impl Reference {
 
         let (from, dt) = match self.last {
             Some((counts, at)) => (counts, f64::from(input.at.0.wrapping_sub(at))),
-            None => (input.counts.0, PERIOD_US),
+            None => (input.encoder_counts.0, PERIOD_US),
         };
-        self.last = Some((input.counts.0, input.at.0));
+        self.last = Some((input.encoder_counts.0, input.at.0));
         let dt_us = dt.clamp(1_000.0, 12_500.0);
         // Periods that the differences span.
         let spans = if dt_us < 4_687.0 {
@@ -198,7 +198,7 @@ impl Reference {
             4.0
         };
         let largest = 4_194_304.0;
-        let travel = ((input.counts.0 - from) as f64 * f64::from(w.travel_nm_per_count))
+        let travel = ((input.encoder_counts.0 - from) as f64 * f64::from(w.travel_nm_per_count))
             .clamp(-largest, largest);
 
         self.viscous_nm += ((travel / spans).floor() - self.viscous_nm) / 8.0;
@@ -244,10 +244,10 @@ impl Reference {
 
         let limit = micro(w.force_limit_un);
         let slew = f64::from(w.slew_un_per_s) * 1e-12 * dt_us;
-        let wanted = input.setpoint.tension.to_f64().clamp(0.0, limit);
+        let requested = input.setpoint.tension.to_f64().clamp(0.0, limit);
         let drive = match input.drive {
             _ if tripped => Drive::Off,
-            Drive::Follow if wanted == 0.0 => Drive::Ramp,
+            Drive::Follow if requested == 0.0 => Drive::Ramp,
             drive => drive,
         };
         let mut answer = Answer {
@@ -272,18 +272,18 @@ impl Reference {
                 } else {
                     tension.clamp(0.0, limit)
                 };
-                self.setpoint = start + (wanted - start).clamp(-slew / 8.0, slew / 8.0);
+                self.setpoint = start + (requested - start).clamp(-slew / 8.0, slew / 8.0);
                 let error = self.setpoint - tension;
-                let feedforward = self.friction(self.setpoint, input.counts.0);
+                let feedforward = self.friction(self.setpoint, input.encoder_counts.0);
                 let p = q16(w.kp_q16) * error;
                 let derivative = if self.closed {
                     -q16(w.kd_q16) * RATE * rise / spans
                 } else {
                     0.0
                 };
-                let pace = steady / spans;
-                self.slow_nm += (pace - self.slow_nm) * 2_524.0 / 65_536.0;
-                let d = derivative - q16(w.damping_q16) * RATE * 1e-9 * (pace - self.slow_nm);
+                let speed = steady / spans;
+                self.slow_nm += (speed - self.slow_nm) * 2_524.0 / 65_536.0;
+                let d = derivative - q16(w.damping_q16) * RATE * 1e-9 * (speed - self.slow_nm);
                 if !self.closed {
                     self.integral = (self.command - feedforward - p - d).clamp(-limit, limit);
                 }
@@ -291,8 +291,8 @@ impl Reference {
                 let slack = (self.setpoint / 2.0).min(1.0);
                 let missing = slack - tension.clamp(0.0, slack);
                 let brake = 268.0 / 4_194_304.0 * (travel - 93_750.0).max(0.0) * missing;
-                let asked = feedforward + p + i + d;
-                let limited = (asked - brake).clamp(0.0, limit);
+                let unlimited = feedforward + p + i + d;
+                let limited = (unlimited - brake).clamp(0.0, limit);
                 self.command += (limited - self.command).clamp(-slew, slew);
                 let boost = if w.friction_feedforward {
                     1.0
@@ -301,7 +301,7 @@ impl Reference {
                 };
                 let gain = (q16(w.ki_q16) * dt_us * 1e-6 * boost).min(2.0);
                 let mut addition = gain * error;
-                let excess = asked - self.command;
+                let excess = unlimited - self.command;
                 if excess > 0.0 && addition > 0.0 {
                     addition = (addition - excess).max(0.0);
                 } else if excess < 0.0 && addition < 0.0 {

@@ -4,7 +4,9 @@
 
 use control::unit::{Drive, Setpoint};
 use control::zero::{Averager, Progress};
-use control::{Config, Controller, Counts, Input, InvCos, LoadCode, Micros, Newton, Output, State};
+use control::{
+    AdcCode, Config, Controller, EncoderCounts, Input, InvCos, Micros, Newton, Output, State,
+};
 use plant::{Plant, PlantConfig};
 use wire::message::UnitConfig;
 
@@ -128,7 +130,7 @@ impl Rig {
     }
 
     /// One plant step; `seen` gets unit, code and the unit's controller output of each sample.
-    pub fn advance(&mut self, mut seen: impl FnMut(usize, LoadCode, &Output)) {
+    pub fn advance(&mut self, mut seen: impl FnMut(usize, AdcCode, &Output)) {
         self.step += 1;
         let now = self.step;
         for (i, unit) in self.units.iter_mut().enumerate() {
@@ -165,7 +167,7 @@ impl Rig {
                     code += if spikes.unit() < 0.5 { size } else { -size } as i32;
                 }
             }
-            let code = LoadCode::new(code);
+            let code = AdcCode::new(code);
             let cos = self.plant.cell_force_n(i) / self.plant.tension_n(i);
             let inv_cos = if cos.is_finite() {
                 (65_536.0 / cos) as i32
@@ -173,8 +175,8 @@ impl Rig {
                 65_536
             };
             let input = Input {
-                code,
-                counts: Counts(self.plant.encoder_counts(i)),
+                adc_code: code,
+                encoder_counts: EncoderCounts(self.plant.encoder_counts(i)),
                 at: Micros((now * STEP_US) as u32),
                 setpoint: Setpoint {
                     tension: Newton::from_un((unit.setpoint_n * 1e6) as i32),

@@ -3,7 +3,7 @@
 //! converter's delay. Shares nothing with the plant but the measured friction law.
 
 use control::unit::{Drive, Setpoint};
-use control::{Config, Controller, Counts, Input, InvCos, LoadCode, Micros, Newton, State};
+use control::{AdcCode, Config, Controller, EncoderCounts, Input, InvCos, Micros, Newton, State};
 use wire::message::UnitConfig;
 
 const MASS_KG: f64 = 0.46;
@@ -60,8 +60,8 @@ pub fn rms_while_moving(wire: &UnitConfig, stiffness_n_per_m: f64) -> f64 {
         if n % sample_steps == 0 {
             let force = sum / history.len() as f64 + if n % 2 == 0 { 0.003 } else { -0.003 };
             let input = Input {
-                code: LoadCode::new((force / 6.85e-6) as i32),
-                counts: Counts((x / COUNT_M).floor() as i64),
+                adc_code: AdcCode::new((force / 6.85e-6) as i32),
+                encoder_counts: EncoderCounts((x / COUNT_M).floor() as i64),
                 at: Micros((t * 1e6) as u32),
                 setpoint: Setpoint {
                     tension: Newton::from_un((setpoint * 1e6) as i32),

@@ -6,7 +6,7 @@
 //! * [`Selector`]: which mask is in force, without a bus. It skips a write that would change nothing and
 //!   trusts nothing after a failure.
 //! * [`Tca9548`]: blocking driver over the same, with the reset line.
-//! * [`recovery`]: what to do when the bus is held, piece by piece.
+//! * [`recovery`]: frees a blocked bus, step by step.
 
 mod driver;
 pub mod recovery;

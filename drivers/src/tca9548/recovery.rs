@@ -1,24 +1,26 @@
-//! Recovery of a held or confused I2C bus, in pieces that need neither a bus nor a clock.
+//! Recovery of a blocked I2C bus, as state machines without a bus and without a clock.
 //!
 //! A device that was interrupted in the middle of a read holds SDA low until it has clocked out its byte.
-//! The way out is a ladder, each rung harsher than the one before it:
+//! [`Recovery`] is the sequence that the board runs, in the order of increasing effect:
 //!
-//! 1. [`BusClear`]: up to nine SCL clocks until SDA is free, then a STOP (I2C-bus specification UM10204,
-//!    section 3.1.16). Reaches devices behind the mux only through the channels that are on.
-//! 2. the mux's RESET line: cuts every channel off and frees the mux's own state machine.
-//! 3. the mux's mask again: it is unknown after any failure ([`super::Selector::invalidate`]).
-//! 4. the device behind it: its bring-up from the start, since its registers are unknown too.
+//! 1. take SCL and SDA from the controller, [`BusClear`]: up to nine SCL clocks until SDA is free, then a STOP
+//!    (I2C-bus specification UM10204, section 3.1.16). It reaches devices behind the mux only through the channels
+//!    that are on.
+//! 2. if SDA is still low, or the caller requests it: the mux's RESET line, which switches all channels off and
+//!    resets the mux's state machine; then [`BusClear`] again, now without the devices behind the mux.
+//! 3. return the lines to the controller.
 //!
-//! [`Ladder`] keeps the order and the bound; the owner of the pins performs the rungs.
+//! Afterwards the mask of the mux is unknown ([`super::Selector::invalidate`]). Repetition, pauses and reports are
+//! the caller's policy.
 
 use embedded_hal::delay::DelayNs;
 use embedded_hal::digital::{InputPin, OutputPin};
 
-/// SCL clocks that free any device: eight data bits and the acknowledge.
+/// Number of SCL clocks that frees any device: eight data bits and the acknowledge.
 pub const MAX_CLOCKS: u8 = 9;
 
-/// What to do next to clear the bus. Each step ends with half a bit time (1.25 us at 400 kHz, 5 us at
-/// 100 kHz, which suits a bus in trouble).
+/// What to do next to clear the bus. Each step ends with half a bit time (1.25 us at 400 kHz; 5 us at
+/// 100 kHz, which every device follows).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum BusClearStep {
@@ -129,68 +131,96 @@ where
     }
 }
 
-/// A rung of the recovery. The number goes into fault records: never renumber.
+/// Next action of a [`Recovery`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[repr(u8)]
-pub enum Rung {
-    /// Clear the bus with [`BusClear`].
-    ClearBus = 1,
-    /// Pulse the mux's RESET line and clear the bus on the upstream side again.
-    ResetMux = 2,
-    /// Write the mux's mask and read it back.
-    SelectVerified = 3,
-    /// Bring the device behind the mux up again.
-    BringUpDevice = 4,
-    /// Everything worked: back to normal traffic.
-    Recovered = 5,
-    /// The last rung failed as well: latch a fault, a human has to look.
-    GivenUp = 6,
+pub enum RecoveryStep {
+    /// Disable the controller and take SCL and SDA as open-drain outputs, both released. Takes no time.
+    TakeLines,
+    /// Put these levels on the lines and wait half a bit time, as in [`BusClearStep::Lines`].
+    Lines {
+        /// SCL.
+        scl: bool,
+        /// SDA.
+        sda: bool,
+    },
+    /// Drive the mux's RESET line and wait half a bit time.
+    MuxReset {
+        /// `true`: the line is low and the mux is in reset.
+        low: bool,
+    },
+    /// Return the lines to the controller and enable it. The recovery is over; this step repeats.
+    GiveLines {
+        /// SDA was high at the end: the bus can be used again.
+        released: bool,
+    },
 }
 
-/// Order of the recovery: the mildest step first, the mux's reset only once, never in circles.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Ladder {
-    rung: Rung,
-    reset_done: bool,
+#[derive(Clone, Copy, Debug)]
+enum RecoveryPhase {
+    Take,
+    Clear(BusClear),
+    ResetLow,
+    ResetHigh,
+    ClearAfterReset(BusClear),
+    Give { released: bool },
 }
 
-impl Ladder {
-    /// Starts at [`Rung::ClearBus`].
-    pub const fn new() -> Self {
+/// One round of the recovery, see the [module](self).
+#[derive(Clone, Copy, Debug)]
+pub struct Recovery {
+    phase: RecoveryPhase,
+    reset_mux: bool,
+}
+
+impl Recovery {
+    /// Starts a round. `reset_mux`: reset the mux even if the clocks alone free SDA, for a round after a round
+    /// that did not help.
+    pub const fn new(reset_mux: bool) -> Self {
         Self {
-            rung: Rung::ClearBus,
-            reset_done: false,
+            phase: RecoveryPhase::Take,
+            reset_mux,
         }
     }
 
-    /// What to do now.
-    pub const fn rung(&self) -> Rung {
-        self.rung
-    }
-
-    /// Takes the outcome of the current rung and returns the next one.
-    ///
-    /// A failure anywhere leads to the mux's reset; a failure after the reset gives up.
-    pub fn next(&mut self, worked: bool) -> Rung {
-        self.rung = match (self.rung, worked) {
-            (Rung::Recovered, _) => Rung::Recovered,
-            (Rung::GivenUp, _) => Rung::GivenUp,
-            (Rung::ClearBus | Rung::ResetMux, true) => Rung::SelectVerified,
-            (Rung::SelectVerified, true) => Rung::BringUpDevice,
-            (Rung::BringUpDevice, true) => Rung::Recovered,
-            (_, false) if !self.reset_done => {
-                self.reset_done = true;
-                Rung::ResetMux
+    /// The next step. `sda_high` is the level of SDA at the end of the step before; ignored by the first.
+    pub fn next(&mut self, sda_high: bool) -> RecoveryStep {
+        loop {
+            match &mut self.phase {
+                RecoveryPhase::Take => {
+                    self.phase = RecoveryPhase::Clear(BusClear::new());
+                    return RecoveryStep::TakeLines;
+                }
+                RecoveryPhase::Clear(clear) => match clear.next(sda_high) {
+                    BusClearStep::Lines { scl, sda } => return RecoveryStep::Lines { scl, sda },
+                    BusClearStep::Done { released } => {
+                        self.phase = if !released || self.reset_mux {
+                            RecoveryPhase::ResetLow
+                        } else {
+                            RecoveryPhase::Give { released }
+                        };
+                    }
+                },
+                RecoveryPhase::ResetLow => {
+                    self.phase = RecoveryPhase::ResetHigh;
+                    return RecoveryStep::MuxReset { low: true };
+                }
+                RecoveryPhase::ResetHigh => {
+                    self.phase = RecoveryPhase::ClearAfterReset(BusClear::new());
+                    return RecoveryStep::MuxReset { low: false };
+                }
+                RecoveryPhase::ClearAfterReset(clear) => match clear.next(sda_high) {
+                    BusClearStep::Lines { scl, sda } => return RecoveryStep::Lines { scl, sda },
+                    BusClearStep::Done { released } => {
+                        self.phase = RecoveryPhase::Give { released };
+                    }
+                },
+                RecoveryPhase::Give { released } => {
+                    return RecoveryStep::GiveLines {
+                        released: *released,
+                    }
+                }
             }
-            (_, false) => Rung::GivenUp,
-        };
-        self.rung
-    }
-}
-
-impl Default for Ladder {
-    fn default() -> Self {
-        Self::new()
+        }
     }
 }

@@ -14,7 +14,7 @@ pub enum Group {
     /// Two effects of the catalogue.
     Two,
     /// One effect that is in no catalogue.
-    Strange,
+    Uncatalogued,
 }
 
 /// One set.
@@ -83,18 +83,18 @@ pub struct Plan {
     pub quick: bool,
 }
 
-/// The effect of that name, known or strange.
+/// The effect of that name, known or uncatalogued.
 #[must_use]
 pub fn kind_named(name: &str) -> Option<Kind> {
     Kind::KNOWN
         .into_iter()
-        .chain(Kind::STRANGE)
+        .chain(Kind::UNCATALOGUED)
         .find(|kind| kind.name() == name)
 }
 
 impl Plan {
     /// All sets of the plan. With twenty seeds: 1140 known, 380 closed-loop, 200 empty, 80 with two
-    /// effects, 160 strange.
+    /// effects, 160 uncatalogued.
     #[must_use]
     pub fn cases(&self) -> Vec<Case> {
         let mut out = Vec::new();
@@ -129,10 +129,10 @@ impl Plan {
                 let at = (4 * n + k) % PAIRS.len();
                 add(Group::Two, &PAIRS[at], 1.0, false, seed, 400 + at as u64);
             }
-            for (i, kind) in (0u64..).zip(Kind::STRANGE) {
+            for (i, kind) in (0u64..).zip(Kind::UNCATALOGUED) {
                 for (j, strength) in [(0, 1.0), (1, 3.0)] {
                     add(
-                        Group::Strange,
+                        Group::Uncatalogued,
                         &[kind],
                         strength,
                         false,
@@ -169,7 +169,7 @@ mod tests {
         assert_eq!(count(Group::Known), 19 * 3 * 20);
         assert_eq!(count(Group::Empty), 200);
         assert_eq!(count(Group::Two), 80);
-        assert_eq!(count(Group::Strange), 160);
+        assert_eq!(count(Group::Uncatalogued), 160);
         assert_eq!(count(Group::Closed), 19 * 20);
     }
 }

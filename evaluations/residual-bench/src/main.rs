@@ -1,9 +1,9 @@
-//! `residual-bench`: runs the exam and prints the tables. `cargo xtask residual-bench` builds and starts it.
+//! `residual-bench`: runs the benchmark and prints the tables. `cargo xtask residual-bench` builds and starts it.
 
 use lexopt::{Arg, Parser, ValueExt};
 use rayon::prelude::*;
 use residual_bench::case::{kind_named, Group, Plan};
-use residual_bench::exam::{self, sit, Outcome};
+use residual_bench::evaluate::{self, evaluate, Outcome};
 use residual_bench::judge::Class;
 use residual_bench::table;
 use std::io::Write as _;
@@ -79,8 +79,8 @@ fn options() -> Result<Option<Options>, lexopt::Error> {
                         "closed" => Group::Closed,
                         "empty" => Group::Empty,
                         "two" => Group::Two,
-                        "strange" => Group::Strange,
-                        _ => return Err("groups are known, closed, empty, two, strange"),
+                        "uncatalogued" => Group::Uncatalogued,
+                        _ => return Err("groups are known, closed, empty, two, uncatalogued"),
                     })
                 })?);
             }
@@ -159,7 +159,7 @@ fn run(options: &Options) -> Result<(), String> {
     }
     if let Some(folder) = &options.csv {
         return cases.iter().try_for_each(|case| {
-            exam::write(case, folder).map_err(|error| format!("{}: {error}", folder.display()))
+            evaluate::write(case, folder).map_err(|error| format!("{}: {error}", folder.display()))
         });
     }
     let progress = Progress {
@@ -171,7 +171,7 @@ fn run(options: &Options) -> Result<(), String> {
     let outcomes: Vec<Outcome> = cases
         .par_iter()
         .map(|case| {
-            let outcome = sit(case);
+            let outcome = evaluate(case);
             progress.step();
             outcome
         })
@@ -220,9 +220,9 @@ fn run(options: &Options) -> Result<(), String> {
 /// What stands above the tables on the page.
 fn heading(line: &str) -> String {
     format!(
-        "# Synthetic exam of the residual analysis\n\n\
+        "# Synthetic benchmark of the residual analysis\n\n\
          Written by `{line}`; don't edit.\n\n\
-         The generator (`evaluations/synthetic-sets`) knows nothing of the analysis and shares no code or constant with it; a test \
+         The generator (`evaluations/synthetic-sets`) shares no code and no constant with the analysis; a test \
          of `evaluations/residual-bench` enforces that. Each set is five to seven logs of 50 to 80 s at 20, 50 or 100 rows a \
          second, with the declared model *force = command*, and up to two effects that the model lacks, scaled to a \
          multiple of the noise's RMS. Blocks of 10 s are held out, in ten folds. What counts as right is written in `evaluations/residual-bench/src/judge.rs`. Seeds 1 to 20 \

@@ -2,7 +2,7 @@
 //! terminal and the page in `docs` show the same.
 
 use crate::case::{Group, STRENGTHS};
-use crate::exam::Outcome;
+use crate::evaluate::Outcome;
 use crate::judge::Class;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -182,7 +182,7 @@ pub fn rates(all: &[Outcome]) -> Vec<Rate> {
         ),
         share(
             "effects outside the catalogue called `unknown`",
-            group(Group::Strange),
+            group(Group::Uncatalogued),
             right,
             Target::AtLeast(0.80),
         ),
@@ -329,7 +329,7 @@ pub fn text(all: &[Outcome]) -> String {
     );
     out += &confusion(
         "Effects in no catalogue, RMS once and three times the noise's",
-        &pick(&|o| o.case.group == Group::Strange),
+        &pick(&|o| o.case.group == Group::Uncatalogued),
     );
     out += "## Rates\n\n| what | figure | target | |\n|---|---|---|---|\n";
     let rates = rates(all);

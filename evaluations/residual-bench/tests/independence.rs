@@ -1,4 +1,4 @@
-//! The analysis, its exam and the plant must not know each other, directly or through others.
+//! Analysis, generator and plant must not depend on each other, directly or indirectly.
 
 use std::collections::{BTreeMap, BTreeSet};
 use std::process::Command;
@@ -68,7 +68,7 @@ fn violations(graph: &Graph) -> Vec<String> {
                 .filter(|to| **to != from && reached.contains(**to))
                 .map(|to| format!("{from} depends on {to}")),
         );
-        // The exam shares nothing with anybody, so that no constant of the project gets into it.
+        // The generator depends on no package of the project, so that it shares no constant with the analysis.
         if from == "synthetic-sets" {
             out.extend(reached.iter().map(|to| format!("synthetic-sets uses {to}")));
         }
@@ -77,7 +77,7 @@ fn violations(graph: &Graph) -> Vec<String> {
 }
 
 #[test]
-fn analysis_exam_and_plant_do_not_know_each_other() {
+fn analysis_generator_and_plant_are_independent() {
     let graph = workspace();
     for name in APART {
         assert!(

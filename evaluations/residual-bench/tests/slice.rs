@@ -1,7 +1,7 @@
-//! A small slice of the exam, on development seeds.
+//! A small part of the benchmark, on development seeds.
 
 use residual_bench::case::{Case, Group, Plan};
-use residual_bench::exam::{sit, Outcome};
+use residual_bench::evaluate::{evaluate, Outcome};
 use residual_bench::judge::Class;
 use synthetic_sets::Kind;
 
@@ -17,7 +17,7 @@ fn outcome(group: Group, kinds: &[Kind], strength: f64) -> Outcome {
         .into_iter()
         .find(|case| case.group == group && case.kinds == kinds && case.strength == strength)
         .expect("the plan has such a set");
-    sit(&case).expect("the analysis runs")
+    evaluate(&case).expect("the analysis runs")
 }
 
 #[test]
@@ -60,7 +60,7 @@ fn two_effects_are_both_named() {
 
 #[test]
 fn an_effect_in_no_catalogue_is_unknown() {
-    let o = outcome(Group::Strange, &[Kind::TravelLoad], 3.0);
+    let o = outcome(Group::Uncatalogued, &[Kind::TravelLoad], 3.0);
     assert_eq!(o.verdict, "unknown", "{:?}", o.named);
 }
 

@@ -63,7 +63,7 @@ impl Kind {
     ];
 
     /// Effects that are in no catalogue.
-    pub const STRANGE: [Self; 4] = [
+    pub const UNCATALOGUED: [Self; 4] = [
         Self::TravelLoad,
         Self::SpeedWindow,
         Self::NeighbourThreshold,

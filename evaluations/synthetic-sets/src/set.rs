@@ -231,7 +231,7 @@ mod tests {
 
     #[test]
     fn every_effect_gets_the_size_asked_for() {
-        for kind in Kind::KNOWN.into_iter().chain(Kind::STRANGE) {
+        for kind in Kind::KNOWN.into_iter().chain(Kind::UNCATALOGUED) {
             let truth = generate(&recipe(&[kind], 7)).truth;
             let ratio = truth.effect_rms_n / truth.noise_rms_n;
             assert!(

@@ -85,7 +85,7 @@ impl Identify {
                 "--force takes three numbers, for example --force 0 2.5 0",
             )
         })?;
-        rig.check_force(force_n)
+        rig.check_force(force_n.into())
             .map_err(|why| Failure::new(exit::USAGE, why))?;
         identify::check(&rig, self.drive_duration)?;
         let (name, text) = self.rig_text()?;

@@ -69,7 +69,7 @@ impl Monitor {
         let output = &context.output;
         self.connection.with_session(context, |session, rig| {
             configure_embedded(session, rig)?;
-            session.command(&Command::Stream { every: 1 })?;
+            session.command(&Command::Stream { decimation: 1 })?;
             let end = End::after(session, self.duration);
             if !output.json() {
                 let units: String = (1..=UNITS)

@@ -31,7 +31,7 @@ impl Record {
             configure_embedded(session, rig)?;
             let mut recorder = Recorder::create(&self.folder, rig)?;
             recorder.configured(&session.get_configs()?);
-            session.command(&Command::Stream { every: 1 })?;
+            session.command(&Command::Stream { decimation: 1 })?;
             session.drain();
             let mut progress = Progress::new(&context.output);
             let end = End::after(session, self.duration);

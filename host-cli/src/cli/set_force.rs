@@ -73,7 +73,7 @@ impl SetForce {
             stop: context.interrupt.flag(),
             ..Options::new([self.x, self.y, self.z], self.duration)
         };
-        rig.check_force(options.force_n)
+        rig.check_force(options.commanded_n)
             .map_err(|why| Failure::new(exit::USAGE, why))?;
         std::fs::create_dir_all(&self.out).map_err(|error| Failure::file(&self.out, error))?;
         let mut watch = Watch::new(output);
@@ -205,21 +205,21 @@ fn metrics_table(out: &mut String, m: &Metrics) {
     };
     row!(out, "");
     row!(out, "force at the tip, N         x         y         z");
-    row!(out, "  asked             {}", vector(m.asked_n));
+    row!(out, "  commanded         {}", vector(m.commanded_n.into()));
     row!(
         out,
         "  applied           {}   mean, {source}",
-        vector(m.applied_n)
+        vector(m.applied_n.into())
     );
     row!(
         out,
         "  error             {}   length {:.3}, RMS {:.3}",
-        vector(m.error_n),
+        vector(m.error_n.into()),
         m.tip_force_error_n,
         m.tip_force_rms_n
     );
     let along = m.settling_along_s.map_or_else(String::new, |s| {
-        format!("; along the asked direction alone after {s:.2} s")
+        format!("; along the commanded direction alone after {s:.2} s")
     });
     let settled = m.settling_s.map_or_else(
         || "never".to_owned(),
@@ -240,7 +240,7 @@ fn metrics_table(out: &mut String, m: &Metrics) {
         "tension, N             1       2       3       4       5       6"
     );
     let units = |values: [f64; UNITS]| values.map(|v| format!("{v:>7.3}")).join(" ");
-    row!(out, "  asked          {}", units(m.tension_asked_n));
+    row!(out, "  setpoint       {}", units(m.tension_setpoint_n));
     row!(
         out,
         "  {:<14} {}",

@@ -5,7 +5,7 @@ use super::exit::{self, Reply, Result};
 use super::Context;
 use clap::Args;
 use control::MotorState;
-use host_cli::session::{explain_fault, explain_kept, motor_state_name, system_state_name};
+use host_cli::session::{explain_crash_record, explain_fault, motor_state_name, system_state_name};
 use serde_json::json;
 use std::fmt::Write as _;
 use wire::message::{BoardInfo, Status as BoardStatus};
@@ -49,8 +49,8 @@ fn table(info: Option<&BoardInfo>, status: &BoardStatus) -> String {
             info.core_hz / 1_000_000,
             info.reset_flags
         );
-        if let Some(kept) = &info.kept {
-            row!(out, "last run   ended with {}", explain_kept(kept));
+        if let Some(kept) = &info.crash_record {
+            row!(out, "last run   ended with {}", explain_crash_record(kept));
         }
     }
     row!(

@@ -115,7 +115,7 @@ impl Observer for Watch {
                 "{:>7.2} s   force N{}   tension N{}",
                 step.t_s,
                 cells(step.estimated_n.as_slice()),
-                cells(step.measured_tension_n.as_slice())
+                cells(&step.measured_tension_n)
             );
             self.progress.beside(|output| output.detail(&line));
         }

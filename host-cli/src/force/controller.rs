@@ -1,7 +1,7 @@
 //! The force controller on the host, 100 Hz (thesis 3.7).
 //!
 //! ```text
-//! wanted force ─ slew ─ nearest feasible ─▶ reference ──┬─────────────────────┐
+//! commanded force ─ slew ─ nearest feasible ─▶ reference ──┬───────────────────┐
 //! pose ─▶ cable directions, 1/cos ──────────────┐       │ error               ▼
 //! tensions ─▶ applied force A T ────────────────┼───────┴──▶ PI ─▶ compensated force
 //!                                               └─▶ allocation ─▶ 6 tensions + 1/cos
@@ -10,17 +10,20 @@
 //! The load-cell angle is compensated where the tension is computed: the board multiplies each load-cell
 //! force by the 1/cos that goes out with the setpoints, so what it reports is the cable's tension.
 //!
-//! Anti-windup has two parts. A wanted force out of reach is replaced, for the error, by the nearest one within
-//! reach, so the integral does not wind up against the impossible. And when the *compensated* force is out of
-//! reach, the integral takes back what the cables could not follow.
+//! Anti-windup has two parts. A commanded force out of reach is replaced, for the error, by the nearest one within
+//! reach, so the integral does not wind up. When the *compensated* force is out of reach, the excess is subtracted
+//! from the integral.
 //!
 //! A unit that is not available (faulted, switched off) gets no share; the force is allocated to the rest.
 
 use crate::force::allocation::{Allocation, AllocationError, Allocator, Problem};
-use crate::force::vec3::{self, Vec3};
 use crate::rigfile::RigFile;
+use nalgebra::Vector3;
 use wire::message::UnitSetpoint;
 use wire::UNITS;
+
+/// Longest time between two cycles that the slew limit and the integral count, s. After a pause they don't jump.
+const MAX_DT_S: f64 = 0.1;
 
 /// What the controller is told in each cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -28,39 +31,39 @@ pub struct Input {
     /// Time since the last cycle, s.
     pub dt_s: f64,
     /// Tip of the robot, base frame, m.
-    pub tip_m: Vec3,
+    pub tip_m: Vector3<f64>,
     /// Cable tensions that the board measured, N; `None` where there is no news.
     pub tension_n: [Option<f64>; UNITS],
     /// Units that can pull.
     pub available: [bool; UNITS],
-    /// Force that is wanted at the tip, N.
-    pub wanted_n: Vec3,
+    /// Commanded force at the tip, N.
+    pub commanded_n: Vector3<f64>,
 }
 
-/// What a cycle led to, every term of it.
+/// Output of a cycle, with every term of the sum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Output {
     /// What the board is told.
     pub setpoints: [UnitSetpoint; UNITS],
-    /// Wanted force after its slew limit, N.
-    pub slewed_n: Vec3,
+    /// Commanded force after its slew limit, N.
+    pub slewed_n: Vector3<f64>,
     /// The nearest force within reach, N: the reference of the error.
-    pub reference_n: Vec3,
+    pub reference_n: Vector3<f64>,
     /// Force applied at the tip by the measured tensions, N.
-    pub applied_n: Vec3,
+    pub applied_n: Vector3<f64>,
     /// Error, reference less applied, N.
-    pub error_n: Vec3,
+    pub error_n: Vector3<f64>,
     /// Integral part, N.
-    pub integral_n: Vec3,
-    /// What the PI controller asks the cables for, N.
-    pub compensated_n: Vec3,
+    pub integral_n: Vector3<f64>,
+    /// Force that the PI controller asks of the cables, N.
+    pub compensated_n: Vector3<f64>,
     /// How it was shared out.
     pub allocation: Allocation,
-    /// How the slewed force itself stands to what the cables can do.
+    /// How the slewed force itself compares with what the cables can apply.
     pub reach: Reach,
 }
 
-/// How a wanted force stands to what the available cables can do.
+/// How a commanded force compares with what the available cables can apply.
 #[derive(Debug, Clone, Copy, PartialEq, serde::Serialize)]
 pub struct Reach {
     /// Whether it is within reach.
@@ -109,13 +112,13 @@ pub enum ControlError {
 pub struct Controller {
     rig: RigFile,
     allocator: Allocator,
-    slewed_n: Vec3,
-    integral_n: Vec3,
+    slewed_n: Vector3<f64>,
+    integral_n: Vector3<f64>,
     tension_n: [f64; UNITS],
 }
 
 impl Controller {
-    /// At rest: no force wanted, nothing integrated.
+    /// At rest: no force commanded, nothing integrated.
     ///
     /// # Errors
     /// As [`Allocator::new`].
@@ -123,8 +126,8 @@ impl Controller {
         Ok(Self {
             rig: rig.clone(),
             allocator: Allocator::new()?,
-            slewed_n: [0.0; 3],
-            integral_n: [0.0; 3],
+            slewed_n: Vector3::zeros(),
+            integral_n: Vector3::zeros(),
             tension_n: [0.0; UNITS],
         })
     }
@@ -136,9 +139,9 @@ impl Controller {
     pub fn step(&mut self, input: &Input) -> Result<Output, ControlError> {
         let (directions, inv_cos_q16) = self.geometry(input)?;
         let settings = self.rig.controller;
-        let step = vec3::sub(input.wanted_n, self.slewed_n);
-        let most = settings.slew_n_per_s * input.dt_s.clamp(0.0, 0.1);
-        self.slewed_n = vec3::add(self.slewed_n, vec3::limited(step, most));
+        let dt_s = input.dt_s.clamp(0.0, MAX_DT_S);
+        let step_n = input.commanded_n - self.slewed_n;
+        self.slewed_n += step_n.cap_magnitude(settings.slew_n_per_s * dt_s);
 
         let problem = self.problem(directions, &input.available);
         let direct = self.allocator.solve(&Problem {
@@ -160,22 +163,20 @@ impl Controller {
             }
         }
         let applied_n = problem.force_of(&self.tension_n);
-        let error_n = vec3::sub(reference_n, applied_n);
-        let gain = settings.ki_per_s * input.dt_s.clamp(0.0, 0.1);
-        let integral = vec3::add(self.integral_n, vec3::scale(error_n, gain));
-        self.integral_n = vec3::limited(integral, settings.integral_limit_n);
-        let proportional = vec3::scale(error_n, settings.kp);
-        let compensated_n = vec3::add(vec3::add(reference_n, proportional), self.integral_n);
+        let error_n = reference_n - applied_n;
+        let gain = settings.ki_per_s * dt_s;
+        self.integral_n =
+            (self.integral_n + error_n * gain).cap_magnitude(settings.integral_limit_n);
+        let compensated_n = reference_n + error_n * settings.kp + self.integral_n;
         let allocation = self.allocator.solve(&Problem {
             force_n: compensated_n,
             ..problem
         })?;
         if !allocation.feasible {
             // Take back what the cables can't follow, but never more than has been integrated.
-            let excess = vec3::sub(compensated_n, allocation.force_n);
-            let most = vec3::norm(self.integral_n);
-            let integral = vec3::sub(self.integral_n, excess);
-            self.integral_n = vec3::limited(integral, most);
+            let excess_n = compensated_n - allocation.force_n;
+            let limit_n = self.integral_n.norm();
+            self.integral_n = (self.integral_n - excess_n).cap_magnitude(limit_n);
         }
         let setpoints = core::array::from_fn(|i| UnitSetpoint {
             tension_un: (allocation.tension_n[i] * 1e6).round() as i32,
@@ -199,12 +200,15 @@ impl Controller {
     }
 
     /// Cable directions and 1/cos of all units at this tip.
-    fn geometry(&self, input: &Input) -> Result<([Vec3; UNITS], [i32; UNITS]), ControlError> {
+    fn geometry(
+        &self,
+        input: &Input,
+    ) -> Result<([Vector3<f64>; UNITS], [i32; UNITS]), ControlError> {
         let workspace = self.rig.workspace;
-        let distance = vec3::norm(vec3::sub(input.tip_m, workspace.center_m));
+        let distance = (input.tip_m - workspace.center_m).norm();
         // Not finite ends here too.
         if distance.is_nan() || distance > workspace.radius_m {
-            let [x, y, z] = input.tip_m;
+            let [x, y, z] = input.tip_m.into();
             return Err(ControlError::OutsideWorkspace {
                 x,
                 y,
@@ -213,7 +217,7 @@ impl Controller {
                 radius: workspace.radius_m,
             });
         }
-        let mut directions = [[0.0; 3]; UNITS];
+        let mut directions = [Vector3::zeros(); UNITS];
         let mut inv_cos_q16 = [65_536; UNITS];
         for (i, unit) in self.rig.units.iter().enumerate() {
             let cable = unit.cable_at(input.tip_m);
@@ -239,7 +243,7 @@ impl Controller {
         }
     }
 
-    fn problem(&self, directions: [Vec3; UNITS], available: &[bool; UNITS]) -> Problem {
+    fn problem(&self, directions: [Vector3<f64>; UNITS], available: &[bool; UNITS]) -> Problem {
         let bound = |value: fn(&crate::rigfile::UnitSettings) -> f64| {
             core::array::from_fn(|i| {
                 if available[i] {
@@ -251,7 +255,7 @@ impl Controller {
         };
         Problem {
             directions,
-            force_n: [0.0; 3],
+            force_n: Vector3::zeros(),
             lower_n: bound(|unit| unit.tension_min_n),
             upper_n: bound(|unit| unit.tension_max_n),
             reference_n: self.rig.reference_n(),
@@ -274,7 +278,7 @@ mod tests {
             tip_m: rig.workspace.center_m,
             tension_n: [Some(0.0); UNITS],
             available: [true; UNITS],
-            wanted_n: [0.0, 2.5, 0.0],
+            commanded_n: Vector3::new(0.0, 2.5, 0.0),
         }
     }
 
@@ -293,7 +297,7 @@ mod tests {
             change(cycle, &mut input);
             let output = controller.step(&input).unwrap();
             for (i, t) in tension.iter_mut().enumerate() {
-                // A cable that always holds 5 % less than asked.
+                // A cable that always holds 5 % less than its setpoint.
                 let goal = 0.95 * f64::from(output.setpoints[i].tension_un) * 1e-6;
                 *t += (goal - *t) * 0.2;
             }
@@ -306,8 +310,8 @@ mod tests {
     fn the_integral_takes_out_what_the_cables_miss() {
         let (_, outputs) = run(&rig(), 600, |_, _| {});
         let last = outputs.last().unwrap();
-        assert!(vec3::norm(last.error_n) < 1e-3, "{:?}", last.error_n);
-        assert!(vec3::norm(vec3::sub(last.applied_n, [0.0, 2.5, 0.0])) < 1e-3);
+        assert!(last.error_n.norm() < 1e-3, "{:?}", last.error_n);
+        assert!((last.applied_n - Vector3::new(0.0, 2.5, 0.0)).norm() < 1e-3);
         for setpoint in last.setpoints {
             assert!((2_000_000..=12_000_000).contains(&setpoint.tension_un));
             assert!((65_536..=262_144).contains(&setpoint.inv_cos_q16));
@@ -315,11 +319,11 @@ mod tests {
     }
 
     #[test]
-    fn the_wanted_force_changes_no_faster_than_its_slew_limit() {
+    fn the_commanded_force_changes_no_faster_than_its_slew_limit() {
         let (_, outputs) = run(&rig(), 50, |_, _| {});
         let limit = 0.01 * rig().controller.slew_n_per_s + 1e-12;
         for pair in outputs.windows(2) {
-            let step = vec3::norm(vec3::sub(pair[1].slewed_n, pair[0].slewed_n));
+            let step = (pair[1].slewed_n - pair[0].slewed_n).norm();
             assert!(step <= limit, "{step}");
         }
     }
@@ -329,7 +333,7 @@ mod tests {
         // 40 N along y for three seconds, then back to 2.5 N.
         let (_, outputs) = run(&rig(), 1200, |cycle, input| {
             if cycle < 500 {
-                input.wanted_n = [0.0, 40.0, 0.0];
+                input.commanded_n = Vector3::new(0.0, 40.0, 0.0);
             }
         });
         let out = &outputs[490];
@@ -340,12 +344,12 @@ mod tests {
             "{:?}",
             out.reach
         );
-        assert!(vec3::norm(out.integral_n) <= rig().controller.integral_limit_n + 1e-9);
+        assert!(out.integral_n.norm() <= rig().controller.integral_limit_n + 1e-9);
         // The way back takes (40 - 2.5) / 20 s of slew; half a second later the rest is the integral's time constant,
         // and not the 1.5 N of a wound-up one.
         let back = &outputs[500 + 188 + 50];
         assert!(
-            vec3::norm(vec3::sub(back.applied_n, [0.0, 2.5, 0.0])) < 0.4,
+            (back.applied_n - Vector3::new(0.0, 2.5, 0.0)).norm() < 0.4,
             "{back:?}"
         );
     }
@@ -361,7 +365,7 @@ mod tests {
         let last = outputs.last().unwrap();
         assert_eq!(last.setpoints[3].tension_un, 0);
         assert!(last.reach.feasible, "{:?}", last.reach);
-        assert!(vec3::norm(last.error_n) < 5e-3, "{:?}", last.error_n);
+        assert!(last.error_n.norm() < 5e-3, "{:?}", last.error_n);
         // Without unit 3 they can't, and say what remains.
         let (_, outputs) = run(&rig(), 600, |_, input| input.available[2] = false);
         let last = outputs.last().unwrap();

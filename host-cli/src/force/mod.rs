@@ -4,4 +4,3 @@ pub mod allocation;
 pub mod controller;
 pub mod metrics;
 pub mod pose;
-pub mod vec3;

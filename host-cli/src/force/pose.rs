@@ -13,8 +13,8 @@
 //!   to JSON). Other keys are ignored. A pose older than `max_age_s`, or none at all, stops the rig.
 //! * `source = "static"`: the tip is clamped at `position_m`.
 
-use crate::force::vec3::Vec3;
 use crate::rigfile::PoseChoice;
+use nalgebra::Vector3;
 use serde::Deserialize;
 use std::net::UdpSocket;
 use std::time::{Duration, Instant};
@@ -56,7 +56,7 @@ pub enum PoseSource {
     /// Datagrams.
     Udp(UdpPoses),
     /// A clamped tip.
-    Static(Vec3),
+    Static(Vector3<f64>),
 }
 
 /// Receives poses as datagrams.
@@ -65,7 +65,7 @@ pub struct UdpPoses {
     listen: String,
     socket: UdpSocket,
     max_age: Duration,
-    newest: Option<(Instant, Vec3)>,
+    newest: Option<(Instant, Vector3<f64>)>,
     since: Instant,
     bad: u64,
 }
@@ -90,7 +90,7 @@ impl PoseSource {
     ///
     /// # Errors
     /// There is none, or it is too old.
-    pub fn tip_m(&mut self, from_link: Option<Vec3>) -> Result<Vec3, PoseError> {
+    pub fn tip_m(&mut self, from_link: Option<Vector3<f64>>) -> Result<Vector3<f64>, PoseError> {
         match self {
             Self::Rig => from_link.ok_or(PoseError::NotFromLink),
             Self::Static(position_m) => Ok(*position_m),
@@ -119,7 +119,7 @@ impl UdpPoses {
         })
     }
 
-    fn newest(&mut self) -> Result<Vec3, PoseError> {
+    fn newest(&mut self) -> Result<Vector3<f64>, PoseError> {
         let mut datagram = [0; DATAGRAM];
         while let Ok(length) = self.socket.recv(&mut datagram) {
             match parse(&datagram[..length]) {
@@ -159,7 +159,7 @@ struct Body {
 }
 
 /// The position in a datagram, in m; `None` where it holds none, or not the last line of several.
-fn parse(datagram: &[u8]) -> Option<Vec3> {
+fn parse(datagram: &[u8]) -> Option<Vector3<f64>> {
     let text = std::str::from_utf8(datagram).ok()?;
     // Several lines in one datagram: the last one is the newest.
     let line = text.lines().rev().find(|line| !line.trim().is_empty())?;
@@ -168,8 +168,8 @@ fn parse(datagram: &[u8]) -> Option<Vec3> {
         Message::Plain(body) => body,
     };
     let position_m = match body.position {
-        Position::Array(position_m) => position_m,
-        Position::Named { x, y, z } => [x, y, z],
+        Position::Array(position_m) => Vector3::from(position_m),
+        Position::Named { x, y, z } => Vector3::new(x, y, z),
     };
     position_m
         .iter()
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn shapes_of_poses() {
-        let p = Some([0.1, -0.2, 0.3]);
+        let p = Some(Vector3::new(0.1, -0.2, 0.3));
         assert_eq!(
             parse(br#"{"measured_cp": {"position": [0.1, -0.2, 0.3], "orientation": [0,0,0,1]}}"#),
             p
@@ -226,7 +226,7 @@ mod tests {
             std::thread::sleep(Duration::from_millis(1));
             source.newest().ok()
         });
-        assert_eq!(found, Some([0.1, -0.2, 0.3]));
+        assert_eq!(found, Some(Vector3::new(0.1, -0.2, 0.3)));
         assert_eq!(source.bad, 1);
         source.max_age = Duration::ZERO;
         std::thread::sleep(Duration::from_millis(1));

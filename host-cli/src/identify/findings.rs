@@ -19,7 +19,7 @@
 //! may be worse than none.
 
 use crate::rigfile::{RigFile, RippleSettings, UnitSettings};
-use residual::Board;
+use residual::Compensation as Board;
 use std::f64::consts::TAU;
 use wire::UNITS;
 

@@ -27,13 +27,13 @@
 pub mod findings;
 
 use crate::force::pose::PoseSource;
-use crate::force::vec3;
 use crate::identify::findings::{Frame, Rewritten};
 use crate::link::RigLink;
 use crate::rigfile::{RigFile, UnitSettings};
 use crate::run::{self, Observer, Outcome, Phase, Prepared, RunError};
 use crate::session::{explain_fault, Session, TimedSample, PERIOD};
 use control::convert::REEL_RADIUS_M;
+use nalgebra::Vector3;
 use residual::spec::Spec;
 use residual::Report;
 use serde::Serialize;
@@ -45,7 +45,7 @@ use wire::message::{UnitConfig, UnitSetpoint};
 use wire::{Command, UNITS};
 
 /// The model of the recorded session.
-pub const MODEL: &str = include_str!("../../../residual/models/identify.toml");
+pub const MODEL: &str = include_str!("../../models/identify.toml");
 
 /// For how long the cables are tensioned before the robot moves, s.
 const PRETENSION_S: f64 = 1.0;
@@ -238,15 +238,15 @@ fn drive(
                 controls.robot(true)?;
             }
         }
-        let tip_m = pose.tip_m(session.pose().map(|pose| pose.position_m))?;
-        let off = vec3::norm(vec3::sub(tip_m, rig.workspace.center_m));
+        let tip_m = pose.tip_m(session.pose().map(|pose| pose.position_m.into()))?;
+        let off = (tip_m - rig.workspace.center_m).norm();
         if off.is_nan() || off > rig.workspace.radius_m {
             return Err(RunError::Fault(format!(
                 "the tip is {off:.3} m from the workspace's centre, {} m are allowed (`radius_m` in [workspace])",
                 rig.workspace.radius_m
             )));
         }
-        let mut force_n = [0.0; 3];
+        let mut force_n = Vector3::zeros();
         let mut inv_cos = [1.0; UNITS];
         let mut setpoints = [UnitSetpoint {
             tension_un: 0,
@@ -265,7 +265,7 @@ fn drive(
                 )));
             };
             if let Some((tension, _)) = session.tension_n()[i] {
-                force_n = vec3::add(force_n, vec3::scale(direction, tension));
+                force_n += direction * tension;
             }
             inv_cos[i] = f64::from(q16) / 65_536.0;
             setpoints[i] = UnitSetpoint {
@@ -273,7 +273,7 @@ fn drive(
                 inv_cos_q16: q16,
             };
         }
-        let force = vec3::norm(force_n);
+        let force = force_n.norm();
         if force > rig.controller.force_limit_n {
             return Err(RunError::Fault(format!(
                 "the force at the tip reached {force:.1} N, {} N are allowed (`force_limit_n` in [controller])",
@@ -360,18 +360,18 @@ impl Recording {
             };
             let t_s = timed.t_us as f64 * 1e-6;
             let scale = f64::from(config.scale_pn_per_count) * 1e-12;
-            let force = (f64::from(s.code) - f64::from(config.zero_code)) * scale;
+            let force = (f64::from(s.adc_code) - f64::from(config.zero_code)) * scale;
             tension[i].push(t_s - age_s, force * inv_cos);
             if i == unit {
                 let codes_per_n = f64::from(config.dac_counts_per_n_q16) / 65_536.0;
                 let latency_s = f64::from(s.latency_us) * 1e-6;
                 command.push(
                     t_s + latency_s + 0.5 * SAMPLE_S,
-                    (f64::from(s.dac) - 32_768.0) / codes_per_n,
+                    (f64::from(s.dac_code) - 32_768.0) / codes_per_n,
                 );
                 travel.push(
                     t_s,
-                    f64::from(s.counts) * f64::from(config.travel_nm_per_count) * 1e-9,
+                    f64::from(s.encoder_counts) * f64::from(config.travel_nm_per_count) * 1e-9,
                 );
             }
         }
@@ -584,7 +584,7 @@ pub fn find(
 ///
 /// # Errors
 /// The verdict doesn't support a change, or nameless structure is left beside what was named.
-pub fn usable(report: &Report) -> Result<residual::Board, String> {
+pub fn usable(report: &Report) -> Result<residual::Compensation, String> {
     let (before, after) = (report.baseline.heldout_rmse, report.last.heldout_rmse);
     let left = |s: &&residual::Structure| s.gain * after > MOST_LEFT * (before - after);
     if let Some(left) = report.structure.iter().find(left) {
@@ -598,7 +598,7 @@ pub fn usable(report: &Report) -> Result<residual::Board, String> {
         ));
     }
     report
-        .board()
+        .compensation()
         .ok_or_else(|| format!("the verdict: {}", report.summary()))
 }
 
@@ -694,7 +694,7 @@ mod tests {
         // Units differ by some 0.1 N by themselves.
         let more = friction(&new[0]) + crate::identify::findings::UNDER_N - friction(&old[0]);
         assert!((more - 0.6).abs() < 0.25, "{:?}", findings.units[0]);
-        let name = &findings.units[0].report.effects[0].name;
+        let name = findings.units[0].report.effects[0].name.as_str();
         assert!(name.ends_with("coulomb"), "{name}");
 
         let ripple = new[1].ripples[0];
@@ -737,7 +737,7 @@ mod tests {
 
     /// From a report that a board may use: the same with other verdicts.
     fn refuses_what_is_not_clear(clear: &Report) {
-        use residual::{Ambiguity, Structure, Verdict};
+        use residual::{Ambiguity, EffectKind, Structure, Verdict};
         assert!(usable(clear).is_ok(), "{}", clear.summary());
         let with = |change: &dyn Fn(&mut Report)| {
             let mut report = clear.clone();
@@ -748,27 +748,24 @@ mod tests {
             let why = with(&|r| r.verdict = verdict).unwrap_err();
             assert!(why.contains("verdict"), "{why}");
         }
-        let rivals = |names: [&'static str; 2]| {
+        let rivals = |names: [EffectKind; 2]| {
             with(&move |r| {
                 r.verdict = Verdict::NotIdentifiable;
-                r.not_identifiable = vec![Ambiguity {
-                    effects: names.map(str::to_owned).to_vec(),
-                    experiment: String::new(),
-                }];
+                r.not_identifiable = vec![Ambiguity::new(names.to_vec(), "")];
             })
         };
-        assert!(rivals(["coulomb", "backlash"]).is_err());
-        assert!(rivals(["coulomb", "delay"]).is_err());
+        assert!(rivals([EffectKind::Coulomb, EffectKind::Backlash]).is_err());
+        assert!(rivals([EffectKind::Coulomb, EffectKind::Delay]).is_err());
         // The same friction by either name.
-        assert!(rivals(["load_dependent_coulomb", "coulomb"]).is_ok());
+        assert!(rivals([EffectKind::LoadDependentCoulomb, EffectKind::Coulomb]).is_ok());
         let nameless = |part: f64| {
             with(&move |r| {
                 let explained = r.baseline.heldout_rmse - r.last.heldout_rmse;
-                r.structure = vec![Structure {
-                    depends_on: "time".to_owned(),
-                    gain: part * explained / r.last.heldout_rmse,
-                    p: 0.0,
-                }];
+                r.structure = vec![Structure::new(
+                    "time",
+                    part * explained / r.last.heldout_rmse,
+                    0.0,
+                )];
             })
         };
         assert!(nameless(0.05).is_ok());

@@ -6,7 +6,8 @@ use super::{Exchange, LinkError, RigControls, RigLink};
 use control::unit::{Drive, Setpoint};
 use control::zero::{Averager, Progress};
 use control::{
-    Config, Controller, Counts, Fault, Input, LoadCode, Micros, MotorState, State, SystemState,
+    AdcCode, Config, Controller, EncoderCounts, Fault, Input, Micros, MotorState, State,
+    SystemState,
 };
 use emulator_link::{Injection, Pose, Report, Truth};
 use plant::{Plant, PlantConfig};
@@ -246,7 +247,7 @@ impl FakeBoard {
                 version: "fake".try_into().expect("short"),
                 core_hz: 400_000_000,
                 reset_flags: 0,
-                kept: (self.resets > 0).then(|| wire::message::CrashRecord {
+                crash_record: (self.resets > 0).then(|| wire::message::CrashRecord {
                     code: Fault::WatchdogReset.code(),
                     detail: 0,
                     pc: 0,
@@ -361,7 +362,7 @@ impl FakeBoard {
             .sum();
         // 24 bits over +-0.5 VREF/128; noise of 3 mN is 440 counts.
         let code = bridge * 128.0 * f64::from(1 << 24) + 440.0 * self.noise();
-        let code = LoadCode::new(code.round() as i32);
+        let code = AdcCode::new(code.round() as i32);
         let counts = self.plant.encoder_counts(i);
         let drive = match self.unit_state(i) {
             MotorState::Running if self.setpoints[i].tension.to_bits() > 0 => Drive::Follow,
@@ -369,8 +370,8 @@ impl FakeBoard {
             _ => Drive::Off,
         };
         let input = Input {
-            code,
-            counts: Counts(counts),
+            adc_code: code,
+            encoder_counts: EncoderCounts(counts),
             at: Micros(self.t_us()),
             setpoint: self.setpoints[i],
             drive,
@@ -396,8 +397,8 @@ impl FakeBoard {
         }
         let mut sample = Sample {
             unit: i as u8,
-            code: code.get(),
-            counts: counts as i32,
+            adc_code: code.get(),
+            encoder_counts: counts as i32,
             latency_us: 200,
             ..Sample::default()
         };

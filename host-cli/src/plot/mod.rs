@@ -1,10 +1,10 @@
-//! The picture of a run: force at the tip, its error, tensions, over time. As SVG and as PNG.
+//! The picture of a run: force at the tip, its error, tensions, over time, as SVG.
 
 pub mod scene;
 
 use crate::force::metrics::{Step, SETTLED_WITHIN_N};
-use crate::force::vec3;
 use crate::run::Outcome;
+use nalgebra::Vector3;
 use scene::{Anchor, Color, Scene};
 use wire::UNITS;
 
@@ -60,10 +60,10 @@ pub fn draw(outcome: &Outcome) -> Scene {
     ];
     let height = TOP + panels.len() as f32 * (PANEL + GAP) + 10.0;
     let mut scene = Scene::new(WIDTH, height);
-    let asked = outcome.metrics.as_ref().map_or([0.0; 3], |m| m.asked_n);
+    let commanded_n = (outcome.metrics.as_ref()).map_or_else(Vector3::zeros, |m| m.commanded_n);
     let title = format!(
         "forcectl set-force {} {} {}   {}   firmware {}",
-        asked[0], asked[1], asked[2], outcome.link, outcome.firmware
+        commanded_n.x, commanded_n.y, commanded_n.z, outcome.link, outcome.firmware
     );
     scene.text(LEFT, 24.0, &title, Anchor::Start, true, BLACK);
     let span = match (steps.first(), steps.last()) {
@@ -88,7 +88,7 @@ pub fn compare(before: &Outcome, after: &Outcome) -> Scene {
         let rms = m.tension_rms_n;
         (0..UNITS).fold(0, |worst, i| if rms[i] > rms[worst] { i } else { worst })
     });
-    let asked = before.metrics.as_ref().map_or([0.0; 3], |m| m.asked_n);
+    let commanded_n = (before.metrics.as_ref()).map_or_else(Vector3::zeros, |m| m.commanded_n);
     let panel = |title: String, value: &dyn Fn(&Step) -> f64, at_least| Panel {
         title,
         unit: "N",
@@ -106,12 +106,12 @@ pub fn compare(before: &Outcome, after: &Outcome) -> Scene {
     let panels = [
         panel(
             "Length of the force error at the tip".to_owned(),
-            &|s| vec3::norm(vec3::sub(s.best_force_n(), asked)),
+            &|s| (s.best_force_n() - commanded_n).norm(),
             (0.0, 0.1),
         ),
         panel(
             format!("Tension error of cable {}, the worst before", worst + 1),
-            &|s| s.best_tension_n()[worst] - s.asked_tension_n[worst],
+            &|s| s.best_tension_n()[worst] - s.tension_setpoint_n[worst],
             (-0.1, 0.1),
         ),
     ];
@@ -165,14 +165,14 @@ fn force_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
             s.best_force_n()[axis]
         }));
         curves.push(curve(String::new(), color, 1.2, true, steps, |s| {
-            s.wanted_n[axis]
+            s.commanded_n[axis]
         }));
     }
     Panel {
         title: if from_truth(outcome) {
-            "Force at the tip, in the plant (dashed: wanted)".to_owned()
+            "Force at the tip, in the plant (dashed: commanded)".to_owned()
         } else {
-            "Force at the tip, from the load cells (dashed: wanted)".to_owned()
+            "Force at the tip, from the load cells (dashed: commanded)".to_owned()
         },
         unit: "N",
         curves,
@@ -182,8 +182,14 @@ fn force_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
 }
 
 fn error_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
-    let asked = outcome.metrics.as_ref().map_or([0.0; 3], |m| m.asked_n);
-    let goal = move |s: &Step| if s.t_s >= 0.0 { asked } else { [0.0; 3] };
+    let commanded_n = (outcome.metrics.as_ref()).map_or_else(Vector3::zeros, |m| m.commanded_n);
+    let goal = move |s: &Step| {
+        if s.t_s >= 0.0 {
+            commanded_n
+        } else {
+            Vector3::zeros()
+        }
+    };
     Panel {
         title: "Length of the force error (band: settled)".to_owned(),
         unit: "N",
@@ -195,7 +201,7 @@ fn error_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
             steps,
             |s| {
                 // The step itself would hide everything after it.
-                vec3::norm(vec3::sub(s.best_force_n(), goal(s))).min(0.6)
+                (s.best_force_n() - goal(s)).norm().min(0.6)
             },
         )],
         band: Some(SETTLED_WITHIN_N),
@@ -215,11 +221,11 @@ fn tension_panel(steps: &[&Step]) -> Panel {
             |s| s.best_tension_n()[i],
         ));
         curves.push(curve(String::new(), color, 1.0, true, steps, |s| {
-            s.asked_tension_n[i]
+            s.tension_setpoint_n[i]
         }));
     }
     Panel {
-        title: "Cable tensions (dashed: asked)".to_owned(),
+        title: "Cable tensions (dashed: setpoint)".to_owned(),
         unit: "N",
         curves,
         band: None,
@@ -306,7 +312,7 @@ fn draw_panel(scene: &mut Scene, panel: &Panel, top: f32, span: (f64, f64), last
         scene.text(
             right,
             bottom + 32.0,
-            "time since the force was wanted, s",
+            "time since the command, s",
             Anchor::End,
             false,
             BLACK,

@@ -1,17 +1,6 @@
-//! Lines, rectangles and words, written as SVG or painted as PNG. Its letters come with the program, so a
-//! machine without fonts paints the same picture.
+//! Lines, rectangles and text of a picture, written as SVG.
 
-use embedded_graphics::mono_font::{iso_8859_1, MonoFont, MonoTextStyle};
-use embedded_graphics::pixelcolor::BinaryColor;
-use embedded_graphics::prelude::{
-    Dimensions, DrawTarget, Drawable, OriginDimensions, Pixel, Point, Size,
-};
-use embedded_graphics::text::Text;
 use std::fmt::Write;
-use tiny_skia::{
-    LineCap, LineJoin, Paint, PathBuilder, Pixmap, PremultipliedColorU8, Rect, Stroke, StrokeDash,
-    Transform,
-};
 
 /// Red, green, blue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -60,9 +49,6 @@ pub struct Scene {
     height: f32,
     items: Vec<Item>,
 }
-
-/// Pixels of the PNG to a pixel of the scene.
-const SCALE: f32 = 1.5;
 
 impl Scene {
     /// An empty picture.
@@ -122,37 +108,6 @@ impl Scene {
         svg.push_str("</svg>\n");
         svg
     }
-
-    /// As PNG.
-    ///
-    /// # Errors
-    /// In words, where the picture can't be encoded (a size of zero).
-    pub fn to_png(&self) -> Result<Vec<u8>, String> {
-        let (width, height) = (
-            (self.width * SCALE).ceil() as u32,
-            (self.height * SCALE).ceil() as u32,
-        );
-        let mut pixmap = Pixmap::new(width, height)
-            .ok_or_else(|| format!("a picture of {width} x {height} pixels can't be made"))?;
-        pixmap.fill(tiny_skia::Color::WHITE);
-        for item in &self.items {
-            paint(&mut pixmap, item);
-        }
-        // White and opaque all over: premultiplied is plain.
-        let rgb: Vec<u8> = pixmap
-            .pixels()
-            .iter()
-            .flat_map(|p| [p.red(), p.green(), p.blue()])
-            .collect();
-        let mut out = Vec::new();
-        let mut encoder = png::Encoder::new(&mut out, width, height);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        let mut writer = encoder.write_header().map_err(|e| e.to_string())?;
-        writer.write_image_data(&rgb).map_err(|e| e.to_string())?;
-        writer.finish().map_err(|e| e.to_string())?;
-        Ok(out)
-    }
 }
 
 fn hex(Color(r, g, b): Color) -> String {
@@ -207,138 +162,12 @@ fn write_item(svg: &mut String, item: &Item) -> std::fmt::Result {
     Ok(())
 }
 
-fn paint(pixmap: &mut Pixmap, item: &Item) {
-    let transform = Transform::from_scale(SCALE, SCALE);
-    let mut brush = Paint {
-        anti_alias: true,
-        ..Paint::default()
-    };
-    match item {
-        Item::Line {
-            points,
-            width,
-            color,
-            dashed,
-        } => {
-            brush.set_color_rgba8(color.0, color.1, color.2, 255);
-            let mut path = PathBuilder::new();
-            for (i, (x, y)) in points.iter().enumerate() {
-                if i == 0 {
-                    path.move_to(*x, *y);
-                } else {
-                    path.line_to(*x, *y);
-                }
-            }
-            let stroke = Stroke {
-                width: *width,
-                line_cap: LineCap::Butt,
-                line_join: LineJoin::Round,
-                dash: if *dashed {
-                    StrokeDash::new(vec![5.0, 3.0], 0.0)
-                } else {
-                    None
-                },
-                ..Stroke::default()
-            };
-            // A path of one point has no length: nothing to paint.
-            if let Some(path) = path.finish() {
-                pixmap.stroke_path(&path, &brush, &stroke, transform, None);
-            }
-        }
-        Item::Rectangle {
-            x,
-            y,
-            width,
-            height,
-            color,
-        } => {
-            brush.set_color_rgba8(color.0, color.1, color.2, 255);
-            if let Some(rect) = Rect::from_xywh(*x, *y, *width, *height) {
-                pixmap.fill_rect(rect, &brush, transform, None);
-            }
-        }
-        Item::Text {
-            x,
-            y,
-            text,
-            anchor,
-            bold,
-            color,
-        } => {
-            let font: &MonoFont<'_> = if *bold {
-                &iso_8859_1::FONT_9X18_BOLD
-            } else {
-                &iso_8859_1::FONT_8X13
-            };
-            let drawn = Text::new(
-                text,
-                Point::zero(),
-                MonoTextStyle::new(font, BinaryColor::On),
-            );
-            let width = drawn.bounding_box().size.width as f32;
-            let shift = match anchor {
-                Anchor::Start => 0.0,
-                Anchor::Middle => width / 2.0,
-                Anchor::End => width,
-            };
-            let at = Point::new(
-                (x * SCALE - shift).round() as i32,
-                (y * SCALE).round() as i32,
-            );
-            let drawn = Text::new(text, at, MonoTextStyle::new(font, BinaryColor::On));
-            // The target's error type has no value.
-            let Ok(_) = drawn.draw(&mut Letters {
-                pixmap,
-                color: *color,
-            });
-        }
-    }
-}
-
-/// Paints letters into a picture.
-struct Letters<'p> {
-    pixmap: &'p mut Pixmap,
-    color: Color,
-}
-
-impl OriginDimensions for Letters<'_> {
-    fn size(&self) -> Size {
-        Size::new(self.pixmap.width(), self.pixmap.height())
-    }
-}
-
-impl DrawTarget for Letters<'_> {
-    type Color = BinaryColor;
-    type Error = core::convert::Infallible;
-
-    fn draw_iter<I>(&mut self, pixels: I) -> Result<(), Self::Error>
-    where
-        I: IntoIterator<Item = Pixel<Self::Color>>,
-    {
-        let (width, height) = (self.pixmap.width(), self.pixmap.height());
-        let Color(r, g, b) = self.color;
-        let Some(color) = PremultipliedColorU8::from_rgba(r, g, b, 255) else {
-            return Ok(());
-        };
-        let buffer = self.pixmap.pixels_mut();
-        for Pixel(point, on) in pixels {
-            let (Ok(x), Ok(y)) = (u32::try_from(point.x), u32::try_from(point.y)) else {
-                continue;
-            };
-            if on.is_on() && x < width && y < height {
-                buffer[(y * width + x) as usize] = color;
-            }
-        }
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
 
     #[test]
-    fn both_forms_show_what_was_drawn() {
+    fn the_picture_shows_what_was_drawn() {
         let mut scene = Scene::new(100.0, 50.0);
         scene.rectangle(0.0, 0.0, 20.0, 20.0, Color(1, 2, 3));
         scene.line(&[(30.0, 10.0), (90.0, 10.0)], 4.0, Color(255, 0, 0), false);
@@ -353,19 +182,10 @@ mod tests {
         let svg = scene.to_svg();
         assert!(svg.contains("a &lt; b &amp; c"), "{svg}");
         assert!(svg.contains("#010203") && svg.ends_with("</svg>\n"));
-        let png = scene.to_png().unwrap();
-        let mut reader = png::Decoder::new(std::io::Cursor::new(png))
-            .read_info()
-            .unwrap();
-        let mut pixels = vec![0; reader.output_buffer_size().unwrap()];
-        let info = reader.next_frame(&mut pixels).unwrap();
-        assert_eq!((info.width, info.height), (150, 75));
-        let at =
-            |x: usize, y: usize| <[u8; 3]>::try_from(&pixels[(y * 150 + x) * 3..][..3]).unwrap();
-        assert_eq!(at(10, 10), [1, 2, 3]);
-        assert_eq!(at(90, 15), [255, 0, 0]);
-        assert_eq!(at(149, 74), [255, 255, 255]);
-        assert!(pixels.chunks(3).any(|p| p == [0, 0, 255]), "no letters");
-        assert!(Scene::new(0.0, 0.0).to_png().is_err());
+        assert!(svg.contains("points=\"30.0,10.0 90.0,10.0 \""), "{svg}");
+        assert!(
+            svg.contains("x=\"50.0\" y=\"40.0\" text-anchor=\"middle\""),
+            "{svg}"
+        );
     }
 }

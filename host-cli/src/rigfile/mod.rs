@@ -9,7 +9,7 @@
 
 mod read;
 
-use crate::force::vec3::{self, Vec3};
+use nalgebra::Vector3;
 use serde::Serialize;
 use sha2::{Digest, Sha256};
 use std::fmt;
@@ -100,7 +100,7 @@ pub enum PoseChoice {
     /// The tip is clamped here, robot base frame, m.
     Static {
         /// Position in m.
-        position_m: Vec3,
+        position_m: Vector3<f64>,
     },
 }
 
@@ -108,7 +108,7 @@ pub enum PoseChoice {
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Workspace {
     /// Centre, robot base frame, m.
-    pub center_m: Vec3,
+    pub center_m: Vector3<f64>,
     /// A tip further than this from the centre stops the rig, m.
     pub radius_m: f64,
 }
@@ -122,7 +122,7 @@ pub struct ControllerSettings {
     pub ki_per_s: f64,
     /// Largest integral part, N.
     pub integral_limit_n: f64,
-    /// Fastest change of the wanted force, N/s.
+    /// Fastest change of the commanded force, N/s.
     pub slew_n_per_s: f64,
     /// A force larger than this is refused, N.
     pub force_limit_n: f64,
@@ -165,15 +165,15 @@ pub struct UnitSettings {
     /// Whether it takes part.
     pub enabled: bool,
     /// Where the cable leaves the reel, robot base frame, m (thesis 3.5.2: `P_Cable`).
-    pub exit_m: Vec3,
+    pub exit_m: Vector3<f64>,
     /// The load cell's measuring axis, unit vector in the robot base frame, pointing from the unit to the
     /// workspace: a cable along it reads its whole tension.
-    pub axis: Vec3,
+    pub axis: Vector3<f64>,
     /// Load-cell force per ADC count, N; negative where pulling lowers the code.
     pub scale_n_per_count: f64,
     /// Least tension of the cable while the rig is armed, N.
     pub tension_min_n: f64,
-    /// Largest tension asked of the cable, N.
+    /// Largest setpoint of the cable's tension, N.
     pub tension_max_n: f64,
     /// Filter of the samples.
     pub filter: Filter,
@@ -314,13 +314,12 @@ impl UnitSettings {
     /// Direction from the tip to where the cable leaves the reel, and the cosine of the angle between cable
     /// and measuring axis; `None` where the tip sits on the exit.
     #[must_use]
-    pub fn cable_at(&self, tip_m: Vec3) -> Option<(Vec3, f64)> {
+    pub fn cable_at(&self, tip_m: Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
         use control::geometry::{cable_direction, cos_cell_angle};
-        use nalgebra::Vector3;
-        let direction = cable_direction(Vector3::from(self.exit_m), Vector3::from(tip_m))?;
+        let direction = cable_direction(self.exit_m, tip_m)?;
         // The axis points to the workspace, the direction away from it.
-        let cos = cos_cell_angle(direction, -Vector3::from(self.axis))?;
-        Some((direction.into(), cos))
+        let cos = cos_cell_angle(direction, -self.axis)?;
+        Some((direction, cos))
     }
 }
 
@@ -382,19 +381,19 @@ impl RigFile {
         })
     }
 
-    /// Checks a wanted force before anything is driven.
+    /// Checks a commanded force before anything is driven.
     ///
     /// # Errors
     /// What is wrong with it, and what to give instead.
-    pub fn check_force(&self, force_n: Vec3) -> Result<(), String> {
-        for (axis, value) in ["X", "Y", "Z"].iter().zip(force_n) {
+    pub fn check_force(&self, commanded_n: Vector3<f64>) -> Result<(), String> {
+        for (axis, value) in ["X", "Y", "Z"].iter().zip(&commanded_n) {
             if !value.is_finite() {
                 return Err(format!(
                     "force {axis} is {value}: give three finite numbers in newtons, as in `set-force 0 2.5 0`"
                 ));
             }
         }
-        let size = vec3::norm(force_n);
+        let size = commanded_n.norm();
         if size > self.controller.force_limit_n {
             return Err(format!(
                 "a force of {size:.4e} N is above the rig's limit of {} N (`force_limit_n` in [controller] of the rig file); nothing was driven",
@@ -458,3 +457,15 @@ impl fmt::Display for RigFileError {
 }
 
 impl std::error::Error for RigFileError {}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn vectors_are_arrays_in_json() {
+        // The hash of a rig file, set-force.json and the recordings depend on it.
+        let json = serde_json::to_string(&Vector3::new(1.0, -0.5, 0.0)).unwrap();
+        assert_eq!(json, "[1.0,-0.5,0.0]");
+    }
+}

@@ -4,7 +4,7 @@ use super::{
     AllocationSettings, ControllerSettings, Filter, PoseChoice, Problem, Reference, RigFile,
     RippleSettings, UnitSettings, Workspace, SCHEMA,
 };
-use crate::force::vec3::{self, Vec3};
+use nalgebra::Vector3;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
 use std::ops::{Range, RangeInclusive};
@@ -206,11 +206,11 @@ impl<'c, 't> Section<'c, 't> {
     }
 
     /// Three finite numbers.
-    fn vector(&self, key: &str, largest: f64, example: &str) -> Found<Vec3> {
+    fn vector(&self, key: &str, largest: f64, example: &str) -> Found<Vector3<f64>> {
         let Some((value, span)) = self.get(key) else {
             self.missing(key, example);
             return Found {
-                value: [0.0; 3],
+                value: Vector3::zeros(),
                 at: self.at,
                 good: false,
             };
@@ -220,7 +220,7 @@ impl<'c, 't> Section<'c, 't> {
             .as_array()
             .and_then(|array| array.iter().map(|v| as_number(v.get_ref())).collect());
         let mut found = Found {
-            value: [0.0; 3],
+            value: Vector3::zeros(),
             at,
             good: false,
         };
@@ -230,7 +230,7 @@ impl<'c, 't> Section<'c, 't> {
                     .iter()
                     .all(|v| v.is_finite() && v.abs() <= largest)
                 {
-                    found.value = [x, y, z];
+                    found.value = Vector3::new(x, y, z);
                     found.good = true;
                 } else {
                     self.report(
@@ -591,8 +591,8 @@ fn stand_in(number: u8) -> UnitSettings {
     UnitSettings {
         number,
         enabled: false,
-        exit_m: [0.0; 3],
-        axis: [1.0, 0.0, 0.0],
+        exit_m: Vector3::zeros(),
+        axis: Vector3::x(),
         scale_n_per_count: 0.0,
         tension_min_n: 0.0,
         tension_max_n: 0.0,
@@ -792,10 +792,10 @@ fn check_geometry(
     exit_at: usize,
     workspace: Workspace,
 ) {
-    let length = vec3::norm(unit.axis);
+    let length = unit.axis.norm();
     if (length - 1.0).abs() > 1e-3 {
-        let hint = match vec3::unit(unit.axis) {
-            Some([x, y, z]) => format!("; write [{x:.6}, {y:.6}, {z:.6}]"),
+        let hint = match unit.axis.try_normalize(0.0) {
+            Some(v) => format!("; write [{:.6}, {:.6}, {:.6}]", v.x, v.y, v.z),
             None => String::new(),
         };
         section.report(
@@ -805,7 +805,7 @@ fn check_geometry(
         );
         return;
     }
-    let span = vec3::norm(vec3::sub(unit.exit_m, workspace.center_m));
+    let span = (unit.exit_m - workspace.center_m).norm();
     if span <= workspace.radius_m {
         section.report(
             exit_at,

@@ -181,7 +181,7 @@ pub fn explain_fault(code: u16, detail: u32) -> String {
 
 /// What the run before this one left, in one line.
 #[must_use]
-pub fn explain_kept(kept: &CrashRecord) -> String {
+pub fn explain_crash_record(kept: &CrashRecord) -> String {
     let mut text = match Fault::from_code(kept.code) {
         Some(fault) => format!("fault {}, {}", kept.code, fault.name()),
         None => format!("reason {}", kept.code),
@@ -209,6 +209,11 @@ pub fn explain_refusal(refusal: &CommandError) -> String {
         },
         CommandError::Faulted(code) => format!("{}; then `forcectl clear`", explain_fault(code, 0)),
         CommandError::UnknownUnit(unit) => format!("it has no unit {}", u16::from(unit) + 1),
+        CommandError::UnitNotReady { unit, state } => format!(
+            "unit {} is not ready (its state is `{}`); see `forcectl status`",
+            u16::from(unit) + 1,
+            motor_state_name(state)
+        ),
         CommandError::Range { unit, field } => {
             let known: Vec<String> = FIELDS
                 .iter()
@@ -468,8 +473,8 @@ impl<'l> Session<'l> {
             Ok(()) => self
                 .info
                 .as_ref()
-                .and_then(|info| info.kept.as_ref())
-                .map(explain_kept),
+                .and_then(|info| info.crash_record.as_ref())
+                .map(explain_crash_record),
             Err(_) => None,
         };
         SessionError::Reset { kept }
@@ -700,5 +705,24 @@ impl<'l> Session<'l> {
         if self.command(&Command::Disarm).is_err() {
             let _ = self.command(&Command::Stop);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn unknown_and_not_ready_units_read_differently() {
+        let unknown = explain_refusal(&CommandError::UnknownUnit(6));
+        assert!(unknown.contains("no unit 7"), "{unknown}");
+        let not_ready = explain_refusal(&CommandError::UnitNotReady {
+            unit: 2,
+            state: MotorState::BringUp as u8,
+        });
+        assert!(
+            not_ready.contains("unit 3 is not ready") && not_ready.contains("bring-up"),
+            "{not_ready}"
+        );
     }
 }

@@ -10,9 +10,7 @@
 //! | `RENODE` | the `renode` program; otherwise the one on `PATH` |
 //! | `FORCE_RENODE_DIR` | this project's folder `renode`; otherwise the one this program was built from |
 //! | `FORCE_PLANT_LIBRARY` | the library of `plant-abi`; otherwise the one beside this program |
-//! | `FORCE_RENODE_ATTACH` | a port: wait there for a Renode that runs already and says `server Connect PORT`, and start none |
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
+//! | `FORCE_RENODE_ATTACH` | a port: wait there for a running Renode that executes `server Connect PORT`, and start none |
 
 mod machine;
 mod text;
@@ -34,7 +32,7 @@ usage: renode-rig --elf FILE [--seed N] [--plant FILE.toml]
 
 Speaks emulator-link on standard input and output; Renode's log goes to standard error.";
 
-/// What the command line asks for.
+/// Options of the command line.
 #[derive(Debug)]
 pub struct Arguments {
     /// Firmware image.

@@ -1,12 +1,12 @@
 //! Lost motion: the driven side stands still while the gap is crossed.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 
 pub(crate) struct Backlash;
 
 impl Effect for Backlash {
-    fn name(&self) -> &'static str {
-        "backlash"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Backlash
     }
     fn meaning(&self) -> &'static str {
         "backlash: after a reversal the drive crosses a gap before the output follows"

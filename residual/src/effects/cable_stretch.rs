@@ -1,18 +1,20 @@
 //! Elasticity in series: the cable stretches before it pulls.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
+use super::{
+    Build, Context, Effect, EffectKind, Form, Found, Piece, Psi, Remedy, Setting, Variant,
+};
 
 pub(crate) struct CableStretch;
 
 impl Effect for CableStretch {
-    fn name(&self) -> &'static str {
-        "cable_stretch"
+    fn kind(&self) -> EffectKind {
+        EffectKind::CableStretch
     }
     fn meaning(&self) -> &'static str {
         "series elasticity: the load follows the command through a spring and damper (first-order lag), or rises with the winding angle"
     }
     fn experiment(&self) -> &'static str {
-        "step and sweep the command with the far end blocked: a lag bends the phase towards a quarter period where a delay lets it run on"
+        "step and sweep the command with the far end blocked: the phase of a lag approaches a quarter period, that of a delay grows without limit"
     }
     fn against(&self, ctx: &Context) -> String {
         // A lag is off by its time constant times the slope of the load, a spring by its stiffness times the angle.
@@ -22,22 +24,36 @@ impl Effect for CableStretch {
             ctx.position.clone().unwrap_or_else(|| ctx.load.clone())
         }
     }
+    fn setting(&self) -> Option<Setting> {
+        Some(Setting::Delay)
+    }
+    /// To a loop slower than it, a first-order lag is a delay of its time constant.
+    fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        if found.form == Form::CommandLag {
+            vec![Remedy::Delay((found.get)("time_constant"))]
+        } else {
+            vec![]
+        }
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut out = Vec::new();
         let declared = ctx.declared_columns();
         if declared.iter().any(|d| d == "command") {
             let grid = Context::log_grid(0.03 * ctx.dt, (60.0 * ctx.dt).min(ctx.span / 8.0), 17);
-            out.push(Variant::profiled(
-                "lag of the command",
-                Psi {
-                    name: "time_constant",
-                    unit: "s".into(),
-                    grid,
-                    refine: true,
-                    resolution: None,
-                },
-                |tau| Build::Swap(vec![("command".into(), format!("lowpass(command, {tau})"))]),
-            ));
+            out.push(
+                Variant::profiled(
+                    "lag of the command",
+                    Psi {
+                        name: "time_constant",
+                        unit: "s".into(),
+                        grid,
+                        refine: true,
+                        resolution: None,
+                    },
+                    |tau| Build::Swap(vec![("command".into(), format!("lowpass(command, {tau})"))]),
+                )
+                .form(Form::CommandLag),
+            );
         }
         if ctx.spec.roles.angle.is_some() && !declared.iter().any(|d| d == "angle") {
             out.push(Variant::linear(

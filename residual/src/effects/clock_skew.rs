@@ -1,12 +1,12 @@
 //! Two clocks that do not run alike.
 
-use super::{Build, Context, Effect, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Psi, Variant};
 
 pub(crate) struct ClockSkew;
 
 impl Effect for ClockSkew {
-    fn name(&self) -> &'static str {
-        "clock_skew"
+    fn kind(&self) -> EffectKind {
+        EffectKind::ClockSkew
     }
     fn meaning(&self) -> &'static str {
         "clock skew: the clocks of command and target run at different rates, so the lag between them grows along the run"

@@ -1,12 +1,12 @@
 //! A sensor that sees only the component along its own axis.
 
-use super::{Context, Effect, Piece, Variant};
+use super::{Context, Effect, EffectKind, Piece, Variant};
 
 pub(crate) struct CosineMisalignment;
 
 impl Effect for CosineMisalignment {
-    fn name(&self) -> &'static str {
-        "cosine_misalignment"
+    fn kind(&self) -> EffectKind {
+        EffectKind::CosineMisalignment
     }
     fn meaning(&self) -> &'static str {
         "cosine error: the sensor sees the component of the load along its axis, and the angle between them changes"

@@ -1,21 +1,30 @@
 //! Dry friction of constant size.
 
-use super::{Context, Effect, Piece, Variant};
+use super::{Context, Effect, EffectKind, Found, Friction, Piece, Remedy, Setting, Variant};
 
 pub(crate) struct Coulomb;
 
 impl Effect for Coulomb {
-    fn name(&self) -> &'static str {
-        "coulomb"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Coulomb
     }
     fn meaning(&self) -> &'static str {
         "dry friction: a constant force with the sign of the velocity"
     }
     fn experiment(&self) -> &'static str {
-        "move to and fro at constant speed and constant load: the force jumps by twice the friction when the direction changes"
+        "move back and forth at constant speed and constant load: the force jumps by twice the friction when the direction changes"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
+    }
+    fn friction(&self) -> Option<Friction> {
+        Some(Friction::Constant)
+    }
+    fn setting(&self) -> Option<Setting> {
+        Some(Setting::DryFriction)
+    }
+    fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        vec![Remedy::Friction((found.get)("friction"))]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some(v) = &ctx.velocity else {

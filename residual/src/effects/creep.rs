@@ -1,18 +1,18 @@
 //! The sensor or the cable gives way slowly under load.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 
 pub(crate) struct Creep;
 
 impl Effect for Creep {
-    fn name(&self) -> &'static str {
-        "creep"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Creep
     }
     fn meaning(&self) -> &'static str {
-        "creep: part of the answer to a load comes slowly, with its own time constant"
+        "creep: part of the response to a load is slow, with a time constant of its own"
     }
     fn experiment(&self) -> &'static str {
-        "hold a load for many time constants, take it off, and watch the zero return"
+        "hold a load for many time constants, remove it, and record the return to zero"
     }
     fn against(&self, _: &Context) -> String {
         "elapsed".into()

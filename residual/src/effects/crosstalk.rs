@@ -1,12 +1,12 @@
 //! A neighbour's signal in this one.
 
-use super::{Context, Effect, Piece, Variant};
+use super::{Context, Effect, EffectKind, Piece, Variant};
 
 pub(crate) struct Crosstalk;
 
 impl Effect for Crosstalk {
-    fn name(&self) -> &'static str {
-        "crosstalk"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Crosstalk
     }
     fn meaning(&self) -> &'static str {
         "crosstalk: a share of another channel shows in the target"

@@ -1,15 +1,15 @@
 //! Everything happens, but later.
 
-use super::{Build, Context, Effect, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Found, Psi, Remedy, Setting, Variant};
 
 pub(crate) struct Delay;
 
 impl Effect for Delay {
-    fn name(&self) -> &'static str {
-        "delay"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Delay
     }
     fn meaning(&self) -> &'static str {
-        "delay: the target answers the command a fixed time later (negative: the log stamps the target late)"
+        "delay: the target follows the command after a fixed time (negative: the time stamps of the target are late)"
     }
     fn experiment(&self) -> &'static str {
         "sweep the command up to half the sampling rate: a delay's phase grows in proportion to the frequency, without limit"
@@ -17,6 +17,12 @@ impl Effect for Delay {
     fn against(&self, ctx: &Context) -> String {
         // An answer that comes late is off by the delay times this.
         format!("deriv({}, 2)", ctx.load)
+    }
+    fn setting(&self) -> Option<Setting> {
+        Some(Setting::Delay)
+    }
+    fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        vec![Remedy::Delay((found.get)("delay"))]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let names = ctx.declared_columns();

@@ -1,18 +1,18 @@
 //! Drift with temperature, of zero or of gain.
 
-use super::{ratio, Build, Context, Effect, Piece, Psi, Variant};
+use super::{ratio, Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 
 pub(crate) struct DriftTemperature;
 
 impl Effect for DriftTemperature {
-    fn name(&self) -> &'static str {
-        "drift_temperature"
+    fn kind(&self) -> EffectKind {
+        EffectKind::DriftTemperature
     }
     fn meaning(&self) -> &'static str {
-        "temperature drift of zero or gain, at once or as the part warms through"
+        "temperature drift of zero or gain, at once or with a thermal time constant"
     }
     fn experiment(&self) -> &'static str {
-        "warm up and cool down under constant load, so that temperature and time part ways"
+        "warm up and cool down under constant load, so that temperature and time do not rise together"
     }
     fn against(&self, _: &Context) -> String {
         "temperature".into()

@@ -1,12 +1,12 @@
 //! Drift along the run.
 
-use super::{Context, Effect, Piece, Variant};
+use super::{Context, Effect, EffectKind, Piece, Variant};
 
 pub(crate) struct DriftTime;
 
 impl Effect for DriftTime {
-    fn name(&self) -> &'static str {
-        "drift_time"
+    fn kind(&self) -> EffectKind {
+        EffectKind::DriftTime
     }
     fn meaning(&self) -> &'static str {
         "drift: an error that grows steadily with time"

@@ -1,18 +1,21 @@
 //! A wrong scale of the declared model.
 
-use super::{Context, Effect, Piece, Variant};
+use super::{Context, Effect, EffectKind, Found, Piece, Remedy, Variant};
 
 pub(crate) struct Gain;
 
 impl Effect for Gain {
-    fn name(&self) -> &'static str {
-        "gain"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Gain
     }
     fn meaning(&self) -> &'static str {
         "gain: the declared prediction is too small or too large by a constant factor"
     }
     fn experiment(&self) -> &'static str {
         "hold several known loads at rest: the error grows in proportion to the load"
+    }
+    fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        vec![Remedy::Gain((found.get)("gain_error"))]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         if ctx.range(&ctx.load).is_none() {

@@ -1,12 +1,12 @@
 //! An error that depends on the pose.
 
-use super::{ratio, Context, Effect, Piece, Variant};
+use super::{ratio, Context, Effect, EffectKind, Piece, Variant};
 
 pub(crate) struct Geometry;
 
 impl Effect for Geometry {
-    fn name(&self) -> &'static str {
-        "geometry"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Geometry
     }
     fn meaning(&self) -> &'static str {
         "geometry: an error that depends on the pose, alone or in proportion to the load"

@@ -1,12 +1,12 @@
 //! Weight of a part that turns with an angle.
 
-use super::{Context, Effect, Param, Piece, Psi, Variant};
+use super::{Context, Effect, EffectKind, Param, Piece, Psi, Variant};
 
 pub(crate) struct GravityAngle;
 
 impl Effect for GravityAngle {
-    fn name(&self) -> &'static str {
-        "gravity_angle"
+    fn kind(&self) -> EffectKind {
+        EffectKind::GravityAngle
     }
     fn meaning(&self) -> &'static str {
         "gravity: the weight of a part acts with the sine and cosine of its angle, whatever the load"

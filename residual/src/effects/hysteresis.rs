@@ -1,12 +1,12 @@
 //! A loop with memory of the path, over a good part of the range.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 
 pub(crate) struct Hysteresis;
 
 impl Effect for Hysteresis {
-    fn name(&self) -> &'static str {
-        "hysteresis"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Hysteresis
     }
     fn meaning(&self) -> &'static str {
         "hysteresis: a loop that depends on the path of load or position, not on speed, and turns gradually"

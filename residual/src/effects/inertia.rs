@@ -1,12 +1,12 @@
 //! Force that accelerates the moving mass.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 
 pub(crate) struct Inertia;
 
 impl Effect for Inertia {
-    fn name(&self) -> &'static str {
-        "inertia"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Inertia
     }
     fn meaning(&self) -> &'static str {
         "inertia: a force in proportion to the acceleration"

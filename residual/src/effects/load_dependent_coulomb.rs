@@ -1,21 +1,37 @@
 //! Dry friction that grows with the load.
 
-use super::{Context, Effect, Piece, Variant};
+use super::{Context, Effect, EffectKind, Found, Friction, Piece, Remedy, Setting, Variant};
 
 pub(crate) struct LoadDependentCoulomb;
 
 impl Effect for LoadDependentCoulomb {
-    fn name(&self) -> &'static str {
-        "load_dependent_coulomb"
+    fn kind(&self) -> EffectKind {
+        EffectKind::LoadDependentCoulomb
     }
     fn meaning(&self) -> &'static str {
         "dry friction that grows with the load (gear teeth, wrapped cable): sign of velocity times (constant + share of load)"
     }
     fn experiment(&self) -> &'static str {
-        "move to and fro at constant speed under several constant loads: the jump at reversal grows with the load"
+        "move back and forth at constant speed under several constant loads: the jump at reversal grows with the load"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
+    }
+    /// The sign of the velocity, which no controller drives.
+    fn has_witness(&self) -> bool {
+        true
+    }
+    fn friction(&self) -> Option<Friction> {
+        Some(Friction::WithLoad)
+    }
+    fn setting(&self) -> Option<Setting> {
+        Some(Setting::DryFriction)
+    }
+    fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        vec![
+            Remedy::Friction((found.get)("friction_at_zero_load")),
+            Remedy::FrictionPerLoad((found.get)("friction_per_load")),
+        ]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let (Some(v), Some(_)) = (&ctx.velocity, ctx.range(&ctx.load)) else {

@@ -1,18 +1,21 @@
 //! A constant that the model lacks.
 
-use super::{Context, Effect, Piece, Variant};
+use super::{Context, Effect, EffectKind, Found, Piece, Remedy, Variant};
 
 pub(crate) struct Offset;
 
 impl Effect for Offset {
-    fn name(&self) -> &'static str {
-        "offset"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Offset
     }
     fn meaning(&self) -> &'static str {
         "offset: a constant force (zero of the sensor, weight of the mount)"
     }
     fn experiment(&self) -> &'static str {
         "log with no load at all"
+    }
+    fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        vec![Remedy::Offset((found.get)("offset"))]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         vec![Variant::linear(

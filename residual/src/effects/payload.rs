@@ -1,6 +1,6 @@
 //! A mass that the model does not know: its weight and its inertia belong together.
 
-use super::{Build, Context, Effect, Param, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Param, Piece, Psi, Variant};
 
 pub(crate) struct Payload;
 
@@ -8,8 +8,8 @@ pub(crate) struct Payload;
 const G: f64 = 9.80665;
 
 impl Effect for Payload {
-    fn name(&self) -> &'static str {
-        "payload"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Payload
     }
     fn meaning(&self) -> &'static str {
         "payload: an unknown mass, seen by its weight and its inertia together"

@@ -1,12 +1,15 @@
 //! A ripple locked to an angle: reel run-out, gear mesh, cogging.
 
-use super::{amplitude_phase, spectrum, Build, Context, Effect, Piece, Psi, Variant};
+use super::{
+    amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Form, Found, Piece, Psi, Remedy,
+    Variant,
+};
 
 pub(crate) struct PeriodicAngle;
 
 impl Effect for PeriodicAngle {
-    fn name(&self) -> &'static str {
-        "periodic_angle"
+    fn kind(&self) -> EffectKind {
+        EffectKind::PeriodicAngle
     }
     fn meaning(&self) -> &'static str {
         "a ripple locked to the angle (eccentric reel, gear mesh, cogging), by order per turn and phase"
@@ -19,6 +22,14 @@ impl Effect for PeriodicAngle {
     }
     fn repeatable(&self) -> bool {
         true
+    }
+    fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        vec![Remedy::Ripple {
+            order: (found.get)("order"),
+            amplitude: (found.get)("amplitude"),
+            phase: (found.get)("phase"),
+            of_load: found.form == Form::ShareOfLoad,
+        }]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some(x) = ctx.position.clone() else {
@@ -97,7 +108,12 @@ impl Effect for PeriodicAngle {
                         ])
                     },
                 )
-                .with(amplitude_phase),
+                .with(amplitude_phase)
+                .form(if with_load {
+                    Form::ShareOfLoad
+                } else {
+                    Form::Other
+                }),
             );
         }
         out

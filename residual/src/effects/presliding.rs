@@ -1,20 +1,13 @@
 //! What friction does at rest and just after a reversal: the direction it holds.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Form, Friction, Piece, Psi, Variant};
 use crate::stats;
-
-/// Form: friction in motion and at rest under one coefficient.
-pub(crate) const AS_ONE: &str = "friction that stays at rest";
-/// Form: friction at rest alone, in the direction of the last motion.
-pub(crate) const ALONE: &str = "direction held";
-/// Form: friction at rest alone, in the direction of the last motion, with its share of load.
-pub(crate) const HELD: &str = "direction held, with load";
 
 pub(crate) struct Presliding;
 
 impl Effect for Presliding {
-    fn name(&self) -> &'static str {
-        "presliding"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Presliding
     }
     fn meaning(&self) -> &'static str {
         "presliding: at rest friction holds the direction of the last motion, and turns over a short distance before the next"
@@ -33,121 +26,151 @@ impl Effect for Presliding {
             Some(v) => format!("held({v}, {db})"),
         }
     }
+    fn friction(&self) -> Option<Friction> {
+        Some(Friction::AtRest)
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let (Some(v), Some(x)) = (ctx.velocity.clone(), ctx.position.clone()) else {
+        let (Some(velocity), Some(position)) = (&ctx.velocity, &ctx.position) else {
             return vec![];
         };
-        let db = ctx.deadband;
-        let unit = ctx.unit().to_string();
+        let forms = Forms {
+            ctx,
+            velocity,
+            position,
+            loaded: ctx.range(&ctx.load).is_some(),
+        };
         let mut out = Vec::new();
-        let rests = ctx.rests();
-        if rests && !ctx.friction {
-            // Dry friction in motion and at rest as one: a stop does not let go of it.
-            out.push(Variant::linear(
-                AS_ONE,
-                vec![Piece::new(
-                    "friction",
-                    unit.clone(),
-                    format!("held({v}, {db})"),
-                )],
-            ));
+        if ctx.rests() {
+            out.extend(forms.motion_and_rest());
+            out.extend(forms.at_rest());
+            out.push(forms.turning());
         }
-        if rests {
-            // Only the rows at rest: what moves is friction's own business.
-            let held = format!("(held({v}, {db}) - sgn({v}, {db}))");
-            out.push(Variant::linear(
-                ALONE,
-                vec![Piece::new("held_friction", unit.clone(), held.clone())],
-            ));
-            let load = ctx.load.clone();
-            let loaded = ctx.range(&load).is_some();
-            if loaded {
-                out.push(Variant::linear(
-                    HELD,
-                    vec![
-                        Piece::new("held_friction", unit.clone(), held.clone()),
-                        Piece::new(
-                            "held_friction_per_load",
-                            "1",
-                            format!("{held} * abs({load})"),
-                        ),
-                    ],
-                ));
-            }
-            // Before the first motion of a run nobody knows which way the friction lies: its mean is
-            // a parameter of its own, or other effects would be bent to explain it.
-            let unknown = format!("(held({v}, {db}) == 0)");
-            let waiting = stats::mean(&ctx.values(&unknown)) > 0.002;
-            let (v2, unit2) = (v.clone(), unit.clone());
-            out.push(Variant::profiled(
-                "held, then turning before the next motion",
-                Psi {
-                    name: "turning_time",
-                    unit: "s".into(),
-                    grid: Context::log_grid(0.5 * ctx.dt, 40.0 * ctx.dt, 10),
-                    refine: true,
-                    resolution: None,
-                },
-                move |tau| {
-                    let ahead = format!("ahead({v2}, {db}, {tau})");
-                    let mut p = vec![
-                        Piece::new("held_friction", unit2.clone(), held.clone()),
-                        Piece::new("turning_friction", unit2.clone(), ahead.clone()),
-                    ];
-                    if loaded {
-                        p.push(Piece::new(
-                            "held_friction_per_load",
-                            "1",
-                            format!("{held} * abs({load})"),
-                        ));
-                        p.push(Piece::new(
-                            "turning_friction_per_load",
-                            "1",
-                            format!("{ahead} * abs({load})"),
-                        ));
-                    }
-                    if waiting {
-                        p.push(Piece::new(
-                            "before_first_motion",
-                            unit2.clone(),
-                            unknown.clone(),
-                        ));
-                    }
-                    Build::Add(p)
-                },
-            ));
+        out.extend(forms.elastic_turn());
+        out
+    }
+}
+
+/// What the forms are made from.
+struct Forms<'a> {
+    ctx: &'a Context<'a>,
+    velocity: &'a str,
+    position: &'a str,
+    /// Whether the load varies.
+    loaded: bool,
+}
+
+impl Forms<'_> {
+    /// The direction held at rest, 0 in motion: what moves is other friction's business.
+    fn held(&self) -> String {
+        let (v, db) = (self.velocity, self.ctx.deadband);
+        format!("(held({v}, {db}) - sgn({v}, {db}))")
+    }
+
+    /// A coefficient in the target's unit.
+    fn constant(&self, name: &str, text: String) -> Piece {
+        Piece::new(name, self.ctx.unit(), text)
+    }
+
+    /// A coefficient per unit of load.
+    fn per_load(&self, name: &str, text: &str) -> Piece {
+        Piece::new(name, "1", format!("{text} * abs({})", self.ctx.load))
+    }
+
+    /// Dry friction in motion and at rest as one: a stop does not let go of it.
+    fn motion_and_rest(&self) -> Option<Variant> {
+        if self.ctx.friction {
+            return None;
         }
-        if let Some((lo, hi)) = ctx.range(&x) {
-            // Longer turning distances are hysteresis's.
-            let grid = Context::log_grid(2e-4 * (hi - lo), 0.018 * (hi - lo), 11);
-            let psi = Psi {
-                name: "presliding_distance",
-                unit: ctx.position_unit(),
-                grid,
-                refine: true,
-                resolution: None,
-            };
-            let (friction, loaded) = (ctx.friction, ctx.range(&ctx.load).is_some());
-            let load = ctx.load.clone();
-            out.push(Variant::profiled("elastic turn", psi, move |d| {
-                let state = format!("dahl({x}, {d})");
-                if !friction {
-                    return Build::Add(vec![Piece::new("friction", unit.clone(), state)]);
-                }
-                // Friction is in the model already: only what differs from its jump is new.
-                let turn = format!("({state} - sgn({v}, {db}))");
-                let mut p = vec![Piece::new("turning_friction", unit.clone(), turn.clone())];
-                if loaded {
-                    p.push(Piece::new(
-                        "turning_friction_per_load",
-                        "1",
-                        format!("{turn} * abs({load})"),
-                    ));
-                }
-                Build::Add(p)
-            }));
+        let text = format!("held({}, {})", self.velocity, self.ctx.deadband);
+        let pieces = vec![self.constant("friction", text)];
+        Some(Variant::linear("friction that stays at rest", pieces).form(Form::MotionAndRest))
+    }
+
+    /// Friction at rest alone, without and with its share of load.
+    fn at_rest(&self) -> Vec<Variant> {
+        let held = self.constant("held_friction", self.held());
+        let mut out =
+            vec![Variant::linear("direction held", vec![held.clone()]).form(Form::AtRest)];
+        if self.loaded {
+            let pieces = vec![held, self.per_load("held_friction_per_load", &self.held())];
+            out.push(
+                Variant::linear("direction held, with load", pieces).form(Form::AtRestWithLoad),
+            );
         }
         out
+    }
+
+    /// Friction at rest that turns before the next motion begins.
+    fn turning(&self) -> Variant {
+        let (ctx, v, db) = (self.ctx, self.velocity.to_string(), self.ctx.deadband);
+        let at_rest = vec![self.constant("held_friction", self.held())];
+        let mut held_per_load = Vec::new();
+        if self.loaded {
+            held_per_load.push(self.per_load("held_friction_per_load", &self.held()));
+        }
+        // Before the first motion of a run nobody knows which way the friction lies: its mean is
+        // a parameter of its own, or other effects would be bent to explain it.
+        let unknown = format!("(held({v}, {db}) == 0)");
+        let mut waiting = Vec::new();
+        if stats::mean(&ctx.values(&unknown)) > 0.002 {
+            waiting.push(self.constant("before_first_motion", unknown));
+        }
+        let (unit, load, loaded) = (ctx.unit().to_string(), ctx.load.clone(), self.loaded);
+        let psi = Psi {
+            name: "turning_time",
+            unit: "s".into(),
+            grid: Context::log_grid(0.5 * ctx.dt, 40.0 * ctx.dt, 10),
+            refine: true,
+            resolution: None,
+        };
+        let label = "held, then turning before the next motion";
+        Variant::profiled(label, psi, move |tau| {
+            let ahead = format!("ahead({v}, {db}, {tau})");
+            let mut p = at_rest.clone();
+            p.push(Piece::new("turning_friction", unit.clone(), ahead.clone()));
+            p.extend(held_per_load.clone());
+            if loaded {
+                let text = format!("{ahead} * abs({load})");
+                p.push(Piece::new("turning_friction_per_load", "1", text));
+            }
+            p.extend(waiting.clone());
+            Build::Add(p)
+        })
+    }
+
+    /// The elastic turn of Dahl's model over a short distance.
+    fn elastic_turn(&self) -> Option<Variant> {
+        let (lo, hi) = self.ctx.range(self.position)?;
+        let psi = Psi {
+            name: "presliding_distance",
+            unit: self.ctx.position_unit(),
+            // Longer turning distances are hysteresis's.
+            grid: Context::log_grid(2e-4 * (hi - lo), 0.018 * (hi - lo), 11),
+            refine: true,
+            resolution: None,
+        };
+        let (x, v, db) = (
+            self.position.to_string(),
+            self.velocity.to_string(),
+            self.ctx.deadband,
+        );
+        let (unit, load) = (self.ctx.unit().to_string(), self.ctx.load.clone());
+        let (friction, loaded) = (self.ctx.friction, self.loaded);
+        let build = move |d: f64| {
+            let state = format!("dahl({x}, {d})");
+            if !friction {
+                return Build::Add(vec![Piece::new("friction", unit.clone(), state)]);
+            }
+            // Friction is in the model already: only what differs from its jump is new.
+            let turn = format!("({state} - sgn({v}, {db}))");
+            let mut p = vec![Piece::new("turning_friction", unit.clone(), turn.clone())];
+            if loaded {
+                let text = format!("{turn} * abs({load})");
+                p.push(Piece::new("turning_friction_per_load", "1", text));
+            }
+            Build::Add(p)
+        };
+        Some(Variant::profiled("elastic turn", psi, build).form(Form::ElasticTurn))
     }
 }
 

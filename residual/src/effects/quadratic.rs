@@ -1,12 +1,12 @@
 //! Curvature of the characteristic.
 
-use super::{Context, Effect, Piece, Variant};
+use super::{Context, Effect, EffectKind, Piece, Variant};
 
 pub(crate) struct Quadratic;
 
 impl Effect for Quadratic {
-    fn name(&self) -> &'static str {
-        "quadratic"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Quadratic
     }
     fn meaning(&self) -> &'static str {
         "curvature: an error that grows with the square of the load"

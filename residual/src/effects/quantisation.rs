@@ -1,13 +1,13 @@
 //! Steps: a command or a reading in whole units.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
-use crate::hygiene;
+use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
+use crate::stats;
 
 pub(crate) struct Quantisation;
 
 impl Effect for Quantisation {
-    fn name(&self) -> &'static str {
-        "quantisation"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Quantisation
     }
     fn meaning(&self) -> &'static str {
         "quantisation: the command takes effect, or the target is read, only in whole steps"
@@ -40,7 +40,7 @@ impl Effect for Quantisation {
                 }
             }
         }
-        if let Some(q) = hygiene::quantum(&ctx.problem.y) {
+        if let Some(q) = stats::quantum(&ctx.problem.y) {
             let load = ctx.load.clone();
             let unit = ctx.unit().to_string();
             out.push(Variant::profiled(

@@ -1,21 +1,31 @@
 //! Dry friction that falls as sliding gets faster.
 
-use super::{Build, Context, Effect, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Found, Piece, Psi, Remedy, Variant};
 
 pub(crate) struct Stribeck;
 
 impl Effect for Stribeck {
-    fn name(&self) -> &'static str {
-        "stribeck"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Stribeck
     }
     fn meaning(&self) -> &'static str {
         "Stribeck friction: dry friction that is larger at low speed and falls to its sliding value"
     }
     fn experiment(&self) -> &'static str {
-        "move at many constant speeds from creeping to fast, both directions, constant load"
+        "move at many constant speeds from very slow to fast, both directions, constant load"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
+    }
+    /// Only where it falls with speed. Where it grows, this stands in for viscous friction, and its
+    /// sliding part would be too much at a reversal.
+    fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        let sliding = (found.get)("sliding_friction");
+        if sliding * (found.get)("extra_at_low_speed") >= 0.0 {
+            vec![Remedy::Friction(sliding)]
+        } else {
+            vec![]
+        }
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some(v) = ctx.velocity.clone() else {

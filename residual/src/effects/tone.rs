@@ -1,15 +1,15 @@
 //! A sine of constant frequency: mains, a fan, an alias of something faster.
 
-use super::{amplitude_phase, spectrum, Build, Context, Effect, Piece, Psi, Variant};
+use super::{amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 
 pub(crate) struct Tone;
 
 impl Effect for Tone {
-    fn name(&self) -> &'static str {
-        "tone"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Tone
     }
     fn meaning(&self) -> &'static str {
-        "a tone of constant frequency in time, whatever moves (mains, fan, or the alias of something above half the row rate)"
+        "a tone of constant frequency in time, independent of the motion (mains, fan, or the alias of something above half the row rate)"
     }
     fn experiment(&self) -> &'static str {
         "log at rest with the drive off, at two sampling rates: a true tone keeps its frequency, an alias moves"

@@ -1,12 +1,12 @@
 //! Friction in proportion to velocity.
 
-use super::{Context, Effect, Piece, Variant};
+use super::{Context, Effect, EffectKind, Found, Piece, Remedy, Variant};
 
 pub(crate) struct Viscous;
 
 impl Effect for Viscous {
-    fn name(&self) -> &'static str {
-        "viscous"
+    fn kind(&self) -> EffectKind {
+        EffectKind::Viscous
     }
     fn meaning(&self) -> &'static str {
         "viscous friction: a force in proportion to the velocity"
@@ -16,6 +16,9 @@ impl Effect for Viscous {
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
+    }
+    fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        vec![Remedy::Viscous((found.get)("damping"))]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some(v) = &ctx.velocity else {

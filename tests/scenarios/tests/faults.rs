@@ -260,7 +260,7 @@ fn a_hung_loop_is_reset_by_the_watchdog_and_says_so() {
     let kept = stand
         .session
         .info()
-        .and_then(|info| info.kept.clone())
+        .and_then(|info| info.crash_record.clone())
         .expect("a kept reason");
     assert_eq!(Fault::from_code(kept.code), Some(Fault::WatchdogReset));
 }

@@ -14,29 +14,30 @@
 //! it, and as a last resort all active sets are tried ([`oracle`]).
 //!
 //! A force out of reach is never silently replaced: [`Allocation`] holds the nearest one, how far it
-//! is, and the largest fraction of the asked one that the cables can do (a linear program).
+//! is, and the largest fraction of the commanded one that the cables can apply (a linear program).
 
 pub mod oracle;
 pub mod study;
 pub mod thesis;
 
-use crate::force::vec3::{self, Vec3};
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
     DefaultSettings, DefaultSolver, IPSolver, NonnegativeConeT, SolverStatus, ZeroConeT,
 };
+use control::geometry::applied_force;
+use nalgebra::Vector3;
 use wire::UNITS;
 
-/// Residual in newtons below which a force counts as reached; above, the linear program is asked.
+/// Residual in newtons below which a force counts as reached; above, the linear program is solved.
 pub const REACHED_N: f64 = 1e-3;
 
 /// One allocation to solve. Units without a cable in play have `upper_n == 0`.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Problem {
     /// Unit vectors from the tip to where each cable leaves its reel.
-    pub directions: [Vec3; UNITS],
+    pub directions: [Vector3<f64>; UNITS],
     /// Force to apply at the tip, N.
-    pub force_n: Vec3,
+    pub force_n: Vector3<f64>,
     /// Least tension of each cable, N; 0 for a unit that takes no part.
     pub lower_n: [f64; UNITS],
     /// Largest tension of each cable, N; 0 for a unit that takes no part.
@@ -56,19 +57,19 @@ impl Problem {
 
     /// Force at the tip in N for tensions in N: `A T` (thesis 3.7).
     #[must_use]
-    pub fn force_of(&self, tension_n: &[f64; UNITS]) -> Vec3 {
-        force_of(&self.directions, tension_n)
+    pub fn force_of(&self, tension_n: &[f64; UNITS]) -> Vector3<f64> {
+        applied_force(&self.directions, tension_n)
     }
 
     /// The objective in N^2.
     #[must_use]
     pub fn objective(&self, tension_n: &[f64; UNITS]) -> f64 {
-        let miss = vec3::sub(self.force_of(tension_n), self.force_n);
+        let miss = self.force_of(tension_n) - self.force_n;
         let away: f64 = (0..UNITS)
             .filter(|i| self.takes_part(*i))
             .map(|i| (tension_n[i] - self.reference_n[i]).powi(2))
             .sum();
-        vec3::dot(miss, miss) + self.tie_break * away
+        miss.norm_squared() + self.tie_break * away
     }
 
     /// Half the objective's Hessian, the units that take no part decoupled.
@@ -76,7 +77,7 @@ impl Problem {
         core::array::from_fn(|i| {
             core::array::from_fn(|j| {
                 let coupled = if self.takes_part(i) && self.takes_part(j) {
-                    vec3::dot(self.directions[i], self.directions[j])
+                    self.directions[i].dot(&self.directions[j])
                 } else {
                     0.0
                 };
@@ -89,7 +90,7 @@ impl Problem {
     fn linear(&self) -> [f64; UNITS] {
         core::array::from_fn(|i| {
             if self.takes_part(i) {
-                -vec3::dot(self.directions[i], self.force_n) - self.tie_break * self.reference_n[i]
+                -self.directions[i].dot(&self.force_n) - self.tie_break * self.reference_n[i]
             } else {
                 0.0
             }
@@ -98,8 +99,8 @@ impl Problem {
 
     fn is_finite(&self) -> bool {
         let all = |values: &[f64]| values.iter().all(|v| v.is_finite());
-        self.directions.iter().all(|d| all(d))
-            && all(&self.force_n)
+        self.directions.iter().all(|d| all(d.as_slice()))
+            && all(self.force_n.as_slice())
             && all(&self.lower_n)
             && all(&self.upper_n)
             && all(&self.reference_n)
@@ -109,27 +110,18 @@ impl Problem {
     }
 }
 
-/// `A T`: force at the tip in N for cable directions and tensions in N.
-#[must_use]
-pub fn force_of(directions: &[Vec3; UNITS], tension_n: &[f64; UNITS]) -> Vec3 {
-    directions
-        .iter()
-        .zip(tension_n)
-        .fold([0.0; 3], |sum, (d, t)| vec3::add(sum, vec3::scale(*d, *t)))
-}
-
 /// Tensions, and what they do.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Allocation {
     /// Cable tensions, N.
     pub tension_n: [f64; UNITS],
     /// Force that they apply at the tip, N.
-    pub force_n: Vec3,
-    /// Distance between that and the force asked, N.
+    pub force_n: Vector3<f64>,
+    /// Distance between that and the commanded force, N.
     pub residual_n: f64,
-    /// Whether the force asked is within reach of the cables.
+    /// Whether the commanded force is within reach of the cables.
     pub feasible: bool,
-    /// Largest fraction of the force asked, 0 to 1, that the cables can apply in exactly its direction;
+    /// Largest fraction of the commanded force, 0 to 1, that the cables can apply in exactly its direction;
     /// `None` where they can't even apply zero.
     pub fraction: Option<f64>,
     /// How the tensions were found.
@@ -208,7 +200,7 @@ impl Allocator {
     pub fn solve(&mut self, problem: &Problem) -> Result<Allocation, AllocationError> {
         let (tension_n, path) = self.tensions(problem)?;
         let force_n = problem.force_of(&tension_n);
-        let residual_n = vec3::norm(vec3::sub(force_n, problem.force_n));
+        let residual_n = (force_n - problem.force_n).norm();
         let (feasible, fraction) = if residual_n <= REACHED_N {
             (true, Some(1.0))
         } else {
@@ -285,9 +277,9 @@ impl Allocator {
             let direction = if problem.takes_part(i) {
                 problem.directions[i]
             } else {
-                [0.0; 3]
+                Vector3::zeros()
             };
-            matrix.extend(direction);
+            matrix.extend(direction.iter());
             matrix.extend([1.0, -1.0]);
             let (lower, upper) = if problem.takes_part(i) {
                 (problem.lower_n[i], problem.upper_n[i])
@@ -297,7 +289,7 @@ impl Allocator {
             bounds[3 + i] = upper;
             bounds[3 + UNITS + i] = -lower;
         }
-        matrix.extend(problem.force_n.map(|f| -f));
+        matrix.extend((-problem.force_n).iter());
         matrix.extend([1.0, -1.0]);
         bounds[3 + 2 * UNITS] = 1.0;
         let solver = &mut self.linear;
@@ -507,14 +499,14 @@ mod tests {
     fn cross() -> Problem {
         Problem {
             directions: [
-                [1.0, 0.0, 0.0],
-                [-1.0, 0.0, 0.0],
-                [0.0, 1.0, 0.0],
-                [0.0, -1.0, 0.0],
-                [0.0, 0.0, 1.0],
-                [0.0, 0.0, -1.0],
+                Vector3::x(),
+                -Vector3::x(),
+                Vector3::y(),
+                -Vector3::y(),
+                Vector3::z(),
+                -Vector3::z(),
             ],
-            force_n: [0.0, 2.5, 0.0],
+            force_n: Vector3::new(0.0, 2.5, 0.0),
             lower_n: [2.0; UNITS],
             upper_n: [12.0; UNITS],
             reference_n: [2.0; UNITS],
@@ -536,7 +528,7 @@ mod tests {
     #[test]
     fn a_force_out_of_reach_is_reported_with_its_feasible_fraction() {
         let mut problem = cross();
-        problem.force_n = [0.0, 25.0, 0.0];
+        problem.force_n = Vector3::new(0.0, 25.0, 0.0);
         let solution = Allocator::new().unwrap().solve(&problem).unwrap();
         assert!(!solution.feasible);
         // 12 N against 2 N: 10 N is the most.

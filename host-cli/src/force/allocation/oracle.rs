@@ -3,7 +3,6 @@
 //! judges.
 
 use super::Problem;
-use crate::force::vec3;
 use wire::UNITS;
 
 /// Slack within which a free tension counts as within its bounds, N.
@@ -44,16 +43,16 @@ pub fn solve(problem: &Problem) -> [f64; UNITS] {
 fn stationary(problem: &Problem, tension: &mut [f64; UNITS], free: &[usize]) -> bool {
     let n = free.len();
     // What is left of the force for the free cables.
-    let missing = vec3::sub(problem.force_n, problem.force_of(tension));
+    let missing = problem.force_n - problem.force_of(tension);
     // Rows of (A^T A + eps I | A^T missing + eps T_ref).
     let mut m = [[0.0; UNITS + 1]; UNITS];
     for (a, &i) in free.iter().enumerate() {
         for (b, &j) in free.iter().enumerate() {
-            m[a][b] = vec3::dot(problem.directions[i], problem.directions[j]);
+            m[a][b] = problem.directions[i].dot(&problem.directions[j]);
         }
         m[a][a] += problem.tie_break;
         m[a][UNITS] =
-            vec3::dot(problem.directions[i], missing) + problem.tie_break * problem.reference_n[i];
+            problem.directions[i].dot(&missing) + problem.tie_break * problem.reference_n[i];
     }
     // Gauss with row pivots.
     for column in 0..n {

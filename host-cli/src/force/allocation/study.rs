@@ -1,7 +1,8 @@
 //! Figures on the allocation: agreement with the oracle, time of a solve, steps along a path.
 
 use super::{oracle, thesis, AllocationError, Allocator, Path, Problem};
-use crate::force::vec3::{self, Vec3};
+use control::geometry::cable_direction;
+use nalgebra::Vector3;
 use std::time::{Duration, Instant};
 use wire::UNITS;
 
@@ -31,31 +32,28 @@ impl Random {
     }
 
     /// A direction, uniform on the sphere.
-    pub fn direction(&mut self) -> Vec3 {
+    pub fn direction(&mut self) -> Vector3<f64> {
         loop {
-            let v = core::array::from_fn(|_| self.between(-1.0, 1.0));
-            let n = vec3::norm(v);
+            let v = Vector3::from_fn(|_, _| self.between(-1.0, 1.0));
+            let n = v.norm();
             if (0.1..=1.0).contains(&n) {
-                return vec3::scale(v, 1.0 / n);
+                return v * (1.0 / n);
             }
         }
     }
 }
 
 /// Six exits around a workspace, in three roughly antiparallel pairs, each moved by up to `spread_m`.
-fn exits(random: &mut Random, spread_m: f64) -> [Vec3; UNITS] {
+fn exits(random: &mut Random, spread_m: f64) -> [Vector3<f64>; UNITS] {
     core::array::from_fn(|i| {
-        let mut exit = [0.0; 3];
+        let mut exit = Vector3::zeros();
         exit[i / 2] = if i % 2 == 0 { 0.42 } else { -0.42 };
-        vec3::add(
-            exit,
-            core::array::from_fn(|_| random.between(-spread_m, spread_m)),
-        )
+        exit + Vector3::from_fn(|_, _| random.between(-spread_m, spread_m))
     })
 }
 
-fn directions(exits: &[Vec3; UNITS], tip_m: Vec3) -> [Vec3; UNITS] {
-    exits.map(|exit| vec3::unit(vec3::sub(exit, tip_m)).unwrap_or([1.0, 0.0, 0.0]))
+fn directions(exits: &[Vector3<f64>; UNITS], tip_m: Vector3<f64>) -> [Vector3<f64>; UNITS] {
+    exits.map(|exit| cable_direction(exit, tip_m).unwrap_or_else(Vector3::x))
 }
 
 /// A random case: a rig near the thesis's or (one in four) six directions at random, a force up to 20 N, so
@@ -65,13 +63,13 @@ pub fn random_problem(random: &mut Random) -> Problem {
         core::array::from_fn(|_| random.direction())
     } else {
         let exits = exits(random, 0.12);
-        let tip_m = core::array::from_fn(|_| random.between(-0.1, 0.1));
+        let tip_m = Vector3::from_fn(|_, _| random.between(-0.1, 0.1));
         directions(&exits, tip_m)
     };
     let size = 20.0 * random.unit().powi(2);
     let mut problem = Problem {
         directions,
-        force_n: vec3::scale(random.direction(), size),
+        force_n: random.direction() * size,
         lower_n: [2.0; UNITS],
         upper_n: [12.0; UNITS],
         reference_n: [if random.unit() < 0.5 { 2.0 } else { 7.0 }; UNITS],
@@ -153,7 +151,7 @@ pub struct PathSteps {
     pub largest_step_n: f64,
     /// The thesis's formulation, the solver started anywhere within the bounds each time.
     pub thesis_largest_step_n: f64,
-    /// Largest distance between the two formulations' forces at the tip: both do what is asked.
+    /// Largest distance between the two formulations' forces at the tip: both apply the commanded force.
     pub force_difference_n: f64,
 }
 
@@ -174,10 +172,10 @@ pub fn path_steps(seed: u64) -> Result<PathSteps, AllocationError> {
     for step in 0..=400 {
         let angle = f64::from(step) / 400.0 * std::f64::consts::TAU;
         let (sin, cos) = angle.sin_cos();
-        let tip_m = [0.05 * cos, 0.05 * sin, 0.02 * sin];
+        let tip_m = Vector3::new(0.05 * cos, 0.05 * sin, 0.02 * sin);
         let problem = Problem {
             directions: directions(&exits, tip_m),
-            force_n: [2.5 * sin, 2.5 * cos, 1.0 * (2.0 * angle).sin()],
+            force_n: Vector3::new(2.5 * sin, 2.5 * cos, 1.0 * (2.0 * angle).sin()),
             lower_n: [2.0; UNITS],
             upper_n: [12.0; UNITS],
             reference_n: [2.0; UNITS],
@@ -186,8 +184,8 @@ pub fn path_steps(seed: u64) -> Result<PathSteps, AllocationError> {
         let (tied, _) = allocator.tensions(&problem)?;
         let start = core::array::from_fn(|_| random.between(2.0, 12.0));
         let untied = thesis::solve(&problem, start);
-        let apart = vec3::sub(problem.force_of(&tied), problem.force_of(&untied));
-        steps.force_difference_n = steps.force_difference_n.max(vec3::norm(apart));
+        let apart = problem.force_of(&tied) - problem.force_of(&untied);
+        steps.force_difference_n = steps.force_difference_n.max(apart.norm());
         if let Some((tied_before, untied_before)) = before {
             for i in 0..UNITS {
                 let step = (tied[i] - tied_before[i]).abs();

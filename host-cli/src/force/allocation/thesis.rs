@@ -2,8 +2,7 @@
 //! are a whole polytope, and which one a numerical solver returns depends on where it starts. Here for
 //! comparison only.
 
-use super::{force_of, Problem};
-use crate::force::vec3;
+use super::Problem;
 use wire::UNITS;
 
 /// Projected gradient descent from `start` (N) until the tensions stand still: one of the minimisers.
@@ -15,15 +14,15 @@ pub fn solve(problem: &Problem, start: [f64; UNITS]) -> [f64; UNITS] {
         / (0..UNITS)
             .map(|i| {
                 (0..UNITS)
-                    .map(|j| vec3::dot(problem.directions[i], problem.directions[j]).abs())
+                    .map(|j| problem.directions[i].dot(&problem.directions[j]).abs())
                     .sum::<f64>()
             })
             .fold(1.0, f64::max);
     for _ in 0..2000 {
-        let miss = vec3::sub(force_of(&problem.directions, &tension), problem.force_n);
+        let miss = problem.force_of(&tension) - problem.force_n;
         let mut moved: f64 = 0.0;
         for (i, t) in tension.iter_mut().enumerate() {
-            let next = (*t - step * vec3::dot(problem.directions[i], miss))
+            let next = (*t - step * problem.directions[i].dot(&miss))
                 .clamp(problem.lower_n[i], problem.upper_n[i]);
             moved = moved.max((next - *t).abs());
             *t = next;

@@ -4,8 +4,6 @@
 //! says decides what it is told next. What they share is the plant with its seed. Devices, buses and noise are
 //! two implementations, so that samples agree in the mean and not bit by bit; the table gives each difference that
 //! is left with its reason, and the program fails where one is larger than its reason explains.
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 use control::{Config, MotorState, SystemState};
 use emulator_link::{receive, send, Injection, Request, Response, LINK_VERSION};
@@ -78,7 +76,7 @@ fn run() -> Result<bool, String> {
     Ok(compare(&a, &b, &seed))
 }
 
-/// What one machine said while the scenario ran.
+/// Messages of one machine during the scenario.
 #[derive(Default)]
 struct Story {
     machine: String,
@@ -90,7 +88,7 @@ struct Story {
     damaged: usize,
 }
 
-/// The parts of the scenario in which samples are compared: name, from, to in ms, asked tension of each unit in N.
+/// The parts of the scenario in which samples are compared: name, from, to in ms, setpoint of each unit in N.
 const WINDOWS: [(&str, u64, u64, [f64; UNITS]); 3] = [
     ("slack", 3_900, 4_900, [0.0; UNITS]),
     ("hold 4 N", 6_000, 7_000, [4.0; UNITS]),
@@ -117,7 +115,7 @@ fn scenario(program: &Path, elf: &Path, seed: &str) -> Result<Story, String> {
     m.until(650)?;
     m.tell(&Command::ClearFaults)?;
     m.until(2_500)?;
-    m.tell(&Command::Stream { every: 1 })?;
+    m.tell(&Command::Stream { decimation: 1 })?;
     m.tell(&Command::Zero { units: 0x3F })?;
     m.until(5_000)?;
     m.tell(&Command::Arm)?;
@@ -329,9 +327,9 @@ fn compare(a: &Story, b: &Story, seed: &str) -> bool {
     );
     let mut good = true;
     println!("window     unit   pairs  period us (A, B)   code, mean   code SD (A, B)   tension mN, mean   DAC, mean   DAC SD (A, B)");
-    for (name, from, to, asked) in WINDOWS {
-        for (unit, asked) in asked.into_iter().enumerate() {
-            good &= row(a, b, (name, from, to), unit, asked);
+    for (name, from, to, setpoint) in WINDOWS {
+        for (unit, setpoint) in setpoint.into_iter().enumerate() {
+            good &= row(a, b, (name, from, to), unit, setpoint);
         }
     }
     println!("\nlatency from DRDY to the DAC's update as the board measures it, us: median, 99th percentile, largest");
@@ -422,7 +420,7 @@ fn compare(a: &Story, b: &Story, seed: &str) -> bool {
     good
 }
 
-fn row(a: &Story, b: &Story, window: (&str, u64, u64), unit: usize, asked: f64) -> bool {
+fn row(a: &Story, b: &Story, window: (&str, u64, u64), unit: usize, setpoint: f64) -> bool {
     let (name, from, to) = window;
     let (x, y) = (a.unit(unit, from, to), b.unit(unit, from, to));
     let paired = pairs(&x, &y);
@@ -440,19 +438,19 @@ fn row(a: &Story, b: &Story, window: (&str, u64, u64), unit: usize, asked: f64) 
         }
         _ => f64::NAN,
     };
-    let code = |s: &Sample| f64::from(s.code);
-    let dac = |s: &Sample| f64::from(s.dac);
+    let code = |s: &Sample| f64::from(s.adc_code);
+    let dac = |s: &Sample| f64::from(s.dac_code);
     let tension = |s: &Sample| f64::from(s.tension) * 0.1;
     let (tension_mn, dac_counts) = (difference(tension), difference(dac));
     // Both ends of the friction band, the law measured on the rig (0.909 N, 0.154 N per N).
-    let band = 2.0 * (0.909 + 0.154 * asked) * COUNTS_PER_N;
+    let band = 2.0 * (0.909 + 0.154 * setpoint) * COUNTS_PER_N;
     let driven = |of: &[(u64, Sample)]| {
         of.iter()
-            .all(|(_, s)| (s.flags & flags::ACTIVE != 0) == (asked > 0.0))
+            .all(|(_, s)| (s.flags & flags::ACTIVE != 0) == (setpoint > 0.0))
     };
     #[allow(clippy::cast_precision_loss)]
     let enough = paired.len() as f64 > 0.9 * x.len() as f64 && x.len() > 250;
-    let dac_fits = if asked > 0.0 {
+    let dac_fits = if setpoint > 0.0 {
         dac_counts.abs() < band
     } else {
         dac_counts == 0.0
@@ -461,8 +459,8 @@ fn row(a: &Story, b: &Story, window: (&str, u64, u64), unit: usize, asked: f64) 
         (enough, "samples without a partner"),
         (tension_mn.abs() < 60.0, "tension"),
         (dac_fits, "DAC"),
-        (driven(&x), "A's outputs not as asked"),
-        (driven(&y), "B's outputs not as asked"),
+        (driven(&x), "A's outputs not as commanded"),
+        (driven(&y), "B's outputs not as commanded"),
     ]
     .into_iter()
     .filter_map(|(fits, what)| (!fits).then_some(what))

@@ -1,0 +1,146 @@
+//! Order of service: which unit uses the bus next, and the transactions of each job.
+
+use super::types::{Sink, Transfer, Work};
+use super::unit::{Next, Phase};
+use super::{mask_of, Bus, Job, SEQUENCE_PATIENCE_US, SEQUENCE_ROOM_US};
+use drivers::nau7802::{self, Action};
+use drivers::tca9548::{Address, ChannelMask, MuxState};
+
+impl Bus {
+    pub(super) fn choose_ready(&self, now: u32) -> Option<u8> {
+        let mut oldest: Option<(u8, u32)> = None;
+        for (n, unit) in (0..).zip(&self.units) {
+            let Some(at) = unit.ready else { continue };
+            if self.mux.state() == MuxState::Known(mask_of(n)) {
+                return Some(n);
+            }
+            let age = now.wrapping_sub(at);
+            if oldest.is_none_or(|(_, oldest_age)| age > oldest_age) {
+                oldest = Some((n, age));
+            }
+        }
+        oldest.map(|(n, _)| n)
+    }
+
+    pub(super) fn choose_sequence(&mut self, now: u32) -> Option<u8> {
+        if !self
+            .units
+            .iter()
+            .any(|unit| matches!(unit.phase, Phase::BringUp { .. }))
+        {
+            return None;
+        }
+        let room = self
+            .units
+            .iter()
+            .filter_map(|unit| unit.due_in(now))
+            .all(|due| due > SEQUENCE_ROOM_US);
+        let mut longest: Option<(u8, u32)> = None;
+        for (n, unit) in (0..).zip(&mut self.units) {
+            let Phase::BringUp {
+                machine,
+                next,
+                since,
+            } = &mut unit.phase
+            else {
+                continue;
+            };
+            if let Next::Wait { until } = *next {
+                if now.wrapping_sub(until).cast_signed() < 0 {
+                    continue;
+                }
+                *next = Next::Do(machine.next(nau7802::Event::Waited));
+                *since = now;
+            }
+            let waited = now.wrapping_sub(*since);
+            if (room || waited > SEQUENCE_PATIENCE_US)
+                && longest.is_none_or(|(_, most)| waited > most)
+            {
+                longest = Some((n, waited));
+            }
+        }
+        longest.map(|(n, _)| n)
+    }
+
+    /// The selected unit, if the register pointer of its converter does not address the result.
+    pub(super) fn unit_without_pointer(&self) -> Option<u8> {
+        let MuxState::Known(mask) = self.mux.state() else {
+            return None;
+        };
+        let selected = mask.bits().trailing_zeros() as u8;
+        let unit = self.units.get(usize::from(selected))?;
+        (matches!(unit.phase, Phase::Streaming) && !unit.pointer_set).then_some(selected)
+    }
+
+    pub(super) fn due_next(&self, now: u32) -> Option<u8> {
+        let mut soonest: Option<(u8, i32)> = None;
+        for (n, unit) in (0..).zip(&self.units) {
+            if let Some(due) = unit.due_in(now) {
+                if soonest.is_none_or(|(_, least)| due < least) {
+                    soonest = Some((n, due));
+                }
+            }
+        }
+        soonest.map(|(n, _)| n)
+    }
+
+    pub(super) fn begin(&mut self, job: Job, transfer: Transfer, now: u32) -> Work {
+        self.current = Some((job, now));
+        Work::Transfer(transfer)
+    }
+
+    pub(super) fn select(&mut self, byte: u8, mask: ChannelMask, now: u32) -> Work {
+        self.begin(
+            Job::Select(mask),
+            Transfer::write(Address::DEFAULT.get(), [byte, 0], 1),
+            now,
+        )
+    }
+
+    pub(super) fn read_or_select(&mut self, unit: u8, now: u32) -> Work {
+        let mask = mask_of(unit);
+        if let Some(byte) = self.mux.request(mask) {
+            return self.select(byte[0], mask, now);
+        }
+        let slot = &mut self.units[usize::from(unit)];
+        let at = slot.ready.take().unwrap_or(now);
+        let mut transfer = Transfer::write_read(
+            nau7802::ADDRESS,
+            nau7802::proto::READ_ADC[0],
+            nau7802::proto::READ_ADC_LEN as u8,
+        );
+        if core::mem::take(&mut slot.pointer_set) {
+            transfer.write_len = 0;
+        }
+        self.begin(Job::Read { unit, at }, transfer, now)
+    }
+
+    pub(super) fn sequence_or_select(
+        &mut self,
+        unit: u8,
+        now: u32,
+        sink: &mut impl Sink,
+    ) -> Option<Work> {
+        let Phase::BringUp {
+            next: Next::Do(action),
+            ..
+        } = self.units[usize::from(unit)].phase
+        else {
+            return None;
+        };
+        let transfer = match action {
+            Action::Write(bytes) => Transfer::write(nau7802::ADDRESS, bytes, 2),
+            Action::WriteRead(register) => Transfer::write_read(nau7802::ADDRESS, register[0], 1),
+            Action::WaitUs(_) | Action::Done | Action::Failed(_) => {
+                // A wait that follows a wait, or the end: no bus needed.
+                self.settle(unit, now, sink);
+                return None;
+            }
+        };
+        let mask = mask_of(unit);
+        if let Some(byte) = self.mux.request(mask) {
+            return Some(self.select(byte[0], mask, now));
+        }
+        Some(self.begin(Job::Sequence { unit }, transfer, now))
+    }
+}

@@ -1,0 +1,70 @@
+//! One unit as the scheduler sees it: phase of its converter, expected edge, pending sample.
+
+use super::PERIOD_US;
+use drivers::nau7802::{Action, Bringup};
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Next {
+    Do(Action),
+    Wait { until: u32 },
+}
+
+#[derive(Debug, Clone)]
+pub(super) enum Phase {
+    /// Not in service: edges are ignored.
+    Off,
+    /// In bring-up. `since`: earliest start of the next step.
+    BringUp {
+        machine: Bringup,
+        next: Next,
+        since: u32,
+    },
+    Streaming,
+}
+
+#[derive(Debug, Clone)]
+pub(super) struct Unit {
+    pub(super) phase: Phase,
+    /// DRDY edge whose sample is still in the converter.
+    pub(super) ready: Option<u32>,
+    pub(super) last_edge: Option<u32>,
+    /// Averaged period in microseconds times 16.
+    pub(super) period_q4: u32,
+    pub(super) missed: u8,
+    pub(super) failures: u8,
+    /// The register pointer of the converter addresses the result.
+    pub(super) pointer_set: bool,
+}
+
+impl Unit {
+    pub(super) const fn new() -> Self {
+        Self {
+            phase: Phase::Off,
+            ready: None,
+            last_edge: None,
+            period_q4: PERIOD_US << 4,
+            missed: 0,
+            failures: 0,
+            pointer_set: false,
+        }
+    }
+
+    pub(super) const fn period(&self) -> u32 {
+        self.period_q4 >> 4
+    }
+
+    /// Microseconds until the next expected edge (negative: overdue). `None`: no edge yet, or overdue by more than a
+    /// quarter of a period.
+    pub(super) fn due_in(&self, now: u32) -> Option<i32> {
+        let last = match (&self.phase, self.last_edge) {
+            (Phase::Streaming, Some(last)) => last,
+            _ => return None,
+        };
+        let due = last
+            .wrapping_add(self.period())
+            .wrapping_sub(now)
+            .cast_signed();
+        // Long overdue: unplugged rather than late.
+        (due > -(PERIOD_US.cast_signed() / 4)).then_some(due)
+    }
+}

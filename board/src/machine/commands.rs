@@ -1,0 +1,268 @@
+//! Commands of the host and their responses.
+
+use super::{Effects, LinkCounters, LoopFigures, Machine, FIRST_SETPOINT_MS, LINKS};
+use control::system::{Denied, Request};
+use control::unit::Setpoint;
+use control::zero::Averager;
+use control::{Config, Fault, Micros, SystemState};
+use wire::message::{CommandError, Response, Status, UnitConfig, UnitSetpoint, UnitStatus};
+use wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
+
+/// Longest validity of setpoints, in milliseconds.
+const MAX_VALID_MS: u16 = 1_000;
+
+impl Machine {
+    /// Executes a command. `None`: no response (setpoints within their ranges).
+    pub fn command(
+        &mut self,
+        link: usize,
+        frame: &HostFrame,
+        now: Micros,
+        figures: LoopFigures,
+        counters: LinkCounters,
+        fx: &mut impl Effects,
+    ) -> Option<Response> {
+        if let Command::Hello { abi, schema } = frame.command {
+            return Some(self.hello(link, abi, schema));
+        }
+        if self.commander != Some(link) {
+            return Some(Response::Rejected(CommandError::NotConnected));
+        }
+        // Commands execute between two samples, so this is a cycle boundary as well: a read after a commit returns
+        // the committed configuration, and arming uses it.
+        self.exchange_configs();
+        let result = match &frame.command {
+            Command::Hello { .. } => Ok(()),
+            Command::GetStatus => {
+                return Some(Response::Status(self.status(now, figures, counters)))
+            }
+            Command::GetConfig { unit } => match self.units.get(usize::from(*unit)) {
+                Some(slot) => return Some(Response::Config(*slot.config.wire())),
+                None => Err(CommandError::UnknownUnit(*unit)),
+            },
+            Command::StageConfig { unit, config } => self.stage(*unit, config),
+            Command::CommitConfig => self.commit(),
+            Command::Zero { units } => self.zero(*units, fx),
+            Command::Arm => self.arm(now, fx),
+            Command::Disarm => self.request(Request::Disarm, fx),
+            Command::Stop => {
+                self.fault_board(Fault::HostStop, u32::from(frame.seq), now, fx);
+                Ok(())
+            }
+            Command::ClearFaults => self.clear_faults(fx),
+            Command::Setpoints { valid_ms, units } => match self.setpoints(*valid_ms, units, now) {
+                Ok(()) => return None,
+                rejected => rejected,
+            },
+            Command::Stream { decimation } => {
+                self.decimation[link] = *decimation;
+                Ok(())
+            }
+        };
+        Some(match result {
+            Ok(()) => Response::Done,
+            Err(error) => Response::Rejected(error),
+        })
+    }
+
+    fn hello(&mut self, link: usize, abi: u16, schema: [u8; 8]) -> Response {
+        if abi != ABI_VERSION || schema != SCHEMA_HASH || link >= LINKS {
+            // A host with another protocol does not displace the link that commands.
+            return Response::Rejected(CommandError::Version {
+                abi: ABI_VERSION,
+                schema: SCHEMA_HASH,
+            });
+        }
+        self.commander = Some(link);
+        Response::Hello(self.info.clone())
+    }
+
+    fn stage(&mut self, unit: u8, config: &UnitConfig) -> Result<(), CommandError> {
+        if self.system.drives() {
+            return Err(CommandError::State(self.system as u8));
+        }
+        let slot = self
+            .units
+            .get_mut(usize::from(unit))
+            .ok_or(CommandError::UnknownUnit(unit))?;
+        let config = Config::from_wire(config).map_err(|error| CommandError::Range {
+            unit,
+            field: error.field.number,
+        })?;
+        slot.staged = Some(config);
+        Ok(())
+    }
+
+    fn commit(&mut self) -> Result<(), CommandError> {
+        if self.system.drives() || self.system == SystemState::Zeroing {
+            return Err(CommandError::State(self.system as u8));
+        }
+        self.commit = true;
+        Ok(())
+    }
+
+    fn zero(&mut self, mask: u8, fx: &mut impl Effects) -> Result<(), CommandError> {
+        if mask == 0 || mask >> UNITS != 0 {
+            return Err(CommandError::UnknownUnit(
+                mask.trailing_zeros().max(UNITS as u32) as u8,
+            ));
+        }
+        for (n, unit) in (0..).zip(&self.units) {
+            if mask & (1 << n) != 0 && !unit.usable() {
+                return Err(match unit.latch.get() {
+                    Some((fault, _)) => CommandError::Faulted(fault.code()),
+                    None => CommandError::UnitNotReady {
+                        unit: n,
+                        state: unit.motor as u8,
+                    },
+                });
+            }
+        }
+        self.request(Request::Zero, fx)?;
+        for (n, unit) in self.units.iter_mut().enumerate() {
+            unit.zero = (mask & (1 << n) != 0).then(Averager::new);
+        }
+        Ok(())
+    }
+
+    fn arm(&mut self, now: Micros, fx: &mut impl Effects) -> Result<(), CommandError> {
+        let was = self.system;
+        self.request(Request::Arm, fx)?;
+        if was != SystemState::Running && !self.expiry.is_valid(now) {
+            for unit in &mut self.units {
+                unit.setpoint = Setpoint::default();
+            }
+            self.expiry.renew(now, FIRST_SETPOINT_MS);
+        }
+        Ok(())
+    }
+
+    fn request(&mut self, request: Request, fx: &mut impl Effects) -> Result<(), CommandError> {
+        match self.advance(request, fx) {
+            None => {
+                if request == Request::Disarm {
+                    for unit in &mut self.units {
+                        unit.zero = None;
+                    }
+                }
+                Ok(())
+            }
+            Some(Denied::Faulted) => Err(CommandError::Faulted(self.latch.code())),
+            Some(Denied::EStopOpen) => Err(CommandError::Faulted(Fault::EStop.code())),
+            Some(Denied::State) => Err(CommandError::State(self.system as u8)),
+            Some(Denied::UnitNotReady) => Err(self.why_not_ready()),
+        }
+    }
+
+    /// Error for the first enabled unit that is not ready: its fault, or its state.
+    fn why_not_ready(&self) -> CommandError {
+        (0..)
+            .zip(&self.units)
+            .find(|(_, unit)| unit.config.enabled() && !unit.usable())
+            .map_or(
+                CommandError::State(self.system as u8),
+                |(n, unit)| match unit.latch.get() {
+                    Some((fault, _)) => CommandError::Faulted(fault.code()),
+                    None => CommandError::UnitNotReady {
+                        unit: n,
+                        state: unit.motor as u8,
+                    },
+                },
+            )
+    }
+
+    fn clear_faults(&mut self, fx: &mut impl Effects) -> Result<(), CommandError> {
+        let estop_open = !self.estop_closed;
+        let board = self.latch.clear(|fault| match fault {
+            Fault::EStop => estop_open,
+            // Detected once at boot: a counter that does not respond needs a repair and a restart.
+            Fault::CounterBus => true,
+            _ => false,
+        });
+        if !board {
+            return Err(CommandError::Faulted(self.latch.code()));
+        }
+        for unit in &mut self.units {
+            let too_tight = unit.sensor_up
+                && unit.control.tension().to_un() > unit.config.wire().over_tension_un;
+            unit.latch
+                .clear(|fault| fault == Fault::OverTension && too_tight);
+        }
+        self.advance(Request::None, fx);
+        match self.units.iter().find_map(|unit| unit.latch.get()) {
+            None => Ok(()),
+            Some((fault, _)) => Err(CommandError::Faulted(fault.code())),
+        }
+    }
+
+    fn setpoints(
+        &mut self,
+        valid_ms: u16,
+        wire: &[UnitSetpoint; UNITS],
+        now: Micros,
+    ) -> Result<(), CommandError> {
+        if valid_ms == 0 || valid_ms > MAX_VALID_MS {
+            return Err(CommandError::Range {
+                unit: u8::MAX,
+                field: 0,
+            });
+        }
+        let mut checked = [Setpoint::default(); UNITS];
+        for (n, (unit, wire)) in self.units.iter().zip(wire).enumerate() {
+            if unit.config.enabled() {
+                checked[n] = Setpoint::from_wire(&unit.config, wire).map_err(|field| {
+                    CommandError::Range {
+                        unit: n as u8,
+                        field,
+                    }
+                })?;
+            }
+        }
+        if self.system != SystemState::Running {
+            // In transit when the board was disarmed or stopped. No response, as for accepted setpoints: telemetry
+            // shows the setpoints in force.
+            return Ok(());
+        }
+        for (unit, setpoint) in self.units.iter_mut().zip(checked) {
+            unit.setpoint = setpoint;
+        }
+        self.expiry.renew(now, valid_ms);
+        Ok(())
+    }
+
+    /// State of the whole board, with the counters of one link.
+    #[must_use]
+    pub fn status(&self, now: Micros, figures: LoopFigures, counters: LinkCounters) -> Status {
+        Status {
+            t_us: now.0,
+            state: self.system as u8,
+            fault: self.latch.code(),
+            fault_detail: self.latch.detail(),
+            estop_closed: self.estop_closed,
+            units: core::array::from_fn(|n| {
+                let unit = &self.units[n];
+                UnitStatus {
+                    state: unit.motor as u8,
+                    fault: unit.latch.code(),
+                    fault_detail: unit.latch.detail(),
+                    samples: unit.samples,
+                    missed: unit.missed,
+                    spikes: unit.spikes,
+                    period_us: if unit.sensor_up {
+                        unit.rate.period_us().min(u32::from(u16::MAX)) as u16
+                    } else {
+                        0
+                    },
+                    tension_un: unit.control.tension().to_un(),
+                }
+            }),
+            config_crc: self.config_crc,
+            setpoint_age_ms: self.expiry.age_ms(now),
+            frames_dropped: counters.dropped,
+            frames_bad: counters.bad,
+            bus_recoveries: self.recoveries,
+            sleep_permille: figures.sleep_permille,
+            queue_high_water: figures.queue_high_water,
+        }
+    }
+}

@@ -1,0 +1,314 @@
+//! The command-level machine: six controllers, their state machines, faults, setpoints, configuration and
+//! commands. Pure: samples, time and commands go in; DAC codes, responses and [`Effects`] come out. The
+//! superloop owns the only instance.
+//!
+//! | file | concern |
+//! | --- | --- |
+//! | `mod.rs` | state of the units and of the board, both state machines, staged configurations |
+//! | `sampling.rs` | one sample of one unit: ADC code in, DAC code and telemetry out |
+//! | `supervision.rs` | the supervisor's millisecond, events of the bus, faults of the board and of a unit |
+//! | `commands.rs` | commands of the host, and the status that answers them |
+//!
+//! The board has two links. Only the link that sent the last accepted Hello may command. Commands on the other
+//! link are rejected; its telemetry continues. So two programs cannot drive the motors in turn.
+
+mod commands;
+mod sampling;
+mod supervision;
+
+pub use sampling::PendingSample;
+
+use control::faults::Latch;
+use control::motor;
+use control::supervisor::{EncoderWatch, Expiry, Rate};
+use control::system::{self, Denied, Request};
+use control::unit::{self, Setpoint};
+use control::zero::Averager;
+use control::{Config, Fault, Micros, MotorState, SystemState};
+use wire::frame::crc32;
+use wire::message::{BoardInfo, FaultReport, UnitConfig};
+use wire::UNITS;
+
+/// Links that the board has.
+pub const LINKS: usize = 2;
+
+/// Time after arming in which the first setpoints must have come, in milliseconds.
+pub const FIRST_SETPOINT_MS: u16 = 1_000;
+
+/// Time from the end of a bring-up to its first sample, in milliseconds: seven conversions are 22 ms.
+pub const FIRST_SAMPLE_MS: u32 = 100;
+
+/// Failed reads of a converter in a row that make a fault.
+pub const MAX_FAILED_READS: u8 = 4;
+
+/// Longest pass of the superloop in microseconds. A pass takes some tens; half a sample period is the most
+/// that a sample may wait.
+pub const MAX_PASS_US: u32 = 1_500;
+
+/// Actions of the machine on the board, apart from the DAC code that a sample returns.
+pub trait Effects {
+    /// Start the bring-up of this unit's converter.
+    fn start_sensor(&mut self, unit: u8);
+    /// Stop servicing this unit's converter.
+    fn stop_sensor(&mut self, unit: u8);
+    /// 0 V on this unit's motor now.
+    fn zero_output(&mut self, unit: u8);
+    /// Send a fault report on both links.
+    fn report(&mut self, report: FaultReport);
+}
+
+/// Conditions that the supervisor checks every millisecond.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Health {
+    /// The E-stop loop is closed.
+    pub estop_closed: bool,
+    /// Board time of the last opening of the loop.
+    pub estop_opened_at: Micros,
+    /// Longest pass of the superloop since the last millisecond, in microseconds.
+    pub longest_pass_us: u32,
+    /// Events dropped because the queue was full, since boot.
+    pub events_lost: u32,
+    /// SPI1_SR if a DAC word did not complete.
+    pub dac_error: Option<u32>,
+}
+
+/// Counters of one link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LinkCounters {
+    /// Frames dropped because its queue was full.
+    pub dropped: u32,
+    /// Frames from the host that were damaged or unknown.
+    pub bad: u32,
+}
+
+/// Superloop figures for the status frame.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LoopFigures {
+    /// Share of the last second that the core slept, in thousandths.
+    pub sleep_permille: u16,
+    /// Largest number of queued samples since the last status.
+    pub queue_high_water: u8,
+}
+
+/// One force unit.
+#[derive(Debug, Clone, Copy)]
+struct Unit {
+    config: Config,
+    /// Start of the current window of encoder noise events, and their number.
+    encoder_noise: (Micros, u8),
+    encoder: EncoderWatch,
+    staged: Option<Config>,
+    control: unit::State,
+    motor: MotorState,
+    latch: Latch,
+    rate: Rate,
+    setpoint: Setpoint,
+    /// The converter has been brought up and its first sample is in.
+    sensor_up: bool,
+    /// End of the bring-up, until the first sample arrives.
+    came_up: Option<Micros>,
+    zero: Option<Averager>,
+    /// The force last commanded is zero.
+    at_zero: bool,
+    samples: u32,
+    missed: u32,
+    spikes: u32,
+}
+
+impl Unit {
+    fn new() -> Self {
+        Self {
+            config: Config::default(),
+            encoder_noise: (Micros(0), 0),
+            encoder: EncoderWatch::default(),
+            staged: None,
+            control: unit::State::default(),
+            motor: MotorState::default(),
+            latch: Latch::new(),
+            rate: Rate::default(),
+            setpoint: Setpoint::default(),
+            sensor_up: false,
+            came_up: None,
+            zero: None,
+            at_zero: true,
+            samples: 0,
+            missed: 0,
+            spikes: 0,
+        }
+    }
+
+    fn usable(&self) -> bool {
+        !self.latch.is_set()
+            && matches!(
+                self.motor,
+                MotorState::Ready
+                    | MotorState::Running
+                    | MotorState::Stopping
+                    | MotorState::Zeroing
+            )
+    }
+}
+
+/// See the [module](self).
+#[derive(Debug)]
+pub struct Machine {
+    units: [Unit; UNITS],
+    system: SystemState,
+    latch: Latch,
+    expiry: Expiry,
+    estop_closed: bool,
+    estop_open_ms: u8,
+    commit: bool,
+    config_crc: u32,
+    config_check_ms: u32,
+    events_lost: u32,
+    recoveries: u16,
+    commander: Option<usize>,
+    decimation: [u8; LINKS],
+    info: BoardInfo,
+}
+
+impl Machine {
+    /// A machine with every unit off until it is configured. The crash record of the previous run is latched as
+    /// a fault, so arming requires an explicit clear.
+    #[must_use]
+    pub fn new(info: BoardInfo) -> Self {
+        let mut latch = Latch::new();
+        if let Some(record) = &info.crash_record {
+            if let Some(fault) = Fault::from_code(record.code) {
+                latch.latch(fault, record.detail);
+            }
+        }
+        let mut machine = Self {
+            units: core::array::from_fn(|_| Unit::new()),
+            system: SystemState::Boot,
+            latch,
+            expiry: Expiry::default(),
+            estop_closed: false,
+            estop_open_ms: 0,
+            commit: false,
+            config_crc: 0,
+            config_check_ms: 0,
+            events_lost: 0,
+            recoveries: 0,
+            commander: None,
+            decimation: [0; LINKS],
+            info,
+        };
+        machine.config_crc = machine.crc();
+        machine
+    }
+
+    /// State of the board.
+    #[must_use]
+    pub const fn system(&self) -> SystemState {
+        self.system
+    }
+
+    /// Whether any fault is latched, of the board or of a unit.
+    #[must_use]
+    pub fn is_faulted(&self) -> bool {
+        self.latch.is_set() || self.units.iter().any(|unit| unit.latch.is_set())
+    }
+
+    /// Decimation of this link's telemetry: one sample of each unit in this many is sent; 0: none.
+    #[must_use]
+    pub fn decimation(&self, link: usize) -> u8 {
+        self.decimation.get(link).copied().unwrap_or(0)
+    }
+
+    /// Runs both state machines once. Returns why the request was denied, if it was.
+    fn advance(&mut self, request: Request, fx: &mut impl Effects) -> Option<Denied> {
+        let mut enabled = self
+            .units
+            .iter()
+            .filter(|unit| unit.config.enabled())
+            .peekable();
+        let any_enabled = enabled.peek().is_some();
+        let all_ready = any_enabled && enabled.all(Unit::usable);
+        let transition = system::next(
+            self.system,
+            system::Conditions {
+                booted: true,
+                faulted: self.latch.is_set(),
+                estop_closed: self.estop_closed,
+                any_bringing_up: self
+                    .units
+                    .iter()
+                    .any(|unit| unit.motor == MotorState::BringUp),
+                all_ready,
+                any_usable: self.units.iter().any(Unit::usable),
+                zero_done: self.units.iter().all(|unit| unit.zero.is_none()),
+                ramp_done: self
+                    .units
+                    .iter()
+                    .all(|unit| !unit.motor.drives() || unit.at_zero),
+                request,
+            },
+        );
+        let was = core::mem::replace(&mut self.system, transition.state);
+        if was.drives() && !self.system.drives() {
+            self.expiry.forget();
+            for unit in &mut self.units {
+                unit.setpoint = Setpoint::default();
+            }
+        }
+        for (n, unit) in (0..).zip(&mut self.units) {
+            let conditions = motor::Conditions {
+                enabled: unit.config.enabled(),
+                faulted: unit.latch.is_set(),
+                sensor_up: unit.sensor_up,
+                system: self.system,
+            };
+            let next = motor::next(unit.motor, conditions);
+            unit.motor = next.state;
+            match next.action {
+                motor::Action::None => {}
+                motor::Action::StartBringUp => {
+                    unit.sensor_up = false;
+                    unit.came_up = None;
+                    unit.rate.reset();
+                    unit.control.reset();
+                    fx.start_sensor(n);
+                }
+                motor::Action::ResetController => unit.control.reset(),
+                motor::Action::ZeroOutput => fx.zero_output(n),
+            }
+            if !self.system.drives() {
+                unit.at_zero = true;
+            }
+        }
+        transition.denied
+    }
+
+    /// Puts the staged configurations in force, between two samples.
+    fn exchange_configs(&mut self) {
+        if !core::mem::take(&mut self.commit) || self.system.drives() {
+            return;
+        }
+        for unit in &mut self.units {
+            if let Some(config) = unit.staged.take() {
+                unit.config = config;
+                unit.control.config_changed();
+            }
+        }
+        self.config_crc = self.crc();
+    }
+
+    /// CRC-32 over the six configurations in force, each as postcard encodes it, one after the other.
+    fn crc(&self) -> u32 {
+        let configs: [UnitConfig; UNITS] = core::array::from_fn(|n| *self.units[n].config.wire());
+        config_crc(&configs)
+    }
+}
+
+/// Longest encoding of a [`UnitConfig`]: 18 numbers and two ripples of four numbers with at most 5 bytes each, two
+/// flags of one byte, a filter of at most 4 bytes.
+const MAX_CONFIG_BYTES: usize = (18 + 8) * 5 + 2 + 4;
+
+/// CRC-32 over configurations: each as postcard encodes it, one after the other, unit 1 first.
+#[must_use]
+pub fn config_crc(configs: &[UnitConfig; UNITS]) -> u32 {
+    let mut buffer = [0; UNITS * MAX_CONFIG_BYTES];
+    postcard::to_slice(configs, &mut buffer).map_or(0, |bytes| crc32(bytes))
+}

@@ -1,0 +1,113 @@
+//! The sample path: one sample of one unit through its controller, and the telemetry of it.
+
+use super::{Effects, Machine};
+use control::unit::{Controller, Drive};
+use control::zero::Progress;
+use control::{AdcCode, DacCode, EncoderCounts, Fault, Input, Micros, MotorState, Output};
+use wire::message::{flags, Sample};
+
+/// A sample whose DAC word is being sent. Becomes telemetry afterwards, off the latency path.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct PendingSample {
+    unit: u8,
+    adc_code: AdcCode,
+    encoder_counts: EncoderCounts,
+    missed: bool,
+    output: Output,
+}
+
+impl PendingSample {
+    /// The telemetry sample. Its times are 0.
+    #[must_use]
+    pub fn describe(&self) -> Sample {
+        let mut sample = Sample {
+            unit: self.unit,
+            adc_code: self.adc_code.get(),
+            encoder_counts: self.encoder_counts.0 as i32,
+            ..Sample::default()
+        };
+        self.output.describe(&mut sample);
+        if self.missed {
+            sample.flags |= flags::MISSED;
+        }
+        sample
+    }
+}
+
+impl Machine {
+    /// Processes one sample of one unit: the DAC code to write, and the sample for telemetry.
+    ///
+    /// `at` is the time of its DRDY edge, `missed` the number of conversions lost before it. An unknown unit
+    /// gives 0 V.
+    pub fn sample(
+        &mut self,
+        unit: u8,
+        adc_code: AdcCode,
+        encoder_counts: EncoderCounts,
+        at: Micros,
+        missed: u8,
+        fx: &mut impl Effects,
+    ) -> (DacCode, PendingSample) {
+        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
+            return (DacCode::ZERO_VOLT, PendingSample::default());
+        };
+        slot.samples = slot.samples.wrapping_add(1);
+        slot.missed = slot.missed.wrapping_add(u32::from(missed));
+        slot.rate.observe(at, missed);
+        slot.sensor_up = true;
+        slot.came_up = None;
+        let drive = match slot.motor {
+            _ if self.latch.is_set() || slot.latch.is_set() => Drive::Off,
+            MotorState::Running => Drive::Follow,
+            MotorState::Stopping => Drive::Ramp,
+            _ => Drive::Off,
+        };
+        let input = Input {
+            adc_code,
+            encoder_counts,
+            at,
+            setpoint: slot.setpoint,
+            drive,
+        };
+        let output = Controller::step(&slot.config, &mut slot.control, input);
+        slot.at_zero = output.at_zero;
+        let swing = slot
+            .encoder
+            .observe(drive != Drive::Off, encoder_counts, output.tension);
+        let pending = PendingSample {
+            unit,
+            adc_code,
+            encoder_counts,
+            missed: missed > 0,
+            output,
+        };
+        if output.flags & flags::SPIKE != 0 {
+            slot.spikes = slot.spikes.wrapping_add(1);
+        }
+        if let Some(averager) = &mut slot.zero {
+            match averager.push(adc_code) {
+                Progress::Collecting(_) => {}
+                Progress::Done(zero) => {
+                    slot.zero = None;
+                    slot.config = slot.config.with_zero(zero);
+                    // A configuration that waits for its commit must not bring the old zero back.
+                    slot.staged = slot.staged.map(|staged| staged.with_zero(zero));
+                    slot.control.config_changed();
+                    self.config_crc = self.crc();
+                }
+                Progress::Refused(why) => {
+                    slot.zero = None;
+                    self.fault_unit(unit, Fault::ZeroRefused, why.detail(), at, fx);
+                }
+            }
+        }
+        if let Some((fault, detail)) = output.fault {
+            self.fault_unit(unit, fault, detail, at, fx);
+        } else if let Some(swing) = swing {
+            let detail = (swing.to_un() / 1_000).unsigned_abs();
+            self.fault_unit(unit, Fault::EncoderStill, detail, at, fx);
+            return (DacCode::ZERO_VOLT, pending);
+        }
+        (output.dac, pending)
+    }
+}

@@ -1,0 +1,228 @@
+//! Supervision: the supervisor's millisecond, events of the bus, and the faults that follow from them.
+//!
+//! A fault of the board sets all outputs to 0 V, a fault of a unit sets its output to 0 V (docs/architecture.md,
+//! "Faults: unit or board").
+
+use super::{Effects, Health, Machine, FIRST_SAMPLE_MS, MAX_FAILED_READS, MAX_PASS_US};
+use crate::bus;
+use control::supervisor::{RateLimits, Verdict};
+use control::system::Request;
+use control::{Fault, Micros, SystemState};
+use drivers::nau7802::{Cause, SequenceError, Stage};
+use wire::message::FaultReport;
+use wire::UNITS;
+
+/// Noise events at an encoder within [`ENCODER_NOISE_WINDOW_US`] that are a fault.
+const ENCODER_NOISE_EVENTS: u8 = 5;
+/// Window in which the noise events of an encoder are counted, in microseconds.
+const ENCODER_NOISE_WINDOW_US: u32 = 1_000_000;
+/// Milliseconds between checks of the configuration in memory.
+const CONFIG_CHECK_MS: u32 = 1_000;
+/// Milliseconds in a row that the E-stop loop must read open: longer than contact bounce of 1 ms, far shorter
+/// than an actuation by hand.
+const ESTOP_OPEN_MS: u8 = 2;
+
+impl Machine {
+    /// Processes an event of the bus other than an edge or a sample.
+    pub fn bus_event(&mut self, event: bus::Event, now: Micros, fx: &mut impl Effects) {
+        match event {
+            bus::Event::Edge { .. } | bus::Event::Sample { .. } => {}
+            bus::Event::Up { unit } => {
+                if let Some(slot) = self.units.get_mut(usize::from(unit)) {
+                    slot.came_up = Some(now);
+                }
+            }
+            bus::Event::BringUpFailed { unit, error } => {
+                self.fault_unit(unit, Fault::BringUpFailed, bring_up_detail(&error), now, fx);
+            }
+            bus::Event::ReadFailed { unit, in_a_row } => {
+                if in_a_row >= MAX_FAILED_READS {
+                    self.fault_unit(unit, Fault::SensorReads, u32::from(in_a_row), now, fx);
+                }
+            }
+            bus::Event::Recovery => self.recoveries = self.recoveries.saturating_add(1),
+            bus::Event::Stuck { rounds, sda_low } => {
+                let detail = u32::from(rounds) | u32::from(sda_low) << 31;
+                self.fault_board(Fault::BusStuck, detail, now, fx);
+            }
+            bus::Event::MuxSilent { mask } => {
+                self.fault_board(Fault::MuxSilent, u32::from(mask) << 8 | 0xFF, now, fx);
+            }
+        }
+    }
+
+    /// Runs the supervisor. Call it once a millisecond.
+    pub fn tick(&mut self, now: Micros, health: Health, fx: &mut impl Effects) {
+        self.exchange_configs();
+        self.watch_board(now, health, fx);
+        for n in 0..UNITS as u8 {
+            self.watch_unit(n, now, fx);
+        }
+        self.advance(Request::None, fx);
+    }
+
+    /// Latches a fault of the board and sets all outputs to 0 V. Also for causes found outside the machine (a
+    /// counter that does not respond).
+    pub fn fault_board(&mut self, fault: Fault, detail: u32, now: Micros, fx: &mut impl Effects) {
+        if self.latch.latch(fault, detail) {
+            fx.report(FaultReport {
+                t_us: now.0,
+                unit: u8::MAX,
+                code: fault.code(),
+                detail,
+            });
+        }
+        // At once, not with the next sample; repeated for each fault.
+        for unit in 0..UNITS as u8 {
+            fx.zero_output(unit);
+        }
+        self.advance(Request::None, fx);
+    }
+
+    /// Counts a noise event at a unit's encoder; `flags` is the counter's FLAG register. One event does not prove
+    /// a wrong count. [`ENCODER_NOISE_EVENTS`] within a second mean a loose plug and are a fault.
+    pub fn encoder_noise(&mut self, unit: u8, flags: u8, now: Micros, fx: &mut impl Effects) {
+        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
+            return;
+        };
+        if !slot.config.enabled() {
+            return;
+        }
+        let (since, events) = slot.encoder_noise;
+        slot.encoder_noise = if now.since(since) > ENCODER_NOISE_WINDOW_US {
+            (now, 1)
+        } else {
+            (since, events.saturating_add(1))
+        };
+        if slot.encoder_noise.1 >= ENCODER_NOISE_EVENTS {
+            slot.encoder_noise.1 = 0;
+            self.fault_unit(unit, Fault::EncoderError, flags.into(), now, fx);
+        }
+    }
+
+    pub(super) fn fault_unit(
+        &mut self,
+        unit: u8,
+        fault: Fault,
+        detail: u32,
+        now: Micros,
+        fx: &mut impl Effects,
+    ) {
+        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
+            return;
+        };
+        if slot.latch.latch(fault, detail) {
+            fx.report(FaultReport {
+                t_us: now.0,
+                unit,
+                code: fault.code(),
+                detail,
+            });
+        }
+        slot.zero = None;
+        fx.zero_output(unit);
+        // After these faults the state of the converter is unknown. After all others it continues to measure for
+        // telemetry.
+        if matches!(
+            fault,
+            Fault::SensorSilent | Fault::BringUpFailed | Fault::SensorReads
+        ) {
+            slot.sensor_up = false;
+            slot.came_up = None;
+            fx.stop_sensor(unit);
+        }
+        self.advance(Request::None, fx);
+    }
+
+    fn watch_board(&mut self, now: Micros, health: Health, fx: &mut impl Effects) {
+        self.estop_open_ms = if health.estop_closed {
+            0
+        } else {
+            self.estop_open_ms.saturating_add(1)
+        };
+        self.estop_closed = self.estop_open_ms < ESTOP_OPEN_MS;
+        if !self.estop_closed {
+            self.fault_board_once(Fault::EStop, health.estop_opened_at.0, now, fx);
+        }
+        // Not while a disarmed board ramps down: the ramp needs no host and ends by itself.
+        if self.system == SystemState::Running && self.expiry.is_expired(now) {
+            let age = u32::from(self.expiry.age_ms(now));
+            self.fault_board_once(Fault::SetpointsExpired, age, now, fx);
+        }
+        // The first passes include the start-up.
+        if health.longest_pass_us > MAX_PASS_US && self.system != SystemState::Boot {
+            self.fault_board_once(Fault::LoopOverrun, health.longest_pass_us, now, fx);
+        }
+        if health.events_lost != self.events_lost {
+            self.events_lost = health.events_lost;
+            self.fault_board_once(Fault::QueueOverflow, health.events_lost, now, fx);
+        }
+        if let Some(status) = health.dac_error {
+            self.fault_board_once(Fault::DacLink, status, now, fx);
+        }
+        self.config_check_ms += 1;
+        if self.config_check_ms >= CONFIG_CHECK_MS {
+            self.config_check_ms = 0;
+            let crc = self.crc();
+            if crc != self.config_crc {
+                self.fault_board_once(Fault::ConfigCrc, crc, now, fx);
+            }
+        }
+    }
+
+    /// As [`Self::fault_board`], for causes that persist: acts only while no fault is latched.
+    fn fault_board_once(&mut self, fault: Fault, detail: u32, now: Micros, fx: &mut impl Effects) {
+        if !self.latch.is_set() {
+            self.fault_board(fault, detail, now, fx);
+        }
+    }
+
+    fn watch_unit(&mut self, n: u8, now: Micros, fx: &mut impl Effects) {
+        let slot = &self.units[usize::from(n)];
+        if slot.latch.is_set() || !slot.config.enabled() {
+            return;
+        }
+        if let Some(since) = slot.came_up {
+            if now.since(since) > FIRST_SAMPLE_MS * 1_000 {
+                self.fault_unit(n, Fault::BringUpFailed, FIRST_SAMPLE_STAGE << 8, now, fx);
+            }
+            return;
+        }
+        if !slot.sensor_up {
+            return;
+        }
+        match slot.rate.check(now, &RateLimits::SENSOR) {
+            Verdict::Ok => {}
+            Verdict::Silent => {
+                let silent_us = slot.rate.last().map_or(0, |last| now.since(last));
+                self.fault_unit(n, Fault::SensorSilent, silent_us, now, fx);
+            }
+            Verdict::TooSlow(period) => self.fault_unit(n, Fault::SensorSlow, period, now, fx),
+            Verdict::TooFast(period) => self.fault_unit(n, Fault::SensorFast, period, now, fx),
+        }
+    }
+}
+
+/// [`Fault::BringUpFailed`]: stage number of "first sample".
+const FIRST_SAMPLE_STAGE: u32 = 7;
+
+/// Detail of [`Fault::BringUpFailed`] from the driver's finer stages.
+fn bring_up_detail(error: &SequenceError) -> u32 {
+    let stage = match error.stage {
+        _ if error.cause == Cause::Bus => 1,
+        Stage::ResetAssert | Stage::ResetRelease => 2,
+        Stage::PowerUpDigital
+        | Stage::PowerUpReady
+        | Stage::PowerUpAnalog
+        | Stage::SupplySettle => 3,
+        Stage::RevisionCheck => 4,
+        Stage::CycleStart
+        | Stage::CalibrationStart
+        | Stage::CalibrationWait
+        | Stage::CycleStop
+        | Stage::CycleRestart => 6,
+        Stage::Finished => FIRST_SAMPLE_STAGE,
+        _ => 5,
+    };
+    stage << 8 | u32::from(error.register.address())
+}

@@ -1,0 +1,272 @@
+//! Puts the report together from what the search found and what is left.
+
+use crate::data::Data;
+use crate::declared;
+use crate::diagnostics::residual_tests;
+use crate::effects::{Build, EffectKind, CATALOGUE};
+use crate::error::Error;
+use crate::extended::extended;
+use crate::figures::figures;
+use crate::frame::Frame;
+use crate::intervals::parameters;
+use crate::leftover::Leftover;
+use crate::model::Fit;
+use crate::report::{
+    Ambiguity, Effect, NotMaterial, Plot, Report, Tested, SCHEMA_VERSION, WITHOUT,
+};
+use crate::scan::{Candidate, Scan};
+use crate::search::{without, Judged, Outcome, Search, Weight};
+use crate::verdict::{verdict, Conditions};
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Least relative fall of the held-out RMSE that is worth a line among what is not material.
+const WORTH_A_LINE: f64 = 5e-4;
+
+/// Everything that was found out.
+pub(crate) struct Found<'a> {
+    pub search: &'a Search<'a>,
+    pub outcome: &'a Outcome,
+    pub left: Leftover,
+    /// What each effect is worth, the most valuable first.
+    pub weights: &'a [Weight],
+    /// The kept rows.
+    pub frame: &'a Frame,
+}
+
+/// The report.
+pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
+    let Found {
+        search,
+        outcome,
+        weights,
+        ..
+    } = found;
+    let spec = search.spec;
+    let base = &search.declared.fit;
+    let fit = &outcome.fitted.fit;
+    let seed = spec.selection.seed;
+    let effects = effects(search, outcome, weights)?;
+    let ambiguous: Vec<Ambiguity> = weights
+        .iter()
+        .filter_map(|w| ambiguity(outcome, w.index))
+        .collect();
+    let verdict = verdict(Conditions {
+        effects: effects.len(),
+        unexplained: found.left.unexplained,
+        ambiguous: ambiguous
+            .first()
+            .zip(effects.first())
+            .is_some_and(|(a, e)| a.effects.first() == Some(&e.name)),
+    });
+    Ok(Report {
+        schema_version: SCHEMA_VERSION,
+        title: spec.title.clone(),
+        unit: spec.roles.target.unit.clone(),
+        files: file_names(data),
+        rows: search.problem.y.len(),
+        sequences: search.problem.frame.sequences().len(),
+        groups: data.groups,
+        folds: data.fold_names.clone(),
+        baseline: figures(&search.problem, base, seed),
+        last: figures(&search.problem, fit, seed),
+        nested_rmse: None,
+        verdict,
+        not_identifiable: ambiguous,
+        plot_unknown: found.left.largest.as_ref().map(|nameless| {
+            let against = nameless.against().unwrap_or(&search.load);
+            plot(search, against, &base.residual, &fit.residual)
+        }),
+        structure: found.left.structure,
+        seen_not_material: not_material(search, outcome, &effects),
+        tested: outcome.last.ranked.iter().map(tested).collect(),
+        effects,
+        absent: absent(search)?,
+        hygiene: data.hygiene.clone(),
+        residual_tests: residual_tests(
+            &search.problem,
+            &spec.roles,
+            found.frame,
+            &base.residual,
+            &fit.residual,
+        ),
+        extended: extended(spec, &outcome.fitted, &outcome.chosen),
+        declared: declared::terms(&search.declared),
+    })
+}
+
+fn file_names(data: &Data) -> Vec<String> {
+    data.files
+        .iter()
+        .map(|f| {
+            f.file_name()
+                .map_or(String::new(), |n| n.to_string_lossy().into_owned())
+        })
+        .collect()
+}
+
+/// The chosen effects, the most valuable first, with the error before and after each in that order.
+fn effects(search: &Search, outcome: &Outcome, weights: &[Weight]) -> Result<Vec<Effect>, Error> {
+    let mut out = Vec::new();
+    let mut so_far = Vec::new();
+    let mut before = search.declared.rmse();
+    for (k, w) in weights.iter().enumerate() {
+        so_far.push(outcome.chosen[w.index].clone());
+        let after = if k + 1 == weights.len() {
+            w.rmse
+        } else {
+            search.rmse(&so_far)?
+        };
+        out.push(effect(search, outcome, w.index, (before, after))?);
+        before = after;
+    }
+    Ok(out)
+}
+
+/// One chosen effect for the report.
+fn effect(
+    search: &Search,
+    outcome: &Outcome,
+    index: usize,
+    (before, after): (f64, f64),
+) -> Result<Effect, Error> {
+    let (own, rest) = without(&outcome.chosen, index);
+    let (params, ci) = parameters(search, &outcome.chosen, index)?;
+    let ctx = search.scan_on(&search.declared).context();
+    let against = own.effect.against(&ctx);
+    // The others are in place on both sides, so that nothing else is in the picture.
+    let rest = search.fit(&rest)?;
+    let residual = &outcome.fitted.fit.residual;
+    Ok(Effect {
+        name: own.effect.kind(),
+        form: own.variant.label.clone(),
+        form_kind: own.variant.form,
+        meaning: own.effect.meaning().into(),
+        terms: match (own.variant.build)(own.psi) {
+            Build::Add(p) | Build::Local(p) => p.iter().map(|p| p.text.clone()).collect(),
+            Build::Swap(s) | Build::SwapAll(s) => {
+                s.iter().map(|(n, t)| format!("{n} -> {t}")).collect()
+            }
+        },
+        units: params
+            .iter()
+            .map(|p| (p.name.clone(), p.unit.clone()))
+            .collect(),
+        params: params.iter().map(|p| (p.name.clone(), p.value)).collect(),
+        ci,
+        heldout_before: before,
+        heldout_after: after,
+        rival: judged(outcome, index).rival,
+        plot: plot(search, &against, &rest.fit.residual, residual)
+            .named("residual", WITHOUT, "with it"),
+    })
+}
+
+fn judged(outcome: &Outcome, index: usize) -> Judged {
+    outcome.judged.get(index).cloned().unwrap_or_default()
+}
+
+/// What the data cannot tell from a chosen effect, if anything.
+fn ambiguity(outcome: &Outcome, index: usize) -> Option<Ambiguity> {
+    let ties = judged(outcome, index).ties;
+    if ties.is_empty() {
+        return None;
+    }
+    let own = outcome.chosen[index].effect;
+    let others = || ties.iter().map(|t| t.origin);
+    let experiments: Vec<String> = others()
+        .chain([own])
+        .map(|e| format!("{}: {}", e.name(), e.experiment()))
+        .collect();
+    Some(Ambiguity {
+        effects: std::iter::once(own)
+            .chain(others())
+            .map(|e| e.kind())
+            .collect(),
+        experiment: experiments.join("; "),
+    })
+}
+
+/// Effects that stand out from the decoys but are too small to count.
+fn not_material(search: &Search, outcome: &Outcome, effects: &[Effect]) -> Vec<NotMaterial> {
+    let acceptance = search.acceptance();
+    outcome
+        .last
+        .ranked
+        .iter()
+        .filter(|c| {
+            c.gain > WORTH_A_LINE
+                && !acceptance.material(c.gain)
+                && acceptance.significant(c.p)
+                && !effects.iter().any(|e| e.name == c.origin.kind())
+        })
+        .map(|c| NotMaterial {
+            name: c.origin.kind(),
+            form: c.variant.label.clone(),
+            gain: c.gain,
+            params: nonlinear(c),
+        })
+        .collect()
+}
+
+fn tested(c: &Candidate) -> Tested {
+    Tested {
+        name: c.origin.kind(),
+        form: c.variant.label.clone(),
+        gain: c.gain,
+        p_value: c.p,
+        t_statistic: c.t,
+        params: nonlinear(c),
+    }
+}
+
+/// The nonlinear parameter by its name.
+fn nonlinear(c: &Candidate) -> BTreeMap<String, f64> {
+    let psi = c.variant.psi.iter();
+    psi.map(|p| (p.name.to_string(), c.psi)).collect()
+}
+
+/// Effects that were not looked for, as the data lack their columns. What the catalogue offers is as
+/// well seen on the windows.
+fn absent(search: &Search) -> Result<Vec<EffectKind>, Error> {
+    let declared = &search.declared;
+    let small = match &search.thin {
+        Some(thin) => Some((thin, Fit::new(thin, &declared.model)?)),
+        None => None,
+    };
+    let mut scan = search.scan_on(declared);
+    if let Some((problem, fit)) = &small {
+        scan = Scan {
+            problem,
+            fit,
+            ..scan
+        };
+    }
+    let ctx = scan.context();
+    Ok(CATALOGUE
+        .par_iter()
+        .filter(|e| search.allowed(**e) && e.variants(&ctx).is_empty())
+        .map(|e| e.kind())
+        .collect())
+}
+
+/// Points and binned means of the residual before and after.
+fn plot(search: &Search, against: &str, before: &[f64], after: &[f64]) -> Plot {
+    let problem = &search.problem;
+    let x = problem
+        .eval_text(&problem.plain, against, true)
+        .unwrap_or_default();
+    let roles = &search.spec.roles;
+    let unit = if against == search.load {
+        roles.target.unit.clone()
+    } else {
+        roles.unit(against)
+    };
+    let name = against.replace(&search.load, "load");
+    let label = if unit.is_empty() {
+        name
+    } else {
+        format!("{name}, {unit}")
+    };
+    Plot::new(&label, &x, before, after)
+}

@@ -1,0 +1,164 @@
+//! The declared model before any search: its fit, its errors, its prediction as an expression.
+
+use crate::data::Data;
+use crate::diagnostics::correlation_rows;
+use crate::effects::EffectKind;
+use crate::error::Error;
+use crate::expr::Expr;
+use crate::figures::figures;
+use crate::model::{Fit, Fitted, Model, WorkTerm};
+use crate::problem::Problem;
+use crate::report::{DeclaredTerm, Figures};
+use crate::spec::Spec;
+
+/// The declared model alone, without a search.
+#[derive(Debug, Clone)]
+#[non_exhaustive]
+pub struct Baseline {
+    /// Its errors.
+    pub figures: Figures,
+    /// Its terms.
+    pub terms: Vec<DeclaredTerm>,
+    /// Rows of the frame that were fitted.
+    pub rows: Vec<usize>,
+    /// Residual on those rows when their group is held out.
+    pub held: Vec<f64>,
+}
+
+/// Fits the declared model and holds out each group; looks for nothing.
+///
+/// # Errors
+/// [`Error::Data`], [`Error::RankDeficient`] or [`Error::Model`].
+pub fn baseline(spec: &Spec, data: &Data) -> Result<Baseline, Error> {
+    check_selection(spec)?;
+    let mut problem = data.problem(&spec.selection);
+    let declared = fit_declared(&mut problem, spec)?;
+    Ok(Baseline {
+        figures: figures(&problem, &declared.fit, spec.selection.seed),
+        terms: terms(&declared),
+        rows: data.kept_rows(),
+        held: declared.fit.held,
+    })
+}
+
+/// Refuses names in `selection` that are no effects.
+pub(crate) fn check_selection(spec: &Spec) -> Result<(), Error> {
+    let selection = &spec.selection;
+    match selection
+        .only
+        .iter()
+        .chain(&selection.except)
+        .find(|name| EffectKind::named(name).is_none())
+    {
+        None => Ok(()),
+        Some(name) => Err(Error::model(format!(
+            "selection names `{name}`, which is no effect; known are {}",
+            crate::effects::names().join(", ")
+        ))),
+    }
+}
+
+/// Checks that the data can be analysed, fits the declared model, and cuts the blocks to the colour
+/// of its residual.
+pub(crate) fn fit_declared(problem: &mut Problem, spec: &Spec) -> Result<Fitted, Error> {
+    check_excitation(problem, spec)?;
+    let model = Model::declared(spec)?;
+    let first = Fit::new(problem, &model)?;
+    if first.dropped.iter().any(|d| *d) {
+        let terms = first
+            .free
+            .iter()
+            .zip(&first.dropped)
+            .filter(|(_, d)| **d)
+            .map(|(i, _)| model.terms[*i].name.clone())
+            .collect();
+        return Err(Error::RankDeficient { terms });
+    }
+    problem.cut_blocks(
+        correlation_rows(problem, &first.residual),
+        spec.selection.decoys,
+    );
+    let fit = Fit::new(problem, &model)?;
+    Ok(Fitted { model, fit })
+}
+
+/// Refuses data on which no answer would mean anything.
+fn check_excitation(p: &Problem, spec: &Spec) -> Result<(), Error> {
+    let varies = |v: &[f64]| {
+        v.iter()
+            .any(|x| (x - v[0]).abs() > 1e-12 * v[0].abs().max(1e-300))
+    };
+    if !varies(&p.y) {
+        return Err(Error::data(
+            "the target is constant on all fitted rows",
+            "Check roles.target and rows.keep",
+        ));
+    }
+    let inputs: Vec<String> = spec
+        .roles
+        .all()
+        .into_iter()
+        .map(|(n, _)| n)
+        .filter(|n| !["time", "target"].contains(&n.as_str()) && !spec.roles.groups.contains_key(n))
+        .collect();
+    if !inputs.is_empty()
+        && !inputs.iter().any(|n| {
+            p.frame
+                .column(n)
+                .is_some_and(|c| varies(&p.gather(c.to_vec())))
+        })
+    {
+        return Err(Error::data(
+            format!("constant excitation: {} never change on the fitted rows", inputs.join(", ")),
+            "No effect can be told from another without motion or varying load; record an experiment that varies them",
+        ));
+    }
+    Ok(())
+}
+
+/// Global terms of a model with their coefficients.
+fn coefficients(fitted: &Fitted) -> Vec<(&WorkTerm, f64)> {
+    let mut k = fitted.fit.theta.iter();
+    let global = fitted.model.terms.iter().filter(|t| !t.local);
+    global
+        .map(|t| {
+            (
+                t,
+                t.fixed.unwrap_or_else(|| k.next().copied().unwrap_or(0.0)),
+            )
+        })
+        .collect()
+}
+
+/// The declared model's prediction with its coefficients written in, as an expression. The load is
+/// what the drive imposes: where terms of the command are declared, the others are no load.
+pub(crate) fn load_expression(declared: &Fitted) -> String {
+    let mut parts = coefficients(declared);
+    parts.retain(|(_, a)| *a != 0.0);
+    let of_command = |(t, _): &(&WorkTerm, f64)| t.expr.names().contains("command");
+    if parts.iter().any(of_command) {
+        parts.retain(of_command);
+    }
+    let text: Vec<String> = parts
+        .iter()
+        .map(|(t, a)| Expr::Num(*a).op("*", t.expr.clone()).to_string())
+        .collect();
+    if text.is_empty() {
+        "0".into()
+    } else {
+        format!("({})", text.join(" + "))
+    }
+}
+
+/// Declared terms for reports.
+pub(crate) fn terms(declared: &Fitted) -> Vec<DeclaredTerm> {
+    coefficients(declared)
+        .into_iter()
+        .map(|(t, a)| DeclaredTerm {
+            name: t.name.clone(),
+            coefficient: a,
+            unit: t.unit.clone(),
+            fixed: t.fixed.is_some(),
+        })
+        .collect()
+}

@@ -1,0 +1,202 @@
+//! The forms that an effect offers: terms in the model's expression language, with at most one
+//! nonlinear parameter.
+
+use super::Form;
+use serde::{Deserialize, Serialize};
+
+/// One named number of an effect.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Param {
+    /// Name, with the meaning in it.
+    pub name: String,
+    /// Value in `unit`.
+    pub value: f64,
+    /// Unit, as text.
+    pub unit: String,
+}
+
+/// A term of a variant: coefficient name and unit, expression text.
+#[derive(Debug, Clone)]
+pub(crate) struct Piece {
+    pub name: String,
+    pub unit: String,
+    pub text: String,
+}
+
+impl Piece {
+    pub fn new(name: impl Into<String>, unit: impl Into<String>, text: impl Into<String>) -> Piece {
+        Piece {
+            name: name.into(),
+            unit: unit.into(),
+            text: text.into(),
+        }
+    }
+}
+
+/// What a variant does to the model at one value of its nonlinear parameter.
+#[derive(Debug, Clone)]
+pub(crate) enum Build {
+    /// Adds terms with free coefficients.
+    Add(Vec<Piece>),
+    /// Adds terms whose coefficients every sequence has for itself (phases of a free-running tone).
+    Local(Vec<Piece>),
+    /// Replaces columns inside the declared terms; no new coefficient.
+    Swap(Vec<(String, String)>),
+    /// Replaces columns inside declared terms and effects, found so far or later; no new coefficient.
+    SwapAll(Vec<(String, String)>),
+}
+
+/// A nonlinear parameter and where to look for it.
+#[derive(Debug, Clone)]
+pub(crate) struct Psi {
+    pub name: &'static str,
+    pub unit: String,
+    /// Values tried first, ascending.
+    pub grid: Vec<f64>,
+    /// Whether values between grid points are worth trying.
+    pub refine: bool,
+    /// How far a value may be off its grid point; `None` means up to the neighbours.
+    pub resolution: Option<f64>,
+}
+
+type Derive = fn(f64, &[f64], &[Piece], &Psi) -> Vec<Param>;
+
+/// One way in which an effect can show.
+pub(crate) struct Variant {
+    /// Label for readers, unique within the effect.
+    pub label: String,
+    /// What code must know of the form.
+    pub form: Form,
+    pub psi: Option<Psi>,
+    pub build: Box<dyn Fn(f64) -> Build + Send + Sync>,
+    /// Turns coefficients into physical parameters; by default they are listed as they are.
+    pub derive: Option<Derive>,
+    /// A piece that makes dry friction larger by definition: with the other sign it is no such effect.
+    pub adds_to_friction: Option<usize>,
+}
+
+impl Variant {
+    /// A variant without nonlinear parameter.
+    pub fn linear(label: &str, pieces: Vec<Piece>) -> Variant {
+        Variant {
+            label: label.into(),
+            form: Form::Other,
+            psi: None,
+            build: Box::new(move |_| Build::Add(pieces.clone())),
+            derive: None,
+            adds_to_friction: None,
+        }
+    }
+
+    /// A variant with one.
+    pub fn profiled(
+        label: &str,
+        psi: Psi,
+        build: impl Fn(f64) -> Build + Send + Sync + 'static,
+    ) -> Variant {
+        Variant {
+            label: label.into(),
+            form: Form::Other,
+            psi: Some(psi),
+            build: Box::new(build),
+            derive: None,
+            adds_to_friction: None,
+        }
+    }
+
+    /// Marks the form as one that code must tell from others.
+    pub fn form(mut self, form: Form) -> Variant {
+        self.form = form;
+        self
+    }
+
+    /// Sets how coefficients become physical parameters.
+    pub fn with(mut self, derive: Derive) -> Variant {
+        self.derive = Some(derive);
+        self
+    }
+
+    /// Marks the piece that makes dry friction larger by definition.
+    pub fn adding_to_friction(mut self, piece: usize) -> Variant {
+        self.adds_to_friction = Some(piece);
+        self
+    }
+
+    /// Number of terms that the form adds at `psi`.
+    pub fn pieces(&self, psi: f64) -> usize {
+        match (self.build)(psi) {
+            Build::Add(p) | Build::Local(p) => p.len(),
+            Build::Swap(_) | Build::SwapAll(_) => 0,
+        }
+    }
+
+    /// Number of fitted parameters at `psi`, the nonlinear one included.
+    pub fn parameters(&self, psi: f64) -> usize {
+        self.pieces(psi) + usize::from(self.psi.as_ref().is_some_and(|p| p.refine))
+    }
+
+    /// Whether every sequence has coefficients of its own at `psi`.
+    pub fn is_local(&self, psi: f64) -> bool {
+        matches!((self.build)(psi), Build::Local(_))
+    }
+
+    /// Physical parameters at `psi` with coefficients `coef`.
+    pub fn params(&self, psi: f64, coef: &[f64]) -> Vec<Param> {
+        let pieces = match (self.build)(psi) {
+            Build::Add(p) | Build::Local(p) => p,
+            Build::Swap(_) | Build::SwapAll(_) => vec![],
+        };
+        if let (Some(d), Some(p)) = (self.derive, &self.psi) {
+            return d(psi, coef, &pieces, p);
+        }
+        let mut out: Vec<Param> = self
+            .psi
+            .iter()
+            .map(|p| Param {
+                name: p.name.into(),
+                value: psi,
+                unit: p.unit.clone(),
+            })
+            .collect();
+        out.extend(pieces.iter().zip(coef).map(|(p, c)| Param {
+            name: p.name.clone(),
+            value: *c,
+            unit: p.unit.clone(),
+        }));
+        out
+    }
+}
+
+/// Amplitude and phase of a sine and cosine pair, for [`Variant::with`].
+pub(crate) fn amplitude_phase(psi: f64, coef: &[f64], pieces: &[Piece], p: &Psi) -> Vec<Param> {
+    let (s, c) = (
+        coef.first().copied().unwrap_or(0.0),
+        coef.get(1).copied().unwrap_or(0.0),
+    );
+    vec![
+        Param {
+            name: p.name.into(),
+            value: psi,
+            unit: p.unit.clone(),
+        },
+        Param {
+            name: "amplitude".into(),
+            value: s.hypot(c),
+            unit: pieces.first().map(|p| p.unit.clone()).unwrap_or_default(),
+        },
+        Param {
+            name: "phase".into(),
+            value: c.atan2(s),
+            unit: "rad".into(),
+        },
+    ]
+}
+
+/// Unit of a quotient: brackets where the lower unit is a quotient or power itself.
+pub(crate) fn ratio(upper: &str, lower: &str) -> String {
+    if lower.chars().all(char::is_alphabetic) {
+        format!("{upper}/{lower}")
+    } else {
+        format!("{upper}/({lower})")
+    }
+}

@@ -1,0 +1,225 @@
+//! Parameters of a chosen effect with 95 % intervals by bootstrap over blocks of time. The nonlinear
+//! parameter is chosen anew in every replicate.
+
+use crate::diagnostics::correlation_rows;
+use crate::effects::Param;
+use crate::error::Error;
+use crate::figures::interval;
+use crate::model::{Chosen, Model};
+use crate::problem::{Column, Sums};
+use crate::scan::bracket;
+use crate::search::Search;
+use crate::stats::Rng;
+use rayon::prelude::*;
+use std::collections::BTreeMap;
+
+/// Bootstrap replicates.
+const REPLICATES: usize = 200;
+
+/// Intervals by parameter name.
+pub(crate) type Intervals = BTreeMap<String, [f64; 2]>;
+
+/// One chosen effect in the final model.
+struct Own<'a> {
+    search: &'a Search<'a>,
+    chosen: &'a [Chosen],
+    index: usize,
+    /// Whether every sequence has coefficients of its own.
+    local: bool,
+}
+
+/// Sums of the final model at one value of the effect's nonlinear parameter.
+struct Point {
+    psi: f64,
+    sums: Sums,
+}
+
+impl Point {
+    /// Squared error; `weights` count blocks.
+    fn error(&self, weights: Option<&[f64]>) -> f64 {
+        let (x, _) = self.sums.fit(weights);
+        match weights {
+            None => (0..self.sums.yy.len())
+                .map(|k| self.sums.block_error(k, &x))
+                .sum(),
+            Some(w) => (0..w.len())
+                .filter(|k| w[*k] > 0.0)
+                .map(|k| w[k] * self.sums.block_error(k, &x))
+                .sum(),
+        }
+    }
+}
+
+/// Parameters of the effect at `index` among the chosen ones, and their intervals.
+pub(crate) fn parameters(
+    search: &Search,
+    chosen: &[Chosen],
+    index: usize,
+) -> Result<(Vec<Param>, Intervals), Error> {
+    let own = Own {
+        search,
+        chosen,
+        index,
+        local: chosen[index].variant.is_local(chosen[index].psi),
+    };
+    let psi = chosen[index].psi;
+    let (first, mine) = own.at(psi)?;
+    let mut params = own.values(&first, &mine, None);
+    if own.local {
+        own.common_amplitude(&mut params)?;
+        return Ok((params, Intervals::new()));
+    }
+    let points = own.points(first)?;
+    let replicates = own.replicates(&points, &mine);
+    let intervals = params
+        .iter()
+        .map(|q| (q.name.clone(), interval(values_of(q, &replicates))))
+        .collect();
+    Ok((params, intervals))
+}
+
+/// Replicates of one parameter. Phases wrap: they are counted from the estimate.
+fn values_of(estimate: &Param, replicates: &[Vec<Param>]) -> Vec<f64> {
+    use std::f64::consts::{PI, TAU};
+    let mut v: Vec<f64> = replicates
+        .iter()
+        .filter_map(|r| r.iter().find(|x| x.name == estimate.name).map(|x| x.value))
+        .collect();
+    if estimate.name == "phase" {
+        let at = estimate.value;
+        v.iter_mut()
+            .for_each(|x| *x = at + (*x - at + PI).rem_euclid(TAU) - PI);
+    }
+    v
+}
+
+impl Own<'_> {
+    fn chosen(&self) -> &Chosen {
+        &self.chosen[self.index]
+    }
+
+    /// Sums of the final model with the effect's nonlinear parameter at `psi`, and which of the
+    /// coefficients are the effect's.
+    fn at(&self, psi: f64) -> Result<(Point, Vec<usize>), Error> {
+        let p = &self.search.problem;
+        let mut all = self.chosen.to_vec();
+        all[self.index].psi = psi;
+        let model = Model::with(self.search.spec, &all)?;
+        let view = p.view(&model.replaced)?;
+        let mut x = Vec::new();
+        let mut fixed = vec![0.0; p.y.len()];
+        let mut mine = Vec::new();
+        for t in &model.terms {
+            // A local effect is summarised by one common phase only if it has one.
+            if t.local && !(self.local && t.chosen == Some(self.index)) {
+                continue;
+            }
+            let v = p.eval(&view, &t.expr)?;
+            match t.fixed {
+                Some(k) => fixed
+                    .iter_mut()
+                    .zip(v.iter())
+                    .for_each(|(f, v)| *f += k * v),
+                None => {
+                    if t.chosen == Some(self.index) {
+                        mine.push(x.len());
+                    }
+                    x.push(v);
+                }
+            }
+        }
+        let y: Vec<f64> = p.y.iter().zip(&fixed).map(|(y, f)| y - f).collect();
+        let columns: Vec<&[f64]> = x.iter().map(|c: &Column| c.as_slice()).collect();
+        let sums = Sums::new(p, &columns, &y, None, None);
+        Ok((Point { psi, sums }, mine))
+    }
+
+    /// The effect's parameters from a fit with weights.
+    fn values(&self, at: &Point, mine: &[usize], weights: Option<&[f64]>) -> Vec<Param> {
+        let (t, _) = at.sums.fit(weights);
+        let own: Vec<f64> = mine.iter().map(|i| t[*i]).collect();
+        self.chosen().variant.params(at.psi, &own)
+    }
+
+    /// In the place of an amplitude and phase for all sequences: the RMS over sequences.
+    fn common_amplitude(&self, params: &mut Vec<Param>) -> Result<(), Error> {
+        let fit = self.search.fit(self.chosen)?.fit;
+        let size = fit.local.iter().map(|(_, r)| r * r).sum::<f64>().sqrt();
+        params.retain(|p| p.name != "phase");
+        params
+            .iter_mut()
+            .filter(|p| p.name == "amplitude")
+            .for_each(|p| p.value = size);
+        Ok(())
+    }
+
+    /// Values of the nonlinear parameter for replicates to choose from: four standard errors to
+    /// either side of the estimate, in steps of a half.
+    fn points(&self, first: Point) -> Result<Vec<Point>, Error> {
+        let own = self.chosen();
+        let Some(psi) = own.variant.psi.as_ref().filter(|p| p.refine) else {
+            return Ok(vec![first]);
+        };
+        let (lo, hi) = match psi.resolution {
+            Some(d) => (own.psi - d, own.psi + d),
+            None => bracket(&psi.grid, own.psi),
+        };
+        let positive = psi.grid[0] > 0.0;
+        let se = self
+            .standard_error(&first, (hi - lo).abs(), positive)?
+            .min((hi - lo).abs());
+        let values: Vec<f64> = (-8i32..=8)
+            .filter(|k| *k != 0)
+            .map(|k| own.psi + 0.5 * f64::from(k) * se)
+            .filter(|x| psi.grid[0] < 0.0 || *x > 0.0)
+            .collect();
+        let others: Vec<Point> = values
+            .par_iter()
+            .filter_map(|x| self.at(*x).ok().map(|(point, _)| point))
+            .collect();
+        Ok(std::iter::once(first).chain(others).collect())
+    }
+
+    /// Standard error of the nonlinear parameter, from the curvature of the squared error.
+    fn standard_error(&self, first: &Point, reach: f64, positive: bool) -> Result<f64, Error> {
+        let psi = self.chosen().psi;
+        let mut h = 0.05 * reach;
+        if positive {
+            // A width or time that came out far below its grid must stay positive.
+            h = h.min(0.5 * psi);
+        }
+        let centre = first.error(None);
+        let n = self.search.problem.y.len() as f64;
+        let rise = [psi - h, psi + h]
+            .iter()
+            .map(|x| Ok(self.at(*x)?.0.error(None) - centre))
+            .collect::<Result<Vec<f64>, Error>>()?;
+        let bend = (rise[0] + rise[1]).max(1e-12 * centre) / (h * h);
+        let residual = self.search.fit(self.chosen)?.fit.residual;
+        let colour = correlation_rows(&self.search.problem, &residual);
+        Ok((2.0 * centre / n * colour / bend).sqrt())
+    }
+
+    /// The effect's parameters in each bootstrap replicate.
+    fn replicates(&self, points: &[Point], mine: &[usize]) -> Vec<Vec<Param>> {
+        let blocks = self.search.problem.blocks.len();
+        let mut rng = Rng::new(self.search.spec.selection.seed ^ 0xc1);
+        let draws: Vec<Vec<f64>> = (0..REPLICATES)
+            .map(|_| {
+                let mut w = vec![0.0; blocks];
+                (0..blocks).for_each(|_| w[rng.below(blocks)] += 1.0);
+                w
+            })
+            .collect();
+        draws
+            .par_iter()
+            .map(|w| {
+                let errors = points.iter().map(|p| (p, p.error(Some(w))));
+                let best = errors
+                    .min_by(|a, b| a.1.total_cmp(&b.1))
+                    .map_or(&points[0], |(p, _)| p);
+                self.values(best, mine, Some(w))
+            })
+            .collect()
+    }
+}

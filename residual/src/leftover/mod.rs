@@ -1,0 +1,150 @@
+//! What is left after the search: structure that no effect of the catalogue explains.
+//!
+//! Free forms without a name ([`nameless`]) are tried on the final residual. They are never chosen; they
+//! tell that something is left. An effect that fits in too few places counts as left too, and so
+//! does switching between levels.
+
+mod nameless;
+
+pub(crate) use nameless::Nameless;
+
+use crate::diagnostics::switching;
+use crate::effects::Context;
+use crate::error::Error;
+use crate::frame::Frame;
+use crate::ranking::Step;
+use crate::report::Structure;
+use crate::scan::{Candidate, Offer};
+use crate::search::{Outcome, Search};
+use crate::stats;
+
+/// Share of what the named effects explain above which nameless structure makes them stand-ins.
+pub(crate) const STAND_IN: f64 = 0.25;
+
+/// Share of what the named effects explain by which one nameless form must do better in their place to make them
+/// stand-ins.
+const BETTER_ALONE: f64 = 0.01;
+
+/// Most nameless forms that a report lists.
+const LISTED: usize = 6;
+
+/// Blocks of time that an effect needs before too few places can be the reason to doubt it.
+const FEW_BLOCKS: usize = 8;
+
+/// What is left.
+pub(crate) struct Leftover {
+    /// Structure without a name, strongest first.
+    pub structure: Vec<Structure>,
+    /// Whether it puts what was named in doubt.
+    pub unexplained: bool,
+    /// The nameless form that explains most.
+    pub largest: Option<Nameless>,
+    /// Squared error that the named effects explain, held out.
+    pub explained: f64,
+}
+
+/// Nameless forms on offer.
+fn offers(_: &Search, ctx: &Context) -> Vec<Offer<Nameless>> {
+    nameless::offers(ctx)
+}
+
+impl Leftover {
+    /// Looks for what is left on top of the final model. `frame` has the kept rows.
+    pub fn new(search: &mut Search, outcome: &Outcome, frame: &Frame) -> Result<Leftover, Error> {
+        let fitted = &outcome.fitted;
+        let mut forms = search.scan(fitted, &offers)?;
+        search.retest(&mut forms, fitted);
+        forms.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+        let acceptance = search.acceptance();
+        let forms: Vec<Candidate<Nameless>> = forms
+            .into_iter()
+            .filter(|c| acceptance.accepts(c))
+            .collect();
+        let held = fitted.squares();
+        let before = search.declared.fit.scores.held_total(0);
+        let mut out = Leftover {
+            structure: forms.iter().take(LISTED).map(structure).collect(),
+            unexplained: false,
+            largest: forms.first().map(|c| c.origin.clone()),
+            explained: (before - held).max(0.0),
+        };
+        out.unexplained = match forms.first() {
+            None => false,
+            Some(c) if out.large(c.base - c.held) => true,
+            Some(_) if outcome.chosen.is_empty() => false,
+            Some(_) => out.better_alone(search, held)?,
+        };
+        out.few_places(&outcome.last, |c| {
+            !c.steady && acceptance.material(c.gain) && acceptance.significant(c.p)
+        });
+        out.switching(search, &fitted.fit.residual, frame, held);
+        Ok(out)
+    }
+
+    /// Whether a squared error is large beside what the named effects explain.
+    fn large(&self, squares: f64) -> bool {
+        squares > STAND_IN * self.explained
+    }
+
+    /// Whether one nameless form in place of all named effects does better: then they only stand in
+    /// for it. Better by something that counts beside what they explain: a free curve that contains
+    /// an effect takes a last hundredth more on any real log.
+    fn better_alone(&self, search: &mut Search, held: f64) -> Result<bool, Error> {
+        let acceptance = search.acceptance();
+        let declared = search.declared.clone();
+        let alone = search.scan(&declared, &offers)?;
+        let most = held * (1.0 - search.spec.selection.material).powi(2);
+        Ok(alone.iter().any(|c| {
+            c.held < most && held - c.held > BETTER_ALONE * self.explained && acceptance.accepts(c)
+        }))
+    }
+
+    /// Adds an effect that fits, but in so few places that nothing confirms it: it is neither named
+    /// nor nothing.
+    fn few_places(&mut self, last: &Step, doubtful: impl Fn(&Candidate) -> bool) {
+        let found = last
+            .ranked
+            .iter()
+            .find(|c| doubtful(c) && c.losses.len() > FEW_BLOCKS);
+        if let Some(c) = found {
+            self.structure.push(Structure {
+                depends_on: format!(
+                    "few places, too few to be sure; {} would fit",
+                    c.origin.name()
+                ),
+                gain: c.gain,
+                p_value: c.p,
+            });
+            self.unexplained |= self.large(c.base - c.held);
+        }
+    }
+
+    /// Adds switching between levels.
+    fn switching(&mut self, search: &Search, residual: &[f64], frame: &Frame, held: f64) {
+        let switching = switching(residual, frame);
+        let gain = 1.0 - (1.0 - switching.share).sqrt();
+        if switching.z < -5.0 && switching.kurtosis < -0.5 && search.acceptance().material(gain) {
+            self.structure.push(Structure {
+                depends_on: "no column: it switches between levels".into(),
+                gain,
+                p_value: stats::normal_tail(-switching.z),
+            });
+            self.structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+            self.unexplained |= self.large(switching.share * held);
+        }
+    }
+
+    /// Adds a doubt about what was named, before everything else.
+    pub fn doubt(&mut self, structure: Structure) {
+        self.structure.insert(0, structure);
+        self.unexplained = true;
+    }
+}
+
+fn structure(c: &Candidate<Nameless>) -> Structure {
+    Structure {
+        depends_on: c.origin.depends_on.clone(),
+        gain: c.gain,
+        p_value: c.p,
+    }
+}

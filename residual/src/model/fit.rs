@@ -1,0 +1,234 @@
+//! The fit of a model: coefficients on all rows, and the residual of each fold predicted from the
+//! others.
+
+use super::Model;
+use crate::error::Error;
+use crate::problem::{Column, Problem, Scores, Sums, View};
+use crate::stats;
+use std::ops::Range;
+use std::sync::Arc;
+
+/// A model with its fit.
+pub(crate) struct Fitted {
+    pub model: Model,
+    pub fit: Fit,
+}
+
+impl Fitted {
+    /// Held-out RMSE.
+    pub fn rmse(&self) -> f64 {
+        stats::rms(&self.fit.held)
+    }
+
+    /// Held-out squared error.
+    pub fn squares(&self) -> f64 {
+        self.fit.held.iter().map(|r| r * r).sum()
+    }
+}
+
+/// A fitted model.
+pub(crate) struct Fit {
+    /// The columns as the model sees them.
+    pub view: Arc<View>,
+    /// Index of each fitted global term.
+    pub free: Vec<usize>,
+    /// Columns of the fitted global terms.
+    pub x: Vec<Column>,
+    /// Coefficients of `free` on all rows.
+    pub theta: Vec<f64>,
+    /// Fitted terms that repeat others.
+    pub dropped: Vec<bool>,
+    /// Sums with the residual as flipped target.
+    pub sums: Sums,
+    /// In-sample prediction of the global terms.
+    pub prediction: Vec<f64>,
+    /// In-sample residual.
+    pub residual: Vec<f64>,
+    /// Held-out residual, row by row.
+    pub held: Vec<f64>,
+    /// Scores of `sums`: what a candidate must beat.
+    pub scores: Scores,
+    /// Amplitude-like RMS of each local term's coefficients over sequences.
+    pub local: Vec<(usize, f64)>,
+}
+
+/// Terms of a model, evaluated: fixed ones summed, fitted ones with their index.
+struct Terms {
+    fixed: Vec<f64>,
+    free: Vec<usize>,
+    x: Vec<Column>,
+    local: Vec<usize>,
+    local_x: Vec<Column>,
+}
+
+impl Terms {
+    fn new(p: &Problem, model: &Model, view: &View) -> Result<Terms, Error> {
+        let mut out = Terms {
+            fixed: vec![0.0; p.y.len()],
+            free: vec![],
+            x: vec![],
+            local: vec![],
+            local_x: vec![],
+        };
+        for (i, t) in model.terms.iter().enumerate() {
+            let v = p.eval(view, &t.expr)?;
+            match (t.fixed, t.local) {
+                (Some(k), _) => out
+                    .fixed
+                    .iter_mut()
+                    .zip(v.iter())
+                    .for_each(|(f, v)| *f += k * v),
+                (None, false) => {
+                    out.free.push(i);
+                    out.x.push(v);
+                }
+                (None, true) => {
+                    out.local.push(i);
+                    out.local_x.push(v);
+                }
+            }
+        }
+        Ok(out)
+    }
+}
+
+/// Takes the prediction of columns with coefficients off some rows.
+fn subtract(columns: &[&[f64]], theta: &[f64], range: Range<usize>, from: &mut [f64]) {
+    for (c, k) in columns.iter().zip(theta) {
+        if *k != 0.0 {
+            from[range.clone()]
+                .iter_mut()
+                .zip(&c[range.clone()])
+                .for_each(|(o, v)| *o -= k * v);
+        }
+    }
+}
+
+fn slices(columns: &[Column]) -> Vec<&[f64]> {
+    columns.iter().map(|c| c.as_slice()).collect()
+}
+
+/// Takes off each fold the prediction from a fit to the others.
+fn hold_out(p: &Problem, columns: &[&[f64]], sums: &Sums, held: &mut [f64]) {
+    for f in 0..p.folds {
+        let w: Vec<f64> = p
+            .blocks
+            .iter()
+            .map(|b| if b.fold == f { 0.0 } else { 1.0 })
+            .collect();
+        let (theta, _) = sums.fit(Some(&w));
+        for b in p.blocks.iter().filter(|b| b.fold == f) {
+            subtract(columns, &theta, b.range.clone(), held);
+        }
+    }
+}
+
+/// Blocks of each sequence.
+fn runs(p: &Problem) -> Vec<Range<usize>> {
+    let mut out: Vec<Range<usize>> = Vec::new();
+    for (k, b) in p.blocks.iter().enumerate() {
+        match out.last_mut() {
+            Some(r) if p.blocks[r.start].sequence == b.sequence => r.end = k + 1,
+            _ => out.push(k..k + 1),
+        }
+    }
+    out
+}
+
+/// Takes off each sequence the prediction of coefficients of its own: in-sample, or each half of its
+/// blocks (odd, even) predicted from the other half.
+fn subtract_local(p: &Problem, columns: &[&[f64]], halves: bool, values: &mut [f64]) -> Vec<f64> {
+    let sums = Sums::new(p, columns, values, None, None);
+    let mut squares = vec![0.0; columns.len()];
+    let mut weight = 0.0;
+    for run in runs(p) {
+        for half in 0..if halves { 2 } else { 1 } {
+            let w: Vec<f64> = (0..p.blocks.len())
+                .map(|k| {
+                    let fitted = run.contains(&k) && (!halves || (k - run.start) % 2 != half);
+                    f64::from(u8::from(fitted))
+                })
+                .collect();
+            let (theta, _) = sums.fit(Some(&w));
+            for k in run.clone() {
+                if halves && (k - run.start) % 2 != half {
+                    continue;
+                }
+                let r = p.blocks[k].range.clone();
+                for (c, a) in columns.iter().zip(&theta) {
+                    values[r.clone()]
+                        .iter_mut()
+                        .zip(&c[r.clone()])
+                        .for_each(|(o, v)| *o -= a * v);
+                }
+            }
+            let rows = (p.blocks[run.end - 1].range.end - p.blocks[run.start].range.start) as f64;
+            squares
+                .iter_mut()
+                .zip(&theta)
+                .for_each(|(s, t)| *s += rows * t * t);
+            weight += rows;
+        }
+    }
+    squares
+        .iter()
+        .map(|s| (s / f64::max(weight, 1.0)).sqrt())
+        .collect()
+}
+
+impl Fit {
+    /// Fits and holds out.
+    pub fn new(p: &Problem, model: &Model) -> Result<Fit, Error> {
+        let n = p.y.len();
+        let view = p.view(&model.replaced)?;
+        let terms = Terms::new(p, model, &view)?;
+        let y: Vec<f64> = p.y.iter().zip(&terms.fixed).map(|(y, f)| y - f).collect();
+        let columns = slices(&terms.x);
+        let raw = Sums::new(p, &columns, &y, None, None);
+        let (theta, dropped) = raw.fit(None);
+        let mut residual = y.clone();
+        subtract(&columns, &theta, 0..n, &mut residual);
+        let prediction = p.y.iter().zip(&residual).map(|(y, r)| y - r).collect();
+        let mut held = y;
+        hold_out(p, &columns, &raw, &mut held);
+        let mut local = Vec::new();
+        if !terms.local.is_empty() {
+            let own = slices(&terms.local_x);
+            subtract_local(p, &own, true, &mut held);
+            let sizes = subtract_local(p, &own, false, &mut residual);
+            local = terms.local.iter().copied().zip(sizes).collect();
+        }
+        let sums = Sums::new(p, &columns, &residual, None, None);
+        let scores = Scores::new(p, &sums);
+        Ok(Fit {
+            view,
+            free: terms.free,
+            x: terms.x,
+            prediction,
+            theta,
+            dropped,
+            sums,
+            residual,
+            held,
+            scores,
+            local,
+        })
+    }
+
+    /// The same fit with another residual in its place.
+    pub fn on(&self, residual: Vec<f64>, sums: Sums, scores: Scores) -> Fit {
+        Fit {
+            view: self.view.clone(),
+            free: self.free.clone(),
+            x: self.x.clone(),
+            prediction: self.prediction.clone(),
+            theta: self.theta.clone(),
+            dropped: self.dropped.clone(),
+            sums,
+            residual,
+            held: vec![],
+            scores,
+            local: vec![],
+        }
+    }
+}

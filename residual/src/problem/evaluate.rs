@@ -1,0 +1,182 @@
+//! Values of expressions on the kept rows, kept for the next scan.
+
+use super::{Column, Problem};
+use crate::error::Error;
+use crate::expr::Expr;
+use crate::frame::Frame;
+use crate::stats;
+use std::collections::{HashMap, VecDeque};
+use std::sync::{Arc, MutexGuard, PoisonError};
+
+/// Most values that evaluated expressions may keep in memory (8 bytes each).
+const CACHE_VALUES: usize = 1 << 25;
+
+/// Views that are kept: the model's, and those of models without one of its effects.
+const VIEWS: usize = 4;
+
+/// Columns and the expressions that stand in their place.
+pub(crate) type Replaced = Vec<(String, Expr)>;
+
+/// The columns as a model sees them: some are replaced in every term, found or yet to be found.
+#[derive(Debug)]
+pub(crate) struct View {
+    key: String,
+    pub frame: Frame,
+}
+
+impl View {
+    /// The columns as they are.
+    pub(super) fn plain(frame: Frame) -> View {
+        View {
+            key: String::new(),
+            frame,
+        }
+    }
+}
+
+/// Expressions that were evaluated already: the same forms come up in every scan.
+#[derive(Debug, Default)]
+pub(super) struct Cache {
+    /// Values by view and text, with the scan that used them last.
+    columns: HashMap<String, (Column, usize)>,
+    values: usize,
+    ranges: HashMap<String, Option<(f64, f64)>>,
+    views: VecDeque<Arc<View>>,
+    scan: usize,
+    /// The scan in which room was made last.
+    swept: usize,
+}
+
+impl Cache {
+    /// Whether there is room for a column, after forgetting what this scan did not ask for.
+    fn room(&mut self, values: usize) -> bool {
+        if self.values + values > CACHE_VALUES && self.swept < self.scan {
+            self.swept = self.scan;
+            let scan = self.scan;
+            self.columns.retain(|_, (_, used)| *used == scan);
+            self.values = self.columns.values().map(|(v, _)| v.len()).sum();
+        }
+        self.values + values <= CACHE_VALUES
+    }
+}
+
+impl Problem {
+    /// The columns with some replaced, one list after the other.
+    pub fn view(&self, replaced: &[Replaced]) -> Result<Arc<View>, Error> {
+        if replaced.is_empty() {
+            return Ok(self.plain.clone());
+        }
+        let texts = replaced.iter().flatten().map(|(n, e)| format!("{n}={e};"));
+        let key: String = texts.collect();
+        if let Some(known) = self.cache().views.iter().find(|v| v.key == key) {
+            return Ok(known.clone());
+        }
+        let mut frame = self.frame.clone();
+        for list in replaced {
+            let old = frame.clone();
+            for (name, e) in list {
+                frame.insert(name, e.eval(&old)?);
+            }
+        }
+        let view = Arc::new(View { key, frame });
+        let mut cache = self.cache();
+        cache.views.push_back(view.clone());
+        if cache.views.len() > VIEWS {
+            cache.views.pop_front();
+        }
+        Ok(view)
+    }
+
+    /// A scan begins: what is evaluated in it is worth more room than what was asked for earlier.
+    pub fn next_scan(&self) {
+        self.cache().scan += 1;
+    }
+
+    /// Evaluates an expression on the kept rows, and keeps the values for the next time; values that
+    /// are not finite become an error.
+    pub fn eval(&self, view: &View, e: &Expr) -> Result<Column, Error> {
+        self.cached(format!("{}{e}", view.key), true, || {
+            self.eval_on(&view.frame, e)
+        })
+    }
+
+    /// The same for an expression as text; `keep` it only if it is likely to be asked for again.
+    pub fn eval_text(&self, view: &View, text: &str, keep: bool) -> Result<Column, Error> {
+        self.cached(format!("{}{text}", view.key), keep, || {
+            self.eval_on(&view.frame, &Expr::parse(text)?)
+        })
+    }
+
+    /// The same for a term in which columns of a view are replaced; `swapped` gives the frame with
+    /// them, and is asked only if the values are not at hand.
+    pub fn eval_swapped<'a>(
+        &self,
+        view: &View,
+        pairs: &[(String, String)],
+        e: &Expr,
+        keep: bool,
+        swapped: impl FnOnce() -> Result<&'a Frame, Error>,
+    ) -> Result<Column, Error> {
+        self.cached(format!("{}{pairs:?}{e}", view.key), keep, || {
+            self.eval_on(swapped()?, e)
+        })
+    }
+
+    fn cache(&self) -> MutexGuard<'_, Cache> {
+        self.cache.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn cached(
+        &self,
+        key: String,
+        keep: bool,
+        values: impl FnOnce() -> Result<Column, Error>,
+    ) -> Result<Column, Error> {
+        let mut cache = self.cache();
+        let scan = cache.scan;
+        if let Some((known, used)) = cache.columns.get_mut(&key) {
+            *used = scan;
+            return Ok(known.clone());
+        }
+        drop(cache);
+        let v = values()?;
+        let mut cache = self.cache();
+        if keep && cache.room(v.len()) && cache.columns.insert(key, (v.clone(), scan)).is_none() {
+            cache.values += v.len();
+        }
+        Ok(v)
+    }
+
+    /// Evaluates an expression on the kept rows of a frame with other values in some columns.
+    pub fn eval_on(&self, frame: &Frame, e: &Expr) -> Result<Column, Error> {
+        let v = self.gather(e.eval(frame)?);
+        // Zero times anything finite is zero; chunks, as a test that may stop at each value is slow.
+        let finite = |c: &[f64]| c.iter().map(|x| x * 0.0).sum::<f64>() == 0.0;
+        if !v.chunks(1024).all(finite) {
+            let row = v.iter().position(|x| !x.is_finite()).unwrap_or(0) + 1;
+            return Err(Error::Expression {
+                text: e.to_string(),
+                why: format!("is not finite on fitted row {row}"),
+            });
+        }
+        Ok(Arc::new(v))
+    }
+
+    /// 2 % and 98 % quantiles of an expression; `None` if they are equal or it cannot be evaluated.
+    pub fn range(&self, text: &str) -> Option<(f64, f64)> {
+        if let Some(known) = self.cache().ranges.get(text) {
+            return *known;
+        }
+        let mut v = self
+            .eval_text(&self.plain, text, true)
+            .map_or_else(|_| vec![], |v| v.to_vec());
+        v.sort_unstable_by(f64::total_cmp);
+        let (lo, hi) = (
+            stats::quantile_sorted(&v, 0.02),
+            stats::quantile_sorted(&v, 0.98),
+        );
+        let range = (hi > lo).then_some((lo, hi));
+        self.cache().ranges.insert(text.to_string(), range);
+        range
+    }
+}

@@ -1,0 +1,165 @@
+//! The regression problem: kept rows in blocks, blocks in folds, and decoys of the residual.
+//!
+//! A *block* is a stretch of one sequence inside one fold, long against the correlation time of the
+//! residual where the data allow it. Blocks are what the bootstrap draws and what decoys flip:
+//! residual times a random sign per block keeps colour, amplitude and quantisation of the residual
+//! and breaks every lasting relation to the signals. All sums of products are kept per block, so a
+//! decoy costs a few additions per block instead of a pass over the rows.
+
+mod evaluate;
+mod scores;
+mod sums;
+mod thin;
+
+use evaluate::Cache;
+pub(crate) use evaluate::{Replaced, View};
+pub(crate) use scores::{profile, Scores};
+pub(crate) use sums::{Known, Sums};
+
+use crate::frame::Frame;
+use crate::progress::Ticker;
+use crate::stats::Rng;
+use std::ops::Range;
+use std::sync::{Arc, Mutex};
+
+/// Values of an expression on the kept rows.
+pub(crate) type Column = Arc<Vec<f64>>;
+
+/// A stretch of kept rows of one sequence and one fold.
+#[derive(Debug, Clone)]
+pub(crate) struct Block {
+    pub range: Range<usize>,
+    pub fold: usize,
+    pub sequence: usize,
+}
+
+/// Kept rows with their hold-out structure.
+pub(crate) struct Problem {
+    pub frame: Frame,
+    /// The frame as it is.
+    pub plain: Arc<View>,
+    /// Frame rows that are fitted; `None` when all are.
+    rows: Option<Vec<usize>>,
+    /// Target on kept rows.
+    pub y: Vec<f64>,
+    pub blocks: Vec<Block>,
+    pub folds: usize,
+    /// Signs by decoy and block.
+    pub flips: Vec<Vec<f64>>,
+    fold_of_row: Vec<u32>,
+    seed: u64,
+    cache: Mutex<Cache>,
+    /// Told how far a scan is.
+    pub ticker: Option<Ticker>,
+}
+
+impl Problem {
+    /// Builds the problem on the rows to `keep`, with the `fold` of each row, with blocks for a
+    /// correlation time of ten rows.
+    pub fn new(frame: Frame, keep: &[bool], fold: &[u32], decoys: usize, seed: u64) -> Problem {
+        let all = keep.iter().all(|k| *k);
+        let rows: Vec<usize> = (0..frame.len()).filter(|&i| keep[i]).collect();
+        let target = frame.column("target").unwrap_or(&[]);
+        let y: Vec<f64> = rows.iter().map(|&i| target[i]).collect();
+        let folds = fold
+            .iter()
+            .zip(keep)
+            .filter(|(_, k)| **k)
+            .map(|(f, _)| *f as usize + 1)
+            .max()
+            .unwrap_or(1);
+        let fold_of_row: Vec<u32> = rows.iter().map(|&i| fold[i]).collect();
+        let mut p = Problem {
+            plain: Arc::new(View::plain(frame.clone())),
+            frame,
+            rows: (!all).then_some(rows),
+            y,
+            blocks: vec![],
+            folds,
+            flips: vec![],
+            fold_of_row,
+            seed,
+            cache: Mutex::default(),
+            ticker: None,
+        };
+        p.cut_blocks(10.0, decoys);
+        p
+    }
+
+    /// Cuts blocks of about ten correlation times, between 32 and 256 blocks overall if the rows
+    /// allow, and at least four in each long run of one fold where there are few runs.
+    pub fn cut_blocks(&mut self, correlation: f64, decoys: usize) {
+        let n = self.y.len();
+        let wanted = (10.0 * correlation)
+            .clamp(n as f64 / 256.0, n as f64 / 40.0)
+            .max(8.0) as usize;
+        self.blocks.clear();
+        let runs = 1 + self
+            .fold_of_row
+            .windows(2)
+            .filter(|w| w[0] != w[1])
+            .count()
+            .max(self.frame.sequences().len());
+        let least = if runs >= 32 { 1.0 } else { 4.0 };
+        let mut at = 0;
+        for (si, r) in self.frame.sequences().iter().enumerate() {
+            let count = match &self.rows {
+                None => r.len(),
+                Some(rows) => rows[at..].iter().take_while(|&&i| i < r.end).count(),
+            };
+            let end = at + count;
+            while at < end {
+                let fold = self.fold_of_row[at];
+                let run = self.fold_of_row[at..end]
+                    .iter()
+                    .take_while(|f| **f == fold)
+                    .count();
+                let pieces =
+                    (run as f64 / wanted as f64)
+                        .round()
+                        .max(if run >= 64 { least } else { 1.0 }) as usize;
+                for k in 0..pieces {
+                    let (a, b) = (at + run * k / pieces, at + run * (k + 1) / pieces);
+                    if b > a {
+                        self.blocks.push(Block {
+                            range: a..b,
+                            fold: fold as usize,
+                            sequence: si,
+                        });
+                    }
+                }
+                at += run;
+            }
+        }
+        let mut rng = Rng::new(self.seed);
+        self.flips = (0..decoys)
+            .map(|_| (0..self.blocks.len()).map(|_| rng.sign()).collect())
+            .collect();
+    }
+
+    /// Rows of a frame column that are fitted.
+    pub fn gather(&self, column: Vec<f64>) -> Vec<f64> {
+        match &self.rows {
+            None => column,
+            Some(rows) => rows.iter().map(|&i| column[i]).collect(),
+        }
+    }
+
+    /// The kept rows as a frame of their own (sequences of kept runs), for tests of the residual.
+    pub fn kept_frame(&self) -> Frame {
+        let time = self.gather(self.frame.time().to_vec());
+        let mut sequences: Vec<Range<usize>> = Vec::new();
+        let mut last = usize::MAX;
+        for b in &self.blocks {
+            if b.sequence == last {
+                if let Some(s) = sequences.last_mut() {
+                    s.end = b.range.end;
+                }
+            } else {
+                sequences.push(b.range.clone());
+            }
+            last = b.sequence;
+        }
+        Frame::new(vec![], time, sequences)
+    }
+}

@@ -1,0 +1,207 @@
+//! Which candidates count, which one is taken, and which the data cannot tell apart.
+
+use crate::scan::{similarity, t_statistic, Candidate, Scan};
+use crate::spec::Selection;
+
+/// What a candidate must reach to count.
+#[derive(Clone, Copy)]
+pub(crate) struct Acceptance<'a> {
+    pub selection: &'a Selection,
+    /// Number of forms tried: p values are multiplied by it (Bonferroni).
+    pub tests: usize,
+    /// Smallest RMS of a contribution, in the target's unit.
+    pub floor: f64,
+    /// Rows fitted.
+    pub rows: usize,
+}
+
+impl Acceptance<'_> {
+    /// Whether a relative fall of the held-out RMSE counts.
+    pub fn material(&self, gain: f64) -> bool {
+        gain >= self.selection.material
+    }
+
+    /// Whether a p value holds for all forms tried together: the family-wise error of Bonferroni.
+    pub fn significant(&self, p: f64) -> bool {
+        p * self.tests as f64 <= self.selection.familywise_error
+    }
+
+    /// Whether a candidate may count at all.
+    pub fn accepts<O>(&self, c: &Candidate<O>) -> bool {
+        let rms = ((c.base - c.held).max(0.0) / self.rows.max(1) as f64).sqrt();
+        self.material(c.gain) && self.significant(c.p) && c.steady && rms > self.floor
+    }
+}
+
+/// What one step of the search saw.
+pub(crate) struct Step {
+    /// Best candidate of each effect, best first.
+    pub ranked: Vec<Candidate>,
+    /// Index into `ranked` of the candidate to take.
+    pub winner: Option<usize>,
+    /// Indices of all that count, best first.
+    pub good: Vec<usize>,
+}
+
+impl Step {
+    /// The candidate to take.
+    pub fn winner(&self) -> Option<&Candidate> {
+        self.winner.map(|w| &self.ranked[w])
+    }
+
+    /// All that count: the one to take, then the others, best first.
+    pub fn in_turn(&self) -> impl Iterator<Item = &Candidate> {
+        let others = self.good.iter().filter(|i| Some(**i) != self.winner);
+        self.winner.iter().chain(others).map(|i| &self.ranked[*i])
+    }
+}
+
+/// Ranks a scan: one candidate per effect, the simplest of its forms that does nearly as well.
+pub(crate) fn rank(all: &[Candidate], acceptance: &Acceptance) -> Step {
+    let mut names: Vec<&str> = all.iter().map(|c| c.origin.name()).collect();
+    names.sort_unstable();
+    names.dedup();
+    let mut ranked: Vec<Candidate> = names
+        .into_iter()
+        .filter_map(|name| {
+            let mut own: Vec<&Candidate> = all.iter().filter(|c| c.origin.name() == name).collect();
+            own.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+            let best = own.first().copied()?;
+            Some(simplest(own.into_iter(), best).clone())
+        })
+        .collect();
+    ranked.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    let good: Vec<usize> = (0..ranked.len())
+        .filter(|&i| acceptance.accepts(&ranked[i]))
+        .collect();
+    let winner = good.first().and_then(|&best| {
+        let simple = simplest(good.iter().map(|i| &ranked[*i]), &ranked[best]);
+        ranked.iter().position(|c| std::ptr::eq(c, simple))
+    });
+    Step {
+        ranked,
+        winner,
+        good,
+    }
+}
+
+/// The candidate with the fewest parameters that stands for `best`; of several the best.
+fn simplest<'a>(
+    candidates: impl Iterator<Item = &'a Candidate>,
+    best: &'a Candidate,
+) -> &'a Candidate {
+    candidates
+        .filter(|c| stands_for(c, best))
+        .min_by(|a, b| {
+            a.parameters
+                .cmp(&b.parameters)
+                .then(b.gain.total_cmp(&a.gain))
+        })
+        .unwrap_or(best)
+}
+
+/// Whether `simple` explains what `best` explains: all but 3 % of it, or nearly so
+/// without a steady difference.
+fn stands_for(simple: &Candidate, best: &Candidate) -> bool {
+    if simple.parameters >= best.parameters && simple.origin.kind() != best.origin.kind() {
+        // With as many parameters the better fit is the better claim.
+        return simple.held <= best.held;
+    }
+    let lost = (simple.held - best.held) / (best.base - best.held).max(f64::MIN_POSITIVE);
+    lost < 0.03 || (lost < 0.15 && t_statistic(&simple.losses, &best.losses) < 1.5)
+}
+
+/// Rivals that the data cannot tell from the candidate at `index`: as many parameters, the same
+/// curve, no steady difference.
+pub(crate) fn indistinguishable(scan: &Scan, step: &Step, index: usize) -> Vec<Candidate> {
+    let w = &step.ranked[index];
+    let own = scan.contribution(w);
+    if own.is_empty() {
+        return vec![];
+    }
+    step.ranked
+        .iter()
+        .enumerate()
+        .filter(|(i, c)| *i != index && c.parameters <= w.parameters && c.gain > 0.0)
+        .filter(|(_, c)| {
+            (c.held - w.held).abs() < 0.05 * (w.base - w.held)
+                && t_statistic(&c.losses, &w.losses).abs() < 2.5
+        })
+        .filter(|(_, c)| !same_formula(w, c))
+        .filter(|(_, c)| similarity(&own, &scan.contribution(c)) > 0.98)
+        .map(|(_, c)| c.clone())
+        .collect()
+}
+
+/// Whether two candidates are one formula under two names, as Dahl's friction over a short distance
+/// (presliding) and a longer one (hysteresis): then the fitted distance decides on the name.
+fn same_formula(a: &Candidate, b: &Candidate) -> bool {
+    let texts = |c: &Candidate, psi: f64| match (c.variant.build)(psi) {
+        crate::effects::Build::Add(p) => p.into_iter().map(|p| p.text).collect(),
+        _ => vec![],
+    };
+    let (own, other) = (texts(a, a.psi), texts(b, a.psi));
+    a.variant.psi.is_some() && !own.is_empty() && own == other
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::{effect, EffectKind, Variant};
+    use std::sync::Arc;
+
+    fn candidate(kind: EffectKind, gain: f64, parameters: usize) -> Candidate {
+        Candidate {
+            origin: effect(kind),
+            variant: Arc::new(Variant::linear("", vec![])),
+            psi: 0.0,
+            gain,
+            held: 100.0 * (1.0 - gain).powi(2),
+            base: 100.0,
+            p: 1e-9,
+            t: 9.0,
+            steady: true,
+            parameters,
+            losses: vec![],
+        }
+    }
+
+    #[test]
+    fn the_simpler_of_two_that_explain_the_same_is_taken() {
+        let selection = Selection::default();
+        let acceptance = Acceptance {
+            selection: &selection,
+            tests: 60,
+            floor: 0.0,
+            rows: 1000,
+        };
+        let all = [
+            candidate(EffectKind::Stribeck, 0.300, 3),
+            candidate(EffectKind::Coulomb, 0.295, 1),
+            candidate(EffectKind::Gain, 0.01, 1),
+        ];
+        let step = rank(&all, &acceptance);
+        let kind = |c: &Candidate| c.origin.kind();
+        assert_eq!(step.winner().map(kind), Some(EffectKind::Coulomb));
+        let turn: Vec<EffectKind> = step.in_turn().map(kind).collect();
+        assert_eq!(turn, [EffectKind::Coulomb, EffectKind::Stribeck]);
+        assert_eq!(step.good.len(), 2);
+    }
+
+    #[test]
+    fn p_values_are_corrected_for_the_number_of_forms() {
+        let selection = Selection::default();
+        let with = |tests| Acceptance {
+            selection: &selection,
+            tests,
+            floor: 0.0,
+            rows: 1000,
+        };
+        let mut c = candidate(EffectKind::Coulomb, 0.3, 1);
+        c.p = 0.002;
+        assert!(with(20).accepts(&c) && !with(30).accepts(&c));
+        c.p = 0.0;
+        c.steady = false;
+        assert!(!with(20).accepts(&c));
+    }
+}

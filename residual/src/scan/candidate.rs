@@ -1,0 +1,283 @@
+//! Candidates: the forms on offer, each with its best parameter and what it achieves.
+
+use super::grid::{bracket, neighbourhood, FINE};
+use super::significance::{p_value, steady_where_it_acts, t_statistic};
+use super::Scan;
+use crate::effects::{Context, EffectRef, Variant, CATALOGUE};
+use crate::model::Chosen;
+use crate::problem::{profile, Scores};
+use rayon::prelude::*;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Arc;
+
+/// Where a form comes from: an effect of the catalogue, or structure without a name.
+pub(crate) trait Origin: Clone + Send + Sync {
+    /// See [`Effect::has_witness`](crate::effects::Effect::has_witness).
+    fn has_witness(&self) -> bool {
+        false
+    }
+}
+
+impl Origin for EffectRef {
+    fn has_witness(&self) -> bool {
+        (**self).has_witness()
+    }
+}
+
+/// A form that is offered to a scan.
+#[derive(Clone)]
+pub(crate) struct Offer<O = EffectRef> {
+    pub origin: O,
+    pub variant: Arc<Variant>,
+}
+
+/// Forms of every effect that is `allowed`.
+pub(crate) fn catalogue_offers(
+    ctx: &Context,
+    allowed: &(dyn Fn(EffectRef) -> bool + Sync),
+) -> Vec<Offer> {
+    CATALOGUE
+        .par_iter()
+        .filter(|e| allowed(**e))
+        .flat_map(|e| {
+            e.variants(ctx)
+                .into_iter()
+                .map(|v| Offer {
+                    origin: *e,
+                    variant: Arc::new(v),
+                })
+                .collect::<Vec<_>>()
+        })
+        .collect()
+}
+
+/// A variant with its best parameter and what it achieves.
+#[derive(Clone)]
+pub(crate) struct Candidate<O = EffectRef> {
+    pub origin: O,
+    pub variant: Arc<Variant>,
+    pub psi: f64,
+    /// Relative fall of the held-out RMSE.
+    pub gain: f64,
+    /// Held-out squared error with the effect, and without.
+    pub held: f64,
+    pub base: f64,
+    /// p value of the gain, from the decoys.
+    pub p: f64,
+    /// t statistic: mean fall of the held-out squared error over blocks, in standard errors.
+    pub t: f64,
+    /// Whether the fall is steady over blocks, or over the few blocks in which the effect acts.
+    pub steady: bool,
+    /// Number of fitted parameters it adds.
+    pub parameters: usize,
+    /// Held-out squared error by block.
+    pub losses: Vec<f64>,
+}
+
+impl<O: Origin> Candidate<O> {
+    /// The form once more on offer.
+    pub fn offer(&self) -> Offer<O> {
+        Offer {
+            origin: self.origin.clone(),
+            variant: self.variant.clone(),
+        }
+    }
+}
+
+impl Candidate {
+    /// The candidate as a choice.
+    pub fn choose(&self) -> Chosen {
+        Chosen {
+            effect: self.origin,
+            variant: self.variant.clone(),
+            psi: self.psi,
+        }
+    }
+}
+
+/// Values of the nonlinear parameter of one form that were tried, with their scores.
+struct Points {
+    /// Parameter and scores.
+    tried: Vec<(f64, Scores)>,
+    /// Held-out squared error by target (0: the residual itself, then decoys).
+    held: Vec<f64>,
+    /// Index of the value that each fold chose on its training groups.
+    choice: Vec<usize>,
+}
+
+impl Points {
+    fn new(tried: Vec<(f64, Scores)>) -> Points {
+        let mut out = Points {
+            tried,
+            held: vec![],
+            choice: vec![],
+        };
+        out.choose();
+        out
+    }
+
+    fn choose(&mut self) {
+        let refs: Vec<&Scores> = self.tried.iter().map(|p| &p.1).collect();
+        (self.held, self.choice) = profile(&refs);
+    }
+
+    /// The value with the least in-sample error.
+    fn best(&self) -> Option<f64> {
+        self.tried
+            .iter()
+            .min_by(|a, b| a.1.train_total().total_cmp(&b.1.train_total()))
+            .map(|p| p.0)
+    }
+}
+
+/// Relative fall of an RMSE, from squared errors.
+fn fall(held: f64, base: f64) -> f64 {
+    if base > 0.0 {
+        1.0 - (held / base).max(0.0).sqrt()
+    } else {
+        0.0
+    }
+}
+
+impl Scan<'_> {
+    /// Scores forms; the result is one candidate per form that could be evaluated. `focus`
+    /// limits nonlinear parameters to a neighbourhood (used after screening on fewer rows).
+    pub fn candidates<O: Origin>(
+        &self,
+        offers: &[Offer<O>],
+        focus: Option<&[f64]>,
+    ) -> Vec<Candidate<O>> {
+        self.problem.next_scan();
+        let grids: Vec<Vec<f64>> = offers
+            .iter()
+            .enumerate()
+            .map(|(i, offer)| match (&offer.variant.psi, focus) {
+                (None, _) => vec![0.0],
+                (Some(p), Some(at)) if p.refine => neighbourhood(p, at[i]),
+                (Some(p), _) => p.grid.clone(),
+            })
+            .collect();
+        self.tried(offers, &grids)
+            .into_par_iter()
+            .enumerate()
+            .filter_map(|(i, tried)| self.candidate(&offers[i], &grids[i], tried, focus.is_some()))
+            .collect()
+    }
+
+    /// Scores of every form at every value of its grid.
+    fn tried<O: Origin>(&self, offers: &[Offer<O>], grids: &[Vec<f64>]) -> Vec<Vec<(f64, Scores)>> {
+        let jobs: Vec<(usize, f64)> = grids
+            .iter()
+            .enumerate()
+            .flat_map(|(i, g)| g.iter().map(move |x| (i, *x)))
+            .collect();
+        let done = AtomicUsize::new(0);
+        let scored: Vec<Option<Scores>> = jobs
+            .par_iter()
+            .map(|(i, psi)| {
+                let scores = self.score(&(offers[*i].variant.build)(*psi), true);
+                if let Some(tell) = &self.problem.ticker {
+                    tell(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
+                }
+                scores
+            })
+            .collect();
+        let mut out: Vec<Vec<(f64, Scores)>> = offers.iter().map(|_| vec![]).collect();
+        for ((i, psi), s) in jobs.iter().zip(scored) {
+            if let Some(s) = s {
+                out[*i].push((*psi, s));
+            }
+        }
+        out
+    }
+
+    /// One form's candidate from the scores of its grid. After screening (`focused`) the place of
+    /// its parameter is known, and polishing follows.
+    fn candidate<O: Origin>(
+        &self,
+        offer: &Offer<O>,
+        grid: &[f64],
+        tried: Vec<(f64, Scores)>,
+        focused: bool,
+    ) -> Option<Candidate<O>> {
+        let variant = &offer.variant;
+        let local = variant.is_local(grid.first().copied()?);
+        let base: Vec<f64> = (0..=self.problem.flips.len())
+            .map(|j| {
+                if local {
+                    self.fit.sums.yy.iter().map(|y| y[0]).sum()
+                } else {
+                    self.fit.scores.held_total(j)
+                }
+            })
+            .collect();
+        let mut points = Points::new(tried);
+        let refine = variant.psi.as_ref().is_some_and(|p| p.refine);
+        let material = self.spec.selection.material;
+        if refine && !points.held.is_empty() && fall(points.held[0], base[0]) > 0.3 * material {
+            self.refine_points(variant, grid, &mut points, if focused { 6 } else { FINE })?;
+        }
+        let held = *points.held.first()?;
+        let psi = points.best()?;
+        if variant
+            .adds_to_friction
+            .is_some_and(|own| !self.adds_to_friction(&(variant.build)(psi), own))
+        {
+            return None;
+        }
+        let gain = fall(held, base[0]);
+        let decoys: Vec<f64> = points
+            .held
+            .iter()
+            .zip(&base)
+            .skip(1)
+            .map(|(h, b)| fall(*h, *b))
+            .collect();
+        let (mut t, mut steady, mut losses) = (0.0, false, vec![]);
+        if gain > 0.25 * material {
+            let psis: Vec<f64> = if local {
+                vec![psi]
+            } else {
+                points.choice.iter().map(|c| points.tried[*c].0).collect()
+            };
+            losses = self.losses(variant, &psis);
+            let before = self.base_losses(local);
+            t = t_statistic(&before, &losses);
+            steady = t >= 2.5 || steady_where_it_acts(&before, &losses);
+        }
+        Some(Candidate {
+            origin: offer.origin.clone(),
+            variant: variant.clone(),
+            psi,
+            gain,
+            held,
+            base: base[0],
+            p: p_value(gain, &decoys),
+            t,
+            steady,
+            parameters: variant.parameters(psi),
+            losses,
+        })
+    }
+
+    /// Adds the optimum between the best grid point and its neighbours, and two values beside it.
+    fn refine_points(
+        &self,
+        variant: &Variant,
+        grid: &[f64],
+        points: &mut Points,
+        steps: usize,
+    ) -> Option<()> {
+        let at = points.best()?;
+        let resolution = variant.psi.as_ref().and_then(|p| p.resolution);
+        let (lo, hi) = resolution.map_or_else(|| bracket(grid, at), |d| (at - d, at + d));
+        let psi = self.refine(variant, lo, hi, steps);
+        for psi in [psi, psi + 0.15 * (at - psi), psi - 0.15 * (at - psi)] {
+            if let Some(s) = self.score(&(variant.build)(psi), false) {
+                points.tried.push((psi, s));
+            }
+        }
+        points.choose();
+        Some(())
+    }
+}

@@ -1,0 +1,216 @@
+//! One scan: every form on offer, fitted on top of the current model and compared with decoys.
+//!
+//! A [`Scan`] holds the current model and its fit. It builds the sums of products of the model with a
+//! form applied, and from these the errors of the residual and of its decoys.
+
+mod candidate;
+mod context;
+mod contribution;
+mod friction;
+mod grid;
+mod retest;
+mod significance;
+
+pub(crate) use candidate::{catalogue_offers, Candidate, Offer, Origin};
+pub(crate) use contribution::similarity;
+pub(crate) use grid::{bracket, FINE};
+pub(crate) use significance::t_statistic;
+
+use crate::effects::{Build, Piece, Variant};
+use crate::error::Error;
+use crate::expr::Expr;
+use crate::frame::Frame;
+use crate::model::{Fit, Fitted, Model};
+use crate::problem::{Column, Known, Problem, Scores, Sums};
+use crate::spec::Spec;
+use std::cell::OnceCell;
+
+/// Everything a scan needs to know about the current model.
+#[derive(Clone, Copy)]
+pub(crate) struct Scan<'a> {
+    pub problem: &'a Problem,
+    pub spec: &'a Spec,
+    /// The declared model's prediction as an expression.
+    pub load: &'a str,
+    pub model: &'a Model,
+    pub fit: &'a Fit,
+}
+
+/// Sums of products of a model with a form applied.
+struct Applied {
+    sums: Sums,
+    /// Whether every sequence has coefficients of its own.
+    local: bool,
+}
+
+impl<'a> Scan<'a> {
+    /// The scan on top of a fitted model.
+    pub fn new(problem: &'a Problem, spec: &'a Spec, load: &'a str, on: &'a Fitted) -> Scan<'a> {
+        Scan {
+            problem,
+            spec,
+            load,
+            model: &on.model,
+            fit: &on.fit,
+        }
+    }
+
+    /// Sums of the current model with a build applied; `keep` its columns for the next scan.
+    fn sums(&self, build: &Build, keep: bool) -> Result<Applied, Error> {
+        match build {
+            Build::Add(pieces) => self.sums_with(pieces, keep),
+            Build::Local(pieces) => self.sums_of(pieces, keep),
+            Build::Swap(pairs) => self.sums_swapped(pairs, false, keep),
+            Build::SwapAll(pairs) => self.sums_swapped(pairs, true, keep),
+        }
+    }
+
+    fn columns(&self, pieces: &[Piece], keep: bool) -> Result<Vec<Column>, Error> {
+        pieces
+            .iter()
+            .map(|p| self.problem.eval_text(&self.fit.view, &p.text, keep))
+            .collect()
+    }
+
+    /// Sums of the model's terms and further ones.
+    fn sums_with(&self, pieces: &[Piece], keep: bool) -> Result<Applied, Error> {
+        let new = self.columns(pieces, keep)?;
+        let columns: Vec<&[f64]> = self
+            .fit
+            .x
+            .iter()
+            .chain(&new)
+            .map(|c| c.as_slice())
+            .collect();
+        let at: Vec<Option<usize>> = (0..self.fit.x.len()).map(Some).collect();
+        let known = Known {
+            sums: &self.fit.sums,
+            at: &at,
+        };
+        let r = &self.fit.residual;
+        Ok(Applied {
+            sums: Sums::new(self.problem, &columns, r, None, Some(known)),
+            local: false,
+        })
+    }
+
+    /// Sums of terms whose coefficients every sequence has for itself.
+    fn sums_of(&self, pieces: &[Piece], keep: bool) -> Result<Applied, Error> {
+        let columns = self.columns(pieces, keep)?;
+        let columns: Vec<&[f64]> = columns.iter().map(|c| c.as_slice()).collect();
+        let r = &self.fit.residual;
+        Ok(Applied {
+            sums: Sums::new(self.problem, &columns, r, None, None),
+            local: true,
+        })
+    }
+
+    /// Sums of the model's terms with columns replaced: in the declared terms, or `everywhere`.
+    fn sums_swapped(
+        &self,
+        pairs: &[(String, String)],
+        everywhere: bool,
+        keep: bool,
+    ) -> Result<Applied, Error> {
+        // A column that is replaced is evaluated once, however many terms use it.
+        let view = &self.fit.view;
+        let frame = OnceCell::new();
+        let swapped = || -> Result<&Frame, Error> {
+            if let Some(known) = frame.get() {
+                return Ok(known);
+            }
+            let mut new = view.frame.clone();
+            for (name, text) in pairs {
+                new.insert(name, Expr::parse(text)?.eval(&view.frame)?);
+            }
+            Ok(frame.get_or_init(|| new))
+        };
+        let mut part = self.fit.prediction.clone();
+        let (mut x, mut at): (Vec<Column>, Vec<_>) = (vec![], vec![]);
+        let mut fixed = vec![0.0; self.problem.y.len()];
+        for t in self.model.terms.iter().filter(|t| !t.local) {
+            let names = t.expr.names();
+            let touched = (everywhere || t.chosen.is_none())
+                && pairs.iter().any(|(name, _)| names.contains(name));
+            let v = if touched {
+                self.problem
+                    .eval_swapped(view, pairs, &t.expr, keep, swapped)?
+            } else {
+                self.problem.eval(view, &t.expr)?
+            };
+            match t.fixed {
+                Some(k) => fixed
+                    .iter_mut()
+                    .zip(v.iter())
+                    .for_each(|(f, v)| *f += k * v),
+                None => {
+                    at.push((!touched).then_some(x.len()));
+                    x.push(v);
+                }
+            }
+        }
+        let known = Known {
+            sums: &self.fit.sums,
+            at: &at,
+        };
+        part.iter_mut().zip(&fixed).for_each(|(p, f)| *p -= f);
+        let columns: Vec<&[f64]> = x.iter().map(|c| c.as_slice()).collect();
+        let r = &self.fit.residual;
+        Ok(Applied {
+            sums: Sums::new(self.problem, &columns, r, Some(&part), Some(known)),
+            local: false,
+        })
+    }
+
+    /// Errors of the residual and of every decoy with a build applied.
+    fn score(&self, build: &Build, keep: bool) -> Option<Scores> {
+        let Applied { sums, local } = self.sums(build, keep).ok()?;
+        Some(if local {
+            Scores::local(self.problem, &sums)
+        } else {
+            Scores::new(self.problem, &sums)
+        })
+    }
+
+    /// In-sample squared error with a build (cheaper than scores: no decoys).
+    fn in_sample(&self, build: &Build) -> f64 {
+        match self.sums(build, false) {
+            Ok(Applied { sums, local: false }) => {
+                let (x, _) = sums.fit(None);
+                (0..sums.yy.len()).map(|k| sums.block_error(k, &x)).sum()
+            }
+            Ok(Applied { sums, local: true }) => Scores::local(self.problem, &sums).train_total(),
+            Err(_) => f64::INFINITY,
+        }
+    }
+
+    /// Held-out squared error by block when each fold uses its own choice of parameter.
+    fn losses(&self, variant: &Variant, psis: &[f64]) -> Vec<f64> {
+        let mut out = vec![f64::NAN; self.problem.blocks.len()];
+        let mut distinct: Vec<f64> = psis.to_vec();
+        distinct.sort_by(f64::total_cmp);
+        distinct.dedup();
+        for psi in distinct {
+            let Ok(Applied { sums, local }) = self.sums(&(variant.build)(psi), false) else {
+                continue;
+            };
+            if local {
+                sums.hold_out_halves(self.problem, &mut out);
+            } else {
+                sums.hold_out(self.problem, &|fold| psis[fold] == psi, &mut out);
+            }
+        }
+        out
+    }
+
+    /// Held-out squared error by block of the current model.
+    fn base_losses(&self, local: bool) -> Vec<f64> {
+        let sums = &self.fit.sums;
+        if local {
+            return sums.yy.iter().map(|y| y[0]).collect();
+        }
+        let mut out = vec![0.0; sums.yy.len()];
+        sums.hold_out(self.problem, &|_| true, &mut out);
+        out
+    }
+}

@@ -1,0 +1,44 @@
+//! The second test of a candidate: against decoys of what remains *after* it.
+
+use super::significance::p_value;
+use super::{Candidate, Origin, Scan};
+use crate::problem::{profile, Scores, Sums};
+use rayon::prelude::*;
+
+impl Scan<'_> {
+    /// p value against decoys of what remains after the candidate. Decoys of the residual itself
+    /// carry the effect in pieces, which hides effects that are slow or act in few places.
+    pub fn retest<O: Origin>(&self, c: &Candidate<O>) -> f64 {
+        let added = self.contribution(c);
+        if added.len() != self.fit.residual.len() {
+            return c.p;
+        }
+        let residual: Vec<f64> = self
+            .fit
+            .residual
+            .iter()
+            .zip(&added)
+            .map(|(r, a)| r - a)
+            .collect();
+        let columns: Vec<&[f64]> = self.fit.x.iter().map(|c| c.as_slice()).collect();
+        let sums = Sums::new(self.problem, &columns, &residual, None, None);
+        let scores = Scores::new(self.problem, &sums);
+        let fit = self.fit.on(residual, sums, scores);
+        let after = Scan { fit: &fit, ..*self };
+        let mut grid = c.variant.psi.as_ref().map_or(vec![], |p| p.grid.clone());
+        grid.push(c.psi);
+        let points: Vec<Scores> = grid
+            .par_iter()
+            .filter_map(|psi| after.score(&(c.variant.build)(*psi), true))
+            .collect();
+        let refs: Vec<&Scores> = points.iter().collect();
+        let (held, _) = profile(&refs);
+        let decoys: Vec<f64> = held
+            .iter()
+            .enumerate()
+            .skip(1)
+            .map(|(j, h)| (fit.scores.held_total(j) - h) / c.base)
+            .collect();
+        p_value((c.base - c.held) / c.base, &decoys)
+    }
+}

@@ -1,0 +1,48 @@
+//! Forward search: adds effects until nothing material is left.
+
+use super::Search;
+use crate::error::Error;
+use crate::model::Chosen;
+use crate::progress::Progress;
+
+impl Search<'_> {
+    /// Adds effects until nothing material is left.
+    pub(super) fn forward(
+        &mut self,
+        chosen: &mut Vec<Chosen>,
+        progress: &mut dyn Progress,
+    ) -> Result<(), Error> {
+        loop {
+            progress.stage(&format!(
+                "searching the catalogue on top of {} effect(s)",
+                chosen.len()
+            ));
+            match self.next(chosen)? {
+                Some(next) => *chosen = next,
+                None => return Ok(()),
+            }
+        }
+    }
+
+    /// The chosen effects with one more; `None` if no candidate lowers the error by what counts.
+    fn next(&mut self, chosen: &[Chosen]) -> Result<Option<Vec<Chosen>>, Error> {
+        let selection = &self.spec.selection;
+        let fitted = self.fit(chosen)?;
+        let step = self.step(&fitted)?;
+        let most = fitted.rmse() * (1.0 - selection.material);
+        // The winner may be a form of an effect that is there already and turn out to add nothing.
+        for c in step.in_turn() {
+            let mut next = chosen.to_vec();
+            if !c.origin.repeatable() {
+                next.retain(|x| x.effect.kind() != c.origin.kind());
+            }
+            next.push(self.complete(c, &next));
+            self.separate_friction(&mut next)?;
+            self.prune(&mut next)?;
+            if self.rmse(&next)? <= most && next.len() <= selection.max_effects {
+                return Ok(Some(next));
+            }
+        }
+        Ok(None)
+    }
+}

@@ -1,0 +1,108 @@
+//! Each effect must hold its place against the whole catalogue with the others in place.
+
+use super::{without, Search};
+use crate::error::Error;
+use crate::model::{Chosen, Fitted};
+use crate::progress::Progress;
+use crate::ranking::{indistinguishable, Step};
+use crate::report::Rival;
+use crate::scan::Candidate;
+
+/// An effect's nearest rival, and the candidates that the data cannot tell from it.
+#[derive(Clone, Default)]
+pub(crate) struct Judged {
+    pub rival: Option<Rival>,
+    pub ties: Vec<Candidate>,
+}
+
+impl Search<'_> {
+    /// Lets the whole catalogue compete for the place of each effect. `None` if an effect was
+    /// replaced, which may happen only if `may_replace`.
+    pub(super) fn rivals(
+        &mut self,
+        chosen: &mut Vec<Chosen>,
+        may_replace: bool,
+        progress: &mut dyn Progress,
+    ) -> Result<Option<Vec<Judged>>, Error> {
+        let mut out = Vec::new();
+        let current = self.rmse(chosen)?;
+        for i in 0..chosen.len() {
+            progress.stage(&format!("rivals of {}", chosen[i].effect.name()));
+            let (own, rest) = without(chosen, i);
+            let fitted = self.fit(&rest)?;
+            let step = self.step(&fitted)?;
+            if may_replace {
+                if let Some(better) = self.replacement(&own, &rest, &step, current)? {
+                    *chosen = better;
+                    return Ok(None);
+                }
+            }
+            out.push(self.judge(&own, &rest, &step, &fitted, current));
+        }
+        Ok(Some(out))
+    }
+
+    /// The effects with the winner of a step in the place of `own`, if it predicts better, or is
+    /// simpler and predicts nearly as well.
+    fn replacement(
+        &self,
+        own: &Chosen,
+        rest: &[Chosen],
+        step: &Step,
+        current: f64,
+    ) -> Result<Option<Vec<Chosen>>, Error> {
+        // Another form of the same effect may fit better now that others are in place.
+        let Some(c) = step.winner().filter(|c| {
+            !own.is_form(&c.choose()) && !rest.iter().any(|r| r.excludes(c.origin.kind()))
+        }) else {
+            return Ok(None);
+        };
+        let mut other = rest.to_vec();
+        let form = self.complete(c, &other);
+        // Completed, it may be what is there already.
+        let same = own.is_form(&form);
+        let factor = if form.parameters() < own.parameters() {
+            1.005
+        } else {
+            0.99
+        };
+        other.push(form);
+        let better = !same && self.rmse(&other)? < current * factor;
+        if better {
+            self.prune(&mut other)?;
+        }
+        Ok(better.then_some(other))
+    }
+
+    /// The nearest rival of an effect that keeps its place, and what cannot be told from it.
+    fn judge(
+        &self,
+        own: &Chosen,
+        rest: &[Chosen],
+        step: &Step,
+        fitted: &Fitted,
+        current: f64,
+    ) -> Judged {
+        let kind = own.effect.kind();
+        let there = |c: &Candidate| rest.iter().any(|r| r.excludes(c.origin.kind()));
+        let rows = self.problem.y.len() as f64;
+        let rival = step
+            .ranked
+            .iter()
+            .find(|c| c.origin.kind() != kind && !there(c))
+            .map(|c| {
+                let rmse = (c.held / rows).sqrt();
+                Rival {
+                    name: c.origin.kind(),
+                    heldout_rmse: rmse,
+                    behind: rmse / current - 1.0,
+                }
+            });
+        let place = step.ranked.iter().position(|c| c.origin.kind() == kind);
+        let scan = self.scan_on(fitted);
+        Judged {
+            rival,
+            ties: place.map_or(vec![], |at| indistinguishable(&scan, step, at)),
+        }
+    }
+}

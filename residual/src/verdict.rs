@@ -1,0 +1,66 @@
+//! The verdict: a pure function of what the analysis found.
+
+use crate::report::Verdict;
+
+/// What the verdict depends on.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Conditions {
+    /// Number of effects named.
+    pub effects: usize,
+    /// Whether structure without a name is left that is large beside what was named.
+    pub unexplained: bool,
+    /// Whether the data cannot tell the strongest effect from another.
+    pub ambiguous: bool,
+}
+
+/// The verdict. What has no name comes first, as it puts every name in doubt.
+pub(crate) fn verdict(c: Conditions) -> Verdict {
+    match c {
+        Conditions {
+            unexplained: true, ..
+        } => Verdict::Unknown,
+        Conditions { effects: 0, .. } => Verdict::None,
+        Conditions {
+            ambiguous: true, ..
+        } => Verdict::NotIdentifiable,
+        Conditions { effects: 1, .. } => Verdict::Effect,
+        Conditions { .. } => Verdict::Several,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_condition_has_its_verdict() {
+        use Verdict::{Effect, None, NotIdentifiable, Several, Unknown};
+        // effects, unexplained, ambiguous
+        let table = [
+            (0, false, false, None),
+            (0, false, true, None),
+            (0, true, false, Unknown),
+            (0, true, true, Unknown),
+            (1, false, false, Effect),
+            (1, false, true, NotIdentifiable),
+            (1, true, false, Unknown),
+            (1, true, true, Unknown),
+            (2, false, false, Several),
+            (2, false, true, NotIdentifiable),
+            (2, true, false, Unknown),
+            (2, true, true, Unknown),
+            (6, false, false, Several),
+            (6, false, true, NotIdentifiable),
+            (6, true, false, Unknown),
+            (6, true, true, Unknown),
+        ];
+        for (effects, unexplained, ambiguous, want) in table {
+            let c = Conditions {
+                effects,
+                unexplained,
+                ambiguous,
+            };
+            assert_eq!(verdict(c), want, "{c:?}");
+        }
+    }
+}
