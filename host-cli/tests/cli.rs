@@ -1,4 +1,5 @@
 //! The program itself, without a rig: what it refuses, what it prints where, and its exit codes.
+#![cfg(all(feature = "record", feature = "residual"))]
 
 use serde_json::Value;
 use std::path::Path;

@@ -56,7 +56,8 @@ impl Progress for Console {
     fn stage(&mut self, text: &str) {
         if let Ok(mut last) = self.last.lock() {
             let clear = if last.1 { "\r\x1b[K" } else { "" };
-            eprintln!("{clear}{} {text}", stamp(self.start));
+            // Progress that cannot be shown is no reason to stop.
+            let _ = writeln!(std::io::stderr(), "{clear}{} {text}", stamp(self.start));
             *last = (Instant::now(), false);
         }
     }
@@ -92,7 +93,7 @@ impl Progress for Console {
 impl Drop for Console {
     fn drop(&mut self) {
         if self.last.lock().is_ok_and(|last| last.1) {
-            eprintln!("\r\x1b[K");
+            let _ = writeln!(std::io::stderr(), "\r\x1b[K");
         }
     }
 }
