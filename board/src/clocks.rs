@@ -136,7 +136,7 @@ pub const I2C_TIMINGR: u32 = i2c_timingr(APB_HZ, I2C_HZ, I2C_RISE_NS, I2C_FALL_N
 /// SCL low and high are counted so that together they fill the period, low in the specification's
 /// proportion of 1.3 to 0.6. The controller adds two synchronisation delays (filter, edges, 2 to 3
 /// kernel clocks), which are left out on purpose: they slow the bus by up to 10 %, they never make it
-/// faster than asked.
+/// faster than requested.
 ///
 /// # Panics
 /// Where the kernel clock cannot make these times.
@@ -277,7 +277,7 @@ pub const fn timer_psc(timer_hz: u32, count_hz: u32) -> u16 {
     (divider - 1) as u16
 }
 
-/// The watchdog bites this long after its last meal, in milliseconds, nominal.
+/// Time from the last feed of the watchdog to its reset, in milliseconds, nominal.
 pub const WATCHDOG_MS: u32 = 50;
 /// The watchdog is fed this often, in milliseconds, if every part has checked in.
 pub const WATCHDOG_FEED_MS: u32 = 10;

@@ -26,7 +26,7 @@ pub struct Link {
 const _: () = assert!(MAX_FRAME * 2 < board::hw::usart::QUEUE);
 
 impl Link {
-    /// A link that has said and heard nothing.
+    /// A link without traffic so far.
     pub fn new(queue: Producer) -> Self {
         Self {
             decoder: Decoder::new(),

@@ -349,7 +349,7 @@ fn a_unit_that_vanishes_does_not_disturb_the_others() {
     let mut bench = Bench::streaming();
     bench.run(100_000);
     bench.chips[2].answers = false;
-    bench.chips[2].drdy = true; // its last edge came, nobody is there any more
+    bench.chips[2].drdy = true; // its last edge; then the converter is gone
     bench.bus.drdy(2, bench.now, &mut bench.received);
     bench.work();
     bench.run(500_000);
@@ -445,7 +445,7 @@ fn a_bus_that_stays_held_is_reported_and_taken_up_again_when_it_is_free() {
             .0
             .iter()
             .any(|event| matches!(event, Event::MuxSilent { .. })),
-        "a held line says nothing of the multiplexer"
+        "a blocked line is no evidence of a silent multiplexer"
     );
     bench.held = None;
     bench.received.0.clear();

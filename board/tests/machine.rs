@@ -7,8 +7,8 @@ use board::machine::{
 use board::telemetry::{Batcher, Outstanding, FLUSH_US};
 use control::{AdcCode, Config, DacCode, EncoderCounts, Fault, Micros, MotorState, SystemState};
 use wire::message::{
-    flags, BoardInfo, CommandError, CrashRecord, FaultReport, Response, Sample, Status, UnitConfig,
-    UnitSetpoint, BATCH,
+    flags, BoardInfo, CommandError, CrashRecord, FaultReport, FilterChoice, Response, Ripple,
+    Sample, Status, UnitConfig, UnitSetpoint, BATCH, RIPPLES,
 };
 use wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
 
@@ -277,6 +277,49 @@ fn units_are_off_until_configured_and_come_up_on_commit() {
     let mut configs = [*Config::default().wire(); UNITS];
     configs[2] = Config::nominal();
     assert_eq!(bench.status().config_crc, config_crc(&configs));
+}
+
+/// A configuration whose encoding is as long as it can be.
+#[test]
+fn the_checksum_covers_the_longest_configuration() {
+    let n = i32::MIN;
+    let ripple = Ripple {
+        periods_per_count_q32: n,
+        phase_q32: n,
+        amplitude_un: n,
+        amplitude_load_q16: n,
+    };
+    let longest = UnitConfig {
+        enabled: true,
+        scale_pn_per_count: n,
+        zero_code: n,
+        filter: FilterChoice::LowPass {
+            corner_chz: u16::MAX,
+        },
+        spike_limit_un: n,
+        kp_q16: n,
+        ki_q16: n,
+        kd_q16: n,
+        damping_q16: n,
+        friction_feedforward: true,
+        friction_offset_un: n,
+        friction_gain_q16: n,
+        coulomb_un: n,
+        coulomb_load_q16: n,
+        reversal_nm: n,
+        travel_nm_per_count: n,
+        dac_counts_per_n_q16: n,
+        force_limit_un: n,
+        slew_un_per_s: n,
+        over_tension_un: n,
+        viscous_q16: n,
+        ripples: [ripple; RIPPLES],
+    };
+    let crc = config_crc(&[longest; UNITS]);
+    assert_ne!(crc, 0, "the encoding did not fit");
+    let mut other = [longest; UNITS];
+    other[5].ripples[1].amplitude_load_q16 = i32::MAX;
+    assert_ne!(config_crc(&other), crc);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! A unit's configuration: the wire's physical numbers, checked, and what the sample path wants precomputed
+//! A unit's configuration: the wire's physical numbers, checked, and the values that the sample path needs, precomputed
 //! from them. Staged on the board and exchanged at a cycle boundary.
 //!
 //! Nothing here runs in the sample path, so conversions use `f64` (from libm) and divisions freely.
@@ -47,7 +47,7 @@ fields! {
     ZERO = 2, "zero_code", -8_388_608 ..= 8_388_607, "24-bit code";
     /// Samples of the moving average, or corner of the low pass in 0.01 Hz.
     FILTER = 3, "filter", 1 ..= 12_000,
-        "moving average of 1 to 16 samples; low pass of 5 Hz (below, the delay eats the loop) to 120 Hz (the sample rate's half is 155 Hz at least)";
+        "moving average of 1 to 16 samples; low pass of 5 Hz (below, the delay makes the loop unstable) to 120 Hz (the sample rate's half is 155 Hz at least)";
     /// Spike gate.
     SPIKE_LIMIT = 4, "spike_limit_un", 50_000 ..= 60_000_000,
         "50 mN is ten times the measured noise; 60 N is past the cell's full scale, so the gate never acts";
@@ -87,7 +87,7 @@ fields! {
     VISCOUS = 20, "viscous_q16", 0 ..= 6_553_600, "0 to 100 N s/m: below the loop's damping, which holds what is overdone here";
     /// A ripple's periods per count.
     RIPPLE_RATE = 21, "ripples.periods_per_count_q32", -858_993_459 ..= 858_993_459,
-        "a fifth of a period a count at most, in size: finer ones can't be told from noise";
+        "a fifth of a period a count at most, in size: finer ones cannot be distinguished from noise";
     /// A ripple's amplitude.
     RIPPLE_AMPLITUDE = 21, "ripples.amplitude_un", 0 ..= 3_000_000, "0 to 3 N: more is a broken reel and not a ripple";
     /// A ripple's amplitude per setpoint.
@@ -284,7 +284,7 @@ impl Config {
 }
 
 impl Default for Config {
-    /// [`Config::nominal`], switched off: what a board holds before it was told anything.
+    /// [`Config::nominal`], switched off: the configuration of a board before the host sends one.
     fn default() -> Self {
         let mut wire = Self::nominal();
         wire.enabled = false;
@@ -311,7 +311,7 @@ impl Default for Config {
     }
 }
 
-/// The nominal DAC scale as the wire wants it, from [`convert`]'s constants.
+/// The nominal DAC scale in wire units, from [`convert`]'s constants.
 #[must_use]
 pub fn nominal_dac_counts_per_n_q16() -> i32 {
     rounded(convert::nominal_codes_per_newton() * 65_536.0)

@@ -1,10 +1,10 @@
 //! Every fault: number, name, what it means, how to leave it.
 //!
 //! Numbers are stable. 1 to 31 are faults of the board: all outputs at 0 V. 32 to 63 are faults of one
-//! unit: its output at 0 V, the others go on. Every fault is latched until `ClearFaults`, which succeeds
+//! unit: its output at 0 V, the others continue. Every fault is latched until `ClearFaults`, which succeeds
 //! for a fault whose cause is gone and never arms.
 
-/// Whom a fault stops.
+/// Scope of a fault.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Scope {
     /// All six units.
@@ -25,7 +25,7 @@ macro_rules! faults {
             /// Every fault, in the order of the numbers.
             pub const ALL: &'static [Self] = &[$(Self::$variant,)*];
 
-            /// Whom it stops.
+            /// Scope of the fault.
             #[must_use]
             pub const fn scope(self) -> Scope {
                 match self { $(Self::$variant => Scope::$scope,)* }
@@ -49,7 +49,7 @@ macro_rules! faults {
                 match self { $(Self::$variant => $way_out,)* }
             }
 
-            /// What the detail number says.
+            /// Meaning of the detail number.
             #[must_use]
             pub const fn detail_meaning(self) -> &'static str {
                 match self { $(Self::$variant => $detail,)* }
@@ -76,17 +76,17 @@ faults! {
         detail: "sequence number of the stop command";
     /// Superloop late.
     LoopOverrun = 4, Board, "loop overrun",
-        meaning: "The superloop did not come round in time, so a sample would have been answered too late.",
-        way_out: "Clear. If it comes back, lower the telemetry rate (stream every 2nd sample) and report it with the detail: the firmware should never do this.",
+        meaning: "A pass of the superloop took too long, so the response to a sample would have been late.",
+        way_out: "Clear. If it comes back, lower the telemetry rate (decimation 2) and report it with the detail: this is a defect of the firmware.",
         detail: "longest pass of the superloop in microseconds";
     /// Sample queue full.
     QueueOverflow = 5, Board, "sample queue overflow",
         meaning: "Samples arrived faster than the superloop took them off the queue, and at least one was lost.",
-        way_out: "Clear. If it comes back, look for a loop overrun before it and report both.",
+        way_out: "Clear. If it comes back, check for a loop overrun before it and report both.",
         detail: "samples lost";
     /// I2C bus stuck.
     BusStuck = 6, Board, "I2C bus stuck",
-        meaning: "The sensor bus stayed blocked after every recovery step (nine clocks, multiplexer reset, set-up): no unit can be measured.",
+        meaning: "The sensor bus is still blocked after every recovery step (nine clocks, multiplexer reset): no unit can be measured.",
         way_out: "Check SCL and SDA for a short, unplug the sensor modules one by one to find the one that holds the bus, power-cycle it, then clear.",
         detail: "recoveries tried; bit 31: SDA held low, bit 30: SCL held low";
     /// Multiplexer silent.
@@ -96,23 +96,23 @@ faults! {
         detail: "bits 15 to 8: mask written, bits 7 to 0: mask read back (0xFF: no answer)";
     /// Reset by the watchdog.
     WatchdogReset = 8, Board, "reset by the watchdog",
-        meaning: "The run before this one hung and the independent watchdog reset the board. The motors were at 0 V from then on.",
-        way_out: "Note the detail, clear. If it comes back, the part that did not check in is where to look.",
+        meaning: "The previous run stopped responding and the independent watchdog reset the board. The motors were at 0 V from then on.",
+        way_out: "Record the detail, then clear. If it comes back, examine the part that did not check in.",
         detail: "bits of the parts that had not checked in, where they are known";
     /// Panic.
     Panic = 9, Board, "firmware panic",
-        meaning: "The firmware found itself in a state that must not be, wrote 0 V and restarted. forcectl status shows file and line.",
+        meaning: "The firmware detected an inconsistent state, wrote 0 V and restarted. forcectl status shows file and line.",
         way_out: "Report file, line and message, then clear.",
         detail: "line number";
     /// HardFault.
     HardFault = 10, Board, "processor fault",
-        meaning: "The processor hit an invalid access or instruction, wrote 0 V and restarted.",
+        meaning: "The processor executed an invalid access or instruction; the firmware wrote 0 V and restarted.",
         way_out: "Report the program counter of forcectl status and the detail, then clear.",
         detail: "Configurable Fault Status Register (SCB CFSR)";
     /// Configuration damaged.
     ConfigCrc = 11, Board, "configuration damaged",
         meaning: "The configuration in memory no longer has the checksum it had when it was committed.",
-        way_out: "Send the configuration again (forcectl does so when it connects), then clear. If it comes back, suspect the supply.",
+        way_out: "Send the configuration again (forcectl does so when it connects), then clear. If it comes back, check the supply.",
         detail: "CRC-32 that was computed";
     /// Supply dip.
     Supply = 12, Board, "supply dip",
@@ -121,19 +121,19 @@ faults! {
         detail: "RCC_RSR at boot (RM0433 8.7.40)";
     /// DAC bus fault.
     DacLink = 13, Board, "DAC bus fault",
-        meaning: "The SPI that feeds the DACs reported an error or did not finish a word: outputs may not be what was asked for. The DACs' RST line holds them at 0 V.",
+        meaning: "The SPI that feeds the DACs reported an error or did not finish a word: outputs may differ from the commanded codes. The DACs' RST line holds them at 0 V.",
         way_out: "Check SPI wiring and the DACs' supply, then clear.",
         detail: "SPI1 status register (RM0433 50.11.6)";
     /// Encoder counters.
     CounterBus = 14, Board, "encoder counter fault",
-        meaning: "An LS7266R1 does not keep what is written to it: the counter bus is not wired or not supplied, so reel speeds would be invented.",
+        meaning: "An LS7266R1 does not keep what is written to it: the counter bus is not wired or not supplied, so positions and speeds would be wrong.",
         way_out: "Check the 8-bit bus (PE8 to PE15), CS lines and supply of the counters, then clear.",
         detail: "number of the counter, from 1";
 
     /// Over-tension.
     OverTension = 32, Unit, "over-tension",
         meaning: "The cable's tension passed the configured limit. The motor is at 0 V.",
-        way_out: "Find what pulled: robot, tangled cable, wrong zero (zero with slack cables) or a load cell that drifted. Then clear and arm.",
+        way_out: "Find the cause: robot motion, tangled cable, wrong zero (zero with slack cables) or a load cell that drifted. Then clear and arm.",
         detail: "tension in millinewton";
     /// Sensor silent.
     SensorSilent = 33, Unit, "sensor silent",
@@ -142,12 +142,12 @@ faults! {
         detail: "microseconds since the last sample";
     /// Samples too rare.
     SensorSlow = 34, Unit, "sensor too slow",
-        meaning: "Samples come more rarely than the converter's oscillator allows (below 297 a second): edges or reads are lost, or the rate setting is wrong.",
+        meaning: "The sample rate is lower than the converter's oscillator allows (below 297 a second): edges or reads are lost, or the rate setting is wrong.",
         way_out: "Clear, which sets the converter up again. If it comes back, check the DRDY line.",
         detail: "averaged period in microseconds";
     /// Samples too often.
     SensorFast = 35, Unit, "sensor too fast",
-        meaning: "Samples come more often than the converter's oscillator allows (above 344 a second): DRDY carries noise, so codes may be read twice.",
+        meaning: "The sample rate is higher than the converter's oscillator allows (above 344 a second): DRDY carries noise, so codes may be read twice.",
         way_out: "Check the DRDY line's shield and ground, then clear.",
         detail: "averaged period in microseconds";
     /// Bring-up failed.
@@ -157,8 +157,8 @@ faults! {
         detail: "bits 15 to 8: stage (1 address, 2 reset, 3 power-up, 4 revision, 5 registers, 6 calibration, 7 first sample), bits 7 to 0: register";
     /// ADC saturated.
     AdcSaturated = 37, Unit, "ADC saturated",
-        meaning: "The converter stands at the end of its range for several samples: the load cell is overloaded, unplugged or broken.",
-        way_out: "Take the load off, check the bridge's four wires, then clear.",
+        meaning: "The converter was at the end of its range for several samples: the load cell is overloaded, unplugged or broken.",
+        way_out: "Remove the load, check the bridge's four wires, then clear.",
         detail: "ADC code";
     /// Encoder error flag.
     EncoderError = 38, Unit, "encoder error",
@@ -173,16 +173,16 @@ faults! {
     /// Zeroing refused.
     ZeroRefused = 40, Unit, "zeroing refused",
         meaning: "The load cell was not steady, or too far from zero, while its zero was averaged.",
-        way_out: "Make sure the cable is slack and hangs still, clear, and zero again.",
+        way_out: "Make sure the cable is slack and at rest, clear, and zero again.",
         detail: "0: saturated; bit 31 clear: spread in ADC counts; bit 31 set: bits 30 to 0 are the mean's distance from 0 in counts";
     /// Reads fail.
     SensorReads = 41, Unit, "sensor reads fail",
         meaning: "The converter signals samples, but reading them over I2C failed several times in a row.",
         way_out: "Check SDA, SCL and the module's bus accelerator, then clear: the converter is brought up again.",
         detail: "failed reads in a row";
-    /// The encoder stands still while the tension swings.
+    /// The encoder does not count while the tension varies.
     EncoderStill = 42, Unit, "encoder stands still",
-        meaning: "The tension swung further than a resting reel could hold, and the encoder counted nothing: it is unplugged or broken. Without it the loop has no damping and swings, so the motor is at 0 V.",
+        meaning: "The tension varied more than a resting reel allows, and the encoder counted nothing: it is unplugged or broken. Without it the loop has no damping and oscillates, so the motor is at 0 V.",
         way_out: "Check the encoder's plug, supply and counter, then clear and arm.",
         detail: "swing of the tension in millinewton";
 }
@@ -201,7 +201,7 @@ impl Fault {
     }
 }
 
-/// Keeps the first fault until it is cleared: what came after it is most often its consequence.
+/// Keeps the first fault until it is cleared: later faults are mostly its consequences.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Latch {
     first: Option<(Fault, u32)>,
@@ -223,7 +223,7 @@ impl Latch {
         new
     }
 
-    /// Forgets the fault if its cause is gone. `true`: nothing is latched now.
+    /// Clears the fault if its cause is gone. `true`: nothing is latched now.
     pub fn clear(&mut self, still_there: impl FnOnce(Fault) -> bool) -> bool {
         if let Some((fault, _)) = self.first {
             if !still_there(fault) {

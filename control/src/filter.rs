@@ -21,7 +21,7 @@ use crate::units::Newton;
 use crate::NOMINAL_SPS;
 use wire::message::FilterChoice;
 
-/// Samples that a spike gate holds at most; the sample after them passes whatever it says.
+/// Samples that a spike gate holds at most; the sample after them passes unconditionally.
 pub const SPIKE_HOLD: u8 = 3;
 
 /// Replaces single wild samples by a prediction.
@@ -55,7 +55,7 @@ impl SpikeGate {
         let predicted = self.last.saturating_add(self.slope);
         let confirmed = self.held > 0 && near(sample, self.rejected);
         if near(sample, predicted) || confirmed || self.held >= SPIKE_HOLD {
-            // A level that was just accepted says nothing about the slope.
+            // A level that was just accepted carries no information about the slope.
             self.slope = if self.held > 0 {
                 0
             } else {

@@ -125,7 +125,7 @@ impl Model {
     }
 }
 
-/// Largest viscous friction that is made up for: 3 N, twice what the reel's dry friction is at 4 N.
+/// Largest viscous friction that is compensated: 3 N, twice what the reel's dry friction is at 4 N.
 pub const VISCOUS_LIMIT: Newton = Newton::from_un(3_000_000);
 
 /// Part of the difference that [`ReelSpeed`] takes over in a sample: 1/8, a mean over some eight samples (25 ms).
@@ -250,7 +250,7 @@ impl Stillness {
 }
 
 /// Speed at which a reel no longer counts as resting, in nanometres a sample: 4,096, which are
-/// 1.3 mm/s, one count a sample, and the least that can be told from rest in 10 ms.
+/// 1.3 mm/s, one count a sample, and the smallest speed distinguishable from rest within 10 ms.
 pub const MOVING_NM: i32 = 1 << 12;
 
 /// Error that does not move the direction of a resting reel: 10 mN, two to six times the measured noise (1.7
@@ -279,7 +279,7 @@ pub struct DirectionEstimator {
     direction: Direction,
     /// Travel that has not used up the play, -play to +play, in nanometres.
     slack_nm: i32,
-    /// The same for half the play, which is enough against one count to and fro.
+    /// The same for half the play, which is enough against a jitter of one count.
     fine_slack_nm: i32,
     /// Travel of the last sample past half the play, in nanometres.
     steady_nm: i32,

@@ -33,8 +33,6 @@
 //! Tension, force and command are positive where the motor pulls the cable in. Encoder travel is positive
 //! where the reel winds in. Direction +1 is winding in, -1 paying out.
 #![no_std]
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 #![warn(
     clippy::indexing_slicing,
     clippy::unwrap_used,

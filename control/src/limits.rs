@@ -51,7 +51,7 @@ impl Ramp {
         self.0 = i64::from(value.to_bits()) << EXTRA;
     }
 
-    /// Moves towards `to` for `dt_us` (at most 12,500); says whether the rate held it back.
+    /// Moves towards `to` for `dt_us` (at most 12,500); returns whether the rate limited it.
     pub fn approach(&mut self, to: Newton, rate: Rate, dt_us: u32) -> bool {
         // 2,000 N/s take 40 bits, the time 14.
         let step = rate.0.saturating_mul(i64::from(dt_us));

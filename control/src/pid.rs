@@ -3,7 +3,7 @@
 //! # Time
 //!
 //! A converter runs at 310 to 330 SPS. The integral uses the measured time between two DRDY edges, so that
-//! its rate is a true 1/s and a lost sample is made up for. The derivative and the damping use the nominal
+//! its rate is a true 1/s and a lost sample is accounted for. The derivative and the damping use the nominal
 //! rate: 3 % of a damping gain is nothing, and a division less is a division less. After lost samples the
 //! difference is spread over the periods it spans.
 //!
@@ -18,7 +18,7 @@
 //! # At rest
 //!
 //! A reel at rest holds any force inside its friction band: the motor's force does not reach the cable, the
-//! loop is open and its delay harmless. Without a friction model nobody but the integral can cross the band,
+//! loop is open and its delay harmless. Without a friction model only the integral can cross the band,
 //! so it runs five times as fast while the reel rests, fading to its own rate at
 //! [`MOVING_NM`](crate::friction::MOVING_NM). With the friction feedforward on, the direction estimate
 //! crosses the band and the integral keeps its rate.

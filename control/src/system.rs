@@ -1,4 +1,4 @@
-//! The state machine of the board as a pure function: state and conditions in, state and refusal out
+//! The state machine of the board as a pure function: state and conditions in, state and denial out
 //! (thesis 3.6.2, SystemStateMachine).
 //!
 //! Policy (docs/architecture.md, "Faults: unit or board"): a fault of the board wins over everything and
@@ -7,10 +7,10 @@
 
 use crate::state::SystemState;
 
-/// A command that asks for another state. One a cycle at most.
+/// A command that requests another state. At most one per cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Request {
-    /// Nothing asked.
+    /// No request.
     #[default]
     None,
     /// Let the motors act.
@@ -36,11 +36,11 @@ pub struct Conditions {
     pub all_ready: bool,
     /// At least one unit is still able to pull (ready or running, without a fault).
     pub any_usable: bool,
-    /// The averages that were asked for are complete or refused.
+    /// The requested averages are complete or refused.
     pub zero_done: bool,
     /// Every commanded force has come down to zero.
     pub ramp_done: bool,
-    /// What is asked for in this cycle.
+    /// Request of this cycle.
     pub request: Request,
 }
 

@@ -42,7 +42,7 @@ impl AdcCode {
         self.0
     }
 
-    /// Whether the converter stands at an end of its range, where it says nothing about the force.
+    /// Whether the converter stands at an end of its range, where it does not represent the force.
     #[must_use]
     pub const fn is_saturated(self) -> bool {
         self.0 == Self::MAX.0 || self.0 == Self::MIN.0

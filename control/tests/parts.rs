@@ -384,7 +384,7 @@ fn direction_follows_travel_and_survives_jitter() {
         estimator.step(&model, 10 * count, Newton::ZERO);
     }
     assert_eq!(estimator.direction().q30(), Direction::ONE);
-    // A count to and fro for as long as you like: nothing moves.
+    // A jitter of one count for any time: nothing moves.
     for n in 0..10_000 {
         estimator.step(
             &model,
@@ -543,7 +543,7 @@ fn every_fault_explains_itself() {
         let way_out = fault.what_to_do();
         assert!(
             way_out.to_lowercase().contains("clear"),
-            "{fault:?} says no way out: {way_out}"
+            "{fault:?} has no way out: {way_out}"
         );
         assert!(!fault.detail_meaning().is_empty());
     }
@@ -621,7 +621,7 @@ fn an_encoder_that_stands_while_the_tension_swings_is_found() {
         swing = watch.observe(true, counts(7), newton(7.5));
     }
     assert_eq!(swing.map(|s| s.to_un()), Some(7_000_000));
-    // A motor that does not act says nothing about its encoder.
+    // An inactive motor is no evidence about its encoder.
     let mut watch = EncoderWatch::default();
     assert_eq!(watch.observe(false, counts(0), newton(0.0)), None);
     assert_eq!(watch.observe(false, counts(0), newton(20.0)), None);

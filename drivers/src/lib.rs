@@ -7,7 +7,7 @@
 //!
 //! 1. a **sans-IO protocol layer**: constants, `const fn`s and state machines that say which bytes go
 //!    out, how many come back and what they mean. It owns no bus and never waits.
-//! 2. a **blocking driver** on embedded-hal 1.0 traits that only carries out what layer 1 asks for.
+//! 2. a **blocking driver** on embedded-hal 1.0 traits that only executes the operations of layer 1.
 //!
 //! | device | protocol layer | blocking driver |
 //! |---|---|---|
@@ -27,8 +27,6 @@
 //! # Features
 //! `defmt`: derives `defmt::Format` on error and state types.
 #![no_std]
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 pub mod dac7731;
 pub mod ls7266r1;

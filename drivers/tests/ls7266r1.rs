@@ -460,7 +460,7 @@ proptest! {
         );
     }
 
-    /// A reload of the counter doesn't move the position if the tracker is told.
+    /// A reload of the counter doesn't move the position if the tracker is informed.
     #[test]
     fn reload_without_a_jump(before in 0u32..(1 << 24), after in 0u32..(1 << 24), step in -1000i32..1000) {
         let mut tracker = PositionTracker::new(Direction::Normal);

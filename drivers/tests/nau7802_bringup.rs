@@ -13,7 +13,7 @@ use proptest::prelude::*;
 
 const CALIBRATION_US: u64 = 344_000;
 
-/// A converter on a bus, with scripted trouble.
+/// A converter on a bus, with scripted failures.
 #[derive(Clone)]
 struct Fake {
     now_us: u64,

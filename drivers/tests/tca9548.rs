@@ -367,7 +367,7 @@ proptest! {
                     prop_assert_eq!(part, mask.bits());
                 }
                 Happening::SelectLost(mask, arrived) => {
-                    // The write fails on the bus, whether or not the byte got through; nobody reports it.
+                    // The write fails on the bus, whether or not the byte got through; no report follows.
                     if let Some([byte]) = selector.request(ChannelMask::from_bits(mask)) {
                         part = if arrived { byte } else { part };
                     }

@@ -1,4 +1,4 @@
-//! The firmware image: checked before it is run, so that a wrong file says so in words.
+//! The firmware image: checked before it is run, so that a wrong file gives a clear message.
 
 use object::elf;
 use object::read::elf::{FileHeader, ProgramHeader};

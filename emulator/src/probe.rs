@@ -13,7 +13,7 @@ const KEPT: usize = 1 << 18;
 #[derive(Debug, Clone, Copy, Default)]
 struct Open {
     latency: Latency,
-    /// Instruction count when the data was there; `None` until the engine has said.
+    /// Instruction count when the data was there; `None` until the engine reports it.
     instructions: Option<u64>,
     word_seen: bool,
 }

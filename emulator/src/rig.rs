@@ -189,7 +189,7 @@ impl Rig {
         self.board.lock().set_robot_moving(moving);
     }
 
-    /// Breaks or mends something.
+    /// Injects a fault, or removes it.
     ///
     /// # Errors
     /// What cannot be done, and why.

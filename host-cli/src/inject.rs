@@ -21,7 +21,7 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
             .parse::<f64>()
             .ok()
             .filter(|t| t.is_finite())
-            .ok_or_else(|| wrong("the time is no number of seconds"))?,
+            .ok_or_else(|| wrong("the time is not a number of seconds"))?,
     };
     let (name, argument) = match what.split_once('=') {
         Some((name, argument)) => (name, Some(argument)),

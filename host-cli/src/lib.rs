@@ -14,8 +14,6 @@
 //! | what is kept of it | [`record`](mod@crate::record) |
 //!
 //! SI units throughout; the wire's integers end at [`session`].
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 pub mod force;
 #[cfg(feature = "residual")]

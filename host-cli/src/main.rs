@@ -1,5 +1,4 @@
 //! `forcectl`: the command line of the force rig.
-#![forbid(unsafe_code)]
 // `println!` and `eprintln!` panic where the reader is gone; `cli::output` does not.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 

@@ -1,144 +1,659 @@
-//! The program itself: bad input ends with a clear message and its exit code, and touches nothing.
+//! The program itself, without a rig: what it refuses, what it prints where, and its exit codes.
+#![cfg(all(feature = "record", feature = "residual"))]
 
-use std::path::PathBuf;
-use std::process::{Command, Output};
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use tempfile::TempDir;
 
-/// Runs forcectl in a fresh folder without the embedded rig's variables, as on a machine without any rig.
-fn forcectl(name: &str, arguments: &[&str]) -> (Output, PathBuf) {
-    let folder = std::env::temp_dir().join(format!("forcectl-cli-{name}-{}", std::process::id()));
-    let _ = std::fs::remove_dir_all(&folder);
-    std::fs::create_dir_all(&folder).expect("a temporary folder");
-    let output = Command::new(env!("CARGO_BIN_EXE_forcectl"))
-        .args(arguments)
-        .current_dir(&folder)
-        .env_remove("FORCE_RIG_BIN")
-        .env_remove("FORCE_FIRMWARE_ELF")
-        .output()
-        .expect("forcectl runs");
-    (output, folder)
+fn folder() -> TempDir {
+    tempfile::tempdir().expect("a temporary folder")
 }
 
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
+/// `forcectl` in a folder, without the embedded rig's variables, as on a machine without any rig.
+fn command(folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_forcectl"));
+    command
+        .args(arguments)
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .env_remove("FORCE_RIG_BIN")
+        .env_remove("FORCE_FIRMWARE_ELF")
+        .env_remove("FORCE_DATA");
+    command
+}
+
+/// What a call printed, and its exit code.
+#[derive(Debug)]
+struct Said {
+    code: Option<i32>,
+    out: String,
+    err: String,
+}
+
+fn said(output: &Output) -> Said {
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    let said = Said {
+        code: output.status.code(),
+        out: text(&output.stdout),
+        err: text(&output.stderr),
+    };
+    assert!(!said.err.contains("panicked"), "{said:?}");
+    said
+}
+
+fn forcectl_in(folder: &Path, arguments: &[&str]) -> Said {
+    said(&command(folder, arguments).output().expect("forcectl runs"))
+}
+
+fn forcectl(arguments: &[&str]) -> Said {
+    forcectl_in(folder().path(), arguments)
+}
+
+/// Splits a line at its spaces.
+fn words(line: &str) -> Vec<&str> {
+    line.split_whitespace().collect()
+}
+
+/// Standard output, which is one JSON object and nothing else.
+fn object(said: &Said) -> Value {
+    let value: Value = serde_json::from_str(&said.out)
+        .unwrap_or_else(|error| panic!("not one JSON value: {error}: {said:?}"));
+    assert!(value.is_object(), "{said:?}");
+    value
+}
+
+/// The error of a call with `--json`: one object with the text and the exit code.
+fn error_object(said: &Said, code: i32) -> String {
+    let value = object(said);
+    assert_eq!(said.code, Some(code), "{said:?}");
+    assert_eq!(value["exit_code"], code, "{said:?}");
+    let error = value["error"].as_str().unwrap_or_default().to_owned();
+    assert!(!error.is_empty() && !error.contains('\u{1b}'), "{said:?}");
+    assert!(said.err.contains("forcectl: "), "{said:?}");
+    error
+}
+
+/// The built-in rig file.
+fn built_in() -> String {
+    forcectl(&["check", "--print"]).out
+}
+
+/// Writes a rig file whose tension limits are swapped, and one that is good.
+fn rig_files(folder: &Path) {
+    let good = built_in();
+    let bad = good
+        .replacen("tension_min_n = 2.0", "tension_min_n = 12.0", 1)
+        .replacen("tension_max_n = 12.0", "tension_max_n = 2.0", 1);
+    assert_ne!(good, bad);
+    std::fs::write(folder.join("good.toml"), good).expect("written");
+    std::fs::write(folder.join("bad.toml"), bad).expect("written");
+}
+
+/// A minimal call of each command that is not refused for its arguments, and the options that it has beside those of
+/// every command.
+const COMMANDS: [(&str, &[&str]); 15] = [
+    (
+        "set-force 0 1 0",
+        &[
+            "--link",
+            "--rig",
+            "--seed",
+            "--plant",
+            "--paced",
+            "--duration",
+            "--out",
+            "--record",
+            "--still",
+            "--inject",
+        ],
+    ),
+    (
+        "status",
+        &["--link", "--rig", "--seed", "--plant", "--paced"],
+    ),
+    (
+        "monitor",
+        &[
+            "--link",
+            "--rig",
+            "--seed",
+            "--plant",
+            "--paced",
+            "--duration",
+        ],
+    ),
+    ("zero", &["--link", "--rig", "--seed", "--plant", "--paced"]),
+    ("arm", &["--link", "--rig", "--seed", "--plant", "--paced"]),
+    (
+        "disarm",
+        &["--link", "--rig", "--seed", "--plant", "--paced"],
+    ),
+    ("stop", &["--link", "--rig", "--seed", "--plant", "--paced"]),
+    (
+        "clear",
+        &["--link", "--rig", "--seed", "--plant", "--paced"],
+    ),
+    ("explain 33", &[]),
+    ("check good.toml", &["--print"]),
+    (
+        "record samples",
+        &[
+            "--link",
+            "--rig",
+            "--seed",
+            "--plant",
+            "--paced",
+            "--duration",
+        ],
+    ),
+    (
+        "residual --model none.toml --out found",
+        &["--data", "--model", "--out", "--apply", "--increment"],
+    ),
+    (
+        "identify --out found",
+        &[
+            "--link",
+            "--rig",
+            "--seed",
+            "--plant",
+            "--paced",
+            "--duration",
+            "--drive-duration",
+            "--force",
+            "--out",
+            "--apply",
+        ],
+    ),
+    ("completions bash", &[]),
+    ("man --out pages", &["--out"]),
+];
+
+/// Every option, with a value that is good.
+const OPTIONS: [(&str, &str); 18] = [
+    ("--link", "serial:/dev/no-such-port"),
+    ("--rig", "good.toml"),
+    ("--seed", "7"),
+    ("--plant", "plant.toml"),
+    ("--paced", ""),
+    ("--duration", "1"),
+    ("--drive-duration", "9"),
+    ("--out", "elsewhere"),
+    ("--record", "samples"),
+    ("--still", ""),
+    ("--inject", "estop@1s"),
+    ("--print", ""),
+    ("--data", "logs"),
+    ("--model", "none.toml"),
+    ("--apply", ""),
+    ("--increment", ""),
+    ("--force", "0 1 0"),
+    ("--no-such-option", ""),
+];
+
+#[test]
+fn an_option_that_a_command_does_not_use_is_rejected() {
+    let folder = folder();
+    rig_files(folder.path());
+    for (line, has) in COMMANDS {
+        let command = words(line)[0];
+        for (option, value) in OPTIONS {
+            let mut arguments = words(line);
+            arguments.push(option);
+            arguments.extend(words(value));
+            let said = forcectl_in(folder.path(), &arguments);
+            let rejected = said
+                .err
+                .contains(&format!("unexpected argument '{option}' found"));
+            if has.contains(&option) {
+                assert!(!rejected, "{arguments:?}: {said:?}");
+            } else {
+                assert_eq!(said.code, Some(2), "{arguments:?}: {said:?}");
+                assert!(rejected && said.out.is_empty(), "{arguments:?}: {said:?}");
+                if OPTIONS.iter().any(|(known, _)| *known == option) && option != "--no-such-option"
+                {
+                    let hint = format!("`{command}` does not use `{option}`");
+                    assert!(said.err.contains(&hint), "{arguments:?}: {said:?}");
+                }
+            }
+        }
+    }
+    // The table has every command: that of the help, without `help` itself.
+    let help = forcectl(&["--help"]).out;
+    let listed: Vec<&str> = help
+        .lines()
+        .skip_while(|line| *line != "Commands:")
+        .skip(1)
+        .take_while(|line| !line.is_empty())
+        .map(|line| words(line)[0])
+        .filter(|name| *name != "help")
+        .collect();
+    assert_eq!(listed, COMMANDS.map(|(line, _)| words(line)[0]));
 }
 
 #[test]
-fn forces_that_are_none_are_refused_before_anything_is_opened() {
-    let cases: &[(&[&str], &str)] = &[
-        (&["set-force", "0", "nan", "0"], "finite"),
-        (&["set-force", "inf", "0", "0"], "finite"),
-        (&["set-force", "0", "0", "-inf"], "finite"),
-        (&["set-force", "0", "1e9", "0"], "limit"),
-        (&["set-force", "0", "-1e9", "0"], "limit"),
-        (&["set-force", "0", "much", "0"], "no number"),
-        (&["set-force", "0", "2.5"], "required"),
-        (&["set-force", "0", "2.5", "0", "--for", "nan"], "seconds"),
+fn options_of_the_embedded_rig_are_refused_with_another_link_before_anything_is_written() {
+    let folder = folder();
+    std::fs::write(
+        folder.path().join("usb.toml"),
+        built_in().replacen("rig = \"embedded\"", "rig = \"usb\"", 1),
+    )
+    .expect("written");
+    for (options, name, link) in [
+        ("--link usb --seed 1", "--seed", "usb"),
         (
-            &["set-force", "0", "2.5", "0", "--inject", "unplug=9@1s"],
-            "1 to 6",
+            "--link serial:/dev/null --plant p.toml",
+            "--plant",
+            "serial:/dev/null",
         ),
-        (&["identify"], "--out"),
-        (&["identify", "--out", "o", "--seconds", "2"], "8 to 600"),
-        (&["identify", "--out", "o", "--seconds", "nan"], "seconds"),
+        ("--link usb --paced", "--paced", "usb"),
         (
-            &["identify", "--out", "o", "--force", "0", "nan", "0"],
-            "finite",
+            "--rig usb.toml --paced",
+            "--paced",
+            "usb (from the rig file)",
+        ),
+    ] {
+        for command in [
+            "set-force 0 1 0",
+            "status",
+            "monitor",
+            "zero",
+            "arm",
+            "disarm",
+            "stop",
+            "clear",
+            "record samples",
+            "identify --out found",
+        ] {
+            let mut arguments = words(command);
+            arguments.extend(words(options));
+            let said = forcectl_in(folder.path(), &arguments);
+            assert_eq!(said.code, Some(2), "{arguments:?}: {said:?}");
+            assert!(
+                said.err.contains(name) && said.err.contains(&format!("the link is {link};")),
+                "{arguments:?}: {said:?}"
+            );
+        }
+    }
+    for option in ["--still", "--inject estop@1s"] {
+        let mut arguments = words("set-force 0 1 0 --link usb");
+        arguments.extend(words(option));
+        let said = forcectl_in(folder.path(), &arguments);
+        assert_eq!(said.code, Some(2), "{arguments:?}: {said:?}");
+        assert!(said.err.contains(words(option)[0]), "{said:?}");
+    }
+    let left = std::fs::read_dir(folder.path()).expect("is there").count();
+    assert_eq!(left, 1, "only usb.toml");
+}
+
+#[test]
+fn old_names_get_the_new_ones() {
+    for (line, hint) in [
+        ("status --config my.toml", "`--config` is now `--rig`"),
+        ("--config=my.toml status", "`--config` is now `--rig`"),
+        ("set-force 0 1 0 --for 3", "`--for` is now `--duration`"),
+        ("monitor --seconds 3", "`--seconds` is now `--duration`"),
+        ("identify --out o --for 3", "`--for` is now `--duration`"),
+        (
+            "identify --out o --seconds 9",
+            "`--seconds` is now `--drive-duration`",
+        ),
+        ("status --rig usb", "give the connection with `--link usb`"),
+        ("set-force 0 1 0 --rig embedded", "`--link embedded`"),
+        ("status --rig serial:COM3", "`--link serial:COM3`"),
+        (
+            "status --link my.toml",
+            "give the rig file with `--rig my.toml`",
         ),
         (
-            &["identify", "--out", "o", "--force", "0", "99", "0"],
-            "limit",
+            "--link usb status",
+            "`--link` stands after the command: forcectl status --link",
         ),
-        (&["identify", "--out", "o", "--apply"], "--config"),
+        ("explain --for 3", "`explain` does not use `--duration`"),
+    ] {
+        let said = forcectl(&words(line));
+        assert_eq!(said.code, Some(2), "{line}: {said:?}");
+        assert!(said.err.contains(hint), "{line}: {said:?}");
+        let empty = said.err.lines().any(|line| line.trim() == "tip:");
+        assert!(!empty, "{line}: {said:?}");
+    }
+}
+
+#[test]
+fn wrong_values_are_refused_before_anything_is_opened() {
+    let cases: &[(&str, &str)] = &[
+        ("set-force 0 nan 0", "finite"),
+        ("set-force inf 0 0", "finite"),
+        ("set-force 0 0 -inf", "finite"),
+        ("set-force 0 1e9 0", "limit"),
+        ("set-force 0 -1e9 0", "limit"),
         (
-            &["set-force", "0", "2.5", "0", "--rig", "carrier-pigeon"],
-            "serial:PORT",
+            "set-force 0 much 0",
+            "`much` is not a number; give newtons, for example 2.5",
         ),
+        ("set-force 0 2.5", "required"),
+        ("set-force 0 2.5 0 --duration nan", "seconds"),
+        (
+            "set-force 0 2.5 0 --duration long",
+            "`long` is not a number; give seconds",
+        ),
+        ("set-force 0 2.5 0 --inject unplug=9@1s", "1 to 6"),
+        ("set-force 0 2.5 0 --inject help", "known are unplug=UNIT"),
+        ("set-force 0 2.5 0 --seed many", "whole number from 0"),
+        ("identify", "--out"),
+        ("identify --out o --drive-duration 2", "8 to 600"),
+        ("identify --out o --drive-duration nan", "seconds"),
+        ("identify --out o --force 0 nan 0", "finite"),
+        ("identify --out o --force 0 99 0", "limit"),
+        ("identify --out o --apply", "--rig FILE"),
+        ("set-force 0 2.5 0 --link carrier-pigeon", "serial:PORT"),
+        ("explain much", "not a fault number"),
+        ("explain 999", "there is no fault 999"),
+        ("status -v -q", "cannot be used with"),
     ];
-    for (i, (arguments, words)) in cases.iter().enumerate() {
-        let (output, folder) = forcectl(&format!("bad-{i}"), arguments);
-        let error = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(2), "{arguments:?}: {error}");
-        assert!(error.contains(words), "{arguments:?}: {error}");
-        assert_eq!(
-            std::fs::read_dir(&folder).expect("is there").count(),
-            0,
-            "{arguments:?} left files"
-        );
-        std::fs::remove_dir_all(folder).expect("cleaned up");
+    for (line, words_in_error) in cases {
+        let folder = folder();
+        let said = forcectl_in(folder.path(), &words(line));
+        assert_eq!(said.code, Some(2), "{line}: {said:?}");
+        assert!(said.err.contains(words_in_error), "{line}: {said:?}");
+        let left = std::fs::read_dir(folder.path()).expect("is there").count();
+        assert_eq!(left, 0, "{line} left files");
+        // The same as JSON: one object, and nothing in it is for a terminal.
+        let mut arguments = words(line);
+        arguments.push("--json");
+        let error = error_object(&forcectl(&arguments), 2);
+        assert!(error.contains(words_in_error), "{line}: {error}");
+        assert!(!error.contains("Usage:"), "{line}: {error}");
     }
 }
 
 #[test]
 fn without_the_rigs_variables_it_says_how_to_run() {
-    let (output, folder) = forcectl("env", &["set-force", "0", "-2.5", "0"]);
-    let error = text(&output.stderr);
-    assert_eq!(output.status.code(), Some(4), "{error}");
-    assert!(error.contains("cargo forcectl"), "{error}");
-    std::fs::remove_dir_all(folder).expect("cleaned up");
+    let said = forcectl(&["set-force", "0", "-2.5", "0"]);
+    assert_eq!(said.code, Some(4), "{said:?}");
+    assert!(
+        said.err.contains("cargo forcectl") && said.err.contains("--link usb"),
+        "{said:?}"
+    );
 }
 
 #[test]
-fn a_port_that_is_not_there_is_a_link_error_also_as_json() {
-    let (output, folder) = forcectl(
-        "port",
-        &["--json", "status", "--rig", "serial:/dev/no-such-port"],
+fn json_is_one_object_also_for_errors() {
+    let folder = folder();
+    rig_files(folder.path());
+    let run = |line: &str| forcectl_in(folder.path(), &words(line));
+    for command in [
+        "set-force 0 1 0",
+        "status",
+        "monitor",
+        "zero",
+        "arm",
+        "disarm",
+        "stop",
+        "clear",
+        "record samples",
+        "identify --out found",
+    ] {
+        // No rig; no device; a wrong rig file.
+        let error = error_object(&run(&format!("{command} --json")), 4);
+        assert!(error.contains("cargo forcectl"), "{command}: {error}");
+        let line = format!("--json {command} --link serial:/dev/no-such-port");
+        let error = error_object(&run(&line), 4);
+        assert!(error.contains("/dev/no-such-port"), "{command}: {error}");
+        let error = error_object(&run(&format!("{command} --json --rig bad.toml")), 3);
+        assert!(
+            error.contains("bad.toml:") && error.contains("swapped"),
+            "{command}: {error}"
+        );
+    }
+    error_object(&run("--json"), 2);
+    error_object(&run("no-such-command --json"), 2);
+    error_object(&run("check none.toml --json"), 3);
+    error_object(&run("check bad.toml --json"), 3);
+    error_object(&run("residual --json --model none.toml --out found"), 2);
+    // These have no JSON form.
+    for line in ["completions bash --json", "check --print --json"] {
+        assert!(
+            error_object(&run(line), 2).contains("omit --json"),
+            "{line}"
+        );
+    }
+    // Successes.
+    let faults = object(&run("explain --json"));
+    let count = faults["faults"].as_array().map_or(0, Vec::len);
+    assert!(count > 20, "{faults}");
+    assert_eq!(object(&run("explain 33 --json"))["fault"], 33);
+    assert_eq!(
+        object(&run("--json check good.toml"))["rig"]["name"],
+        object(&run("check good.toml --json"))["name"]
     );
-    assert_eq!(output.status.code(), Some(4));
-    let json: serde_json::Value =
-        serde_json::from_slice(&output.stdout).expect("JSON on standard output");
-    assert_eq!(json["exit_code"], 4);
-    assert!(json["error"]
-        .as_str()
-        .is_some_and(|e| e.contains("/dev/no-such-port")));
-    std::fs::remove_dir_all(folder).expect("cleaned up");
+    assert_eq!(object(&run("man --out pages --json"))["folder"], "pages");
 }
 
 #[test]
 fn rig_files_are_checked_with_their_lines() {
-    let (output, folder) = forcectl("check", &["check", "--print"]);
-    let example = text(&output.stdout);
-    let good = folder.join("good.toml");
-    std::fs::write(&good, &example).expect("written");
-    let bad = folder.join("bad.toml");
-    let swapped = example
-        .replacen("tension_min_n = 2.0", "tension_min_n = 12.0", 1)
-        .replacen("tension_max_n = 12.0", "tension_max_n = 2.0", 1);
-    std::fs::write(&bad, swapped).expect("written");
-    let path = |path: &PathBuf| path.to_str().expect("plain").to_owned();
-    let (output, other) = forcectl("check-good", &["check", &path(&good)]);
-    assert_eq!(output.status.code(), Some(0), "{}", text(&output.stderr));
-    assert!(text(&output.stdout).contains("6 units enabled"));
-    std::fs::remove_dir_all(other).expect("cleaned up");
-    let bad = path(&bad);
-    for arguments in [
-        &["check", &bad][..],
-        &["set-force", "0", "1", "0", "--config", &bad],
-    ] {
-        let (output, other) = forcectl("check-bad", arguments);
-        let error = text(&output.stderr);
-        assert_eq!(output.status.code(), Some(3), "{error}");
+    let folder = folder();
+    rig_files(folder.path());
+    let said = forcectl_in(folder.path(), &["check", "good.toml"]);
+    assert_eq!(said.code, Some(0), "{said:?}");
+    assert!(said.out.contains("6 units enabled"), "{said:?}");
+    for line in ["check bad.toml", "set-force 0 1 0 --rig bad.toml"] {
+        let said = forcectl_in(folder.path(), &words(line));
+        assert_eq!(said.code, Some(3), "{said:?}");
         assert!(
-            error.contains("bad.toml:") && error.contains("swapped"),
-            "{error}"
+            said.err.contains("bad.toml:") && said.err.contains("swapped"),
+            "{said:?}"
         );
-        std::fs::remove_dir_all(other).expect("cleaned up");
     }
-    std::fs::remove_dir_all(folder).expect("cleaned up");
 }
 
 #[test]
-fn faults_are_explained_and_shells_completed() {
-    let (output, folder) = forcectl("explain", &["explain", "33"]);
-    assert!(
-        text(&output.stdout).contains("sensor silent"),
-        "{}",
-        text(&output.stdout)
+fn help_completions_and_manual_pages_know_every_command() {
+    assert!(forcectl(&["explain", "33"]).out.contains("sensor silent"));
+    let names = COMMANDS.map(|(line, _)| words(line)[0]);
+    for name in names {
+        let (help, flag) = (forcectl(&["help", name]), forcectl(&[name, "--help"]));
+        assert_eq!((help.code, flag.code), (Some(0), Some(0)), "{name}");
+        assert!(
+            help.out.contains("Usage: forcectl ") && help.out == flag.out,
+            "{name}"
+        );
+    }
+    for shell in ["bash", "elvish", "fish", "powershell", "zsh"] {
+        let said = forcectl(&["completions", shell]);
+        assert_eq!(said.code, Some(0), "{said:?}");
+        for word in names.iter().chain(&["drive-duration"]) {
+            assert!(said.out.contains(word), "{shell} lacks {word}");
+        }
+    }
+    let folder = folder();
+    let said = forcectl_in(folder.path(), &["man", "--out", "a/man1"]);
+    assert_eq!(said.code, Some(0), "{said:?}");
+    let page = |name: &str| std::fs::read_to_string(folder.path().join("a/man1").join(name));
+    assert!(page("forcectl.1").expect("is there").contains("130"));
+    for name in names {
+        let text = page(&format!("forcectl-{name}.1")).expect(name);
+        assert!(text.contains("json"), "{name}");
+    }
+    std::fs::write(folder.path().join("file"), "").expect("written");
+    assert_eq!(
+        forcectl_in(folder.path(), &["man", "--out", "file/man1"]).code,
+        Some(7)
     );
-    std::fs::remove_dir_all(folder).expect("cleaned up");
-    let (output, folder) = forcectl("explain-none", &["explain", "999"]);
-    assert_eq!(output.status.code(), Some(2));
-    std::fs::remove_dir_all(folder).expect("cleaned up");
-    let (output, folder) = forcectl("completions", &["completions", "bash"]);
-    assert!(text(&output.stdout).contains("set-force"));
-    std::fs::remove_dir_all(folder).expect("cleaned up");
+}
+
+/// Calls whose output nobody reads: with a result, with an error, with help.
+const CALLS: [(&str, i32); 9] = [
+    ("explain", 0),
+    ("explain --json", 0),
+    ("check --print", 0),
+    ("completions zsh", 0),
+    ("--help", 0),
+    ("set-force --help", 0),
+    ("--version", 0),
+    ("explain 999 --json", 2),
+    ("status --json --link serial:/dev/no-such-port", 4),
+];
+
+#[test]
+fn a_closed_pipe_ends_the_output_and_nothing_else() {
+    for (line, code) in CALLS {
+        let folder = folder();
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let output = command(folder.path(), &words(line))
+            .stdout(writer)
+            .stderr(Stdio::piped())
+            .output()
+            .expect("forcectl runs");
+        let said = said(&output);
+        assert_eq!(said.code, Some(code), "{line}: {said:?}");
+        // An error is told, the pipe is not.
+        assert_eq!(said.err.is_empty(), code == 0, "{line}: {said:?}");
+    }
+}
+
+#[test]
+fn a_closed_standard_error_changes_no_exit_code() {
+    for (line, code) in [
+        ("explain 999", 2),
+        ("no-such-command", 2),
+        ("", 2),
+        ("status", 4),
+        ("explain 33", 0),
+    ] {
+        let folder = folder();
+        let (reader, writer) = std::io::pipe().expect("a pipe");
+        drop(reader);
+        let status = command(folder.path(), &words(line))
+            .stdout(Stdio::null())
+            .stderr(writer)
+            .status()
+            .expect("forcectl runs");
+        assert_eq!(status.code(), Some(code), "{line}");
+    }
+}
+
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_disk_is_told_once() {
+    for (line, code) in CALLS {
+        let folder = folder();
+        let full = std::fs::File::options().write(true).open("/dev/full");
+        let output = command(folder.path(), &words(line))
+            .stdout(full.expect("Linux has /dev/full"))
+            .stderr(Stdio::piped())
+            .output()
+            .expect("forcectl runs");
+        let said = said(&output);
+        // The first failure has the exit code.
+        let wanted = if code == 0 { 7 } else { code };
+        assert_eq!(said.code, Some(wanted), "{line}: {said:?}");
+        let told = said
+            .err
+            .matches("standard output cannot be written")
+            .count();
+        assert_eq!(told, 1, "{line}: {said:?}");
+    }
+    for line in ["explain 999", "no-such-command", ""] {
+        let folder = folder();
+        let full = std::fs::File::options().write(true).open("/dev/full");
+        let status = command(folder.path(), &words(line))
+            .stdout(Stdio::null())
+            .stderr(full.expect("Linux has /dev/full"))
+            .status()
+            .expect("forcectl runs");
+        assert_eq!(status.code(), Some(2), "{line}");
+    }
+}
+
+/// Signals, on systems that have them.
+#[cfg(unix)]
+mod signals {
+    use super::*;
+    use std::io::Write;
+    use std::os::unix::fs::PermissionsExt;
+    use std::process::Child;
+    use std::time::{Duration, Instant};
+
+    fn signal(child: &Child, name: &str) {
+        let sent = Command::new("kill")
+            .args(["-s", name, &child.id().to_string()])
+            .status();
+        assert!(sent.expect("kill runs").success());
+    }
+
+    /// Waits for a condition for ten seconds.
+    fn wait(what: &str, mut condition: impl FnMut() -> bool) {
+        let start = Instant::now();
+        while !condition() {
+            assert!(start.elapsed() < Duration::from_secs(10), "{what}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    #[test]
+    fn one_signal_ends_a_command_that_drives_nothing() {
+        for name in ["INT", "TERM", "HUP"] {
+            for json in [false, true] {
+                let folder = folder();
+                // A model file that is a pipe holds the command until the test writes to it.
+                let model = folder.path().join("model.toml");
+                let made = Command::new("mkfifo").arg(&model).status();
+                assert!(made.expect("mkfifo runs").success());
+                let mut arguments = words("residual --model model.toml --out found");
+                arguments.extend(json.then_some("--json"));
+                let child = command(folder.path(), &arguments)
+                    .stdout(Stdio::piped())
+                    .stderr(Stdio::piped())
+                    .spawn()
+                    .expect("forcectl runs");
+                // Opened when the command reads.
+                let mut pipe = std::fs::File::options()
+                    .write(true)
+                    .open(&model)
+                    .expect("a pipe");
+                pipe.write_all(b"#").expect("written");
+                signal(&child, name);
+                let said = said(&child.wait_with_output().expect("ends"));
+                assert_eq!(said.code, Some(130), "{name}: {said:?}");
+                if json {
+                    let value = object(&said);
+                    assert_eq!(value["exit_code"], 130, "{said:?}");
+                } else {
+                    assert!(said.out.is_empty(), "{name}: {said:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_first_signal_asks_and_the_second_ends_at_once() {
+        for name in ["INT", "TERM", "HUP"] {
+            let folder = folder();
+            // A rig that reads and never answers.
+            let rig = folder.path().join("rig");
+            std::fs::write(&rig, "#!/bin/sh\ntouch started\ncat > /dev/null\n").expect("written");
+            std::fs::set_permissions(&rig, PermissionsExt::from_mode(0o755)).expect("set");
+            let mut child = command(folder.path(), &["status", "--json", "-v"])
+                .env("FORCE_RIG_BIN", &rig)
+                .env("FORCE_FIRMWARE_ELF", &rig)
+                .stdout(Stdio::piped())
+                .stderr(Stdio::from(
+                    std::fs::File::create(folder.path().join("err")).expect("made"),
+                ))
+                .spawn()
+                .expect("forcectl runs");
+            wait("the rig starts", || folder.path().join("started").exists());
+            signal(&child, name);
+            let err = || std::fs::read_to_string(folder.path().join("err")).unwrap_or_default();
+            wait("the signal is noticed", || err().contains("Interrupted"));
+            assert!(child.try_wait().expect("is there").is_none(), "{}", err());
+            signal(&child, name);
+            let said = said(&child.wait_with_output().expect("ends"));
+            assert_eq!(said.code, Some(130), "{name}: {said:?}");
+            assert_eq!(object(&said)["exit_code"], 130, "{said:?}");
+        }
+    }
 }

@@ -2,7 +2,8 @@
 //! What the analysis makes of bad logs is tested where it lives, in `residual/tests`.
 #![cfg(feature = "residual")]
 
-use std::path::{Path, PathBuf};
+use residual::{Report, Verdict};
+use std::path::Path;
 use std::process::{Command, Output};
 
 const MODEL: &str = r#"
@@ -21,46 +22,45 @@ fixed = 1.0
 const SECOND_TERM: &str = "[[terms]]\nname = \"zero\"\nexpr = \"1\"\n";
 
 /// A folder of its own for one test, removed at the end.
-struct Folder(PathBuf);
+struct Folder(tempfile::TempDir);
 
 impl Folder {
-    fn new(name: &str) -> Self {
-        let folder =
-            std::env::temp_dir().join(format!("forcectl-residual-{name}-{}", std::process::id()));
-        let _ = std::fs::remove_dir_all(&folder);
-        std::fs::create_dir_all(&folder).expect("a temporary folder");
-        Self(folder)
+    fn new() -> Self {
+        Self(tempfile::tempdir().expect("a temporary folder"))
     }
 
     /// A folder with three logs of a drive with that much Coulomb friction (N), and a model file.
-    fn with_logs(name: &str, friction_n: f64) -> Self {
-        let folder = Self::new(name);
+    fn with_logs(friction_n: f64) -> Self {
+        let folder = Self::new();
         folder.put("MODEL.toml", MODEL);
-        std::fs::create_dir(folder.0.join("logs")).expect("made");
+        std::fs::create_dir(folder.path().join("logs")).expect("made");
         for run in 0..3 {
             folder.put(&format!("logs/run{run}.csv"), &log(run, friction_n));
         }
         folder
     }
 
+    fn path(&self) -> &Path {
+        self.0.path()
+    }
+
     fn put(&self, name: &str, text: &str) {
-        std::fs::write(self.0.join(name), text).expect("written");
+        std::fs::write(self.path().join(name), text).expect("written");
     }
 
     fn read(&self, name: &str) -> String {
-        std::fs::read_to_string(self.0.join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
+        std::fs::read_to_string(self.path().join(name)).unwrap_or_else(|e| panic!("{name}: {e}"))
     }
 
     fn has(&self, name: &str) -> bool {
-        self.0.join(name).exists()
+        self.path().join(name).exists()
     }
 
     /// Runs `forcectl` in the folder: exit code, standard output and error.
     fn forcectl(&self, arguments: &str) -> (i32, String, String) {
         let output: Output = Command::new(env!("CARGO_BIN_EXE_forcectl"))
             .args(arguments.split_whitespace())
-            .current_dir(&self.0)
-            .env_remove("FORCE_DATA")
+            .current_dir(self.path())
             .output()
             .expect("forcectl runs");
         let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
@@ -81,12 +81,6 @@ impl Folder {
         }
         assert!(!said.contains("panicked"), "{arguments}: {said}");
         said
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
@@ -123,7 +117,7 @@ fn reports(folder: &Path) -> Vec<String> {
 
 #[test]
 fn wrong_arguments_end_before_anything_is_written() {
-    let folder = Folder::with_logs("arguments", 0.5);
+    let folder = Folder::with_logs(0.5);
     folder.put("key.toml", &MODEL.replace("fixed", "fixd"));
     folder.put(
         "newton.toml",
@@ -139,7 +133,12 @@ fn wrong_arguments_end_before_anything_is_written() {
     folder.put("logs/notes.md", "no log");
     let cases: &[(&str, i32, &[&str])] = &[
         ("residual --data logs --out out", 2, &["--model"]),
-        ("residual --data logs --model MODEL.toml", 2, &["--out"]),
+        ("residual --model MODEL.toml --out out", 2, &["--data"]),
+        (
+            "residual --data logs --model MODEL.toml --apply rig.toml",
+            2,
+            &["--out"],
+        ),
         (
             "residual --data logs --model MODEL.toml --out out --increment",
             2,
@@ -214,9 +213,9 @@ fn wrong_arguments_end_before_anything_is_written() {
 
 #[test]
 fn a_place_that_takes_no_reports_is_refused_and_left_as_it_is() {
-    let folder = Folder::with_logs("place", 0.5);
+    let folder = Folder::with_logs(0.5);
     folder.put("file", "mine");
-    std::fs::create_dir(folder.0.join("own")).expect("made");
+    std::fs::create_dir(folder.path().join("own")).expect("made");
     folder.put("own/report.md", "my own");
     let base = "residual --data logs --model MODEL.toml --out";
     folder.expect(&format!("{base} file"), 7, &["file", "folder"]);
@@ -231,7 +230,7 @@ fn a_place_that_takes_no_reports_is_refused_and_left_as_it_is() {
         ("mine".into(), "my own".into())
     );
     assert_eq!(
-        std::fs::read_dir(folder.0.join("own"))
+        std::fs::read_dir(folder.path().join("own"))
             .expect("is there")
             .count(),
         1
@@ -253,28 +252,32 @@ fn a_place_that_takes_no_reports_is_refused_and_left_as_it_is() {
 
 #[test]
 fn reports_are_written_replaced_and_gone_when_a_run_fails() {
-    let folder = Folder::with_logs("reports", 0.5);
+    let folder = Folder::with_logs(0.5);
     // The folder of reports lies among the data: reports are no logs.
     let good = "residual --data . --model MODEL.toml --out out";
+    let (code, out, _) = folder.forcectl("residual --data . --model MODEL.toml");
+    assert!(
+        code == 0 && out.contains("The model lacks coulomb"),
+        "{out}"
+    );
+    assert_eq!(
+        std::fs::read_dir(folder.path()).expect("is there").count(),
+        2,
+        "without --out nothing is written"
+    );
     for _ in 0..2 {
         folder.expect(good, 0, &["The model lacks coulomb", "out/report.html"]);
-        assert_eq!(reports(&folder.0.join("out")).len(), 3);
+        assert_eq!(reports(&folder.path().join("out")).len(), 3);
     }
-    folder.expect(
-        "residual --data . --model MODEL.toml --out other",
-        0,
-        &["coulomb"],
-    );
-    assert!(folder.read("other/report.md").contains("other JSON"));
-    let verdict: serde_json::Value =
-        serde_json::from_str(&folder.read("out/report.json")).expect("JSON");
-    assert_eq!(verdict["verdict"], "effect");
+    let report = Report::read(&folder.path().join("out/report.json")).expect("a report");
+    assert_eq!(report.verdict, Verdict::Effect);
+    assert_eq!(report.files.len(), 3);
     folder.expect(
         "residual --data logs/run0.csv --model MODEL.toml --out out",
         4,
         &["one group"],
     );
-    assert_eq!(reports(&folder.0.join("out")), Vec::<String>::new());
+    assert_eq!(reports(&folder.path().join("out")), Vec::<String>::new());
     assert!(!folder.has("out/effect-1-coulomb.svg"));
     // What it found can be run again; it is the declared model of the next look.
     folder.expect(
@@ -286,7 +289,7 @@ fn reports_are_written_replaced_and_gone_when_a_run_fails() {
 
 #[test]
 fn a_rig_file_is_copied_with_what_the_board_can_use_or_not_at_all() {
-    let folder = Folder::with_logs("apply", 0.5);
+    let folder = Folder::with_logs(0.5);
     let (_, rig, _) = folder.forcectl("check --print");
     folder.put("rig.toml", &rig);
     let base = "residual --model MODEL.toml --out out --apply rig.toml --data";

@@ -145,7 +145,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
                 if(wasOn)
                 {
-                    // A stream that is switched off says so with its transfer-complete flag (RM0433 15.3.15).
+                    // A stream that is switched off sets its transfer-complete flag (RM0433 15.3.15).
                     stream.Flags |= Complete;
                 }
             }

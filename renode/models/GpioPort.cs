@@ -17,7 +17,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
     public class GpioPort : RegisterBlock, INumberedGPIOOutput, IGPIOReceiver
     {
         /// `modeReset`, `pullReset`: MODER and PUPDR after reset; most ports start analog.
-        /// `boardPull`: what the board's own resistors do with a pad that nobody drives, bit n high, else low.
+        /// `boardPull`: what the board's own resistors do with an undriven pad, bit n high, else low.
         public GpioPort(IMachine machine, uint modeReset = 0xFFFFFFFF, uint pullReset = 0, uint boardPull = 0)
         {
             this.modeReset = modeReset;

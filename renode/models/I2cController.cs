@@ -189,7 +189,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             status &= ~(TransferComplete | ReloadComplete);
             if(bus.HoldsBus)
             {
-                // SDA low: the controller waits for a free bus, and no flag ever tells.
+                // SDA low: the controller waits for a free bus, and no flag is set.
                 this.Log(LogLevel.Info, "START waits: SDA is held low");
                 return;
             }
@@ -329,13 +329,13 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private void UpdateInterrupts()
         {
-            var wanted = 0u;
-            wanted |= (control1 & 1u << 1) != 0 ? TransmitInterrupt : 0;
-            wanted |= (control1 & 1u << 2) != 0 ? ReceiveFull : 0;
-            wanted |= (control1 & 1u << 4) != 0 ? NotAcknowledged : 0;
-            wanted |= (control1 & 1u << 5) != 0 ? StopDetected : 0;
-            wanted |= (control1 & 1u << 6) != 0 ? TransferComplete | ReloadComplete : 0;
-            EventInterrupt.Set((status & wanted) != 0);
+            var enabled = 0u;
+            enabled |= (control1 & 1u << 1) != 0 ? TransmitInterrupt : 0;
+            enabled |= (control1 & 1u << 2) != 0 ? ReceiveFull : 0;
+            enabled |= (control1 & 1u << 4) != 0 ? NotAcknowledged : 0;
+            enabled |= (control1 & 1u << 5) != 0 ? StopDetected : 0;
+            enabled |= (control1 & 1u << 6) != 0 ? TransferComplete | ReloadComplete : 0;
+            EventInterrupt.Set((status & enabled) != 0);
             ErrorInterrupt.Set((control1 & 1u << 7) != 0 && (status & Errors) != 0);
         }
 

@@ -247,11 +247,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private uint SwitchStatus()
         {
-            var wanted = registers[ClockConfiguration] & 7;
-            var source = wanted == 0 ? HsiOn : wanted == 1 ? CsiOn : wanted == 2 ? HseOn : wanted == 3 ? Pll1On : 0;
+            var requested = registers[ClockConfiguration] & 7;
+            var source = requested == 0 ? HsiOn : requested == 1 ? CsiOn : requested == 2 ? HseOn : requested == 3 ? Pll1On : 0;
             if((ready & source) != 0)
             {
-                selected = wanted;
+                selected = requested;
             }
             return selected;
         }

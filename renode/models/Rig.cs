@@ -1,6 +1,6 @@
 // What stands around the board: the plant, the hand that breaks things, and the books.
 //
-// The plant lives on its own grid and only moves forward. Whoever reads from it or acts on it says at what
+// The plant lives on its own grid and only moves forward. Every access to it states at what
 // instant; up to there the converters' input samples and the rows of truth are taken in the order of time.
 
 using System;
@@ -18,7 +18,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
     /// Something that takes samples of the plant at instants of its own.
     public interface ISampler
     {
-        /// Next instant at which it wants the plant, `ulong.MaxValue` for none.
+        /// Next instant at which it needs the plant, `ulong.MaxValue` for none.
         ulong NextSample { get; }
         void TakeSample();
     }

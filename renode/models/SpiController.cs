@@ -323,14 +323,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             // IER and SR have the same places but for SUSP and TXC, which share EOTIE.
             var status = Status;
-            var wanted = interruptEnable & 0x7FF;
+            var enabled = interruptEnable & 0x7FF;
             var ends = (interruptEnable & EndOfTransfer) != 0 ? 1u << 11 | 1u << 12 : 0;
             // TXC is up while nothing was ever sent; it counts as an event only with TSIZE = 0.
             if(Size16 != 0)
             {
                 ends &= ~(1u << 12);
             }
-            IRQ.Set((status & (wanted | ends)) != 0);
+            IRQ.Set((status & (enabled | ends)) != 0);
         }
 
         private uint control1;

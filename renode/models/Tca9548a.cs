@@ -55,18 +55,18 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         public bool HoldsBus { get; private set; }
 
-        public bool Start(int wanted, bool read)
+        public bool Start(int called, bool read)
         {
             if(inReset || Silent)
             {
                 return false;
             }
-            forMe = wanted == address;
+            forMe = called == address;
             talking.Clear();
             var answered = forMe;
             for(var n = 0; n < channels.Length; n++)
             {
-                if((mask >> n & 1) != 0 && channels[n].Start(wanted, read))
+                if((mask >> n & 1) != 0 && channels[n].Start(called, read))
                 {
                     talking.Add(channels[n]);
                     answered = true;
@@ -74,7 +74,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
             if(talking.Count > 1)
             {
-                this.Log(LogLevel.Warning, "{0} devices answer at 0x{1:X2}: mask 0x{2:X2}", talking.Count, wanted, mask);
+                this.Log(LogLevel.Warning, "{0} devices answer at 0x{1:X2}: mask 0x{2:X2}", talking.Count, called, mask);
             }
             return answered;
         }
@@ -123,7 +123,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             forMe = false;
         }
 
-        /// Without supply: nobody answers, here or behind.
+        /// Without supply: no acknowledge, here or behind.
         public bool Silent { get; set; }
 
         /// Channels in force, bit n for channel n.

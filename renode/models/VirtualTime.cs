@@ -32,7 +32,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         }
 
         /// Runs `action` when virtual time reaches `at`; what is past happens as soon as it can.
-        /// The action is told its own instant.
+        /// The action receives its own instant.
         public void At(ulong at, Action<ulong> action)
         {
             var now = Now;

@@ -1,4 +1,4 @@
-"""Keywords of the force board's suites: power it up, let time pass, talk to it, break things, look at it.
+"""Keywords of the force board's suites: power it up, let time pass, send commands, inject faults, check the result.
 
 Virtual time passes only inside of `Advance` and what builds on it, so a suite gives the same figures on a
 slow machine as on a fast one. Units count from 1.
@@ -61,11 +61,11 @@ class ForceBoard:
         self._forget()
 
     def advance(self, milliseconds):
-        """Lets virtual time pass and hears what the board says."""
+        """Lets virtual time pass and collects the frames of the board."""
         self.run('emulation RunFor "%.6f"' % (float(milliseconds) / 1000.0))
-        self._hear()
+        self._receive()
 
-    def _hear(self):
+    def _receive(self):
         digits = self.run("serial Take").strip()
         for frame in self.decoder.feed(bytes.fromhex(digits)):
             self.board_seqs.append(frame["seq"])
@@ -88,22 +88,22 @@ class ForceBoard:
 
     def ask(self, command, body=b"", within_ms=200):
         self.seq = self.seq + 1 & 0xFFFF
-        wanted = self.seq
-        self.run("serial Send \"%s\"" % wire.encode_command(wanted, command, body).hex())
+        seq = self.seq
+        self.run("serial Send \"%s\"" % wire.encode_command(seq, command, body).hex())
         for _ in range(int(within_ms) // 2):
             self.advance(2)
             for reply in self.replies:
-                if reply["seq"] == wanted:
+                if reply["seq"] == seq:
                     self.replies.remove(reply)
                     return reply
-        raise AssertionError("no answer to %s within %s ms" % (command, within_ms))
+        raise AssertionError("no response to %s within %s ms" % (command, within_ms))
 
     def send(self, command, body=b""):
         self.seq = self.seq + 1 & 0xFFFF
         self.run("serial Send \"%s\"" % wire.encode_command(self.seq, command, body).hex())
 
     def connect(self):
-        """Says hello with the numbers that the board itself gives, and returns what it says of itself."""
+        """Sends Hello with the board's own ABI version and schema hash, and returns the board's information."""
         rejected = self.ask("Hello", wire.hello(0, bytes(8)), 500)
         if rejected.get("error") != "Version":
             raise AssertionError("Hello with another schema hash should be rejected, got %s" % rejected)
@@ -322,7 +322,7 @@ class ForceBoard:
             raise AssertionError("unit %s: the board is at %d, its counter at %d" % (unit, position, counter))
 
     def latency_should_agree_from_both_ends(self, within_us=10):
-        """What the board says (DRDY to DAC word) against what the parts see (DRDY to LDAC edge)."""
+        """Latency measured by the board (DRDY to DAC word) against the devices (DRDY to LDAC edge)."""
         report = []
         for unit in range(1, wire.UNITS + 1):
             outside = self.run("rig LatencyNs %d" % unit).split()

@@ -3,7 +3,7 @@ Documentation     Boot: clock tree, who the board is, quiet log.
 Library           ForceBoard.py
 
 *** Test Cases ***
-Clock Tree Is What The Board Says
+Clock Tree Agrees With The Board's Report
     Power Up Board
     Advance    300
     ${hello}=    Connect
@@ -25,7 +25,7 @@ Outputs Stand At Zero From The First Instruction
     Advance    500
     Output Should Be Zero
 
-Power On Is Told As Power On
+Power On Is Reported As Power On
     Power Up Board
     Advance    300
     ${hello}=    Connect

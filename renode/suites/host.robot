@@ -5,7 +5,7 @@ Library           ForceBoard.py
 *** Test Cases ***
 Set Force With The Real Controller
     Power Up Board
-    ${figures}=    Run Forcectl    set-force    0    2.5    0    --for    2
+    ${figures}=    Run Forcectl    set-force    0    2.5    0    --duration    2
     Should Be Equal As Integers    ${figures}[samples_lost]    0
     Should Be Equal As Integers    ${figures}[link_counters][frames_bad]    0
     Should Be Empty    ${figures}[faults]

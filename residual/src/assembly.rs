@@ -11,7 +11,9 @@ use crate::frame::Frame;
 use crate::intervals::parameters;
 use crate::leftover::Leftover;
 use crate::model::Fit;
-use crate::report::{Ambiguity, Effect, NotMaterial, Plot, Report, Tested, WITHOUT};
+use crate::report::{
+    Ambiguity, Effect, NotMaterial, Plot, Report, Tested, SCHEMA_VERSION, WITHOUT,
+};
 use crate::scan::{Candidate, Scan};
 use crate::search::{without, Judged, Outcome, Search, Weight};
 use crate::verdict::{verdict, Conditions};
@@ -58,6 +60,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
             .is_some_and(|(a, e)| a.effects.first() == Some(&e.name)),
     });
     Ok(Report {
+        schema_version: SCHEMA_VERSION,
         title: spec.title.clone(),
         unit: spec.roles.target.unit.clone(),
         files: file_names(data),
@@ -211,7 +214,7 @@ fn tested(c: &Candidate) -> Tested {
         name: c.origin.kind(),
         form: c.variant.label.clone(),
         gain: c.gain,
-        p: c.p,
+        p_value: c.p,
         t_statistic: c.t,
         params: nonlinear(c),
     }

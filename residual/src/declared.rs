@@ -8,7 +8,7 @@ use crate::expr::Expr;
 use crate::figures::figures;
 use crate::model::{Fit, Fitted, Model, WorkTerm};
 use crate::problem::Problem;
-use crate::report::Figures;
+use crate::report::{DeclaredTerm, Figures};
 use crate::spec::Spec;
 
 /// The declared model alone, without a search.
@@ -17,8 +17,8 @@ use crate::spec::Spec;
 pub struct Baseline {
     /// Its errors.
     pub figures: Figures,
-    /// Its terms: name, coefficient, unit, whether it was declared fixed.
-    pub terms: Vec<(String, f64, String, bool)>,
+    /// Its terms.
+    pub terms: Vec<DeclaredTerm>,
     /// Rows of the frame that were fitted.
     pub rows: Vec<usize>,
     /// Residual on those rows when their group is held out.
@@ -150,10 +150,39 @@ pub(crate) fn load_expression(declared: &Fitted) -> String {
     }
 }
 
-/// Declared terms for reports: name, coefficient, unit, whether it was declared fixed.
-pub(crate) fn terms(declared: &Fitted) -> Vec<(String, f64, String, bool)> {
+/// Declared terms for reports.
+pub(crate) fn terms(declared: &Fitted) -> Vec<DeclaredTerm> {
     coefficients(declared)
         .into_iter()
-        .map(|(t, a)| (t.name.clone(), a, t.unit.clone(), t.fixed.is_some()))
+        .map(|(t, a)| DeclaredTerm {
+            name: t.name.clone(),
+            coefficient: a,
+            unit: t.unit.clone(),
+            fixed: t.fixed.is_some(),
+        })
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_name_that_is_no_effect_is_refused() {
+        let with = |names: &str| {
+            let spec = Spec::parse(&format!(
+                "[roles]\ntime = {{ column = \"t\" }}\ntarget = {{ column = \"y\" }}\n\
+                 [selection]\n{names}\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n"
+            ));
+            check_selection(&spec.unwrap())
+        };
+        assert_eq!(with("only = [\"coulomb\"]\nexcept = [\"delay\"]"), Ok(()));
+        for names in ["only = [\"gremlins\"]", "except = [\"gremlins\"]"] {
+            let error = with(names).unwrap_err().to_string();
+            assert!(
+                error.contains("`gremlins`") && error.contains("payload"),
+                "{error}"
+            );
+        }
+    }
 }

@@ -1,4 +1,4 @@
-//! Everything that can go wrong, what to do about it, and the exit code a command should return.
+//! Errors of the library: what happened, what to do, and the exit code for a command.
 
 use std::fmt;
 use std::path::PathBuf;
@@ -53,9 +53,9 @@ pub enum Error {
         /// What to do.
         hint: String,
     },
-    /// Two or more declared terms say the same thing on these data.
+    /// Declared terms are linear combinations of other terms on these data.
     RankDeficient {
-        /// Names of the terms that add nothing to the terms before them.
+        /// Names of the terms that depend linearly on the terms before them.
         terms: Vec<String>,
     },
 }
@@ -110,8 +110,8 @@ impl fmt::Display for Error {
             Error::Data { what, hint } => write!(f, "{what}. {hint}"),
             Error::RankDeficient { terms } => write!(
                 f,
-                "declared term(s) {} repeat what the terms before them already say on these data. \
-                 Remove them, fix their coefficient, or record an experiment that moves them apart",
+                "declared term(s) {} are linear combinations of the terms before them on these data. \
+                 Remove them, fix their coefficient, or record an experiment that distinguishes them",
                 terms.join(", ")
             ),
         }

@@ -132,6 +132,6 @@ pub(crate) fn doubt(
             sizes.join(", ")
         ),
         gain: *gain,
-        p: 0.0,
+        p_value: 0.0,
     }))
 }

@@ -1,15 +1,16 @@
 //! Flaws of measured logs: time base, gaps, repeats, spikes, clipping, quantisation, a 256-fold
 //! scale. Each is reported, and handled only as the model file asks.
 
+use crate::format::num;
 use crate::frame::Frame;
-use crate::report::num;
 use crate::spec::{Action, Hygiene};
 use crate::stats;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
 
 /// One kind of flaw, summed over the data.
-#[derive(Debug, Clone, PartialEq, Serialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
 pub struct Finding {
     /// Name of the check.
     pub check: String,
@@ -47,6 +48,7 @@ impl Log {
     }
 }
 
+/// What was done about a flaw.
 fn done(action: Action) -> &'static str {
     match action {
         Action::Report => "reported only",
@@ -66,99 +68,78 @@ pub(crate) fn inspect(
 ) {
     time_base(frame, log);
     let mut y = frame.column("target").unwrap_or(&[]).to_vec();
-    let place = |i: usize, frame: &Frame| {
-        let file = frame
-            .column("file")
-            .and_then(|f| files.get(f[i] as usize))
-            .and_then(|f| f.file_name())
-            .map_or(String::new(), |f| format!("{}, ", f.to_string_lossy()));
-        format!("{file}time {} s", num(frame.time()[i]))
+    let mut found = |check: &str, rows: &[usize], action: Action, what: &str, frame: &Frame| {
+        let Some(&first) = rows.first() else {
+            return;
+        };
+        log.count(
+            check,
+            rows.len(),
+            &place(first, frame, files),
+            &format!("{what}: {}", done(action)),
+        );
+        if action == Action::Drop {
+            rows.iter().for_each(|&i| keep[i] = false);
+        }
     };
 
-    // A reading left-justified in 32 bits instead of 24 is 256 times too large.
-    let mut sizes: Vec<f64> = y.iter().map(|v| v.abs()).filter(|v| *v > 0.0).collect();
-    if let Some(typical) = stats::median(&mut sizes) {
-        let lo = stats::quantile_sorted(&sizes, 0.05);
-        let hi = stats::quantile_sorted(&sizes, 0.90) * 1.5;
-        let wrong: Vec<usize> = (0..y.len())
-            .filter(|&i| {
-                y[i].abs() > 60.0 * typical && y[i].abs() / 256.0 >= lo && y[i].abs() / 256.0 <= hi
-            })
-            .collect();
-        if let Some(&first) = wrong.first() {
-            log.count(
-                "scale256",
-                wrong.len(),
-                &place(first, frame),
-                &format!("target values 256 times too large (a 24-bit value left-justified in 32 bits): {}", done(spec.scale256)),
-            );
-            for &i in &wrong {
-                match spec.scale256 {
-                    Action::Fix => y[i] /= 256.0,
-                    Action::Drop => keep[i] = false,
-                    Action::Report => {}
-                }
-            }
-            if spec.scale256 == Action::Fix {
-                frame.insert("target", y.clone());
-            }
-        }
+    let scaled = scaled256(&y);
+    let what = "target values 256 times too large (a 24-bit value left-justified in 32 bits)";
+    found("scale256", &scaled, spec.scale256, what, frame);
+    if spec.scale256 == Action::Fix && !scaled.is_empty() {
+        scaled.iter().for_each(|&i| y[i] /= 256.0);
+        frame.insert("target", y.clone());
     }
 
-    let spikes = spikes(&y, frame);
-    if let Some(&first) = spikes.first() {
-        log.count(
-            "spike",
-            spikes.len(),
-            &place(first, frame),
-            &format!(
-                "isolated target values far from both neighbours: {}",
-                done(spec.spikes)
-            ),
-        );
-        if spec.spikes == Action::Drop {
-            spikes.iter().for_each(|&i| keep[i] = false);
-        }
-    }
+    let what = "isolated target values far from both neighbours";
+    found("spike", &spikes(&y, frame), spec.spikes, what, frame);
 
     let clipped = clipped(&y, frame);
     if let Some(&first) = clipped.first() {
-        log.count(
-            "clipping",
-            clipped.len(),
-            &place(first, frame),
-            &format!(
-                "target stuck at {}, the end of its range: {}",
-                num(y[first]),
-                done(spec.clipping)
-            ),
-        );
-        if spec.clipping == Action::Drop {
-            clipped.iter().for_each(|&i| keep[i] = false);
-        }
+        let what = format!("target stuck at {}, the end of its range", num(y[first]));
+        found("clipping", &clipped, spec.clipping, &what, frame);
     }
 
     let repeated = repeats(frame);
     if repeated.len() * 100 > frame.len() {
-        log.count(
-            "repeat",
-            repeated.len(),
-            &place(repeated[0], frame),
-            &format!(
-                "rows that repeat every value of the row before: {}",
-                done(spec.repeats)
-            ),
-        );
-        if spec.repeats == Action::Drop {
-            repeated.iter().for_each(|&i| keep[i] = false);
-        }
+        let what = "rows that repeat every value of the row before";
+        found("repeat", &repeated, spec.repeats, what, frame);
     }
+    quantised(frame, log);
+}
 
-    for name in frame.names().to_vec() {
+/// Where a row is: its file and time.
+fn place(row: usize, frame: &Frame, files: &[PathBuf]) -> String {
+    let file = frame
+        .column("file")
+        .and_then(|f| files.get(f[row] as usize))
+        .and_then(|f| f.file_name())
+        .map_or(String::new(), |f| format!("{}, ", f.to_string_lossy()));
+    format!("{file}time {} s", num(frame.time()[row]))
+}
+
+/// Rows whose value is 256 times too large: a reading left-justified in 32 bits instead of 24.
+fn scaled256(y: &[f64]) -> Vec<usize> {
+    let mut sizes: Vec<f64> = y.iter().map(|v| v.abs()).filter(|v| *v > 0.0).collect();
+    let Some(typical) = stats::median(&mut sizes) else {
+        return vec![];
+    };
+    let lo = stats::quantile_sorted(&sizes, 0.05);
+    let hi = stats::quantile_sorted(&sizes, 0.90) * 1.5;
+    (0..y.len())
+        .filter(|&i| {
+            y[i].abs() > 60.0 * typical && y[i].abs() / 256.0 >= lo && y[i].abs() / 256.0 <= hi
+        })
+        .collect()
+}
+
+/// Notes the columns that move in steps.
+fn quantised(frame: &Frame, log: &mut Log) {
+    for name in frame.names() {
         if ["time", "elapsed", "file"].contains(&name.as_str()) {
             continue;
         }
-        let c = frame.column(&name).unwrap_or(&[]);
+        let c = frame.column(name).unwrap_or(&[]);
         if let Some(q) = stats::quantum(c) {
             log.count(
                 &format!("quantised {name}"),
@@ -170,6 +151,7 @@ pub(crate) fn inspect(
     }
 }
 
+/// Notes the time base.
 fn time_base(frame: &Frame, log: &mut Log) {
     let mut steps: Vec<f64> = frame
         .sequences()
@@ -248,6 +230,7 @@ fn clipped(y: &[f64], frame: &Frame) -> Vec<usize> {
     out
 }
 
+/// Rows that repeat every value of the row before, apart from the time.
 fn repeats(frame: &Frame) -> Vec<usize> {
     let cols: Vec<&[f64]> = frame
         .names()

@@ -38,9 +38,6 @@
 //! # Ok::<(), residual::Error>(())
 //! ```
 
-#![deny(missing_docs)]
-#![forbid(unsafe_code)]
-
 mod analysis;
 mod assembly;
 mod compensation;
@@ -54,6 +51,7 @@ pub mod expr;
 mod extended;
 mod feedback;
 mod figures;
+mod format;
 mod frame;
 mod hygiene;
 mod intervals;
@@ -62,19 +60,17 @@ mod linalg;
 /// Reading logs.
 pub mod load;
 mod model;
+mod nan;
 mod nested;
 mod problem;
 mod progress;
 mod ranking;
 mod report;
-/// The measured data of the thesis rig: where they are, and their two layouts.
-pub mod rig;
 mod scan;
 mod search;
 /// The model file.
 pub mod spec;
 mod stats;
-mod svg;
 mod verdict;
 
 pub use analysis::{analyse, run, Options};
@@ -83,12 +79,13 @@ pub use data::{Data, DataBuilder};
 pub use declared::{baseline, Baseline};
 pub use effects::{experiment, meaning, names, EffectKind, Form, Param};
 pub use error::Error;
+pub use format::num;
 pub use frame::Frame;
 pub use hygiene::Finding;
 pub use nested::{nested, Nested, NestedFold};
 pub use progress::{Console, Progress, Ticker};
 pub use report::{
-    clear, num, Ambiguity, Effect, Figures, NotMaterial, Plot, Report, Rival, Structure, Tested,
-    Verdict,
+    clear, Ambiguity, DeclaredTerm, Effect, Figures, ModelTest, NotMaterial, Plot, Report, Rival,
+    Structure, Tested, Verdict, SCHEMA_VERSION,
 };
 pub use stats::ResidualTest;

@@ -1,18 +1,18 @@
-//! How far an analysis is, for people who wait: stages, and the share done of a long scan.
+//! Progress of an analysis: stages, and the fraction done of a long scan.
 
 use std::io::{IsTerminal, Write};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
-/// Told the number of candidates done and of all in this scan, from any thread.
+/// Called with the number of candidates done and of all candidates in this scan, from any thread.
 pub type Ticker = Arc<dyn Fn(usize, usize) + Send + Sync>;
 
-/// Told how far an analysis is.
+/// Receives the progress of an analysis. `()` ignores it.
 pub trait Progress {
-    /// A stage begins; `text` is one line for people.
+    /// A stage begins; `text` is one line that describes it.
     fn stage(&mut self, text: &str);
 
-    /// What scans tell how far they are; `None` if nobody wants to know.
+    /// What scans report their progress to; `None` if progress is not shown.
     fn ticker(&mut self) -> Option<Ticker> {
         None
     }
@@ -22,13 +22,13 @@ impl Progress for () {
     fn stage(&mut self, _: &str) {}
 }
 
-/// Between two tellings of one scan on a terminal, where each takes the place of the last.
+/// Least time between two reports of one scan on a terminal, where each replaces the last.
 const ON_TERMINAL: Duration = Duration::from_millis(200);
-/// The same in a log, where each takes a line.
+/// The same in a log, where each is a line.
 const IN_LOG: Duration = Duration::from_secs(5);
 
-/// Stages with the time since the start, on standard error, and in between the share of the scan
-/// that is done: in place on a terminal, now and then as a line elsewhere.
+/// Prints stages with the time since the start to standard error, and in between the fraction of the scan
+/// that is done: in place on a terminal, as a line every few seconds elsewhere.
 pub struct Console {
     start: Instant,
     terminal: bool,
@@ -56,7 +56,8 @@ impl Progress for Console {
     fn stage(&mut self, text: &str) {
         if let Ok(mut last) = self.last.lock() {
             let clear = if last.1 { "\r\x1b[K" } else { "" };
-            eprintln!("{clear}{} {text}", stamp(self.start));
+            // Progress that cannot be shown is no reason to stop.
+            let _ = writeln!(std::io::stderr(), "{clear}{} {text}", stamp(self.start));
             *last = (Instant::now(), false);
         }
     }
@@ -64,7 +65,7 @@ impl Progress for Console {
     fn ticker(&mut self) -> Option<Ticker> {
         let (start, terminal, last) = (self.start, self.terminal, self.last.clone());
         Some(Arc::new(move |done, all| {
-            // Whoever finds it busy has nothing to say that the other does not.
+            // If another thread is printing, its report is enough.
             let Ok(mut last) = last.try_lock() else {
                 return;
             };
@@ -78,7 +79,7 @@ impl Progress for Console {
                 100 * done / all.max(1)
             );
             let mut err = std::io::stderr().lock();
-            // Progress that cannot be shown is no reason to stop.
+            // Progress that cannot be printed does not stop the analysis.
             let _ = if terminal {
                 write!(err, "\r{text}\x1b[K").and_then(|()| err.flush())
             } else {
@@ -92,7 +93,7 @@ impl Progress for Console {
 impl Drop for Console {
     fn drop(&mut self) {
         if self.last.lock().is_ok_and(|last| last.1) {
-            eprintln!("\r\x1b[K");
+            let _ = writeln!(std::io::stderr(), "\r\x1b[K");
         }
     }
 }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// The whole model file.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Spec {
     /// Free text, shown as the report's title.
@@ -37,7 +37,7 @@ pub struct Spec {
 }
 
 /// How files are read.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Input {
     /// Names for the columns of text files without a header.
@@ -50,7 +50,7 @@ pub struct Input {
     /// the whole path.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub file_name: String,
-    /// Columns that part a file into sequences (runs of one thing), such as `unit`.
+    /// Columns that split a file into sequences, such as `unit`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sequence: Vec<String>,
 }
@@ -67,7 +67,7 @@ impl Default for Input {
 }
 
 /// One column and its unit: value = cell * scale + offset, in `unit`.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Column {
     /// Column name in the log.
@@ -101,7 +101,7 @@ fn is_zero(x: &f64) -> bool {
 
 /// Columns by role. Only time and target are required; an effect whose columns are absent is not
 /// looked for, and the report says so.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Roles {
     /// Time, in seconds after conversion.
@@ -169,7 +169,7 @@ impl Roles {
 }
 
 /// Which rows are fitted. Rows that are left out still carry the memory of operators.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Rows {
     /// Expression; rows where it is 0 are not fitted.
@@ -181,7 +181,7 @@ pub struct Rows {
 }
 
 /// What is held out: never random rows.
-#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Holdout {
     /// Columns whose joint values name a group; `file` stands for the file. Empty: `file`, or
@@ -207,7 +207,7 @@ fn is_zero_usize(x: &usize) -> bool {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Action {
-    /// Say so, change nothing.
+    /// Only report it.
     #[default]
     Report,
     /// Leave the rows out of the fit.
@@ -217,7 +217,7 @@ pub enum Action {
 }
 
 /// What to do about flaws of the data.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Hygiene {
     /// Isolated target values far from both neighbours.
@@ -248,7 +248,7 @@ impl Default for Hygiene {
 }
 
 /// How effects are selected.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Selection {
     /// Smallest fall of the held-out RMSE that counts, as a fraction.
@@ -290,7 +290,7 @@ impl Default for Selection {
 }
 
 /// One term of the model.
-#[derive(Debug, Clone, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Term {
     /// Name in reports.
@@ -357,7 +357,7 @@ impl Spec {
         }
         if s.decoys < 16 {
             return Err(Error::model(
-                "selection.decoys must be at least 16, or chance cannot be told from effect",
+                "selection.decoys must be at least 16, or chance cannot be distinguished from an effect",
             ));
         }
         if spec.holdout.block_s.is_some_and(|b| b.is_nan() || b <= 0.0) {

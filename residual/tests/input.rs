@@ -1,30 +1,26 @@
 //! Input of every kind through the public entry: formats, units, groups, and data that cannot be
 //! analysed.
 
-use residual::{run, spec::Spec, Error, Options, Report, Verdict};
+use residual::{load, run, spec::Spec, Error, Options, Report, Verdict};
 use std::io::Write;
 use std::path::PathBuf;
 
 /// A folder of its own for one test, removed at the end.
-struct Folder(PathBuf);
+struct Folder(tempfile::TempDir);
 
 impl Folder {
-    fn new(name: &str) -> Folder {
-        let dir = std::env::temp_dir().join(format!("residual-test-{}-{name}", std::process::id()));
-        std::fs::create_dir_all(&dir).unwrap();
-        Folder(dir)
+    fn new() -> Folder {
+        Folder(tempfile::tempdir().unwrap())
+    }
+
+    fn path(&self) -> PathBuf {
+        self.0.path().to_path_buf()
     }
 
     fn put(&self, name: &str, text: &str) -> PathBuf {
-        let path = self.0.join(name);
+        let path = self.0.path().join(name);
         std::fs::write(&path, text).unwrap();
         path
-    }
-}
-
-impl Drop for Folder {
-    fn drop(&mut self) {
-        let _ = std::fs::remove_dir_all(&self.0);
     }
 }
 
@@ -89,11 +85,11 @@ fn assert_coulomb(r: &Report) {
 
 #[test]
 fn plain_gzip_and_blank_separated_text_agree() {
-    let dir = Folder::new("text");
+    let dir = Folder::new();
     for run in 0..3 {
         dir.put(&format!("run{run}.csv"), &csv(&rows(run, 1500)));
     }
-    let plain = analyse(std::slice::from_ref(&dir.0), MODEL).unwrap();
+    let plain = analyse(&[dir.path()], MODEL).unwrap();
     assert_coulomb(&plain);
     let board = plain.compensation().unwrap();
     assert!(
@@ -102,17 +98,17 @@ fn plain_gzip_and_blank_separated_text_agree() {
             && board.offset == 0.0
     );
 
-    let zipped = Folder::new("gzip");
+    let zipped = Folder::new();
     for run in 0..3 {
-        let file = std::fs::File::create(zipped.0.join(format!("run{run}.csv.gz"))).unwrap();
+        let file = std::fs::File::create(zipped.path().join(format!("run{run}.csv.gz"))).unwrap();
         let mut gz = flate2::write::GzEncoder::new(file, flate2::Compression::fast());
         gz.write_all(csv(&rows(run, 1500)).as_bytes()).unwrap();
         gz.finish().unwrap();
     }
-    let gzip = analyse(std::slice::from_ref(&zipped.0), MODEL).unwrap();
+    let gzip = analyse(&[zipped.path()], MODEL).unwrap();
     assert_eq!(gzip.baseline.heldout_rmse, plain.baseline.heldout_rmse);
 
-    let blank = Folder::new("blank");
+    let blank = Folder::new();
     for run in 0..3 {
         let text = rows(run, 1500).iter().fold(String::new(), |s, r| {
             s + &format!("  {} {}\t{} {}\n", r[0], r[1], r[2], r[3])
@@ -122,10 +118,7 @@ fn plain_gzip_and_blank_separated_text_agree() {
     let model =
         format!("[input]\nseparator = \"blank\"\nheader = [\"t\", \"y\", \"c\", \"v\"]\n{MODEL}");
     assert_eq!(
-        analyse(std::slice::from_ref(&blank.0), &model)
-            .unwrap()
-            .last
-            .heldout_rmse,
+        analyse(&[blank.path()], &model).unwrap().last.heldout_rmse,
         plain.last.heldout_rmse
     );
 }
@@ -137,13 +130,13 @@ fn parquet_agrees_with_text() {
     use parquet::file::{properties::WriterProperties, writer::SerializedFileWriter};
     use parquet::schema::parser::parse_message_type;
     use std::sync::Arc;
-    let dir = Folder::new("parquet");
-    let text = Folder::new("parquet-text");
+    let dir = Folder::new();
+    let text = Folder::new();
     let schema = Arc::new(parse_message_type("message log { required double t; optional double y; required double c; required double v; }").unwrap());
     for run in 0..2 {
         let data = rows(run, 1500);
         text.put(&format!("run{run}.csv"), &csv(&data));
-        let file = std::fs::File::create(dir.0.join(format!("run{run}.parquet"))).unwrap();
+        let file = std::fs::File::create(dir.path().join(format!("run{run}.parquet"))).unwrap();
         let mut w = SerializedFileWriter::new(
             file,
             schema.clone(),
@@ -165,22 +158,22 @@ fn parquet_agrees_with_text() {
         }
         w.close().unwrap();
     }
-    let a = analyse(std::slice::from_ref(&dir.0), MODEL).unwrap();
-    let b = analyse(std::slice::from_ref(&text.0), MODEL).unwrap();
+    let a = analyse(&[dir.path()], MODEL).unwrap();
+    let b = analyse(&[text.path()], MODEL).unwrap();
     assert_coulomb(&a);
     assert_eq!(a.baseline.heldout_rmse, b.baseline.heldout_rmse);
 }
 
 #[test]
 fn the_extended_model_reproduces_the_fit_and_the_frozen_one_transfers() {
-    let dir = Folder::new("extended");
+    let dir = Folder::new();
     for run in 0..3 {
         dir.put(&format!("run{run}.csv"), &csv(&rows(run, 1500)));
     }
-    let out = dir.0.join("out");
+    let out = dir.path().join("out");
     let first = run(
         &Options {
-            data: vec![dir.0.clone()],
+            data: vec![dir.path()],
             model: Spec::parse(MODEL).unwrap(),
             out: Some(out.clone()),
         },
@@ -212,6 +205,7 @@ fn the_extended_model_reproduces_the_fit_and_the_frozen_one_transfers() {
     ] {
         assert!(page.contains(part), "{part}");
     }
+    assert_eq!(Report::read(&out.join("report.json")).unwrap(), first);
     let json: serde_json::Value =
         serde_json::from_str(&std::fs::read_to_string(out.join("report.json")).unwrap()).unwrap();
     assert_eq!(json["verdict"], "effect");
@@ -234,7 +228,9 @@ fn the_extended_model_reproduces_the_fit_and_the_frozen_one_transfers() {
         assert!(json["effects"][0].get(key).is_some(), "{key}");
     }
     assert!(json["seen_not_material"].is_array() && json["hygiene"].is_array());
-    let data: Vec<PathBuf> = (0..3).map(|r| dir.0.join(format!("run{r}.csv"))).collect();
+    let data: Vec<PathBuf> = (0..3)
+        .map(|r| dir.path().join(format!("run{r}.csv")))
+        .collect();
     let again = analyse(
         &data,
         &std::fs::read_to_string(out.join("MODEL.extended.toml")).unwrap(),
@@ -243,12 +239,12 @@ fn the_extended_model_reproduces_the_fit_and_the_frozen_one_transfers() {
     assert_eq!(again.verdict, Verdict::None, "{}", again.markdown());
     assert!((again.baseline.heldout_rmse / first.last.heldout_rmse - 1.0).abs() < 1e-6);
 
-    let other = Folder::new("frozen");
+    let other = Folder::new();
     for run in 10..12 {
         other.put(&format!("run{run}.csv"), &csv(&rows(run, 1500)));
     }
     let moved = analyse(
-        std::slice::from_ref(&other.0),
+        &[other.path()],
         &std::fs::read_to_string(out.join("MODEL.frozen.toml")).unwrap(),
     )
     .unwrap();
@@ -262,7 +258,7 @@ fn the_model_of_the_readme_works_as_it_stands() {
         .split_once("<!-- model:begin -->\n```toml\n")
         .unwrap();
     let (model, _) = block.split_once("```\n<!-- model:end -->").unwrap();
-    let dir = Folder::new("readme");
+    let dir = Folder::new();
     for run in 0..3 {
         let text = csv(&rows(run, 1500));
         dir.put(
@@ -270,12 +266,12 @@ fn the_model_of_the_readme_works_as_it_stands() {
             &text.replacen("t,y,c,v", "time_s,force_n,command_n,speed_rad_s", 1),
         );
     }
-    assert_coulomb(&analyse(std::slice::from_ref(&dir.0), model).unwrap());
+    assert_coulomb(&analyse(&[dir.path()], model).unwrap());
 }
 
 #[test]
 fn units_convert_and_blocks_of_one_file_hold_out() {
-    let dir = Folder::new("units");
+    let dir = Folder::new();
     let data: Vec<[f64; 4]> = rows(0, 4000)
         .into_iter()
         .map(|[t, y, c, v]| [t * 1000.0, y * 1000.0 + 200.0, c, v])
@@ -294,15 +290,15 @@ fn units_convert_and_blocks_of_one_file_hold_out() {
 }
 
 fn refused(name: &str, text: &str, model: &str) -> (u8, String) {
-    let dir = Folder::new(name);
+    let dir = Folder::new();
     dir.put("a.csv", text);
     dir.put("b.csv", text);
-    let out = dir.0.join("out");
+    let out = dir.path().join("out");
     let err = Spec::parse(model)
         .and_then(|model| {
             run(
                 &Options {
-                    data: vec![dir.0.join("a.csv"), dir.0.join("b.csv")],
+                    data: vec![dir.path().join("a.csv"), dir.path().join("b.csv")],
                     model,
                     out: Some(out.clone()),
                 },
@@ -350,8 +346,8 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
             "{name}: exit {got}, {message}"
         );
     }
-    let dir = Folder::new("stale");
-    let out = dir.0.join("out");
+    let dir = Folder::new();
+    let out = dir.path().join("out");
     let options = |data: Vec<PathBuf>| Options {
         data,
         model: Spec::parse(MODEL).unwrap(),
@@ -392,11 +388,11 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
         "my own"
     );
 
-    let dir = Folder::new("cut");
+    let dir = Folder::new();
     let mut gz = flate2::write::GzEncoder::new(Vec::new(), flate2::Compression::fast());
     gz.write_all(good.as_bytes()).unwrap();
     let whole = gz.finish().unwrap();
-    let path = dir.0.join("cut.csv.gz");
+    let path = dir.path().join("cut.csv.gz");
     std::fs::write(&path, &whole[..whole.len() / 2]).unwrap();
     let err = analyse(&[path], MODEL).unwrap_err();
     assert!(
@@ -404,7 +400,7 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
         "{err}"
     );
 
-    let dir = Folder::new("single");
+    let dir = Folder::new();
     let one = dir.put("only.csv", &good);
     let err = analyse(&[one], MODEL).unwrap_err();
     assert!(
@@ -412,7 +408,7 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
         "{err}"
     );
     assert_eq!(
-        analyse(&[dir.0.join("nothing.csv")], MODEL)
+        analyse(&[dir.path().join("nothing.csv")], MODEL)
             .unwrap_err()
             .exit_code(),
         3
@@ -420,47 +416,57 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
 }
 
 #[test]
-fn the_original_closed_loop_layout_is_read() {
-    let dir = Folder::new("json");
-    for run in 0..3u64 {
-        let data = rows(run, 1200);
-        let list = |c: usize, k: f64| {
-            data.iter()
-                .map(|r| format!("{}", r[c] * k))
-                .collect::<Vec<_>>()
-                .join(",")
-        };
-        let text = format!(
-            "{{\"load_cell_force_times\":[[{}],[]],\"load_cell_forces\":[[{}],[]],\"tor_cmds\":[[{}],[]],\
-             \"p_terms\":[[{}],[]],\"i_terms\":[[],[]],\"d_terms\":[[],[]],\"setpoints\":[[1,2,3],[]],\"pid_p\":1}}",
-            list(0, 1.0),
-            list(1, 1.0),
-            list(2, 10.0),
-            list(3, 1.0)
+fn columns_in_memory_agree_with_files() {
+    let dir = Folder::new();
+    let mut tables = vec![];
+    for run in 0..3 {
+        let data = rows(run, 1500);
+        let path = dir.put(&format!("run{run}.csv"), &csv(&data));
+        let column = |c: usize| data.iter().map(|r| r[c]).collect::<Vec<f64>>();
+        tables.push(
+            load::Table::new(path)
+                .with("t", column(0))
+                .with("y", column(1))
+                .with("c", column(2))
+                .with("v", column(3)),
         );
-        dir.put(&format!("run{run}.json"), &text);
     }
-    let model = r#"
-[input]
-sequence = ["unit"]
-[roles]
-time = { column = "time_s", unit = "s" }
-target = { column = "load_cell_n", unit = "N" }
-command = { column = "torque_cmd_mnm", unit = "N", scale = 0.1 }
-velocity = { column = "p_term", unit = "rad/s" }
-[[terms]]
-name = "tension"
-expr = "command"
-fixed = 1.0
-"#;
-    let r = analyse(std::slice::from_ref(&dir.0), model).unwrap();
-    assert_coulomb(&r);
-    assert_eq!(r.rows, 3600);
+    let spec = Spec::parse(MODEL).unwrap();
+    let files = analyse(&[dir.path()], MODEL).unwrap();
+    let loaded = load::from_tables(tables.clone(), &spec).unwrap();
+    let memory = residual::analyse(&spec, loaded, &mut ()).unwrap();
+    assert_coulomb(&memory);
+    assert_eq!(memory, files);
+
+    let odd = tables[0].clone().with("short", vec![1.0]);
+    let error = load::from_tables(vec![odd], &spec).unwrap_err();
+    assert!(
+        error.exit_code() == 4 && error.to_string().contains("column `short` has 1 rows"),
+        "{error}"
+    );
+    let error = load::from_tables(vec![load::Table::new("empty")], &spec).unwrap_err();
+    assert!(error.to_string().contains("no column `t`"), "{error}");
+}
+
+#[test]
+fn json_is_no_log() {
+    let dir = Folder::new();
+    let json = dir.put("a.json", "{\"t\": [1, 2]}");
+    let error = analyse(&[json], MODEL).unwrap_err();
+    assert!(
+        error.exit_code() == 3 && error.to_string().contains("CSV or Parquet"),
+        "{error}"
+    );
+    // In a folder it is left alone, as any other file.
+    for run in 0..3 {
+        dir.put(&format!("run{run}.csv"), &csv(&rows(run, 1500)));
+    }
+    assert_coulomb(&analyse(&[dir.path()], MODEL).unwrap());
 }
 
 #[test]
 fn flaws_are_reported_and_handled_as_asked() {
-    let dir = Folder::new("flaws");
+    let dir = Folder::new();
     for run in 0..3 {
         let mut data = rows(run, 1500);
         data[200][1] *= 256.0;
@@ -468,17 +474,17 @@ fn flaws_are_reported_and_handled_as_asked() {
         dir.put(&format!("run{run}.csv"), &csv(&data));
     }
     let has = |r: &Report, check: &str| r.hygiene.iter().any(|f| f.check == check);
-    let seen = analyse(std::slice::from_ref(&dir.0), MODEL).unwrap();
+    let seen = analyse(&[dir.path()], MODEL).unwrap();
     assert!(
         has(&seen, "scale256") && has(&seen, "spike"),
         "{:?}",
         seen.hygiene
     );
     assert!(seen.last.heldout_rmse > 1.0);
-    let mended = analyse(
-        std::slice::from_ref(&dir.0),
+    let handled = analyse(
+        &[dir.path()],
         &format!("{MODEL}\n[hygiene]\nscale256 = \"fix\"\nspikes = \"drop\"\n"),
     )
     .unwrap();
-    assert_coulomb(&mended);
+    assert_coulomb(&handled);
 }

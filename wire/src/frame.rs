@@ -1,7 +1,7 @@
 //! Frames: postcard, then a CRC-32 (ISO-HDLC, little endian), then COBS, then one zero byte.
 //!
-//! A zero byte ends a frame and occurs nowhere else, so a receiver finds its feet again after any
-//! damage at the next zero. The decoder counts what it throws away and never panics.
+//! A zero byte ends a frame and occurs nowhere else, so a receiver synchronises again after any
+//! damage at the next zero. The decoder counts discarded frames and never panics.
 
 use crc::{Crc, CRC_32_ISO_HDLC};
 use serde::{de::DeserializeOwned, Serialize};
@@ -91,7 +91,7 @@ impl Decoder {
         }
     }
 
-    /// Frames thrown away so far.
+    /// Frames discarded so far.
     #[must_use]
     pub const fn bad_frames(&self) -> u32 {
         self.bad

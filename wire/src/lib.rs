@@ -1,7 +1,7 @@
-//! The wire protocol of the force board: what host and board say to each other, and how it is framed.
+//! The wire protocol of the force board: the messages between host and board, and their framing.
 //!
 //! * [`message`]: the messages. Commands ([`HostFrame`]) and telemetry ([`BoardFrame`]) are separate
-//!   types, so a stream of samples can never be taken for an answer.
+//!   types, so a stream of samples cannot be mistaken for a response.
 //! * [`frame`]: COBS frames with a CRC-32, and a decoder that survives any bytes at all.
 //!
 //! Two numbers guard a connection, both checked by [`message::Command::Hello`] before anything else is
@@ -11,8 +11,6 @@
 //! Units on the wire are integers with the unit in the name: `_un` micronewton, `_us` microsecond,
 //! `_nm` nanometre, `_pn` piconewton, `_q16` a number times 65,536. SI belongs to the host's edge.
 #![no_std]
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 pub mod frame;
 pub mod message;

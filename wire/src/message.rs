@@ -103,7 +103,7 @@ pub enum FilterChoice {
     },
 }
 
-/// Everything a unit's controller can be told. Physical quantities, as integers with their unit in the
+/// Configuration of a unit's controller. Physical quantities, as integers with their unit in the
 /// name; the ranges are checked by `control`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
 pub struct UnitConfig {
@@ -148,9 +148,9 @@ pub struct UnitConfig {
     pub slew_un_per_s: i32,
     /// Tension at which the unit faults, in micronewton.
     pub over_tension_un: i32,
-    /// Viscous friction that the feedforward makes up for, N per m/s of cable travel, times 65,536; 0: none.
+    /// Viscous friction that the feedforward compensates, N per m/s of cable travel, times 65,536; 0: none.
     pub viscous_q16: i32,
-    /// Forces that repeat with the reel's angle, which the feedforward makes up for.
+    /// Forces that repeat with the reel's angle, compensated by the feedforward.
     pub ripples: [Ripple; RIPPLES],
 }
 
@@ -175,11 +175,11 @@ pub struct Ripple {
 pub struct BoardFrame {
     /// Counts the frames of this link, dropped ones included: a gap is what the queue had no room for.
     pub seq: u16,
-    /// What it says.
+    /// The message.
     pub message: BoardMessage,
 }
 
-/// What the board says.
+/// A message of the board.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 #[allow(clippy::large_enum_variant)] // built in place on a board without an allocator
 pub enum BoardMessage {
@@ -206,7 +206,7 @@ pub struct Reply {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 #[allow(clippy::large_enum_variant)]
 pub enum Response {
-    /// Done, or begun where it takes time (zeroing, bring-up); [`Status`] tells when it is over.
+    /// Done, or begun where it takes time (zeroing, bring-up); [`Status`] shows the end.
     Done,
     /// To [`Command::Hello`].
     Hello(BoardInfo),
@@ -291,7 +291,7 @@ pub struct FaultReport {
     pub unit: u8,
     /// Fault number (`control::faults`).
     pub code: u16,
-    /// Its detail; what it means is told by the fault's page.
+    /// Its detail; the fault's page explains it.
     pub detail: u32,
 }
 
@@ -395,9 +395,9 @@ pub mod flags {
     pub const LIMITED: u8 = 2;
     /// The command is at its slew limit.
     pub const SLEWING: u8 = 4;
-    /// The direction estimate says winding in.
+    /// The direction estimate is winding in.
     pub const WINDING_IN: u8 = 8;
-    /// The direction estimate says paying out.
+    /// The direction estimate is paying out.
     pub const PAYING_OUT: u8 = 16;
     /// The output is allowed (the unit is running).
     pub const ACTIVE: u8 = 32;

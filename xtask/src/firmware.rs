@@ -43,6 +43,13 @@ pub fn cargo(workspace: &Workspace, arm: &Arm, subcommand: &str) -> std::process
     cargo
 }
 
+/// The command that builds the image.
+pub fn build_command(workspace: &Workspace, arm: &Arm) -> std::process::Command {
+    let mut command = cargo(workspace, arm, "build");
+    command.args(["--package", PACKAGE]);
+    command
+}
+
 /// Builds the image and puts it, as ELF and as raw flash contents, where everyone looks for it.
 ///
 /// # Errors
@@ -55,13 +62,11 @@ pub fn build(workspace: &Workspace, arm: &Arm) -> Result<Image> {
         " (the first time takes one to three minutes)"
     };
     say(format!("firmware: building with {arm}{first}"));
-    process::run(cargo(workspace, arm, "build").args(["--package", PACKAGE])).map_err(
-        |failure| {
-            Failure::new(format!("the firmware can't be built: {failure}")).remedy(
-                "the compiler's message is above; if it can't find `core`, run `cargo xtask setup`",
-            )
-        },
-    )?;
+    process::run(&mut build_command(workspace, arm)).map_err(|failure| {
+        Failure::new(format!("the firmware can't be built: {failure}")).remedy(
+            "the compiler's message is above; if it can't find `core`, run `cargo xtask setup`",
+        )
+    })?;
     let built = workspace
         .firmware_target()
         .join(TARGET)

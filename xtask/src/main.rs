@@ -4,12 +4,10 @@
 //! the emulator with `--ignore-rust-version`, and sum up tests of all kinds in one line. xtask does
 //! them by starting cargo; see docs/developing.md.
 
-#![deny(missing_docs)]
-#![forbid(unsafe_code)]
-
 mod elf;
 mod firmware;
 mod flash;
+mod help;
 mod licences;
 mod links;
 mod measured;
@@ -32,47 +30,6 @@ use lexopt::{Arg, Parser};
 use report::{say, Failure};
 use toolchain::setup;
 use workspace::Workspace;
-
-const HELP: &str = "\
-Developer commands of the force rig.
-
-Usage: cargo xtask COMMAND [OPTIONS]
-
-Commands:
-  setup              find or set up the compiler for the board, saying each step
-      --toolchain T  auto (default), rustup or debian; also FORCE_ARM_TOOLCHAIN
-      --retry        try again what failed before
-  build              build the firmware image and report its size
-  size               the same
-  build-rig          build the embedded rig and forcectl
-  flash              build the firmware and write it to a board with probe-rs
-      --run          stay attached and print the firmware's log
-      --under-reset  hold the chip in reset while attaching
-  forcectl ARGS...   build whatever the call needs, then run forcectl (also: cargo forcectl ARGS...)
-  test [STEP...]     run every check there is, or the named steps; closes with `N passed, N failed`
-      --verbose      print every line of the tests
-      --list         list the steps
-  ci                 the same as test
-  renode-test [ARGS] the same image on Renode, suites in renode/suites; ARGS: suites, renode-test's options
-      --install      fetch Renode's portable package first
-  agree [ARGS...]    the same scenario on the embedded rig and on Renode, compared sample by sample
-  bench [ARGS...]    measure the figures into target/bench/figures.json
-  residual-bench [ARGS]
-                     the residual analysis against synthetic logs with undeclared effects; --help says more
-  closed-loop [ARGS] find, declare and re-run one undeclared effect a seed: --seeds 1..10, --markdown FILE
-  residual-report [ARGS]
-                     what the residual analysis says about the measured rig, into docs/residual/rig.md
-      --data DIR     folder of the rig's data
-  residual-compare [ARGS]
-                     the same selection with public Python tools, in an environment made for it; --help says more
-  deny               run cargo-deny on the dependencies: licences, sources, duplicates (deny.toml)
-  msrv               compile every package of this computer with the oldest supported Rust
-  doc [--open]       build the reference documentation
-  help               print this
-
-Exit codes: 0 done, 1 failed, 2 wrong usage; those of forcectl and the benches are passed on.
-More: docs/developing.md
-";
 
 /// Why xtask ends early.
 enum Stop {
@@ -119,6 +76,13 @@ fn dispatch() -> Result<u8, Stop> {
         Some(Arg::Value(word)) => word.to_string_lossy().into_owned(),
         Some(other) => return Err(other.unexpected().into()),
     };
+    let after: Vec<OsString> = std::env::args_os().skip(2).collect();
+    if command != "forcectl" && help::is_asked_for(&after) {
+        if let Some(page) = help::page(&command) {
+            print!("{page}");
+            return Ok(0);
+        }
+    }
     match command.as_str() {
         "setup" => run_setup(&workspace, parser),
         "build" | "size" => {
@@ -173,12 +137,24 @@ fn dispatch() -> Result<u8, Stop> {
             )?;
             Ok(0)
         }
-        "help" => {
-            print!("{HELP}");
-            Ok(0)
-        }
-        other => Err(Stop::Usage(format!("`{other}` is no command"))),
+        "help" => print_help(parser),
+        other => Err(not_a_command(other)),
     }
+}
+
+fn not_a_command(word: &str) -> Stop {
+    Stop::Usage(format!("`{word}` is not a command"))
+}
+
+fn print_help(parser: Parser) -> Result<u8, Stop> {
+    match rest(parser)?.first() {
+        None => print!("{}", help::list()),
+        Some(word) => {
+            let word = word.to_string_lossy();
+            print!("{}", help::page(&word).ok_or_else(|| not_a_command(&word))?);
+        }
+    }
+    Ok(0)
 }
 
 fn run_setup(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {

@@ -17,12 +17,34 @@ const PYTHON_VARIABLE: &str = "FORCE_PYTHON";
 /// The comparison, below the root.
 const SCRIPTS: &str = "evaluations/residual-bench/python";
 
+/// The arguments of the program that writes the report, and where it looks for the data. Both are files of
+/// that program without dependencies: xtask links no crate of this workspace, and still has to know
+/// whether the data are there before it compiles for minutes.
+#[path = "../../evaluations/measured-rig/src/arguments.rs"]
+mod arguments;
+#[allow(dead_code)] // xtask needs to know that there are data, not which.
+#[path = "../../evaluations/measured-rig/src/data.rs"]
+mod data;
+
 /// Writes the report on the measured data into `docs/residual/rig.md` and its plots beside it.
 ///
 /// # Errors
-/// When the program can't be built or started.
+/// When there are no data, or the program can't be built or started.
 pub fn report(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
-    let program = rig::build_host_program(workspace, "residual", "rig-report")?;
+    match arguments::parse(arguments.iter().cloned()) {
+        Ok(arguments::Request::Page { data, .. }) => {
+            data::Data::locate(data, workspace.root()).map_err(Failure::new)?;
+        }
+        Ok(arguments::Request::Help) => {
+            println!("{}", arguments::USAGE);
+            return Ok(0);
+        }
+        Err(error) => {
+            eprintln!("xtask: {error}\n{}", arguments::USAGE);
+            return Ok(2);
+        }
+    }
+    let program = rig::build_host_program(workspace, "measured-rig", "measured-rig")?;
     let mut command = Command::new(program);
     command.current_dir(workspace.root()).args(arguments);
     rig::hand_over(command)
@@ -34,14 +56,14 @@ pub fn report(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
 /// When Python, its packages or the analysis can't be had.
 pub fn compare(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     let python = environment(workspace)?;
-    let program = rig::build_host_program(workspace, "residual", "residual")?;
+    let program = rig::build_host_program(workspace, "forcectl", "forcectl")?;
     let script = workspace.root().join(SCRIPTS).join("compare.py");
     let mut command = Command::new(python);
     command
         .current_dir(workspace.root())
         .arg("-B")
         .arg(script)
-        .arg("--residual")
+        .arg("--forcectl")
         .arg(program)
         .args(arguments);
     rig::hand_over(command)

@@ -67,10 +67,10 @@ mod tests {
             install: "",
         };
         assert!(!run(&Workspace::locate(), &missing).unwrap());
-        // A tool that ends with an error code: cargo, found on the path, with an unknown option.
+        // A tool that ends with exit code 1 and prints nothing.
         let findings = Tool {
-            program: "cargo",
-            arguments: &["--no-such-option"],
+            program: "git",
+            arguments: &["diff", "--no-index", "--quiet", "Cargo.toml", "Cargo.lock"],
             install: "",
         };
         assert!(run(&Workspace::locate(), &findings).is_err());

@@ -31,6 +31,20 @@ pub fn cargo(workspace: &Workspace, subcommand: &str) -> Command {
     cargo
 }
 
+/// The command that builds some of the programs.
+pub fn build_command(workspace: &Workspace, programs: &[&str]) -> Command {
+    let mut command = cargo(workspace, "build");
+    // Always the same packages, whichever program is wanted: other packages would mean other features of
+    // their common dependencies, and a second build of them.
+    for package in ["emulator", "host-cli", "bench", "closed-loop"] {
+        command.args(["--package", package]);
+    }
+    for program in programs {
+        command.args(["--bin", program]);
+    }
+    command
+}
+
 /// Builds some of the programs `rig`, `forcectl`, `bench` and `closed-loop` into `target/release`.
 ///
 /// # Errors
@@ -45,16 +59,7 @@ pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
         " (the first time takes two to five minutes)"
     };
     say(format!("{}: building{first}", programs.join(" and ")));
-    let mut command = cargo(workspace, "build");
-    // Always the same packages, whichever program is wanted: other packages would mean other features of
-    // their common dependencies, and a second build of them.
-    for package in ["emulator", "host-cli", "bench", "closed-loop"] {
-        command.args(["--package", package]);
-    }
-    for program in programs {
-        command.args(["--bin", program]);
-    }
-    process::run(&mut command).map_err(|failure| {
+    process::run(&mut build_command(workspace, programs)).map_err(|failure| {
         Failure::new(format!("{} can't be built: {failure}", programs.join(", "))).remedy(
             "cargo's message is above; a failed download is retried by running the command again",
         )
@@ -65,16 +70,10 @@ pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
 ///
 /// Errs on the side of building: only a call that clearly goes elsewhere is excepted.
 pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
-    const OFFLINE: [&str; 6] = [
-        "check",
-        "completions",
-        "explain",
-        "help",
-        "residual",
-        "version",
-    ];
-    const ONLINE: [&str; 9] = [
+    const OFFLINE: [&str; 6] = ["check", "completions", "explain", "help", "man", "residual"];
+    const ONLINE: [&str; 10] = [
         "arm",
+        "clear",
         "disarm",
         "identify",
         "monitor",
@@ -96,14 +95,14 @@ pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
     {
         return false;
     }
-    let rig = words.iter().enumerate().find_map(|(index, word)| {
-        word.strip_prefix("--rig=").or_else(|| {
-            (*word == "--rig")
+    let link = words.iter().enumerate().find_map(|(index, word)| {
+        word.strip_prefix("--link=").or_else(|| {
+            (*word == "--link")
                 .then(|| words.get(index + 1).copied())
                 .flatten()
         })
     });
-    if rig.is_some_and(|rig| !rig.starts_with("embedded")) {
+    if link.is_some_and(|link| !link.starts_with("embedded")) {
         return false;
     }
     words
@@ -234,18 +233,20 @@ mod tests {
     #[test]
     fn commands_to_the_rig_need_it() {
         assert!(needs("set-force 0 2.5 0"));
-        assert!(needs("set-force 0 -2.5 0 --rig embedded"));
-        assert!(needs("--json status --rig=embedded"));
+        assert!(needs("set-force 0 -2.5 0 --link embedded"));
+        assert!(needs("--json status --link=embedded"));
+        assert!(needs("status --rig usb.toml"));
+        assert!(needs("clear"));
         assert!(needs("record data/check"));
         assert!(needs("identify --out out"));
-        assert!(needs("monitor --seconds 3"));
+        assert!(needs("monitor --duration 3"));
     }
 
     #[test]
     fn a_real_board_needs_none() {
-        assert!(!needs("set-force 0 2.5 0 --rig /dev/ttyACM0"));
-        assert!(!needs("--rig=usb status"));
-        assert!(!needs("--rig serial:/dev/ttyUSB0 monitor"));
+        assert!(!needs("set-force 0 2.5 0 --link serial:/dev/ttyACM0"));
+        assert!(!needs("status --link=usb"));
+        assert!(!needs("monitor --rig my.toml --link serial:/dev/ttyUSB0"));
     }
 
     #[test]
@@ -259,7 +260,8 @@ mod tests {
             "check rig.toml",
             "--json check rig.toml",
             "completions bash",
-            "residual run.mcap",
+            "man --out pages",
+            "residual --data logs",
             "--version",
         ] {
             assert!(!needs(line), "`{line}` builds the firmware in vain");
@@ -269,6 +271,6 @@ mod tests {
     #[test]
     fn in_doubt_it_is_built() {
         assert!(needs("some-later-command"));
-        assert!(needs("status --rig"));
+        assert!(needs("status --link"));
     }
 }

@@ -4,7 +4,7 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::Instant;
 
 use crate::process::{self, Sees};
@@ -126,6 +126,10 @@ struct Suite<'a> {
     image: Option<Result<()>>,
     /// The step that is running.
     current: &'static str,
+    /// All steps of this run.
+    chosen: Vec<&'static str>,
+    /// Builds for later steps that run beside the host tests.
+    ahead: Vec<Child>,
 }
 
 /// Which steps to run, and how much to print.
@@ -166,6 +170,8 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
         arm: None,
         image: None,
         current: "",
+        chosen: chosen.iter().map(|step| step.name).collect(),
+        ahead: Vec::new(),
     };
     let started = Instant::now();
     let mut failures = Vec::new();
@@ -174,6 +180,9 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
         let label = format!("[{}/{}] {}", index + 1, chosen.len(), step.name);
         say(format!("{label}: {}", step.title));
         suite.current = step.name;
+        if step.name != "host" {
+            suite.wait_for_builds();
+        }
         let before = suite.tally;
         let step_started = Instant::now();
         let outcome = (step.run)(&mut suite);
@@ -197,6 +206,7 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
         }
     }
 
+    suite.wait_for_builds();
     say(format!("finished in {}", elapsed(started.elapsed())));
     for line in &skipped {
         println!("{line}");
@@ -225,6 +235,38 @@ impl Suite<'_> {
             setup::wish_from_environment().and_then(|wish| setup::ensure(self.workspace, wish));
         self.arm = Some(arm.clone());
         arm
+    }
+
+    /// Starts what later steps build in other folders of the target directory: the image, which ends in
+    /// a minute on one core, and the embedded rig. The tests of the host crates leave cores idle meanwhile.
+    ///
+    /// Nothing is printed and no result is kept: the step itself builds again, which is immediate after a
+    /// success and shows the messages after a failure.
+    fn build_ahead(&mut self) {
+        let wanted = |names: &[&str]| self.chosen.iter().any(|name| names.contains(name));
+        let image = wanted(&["no-std", "firmware", "on-target", "emulated"]);
+        let rig = wanted(&["rig", "emulated"]);
+        let mut commands = Vec::new();
+        if image {
+            if let Ok(arm) = self.arm() {
+                commands.push(firmware::build_command(self.workspace, &arm));
+            }
+        }
+        if rig {
+            commands.push(rig::build_command(self.workspace, &["rig", "forcectl"]));
+        }
+        for mut command in commands {
+            let started = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn();
+            self.ahead.extend(started.ok());
+        }
+    }
+
+    /// Waits for the builds that [`Self::build_ahead`] started.
+    fn wait_for_builds(&mut self) {
+        for mut build in self.ahead.drain(..) {
+            // The step that needs it builds again and judges.
+            let _ = build.wait();
+        }
     }
 
     /// Builds the image, once in a run.
@@ -378,6 +420,7 @@ fn by_tool(suite: &Suite, tool: &optional::Tool) -> Result<Outcome> {
 }
 
 fn host(suite: &mut Suite) -> Result<Outcome> {
+    suite.build_ahead();
     let mut command = suite.cargo("test");
     command.arg("--no-fail-fast").args(HOST_PACKAGES);
     suite.tests(&mut command)

@@ -134,15 +134,15 @@ impl Counters {
         self.positions[unit].update(value)
     }
 
-    /// The FLAG register of a unit's counter where it tells of noise at the encoder's inputs (E). E is sticky:
-    /// it is cleared here, so that each event is told once.
+    /// The FLAG register of a unit's counter if its E flag reports noise at the encoder's inputs. E is sticky:
+    /// it is cleared here, so that each event is reported once.
     pub fn noise(&mut self, unit: u8) -> Option<u8> {
         let target = target(usize::from(unit) % UNITS);
         let flags = self.chips.flags(target).ok()?;
         if !flags.noise() {
             return None;
         }
-        // The bus cannot fail; if the flag stays, it is told again.
+        // The bus cannot fail; if the flag stays set, it is reported again.
         let _ = self.chips.clear_noise_flag(target);
         Some(flags.bits())
     }

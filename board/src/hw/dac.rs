@@ -1,14 +1,14 @@
 //! The DACs: SPI1, chip selects, LDAC, RST.
 //!
-//! Owner: the SPI1 interrupt (level `SAMPLE_PATH`); the superloop leaves words in one slot per unit, where
-//! the latest wins: a torque that was not sent in time is not sent late.
+//! Owner: the SPI1 interrupt (level `SAMPLE_PATH`); the superloop writes words to one slot per unit; a
+//! newer word replaces one that was not sent yet.
 //!
 //! A word (section 50.4.9): CS low, one 16-bit frame in mode 3 at 12.5 MHz, interrupt at EOT, CS high while
-//! SCLK idles high (a CS that rises while it is low would shift one more bit), then an LDAC pulse: the
+//! SCLK idles high (a CS that rises while SCLK is low would shift one more bit), then an LDAC pulse: the
 //! output moves 2 us after the word was handed over. AFCNTR keeps SCLK and MOSI driven between frames.
 //!
 //! A missed deadline: a word that is not out after a millisecond means that SPI or its interrupt is dead.
-//! The DACs' RST goes low, which is 0 V on all motors without any SPI, and the supervisor latches "DAC bus
+//! The DACs' RST goes low, which sets 0 V on all motors without SPI, and the supervisor latches "DAC bus
 //! fault"; [`release`] comes after that is cleared.
 
 use super::pac::{self, interrupt, SPI1};
@@ -24,14 +24,14 @@ const PULSE_CYCLES: u32 = 40;
 static STATE: SamplePath<Dacs> = SamplePath::empty();
 
 struct Dacs {
-    /// Words that wait.
+    /// Words to send.
     slots: [Option<u16>; UNITS],
-    /// Unit whose word is on its way, and since when.
+    /// Unit whose word is being sent, and the start time.
     sending: Option<(usize, u32)>,
-    /// Units whose word is out since [`take_done`] asked last, and when that was.
+    /// Units whose word was sent since the last [`take_done`], and the times.
     done: u8,
     done_at: [u32; UNITS],
-    /// SPI1_SR of a word that did not end.
+    /// SPI1_SR of a word that did not complete.
     error: Option<u32>,
 }
 
@@ -78,7 +78,7 @@ pub fn start() {
     load_zero();
 }
 
-/// Loads 0 V into all six and waits until they are out: 15 us, at start-up and after a fault only.
+/// Loads 0 V into all six and waits until the words are sent: 15 us, at start-up and after a fault only.
 fn load_zero() {
     take_done();
     for unit in 0..UNITS as u8 {
@@ -91,7 +91,7 @@ fn load_zero() {
     });
 }
 
-/// Hands a word over. It is out 2 us later, or up to 12 us where all six come at once.
+/// Queues a word. It is sent 2 us later, or up to 12 us where all six come at once.
 pub fn write(unit: u8, code: DacCode) {
     STATE.masked(|dacs| {
         if let Some(slot) = dacs.slots.get_mut(usize::from(unit)) {
@@ -103,14 +103,14 @@ pub fn write(unit: u8, code: DacCode) {
     });
 }
 
-/// Units whose word is out since the last call, as a mask, and when each was.
+/// Units whose word was sent since the last call, as a mask, and the time of each.
 pub fn take_done() -> (u8, [u32; UNITS]) {
     STATE
         .masked(|dacs| (core::mem::take(&mut dacs.done), dacs.done_at))
         .unwrap_or_default()
 }
 
-/// The status register of a word that did not come to its end, once.
+/// SPI1_SR of a word that did not complete; cleared by the call.
 pub fn take_error() -> Option<u32> {
     STATE.masked(|dacs| dacs.error.take()).flatten()
 }
@@ -120,13 +120,13 @@ pub fn is_held() -> bool {
     !gpio::is_set(pins::DAC_RST)
 }
 
-/// Takes RST back after the fault that pulled it was cleared. All DACs stand at 0 V.
+/// Releases RST after the fault that pulled it was cleared. All DACs are at 0 V.
 pub fn release() {
     gpio::write(pins::DAC_RST, true);
     load_zero();
 }
 
-/// The millisecond, called by SysTick: gives up a word that is late.
+/// Called by SysTick every millisecond: aborts a late word.
 pub fn tick() {
     // SAFETY: SysTick has level SAMPLE_PATH and is not within another handler of it.
     unsafe {

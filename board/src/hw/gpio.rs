@@ -1,6 +1,6 @@
 //! Pins, out of the table in [`crate::pins`].
 //!
-//! Owner: nobody alone. Modes are set once at start-up (SCL and SDA again during a bus recovery, the
+//! Shared by all modules. Modes are set once at start-up (SCL and SDA again during a bus recovery, the
 //! counters' data bus at each access); levels change through BSRR, which is atomic by itself. No interrupt
 //! of its own. Setting and resetting the same pin in one BSRR write sets it (section 11.4.7), so a write
 //! here holds one or the other.
@@ -44,7 +44,7 @@ pub fn read(pin: Pin) -> bool {
     registers(pin.port).idr().read().bits() & pin.mask() != 0
 }
 
-/// Level that an output pin is told to have.
+/// Level that is set on an output pin.
 pub fn is_set(pin: Pin) -> bool {
     registers(pin.port).odr().read().bits() & pin.mask() != 0
 }
@@ -62,7 +62,7 @@ fn set_mode(pin: Pin, mode: u32) {
     });
 }
 
-/// Makes a pin an output (its level is what ODR says) or gives it back to its peripheral.
+/// Makes a pin an output (with the level of ODR) or returns it to its peripheral.
 pub fn set_output(pin: Pin, output: bool) {
     set_mode(pin, if output { OUTPUT } else { ALTERNATE });
 }

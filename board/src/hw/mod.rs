@@ -4,7 +4,8 @@
 //! | --- | --- | --- |
 //! | [`startup`] | RCC, PWR, FLASH, SYSCFG, NVIC priorities | |
 //! | [`gpio`] | every pin's mode and level | |
-//! | [`time`] | TIM2 (board time), SysTick | SysTick |
+//! | [`time`] | TIM2 (board time), SysTick | |
+//! | `tick` | the millisecond of the sample path | SysTick |
 //! | [`sensors`] | I2C1, EXTI, the bus scheduler | EXTI0 to 4, EXTI9_5, I2C1_EV, I2C1_ER, TIM2 |
 //! | [`dac`] | SPI1, DAC select, LDAC and RST pins | SPI1 |
 //! | [`counters`] | the counters' parallel bus | |
@@ -12,6 +13,8 @@
 //! | [`usb`] | USB OTG FS, CRS | OTG_FS |
 //! | [`watchdog`] | IWDG, the alive line | |
 //! | [`crash_record`] | the crash record in memory that survives a reset | |
+//!
+//! The handlers of panics, HardFault and unused interrupts are in `fault_handlers.rs` of the binary.
 //!
 //! Section numbers are those of RM0433 rev 8, "PM" those of the Cortex-M7 programming manual PM0253.
 
@@ -21,6 +24,7 @@ pub mod dac;
 pub mod gpio;
 pub mod sensors;
 pub mod startup;
+mod tick;
 pub mod time;
 pub mod usart;
 pub mod usb;
@@ -32,8 +36,8 @@ use core::cell::UnsafeCell;
 
 /// State that the interrupts of level [`SAMPLE_PATH`](crate::clocks::priority::SAMPLE_PATH) share.
 ///
-/// They cannot preempt each other, so among them no lock is needed. The superloop runs below them and gets
-/// in only with interrupts masked.
+/// They cannot preempt each other, so no lock is needed among them. The superloop has a lower priority and accesses
+/// the state with interrupts masked.
 pub struct SamplePath<T>(UnsafeCell<Option<T>>);
 
 // SAFETY: one core; `in_interrupt` and `masked` exclude each other as their contracts say.
@@ -45,19 +49,19 @@ impl<T> SamplePath<T> {
         Self(UnsafeCell::new(None))
     }
 
-    /// Puts the state in place.
+    /// Installs the state.
     pub fn install(&self, value: T) {
         cortex_m::interrupt::free(|_| {
-            // SAFETY: interrupts are masked and thread mode is here: nobody else holds a reference.
+            // SAFETY: interrupts are masked and this is thread mode: no other reference exists.
             unsafe { *self.0.get() = Some(value) };
         });
     }
 
-    /// Runs `f` on the state from thread mode, with interrupts masked meanwhile: keep it to some ten
+    /// Runs `f` on the state from thread mode with interrupts masked. Keep `f` to about ten
     /// instructions. `None` before [`Self::install`].
     pub fn masked<R>(&self, f: impl FnOnce(&mut T) -> R) -> Option<R> {
         cortex_m::interrupt::free(|_| {
-            // SAFETY: interrupts are masked and thread mode is here: nobody else holds a reference.
+            // SAFETY: interrupts are masked and this is thread mode: no other reference exists.
             unsafe { (*self.0.get()).as_mut() }.map(f)
         })
     }
@@ -68,7 +72,7 @@ impl<T> SamplePath<T> {
     /// Only from handlers of level `SAMPLE_PATH`, and never from within another `in_interrupt` or `masked`
     /// of the same state.
     pub unsafe fn in_interrupt<R>(&self, f: impl FnOnce(&mut T) -> R) -> Option<R> {
-        // SAFETY: as promised by the caller; thread mode is stopped below us outside its masked sections.
+        // SAFETY: by the caller's contract; thread mode is preempted outside its masked sections.
         unsafe { (*self.0.get()).as_mut() }.map(f)
     }
 }

@@ -1,21 +1,21 @@
 //! The load-cell converters: DRDY edges, the I2C controller, and the bus scheduler that joins them.
 //!
 //! Owner: the interrupts of level `SAMPLE_PATH`, which share the state below without locks. Thread mode
-//! takes events off a queue and leaves orders in two atomic masks, so it never masks an interrupt here.
+//! takes events from a queue and sets bits in two atomic masks, so it never masks an interrupt here.
 //!
-//! * EXTI0 to 4, EXTI9_5: a DRDY line rose; note the time, hand the unit to the scheduler, wake the superloop,
-//!   which reads the encoder while the converter is on the bus. Line 8 is the
-//!   E-stop loop: note when it opened.
+//! * EXTI0 to 4, EXTI9_5: rising edge of a DRDY line. Records the time, passes the unit to the scheduler and wakes the
+//!   superloop, which reads the encoder during the I2C read. Line 8 is the E-stop loop: its falling edge (the
+//!   loop opened) only records the time for the fault's detail. The supervisor polls the level.
 //! * I2C1_EV: next byte; at the STOP the sample goes onto the queue and the next transaction starts.
 //! * I2C1_ER: bus error, lost arbitration; the scheduler starts its recovery.
 //! * TIM2: next step of a recovery, 5 us after the last.
-//! * SysTick: deadlines, orders, edges that were never seen.
+//! * SysTick ([`super::tick`]): deadlines, units to start and stop, lost edges.
 //!
-//! A missed deadline: a transaction that is not over after 300 us is given up at the next DRDY edge or
-//! millisecond, whichever comes first, the bus is recovered within 150 us, and the sample read again. The
+//! A missed deadline: a transaction that is not complete after 300 us is aborted at the next DRDY edge or
+//! millisecond, whichever comes first, the bus is recovered within 150 us, and the sample is read again. The
 //! other units lose nothing: their results wait in their converters for 2.9 ms.
 //!
-//! The controller (section 47.4): a write of one or two bytes; where something is to be read, the write ends
+//! The controller (section 47.4): a write of one or two bytes; if bytes are to be read, the write ends
 //! without STOP (AUTOEND = 0, flag TC) and a read with a repeated START follows. After a NACK the
 //! controller sends the STOP by itself, so every transaction ends with STOPF.
 
@@ -28,8 +28,7 @@ use core::sync::atomic::{AtomicU32, AtomicU8, Ordering};
 use heapless::spsc;
 use pac::interrupt;
 
-/// Events that can wait for the superloop: six samples and what else a bad millisecond brings. The queue
-/// holds one less.
+/// Capacity of the event queue plus one: edges and samples of six units, and the events of several failures.
 pub const QUEUE: usize = 32;
 
 /// The superloop's end of the queue.
@@ -67,7 +66,7 @@ struct Sensors {
     nack: bool,
 }
 
-/// Sets the controller and the EXTI lines up and lets the interrupts through.
+/// Sets up the controller and the EXTI lines and unmasks the interrupts.
 pub fn start(syscfg: &SYSCFG, exti: &EXTI) -> Events {
     let queue = cortex_m::singleton!(: spsc::Queue<Event, QUEUE> = spsc::Queue::new());
     let Some(queue) = queue else {
@@ -180,7 +179,7 @@ const DRDY_LINES: u32 = 0x3F;
 const ESTOP_LINE: u32 = 1 << pins::E_STOP.number;
 
 fn i2c1() -> &'static pac::i2c1::RegisterBlock {
-    // SAFETY: registers that are there for ever; used by `start` before its interrupts run and by handlers
+    // SAFETY: registers at a fixed address; used by `start` before its interrupts run and by handlers
     // of one priority afterwards.
     unsafe { &*I2C1::PTR }
 }
@@ -204,7 +203,7 @@ unsafe fn with(f: impl FnOnce(&mut Sensors, u32)) {
     }
 }
 
-/// The millisecond, called by SysTick.
+/// Called by SysTick every millisecond.
 pub fn tick() {
     // SAFETY: SysTick has level SAMPLE_PATH and is not within another handler of it.
     unsafe {
@@ -227,8 +226,8 @@ pub fn tick() {
 
 impl Sensors {
     fn work(&mut self) {
-        // Each round starts something that ends with an interrupt, or switches the lines, which happens
-        // once on the way into a recovery and once out of it.
+        // Each pass starts an action that ends with an interrupt, or switches the lines, which happens once at the
+        // start of a recovery and once at its end.
         while let Some(work) = self.bus.next(time::now(), &mut self.queue) {
             match work {
                 Work::Transfer(transfer) => return self.begin(transfer),

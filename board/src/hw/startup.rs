@@ -118,7 +118,7 @@ pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> u32 {
     reset_flags
 }
 
-/// USB supply and clock. `false` where the supply detector says there is none.
+/// USB supply and clock. `false` if the supply detector finds none.
 pub fn usb_supply(rcc: &RCC, pwr: &PWR) -> bool {
     // VDD33USB is wired to 3.3 V, so only its detector is needed (section 6.4.5).
     pwr.cr3().modify(|_, w| w.usb33den().set_bit());
@@ -136,7 +136,7 @@ pub fn usb_supply(rcc: &RCC, pwr: &PWR) -> bool {
 /// exactly that, with the source at the second OTG core (SYNCSRC = 3). Without a host there is nothing to
 /// follow, and the factory's trimming is good enough to be enumerated.
 pub fn trim_usb_clock() {
-    // SAFETY: nobody else uses CRS; the enable bit of RCC is set after start-up by this function alone.
+    // SAFETY: nothing else uses CRS; the enable bit of RCC is set after start-up by this function alone.
     let (rcc, crs) = unsafe { (&*RCC::PTR, &*CRS::PTR) };
     rcc.apb1henr().modify(|_, w| w.crsen().enabled());
     let _ = rcc.apb1henr().read();

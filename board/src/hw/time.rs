@@ -1,21 +1,19 @@
-//! Board time (TIM2, 1 MHz, 32 bits), the supervisor's tick (SysTick, 1 kHz), and time asleep.
+//! Board time (TIM2, 1 MHz, 32 bits) and the supervisor's tick (SysTick, 1 kHz).
 //!
-//! Owner: this module. TIM2 never stops; anyone may read it. Its compare channel 1 is the alarm of the bus
-//! recovery ([`super::sensors`]). SysTick runs the bus scheduler's deadlines and leaves a flag for the
-//! superloop; a superloop that comes round late sees one flag for several ticks, which the pass time shows
-//! (fault "loop overrun") and which the alive line does not hide.
+//! Owner: this module. TIM2 runs without interruption and any module may read it. Its compare channel 1 is the alarm
+//! of the bus recovery ([`super::sensors`]). The SysTick handler ([`super::tick`]) sets a flag for the superloop.
+//! A late superloop finds one flag for several ticks: the pass time shows it (fault "loop overrun"), and the
+//! alive line misses edges.
 
 use super::pac::TIM2;
-use super::{dac, sensors};
 use crate::clocks;
 use core::sync::atomic::{AtomicBool, Ordering};
 use cortex_m::peripheral::{syst::SystClkSource, SYST};
-use cortex_m_rt::exception;
 
 static TICK: AtomicBool = AtomicBool::new(false);
 
 fn tim2() -> &'static crate::hw::pac::tim2::RegisterBlock {
-    // SAFETY: registers that are there for ever. CNT is read by everyone; the rest is written by `start`
+    // SAFETY: registers at a fixed address. CNT is read-only here; the rest is written by `start`
     // before any interrupt runs, and by the alarm functions, which run at one priority.
     unsafe { &*TIM2::PTR }
 }
@@ -45,7 +43,7 @@ pub fn now() -> u32 {
     tim2().cnt().read().bits()
 }
 
-/// Wants a TIM2 interrupt in `us` microseconds.
+/// Requests a TIM2 interrupt in `us` microseconds.
 pub fn set_alarm(us: u32) {
     let tim = tim2();
     // SAFETY: any 32-bit value.
@@ -56,7 +54,7 @@ pub fn set_alarm(us: u32) {
     tim.dier().modify(|_, w| w.cc1ie().set_bit());
 }
 
-/// Takes an alarm that has gone off.
+/// Acknowledges the alarm.
 pub fn clear_alarm() {
     let tim = tim2();
     tim.dier().modify(|_, w| w.cc1ie().clear_bit());
@@ -64,7 +62,7 @@ pub fn clear_alarm() {
     tim.sr().write(|w| unsafe { w.bits(!2) });
 }
 
-/// Whether a millisecond has begun that nobody has taken yet.
+/// Whether a millisecond has begun since the last [`take_tick`].
 pub fn tick_waits() -> bool {
     TICK.load(Ordering::Relaxed)
 }
@@ -74,9 +72,7 @@ pub fn take_tick() -> bool {
     TICK.load(Ordering::Relaxed) && TICK.swap(false, Ordering::Relaxed)
 }
 
-#[exception]
-fn SysTick() {
-    sensors::tick();
-    dac::tick();
+/// Sets the flag of [`take_tick`]. Called by the SysTick handler.
+pub(super) fn set_tick() {
     TICK.store(true, Ordering::Relaxed);
 }

@@ -8,7 +8,7 @@
 //! this rate, the ring holds 2,048. Both are in AXI SRAM, which DMA1 reaches.
 //!
 //! A missed deadline: when the superloop is late by 10 ms, received bytes are overwritten, the frame's CRC
-//! fails and the host asks again. When the host does not read, nothing happens here: the queue fills and
+//! fails and the host retries. When the host does not read, nothing happens here: the queue fills and
 //! frames are dropped and counted.
 
 use super::pac::{self, interrupt, DMA1, DMAMUX1, USART3};
@@ -63,7 +63,7 @@ pub struct Usart {
 }
 
 fn dma() -> &'static pac::dma1::RegisterBlock {
-    // SAFETY: stream 0 is used by whoever holds SENDER, stream 1 by `Usart`.
+    // SAFETY: stream 0 is used by the holder of SENDER, stream 1 by `Usart`.
     unsafe { &*DMA1::PTR }
 }
 

@@ -4,8 +4,8 @@
 //! so the OTG_FS interrupt touches none of them: it masks itself in the NVIC, which wakes the superloop, and
 //! [`Usb::serve`] unmasks it after it has polled.
 //!
-//! A missed deadline: the host retries; enumeration allows milliseconds for each step. When nobody has the
-//! port open, what is queued is thrown away, and counted by nobody: there is no one to miss it.
+//! A missed deadline: the host retries; enumeration allows milliseconds for each step. While the port
+//! is closed on the host, queued bytes are discarded and not counted.
 //!
 //! The core has loops without end inside its driver (soft reset, FIFO flush). So it is tried first with
 //! bounded waits; a core without clock or supply leaves the board without this link, not without control.
@@ -99,7 +99,7 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
 
 /// Tries what the driver will do without bounds: idle bus, soft reset, FIFO flush (section 57.14).
 fn core_answers() -> bool {
-    // SAFETY: nobody else uses the core yet.
+    // SAFETY: nothing else uses the core yet.
     let core = unsafe { &*OTG2_HS_GLOBAL::PTR };
     const READS: u32 = 10_000;
     if !startup::wait_for(READS, || core.grstctl().read().ahbidl().bit_is_set()) {

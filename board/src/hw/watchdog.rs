@@ -3,7 +3,7 @@
 //! Owner: the supervisor, in the superloop. No interrupt: both exist to stop when the superloop does. The
 //! alive line toggles with each millisecond that the superloop comes round; the PLC cuts the amplifiers'
 //! power 10 ms after the last edge. The watchdog is fed every 10 ms and only if every [`Part`] has checked in
-//! since; it bites after 50 ms, and resets the processor. The DACs keep their code through a reset, but the
+//! since; it resets the processor 50 ms after the last feed. The DACs keep their code through a reset, but the
 //! first instructions after it pull their RST.
 
 use super::gpio;
@@ -12,7 +12,7 @@ use crate::clocks;
 use crate::pins;
 use control::supervisor::CheckIn;
 
-/// Who has to check in. The numbers are bits of the fault's detail.
+/// Parts that must check in. The numbers are bits of the fault's detail.
 #[derive(Clone, Copy)]
 #[repr(u32)]
 pub enum Part {
@@ -71,13 +71,13 @@ impl Watchdog {
         }
     }
 
-    /// This part works.
+    /// Records that this part has run.
     pub fn check_in(&mut self, part: Part) {
         self.check_in.check_in(part as u32);
     }
 
-    /// The supervisor's millisecond: toggles the alive line; feeds when it is time and everyone is there.
-    /// Returns who is missing when there was nothing to eat.
+    /// Call it once a millisecond: toggles the alive line, and feeds the watchdog every [`clocks::WATCHDOG_FEED_MS`] if
+    /// every part has checked in. If not, returns the bits of the missing parts.
     pub fn tick(&mut self) -> Option<u32> {
         self.alive = !self.alive;
         gpio::write(pins::ALIVE, self.alive);

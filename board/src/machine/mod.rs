@@ -302,10 +302,13 @@ impl Machine {
     }
 }
 
+/// Longest encoding of a [`UnitConfig`]: 18 numbers and two ripples of four numbers with at most 5 bytes each, two
+/// flags of one byte, a filter of at most 4 bytes.
+const MAX_CONFIG_BYTES: usize = (18 + 8) * 5 + 2 + 4;
+
 /// CRC-32 over configurations: each as postcard encodes it, one after the other, unit 1 first.
 #[must_use]
 pub fn config_crc(configs: &[UnitConfig; UNITS]) -> u32 {
-    // 19 numbers of at most 5 bytes each and three of one byte: 98 bytes a unit.
-    let mut buffer = [0; UNITS * 104];
+    let mut buffer = [0; UNITS * MAX_CONFIG_BYTES];
     postcard::to_slice(configs, &mut buffer).map_or(0, |bytes| crc32(bytes))
 }

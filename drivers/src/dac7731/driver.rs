@@ -38,7 +38,7 @@ pub enum Error<S, P> {
     Pin {
         /// Which one.
         operation: Operation,
-        /// What the pin said.
+        /// Error of the pin.
         source: P,
     },
 }

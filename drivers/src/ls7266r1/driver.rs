@@ -69,7 +69,7 @@ pub enum Error<E> {
         target: Target,
         /// In which procedure.
         stage: Stage,
-        /// What the bus said.
+        /// Error of the bus.
         source: E,
     },
     /// A counter returned another value than was loaded into it.

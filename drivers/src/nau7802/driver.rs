@@ -30,7 +30,7 @@ pub enum Error<E> {
         register: Register,
         /// Direction of the transaction.
         operation: Operation,
-        /// What the bus said.
+        /// Error of the bus.
         source: E,
     },
     /// A bring-up, reconfiguration or calibration gave up.
@@ -125,7 +125,7 @@ impl<I2C: I2c> Nau7802<I2C> {
         Ok(())
     }
 
-    /// Changes the gain; calibrates, as every change of gain asks for.
+    /// Changes the gain; calibrates, as every change of gain requires.
     ///
     /// # Errors
     /// As [`Self::reconfigure`].
@@ -143,7 +143,7 @@ impl<I2C: I2c> Nau7802<I2C> {
         )
     }
 
-    /// Changes the rate; calibrates, as every change of rate asks for.
+    /// Changes the rate; calibrates, as every change of rate requires.
     ///
     /// # Errors
     /// As [`Self::reconfigure`].

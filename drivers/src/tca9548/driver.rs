@@ -33,7 +33,7 @@ pub enum Error<E, P> {
         operation: Operation,
         /// Mask that was written or expected; zero for a plain read.
         mask: ChannelMask,
-        /// What the bus said.
+        /// Error of the bus.
         source: E,
     },
     /// The mux holds another mask than was written.
@@ -43,17 +43,17 @@ pub enum Error<E, P> {
 }
 
 impl<E, P> Error<E, P> {
-    /// For a fault record: number of the failure (1 write, 2 read, 3 read-back, 4 reset pin), mask wanted
+    /// For a fault record: number of the failure (1 write, 2 read, 3 read-back, 4 reset pin), expected mask
     /// and mask found, from the third byte down.
     pub fn detail(&self) -> u32 {
-        let (number, wanted, found) = match self {
+        let (number, expected, found) = match self {
             Self::Bus {
                 operation, mask, ..
             } => (*operation as u8, mask.bits(), 0),
             Self::ReadBack(error) => (3, error.expected.bits(), error.found.bits()),
             Self::ResetPin(_) => (4, 0, 0),
         };
-        u32::from_be_bytes([0, number, wanted, found])
+        u32::from_be_bytes([0, number, expected, found])
     }
 }
 
@@ -165,7 +165,7 @@ impl<I2C: I2c, RST: OutputPin> Tca9548<I2C, RST> {
             .map_err(Error::ReadBack)
     }
 
-    /// Reads the mask that the part holds. Doesn't change what [`Self::state`] says, except on a failure.
+    /// Reads the mask that the part holds. Does not change [`Self::state`], except on a failure.
     ///
     /// # Errors
     /// [`Error::Bus`]; the mask is unknown then.

@@ -87,7 +87,7 @@ impl core::error::Error for ReadBackError {}
 
 /// Decides when the mask has to be written, and remembers what is in force.
 ///
-/// The owner of the bus asks [`Selector::request`] before each transaction behind the mux, sends the
+/// The owner of the bus calls [`Selector::request`] before each transaction behind the mux, sends the
 /// byte if there is one, and reports with [`Selector::written`]. Whatever fails on the bus, at the mux or
 /// behind it, is reported with [`Selector::invalidate`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! The lock-step link between a host program and the embedded rig.
 //!
 //! The rig is a process of its own (`rig`, package `emulator`): it boots the firmware image on the
-//! emulated STM32H753 and then moves only when told to. The host sends a [`Request`], the rig answers
+//! emulated STM32H753 and then advances only on request. The host sends a [`Request`], the rig answers
 //! with exactly one [`Response`]; virtual time passes only inside [`Request::Advance`]. So a host
 //! controller that runs at 100 Hz sees the same bytes at the same virtual times on every machine.
 //!
@@ -9,8 +9,6 @@
 //! by that many bytes of postcard. The rig's log goes to its standard error. This link carries what a
 //! lab has beside the board's own serial line: the robot's pose, the clock on the wall, the hand that
 //! pulls a plug. The board's bytes travel inside it untouched (see the crate `wire`).
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
@@ -45,7 +43,7 @@ pub enum Request {
         /// `true`: wander; `false`: come to a standstill.
         moving: bool,
     },
-    /// Break something, or mend it; answered by [`Response::Done`].
+    /// Inject a fault, or remove it; answered by [`Response::Done`].
     Inject(Injection),
     /// Ask for the run's figures and register report so far; answered by [`Response::Report`].
     Report,

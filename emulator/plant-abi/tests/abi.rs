@@ -1,4 +1,6 @@
 //! The C ABI answers what the plant answers, and survives what a caller must not do.
+// Calls the C ABI as a caller in C does.
+#![allow(unsafe_code)]
 
 use plant::{Plant, PlantConfig};
 use plant_abi::*;
@@ -35,7 +37,7 @@ fn same_seed_same_rig_as_without_the_abi() {
     direct.set_amplifier_power(true);
     direct.set_amplifier_volts(2, 0.6).unwrap();
     direct.advance_to(300_000_000);
-    // SAFETY: a live handle, used by this thread only; `truth` has the room it says.
+    // SAFETY: a live handle, used by this thread only; `truth` has the stated length.
     unsafe {
         plant_set_amplifier_power(through, 1);
         assert_eq!(plant_set_amplifier_volts(through, 2, 0.6), 1);

@@ -297,7 +297,7 @@ pub struct Truth {
     pub time_s: f64,
     /// Amplifiers powered.
     pub amplifier_power: bool,
-    /// The robot was told to move.
+    /// The robot has a command to move.
     pub robot_moving: bool,
     /// Tip position, robot frame, m.
     pub tip_position_m: Vec3,

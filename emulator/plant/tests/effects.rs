@@ -1,4 +1,4 @@
-//! Each optional effect does what its page says: the same rig with and without it, side by side.
+//! Each optional effect acts as documented: the same rig with and without it, side by side.
 
 mod common;
 use common::{gauge, least_squares, volts_for_pull};
@@ -109,7 +109,7 @@ fn backlash_lets_the_motor_turn_through_the_gap() {
     plant.set_amplifier_power(true);
     let mut span = (0.0_f64, 0.0_f64);
     for ms in 1..600_u64 {
-        // To and fro: a pull of 2.5 N for 60 ms each way.
+        // Alternating: a pull of 2.5 N for 60 ms each way.
         let sign = if (ms / 60).is_multiple_of(2) {
             1.0
         } else {

@@ -1,4 +1,4 @@
-//! The seam around the CPU engine: what the rig asks of whatever executes the firmware's instructions.
+//! Interface to the CPU engine: what the rig requires of the part that executes the firmware's instructions.
 //!
 //! An engine runs the unmodified image, owns the controller's own peripherals, and calls the
 //! [`crate::board::Board`] it was given for everything outside the package. Only [`rigless`] exists today;
@@ -9,7 +9,7 @@ pub mod rigless;
 use emulator_link::RegisterEvent;
 use std::fmt;
 
-/// Where an engine stands.
+/// Progress of an engine.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct Progress {
     /// Virtual time since power-on, in nanoseconds.
@@ -61,7 +61,7 @@ pub trait Engine: Send {
         at_row: AtRow,
     ) -> Result<Progress, EngineError>;
 
-    /// Hangs the superloop where it next sleeps; interrupts go on. A reset mends it.
+    /// Hangs the superloop at its next sleep; interrupts go on. A reset restores it.
     ///
     /// # Errors
     /// The image never sleeps.
@@ -92,7 +92,7 @@ pub trait Engine: Send {
     fn register_events(&mut self) -> Result<Vec<RegisterEvent>, EngineError>;
 }
 
-/// Why an engine could not do what it was asked.
+/// Why an engine could not execute a request.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct EngineError(
     /// What happened and what to do, for a person.

@@ -4,8 +4,6 @@
 //! they assert is what the plant's truth and the board's own words say, in virtual time.
 //!
 //! `cargo xtask test` builds image and rig and sets `FORCE_FIRMWARE_ELF` and `FORCE_RIG_BIN`.
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 use control::{MotorState, SystemState};
 use emulator_link::{Injection, Report, Truth};
@@ -160,7 +158,7 @@ impl<'l> Stand<'l> {
             .unwrap_or_else(|error| panic!("{error}"))
     }
 
-    /// Injects a defect, or removes it.
+    /// Injects a fault, or removes it.
     ///
     /// # Panics
     /// Where the rig refuses.

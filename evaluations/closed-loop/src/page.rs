@@ -30,7 +30,7 @@ const NOTES: [(Kind, Cost, &str); 5] = [
         Kind::LoadFriction,
         Cost::WonBack,
         "*Friction in proportion to the pull* is drawn as that of one more guide, a quarter turn at a friction coefficient of 0.10 \
-         to 0.14. `--size 0.5` halves all sizes ([what that cost](identify.md#on-rigs-with-an-effect-that-nobody-declared)).",
+         to 0.14. `--size 0.5` halves all sizes ([what that cost](identify.md#on-rigs-with-undeclared-effects)).",
     ),
 ];
 

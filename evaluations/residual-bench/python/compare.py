@@ -5,12 +5,12 @@ thresholded least squares) choose terms from a library of candidates that holds 
 looks for under the same names: offset, gain, curvature, Coulomb and load-dependent Coulomb friction,
 viscous and Stribeck friction (fourteen speeds), inertia, drift, ripple of the reel. Each unit is
 held out once, selection included. `residual` gets the same rows and a model file with the same
-effects and chooses by holding out one of the three units left. Where a tool leaves a choice that its own criterion does not settle on new units (number of
-terms, threshold), a second line makes it by holding out units inside the training data.
+effects, and chooses by holding out one of the three remaining units. Where the own criterion of a tool does not determine
+a choice for new units (number of terms, threshold), a second line makes it by holding out units inside the training data.
 
 Every tool chooses and fits on three units and predicts the fourth, four times. Times are of reading,
-selecting and fitting for all four, the least of several runs; Python's start and imports are left
-out, `residual`'s start is not.
+selecting and fitting for all four, the least of several runs. They exclude the start and the imports of
+Python, and include the start of `residual`.
 """
 
 import argparse
@@ -135,14 +135,14 @@ def residual(program, files, folder, runs, material):
     the analyses; predicting is a run of its own, whose baseline is the error wanted.
     """
     original = files[0][2] is None
-    models = Path(__file__).resolve().parents[3] / "residual" / "models"
+    models = Path(__file__).resolve().parents[3] / "evaluations" / "measured-rig" / "models"
     text = (models / ("gauge-original.toml" if original else "gauge-moving.toml")).read_text()
     model, test, out = folder / "model.toml", folder / "test.toml", folder / "out"
     model.write_text(text + f"\n[selection]\nmaterial = {material}\nmax_effects = {MOST_TERMS}\n"
                      f"only = {json.dumps(EFFECTS)}\n")
 
     def call(chosen, by):
-        done = subprocess.run([program, "--data", *[str(f[1]) for f in chosen], "--model", str(by), "--out", str(out)],
+        done = subprocess.run([program, "residual", "--data", *[str(f[1]) for f in chosen], "--model", str(by), "--out", str(out)],
                               capture_output=True, text=True)
         if done.returncode:
             sys.exit(f"residual failed:\n{done.stderr}")
@@ -181,7 +181,7 @@ def data_folder(given):
 def main():
     arguments = argparse.ArgumentParser(prog="cargo xtask residual-compare", description=__doc__,
                                         formatter_class=argparse.RawDescriptionHelpFormatter)
-    arguments.add_argument("--residual", required=True, help=argparse.SUPPRESS)
+    arguments.add_argument("--forcectl", required=True, help=argparse.SUPPRESS)
     arguments.add_argument("--data", help="folder of the rig's data (else FORCE_DATA, ./data, ../shared/data)")
     arguments.add_argument("--runs", type=int, default=3, help="the least time of so many runs counts (default 3)")
     arguments.add_argument("--markdown", type=Path, help="write the table into this file")
@@ -190,7 +190,7 @@ def main():
     files = data_folder(a.data)
     unit, y, names, x = read(files)
     with tempfile.TemporaryDirectory() as folder:
-        analyses = [(material, residual(a.residual, files, Path(folder), a.runs, material)) for material in (0.02, 0.002)]
+        analyses = [(material, residual(a.forcectl, files, Path(folder), a.runs, material)) for material in (0.02, 0.002)]
     own = analyses[0][1][1]
     if analyses[0][1][2] != len(y):
         sys.exit(f"not the same rows: {analyses[0][1][2]} and {len(y)}")
@@ -227,13 +227,12 @@ def main():
 
 
 FAIRNESS = """\
-`residual` stops at effects that take less than 2 % of the error, since it is asked what matters; the last line lets it go
-on to 0.2 %. Besides what is asked here it chooses the Stribeck speed and the order of the ripple continuously, calibrates
-every gain against 48 decoys of the residual, makes every effect hold its place against the others, gives bootstrap intervals,
-looks for nameless structure and writes its reports, all within its time, on all cores. The Python tools are given the candidates
-as finished columns and know nothing of groups, so holding out is done around them; their time has no start and no import in it.
-They return terms, several of which may stand for one effect or for none (a sum of Stribeck curves is any curve of the speed);
-they do not name an effect or say that they cannot tell."""
+`residual` does not add effects that reduce the error by less than 2 %; in the last line the limit is 0.2 %. The time of `residual`,
+on all cores, includes more than this comparison needs: it chooses the Stribeck speed and the order of the ripple continuously,
+compares every gain with 48 decoys of the residual and every effect with the others in its place, computes bootstrap intervals,
+looks for unexplained structure, and writes its reports. The Python tools get the candidates as finished columns and do not use
+groups, so the comparison holds out units around them. They return terms. Several terms may describe one effect or none (a sum of
+Stribeck curves is any curve of the speed). They do not name effects, and do not report that the data cannot distinguish them."""
 
 if __name__ == "__main__":
     main()

@@ -17,21 +17,8 @@ use std::time::{Duration, Instant};
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-const HELP: &str = "\
-Analyses synthetic logs with undeclared effects and compares the verdicts with the truth.
-
-Usage: cargo xtask residual-bench [OPTIONS]
-
-  --seeds A..B     seeds, both included (default 1..20, the reported ones; tune on 10000 and up)
-  --kind NAME      only sets with this effect
-  --group NAME     only known, closed, empty, two or uncatalogued sets
-  --strength X     only sets of this strength (3, 1 or 0.3)
-  --quick          a small selection
-  --list           print one line for each set that isn't right
-  --csv FOLDER     write the logs of the chosen sets instead of analysing them
-  --json FILE      write every outcome
-  --markdown FILE  write the tables with a heading
-";
+/// What `--help` prints; `cargo xtask residual-bench --help` as well.
+const HELP: &str = include_str!("help.txt");
 
 struct Options {
     plan: Plan,
@@ -118,7 +105,7 @@ fn main() -> ExitCode {
         Ok(Some(options)) => options,
         Ok(None) => return ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("residual-bench: {error}\n{HELP}");
+            eprintln!("residual-bench: {error}\n\n{HELP}");
             return ExitCode::from(2);
         }
     };

@@ -10,8 +10,6 @@
 //! * [`excitation`]: how the reel moves, what is commanded, what the surroundings do;
 //! * [`effect`]: the undeclared effects, each a small piece of physics with named parameters;
 //! * [`set`]: puts a set together and scales the effect to a given size.
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 pub mod effect;
 pub mod excitation;

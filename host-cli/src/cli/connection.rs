@@ -11,6 +11,9 @@ use host_cli::session::Session;
 use std::path::PathBuf;
 use std::time::Duration;
 
+/// Heading of the options that only the embedded rig has.
+pub const EMBEDDED: &str = "Embedded rig";
+
 /// Which rig, and how it is reached.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Connection")]
@@ -22,13 +25,13 @@ pub struct Connection {
     #[arg(long, value_name = "FILE", value_parser = values::rig_file)]
     pub rig: Option<PathBuf>,
     /// Seed of all random values in the embedded rig
-    #[arg(long, value_name = "N", value_parser = values::seed)]
+    #[arg(long, value_name = "N", help_heading = EMBEDDED, value_parser = values::seed)]
     pub seed: Option<u64>,
     /// Physics of the embedded rig (TOML) [default: the rig of the thesis]
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", help_heading = EMBEDDED)]
     pub plant: Option<PathBuf>,
     /// Limit the embedded rig to real time
-    #[arg(long)]
+    #[arg(long, help_heading = EMBEDDED)]
     pub paced: bool,
 }
 

@@ -433,8 +433,8 @@ mod tests {
         let path = folder.join("rig.toml");
         std::fs::write(&path, "one").expect("written");
         let read = |path: &Path| std::fs::read_to_string(path).expect("is there");
-        let (_, first) = replace(&path, "one", "two").ok().expect("replaced");
-        let (_, second) = replace(&path, "two", "three").ok().expect("replaced");
+        let (_, first) = replace(&path, "one", "two").expect("replaced");
+        let (_, second) = replace(&path, "two", "three").expect("replaced");
         assert_eq!(
             (read(&path), read(&first), read(&second)),
             ("three".into(), "one".into(), "two".into())

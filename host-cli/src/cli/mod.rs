@@ -57,7 +57,7 @@ use std::sync::Arc;
 
 /// Command line of the force rig.
 #[derive(Debug, Parser)]
-#[command(name = "forcectl", version, about, after_help = exit::TABLE)]
+#[command(name = "forcectl", version, after_help = exit::TABLE)]
 struct Cli {
     #[command(flatten)]
     output: OutputArgs,

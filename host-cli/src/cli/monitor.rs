@@ -43,9 +43,9 @@ impl End {
         }
     }
 
-    /// Time since the start, s.
+    /// Time since the start, s, in whole microseconds.
     pub fn elapsed_s(&self, session: &Session<'_>) -> f64 {
-        (session.now_ns() - self.start_ns) as f64 * 1e-9
+        ((session.now_ns() - self.start_ns) / 1_000) as f64 / 1e6
     }
 
     /// Part of the duration that is over; 0 where it is not known.

@@ -15,6 +15,7 @@ use std::sync::{Mutex, PoisonError, TryLockError};
 
 /// Options of every command.
 #[derive(Debug, Clone, Copy, Default, Args)]
+#[command(next_help_heading = "Output")]
 pub struct OutputArgs {
     /// Print one JSON object instead of text; `monitor` prints one object per line
     #[arg(long, global = true)]

@@ -6,7 +6,6 @@ use clap::Args;
 use host_cli::identify;
 use host_cli::identify::findings::{self, Frame};
 use host_cli::rigfile::RigFile;
-use residual::rig::{DATA_FOLDERS, DATA_VARIABLE, HOW_TO_GET_DATA};
 use residual::spec::Spec;
 use residual::{Compensation as Board, Options, Report};
 use std::fmt::Write as _;
@@ -14,8 +13,7 @@ use std::path::{Path, PathBuf};
 
 /// Below the help of the command.
 pub const HELP: &str = "\
-Data: a path that does not exist as given is looked for below the data folder. That folder is the environment variable
-FORCE_DATA, else ./data, else ../shared/data. Without --data the whole data folder is read.
+Without --out the verdict is printed and nothing is written.
 
 --apply changes friction, gain, offset, viscous friction (speed in m/s or mm/s) and, for a delay, the gains of the loop,
 where they were found, in all units. It prints what it changed and what the board cannot use. Ripples need the board's
@@ -34,17 +32,17 @@ Exit codes:
 /// Arguments of `residual`.
 #[derive(Debug, Args)]
 pub struct Residual {
-    /// Logs (CSV, gzip, JSON, Parquet) or folders of them
-    #[arg(long, value_name = "PATH", num_args = 1..)]
+    /// Logs (CSV, gzip, Parquet) or folders of them
+    #[arg(long, value_name = "PATH", num_args = 1.., required = true)]
     data: Vec<PathBuf>,
     /// Model file (TOML): columns, units, declared terms
     #[arg(long, value_name = "MODEL.toml")]
     model: PathBuf,
     /// Folder for the reports and the extended model
     #[arg(long, value_name = "DIR")]
-    out: PathBuf,
+    out: Option<PathBuf>,
     /// Write a copy of this rig file, with the findings that the board can use, to DIR as NAME.residual.toml
-    #[arg(long, value_name = "RIG.toml")]
+    #[arg(long, value_name = "RIG.toml", requires = "out")]
     apply: Option<PathBuf>,
     /// With --apply: the model declares the values of the rig file; add the findings to them
     #[arg(long, requires = "apply")]
@@ -80,22 +78,21 @@ impl Residual {
     }
 }
 
-/// Runs the analysis, and makes a rig file of it where asked.
+/// Runs the analysis, and writes a rig file with its findings where asked.
 fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
-    // Reports of an earlier analysis must not be taken for this one's, whatever goes wrong from here on.
-    residual::clear(&arguments.out).map_err(|error| Failure::new(7, error))?;
+    // Reports of an earlier analysis must not be taken for this one's, whatever fails from here on.
+    if let Some(out) = &arguments.out {
+        residual::clear(out).map_err(|error| Failure::new(7, error))?;
+    }
     // Everything that may be wrong with the arguments comes before the analysis, which takes longer.
     let model = Spec::load(&arguments.model).map_err(|error| Failure::new(2, error))?;
     let rig = match &arguments.apply {
         Some(path) => Some(BoardFile::open(path, &model, arguments)?),
         None => None,
     };
-    let data = data_paths(
-        &arguments.data,
-        std::env::var_os(DATA_VARIABLE).map(PathBuf::from),
-    )?;
+    check_data(&arguments.data)?;
     let options = Options {
-        data,
+        data: arguments.data.clone(),
         model,
         out: None,
     };
@@ -104,23 +101,21 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
         .map_err(|error| Failure::new(error.exit_code(), error))?;
     // From here on Ctrl-C must not leave half a report.
     let _in_order = context.interrupt.in_order();
-    report
-        .write(&arguments.out)
-        .map_err(|error| Failure::new(7, error))?;
-    let applied = match rig {
-        Some(rig) => Some(rig.apply(&report, &arguments.out)?),
-        None => None,
-    };
+    let mut applied = None;
+    if let Some(out) = &arguments.out {
+        report.write(out).map_err(|error| Failure::new(7, error))?;
+        if let Some(rig) = &rig {
+            applied = Some(rig.apply(&report, out)?);
+        }
+    }
     let changed = applied.as_ref().map(
         |a| serde_json::json!({"file": a.file, "changed": a.changed, "not_used": a.not_used, "earlier": a.earlier}),
     );
     let mut text = String::new();
     row!(text, "{}", report.summary());
-    row!(
-        text,
-        "report: {}",
-        arguments.out.join("report.html").display()
-    );
+    if let Some(out) = &arguments.out {
+        row!(text, "report: {}", out.join("report.html").display());
+    }
     if let Some(applied) = &applied {
         applied.describe(&mut text);
     }
@@ -128,57 +123,23 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
         Some(applied) if applied.file.is_none() => exit::DEGRADED,
         _ => exit::DONE,
     };
+    let report = serde_json::to_value(&report).map_err(|error| Failure::new(7, error))?;
     let json = serde_json::json!({"report": report, "applied": changed});
     Ok(Reply::new(text, json).with_code(code))
 }
 
-/// The files and folders to read: as given, else below the folder of data, else that folder.
-fn data_paths(given: &[PathBuf], variable: Option<PathBuf>) -> Result<Vec<PathBuf>> {
-    let absent = |what: String| Failure::new(3, format!("{what}. {HOW_TO_GET_DATA}"));
-    let missing = |path: &Path, folder: Option<&Path>| {
-        let below = folder.map_or(String::new(), |folder| {
-            format!(", neither as given nor below {}", folder.display())
-        });
-        absent(format!(
-            "--data {}: no such file or folder{below}; check the path",
-            path.display()
-        ))
-    };
-    let folder = match variable {
-        Some(folder) if folder.exists() => Some(folder),
-        Some(folder) => {
-            // A variable that points nowhere only matters to who needs it.
-            if given.is_empty() || given.iter().any(|path| !path.exists()) {
-                return Err(absent(format!(
-                    "{DATA_VARIABLE} is `{}`, which does not exist",
-                    folder.display()
-                )));
-            }
-            None
-        }
-        None => DATA_FOLDERS
-            .map(PathBuf::from)
-            .into_iter()
-            .find(|path| path.is_dir()),
-    };
-    if given.is_empty() {
-        return folder.map(|folder| vec![folder]).ok_or_else(|| {
-            absent(format!(
-                "no data: --data is not given, {DATA_VARIABLE} is not set, and there is no folder {}",
-                DATA_FOLDERS.join(" or ")
-            ))
-        });
+/// Checks that every file and folder of `--data` exists.
+fn check_data(paths: &[PathBuf]) -> Result<()> {
+    match paths.iter().find(|path| !path.exists()) {
+        None => Ok(()),
+        Some(path) => Err(Failure::new(
+            3,
+            format!(
+                "--data {}: no such file or folder; check the path",
+                path.display()
+            ),
+        )),
     }
-    given
-        .iter()
-        .map(|path| {
-            let below = folder.as_ref().map(|folder| folder.join(path));
-            std::iter::once(path.clone())
-                .chain(below)
-                .find(|path| path.exists())
-                .ok_or_else(|| missing(path, folder.as_deref()))
-        })
-        .collect()
 }
 
 /// A rig file that findings go into.
@@ -428,24 +389,5 @@ mod tests {
             error.contains("coulomb_n") && error.contains("0.7"),
             "{error}"
         );
-    }
-
-    #[test]
-    fn data_are_taken_as_given_then_below_the_folder_of_data() {
-        let root = std::env::temp_dir().join(format!("forcectl-data-{}", std::process::id()));
-        std::fs::create_dir_all(root.join("runs")).expect("a temporary folder");
-        let there = |given: &[PathBuf]| data_paths(given, Some(root.clone())).ok();
-        assert_eq!(there(&[root.join("runs")]), Some(vec![root.join("runs")]));
-        assert_eq!(there(&["runs".into()]), Some(vec![root.join("runs")]));
-        assert_eq!(there(&[]), Some(vec![root.clone()]));
-        for (given, variable) in [
-            (vec![PathBuf::from("nowhere")], Some(root.clone())),
-            (vec![], Some(root.join("gone"))),
-        ] {
-            let failure = data_paths(&given, variable).expect_err("is refused");
-            assert_eq!(failure.code, 3);
-            assert!(failure.message.contains("5e4966ee"), "{}", failure.message);
-        }
-        std::fs::remove_dir_all(root).expect("cleaned up");
     }
 }

@@ -1,6 +1,6 @@
 //! `forcectl set-force`: holds a force at the tip, and reports how well.
 
-use super::connection::Connection;
+use super::connection::{Connection, EMBEDDED};
 use super::exit::{self, Failure, Reply, Result};
 use super::watch::Watch;
 use super::{values, Context};
@@ -48,10 +48,10 @@ pub struct SetForce {
     #[command(flatten)]
     connection: Connection,
     /// Keep the embedded rig's robot still
-    #[arg(long)]
+    #[arg(long, help_heading = EMBEDDED)]
     still: bool,
     /// Cause a fault in the embedded rig, for example unplug=3@2s; repeatable. `--inject help` lists the faults
-    #[arg(long, value_name = "WHAT@TIME", value_parser = host_cli::inject::parse, allow_hyphen_values = true)]
+    #[arg(long, value_name = "WHAT@TIME", help_heading = EMBEDDED, value_parser = host_cli::inject::parse, allow_hyphen_values = true)]
     inject: Vec<(f64, Injection)>,
 }
 

@@ -38,8 +38,8 @@ fn answer(mut error: clap::Error, arguments: &[OsString]) -> u8 {
             ContextValue::StyledStrs(vec![hint.into()]),
         );
         // clap's own guess is worse than what is known.
-        error.insert(ContextKind::SuggestedArg, ContextValue::None);
-        error.insert(ContextKind::SuggestedSubcommand, ContextValue::None);
+        error.remove(ContextKind::SuggestedArg);
+        error.remove(ContextKind::SuggestedSubcommand);
     }
     let text = error.render();
     if !error.use_stderr() {
@@ -52,14 +52,7 @@ fn answer(mut error: clap::Error, arguments: &[OsString]) -> u8 {
         return output.finish(&Ok(Reply::text("")));
     }
     if output.json() {
-        let text = text.to_string();
-        let message = if error.kind() == ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand {
-            "a command is missing; `forcectl --help` lists the commands"
-        } else {
-            // Without the usage, which is for people.
-            let end = text.find("\n\nUsage:").unwrap_or(text.len());
-            text[..end].trim().trim_start_matches("error: ")
-        };
+        let message = message(&error, &text.to_string());
         return output.finish(&Err(Failure::new(exit::USAGE, message)));
     }
     output::to_stderr(&if output::stderr_is_terminal() {
@@ -68,6 +61,23 @@ fn answer(mut error: clap::Error, arguments: &[OsString]) -> u8 {
         text.to_string()
     });
     exit::USAGE
+}
+
+/// The error without usage and layout, which are for people.
+fn message(error: &clap::Error, text: &str) -> String {
+    if matches!(
+        error.kind(),
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand
+    ) {
+        return "a command is missing; `forcectl --help` lists the commands".to_owned();
+    }
+    let end = ["\n\nUsage:", "\n\nFor more information"]
+        .iter()
+        .filter_map(|tail| text.find(tail))
+        .min()
+        .unwrap_or(text.len());
+    let words: Vec<&str> = text[..end].split_whitespace().collect();
+    words.join(" ").trim_start_matches("error: ").to_owned()
 }
 
 /// What is known about an option that clap does not expect.

@@ -6,7 +6,7 @@ use residual::spec::Spec;
 use std::f64::consts::TAU;
 
 /// The model of the recorded session.
-pub const MODEL: &str = include_str!("../../../residual/models/identify.toml");
+pub const MODEL: &str = include_str!("../../models/identify.toml");
 
 /// The model of a unit: what its settings declare.
 ///

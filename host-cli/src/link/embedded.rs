@@ -36,7 +36,7 @@ impl Programs {
         let path = |variable: &str, what: &str| {
             let value = std::env::var_os(variable).ok_or_else(|| {
                 LinkError::Setup(format!(
-                    "the embedded rig needs {what}, and {variable} is not set: run through `cargo forcectl`, which builds both and sets it, or choose a board with --rig usb or --rig serial:PORT"
+                    "the embedded rig needs {what}, and {variable} is not set: run through `cargo forcectl`, which builds both and sets it, or choose a board with --link usb or --link serial:PORT"
                 ))
             })?;
             let path = PathBuf::from(value);
@@ -44,7 +44,7 @@ impl Programs {
                 Ok(path)
             } else {
                 Err(LinkError::Setup(format!(
-                    "{variable} names {}, which is no file: run through `cargo forcectl`, which builds it",
+                    "{variable} names {}, which is not a file: run through `cargo forcectl`, which builds it",
                     path.display()
                 )))
             }

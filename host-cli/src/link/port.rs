@@ -90,7 +90,7 @@ impl Port {
                 name: "USB".to_owned(),
                 cause: format!("no device {:04x}:{:04x} is there", USB_ID.0, USB_ID.1),
                 hint: format!(
-                    "plug the board's user USB (CN13) in, or use --rig serial:PORT; {}",
+                    "plug the board's user USB (CN13) in, or use --link serial:PORT; {}",
                     ports_here()
                 ),
             }),
@@ -98,8 +98,8 @@ impl Port {
                 name: "USB".to_owned(),
                 cause: format!("{} boards are there", several.len()),
                 hint: format!(
-                    "choose one: --rig serial:{}",
-                    several.join(" or --rig serial:")
+                    "choose one: --link serial:{}",
+                    several.join(" or --link serial:")
                 ),
             }),
         }

@@ -206,7 +206,7 @@ fn accept(listener: &TcpListener, mut child: Option<&mut Child>) -> Result<TcpSt
         if let Some(child) = child.as_deref_mut() {
             if let Ok(Some(status)) = child.try_wait() {
                 return Err(format!(
-                    "Renode ended ({status}) before the board was up; its log tells why"
+                    "Renode ended ({status}) before the board was up; its log states the reason"
                 ));
             }
         }

@@ -10,9 +10,7 @@
 //! | `RENODE` | the `renode` program; otherwise the one on `PATH` |
 //! | `FORCE_RENODE_DIR` | this project's folder `renode`; otherwise the one this program was built from |
 //! | `FORCE_PLANT_LIBRARY` | the library of `plant-abi`; otherwise the one beside this program |
-//! | `FORCE_RENODE_ATTACH` | a port: wait there for a Renode that runs already and says `server Connect PORT`, and start none |
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
+//! | `FORCE_RENODE_ATTACH` | a port: wait there for a running Renode that executes `server Connect PORT`, and start none |
 
 mod machine;
 mod text;
@@ -29,10 +27,12 @@ usage: renode-rig --elf FILE [--seed N] [--plant FILE.toml]
   --elf FILE       firmware image (ELF) to boot
   --seed N         seed of everything random (default 1)
   --plant FILE     plant configuration in TOML (default: the rig of the thesis)
+  --paced, --quiet accepted as by the embedded rig's program, without effect
+  -h, --help       print this
 
 Speaks emulator-link on standard input and output; Renode's log goes to standard error.";
 
-/// What the command line asks for.
+/// Options of the command line.
 #[derive(Debug)]
 pub struct Arguments {
     /// Firmware image.
@@ -43,7 +43,8 @@ pub struct Arguments {
     pub plant: Option<PathBuf>,
 }
 
-fn arguments(mut words: impl Iterator<Item = String>) -> Result<Arguments, String> {
+/// `None`: `--help` was asked for.
+fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments>, String> {
     let mut elf = None;
     let mut seed = 1;
     let mut plant = None;
@@ -64,15 +65,23 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Arguments, Strin
             "--plant" => plant = Some(value()?.into()),
             // Renode in lock-step is never faster than its partner; there is nothing to pace.
             "--paced" | "--quiet" => {}
+            "-h" | "--help" => return Ok(None),
             _ => return Err(format!("{word}: unknown\n{USAGE}")),
         }
     }
     let elf = elf.ok_or_else(|| format!("--elf is missing\n{USAGE}"))?;
-    Ok(Arguments { elf, seed, plant })
+    Ok(Some(Arguments { elf, seed, plant }))
 }
 
 fn main() -> ExitCode {
-    match arguments(std::env::args().skip(1)).and_then(|a| serve(&a)) {
+    let done = arguments(std::env::args().skip(1)).and_then(|arguments| match arguments {
+        Some(arguments) => serve(&arguments),
+        None => {
+            println!("{USAGE}");
+            Ok(())
+        }
+    });
+    match done {
         Ok(()) => ExitCode::SUCCESS,
         Err(why) => {
             eprintln!("renode-rig: {why}");
@@ -119,13 +128,15 @@ fn answer(machine: &mut Machine, request: &Request) -> Response {
 mod tests {
     use super::*;
 
-    fn parse(words: &[&str]) -> Result<Arguments, String> {
+    fn parse(words: &[&str]) -> Result<Option<Arguments>, String> {
         arguments(words.iter().map(ToString::to_string))
     }
 
     #[test]
     fn the_embedded_rigs_arguments_are_understood() {
-        let a = parse(&["--elf", "a", "--seed", "7", "--plant", "p.toml", "--paced"]).unwrap();
+        let a = parse(&["--elf", "a", "--seed", "7", "--plant", "p.toml", "--paced"])
+            .unwrap()
+            .unwrap();
         assert_eq!(a.elf, PathBuf::from("a"));
         assert_eq!(a.seed, 7);
         assert_eq!(a.plant, Some(PathBuf::from("p.toml")));

@@ -10,8 +10,8 @@ pub(crate) use switching::switching;
 
 use crate::frame::Frame;
 use crate::problem::Problem;
+use crate::report::ModelTest;
 use crate::spec::Roles;
-use crate::stats::ResidualTest;
 use rayon::prelude::*;
 use whiteness::{cross_correlation, whiteness};
 
@@ -23,23 +23,24 @@ pub(crate) fn residual_tests(
     frame: &Frame,
     before: &[f64],
     after: &[f64],
-) -> Vec<(String, ResidualTest)> {
+) -> Vec<ModelTest> {
+    let of_model = |model: &str, test| ModelTest {
+        model: model.into(),
+        test,
+    };
     let both = [("before", before), ("after", after)];
-    let mut out: Vec<(String, ResidualTest)> = both
+    let mut out: Vec<ModelTest> = both
         .iter()
-        .map(|(when, r)| (when.to_string(), whiteness(r, frame)))
+        .map(|(when, r)| of_model(when, whiteness(r, frame)))
         .collect();
-    let crossed: Vec<(String, ResidualTest)> = roles
+    let crossed: Vec<ModelTest> = roles
         .all()
         .into_par_iter()
         .filter(|(name, _)| name != "target" && name != "time" && !roles.groups.contains_key(name))
         .flat_map_iter(|(name, _)| {
             let column = problem.frame.column(&name).unwrap_or(&[]);
             let x = problem.gather(column.to_vec());
-            both.map(|(when, r)| {
-                let test = cross_correlation(r, &x, &name, frame);
-                (when.to_string(), test)
-            })
+            both.map(|(when, r)| of_model(when, cross_correlation(r, &x, &name, frame)))
         })
         .collect();
     out.extend(crossed);

@@ -4,6 +4,7 @@ use super::{
     amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Form, Found, Piece, Psi, Remedy,
     Variant,
 };
+use std::f64::consts::TAU;
 
 pub(crate) struct PeriodicAngle;
 
@@ -32,91 +33,104 @@ impl Effect for PeriodicAngle {
         }]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let Some(x) = ctx.position.clone() else {
+        let Some(angle) = Angle::new(ctx) else {
             return vec![];
         };
-        let Some(k) = Context::radians(&ctx.position_unit()) else {
-            return vec![];
-        };
-        let angle = ctx.values(&format!("({x}) * {k}"));
-        let Some((lo, hi)) = ctx.range(&x) else {
-            return vec![];
-        };
-        let turns = (hi - lo) * k / std::f64::consts::TAU;
-        if turns < 0.05 {
-            return vec![];
-        }
-        // Below one and a half periods in the range a ripple is a curve like any other.
-        let lowest = (1.5 / turns).max(0.02);
-        let highest =
-            400.0f64.min(spectrum::highest_frequency(ctx.problem, &angle) * std::f64::consts::TAU);
-        let turns_of: Vec<f64> = angle.iter().map(|a| a / std::f64::consts::TAU).collect();
-        let mut out = Vec::new();
-        for (label, with_load) in [("ripple", false), ("ripple in proportion to load", true)] {
-            if with_load && ctx.range(&ctx.load).is_none() {
-                continue;
-            }
-            let weight = if with_load {
-                ctx.values(&ctx.load)
-            } else {
-                vec![]
-            };
-            let mut grid = spectrum::proposals(
-                ctx,
-                &turns_of,
-                &weight,
-                &spectrum::Look {
-                    lowest,
-                    highest,
-                    coherent: true,
-                    lines: false,
-                },
-            );
-            if turns < 1.5 {
-                // Order one over less than a turn and a half is gravity's.
-                grid.retain(|o| (o - 1.0).abs() > 0.05);
-            }
-            if grid.is_empty() {
-                continue;
-            }
-            let factor = if with_load {
-                format!(" * {}", ctx.load)
-            } else {
-                String::new()
-            };
-            let unit = if with_load {
-                "1".to_string()
-            } else {
-                ctx.unit().to_string()
-            };
-            let x = x.clone();
-            out.push(
-                Variant::profiled(
-                    label,
-                    Psi {
-                        name: "order",
-                        unit: "1/turn".into(),
-                        grid,
-                        refine: true,
-                        resolution: Some(0.6 / turns),
-                    },
-                    move |n| {
-                        let w = n * k;
-                        Build::Add(vec![
-                            Piece::new("sine", unit.clone(), format!("sin({w} * {x}){factor}")),
-                            Piece::new("cosine", unit.clone(), format!("cos({w} * {x}){factor}")),
-                        ])
-                    },
-                )
-                .with(amplitude_phase)
-                .form(if with_load {
-                    Form::ShareOfLoad
-                } else {
-                    Form::Other
-                }),
-            );
+        let mut out: Vec<Variant> = angle.ripple("ripple", false).into_iter().collect();
+        if ctx.range(&ctx.load).is_some() {
+            out.extend(angle.ripple("ripple in proportion to load", true));
         }
         out
+    }
+}
+
+/// An angle that turns far enough to show a ripple.
+struct Angle<'a> {
+    ctx: &'a Context<'a>,
+    /// Expression, and radians per unit of it.
+    expression: String,
+    radians: f64,
+    /// Turns in the range of the data.
+    turns: f64,
+    /// The angle on each row, in turns.
+    turns_of: Vec<f64>,
+    /// Highest order that the rows can carry, at most 400.
+    highest: f64,
+}
+
+impl<'a> Angle<'a> {
+    /// `None` without an angle, or if it covers less than a twentieth of a turn.
+    fn new(ctx: &'a Context<'a>) -> Option<Angle<'a>> {
+        let expression = ctx.position.clone()?;
+        let radians = Context::radians(&ctx.position_unit())?;
+        let angle = ctx.values(&format!("({expression}) * {radians}"));
+        let (lo, hi) = ctx.range(&expression)?;
+        let turns = (hi - lo) * radians / TAU;
+        (turns >= 0.05).then(|| Angle {
+            ctx,
+            expression,
+            radians,
+            turns,
+            turns_of: angle.iter().map(|a| a / TAU).collect(),
+            highest: 400.0f64.min(spectrum::highest_frequency(ctx.problem, &angle) * TAU),
+        })
+    }
+
+    /// Orders worth trying.
+    fn orders(&self, of_load: bool) -> Vec<f64> {
+        let ctx = self.ctx;
+        let weight = if of_load {
+            ctx.values(&ctx.load)
+        } else {
+            vec![]
+        };
+        let look = spectrum::Look {
+            // Below one and a half periods in the range a ripple is a curve like any other.
+            lowest: (1.5 / self.turns).max(0.02),
+            highest: self.highest,
+            coherent: true,
+            lines: false,
+        };
+        let mut orders = spectrum::proposals(ctx, &self.turns_of, &weight, &look);
+        if self.turns < 1.5 {
+            // Order one over less than a turn and a half is gravity's.
+            orders.retain(|o| (o - 1.0).abs() > 0.05);
+        }
+        orders
+    }
+
+    /// The ripple, constant or as a share of the load; `None` if the spectrum has no peak.
+    fn ripple(&self, label: &str, of_load: bool) -> Option<Variant> {
+        let ctx = self.ctx;
+        let grid = self.orders(of_load);
+        if grid.is_empty() {
+            return None;
+        }
+        let (factor, unit, form) = if of_load {
+            (format!(" * {}", ctx.load), "1", Form::ShareOfLoad)
+        } else {
+            (String::new(), ctx.unit(), Form::Other)
+        };
+        let psi = Psi {
+            name: "order",
+            unit: "1/turn".into(),
+            grid,
+            refine: true,
+            resolution: Some(0.6 / self.turns),
+        };
+        let (x, k, unit) = (self.expression.clone(), self.radians, unit.to_string());
+        let build = move |n: f64| {
+            let w = n * k;
+            Build::Add(vec![
+                Piece::new("sine", unit.clone(), format!("sin({w} * {x}){factor}")),
+                Piece::new("cosine", unit.clone(), format!("cos({w} * {x}){factor}")),
+            ])
+        };
+        Some(
+            Variant::profiled(label, psi, build)
+                .with(amplitude_phase)
+                .form(form),
+        )
     }
 }
 

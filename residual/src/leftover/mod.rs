@@ -113,7 +113,7 @@ impl Leftover {
                     c.origin.name()
                 ),
                 gain: c.gain,
-                p: c.p,
+                p_value: c.p,
             });
             self.unexplained |= self.large(c.base - c.held);
         }
@@ -127,7 +127,7 @@ impl Leftover {
             self.structure.push(Structure {
                 depends_on: "no column: it switches between levels".into(),
                 gain,
-                p: stats::normal_tail(-switching.z),
+                p_value: stats::normal_tail(-switching.z),
             });
             self.structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
             self.unexplained |= self.large(switching.share * held);
@@ -145,6 +145,6 @@ fn structure(c: &Candidate<Nameless>) -> Structure {
     Structure {
         depends_on: c.origin.depends_on.clone(),
         gain: c.gain,
-        p: c.p,
+        p_value: c.p,
     }
 }

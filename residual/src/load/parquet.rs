@@ -1,6 +1,6 @@
 //! Parquet logs: every flat numeric or boolean column, by row groups.
 
-use super::Raw;
+use super::Table;
 use crate::error::Error;
 use parquet::basic::Type;
 use parquet::column::reader::{get_typed_column_reader, ColumnReader};
@@ -50,17 +50,17 @@ fn append<T: DataType>(
 }
 
 /// Reads one Parquet log.
-pub(super) fn read(path: &Path) -> Result<Raw, Error> {
+pub(super) fn read(path: &Path) -> Result<Table, Error> {
     let fail = |e: String| {
         Error::io(
             path,
-            format!("cannot be read as Parquet: {e}; copy the file again, or write it anew"),
+            format!("cannot be read as Parquet: {e}; copy or write the file again"),
         )
     };
     let file = std::fs::File::open(path).map_err(|e| Error::io(path, e))?;
     let reader = SerializedFileReader::new(file).map_err(|e| fail(e.to_string()))?;
     let schema = reader.metadata().file_metadata().schema_descr_ptr();
-    let mut raw = Raw::default();
+    let mut table = Table::default();
     for (c, column) in schema.columns().iter().enumerate() {
         let kind = column.physical_type();
         if column.max_rep_level() > 0
@@ -95,11 +95,11 @@ pub(super) fn read(path: &Path) -> Result<Raw, Error> {
             }
             .map_err(|e| fail(format!("column `{}`: {e}", column.name())))?;
         }
-        raw.names.push(column.name().to_string());
-        raw.columns.push(out);
+        table.names.push(column.name().to_string());
+        table.columns.push(out);
     }
-    if raw.names.is_empty() {
+    if table.names.is_empty() {
         return Err(fail("no flat numeric column".into()));
     }
-    Ok(raw)
+    Ok(table)
 }

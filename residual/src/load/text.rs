@@ -1,13 +1,13 @@
 //! Text logs: CSV and relatives, plain or gzip.
 
-use super::Raw;
+use super::Table;
 use crate::error::Error;
 use crate::spec::Input;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
-/// Opens a file, through gzip if its first bytes say so (names lie, magic numbers do not).
+/// Opens a file, through gzip if its first bytes say so (a name may be wrong, the magic number is not).
 pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
     let mut file =
         BufReader::with_capacity(1 << 16, File::open(path).map_err(|e| Error::io(path, e))?);
@@ -77,12 +77,12 @@ fn no_text(path: &Path, line: u64) -> Error {
     Error::io(
         path,
         format!(
-            "line {line}: this is not text (UTF-8); convert the file, or take it out of --data"
+            "line {line}: this is not text (UTF-8); convert the file, or leave it out of --data"
         ),
     )
 }
 
-/// What the CSV reader stumbled over, and what to do.
+/// An error of the CSV reader, with what to do about it.
 fn broken(path: &Path, e: &csv::Error) -> Error {
     let line = e.position().map_or(1, csv::Position::line);
     match e.kind() {
@@ -95,15 +95,14 @@ fn broken(path: &Path, e: &csv::Error) -> Error {
             expected_len, len, ..
         } => Error::io(
             path,
-            format!("line {line}: {len} cells where the lines before have {expected_len}; mend the line, or take it out"),
+            format!("line {line}: {len} cells where the lines before have {expected_len}; correct the line, or remove it"),
         ),
         _ => Error::io(path, e),
     }
 }
 
-/// Reads one text log. Cells that are empty or `nan` are NaN; any other text in a column that is
-/// otherwise numeric is an error, and a column whose first cell is text is skipped.
-pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
+/// Opens a text log as CSV: separated by one character, or by runs of blanks.
+fn open_csv(path: &Path, input: &Input) -> Result<csv::Reader<Box<dyn Read>>, Error> {
     let reader = open(path)?;
     let mut builder = csv::ReaderBuilder::new();
     builder
@@ -111,24 +110,32 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
         .trim(csv::Trim::All)
         .comment(Some(b'#'))
         .flexible(false);
-    let boxed: Box<dyn Read> = match input.separator.as_str() {
-        "blank" => Box::new(Blanks {
+    let boxed: Box<dyn Read> = match input.separator.as_bytes() {
+        b"blank" => Box::new(Blanks {
             inner: reader,
             value: false,
             blank: false,
         }),
-        s => {
-            let b = s.as_bytes();
-            if b.len() != 1 {
-                return Err(Error::model(format!(
-                    "input.separator = \"{s}\": one character, or \"blank\""
-                )));
-            }
-            builder.delimiter(b[0]);
+        [one] => {
+            builder.delimiter(*one);
             Box::new(reader)
         }
+        _ => {
+            return Err(Error::model(format!(
+                "input.separator = \"{}\": one character, or \"blank\"",
+                input.separator
+            )))
+        }
     };
-    let mut csv = builder.from_reader(boxed);
+    Ok(builder.from_reader(boxed))
+}
+
+/// Names of the columns: of the model file, else of the first line.
+fn names(
+    csv: &mut csv::Reader<Box<dyn Read>>,
+    path: &Path,
+    input: &Input,
+) -> Result<Vec<String>, Error> {
     let names: Vec<String> = if input.header.is_empty() {
         csv.headers()
             .map_err(|e| broken(path, &e))?
@@ -157,13 +164,37 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
             ));
         }
     }
+    Ok(names)
+}
+
+/// The number in a cell: NaN if it is missing, `None` if it is another text.
+fn number(cell: &str) -> Option<f64> {
+    if cell.is_empty() {
+        return Some(f64::NAN);
+    }
+    if let Ok(x) = cell.parse() {
+        return Some(x);
+    }
+    match cell.to_ascii_lowercase().as_str() {
+        "true" => Some(1.0),
+        "false" => Some(0.0),
+        "na" | "null" | "none" => Some(f64::NAN),
+        _ => None,
+    }
+}
+
+/// Reads one text log. Cells that are empty or `nan` are NaN; any other text in a column that is
+/// otherwise numeric is an error, and a column whose first cell is text is left out.
+pub(super) fn read(path: &Path, input: &Input) -> Result<Table, Error> {
+    let mut csv = open_csv(path, input)?;
+    let names = names(&mut csv, path, input)?;
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
     let mut text: Vec<Option<(String, u64)>> = vec![None; names.len()];
     let mut record = csv::StringRecord::new();
     let mut first = true;
     while csv.read_record(&mut record).map_err(|e| broken(path, &e))? {
+        let line = record.position().map_or(0, csv::Position::line);
         if record.len() != names.len() {
-            let line = record.position().map_or(0, csv::Position::line);
             return Err(Error::io(
                 path,
                 format!(
@@ -174,47 +205,37 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Raw, Error> {
             ));
         }
         for (c, cell) in record.iter().enumerate() {
-            let value = if cell.is_empty() {
-                f64::NAN
-            } else {
-                match cell.parse::<f64>() {
-                    Ok(x) => x,
-                    Err(_) => match cell.to_ascii_lowercase().as_str() {
-                        "true" => 1.0,
-                        "false" => 0.0,
-                        "na" | "null" | "none" => f64::NAN,
-                        _ if text[c].is_some() => f64::NAN,
-                        _ if first => {
-                            let line = record.position().map_or(0, csv::Position::line);
-                            text[c] = Some((cell.to_string(), line));
-                            f64::NAN
-                        }
-                        _ => {
-                            return Err(Error::BadCell {
-                                path: path.to_path_buf(),
-                                line: record.position().map_or(0, csv::Position::line),
-                                column: names[c].clone(),
-                                text: cell.to_string(),
-                            })
-                        }
-                    },
+            let value = match number(cell) {
+                Some(x) => x,
+                None if text[c].is_some() => f64::NAN,
+                None if first => {
+                    text[c] = Some((cell.to_string(), line));
+                    f64::NAN
+                }
+                None => {
+                    return Err(Error::BadCell {
+                        path: path.to_path_buf(),
+                        line,
+                        column: names[c].clone(),
+                        text: cell.to_string(),
+                    })
                 }
             };
             columns[c].push(value);
         }
         first = false;
     }
-    let mut raw = Raw::default();
+    let mut table = Table::default();
     for ((name, column), text) in names.into_iter().zip(columns).zip(text) {
         match text {
-            Some((cell, line)) => raw.text.push((name, cell, line)),
+            Some((cell, line)) => table.text.push((name, cell, line)),
             None => {
-                raw.names.push(name);
-                raw.columns.push(column);
+                table.names.push(name);
+                table.columns.push(column);
             }
         }
     }
-    Ok(raw)
+    Ok(table)
 }
 
 #[cfg(test)]

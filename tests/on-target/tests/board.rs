@@ -3,7 +3,7 @@
 
 #[cfg(not(target_os = "none"))]
 fn main() {
-    println!("on-target: nothing to test on a host; flash it with `cargo xtask test --on-target`");
+    println!("on-target: these tests run on the board, not on a host; see docs/bring-up.md");
 }
 
 #[cfg(target_os = "none")]
@@ -70,7 +70,7 @@ mod tests {
         assert!((99..=101).contains(&rig.ticks));
     }
 
-    /// An idle I2C bus is high on both lines: pull-ups are there and nobody holds it.
+    /// An idle I2C bus is high on both lines: pull-ups are there and nothing holds it low.
     #[test]
     fn i2c_lines_are_pulled_up() {
         assert!(

@@ -1,9 +1,9 @@
-//! The readers of requests, each told only of the requests that can reach it.
+//! The readers of requests; each receives only the requests that can reach it.
 //!
 //! The engine announces every change of every request line to some thirty instances, and each finds out by
 //! comparing names that it is not meant. A byte that DMA brings to a serial line is eight such changes, so a
 //! board that streams spends most of the host's time there. The wiring is fixed (RM0433 rev 9 section 17.3),
-//! so which instance hears which is known ahead: the models stay the engine's, the filter is in front.
+//! so the receiver of each request is known in advance: the models stay the engine's, the filter is in front.
 
 use rigless::chip::spi::Peer;
 use rigless::device::{
@@ -32,7 +32,7 @@ const STREAMS: usize = 8;
 
 /// Which requests can reach a model.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Hears {
+enum Receives {
     /// A serial interface whose peers' selects are not the engine's business.
     Nothing,
     /// Acknowledges of DMAMUX1's inputs.
@@ -51,8 +51,8 @@ enum Hears {
     Pins,
 }
 
-impl Hears {
-    fn hears(self, change: &RequestChange) -> bool {
+impl Receives {
+    fn receives(self, change: &RequestChange) -> bool {
         let by = change.instance;
         match self {
             Self::Nothing => false,
@@ -90,14 +90,14 @@ pub struct Listener {
     /// The instance that the model answers for.
     pub instance: &'static str,
     model: Box<dyn ErasedDevice + Send>,
-    hears: Hears,
+    receives: Receives,
 }
 
 impl fmt::Debug for Listener {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.debug_struct("Listener")
             .field("instance", &self.instance)
-            .field("hears", &self.hears)
+            .field("receives", &self.receives)
             .finish_non_exhaustive()
     }
 }
@@ -106,11 +106,11 @@ impl fmt::Debug for Listener {
 /// part keeps. `peer` hangs on the interface of its name.
 pub fn fresh(peer: (&'static str, impl Peer + 'static)) -> Vec<Listener> {
     let mut all = Vec::new();
-    let mut add = |instance, model: Box<dyn ErasedDevice + Send>, hears| {
+    let mut add = |instance, model: Box<dyn ErasedDevice + Send>, receives| {
         all.push(Listener {
             instance,
             model,
-            hears,
+            receives,
         });
     };
     let mut peer = Some(peer);
@@ -119,47 +119,55 @@ pub fn fresh(peer: (&'static str, impl Peer + 'static)) -> Vec<Listener> {
         if let Some((_, peer)) = peer.take_if(|(name, _)| *name == interface.name) {
             model.attach(peer);
         }
-        add(interface.name, Box::new(model), Hears::Nothing);
+        add(interface.name, Box::new(model), Receives::Nothing);
     }
     for timer in TIMERS {
         let model: Tim<tim::General> = Tim::new(timer);
-        add(timer.instance, Box::new(model), Hears::Acknowledges);
+        add(timer.instance, Box::new(model), Receives::Acknowledges);
     }
     for timer in ADVANCED_TIMERS {
         let model: Tim<tim::Advanced> = Tim::new(timer);
-        add(timer.instance, Box::new(model), Hears::Acknowledges);
+        add(timer.instance, Box::new(model), Receives::Acknowledges);
     }
     for timer in BASIC_TIMERS {
         let model: Tim<tim::Basic> = Tim::new(timer);
-        add(timer.instance, Box::new(model), Hears::Acknowledges);
+        add(timer.instance, Box::new(model), Receives::Acknowledges);
     }
     let (tim15, tim16, tim17): (Tim<tim::Tim15>, Tim<tim::Tim16>, Tim<tim::Tim17>) =
         (Tim::new(TIMER_15), Tim::new(TIMER_16), Tim::new(TIMER_17));
-    add(TIMER_15.instance, Box::new(tim15), Hears::Acknowledges);
-    add(TIMER_16.instance, Box::new(tim16), Hears::Acknowledges);
-    add(TIMER_17.instance, Box::new(tim17), Hears::Acknowledges);
-    add("DMAMUX1", Box::new(Dmamux1::new()), Hears::FirstMultiplexer);
+    add(TIMER_15.instance, Box::new(tim15), Receives::Acknowledges);
+    add(TIMER_16.instance, Box::new(tim16), Receives::Acknowledges);
+    add(TIMER_17.instance, Box::new(tim17), Receives::Acknowledges);
+    add(
+        "DMAMUX1",
+        Box::new(Dmamux1::new()),
+        Receives::FirstMultiplexer,
+    );
     add(
         "DMAMUX2",
         Box::new(Dmamux2::new()),
-        Hears::SecondMultiplexer,
+        Receives::SecondMultiplexer,
     );
     for (instance, first) in [("DMA1", DMA1_FIRST_CHANNEL), ("DMA2", DMA2_FIRST_CHANNEL)] {
-        add(instance, Box::new(Dma::new(first)), Hears::Channels(first));
+        add(
+            instance,
+            Box::new(Dma::new(first)),
+            Receives::Channels(first),
+        );
     }
-    add("BDMA", Box::new(Bdma::new()), Hears::SecondChannels);
+    add("BDMA", Box::new(Bdma::new()), Receives::SecondChannels);
     // Out of reset the converters' kernel clock stands still (section 8.7.22: PLL2, which is off).
     let third = Converter::Adc3;
     add(
         third.instance(),
         Box::new(Adc::new(third, 0)),
-        Hears::Converters,
+        Receives::Converters,
     );
     for block in Block::ALL {
         let model = AdcCommon::new(block, 0);
-        add(block.instance(), Box::new(model), Hears::Converters);
+        add(block.instance(), Box::new(model), Receives::Converters);
     }
-    add("EXTI", Box::new(Exti::new(SYSCFG.base)), Hears::Pins);
+    add("EXTI", Box::new(Exti::new(SYSCFG.base)), Receives::Pins);
     all
 }
 
@@ -206,7 +214,7 @@ impl ErasedDevice for Listener {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) {
-        if self.hears.hears(&request) {
+        if self.receives.receives(&request) {
             self.model.on_request(request, registers, context);
         }
     }
@@ -305,31 +313,37 @@ mod tests {
         let steps = [
             (
                 change("USART3", 1, Level::High),
-                Some(Hears::FirstMultiplexer),
+                Some(Receives::FirstMultiplexer),
             ),
-            (change("DMAMUX1", 1, Level::High), Some(Hears::Channels(0))),
+            (
+                change("DMAMUX1", 1, Level::High),
+                Some(Receives::Channels(0)),
+            ),
             (
                 change("DMA1", 1, Level::High),
-                Some(Hears::FirstMultiplexer),
+                Some(Receives::FirstMultiplexer),
             ),
             (change("DMA1", 1, Level::Low), None),
             (change("DMAMUX1", 32 + 46, Level::High), None),
-            (change("DMAMUX1", 1, Level::Low), Some(Hears::Channels(0))),
+            (
+                change("DMAMUX1", 1, Level::Low),
+                Some(Receives::Channels(0)),
+            ),
         ];
         let all = [
-            Hears::Nothing,
-            Hears::Acknowledges,
-            Hears::FirstMultiplexer,
-            Hears::SecondMultiplexer,
-            Hears::Channels(0),
-            Hears::Channels(8),
-            Hears::SecondChannels,
-            Hears::Converters,
-            Hears::Pins,
+            Receives::Nothing,
+            Receives::Acknowledges,
+            Receives::FirstMultiplexer,
+            Receives::SecondMultiplexer,
+            Receives::Channels(0),
+            Receives::Channels(8),
+            Receives::SecondChannels,
+            Receives::Converters,
+            Receives::Pins,
         ];
         for (change, expected) in steps {
-            let heard: Vec<Hears> = all.into_iter().filter(|h| h.hears(&change)).collect();
-            assert_eq!(heard, Vec::from_iter(expected), "{change:?}");
+            let received: Vec<Receives> = all.into_iter().filter(|h| h.receives(&change)).collect();
+            assert_eq!(received, Vec::from_iter(expected), "{change:?}");
         }
     }
 
@@ -337,16 +351,16 @@ mod tests {
     fn what_concerns_the_others_gets_through() {
         // Table 124: TIM1_CH1, TIM5_TRIG, TIM8_CH1, TIM6_UP, TIM7_UP, TIM15_CH1, TIM17_UP.
         for id in [11, 60, 47, 69, 70, 105, 112] {
-            assert!(Hears::Acknowledges.hears(&change("DMAMUX1", 32 + id, Level::High)));
+            assert!(Receives::Acknowledges.receives(&change("DMAMUX1", 32 + id, Level::High)));
         }
-        assert!(Hears::Channels(8).hears(&change("DMAMUX1", 8, Level::High)));
+        assert!(Receives::Channels(8).receives(&change("DMAMUX1", 8, Level::High)));
         // An event of the multiplexer is a synchronization of its own channels.
-        assert!(Hears::FirstMultiplexer.hears(&change("DMAMUX1", 16, Level::Low)));
-        assert!(Hears::FirstMultiplexer.hears(&change("SPI1", 1, Level::Low)));
-        assert!(Hears::SecondMultiplexer.hears(&change("BDMA", 0, Level::High)));
-        assert!(Hears::SecondMultiplexer.hears(&change("SPI6", 0, Level::High)));
-        assert!(Hears::SecondChannels.hears(&change("DMAMUX2", 0, Level::High)));
-        assert!(Hears::Converters.hears(&change("ADC3_Common", 0, Level::High)));
-        assert!(Hears::Pins.hears(&change("GPIOF", 6, Level::High)));
+        assert!(Receives::FirstMultiplexer.receives(&change("DMAMUX1", 16, Level::Low)));
+        assert!(Receives::FirstMultiplexer.receives(&change("SPI1", 1, Level::Low)));
+        assert!(Receives::SecondMultiplexer.receives(&change("BDMA", 0, Level::High)));
+        assert!(Receives::SecondMultiplexer.receives(&change("SPI6", 0, Level::High)));
+        assert!(Receives::SecondChannels.receives(&change("DMAMUX2", 0, Level::High)));
+        assert!(Receives::Converters.receives(&change("ADC3_Common", 0, Level::High)));
+        assert!(Receives::Pins.receives(&change("GPIOF", 6, Level::High)));
     }
 }

@@ -1,4 +1,4 @@
-//! The board as the engine wants it: one target with its Cortex-M7.
+//! The board in the form that the engine requires: one target with its Cortex-M7.
 
 use super::mcu::RigMcu;
 use super::peers::Shared;

@@ -63,7 +63,7 @@ pub struct RigMcu {
     slots: Slots,
     /// Whose model answers for each slot.
     answering: Vec<Answering>,
-    /// The earliest event asked for on the board's behalf that has not come yet.
+    /// The earliest pending event that was requested for the board.
     scheduled: Option<VirtualNanos>,
     /// Whether the pins in alternate functions were found right since they were last configured.
     functions_checked: bool,
@@ -139,7 +139,7 @@ impl RigMcu {
         Ok(mcu)
     }
 
-    /// Puts what the board drives on the pins, and asks to be woken when the board next has something.
+    /// Applies the levels that the board drives to the pins, and requests a wake-up at the board's next event.
     fn sync(&mut self, now: VirtualNanos) {
         let (drives, next) = {
             let mut board = self.board.lock();
@@ -245,14 +245,14 @@ impl RigMcu {
             return;
         }
         self.functions_checked = true;
-        for (pin, wanted, signal) in wiring::FUNCTIONS {
+        for (pin, expected, signal) in wiring::FUNCTIONS {
             let registers = self.part.bus().slots()[self.slots.ports[pin.port]].registers();
             let port_pin = PortPin::new(pin.pin).expect("a port has sixteen pins");
             let found = Gpio::function(port_pin, registers);
-            if found != Some(wanted) {
+            if found != Some(expected) {
                 self.board.lock().complain(
                     &name(pin),
-                    format!("{signal} needs alternate function {wanted}, the pin has {found:?}"),
+                    format!("{signal} needs alternate function {expected}, the pin has {found:?}"),
                 );
             }
         }
@@ -297,7 +297,7 @@ impl Mcu for RigMcu {
         self.sync(at);
     }
 
-    /// The engine's own part asks every model at every stop; only the serial line has anything to say.
+    /// The engine's own part polls every model at every stop; only the serial line has data.
     fn poll(&mut self, now: VirtualNanos) {
         let (drives, next, waiting) = {
             let mut board = self.board.lock();

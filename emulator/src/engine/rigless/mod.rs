@@ -59,7 +59,7 @@ enum Command {
 }
 
 enum Response {
-    Stands(Progress),
+    Progress(Progress),
     Bytes(Result<Vec<u8>, EngineError>),
     Events(Vec<RegisterEvent>),
 }
@@ -153,7 +153,7 @@ impl Drop for RiglessEngine {
     fn drop(&mut self) {
         self.commands = None;
         if let Some(thread) = self.thread.take() {
-            // Its outcome was reported where somebody asked; here nobody is left to tell.
+            // Its outcome was reported to the request; no receiver is left here.
             drop(thread.join());
         }
     }
@@ -178,7 +178,7 @@ impl Engine for RiglessEngine {
             at_row,
         };
         match self.ask(Command::Run(run))? {
-            Response::Stands(progress) => Ok(progress),
+            Response::Progress(progress) => Ok(progress),
             _ => Err(out_of_step()),
         }
     }
@@ -221,7 +221,7 @@ impl Engine for RiglessEngine {
 }
 
 fn out_of_step() -> EngineError {
-    EngineError("the engine answered another question than it was asked".to_owned())
+    EngineError("the engine's response does not belong to the request".to_owned())
 }
 
 /// The engine's side of the turns.
@@ -254,7 +254,7 @@ impl Turns {
         Ok(Vec::new())
     }
 
-    fn mend(&mut self, host: &mut dyn Host) {
+    fn restore_patched_code(&mut self, host: &mut dyn Host) {
         for (at, before) in self.patched.drain(..) {
             put(host, at, Width::W16, before.into()).expect("it could be written before");
         }
@@ -311,7 +311,7 @@ impl Driver<RigMachine> for Turns {
         }
         if session.resets().len() != self.resets {
             self.resets = session.resets().len();
-            self.mend(host);
+            self.restore_patched_code(host);
         }
     }
 
@@ -333,7 +333,7 @@ impl Driver<RigMachine> for Turns {
             self.run = None;
         }
         let ran_ns = stop.instruction_count * INSTRUCTION_NS;
-        let stands = Response::Stands(Progress {
+        let progress = Response::Progress(Progress {
             now_ns: stop.at.0,
             instructions: stop.instruction_count,
             asleep_ns: stop.at.0.saturating_sub(ran_ns),
@@ -343,7 +343,7 @@ impl Driver<RigMachine> for Turns {
                 .last()
                 .map(|reset| format!("{:?}", reset.cause)),
         });
-        self.reports.send(stands).ok()?;
+        self.reports.send(progress).ok()?;
         loop {
             let answer = match self.orders.recv().ok()? {
                 Command::Run(run) => {

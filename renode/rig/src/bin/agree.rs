@@ -4,8 +4,6 @@
 //! says decides what it is told next. What they share is the plant with its seed. Devices, buses and noise are
 //! two implementations, so that samples agree in the mean and not bit by bit; the table gives each difference that
 //! is left with its reason, and the program fails where one is larger than its reason explains.
-#![forbid(unsafe_code)]
-#![deny(missing_docs)]
 
 use control::{Config, MotorState, SystemState};
 use emulator_link::{receive, send, Injection, Request, Response, LINK_VERSION};
@@ -18,6 +16,17 @@ use wire::{encode, BoardFrame, BoardMessage, Decoder, ABI_VERSION, MAX_FRAME, SC
 const MS: u64 = 1_000_000;
 /// Friction at a pull of T newtons, both ways: measured law of the rig, in DAC counts.
 const COUNTS_PER_N: f64 = 282.22;
+
+const USAGE: &str = "\
+usage: agree --elf FILE --rig PROGRAM --renode-rig PROGRAM [--seed N]
+
+  --elf FILE            firmware image (ELF) to boot
+  --rig PROGRAM         the embedded rig's program
+  --renode-rig PROGRAM  the program that runs Renode
+  --seed N              seed of everything random (default 1)
+  -h, --help            print this
+
+`cargo xtask agree` builds the programs and gives all but the seed.";
 
 fn main() -> ExitCode {
     match run() {
@@ -36,15 +45,19 @@ fn run() -> Result<bool, String> {
     let mut seed = "1".to_owned();
     let mut words = std::env::args().skip(1);
     while let Some(word) = words.next() {
+        if ["-h", "--help"].contains(&word.as_str()) {
+            println!("{USAGE}");
+            return Ok(true);
+        }
         let value = words
             .next()
-            .ok_or_else(|| format!("{word} needs a value"))?;
+            .ok_or_else(|| format!("{word} needs a value\n{USAGE}"))?;
         match word.as_str() {
             "--elf" => elf = Some(PathBuf::from(value)),
             "--rig" => programs[0] = Some(PathBuf::from(value)),
             "--renode-rig" => programs[1] = Some(PathBuf::from(value)),
             "--seed" => seed = value,
-            _ => return Err(format!("{word}: unknown; usage: agree --elf FILE --rig PROGRAM --renode-rig PROGRAM [--seed N]")),
+            _ => return Err(format!("{word}: unknown\n{USAGE}")),
         }
     }
     let elf = elf.ok_or("--elf is missing")?;
@@ -63,7 +76,7 @@ fn run() -> Result<bool, String> {
     Ok(compare(&a, &b, &seed))
 }
 
-/// What one machine said while the scenario ran.
+/// Messages of one machine during the scenario.
 #[derive(Default)]
 struct Story {
     machine: String,
@@ -75,7 +88,7 @@ struct Story {
     damaged: usize,
 }
 
-/// The parts of the scenario in which samples are compared: name, from, to in ms, asked tension of each unit in N.
+/// The parts of the scenario in which samples are compared: name, from, to in ms, setpoint of each unit in N.
 const WINDOWS: [(&str, u64, u64, [f64; UNITS]); 3] = [
     ("slack", 3_900, 4_900, [0.0; UNITS]),
     ("hold 4 N", 6_000, 7_000, [4.0; UNITS]),
@@ -314,9 +327,9 @@ fn compare(a: &Story, b: &Story, seed: &str) -> bool {
     );
     let mut good = true;
     println!("window     unit   pairs  period us (A, B)   code, mean   code SD (A, B)   tension mN, mean   DAC, mean   DAC SD (A, B)");
-    for (name, from, to, asked) in WINDOWS {
-        for (unit, asked) in asked.into_iter().enumerate() {
-            good &= row(a, b, (name, from, to), unit, asked);
+    for (name, from, to, setpoint) in WINDOWS {
+        for (unit, setpoint) in setpoint.into_iter().enumerate() {
+            good &= row(a, b, (name, from, to), unit, setpoint);
         }
     }
     println!("\nlatency from DRDY to the DAC's update as the board measures it, us: median, 99th percentile, largest");
@@ -407,7 +420,7 @@ fn compare(a: &Story, b: &Story, seed: &str) -> bool {
     good
 }
 
-fn row(a: &Story, b: &Story, window: (&str, u64, u64), unit: usize, asked: f64) -> bool {
+fn row(a: &Story, b: &Story, window: (&str, u64, u64), unit: usize, setpoint: f64) -> bool {
     let (name, from, to) = window;
     let (x, y) = (a.unit(unit, from, to), b.unit(unit, from, to));
     let paired = pairs(&x, &y);
@@ -430,14 +443,14 @@ fn row(a: &Story, b: &Story, window: (&str, u64, u64), unit: usize, asked: f64) 
     let tension = |s: &Sample| f64::from(s.tension) * 0.1;
     let (tension_mn, dac_counts) = (difference(tension), difference(dac));
     // Both ends of the friction band, the law measured on the rig (0.909 N, 0.154 N per N).
-    let band = 2.0 * (0.909 + 0.154 * asked) * COUNTS_PER_N;
+    let band = 2.0 * (0.909 + 0.154 * setpoint) * COUNTS_PER_N;
     let driven = |of: &[(u64, Sample)]| {
         of.iter()
-            .all(|(_, s)| (s.flags & flags::ACTIVE != 0) == (asked > 0.0))
+            .all(|(_, s)| (s.flags & flags::ACTIVE != 0) == (setpoint > 0.0))
     };
     #[allow(clippy::cast_precision_loss)]
     let enough = paired.len() as f64 > 0.9 * x.len() as f64 && x.len() > 250;
-    let dac_fits = if asked > 0.0 {
+    let dac_fits = if setpoint > 0.0 {
         dac_counts.abs() < band
     } else {
         dac_counts == 0.0
@@ -446,8 +459,8 @@ fn row(a: &Story, b: &Story, window: (&str, u64, u64), unit: usize, asked: f64) 
         (enough, "samples without a partner"),
         (tension_mn.abs() < 60.0, "tension"),
         (dac_fits, "DAC"),
-        (driven(&x), "A's outputs not as asked"),
-        (driven(&y), "B's outputs not as asked"),
+        (driven(&x), "A's outputs not as commanded"),
+        (driven(&y), "B's outputs not as commanded"),
     ]
     .into_iter()
     .filter_map(|(fits, what)| (!fits).then_some(what))

@@ -123,6 +123,34 @@ fn rows_of(x: &Excitation, visit: &mut dyn FnMut(&Row)) {
     }
 }
 
+/// The declared model: force is command, with Coulomb friction if the excitation says so.
+fn model(x: &Excitation) -> Spec {
+    let unit = if x.metres { "m/s" } else { "rad/s" };
+    let friction = if x.declare_coulomb {
+        "[[terms]]\nname = \"f\"\nexpr = \"sign(velocity)\"\n"
+    } else {
+        ""
+    };
+    let setpoint = if x.closed {
+        "setpoint = { column = \"s\", unit = \"N\" }\n"
+    } else {
+        ""
+    };
+    let angle = if x.metres {
+        ""
+    } else {
+        "angle = { column = \"angle\", unit = \"rad\" }\n"
+    };
+    Spec::parse(&format!(
+        "[roles]\ntime = {{ column = \"t\" }}\ntarget = {{ column = \"y\", unit = \"N\" }}\n\
+         command = {{ column = \"c\", unit = \"N\" }}\nvelocity = {{ column = \"v\", unit = \"{unit}\" }}\n{angle}{setpoint}\
+         temperature = {{ column = \"T\", unit = \"K\" }}\npose.pose_a = {{ column = \"p\", unit = \"rad\" }}\n\
+         channels.neighbour = {{ column = \"n\", unit = \"N\" }}\n\
+         [[terms]]\nname = \"tension\"\nexpr = \"command\"\nfixed = 1.0\n{friction}"
+    ))
+    .expect("the test model is valid")
+}
+
 /// Simulates with `effect` added to the declared model, scaled by `scale`.
 pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) -> f64) -> Report {
     let (groups, rows, _) = SHAPE;
@@ -188,31 +216,7 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
         .sequences(sequences)
         .build()
         .expect("the simulated columns are valid");
-    let unit = if x.metres { "m/s" } else { "rad/s" };
-    let friction = if x.declare_coulomb {
-        "[[terms]]\nname = \"f\"\nexpr = \"sign(velocity)\"\n"
-    } else {
-        ""
-    };
-    let setpoint = if x.closed {
-        "setpoint = { column = \"s\", unit = \"N\" }\n"
-    } else {
-        ""
-    };
-    let angle = if x.metres {
-        ""
-    } else {
-        "angle = { column = \"angle\", unit = \"rad\" }\n"
-    };
-    let spec = Spec::parse(&format!(
-        "[roles]\ntime = {{ column = \"t\" }}\ntarget = {{ column = \"y\", unit = \"N\" }}\n\
-         command = {{ column = \"c\", unit = \"N\" }}\nvelocity = {{ column = \"v\", unit = \"{unit}\" }}\n{angle}{setpoint}\
-         temperature = {{ column = \"T\", unit = \"K\" }}\npose.pose_a = {{ column = \"p\", unit = \"rad\" }}\n\
-         channels.neighbour = {{ column = \"n\", unit = \"N\" }}\n\
-         [[terms]]\nname = \"tension\"\nexpr = \"command\"\nfixed = 1.0\n{friction}"
-    ))
-    .expect("the test model is valid");
-    analyse(&spec, data, &mut ()).expect("the analysis runs")
+    analyse(&model(x), data, &mut ()).expect("the analysis runs")
 }
 
 /// The effect must be named first, and bring the error down to the noise.

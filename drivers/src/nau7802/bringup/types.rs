@@ -1,0 +1,301 @@
+//! Interface of the sequence: actions, events, stages, and the error with stage, register and cause.
+
+use crate::nau7802::regs::{Register, Revision};
+
+/// What the owner of the bus does next.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Action {
+    /// Write these bytes to [`super::ADDRESS`], then report [`Event::Written`].
+    Write([u8; 2]),
+    /// Write the register address, then read one byte after a repeated START; report [`Event::Read`].
+    WriteRead([u8; 1]),
+    /// Let at least this many microseconds pass, then report [`Event::Waited`].
+    WaitUs(u32),
+    /// Finished: the converter runs; the first six conversions settle and DRDY stays quiet for them.
+    Done,
+    /// Given up. The part may be in any state; start again with a new machine.
+    Failed(SequenceError),
+}
+
+/// What came of the last [`Action`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Event {
+    /// First call.
+    Start,
+    /// The write was acknowledged.
+    Written,
+    /// The byte that was read.
+    Read(u8),
+    /// The time has passed.
+    Waited,
+    /// NACK, lost arbitration, timeout: whatever kept the transaction from completing.
+    BusFault,
+}
+
+/// Steps of the sequence. The number goes into fault records: never renumber.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(u8)]
+pub enum Stage {
+    /// RR=1.
+    ResetAssert = 1,
+    /// RR=0.
+    ResetRelease = 2,
+    /// PUD=1 and the wait after it.
+    PowerUpDigital = 3,
+    /// Waiting for PUR.
+    PowerUpReady = 4,
+    /// Revision check.
+    RevisionCheck = 5,
+    /// Voltage, gain and DRDY polarity.
+    WriteCtrl1 = 6,
+    /// Analog power; conversions stopped.
+    PowerUpAnalog = 7,
+    /// Wait for the analog supply.
+    SupplySettle = 8,
+    /// Channel and rate.
+    WriteCtrl2 = 9,
+    /// Bus options.
+    WriteI2cCtrl = 10,
+    /// Amplifier options.
+    WritePga = 11,
+    /// Amplifier capacitor.
+    WritePower = 12,
+    /// Chopper off.
+    WriteAdc = 13,
+    /// Read-back of PU_CTRL.
+    VerifyPuCtrl = 14,
+    /// Read-back of CTRL1.
+    VerifyCtrl1 = 15,
+    /// Read-back of CTRL2.
+    VerifyCtrl2 = 16,
+    /// Read-back of I2C_CTRL.
+    VerifyI2cCtrl = 17,
+    /// Read-back of PGA; also makes sure that the next read-back reads the ADC register.
+    VerifyPga = 18,
+    /// Read-back of POWER.
+    VerifyPower = 19,
+    /// Read-back of ADC.
+    VerifyAdc = 20,
+    /// CS=1: a calibration needs the converter running.
+    CycleStart = 21,
+    /// CALS=1.
+    CalibrationStart = 22,
+    /// Waiting for CALS=0, then checking CAL_ERR.
+    CalibrationWait = 23,
+    /// CS=0.
+    CycleStop = 24,
+    /// CS=1 again, so that the first result comes from a whole cycle after the calibration.
+    CycleRestart = 25,
+    /// Nothing left to do.
+    Finished = 26,
+}
+
+impl Stage {
+    /// Every stage, in order.
+    pub const ALL: [Self; 26] = [
+        Self::ResetAssert,
+        Self::ResetRelease,
+        Self::PowerUpDigital,
+        Self::PowerUpReady,
+        Self::RevisionCheck,
+        Self::WriteCtrl1,
+        Self::PowerUpAnalog,
+        Self::SupplySettle,
+        Self::WriteCtrl2,
+        Self::WriteI2cCtrl,
+        Self::WritePga,
+        Self::WritePower,
+        Self::WriteAdc,
+        Self::VerifyPuCtrl,
+        Self::VerifyCtrl1,
+        Self::VerifyCtrl2,
+        Self::VerifyI2cCtrl,
+        Self::VerifyPga,
+        Self::VerifyPower,
+        Self::VerifyAdc,
+        Self::CycleStart,
+        Self::CalibrationStart,
+        Self::CalibrationWait,
+        Self::CycleStop,
+        Self::CycleRestart,
+        Self::Finished,
+    ];
+
+    /// The stage of a fault record: the top byte of [`SequenceError::detail`].
+    pub const fn from_number(number: u8) -> Option<Self> {
+        if number >= 1 && number as usize <= Self::ALL.len() {
+            Some(Self::ALL[number as usize - 1])
+        } else {
+            None
+        }
+    }
+
+    /// What the stage does, for messages and documentation.
+    pub const fn description(self) -> &'static str {
+        match self {
+            Self::ResetAssert => "assert the register reset",
+            Self::ResetRelease => "release the register reset",
+            Self::PowerUpDigital => "power up the digital part",
+            Self::PowerUpReady => "wait for power-up ready",
+            Self::RevisionCheck => "check the revision",
+            Self::WriteCtrl1 => "set supply voltage, gain and DRDY polarity",
+            Self::PowerUpAnalog => "power up the analog part",
+            Self::SupplySettle => "let the analog supply settle",
+            Self::WriteCtrl2 => "set channel and rate",
+            Self::WriteI2cCtrl => "set the bus options",
+            Self::WritePga => "set the amplifier options",
+            Self::WritePower => "set the amplifier capacitor",
+            Self::WriteAdc => "turn the modulator chopper off",
+            Self::VerifyPuCtrl => "read the power control back",
+            Self::VerifyCtrl1 => "read supply voltage, gain and DRDY polarity back",
+            Self::VerifyCtrl2 => "read channel and rate back",
+            Self::VerifyI2cCtrl => "read the bus options back",
+            Self::VerifyPga => "read the amplifier options back",
+            Self::VerifyPower => "read the amplifier capacitor back",
+            Self::VerifyAdc => "read the modulator chopper back",
+            Self::CycleStart => "start the converter",
+            Self::CalibrationStart => "start the calibration",
+            Self::CalibrationWait => "wait for the calibration and check it",
+            Self::CycleStop => "stop the converter",
+            Self::CycleRestart => "start a fresh conversion cycle",
+            Self::Finished => "finished",
+        }
+    }
+}
+
+/// Why the sequence gave up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Cause {
+    /// The bus failed [`limits::BUS_RESTARTS`] + 1 times: part unplugged, mux channel wrong, bus held.
+    Bus,
+    /// PUR never came.
+    PowerUpTimeout,
+    /// Another revision than 0xF; carries what was read.
+    Revision(u8),
+    /// A register didn't keep what was written (compared under the mask of its setting bits).
+    ReadBack {
+        /// What was written.
+        expected: u8,
+        /// What was read.
+        found: u8,
+    },
+    /// CALS never cleared.
+    CalibrationTimeout,
+    /// CAL_ERR after [`limits::CALIBRATION_TRIES`] calibrations: input out of the mode's range.
+    CalibrationError,
+    /// An [`Event`] that doesn't answer the last [`Action`]: a bug in the caller.
+    UnexpectedEvent,
+}
+
+impl Cause {
+    /// Number for fault records; never renumber.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Bus => 1,
+            Self::PowerUpTimeout => 2,
+            Self::Revision(_) => 3,
+            Self::ReadBack { .. } => 4,
+            Self::CalibrationTimeout => 5,
+            Self::CalibrationError => 6,
+            Self::UnexpectedEvent => 7,
+        }
+    }
+
+    pub(super) const fn found(self) -> u8 {
+        match self {
+            Self::Revision(found) | Self::ReadBack { found, .. } => found,
+            _ => 0,
+        }
+    }
+}
+
+/// Where and why the sequence gave up.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SequenceError {
+    /// Step that failed.
+    pub stage: Stage,
+    /// Register that the step was about.
+    pub register: Register,
+    /// What was wrong.
+    pub cause: Cause,
+}
+
+impl SequenceError {
+    /// For a fault record: stage, cause, register address and the byte found, from the top byte down.
+    pub const fn detail(&self) -> u32 {
+        u32::from_be_bytes([
+            self.stage as u8,
+            self.cause.code(),
+            self.register.address(),
+            self.cause.found(),
+        ])
+    }
+}
+
+impl core::fmt::Display for SequenceError {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(
+            f,
+            "NAU7802 stage {} ({}), register {}: ",
+            self.stage as u8,
+            self.stage.description(),
+            self.register
+        )?;
+        match self.cause {
+            Cause::Bus => f.write_str(
+                "no answer on the bus; check the plug, the mux channel and the pull-ups",
+            ),
+            Cause::PowerUpTimeout => f.write_str("PUR stayed 0; check the supply"),
+            Cause::Revision(found) => write!(
+                f,
+                "revision 0x{found:X} where 0x{:X} was expected; is it a NAU7802?",
+                Revision::EXPECTED
+            ),
+            Cause::ReadBack { expected, found } => write!(
+                f,
+                "wrote 0x{expected:02X}, read back 0x{found:02X}; check the bus for noise"
+            ),
+            Cause::CalibrationTimeout => f.write_str("CALS stayed 1; power the part off and on"),
+            Cause::CalibrationError => {
+                f.write_str("CAL_ERR; check the bridge wiring and the load for this mode")
+            }
+            Cause::UnexpectedEvent => {
+                f.write_str("event doesn't answer the action; fix the caller")
+            }
+        }
+    }
+}
+
+impl core::error::Error for SequenceError {}
+
+/// The register a stage is about.
+pub(super) const fn register_of(stage: Stage) -> Register {
+    match stage {
+        Stage::ResetAssert
+        | Stage::ResetRelease
+        | Stage::PowerUpDigital
+        | Stage::PowerUpReady
+        | Stage::PowerUpAnalog
+        | Stage::SupplySettle
+        | Stage::VerifyPuCtrl
+        | Stage::CycleStart
+        | Stage::CycleStop
+        | Stage::CycleRestart
+        | Stage::Finished => Register::PuCtrl,
+        Stage::RevisionCheck => Register::Revision,
+        Stage::WriteCtrl1 | Stage::VerifyCtrl1 => Register::Ctrl1,
+        Stage::WriteCtrl2
+        | Stage::VerifyCtrl2
+        | Stage::CalibrationStart
+        | Stage::CalibrationWait => Register::Ctrl2,
+        Stage::WriteI2cCtrl | Stage::VerifyI2cCtrl => Register::I2cCtrl,
+        Stage::WritePga | Stage::VerifyPga => Register::Pga,
+        Stage::WritePower | Stage::VerifyPower => Register::Power,
+        Stage::WriteAdc | Stage::VerifyAdc => Register::Adc,
+    }
+}

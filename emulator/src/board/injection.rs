@@ -1,0 +1,80 @@
+//! Fault injection, and the complaints of all devices.
+
+use super::Board;
+use crate::devices::Complaints;
+use crate::wiring::{self, UNITS};
+use emulator_link::Injection;
+
+impl Board {
+    /// Injects a fault, or removes it.
+    ///
+    /// # Errors
+    /// A unit that does not exist, a figure that is not finite, or an injection that is the engine's.
+    pub fn inject(&mut self, injection: Injection) -> Result<(), String> {
+        let unit = |number: u8| {
+            let index = usize::from(number).wrapping_sub(1);
+            (index < UNITS)
+                .then_some(index)
+                .ok_or_else(|| format!("unit {number} does not exist: units are 1 to {UNITS}"))
+        };
+        let now = self.now_ns;
+        match injection {
+            Injection::UnplugSensor(number) => self.converters[unit(number)?].unplug(),
+            Injection::PlugSensor(number) => self.converters[unit(number)?].plug(),
+            Injection::Nack(number) => self.converters[unit(number)?].nack(),
+            Injection::Spike(number, codes) => self.converters[unit(number)?].spike(codes),
+            Injection::StuckSda => {
+                self.sda_held = true;
+                self.scl_pulses = 0;
+                self.pending.push((wiring::I2C_SDA, Some(false)));
+            }
+            Injection::EStop(pressed) => {
+                self.plc.set_estop_closed(!pressed);
+                self.pending.push((wiring::E_STOP, Some(!pressed)));
+                self.switch_power(now);
+            }
+            Injection::PullCable(number, newtons) => {
+                let unit = unit(number)?;
+                if !newtons.is_finite() {
+                    return Err(format!("a pull of {newtons} N is not a number"));
+                }
+                self.advance_plant(now);
+                self.pull_n[unit] = newtons;
+            }
+            Injection::FreezeEncoder(number, frozen) => {
+                let unit = unit(number)?;
+                self.advance_plant(now);
+                self.frozen_encoder[unit] = frozen.then(|| self.plant.encoder_counts(unit));
+            }
+            Injection::HangLoop | Injection::FlipBit(..) => {
+                return Err("this injection belongs to the engine".to_owned());
+            }
+        }
+        self.show_drdy(now);
+        self.reschedule();
+        Ok(())
+    }
+
+    /// What the chips would complain about if they could.
+    #[must_use]
+    pub fn complaints(&self) -> Complaints {
+        let mut all = self.complaints.clone();
+        // A frame of ten bits every 5 us at most; a board that sends at another rate shows either by
+        // bytes that come closer, or, over many, by none that come this close.
+        let frame_ns = 10_000_000_000 / wiring::BAUD;
+        if let Some(closest) = self.line.closest_ns {
+            let fast = closest * 100 < frame_ns * 98;
+            let slow = self.line.bytes > 1_000 && closest * 100 > frame_ns * 102;
+            if fast || slow {
+                all.add(
+                    "USART3",
+                    format!(
+                        "sends a byte every {closest} ns; {} baud 8N1 would be {frame_ns} ns",
+                        wiring::BAUD
+                    ),
+                );
+            }
+        }
+        all
+    }
+}

@@ -1,0 +1,168 @@
+//! Pins of the controller: levels, E-stop, alive line, DAC selects and LDAC, and SPI frames to the DACs.
+
+use super::{Board, Drive, Port, RECOVERY_PULSES};
+use crate::devices::dac7731::{Dac7731, Mode};
+use crate::wiring::{self, UNITS};
+
+impl Board {
+    /// What the board changed on the controller's pins since the last call.
+    pub fn take_drives(&mut self) -> Vec<Drive> {
+        std::mem::take(&mut self.pending)
+    }
+
+    /// Whether there is something for [`Board::take_drives`].
+    #[must_use]
+    pub fn has_drives(&self) -> bool {
+        !self.pending.is_empty()
+    }
+
+    pub(super) fn show_drdy(&mut self, _t_ns: u64) {
+        for unit in 0..UNITS {
+            let level = self.converters[unit].drdy();
+            if level != self.drdy[unit] {
+                self.drdy[unit] = level;
+                self.pending.push((wiring::DRDY[unit], level));
+            }
+        }
+    }
+
+    /// The controller's output stages of `port` are now on for the bits of `driven` with the levels of
+    /// `level`. Open-drain outputs that are high count as not driven.
+    pub fn port_changed(&mut self, t_ns: u64, port: usize, driven: u16, level: u16) {
+        let before = self.ports[port].seen(port);
+        let drove = self.ports[port].driven;
+        self.ports[port] = Port { driven, level };
+        let after = self.ports[port].seen(port);
+        let rose = after & !before;
+        let fell = before & !after;
+        if rose | fell == 0 && drove == driven {
+            return;
+        }
+        self.now_ns = self.now_ns.max(t_ns);
+        const B: usize = wiring::I2C_SCL.port;
+        const C: usize = wiring::ALIVE.port;
+        const D: usize = wiring::CNT_CD.port;
+        const E: usize = wiring::CNT_D0.port;
+        const F: usize = wiring::MUX_RST.port;
+        const G: usize = 6;
+        match port {
+            B => self.recovery_pins(rose),
+            C if (rose | fell) & wiring::ALIVE.bit() != 0 => {
+                self.plc.edge(t_ns);
+                self.reschedule();
+                self.switch_power(t_ns);
+            }
+            D => self.counter_pins(t_ns, before, after),
+            E => self.check_contention(),
+            F => self.control_pins(t_ns, rose, fell),
+            G => self.dac_selects(rose, fell),
+            _ => {}
+        }
+    }
+
+    /// SCL pulses by hand: the ninth frees a held SDA.
+    pub(super) fn recovery_pins(&mut self, rose: u16) {
+        if self.sda_held && rose & wiring::I2C_SCL.bit() != 0 {
+            self.scl_pulses += 1;
+            if self.scl_pulses >= RECOVERY_PULSES {
+                self.release_sda();
+            }
+        }
+    }
+
+    pub(super) fn release_sda(&mut self) {
+        if self.sda_held {
+            self.sda_held = false;
+            self.pending.push((wiring::I2C_SDA, None));
+        }
+    }
+
+    pub(super) fn control_pins(&mut self, t_ns: u64, rose: u16, fell: u16) {
+        if fell & wiring::MUX_RST.bit() != 0 {
+            self.mux.set_reset(true);
+            self.release_sda();
+        } else if rose & wiring::MUX_RST.bit() != 0 {
+            self.mux.set_reset(false);
+        }
+        if fell & wiring::DAC_RST.bit() != 0 {
+            self.dacs.iter_mut().for_each(|dac| dac.set_reset(true));
+            self.move_outputs(t_ns);
+        } else if rose & wiring::DAC_RST.bit() != 0 {
+            self.dacs.iter_mut().for_each(|dac| dac.set_reset(false));
+        }
+        if rose & wiring::DAC_LDAC.bit() != 0 {
+            for (unit, dac) in self.dacs.iter_mut().enumerate() {
+                if dac.is_selected() {
+                    self.complaints.add(
+                        format!("DAC7731[{}]", unit + 1),
+                        "LDAC rose while CS was low: the word is not in the input register yet",
+                    );
+                }
+                dac.load();
+            }
+            self.move_outputs(t_ns);
+            for unit in 0..UNITS {
+                self.probe.updated(unit, t_ns);
+            }
+        }
+    }
+
+    pub(super) fn move_outputs(&mut self, t_ns: u64) {
+        self.advance_plant(t_ns);
+        for (unit, dac) in self.dacs.iter().enumerate() {
+            self.plant
+                .set_amplifier_volts(unit, dac.volts())
+                .expect("six units, finite volts");
+        }
+    }
+
+    pub(super) fn dac_selects(&mut self, rose: u16, fell: u16) {
+        for (unit, cs) in wiring::DAC_CS.iter().enumerate() {
+            if fell & cs.bit() != 0 {
+                self.dacs[unit].select();
+                self.probe.selected(unit);
+            } else if rose & cs.bit() != 0 {
+                let name = format!("DAC7731[{}]", unit + 1);
+                if self.sclk_idle.is_none() {
+                    self.complaints.add(
+                        name.as_str(),
+                        "CS rose while nothing drove SCLK (SPE = 0 and AFCNTR = 0)",
+                    );
+                }
+                if self.dacs[unit].deselect(self.sclk_idle.unwrap_or(false)) {
+                    self.complaints
+                        .add(name, "CS rose while SCLK was low: one more bit shifted in");
+                }
+            }
+        }
+    }
+
+    /// How the SPI is set: its mode, and the level at which SCLK rests (`None`: nothing drives it).
+    pub fn spi_set(&mut self, mode: Mode, sclk_idle: Option<bool>) {
+        self.spi_mode = mode;
+        self.sclk_idle = sclk_idle;
+    }
+
+    /// A data word reaches the SPI's register.
+    pub fn spi_written(&mut self, t_ns: u64, instructions: u64) {
+        let selected = std::array::from_fn(|unit| self.dacs[unit].is_selected());
+        self.probe.spi_word(t_ns, instructions, selected);
+    }
+
+    /// A frame of `bits` bits has crossed, first bit on the wire in the most significant place.
+    pub fn spi_frame(&mut self, word: u32, bits: u8) {
+        if !self.dacs.iter().any(Dac7731::is_selected) {
+            self.complaints
+                .add("SPI1", "a frame ended while no DAC7731 was selected");
+        }
+        if !self.spi_mode.steady_on_rising() {
+            self.complaints.add(
+                "SPI1.CFG2",
+                "this clock mode moves data on the rising edge, where the DAC7731 samples",
+            );
+        }
+        for dac in &mut self.dacs {
+            dac.clock_in(word, bits, self.spi_mode);
+        }
+    }
+}

@@ -1,0 +1,189 @@
+//! Power-up, conversions and calibrations in time.
+
+use super::registers::{bit, reg};
+use super::{sign_extend, Nau7802};
+
+/// Positive full scale as a code.
+pub(super) const FULL_SCALE: f64 = 8_388_608.0;
+/// PUD to PUR, section 8.1: about 200 us.
+pub(super) const POWER_UP_NS: f64 = 200_000.0;
+/// CALS to its clearing (seen by drivers).
+pub(super) const CALIBRATION_NS: f64 = 344_000_000.0;
+/// Conversions that settle after a start.
+pub(super) const SETTLING: u32 = 6;
+/// RC oscillator tolerance.
+pub(super) const CLOCK_TOLERANCE: f64 = 0.03;
+/// Standard deviation of the clock's random walk per conversion, relative; pulled back to its centre, so
+/// that it wanders by about 0.05 %.
+pub(super) const CLOCK_WALK: f64 = 2e-6;
+pub(super) const CLOCK_PULL: f64 = 1e-5;
+/// Zero of an uncalibrated input: standard deviation in codes at gain 128.
+pub(super) const RAW_OFFSET: f64 = 60_000.0;
+/// How far a calibration can miss the zero, in codes: users report steps of 0.5 to 1 % of a 3 kg cell's
+/// range between power-ups.
+pub(super) const CALIBRATION_MISS: f64 = 20_000.0;
+
+impl Nau7802 {
+    pub(super) fn analog_on(&self) -> bool {
+        let needed = bit::PUD | bit::PUA;
+        self.powered_up && self.registers[0] & needed == needed
+    }
+
+    /// A change that moves the zero: settle again, and the old calibration no longer fits.
+    pub(super) fn disturb(&mut self, t_ns: u64) {
+        self.raw_offset = RAW_OFFSET * self.rng.normal();
+        self.calibrated = false;
+        self.calibration_spoilt |= self.calibrating.is_some();
+        self.restart(t_ns);
+    }
+
+    /// Starts converting from scratch where the settings say so, or stops.
+    pub(super) fn restart(&mut self, t_ns: u64) {
+        self.ready = false;
+        let converting =
+            self.analog_on() && self.registers[0] & bit::CS != 0 && self.calibrating.is_none();
+        if converting {
+            self.settling = SETTLING;
+            self.schedule(t_ns as f64);
+        } else {
+            self.next_conversion = None;
+        }
+    }
+
+    pub(super) fn schedule(&mut self, from_ns: f64) {
+        self.clock_wander += CLOCK_WALK * self.rng.normal() - CLOCK_PULL * self.clock_wander;
+        self.period_ns = 1e9 / (self.rate() * (1.0 + self.clock_error + self.clock_wander));
+        self.next_conversion = Some(from_ns + self.period_ns);
+    }
+
+    pub(super) fn advance_power(&mut self, t_ns: u64) {
+        if self.ready_at.is_some_and(|at| t_ns >= at) {
+            let at = self.ready_at.take().expect("just seen");
+            self.powered_up = true;
+            self.restart(at);
+        }
+    }
+
+    /// When this chip next does something on its own.
+    #[must_use]
+    pub fn next_event(&self) -> Option<u64> {
+        if !self.plugged {
+            return None;
+        }
+        [
+            self.ready_at,
+            self.calibrating.map(|(at, _)| at),
+            self.next_conversion.map(|at| at.ceil() as u64),
+        ]
+        .into_iter()
+        .flatten()
+        .min()
+    }
+
+    /// Does what is due at `t_ns`. `bridge(end_ns, period_ns)` is the filtered bridge signal in V/V for a
+    /// conversion that ends at `end_ns`. True when a result became ready.
+    pub fn advance(&mut self, t_ns: u64, bridge: impl Fn(u64, f64) -> f64) -> bool {
+        if !self.plugged {
+            return false;
+        }
+        self.advance_power(t_ns);
+        if let Some((at, mode)) = self.calibrating {
+            if t_ns >= at {
+                self.calibrating = None;
+                let input = bridge(at, 1e9 / 80.0);
+                self.finish_calibration(mode, input);
+                self.restart(at);
+            }
+        }
+        let Some(due) = self.next_conversion else {
+            return false;
+        };
+        if (t_ns as f64) < due {
+            return false;
+        }
+        let period = self.period_ns;
+        self.schedule(due);
+        if self.settling > 0 {
+            self.settling -= 1;
+            return false;
+        }
+        self.result = self.convert(bridge(due.ceil() as u64, period));
+        self.result_number += 1;
+        self.conversions += 1;
+        let was_ready = self.ready;
+        self.ready = true;
+        !was_ready
+    }
+
+    pub(super) fn input_codes(&self, bridge_v_per_v: f64) -> f64 {
+        if self.registers[usize::from(reg::I2C_CTRL)] & bit::SHORT != 0 {
+            return 0.0;
+        }
+        if self.registers[usize::from(reg::CTRL2)] & 0x80 != 0 {
+            // Channel 2 is open: its inputs float to the rail.
+            return FULL_SCALE;
+        }
+        if self.registers[0] & bit::AVDDS == 0 {
+            // AVDD comes from the chip's own regulator on this board: without it no excitation and no
+            // reference, and the ratio of the two is anything.
+            return FULL_SCALE;
+        }
+        // Ratiometric: the bridge is fed from AVDD, which is the reference too.
+        bridge_v_per_v * self.gain() / 0.5 * FULL_SCALE
+    }
+
+    pub(super) fn convert(&mut self, bridge_v_per_v: f64) -> i32 {
+        let noise = self.noise_v() / self.lsb_v() * self.rng.normal();
+        let raw = self.input_codes(bridge_v_per_v) + self.raw_offset * self.gain() / 128.0 + noise;
+        let offset = f64::from(sign_extend(&self.registers[reg::OCAL1..reg::OCAL1 + 3]));
+        let gain = f64::from(u32::from_be_bytes([
+            self.registers[reg::GCAL1],
+            self.registers[reg::GCAL1 + 1],
+            self.registers[reg::GCAL1 + 2],
+            self.registers[reg::GCAL1 + 3],
+        ])) / FULL_SCALE;
+        let code = (raw - offset) * gain + f64::from(self.spike.take().unwrap_or(0));
+        code.round().clamp(-FULL_SCALE, FULL_SCALE - 1.0) as i32
+    }
+
+    pub(super) fn finish_calibration(&mut self, mode: u8, bridge_v_per_v: f64) {
+        let control = usize::from(reg::CTRL2);
+        self.registers[control] &= !bit::CALS;
+        let miss = CALIBRATION_MISS * self.rng.symmetric() * self.gain() / 128.0;
+        let zero = self.raw_offset * self.gain() / 128.0 + miss;
+        let input = self.input_codes(bridge_v_per_v);
+        let valid = !self.calibration_spoilt
+            && match mode {
+                0 => self.set_offset(zero),
+                2 => self.set_offset(zero + input),
+                3 if input > FULL_SCALE / 4.0 => {
+                    let gain = (FULL_SCALE * FULL_SCALE / input) as u32;
+                    self.registers[reg::GCAL1..reg::GCAL1 + 4].copy_from_slice(&gain.to_be_bytes());
+                    true
+                }
+                _ => false,
+            };
+        if valid {
+            self.registers[control] &= !bit::CAL_ERR;
+            self.calibrated = true;
+        } else {
+            self.registers[control] |= bit::CAL_ERR;
+        }
+        self.calibration_spoilt = false;
+    }
+
+    pub(super) fn set_offset(&mut self, codes: f64) -> bool {
+        if codes.abs() >= FULL_SCALE / 2.0 {
+            return false;
+        }
+        let bytes = (codes.round() as i32).to_be_bytes();
+        self.registers[reg::OCAL1..reg::OCAL1 + 3].copy_from_slice(&bytes[1..]);
+        true
+    }
+
+    /// Whether a calibration has run since the zero last moved.
+    #[must_use]
+    pub const fn is_calibrated(&self) -> bool {
+        self.calibrated
+    }
+}

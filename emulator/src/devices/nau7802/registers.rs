@@ -1,0 +1,187 @@
+//! Registers: addresses, bits, reset values, and the effect of a read or write.
+
+use super::conversion::*;
+use super::Nau7802;
+use crate::devices::Complaints;
+
+pub(super) mod reg {
+    pub(in super::super) const PU_CTRL: u8 = 0x00;
+    pub(in super::super) const CTRL1: u8 = 0x01;
+    pub(in super::super) const CTRL2: u8 = 0x02;
+    pub(in super::super) const OCAL1: usize = 0x03;
+    pub(in super::super) const GCAL1: usize = 0x06;
+    pub(in super::super) const GCAL2: usize = 0x0D;
+    pub(in super::super) const I2C_CTRL: u8 = 0x11;
+    pub(in super::super) const ADCO_B2: u8 = 0x12;
+    pub(in super::super) const ADCO_B0: u8 = 0x14;
+    pub(in super::super) const ADC: u8 = 0x15;
+    pub(in super::super) const PGA: u8 = 0x1B;
+    pub(in super::super) const REVISION: u8 = 0x1F;
+}
+
+pub(super) mod bit {
+    pub(in super::super) const RR: u8 = 0x01;
+    pub(in super::super) const PUD: u8 = 0x02;
+    pub(in super::super) const PUA: u8 = 0x04;
+    pub(in super::super) const PUR: u8 = 0x08;
+    pub(in super::super) const CS: u8 = 0x10;
+    pub(in super::super) const CR: u8 = 0x20;
+    pub(in super::super) const AVDDS: u8 = 0x80;
+    pub(in super::super) const CAL_ERR: u8 = 0x08;
+    pub(in super::super) const CALS: u8 = 0x04;
+    pub(in super::super) const CRP: u8 = 0x80;
+    pub(in super::super) const DRDY_SEL: u8 = 0x40;
+    pub(in super::super) const FRD: u8 = 0x40;
+    pub(in super::super) const SHORT: u8 = 0x08;
+    pub(in super::super) const CHOPPER_OFF: u8 = 0x30;
+    pub(in super::super) const RD_OTP_SEL: u8 = 0x80;
+}
+
+pub(super) const REGISTERS: usize = 0x20;
+
+pub(super) fn reset_values() -> [u8; REGISTERS] {
+    let mut registers = [0; REGISTERS];
+    // Gain calibration 0x00800000 = 1.0, both channels.
+    registers[reg::GCAL1 + 1] = 0x80;
+    registers[reg::GCAL2 + 1] = 0x80;
+    registers
+}
+
+impl Nau7802 {
+    pub(super) fn read_register(&mut self, address: u8, t_ns: u64) -> u8 {
+        let Some(&stored) = self.registers.get(usize::from(address)) else {
+            return 0;
+        };
+        match address {
+            reg::PU_CTRL => {
+                stored & !(bit::CR | bit::PUR)
+                    | if self.ready { bit::CR } else { 0 }
+                    | if self.powered_up { bit::PUR } else { 0 }
+            }
+            reg::ADCO_B2 => {
+                self.latch_result();
+                (self.latch >> 16) as u8
+            }
+            0x13 => (self.latch >> 8) as u8,
+            reg::ADCO_B0 => {
+                // Read whole in time: what is latched is still the newest, and was not counted before.
+                if self.latch_number == self.result_number
+                    && self.counted_number < self.result_number
+                {
+                    self.counted_number = self.result_number;
+                    self.conversions_read += 1;
+                }
+                self.latch as u8
+            }
+            // Behind 0x15 is the OTP while RD_OTP_SEL is set; its content is not public.
+            reg::ADC if self.registers[usize::from(reg::PGA)] & bit::RD_OTP_SEL != 0 => 0xFF,
+            reg::REVISION if self.powered_up && t_ns >= self.revision_at => 0x0F,
+            reg::REVISION => 0,
+            _ => stored,
+        }
+    }
+
+    pub(super) fn write_register(
+        &mut self,
+        address: u8,
+        value: u8,
+        t_ns: u64,
+        complaints: &mut Complaints,
+    ) {
+        let before = self.registers;
+        let at = usize::from(address);
+        // RR is a level: while it is set every register but itself stays at its reset value.
+        if address != reg::PU_CTRL && before[0] & bit::RR != 0 {
+            complaints.add(
+                &self.name,
+                "register written while RR holds the chip in reset",
+            );
+            return;
+        }
+        match address {
+            reg::PU_CTRL => {
+                let value = value & !(bit::CR | bit::PUR);
+                if value & bit::RR != 0 {
+                    self.registers = reset_values();
+                    self.registers[0] = bit::RR;
+                    self.ready_at = None;
+                    self.powered_up = false;
+                    self.calibrating = None;
+                    self.calibrated = false;
+                    self.next_conversion = None;
+                    self.ready = false;
+                    return;
+                }
+                self.registers[0] = value;
+                if value & bit::PUD == 0 {
+                    self.ready_at = None;
+                    self.powered_up = false;
+                    self.ready = false;
+                } else if before[0] & bit::PUD == 0 {
+                    let ready = t_ns + (POWER_UP_NS * (1.0 + 0.1 * self.rng.symmetric())) as u64;
+                    self.ready_at = Some(ready);
+                    self.revision_at = ready + (1e6 * self.rng.uniform()) as u64;
+                }
+                let relevant = bit::PUD | bit::PUA | bit::CS | bit::AVDDS;
+                if (value ^ before[0]) & relevant != 0 {
+                    self.restart(t_ns);
+                }
+            }
+            reg::CTRL1 => {
+                self.registers[at] = value;
+                if value & bit::DRDY_SEL != 0 {
+                    complaints.add(
+                        format!("{}.CTRL1", self.name),
+                        "DRDY_SEL puts the clock on DRDY",
+                    );
+                }
+                if (value ^ before[at]) & 0x3F != 0 {
+                    self.disturb(t_ns);
+                }
+            }
+            reg::CTRL2 => {
+                let busy = self.calibrating.is_some();
+                self.registers[at] = value & 0xF3 | before[at] & (bit::CAL_ERR | bit::CALS);
+                if matches!((value >> 4) & 7, 4..=6) {
+                    complaints.add(format!("{}.CTRL2", self.name), "CRS value is reserved");
+                }
+                if (value ^ before[at]) & 0xF0 != 0 {
+                    self.disturb(t_ns);
+                }
+                if value & bit::CALS != 0 && !busy {
+                    let length = CALIBRATION_NS / (1.0 + self.clock_error);
+                    self.calibrating = Some((t_ns + length as u64, value & 3));
+                    self.calibration_spoilt = !self.analog_on();
+                    self.registers[at] |= bit::CALS;
+                    self.next_conversion = None;
+                    self.ready = false;
+                }
+            }
+            reg::ADC => {
+                self.registers[at] = value;
+                if value & bit::CHOPPER_OFF != bit::CHOPPER_OFF {
+                    complaints.add(
+                        format!("{}.ADC", self.name),
+                        "CHPS other than 11 is reserved",
+                    );
+                }
+            }
+            reg::ADCO_B2..=reg::ADCO_B0 | reg::REVISION => {
+                complaints.add(
+                    &self.name,
+                    format!("write to read-only register {address:#04x}"),
+                );
+            }
+            _ if at < REGISTERS => {
+                self.registers[at] = value;
+                if (reg::OCAL1..reg::OCAL1 + 14).contains(&at) {
+                    self.restart(t_ns);
+                }
+            }
+            _ => complaints.add(
+                &self.name,
+                format!("write to unknown register {address:#04x}"),
+            ),
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Hold-out: which group each row belongs to, and which fold each group.
+
+use crate::error::Error;
+use crate::frame::Frame;
+use crate::spec::Spec;
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+/// Folds of the rows.
+pub(super) struct Folds {
+    /// Fold of each row.
+    pub(super) of_row: Vec<u32>,
+    /// Names of the groups in each fold.
+    pub(super) names: Vec<String>,
+    /// Number of groups.
+    pub(super) groups: usize,
+}
+
+/// Assigns groups to folds in turn; rows that are not kept belong to fold 0.
+///
+/// # Errors
+/// [`Error::Model`] if the hold-out names an unknown column, [`Error::Data`] if there is one group only.
+pub(super) fn folds(
+    frame: &Frame,
+    keep: &[bool],
+    spec: &Spec,
+    files: &[PathBuf],
+) -> Result<Folds, Error> {
+    let n = frame.len();
+    let limit = if spec.holdout.folds == 0 {
+        10
+    } else {
+        spec.holdout.folds
+    };
+    let by: Vec<String> = if spec.holdout.by.is_empty() && spec.holdout.block_s.is_none() {
+        vec!["file".into()]
+    } else {
+        spec.holdout.by.clone()
+    };
+    let cols: Vec<&[f64]> = by
+        .iter()
+        .map(|b| {
+            frame.column(b).ok_or_else(|| {
+                Error::model(format!(
+                    "holdout.by names `{b}`, which is no column of every file"
+                ))
+            })
+        })
+        .collect::<Result<_, _>>()?;
+    let mut group_of_row = vec![0usize; n];
+    let mut names: Vec<String> = Vec::new();
+    let mut index: BTreeMap<Vec<u64>, usize> = BTreeMap::new();
+    for (si, range) in frame.sequences().iter().enumerate() {
+        for i in range.clone() {
+            let mut key: Vec<u64> = cols.iter().map(|c| c[i].to_bits()).collect();
+            if let Some(b) = spec.holdout.block_s {
+                key.push(si as u64);
+                key.push(((frame.time()[i] - frame.time()[range.start]) / b) as u64);
+            }
+            if !keep[i] {
+                continue;
+            }
+            group_of_row[i] = *index.entry(key.clone()).or_insert_with(|| {
+                let mut label: Vec<String> = by
+                    .iter()
+                    .zip(&cols)
+                    .map(|(b, c)| label(b, c[i], files))
+                    .collect();
+                if spec.holdout.block_s.is_some() {
+                    label.push(format!("block {}", key[key.len() - 1]));
+                }
+                names.push(label.join(", "));
+                names.len() - 1
+            });
+        }
+    }
+    let groups = names.len();
+    if groups < 2 {
+        return Err(Error::data(
+            format!("only one group ({}) to hold out", names.join("")),
+            "Bring data of a second file or unit, or set holdout.block_s to hold out blocks of time",
+        ));
+    }
+    let count = groups.min(limit);
+    let fold: Vec<u32> = group_of_row.iter().map(|g| (g % count) as u32).collect();
+    let mut fold_names = vec![Vec::new(); count];
+    for (g, name) in names.into_iter().enumerate() {
+        fold_names[g % count].push(name);
+    }
+    Ok(Folds {
+        of_row: fold,
+        names: fold_names.into_iter().map(|f| f.join("; ")).collect(),
+        groups,
+    })
+}
+
+/// Name of a group by one of its columns.
+fn label(column: &str, value: f64, files: &[PathBuf]) -> String {
+    if column == "file" {
+        files
+            .get(value as usize)
+            .and_then(|f| f.file_name())
+            .map_or("file".into(), |f| f.to_string_lossy().into_owned())
+    } else {
+        format!("{column} {value}")
+    }
+}

@@ -1,0 +1,290 @@
+//! From the tables of all logs to one frame: units, rows that cannot be used, sequences.
+
+use super::Table;
+use crate::error::Error;
+use crate::expr::Expr;
+use crate::frame::Frame;
+use crate::hygiene;
+use crate::spec::{Action, Column, Spec};
+use std::collections::{BTreeMap, BTreeSet};
+use std::ops::Range;
+
+/// All rows that can be used, in units of the model, without the filters of the model file. The frame
+/// has a column `file` with the index of each row's table.
+///
+/// # Errors
+/// [`Error::Data`] if the time of a table does not grow, or if there is no row.
+pub(super) fn frame(
+    tables: &[Table],
+    spec: &Spec,
+    findings: &mut hygiene::Log,
+) -> Result<Frame, Error> {
+    let mut rows = Rows::new(spec, wanted(spec, tables)?);
+    for (index, table) in tables.iter().enumerate() {
+        let label = table.source.display().to_string();
+        if table.columns.first().is_none_or(Vec::is_empty) {
+            findings.count("empty file", 1, &label, "files without a row");
+        }
+        for part in split_by(table, &spec.input.sequence) {
+            let begin = rows.time.len();
+            rows.add(table, index as u32, &part, &label, findings)?;
+            cut_at_gaps(
+                &rows.time,
+                begin,
+                spec.hygiene.gap_s,
+                &mut rows.sequences,
+                findings,
+                &label,
+            );
+        }
+    }
+    if rows.time.is_empty() {
+        return Err(no_rows(tables, spec));
+    }
+    let file: Vec<f64> = rows.file.iter().map(|&f| f64::from(f)).collect();
+    let mut named: Vec<(String, Vec<f64>)> = rows.names.into_iter().zip(rows.columns).collect();
+    named.push(("file".into(), file));
+    Ok(Frame::new(named, rows.time, rows.sequences))
+}
+
+/// Rows collected so far.
+struct Rows<'a> {
+    spec: &'a Spec,
+    roles: Vec<(String, &'a Column)>,
+    names: Vec<String>,
+    columns: Vec<Vec<f64>>,
+    time: Vec<f64>,
+    /// Index of each row's table.
+    file: Vec<u32>,
+    sequences: Vec<Range<usize>>,
+}
+
+impl<'a> Rows<'a> {
+    fn new(spec: &'a Spec, names: Vec<String>) -> Self {
+        Rows {
+            spec,
+            roles: spec.roles.all(),
+            columns: vec![Vec::new(); names.len()],
+            names,
+            time: vec![],
+            file: vec![],
+            sequences: vec![],
+        }
+    }
+
+    /// Adds rows of a table, in units of the model. Rows with a missing value are left out.
+    fn add(
+        &mut self,
+        table: &Table,
+        file: u32,
+        rows: &[usize],
+        label: &str,
+        findings: &mut hygiene::Log,
+    ) -> Result<(), Error> {
+        let tc = &self.spec.roles.time;
+        let source = table.column(&tc.column).unwrap_or(&[]);
+        let cells: Vec<(&[f64], f64, f64)> = self
+            .names
+            .iter()
+            .map(|n| match self.roles.iter().find(|(role, _)| role == n) {
+                Some((_, c)) => (table.column(&c.column).unwrap_or(&[]), c.scale, c.offset),
+                None => (table.column(n).unwrap_or(&[]), 1.0, 0.0),
+            })
+            .collect();
+        let (mut missing, mut backwards) = (0usize, 0usize);
+        let mut last = f64::NEG_INFINITY;
+        for &i in rows {
+            let t = source[i] * tc.scale + tc.offset;
+            if !t.is_finite() || cells.iter().any(|(c, ..)| !c[i].is_finite()) {
+                missing += 1;
+                continue;
+            }
+            if t <= last {
+                if self.spec.hygiene.time != Action::Drop {
+                    return Err(Error::data(
+                        format!("{label}: time does not grow at row {} ({t} s after {last} s)", i + 2),
+                        "Split the file with input.sequence, or set hygiene.time = \"drop\" to leave such rows out",
+                    ));
+                }
+                backwards += 1;
+                continue;
+            }
+            last = t;
+            self.time.push(t);
+            self.file.push(file);
+            for (out, (c, k, o)) in self.columns.iter_mut().zip(&cells) {
+                out.push(c[i] * k + o);
+            }
+        }
+        findings.count(
+            "non-finite",
+            missing,
+            label,
+            "rows with an empty or non-finite cell in a mapped column were left out",
+        );
+        findings.count(
+            "time",
+            backwards,
+            label,
+            "rows whose time did not grow were left out",
+        );
+        Ok(())
+    }
+}
+
+/// Why there is no row: the columns that have no value at all.
+fn no_rows(tables: &[Table], spec: &Spec) -> Error {
+    let empty: Vec<String> = spec
+        .roles
+        .all()
+        .iter()
+        .filter(|(_, c)| {
+            tables.iter().all(|r| {
+                r.column(&c.column)
+                    .is_none_or(|v| v.iter().all(|x| !x.is_finite()))
+            })
+        })
+        .map(|(role, c)| format!("`{}` ({role})", c.column))
+        .collect();
+    let no_cells = tables.iter().all(|r| r.columns.iter().all(Vec::is_empty));
+    let which = if empty.is_empty() || no_cells {
+        String::new()
+    } else {
+        format!("; {} has none at all", empty.join(", "))
+    };
+    Error::data(
+        format!("no row with finite values in every mapped column{which}"),
+        "Look at the columns named in [roles], or leave a role out that was not logged",
+    )
+}
+
+/// Columns to keep in memory: roles, and raw columns that an expression or the hold-out names.
+fn wanted(spec: &Spec, tables: &[Table]) -> Result<Vec<String>, Error> {
+    let mut names: Vec<String> = spec
+        .roles
+        .all()
+        .into_iter()
+        .map(|(n, _)| n)
+        .filter(|n| n != "time")
+        .collect();
+    let mut extra = BTreeSet::new();
+    for text in spec
+        .terms
+        .iter()
+        .map(|t| &t.expr)
+        .chain([&spec.rows.keep, &spec.rows.sequences])
+        .filter(|t| !t.is_empty())
+    {
+        extra.extend(Expr::parse(text)?.names());
+    }
+    extra.extend(spec.holdout.by.iter().cloned());
+    extra.extend(spec.input.sequence.iter().cloned());
+    for n in extra {
+        if !names.contains(&n)
+            && !["time", "elapsed", "file"].contains(&n.as_str())
+            && tables.iter().all(|r| r.column(&n).is_some())
+        {
+            names.push(n);
+        }
+    }
+    Ok(names)
+}
+
+/// Rows of each combination of the sequence columns, in order of appearance.
+fn split_by(table: &Table, by: &[String]) -> Vec<Vec<usize>> {
+    let n = table.columns.first().map_or(0, Vec::len);
+    if by.is_empty() {
+        return vec![(0..n).collect()];
+    }
+    let cols: Vec<&[f64]> = by.iter().filter_map(|b| table.column(b)).collect();
+    let mut order = Vec::new();
+    let mut groups: BTreeMap<Vec<u64>, Vec<usize>> = BTreeMap::new();
+    for i in 0..n {
+        let key: Vec<u64> = cols.iter().map(|c| c[i].to_bits()).collect();
+        groups
+            .entry(key.clone())
+            .or_insert_with(|| {
+                order.push(key);
+                Vec::new()
+            })
+            .push(i);
+    }
+    order.iter().filter_map(|k| groups.remove(k)).collect()
+}
+
+/// Cuts the rows from `begin` on into sequences at gaps in time; a gap is longer than `gap_s`, or 20 median
+/// steps if that is 0.
+fn cut_at_gaps(
+    time: &[f64],
+    begin: usize,
+    gap_s: f64,
+    out: &mut Vec<Range<usize>>,
+    log: &mut hygiene::Log,
+    label: &str,
+) {
+    if begin == time.len() {
+        return;
+    }
+    let mut steps: Vec<f64> = time[begin..].windows(2).map(|w| w[1] - w[0]).collect();
+    let limit = if gap_s > 0.0 {
+        gap_s
+    } else {
+        20.0 * crate::stats::median(&mut steps).unwrap_or(f64::INFINITY)
+    };
+    let mut start = begin;
+    let mut gaps = 0;
+    for i in begin + 1..time.len() {
+        if time[i] - time[i - 1] > limit {
+            out.push(start..i);
+            start = i;
+            gaps += 1;
+        }
+    }
+    out.push(start..time.len());
+    log.count(
+        "gap",
+        gaps,
+        label,
+        "gaps in time; operators with memory start again after each",
+    );
+}
+
+/// The frame without the sequences in which the expression is 0 on every row.
+///
+/// # Errors
+/// [`Error::Data`] if nothing is left, [`Error::Expression`].
+pub(super) fn keep_sequences(frame: &Frame, keep: &Expr) -> Result<Frame, Error> {
+    let mask = keep.eval(frame)?;
+    let kept: Vec<_> = frame
+        .sequences()
+        .iter()
+        .filter(|r| mask[(*r).clone()].iter().any(|m| *m != 0.0))
+        .cloned()
+        .collect();
+    if kept.is_empty() {
+        return Err(Error::data(
+            format!("rows.sequences = \"{keep}\" keeps nothing"),
+            "Check the expression",
+        ));
+    }
+    let gather = |c: &[f64]| {
+        kept.iter()
+            .flat_map(|r| c[r.clone()].iter().copied())
+            .collect::<Vec<f64>>()
+    };
+    let columns = frame
+        .names()
+        .iter()
+        .filter(|n| *n != "time" && *n != "elapsed")
+        .map(|n| (n.clone(), gather(frame.column(n).unwrap_or(&[]))))
+        .collect();
+    let mut at = 0;
+    let sequences = kept
+        .iter()
+        .map(|r| {
+            at += r.len();
+            at - r.len()..at
+        })
+        .collect();
+    Ok(Frame::new(columns, gather(frame.time()), sequences))
+}

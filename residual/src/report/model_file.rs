@@ -1,0 +1,30 @@
+//! Model files that a report writes: the extended one and the frozen one.
+
+use super::Report;
+use crate::error::Error;
+
+impl Report {
+    /// The extended model file: an analysis of the same data with it reproduces the final fit.
+    ///
+    /// # Errors
+    /// [`Error::Model`] if it cannot be written as TOML.
+    pub fn model(&self) -> Result<String, Error> {
+        toml::to_string(&self.extended).map_err(|e| Error::model(e.to_string()))
+    }
+
+    /// The extended model with every coefficient fixed at its fitted value: on other data, its baseline
+    /// is a test on rows that it was never fitted to. Terms with a coefficient for each sequence have no
+    /// meaning there and are left out.
+    ///
+    /// # Errors
+    /// [`Error::Model`] if it cannot be written as TOML.
+    pub fn frozen(&self) -> Result<String, Error> {
+        let mut spec = self.extended.clone();
+        spec.terms.retain(|t| t.per.is_empty());
+        for t in &mut spec.terms {
+            t.fixed = t.fixed.or(t.fitted);
+            t.fitted = None;
+        }
+        toml::to_string(&spec).map_err(|e| Error::model(e.to_string()))
+    }
+}

@@ -1,0 +1,371 @@
+//! The sections of a report.
+
+use super::document::Part;
+use super::plot::Plot;
+use super::words::{first_of, joined, readable};
+use super::{Effect, Figures, ModelTest, Report, Verdict};
+use crate::format::{num, p_value, percent, positive_zero, with_interval};
+
+/// Heading of the section on structure that no effect explains.
+const UNEXPLAINED: &str = "Unexplained structure";
+
+impl Report {
+    /// Which data were analysed.
+    pub(super) fn data(&self) -> String {
+        let folds = if self.folds == self.files {
+            "each file".into()
+        } else if self.folds.iter().map(|f| f.len() + 2).sum::<usize>() < 160 {
+            self.folds.join(", ")
+        } else {
+            format!("{} groups in {} folds", self.groups, self.folds.len())
+        };
+        format!(
+            "{} rows in {} sequences from {} file(s): {}. Held out in turn: {folds}.",
+            self.rows,
+            self.sequences,
+            self.files.len(),
+            first_of(&self.files, 4)
+        )
+    }
+
+    /// How to read the rest, for this verdict.
+    pub(super) fn guidance(&self) -> String {
+        match self.verdict {
+            Verdict::None => format!(
+                "No effect of the catalogue that these data can show reduces the held-out RMSE significantly by {} or more.",
+                self.material()
+            ),
+            Verdict::Unknown if self.effects.is_empty() => {
+                format!("No effect of the catalogue is named. See \"{UNEXPLAINED}\".")
+            }
+            Verdict::Unknown => format!(
+                "The effects below are not findings. They describe part of a structure that the catalogue does not contain: \
+                 do not use their names or their values. See \"{UNEXPLAINED}\"."
+            ),
+            Verdict::NotIdentifiable => {
+                "The section \"Not distinguishable\" names the experiments that would distinguish the effects.".into()
+            }
+            Verdict::Effect | Verdict::Several => {
+                "Each effect was compared with every other effect of the catalogue in its place; the best of them is its nearest rival. \
+                 Friction coefficients multiply the sign of the velocity, so friction that opposes the motion is negative.".into()
+            }
+        }
+    }
+
+    /// Errors of the declared model, after each effect in turn, and of the final model.
+    pub(super) fn errors(&self) -> Vec<Part> {
+        let u = &self.unit;
+        let full = |name: String, f: &Figures| {
+            let (rmse, rmse_ci) = with_interval(f.heldout_rmse, f.heldout_rmse_ci);
+            let (mae, mae_ci) = with_interval(f.heldout_mae, f.heldout_mae_ci);
+            vec![
+                name,
+                format!("{rmse} ({rmse_ci})"),
+                format!("{mae} ({mae_ci})"),
+                num(f.insample_rmse),
+            ]
+        };
+        let mut rows = vec![full("declared".into(), &self.baseline)];
+        for (i, e) in self.effects.iter().enumerate() {
+            let name = format!("{} {}", if i == 0 { "with" } else { "and" }, e.name);
+            rows.push(if i + 1 == self.effects.len() {
+                full(name, &self.last)
+            } else {
+                vec![name, num(e.heldout_after), String::new(), String::new()]
+            });
+        }
+        vec![
+            Part::Heading("Error before and after".into()),
+            Part::table(
+                &[
+                    "model",
+                    &format!("held-out RMSE, {u}"),
+                    &format!("held-out MAE, {u}"),
+                    &format!("in-sample RMSE, {u}"),
+                ],
+                rows,
+            ),
+            Part::Text(self.held_out()),
+        ]
+    }
+
+    /// How the held-out errors are computed, and the nested one.
+    fn held_out(&self) -> String {
+        let nested = match self.nested_rmse {
+            Some(rmse) => format!(
+                " With the whole selection repeated without each fold, the RMSE on the fold left out is {} {}.",
+                num(rmse),
+                self.unit
+            ),
+            None => String::new(),
+        };
+        format!(
+            "Held-out: the coefficients that predict a group are fitted to the other folds. Effects are selected by this \
+             same error, and nonlinear parameters are refined on all rows, so the error on new data may be somewhat \
+             larger.{nested} Intervals are 95 %, by bootstrap over blocks of time."
+        )
+    }
+
+    /// The effect with this index.
+    pub(super) fn effect(&self, i: usize) -> Vec<Part> {
+        let (e, u) = (&self.effects[i], &self.unit);
+        let kind = if self.verdict == Verdict::Unknown {
+            "Approximating effect"
+        } else {
+            "Effect"
+        };
+        let others = self
+            .not_identifiable
+            .iter()
+            .filter(|a| a.effects.first() == Some(&e.name))
+            .flat_map(|a| &a.effects[1..])
+            .map(|n| format!(" or {n}"))
+            .collect::<String>();
+        let mut meaning = e.meaning.clone();
+        if let Some(first) = meaning.get_mut(0..1) {
+            first.make_ascii_uppercase();
+        }
+        let terms: Vec<String> = e.terms.iter().map(|t| readable(t)).collect();
+        let mut out = vec![
+            Part::Heading(format!("{kind} {}: {}{others}", i + 1, e.name)),
+            Part::Text(format!(
+                "{meaning}. Form: {}. Held-out RMSE {} -> {} {u}.",
+                e.form,
+                num(e.heldout_before),
+                num(e.heldout_after)
+            )),
+            parameters(e),
+            Part::Text(format!("Terms: `{}`", terms.join("`, `"))),
+        ];
+        if let Some(r) = &e.rival {
+            let than = if r.behind < 0.0 {
+                format!("{} smaller: not enough to replace it", percent(-r.behind))
+            } else {
+                format!("{} larger", percent(r.behind))
+            };
+            out.push(Part::Text(format!(
+                "Nearest rival: with {} in its place the held-out RMSE is {} {u}, {than}.",
+                r.name,
+                num(r.heldout_rmse)
+            )));
+        }
+        if !e.plot.x.is_empty() {
+            let mut caption = self.caption(&e.plot);
+            caption.push_str(" All other effects are included in both.");
+            out.push(Part::Picture {
+                file: format!("effect-{}-{}.svg", i + 1, e.name),
+                plot: self.labelled(&e.plot),
+                caption,
+            });
+        }
+        out
+    }
+
+    /// What a plot shows.
+    fn caption(&self, p: &Plot) -> String {
+        format!(
+            "Residual of the fit to all rows (in-sample) against {}, {} and {}.",
+            self.labelled(p).against,
+            p.names[0],
+            p.names[1]
+        )
+    }
+
+    /// Effects that cannot be distinguished.
+    pub(super) fn ambiguities(&self) -> Vec<Part> {
+        let parts = self.not_identifiable.iter().map(|a| {
+            [
+                Part::Heading(format!("Not distinguishable: {}", joined(&a.effects, ", "))),
+                Part::Text(format!(
+                    "These effects explain the data equally well. Experiments that would distinguish them: {}.",
+                    a.experiment
+                )),
+            ]
+        });
+        parts.flatten().collect()
+    }
+
+    /// Structure that no effect explains; nothing if there is none.
+    pub(super) fn unexplained(&self) -> Vec<Part> {
+        if self.structure.is_empty() {
+            return vec![];
+        }
+        let beside = if self.verdict == Verdict::Unknown {
+            ""
+        } else {
+            " The reduction is small compared with that by the named effects, so it does not change the verdict."
+        };
+        let mut out = vec![
+            Part::Heading(UNEXPLAINED.into()),
+            Part::Text(format!(
+                "A free curve in these variables still reduces the held-out RMSE, and no effect of the catalogue reduces it as much.{beside}"
+            )),
+            Part::table(
+                &["depends on", "reduction of held-out RMSE", "p value"],
+                self.structure
+                    .iter()
+                    .map(|s| vec![s.depends_on.clone(), percent(s.gain), p_value(s.p_value)])
+                    .collect(),
+            ),
+        ];
+        if let Some(p) = self.plot_unknown.as_ref().filter(|p| !p.x.is_empty()) {
+            out.push(Part::Picture {
+                file: "structure.svg".into(),
+                plot: self.labelled(p),
+                caption: self.caption(p),
+            });
+        }
+        out
+    }
+
+    /// Effects that are too small to count.
+    pub(super) fn not_material(&self) -> Vec<Part> {
+        let mut out = vec![Part::Heading("Significant, but not material".into())];
+        if self.seen_not_material.is_empty() {
+            out.push(Part::Text("No other effect is significant.".into()));
+            return out;
+        }
+        out.push(Part::Text(format!(
+            "Each of these effects is significant, but reduces the held-out RMSE by less than {}, from which an effect counts.",
+            self.material()
+        )));
+        out.push(Part::table(
+            &["effect", "form", "reduction of held-out RMSE"],
+            self.seen_not_material
+                .iter()
+                .map(|s| vec![s.name.to_string(), s.form.clone(), percent(s.gain)])
+                .collect(),
+        ));
+        out
+    }
+
+    /// The declared model.
+    pub(super) fn declared_terms(&self) -> Vec<Part> {
+        let how = |fixed| if fixed { "fixed" } else { "fitted" };
+        vec![
+            Part::Heading("Declared terms".into()),
+            Part::Text("Coefficients of the declared model, before any effect was added.".into()),
+            Part::table(
+                &["term", "coefficient", "unit", ""],
+                self.declared
+                    .iter()
+                    .map(|t| {
+                        vec![
+                            t.name.clone(),
+                            num(t.coefficient),
+                            t.unit.clone(),
+                            how(t.fixed).into(),
+                        ]
+                    })
+                    .collect(),
+            ),
+        ]
+    }
+
+    /// The last scan of the catalogue.
+    pub(super) fn scan(&self) -> Vec<Part> {
+        let mut out = vec![
+            Part::Heading("Every effect, added to the final model".into()),
+            Part::Text(
+                "p value: probability of such a reduction by chance, estimated with decoys (the residual with a random sign for each \
+                 block of time). t statistic: mean reduction of the squared error per block of time, divided by its standard error."
+                    .into(),
+            ),
+            Part::table(
+                &[
+                    "effect",
+                    "form",
+                    "reduction of held-out RMSE",
+                    "p value",
+                    "t statistic",
+                ],
+                self.tested
+                    .iter()
+                    .map(|t| {
+                        let at = t
+                            .params
+                            .iter()
+                            .map(|(n, v)| format!(", {n} {}", num(*v)))
+                            .collect::<String>();
+                        vec![
+                            t.name.to_string(),
+                            format!("{}{at}", t.form),
+                            percent(t.gain),
+                            p_value(t.p_value),
+                            positive_zero(format!("{:.1}", t.t_statistic)),
+                        ]
+                    })
+                    .collect(),
+            ),
+        ];
+        if !self.absent.is_empty() {
+            out.push(Part::Text(format!(
+                "Not tested, because the data lack the columns or do not vary in them: {}.",
+                joined(&self.absent, ", ")
+            )));
+        }
+        out
+    }
+
+    /// Whiteness and cross-correlation of the residual.
+    pub(super) fn tests_of_residual(&self) -> Vec<Part> {
+        vec![
+            Part::Heading("Tests of the residual".into()),
+            Part::Text(
+                "The largest correlation of the residual with itself and with each input, over all lags; before: declared model, \
+                 after: final model.".into(),
+            ),
+            Part::table(
+                &["model", "against", "lag, rows", "correlation", "p value"],
+                self.residual_tests
+                    .iter()
+                    .map(|ModelTest { model, test }| {
+                        vec![
+                            model.clone(),
+                            test.against.clone(),
+                            test.lag.to_string(),
+                            positive_zero(format!("{:.3}", test.correlation)),
+                            p_value(test.p),
+                        ]
+                    })
+                    .collect(),
+            ),
+        ]
+    }
+
+    /// Flaws of the data.
+    pub(super) fn data_checks(&self) -> Vec<Part> {
+        vec![
+            Part::Heading("Checks of the data".into()),
+            Part::table(
+                &["check", "rows", "first", "what"],
+                self.hygiene
+                    .iter()
+                    .map(|f| {
+                        vec![
+                            f.check.clone(),
+                            f.count.to_string(),
+                            f.first.clone(),
+                            f.what.clone(),
+                        ]
+                    })
+                    .collect(),
+            ),
+        ]
+    }
+}
+
+/// The parameters of an effect.
+fn parameters(e: &Effect) -> Part {
+    let rows = e.params.iter().map(|(name, v)| {
+        let (value, interval) =
+            e.ci.get(name)
+                .map_or((num(*v), "-".into()), |ci| with_interval(*v, *ci));
+        let unit = e.units.get(name).cloned().unwrap_or_default();
+        vec![name.clone(), value, interval, unit]
+    });
+    Part::table(
+        &["parameter", "value", "95 % interval", "unit"],
+        rows.collect(),
+    )
+}

@@ -1,0 +1,280 @@
+//! What an analysis found: [`Report`] and its parts. These types are the single source of `report.json`
+//! (docs/residual/report-json.md). Numbers are in full precision; "the target's unit" is [`Report::unit`].
+
+use super::json;
+use super::plot::Plot;
+use crate::effects::{EffectKind, Form};
+use crate::hygiene::Finding;
+use crate::nan;
+use crate::spec::Spec;
+use crate::stats::ResidualTest;
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+
+/// The answer in one word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum Verdict {
+    /// One effect of the catalogue explains what the model lacks.
+    Effect,
+    /// Several effects of the catalogue together explain it.
+    Several,
+    /// Nothing material is missing.
+    None,
+    /// Structure remains that no effect of the catalogue explains.
+    Unknown,
+    /// Several effects explain it equally well, and these data cannot distinguish them.
+    NotIdentifiable,
+}
+
+impl Verdict {
+    /// The word in `report.json`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Verdict::Effect => "effect",
+            Verdict::Several => "several",
+            Verdict::None => "none",
+            Verdict::Unknown => "unknown",
+            Verdict::NotIdentifiable => "not_identifiable",
+        }
+    }
+}
+
+/// Errors of a model, in the target's unit. Intervals `[low, high]` are 95 %, from a bootstrap over
+/// blocks of time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Figures {
+    /// Root mean square error on held-out groups.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_rmse: f64,
+    /// Its interval.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_rmse_ci: [f64; 2],
+    /// Mean absolute error on held-out groups.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_mae: f64,
+    /// Its interval.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_mae_ci: [f64; 2],
+    /// Root mean square error on the rows that the model was fitted to.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub insample_rmse: f64,
+}
+
+/// The best other effect in the place of a named one.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Rival {
+    /// Its name in the catalogue.
+    pub name: EffectKind,
+    /// Held-out RMSE of the model with the rival instead, in the target's unit.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_rmse: f64,
+    /// `heldout_rmse` relative to that of the final model, less 1: 0.05 is 5 % larger.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub behind: f64,
+}
+
+/// One effect found.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Effect {
+    /// Name in the catalogue.
+    pub name: EffectKind,
+    /// Form of the effect, for readers: the catalogue has several for some effects.
+    pub form: String,
+    /// The form, where code depends on it.
+    pub form_kind: Form,
+    /// What the effect is, in words.
+    pub meaning: String,
+    /// Expressions added to the model (`column -> expression` for a replaced column).
+    pub terms: Vec<String>,
+    /// Parameters by name, in the unit of the same name in `units`.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub params: BTreeMap<String, f64>,
+    /// Units of the parameters by name; `1` for a ratio.
+    pub units: BTreeMap<String, String>,
+    /// 95 % intervals `[low, high]` of the parameters by name.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub ci: BTreeMap<String, [f64; 2]>,
+    /// Held-out RMSE before the effect was added, in the target's unit; the effects are added in the
+    /// order of [`Report::effects`].
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_before: f64,
+    /// Held-out RMSE after it was added, in the target's unit.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_after: f64,
+    /// The best other effect in its place; `None` if there is none.
+    pub rival: Option<Rival>,
+    /// Residual with and without the effect, against the variable that exposes it.
+    pub plot: Plot,
+}
+
+/// Effects that these data cannot distinguish.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Ambiguity {
+    /// Their names; the one that is also in [`Report::effects`] comes first.
+    pub effects: Vec<EffectKind>,
+    /// Experiments that would distinguish them.
+    pub experiment: String,
+}
+
+impl Ambiguity {
+    /// Effects that cannot be distinguished, and the experiment that would distinguish them.
+    pub fn new(effects: Vec<EffectKind>, experiment: impl Into<String>) -> Self {
+        Ambiguity {
+            effects,
+            experiment: experiment.into(),
+        }
+    }
+}
+
+/// Structure in the residual of the final model that no effect of the catalogue explains.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Structure {
+    /// Variables that it depends on, in words.
+    pub depends_on: String,
+    /// Relative reduction of the held-out RMSE by a free curve in these variables: 0.05 is 5 %.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub gain: f64,
+    /// p value: probability of such a reduction without any such structure.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub p_value: f64,
+}
+
+impl Structure {
+    /// Unexplained structure; for the units see the fields.
+    pub fn new(depends_on: impl Into<String>, gain: f64, p_value: f64) -> Self {
+        Structure {
+            depends_on: depends_on.into(),
+            gain,
+            p_value,
+        }
+    }
+}
+
+/// An effect that is significant but too small to count.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct NotMaterial {
+    /// Name in the catalogue.
+    pub name: EffectKind,
+    /// Form of the effect.
+    pub form: String,
+    /// Relative reduction of the held-out RMSE: 0.005 is 0.5 %.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub gain: f64,
+    /// Its nonlinear parameter by name, if it has one.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub params: BTreeMap<String, f64>,
+}
+
+/// One line of the last scan of the catalogue: an effect added to the final model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Tested {
+    /// Name in the catalogue.
+    pub name: EffectKind,
+    /// Form of the effect.
+    pub form: String,
+    /// Relative reduction of the held-out RMSE of the final model; negative where it grows.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub gain: f64,
+    /// p value of that reduction, from decoys: the residual with a random sign for each block of time.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub p_value: f64,
+    /// t statistic: mean reduction of the squared error per block of time, divided by its standard
+    /// error.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub t_statistic: f64,
+    /// Its nonlinear parameter by name, if it has one.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub params: BTreeMap<String, f64>,
+}
+
+/// A declared term of the model, as fitted before any effect was added.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct DeclaredTerm {
+    /// Name in the model file.
+    pub name: String,
+    /// Its coefficient, in `unit`.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub coefficient: f64,
+    /// Unit of the coefficient, as in the model file.
+    pub unit: String,
+    /// Whether the model file fixes the coefficient; else it was fitted.
+    pub fixed: bool,
+}
+
+/// A test of a model's residual.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct ModelTest {
+    /// Whose residual: `before` (declared model) or `after` (final model).
+    pub model: String,
+    /// The test.
+    #[serde(flatten)]
+    pub test: ResidualTest,
+}
+
+/// Everything an analysis found. It is written as `report.json` and read back by [`Report::read`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Report {
+    /// Version of the keys of `report.json`: always [`SCHEMA_VERSION`](super::SCHEMA_VERSION).
+    #[serde(deserialize_with = "json::known_version")]
+    pub schema_version: u32,
+    /// Title from the model file.
+    pub title: String,
+    /// Unit of the target.
+    pub unit: String,
+    /// Names of the files read, without folders.
+    pub files: Vec<String>,
+    /// Number of rows fitted.
+    pub rows: usize,
+    /// Number of sequences (stretches of rows without a gap).
+    pub sequences: usize,
+    /// Number of groups for hold-out.
+    pub groups: usize,
+    /// Names of the groups in each fold.
+    pub folds: Vec<String>,
+    /// Errors of the declared model.
+    pub baseline: Figures,
+    /// Errors of the final model.
+    #[serde(rename = "final")]
+    pub last: Figures,
+    /// RMSE on folds that took no part in the selection, in the target's unit; `None` unless
+    /// `selection.nested` of the model file asks for it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nested_rmse: Option<f64>,
+    /// The answer.
+    pub verdict: Verdict,
+    /// Effects found, strongest first.
+    pub effects: Vec<Effect>,
+    /// Effects that these data cannot distinguish.
+    pub not_identifiable: Vec<Ambiguity>,
+    /// Structure that no effect of the catalogue explains, largest first.
+    pub structure: Vec<Structure>,
+    /// Effects that are significant but too small to count.
+    pub seen_not_material: Vec<NotMaterial>,
+    /// The last scan of the catalogue, on top of the final model.
+    pub tested: Vec<Tested>,
+    /// Effects that were not tested, because the data lack their columns or do not vary in them.
+    pub absent: Vec<EffectKind>,
+    /// Flaws of the data.
+    pub hygiene: Vec<Finding>,
+    /// Whiteness and cross-correlation tests of the residual before and after.
+    pub residual_tests: Vec<ModelTest>,
+    /// Declared terms, as fitted before any effect was added.
+    pub declared: Vec<DeclaredTerm>,
+    /// The model file with the effects added; in `report.json` its TOML text.
+    #[serde(rename = "extended_model", with = "json::toml_text")]
+    pub extended: Spec,
+    /// Residual against the variable of the largest unexplained structure; `None` if there is none.
+    pub plot_unknown: Option<Plot>,
+}

@@ -1,0 +1,215 @@
+//! What `cargo xtask help` and `cargo xtask COMMAND --help` print. One table for both.
+
+use std::ffi::OsString;
+use std::fmt::Write as _;
+
+/// A command of xtask.
+pub struct Entry {
+    /// Name.
+    pub name: &'static str,
+    /// What follows the name.
+    arguments: &'static str,
+    /// One line.
+    summary: &'static str,
+    /// The rest of the command's own page: its options, one per line.
+    page: &'static str,
+}
+
+/// Every command, in the order of the list.
+pub const ENTRIES: &[Entry] = &[
+    Entry {
+        name: "setup",
+        arguments: "[OPTIONS]",
+        summary: "find or set up the compiler for the board, and print each step",
+        page: "  --toolchain T  auto (default), rustup or debian; also FORCE_ARM_TOOLCHAIN\n  --retry        try again what failed before\n",
+    },
+    Entry {
+        name: "build",
+        arguments: "",
+        summary: "build the firmware image and report its size",
+        page: "",
+    },
+    Entry {
+        name: "size",
+        arguments: "",
+        summary: "the same as build",
+        page: "",
+    },
+    Entry {
+        name: "build-rig",
+        arguments: "",
+        summary: "build the embedded rig and forcectl",
+        page: "",
+    },
+    Entry {
+        name: "flash",
+        arguments: "[OPTIONS]",
+        summary: "build the firmware and write it to a board with probe-rs",
+        page: "  --run          stay attached and print the firmware's log\n  --under-reset  hold the chip in reset while attaching\n",
+    },
+    Entry {
+        name: "forcectl",
+        arguments: "ARGS...",
+        summary: "build what the call needs, then run forcectl (also: cargo forcectl ARGS...)",
+        page: "",
+    },
+    Entry {
+        name: "test",
+        arguments: "[OPTIONS] [STEP...]",
+        summary: "run every check, or the named steps; the last line is `N passed, N failed`",
+        page: "  --verbose  print every line of the tests\n  --list     list the steps\n",
+    },
+    Entry {
+        name: "ci",
+        arguments: "[OPTIONS] [STEP...]",
+        summary: "the same as test",
+        page: "  --verbose  print every line of the tests\n  --list     list the steps\n",
+    },
+    Entry {
+        name: "renode-test",
+        arguments: "[OPTIONS] [SUITE...]",
+        summary: "run the same image on Renode with the suites in renode/suites",
+        page: "  --install  fetch Renode's portable package first\n\nOther options go to Renode's program renode-test.\n",
+    },
+    Entry {
+        name: "agree",
+        arguments: "[OPTIONS]",
+        summary: "run one scenario on the embedded rig and on Renode, and compare sample by sample",
+        page: "  --seed N  seed of everything random (default 1)\n",
+    },
+    Entry {
+        name: "bench",
+        arguments: "[OPTIONS]",
+        summary: "measure the figures into target/bench/figures.json",
+        page: include_str!("../../evaluations/bench/src/help.txt"),
+    },
+    Entry {
+        name: "residual-bench",
+        arguments: "[OPTIONS]",
+        summary: "run the residual analysis on synthetic logs with undeclared effects",
+        page: include_str!("../../evaluations/residual-bench/src/help.txt"),
+    },
+    Entry {
+        name: "closed-loop",
+        arguments: "[OPTIONS]",
+        summary: "find, declare and re-run one undeclared effect for each seed",
+        page: include_str!("../../evaluations/closed-loop/src/help.txt"),
+    },
+    Entry {
+        name: "residual-report",
+        arguments: "[OPTIONS]",
+        summary: "write what the residual analysis finds on the measured rig into docs/residual/rig.md",
+        page: "  --data DIR      folder of the rig's data (default FORCE_DATA, ./data, ../shared/data)\n  --page PAGE.md  page whose marked blocks are filled (default docs/residual/rig.md)\n",
+    },
+    Entry {
+        name: "residual-compare",
+        arguments: "[OPTIONS]",
+        summary: "run the same selection with public Python tools, in a Python environment of its own",
+        page: "  --data DIR       folder of the rig's data (default FORCE_DATA, ./data, ../shared/data)\n  --runs N         report the least time of N runs (default 3)\n  --markdown FILE  write the table into this file\n",
+    },
+    Entry {
+        name: "deny",
+        arguments: "",
+        summary: "run cargo-deny on the dependencies: licences, sources, duplicates (deny.toml)",
+        page: "",
+    },
+    Entry {
+        name: "msrv",
+        arguments: "",
+        summary: "compile every package of this computer with the oldest supported Rust",
+        page: "",
+    },
+    Entry {
+        name: "doc",
+        arguments: "[OPTIONS]",
+        summary: "build the reference documentation",
+        page: "  --open  open it in a browser\n\nOther options go to cargo doc.\n",
+    },
+    Entry {
+        name: "help",
+        arguments: "[COMMAND]",
+        summary: "print this list, or the help of a command",
+        page: "",
+    },
+];
+
+/// The list of all commands.
+pub fn list() -> String {
+    let mut text = "\
+The developer's commands of the force rig.
+
+Usage: cargo xtask COMMAND [OPTIONS]
+
+Commands:
+"
+    .to_owned();
+    for entry in ENTRIES {
+        let _ = writeln!(text, "  {:<17} {}", entry.name, entry.summary);
+    }
+    text.push_str(
+        "
+`cargo xtask COMMAND --help` prints the options of a command.
+
+Exit codes: 0 done, 1 failed, 2 wrong usage; those of forcectl and the evaluations are passed on.
+More: docs/developing.md
+",
+    );
+    text
+}
+
+/// The help of one command; `None` where there is no such command.
+pub fn page(name: &str) -> Option<String> {
+    let entry = ENTRIES.iter().find(|entry| entry.name == name)?;
+    // The page of an evaluation is that of its program, with its own usage.
+    if entry.page.contains("Usage: ") {
+        return Some(entry.page.to_owned());
+    }
+    let mut summary = entry.summary.to_owned();
+    if let Some(first) = summary.get_mut(..1) {
+        first.make_ascii_uppercase();
+    }
+    let usage = format!("Usage: cargo xtask {} {}", entry.name, entry.arguments);
+    let mut text = format!("{summary}.\n\n{}\n", usage.trim_end());
+    if !entry.page.is_empty() {
+        let _ = write!(text, "\n{}", entry.page);
+    }
+    Some(text)
+}
+
+/// Whether a command's arguments ask for its help.
+pub fn is_asked_for(arguments: &[OsString]) -> bool {
+    arguments
+        .iter()
+        .take_while(|argument| *argument != "--")
+        .any(|argument| argument == "-h" || argument == "--help")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_command_has_a_page_and_a_line() {
+        let list = list();
+        for entry in ENTRIES {
+            let page = page(entry.name).unwrap();
+            assert!(
+                page.contains(&format!("Usage: cargo xtask {}", entry.name)),
+                "{page}"
+            );
+            assert!(
+                page.ends_with('\n') && list.contains(entry.summary),
+                "{page}"
+            );
+        }
+        assert_eq!(page("no-such-command"), None);
+    }
+
+    #[test]
+    fn help_after_two_dashes_belongs_to_another_program() {
+        let asked =
+            |words: &[&str]| is_asked_for(&words.iter().map(OsString::from).collect::<Vec<_>>());
+        assert!(asked(&["--quick", "--help"]) && asked(&["-h"]));
+        assert!(!asked(&[]) && !asked(&["--", "--help"]) && !asked(&["--helpful"]));
+    }
+}
