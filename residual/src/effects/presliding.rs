@@ -108,7 +108,7 @@ impl Forms<'_> {
         if self.loaded {
             held_per_load.push(self.per_load("held_friction_per_load", &self.held()));
         }
-        // Before the first motion of a run nobody knows which way the friction lies: its mean is
+        // Before the first motion of a run the direction of the friction is not known: its mean is
         // a parameter of its own, or other effects would be bent to explain it.
         let unknown = format!("(held({v}, {db}) == 0)");
         let mut waiting = Vec::new();
