@@ -1,6 +1,9 @@
 //! Cable geometry of the thesis, section 3.7, generic over the number type: the host computes in `f64`, a
 //! board that has an FPU may in `f32`. Not in the sample path.
 //!
+//! Only the host calls it today. It stays in this crate because the board is to guard the force at the tip with the same
+//! geometry.
+//!
 //! All points and directions are in the robot's base frame (metre, or unit length).
 
 use nalgebra::{RealField, Vector3};

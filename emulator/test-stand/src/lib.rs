@@ -130,15 +130,15 @@ impl<'l> Stand<'l> {
         }
     }
 
-    /// Waits until the board's status is as wanted.
+    /// Waits until the board's status satisfies `done`.
     ///
     /// # Panics
     /// When it is not after `within_s` seconds.
-    pub fn wait(&mut self, what: &str, within_s: f64, wanted: impl Fn(&Status) -> bool) -> Status {
+    pub fn wait(&mut self, what: &str, within_s: f64, done: impl Fn(&Status) -> bool) -> Status {
         for _ in 0..(within_s * 50.0) as u32 {
             self.run(0.02);
             let status = self.status();
-            if wanted(&status) {
+            if done(&status) {
                 return status;
             }
         }
@@ -148,7 +148,7 @@ impl<'l> Stand<'l> {
         );
     }
 
-    /// The board's status, asked for now.
+    /// The board's status, requested now.
     ///
     /// # Panics
     /// Where the board does not answer.

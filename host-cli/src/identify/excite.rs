@@ -81,7 +81,7 @@ pub fn excite(
 /// Checks the length of a session and the rig's tensions before anything is driven.
 ///
 /// # Errors
-/// The session is too short or too long, or a unit's tensions leave no room.
+/// The session is too short or too long, or a unit's tensions leave no range for it.
 pub fn check(rig: &RigFile, seconds: f64) -> Result<(), RunError> {
     opened(rig, seconds).map(|_| ())
 }
@@ -116,8 +116,8 @@ fn opened(rig: &RigFile, seconds: f64) -> Result<RigFile, RunError> {
 /// Middle and amplitude of a unit's commands, N, with this part of the largest swing.
 fn sines(unit: &UnitSettings, swing: f64) -> (f64, f64) {
     let low = unit.tension_min_n + MARGIN_N;
-    let room = (0.5 * (unit.tension_max_n - MARGIN_N - low)).min(MAX_AMPLITUDE_N);
-    let amplitude = (swing * room).max(room.min(MIN_AMPLITUDE_N));
+    let max = (0.5 * (unit.tension_max_n - MARGIN_N - low)).min(MAX_AMPLITUDE_N);
+    let amplitude = (swing * max).max(max.min(MIN_AMPLITUDE_N));
     (low + amplitude, amplitude)
 }
 
@@ -317,7 +317,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_is_driven_without_time_or_room() {
+    fn nothing_is_driven_without_time_or_range() {
         let stop = AtomicBool::new(false);
         let mut board = FakeBoard::new(Behavior::Good);
         for seconds in [f64::NAN, 1.0, 1e6] {

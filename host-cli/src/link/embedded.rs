@@ -15,6 +15,8 @@ pub const RIG_VARIABLE: &str = "FORCE_RIG_BIN";
 pub const ELF_VARIABLE: &str = "FORCE_FIRMWARE_ELF";
 /// Lines of the rig's log that are kept for messages.
 const LOG_LINES: usize = 12;
+/// Polls of 10 ms until the log of a rig that ended counts as complete.
+const LOG_POLLS: u32 = 200;
 
 /// Where the rig program and the firmware image are.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -61,6 +63,7 @@ pub struct EmbeddedRig {
     to: Option<BufWriter<ChildStdin>>,
     from: BufReader<ChildStdout>,
     log: Arc<Mutex<VecDeque<String>>>,
+    log_reader: std::thread::JoinHandle<()>,
     machine: String,
     seed: u64,
 }
@@ -103,7 +106,7 @@ impl EmbeddedRig {
         };
         let log = Arc::new(Mutex::new(VecDeque::new()));
         let keep = Arc::clone(&log);
-        std::thread::spawn(move || {
+        let log_reader = std::thread::spawn(move || {
             for line in BufReader::new(log_from).lines().map_while(Result::ok) {
                 let mut lines = keep.lock().unwrap_or_else(PoisonError::into_inner);
                 if lines.len() == LOG_LINES {
@@ -117,6 +120,7 @@ impl EmbeddedRig {
             to: Some(BufWriter::new(to)),
             from: BufReader::new(from),
             log,
+            log_reader,
             machine: String::new(),
             seed: 0,
         };
@@ -152,9 +156,8 @@ impl EmbeddedRig {
         }
     }
 
-    /// The rig's last words make the message.
+    /// The error for a rig that ended, with the last lines of its log.
     fn lost(&mut self, error: &std::io::Error) -> LinkError {
-        // Let the log arrive; the process is gone, or will be.
         self.to = None;
         let ended = (0..50).find_map(|_| {
             std::thread::sleep(Duration::from_millis(10));
@@ -164,9 +167,16 @@ impl EmbeddedRig {
             Some(status) => format!("its process ended ({status})"),
             None => format!("its answer can't be read ({error})"),
         };
+        // The last lines may still be in the pipe.
+        for _ in 0..LOG_POLLS {
+            if ended.is_none() || self.log_reader.is_finished() {
+                break;
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
         let lines = self.log.lock().unwrap_or_else(PoisonError::into_inner);
         if !lines.is_empty() {
-            cause.push_str("; its last words:");
+            cause.push_str("; its last lines:");
             for line in lines.iter() {
                 cause.push_str("\n  | ");
                 cause.push_str(line);

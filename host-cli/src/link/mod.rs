@@ -13,7 +13,7 @@ use crate::rigfile::LinkChoice;
 use emulator_link::{Injection, Pose, Report, Truth};
 use std::time::Duration;
 
-/// What came of letting time pass.
+/// What arrived while time passed.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Exchange {
     /// Time since the link was opened (a port) or since power-on (the embedded rig), in nanoseconds.
@@ -30,7 +30,7 @@ pub struct Exchange {
 
 /// A way to the board.
 pub trait RigLink {
-    /// What a person calls it.
+    /// Name in messages.
     fn name(&self) -> String;
 
     /// Puts bytes on the board's receive line, lets time pass, and returns what the board sent.
@@ -39,7 +39,7 @@ pub trait RigLink {
     /// [`LinkError`] where the other end is gone.
     fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError>;
 
-    /// The hands and eyes that only an emulated rig gives; `None` on a real board.
+    /// What can be controlled and observed on an emulated rig only; `None` on a real board.
     fn controls(&mut self) -> Option<&mut dyn RigControls> {
         None
     }
@@ -53,7 +53,7 @@ pub trait RigControls {
     /// [`LinkError`] where the rig is gone or refuses.
     fn robot(&mut self, moving: bool) -> Result<(), LinkError>;
 
-    /// Breaks something, or mends it.
+    /// Injects a defect, or removes it.
     ///
     /// # Errors
     /// [`LinkError`] where the rig is gone or refuses.

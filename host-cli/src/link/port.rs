@@ -16,7 +16,7 @@ pub struct Port {
     name: String,
     port: Box<dyn SerialPort>,
     opened: Instant,
-    /// When the time asked for so far is over: short calls don't add up their overhead.
+    /// End of all time requested so far: short calls don't add up their overhead.
     due: Duration,
 }
 

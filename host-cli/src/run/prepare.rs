@@ -31,7 +31,7 @@ pub struct Prepared {
     pub faults: Vec<RunFault>,
     /// Conversions that each unit had missed until then, by the board's own count.
     pub(super) missed_before: [u32; UNITS],
-    /// Conversions that nobody had read until then, by the embedded rig's count; 0 on a real rig.
+    /// Conversions that had stayed unread until then, by the embedded rig's count; 0 on a real rig.
     pub(super) lost_before: u64,
 }
 

@@ -7,7 +7,7 @@ use test_stand::{all_at_zero, rig, Stand, ZERO_V};
 use wire::message::CommandError;
 use wire::Command;
 
-/// Mean tension of each cable over half a second. The stand's cells are not calibrated, so 3 N asked are 3 N
+/// Mean tension of each cable over half a second. The stand's cells are not calibrated, so a setpoint of 3 N is 3 N
 /// give or take some percent.
 fn means(stand: &mut Stand<'_>) -> [f64; 6] {
     stand.truth();
@@ -64,7 +64,7 @@ fn unit_is_lost(injection: Injection, codes: &[Fault]) {
             unit + 1
         );
     }
-    // Mended, cleared: it comes back, and nothing is armed by clearing.
+    // Plugged in and cleared: the unit comes back, and clearing arms nothing.
     stand.ask(&Command::Disarm);
     stand.session.set_setpoints(None);
     stand.inject(Injection::PlugSensor(3));
@@ -106,7 +106,7 @@ fn a_stuck_bus_is_freed_and_the_units_carry_on() {
     stand.inject(Injection::StuckSda);
     stand.run(0.5);
     let status = stand.status();
-    assert!(status.bus_recoveries >= 1, "nobody noticed");
+    assert!(status.bus_recoveries >= 1, "not noticed");
     assert_eq!(status.state, SystemState::Running as u8);
     assert!(
         status.units.iter().all(|unit| unit.fault == 0),
@@ -274,7 +274,7 @@ fn a_spike_is_not_a_force() {
     // 1,000,000 codes are about 7 N.
     stand.inject(Injection::Spike(2, 1_000_000));
     stand.run(0.3);
-    assert!(stand.status().units[1].spikes > before, "nobody noticed");
+    assert!(stand.status().units[1].spikes > before, "not noticed");
     let worst = stand
         .truth()
         .iter()

@@ -1,0 +1,149 @@
+//! The page docs/residual/closed-loop.md.
+
+use crate::effect::Kind;
+use crate::options::Options;
+use crate::table::{Cost, Kinds, HEAD};
+
+/// Why a kind has its result, printed only where it has it.
+const NOTES: [(Kind, Cost, &str); 5] = [
+    (
+        Kind::Backlash,
+        Cost::None,
+        "*Backlash* has no effect: a cable under tension keeps its gear on one flank, so the play is never crossed.",
+    ),
+    (
+        Kind::Creep,
+        Cost::Left,
+        "*Creep* is an error of the measurement. The loop holds what the cells say; the remedy is a calibration, not a setting.",
+    ),
+    (
+        Kind::CellCurve,
+        Cost::Left,
+        "A *curve of the cells* is an error of the measurement as well: calibrate with several weights.",
+    ),
+    (
+        Kind::Viscous,
+        Cost::None,
+        "*Viscous friction* damps reel and cable: where it costs the loop nothing, a correction can't help.",
+    ),
+    (
+        Kind::LoadFriction,
+        Cost::WonBack,
+        "*Friction in proportion to the pull* is drawn as that of one more guide, a quarter turn at a friction coefficient of 0.10 \
+         to 0.14. `--size 0.5` halves all sizes ([what that cost](identify.md#on-rigs-with-undeclared-effects)).",
+    ),
+];
+
+/// The page docs/residual/closed-loop.md.
+pub fn page(options: &Options, rows: &str, kinds: &Kinds) -> String {
+    let (first, last) = options.seeds;
+    let Kinds {
+        better,
+        back,
+        left,
+        harmless,
+    } = kinds;
+    let notes: String = NOTES
+        .iter()
+        .filter(|(kind, of, _)| match of {
+            Cost::None => harmless.contains(kind),
+            Cost::WonBack => back.contains(kind),
+            Cost::Left => left.contains(kind),
+        })
+        .map(|(_, _, note)| format!("* {note}\n"))
+        .collect();
+    let size = if options.size < 1.0 {
+        format!(" --size {}", options.size)
+    } else {
+        String::new()
+    };
+    format!(
+        "# Closed loop: an effect that the rig file doesn't declare
+
+Printed by `cargo xtask closed-loop --seeds {first}..{last}{size} --markdown docs/residual/closed-loop.md`.
+
+Each seed is another rig (scatter of units, survey, noise, the robot's path) with one effect in all its units that the rig
+file does not have. `forcectl identify` runs as a process of its own on the real firmware: it holds 2.5 N along y at the
+moving tip for {hold} s, drives the cables for {seconds} s with the tension loops open, analyses what was recorded, puts what the
+board can use into a rig file, and holds the force again. The effect is in a file that only the rig reads.
+
+*named*: units in which the effect was named; what else was named in a third of them or more. Units also differ
+from the rig file by themselves (Coulomb friction by 5 %, its share of load by 8 %, offset by 27 mN), which is found as
+friction, gain or offset of its own. *found*: median over the units that name it (smallest to largest). *worst
+cable*, *tip*: RMS of the worst cable's tension error and of the force error at the tip, by the plant's truth,
+before and after. *without it*: both on the same rig without the effect, rig file as it is; after a correction
+they can be smaller than that, since the units' own scatter is corrected as well. *board*: `better` where the worst cable gained 2 % at least and the tip lost no more than 5 %;
+elsewhere `forcectl identify` leaves the rig file as it was.
+
+{HEAD}{rows}
+Kinds of effect that were named in most units, and the force was held better after: {}
+({}). Not all of that is due to the effect: the units' own scatter is corrected with it, and friction is declared
+0.1 N below what is found, which helps by itself, as the row with nothing undeclared shows.
+
+Kinds that had cost the worst cable a tenth or more against *without it*, of whose cost at least half is gone: {}
+({}).
+
+Kinds whose cost is still there: {}.
+
+Kinds that cost less than a tenth, or nothing: {}.
+
+{notes}",
+        better.len(),
+        names(better),
+        back.len(),
+        names(back),
+        names(left),
+        names(harmless),
+        hold = options.hold,
+        seconds = options.drive,
+    )
+}
+
+/// Kinds in words.
+pub fn names(kinds: &[Kind]) -> String {
+    if kinds.is_empty() {
+        return "none".to_owned();
+    }
+    let names: Vec<&str> = kinds.iter().map(|kind| kind.name()).collect();
+    names.join(", ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::path::PathBuf;
+
+    #[test]
+    fn the_page_names_kinds_in_words_and_notes_only_what_happened() {
+        let options = Options {
+            forcectl: PathBuf::new(),
+            seeds: (1, 10),
+            drive: "40".to_owned(),
+            hold: "16".to_owned(),
+            size: 0.5,
+            out: PathBuf::new(),
+            markdown: None,
+            reuse: false,
+        };
+        let kinds = Kinds {
+            better: vec![Kind::Ripple, Kind::LoadFriction],
+            left: vec![Kind::Creep],
+            ..Kinds::default()
+        };
+        let page = page(&options, "| row |\n", &kinds);
+        assert!(
+            page.contains("2\n(ripple, friction in proportion to the pull)"),
+            "{page}"
+        );
+        assert!(
+            page.contains("Kinds whose cost is still there: creep of the cells."),
+            "{page}"
+        );
+        assert!(page.contains("or nothing: none."), "{page}");
+        assert!(
+            page.contains("* *Creep*") && !page.contains("* *Backlash*"),
+            "{page}"
+        );
+        assert!(page.contains("--seeds 1..10 --size 0.5 "), "{page}");
+    }
+}

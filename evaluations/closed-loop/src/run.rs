@@ -1,0 +1,172 @@
+//! The runs of a seed: `forcectl` as a process of its own, and what its reports say.
+
+use crate::effect::{plant_text, Kind, Truth, MIDDLE_N};
+use crate::options::Options;
+use serde_json::Value;
+use std::collections::BTreeMap;
+use std::path::Path;
+use std::process::Command;
+
+/// What `forcectl identify` reported.
+#[derive(Default)]
+pub struct Findings {
+    /// Effects by name, with the number of units that they were named in.
+    pub named: BTreeMap<String, usize>,
+    /// Units that took part.
+    pub units: usize,
+    /// The compared number in each unit that names the effect.
+    pub found: Vec<f64>,
+    /// Tension error of the worst cable, N RMS, before and after.
+    pub worst: (f64, Option<f64>),
+    /// Force error at the tip, N RMS, before and after.
+    pub tip: (f64, Option<f64>),
+    /// Worst cable and tip of the same rig without the effect, with the rig file as it is.
+    pub without: Option<(f64, f64)>,
+    /// Changed settings.
+    pub changed: usize,
+    /// Whether the force was held better after.
+    pub better: bool,
+}
+
+/// A number of a report.
+fn number(value: &Value, path: &str) -> Result<f64, String> {
+    value
+        .pointer(path)
+        .and_then(Value::as_f64)
+        .ok_or_else(|| format!("identify.json has no number at {path}"))
+}
+
+/// The compared number of a kind, from the effects of a unit that count as the name.
+fn compared(kind: Kind, effects: &[&Value]) -> f64 {
+    let sum = |name: &str| -> f64 {
+        effects
+            .iter()
+            .filter_map(|e| e["params"][name].as_f64())
+            .sum()
+    };
+    match kind {
+        Kind::Coulomb | Kind::LoadFriction => {
+            -(sum("friction") + sum("friction_at_zero_load") + MIDDLE_N * sum("friction_per_load"))
+        }
+        Kind::Ripple => sum("amplitude"),
+        Kind::Gain => 100.0 * sum("gain_error"),
+        Kind::Delay => 1e3 * (sum("delay") + sum("time_constant")),
+        Kind::Viscous => -sum("damping"),
+        Kind::Backlash => 1e3 * 0.010 * (sum("gap") + sum("play")),
+        Kind::Creep => 100.0 * sum("creep_share"),
+        Kind::CellCurve => sum("curvature"),
+        Kind::Nothing => 0.0,
+    }
+}
+
+/// The findings in an `identify.json`.
+pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
+    let units = report["units"]
+        .as_array()
+        .ok_or("identify.json has no units")?;
+    let mut named: BTreeMap<String, usize> = BTreeMap::new();
+    let mut found = Vec::new();
+    for unit in units {
+        let effects: Vec<&Value> = unit["effects"].as_array().into_iter().flatten().collect();
+        let mut names: Vec<&str> = effects.iter().filter_map(|e| e["name"].as_str()).collect();
+        names.sort_unstable();
+        names.dedup();
+        for name in names {
+            *named.entry(name.to_owned()).or_default() += 1;
+        }
+        let own: Vec<&Value> = effects
+            .into_iter()
+            .filter(|e| e["name"].as_str().is_some_and(|n| truth.names.contains(&n)))
+            .collect();
+        if !own.is_empty() {
+            found.push(compared(truth.kind, &own));
+        }
+    }
+    found.sort_by(f64::total_cmp);
+    let after = |path: &str| report.pointer(path).and_then(Value::as_f64);
+    Ok(Findings {
+        named,
+        units: units.len(),
+        found,
+        worst: (
+            number(report, "/before/worst_tension_rms_n")?,
+            after("/after/worst_tension_rms_n"),
+        ),
+        tip: (
+            number(report, "/before/tip_rms_n")?,
+            after("/after/tip_rms_n"),
+        ),
+        without: None,
+        changed: report["changed"].as_array().map_or(0, Vec::len),
+        better: report["better"].as_bool().unwrap_or(false),
+    })
+}
+
+/// Runs `forcectl identify` and the control run on a seed's rig, or reads what an earlier run left.
+pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, String> {
+    let folder = options.out.join(format!("seed{seed}"));
+    let report = folder.join("found");
+    let json = report.join("identify.json");
+    let control = folder.join("control");
+    if options.reuse {
+        return findings(truth, &json, &control);
+    }
+    // What an earlier run left would be read in place of a report that was never written.
+    if folder.exists() {
+        std::fs::remove_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    }
+    std::fs::create_dir_all(&folder).map_err(|e| format!("{}: {e}", folder.display()))?;
+    let plant = folder.join("plant.toml");
+    std::fs::write(&plant, &truth.plant).map_err(|e| format!("{}: {e}", plant.display()))?;
+    let output = Command::new(&options.forcectl)
+        .arg("identify")
+        .args(["--link", "embedded", "--seed", &seed.to_string()])
+        .arg("--plant")
+        .arg(&plant)
+        .args(["--drive-duration", &options.drive])
+        .args(["--duration", &options.hold])
+        .arg("--out")
+        .arg(&report)
+        .output()
+        .map_err(|e| format!("{}: {e}", options.forcectl.display()))?;
+    // 6: done, and nothing changed. That is a result.
+    if !matches!(output.status.code(), Some(0 | 6)) {
+        let words = String::from_utf8_lossy(&output.stderr);
+        let last = words.lines().last().unwrap_or("no message").to_owned();
+        return Err(format!("forcectl ended with {}: {last}", output.status));
+    }
+    // The same rig without the effect: the smallest error that a correction can reach.
+    std::fs::create_dir_all(&control).map_err(|e| format!("{}: {e}", control.display()))?;
+    let plain = control.join("plant.toml");
+    std::fs::write(&plain, plant_text("")).map_err(|e| format!("{}: {e}", plain.display()))?;
+    Command::new(&options.forcectl)
+        .args(["set-force", "0", "2.5", "0", "--duration", &options.hold])
+        .args(["--link", "embedded", "--seed", &seed.to_string()])
+        .arg("--plant")
+        .arg(&plain)
+        .arg("--out")
+        .arg(&control)
+        .output()
+        .map_err(|e| format!("{}: {e}", options.forcectl.display()))?;
+    findings(truth, &json, &control)
+}
+
+fn json(path: &Path) -> Result<Value, String> {
+    let fault = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
+    let text = std::fs::read_to_string(path).map_err(|e| fault(&e))?;
+    serde_json::from_str(&text).map_err(|e| fault(&e))
+}
+
+/// What a report says, with the control run of the same rig without the effect.
+fn findings(truth: &Truth, report: &Path, control: &Path) -> Result<Findings, String> {
+    let mut findings = read(truth, &json(report)?)?;
+    let control = json(&control.join("set-force.json"))?;
+    let cables = control["metrics"]["tension_rms_n"].as_array();
+    let worst = cables
+        .into_iter()
+        .flatten()
+        .filter_map(Value::as_f64)
+        .fold(0.0, f64::max);
+    findings.without = Some((worst, number(&control, "/metrics/tip_force_rms_n")?));
+    Ok(findings)
+}

@@ -1,0 +1,187 @@
+//! The table of results, a row for each seed, and the kinds of effect by result.
+
+use crate::effect::{Kind, Truth};
+use crate::run::Findings;
+use std::fmt::Write as _;
+
+/// Head of the table.
+pub const HEAD: &str = "\
+| seed | undeclared | named | true | found | worst cable, N | tip, N | without it, N | board |
+|---|---|---|---|---|---|---|---|---|
+";
+
+/// What an effect did to the worst cable.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Cost {
+    /// Less than a tenth over the same rig without it.
+    None,
+    /// At least half of the cost is gone.
+    WonBack,
+    /// Less than half of the cost is gone.
+    Left,
+}
+
+/// What the effect cost the worst cable; `None` without a control run.
+pub fn cost(findings: &Findings) -> Option<Cost> {
+    let (without, _) = findings.without?;
+    let cost = findings.worst.0 - without;
+    let won = findings
+        .worst
+        .1
+        .map_or(0.0, |after| findings.worst.0 - after);
+    Some(if cost < 0.1 * without {
+        Cost::None
+    } else if findings.better && won >= 0.5 * cost {
+        Cost::WonBack
+    } else {
+        Cost::Left
+    })
+}
+
+/// A row of the table, and whether the effect was named in most units and the force held better after.
+pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, String>) -> (String, bool) {
+    let findings = match findings {
+        Ok(findings) => findings,
+        Err(why) => {
+            return (
+                format!("| {seed} | {} | failed: {why} | | | | | | |\n", truth.words),
+                false,
+            )
+        }
+    };
+    let units = findings.units;
+    let hits = findings.found.len();
+    let others: Vec<String> = findings
+        .named
+        .iter()
+        .filter(|(name, count)| !truth.names.contains(&name.as_str()) && **count * 3 >= units)
+        .map(|(name, count)| format!("{name} {count}/{units}"))
+        .collect();
+    let mut named = match truth.names {
+        [] => "-".to_owned(),
+        _ if hits == 0 => "missed".to_owned(),
+        names => {
+            let seen: Vec<&str> = names
+                .iter()
+                .copied()
+                .filter(|n| findings.named.contains_key(*n))
+                .collect();
+            format!("{} {hits}/{units}", seen.join(" or "))
+        }
+    };
+    if !others.is_empty() {
+        let _ = write!(named, "; beside it {}", others.join(", "));
+    }
+    let (true_value, found) = if truth.names.is_empty() {
+        ("-".to_owned(), "-".to_owned())
+    } else {
+        let found = findings
+            .found
+            .get(hits / 2)
+            .map_or("-".to_owned(), |median| {
+                format!(
+                    "{median:.3} ({:.3} to {:.3})",
+                    findings.found[0],
+                    findings.found[hits - 1]
+                )
+            });
+        (format!("{:.3} {}", truth.value, truth.unit), found)
+    };
+    let pair = |(before, after): (f64, Option<f64>)| {
+        after.map_or(format!("{before:.3}"), |after| {
+            format!("{before:.3} -> {after:.3}")
+        })
+    };
+    let board = match (findings.changed, findings.better) {
+        (0, _) => "nothing to use",
+        (_, true) => "better",
+        (_, false) => "no better, left as it was",
+    };
+    let text = format!(
+        "| {seed} | {} | {named} | {true_value} | {found} | {} | {} | {} | {board} |\n",
+        truth.words,
+        pair(findings.worst),
+        pair(findings.tip),
+        findings
+            .without
+            .map_or("-".to_owned(), |(worst, tip)| format!(
+                "{worst:.3}, {tip:.3}"
+            ))
+    );
+    (text, findings.better && 2 * hits > units)
+}
+
+/// Kinds of effect by result.
+#[derive(Default)]
+pub struct Kinds {
+    /// Named in most units, and the force was held better after.
+    pub better: Vec<Kind>,
+    /// Of those: cost something, half of it won back.
+    pub back: Vec<Kind>,
+    /// Cost something, and most of it is still there.
+    pub left: Vec<Kind>,
+    /// Cost nothing.
+    pub harmless: Vec<Kind>,
+}
+
+impl Kinds {
+    /// Adds a seed's result.
+    pub fn add(&mut self, kind: Kind, gained: bool, cost: Option<Cost>) {
+        let lists = [
+            (&mut self.better, gained),
+            (&mut self.back, gained && cost == Some(Cost::WonBack)),
+            (&mut self.left, cost == Some(Cost::Left)),
+            (&mut self.harmless, cost == Some(Cost::None)),
+        ];
+        for (list, belongs) in lists {
+            if belongs && !list.contains(&kind) {
+                list.push(kind);
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effect::{kind_of, truth};
+    use crate::run::read;
+    use serde_json::json;
+
+    #[test]
+    fn a_report_is_held_against_the_truth() {
+        let seed = (1..20).find(|s| kind_of(*s) == Kind::Gain).unwrap();
+        let truth = truth(seed, 1.0);
+        let unit = |name: &str, error: f64| json!({"effects": [{"name": name, "params": {"gain_error": error}}]});
+        let report = json!({
+            "units": [unit("gain", -0.2), unit("gain", -0.3), unit("tone", 0.0)],
+            "changed": ["x"],
+            "better": true,
+            "before": {"worst_tension_rms_n": 0.2, "tip_rms_n": 0.1},
+            "after": {"worst_tension_rms_n": 0.1, "tip_rms_n": 0.05},
+        });
+        let mut findings = read(&truth, &report).unwrap();
+        assert_eq!(cost(&findings), None);
+        findings.without = Some((0.11, 0.05));
+        assert_eq!(cost(&findings), Some(Cost::WonBack));
+        // It cost nothing, or little of it came back, or the board was left as it was.
+        findings.without = Some((0.19, 0.05));
+        assert_eq!(cost(&findings), Some(Cost::None));
+        findings.without = Some((0.05, 0.05));
+        findings.worst.1 = Some(0.15);
+        assert_eq!(cost(&findings), Some(Cost::Left));
+        findings.worst.1 = Some(0.1);
+        assert_eq!(cost(&findings), Some(Cost::WonBack));
+        findings.better = false;
+        assert_eq!(cost(&findings), Some(Cost::Left));
+        findings.better = true;
+        let (text, gained) = row(seed, &truth, &Ok(findings));
+        assert!(gained);
+        assert!(text.contains("gain 2/3; beside it tone 1/3"), "{text}");
+        assert!(text.contains("-20.000 (-30.000 to -20.000)"), "{text}");
+        assert!(text.contains("0.200 -> 0.100"), "{text}");
+        let (text, gained) = row(seed, &truth, &Err("no rig".to_owned()));
+        assert!(!gained && text.contains("no rig"));
+        assert!(read(&truth, &json!({"units": []})).is_err());
+    }
+}
