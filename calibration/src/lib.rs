@@ -24,8 +24,12 @@
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 
+// Test helpers are shared with the integration tests, which know this crate by its name.
+#[cfg(test)]
+extern crate self as calibration;
+
 pub mod gain;
-//PEND pub mod geometry;
+pub mod geometry;
 pub mod input;
 pub mod kabsch;
 //PEND pub mod record;

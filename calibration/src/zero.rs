@@ -487,11 +487,14 @@ mod tests {
 
     #[test]
     fn intervals_cover_with_correlated_noise() {
+        let limits = Limits {
+            drift_n: 0.02,
+            ..Limits::default()
+        };
         for (rho, drift) in [(0.0, 0.0), (0.5, 200.0), (0.8, -200.0)] {
             let hits = (0..400)
                 .filter(|&seed| {
-                    let zero =
-                        measure(&stream(seed, 2000, rho, 400.0, drift), &Limits::default()).unwrap();
+                    let zero = measure(&stream(seed, 2000, rho, 400.0, drift), &limits).unwrap();
                     let error = zero.at_end_codes - 12_345.0 - drift;
                     error.abs() < 1.96 * zero.at_end_se_codes
                 })
@@ -534,7 +537,7 @@ mod tests {
         ));
         // A random walk: its mean says little, though it does not scatter much.
         assert!(matches!(
-            refuse(&stream(3, 2000, 0.999, 1500.0, 0.0)),
+            refuse(&stream(3, 2000, 0.999, 4000.0, 0.0)),
             ZeroError::Uncertain { .. } | ZeroError::Drifting { .. }
         ));
         let mut spiky = stream(1, 2000, 0.0, 400.0, 0.0);

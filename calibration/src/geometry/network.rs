@@ -27,6 +27,8 @@ pub(super) struct Item {
     pub station: usize,
     pub landmark: usize,
     pub position_m: Vector3<f64>,
+    /// Whether it takes part.
+    pub used: bool,
 }
 
 /// All readings with numbers for stations and points. Hypotheses about faults change the items.
@@ -62,7 +64,13 @@ impl Items {
             links: Vec::new(),
         };
         let mut landmark_numbers: BTreeMap<&Label, usize> = BTreeMap::new();
-        let labels: BTreeSet<&Label> = readings.iter().map(|r| &r.label).collect();
+        // All holes of the CAD model, measured or not: a wrong label may hide one.
+        let holes: Vec<Label> = reference
+            .holes_m
+            .keys()
+            .map(|name| Label::Base(name.clone()))
+            .collect();
+        let labels: BTreeSet<&Label> = readings.iter().map(|r| &r.label).chain(&holes).collect();
         for label in labels {
             landmark_numbers.insert(label, out.landmarks.len());
             out.landmarks.push(label.clone());
@@ -102,6 +110,7 @@ impl Items {
                 station,
                 landmark,
                 position_m: reading.position_m,
+                used: true,
             });
         }
         Ok(out)
@@ -133,7 +142,7 @@ const BUMP_SD: (f64, f64) = (0.02, 0.05);
 impl<'i> Network<'i> {
     pub fn new(data: &'i Items) -> Self {
         let mut sums: BTreeMap<(usize, usize), (Vector3<f64>, usize)> = BTreeMap::new();
-        for item in &data.items {
+        for item in data.items.iter().filter(|i| i.used) {
             let entry = sums
                 .entry((item.station, item.landmark))
                 .or_insert((Vector3::zeros(), 0));
@@ -147,6 +156,7 @@ impl<'i> Network<'i> {
         let within_m2 = data
             .items
             .iter()
+            .filter(|i| i.used)
             .map(|i| (i.position_m - means[&(i.station, i.landmark)]).norm_squared())
             .sum();
         let groups = sums
@@ -178,7 +188,7 @@ impl<'i> Network<'i> {
             .count();
         let linked = self.data.links.len();
         let stations: BTreeSet<usize> = self.groups.iter().map(|g| g.station).collect();
-        (3 * self.data.items.len()).saturating_sub(3 * free + 6 * (stations.len() - linked))
+        (3 * self.groups.iter().map(|g| g.count).sum::<usize>()).saturating_sub(3 * free + 6 * (stations.len() - linked))
     }
 
     /// A first estimate: stations placed one after the other by Kabsch's algorithm on points that are already placed, the
@@ -187,7 +197,7 @@ impl<'i> Network<'i> {
         let data = self.data;
         let mut landmarks = data.known_m.clone();
         let mut poses: Vec<Option<Pose>> = vec![None; data.stations.len()];
-        if landmarks.iter().all(Option::is_none) {
+        if !self.groups.iter().any(|g| landmarks[g.landmark].is_some()) {
             return Err(GeometryError::NoBase);
         }
         loop {
