@@ -32,12 +32,12 @@ pub mod gain;
 pub mod geometry;
 pub mod input;
 pub mod kabsch;
-//PEND pub mod record;
+pub mod record;
 pub mod se3;
-//PEND pub mod self_calibration;
+pub mod self_calibration;
 pub mod stats;
-//PEND pub mod uncertainty;
-//PEND pub mod workspace;
+pub mod uncertainty;
+pub mod workspace;
 pub mod zero;
 
 /// Standard acceleration of gravity, m/s^2 (ISO 80000-3). The local value lies within 0.27 % of it.

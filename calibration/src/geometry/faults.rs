@@ -76,6 +76,9 @@ pub struct Finding {
     pub at: Vec<Location>,
     /// Share of the evidence, 0 to 1.
     pub probability: f64,
+    /// Other explanations with a share above a twentieth, best first. A plate that two stations see only can't tell
+    /// which of them has its labels exchanged.
+    pub alternatives: Vec<Finding>,
 }
 
 /// Prior probability of each kind of fault in one survey. Variants of a kind share it.
@@ -86,6 +89,10 @@ const NOISE_PRIOR: f64 = 1e-2;
 const SUSPECTS: usize = 12;
 /// Faults that are looked for one after the other.
 const ROUNDS: usize = 4;
+/// Share of the evidence above which another explanation is told.
+const ALTERNATIVE: f64 = 0.05;
+/// Times that a digitizer may be worse than its standard deviation says.
+const WORST_NOISE: f64 = 10.0;
 /// Volume that a free position may lie in, m^3.
 const VOLUME_M3: f64 = 1.0;
 /// Units that tables come in by mistake, as factors to the declared one.
@@ -123,6 +130,9 @@ impl std::fmt::Display for Finding {
         }
         if self.fault != Fault::Unexplained {
             write!(f, " (probability {:.3})", self.probability)?;
+        }
+        for other in &self.alternatives {
+            write!(f, "; or {other}")?;
         }
         Ok(())
     }
@@ -170,6 +180,7 @@ pub(super) fn copies(readings: &[PointReading], sd_m: f64) -> Vec<Finding> {
             label: Some(same[1].label.to_string()),
             at: same.iter().skip(1).chain(same.first()).map(|r| r.at.clone()).collect(),
             probability: PRIOR / (PRIOR + expected),
+            alternatives: Vec::new(),
         })
         .collect()
 }
@@ -220,12 +231,18 @@ pub(super) fn find(
         let Some(&(top, best)) = scored.first() else {
             break;
         };
-        // Explanations that come to the same change of the same readings are one.
         let total: f64 = scored.iter().map(|s| (s.0 - top).exp()).sum();
         if best.change == Change::None {
             break;
         }
-        findings.push(finding(readings, &items, best, 1.0 / total, sd_m));
+        let share = |s: f64| (s - top).exp() / total;
+        let mut named = finding(readings, &items, best, share(top), sd_m);
+        named.alternatives = scored[1..]
+            .iter()
+            .filter(|s| share(s.0) > ALTERNATIVE && s.1.change != Change::None)
+            .map(|s| finding(readings, &items, s.1, share(s.0), sd_m))
+            .collect();
+        findings.push(named);
         if best.change == Change::Noise {
             return Ok(findings);
         }
@@ -239,6 +256,7 @@ pub(super) fn find(
             label: None,
             at: Vec::new(),
             probability: 1.0,
+            alternatives: Vec::new(),
         });
     }
     Ok(findings)
@@ -266,6 +284,9 @@ fn evidence(items: &Items, sd_m: f64, change: &Change) -> Option<Evidence> {
     let fit = match change {
         Change::Noise => {
             let factor = solution.chi_square / dof as f64;
+            if !(factor < WORST_NOISE * WORST_NOISE) {
+                return None;
+            }
             -0.5 * dof as f64 * (1.0 + factor.ln())
         }
         _ => -0.5 * solution.chi_square,
@@ -503,5 +524,6 @@ fn finding(
         label,
         at,
         probability,
+        alternatives: Vec::new(),
     }
 }

@@ -15,7 +15,7 @@ mod units;
 
 #[cfg(test)]
 #[path = "../../tests/common/scene.rs"]
-mod testing;
+pub(crate) mod testing;
 
 pub use points::{read_points, read_reference, Label, PointReading, Reference};
 pub use units::UnitGeometry;

@@ -213,7 +213,7 @@ impl<'i> Network<'i> {
                     .filter(|g| g.station == s && landmarks[g.landmark].is_some())
                     .collect()
             };
-            let next = waiting.iter().copied().max_by_key(|&s| placed(s).len());
+            let next = waiting.iter().copied().max_by_key(|&s| (placed(s).len(), std::cmp::Reverse(s)));
             let Some(station) = next else { break };
             let common = placed(station);
             let linked = data.links.iter().find_map(|&(a, b)| {

@@ -97,10 +97,16 @@ fn exchanged_labels_are_named() {
         let found = faults_of(&scene, &readings);
         assert_eq!(found.len(), 1, "{found:?}");
         assert!(matches!(found[0].fault, Fault::Swapped { .. }), "{found:?}");
-        let mut named: Vec<usize> = found[0].at.iter().map(|l| l.line).collect();
-        named.sort_unstable();
-        assert_eq!(named, lines);
-        assert!(found[0].probability > 0.9, "{found:?}");
+        // B and C see plate 2 and nobody else does: all repeats exchanged at C look the same as at B.
+        let all: Vec<&Finding> = found.iter().chain(&found[0].alternatives).collect();
+        let right = all.iter().find(|f| {
+            let mut named: Vec<usize> = f.at.iter().map(|l| l.line).collect();
+            named.sort_unstable();
+            named == lines
+        });
+        let share = if one_round { 0.9 } else { 0.4 };
+        assert!(right.is_some_and(|f| f.probability > share), "{found:?}");
+        assert!(all.iter().map(|f| f.probability).sum::<f64>() > 0.9, "{found:?}");
     }
 }
 
