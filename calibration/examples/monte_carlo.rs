@@ -58,9 +58,13 @@ fn main() -> ExitCode {
             // The chain's covariance takes most of the time; its coverage does not depend on the number of touches.
             let found = monte_carlo::surveys(draws, layout, repeats == 5);
             let with_coverage = [true, repeats == 5, false];
-            for ((what, e), coverage) in [("joint", &found.joint), ("chain", &found.chain), ("bound", &found.bound)]
-                .into_iter()
-                .zip(with_coverage)
+            for ((what, e), coverage) in [
+                ("joint", &found.joint),
+                ("chain", &found.chain),
+                ("bound", &found.bound),
+            ]
+            .into_iter()
+            .zip(with_coverage)
             {
                 geometry_line(name, repeats, what, e, coverage, found.false_alarms);
             }
@@ -71,11 +75,13 @@ fn main() -> ExitCode {
     }
 
     if let Some(surveys) = chosen {
-        println!("\nself-calibration: 400 poses within 70 mm; joined with the survey of 10 touches on the closed layout");
+        println!("\nself-calibration from poses within 70 mm of the centre; joined with the survey of 10 touches on the closed layout");
         println!("exit points           limit      units   draws   95 % below   coverage");
-        let (alone, fused) = monte_carlo::runs(draws, &surveys);
-        line("self-calibration", &alone, 2e-3, "2 mm", 1e3, "mm");
-        line("joined with survey", &fused, 4e-4, "0.4 mm", 1e3, "mm");
+        for samples in [400, 3000] {
+            let (alone, fused) = monte_carlo::runs(draws, samples, &surveys);
+            line(&format!("{samples} poses"), &alone, 2e-3, "2 mm", 1e3, "mm");
+            line("joined with survey", &fused, 4e-4, "0.4 mm", 1e3, "mm");
+        }
         println!("\nforce at the tip, tensions 2 to 12 N, same survey; noise of a single reading left out");
         let forces = monte_carlo::forces(draws, &cells, &surveys);
         println!(
@@ -103,7 +109,14 @@ fn line(name: &str, t: &Tally, limit: f64, limit_text: &str, scale: f64, unit: &
     );
 }
 
-fn geometry_line(name: &str, repeats: usize, what: &str, e: &Estimator, coverage: bool, refused: usize) {
+fn geometry_line(
+    name: &str,
+    repeats: usize,
+    what: &str,
+    e: &Estimator,
+    coverage: bool,
+    refused: usize,
+) {
     let percent = |v: f64| format!("{:.1}", 100.0 * v);
     let (c1, c2) = if coverage {
         (percent(e.position.coverage()), percent(e.axis.coverage()))

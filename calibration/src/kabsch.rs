@@ -25,11 +25,7 @@ pub struct Alignment {
 /// squares. `None` for fewer than three points, slices of different lengths, a weight that is not positive, or
 /// numbers that are not finite.
 #[must_use]
-pub fn align(
-    from: &[Vector3<f64>],
-    to: &[Vector3<f64>],
-    weights: &[f64],
-) -> Option<Alignment> {
+pub fn align(from: &[Vector3<f64>], to: &[Vector3<f64>], weights: &[f64]) -> Option<Alignment> {
     if from.len() < 3 || from.len() != to.len() || from.len() != weights.len() {
         return None;
     }
@@ -110,7 +106,10 @@ mod tests {
             s[(0, 1)] - s[(1, 0)], s[(2, 0)] + s[(0, 2)], s[(1, 2)] + s[(2, 1)], s[(2, 2)] - s[(0, 0)] - s[(1, 1)],
         );
         let eigen = m.symmetric_eigen();
-        let q = eigen.eigenvectors.column(eigen.eigenvalues.imax()).into_owned();
+        let q = eigen
+            .eigenvectors
+            .column(eigen.eigenvalues.imax())
+            .into_owned();
         let rotation = nalgebra::UnitQuaternion::from_quaternion(nalgebra::Quaternion::new(
             q[0], q[1], q[2], q[3],
         ))

@@ -51,7 +51,11 @@ pub struct Record {
     #[serde(rename = "unit")]
     pub units: Vec<UnitRecord>,
     /// Covariances between exit points of different units, m^2.
-    #[serde(default, rename = "exit_cross_covariance", skip_serializing_if = "Vec::is_empty")]
+    #[serde(
+        default,
+        rename = "exit_cross_covariance",
+        skip_serializing_if = "Vec::is_empty"
+    )]
     pub cross: Vec<CrossCovariance>,
 }
 
@@ -212,17 +216,33 @@ impl Record {
             return fail(None, "date", "is not a date; write YYYY-MM-DD");
         }
         if !(9.7..=9.9).contains(&self.gravity_m_per_s2) {
-            return fail(None, "gravity_m_per_s2", "is no acceleration of gravity on Earth: 9.76 to 9.84 m/s^2");
+            return fail(
+                None,
+                "gravity_m_per_s2",
+                "is no acceleration of gravity on Earth: 9.76 to 9.84 m/s^2",
+            );
         }
         if !(0.0..0.1).contains(&self.common_gain_relative_sd) {
-            return fail(None, "common_gain_relative_sd", "has to be 0 to 0.1 (relative)");
+            return fail(
+                None,
+                "common_gain_relative_sd",
+                "has to be 0 to 0.1 (relative)",
+            );
         }
         if self.units.is_empty() {
-            return fail(None, "unit", "is missing: a record has at least one [[unit]]");
+            return fail(
+                None,
+                "unit",
+                "is missing: a record has at least one [[unit]]",
+            );
         }
         for (i, unit) in self.units.iter().enumerate() {
             if unit.number == 0 || self.units[..i].iter().any(|u| u.number >= unit.number) {
-                return fail(Some(i), "number", "has to be 1 or more and rise from unit to unit");
+                return fail(
+                    Some(i),
+                    "number",
+                    "has to be 1 or more and rise from unit to unit",
+                );
             }
             for (key, value) in [
                 ("n_per_code", unit.n_per_code),
@@ -241,32 +261,60 @@ impl Record {
                 ("power_up_step_n", unit.power_up_step_n),
             ] {
                 if !(value >= 0.0 && value.is_finite()) {
-                    return fail(Some(i), key, "is a standard deviation: finite and 0 or above");
+                    return fail(
+                        Some(i),
+                        key,
+                        "is a standard deviation: finite and 0 or above",
+                    );
                 }
             }
             if unit.n_per_code == 0.0 {
-                return fail(Some(i), "n_per_code", "is 0: the cell would never see a force");
+                return fail(
+                    Some(i),
+                    "n_per_code",
+                    "is 0: the cell would never see a force",
+                );
             }
             if !unit.exit_m.iter().all(|v| v.abs() < 10.0) {
-                return fail(Some(i), "exit_m", "has to be finite and within 10 m; are these millimetres?");
+                return fail(
+                    Some(i),
+                    "exit_m",
+                    "has to be finite and within 10 m; are these millimetres?",
+                );
             }
             if !((Vector3::from(unit.axis).norm() - 1.0).abs() < 1e-3) {
                 return fail(Some(i), "axis", "has to be of unit length");
             }
             if unit.covariance.len() != 21 {
-                return fail(Some(i), "covariance", "has to have 21 numbers: the upper triangle of 6 x 6 by rows");
+                return fail(
+                    Some(i),
+                    "covariance",
+                    "has to have 21 numbers: the upper triangle of 6 x 6 by rows",
+                );
             }
             if !is_covariance(&unit.covariance_matrix()) {
-                return fail(Some(i), "covariance", "is no covariance: finite, with no negative eigenvalue");
+                return fail(
+                    Some(i),
+                    "covariance",
+                    "is no covariance: finite, with no negative eigenvalue",
+                );
             }
         }
         for pair in &self.cross {
             let known = |n: u8| self.units.iter().any(|u| u.number == n);
             if !(known(pair.a) && known(pair.b) && pair.a < pair.b) {
-                return fail(None, "exit_cross_covariance", "needs two units of this record, a below b");
+                return fail(
+                    None,
+                    "exit_cross_covariance",
+                    "needs two units of this record, a below b",
+                );
             }
             if pair.covariance.len() != 36 || !pair.covariance.iter().all(|v| v.is_finite()) {
-                return fail(None, "exit_cross_covariance", "has to have 36 finite numbers");
+                return fail(
+                    None,
+                    "exit_cross_covariance",
+                    "has to have 36 finite numbers",
+                );
             }
         }
         Ok(())
@@ -336,7 +384,11 @@ impl Record {
         text("rig".into(), &older.rig, &self.rig);
         text("note".into(), &older.note, &self.note);
         for (key, old, new) in [
-            ("gravity_m_per_s2", older.gravity_m_per_s2, self.gravity_m_per_s2),
+            (
+                "gravity_m_per_s2",
+                older.gravity_m_per_s2,
+                self.gravity_m_per_s2,
+            ),
             (
                 "common_gain_relative_sd",
                 older.common_gain_relative_sd,
@@ -354,7 +406,11 @@ impl Record {
                 text(format!("unit {number}"), "there", "missing");
             } else {
                 let new = &now[number];
-                text(format!("unit {number} cell_serial"), &old.cell_serial, &new.cell_serial);
+                text(
+                    format!("unit {number} cell_serial"),
+                    &old.cell_serial,
+                    &new.cell_serial,
+                );
                 text(
                     format!("unit {number} converter_serial"),
                     &old.converter_serial,
@@ -391,7 +447,12 @@ fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord) -> Vec<Difference> 
         "n_per_code",
         old.n_per_code.to_string(),
         new.n_per_code.to_string(),
-        apart(old.n_per_code, new.n_per_code, old.n_per_code_sd, new.n_per_code_sd),
+        apart(
+            old.n_per_code,
+            new.n_per_code,
+            old.n_per_code_sd,
+            new.n_per_code_sd,
+        ),
     );
     push(
         "n_per_code2",
@@ -400,7 +461,10 @@ fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord) -> Vec<Difference> 
         None,
     );
     // A zero moves by a step at each power-up: that is the scale of its change.
-    let step = |u: &UnitRecord| u.zero_sd_codes.hypot(u.power_up_step_n / u.n_per_code.abs());
+    let step = |u: &UnitRecord| {
+        u.zero_sd_codes
+            .hypot(u.power_up_step_n / u.n_per_code.abs())
+    };
     push(
         "zero_codes",
         old.zero_codes.to_string(),
@@ -411,7 +475,12 @@ fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord) -> Vec<Difference> 
         "mounting_n",
         old.mounting_n.to_string(),
         new.mounting_n.to_string(),
-        apart(old.mounting_n, new.mounting_n, old.mounting_sd_n, new.mounting_sd_n),
+        apart(
+            old.mounting_n,
+            new.mounting_n,
+            old.mounting_sd_n,
+            new.mounting_sd_n,
+        ),
     );
     for (key, a, b) in [
         ("n_per_code_sd", old.n_per_code_sd, new.n_per_code_sd),
@@ -432,7 +501,9 @@ fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord) -> Vec<Difference> 
             .try_inverse()
             .map(|w| (exit.transpose() * w * exit)[0].max(0.0).sqrt()),
     );
-    let turn = Vector3::from(old.axis).cross(&Vector3::from(new.axis)).norm();
+    let turn = Vector3::from(old.axis)
+        .cross(&Vector3::from(new.axis))
+        .norm();
     let block: Matrix3<f64> = both.fixed_view::<3, 3>(3, 3).into_owned();
     push(
         "axis",
@@ -582,7 +653,10 @@ impl Lines<'_> {
 
 fn syntax(file: &str, text: &str, error: &toml::de::Error) -> RecordError {
     let start = error.span().map_or(0, |s| s.start.min(text.len()));
-    let line = 1 + text.as_bytes()[..start].iter().filter(|b| **b == b'\n').count();
+    let line = 1 + text.as_bytes()[..start]
+        .iter()
+        .filter(|b| **b == b'\n')
+        .count();
     let content = text.lines().nth(line - 1).unwrap_or("");
     let key = content.split('=').next().unwrap_or("").trim();
     let message = error.message().trim();
@@ -675,7 +749,10 @@ mod tests {
         let edited = text.replacen("zero_codes = 12345.6789", "zero_codes = 12345.6788", 1);
         assert_ne!(edited, text);
         let error = Record::read("c.toml", &edited).unwrap_err();
-        assert!(matches!(&error, RecordError::Hash { at, .. } if at.line == 2), "{error}");
+        assert!(
+            matches!(&error, RecordError::Hash { at, .. } if at.line == 2),
+            "{error}"
+        );
     }
 
     #[test]
@@ -683,22 +760,59 @@ mod tests {
         let text = record().write().unwrap();
         let line_of = |needle: &str| 1 + text.lines().position(|l| l.starts_with(needle)).unwrap();
         for (from, to, line, word) in [
-            ("zero_sd_codes = 31.0", "zero_sd_codes = -31.0", line_of("zero_sd_codes"), "zero_sd_codes"),
-            ("zero_sd_codes = 31.0", "zero_sd_codes = nan", line_of("zero_sd_codes"), "zero_sd_codes"),
-            ("zero_sd_codes = 31.0", "zero_sd_codes = \"x\"", line_of("zero_sd_codes"), "zero_sd_codes"),
-            ("zero_sd_codes = 31.0", "zero_sd = 31.0", line_of("zero_sd_codes"), "zero_sd"),
+            (
+                "zero_sd_codes = 31.0",
+                "zero_sd_codes = -31.0",
+                line_of("zero_sd_codes"),
+                "zero_sd_codes",
+            ),
+            (
+                "zero_sd_codes = 31.0",
+                "zero_sd_codes = nan",
+                line_of("zero_sd_codes"),
+                "zero_sd_codes",
+            ),
+            (
+                "zero_sd_codes = 31.0",
+                "zero_sd_codes = \"x\"",
+                line_of("zero_sd_codes"),
+                "zero_sd_codes",
+            ),
+            (
+                "zero_sd_codes = 31.0",
+                "zero_sd = 31.0",
+                line_of("zero_sd_codes"),
+                "zero_sd",
+            ),
             ("schema = 1", "schema = 2", 1, "schema"),
-            ("date = \"2026-03-14\"", "date = \"2026-02-30\"", line_of("date"), "date"),
-            ("number = 2", "number = 1", 1 + text.lines().position(|l| l == "number = 2").unwrap(), "unit[2].number"),
+            (
+                "date = \"2026-03-14\"",
+                "date = \"2026-02-30\"",
+                line_of("date"),
+                "date",
+            ),
+            (
+                "number = 2",
+                "number = 1",
+                1 + text.lines().position(|l| l == "number = 2").unwrap(),
+                "unit[2].number",
+            ),
             ("rig = \"raven-left\"", "rig = raven", line_of("rig"), "rig"),
         ] {
             let edited = text.replacen(from, to, 1);
             assert_ne!(edited, text, "{from}");
             let message = Record::read("c.toml", &edited).unwrap_err().to_string();
-            assert!(message.starts_with(&format!("c.toml:{line}: ")), "{line} {message}");
+            assert!(
+                message.starts_with(&format!("c.toml:{line}: ")),
+                "{line} {message}"
+            );
             assert!(message.contains(word), "{word}: {message}");
         }
-        let missing: String = text.lines().filter(|l| !l.starts_with("gravity")).map(|l| format!("{l}\n")).collect();
+        let missing: String = text
+            .lines()
+            .filter(|l| !l.starts_with("gravity"))
+            .map(|l| format!("{l}\n"))
+            .collect();
         let message = Record::read("c.toml", &missing).unwrap_err().to_string();
         assert!(message.contains("gravity_m_per_s2"), "{message}");
         assert!(Record::read("c.toml", "").is_err());

@@ -151,11 +151,10 @@ fn incomplete_beta(a: f64, b: f64, x: f64) -> f64 {
     if x > (a + 1.0) / (a + b + 2.0) {
         return 1.0 - incomplete_beta(b, a, 1.0 - x);
     }
-    let front = (a * x.ln() + b * (-x).ln_1p() + libm::lgamma(a + b)
-        - libm::lgamma(a)
-        - libm::lgamma(b))
-    .exp()
-        / a;
+    let front =
+        (a * x.ln() + b * (-x).ln_1p() + libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b))
+            .exp()
+            / a;
     let tiny = 1e-300;
     let mut c = 1.0;
     let mut d = 1.0 / nonzero(1.0 - (a + b) * x / (a + 1.0), tiny);

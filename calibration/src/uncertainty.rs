@@ -133,10 +133,8 @@ pub fn tip_force(
     let mut to_tip = Matrix3::zeros();
     let mut to_geometry: Vec<Matrix3x6<f64>> = Vec::new();
     for (i, unit) in units.iter().enumerate() {
-        let partial = derivatives(unit, tip_m).map_err(|what| UncertaintyError::BadUnit {
-            unit: i + 1,
-            what,
-        })?;
+        let partial = derivatives(unit, tip_m)
+            .map_err(|what| UncertaintyError::BadUnit { unit: i + 1, what })?;
         force += partial.force_n;
         let to_cell = partial.to_cell;
         let along = to_cell * to_cell.transpose();
@@ -185,7 +183,12 @@ struct Partial {
 }
 
 fn derivatives(unit: &UnitInput, tip_m: &Vector3<f64>) -> Result<Partial, &'static str> {
-    let finite = unit.exit_m.iter().chain(&unit.axis).chain(tip_m).all(|v| v.is_finite());
+    let finite = unit
+        .exit_m
+        .iter()
+        .chain(&unit.axis)
+        .chain(tip_m)
+        .all(|v| v.is_finite());
     if !finite || !unit.tension_n.is_finite() {
         return Err("exit point, axis, tip or tension is not finite");
     }
@@ -204,7 +207,9 @@ fn derivatives(unit: &UnitInput, tip_m: &Vector3<f64>) -> Result<Partial, &'stat
     let d = span / length;
     let cos = -unit.axis.dot(&d);
     if cos < 0.25 {
-        return Err("its cable stands 75.5 degrees or more off the cell's axis, which hardly sees it");
+        return Err(
+            "its cable stands 75.5 degrees or more off the cell's axis, which hardly sees it",
+        );
     }
     let cell_n = unit.tension_n * cos;
     let across = (Matrix3::identity() - d * d.transpose()) / length;
@@ -293,7 +298,13 @@ mod tests {
                 .fixed_view_mut::<3, 3>(6 * i + 3, 6 * i + 3)
                 .copy_from(&(across * 0.004f64.powi(2)));
             for j in 0..6 {
-                let same = if i == j { 1.0 } else if correlated { 0.7 } else { 0.0 };
+                let same = if i == j {
+                    1.0
+                } else if correlated {
+                    0.7
+                } else {
+                    0.0
+                };
                 covariance
                     .fixed_view_mut::<3, 3>(6 * i, 6 * j)
                     .copy_from(&(Matrix3::identity() * (same * 3e-4f64.powi(2))));
@@ -355,7 +366,11 @@ mod tests {
             let sampled = sum / f64::from(draws);
             let scale = found.covariance_n2.trace() / 3.0;
             // Standard error of a sampled variance: sqrt(2 / 20000) = 1 %.
-            assert!((sampled - found.covariance_n2).amax() < 0.05 * scale, "{sampled} {}", found.covariance_n2);
+            assert!(
+                (sampled - found.covariance_n2).amax() < 0.05 * scale,
+                "{sampled} {}",
+                found.covariance_n2
+            );
         }
     }
 
@@ -389,7 +404,13 @@ mod tests {
     #[test]
     fn parts_add_up_and_figures_are_consistent() {
         let tip = Vector3::from(CENTER_M);
-        let found = tip_force(&rig(|i| if i == 0 { 9.0 } else { 2.0 }), &tip, &geometry(true), 1e-3).unwrap();
+        let found = tip_force(
+            &rig(|i| if i == 0 { 9.0 } else { 2.0 }),
+            &tip,
+            &geometry(true),
+            1e-3,
+        )
+        .unwrap();
         let p = &found.parts;
         let sum = p.gains + p.common_gain + p.zeros + p.held + p.geometry + p.tip;
         assert!((sum - found.covariance_n2).norm() < 1e-15);
@@ -403,8 +424,14 @@ mod tests {
         let tip = Vector3::from(CENTER_M);
         let good = rig(|_| 3.0);
         let g = geometry(false);
-        let small = Geometry { covariance: DMatrix::zeros(6, 6), ..g.clone() };
-        assert!(matches!(tip_force(&good, &tip, &small, 0.0), Err(UncertaintyError::Size { .. })));
+        let small = Geometry {
+            covariance: DMatrix::zeros(6, 6),
+            ..g.clone()
+        };
+        assert!(matches!(
+            tip_force(&good, &tip, &small, 0.0),
+            Err(UncertaintyError::Size { .. })
+        ));
         for change in [
             (|u: &mut UnitInput| u.tension_n = f64::NAN) as fn(&mut UnitInput),
             |u| u.axis = Vector3::new(0.0, 1.0, 0.0),
@@ -414,7 +441,10 @@ mod tests {
         ] {
             let mut bad = good.clone();
             change(&mut bad[0]);
-            assert!(matches!(tip_force(&bad, &tip, &g, 0.0), Err(UncertaintyError::BadUnit { unit: 1, .. })));
+            assert!(matches!(
+                tip_force(&bad, &tip, &g, 0.0),
+                Err(UncertaintyError::BadUnit { unit: 1, .. })
+            ));
         }
         assert!(tip_force(&good, &tip, &g, f64::NAN).is_err());
     }

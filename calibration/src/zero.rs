@@ -174,7 +174,8 @@ pub fn measure(codes: &[i32], limits: &Limits) -> Result<Zero, ZeroError> {
     }
     // A single code at the end of the range may be a spike (a lost bit); a run of them is saturation.
     let at_end = |c: i32| c >= CODE_MAX || c <= CODE_MIN;
-    if let Some(sample) = (0..codes.len() - 2).find(|&i| codes[i..i + 3].iter().all(|&c| at_end(c))) {
+    if let Some(sample) = (0..codes.len() - 2).find(|&i| codes[i..i + 3].iter().all(|&c| at_end(c)))
+    {
         return Err(ZeroError::Saturated {
             code: codes[sample],
             sample,
@@ -525,7 +526,10 @@ mod tests {
         let refuse = |codes: &[i32]| measure(codes, &limits).unwrap_err();
         assert!(matches!(refuse(&[1; 10]), ZeroError::TooFew { got: 10 }));
         assert!(matches!(refuse(&[7; 100]), ZeroError::Stuck { code: 7 }));
-        assert!(matches!(refuse(&[CODE_MAX; 100]), ZeroError::Saturated { .. }));
+        assert!(matches!(
+            refuse(&[CODE_MAX; 100]),
+            ZeroError::Saturated { .. }
+        ));
         // 5,000 codes are 34 mN.
         assert!(matches!(
             refuse(&stream(1, 2000, 0.0, 400.0, 5000.0)),

@@ -19,8 +19,16 @@ fn covers(tally: &Tally, draws: u64) -> bool {
 fn gains_and_zeros_are_within_their_limits() {
     let draws = 80;
     let found = monte_carlo::cells(draws);
-    assert!(found.gain.within(1.5e-3) >= 0.97, "{}", found.gain.within(1.5e-3));
-    assert!(found.zero.within(5e-3) >= 0.99, "{}", found.zero.within(5e-3));
+    assert!(
+        found.gain.within(1.5e-3) >= 0.97,
+        "{}",
+        found.gain.within(1.5e-3)
+    );
+    assert!(
+        found.zero.within(5e-3) >= 0.99,
+        "{}",
+        found.zero.within(5e-3)
+    );
     assert!(covers(&found.gain, draws), "{}", found.gain.coverage());
     assert!(covers(&found.zero, draws), "{}", found.zero.coverage());
     assert_eq!((found.false_names, found.zeros_refused), (0, 0));
@@ -38,16 +46,24 @@ fn geometry_runs_and_tip_force_are_within_their_limits() {
     let surveys = monte_carlo::surveys(draws, layout, false);
     let (joint, chain, bound) = (&surveys.joint, &surveys.chain, &surveys.bound);
     assert!(surveys.false_alarms <= 3, "{}", surveys.false_alarms);
-    assert!(joint.position.within(4e-4) >= 0.95, "{}", joint.position.within(4e-4));
+    assert!(
+        joint.position.within(4e-4) >= 0.95,
+        "{}",
+        joint.position.within(4e-4)
+    );
     assert!(joint.axis.within(0.5f64.to_radians()) >= 0.95);
-    assert!(covers(&joint.position, draws), "{}", joint.position.coverage());
+    assert!(
+        covers(&joint.position, draws),
+        "{}",
+        joint.position.coverage()
+    );
     assert!(covers(&joint.axis, draws), "{}", joint.axis.coverage());
     // Efficient: as good as the bound, better than the chain.
     let ratio = joint.position.rms() / bound.position.rms();
     assert!((0.85..1.15).contains(&ratio), "{ratio}");
     assert!(chain.position.rms() > 1.1 * joint.position.rms());
 
-    let (alone, fused) = monte_carlo::runs(draws, &surveys);
+    let (alone, fused) = monte_carlo::runs(draws, 3000, &surveys);
     assert!(alone.within(2e-3) >= 0.95, "{}", alone.within(2e-3));
     assert!(covers(&alone, draws), "{}", alone.coverage());
     assert!(covers(&fused, draws), "{}", fused.coverage());

@@ -97,7 +97,9 @@ fn consensus(readings: &[Reading], options: &Options, range: f64) -> Option<(f64
                 .iter()
                 .map(|r| {
                     let residual = r.code - zero - slope * r.weight_g;
-                    (residual / sd(r, r.weight_g, options, slope, range)).powi(2).min(CUT)
+                    (residual / sd(r, r.weight_g, options, slope, range))
+                        .powi(2)
+                        .min(CUT)
                 })
                 .sum();
             if best.is_none_or(|(least, ..)| cost < least) {
@@ -147,7 +149,8 @@ fn judge(
         -0.5 * z * z - sd.ln() - 0.5 * (2.0 * std::f64::consts::PI).ln()
     };
     // Weights that may have been meant, with their prior probability; equal ones once.
-    let mut meant: Vec<(f64, f64)> = vec![(entered * 10.0, SLIP / 2.0), (entered / 10.0, SLIP / 2.0)];
+    let mut meant: Vec<(f64, f64)> =
+        vec![(entered * 10.0, SLIP / 2.0), (entered / 10.0, SLIP / 2.0)];
     meant.retain(|(w, _)| *w > 0.0);
     let set: Vec<f64> = options
         .weights_g

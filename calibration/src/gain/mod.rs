@@ -356,7 +356,11 @@ fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Reading>, GainE
         ("weight_limit_relative", options.weight_limit_relative),
     ] {
         if !(0.0..0.1).contains(&value) {
-            return Err(bad(name, value, "it is relative, 0 to 0.1 (0.1 % is 0.001)"));
+            return Err(bad(
+                name,
+                value,
+                "it is relative, 0 to 0.1 (0.1 % is 0.001)",
+            ));
         }
     }
     for &line in options.left_out.iter().chain(options.corrections_g.keys()) {
@@ -385,7 +389,12 @@ fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Reading>, GainE
                 })
             }
         };
-        check("the weight", reading.weight_g, reading.weight_g >= 0.0, "it has to be finite and not negative")?;
+        check(
+            "the weight",
+            reading.weight_g,
+            reading.weight_g >= 0.0,
+            "it has to be finite and not negative",
+        )?;
         check("the code", reading.code, true, "it has to be finite")?;
         check(
             "the standard error",
@@ -393,7 +402,10 @@ fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Reading>, GainE
             reading.standard_error_codes > 0.0,
             "it has to be finite and above 0",
         )?;
-        for (what, value) in [("the time", reading.time_s), ("the temperature", reading.temperature_c)] {
+        for (what, value) in [
+            ("the time", reading.time_s),
+            ("the temperature", reading.temperature_c),
+        ] {
             check(what, value.unwrap_or(0.0), true, "it has to be finite")?;
         }
         used.push(reading);
@@ -510,9 +522,13 @@ fn solve(used: &[Reading], options: &Options, terms: &[Term]) -> Result<Solution
     let y = DVector::from_iterator(n, used.iter().map(|r| r.code));
     // The weights' errors in codes need the slope; a slope without them is right to far better than needed.
     let mut slope = {
-        let weights = DVector::from_iterator(n, used.iter().map(|r| r.standard_error_codes.powi(-2)));
+        let weights =
+            DVector::from_iterator(n, used.iter().map(|r| r.standard_error_codes.powi(-2)));
         let xtw = x.transpose() * DMatrix::from_diagonal(&weights);
-        let beta = (&xtw * &x).cholesky().ok_or_else(too_few)?.solve(&(&xtw * &y));
+        let beta = (&xtw * &x)
+            .cholesky()
+            .ok_or_else(too_few)?
+            .solve(&(&xtw * &y));
         beta[1]
     };
     let dof = n - x.ncols();
@@ -620,12 +636,12 @@ fn finish(
         weights: (solution.covariance[(1, 1)] - own).max(0.0).sqrt() / slope.abs(),
         gravity: options.gravity_relative_sd,
     };
-    let relative =
-        (parts.readings.powi(2) + parts.weights.powi(2) + parts.gravity.powi(2)).sqrt();
+    let relative = (parts.readings.powi(2) + parts.weights.powi(2) + parts.gravity.powi(2)).sqrt();
     let dof = solution.dof as f64 * (relative / parts.readings).powi(4);
     let coverage = stats::student_quantile(0.975, dof);
     let sd_of = |r: &Reading| {
-        let weight = options.weight_limit_relative / 3f64.sqrt() * force_n(r.weight_g, options) * slope;
+        let weight =
+            options.weight_limit_relative / 3f64.sqrt() * force_n(r.weight_g, options) * slope;
         (r.standard_error_codes.powi(2) + solution.repeatability.powi(2) + weight * weight).sqrt()
     };
     Ok(Gain {

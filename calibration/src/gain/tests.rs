@@ -14,7 +14,12 @@ fn normal(rng: &mut ChaCha8Rng) -> f64 {
 }
 
 /// Two loading and unloading rounds over the whole set.
-fn series(seed: u64, weight_limit: f64, noise: f64, code: impl Fn(f64, Direction, f64) -> f64) -> Vec<Reading> {
+fn series(
+    seed: u64,
+    weight_limit: f64,
+    noise: f64,
+    code: impl Fn(f64, Direction, f64) -> f64,
+) -> Vec<Reading> {
     let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let errors: Vec<f64> = WEIGHTS_G
         .iter()
@@ -84,7 +89,14 @@ fn weights_count_once_however_often_they_are_put_on() {
 
 #[test]
 fn a_wrong_entry_is_named_whatever_the_slip() {
-    for (line, entered, right) in [(4, 500.0, 50.0), (8, 100.0, 1000.0), (2, 100.0, 10.0), (6, 500.0, 200.0), (9, 20.0, 1000.0), (3, 2.0, 20.0)] {
+    for (line, entered, right) in [
+        (4, 500.0, 50.0),
+        (8, 100.0, 1000.0),
+        (2, 100.0, 10.0),
+        (6, 500.0, 200.0),
+        (9, 20.0, 1000.0),
+        (3, 2.0, 20.0),
+    ] {
         let mut readings = series(3, 1e-3, 60.0, straight);
         let reading = &mut readings[line - 2];
         assert_eq!(reading.weight_g, right);
@@ -96,7 +108,10 @@ fn a_wrong_entry_is_named_whatever_the_slip() {
         assert_eq!((wrong[0].at.line, wrong[0].likely_g), (line, Some(right)));
         assert!(wrong[0].probability > 0.95);
         let text = GainError::WrongEntries(wrong).to_string();
-        assert!(text.starts_with(&format!("weights.csv:{line}: entered {entered} g")), "{text}");
+        assert!(
+            text.starts_with(&format!("weights.csv:{line}: entered {entered} g")),
+            "{text}"
+        );
         let corrected = Options {
             corrections_g: BTreeMap::from([(line, right)]),
             ..options()
@@ -112,7 +127,10 @@ fn a_wrong_entry_at_the_largest_of_seven_single_readings_is_named() {
     let Err(GainError::WrongEntries(wrong)) = fit(&readings, &options()) else {
         panic!("averaged in");
     };
-    assert_eq!((wrong.len(), wrong[0].at.line, wrong[0].likely_g), (1, 8, Some(1000.0)));
+    assert_eq!(
+        (wrong.len(), wrong[0].at.line, wrong[0].likely_g),
+        (1, 8, Some(1000.0))
+    );
 }
 
 #[test]
@@ -163,10 +181,15 @@ fn curvature_is_taken_in_only_where_it_is() {
 
 #[test]
 fn drift_of_the_zero_and_temperature_are_separated_from_the_slope() {
-    let mut readings = series(2, 1e-5, 30.0, |f, _, line| straight(f, Direction::Loading, 0.0) + 40.0 * line);
+    let mut readings = series(2, 1e-5, 30.0, |f, _, line| {
+        straight(f, Direction::Loading, 0.0) + 40.0 * line
+    });
     let gain = fit(&readings, &options()).unwrap();
     let drift = gain.terms[&Term::ZeroTime];
-    assert!((drift.value - 2.0).abs() < 4.0 * drift.standard_error, "{drift:?}");
+    assert!(
+        (drift.value - 2.0).abs() < 4.0 * drift.standard_error,
+        "{drift:?}"
+    );
     // Temperature that goes its own way, 0.01 %/K on the slope and 50 codes/K on the zero.
     for (i, r) in readings.iter_mut().enumerate() {
         let warm = 5.0 * ((i * 7 % 11) as f64 / 11.0 - 0.5);
@@ -182,12 +205,20 @@ fn drift_of_the_zero_and_temperature_are_separated_from_the_slope() {
 fn hysteresis_and_linearity_figures() {
     let bulge = |f: f64, d: Direction, _: f64| {
         let width = 0.004 * CODES_PER_N * f * (9.80665 - f) / 2.4;
-        straight(f, d, 0.0) + if d == Direction::Unloading { width } else { 0.0 }
+        straight(f, d, 0.0)
+            + if d == Direction::Unloading {
+                width
+            } else {
+                0.0
+            }
     };
     let gain = fit(&series(1, 0.0, 20.0, bulge), &options()).unwrap();
     let hysteresis = figures::shape(&gain).hysteresis.unwrap();
     let at_500g = 0.004 * 4.903 * 4.903 / 2.4;
-    assert!((hysteresis.largest_n / at_500g - 1.0).abs() < 0.05, "{hysteresis:?}");
+    assert!(
+        (hysteresis.largest_n / at_500g - 1.0).abs() < 0.05,
+        "{hysteresis:?}"
+    );
     assert!((hysteresis.at_n - 4.903).abs() < 0.01);
 }
 
@@ -196,11 +227,17 @@ fn creep_is_found_with_its_time_constant() {
     let record: Vec<(f64, f64)> = (0..61)
         .map(|i| {
             let t = 30.0 * f64::from(i);
-            (t, ZERO + CODES_PER_N * (9.8 + 0.01 * (1.0 - (-t / 300.0).exp())))
+            (
+                t,
+                ZERO + CODES_PER_N * (9.8 + 0.01 * (1.0 - (-t / 300.0).exp())),
+            )
         })
         .collect();
     let creep = figures::creep(&record, 1.0 / CODES_PER_N, 9.8).unwrap();
-    assert!((creep.time_constant_s / 300.0 - 1.0).abs() < 0.01, "{creep:?}");
+    assert!(
+        (creep.time_constant_s / 300.0 - 1.0).abs() < 0.01,
+        "{creep:?}"
+    );
     assert!((creep.amplitude_n / 0.01 - 1.0).abs() < 0.01);
     let late = 0.01 * ((-4f64).exp() - (-6f64).exp());
     assert!((creep.late_n.unwrap() - late).abs() < 1e-6);
@@ -217,9 +254,22 @@ fn bad_input_is_an_error_with_its_place() {
     assert!(message("weight_g,code,standard_error\n-5,1,3\n").starts_with("w.csv:2: `-5`"));
     assert!(message("weight_g,code,standard_error\n5,1,0\n").contains("standard error is above 0"));
     assert!(message("weight_g,code\n5,1\n").contains("no column `standard_error`"));
-    assert!(message("weight_g,code,standard_error,direction\n5,1,1,up\n").contains("`loading` or `unloading`"));
-    let few = read("w.csv", "weight_g,code,standard_error\n50,100,3\n50,101,3\n").unwrap();
-    assert!(matches!(fit(&few, &options()), Err(GainError::TooFew { readings: 2, weights: 1 })));
+    assert!(
+        message("weight_g,code,standard_error,direction\n5,1,1,up\n")
+            .contains("`loading` or `unloading`")
+    );
+    let few = read(
+        "w.csv",
+        "weight_g,code,standard_error\n50,100,3\n50,101,3\n",
+    )
+    .unwrap();
+    assert!(matches!(
+        fit(&few, &options()),
+        Err(GainError::TooFew {
+            readings: 2,
+            weights: 1
+        })
+    ));
     let readings = series(1, 0.0, 60.0, straight);
     let all_times_ten: Vec<Reading> = readings
         .iter()
@@ -229,17 +279,38 @@ fn bad_input_is_an_error_with_its_place() {
             r
         })
         .collect();
-    assert!(matches!(fit(&all_times_ten, &options()), Err(GainError::ImplausibleScale { .. })));
+    assert!(matches!(
+        fit(&all_times_ten, &options()),
+        Err(GainError::ImplausibleScale { .. })
+    ));
     let flat = series(1, 0.0, 60.0, |_, _, _| ZERO);
-    let any = Options { nominal_n_per_code: None, ..options() };
+    let any = Options {
+        nominal_n_per_code: None,
+        ..options()
+    };
     assert!(fit(&flat, &any).is_err());
-    let lost = Options { left_out: vec![999], ..options() };
-    assert!(matches!(fit(&readings, &lost), Err(GainError::NoSuchLine { line: 999 })));
-    let moon = Options { gravity_m_per_s2: 1.62, ..options() };
-    assert!(matches!(fit(&readings, &moon), Err(GainError::BadOption { .. })));
+    let lost = Options {
+        left_out: vec![999],
+        ..options()
+    };
+    assert!(matches!(
+        fit(&readings, &lost),
+        Err(GainError::NoSuchLine { line: 999 })
+    ));
+    let moon = Options {
+        gravity_m_per_s2: 1.62,
+        ..options()
+    };
+    assert!(matches!(
+        fit(&readings, &moon),
+        Err(GainError::BadOption { .. })
+    ));
     let mut nan = readings;
     nan[3].code = f64::NAN;
-    assert!(matches!(fit(&nan, &options()), Err(GainError::BadReading { .. })));
+    assert!(matches!(
+        fit(&nan, &options()),
+        Err(GainError::BadReading { .. })
+    ));
 }
 
 proptest! {

@@ -143,7 +143,13 @@ pub(super) fn solve(
     let vector = |units: &[UnitGeometry]| -> Vec<f64> {
         units
             .iter()
-            .flat_map(|u| u.exit_m.iter().chain(u.axis.iter()).copied().collect::<Vec<_>>())
+            .flat_map(|u| {
+                u.exit_m
+                    .iter()
+                    .chain(u.axis.iter())
+                    .copied()
+                    .collect::<Vec<_>>()
+            })
             .collect()
     };
     let size = 6 * units.len();

@@ -162,7 +162,9 @@ pub(super) fn copies(readings: &[PointReading], sd_m: f64) -> Vec<Finding> {
         .push(r);
     }
     // Two readings of one point agree in one coordinate with probability step / (2 sqrt(pi) sd).
-    let chance = (step / (2.0 * std::f64::consts::PI.sqrt() * sd_m)).min(1.0).powi(3);
+    let chance = (step / (2.0 * std::f64::consts::PI.sqrt() * sd_m))
+        .min(1.0)
+        .powi(3);
     let mut groups: BTreeMap<(&str, &Label), f64> = BTreeMap::new();
     for r in readings {
         *groups.entry((&r.station, &r.label)).or_default() += 1.0;
@@ -178,7 +180,12 @@ pub(super) fn copies(readings: &[PointReading], sd_m: f64) -> Vec<Finding> {
             fault: Fault::Copied,
             station: Some(same[1].station.clone()),
             label: Some(same[1].label.to_string()),
-            at: same.iter().skip(1).chain(same.first()).map(|r| r.at.clone()).collect(),
+            at: same
+                .iter()
+                .skip(1)
+                .chain(same.first())
+                .map(|r| r.at.clone())
+                .collect(),
             probability: PRIOR / (PRIOR + expected),
             alternatives: Vec::new(),
         })
@@ -306,7 +313,9 @@ fn measure_of(change: &Change) -> f64 {
 }
 
 fn trials(items: &Items, sd_m: f64) -> Vec<Trial> {
-    let used: Vec<usize> = (0..items.items.len()).filter(|&i| items.items[i].used).collect();
+    let used: Vec<usize> = (0..items.items.len())
+        .filter(|&i| items.items[i].used)
+        .collect();
     let stations = items.stations.len();
     let of_station = |s: usize| -> Vec<usize> {
         used.iter()
@@ -335,7 +344,8 @@ fn trials(items: &Items, sd_m: f64) -> Vec<Trial> {
     for (&(s, l), which) in &groups {
         for &right in tied.iter().filter(|r| **r != l) {
             relabel.push(Change::Relabel(which.clone(), right));
-            if let (Some(other), true) = (groups.get(&(s, right)), l < right || !tied.contains(&l)) {
+            if let (Some(other), true) = (groups.get(&(s, right)), l < right || !tied.contains(&l))
+            {
                 exchange.push(Change::Exchange(which.clone(), other.clone()));
             }
         }
@@ -347,7 +357,12 @@ fn trials(items: &Items, sd_m: f64) -> Vec<Trial> {
     let (mut relabel, mut exchange, mut scale) = (Vec::new(), Vec::new(), Vec::new());
     for (k, &i) in suspects.iter().enumerate() {
         let s = items.items[i].station;
-        for &right in groups.keys().filter(|g| g.0 == s).map(|(_, l)| l).chain(&tied) {
+        for &right in groups
+            .keys()
+            .filter(|g| g.0 == s)
+            .map(|(_, l)| l)
+            .chain(&tied)
+        {
             if right != items.items[i].landmark && repeated(i) {
                 relabel.push(Change::Relabel(vec![i], right));
             }
@@ -367,7 +382,9 @@ fn trials(items: &Items, sd_m: f64) -> Vec<Trial> {
     kinds.push(exchange);
     kinds.push(scale);
     kinds.push((0..stations).map(Change::Mirror).collect());
-    let mut scale: Vec<Change> = FACTORS.map(|f| Change::Scale(used.clone(), f, None)).to_vec();
+    let mut scale: Vec<Change> = FACTORS
+        .map(|f| Change::Scale(used.clone(), f, None))
+        .to_vec();
     for s in 0..stations {
         scale.extend(FACTORS.map(|f| Change::Scale(of_station(s), f, Some(s))));
     }
@@ -469,11 +486,20 @@ fn finding(
                 .initial(sd_m)
                 .and_then(|start| network.solve(start, sd_m))
                 .map_or(f64::NAN, |s| s.chi_square / s.degrees_of_freedom as f64);
-            (Fault::Noise { sd_m: sd_m * factor.sqrt() }, Vec::new(), None, None)
+            (
+                Fault::Noise {
+                    sd_m: sd_m * factor.sqrt(),
+                },
+                Vec::new(),
+                None,
+                None,
+            )
         }
         Change::SetAside(i) => (Fault::Stray, lines(&[*i]), label(*i), station(*i)),
         Change::Relabel(which, right) => (
-            Fault::Mislabelled { right: name(*right) },
+            Fault::Mislabelled {
+                right: name(*right),
+            },
             lines(which),
             label(which[0]),
             station(which[0]),
@@ -481,21 +507,38 @@ fn finding(
         Change::Exchange(a, b) => {
             let both: Vec<usize> = a.iter().chain(b).copied().collect();
             (
-                Fault::Swapped { other: name(items.items[b[0]].landmark) },
+                Fault::Swapped {
+                    other: name(items.items[b[0]].landmark),
+                },
                 lines(&both),
                 label(a[0]),
                 station(a[0]),
             )
         }
         Change::Mirror(s) => {
-            let which: Vec<usize> = (0..readings.len()).filter(|&i| items.items[i].station == *s).collect();
-            (Fault::Mirrored, lines(&which), None, Some(items.stations[*s].clone()))
+            let which: Vec<usize> = (0..readings.len())
+                .filter(|&i| items.items[i].station == *s)
+                .collect();
+            (
+                Fault::Mirrored,
+                lines(&which),
+                None,
+                Some(items.stations[*s].clone()),
+            )
         }
         Change::Scale(which, factor, s) => (
             Fault::Unit { factor: *factor },
             lines(which),
-            if which.len() == 1 { label(which[0]) } else { Some("all points".to_owned()) },
-            if which.len() == 1 { station(which[0]) } else { s.map(|s| items.stations[s].clone()) },
+            if which.len() == 1 {
+                label(which[0])
+            } else {
+                Some("all points".to_owned())
+            },
+            if which.len() == 1 {
+                station(which[0])
+            } else {
+                s.map(|s| items.stations[s].clone())
+            },
         ),
         Change::Split(from) => {
             let mut changed = items.clone();
@@ -515,7 +558,12 @@ fn finding(
                         })
                         .fold(0.0, f64::max)
                 });
-            (Fault::Bumped { by_m }, lines(&[*from]), None, station(*from))
+            (
+                Fault::Bumped { by_m },
+                lines(&[*from]),
+                None,
+                station(*from),
+            )
         }
     };
     Finding {

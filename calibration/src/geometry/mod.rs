@@ -239,7 +239,10 @@ pub fn cramer_rao(
     check(options)?;
     let items = Items::new(readings, reference)?;
     let network = Network::new(&items);
-    let solution = network.solve(network.initial(options.digitizer_sd_m)?, options.digitizer_sd_m)?;
+    let solution = network.solve(
+        network.initial(options.digitizer_sd_m)?,
+        options.digitizer_sd_m,
+    )?;
     Ok(units_of(&items, &solution, options)?.0)
 }
 

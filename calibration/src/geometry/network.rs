@@ -188,7 +188,8 @@ impl<'i> Network<'i> {
             .count();
         let linked = self.data.links.len();
         let stations: BTreeSet<usize> = self.groups.iter().map(|g| g.station).collect();
-        (3 * self.groups.iter().map(|g| g.count).sum::<usize>()).saturating_sub(3 * free + 6 * (stations.len() - linked))
+        (3 * self.groups.iter().map(|g| g.count).sum::<usize>())
+            .saturating_sub(3 * free + 6 * (stations.len() - linked))
     }
 
     /// A first estimate: stations placed one after the other by Kabsch's algorithm on points that are already placed, the
@@ -213,7 +214,10 @@ impl<'i> Network<'i> {
                     .filter(|g| g.station == s && landmarks[g.landmark].is_some())
                     .collect()
             };
-            let next = waiting.iter().copied().max_by_key(|&s| (placed(s).len(), std::cmp::Reverse(s)));
+            let next = waiting
+                .iter()
+                .copied()
+                .max_by_key(|&s| (placed(s).len(), std::cmp::Reverse(s)));
             let Some(station) = next else { break };
             let common = placed(station);
             let linked = data.links.iter().find_map(|&(a, b)| {
@@ -262,7 +266,10 @@ impl<'i> Network<'i> {
                 .map(|g| data.landmarks[g.landmark].to_string())
                 .collect()
         };
-        let from: Vec<Vector3<f64>> = common.iter().filter_map(|g| landmarks[g.landmark]).collect();
+        let from: Vec<Vector3<f64>> = common
+            .iter()
+            .filter_map(|g| landmarks[g.landmark])
+            .collect();
         let to: Vec<Vector3<f64>> = common.iter().map(|g| g.mean_m).collect();
         let weights: Vec<f64> = common.iter().map(|g| g.count as f64).collect();
         let Some(found) = kabsch::align(&from, &to, &weights) else {
@@ -304,7 +311,9 @@ impl<'i> Network<'i> {
             };
             let next = state.moved(&stations, &landmarks);
             let next_cost = self.cost(&next, sd_m);
-            let size = stations.amax().max(landmarks.iter().map(|l| l.amax()).fold(0.0, f64::max));
+            let size = stations
+                .amax()
+                .max(landmarks.iter().map(|l| l.amax()).fold(0.0, f64::max));
             if next_cost <= cost || size < 1e-13 {
                 let done = size < 1e-11 || (cost - next_cost < 1e-12 * cost && size < 1e-7);
                 state = next;
@@ -420,7 +429,8 @@ impl<'i> Network<'i> {
             .ok_or(GeometryError::Undetermined)?
             .inverse();
         let mut own = vec![Matrix3::zeros(); normal.free.len()];
-        let mut gains: Vec<BTreeMap<usize, Matrix3x6<f64>>> = vec![BTreeMap::new(); normal.free.len()];
+        let mut gains: Vec<BTreeMap<usize, Matrix3x6<f64>>> =
+            vec![BTreeMap::new(); normal.free.len()];
         for (l, inverse) in own.iter_mut().enumerate() {
             if normal.free[l] {
                 *inverse = normal.landmarks[l]
@@ -556,7 +566,10 @@ impl Normal {
                 *step = self.block(l, damping).try_inverse()? * right;
             }
         }
-        stations.iter().all(|v| v.is_finite()).then_some((stations, landmarks))
+        stations
+            .iter()
+            .all(|v| v.is_finite())
+            .then_some((stations, landmarks))
     }
 }
 
@@ -633,7 +646,9 @@ mod tests {
             let items = Items::new(&readings, &reference).unwrap();
             let network = Network::new(&items);
             let solution = network.solve(network.initial(2e-4).unwrap(), 2e-4).unwrap();
-            let free: Vec<usize> = (0..items.landmarks.len()).filter(|&l| !network.is_fixed(l)).collect();
+            let free: Vec<usize> = (0..items.landmarks.len())
+                .filter(|&l| !network.is_fixed(l))
+                .collect();
             let stations = items.stations.len();
             let size = 6 * stations + 3 * free.len();
             let cost = |step: &DVector<f64>| {
@@ -641,7 +656,12 @@ mod tests {
                 for (k, &l) in free.iter().enumerate() {
                     points[l] = step.fixed_rows::<3>(6 * stations + 3 * k).into_owned();
                 }
-                network.cost(&solution.state.moved(&step.rows(0, 6 * stations).into_owned(), &points), 2e-4)
+                network.cost(
+                    &solution
+                        .state
+                        .moved(&step.rows(0, 6 * stations).into_owned(), &points),
+                    2e-4,
+                )
             };
             // Gauss-Newton's matrix is half the Hessian of the cost where residuals are small.
             let h = 1e-4;

@@ -51,7 +51,11 @@ impl Label {
         let (first, second) = lower.split_once(['_', '-', '.', ' '])?;
         let number = |text: &str, most: u8| -> Option<u8> {
             let digits = !text.is_empty() && text.bytes().all(|b| b.is_ascii_digit());
-            let value: u8 = if digits { text.parse().ok()? } else { return None };
+            let value: u8 = if digits {
+                text.parse().ok()?
+            } else {
+                return None;
+            };
             (1..=most).contains(&value).then_some(value)
         };
         if first == "base" {
@@ -156,7 +160,11 @@ pub fn read_reference(file: &str, text: &str, hole_sd_m: f64) -> Result<Referenc
     let mut holes_m = BTreeMap::new();
     for row in table.rows() {
         let Some(Label::Base(name)) = Label::parse(table.text(row, label)) else {
-            return Err(table.bad_value(row, label, "the CAD model gives holes of the base: base_NAME"));
+            return Err(table.bad_value(
+                row,
+                label,
+                "the CAD model gives holes of the base: base_NAME",
+            ));
         };
         if holes_m
             .insert(name, position(&table, row, &columns, scale)?)
@@ -230,18 +238,35 @@ mod tests {
 
     #[test]
     fn units_are_declared_and_mistakes_named() {
-        let mm = read_points("p.csv", "label,x_mm,y_mm,z_mm,station\nbase_1,100,200,-300,A\n").unwrap();
-        let m = read_points("p.csv", "label;x_m;y_m;z_m;station\nbase_1;0.1;0.2;-0.3;A\n").unwrap();
+        let mm = read_points(
+            "p.csv",
+            "label,x_mm,y_mm,z_mm,station\nbase_1,100,200,-300,A\n",
+        )
+        .unwrap();
+        let m = read_points(
+            "p.csv",
+            "label;x_m;y_m;z_m;station\nbase_1;0.1;0.2;-0.3;A\n",
+        )
+        .unwrap();
         assert!((mm[0].position_m - m[0].position_m).norm() < 1e-15);
         let message = |text: &str| read_points("p.csv", text).unwrap_err().to_string();
         assert!(message("label,x,y,z,station\nbase_1,1,2,3,A\n").contains("no column `x_mm`"));
-        assert!(message("label,x_mm,y_mm,z_mm,station\n\nbase_1,1,two,3,A\n").starts_with("p.csv:3: `two`"));
-        assert!(message("label,x_mm,y_mm,z_mm,station\nbase_1,1,nan,3,A\n").starts_with("p.csv:2: `nan`"));
-        assert!(message("label,x_mm,y_mm,z_mm,station\nbas_1,1,2,3,A\n").starts_with("p.csv:2: `bas_1`"));
+        assert!(
+            message("label,x_mm,y_mm,z_mm,station\n\nbase_1,1,two,3,A\n")
+                .starts_with("p.csv:3: `two`")
+        );
+        assert!(message("label,x_mm,y_mm,z_mm,station\nbase_1,1,nan,3,A\n")
+            .starts_with("p.csv:2: `nan`"));
+        assert!(message("label,x_mm,y_mm,z_mm,station\nbas_1,1,2,3,A\n")
+            .starts_with("p.csv:2: `bas_1`"));
         assert!(message("label,x_mm,y_mm,z_mm,station\nbase_1,1,2,3,\n").contains("station"));
         assert!(message("label,x_mm,y_m,z_mm,station\nbase_1,1,2,3,A\n").contains("y_m"));
         assert!(message("").contains("empty"));
-        let twice = read_reference("r.csv", "label,x_m,y_m,z_m\nbase_1,0,0,0\nbase_1,0,0,1\n", 0.0);
+        let twice = read_reference(
+            "r.csv",
+            "label,x_m,y_m,z_m\nbase_1,0,0,0\nbase_1,0,0,1\n",
+            0.0,
+        );
         assert!(twice.unwrap_err().to_string().starts_with("r.csv:3:"));
     }
 

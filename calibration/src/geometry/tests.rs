@@ -53,9 +53,17 @@ fn covariances_are_those_of_the_errors() {
     for seed in 0..draws {
         let found = survey(&scene.measure(seed, 2, SD), &scene.reference, &full).unwrap();
         p_low += u32::from(found.p < 0.1);
-        for ((a, b), t) in found.units.iter().zip(found.chain.as_ref().unwrap()).zip(&truth) {
+        for ((a, b), t) in found
+            .units
+            .iter()
+            .zip(found.chain.as_ref().unwrap())
+            .zip(&truth)
+        {
             let (exit, _) = scene.unit(a.unit);
-            for (unit, sum, squares) in [(a, &mut joint, &mut joint_m2), (b, &mut chain, &mut chain_m2)] {
+            for (unit, sum, squares) in [
+                (a, &mut joint, &mut joint_m2),
+                (b, &mut chain, &mut chain_m2),
+            ] {
                 let error = unit.exit_m - exit;
                 let inverse = unit.exit_covariance_m2().try_inverse().unwrap();
                 *sum += (error.transpose() * inverse * error)[0];
@@ -70,7 +78,10 @@ fn covariances_are_those_of_the_errors() {
     for mean in [joint / n, chain / n] {
         assert!((2.3..3.7).contains(&mean), "{mean}");
     }
-    assert!((0.8..1.25).contains(&(joint_m2 / bound_m2)), "{joint_m2} {bound_m2}");
+    assert!(
+        (0.8..1.25).contains(&(joint_m2 / bound_m2)),
+        "{joint_m2} {bound_m2}"
+    );
     assert!(joint_m2 < chain_m2);
     // 12 expected, standard deviation 3.3.
     assert!((1..=26).contains(&p_low), "{p_low}");
@@ -81,7 +92,10 @@ fn exchanged_labels_are_named() {
     let scene = scene(3);
     for (repeats, one_round) in [(1, false), (3, false), (3, true)] {
         let mut readings = scene.measure(5, repeats, SD);
-        let (a, b) = (Label::Plate { plate: 2, hole: 1 }, Label::Plate { plate: 2, hole: 3 });
+        let (a, b) = (
+            Label::Plate { plate: 2, hole: 1 },
+            Label::Plate { plate: 2, hole: 3 },
+        );
         let mut lines = Vec::new();
         let mut done = Vec::new();
         for r in readings.iter_mut().filter(|r| r.station == "C") {
@@ -106,7 +120,10 @@ fn exchanged_labels_are_named() {
         });
         let share = if one_round { 0.9 } else { 0.4 };
         assert!(right.is_some_and(|f| f.probability > share), "{found:?}");
-        assert!(all.iter().map(|f| f.probability).sum::<f64>() > 0.9, "{found:?}");
+        assert!(
+            all.iter().map(|f| f.probability).sum::<f64>() > 0.9,
+            "{found:?}"
+        );
     }
 }
 
@@ -123,7 +140,12 @@ fn a_wrong_label_is_named_with_the_right_one() {
     let found = faults_of(&scene, &readings);
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!(found[0].at[0].line, line);
-    assert_eq!(found[0].fault, Fault::Mislabelled { right: "plate1_2".into() });
+    assert_eq!(
+        found[0].fault,
+        Fault::Mislabelled {
+            right: "plate1_2".into()
+        }
+    );
 }
 
 #[test]
@@ -134,22 +156,31 @@ fn a_stray_reading_is_named() {
     let found = faults_of(&scene, &readings);
     assert_eq!(found.len(), 1, "{found:?}");
     assert_eq!((&found[0].fault, found[0].at[0].line), (&Fault::Stray, 32));
-    assert!(GeometryError::Faults(found).to_string().starts_with("points.csv:32: "));
+    assert!(GeometryError::Faults(found)
+        .to_string()
+        .starts_with("points.csv:32: "));
 }
 
 #[test]
 fn a_bumped_station_is_named_with_the_reading_after_the_bump() {
     let scene = scene(3);
     let mut readings = scene.measure(5, 3, SD);
-    let indices: Vec<usize> = (0..readings.len()).filter(|&i| readings[i].station == "B").collect();
+    let indices: Vec<usize> = (0..readings.len())
+        .filter(|&i| readings[i].station == "B")
+        .collect();
     let from = indices[indices.len() / 2];
-    let bump = crate::se3::exp(&nalgebra::Vector6::new(0.004, -0.003, 0.002, 0.004, -0.006, 0.003));
+    let bump = crate::se3::exp(&nalgebra::Vector6::new(
+        0.004, -0.003, 0.002, 0.004, -0.006, 0.003,
+    ));
     for &i in indices.iter().filter(|i| **i >= from) {
         readings[i].position_m = bump.apply(&readings[i].position_m);
     }
     let found = faults_of(&scene, &readings);
     assert_eq!(found.len(), 1, "{found:?}");
-    assert!(matches!(found[0].fault, Fault::Bumped { by_m } if (0.002..0.02).contains(&by_m)), "{found:?}");
+    assert!(
+        matches!(found[0].fault, Fault::Bumped { by_m } if (0.002..0.02).contains(&by_m)),
+        "{found:?}"
+    );
     assert_eq!(found[0].station.as_deref(), Some("B"));
     assert_eq!(found[0].at[0].line, readings[from].at.line);
 }
@@ -163,26 +194,38 @@ fn mirrored_and_wrong_units_are_named() {
         r.position_m.y = -r.position_m.y;
     }
     let found = faults_of(&scene, &mirrored);
-    assert_eq!((&found[0].fault, found[0].station.as_deref()), (&Fault::Mirrored, Some("A")));
+    assert_eq!(
+        (&found[0].fault, found[0].station.as_deref()),
+        (&Fault::Mirrored, Some("A"))
+    );
 
     let mut all = clean.clone();
     for r in &mut all {
         r.position_m *= 1000.0;
     }
     let found = faults_of(&scene, &all);
-    assert_eq!((&found[0].fault, &found[0].station), (&Fault::Unit { factor: 1e-3 }, &None));
+    assert_eq!(
+        (&found[0].fault, &found[0].station),
+        (&Fault::Unit { factor: 1e-3 }, &None)
+    );
 
     let mut one = clean.clone();
     for r in one.iter_mut().filter(|r| r.station == "C") {
         r.position_m *= 1e-3;
     }
     let found = faults_of(&scene, &one);
-    assert_eq!((&found[0].fault, found[0].station.as_deref()), (&Fault::Unit { factor: 1e3 }, Some("C")));
+    assert_eq!(
+        (&found[0].fault, found[0].station.as_deref()),
+        (&Fault::Unit { factor: 1e3 }, Some("C"))
+    );
 
     let mut row = clean;
     row[8].position_m *= 1000.0;
     let found = faults_of(&scene, &row);
-    assert_eq!((&found[0].fault, found[0].at[0].line), (&Fault::Unit { factor: 1e-3 }, 10));
+    assert_eq!(
+        (&found[0].fault, found[0].at[0].line),
+        (&Fault::Unit { factor: 1e-3 }, 10)
+    );
 }
 
 #[test]
@@ -196,7 +239,9 @@ fn two_faults_are_both_named() {
     let found = faults_of(&scene, &readings);
     assert_eq!(found.len(), 2, "{found:?}");
     assert!(found.iter().any(|f| f.fault == Fault::Mirrored));
-    assert!(found.iter().any(|f| f.fault == Fault::Stray && f.at[0].line == 5));
+    assert!(found
+        .iter()
+        .any(|f| f.fault == Fault::Stray && f.at[0].line == 5));
 }
 
 #[test]
@@ -218,21 +263,32 @@ fn copies_are_named_and_coarse_repeats_are_not() {
 fn a_worse_digitizer_is_named_as_noise() {
     let scene = scene(2);
     let found = faults_of(&scene, &scene.measure(5, 4, 3.0 * SD));
-    assert!(matches!(found[0].fault, Fault::Noise { sd_m } if (2.5..3.5).contains(&(sd_m / SD))), "{found:?}");
+    assert!(
+        matches!(found[0].fault, Fault::Noise { sd_m } if (2.5..3.5).contains(&(sd_m / SD))),
+        "{found:?}"
+    );
 }
 
 #[test]
 fn points_on_a_line_and_lost_stations_are_named() {
     let mut scene = scene(2);
     let [a, b] = [1, 2].map(|hole| scene.points_m[&Label::Plate { plate: 1, hole }]);
-    scene.points_m.insert(Label::Plate { plate: 1, hole: 3 }, a + (b - a) * 0.4);
+    scene
+        .points_m
+        .insert(Label::Plate { plate: 1, hole: 3 }, a + (b - a) * 0.4);
     let error = survey(&scene.measure(1, 2, SD), &scene.reference, &options()).unwrap_err();
-    assert!(matches!(&error, GeometryError::Collinear { station, .. } if station == "B"), "{error}");
+    assert!(
+        matches!(&error, GeometryError::Collinear { station, .. } if station == "B"),
+        "{error}"
+    );
     assert!(error.to_string().starts_with("points.csv:"));
 
     let lost: Vec<PointReading> = scene_without_plate(1);
     let error = survey(&lost, &scene.reference, &options()).unwrap_err();
-    assert!(matches!(&error, GeometryError::NotConnected { station, .. } if station == "B"), "{error}");
+    assert!(
+        matches!(&error, GeometryError::NotConnected { station, .. } if station == "B"),
+        "{error}"
+    );
 }
 
 fn scene_without_plate(number: u8) -> Vec<PointReading> {
@@ -247,29 +303,49 @@ fn scene_without_plate(number: u8) -> Vec<PointReading> {
 fn other_bad_input_is_an_error() {
     let scene = scene(1);
     let good = scene.measure(1, 1, SD);
-    let fails = |readings: &[PointReading], options: &Options| survey(readings, &scene.reference, options).unwrap_err();
+    let fails = |readings: &[PointReading], options: &Options| {
+        survey(readings, &scene.reference, options).unwrap_err()
+    };
     assert_eq!(fails(&[], &options()), GeometryError::NoBase);
     let mut nan = good.clone();
     nan[7].position_m.x = f64::NAN;
     assert!(matches!(fails(&nan, &options()), GeometryError::NotFinite { at } if at.line == 9));
     let mut hole = good.clone();
     hole[0].label = Label::Base("77".into());
-    assert!(fails(&hole, &options()).to_string().starts_with("points.csv:2: the CAD model has no hole `base_77`"));
+    assert!(fails(&hole, &options())
+        .to_string()
+        .starts_with("points.csv:2: the CAD model has no hole `base_77`"));
     let few: Vec<PointReading> = good
         .iter()
         .filter(|r| r.label != (Label::Cell { unit: 2, point: 2 }))
         .cloned()
         .collect();
-    assert!(matches!(fails(&few, &options()), GeometryError::MissingPoint { unit: 2, .. }));
-    let zero = Options { digitizer_sd_m: 0.0, ..options() };
-    assert!(matches!(fails(&good, &zero), GeometryError::BadOption { .. }));
+    assert!(matches!(
+        fails(&few, &options()),
+        GeometryError::MissingPoint { unit: 2, .. }
+    ));
+    let zero = Options {
+        digitizer_sd_m: 0.0,
+        ..options()
+    };
+    assert!(matches!(
+        fails(&good, &zero),
+        GeometryError::BadOption { .. }
+    ));
 }
 
 #[test]
 fn clean_surveys_raise_no_alarm() {
     let scene = scene(3);
     let alarms = (0..300)
-        .filter(|&seed| survey(&scene.measure(1000 + seed, 1, SD), &scene.reference, &options()).is_err())
+        .filter(|&seed| {
+            survey(
+                &scene.measure(1000 + seed, 1, SD),
+                &scene.reference,
+                &options(),
+            )
+            .is_err()
+        })
         .count();
     // 0.3 expected at the 0.1 % level; 5 or more has probability 2e-5.
     assert!(alarms < 5, "{alarms}");

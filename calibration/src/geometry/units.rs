@@ -50,7 +50,11 @@ impl UnitGeometry {
 
 /// The unit normal of three points by the right-hand rule, and the length of `(b - a) x (c - a)`, m^2. `None` where
 /// the points lie on a line.
-pub(super) fn normal(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> Option<(Vector3<f64>, f64)> {
+pub(super) fn normal(
+    a: &Vector3<f64>,
+    b: &Vector3<f64>,
+    c: &Vector3<f64>,
+) -> Option<(Vector3<f64>, f64)> {
     let cross = (b - a).cross(&(c - a));
     let length = cross.norm();
     let longest = (b - a).norm().max((c - a).norm()).max((c - b).norm());
@@ -59,7 +63,11 @@ pub(super) fn normal(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> Op
 }
 
 /// Derivative of the unit normal to the points a, b, c, side by side (3 x 9), 1/m.
-pub(super) fn normal_jacobian(a: &Vector3<f64>, b: &Vector3<f64>, c: &Vector3<f64>) -> Option<SMatrix<f64, 3, 9>> {
+pub(super) fn normal_jacobian(
+    a: &Vector3<f64>,
+    b: &Vector3<f64>,
+    c: &Vector3<f64>,
+) -> Option<SMatrix<f64, 3, 9>> {
     let (n, length) = normal(a, b, c)?;
     let across = (Matrix3::identity() - n * n.transpose()) / length;
     let skew = crate::se3::skew;

@@ -78,7 +78,11 @@ pub fn map(
 #[must_use]
 pub fn ball_grid(center_m: &Vector3<f64>, radius_m: f64, across: usize) -> Vec<Pose> {
     let half = (across.max(1) as i64 - 1) / 2;
-    let step = if half > 0 { radius_m / half as f64 } else { 0.0 };
+    let step = if half > 0 {
+        radius_m / half as f64
+    } else {
+        0.0
+    };
     let mut out = Vec::new();
     for i in -half..=half {
         for j in -half..=half {
@@ -106,7 +110,11 @@ mod tests {
         let reports = map(&exits, &[(2.0, 12.0); 6], &poses).unwrap();
         for r in &reports {
             assert!(r.radius_n > 4.0 && r.radius_n < 12.0, "{r:?}");
-            let least = r.along_n.iter().map(|a| a.unwrap()).fold(f64::INFINITY, f64::min);
+            let least = r
+                .along_n
+                .iter()
+                .map(|a| a.unwrap())
+                .fold(f64::INFINITY, f64::min);
             assert!(r.radius_n <= least + 1e-9);
         }
     }
@@ -116,7 +124,10 @@ mod tests {
         let exits: Vec<Vector3<f64>> = UNITS.iter().map(|u| Vector3::from(u.0)).collect();
         let bounds = [(2.0, 12.0); 6];
         assert_eq!(map(&exits, &bounds, &[]), Err(WorkspaceError::NoPose));
-        assert!(matches!(map(&exits, &bounds, &[exits[3]]), Err(WorkspaceError::AtExit { cable: 4, .. })));
+        assert!(matches!(
+            map(&exits, &bounds, &[exits[3]]),
+            Err(WorkspaceError::AtExit { cable: 4, .. })
+        ));
         assert!(map(&exits, &bounds, &[Vector3::repeat(f64::NAN)]).is_err());
         assert_eq!(ball_grid(&Vector3::zeros(), 0.1, 0).len(), 1);
     }

@@ -85,9 +85,9 @@ impl Mount {
     fn is_good(&self) -> bool {
         match self {
             Self::Fixed => true,
-            Self::Box { least_m, largest_m } => {
-                (0..3).all(|i| least_m[i] <= largest_m[i] && largest_m[i].is_finite() && least_m[i].is_finite())
-            }
+            Self::Box { least_m, largest_m } => (0..3).all(|i| {
+                least_m[i] <= largest_m[i] && largest_m[i].is_finite() && least_m[i].is_finite()
+            }),
             Self::Plate {
                 corner_m,
                 side_1_m,
@@ -383,7 +383,9 @@ mod tests {
         let found = place(&task).unwrap();
         assert!(found.value > 1.02 * found.start_value, "{found:?}");
         for (mount, exit) in task.mounts.iter().zip(&found.exits_m) {
-            let Mount::Box { least_m, largest_m } = mount else { panic!() };
+            let Mount::Box { least_m, largest_m } = mount else {
+                panic!()
+            };
             assert!((0..3).all(|i| (least_m[i]..=largest_m[i]).contains(&exit[i])));
         }
         let again = value(&found.exits_m, &task.bounds_n, &task.poses, task.objective).unwrap();
@@ -396,7 +398,14 @@ mod tests {
         // One unit out of place in a rig of orthogonal pairs, on a plate; straight opposite is best.
         let mut task = task();
         let c = Vector3::from(CENTER_M);
-        let axes = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
+        let axes = [
+            Vector3::x(),
+            -Vector3::x(),
+            Vector3::y(),
+            -Vector3::y(),
+            Vector3::z(),
+            -Vector3::z(),
+        ];
         task.start_m = axes.iter().map(|a| c + a * 0.5).collect();
         task.poses = vec![c];
         task.mounts = vec![Mount::Fixed; 6];
@@ -408,7 +417,10 @@ mod tests {
         task.start_m[0] = c + Vector3::new(0.5, 0.25, 0.15);
         task.objective = Objective::LeastRadius;
         let found = place(&task).unwrap();
-        assert!((found.exits_m[0] - c - Vector3::new(0.5, 0.0, 0.0)).norm() < 0.01, "{found:?}");
+        assert!(
+            (found.exits_m[0] - c - Vector3::new(0.5, 0.0, 0.0)).norm() < 0.01,
+            "{found:?}"
+        );
         assert!((found.value - 10.0).abs() < 0.1);
     }
 
@@ -418,8 +430,14 @@ mod tests {
         few.mounts.pop();
         assert!(matches!(place(&few), Err(WorkspaceError::Counts { .. })));
         let mut turned = task();
-        turned.mounts[2] = Mount::Box { least_m: Vector3::repeat(1.0), largest_m: Vector3::zeros() };
-        assert!(matches!(place(&turned), Err(WorkspaceError::BadCable { cable: 3, .. })));
+        turned.mounts[2] = Mount::Box {
+            least_m: Vector3::repeat(1.0),
+            largest_m: Vector3::zeros(),
+        };
+        assert!(matches!(
+            place(&turned),
+            Err(WorkspaceError::BadCable { cable: 3, .. })
+        ));
         let mut nan = task();
         nan.clearance_m = f64::NAN;
         assert!(matches!(place(&nan), Err(WorkspaceError::BadOption { .. })));
@@ -429,6 +447,9 @@ mod tests {
         let mut fixed = task();
         fixed.mounts = vec![Mount::Fixed; 6];
         let found = place(&fixed).unwrap();
-        assert_eq!((found.value, &found.exits_m), (found.start_value, &fixed.start_m));
+        assert_eq!(
+            (found.value, &found.exits_m),
+            (found.start_value, &fixed.start_m)
+        );
     }
 }

@@ -54,7 +54,9 @@ impl Zonotope {
                 return Err(bad("its direction is not of unit length"));
             }
             if !(*low >= 0.0 && high >= low && high.is_finite()) {
-                return Err(bad("its tensions have to be finite, 0 N or more, least first"));
+                return Err(bad(
+                    "its tensions have to be finite, 0 N or more, least first",
+                ));
             }
         }
         let mut out = Self {
@@ -100,7 +102,9 @@ impl Zonotope {
 
     /// Whether all cables lie across one of the normals.
     fn is_flat(&self, normals: &[Vector3<f64>]) -> bool {
-        normals.iter().any(|n| self.active().all(|d| n.dot(d).abs() < PARALLEL))
+        normals
+            .iter()
+            .any(|n| self.active().all(|d| n.dot(d).abs() < PARALLEL))
     }
 
     fn facet(&self, n: &Vector3<f64>) -> Facet {
@@ -123,7 +127,8 @@ impl Zonotope {
             .unwrap_or_else(Vector3::x);
         let y = n.cross(&x);
         for w in &mut within {
-            let forward = w.dot(&y) > 0.0 || (w.dot(&y).abs() < PARALLEL * w.norm() && w.dot(&x) > 0.0);
+            let forward =
+                w.dot(&y) > 0.0 || (w.dot(&y).abs() < PARALLEL * w.norm() && w.dot(&x) > 0.0);
             if !forward {
                 fixed += *w;
                 *w = -*w;
@@ -133,13 +138,23 @@ impl Zonotope {
             let angle = |v: &Vector3<f64>| v.dot(&y).max(0.0).atan2(v.dot(&x));
             angle(a).total_cmp(&angle(b))
         });
+        // Parallel segments are one side.
+        let mut sides: Vec<Vector3<f64>> = Vec::new();
+        for w in within {
+            match sides.last_mut() {
+                Some(last) if last.cross(&w).norm() <= PARALLEL * last.norm() * w.norm() => {
+                    *last += w
+                }
+                _ => sides.push(w),
+            }
+        }
         let mut corner = fixed;
         let mut corners_n = vec![corner];
-        for w in &within {
+        for w in &sides {
             corner += w;
             corners_n.push(corner);
         }
-        for w in &within {
+        for w in &sides {
             corner -= w;
             corners_n.push(corner);
         }
@@ -343,7 +358,9 @@ mod tests {
     fn nearest(d: &[Vector3<f64>], bounds: &[(f64, f64)], force: &Vector3<f64>) -> f64 {
         let mut best = f64::INFINITY;
         for code in 0..3usize.pow(d.len() as u32) {
-            let digits: Vec<usize> = (0..d.len()).map(|i| code / 3usize.pow(i as u32) % 3).collect();
+            let digits: Vec<usize> = (0..d.len())
+                .map(|i| code / 3usize.pow(i as u32) % 3)
+                .collect();
             let mut rest = *force;
             for (i, digit) in digits.iter().enumerate() {
                 match digit {
@@ -362,7 +379,9 @@ mod tests {
             }
             let a = nalgebra::DMatrix::from_fn(3, free.len(), |r, c| d[free[c]][r]);
             let b = nalgebra::DVector::from_column_slice(rest.as_slice());
-            let Ok(t) = a.clone().svd(true, true).solve(&b, 1e-10) else { continue };
+            let Ok(t) = a.clone().svd(true, true).solve(&b, 1e-10) else {
+                continue;
+            };
             let feasible = free
                 .iter()
                 .zip(t.iter())
@@ -383,16 +402,25 @@ mod tests {
             for j in i + 1..n {
                 // Unknowns: t_i, t_j and the size of the force.
                 let matrix = nalgebra::Matrix3::from_columns(&[d[i], d[j], -u]);
-                let Some(inverse) = matrix.try_inverse() else { continue };
+                let Some(inverse) = matrix.try_inverse() else {
+                    continue;
+                };
                 let others: Vec<usize> = (0..n).filter(|k| *k != i && *k != j).collect();
                 for bits in 0..1usize << others.len() {
                     let rest: Vector3<f64> = others
                         .iter()
                         .enumerate()
-                        .map(|(b, &k)| d[k] * if bits >> b & 1 == 1 { bounds[k].1 } else { bounds[k].0 })
+                        .map(|(b, &k)| {
+                            d[k] * if bits >> b & 1 == 1 {
+                                bounds[k].1
+                            } else {
+                                bounds[k].0
+                            }
+                        })
                         .sum();
                     let x = inverse * -rest;
-                    let within = |t: f64, k: usize| (bounds[k].0 - 1e-9..=bounds[k].1 + 1e-9).contains(&t);
+                    let within =
+                        |t: f64, k: usize| (bounds[k].0 - 1e-9..=bounds[k].1 + 1e-9).contains(&t);
                     if within(x[0], i) && within(x[1], j) && x[2] >= 0.0 {
                         best = Some(best.map_or(x[2], |b| b.max(x[2])));
                     }
@@ -459,7 +487,14 @@ mod tests {
 
     #[test]
     fn a_cube_is_a_cube() {
-        let d = [Vector3::x(), -Vector3::x(), Vector3::y(), -Vector3::y(), Vector3::z(), -Vector3::z()];
+        let d = [
+            Vector3::x(),
+            -Vector3::x(),
+            Vector3::y(),
+            -Vector3::y(),
+            Vector3::z(),
+            -Vector3::z(),
+        ];
         let z = Zonotope::new(&d, &BOUNDS).unwrap();
         assert_eq!((z.facets().len(), z.vertices_n().len()), (6, 8));
         assert!((z.radius_n() - 10.0).abs() < 1e-12);
@@ -467,7 +502,9 @@ mod tests {
         let diagonal = Vector3::new(1.0, 1.0, 1.0).normalize();
         assert!((z.largest_n(&diagonal).unwrap() - 300f64.sqrt()).abs() < 1e-9);
         let (distance, near) = z.distance_n(&Vector3::new(13.0, 14.0, 0.0));
-        assert!((distance - 5.0).abs() < 1e-12 && (near - Vector3::new(10.0, 10.0, 0.0)).norm() < 1e-12);
+        assert!(
+            (distance - 5.0).abs() < 1e-12 && (near - Vector3::new(10.0, 10.0, 0.0)).norm() < 1e-12
+        );
         assert_eq!(z.distance_n(&Vector3::new(1.0, 2.0, 3.0)).0, 0.0);
     }
 
@@ -488,11 +525,23 @@ mod tests {
     #[test]
     fn bad_cables_are_refused() {
         let flat = [Vector3::x(), Vector3::y(), -Vector3::x()];
-        assert_eq!(Zonotope::new(&flat, &BOUNDS[..3]), Err(WorkspaceError::Flat));
-        assert_eq!(Zonotope::new(&flat[..1], &BOUNDS[..1]), Err(WorkspaceError::Flat));
-        assert!(matches!(Zonotope::new(&[], &[]), Err(WorkspaceError::Counts { .. })));
+        assert_eq!(
+            Zonotope::new(&flat, &BOUNDS[..3]),
+            Err(WorkspaceError::Flat)
+        );
+        assert_eq!(
+            Zonotope::new(&flat[..1], &BOUNDS[..1]),
+            Err(WorkspaceError::Flat)
+        );
+        assert!(matches!(
+            Zonotope::new(&[], &[]),
+            Err(WorkspaceError::Counts { .. })
+        ));
         let nan = [Vector3::repeat(f64::NAN), Vector3::y(), Vector3::z()];
-        assert!(matches!(Zonotope::new(&nan, &BOUNDS[..3]), Err(WorkspaceError::BadCable { cable: 1, .. })));
+        assert!(matches!(
+            Zonotope::new(&nan, &BOUNDS[..3]),
+            Err(WorkspaceError::BadCable { cable: 1, .. })
+        ));
         let d = [Vector3::x(), Vector3::y(), Vector3::z()];
         assert!(Zonotope::new(&d, &[(5.0, 2.0); 3]).is_err());
         assert!(Zonotope::new(&d, &[(2.0, f64::NAN); 3]).is_err());

@@ -75,7 +75,10 @@ impl Tally {
     pub fn p95(&self) -> f64 {
         let mut sorted = self.errors.clone();
         sorted.sort_by(f64::total_cmp);
-        sorted.get(sorted.len() * 95 / 100).copied().unwrap_or(f64::NAN)
+        sorted
+            .get(sorted.len() * 95 / 100)
+            .copied()
+            .unwrap_or(f64::NAN)
     }
 
     /// Root mean square.
@@ -182,7 +185,9 @@ fn gain_options() -> gain::Options {
 
 fn series(cell: &Cell, weights: &[f64], gravity: f64, rng: &mut ChaCha8Rng) -> Vec<Reading> {
     let order = (0..7).map(|i| (i, Direction::Loading));
-    let round: Vec<_> = order.chain((0..7).rev().map(|i| (i, Direction::Unloading))).collect();
+    let round: Vec<_> = order
+        .chain((0..7).rev().map(|i| (i, Direction::Unloading)))
+        .collect();
     let mut out = Vec::new();
     for _ in 0..2 {
         for &(i, direction) in &round {
@@ -216,7 +221,8 @@ fn stream(cell: &Cell, rng: &mut ChaCha8Rng) -> (Vec<i32>, f64) {
     let codes = (0..count)
         .map(|i| {
             noise = 0.3 * noise + (1.0 - 0.09f64).sqrt() * gauss(rng);
-            let mut code = cell.zero_code + drift * f64::from(i) / f64::from(count - 1) + sd * noise;
+            let mut code =
+                cell.zero_code + drift * f64::from(i) / f64::from(count - 1) + sd * noise;
             if rng.random_range(0.0..1.0) < 0.002 {
                 code += rng.random_range(-3e5..3e5);
             }
@@ -259,7 +265,8 @@ impl Estimator {
         self.position.add(error.norm());
         let covariance = unit.exit_covariance_m2();
         for i in 0..3 {
-            self.position.interval(error[i].abs() < 1.96 * covariance[(i, i)].sqrt());
+            self.position
+                .interval(error[i].abs() < 1.96 * covariance[(i, i)].sqrt());
         }
         let angle = unit.axis.cross(axis).norm().atan2(unit.axis.dot(axis));
         self.axis.add(angle);
@@ -268,7 +275,8 @@ impl Estimator {
         for i in 0..3 {
             if eigen.eigenvalues[i] > 1e-6 * largest {
                 let along = (unit.axis - axis).dot(&eigen.eigenvectors.column(i));
-                self.axis.interval(along.abs() < 1.96 * eigen.eigenvalues[i].sqrt());
+                self.axis
+                    .interval(along.abs() < 1.96 * eigen.eigenvalues[i].sqrt());
             }
         }
     }
@@ -317,7 +325,8 @@ pub fn surveys(draws: u64, layout: Layout, chain_covariance: bool) -> GeometryFi
             let eigen = SymmetricEigen::new(unit.covariance);
             let mut step = nalgebra::Vector6::zeros();
             for i in 0..6 {
-                step += eigen.eigenvectors.column(i) * (eigen.eigenvalues[i].max(0.0).sqrt() * gauss(&mut rng));
+                step += eigen.eigenvectors.column(i)
+                    * (eigen.eigenvalues[i].max(0.0).sqrt() * gauss(&mut rng));
             }
             drawn.exit_m = exit + step.fixed_rows::<3>(0);
             drawn.axis = (axis + step.fixed_rows::<3>(3)).normalize();
@@ -345,9 +354,9 @@ pub fn surveys(draws: u64, layout: Layout, chain_covariance: bool) -> GeometryFi
     out
 }
 
-/// Exit points from runs of 400 poses within 70 mm of the centre, alone and joined with a survey: distances from the
+/// Exit points from runs of `samples` poses within 70 mm of the centre, alone and joined with a survey: distances from the
 /// truth, m; intervals are ellipsoids of 95 %.
-pub fn runs(draws: u64, surveys: &GeometryFigures) -> (Tally, Tally) {
+pub fn runs(draws: u64, samples: usize, surveys: &GeometryFigures) -> (Tally, Tally) {
     let prior = Prior::default();
     let (mut alone, mut fused) = (Tally::default(), Tally::default());
     let limit = stats::chi_square_quantile(0.95, 3);
@@ -362,7 +371,7 @@ pub fn runs(draws: u64, surveys: &GeometryFigures) -> (Tally, Tally) {
         fused.new_draw();
         for unit in 0..6 {
             let exit = Vector3::from(scene::UNITS[unit].0);
-            let samples = run(&exit, &prior, &mut rng);
+            let samples = run(&exit, samples, &prior, &mut rng);
             let Ok(found) = self_calibration::exit_point(&samples, &prior, None) else {
                 alone.add(f64::INFINITY);
                 alone.interval(false);
@@ -386,11 +395,11 @@ pub fn runs(draws: u64, surveys: &GeometryFigures) -> (Tally, Tally) {
     (alone, fused)
 }
 
-fn run(exit: &Vector3<f64>, prior: &Prior, rng: &mut ChaCha8Rng) -> Vec<Sample> {
+fn run(exit: &Vector3<f64>, count: usize, prior: &Prior, rng: &mut ChaCha8Rng) -> Vec<Sample> {
     let scale = prior.scale_sd * gauss(rng);
     let compliance = prior.compliance_sd_m_per_n * gauss(rng);
     let mut samples = Vec::new();
-    while samples.len() < 400 {
+    while samples.len() < count {
         let offset = Vector3::from_fn(|_, _| rng.random_range(-0.07..0.07));
         if offset.norm() > 0.07 {
             continue;
@@ -400,7 +409,8 @@ fn run(exit: &Vector3<f64>, prior: &Prior, rng: &mut ChaCha8Rng) -> Vec<Sample> 
         let length = (exit - tip).norm();
         samples.push(Sample {
             tip_m: tip + gauss3(rng) * prior.tip_sd_m,
-            travel_m: (length - 0.4 - compliance * tension_n) / (1.0 + scale) + prior.travel_sd_m * gauss(rng),
+            travel_m: (length - 0.4 - compliance * tension_n) / (1.0 + scale)
+                + prior.travel_sd_m * gauss(rng),
             tension_n,
         });
     }
@@ -474,7 +484,8 @@ pub fn forces(draws: u64, cells: &CellFigures, surveys: &GeometryFigures) -> For
         out.before.add((nominal - truth).norm());
         out.after.add(error.norm());
         let inverse = stated.covariance_n2.try_inverse().expect("a covariance");
-        out.after.interval((error.transpose() * inverse * error)[0] < limit);
+        out.after
+            .interval((error.transpose() * inverse * error)[0] < limit);
     }
     out
 }

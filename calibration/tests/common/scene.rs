@@ -73,14 +73,28 @@ pub fn layout(plates: u8, radius_m: f64, holes: u8, closed: bool) -> Scene {
     for plate in 1..=plates {
         // On a circle around the robot.
         let angle = 0.6 + 1.4 * f64::from(plate);
-        let middle = Vector3::new(0.4 * angle.cos() - 0.08, 0.4 * angle.sin(), -0.1 - 0.05 * f64::from(plate));
-        let frame = se3::exp(&Vector6::new(0.0, 0.0, 0.0, 0.2 * normal(&mut rng), 0.2 * normal(&mut rng), angle));
+        let middle = Vector3::new(
+            0.4 * angle.cos() - 0.08,
+            0.4 * angle.sin(),
+            -0.1 - 0.05 * f64::from(plate),
+        );
+        let frame = se3::exp(&Vector6::new(
+            0.0,
+            0.0,
+            0.0,
+            0.2 * normal(&mut rng),
+            0.2 * normal(&mut rng),
+            angle,
+        ));
         for hole in 1..=holes {
             // Distances between the holes all differ, so that no exchange of two labels goes unseen.
             let turn = 2.0 * std::f64::consts::PI * f64::from(hole - 1) / f64::from(holes)
                 + 0.25 * f64::from(hole * hole % 5);
             let offset = Vector3::new(radius_m * turn.cos(), radius_m * turn.sin(), 0.0);
-            points_m.insert(Label::Plate { plate, hole }, middle + frame.rotation * offset);
+            points_m.insert(
+                Label::Plate { plate, hole },
+                middle + frame.rotation * offset,
+            );
         }
     }
     for (i, (exit, axis)) in UNITS.iter().enumerate() {
