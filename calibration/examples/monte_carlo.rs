@@ -77,7 +77,7 @@ fn main() -> ExitCode {
     if let Some(surveys) = chosen {
         println!("\nself-calibration from poses within 70 mm of the centre; joined with the survey of 10 touches on the closed layout");
         println!("exit points           limit      units   draws   95 % below   coverage");
-        for samples in [400, 3000] {
+        for samples in [400, 3000, 10_000] {
             let (alone, fused) = monte_carlo::runs(draws, samples, &surveys);
             line(&format!("{samples} poses"), &alone, 2e-3, "2 mm", 1e3, "mm");
             line("joined with survey", &fused, 4e-4, "0.4 mm", 1e3, "mm");

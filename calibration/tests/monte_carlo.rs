@@ -63,7 +63,7 @@ fn geometry_runs_and_tip_force_are_within_their_limits() {
     assert!((0.85..1.15).contains(&ratio), "{ratio}");
     assert!(chain.position.rms() > 1.1 * joint.position.rms());
 
-    let (alone, fused) = monte_carlo::runs(draws, 3000, &surveys);
+    let (alone, fused) = monte_carlo::runs(draws, 6000, &surveys);
     assert!(alone.within(2e-3) >= 0.95, "{}", alone.within(2e-3));
     assert!(covers(&alone, draws), "{}", alone.coverage());
     assert!(covers(&fused, draws), "{}", fused.coverage());

@@ -1,6 +1,9 @@
 //! Calibrations of made-up rigs whose truth is hidden from the code under test: how large the errors are and how often the
 //! stated intervals hold. Used by `examples/monte_carlo.rs` (many draws) and `tests/monte_carlo.rs` (few).
 
+// Each of the programs that include this file uses a part of it.
+#![allow(dead_code)]
+
 use super::scene::{self, Scene, CENTER_M};
 use calibration::gain::{self, Direction, Reading, UncertaintyParts, WEIGHTS_G};
 use calibration::geometry::{self, GeometryError, UnitGeometry};

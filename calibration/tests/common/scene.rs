@@ -4,6 +4,9 @@
 //! The stations form the chain of the thesis: the first sees the base and plate 1, the next plates 1 and 2, and so on.
 //! Each unit is measured from one station.
 
+// Each of the programs that include this file uses a part of it.
+#![allow(dead_code)]
+
 use calibration::geometry::{Label, PointReading, Reference};
 use calibration::input::Location;
 use calibration::se3::{self, Pose};
@@ -176,7 +179,6 @@ impl Scene {
     }
 
     /// True exit point (m) and axis of a unit.
-    #[allow(dead_code)]
     pub fn unit(&self, unit: u8) -> (Vector3<f64>, Vector3<f64>) {
         let (exit, axis) = UNITS[usize::from(unit) - 1];
         (Vector3::from(exit), Vector3::from(axis).normalize())
