@@ -467,12 +467,9 @@ fn converter_n(entry: &PowerUp) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rand::{RngExt, SeedableRng};
+    use crate::geometry::testing::normal;
+    use rand::SeedableRng;
     use rand_chacha::ChaCha8Rng;
-
-    fn normal(rng: &mut ChaCha8Rng) -> f64 {
-        stats::normal_quantile(rng.random_range(1e-12..1.0 - 1e-12))
-    }
 
     /// `n` codes with correlation `rho` from one to the next, standard deviation `sd` codes, about 12,345.
     fn stream(seed: u64, n: usize, rho: f64, sd: f64, drift: f64) -> Vec<i32> {

@@ -2,16 +2,13 @@
 
 use super::figures;
 use super::*;
+use crate::geometry::testing::normal;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
 const CODES_PER_N: f64 = 146_000.0;
 const ZERO: f64 = 81_000.0;
-
-fn normal(rng: &mut ChaCha8Rng) -> f64 {
-    stats::normal_quantile(rng.random_range(1e-12..1.0 - 1e-12))
-}
 
 /// Two loading and unloading rounds over the whole set.
 fn series(

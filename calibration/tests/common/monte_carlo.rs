@@ -4,7 +4,7 @@
 // Each of the programs that include this file uses a part of it.
 #![allow(dead_code)]
 
-use super::scene::{self, Scene, CENTER_M};
+use super::scene::{self, normal as gauss, normal3 as gauss3, Scene, CENTER_M};
 use calibration::gain::{self, Direction, Reading, UncertaintyParts, WEIGHTS_G};
 use calibration::geometry::{self, GeometryError, UnitGeometry};
 use calibration::input::Location;
@@ -22,17 +22,6 @@ pub const DIGITIZER_SD_M: f64 = 2e-4;
 pub const WEIGHT_LIMIT: f64 = 1e-3;
 /// Relative standard uncertainty of the local gravity: looked up for the place.
 pub const GRAVITY_SD: f64 = 1e-4;
-
-/// A standard normal number (Box and Muller).
-pub fn gauss(rng: &mut ChaCha8Rng) -> f64 {
-    let u: f64 = rng.random_range(1e-300..1.0);
-    let v: f64 = rng.random_range(0.0..1.0);
-    (-2.0 * u.ln()).sqrt() * (2.0 * std::f64::consts::PI * v).cos()
-}
-
-fn gauss3(rng: &mut ChaCha8Rng) -> Vector3<f64> {
-    Vector3::from_fn(|_, _| gauss(rng))
-}
 
 /// Errors and whether the interval stated with each holds.
 #[derive(Debug, Clone, Default)]

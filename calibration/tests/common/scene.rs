@@ -10,7 +10,6 @@
 use calibration::geometry::{Label, PointReading, Reference};
 use calibration::input::Location;
 use calibration::se3::{self, Pose};
-use calibration::stats;
 use nalgebra::{Vector3, Vector6};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
@@ -32,9 +31,11 @@ pub const UNITS: [([f64; 3], [f64; 3]); 6] = [
 /// Distance of the points on a load cell from its middle, m.
 const CELL_RADIUS_M: f64 = 0.025;
 
-/// A number from the standard normal distribution.
+/// A number from the standard normal distribution (Box and Muller).
 pub fn normal(rng: &mut ChaCha8Rng) -> f64 {
-    stats::normal_quantile(rng.random_range(1e-15..1.0 - 1e-15))
+    let u: f64 = rng.random_range(1e-300..1.0);
+    let v: f64 = rng.random_range(0.0..1.0);
+    (-2.0 * u.ln()).sqrt() * (2.0 * std::f64::consts::PI * v).cos()
 }
 
 /// Three independent ones.
