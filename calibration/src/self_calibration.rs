@@ -231,7 +231,7 @@ pub fn exit_point(
             }
         }
     }
-    if !done || !x.iter().all(|v| v.is_finite()) {
+    if !x.iter().all(|v| v.is_finite()) {
         return Err(SelfCalibrationError::NoConvergence);
     }
     let (jacobian, _) = model.linearise(&x);
@@ -241,6 +241,15 @@ pub fn exit_point(
     let covariance_m2: Matrix3<f64> = covariance.fixed_view::<3, 3>(0, 0).into_owned();
     if !covariance_m2.iter().all(|v| v.is_finite()) {
         return Err(not_observable);
+    }
+    if !done {
+        // A fit that goes on and on: along a direction that the run says nothing about, or because it is wrong.
+        let worst = covariance_m2.symmetric_eigenvalues().max();
+        return Err(if worst > prior.observable_sd_m.powi(2) {
+            not_observable
+        } else {
+            SelfCalibrationError::NoConvergence
+        });
     }
     let eigen = SymmetricEigen::new(covariance_m2);
     let mut directions = [0, 1, 2].map(|i| {
