@@ -282,7 +282,8 @@ impl Record {
                     "has to be finite and within 10 m; are these millimetres?",
                 );
             }
-            if !((Vector3::from(unit.axis).norm() - 1.0).abs() < 1e-3) {
+            let unit_length = (Vector3::from(unit.axis).norm() - 1.0).abs() < 1e-3;
+            if !unit_length {
                 return fail(Some(i), "axis", "has to be of unit length");
             }
             if unit.covariance.len() != 21 {

@@ -471,7 +471,8 @@ pub fn axis(
     let measured = DVector::from_iterator(cell_n.len(), cell_n.iter().map(|f| f / sd_n));
     let svd = jacobian.clone().svd(true, true);
     let largest = svd.singular_values.max();
-    if !(svd.singular_values.min() > 1e-9 * largest) {
+    let told = svd.singular_values.min() > 1e-9 * largest;
+    if !told {
         return Err(not_observable());
     }
     let solution = svd.solve(&measured, 0.0).map_err(|_| not_observable())?;
@@ -548,27 +549,52 @@ pub enum MovedVerdict {
     },
 }
 
+/// A unit's displacement and how well it is known.
+struct Displacement {
+    unit: u8,
+    from_m: Vector3<f64>,
+    by_m: Vector3<f64>,
+    /// Inverse covariance of `by_m`, 1/m^2.
+    information: Matrix3<f64>,
+}
+
+impl Displacement {
+    fn chi_square(&self) -> f64 {
+        (self.by_m.transpose() * self.information * self.by_m)[0]
+    }
+}
+
 /// Compares exit points from a run with the stored ones by chi-square, at the level `alpha` (0.001: one false alarm in
 /// 1,000 runs). Units that moved one by one and a rig that moved as a body are told apart by the Bayesian information
 /// criterion. `found` is matched to `stored` by unit number; units without a partner are left out. Correlations between
 /// units are not used.
 #[must_use]
 pub fn moved(stored: &[UnitGeometry], found: &[(u8, ExitEstimate)], alpha: f64) -> Moved {
-    let mut pairs: Vec<(u8, Vector3<f64>, Vector3<f64>, Matrix3<f64>)> = Vec::new();
+    let mut pairs: Vec<Displacement> = Vec::new();
     for (unit, estimate) in found {
         let Some(old) = stored.iter().find(|s| s.unit == *unit) else {
             continue;
         };
         let covariance = old.exit_covariance_m2() + estimate.covariance_m2;
         if let Some(information) = covariance.try_inverse() {
-            pairs.push((*unit, old.exit_m, estimate.exit_m - old.exit_m, information));
+            pairs.push(Displacement {
+                unit: *unit,
+                from_m: old.exit_m,
+                by_m: estimate.exit_m - old.exit_m,
+                information,
+            });
         }
     }
-    let chi = |d: &Vector3<f64>, w: &Matrix3<f64>| (d.transpose() * w * d)[0];
-    let total: f64 = pairs.iter().map(|(_, _, d, w)| chi(d, w)).sum();
+    let total: f64 = pairs.iter().map(Displacement::chi_square).sum();
     let units: Vec<(u8, Vector3<f64>, f64)> = pairs
         .iter()
-        .map(|(u, _, d, w)| (*u, *d, stats::chi_square_survival(chi(d, w), 3)))
+        .map(|d| {
+            (
+                d.unit,
+                d.by_m,
+                stats::chi_square_survival(d.chi_square(), 3),
+            )
+        })
         .collect();
     let p = stats::chi_square_survival(total, 3 * pairs.len());
     // One unit that moved is diluted among six: look at the worst as well, Bonferroni over both looks.
@@ -586,7 +612,7 @@ pub fn moved(stored: &[UnitGeometry], found: &[(u8, ExitEstimate)], alpha: f64) 
         .collect();
     let left: f64 = (0..pairs.len())
         .filter(|i| !movers.contains(i))
-        .map(|i| chi(&pairs[i].2, &pairs[i].3))
+        .map(|i| pairs[i].chi_square())
         .sum();
     let single = left + 3.0 * movers.len() as f64 * observations.ln();
     let body = rigid(&pairs);
@@ -597,19 +623,17 @@ pub fn moved(stored: &[UnitGeometry], found: &[(u8, ExitEstimate)], alpha: f64) 
                 rotation_rad,
             }
         }
-        _ => MovedVerdict::Units(movers.iter().map(|&i| pairs[i].0).collect()),
+        _ => MovedVerdict::Units(movers.iter().map(|&i| pairs[i].unit).collect()),
     };
     Moved { p, units, verdict }
 }
 
 /// Small rigid motion of all units about their centre that explains the displacements best, and the chi-square it leaves.
-fn rigid(
-    pairs: &[(u8, Vector3<f64>, Vector3<f64>, Matrix3<f64>)],
-) -> Option<(Vector3<f64>, Vector3<f64>, f64)> {
+fn rigid(pairs: &[Displacement]) -> Option<(Vector3<f64>, Vector3<f64>, f64)> {
     if pairs.len() < 3 {
         return None;
     }
-    let center = pairs.iter().map(|p| p.1).sum::<Vector3<f64>>() / pairs.len() as f64;
+    let center = pairs.iter().map(|p| p.from_m).sum::<Vector3<f64>>() / pairs.len() as f64;
     let mut normal = nalgebra::Matrix6::zeros();
     let mut right = nalgebra::Vector6::zeros();
     let jacobian = |at: &Vector3<f64>| {
@@ -620,17 +644,17 @@ fn rigid(
             .copy_from(&-crate::se3::skew(&(at - center)));
         j
     };
-    for (_, at, d, w) in pairs {
-        let j = jacobian(at);
-        normal += j.transpose() * w * j;
-        right += j.transpose() * w * d;
+    for d in pairs {
+        let j = jacobian(&d.from_m);
+        normal += j.transpose() * d.information * j;
+        right += j.transpose() * d.information * d.by_m;
     }
     let step = normal.cholesky()?.solve(&right);
     let left = pairs
         .iter()
-        .map(|(_, at, d, w)| {
-            let r = d - jacobian(at) * step;
-            (r.transpose() * w * r)[0]
+        .map(|d| {
+            let r = d.by_m - jacobian(&d.from_m) * step;
+            (r.transpose() * d.information * r)[0]
         })
         .sum();
     Some((
@@ -683,11 +707,11 @@ mod tests {
         let prior = Prior::default();
         let (mut within, mut covered, mut p_low) = (0, 0, 0);
         for seed in 0..30 {
-            for unit in 0..6 {
+            for (unit, (exit, _)) in UNITS.iter().enumerate() {
                 // 30 s at 100 Hz. With 400 samples a quarter is beyond 2 mm, along the cable.
                 let samples = run(seed, unit, 3000, REACH, &prior, Vector3::zeros());
                 let found = exit_point(&samples, &prior, None).unwrap();
-                let error = found.exit_m - Vector3::from(UNITS[unit].0);
+                let error = found.exit_m - Vector3::from(*exit);
                 within += u32::from(error.norm() < 0.002);
                 let inverse = found.covariance_m2.try_inverse().unwrap();
                 let square = (error.transpose() * inverse * error)[0];

@@ -291,8 +291,8 @@ mod tests {
 
     fn geometry(correlated: bool) -> Geometry {
         let mut covariance = DMatrix::zeros(36, 36);
-        for i in 0..6 {
-            let axis = Vector3::from(UNITS[i].1).normalize();
+        for (i, (_, axis)) in UNITS.iter().enumerate() {
+            let axis = Vector3::from(*axis).normalize();
             let across = Matrix3::identity() - axis * axis.transpose();
             covariance
                 .fixed_view_mut::<3, 3>(6 * i + 3, 6 * i + 3)

@@ -112,7 +112,8 @@ pub struct Creep {
 pub fn creep(record: &[(f64, f64)], n_per_code: f64, load_n: f64) -> Option<Creep> {
     let rising = record.windows(2).all(|w| w[1].0 > w[0].0);
     let finite = record.iter().all(|r| r.0.is_finite() && r.1.is_finite());
-    if record.len() < 5 || !rising || !finite || !(load_n > 0.0) || !n_per_code.is_finite() {
+    let loaded = load_n > 0.0 && n_per_code.is_finite();
+    if record.len() < 5 || !rising || !finite || !loaded {
         return None;
     }
     let (start, first) = record[0];

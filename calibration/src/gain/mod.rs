@@ -613,8 +613,8 @@ fn finish(
 ) -> Result<Gain, GainError> {
     let slope = solution.beta[1];
     let slope_sd = solution.covariance[(1, 1)].sqrt();
-    // Written so that NaN is no slope.
-    if !(slope.abs() > 5.0 * slope_sd) {
+    let depends = slope.abs() > 5.0 * slope_sd;
+    if !depends {
         return Err(GainError::NoSlope {
             codes_per_n: slope,
             se: slope_sd,

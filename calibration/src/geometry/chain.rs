@@ -75,15 +75,15 @@ fn positions(items: &Items, means: &Means) -> Result<BTreeMap<usize, Vector3<f64
         let from = order[next];
         next += 1;
         let Some(placed) = poses[from] else { continue };
-        for to in 0..stations {
-            if poses[to].is_some() {
+        for (to, pose) in poses.iter_mut().enumerate() {
+            if pose.is_some() {
                 continue;
             }
             let link = plates
                 .values()
                 .find_map(|plate| Some((frame(plate, from)?, frame(plate, to)?)));
             if let Some((here, there)) = link {
-                poses[to] = Some(placed.compose(&here).compose(&there.inverse()));
+                *pose = Some(placed.compose(&here).compose(&there.inverse()));
                 order.push(to);
             }
         }

@@ -291,7 +291,8 @@ fn evidence(items: &Items, sd_m: f64, change: &Change) -> Option<Evidence> {
     let fit = match change {
         Change::Noise => {
             let factor = solution.chi_square / dof as f64;
-            if !(factor < WORST_NOISE * WORST_NOISE) {
+            let plausible = factor < WORST_NOISE * WORST_NOISE;
+            if !plausible {
                 return None;
             }
             -0.5 * dof as f64 * (1.0 + factor.ln())

@@ -201,7 +201,8 @@ pub fn place(task: &Task) -> Result<Placement, WorkspaceError> {
             what: "its mounting limits are not finite, or least is above largest",
         });
     }
-    if !(task.clearance_m >= 0.0) {
+    let is_distance = task.clearance_m >= 0.0;
+    if !is_distance {
         return Err(WorkspaceError::BadOption {
             name: "clearance_m",
             value: task.clearance_m,

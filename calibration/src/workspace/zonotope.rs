@@ -49,8 +49,8 @@ impl Zonotope {
         }
         for (i, (d, (low, high))) in directions.iter().zip(bounds_n).enumerate() {
             let bad = |what| WorkspaceError::BadCable { cable: i + 1, what };
-            // Written so that NaN is refused.
-            if !((d.norm() - 1.0).abs() < 1e-6) {
+            let unit_length = (d.norm() - 1.0).abs() < 1e-6;
+            if !unit_length {
                 return Err(bad("its direction is not of unit length"));
             }
             if !(*low >= 0.0 && high >= low && high.is_finite()) {
