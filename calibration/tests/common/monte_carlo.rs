@@ -5,7 +5,7 @@
 #![allow(dead_code)]
 
 use super::scene::{self, normal as gauss, normal3 as gauss3, Scene, CENTER_M};
-use calibration::gain::{self, Direction, Reading, UncertaintyParts, WEIGHTS_G};
+use calibration::gain::{self, Direction, Gain, Reading, WEIGHTS_G};
 use calibration::geometry::{self, GeometryError, UnitGeometry};
 use calibration::input::Location;
 use calibration::self_calibration::{self, Prior, Sample};
@@ -107,8 +107,8 @@ pub struct CellFigures {
     pub false_names: usize,
     /// Zeros refused.
     pub zeros_refused: usize,
-    /// Gain found, its uncertainty by source and the true gain, N per code, by draw and unit.
-    pub gains: Vec<[Option<(f64, UncertaintyParts, f64)>; 6]>,
+    /// Gain found and true gain, N per code, by draw and unit.
+    pub gains: Vec<[Option<(Gain, f64)>; 6]>,
     /// Error and standard error of the zeros, N.
     pub zeros: Vec<[Option<(f64, f64)>; 6]>,
 }
@@ -127,8 +127,9 @@ pub fn cells(draws: u64) -> CellFigures {
             .map(|w| w * (1.0 + WEIGHT_LIMIT * rng.random_range(-1.0..1.0)))
             .collect();
         let gravity = STANDARD_GRAVITY_M_PER_S2 * (1.0 + GRAVITY_SD * gauss(&mut rng));
-        let (mut gains, mut zeros) = ([None; 6], [None; 6]);
-        for unit in 0..6 {
+        let mut gains: [Option<(Gain, f64)>; 6] = std::array::from_fn(|_| None);
+        let mut zeros = [None; 6];
+        for (gain, zero_error) in gains.iter_mut().zip(&mut zeros) {
             let n_per_code = rng.random_range(6.2e-6..7.3e-6);
             let cell = Cell {
                 n_per_code,
@@ -141,7 +142,7 @@ pub fn cells(draws: u64) -> CellFigures {
                     let error = found.n_per_code - cell.n_per_code;
                     out.gain.add(error.abs() / cell.n_per_code);
                     out.gain.interval(error.abs() < found.n_per_code_half_95);
-                    gains[unit] = Some((found.n_per_code, found.relative_parts, cell.n_per_code));
+                    *gain = Some((found, cell.n_per_code));
                 }
                 Err(_) => out.false_names += 1,
             }
@@ -156,7 +157,7 @@ pub fn cells(draws: u64) -> CellFigures {
                     let se = found.at_end_se_codes * cell.n_per_code;
                     out.zero.add(error.abs());
                     out.zero.interval(error.abs() < 1.96 * se);
-                    zeros[unit] = Some((error, se));
+                    *zero_error = Some((error, se));
                 }
                 Err(_) => out.zeros_refused += 1,
             }
@@ -429,7 +430,7 @@ pub fn forces(draws: u64, cells: &CellFigures, surveys: &GeometryFigures) -> For
         let Some((units, covariance)) = surveys.surveys[index].as_ref() else {
             continue;
         };
-        let gains: Option<Vec<_>> = cells.gains[index].iter().copied().collect();
+        let gains: Option<Vec<_>> = cells.gains[index].iter().cloned().collect();
         let zeros: Option<Vec<_>> = cells.zeros[index].iter().copied().collect();
         let (Some(gains), Some(zeros)) = (gains, zeros) else {
             continue;
@@ -446,7 +447,8 @@ pub fn forces(draws: u64, cells: &CellFigures, surveys: &GeometryFigures) -> For
             let d = (exit - tip).normalize();
             let tension = rng.random_range(2.0..12.0);
             truth += d * tension;
-            let (found, parts, true_gain) = gains[i];
+            let (found, true_gain) = &gains[i];
+            let parts = found.relative_parts;
             // All units were calibrated with the same weights in the same place.
             common = parts.weights.hypot(parts.gravity);
             let code_above_zero = tension * -axis.dot(&d) / true_gain;
@@ -456,7 +458,7 @@ pub fn forces(draws: u64, cells: &CellFigures, surveys: &GeometryFigures) -> For
             let d_tape = (tape - tip).normalize();
             nominal += d_tape * (code_above_zero * 6.85e-6 / -rough.dot(&d_tape));
             // After: a zero that reads high by `error` takes it off each reading.
-            let cell = code_above_zero * found - zeros[i].0;
+            let cell = found.force_n(code_above_zero) - zeros[i].0;
             let d_now = (units[i].exit_m - tip).normalize();
             inputs.push(UnitInput {
                 exit_m: units[i].exit_m,
