@@ -4,8 +4,8 @@
 //! The objective is not smooth (the least over faces and poses), and a unit has at most three numbers, so the search is by
 //! pattern (Hooke and Jeeves, *J. ACM* 8 (1961) 212): each number is tried by a step to either side, steps that help are
 //! kept and repeated, and the step is halved when none helps. It is started from the present rig and from random
-//! points within the limits (a fixed seed: the same input gives the same answer). The result is a local optimum, the
-//! best of the starts.
+//! points within the limits (a fixed seed: the same input gives the same answer); for the least radius, the mean is climbed
+//! first. The result is a local optimum, the best of the starts.
 
 use super::{cable_directions, Pose, WorkspaceError, Zonotope};
 use nalgebra::Vector3;
@@ -212,6 +212,7 @@ pub fn place(task: &Task) -> Result<Placement, WorkspaceError> {
     let start_value = value(&task.start_m, &task.bounds_n, &task.poses, task.objective)?;
     let mut search = Search {
         task,
+        objective: task.objective,
         evaluations: 0,
     };
     let first: Vec<f64> = task
@@ -220,11 +221,17 @@ pub fn place(task: &Task) -> Result<Placement, WorkspaceError> {
         .zip(&task.start_m)
         .flat_map(|(m, s)| m.numbers(s))
         .collect();
-    let mut best = search.descend(first);
+    let mut best = search.descend(first.clone());
+    if task.objective == Objective::LeastRadius {
+        let found = search.by_way_of_the_mean(first);
+        if found.1 > best.1 {
+            best = found;
+        }
+    }
     let mut random = 0x9E37_79B9_7F4A_7C15_u64;
     for _ in 0..task.random_starts {
         let numbers = (0..best.0.len()).map(|_| uniform(&mut random)).collect();
-        let found = search.descend(numbers);
+        let found = search.by_way_of_the_mean(numbers);
         if found.1 > best.1 {
             best = found;
         }
@@ -255,6 +262,8 @@ fn uniform(state: &mut u64) -> f64 {
 
 struct Search<'t> {
     task: &'t Task,
+    /// What is climbed now.
+    objective: Objective,
     evaluations: usize,
 }
 
@@ -304,11 +313,23 @@ impl Search<'_> {
         let of = |objective| {
             value(&exits, &task.bounds_n, &task.poses, objective).unwrap_or(f64::NEG_INFINITY)
         };
-        match task.objective {
+        match self.objective {
             // A little of the mean, so that there is a slope where the worst pose does not feel a unit.
             Objective::LeastRadius => of(Objective::LeastRadius) + 0.02 * of(Objective::MeanRadius),
             other => of(other),
         }
+    }
+
+    /// The least radius has many ridges on which no single number helps; the mean has fewer. So the mean is climbed
+    /// first, and the least radius from there.
+    fn by_way_of_the_mean(&mut self, at: Vec<f64>) -> (Vec<f64>, f64) {
+        if self.task.objective != Objective::LeastRadius {
+            return self.descend(at);
+        }
+        self.objective = Objective::MeanRadius;
+        let (at, _) = self.descend(at);
+        self.objective = Objective::LeastRadius;
+        self.descend(at)
     }
 
     fn descend(&mut self, mut at: Vec<f64>) -> (Vec<f64>, f64) {
@@ -382,7 +403,7 @@ mod tests {
     fn the_example_rig_gains_within_its_limits() {
         let task = task();
         let found = place(&task).unwrap();
-        assert!(found.value > 1.02 * found.start_value, "{found:?}");
+        assert!(found.value > 1.1 * found.start_value, "{found:?}");
         for (mount, exit) in task.mounts.iter().zip(&found.exits_m) {
             let Mount::Box { least_m, largest_m } = mount else {
                 panic!()
@@ -392,6 +413,14 @@ mod tests {
         let again = value(&found.exits_m, &task.bounds_n, &task.poses, task.objective).unwrap();
         assert_eq!(again, found.value);
         assert_eq!(place(&task).unwrap(), found);
+        // Climbing the mean must not come out with a better least.
+        let mean = place(&Task {
+            objective: Objective::MeanRadius,
+            ..task.clone()
+        })
+        .unwrap();
+        let least = value(&mean.exits_m, &task.bounds_n, &task.poses, task.objective);
+        assert!(found.value >= least.unwrap());
     }
 
     #[test]
