@@ -14,6 +14,8 @@
 //! | what is kept of it | [`record`](mod@crate::record) |
 //!
 //! SI units throughout; the wire's integers end at [`session`].
+// Only the program prints, in `cli::output`.
+#![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod force;
 #[cfg(feature = "residual")]

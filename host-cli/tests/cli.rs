@@ -148,7 +148,7 @@ const COMMANDS: [(&str, &[&str]); 15] = [
         ],
     ),
     (
-        "residual --model none.toml --out found",
+        "residual --data logs --model none.toml --out found",
         &["--data", "--model", "--out", "--apply", "--increment"],
     ),
     (
@@ -411,7 +411,10 @@ fn json_is_one_object_also_for_errors() {
     error_object(&run("no-such-command --json"), 2);
     error_object(&run("check none.toml --json"), 3);
     error_object(&run("check bad.toml --json"), 3);
-    error_object(&run("residual --json --model none.toml --out found"), 2);
+    error_object(
+        &run("residual --json --data logs --model none.toml --out found"),
+        2,
+    );
     // These have no JSON form.
     for line in ["completions bash --json", "check --print --json"] {
         assert!(
@@ -602,17 +605,21 @@ mod signals {
                 let model = folder.path().join("model.toml");
                 let made = Command::new("mkfifo").arg(&model).status();
                 assert!(made.expect("mkfifo runs").success());
-                let mut arguments = words("residual --model model.toml --out found");
+                let mut arguments = words("residual --data logs --model model.toml --out found");
                 arguments.extend(json.then_some("--json"));
                 let child = command(folder.path(), &arguments)
                     .stdout(Stdio::piped())
                     .stderr(Stdio::piped())
                     .spawn()
                     .expect("forcectl runs");
-                // Opened when the command reads.
-                let mut pipe = std::fs::File::options()
-                    .write(true)
-                    .open(&model)
+                // Opened when the command reads. In a thread, because it waits for the command for ever.
+                let (send, opened) = std::sync::mpsc::channel();
+                std::thread::spawn(move || {
+                    let _ = send.send(std::fs::File::options().write(true).open(model));
+                });
+                let mut pipe = opened
+                    .recv_timeout(Duration::from_secs(10))
+                    .expect("the command reads its model file")
                     .expect("a pipe");
                 pipe.write_all(b"#").expect("written");
                 signal(&child, name);

@@ -79,7 +79,7 @@ class ForceBoard:
 
     # Talking to the board
 
-    def tell(self, command, body=b"", within_ms=200):
+    def request(self, command, body=b"", within_ms=200):
         """Sends a command and returns the board's reply; refused or silent is an error."""
         reply = self.ask(command, body, within_ms)
         if reply["response"] == "Rejected":
@@ -107,25 +107,25 @@ class ForceBoard:
         rejected = self.ask("Hello", wire.hello(0, bytes(8)), 500)
         if rejected.get("error") != "Version":
             raise AssertionError("Hello with another schema hash should be rejected, got %s" % rejected)
-        self.hello = self.tell("Hello", wire.hello(rejected["abi"], rejected["schema"]))
+        self.hello = self.request("Hello", wire.hello(rejected["abi"], rejected["schema"]))
         logger.info("board: %s" % self.hello)
         return self.hello
 
     def status(self):
-        return self.tell("GetStatus")["status"]
+        return self.request("GetStatus")["status"]
 
     def bring_up_units(self, within_ms=6000, **changes):
         """Enables all units with the configuration in force, but for what is given, and waits until they are ready."""
         for unit in range(wire.UNITS):
             body = bytes([unit])
-            config = self.tell("GetConfig", body)["config"]
+            config = self.request("GetConfig", body)["config"]
             config["enabled"] = True
             config["scale_pn_per_count"] = NOMINAL_SCALE_PN
             for name, value in changes.items():
                 config[name] = int(value)
-            self.tell("StageConfig", body + wire._encode_config(config))
-        self.tell("CommitConfig")
-        self.tell("ClearFaults")
+            self.request("StageConfig", body + wire._encode_config(config))
+        self.request("CommitConfig")
+        self.request("ClearFaults")
         self._wait(lambda s: all(u["state"] == 2 for u in s["units"]), within_ms, "six units ready")
 
     def _wait(self, condition, within_ms, what):
@@ -141,20 +141,20 @@ class ForceBoard:
 
     def zero_units(self):
         """Zeroes all load cells; the cables are slack."""
-        self.tell("Zero", bytes([0x3F]))
+        self.request("Zero", bytes([0x3F]))
         self.advance(50)
         self._wait(lambda s: s["state"] == 2, 3000, "zeroed and ready")
 
     def stream(self, decimation=1):
-        self.tell("Stream", bytes([int(decimation)]))
+        self.request("Stream", bytes([int(decimation)]))
 
     def arm(self):
         """Arms with a holding tension of nothing; from here on setpoints go out every 10 ms."""
-        self.tell("Arm")
+        self.request("Arm")
         self.holding = True
 
     def disarm(self):
-        self.tell("Disarm")
+        self.request("Disarm")
         self.holding = False
 
     def set_tensions(self, *newton):

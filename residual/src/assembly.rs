@@ -20,8 +20,8 @@ use crate::verdict::{verdict, Conditions};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
-/// Least relative fall of the held-out RMSE that is worth a line among what is not material.
-const WORTH_A_LINE: f64 = 5e-4;
+/// Smallest relative fall of the held-out RMSE that is listed among what is not material.
+const LISTED: f64 = 5e-4;
 
 /// Everything that was found out.
 pub(crate) struct Found<'a> {
@@ -195,7 +195,7 @@ fn not_material(search: &Search, outcome: &Outcome, effects: &[Effect]) -> Vec<N
         .ranked
         .iter()
         .filter(|c| {
-            c.gain > WORTH_A_LINE
+            c.gain > LISTED
                 && !acceptance.material(c.gain)
                 && acceptance.significant(c.p)
                 && !effects.iter().any(|e| e.name == c.origin.kind())
@@ -226,8 +226,8 @@ fn nonlinear(c: &Candidate) -> BTreeMap<String, f64> {
     psi.map(|p| (p.name.to_string(), c.psi)).collect()
 }
 
-/// Effects that were not looked for, as the data lack their columns. What the catalogue offers is as
-/// well seen on the windows.
+/// Effects that were not looked for, as the data lack their columns. The windows of
+/// the data show this as well as all rows.
 fn absent(search: &Search) -> Result<Vec<EffectKind>, Error> {
     let declared = &search.declared;
     let small = match &search.thin {

@@ -38,7 +38,7 @@ impl Scan<'_> {
             .any(|t| Expr::parse(t).is_ok_and(|e| e.names().contains("command")))
     }
 
-    /// How much of a form's claim stands on the setpoint: 1 if the part of its contribution that follows
+    /// How much of a form the setpoint confirms: 1 if the part of its contribution that follows
     /// from the setpoint is in the residual too, 0 if it is not there.
     ///
     /// This is the ratio of the two-stage to the one-stage least-squares estimate, with the setpoint's
@@ -94,8 +94,9 @@ impl Scan<'_> {
 }
 
 /// What the command does to the target must come out as large where the command follows the setpoint.
-/// Effects that don't are named, but not believed: the structure that says so, if any matters.
-/// `None` too without a setpoint.
+/// Effects for which this does not hold are named, but not
+/// relied on. Returns the structure that says so; `None` if no such effect matters, or without a
+/// setpoint.
 pub(crate) fn doubt(
     search: &Search,
     chosen: &[Chosen],

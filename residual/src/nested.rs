@@ -146,7 +146,7 @@ mod tests {
     }
 
     #[test]
-    fn a_fold_has_no_say_in_the_parameter_it_is_scored_with() {
+    fn a_fold_does_not_influence_the_parameter_it_is_scored_with() {
         let same = nested(&spec(), &data(0.06, 0.06), &mut ()).unwrap();
         assert_eq!(same.folds.len(), 4);
         for fold in &same.folds {

@@ -22,7 +22,7 @@ pub struct Options {
 /// # Errors
 /// Without probe-rs, without a probe, or when either the build or the transfer fails.
 pub fn flash(workspace: &Workspace, options: Options) -> Result<()> {
-    // Before the build: nobody wants to wait for it only to learn that the probe is missing.
+    // Before the build, so that a missing probe is reported at once.
     let probe_rs = process::find_program("probe-rs").ok_or_else(|| {
         Failure::new("flashing needs probe-rs, which isn't on PATH").remedy(
             "install it, for example with `cargo install probe-rs-tools --locked`,\n\

@@ -56,7 +56,7 @@ pub fn report(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
 /// When Python, its packages or the analysis can't be had.
 pub fn compare(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     let python = environment(workspace)?;
-    let program = rig::build_host_program(workspace, "forcectl", "forcectl")?;
+    let program = rig::build_host_program(workspace, "host-cli", "forcectl")?;
     let script = workspace.root().join(SCRIPTS).join("compare.py");
     let mut command = Command::new(python);
     command

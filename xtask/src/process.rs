@@ -86,7 +86,7 @@ pub fn cargo(sees: Sees) -> Command {
 /// The command line as one would type it, for messages.
 pub fn line(command: &Command) -> String {
     let program = command.get_program();
-    // rustup hands down the whole path of its cargo, which nobody types.
+    // rustup hands down the whole path of its cargo, which a user does not type.
     let mut text = if env::var_os("CARGO").is_some_and(|cargo| cargo == program) {
         "cargo".to_string()
     } else {

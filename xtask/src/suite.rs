@@ -197,7 +197,7 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
             Err(failure) => {
                 say(format!("{label}: FAILED after {time}: {failure}"));
                 // A step that broke without a failing test (a compile error, say) is one failure,
-                // lest a red run close with "0 failed".
+                // so that a red run does not close with "0 failed".
                 if suite.tally.failed == before.failed {
                     suite.tally.failed += 1;
                 }

@@ -20,6 +20,18 @@ impl ConfigError {
     }
 }
 
+/// Refuses what is not finite or outside `low..=high`.
+pub(crate) fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), ConfigError> {
+    if value.is_finite() && (low..=high).contains(&value) {
+        Ok(())
+    } else {
+        Err(ConfigError::new(
+            key,
+            format!("{value} found, {low} to {high} expected"),
+        ))
+    }
+}
+
 impl fmt::Display for ConfigError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "plant configuration, `{}`: {}", self.key, self.problem)

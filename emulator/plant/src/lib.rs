@@ -55,10 +55,12 @@ mod plant;
 pub mod rng;
 mod tip;
 mod unit;
+pub mod vector;
 
 pub use config::PlantConfig;
 pub use effects::Effect;
 pub use error::{ConfigError, InputError};
-pub use geometry::{nominal_geometry, NominalUnit, Vec3};
+pub use geometry::{nominal_geometry, NominalUnit};
 pub use plant::{Plant, Truth, UnitTruth};
 pub use unit::UnitParameters;
+pub use vector::Vec3;

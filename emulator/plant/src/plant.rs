@@ -3,9 +3,10 @@
 use crate::config::PlantConfig;
 use crate::effects::payload_kg;
 use crate::error::{ConfigError, InputError};
-use crate::geometry::{add, nominal_geometry, scale, Vec3};
+use crate::geometry::nominal_geometry;
 use crate::tip::Tip;
 use crate::unit::{Shared, Unit, UnitParameters};
+use crate::vector::{add, scale, Vec3};
 use serde::Serialize;
 
 /// An input that takes effect at a grid point.

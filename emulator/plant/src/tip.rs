@@ -1,8 +1,8 @@
 //! The robot's tip: a prescribed path, ramped in and out, and the little that it gives way.
 
 use crate::config::{PathConfig, RobotConfig};
-use crate::geometry::{add, norm, scale, sub, Vec3};
 use crate::rng::Rng;
+use crate::vector::{add, norm, scale, sub, Vec3};
 use std::f64::consts::TAU;
 
 /// `amplitude sin(omega s + phase)`.

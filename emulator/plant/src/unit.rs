@@ -3,8 +3,9 @@
 use crate::config::{PlantConfig, STANDARD_GRAVITY_M_PER_S2};
 use crate::effects::{Backlash, Modifiers};
 use crate::friction::MaxwellSlip;
-use crate::geometry::{add, dot, norm, scale, sub, tilted, NominalUnit, Vec3};
+use crate::geometry::NominalUnit;
 use crate::rng::Rng;
+use crate::vector::{add, dot, norm, scale, sub, tilted, Vec3};
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;

@@ -49,14 +49,16 @@ const PIECES: [Piece; 6] = [
 /// A synthetic run: `duration` s of rows at a rate, on a grid of step `dt`.
 pub fn synthetic(random: &mut Random, duration: f64, dt: f64, limits: &Limits) -> World {
     let steps = steps(duration, dt);
+    let from = random.uniform(-0.5, 0.5) * limits.travel_rad;
+    let velocity = motion(random, steps, dt, limits, from);
     let mut world = World {
         dt,
         start: -BEFORE_S,
-        velocity: motion(random, steps, dt, limits),
+        velocity,
         ..World::default()
     };
     world.command = load(random, steps, dt, 1.0, 13.0);
-    world.integrate_angle(0.0);
+    world.integrate_angle(from);
     surroundings(random, &mut world);
     world
 }
@@ -101,10 +103,11 @@ fn surroundings(random: &mut Random, world: &mut World) {
     }
 }
 
-/// Velocity of the reel: pieces of all kinds, with limited acceleration and rounded corners; exactly 0 at rest.
-fn motion(random: &mut Random, steps: usize, dt: f64, limits: &Limits) -> Vec<f64> {
+/// Velocity of the reel from an angle `from` on: pieces of all kinds, with limited acceleration and rounded corners;
+/// exactly 0 at rest.
+fn motion(random: &mut Random, steps: usize, dt: f64, limits: &Limits, from: f64) -> Vec<f64> {
     let mut reference = Vec::with_capacity(steps);
-    let mut angle = 0.0_f64;
+    let mut angle = from;
     let mut deck = Vec::new();
     while reference.len() < steps {
         let kind = next_piece(random, &mut deck);
@@ -178,7 +181,7 @@ fn piece(random: &mut Random, kind: Piece, length: usize, dt: f64) -> Vec<f64> {
             let period = (random.log_uniform(0.5, 3.0) / dt) as usize;
             (0..length)
                 .map(|i| {
-                    if (i / period.max(1)) % 2 == 0 {
+                    if (i / period.max(1)).is_multiple_of(2) {
                         1.0
                     } else {
                         -1.0

@@ -10,7 +10,6 @@
 //! A [`set::Set`] is a group of runs whose declared model lacks zero to three effects. Each effect is scaled until
 //! the part of it that the declared model can't absorb has a chosen multiple of the RMS of the sensor noise.
 
-#![forbid(unsafe_code)]
 #![warn(missing_docs)]
 
 pub mod effects;

@@ -92,6 +92,8 @@ pub struct Scene {
     pub max_command_n: f64,
     /// Smallest command of the set in N.
     pub min_command_n: f64,
+    /// Largest reading of the set without noise and effects, in N.
+    pub max_reading_n: f64,
     /// Largest distance of the reel from its mean angle in a run, in rad.
     pub travel_rad: f64,
     /// Largest speed of the reel in rad/s.

@@ -22,6 +22,9 @@ pub const DEADBAND_RAD_S: f64 = 0.02;
 /// Velocity in rad/s that rounds the declared Coulomb friction.
 const FRICTION_ROUNDING_RAD_S: f64 = 0.2;
 
+/// Largest RMS of the noise of the logged velocity in rad/s.
+const SPEED_NOISE_RAD_S: f64 = 0.003;
+
 /// Time in s that the logger's clock shows at the first row.
 const CLOCK_START_S: f64 = 1.0;
 
@@ -102,6 +105,15 @@ impl Declared {
 }
 
 impl Term {
+    /// Largest change of the force with the velocity in N s/rad.
+    fn slope(&self) -> f64 {
+        match self.name {
+            "viscous friction" => self.coefficient.abs(),
+            "dry friction" => self.coefficient.abs() / FRICTION_ROUNDING_RAD_S,
+            _ => 0.0,
+        }
+    }
+
     /// The term without its coefficient.
     fn value(&self, command: f64, velocity: f64, angle: f64) -> f64 {
         match self.name {
@@ -203,8 +215,10 @@ pub struct Missing {
     pub rms_n: f64,
     /// RMS of the effect alone without any fit, in N.
     pub raw_rms_n: f64,
-    /// RMS of what the declared model and the other effects leave of it, in N: with all effects, less without this.
+    /// RMS of what the declared model leaves of the readings with all effects, less the readings without this one, in N.
     pub marginal_rms_n: f64,
+    /// RMS of what the declared model and the best fit of the other missing effects leave of it, in N.
+    pub distinct_rms_n: f64,
     /// Other effects of the catalogue, fitted to this one.
     pub alike: Vec<Alike>,
 }
@@ -258,6 +272,8 @@ pub struct Set {
     pub quantum_n: f64,
     /// RMS of the jitter of the row times in s.
     pub jitter_s: f64,
+    /// RMS of the noise of the logged velocity while the reel turns, in rad/s.
+    pub speed_noise_rad_s: f64,
     /// Whether the logs have a temperature.
     pub has_temperature: bool,
     /// The logs.
@@ -409,8 +425,11 @@ impl Set {
 
         let terms = Self::declare(request, &mut Random::new(seed, "declared"));
         let (runs, names) = Self::sample(request, jitter_s, loss);
+        // The declared terms must be true on the logged velocity, to a twentieth of the noise.
+        let slope: f64 = terms.iter().map(Term::slope).sum();
+        let speed_noise_rad_s = SPEED_NOISE_RAD_S.min(0.05 * noise_rms_n / slope.max(1e-9));
         let rig = Rig::new(&runs, &terms);
-        let scene = scene(&runs, request.rate_hz);
+        let scene = scene(&rig, request.rate_hz);
 
         let mut scaled: Vec<(&'static Effect, Parameters)> = Vec::new();
         if request.size > 0.0 {
@@ -430,6 +449,10 @@ impl Set {
         for (effect, parameters) in &scaled {
             let others: Vec<_> = all.iter().copied().filter(|(e, _)| e != effect).collect();
             let alone = rig.contribution(&[(effect, parameters)]);
+            let mut distinct = rig.basis.clone();
+            for other in &others {
+                distinct.add(&rig.contribution(&[*other]));
+            }
             missing.push(Missing {
                 effect,
                 parameters: parameters.clone(),
@@ -439,6 +462,7 @@ impl Set {
                     &rig.contribution(&all),
                     &rig.contribution(&others),
                 )),
+                distinct_rms_n: distinct.rms_left(&alone),
                 alike: if request.compare {
                     compare(&rig, effect, parameters, noise_rms_n, &scene, seed)
                 } else {
@@ -476,6 +500,7 @@ impl Set {
                 let log = Log {
                     quantum_n,
                     jitter_s,
+                    speed_noise_rad_s,
                     has_temperature,
                     ceiling,
                 };
@@ -494,6 +519,7 @@ impl Set {
             colour,
             quantum_n,
             jitter_s,
+            speed_noise_rad_s,
             has_temperature,
             runs: logs,
         })
@@ -528,7 +554,7 @@ impl Set {
             speed_rad_s: if short {
                 random.uniform(0.8, 2.0)
             } else {
-                random.uniform(1.5, 6.0)
+                random.uniform(2.5, 7.0)
             },
             travel_rad: if short { 1.5 } else { 12.0 },
             acceleration_rad_s2: random.log_uniform(15.0, 80.0),
@@ -592,6 +618,7 @@ impl Set {
                     "rms_n": m.rms_n,
                     "rms_before_fit_n": m.raw_rms_n,
                     "size_beside_other_effects": over_noise(m.marginal_rms_n),
+                    "size_distinct_from_other_effects": over_noise(m.distinct_rms_n),
                     "parameters": m.parameters.to_json(),
                     "equivalences": m.effect.equivalences.iter().map(|e| json!({
                         "names": e.names, "kind": e.kind, "reason": e.reason,
@@ -620,6 +647,7 @@ impl Set {
                 "shares_of_variance": self.colour.to_json(self.request.rate_hz),
                 "quantum_n": self.quantum_n,
                 "jitter_rms_s": self.jitter_s,
+                "speed_rms_rad_s": self.speed_noise_rad_s,
             },
             "also_present": self.also_present(),
             "runs": self.runs.iter().enumerate().map(|(i, run)| json!({
@@ -685,15 +713,16 @@ pub fn file_name(i: usize) -> String {
     format!("run{:02}.csv", i + 1)
 }
 
-fn scene(runs: &[Sampling], rate_hz: f64) -> Scene {
+fn scene(rig: &Rig, rate_hz: f64) -> Scene {
     let mut scene = Scene {
         rate_hz,
         max_command_n: f64::NEG_INFINITY,
         min_command_n: f64::INFINITY,
+        max_reading_n: rig.plain.iter().copied().fold(f64::NEG_INFINITY, f64::max),
         travel_rad: 0.0,
         max_speed_rad_s: 0.0,
     };
-    for Sampling { world, .. } in runs {
+    for Sampling { world, .. } in rig.runs {
         let extreme =
             |signal: &[f64], pick: fn(f64, f64) -> f64| signal.iter().copied().fold(f64::NAN, pick);
         scene.max_command_n = scene.max_command_n.max(extreme(&world.command, f64::max));
@@ -713,7 +742,7 @@ fn scene(runs: &[Sampling], rate_hz: f64) -> Scene {
 const RANDOM_TRIES: usize = 12;
 
 /// Changes tried to the best parameters of each other effect.
-const LOCAL_TRIES: usize = 20;
+const LOCAL_TRIES: usize = 16;
 
 /// Runs of a set that effects are compared on.
 const COMPARED_RUNS: usize = 2;
@@ -752,27 +781,36 @@ fn compare(
             let mut random =
                 Random::new(seed, &format!("compare {} {}", effect.name, candidate.name));
             let mut best: Option<(f64, Parameters)> = None;
-            for n in 0..RANDOM_TRIES + LOCAL_TRIES {
-                let mut drawn = candidate.draw(&mut random, scene);
-                if let (true, Some((_, best))) = (n >= RANDOM_TRIES, &best) {
-                    // A first parameter that carries the size is left alone: the scale sets it anyway.
-                    let list = drawn.list();
-                    let changed = random.integer(
-                        usize::from(list.len() > 1 && list[0].scaled),
-                        list.len() - 1,
-                    );
-                    let spread = if random.chance(0.5) { 2.0 } else { 0.5 };
-                    let factor = random
-                        .chance(0.75)
-                        .then_some((spread * random.normal()).exp());
-                    drawn = best.with_changed(changed, factor, &drawn);
-                }
+            let attempt = |drawn: Parameters, best: &mut Option<(f64, Parameters)>| {
                 let Some(left) = left_by(candidate, &drawn) else {
-                    continue;
+                    return;
                 };
                 if best.as_ref().is_none_or(|(least, _)| left < *least) {
-                    best = Some((left, drawn));
+                    *best = Some((left, drawn));
                 }
+            };
+            for _ in 0..RANDOM_TRIES {
+                attempt(candidate.draw(&mut random, scene), &mut best);
+            }
+            let count = best.as_ref().map_or(0, |(_, p)| p.list().len());
+            // A first parameter that carries the size is left alone: the scale sets it anyway.
+            let first = best
+                .as_ref()
+                .map_or(0, |(_, p)| usize::from(count > 1 && p.list()[0].scaled));
+            for (index, factor) in (first..count).flat_map(|index| [(index, 1e-3), (index, 1e3)]) {
+                if let Some((_, now)) = best.clone() {
+                    attempt(now.with_changed(index, Some(factor), &now), &mut best);
+                }
+            }
+            for _ in 0..LOCAL_TRIES {
+                let Some((_, now)) = best.clone() else { break };
+                let index = random.integer(first, count - 1);
+                let spread = if random.chance(0.5) { 2.0 } else { 0.5 };
+                let factor = random
+                    .chance(0.75)
+                    .then_some((spread * random.normal()).exp());
+                let drawn = candidate.draw(&mut random, scene);
+                attempt(now.with_changed(index, factor, &drawn), &mut best);
             }
             best.map(|(left, _)| Alike {
                 effect: candidate,
@@ -789,6 +827,7 @@ fn compare(
 struct Log {
     quantum_n: f64,
     jitter_s: f64,
+    speed_noise_rad_s: f64,
     has_temperature: bool,
     ceiling: f64,
 }
@@ -830,7 +869,7 @@ impl Log {
                 let speed = if velocity == 0.0 {
                     0.0
                 } else {
-                    velocity + 0.003 * random.normal()
+                    velocity + self.speed_noise_rad_s * random.normal()
                 };
                 let mut row = vec![
                     stamp,
@@ -865,5 +904,6 @@ impl Log {
 }
 
 fn round(value: f64, step: f64) -> f64 {
-    (value / step).round() * step
+    // Adding zero turns -0 into 0.
+    (value / step).round() * step + 0.0
 }

@@ -105,9 +105,9 @@ fn backlash_beside_its_spring_is_coulomb_friction_with_presliding() {
         .collect();
     // An elastic-perfectly plastic element, stepped on its own: stiffness k, limit k w/2.
     let mut element = 0.0_f64;
-    for i in 1..run.len() {
-        element = (element + 0.2 * (run.angle[i] - run.angle[i - 1])).clamp(-0.05, 0.05);
-        assert_near(missing[i], element, 1e-9);
+    for (angles, missing) in run.angle.windows(2).zip(&missing[1..]) {
+        element = (element + 0.2 * (angles[1] - angles[0])).clamp(-0.05, 0.05);
+        assert_near(*missing, element, 1e-9);
     }
 }
 
@@ -125,7 +125,7 @@ fn elastic_transmission_rings_at_its_resonance_and_carries_the_static_load() {
         .filter(|i| f[*i] < 6.0 && f[i + 1] >= 6.0)
         .map(|i| i as f64 * DT)
         .collect();
-    let omega = (20.0 / (50e-6 / 0.01) as f64).sqrt();
+    let omega = (20.0_f64 / (50e-6 / 0.01)).sqrt();
     let period = TAU / (omega * (1.0 - 0.01_f64).sqrt());
     assert_near((crossings[2] - crossings[0]) / 2.0, period, 2e-3);
 }
@@ -339,7 +339,13 @@ fn bursts_come_at_rest_or_on_release_only() {
     // Moves in every second second.
     let run = world(
         60.0,
-        |t| if (t as usize) % 2 == 0 { 0.0 } else { 1.0 },
+        |t| {
+            if (t as usize).is_multiple_of(2) {
+                0.0
+            } else {
+                1.0
+            }
+        },
         |_| 5.0,
     );
     let p = [("a", 0.3), ("f", 5.0), ("decay", 0.1)];

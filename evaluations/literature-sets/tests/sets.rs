@@ -123,6 +123,13 @@ fn effects_together_each_have_their_size() {
 }
 
 #[test]
+fn effects_of_one_kind_are_not_distinct() {
+    let distinct = |names: &[&str]| set(3, names, 2.0).missing[0].distinct_rms_n / 0.04;
+    assert!(distinct(&["delay", "lag-first"]) < 0.2);
+    assert!(distinct(&["delay", "crosstalk"]) > 0.9);
+}
+
+#[test]
 fn an_empty_set_leaves_the_noise_and_nothing_else() {
     for (seed, names, size) in [
         (1, vec![], 1.0),
@@ -142,6 +149,20 @@ fn an_empty_set_leaves_the_noise_and_nothing_else() {
             "{}",
             rms / expected
         );
+    }
+}
+
+#[test]
+fn the_declared_model_is_true_on_the_logged_columns() {
+    // With little noise the noise of the velocity must not show as friction that is missing.
+    for seed in 0..12 {
+        let request = Request {
+            noise_n: Some(0.001),
+            ..request(seed, &[], 1.0)
+        };
+        let set = Set::generate(&request).unwrap();
+        let left = left(&set, |run, row| set.runs[run].clean[row]);
+        assert!(left < 0.1 * 0.001, "seed {seed}: {left}");
     }
 }
 
@@ -225,6 +246,35 @@ fn motion_turns_rests_and_stays_in_reach() {
     }
 }
 
+#[test]
+fn each_run_has_steps_and_smooth_pieces() {
+    let long = Request {
+        duration_s: Some(80.0),
+        ..request(27, &[], 1.0)
+    };
+    for run in &Set::generate(&long).unwrap().runs {
+        for column in [2, 3] {
+            // The velocity has noise; the command is flat on plateaus.
+            let flat = run
+                .rows
+                .windows(2)
+                .filter(|pair| (pair[1][column] - pair[0][column]).abs() < 0.012)
+                .count();
+            let share = flat as f64 / run.rows.len() as f64;
+            assert!((0.15..=0.85).contains(&share), "column {column}: {share}");
+        }
+    }
+}
+
+#[test]
+fn effects_act_in_the_order_of_the_chain_not_of_the_request() {
+    let logs = |names: &[&str]| -> String {
+        let set = Set::generate(&request(13, names, 3.0)).unwrap();
+        set.runs.iter().map(csv).collect()
+    };
+    assert!(logs(&["lag-first", "coulomb"]) == logs(&["coulomb", "lag-first"]));
+}
+
 fn everything(set: &Set) -> String {
     let logs: String = set.runs.iter().map(csv).collect();
     format!("{logs}{}{:#}", model_toml(set), set.truth())
@@ -241,7 +291,7 @@ fn the_same_seed_gives_the_same_bytes() {
     assert_ne!(fnv1a(once.as_bytes()), fnv1a(other.as_bytes()));
 }
 
-/// Logs are the same in every build and on every machine. After a wanted change of the generator, take the new number
+/// Logs are the same in every build; another mathematics library may change them in the last digit. After a wanted change of the generator, take the new number
 /// from the message; results of an analysis from before and after do not compare then.
 #[test]
 fn logs_are_the_same_as_ever() {
@@ -250,7 +300,10 @@ fn logs_are_the_same_as_ever() {
         .iter()
         .map(csv)
         .collect();
-    assert_eq!(format!("{:016x}", fnv1a(logs.as_bytes())), "PINNED");
+    assert_eq!(
+        format!("{:016x}", fnv1a(logs.as_bytes())),
+        "d19d6651b49137e9"
+    );
 }
 
 #[test]

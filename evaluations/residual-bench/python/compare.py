@@ -33,7 +33,7 @@ from sysidentpy.parameter_estimation import LeastSquares
 STANDSTILL = 5.0  # deg/s
 RADIUS = 0.010  # m
 REEL = 7.0 / 26.0  # turns of the reel in one of the motor
-MOST_TERMS = 10
+MAX_TERMS = 10
 EFFECTS = ["offset", "gain", "quadratic", "coulomb", "load_dependent_coulomb", "viscous", "stribeck",
            "inertia", "drift_time", "periodic_angle"]
 
@@ -80,7 +80,7 @@ def least_squares(x, y, terms):
 
 def frols(x, y, size=None):
     """Columns by error reduction ratio; their number by BIC, or as given."""
-    tool = FROLS(ylag=1, xlag=1, model_type="NFIR", info_criteria="bic", n_info_values=MOST_TERMS,
+    tool = FROLS(ylag=1, xlag=1, model_type="NFIR", info_criteria="bic", n_info_values=MAX_TERMS,
                  estimator=LeastSquares())
     # It leaves out the first row of y, as models with lags need.
     y = np.concatenate([[0.0], y])[:, None]
@@ -138,7 +138,7 @@ def residual(program, files, folder, runs, material):
     models = Path(__file__).resolve().parents[3] / "evaluations" / "measured-rig" / "models"
     text = (models / ("gauge-original.toml" if original else "gauge-moving.toml")).read_text()
     model, test, out = folder / "model.toml", folder / "test.toml", folder / "out"
-    model.write_text(text + f"\n[selection]\nmaterial = {material}\nmax_effects = {MOST_TERMS}\n"
+    model.write_text(text + f"\n[selection]\nmaterial = {material}\nmax_effects = {MAX_TERMS}\n"
                      f"only = {json.dumps(EFFECTS)}\n")
 
     def call(chosen, by):
@@ -196,7 +196,7 @@ def main():
         sys.exit(f"not the same rows: {analyses[0][1][2]} and {len(y)}")
     tools = [
         ("SysIdentPy, FROLS, size by BIC", lambda u, p, q: frols(p, q)),
-        ("SysIdentPy, FROLS, size by held-out units", inner(frols, range(1, MOST_TERMS + 1))),
+        ("SysIdentPy, FROLS, size by held-out units", inner(frols, range(1, MAX_TERMS + 1))),
         ("PySINDy, STLSQ, threshold 0.05 N", lambda u, p, q: sindy(p, q)),
         ("PySINDy, STLSQ, threshold by held-out units", inner(sindy, np.geomspace(0.005, 0.3, 10))),
     ]

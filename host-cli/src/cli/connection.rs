@@ -98,7 +98,7 @@ impl Connection {
         Ok(link)
     }
 
-    /// Opens the connection, greets the board and runs a command with it. Ctrl-C ends the command in order.
+    /// Opens the connection, does the handshake and runs a command with it. Ctrl-C ends the command in order.
     pub fn with_session<T>(
         &self,
         context: &Context,

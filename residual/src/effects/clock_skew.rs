@@ -1,4 +1,4 @@
-//! Two clocks that do not run alike.
+//! Clocks of command and target that run at different rates.
 
 use super::{Build, Context, Effect, EffectKind, Psi, Variant};
 

@@ -1,4 +1,4 @@
-//! The sensor or the cable gives way slowly under load.
+//! Creep: a slow part of the response of sensor or cable to a load.
 
 use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 

@@ -1,4 +1,4 @@
-//! Everything happens, but later.
+//! A delay: of the command, or of the target against all inputs.
 
 use super::{Build, Context, Effect, EffectKind, Found, Psi, Remedy, Setting, Variant};
 

@@ -27,7 +27,7 @@ impl Effect for Hysteresis {
             .into_iter()
             .filter_map(|(name, x, xu)| {
                 let (lo, hi) = ctx.range(&x)?;
-                // Shorter turning widths are presliding's.
+                // Shorter turning widths belong to `presliding`.
                 let grid = Context::log_grid(0.025 * (hi - lo), 0.8 * (hi - lo), 11);
                 let unit = unit.clone();
                 Some(Variant::profiled(

@@ -3,7 +3,8 @@
 //! An effect offers *variants*: ways in which it can show in a log with the given roles. A variant
 //! is a list of terms in the model's expression language, with at most one nonlinear parameter
 //! (a time constant, an order, a width) that the search profiles. To add an effect, write one file
-//! with a type that implements [`Effect`] and its test, and add one row to [`CATALOGUE`].
+//! with a type that implements [`Effect`] and its test, and add one row to [`CATALOGUE`] and one
+//! [`EffectKind`].
 
 mod backlash;
 mod cable_stretch;

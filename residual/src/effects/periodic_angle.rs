@@ -93,7 +93,7 @@ impl<'a> Angle<'a> {
         };
         let mut orders = spectrum::proposals(ctx, &self.turns_of, &weight, &look);
         if self.turns < 1.5 {
-            // Order one over less than a turn and a half is gravity's.
+            // Order one over less than a turn and a half belongs to `gravity_angle`.
             orders.retain(|o| (o - 1.0).abs() > 0.05);
         }
         orders

@@ -19,7 +19,7 @@ impl Effect for Presliding {
         let db = ctx.deadband;
         match &ctx.velocity {
             None => ctx.load.clone(),
-            // Rows in motion are other effects' business; they all lie at 0.
+            // Rows in motion show other effects; they all lie at 0.
             Some(v) if ctx.rests() => {
                 format!("(held({v}, {db}) - sgn({v}, {db})) * {}", ctx.load)
             }
@@ -60,7 +60,7 @@ struct Forms<'a> {
 }
 
 impl Forms<'_> {
-    /// The direction held at rest, 0 in motion: what moves is other friction's business.
+    /// The direction held at rest, 0 in motion, where other friction acts.
     fn held(&self) -> String {
         let (v, db) = (self.velocity, self.ctx.deadband);
         format!("(held({v}, {db}) - sgn({v}, {db}))")
@@ -76,7 +76,7 @@ impl Forms<'_> {
         Piece::new(name, "1", format!("{text} * abs({})", self.ctx.load))
     }
 
-    /// Dry friction in motion and at rest as one: a stop does not let go of it.
+    /// Dry friction in motion and at rest under one coefficient: it stays during a stop.
     fn motion_and_rest(&self) -> Option<Variant> {
         if self.ctx.friction {
             return None;
@@ -108,8 +108,8 @@ impl Forms<'_> {
         if self.loaded {
             held_per_load.push(self.per_load("held_friction_per_load", &self.held()));
         }
-        // Before the first motion of a run nobody knows which way the friction lies: its mean is
-        // a parameter of its own, or other effects would be bent to explain it.
+        // Before the first motion of a run the direction of friction is unknown. Its mean is a
+        // parameter of its own, so that other effects do not have to explain it.
         let unknown = format!("(held({v}, {db}) == 0)");
         let mut waiting = Vec::new();
         if stats::mean(&ctx.values(&unknown)) > 0.002 {
@@ -144,7 +144,7 @@ impl Forms<'_> {
         let psi = Psi {
             name: "presliding_distance",
             unit: self.ctx.position_unit(),
-            // Longer turning distances are hysteresis's.
+            // Longer turning distances belong to `hysteresis`.
             grid: Context::log_grid(2e-4 * (hi - lo), 0.018 * (hi - lo), 11),
             refine: true,
             resolution: None,

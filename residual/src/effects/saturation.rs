@@ -1,4 +1,4 @@
-//! A limit that the model does not know.
+//! Saturation: a limit of the command or the prediction.
 
 use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
 use crate::stats::quantile_sorted;

@@ -99,8 +99,8 @@ impl Leftover {
         }))
     }
 
-    /// Adds an effect that fits, but in so few places that nothing confirms it: it is neither named
-    /// nor nothing.
+    /// Adds an effect that fits, but in so few places that nothing confirms it: it is reported
+    /// as structure without a name.
     fn few_places(&mut self, last: &Step, doubtful: impl Fn(&Candidate) -> bool) {
         let found = last
             .ranked

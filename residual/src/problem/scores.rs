@@ -72,7 +72,7 @@ impl Scores {
     }
 
     /// Errors of coefficients that every sequence has for itself: each half of its blocks (odd,
-    /// even) is predicted from the other half, so a phase of its own is no free pass.
+    /// even) is predicted from the other half, so a phase of its own brings no gain by itself.
     pub fn local(p: &Problem, s: &Sums) -> Scores {
         let (q, targets) = (s.q, p.flips.len() + 1);
         let mut out = Scores {
@@ -126,7 +126,7 @@ impl Scores {
 }
 
 /// The best nonlinear parameter is chosen on the training folds of each target separately, so the
-/// held-out error stays honest about having searched. Returns held-out errors by target and the
+/// held-out error includes the search. Returns held-out errors by target and the
 /// choice of each fold for the real target.
 pub(crate) fn profile(points: &[&Scores]) -> (Vec<f64>, Vec<usize>) {
     let Some(first) = points.first() else {

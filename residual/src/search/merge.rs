@@ -6,7 +6,7 @@ use crate::model::Chosen;
 use crate::progress::Progress;
 
 /// Numbers of effects for which pairs are tried. With more effects the pairs are many, and two in
-/// place of one would have been thrown out before.
+/// place of one would have been removed before.
 const PAIRED: std::ops::RangeInclusive<usize> = 2..=3;
 
 impl Search<'_> {

@@ -4,8 +4,8 @@
 //! gain is material, stands out from the gains that decoys of the residual reach with the same
 //! terms, and is steady over blocks. Among those that explain nearly the same, the one with fewer
 //! parameters is taken first; a richer one that still adds something is taken in a later step and
-//! then throws out what it makes superfluous. So a stand-in (a line in position for a hysteresis)
-//! can enter, but cannot stay.
+//! then replaces what it makes superfluous. So an effect that only imitates another
+//! one (a line in position for a hysteresis) can be added, but is removed later.
 //!
 //! Steps: [`forward`] adds effects, [`polish`] refines their nonlinear parameters, [`merge`] puts one
 //! effect in the place of two, [`rivals`] lets the whole catalogue compete for each place,
@@ -133,7 +133,7 @@ impl<'a> Search<'a> {
             let Some(judged) = self.rivals(&mut chosen, may_replace, progress)? else {
                 continue;
             };
-            // Polished parameters change the residual: look once more before calling it the end.
+            // Polished parameters change the residual, so the catalogue is scanned once more before the end.
             progress.stage("what is left");
             let fitted = self.fit(&chosen)?;
             let last = self.step(&fitted)?;

@@ -1,4 +1,4 @@
-//! From facts to the next step: pure, so that machines nobody has at hand can be tested.
+//! From facts to the next step: pure, so that any machine's state can be tested.
 
 use std::path::PathBuf;
 

@@ -168,7 +168,7 @@ fn remember(workspace: &Workspace, reason: &str) {
     }
 }
 
-/// apt-get with root's rights and nobody to ask.
+/// apt-get with root's rights, without prompts.
 fn apt_get(facts: &Facts, arguments: &[&str]) -> Result<()> {
     let sudo = facts
         .apt

@@ -7,10 +7,8 @@
 
 mod validate;
 
-pub(crate) use validate::within;
-
 use crate::effects::Effect;
-use crate::geometry::Vec3;
+use crate::vector::Vec3;
 use serde::{Deserialize, Serialize};
 
 /// Standard gravity, m/s^2, by which a load cell's capacity in kg becomes a force.

@@ -1,20 +1,8 @@
 //! Checks of a configuration: ranges, path, units, stability of the integration.
 
 use super::*;
-use crate::error::ConfigError;
+use crate::error::{within, ConfigError};
 use crate::unit::SMALLEST_REEL_MASS_KG;
-
-/// Refuses what is not finite or outside `low..=high`.
-pub(crate) fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), ConfigError> {
-    if value.is_finite() && (low..=high).contains(&value) {
-        Ok(())
-    } else {
-        Err(ConfigError::new(
-            key,
-            format!("{value} found, {low} to {high} expected"),
-        ))
-    }
-}
 
 fn all_within(key: &str, values: &[f64], low: f64, high: f64) -> Result<(), ConfigError> {
     values.iter().try_for_each(|&v| within(key, v, low, high))
@@ -160,11 +148,11 @@ impl PlantConfig {
                     ));
                 }
                 within("robot.path.period_ratio", p.period_ratio, 1.0, 1e3)?;
-                Ok(crate::geometry::norm(p.half_extent_m))
+                Ok(crate::vector::norm(p.half_extent_m))
             }
             PathConfig::Sweep(p) => {
                 all_within("robot.path.direction", &p.direction, -1e6, 1e6)?;
-                if crate::geometry::norm(p.direction) < 1e-9 {
+                if crate::vector::norm(p.direction) < 1e-9 {
                     return Err(ConfigError::new(
                         "robot.path.direction",
                         "a zero vector has no direction",
@@ -176,7 +164,7 @@ impl PlantConfig {
             }
             PathConfig::Fixed(p) => {
                 all_within("robot.path.offset_m", &p.offset_m, -10.0, 10.0)?;
-                Ok(crate::geometry::norm(p.offset_m))
+                Ok(crate::vector::norm(p.offset_m))
             }
         }
     }
@@ -194,7 +182,7 @@ impl PlantConfig {
         for (i, u) in self.units.iter().enumerate() {
             let key = format!("units[{i}].position_m");
             all_within(&key, &u.position_m, -100.0, 100.0)?;
-            let distance = crate::geometry::norm(crate::geometry::sub(
+            let distance = crate::vector::norm(crate::vector::sub(
                 u.position_m,
                 self.robot.workspace_center_m,
             ));

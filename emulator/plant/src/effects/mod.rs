@@ -21,7 +21,7 @@ mod modifiers;
 
 pub(crate) use modifiers::Modifiers;
 
-use crate::config::within;
+use crate::error::within;
 use crate::error::ConfigError;
 use install::Install;
 use serde::{Deserialize, Serialize};

@@ -1,6 +1,6 @@
 //! Power-up, conversions and calibrations in time.
 
-use super::registers::{bit, reg};
+use super::register_map::{bit, reg};
 use super::{sign_extend, Nau7802};
 
 /// Positive full scale as a code.

@@ -19,12 +19,13 @@
 //! scale, the OTP's content, CRSD.
 
 mod conversion;
+mod register_map;
 mod registers;
 
 use super::Complaints;
 use crate::rng::Rng;
 use conversion::*;
-use registers::{bit, reg, reset_values, REGISTERS};
+use register_map::{bit, reg, reset_values, REGISTERS};
 
 /// I2C address, fixed in the chip.
 pub const ADDRESS: u8 = 0x2A;

@@ -291,8 +291,12 @@ pub fn bouc_wen_state<'a>(p: &Parameters, world: &'a World) -> impl Iterator<Ite
     let (beta, n, d) = (p.get("beta"), p.get("n"), p.get("d"));
     let mut z = 0.0_f64;
     world.velocity.iter().map(move |v| {
-        // After ten times `d` in one direction `z` has settled.
-        let dx = (v * world.dt / d).clamp(-10.0, 10.0);
+        let dx = v * world.dt / d;
+        if dx.abs() > 10.0 {
+            // Settled after ten times `d` in one direction.
+            z = dx.signum();
+            return z;
+        }
         let substeps = (dx.abs() * 10.0).ceil();
         let h = dx / substeps.max(1.0);
         let slope = |z: f64| 1.0 - z.abs().powf(n) * (1.0 - beta + beta * (h * z).signum());

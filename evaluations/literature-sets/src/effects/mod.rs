@@ -137,6 +137,7 @@ pub fn table() -> String {
         rate_hz: 100.0,
         max_command_n: 13.0,
         min_command_n: 1.0,
+        max_reading_n: 13.0,
         travel_rad: 1.5,
         max_speed_rad_s: 3.0,
     };

@@ -208,7 +208,8 @@ pub fn draw_crosstalk(draw: &mut Draw, _: &Scene) {
     draw.scaled_ratio("c2", "%", c1, [-3.0, 3.0], [-0.8, 0.8]);
 }
 
-/// Saturation of the amplifier (Doebelin 2003): the output stays at `reference - depth`. It also clips the noise, so
+/// Saturation of the amplifier (Doebelin 2003): the output stays at `reference - depth`, with the largest
+/// reading of the set without effects as reference. It also clips the noise, so
 /// readings at the limit repeat exactly.
 pub fn clipping(p: &Parameters, _: &World, signal: &mut [f64]) {
     let level = clipping_level(p);
@@ -224,7 +225,7 @@ pub fn clipping_level(p: &Parameters) -> f64 {
 
 /// Draws [`clipping`].
 pub fn draw_clipping(draw: &mut Draw, scene: &Scene) {
-    draw.given("reference", "N", scene.max_command_n);
+    draw.given("reference", "N", scene.max_reading_n);
     draw.scaled("depth", "N", 0.1, 5.0);
 }
 

@@ -35,6 +35,7 @@ pub fn parameters(name: &str, values: &[(&str, f64)]) -> Parameters {
         rate_hz: 100.0,
         max_command_n: 10.0,
         min_command_n: 2.0,
+        max_reading_n: 10.0,
         travel_rad: 5.0,
         max_speed_rad_s: 3.0,
     };

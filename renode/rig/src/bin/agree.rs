@@ -98,38 +98,38 @@ const WINDOWS: [(&str, u64, u64, [f64; UNITS]); 3] = [
 fn scenario(program: &Path, elf: &Path, seed: &str) -> Result<Story, String> {
     let mut m = Machine::start(program, elf, seed)?;
     m.until(500)?;
-    m.tell(&Command::Hello {
+    m.request(&Command::Hello {
         abi: ABI_VERSION,
         schema: SCHEMA_HASH,
     })?;
     m.until(550)?;
     for unit in 0..UNITS {
         let unit = u8::try_from(unit).unwrap_or(u8::MAX);
-        m.tell(&Command::StageConfig {
+        m.request(&Command::StageConfig {
             unit,
             config: Config::nominal(),
         })?;
         m.until(560 + 10 * u64::from(unit))?;
     }
-    m.tell(&Command::CommitConfig)?;
+    m.request(&Command::CommitConfig)?;
     m.until(650)?;
-    m.tell(&Command::ClearFaults)?;
+    m.request(&Command::ClearFaults)?;
     m.until(2_500)?;
-    m.tell(&Command::Stream { decimation: 1 })?;
-    m.tell(&Command::Zero { units: 0x3F })?;
+    m.request(&Command::Stream { decimation: 1 })?;
+    m.request(&Command::Zero { units: 0x3F })?;
     m.until(5_000)?;
-    m.tell(&Command::Arm)?;
+    m.request(&Command::Arm)?;
     m.hold([4.0; UNITS], 7_000)?;
     m.hold([7.0, 7.0, 7.0, 3.0, 3.0, 3.0], 9_000)?;
     m.inject(Injection::UnplugSensor(3))?;
     m.hold([7.0, 7.0, 7.0, 3.0, 3.0, 3.0], 9_500)?;
-    m.tell(&Command::Disarm)?;
+    m.request(&Command::Disarm)?;
     m.until(10_000)?;
     m.inject(Injection::EStop(true))?;
     m.until(10_200)?;
     m.inject(Injection::EStop(false))?;
     m.until(10_250)?;
-    m.tell(&Command::ClearFaults)?;
+    m.request(&Command::ClearFaults)?;
     m.until(10_400)?;
     Ok(std::mem::take(&mut m.story))
 }
@@ -198,7 +198,7 @@ impl Machine {
     }
 
     /// Queues a command for the next advance.
-    fn tell(&mut self, command: &Command) -> Result<(), String> {
+    fn request(&mut self, command: &Command) -> Result<(), String> {
         self.seq = self.seq.wrapping_add(1);
         let frame = HostFrame {
             seq: self.seq,
@@ -217,7 +217,7 @@ impl Machine {
             inv_cos_q16: 65_536,
         });
         while self.now_ns < end_ms * MS {
-            self.tell(&Command::Setpoints {
+            self.request(&Command::Setpoints {
                 valid_ms: 100,
                 units,
             })?;
