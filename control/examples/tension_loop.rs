@@ -82,7 +82,7 @@ fn main() -> ExitCode {
             "seconds" => seconds = value,
             "seeds" => seeds = value as u64,
             _ => {
-                eprintln!("{key}: no such key; see the head of this example's source");
+                eprintln!("{key}: is not a key; see the head of this example's source");
                 return ExitCode::from(2);
             }
         }

@@ -36,7 +36,7 @@ struct Dacs {
 }
 
 fn spi1() -> &'static pac::spi1::RegisterBlock {
-    // SAFETY: registers that are there for ever; used by `start` before the interrupt runs, then by code
+    // SAFETY: registers at a fixed address; used by `start` before the interrupt runs, then by code
     // that holds STATE.
     unsafe { &*SPI1::PTR }
 }
