@@ -225,7 +225,7 @@ fn the_whole_sequence_in_order() {
 }
 
 #[test]
-fn every_calibration_mode_is_asked_for_as_coded() {
+fn every_calibration_mode_has_its_code() {
     for (mode, code) in [
         (CalibrationMode::InternalOffset, 0x74),
         (CalibrationMode::SystemOffset, 0x76),

@@ -149,7 +149,7 @@ impl Nau7802 {
     pub(super) fn finish_calibration(&mut self, mode: u8, bridge_v_per_v: f64) {
         let control = usize::from(reg::CTRL2);
         self.registers[control] &= !bit::CALS;
-        let miss = CALIBRATION_MISS * self.rng.symmetric() * self.gain() / 128.0;
+        let miss = CALIBRATION_MISS * self.rng.uniform_signed() * self.gain() / 128.0;
         let zero = self.raw_offset * self.gain() / 128.0 + miss;
         let input = self.input_codes(bridge_v_per_v);
         let valid = !self.calibration_spoilt
