@@ -159,7 +159,12 @@ fn run() -> Result<(), String> {
 
 type KeepRtt<'a> = &'a mut dyn FnMut(&mut Rig) -> Result<(), String>;
 
-fn free_run(rig: &mut Rig, seconds: f64, limit: &RealTimeLimit, keep_rtt: KeepRtt<'_>) -> Result<(), String> {
+fn free_run(
+    rig: &mut Rig,
+    seconds: f64,
+    limit: &RealTimeLimit,
+    keep_rtt: KeepRtt<'_>,
+) -> Result<(), String> {
     let end = (seconds * 1e9) as u64;
     let mut sent = 0;
     let mut serial = io::stdout().lock();

@@ -143,7 +143,7 @@ impl<'l> Stand<'l> {
             }
         }
         panic!(
-            "not within {within_s} s: {what}; the board says {:?}",
+            "not within {within_s} s: {what}; board status: {:?}",
             self.session.status()
         );
     }

@@ -86,7 +86,9 @@ pub fn draw(rng: &mut impl Rng, seconds: f64) -> Drive {
         let t = k as f64 * STEP_S;
         drive.travel_m.push(path.at(path_time));
         path_time += STEP_S * rate(t);
-        drive.setpoint_n.push((mean_n + force.at(t)).clamp(1.0, 10.0));
+        drive
+            .setpoint_n
+            .push((mean_n + force.at(t)).clamp(1.0, 10.0));
         drive.temperature_c.push(ambient_c + warm.at(t));
         drive
             .neighbour_n

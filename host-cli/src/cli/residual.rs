@@ -100,7 +100,7 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
     let report = residual::run(&options, &mut stages)
         .map_err(|error| Failure::new(error.exit_code(), error))?;
     // From here on Ctrl-C must not leave half a report.
-    let _in_order = context.interrupt.in_order();
+    let _controlled_stop = context.interrupt.controlled_stop();
     let mut applied = None;
     if let Some(out) = &arguments.out {
         report.write(out).map_err(|error| Failure::new(7, error))?;

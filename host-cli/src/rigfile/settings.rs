@@ -32,7 +32,7 @@ pub struct ControllerSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reference {
-    /// The lower bound: kind to robot and motors.
+    /// The lower bound: least load on robot and motors.
     Lower,
     /// Half-way between the bounds: far from slack.
     Middle,

@@ -1,6 +1,6 @@
 //! The 100 Hz loop of a run: arm, tension the cables, let the robot move, hold the force.
 //!
-//! A unit that faults on the way drops out and the others carry on; a fault of the whole board ends the run.
+//! A unit that faults during the run is taken out and the others continue; a fault of the whole board ends the run.
 
 use super::outcome::{samples_lost, unit_fault, Ended, LatencyMs, Outcome, RunFault};
 use super::prepare::check_stop;
@@ -248,12 +248,12 @@ impl<'a> Hold<'a> {
         Ok(())
     }
 
-    /// Takes a unit (from 0) out of the allocation. The others carry on.
+    /// Takes a unit (from 0) out of the allocation. The others continue.
     fn drop_unit(&mut self, i: usize, code: u16, detail: u32, t_s: f64) {
         self.available[i] = false;
         let fault = unit_fault(t_s, i, code, detail);
         self.observer.notice(&format!(
-            "unit {} dropped out, the others carry on: {}",
+            "unit {} dropped out, the others continue: {}",
             i + 1,
             fault.text
         ));

@@ -10,8 +10,8 @@
 //! | progress for the user | `phase` |
 //!
 //! [`set_force`] is what the command `forcectl set-force` calls, and the bench and the scenarios as well: no
-//! terminal, no files, one link. Whatever fails, it leaves the rig disarmed as far as the link allows; the board's
-//! own expiry of setpoints does the rest.
+//! terminal, no files, one link. After any failure the rig is disarmed as far as the link allows. Setpoints expire on the
+//! board in every case.
 
 mod calibrate;
 mod disarm;

@@ -1,6 +1,6 @@
 //! From a connected board to one that is configured, zeroed, calibrated and still disarmed.
 //!
-//! Units that fail on the way are switched off and reported, so that the others can be armed. The configuration is
+//! Units that fail during this are switched off and reported, so that the others can be armed. The configuration is
 //! read back at the end: nothing is armed with another one than was sent.
 
 use super::{calibrate, unit_fault, Observer, Phase, RunError, RunFault, PRETENSION_S, WANDER_S};
