@@ -270,8 +270,8 @@ mod tests {
     fn reels_run_both_ways_and_stand_still() {
         let set = generate(&recipe(&[], 5));
         for log in &set.logs {
-            let share = |wanted: fn(&f64) -> bool| {
-                log.speed_rad_s.iter().filter(|v| wanted(v)).count() as f64
+            let share = |counts: fn(&f64) -> bool| {
+                log.speed_rad_s.iter().filter(|v| counts(v)).count() as f64
                     / log.speed_rad_s.len() as f64
             };
             assert!(share(|v| *v > 1.0) > 0.1 && share(|v| *v < -1.0) > 0.1);

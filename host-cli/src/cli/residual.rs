@@ -135,7 +135,7 @@ fn check_data(paths: &[PathBuf]) -> Result<()> {
         Some(path) => Err(Failure::new(
             3,
             format!(
-                "--data {}: no such file or folder; check the path",
+                "--data {}: this file or folder does not exist; check the path",
                 path.display()
             ),
         )),
@@ -189,7 +189,7 @@ impl BoardFile {
             return Err(Failure::new(
                 3,
                 format!(
-                    "--apply {}: no such file; give the path of a rig file (`forcectl check --print` prints the built-in one)",
+                    "--apply {}: this file does not exist; give the path of a rig file (`forcectl check --print` prints the built-in one)",
                     path.display()
                 ),
             ));
