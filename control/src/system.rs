@@ -38,7 +38,7 @@ pub struct Conditions {
     pub any_usable: bool,
     /// The requested averages are complete or refused.
     pub zero_done: bool,
-    /// Every commanded force has come down to zero.
+    /// Every commanded cable force has come down to zero.
     pub ramp_done: bool,
     /// Request of this cycle.
     pub request: Request,

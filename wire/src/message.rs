@@ -129,7 +129,7 @@ pub struct UnitConfig {
     pub friction_feedforward: bool,
     /// Force at the cable with no command, in micronewton (measured 155,000).
     pub friction_offset_un: i32,
-    /// Force at the cable per commanded force, times 65,536 (measured 1.018).
+    /// Force at the cable per commanded cable force, times 65,536 (measured 1.018).
     pub friction_gain_q16: i32,
     /// Coulomb friction without load, in micronewton (measured 909,000).
     pub coulomb_un: i32,
