@@ -27,7 +27,7 @@ mod links;
 fn main() -> ! {
     let mut board = firmware::Board::start();
     loop {
-        board.samples(); // queue -> controller -> DAC word, for every sample that waits
+        board.samples(); // queue -> controller -> DAC word, for every queued sample
         board.outputs(); // words that are out -> telemetry with their latency
         board.samples();
         board.supervisor(); // once a millisecond: conditions, faults, alive line, watchdog, status

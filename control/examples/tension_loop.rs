@@ -1,4 +1,4 @@
-//! Tension error of six controllers on the plant while the robot's tip wanders; for tuning.
+//! Tension error of six controllers on the plant while the robot's tip moves; for tuning.
 //!
 //! `cargo run --release -p control --example tension_loop -- ff=0 ki=30 ea=3000`
 //!

@@ -264,7 +264,7 @@ mod tests {
             "residual --data logs",
             "--version",
         ] {
-            assert!(!needs(line), "`{line}` builds the firmware in vain");
+            assert!(!needs(line), "`{line}` builds the firmware without need");
         }
     }
 

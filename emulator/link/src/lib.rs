@@ -40,7 +40,7 @@ pub enum Request {
     },
     /// Start or stop the robot's random path (it ramps in and out smoothly); answered by [`Response::Done`].
     Robot {
-        /// `true`: wander; `false`: come to a standstill.
+        /// `true`: move; `false`: stop.
         moving: bool,
     },
     /// Inject a fault, or remove it; answered by [`Response::Done`].

@@ -169,7 +169,7 @@ impl<'l> Stand<'l> {
             .unwrap_or_else(|error| panic!("{error}"));
     }
 
-    /// Lets the robot wander, or stand.
+    /// Starts or stops the robot's random path.
     ///
     /// # Panics
     /// Where the rig refuses.

@@ -1,7 +1,7 @@
 //! The undeclared effects: each adds a force to what the command alone would give.
 //!
 //! `size` is the one number that is scaled until the effect has the given RMS; the other parameters
-//! (a time constant, an order, a frequency) are drawn. Signs follow the rig: friction opposes paying in,
+//! (a time constant, an order, a frequency) are drawn. Signs follow the rig: friction opposes winding in,
 //! so it lowers the force while the reel winds in.
 
 use crate::excitation::{Drive, SHAFT_RAD_PER_M, STEP_S};

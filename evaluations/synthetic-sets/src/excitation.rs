@@ -12,7 +12,7 @@ pub const SHAFT_RAD_PER_M: f64 = 26.0 / 7.0 / 0.010;
 /// The signals of one log on the generator's clock.
 #[derive(Debug, Clone, Default)]
 pub struct Drive {
-    /// Cable paid in, in metres.
+    /// Cable wound in, in metres.
     pub travel_m: Vec<f64>,
     /// Its first derivative, in m/s; exactly zero while the robot stands.
     pub speed_m_s: Vec<f64>,

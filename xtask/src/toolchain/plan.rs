@@ -59,7 +59,7 @@ pub enum Rights {
     Root,
     /// `sudo` without a password.
     Sudo,
-    /// Not without asking somebody.
+    /// Not without a password.
     None,
 }
 

@@ -14,7 +14,7 @@ use crate::workspace::Workspace;
 /// Environment variable with the route to take: `auto`, `rustup` or `debian`.
 pub const ROUTE_VARIABLE: &str = "FORCE_ARM_TOOLCHAIN";
 
-/// How long `rustup target add` may make no progress. Behind some firewalls it hangs for ever.
+/// How long `rustup target add` may make no progress. Behind some firewalls it never ends.
 const RUSTUP_STALL: Duration = Duration::from_secs(20);
 
 /// Reads the user's choice of route.
@@ -111,7 +111,7 @@ pub fn ensure(workspace: &Workspace, route: Route) -> Result<Arm> {
     }
 }
 
-/// Forgets what was tried in vain, so that the next [`ensure`] tries it again.
+/// Forgets failed attempts, so that the next [`ensure`] tries it again.
 ///
 /// # Errors
 /// When the note can't be deleted.

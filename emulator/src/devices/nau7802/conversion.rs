@@ -14,7 +14,7 @@ pub(super) const SETTLING: u32 = 6;
 /// RC oscillator tolerance.
 pub(super) const CLOCK_TOLERANCE: f64 = 0.03;
 /// Standard deviation of the clock's random walk per conversion, relative; pulled back to its centre, so
-/// that it wanders by about 0.05 %.
+/// that it drifts by about 0.05 %.
 pub(super) const CLOCK_WALK: f64 = 2e-6;
 pub(super) const CLOCK_PULL: f64 = 1e-5;
 /// Zero of an uncalibrated input: standard deviation in codes at gain 128.

@@ -36,7 +36,7 @@ pub struct Nau7802 {
     name: String,
     rng: Rng,
     registers: [u8; REGISTERS],
-    /// Clock error of this chip and its present wander, relative.
+    /// Clock error of this chip and its present drift, relative.
     clock_error: f64,
     clock_wander: f64,
     raw_offset: f64,
