@@ -18,7 +18,7 @@ pub struct Link {
     queue: Producer,
     dropped: u32,
     bad: u32,
-    /// Samples on their way.
+    /// Samples that wait for a full frame.
     pub batcher: Batcher,
 }
 
@@ -68,12 +68,12 @@ impl Link {
         }
     }
 
-    /// Answers the command with this number.
+    /// Sends the response to the command with this number.
     pub fn reply(&mut self, seq: u16, response: Response) {
         self.send(BoardMessage::Reply(Reply { seq, response }));
     }
 
-    /// What went wrong so far.
+    /// Frames dropped and frames damaged so far.
     pub fn counters(&self) -> LinkCounters {
         LinkCounters {
             dropped: self.dropped,

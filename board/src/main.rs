@@ -1,8 +1,8 @@
-//! The firmware of the force board. This page is the machine; everything else is detail.
+//! The firmware of the force board: the superloop.
 //!
-//! Interrupts carry a sample this far: a DRDY edge is timed (EXTI), the bus scheduler reads the converter
-//! (I2C1), the result waits in a queue. From there the superloop takes it, one piece after the other, each
-//! bounded, samples first and again before each other piece. Then the core sleeps until an interrupt.
+//! Interrupts put each sample into a queue: EXTI records the time of the DRDY edge, and the bus scheduler reads
+//! the converter over I2C1. The superloop processes the queue first, and again before each other stage. Every
+//! stage is bounded. Then the core sleeps until an interrupt.
 #![cfg_attr(target_os = "none", no_std, no_main)]
 
 #[cfg(not(target_os = "none"))]
@@ -27,7 +27,7 @@ mod links;
 fn main() -> ! {
     let mut board = firmware::Board::start();
     loop {
-        board.samples(); // queue -> controller -> DAC word, for every sample that waits
+        board.samples(); // queue -> controller -> DAC word, for every queued sample
         board.outputs(); // words that are out -> telemetry with their latency
         board.samples();
         board.supervisor(); // once a millisecond: conditions, faults, alive line, watchdog, status

@@ -1,8 +1,8 @@
-//! The pin table of docs/wiring.md as constants; a test holds the two together, row by row.
+//! The pin table of docs/wiring.md as constants; a test compares the two row by row.
 
 /// GPIO port.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[allow(missing_docs)] // the letters are their own names
+#[allow(missing_docs)] // the letters of the ports
 pub enum Port {
     A,
     B,
@@ -21,7 +21,7 @@ pub enum Mode {
     AsReset,
     /// Push-pull output with the level it starts at, set before the pin is driven.
     Output {
-        /// Level from the first moment.
+        /// Initial level.
         high: bool,
     },
     /// Input with pull-down: a broken wire reads low.

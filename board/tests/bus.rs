@@ -1,5 +1,5 @@
 //! The bus scheduler against a model of the bus in virtual time: six converters with clocks of their own, the
-//! bit times of 400 kHz, and whatever can go wrong with a cable.
+//! bit times of 400 kHz, and the failures of a cable.
 
 use board::bus::{Bus, Event, Sink, Transfer, TransferError, Work, STUCK_AFTER};
 use board::clocks::{I2C_DEADLINE_US, RECOVERY_STEP_US};
@@ -505,7 +505,7 @@ fn an_edge_that_was_never_seen_is_found_by_its_level() {
 }
 
 #[test]
-fn a_conversion_that_nobody_read_is_counted() {
+fn an_unread_conversion_is_counted() {
     let mut bench = Bench::streaming();
     bench.run(50_000);
     // Three periods of silence on one line, as a stalled core would leave it.

@@ -242,7 +242,7 @@ fn nothing_is_done_for_a_link_without_hello_and_the_last_hello_commands() {
         bench.ask(0, Command::GetStatus),
         Some(Response::Rejected(CommandError::NotConnected))
     );
-    // A stranger on the other link takes nothing away.
+    // A rejected Hello on the other link changes nothing.
     bench.ask(
         0,
         Command::Hello {
@@ -564,7 +564,7 @@ fn noise_at_an_encoder_is_a_fault_when_it_goes_on() {
 }
 
 #[test]
-fn a_converter_that_comes_up_and_says_nothing_is_a_failed_bring_up() {
+fn a_converter_without_samples_after_its_bring_up_is_a_failed_bring_up() {
     let mut bench = Bench::new(None);
     bench.hello(0);
     bench.done(Command::StageConfig {
@@ -613,7 +613,7 @@ fn zeroing_takes_the_load_away_and_a_touched_cable_is_refused() {
 }
 
 #[test]
-fn what_ended_the_last_run_is_latched_and_told() {
+fn the_crash_record_of_the_last_run_is_latched_and_sent() {
     let record = CrashRecord {
         code: Fault::Panic.code(),
         detail: 42,
@@ -633,7 +633,7 @@ fn what_ended_the_last_run_is_latched_and_told() {
 }
 
 #[test]
-fn the_boards_own_troubles_are_faults() {
+fn errors_of_the_board_itself_are_faults() {
     let cases = [
         (
             Health {
@@ -686,7 +686,7 @@ fn a_missed_conversion_is_counted_and_flagged() {
 }
 
 #[test]
-fn batches_fill_thin_out_and_leave_in_time() {
+fn batches_fill_decimate_and_are_sent_in_time() {
     let mut batcher = Batcher::default();
     let at = 0xFFFF_FFF0u32;
     for n in 0..BATCH as u32 - 1 {
@@ -729,7 +729,7 @@ fn batches_fill_thin_out_and_leave_in_time() {
 }
 
 #[test]
-fn latency_is_from_edge_to_word_and_a_word_that_never_left_shows() {
+fn latency_is_from_edge_to_word_and_a_word_that_was_never_sent_shows() {
     let mut outstanding = Outstanding::default();
     let sample = Sample {
         unit: 4,

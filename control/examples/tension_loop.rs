@@ -1,4 +1,4 @@
-//! Tension error of six controllers on the plant while the robot's tip wanders; for tuning.
+//! Tension error of six controllers on the plant while the robot's tip moves; for tuning.
 //!
 //! `cargo run --release -p control --example tension_loop -- ff=0 ki=30 ea=3000`
 //!
@@ -82,7 +82,7 @@ fn main() -> ExitCode {
             "seconds" => seconds = value,
             "seeds" => seeds = value as u64,
             _ => {
-                eprintln!("{key}: no such key; see the head of this example's source");
+                eprintln!("{key}: is not a key; see the head of this example's source");
                 return ExitCode::from(2);
             }
         }

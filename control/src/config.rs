@@ -66,7 +66,7 @@ fields! {
     /// Coulomb friction.
     COULOMB = 12, "coulomb_un", 0 ..= 5_000_000, "measured 909,000; above 5 N the unit can't hold 2 N";
     /// Load dependence of Coulomb friction.
-    COULOMB_LOAD = 13, "coulomb_load_q16", 0 ..= 26_214, "0 to 0.4 and at most half the friction gain, or winding in would take twice the force and more; measured 0.154";
+    COULOMB_LOAD = 13, "coulomb_load_q16", 0 ..= 26_214, "0 to 0.4 and at most half the friction gain, with more, winding in would take more than twice the force; measured 0.154";
     /// Reversal travel.
     REVERSAL = 14, "reversal_nm", 10_000 ..= 5_000_000,
         "10 um is two counts, less would be noise; over 5 mm the compensation would come after the disturbance";
@@ -77,14 +77,14 @@ fields! {
         "10 to 1,000 counts/N in size: 282 (Z6A6 at +-10 V), 564 (+-5 V), 141 (Z12A8)";
     /// Force limit.
     FORCE_LIMIT = 17, "force_limit_un", 0 ..= 40_000_000,
-        "0 to 40 N: cables carry up to 12 N and the cell is rated 29 N; the drive could do 116 N, which must never be let out";
+        "0 to 40 N: cables carry up to 12 N and the cell is rated 29 N; the drive can pull 116 N, which must never reach the cable";
     /// Slew limit.
     SLEW = 18, "slew_un_per_s", 1_000_000 ..= 2_000_000_000,
         "1 N/s, below which nothing settles, to 2,000 N/s, past which it limits nothing";
     /// Over-tension.
     OVER_TENSION = 19, "over_tension_un", 1_000_000 ..= 50_000_000, "1 to 50 N: the cell's converter ends at 57 N";
     /// Viscous friction.
-    VISCOUS = 20, "viscous_q16", 0 ..= 6_553_600, "0 to 100 N s/m: below the loop's damping, which holds what is overdone here";
+    VISCOUS = 20, "viscous_q16", 0 ..= 6_553_600, "0 to 100 N s/m: below the loop's damping, which keeps the loop stable if this is too large";
     /// A ripple's periods per count.
     RIPPLE_RATE = 21, "ripples.periods_per_count_q32", -858_993_459 ..= 858_993_459,
         "a fifth of a period a count at most, in size: finer ones cannot be distinguished from noise";
@@ -124,7 +124,7 @@ pub(crate) const SCALE_SHIFT: u32 = 30;
 /// Fraction bits of `ki` per microsecond.
 pub(crate) const KI_SHIFT: u32 = 42;
 /// How much slower the setpoint may change than the command: 1/8. The command must outrun the setpoint, or
-/// there is no room left for feedback while the setpoint moves.
+/// there is no margin left for feedback while the setpoint moves.
 pub const SETPOINT_SLEW_SHIFT: u32 = 3;
 
 /// A checked configuration with everything the sample path needs, precomputed.

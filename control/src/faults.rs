@@ -1,4 +1,4 @@
-//! Every fault: number, name, what it means, how to leave it.
+//! Every fault: number, name, what it means, how to clear it.
 //!
 //! Numbers are stable. 1 to 31 are faults of the board: all outputs at 0 V. 32 to 63 are faults of one
 //! unit: its output at 0 V, the others continue. Every fault is latched until `ClearFaults`, which succeeds
@@ -43,7 +43,7 @@ macro_rules! faults {
                 match self { $(Self::$variant => $meaning,)* }
             }
 
-            /// How to leave it.
+            /// How to clear it.
             #[must_use]
             pub const fn what_to_do(self) -> &'static str {
                 match self { $(Self::$variant => $way_out,)* }

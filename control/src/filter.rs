@@ -26,9 +26,9 @@ pub const SPIKE_HOLD: u8 = 3;
 
 /// Replaces single wild samples by a prediction.
 ///
-/// The rig's logs show spikes of one sample that no cable can make (an I2C bit error, a read that met the
+/// The rig's logs show spikes of one sample that no cable can cause (an I2C bit error, a read that met the
 /// converter's update). A sample further than the limit from the prediction, which is the line through the
-/// last two samples, is held back. It was real after all if the next one lies within the limit of it: then
+/// last two samples, is held back. It was a real change if the next one lies within the limit of it: then
 /// that one passes, one sample late. Samples that contradict each other are held for [`SPIKE_HOLD`] at most.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct SpikeGate {
@@ -40,7 +40,7 @@ pub struct SpikeGate {
 }
 
 impl SpikeGate {
-    /// Takes a sample; gives the one to use and whether it is a replacement.
+    /// Takes a sample; returns the one to use, and whether it is a replacement.
     pub fn step(&mut self, limit: i32, sample: Newton) -> (Newton, bool) {
         let sample = sample.to_bits();
         if !self.primed {

@@ -1,4 +1,4 @@
-//! Which way the reel goes, and which command produces a given tension in spite of friction.
+//! Direction of the reel, and the command that produces a given tension in spite of friction.
 //!
 //! Measured on the rig: F = offset + gain cmd - dir (c0 + c1 cmd), with dir = +1 winding in. Solved for the
 //! command that produces a given F:
@@ -6,12 +6,12 @@
 //! * winding in: cmd = (F - offset + c0) / (gain - c1)
 //! * paying out: cmd = (F - offset - c0) / (gain + c1)
 //!
-//! and in between, for a direction that is not sure of itself, straight between the two.
+//! For a direction estimate between -1 and 1 the command is interpolated linearly between the two.
 //!
 //! Two more terms, off unless configured, count like an offset: viscous friction (F falls by b v) and ripples over
-//! the reel's angle. The speed for the former is the travel's mean over some 25 ms: one count in a sample is
-//! 1.35 mm/s already, and what compensates friction in proportion to speed feeds the speed back positively, which
-//! must not reach the cable's swing (16 to 25 Hz). See [`ReelSpeed`] and [`Ripples`].
+//! the reel's angle. The speed for the former is the mean of the travel over about 25 ms, for two reasons. One count
+//! in a sample is 1.35 mm/s already. And compensation of viscous friction is positive feedback of the speed, which
+//! must not act at the frequency of the cable's swing (16 to 25 Hz). See [`ReelSpeed`] and [`Ripples`].
 
 use crate::limits::clamp_abs;
 use crate::units::{EncoderCounts, Newton};
@@ -261,19 +261,19 @@ pub const REST_DEAD_BAND: Newton = Newton::from_un(10_000);
 /// second), in steps of direction a step of force (2^30 / 2^22 * 0.6).
 const REST_STEPS: i64 = 154;
 
-/// Follows the reel's direction.
+/// Estimates the reel's direction.
 ///
-/// *While the reel moves*, from travel alone, as presliding friction does: the direction changes in
-/// proportion to the travel and is full after the reversal travel. No speed enters, so there is no zero
-/// speed to chatter around. One count of play keeps an encoder that jitters on an edge from moving anything.
+/// *While the reel moves*, the estimate follows the travel alone, as presliding friction does: it changes in
+/// proportion to the travel and is complete after the reversal travel. It does not use the speed, so it cannot
+/// chatter around zero speed. One count of play suppresses the jitter of an encoder that stands on an edge.
 ///
-/// *While it rests* the friction can be anything inside its band, and the motor's force does not reach the
-/// cable until the band is crossed. What matters then is not where the reel went last but where it has to
-/// go: up for too little tension, down for too much. So the direction wanders to that side as long as the
-/// error is outside [`REST_DEAD_BAND`], and holds still otherwise. The feedforward so stands at the edge of the
-/// band when the reel breaks loose, and there is no second jump when the travel confirms it. (Measured
-/// on the plant of the emulated rig: without this the compensation comes after the integral has done the work,
-/// and makes the error larger, not smaller.)
+/// *While it rests*, friction can have any value inside its band, and the motor's force does not reach the cable
+/// until the band is crossed. The estimate then depends on the direction in which the reel has to move: winding in
+/// for too little tension, paying out for too much. It moves to that side as long as the error is outside
+/// [`REST_DEAD_BAND`], and stays constant otherwise. So the feedforward is at the edge of the band when the reel
+/// starts to move, and does not jump a second time when the travel confirms the direction. (Measured on the plant of
+/// the emulated rig: without this the compensation acts after the integral has crossed the band, and makes the
+/// error larger.)
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct DirectionEstimator {
     direction: Direction,
@@ -309,7 +309,7 @@ impl DirectionEstimator {
 
         let error = i64::from(error.to_bits());
         let band = i64::from(REST_DEAD_BAND.to_bits());
-        // 4 N ask for more than the largest step; 24 bits of it, 8 of the rate and 24 of stillness make 56.
+        // 4 N give more than the largest step; 24 bits of it, 8 of the rate and 24 of stillness make 56.
         let beyond = (error - clamp_abs(error, band)).clamp(-(4 << 22), 4 << 22);
         let intent = (beyond * REST_STEPS * i64::from(self.stillness().0)) >> 24;
 
@@ -324,8 +324,8 @@ impl DirectionEstimator {
         self.direction
     }
 
-    /// Travel of the last sample in nanometres without the flicker of an encoder that stands on an edge: for
-    /// whatever answers to speed, since one count in a sample is 1.4 mm/s already.
+    /// Travel of the last sample in nanometres, without the jitter of an encoder that stands on an edge. For
+    /// terms that depend on the speed: one count in a sample is 1.4 mm/s already.
     #[must_use]
     pub const fn steady_travel_nm(&self) -> i32 {
         self.steady_nm
@@ -339,8 +339,8 @@ impl DirectionEstimator {
     }
 }
 
-/// Largest travel of a sample that is believed, in nanometres: 4.2 mm in 3.1 ms is 1.3 m/s, twice what the
-/// motor reaches at the amplifier's voltage. Longer ones are cut.
+/// Largest travel of a sample that is accepted, in nanometres: 4.2 mm in 3.1 ms is 1.3 m/s, twice what the
+/// motor reaches at the amplifier's voltage. Longer ones are limited to it.
 pub const MAX_TRAVEL_NM: i32 = 1 << 22;
 
 /// Travel between two encoder positions in nanometres, positive winding in.

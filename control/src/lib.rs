@@ -11,7 +11,7 @@
 //! | one sample of one unit | [`mod@unit`], made of [`filter`], [`friction`], [`pid`], [`limits`] |
 //! | zeroing | [`zero`] |
 //! | when may a motor pull | [`state`], [`motor`], [`system`], [`supervisor`] |
-//! | what went wrong and how to leave it | [`faults`] |
+//! | what went wrong and how to clear it | [`faults`] |
 //! | where do the cables point (not in the sample path) | [`geometry`] |
 //!
 //! # Error of the fixed-point arithmetic

@@ -1,7 +1,7 @@
 //! How fast a force may change.
 //!
-//! A slow ramp moves by few steps of [`Newton`] a sample, and what rounding takes from each would add up along
-//! the ramp. So a ramp keeps its place with 26 bits more.
+//! A slow ramp moves by few steps of [`Newton`] a sample, and the rounding errors of the steps would add up. So
+//! a ramp has 26 more fraction bits.
 
 use crate::units::Newton;
 
@@ -40,13 +40,13 @@ impl Rate {
 pub struct Ramp(i64);
 
 impl Ramp {
-    /// Where it stands.
+    /// Present value.
     #[must_use]
     pub const fn value(self) -> Newton {
         Newton::from_wide_shifted(self.0, EXTRA)
     }
 
-    /// Puts it somewhere.
+    /// Sets the value without a rate limit.
     pub fn set(&mut self, value: Newton) {
         self.0 = i64::from(value.to_bits()) << EXTRA;
     }

@@ -2,8 +2,8 @@
 //! (thesis 3.6.2, MotorStateMachine).
 //!
 //! The caller owns the latch ([`crate::faults::Latch`]) and passes `faulted` for as long as it holds one.
-//! Clearing brings the unit up again from the start: whatever made it fault, its converter's state is not
-//! to be trusted. Nothing but an armed board makes a unit run.
+//! Clearing brings the unit up again from the start, because the state of its converter is unknown after a
+//! fault. A unit runs only while the board is armed.
 
 use crate::state::{MotorState, SystemState};
 
@@ -34,7 +34,7 @@ pub enum Action {
     ZeroOutput,
 }
 
-/// What comes of a cycle.
+/// Result of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Transition {
     /// State from now on.
@@ -43,7 +43,7 @@ pub struct Transition {
     pub action: Action,
 }
 
-/// The state that the conditions ask for, and the action of getting there.
+/// The next state for these conditions, and the action of the transition.
 #[must_use]
 pub fn next(state: MotorState, on: Conditions) -> Transition {
     use MotorState::{BringUp, Faulted, Offline, Ready, Running, Stopping, Zeroing};
@@ -61,7 +61,7 @@ pub fn next(state: MotorState, on: Conditions) -> Transition {
                     BringUp
                 }
             }
-            // Back in the middle of a run it waits: only arming makes a unit run.
+            // A unit that becomes ready during a run waits: only arming makes a unit run.
             BringUp if on.sensor_up && !on.system.drives() => Ready,
             BringUp => BringUp,
             // A converter that was lost without a fault (a recovery that starts over) leaves the loop.

@@ -4,14 +4,14 @@
 //!
 //! A converter runs at 310 to 330 SPS. The integral uses the measured time between two DRDY edges, so that
 //! its rate is a true 1/s and a lost sample is accounted for. The derivative and the damping use the nominal
-//! rate: 3 % of a damping gain is nothing, and a division less is a division less. After lost samples the
-//! difference is spread over the periods it spans.
+//! rate: an error of 3 % of the damping gain is acceptable, and this saves a division. After lost samples the
+//! difference is divided by the number of periods it spans.
 //!
 //! # Damping
 //!
-//! The load cell's answer is 6.25 ms old when it arrives (sinc4), the encoder's is not. Reel, gear and motor
-//! are 0.46 kg at the cable, which with some N/mm of cable swing at 16 to 25 Hz, where the delay has used up
-//! the loop's phase. A force against the reel's speed damps that swing at its source. Its steady part would
+//! The load cell's signal has a delay of 6.25 ms (sinc4), the encoder's has none. Reel, gear and motor are
+//! 0.46 kg at the cable. With a cable of some N/mm they oscillate at 16 to 25 Hz, where the delay leaves the loop
+//! no phase margin. A force against the reel's speed damps this oscillation. Its steady part would
 //! pull against every motion of the robot, so the speed passes a first-order high pass of
 //! [`DAMPING_CORNER_HZ`] first.
 //!
@@ -41,7 +41,7 @@ const DAMPING_LEAK_Q16: i64 = 2_524;
 /// Fraction bits of the integral: i64 with 52 of them holds +-2,048 N.
 const INTEGRAL_SHIFT: u32 = 52;
 
-/// What a sample gives the regulator.
+/// Input of the controller for one sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Measured {
     /// Setpoint less tension.
@@ -73,7 +73,7 @@ impl Terms {
     }
 }
 
-/// Memory of the regulator.
+/// State of the controller.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Pid {
     /// Integral, newton times 2^52.

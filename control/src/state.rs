@@ -40,7 +40,7 @@ impl MotorState {
         Self::ALL.into_iter().find(|&state| state as u8 == number)
     }
 
-    /// What a person reads.
+    /// Name in messages.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {
@@ -100,7 +100,7 @@ impl SystemState {
         Self::ALL.into_iter().find(|&state| state as u8 == number)
     }
 
-    /// What a person reads.
+    /// Name in messages.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

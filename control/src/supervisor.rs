@@ -3,7 +3,7 @@
 
 use crate::units::{EncoderCounts, Micros, Newton};
 
-/// What a rate watcher thinks.
+/// Result of a rate check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Verdict {
     /// Within its bounds.
@@ -57,7 +57,7 @@ impl Rate {
         *self = Self::default();
     }
 
-    /// It happened, `missed` times unnoticed before (each counts as a period of its own).
+    /// Records an event after `missed` unnoticed ones (each counts as a period of its own).
     pub fn observe(&mut self, at: Micros, missed: u8) {
         if let Some(last) = self.last {
             let whole = at.since(last).min(1 << 20);
@@ -72,7 +72,7 @@ impl Rate {
         self.last = Some(at);
     }
 
-    /// What to think of it now. A source that never showed up is the business of its bring-up: `Ok`.
+    /// Checks the rate at `now`. `Ok` for a source without any event yet: its bring-up reports that.
     #[must_use]
     pub fn check(&self, now: Micros, limits: &RateLimits) -> Verdict {
         let Some(last) = self.last else {
@@ -99,7 +99,7 @@ impl Rate {
         self.average_q8 >> 8
     }
 
-    /// When it happened last.
+    /// Time of the last event.
     #[must_use]
     pub const fn last(&self) -> Option<Micros> {
         self.last
@@ -124,7 +124,7 @@ impl Expiry {
     }
 
     /// Whether setpoints are in force at all and have run out. Call it at least every half hour, or the
-    /// clock's wrap makes old setpoints young again; the supervisor calls it every millisecond.
+    /// wrap of the clock makes expired setpoints valid again; the supervisor calls it every millisecond.
     #[must_use]
     pub fn is_expired(&self, now: Micros) -> bool {
         self.renewed
@@ -195,8 +195,8 @@ pub const STILL_SWING: Newton = Newton::from_un(6_000_000);
 const STILL_SAMPLES: u8 = 8;
 
 /// Watches an encoder by what the tension does: one that stands still while the tension swings further than a
-/// resting reel allows is unplugged or broken. Without it damping and direction are gone, and the loop swings
-/// between slack and limit.
+/// resting reel allows is unplugged or broken. Without it the loop has neither damping nor direction estimate and
+/// oscillates between slack and limit.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct EncoderWatch {
     still: Option<Still>,

@@ -38,7 +38,7 @@ pub struct Conditions {
     pub any_usable: bool,
     /// The requested averages are complete or refused.
     pub zero_done: bool,
-    /// Every commanded force has come down to zero.
+    /// Every commanded cable force has come down to zero.
     pub ramp_done: bool,
     /// Request of this cycle.
     pub request: Request,
@@ -57,7 +57,7 @@ pub enum Denied {
     EStopOpen,
 }
 
-/// What comes of a cycle.
+/// Result of a cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Transition {
     /// State from now on.
@@ -66,7 +66,7 @@ pub struct Transition {
     pub denied: Option<Denied>,
 }
 
-/// The state that the conditions ask for.
+/// The next state for these conditions.
 #[must_use]
 pub fn next(state: SystemState, on: Conditions) -> Transition {
     use SystemState::{Boot, BringUp, Fault, Ready, Running, Stopping, Zeroing};
@@ -114,14 +114,14 @@ pub fn next(state: SystemState, on: Conditions) -> Transition {
         },
         Zeroing if on.zero_done => stay(idle),
         Zeroing => match on.request {
-            // Taking back the zeroing is always possible.
+            // Zeroing can always be cancelled.
             Request::Disarm => go(idle),
             _ => stay(Zeroing),
         },
         Running => match on.request {
             Request::Disarm => go(Stopping),
             Request::Arm => go(Running),
-            // No unit is left that could pull: there is nothing to be armed about.
+            // No unit is left that could pull, so the board does not stay armed.
             Request::None if !on.any_usable => go(Stopping),
             Request::None => go(Running),
             Request::Zero => stay(Running),

@@ -85,7 +85,7 @@ impl Setpoint {
     }
 }
 
-/// What a sample brings.
+/// Input of one sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Input {
     /// ADC code.
@@ -100,7 +100,7 @@ pub struct Input {
     pub drive: Drive,
 }
 
-/// What a sample led to.
+/// Output of one sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Output {
     /// Code for the DAC; 0 V unless the unit is driven.
@@ -269,7 +269,7 @@ impl Controller {
             }
             Drive::Follow => {
                 if !state.closed {
-                    // From where the cable is: no step of the error.
+                    // Starts at the present tension, so that the error has no step.
                     state
                         .setpoint
                         .set(tension.clamp_to(Newton::ZERO, config.force_limit));
@@ -302,7 +302,7 @@ impl Controller {
                 let braked = unlimited.saturating_sub(brake(tension, setpoint, travel_nm));
                 let limited = braked.clamp_to(Newton::ZERO, config.force_limit);
                 let slewing = state.command.approach(limited, config.slew, dt_us);
-                // The brake counts as a limit: while it holds back, the integral must not push.
+                // The brake counts as a limit: while it acts, the integral must not wind up.
                 let excess = unlimited.saturating_sub(state.command.value());
                 let boost = if config.friction.is_enabled() {
                     Stillness::default()
@@ -344,7 +344,7 @@ impl State {
         travel_nm: i32,
     ) -> Option<(Fault, u32)> {
         let count = |seen: u8, now: bool| if now { seen.saturating_add(1) } else { 0 };
-        // Before the filter: it would hide a jerk for milliseconds.
+        // Before the filter, which would delay a sudden pull by milliseconds.
         let direct = times_inv_cos(gated, input.setpoint.inv_cos);
         self.over = count(self.over, direct > config.over_tension);
         self.saturated = count(self.saturated, input.adc_code.is_saturated());
@@ -370,8 +370,8 @@ fn times_inv_cos(force: Newton, inv_cos: InvCos) -> Newton {
     Newton::from_wide_shifted(i64::from(force.to_bits()) * i64::from(inv_cos.q16()), 16)
 }
 
-/// What holds the reel back while it takes up slack faster than [`TAKE_UP_NM`], so that a cable never
-/// slams tight. Full with no tension at all, gone at [`SLACK_TENSION`]: it fades as the cable tightens.
+/// Brake force on the reel while it takes up slack faster than [`TAKE_UP_NM`], so that the cable does not tighten
+/// with a shock. Largest without tension, zero from [`SLACK_TENSION`] on.
 fn brake(tension: Newton, setpoint: Newton, travel_nm: i32) -> Newton {
     let slack = SLACK_TENSION.min(Newton::from_bits(setpoint.to_bits() >> 1));
     let missing = slack.saturating_sub(tension.clamp_to(Newton::ZERO, slack));

@@ -1,4 +1,4 @@
-//! Averaging the zero of a load cell, with a check that the cable really hangs still.
+//! Averaging the zero of a load cell, with a check that the cable is slack and at rest.
 //!
 //! Zero moves with the unit's weight and mounting angle and a little with each calibration of the
 //! converter (thesis 3.5.1; device-facts: 0.5 to 1 % steps), so it is taken anew at each start, cables
@@ -30,14 +30,14 @@ pub enum Refused {
     Saturated,
 }
 
-/// What an averager has to say after a sample.
+/// Result after a sample.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Progress {
     /// This many samples are still to come.
     Collecting(u16),
     /// The zero.
     Done(AdcCode),
-    /// None, and why.
+    /// No zero, and why.
     Refused(Refused),
 }
 

@@ -23,7 +23,7 @@ fn motor_follows_the_policy_everywhere() {
         for on in motor_conditions() {
             let to = motor::next(state, on);
             let context = format!("{state:?} on {on:?} gives {to:?}");
-            // Nothing drives that is off, faulted, without a sensor, or not asked to by the board.
+            // Nothing drives that is off, faulted, without a sensor, or not armed by the board.
             if !on.enabled {
                 assert_eq!(to.state, MotorState::Offline, "{context}");
             } else if on.faulted {
@@ -108,7 +108,7 @@ fn a_sensor_that_comes_back_in_a_run_waits_for_the_next_arming() {
 }
 
 #[test]
-fn a_day_of_a_motor() {
+fn a_motor_passes_through_its_states() {
     let mut on = motor::Conditions {
         enabled: true,
         system: SystemState::BringUp,
@@ -179,7 +179,7 @@ fn system_follows_the_policy_everywhere() {
             }
             // A latched fault wins over everything, and a fault without a latch can't be.
             assert_eq!(to.state == SystemState::Fault, on.faulted, "{context}");
-            // One way into Running: asked for, from Ready, all units ready, loop closed.
+            // One way into Running: requested, from Ready, all units ready, loop closed.
             if to.state == SystemState::Running && state != SystemState::Running {
                 assert!(
                     state == SystemState::Ready

@@ -133,7 +133,7 @@ fn spike_gate_takes_spikes_and_lets_steps_pass() {
     assert_eq!(gate.step(limit, newton(300.0)), (newton(3.0), true));
     assert_eq!(gate.step(limit, newton(3.1)), (newton(3.1), false));
     // A step: one sample late.
-    // (After a spike no slope is believed, so the prediction is the last sample.)
+    // (After a spike the slope is unknown, so the prediction is the last sample.)
     assert_eq!(gate.step(limit, newton(8.0)), (newton(3.1), true));
     assert_eq!(gate.step(limit, newton(8.2)), (newton(8.2), false));
     // Samples that contradict each other are held back three times, not forever.
@@ -334,7 +334,7 @@ proptest! {
     }
 
     #[test]
-    fn pace_follows_any_travel_without_overflow(travels in prop::collection::vec(any::<i32>(), 1..50)) {
+    fn reel_speed_follows_any_travel_without_overflow(travels in prop::collection::vec(any::<i32>(), 1..50)) {
         let mut speed = ReelSpeed::default();
         let largest = travels
             .iter()
@@ -414,7 +414,7 @@ fn direction_follows_travel_and_survives_jitter() {
 }
 
 #[test]
-fn a_resting_reel_turns_to_where_it_has_to_go() {
+fn direction_of_a_resting_reel_follows_the_error() {
     let model = Model::new(&Config::nominal());
     let mut estimator = DirectionEstimator::default();
     for _ in 0..20 {
@@ -425,7 +425,7 @@ fn a_resting_reel_turns_to_where_it_has_to_go() {
         estimator.step(&model, 0, newton(-0.2));
     }
     assert_eq!(estimator.direction().q30(), -Direction::ONE);
-    // While it moves the error has no say.
+    // While it moves the error has no effect.
     for _ in 0..50 {
         estimator.step(&model, -20_000, newton(3.0));
     }
@@ -479,7 +479,7 @@ fn rate_is_bounded_from_both_sides() {
         let (rate, now) = run(period);
         rate.check(now, &RateLimits::SENSOR)
     };
-    // 310 to 330 SPS are in order; 290 and 350 aren't.
+    // 310 to 330 SPS are within the bounds; 290 and 350 are not.
     assert_eq!(verdict(3_226), Verdict::Ok);
     assert_eq!(verdict(3_030), Verdict::Ok);
     assert!(matches!(verdict(3_448), Verdict::TooSlow(p) if p.abs_diff(3_448) < 5));
@@ -517,7 +517,7 @@ fn the_watchdog_needs_every_part() {
     let mut parts = CheckIn::new(0b1011);
     parts.check_in(0);
     parts.check_in(3);
-    parts.check_in(40); // no such part, no panic
+    parts.check_in(40); // an unknown part does not panic
     assert!(!parts.complete());
     assert_eq!(parts.missing(), 0b10);
     parts.check_in(1);

@@ -111,7 +111,7 @@ fn an_absent_part_is_a_sequence_error_with_the_bus_error_inside() {
 }
 
 #[test]
-fn a_healed_bus_error_is_not_blamed_for_a_later_failure() {
+fn a_recovered_bus_error_is_not_the_cause_of_a_later_failure() {
     let mut all = vec![
         wr(&[0x00, 0x01]).with_error(NACK),
         wr(&[0x00, 0x01]),

@@ -225,7 +225,7 @@ fn the_whole_sequence_in_order() {
 }
 
 #[test]
-fn every_calibration_mode_is_asked_for_as_coded() {
+fn every_calibration_mode_has_its_code() {
     for (mode, code) in [
         (CalibrationMode::InternalOffset, 0x74),
         (CalibrationMode::SystemOffset, 0x76),
@@ -444,13 +444,13 @@ fn one_lost_transaction_anywhere_starts_over_and_succeeds() {
 }
 
 #[test]
-fn a_part_that_dies_is_reported_with_the_stage_where_it_died() {
+fn a_part_that_fails_is_reported_with_the_stage_of_the_failure() {
     thread_local!(static DEAD_FROM: std::cell::Cell<usize> = const { std::cell::Cell::new(0) });
     let mut fake = Fake::new();
     DEAD_FROM.set(12);
     fake.nack = |index| index >= DEAD_FROM.get();
     let error = bring_up(&mut fake).unwrap_err();
-    // After the first loss every restart dies at once, at the reset.
+    // After the first loss every restart fails at once, at the reset.
     assert_eq!((error.stage, error.cause), (Stage::ResetAssert, Cause::Bus));
 
     // A part whose configuration phase is always disturbed reports that stage.

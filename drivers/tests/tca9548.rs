@@ -336,7 +336,7 @@ fn the_mux_is_reset_only_where_the_clocks_do_not_help_or_the_caller_requests_it(
     assert_eq!(recovery_steps(false, |_| false), with_reset(false));
 }
 
-/// What can happen to a mux.
+/// Events at a mux.
 #[derive(Clone, Copy, Debug)]
 enum Happening {
     Select(u8),

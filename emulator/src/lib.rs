@@ -6,7 +6,7 @@
 //! ```
 //!
 //! * [`Rig`] boots an image and steps it; the binary `rig` puts it behind a pipe.
-//! * [`engine`] is the seam around the CPU engine, [`board`] everything outside the controller's package,
+//! * [`engine`] is the interface to the CPU engine, [`board`] everything outside the controller's package,
 //!   [`devices`] the chips, [`probe`] the latency measurement, [`allowed`] the list of register accesses
 //!   that may go unanswered, each with its reason.
 //!

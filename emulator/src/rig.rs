@@ -1,4 +1,4 @@
-//! The rig as one object: boot an image, step it, break things, read the figures.
+//! The rig as one object: boot an image, step it, inject faults, read the figures.
 
 use crate::board::Board;
 use crate::engine::rigless::peers::Shared;

@@ -37,7 +37,7 @@ impl Rng {
     }
 
     /// Uniform in [-1, 1).
-    pub fn symmetric(&mut self) -> f64 {
+    pub fn uniform_signed(&mut self) -> f64 {
         2.0 * self.uniform() - 1.0
     }
 
@@ -47,7 +47,7 @@ impl Rng {
             return spare;
         }
         loop {
-            let (x, y) = (self.symmetric(), self.symmetric());
+            let (x, y) = (self.uniform_signed(), self.uniform_signed());
             let square = x * x + y * y;
             if square > 0.0 && square < 1.0 {
                 let scale = (-2.0 * square.ln() / square).sqrt();

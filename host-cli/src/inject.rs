@@ -1,4 +1,4 @@
-//! What can be broken in the embedded rig, as words of a command line: `unplug=3@2s`.
+//! Faults that can be injected into the embedded rig, as text of the command line: `unplug=3@2s`.
 
 use emulator_link::{Injection, UNITS};
 

@@ -486,7 +486,7 @@ fn help_completions_and_manual_pages_know_every_command() {
     );
 }
 
-/// Calls whose output nobody reads: with a result, with an error, with help.
+/// Calls whose output is not read: with a result, with an error, with help.
 const CALLS: [(&str, i32); 9] = [
     ("explain", 0),
     ("explain --json", 0),

@@ -1,7 +1,7 @@
 // I2C controller of the STM32H7 (RM0433 chapter 47), master side, with the time that bits take.
 //
 // Renode's own model takes no time, never sees a NACK, never reports BUSY and keeps its interrupt up after
-// STOPF was cleared through ICR. The bus scheduler of this firmware lives on exactly these.
+// STOPF was cleared through ICR. The bus scheduler of this firmware depends on all of these.
 
 using Antmicro.Renode.Core;
 using Antmicro.Renode.Logging;

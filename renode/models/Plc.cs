@@ -1,4 +1,4 @@
-// The robot's PLC as far as the board feels it: it gives the amplifiers their power while the board's alive line
+// The robot's PLC as far as it affects the board: it gives the amplifiers their power while the board's alive line
 // toggles and the E-stop loop is closed.
 
 using Antmicro.Renode.Core;

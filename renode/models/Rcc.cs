@@ -24,8 +24,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             Reset();
         }
 
-        /// Called for power-on, and for every reset of the machine afterwards. Who resets says so before
-        /// with `NoteCause`; who does not is the core (SYSRESETREQ).
+        /// Called for power-on, and for every reset of the machine afterwards. The source of a reset calls
+        /// `NoteCause` before; without that call the core is the source (SYSRESETREQ).
         public void Reset()
         {
             registers.Clear();

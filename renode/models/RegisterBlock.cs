@@ -56,7 +56,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// What a register reads as; null where the model has none.
         protected abstract uint? Read(long offset);
 
-        /// Takes what is written; false where the model has no such register.
+        /// Accepts what is written; false where the model does not have the register.
         protected abstract bool Write(long offset, uint value);
 
         private readonly Dictionary<long, uint> resetValues = new Dictionary<long, uint>();

@@ -1,7 +1,7 @@
-// What stands around the board: the plant, the hand that breaks things, and the books.
+// The rig around the board: the plant, fault injection, and records of samples and truth.
 //
-// The plant lives on its own grid and only moves forward. Every access to it states at what
-// instant; up to there the converters' input samples and the rows of truth are taken in the order of time.
+// The plant is computed on its own time grid and moves forward only. Every access states an instant; the plant,
+// the converters' input samples and the rows of truth are computed up to it in the order of time.
 
 using System;
 using System.Collections.Generic;
@@ -206,7 +206,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             trips.Add(new SampleTrip { Unit = unit, ReadyNs = ready[unit], UpdateNs = at, Code = codes[unit], Dac = code });
         }
 
-        // What a hand can do. Units count from 1 here, as people count.
+        // Actions from outside. Units count from 1 here, as in messages.
 
         public void MoveRobot(bool moving)
         {

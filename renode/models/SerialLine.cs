@@ -1,4 +1,4 @@
-// The far end of USART3: bytes to the board arrive at its baud rate, bytes from the board are kept with nothing lost.
+// The far end of USART3: bytes to the board arrive at its baud rate, bytes from the board are stored without loss.
 
 using System;
 using System.Collections.Generic;

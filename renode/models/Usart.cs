@@ -256,7 +256,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         }
 
         /// Sends up to half a FIFO at a time, in the time that it takes: one event for eight bytes keeps the
-        /// emulation fast, and no reader can tell.
+        /// emulation fast, and the receiver sees no difference.
         private void Shift()
         {
             if(sending)

@@ -51,7 +51,7 @@ class ForceBoard:
         return BuiltIn().run_keyword("Execute Command", command)
 
     def power_up_board(self, seed=1):
-        """A new board, in front of its first instruction."""
+        """A new board, before its first instruction."""
         variables = BuiltIn().get_variables()
         for name, variable in (("bin", "${ELF}"), ("plant", "${PLANT}")):
             if variable in variables:

@@ -1,5 +1,5 @@
 *** Settings ***
-Documentation     Boot: clock tree, who the board is, quiet log.
+Documentation     Boot: clock tree, identity of the board, no warnings in the log.
 Library           ForceBoard.py
 
 *** Test Cases ***

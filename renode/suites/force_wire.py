@@ -1,7 +1,7 @@
 """The board's wire protocol for Robot Framework suites, from docs/protocol.md and wire/src/message.rs.
 
-A third implementation on purpose: it shares no code with the firmware or with forcectl, so that a suite's
-figure does not pass through the code under test twice. It knows bytes only; who carries them is the suite.
+A third implementation on purpose: it shares no code with the firmware or with forcectl, so that a suite does
+not check the code under test with itself. It handles bytes only; the suite transports them.
 """
 
 import binascii

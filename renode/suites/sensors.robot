@@ -1,5 +1,5 @@
 *** Settings ***
-Documentation     Sensor bring-up, six units streaming, the way of a sample from DRDY to the DAC.
+Documentation     Sensor bring-up, six units streaming, the path of a sample from DRDY to the DAC.
 Library           ForceBoard.py
 
 *** Test Cases ***

@@ -23,7 +23,7 @@ use std::collections::BTreeMap;
 /// Smallest relative fall of the held-out RMSE that is listed among what is not material.
 const LISTED: f64 = 5e-4;
 
-/// Everything that was found out.
+/// Results of the search.
 pub(crate) struct Found<'a> {
     pub search: &'a Search<'a>,
     pub outcome: &'a Outcome,
@@ -134,7 +134,7 @@ fn effect(
     let (params, ci) = parameters(search, &outcome.chosen, index)?;
     let ctx = search.scan_on(&search.declared).context();
     let against = own.effect.against(&ctx);
-    // The others are in place on both sides, so that nothing else is in the picture.
+    // The other effects are in both models, so that the plot shows this effect alone.
     let rest = search.fit(&rest)?;
     let residual = &outcome.fitted.fit.residual;
     Ok(Effect {
@@ -166,7 +166,7 @@ fn judged(outcome: &Outcome, index: usize) -> Judged {
     outcome.judged.get(index).cloned().unwrap_or_default()
 }
 
-/// What the data cannot tell from a chosen effect, if anything.
+/// Candidates that the data cannot distinguish from a chosen effect, if any.
 fn ambiguity(outcome: &Outcome, index: usize) -> Option<Ambiguity> {
     let ties = judged(outcome, index).ties;
     if ties.is_empty() {

@@ -9,7 +9,7 @@ use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::PathBuf;
 
-/// Most folds that groups are dealt to, unless asked otherwise.
+/// Largest number of folds that groups are dealt to, unless set otherwise.
 const FOLDS: usize = 10;
 
 /// Fewest rows that can be analysed.

@@ -57,7 +57,7 @@ fn done(action: Action) -> &'static str {
     }
 }
 
-/// Looks for flaws in the target and the columns; corrects or masks rows as asked.
+/// Looks for flaws in the target and the columns; corrects or masks rows as the model file says.
 /// `files` are those that the frame's `file` column counts.
 pub(crate) fn inspect(
     frame: &mut Frame,

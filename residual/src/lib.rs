@@ -3,8 +3,8 @@
 //! Given logs and a declared model (linear in its parameters, `MODEL.toml`), the analysis fits the
 //! model, tests its residual on groups that were held out, and searches a catalogue of physical
 //! effects for what is missing. The report names the effects with their parameters, the rivals and
-//! the difference to them, and effects that are too small to matter. Its verdict says too when
-//! nothing is missing, when the data cannot tell, and when no effect explains what is left.
+//! the difference to them, and effects that are too small to matter. Its verdict also says when
+//! nothing is missing, when the data cannot distinguish effects, and when no effect explains what is left.
 //!
 //! [`run`] reads files and writes reports; [`analyse`] works on columns in memory ([`Data`]).
 //! `docs/residual/how-it-works.md` describes the method and where each part of it is.

@@ -1,4 +1,4 @@
-//! Which candidates count, which one is taken, and which the data cannot tell apart.
+//! Which candidates count, which one is taken, and which the data cannot distinguish.
 
 use crate::scan::{similarity, t_statistic, Candidate, Scan};
 use crate::spec::Selection;
@@ -111,7 +111,7 @@ fn stands_for(simple: &Candidate, best: &Candidate) -> bool {
     lost < 0.03 || (lost < 0.15 && t_statistic(&simple.losses, &best.losses) < 1.5)
 }
 
-/// Rivals that the data cannot tell from the candidate at `index`: as many parameters, the same
+/// Rivals that the data cannot distinguish from the candidate at `index`: as many parameters, the same
 /// curve, no steady difference.
 pub(crate) fn indistinguishable(scan: &Scan, step: &Step, index: usize) -> Vec<Candidate> {
     let w = &step.ranked[index];

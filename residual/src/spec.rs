@@ -120,7 +120,7 @@ pub struct Roles {
     /// Temperature.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature: Option<Column>,
-    /// Setpoint of a closed loop: exogenous, so it can tell cause from feedback.
+    /// Setpoint of a closed loop: exogenous, so it distinguishes cause from feedback.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub setpoint: Option<Column>,
     /// Pose: joint angles or coordinates of the mechanism, by name.

@@ -9,11 +9,11 @@ pub(crate) struct Conditions {
     pub effects: usize,
     /// Whether structure without a name is left that is large beside what was named.
     pub unexplained: bool,
-    /// Whether the data cannot tell the strongest effect from another.
+    /// Whether the data cannot distinguish the strongest effect from another.
     pub ambiguous: bool,
 }
 
-/// The verdict. What has no name comes first, as it puts every name in doubt.
+/// The verdict. Unexplained structure has priority, because it makes every named effect doubtful.
 pub(crate) fn verdict(c: Conditions) -> Verdict {
     match c {
         Conditions {

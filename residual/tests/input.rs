@@ -380,7 +380,7 @@ fn bad_input_is_refused_with_a_reason_and_no_report() {
         "stale: {left:?}"
     );
 
-    // A report that no analysis wrote is not ours to take away.
+    // A report that no analysis wrote is not removed.
     std::fs::write(out.join("report.md"), "my own").unwrap();
     assert!(run(&options(short), &mut ()).is_err());
     assert_eq!(
@@ -465,7 +465,7 @@ fn json_is_no_log() {
 }
 
 #[test]
-fn flaws_are_reported_and_handled_as_asked() {
+fn flaws_are_reported_and_handled_as_the_model_file_says() {
     let dir = Folder::new();
     for run in 0..3 {
         let mut data = rows(run, 1500);

@@ -2,7 +2,7 @@
 //!
 //! * [`message`]: the messages. Commands ([`HostFrame`]) and telemetry ([`BoardFrame`]) are separate
 //!   types, so a stream of samples cannot be mistaken for a response.
-//! * [`frame`]: COBS frames with a CRC-32, and a decoder that survives any bytes at all.
+//! * [`frame`]: COBS frames with a CRC-32, and a decoder that accepts any bytes.
 //!
 //! Two numbers guard a connection, both checked by [`message::Command::Hello`] before anything else is
 //! accepted: [`ABI_VERSION`] changes when the *meaning* of a message changes, [`SCHEMA_HASH`] whenever

@@ -15,7 +15,7 @@ pub const BATCH: usize = 4;
 /// Ripples that a unit's feedforward knows.
 pub const RIPPLES: usize = 2;
 
-/// A frame from the host: one command and the number its answer will carry.
+/// A frame from the host: one command and the number that its response carries.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 pub struct HostFrame {
     /// Counts the host's frames; the reply repeats it.
@@ -24,7 +24,7 @@ pub struct HostFrame {
     pub command: Command,
 }
 
-/// What the host can ask of the board. Every command but [`Command::Setpoints`] is answered by a
+/// What the host can request from the board. Every command but [`Command::Setpoints`] is answered with a
 /// [`Reply`]; setpoints are confirmed by the telemetry that shows them in force.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 #[allow(clippy::large_enum_variant)] // decoded into place on a board without an allocator
@@ -36,9 +36,9 @@ pub enum Command {
         /// The host's [`crate::SCHEMA_HASH`].
         schema: [u8; 8],
     },
-    /// Ask for a [`Status`] now (one also comes every 50 ms unasked).
+    /// Request a [`Status`] now (one also comes every 50 ms without a request).
     GetStatus,
-    /// Ask for the configuration of a unit that is in force.
+    /// Request the configuration of a unit that is in force.
     GetConfig {
         /// Unit, from 0.
         unit: u8,
@@ -64,7 +64,7 @@ pub enum Command {
     Disarm,
     /// 0 V on all motors now, latched as a fault until [`Command::ClearFaults`].
     Stop,
-    /// Forget latched faults whose cause is gone, and bring offline sensors up again. Does not arm.
+    /// Clear latched faults whose cause is gone, and bring offline sensors up again. Does not arm.
     ClearFaults,
     /// New cable tensions. They expire: when nothing newer has come within `valid_ms`, the board stops.
     Setpoints {
@@ -129,7 +129,7 @@ pub struct UnitConfig {
     pub friction_feedforward: bool,
     /// Force at the cable with no command, in micronewton (measured 155,000).
     pub friction_offset_un: i32,
-    /// Force at the cable per commanded force, times 65,536 (measured 1.018).
+    /// Force at the cable per commanded cable force, times 65,536 (measured 1.018).
     pub friction_gain_q16: i32,
     /// Coulomb friction without load, in micronewton (measured 909,000).
     pub coulomb_un: i32,
@@ -198,11 +198,11 @@ pub enum BoardMessage {
 pub struct Reply {
     /// [`HostFrame::seq`] of the command.
     pub seq: u16,
-    /// What came of it.
+    /// Result of the command.
     pub response: Response,
 }
 
-/// What came of a command.
+/// Result of a command.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, Schema)]
 #[allow(clippy::large_enum_variant)]
 pub enum Response {

@@ -16,7 +16,7 @@ const PACKAGE: &str = "board";
 /// The profile of the root `Cargo.toml` that images are built with.
 pub const PROFILE: &str = "firmware";
 
-/// Whether `Cargo.lock` fits the manifests, so that `--locked` can be asked for.
+/// Whether `Cargo.lock` fits the manifests, so that `--locked` can be used.
 pub fn lock_is_current(workspace: &Workspace) -> bool {
     process::cargo(Sees::CompilerAndFlags)
         .current_dir(workspace.root())

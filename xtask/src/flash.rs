@@ -37,7 +37,7 @@ pub fn flash(workspace: &Workspace, options: Options) -> Result<()> {
         ));
     }
 
-    let arm = toolchain::setup::ensure(workspace, toolchain::setup::wish_from_environment()?)?;
+    let arm = toolchain::setup::ensure(workspace, toolchain::setup::route_from_environment()?)?;
     firmware::build(workspace, &arm)?;
 
     let subcommand = if options.run { "run" } else { "download" };

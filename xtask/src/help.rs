@@ -177,7 +177,7 @@ pub fn page(name: &str) -> Option<String> {
 }
 
 /// Whether a command's arguments ask for its help.
-pub fn is_asked_for(arguments: &[OsString]) -> bool {
+pub fn is_requested(arguments: &[OsString]) -> bool {
     arguments
         .iter()
         .take_while(|argument| *argument != "--")
@@ -207,9 +207,9 @@ mod tests {
 
     #[test]
     fn help_after_two_dashes_belongs_to_another_program() {
-        let asked =
-            |words: &[&str]| is_asked_for(&words.iter().map(OsString::from).collect::<Vec<_>>());
-        assert!(asked(&["--quick", "--help"]) && asked(&["-h"]));
-        assert!(!asked(&[]) && !asked(&["--", "--help"]) && !asked(&["--helpful"]));
+        let requested =
+            |words: &[&str]| is_requested(&words.iter().map(OsString::from).collect::<Vec<_>>());
+        assert!(requested(&["--quick", "--help"]) && requested(&["-h"]));
+        assert!(!requested(&[]) && !requested(&["--", "--help"]) && !requested(&["--helpful"]));
     }
 }

@@ -77,7 +77,7 @@ fn dispatch() -> Result<u8, Stop> {
         Some(other) => return Err(other.unexpected().into()),
     };
     let after: Vec<OsString> = std::env::args_os().skip(2).collect();
-    if command != "forcectl" && help::is_asked_for(&after) {
+    if command != "forcectl" && help::is_requested(&after) {
         if let Some(page) = help::page(&command) {
             print!("{page}");
             return Ok(0);
@@ -87,7 +87,7 @@ fn dispatch() -> Result<u8, Stop> {
         "setup" => run_setup(&workspace, parser),
         "build" | "size" => {
             no_more(parser)?;
-            let arm = setup::ensure(&workspace, setup::wish_from_environment()?)?;
+            let arm = setup::ensure(&workspace, setup::route_from_environment()?)?;
             let image = firmware::build(&workspace, &arm)?;
             firmware::print_size(&workspace, &image);
             Ok(0)
@@ -158,18 +158,18 @@ fn print_help(parser: Parser) -> Result<u8, Stop> {
 }
 
 fn run_setup(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
-    let mut wish = setup::wish_from_environment()?;
+    let mut route = setup::route_from_environment()?;
     while let Some(argument) = parser.next()? {
         match argument {
             Arg::Long("toolchain") => {
                 let word = parser.value()?;
-                wish = setup::wish(Some(&word.to_string_lossy()))?;
+                route = setup::route(Some(&word.to_string_lossy()))?;
             }
             Arg::Long("retry") => setup::forget(workspace)?,
             other => return Err(other.unexpected().into()),
         }
     }
-    let arm = setup::ensure(workspace, wish)?;
+    let arm = setup::ensure(workspace, route)?;
     say(format!("ARM toolchain: ready: {arm}"));
     Ok(0)
 }
@@ -206,7 +206,7 @@ fn run_tests(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
 }
 
 fn build_image(workspace: &Workspace) -> Result<(), Failure> {
-    let arm = setup::ensure(workspace, setup::wish_from_environment()?)?;
+    let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
     firmware::build(workspace, &arm).map(|_| ())
 }
 
@@ -223,7 +223,7 @@ fn run_renode_tests(workspace: &Workspace, parser: Parser) -> Result<u8, Stop> {
     Ok(u8::from(tally.failed > 0))
 }
 
-/// Whatever follows, untouched: it belongs to another program.
+/// The remaining arguments, unchanged, for another program.
 fn rest(mut parser: Parser) -> Result<Vec<OsString>, Stop> {
     Ok(parser.raw_args()?.collect())
 }

@@ -73,7 +73,7 @@ pub fn compare(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
 /// folder; made once, and anew when the requirements change.
 fn environment(workspace: &Workspace) -> Result<PathBuf> {
     let requirements = workspace.root().join(SCRIPTS).join("requirements.txt");
-    let wanted = fs::read_to_string(&requirements).map_err(|error| {
+    let required = fs::read_to_string(&requirements).map_err(|error| {
         Failure::new(format!("{} can't be read: {error}", requirements.display()))
     })?;
     let folder = workspace.target().join("residual-compare");
@@ -84,7 +84,7 @@ fn environment(workspace: &Workspace) -> Result<PathBuf> {
     });
     // Written last, so an environment that was interrupted is made again.
     let installed = folder.join("requirements.installed");
-    if fs::read_to_string(&installed).is_ok_and(|text| text == wanted) {
+    if fs::read_to_string(&installed).is_ok_and(|text| text == required) {
         return Ok(python);
     }
     let base = env::var_os(PYTHON_VARIABLE).unwrap_or_else(|| "python3".into());
@@ -112,7 +112,7 @@ fn environment(workspace: &Workspace) -> Result<PathBuf> {
         Failure::new(format!("the packages can't be installed: {failure}"))
             .remedy("pip's message is above; it needs the network, or an index of its own in pip's settings")
     })?;
-    fs::write(&installed, wanted).map_err(|error| {
+    fs::write(&installed, required).map_err(|error| {
         Failure::new(format!("{} can't be written: {error}", installed.display()))
     })?;
     Ok(python)

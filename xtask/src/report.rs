@@ -1,4 +1,4 @@
-//! What xtask says: progress on standard error, and failures that tell what to do next.
+//! What xtask says: progress on standard error, and failures with what to do next.
 //!
 //! Standard output stays free for results (the size table, `forcectl --json`), so that both can be
 //! piped.

@@ -34,7 +34,7 @@ pub fn cargo(workspace: &Workspace, subcommand: &str) -> Command {
 /// The command that builds some of the programs.
 pub fn build_command(workspace: &Workspace, programs: &[&str]) -> Command {
     let mut command = cargo(workspace, "build");
-    // Always the same packages, whichever program is wanted: other packages would mean other features of
+    // Always the same packages, whichever program is needed: other packages would mean other features of
     // their common dependencies, and a second build of them.
     for package in ["emulator", "host-cli", "bench", "closed-loop"] {
         command.args(["--package", package]);
@@ -118,7 +118,7 @@ pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
 /// When something can't be built or started; otherwise doesn't return.
 pub fn forcectl(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     if needs_embedded_rig(arguments) {
-        let arm = setup::ensure(workspace, setup::wish_from_environment()?)?;
+        let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
         firmware::build(workspace, &arm)?;
         build(workspace, &["rig", "forcectl"])?;
     } else {
@@ -137,7 +137,7 @@ pub fn forcectl(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
 /// # Errors
 /// When something can't be built or started.
 pub fn bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
-    let arm = setup::ensure(workspace, setup::wish_from_environment()?)?;
+    let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
     firmware::build(workspace, &arm)?;
     build(workspace, &["rig", "forcectl", "bench"])?;
     let folder = workspace.target().join("bench");
@@ -185,7 +185,7 @@ pub fn residual_bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u
 /// # Errors
 /// When something can't be built or started.
 pub fn closed_loop(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
-    let arm = setup::ensure(workspace, setup::wish_from_environment()?)?;
+    let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
     firmware::build(workspace, &arm)?;
     build(workspace, &["rig", "forcectl", "closed-loop"])?;
     let mut command = Command::new(workspace.release_program("closed-loop"));
@@ -264,7 +264,7 @@ mod tests {
             "residual --data logs",
             "--version",
         ] {
-            assert!(!needs(line), "`{line}` builds the firmware in vain");
+            assert!(!needs(line), "`{line}` builds the firmware without need");
         }
     }
 

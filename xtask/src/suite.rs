@@ -16,7 +16,7 @@ use crate::{firmware, licences, links, optional, renode, rig, rust_version};
 
 /// How a step ended when it didn't fail.
 enum Outcome {
-    /// All good; a few words on it, or none.
+    /// Passed, with a remark or none.
     Done(String),
     /// It doesn't apply to this machine; why.
     Skipped(String),
@@ -120,7 +120,7 @@ struct Suite<'a> {
     workspace: &'a Workspace,
     verbose: bool,
     tally: Tally,
-    /// The compiler for the board, once asked for.
+    /// The compiler for the board, once it was needed.
     arm: Option<Result<Arm>>,
     /// Whether the image of this run was built.
     image: Option<Result<()>>,
@@ -154,7 +154,7 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
     for name in &options.steps {
         if !STEPS.iter().any(|step| step.name == name) {
             let names: Vec<_> = catalogue().map(|(name, _)| name).collect();
-            return Err(Failure::new(format!("`{name}` is no step of the tests"))
+            return Err(Failure::new(format!("`{name}` is not a step of the tests"))
                 .remedy(format!("the steps are {}", names.join(", "))));
         }
     }
@@ -232,7 +232,7 @@ impl Suite<'_> {
             return known.clone();
         }
         let arm =
-            setup::wish_from_environment().and_then(|wish| setup::ensure(self.workspace, wish));
+            setup::route_from_environment().and_then(|route| setup::ensure(self.workspace, route));
         self.arm = Some(arm.clone());
         arm
     }
@@ -243,9 +243,9 @@ impl Suite<'_> {
     /// Nothing is printed and no result is kept: the step itself builds again, which is immediate after a
     /// success and shows the messages after a failure.
     fn build_ahead(&mut self) {
-        let wanted = |names: &[&str]| self.chosen.iter().any(|name| names.contains(name));
-        let image = wanted(&["no-std", "firmware", "on-target", "emulated"]);
-        let rig = wanted(&["rig", "emulated"]);
+        let chosen = |names: &[&str]| self.chosen.iter().any(|name| names.contains(name));
+        let image = chosen(&["no-std", "firmware", "on-target", "emulated"]);
+        let rig = chosen(&["rig", "emulated"]);
         let mut commands = Vec::new();
         if image {
             if let Ok(arm) = self.arm() {

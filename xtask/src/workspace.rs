@@ -59,7 +59,7 @@ impl Workspace {
             .join(format!("{name}{}", env::consts::EXE_SUFFIX))
     }
 
-    /// xtask's own notes: logs of the test steps, what was tried in vain.
+    /// xtask's own notes: logs of the test steps, attempts that failed.
     pub fn notes(&self) -> PathBuf {
         self.target.join("xtask")
     }

@@ -106,8 +106,8 @@ const fn target(unit: usize) -> Target {
 }
 
 impl Counters {
-    /// Sets the counters up and tests each; the number of the first chip that does not answer, from 1, comes
-    /// beside them.
+    /// Sets up and tests the counters. Returns them, and the number (from 1) of the first chip that does not
+    /// respond.
     pub fn start() -> (Self, Option<u32>) {
         let mut counters = Self {
             chips: Ls7266r1::new(Pins),

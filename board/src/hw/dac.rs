@@ -7,7 +7,7 @@
 //! SCLK idles high (a CS that rises while SCLK is low would shift one more bit), then an LDAC pulse: the
 //! output moves 2 us after the word was handed over. AFCNTR keeps SCLK and MOSI driven between frames.
 //!
-//! A missed deadline: a word that is not out after a millisecond means that SPI or its interrupt is dead.
+//! A missed deadline: a word that is not out after a millisecond means that SPI or its interrupt has stopped.
 //! The DACs' RST goes low, which sets 0 V on all motors without SPI, and the supervisor latches "DAC bus
 //! fault"; [`release`] comes after that is cleared.
 
@@ -36,7 +36,7 @@ struct Dacs {
 }
 
 fn spi1() -> &'static pac::spi1::RegisterBlock {
-    // SAFETY: registers that are there for ever; used by `start` before the interrupt runs, then by code
+    // SAFETY: registers at a fixed address; used by `start` before the interrupt runs, then by code
     // that holds STATE.
     unsafe { &*SPI1::PTR }
 }

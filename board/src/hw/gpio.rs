@@ -23,7 +23,7 @@ const fn block(port: Port) -> *const RegisterBlock {
 
 /// The registers of a port.
 pub fn registers(port: Port) -> &'static RegisterBlock {
-    // SAFETY: the address of a register block that is there for ever; all ports have the same layout
+    // SAFETY: a register block at a fixed address; all ports have the same layout
     // (section 11.4) and every register is accessed as a volatile cell.
     unsafe { &*block(port) }
 }

@@ -14,7 +14,7 @@ use cortex_m::peripheral::{NVIC, SCB};
 /// Reads of a flag before it counts as missing: some milliseconds at 64 MHz; the slowest, HSE, takes 2 ms.
 const PATIENCE: u32 = 1_000_000;
 
-/// Waits for a flag, but not for ever.
+/// Waits for a flag for a limited time.
 fn wait(what: &'static str, mut ready: impl FnMut() -> bool) {
     if !wait_for(PATIENCE, &mut ready) {
         panic!("{} did not come up", what);
@@ -146,7 +146,7 @@ pub fn trim_usb_clock() {
         .modify(|_, w| w.autotrimen().enabled().cen().enabled());
 }
 
-/// Instruction cache on; data cache off, so that DMA and core see the same memory without further thought.
+/// Instruction cache on; data cache off, so that DMA and core see the same memory contents.
 /// The signal path runs out of flash at 2 wait states: the instruction cache is what makes it fast.
 pub fn caches(scb: &mut SCB) {
     scb.enable_icache();

@@ -1,6 +1,6 @@
 //! USB OTG FS with a CDC-ACM port: the first link.
 //!
-//! Owner: the superloop alone. The core's registers want their order, unpreempted (embassy#2823 on record),
+//! Owner: the superloop alone. The core's registers must be accessed in sequence and without preemption (embassy#2823),
 //! so the OTG_FS interrupt touches none of them: it masks itself in the NVIC, which wakes the superloop, and
 //! [`Usb::serve`] unmasks it after it has polled.
 //!
@@ -23,7 +23,7 @@ use usb_device::device::{
 use usbd_serial::SerialPort;
 
 static QUEUE: Queue = Queue::new();
-/// The core has something to say.
+/// The core has an event.
 static CALLING: AtomicBool = AtomicBool::new(false);
 
 /// The test VID/PID pair of pid.codes: replace it before handing boards to others.
@@ -97,7 +97,7 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
     )
 }
 
-/// Tries what the driver will do without bounds: idle bus, soft reset, FIFO flush (section 57.14).
+/// Tries with bounded waits what the driver does without bounds: idle bus, soft reset, FIFO flush (section 57.14).
 fn core_answers() -> bool {
     // SAFETY: nothing else uses the core yet.
     let core = unsafe { &*OTG2_HS_GLOBAL::PTR };
@@ -120,7 +120,7 @@ fn core_answers() -> bool {
 }
 
 impl Usb {
-    /// Moves what there is to move: at most a packet each way. Hands over received bytes.
+    /// Transfers at most one packet in each direction. Passes on the received bytes.
     pub fn serve(&mut self, mut take: impl FnMut(u8)) {
         self.device.poll(&mut [&mut self.port]);
         if !self.trimmed && self.device.state() != UsbDeviceState::Default {
@@ -141,7 +141,7 @@ impl Usb {
             grant.release(sent);
         }
         if open {
-            // Would block: the next poll goes on.
+            // Would block: the next poll continues.
             let _ = self.port.flush();
         }
         CALLING.store(false, Ordering::Relaxed);
@@ -149,7 +149,7 @@ impl Usb {
     }
 }
 
-/// Whether the core has something to say.
+/// Whether the core has an event.
 pub fn calls() -> bool {
     CALLING.load(Ordering::Relaxed)
 }

@@ -1,8 +1,8 @@
 //! The independent watchdog and the alive line to the PLC.
 //!
-//! Owner: the supervisor, in the superloop. No interrupt: both exist to stop when the superloop does. The
-//! alive line toggles with each millisecond that the superloop comes round; the PLC cuts the amplifiers'
-//! power 10 ms after the last edge. The watchdog is fed every 10 ms and only if every [`Part`] has checked in
+//! Owner: the supervisor, in the superloop. There is no interrupt, because both must stop when the superloop
+//! stops. The superloop toggles the alive line once a millisecond; the PLC cuts the amplifiers' power 10 ms
+//! after the last edge. The watchdog is fed every 10 ms and only if every [`Part`] has checked in
 //! since; it resets the processor 50 ms after the last feed. The DACs keep their code through a reset, but the
 //! first instructions after it pull their RST.
 

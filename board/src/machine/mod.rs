@@ -41,8 +41,8 @@ pub const FIRST_SAMPLE_MS: u32 = 100;
 /// Failed reads of a converter in a row that make a fault.
 pub const MAX_FAILED_READS: u8 = 4;
 
-/// Longest pass of the superloop in microseconds. A pass takes some tens; half a sample period is the most
-/// that a sample may wait.
+/// Longest pass of the superloop in microseconds. A pass takes some tens of them; a sample may wait for half a
+/// sample period at most.
 pub const MAX_PASS_US: u32 = 1_500;
 
 /// Actions of the machine on the board, apart from the DAC code that a sample returns.

@@ -90,7 +90,7 @@ impl Machine {
                 Progress::Done(zero) => {
                     slot.zero = None;
                     slot.config = slot.config.with_zero(zero);
-                    // A configuration that waits for its commit must not bring the old zero back.
+                    // A configuration that waits for its commit must not restore the old zero.
                     slot.staged = slot.staged.map(|staged| staged.with_zero(zero));
                     slot.control.config_changed();
                     self.config_crc = self.crc();

@@ -8,7 +8,7 @@ use wire::message::{FilterChoice, UnitConfig};
 const RATE: f64 = 320.0;
 const PERIOD_US: f64 = 3_125.0;
 
-/// What the reference has to say about a sample.
+/// Result of the reference for one sample.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Answer {
     /// Command in N before rounding to a DAC code.

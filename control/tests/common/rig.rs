@@ -198,7 +198,7 @@ impl Rig {
 }
 
 /// Root mean square and largest tension error per unit over `seconds` while the tip moves, after a settling
-/// time of 3 s, with setpoints that wander slowly between 2.2 and 6 N.
+/// time of 3 s, with setpoints that vary slowly between 2.2 and 6 N.
 pub fn tension_errors(
     plant: PlantConfig,
     seed: u64,

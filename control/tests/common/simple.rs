@@ -1,4 +1,4 @@
-//! A rig of its own, as small as can be: one mass on a spring that a hand pulls, Karnopp friction (a
+//! A minimal, independent rig: one mass on a spring whose other end moves, Karnopp friction (a
 //! speed band in which it sticks), an ideal motor, a moving average of four samples' length for the
 //! converter's delay. Shares nothing with the plant but the measured friction law.
 
@@ -12,7 +12,7 @@ const STEP_S: f64 = 25e-6;
 const STICK_M_PER_S: f64 = 2e-4;
 const COUNT_M: f64 = 4.229e-6;
 
-/// RMS tension error in N over 20 s, at 4 N, while the hand moves with 8 mm/s RMS and up to 1 Hz.
+/// RMS tension error in N over 20 s, at 4 N, while that end moves with 8 mm/s RMS and up to 1 Hz.
 pub fn rms_while_moving(wire: &UnitConfig, stiffness_n_per_m: f64) -> f64 {
     let config = Config::from_wire(wire).expect("in range");
     let mut state = State::default();

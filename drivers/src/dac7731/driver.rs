@@ -83,7 +83,7 @@ impl<S: core::fmt::Debug, P: core::fmt::Debug> core::error::Error for Error<S, P
 pub struct NoLine<P>(core::marker::PhantomData<P>);
 
 impl<P> NoLine<P> {
-    /// A line that isn't there, with the error type of the others.
+    /// A missing line, with the error type of the others.
     pub const fn new() -> Self {
         Self(core::marker::PhantomData)
     }

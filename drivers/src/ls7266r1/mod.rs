@@ -7,7 +7,7 @@
 //! * [`Rld`], [`Cmr`], [`Ior`], [`Idr`], [`Flags`]: the register map.
 //! * [`proto`]: bus operations of each procedure, without a bus.
 //! * [`CounterValue`], [`PositionTracker`]: the count and its extension to 64 bits.
-//! * [`ParallelBus`], [`Target`]: the seam to the hardware; [`GpioBus`] implements it on embedded-hal pins.
+//! * [`ParallelBus`], [`Target`]: the interface to the hardware; [`GpioBus`] implements it on embedded-hal pins.
 //! * [`Ls7266r1`]: blocking driver.
 
 mod bus;

@@ -334,7 +334,7 @@ impl<I2C: I2c> Nau7802<I2C> {
                 }
                 Action::Done => return Ok(()),
                 Action::Failed(error) => {
-                    // A bus error that a restart has healed is not why a later check failed.
+                    // A bus error before a successful restart is not the cause of a later failed check.
                     let source = if error.cause == Cause::Bus {
                         bus_error
                     } else {

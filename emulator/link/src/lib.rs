@@ -1,14 +1,14 @@
 //! The lock-step link between a host program and the embedded rig.
 //!
 //! The rig is a process of its own (`rig`, package `emulator`): it boots the firmware image on the
-//! emulated STM32H753 and then advances only on request. The host sends a [`Request`], the rig answers
-//! with exactly one [`Response`]; virtual time passes only inside [`Request::Advance`]. So a host
+//! emulated STM32H753 and then advances only on request. The host sends a [`Request`], the rig sends
+//! exactly one [`Response`]; virtual time passes only inside [`Request::Advance`]. So a host
 //! controller that runs at 100 Hz sees the same bytes at the same virtual times on every machine.
 //!
 //! On the pipe (rig's standard input and output) each message is a little-endian `u32` length followed
 //! by that many bytes of postcard. The rig's log goes to its standard error. This link carries what a
-//! lab has beside the board's own serial line: the robot's pose, the clock on the wall, the hand that
-//! pulls a plug. The board's bytes travel inside it untouched (see the crate `wire`).
+//! lab has beside the board's own serial line: the robot's pose, the wall clock, and actions by hand such as
+//! pulling a plug. The board's bytes pass through it unchanged (see the crate `wire`).
 
 use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
@@ -22,7 +22,7 @@ pub const UNITS: usize = 6;
 /// Largest message that either end accepts, in bytes.
 pub const MAX_MESSAGE: u32 = 16 << 20;
 
-/// What the host asks of the rig.
+/// What the host requests from the rig.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Request {
     /// First message; answered by [`Response::Ready`].
@@ -40,7 +40,7 @@ pub enum Request {
     },
     /// Start or stop the robot's random path (it ramps in and out smoothly); answered by [`Response::Done`].
     Robot {
-        /// `true`: wander; `false`: come to a standstill.
+        /// `true`: move; `false`: stop.
         moving: bool,
     },
     /// Inject a fault, or remove it; answered by [`Response::Done`].
@@ -58,7 +58,7 @@ pub enum Injection {
     UnplugSensor(u8),
     /// Plug it in again; the converter starts from power-on reset.
     PlugSensor(u8),
-    /// The converter of a unit answers with NACK until mended by [`Injection::PlugSensor`].
+    /// The converter of a unit responds with NACK until [`Injection::PlugSensor`].
     Nack(u8),
     /// SDA is held low until SCL has been clocked nine times or the multiplexer has been reset.
     StuckSda,
@@ -76,7 +76,7 @@ pub enum Injection {
     FlipBit(u32, u8),
 }
 
-/// What the rig answers.
+/// Response of the rig.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub enum Response {
     /// The image is loaded and virtual time stands at zero.
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn a_stranger_on_the_pipe_is_refused() {
+    fn bytes_that_are_no_message_are_refused() {
         let error = receive::<Response>(b"GET / HTTP/1.1\r\n".as_slice()).unwrap_err();
         assert_eq!(error.kind(), io::ErrorKind::InvalidData);
         assert!(

@@ -1,6 +1,6 @@
 //! The plant behind a C ABI.
 //!
-//! Renode's device models are C#; the physics is the crate `plant`, once. This library is the seam:
+//! Renode's device models are C#; the physics is the crate `plant`, once. This library is the interface:
 //! a handle, plain numbers, no callbacks. One thread at a time may use a handle.
 //!
 //! ```c
@@ -14,7 +14,7 @@
 //! ```
 //!
 //! Units count from 0. A null handle or a unit that does not exist gives 0 and changes nothing, except
-//! where a function says otherwise: a model's slip must not take the emulator down.
+//! where a function says otherwise: an error in a model must not end the emulator.
 // A C ABI: exported symbols and the caller's pointers.
 #![allow(unsafe_code)]
 

@@ -45,7 +45,7 @@ impl std::error::Error for ConfigError {}
 pub enum InputError {
     /// There is no unit of this number.
     NoSuchUnit {
-        /// Number asked for, counted from 0.
+        /// Number given, counted from 0.
         unit: usize,
         /// Number of units in the plant.
         units: usize,

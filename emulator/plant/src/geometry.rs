@@ -61,7 +61,7 @@ mod tests {
     }
 
     #[test]
-    fn tilt_is_the_angle_asked_for() {
+    fn tilt_has_the_given_angle() {
         let axis = unit([0.3, -0.2, 0.9]);
         let angle = dot(axis, tilted(axis, [0.02, 0.0])).acos();
         assert!((angle - 0.02).abs() < 1e-9);

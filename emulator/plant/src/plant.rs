@@ -158,7 +158,7 @@ impl Plant {
         self.power.set(self.step, due, on);
     }
 
-    /// Lets the robot follow its path, or stand. Pace ramps in and out (`robot.ramp_s`).
+    /// Lets the robot follow its path, or stand. Its speed ramps up and down (`robot.ramp_s`).
     pub fn set_robot_moving(&mut self, moving: bool) {
         let due = self.due();
         self.moving.set(self.step, due, moving);

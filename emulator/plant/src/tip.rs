@@ -166,7 +166,7 @@ pub(crate) struct Tip {
     ramp_rate_per_s: f64,
     compliance_m_per_n: f64,
     relaxation_s: f64,
-    /// 0 standing, 1 at full pace.
+    /// 0 standing, 1 at full speed.
     ramp: f64,
     path_time_s: f64,
     give_m: Vec3,
@@ -184,7 +184,7 @@ impl Tip {
         Self {
             path,
             center_m: config.workspace_center_m,
-            // A ramp of no time is one of a step: the next step has full pace.
+            // A ramp without duration takes one step: the next step has full speed.
             ramp_rate_per_s: 1.0 / config.ramp_s.max(1e-9),
             compliance_m_per_n: config.tip_compliance_m_per_n,
             relaxation_s: config.tip_relaxation_s,
@@ -205,7 +205,7 @@ impl Tip {
         } else {
             (self.ramp - change).max(0.0)
         };
-        // Smooth pace from standstill: no jump in velocity, none in acceleration.
+        // Smooth start from standstill: no jump in velocity, none in acceleration.
         let r = self.ramp;
         let pace = r * r * r * (r * (6.0 * r - 15.0) + 10.0);
         self.path_time_s += pace * h_s;

@@ -272,7 +272,7 @@ impl Unit {
         let h = c.h_s;
         let m = &self.modifiers;
 
-        // Amplifier. Without power the bridge is open and the current dies as fast as it follows.
+        // Amplifier. Without power the bridge is open and the current decays with the bandwidth of the current loop.
         let volts = if self.delay_line_v.is_empty() {
             input_v
         } else {

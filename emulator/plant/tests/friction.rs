@@ -156,7 +156,7 @@ fn without_power_energy_only_falls_and_the_reel_comes_to_rest() {
     plant.advance_to(1_000_000_000);
     assert!(plant.tension_n(0) > 7.0);
     plant.set_amplifier_power(false);
-    // 2 ms: the current has died.
+    // After 2 ms the current is zero.
     plant.advance_to(1_002_000_000);
     let mut energy = plant.stored_energy_j(0);
     let start = energy;

@@ -1,6 +1,6 @@
 //! `rig`: the embedded rig behind a pipe, for host programs that drive it in lock-step (crate `emulator-link`).
 //!
-//! Requests come on standard input, answers leave on standard output, words for people go to standard error.
+//! Requests come on standard input, responses go to standard output, messages for people to standard error.
 
 use emulator::{allowed, Options, Rig};
 use emulator_link::{receive, send, Report, Request, Response, LINK_VERSION};
@@ -73,7 +73,7 @@ fn arguments() -> Result<Option<Arguments>, String> {
             "--paced" => found.paced = true,
             "--quiet" => found.quiet = true,
             "--help" | "-h" => return Ok(None),
-            other => return Err(format!("{other}: no such option\n{USAGE}")),
+            other => return Err(format!("{other} is not an option\n{USAGE}")),
         }
     }
     found.elf = elf.ok_or_else(|| format!("--elf is missing\n{USAGE}"))?;
@@ -93,12 +93,12 @@ fn plant(path: Option<&PathBuf>) -> Result<PlantConfig, String> {
     toml::from_str(&text).map_err(|error| format!("{}: {error}", path.display()))
 }
 
-/// Keeps virtual time from running ahead of the clock on the wall.
-struct Pace {
+/// Keeps virtual time from running ahead of the wall clock.
+struct RealTimeLimit {
     began: Option<Instant>,
 }
 
-impl Pace {
+impl RealTimeLimit {
     fn wait(&self, now_ns: u64) {
         if let Some(began) = self.began {
             let due = Duration::from_nanos(now_ns);
@@ -139,7 +139,7 @@ fn run() -> Result<(), String> {
             })?),
             None => None,
         };
-    let pace = Pace {
+    let limit = RealTimeLimit {
         began: arguments.paced.then(Instant::now),
     };
     let mut keep_rtt = move |rig: &mut Rig| -> Result<(), String> {
@@ -152,14 +152,19 @@ fn run() -> Result<(), String> {
         }
     };
     if let Some(seconds) = arguments.free_s {
-        return free_run(&mut rig, seconds, &pace, &mut keep_rtt);
+        return free_run(&mut rig, seconds, &limit, &mut keep_rtt);
     }
-    serve(&mut rig, &pace, &mut keep_rtt)
+    serve(&mut rig, &limit, &mut keep_rtt)
 }
 
 type KeepRtt<'a> = &'a mut dyn FnMut(&mut Rig) -> Result<(), String>;
 
-fn free_run(rig: &mut Rig, seconds: f64, pace: &Pace, keep_rtt: KeepRtt<'_>) -> Result<(), String> {
+fn free_run(
+    rig: &mut Rig,
+    seconds: f64,
+    limit: &RealTimeLimit,
+    keep_rtt: KeepRtt<'_>,
+) -> Result<(), String> {
     let end = (seconds * 1e9) as u64;
     let mut sent = 0;
     let mut serial = io::stdout().lock();
@@ -181,7 +186,7 @@ fn free_run(rig: &mut Rig, seconds: f64, pace: &Pace, keep_rtt: KeepRtt<'_>) -> 
                 rig.now_ns() as f64 * 1e-9
             );
         }
-        pace.wait(rig.now_ns());
+        limit.wait(rig.now_ns());
     }
     let report = rig.report().map_err(|error| error.to_string())?;
     print_report(&report, sent);
@@ -230,7 +235,7 @@ fn print_report(report: &Report, sent: usize) {
     }
 }
 
-fn serve(rig: &mut Rig, pace: &Pace, keep_rtt: KeepRtt<'_>) -> Result<(), String> {
+fn serve(rig: &mut Rig, limit: &RealTimeLimit, keep_rtt: KeepRtt<'_>) -> Result<(), String> {
     let mut from = BufReader::new(io::stdin().lock());
     let mut to = BufWriter::new(io::stdout().lock());
     loop {
@@ -244,7 +249,7 @@ fn serve(rig: &mut Rig, pace: &Pace, keep_rtt: KeepRtt<'_>) -> Result<(), String
         let response = answer(rig, request);
         keep_rtt(rig)?;
         if let Response::Advanced(advanced) = &response {
-            pace.wait(advanced.now_ns);
+            limit.wait(advanced.now_ns);
         }
         send(&mut to, &response).map_err(|error| format!("answer: {error}"))?;
         if quit {

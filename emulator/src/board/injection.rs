@@ -1,4 +1,4 @@
-//! Fault injection, and the complaints of all devices.
+//! Fault injection, and the misuse that all devices have recorded.
 
 use super::Board;
 use crate::devices::Complaints;
@@ -55,7 +55,7 @@ impl Board {
         Ok(())
     }
 
-    /// What the chips would complain about if they could.
+    /// Misuse of the chips and buses, which the real parts would not report.
     #[must_use]
     pub fn complaints(&self) -> Complaints {
         let mut all = self.complaints.clone();

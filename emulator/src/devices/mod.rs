@@ -1,5 +1,5 @@
 //! The chips around the controller, written from their datasheets' facts and from nothing in the
-//! firmware: a misreading in a driver then meets a model that does not share it.
+//! firmware: the model then does not share a driver's misreading.
 //!
 //! Models know no engine and no wiring. They get virtual time in nanoseconds with every call and hand back
 //! levels and bytes; [`crate::board`] connects them.
@@ -13,7 +13,7 @@ pub mod tca9548a;
 
 use std::collections::BTreeMap;
 
-/// Misuse of a chip that a real one would not report: it would just work wrongly. Each kind once, with
+/// Misuse of a chip that a real one would not report, but work wrongly. Each kind once, with
 /// a count.
 #[derive(Debug, Clone, Default)]
 pub struct Complaints(BTreeMap<(String, String), u64>);

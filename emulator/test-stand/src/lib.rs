@@ -1,7 +1,7 @@
 //! A stand for scenarios: the real firmware image in the embedded rig, and a session with it.
 //!
 //! The scenarios start the same `rig` program that `cargo forcectl` starts and talk to it as `forcectl` does. What
-//! they assert is what the plant's truth and the board's own words say, in virtual time.
+//! they assert is the plant's truth and what the board reports, in virtual time.
 //!
 //! `cargo xtask test` builds image and rig and sets `FORCE_FIRMWARE_ELF` and `FORCE_RIG_BIN`.
 
@@ -44,9 +44,9 @@ pub fn rig_file() -> RigFile {
     RigFile::built_in().unwrap_or_else(|error| panic!("{error}"))
 }
 
-/// A session with a board, for scenarios: everything that goes wrong in the conversation ends the test.
+/// A session with a board, for scenarios: every error of the session ends the test.
 pub struct Stand<'l> {
-    /// The conversation.
+    /// The session.
     pub session: Session<'l>,
     truth: Vec<Truth>,
 }
@@ -143,7 +143,7 @@ impl<'l> Stand<'l> {
             }
         }
         panic!(
-            "not within {within_s} s: {what}; the board says {:?}",
+            "not within {within_s} s: {what}; board status: {:?}",
             self.session.status()
         );
     }
@@ -169,7 +169,7 @@ impl<'l> Stand<'l> {
             .unwrap_or_else(|error| panic!("{error}"));
     }
 
-    /// Lets the robot wander, or stand.
+    /// Starts or stops the robot's random path.
     ///
     /// # Panics
     /// Where the rig refuses.

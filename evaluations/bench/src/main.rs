@@ -44,7 +44,7 @@ fn arguments() -> Result<Option<Arguments>, String> {
             "--markdown" => markdown = Some(path()?),
             "--quick" => quick = true,
             "-h" | "--help" => return Ok(None),
-            _ => return Err(format!("{word}: no such option\n\n{HELP}")),
+            _ => return Err(format!("{word} is not an option\n\n{HELP}")),
         }
     }
     Ok(Some(Arguments {

@@ -1,4 +1,4 @@
-//! The way of a sample from the DRDY edge to the DAC: times, losses, load, and the speed of the emulation.
+//! The path of a sample from the DRDY edge to the DAC: times, losses, load, and the speed of the emulation.
 
 use crate::figures::{Figures, Goal};
 use crate::rig::start;

@@ -60,7 +60,7 @@ pub fn options() -> Result<Option<Options>, String> {
             "--reuse" => options.reuse = true,
             "--markdown" => options.markdown = Some(value()?.into()),
             "-h" | "--help" => return Ok(None),
-            other => return Err(format!("{other}: no such option\n\n{HELP}")),
+            other => return Err(format!("{other} is not an option\n\n{HELP}")),
         }
     }
     if options.forcectl.as_os_str().is_empty() {

@@ -1,4 +1,4 @@
-//! Parameters of an effect: drawn from documented ranges, then scaled to the wanted size.
+//! Parameters of an effect: drawn from documented ranges, then scaled to the given size.
 
 use crate::random::Random;
 use serde_json::{json, Value};

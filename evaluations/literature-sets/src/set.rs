@@ -28,7 +28,7 @@ const SPEED_NOISE_RAD_S: f64 = 0.003;
 /// Time in s that the logger's clock shows at the first row.
 const CLOCK_START_S: f64 = 1.0;
 
-/// A declared model: what the owner of the rig believes. Its terms are smooth functions of the logged columns and are
+/// A declared model, as the user of the rig has it. Its terms are smooth functions of the logged columns and are
 /// exactly true, so an empty set lacks nothing.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Declared {
@@ -346,12 +346,12 @@ impl<'a> Rig<'a> {
         difference(&self.readings(effects).concat(), &self.plain)
     }
 
-    /// The parameters scaled so that the declared model leaves `wanted` N RMS of the effect, and what it leaves.
+    /// The parameters scaled so that the declared model leaves `target_rms` N RMS of the effect, and what it leaves.
     fn scale_to(
         &self,
         effect: &Effect,
         drawn: &Parameters,
-        wanted: f64,
+        target_rms: f64,
         tolerance: f64,
     ) -> Result<(Parameters, Vec<f64>), String> {
         // Nearly all effects are nearly proportional to the scale: false position in the logarithm, kept in a bracket.
@@ -364,16 +364,16 @@ impl<'a> Rig<'a> {
             let mut left = self.contribution(&[(effect, &scaled)]);
             self.basis.remove_from(&mut left);
             let now = rms(&left);
-            if (now - wanted).abs() <= tolerance * wanted {
+            if (now - target_rms).abs() <= tolerance * target_rms {
                 return Ok((scaled, left));
             }
-            if now < wanted {
+            if now < target_rms {
                 low = scale;
             } else {
                 high = scale;
             }
             let mut next = if now > 0.0 {
-                scale * (wanted / now).clamp(1e-3, 1e3)
+                scale * (target_rms / now).clamp(1e-3, 1e3)
             } else {
                 scale * 10.0
             };
@@ -393,7 +393,7 @@ impl<'a> Rig<'a> {
             "effect {} can't reach {:.2} mN RMS beside the declared model on this motion and command; give another \
              seed, a smaller --size or --noise, or another --excitation",
             effect.name,
-            wanted * 1e3
+            target_rms * 1e3
         ))
     }
 }
@@ -761,12 +761,12 @@ fn compare(
     let rig = Rig::new(&rig.runs[..rig.runs.len().min(COMPARED_RUNS)], rig.terms);
     let mut target = rig.contribution(&[(effect, parameters)]);
     rig.basis.remove_from(&mut target);
-    let wanted = rms(&target);
-    if wanted == 0.0 {
+    let target_rms = rms(&target);
+    if target_rms == 0.0 {
         return Vec::new();
     }
     let left_by = |candidate: &Effect, drawn: &Parameters| -> Option<f64> {
-        let (_, column) = rig.scale_to(candidate, drawn, wanted, 0.02).ok()?;
+        let (_, column) = rig.scale_to(candidate, drawn, target_rms, 0.02).ok()?;
         Some(Basis::new(&[column]).rms_left(&target)).filter(|left| left.is_finite())
     };
     let candidates = CATALOGUE.iter().filter(|candidate| {
@@ -815,7 +815,7 @@ fn compare(
             best.map(|(left, _)| Alike {
                 effect: candidate,
                 left_over_noise: left / noise_rms_n,
-                left_over_effect: left / wanted,
+                left_over_effect: left / target_rms,
             })
         })
         .collect();

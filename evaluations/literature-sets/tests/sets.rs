@@ -95,7 +95,7 @@ fn left(set: &Set, readings: impl Fn(usize, usize) -> f64) -> f64 {
 }
 
 #[test]
-fn each_effect_has_the_size_asked_for() {
+fn each_effect_has_the_given_size() {
     for effect in CATALOGUE {
         for size in [3.0, 1.0, 0.3] {
             let set = set(11, &[effect.name], size);
@@ -291,10 +291,10 @@ fn the_same_seed_gives_the_same_bytes() {
     assert_ne!(fnv1a(once.as_bytes()), fnv1a(other.as_bytes()));
 }
 
-/// Logs are the same in every build; another mathematics library may change them in the last digit. After a wanted change of the generator, take the new number
+/// Logs are the same in every build; another mathematics library may change them in the last digit. After an intended change of the generator, take the new number
 /// from the message; results of an analysis from before and after do not compare then.
 #[test]
-fn logs_are_the_same_as_ever() {
+fn logs_have_the_pinned_hash() {
     let logs: String = set(7, &["lugre", "delay"], 1.0)
         .runs
         .iter()
@@ -326,7 +326,7 @@ fn no_declared_model_contains_what_is_missing() {
 }
 
 #[test]
-fn the_model_file_tells_nothing() {
+fn the_model_file_does_not_name_the_effects() {
     for effect in CATALOGUE.iter().filter(|e| e.name != "viscous") {
         let set = set(9, &[effect.name], 1.0);
         let text = model_toml(&set);

@@ -14,7 +14,7 @@ usage: cargo xtask residual-report [--data DIR] [--page PAGE.md]
 
 Relative paths start at the root of the repository.";
 
-/// What the program is asked to do.
+/// What the program is to do.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Request {
     /// Print [`USAGE`].

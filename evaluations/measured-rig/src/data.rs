@@ -28,7 +28,7 @@ pub struct Data {
     pub original: bool,
     /// Folder of closed-loop runs as CSV.
     pub closed: Option<PathBuf>,
-    /// Closed-loop recordings as JSON, where there is no such folder.
+    /// Closed-loop recordings as JSON, where that folder does not exist.
     pub recordings: Vec<PathBuf>,
 }
 

@@ -83,17 +83,17 @@ fn models_and_rivals(moving: &Moving) -> Result<String, Error> {
     ))
 }
 
-/// Effects that were asked about by name, each added to the final model as declared terms. The Stribeck speed
+/// Effects that are tested by name, each added to the final model as declared terms. The Stribeck speed
 /// is given, so nothing here pays for a search.
 fn not_material(moving: &Moving) -> Result<String, Error> {
     let base = &[COULOMB, SHARE, "1"][..];
-    let mut asked = Vec::new();
+    let mut tested = Vec::new();
     let mut ask = |name: String, over: &[&str], more: &[String]| -> Result<(), Error> {
         let before = moving.fit(over)?.figures.heldout_rmse;
         let added = more.iter().map(String::as_str);
         let terms: Vec<&str> = over.iter().copied().chain(added).collect();
         let after = moving.fit(&terms)?.figures.heldout_rmse;
-        asked.push(vec![
+        tested.push(vec![
             name,
             num(before),
             num(after),
@@ -143,7 +143,7 @@ fn not_material(moving: &Moving) -> Result<String, Error> {
     ];
     Ok(format!(
         "{}{searched}\n{}",
-        table(&head, &asked),
+        table(&head, &tested),
         by_speed(moving)?
     ))
 }

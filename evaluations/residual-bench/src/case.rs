@@ -30,7 +30,7 @@ pub struct Case {
     pub closed_loop: bool,
     /// Seed within the bench.
     pub seed: u64,
-    /// Tells sets of equal seed apart, so that no two have the same motion.
+    /// Distinguishes sets of equal seed, so that no two have the same motion.
     salt: u64,
 }
 

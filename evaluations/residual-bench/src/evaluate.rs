@@ -1,4 +1,4 @@
-//! Runs the analysis on one set and compares the answer with the truth.
+//! Runs the analysis on one set and compares the result with the truth.
 
 use crate::case::Case;
 use crate::judge::{self, Class, Estimate};
@@ -38,7 +38,7 @@ fixed = 1.0
 pub struct Outcome {
     /// The set.
     pub case: Case,
-    /// How the answer relates to the truth.
+    /// How the result relates to the truth.
     pub class: Class,
     /// The verdict's word.
     pub verdict: &'static str,
@@ -46,7 +46,7 @@ pub struct Outcome {
     pub answer: String,
     /// Effects named, strongest first.
     pub named: Vec<String>,
-    /// Effects that the data are said not to tell apart, the first such list.
+    /// Effects that are reported as not distinguishable, the first such list.
     pub among: Vec<String>,
     /// Nameless structure left, strongest first.
     pub structure: Vec<String>,

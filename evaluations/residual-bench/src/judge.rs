@@ -1,4 +1,4 @@
-//! What counts as right. Everything that excuses or equates lies in this file.
+//! What counts as right. All rules for that are in this file.
 //!
 //! A name is right only if it is the true effect's own name, with one exception:
 //!
@@ -16,12 +16,12 @@ use residual::{Effect, EffectKind, Form, Report, Verdict};
 use std::collections::BTreeMap;
 use synthetic_sets::{effect::Effect as True, Kind};
 
-/// How an answer relates to the truth.
+/// How a result relates to the truth.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Class {
     /// The true effect comes first; for empty sets: `none`; for uncatalogued ones: `unknown`.
     Right,
-    /// The true effect is among those that the data are said not to tell apart.
+    /// The true effect is among those that are reported as not distinguishable.
     Among,
     /// Something is said to be missing, but not what.
     Unknown,
@@ -80,7 +80,7 @@ pub fn class(report: &Report, kinds: &[Kind], uncatalogued: bool) -> Class {
                 Class::Wrong
             }
         }
-        // A verdict that this file does not know excuses nothing.
+        // A verdict that this file does not know counts as wrong.
         _ => Class::Wrong,
     }
 }

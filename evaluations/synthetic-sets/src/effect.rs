@@ -1,7 +1,7 @@
 //! The undeclared effects: each adds a force to what the command alone would give.
 //!
-//! `size` is the one number that is scaled until the effect has the wanted RMS; the other parameters
-//! (a time constant, an order, a frequency) are drawn. Signs follow the rig: friction opposes paying in,
+//! `size` is the one number that is scaled until the effect has the given RMS; the other parameters
+//! (a time constant, an order, a frequency) are drawn. Signs follow the rig: friction opposes winding in,
 //! so it lowers the force while the reel winds in.
 
 use crate::excitation::{Drive, SHAFT_RAD_PER_M, STEP_S};
@@ -242,8 +242,8 @@ impl Effect {
             Kind::Telegraph => {
                 if t >= memory.next_flip {
                     // A multiplicative congruential step: the log's generator stays untouched. Each log
-                    // has its own sequence, told by the wanted force at the start.
-                    memory.noise = (memory.noise ^ self.seed ^ drive.wanted_n[0].to_bits())
+                    // has its own sequence, chosen by the setpoint at the start.
+                    memory.noise = (memory.noise ^ self.seed ^ drive.setpoint_n[0].to_bits())
                         .wrapping_mul(6_364_136_223_846_793_005)
                         .wrapping_add(1);
                     memory.next_flip =
@@ -290,7 +290,7 @@ impl<'a> AtWork<'a> {
     }
 }
 
-/// Sets `size` so that the effect's RMS over these drives, with the command as wanted, is `rms_n`.
+/// Sets `size` so that the effect's RMS over these drives, with the setpoint as command, is `rms_n`.
 pub fn scale(effect: &mut Effect, drives: &[Drive], rms_n: f64) {
     let rms = |size: f64| {
         let sized = [Effect {
@@ -300,8 +300,8 @@ pub fn scale(effect: &mut Effect, drives: &[Drive], rms_n: f64) {
         let (mut sum, mut n) = (0.0, 0);
         for drive in drives {
             let mut work = AtWork::new(&sized);
-            for k in 0..drive.wanted_n.len() {
-                sum += work.force(k, drive, &drive.wanted_n[..=k]).powi(2);
+            for k in 0..drive.setpoint_n.len() {
+                sum += work.force(k, drive, &drive.setpoint_n[..=k]).powi(2);
                 n += 1;
             }
         }

@@ -12,14 +12,14 @@ pub const SHAFT_RAD_PER_M: f64 = 26.0 / 7.0 / 0.010;
 /// The signals of one log on the generator's clock.
 #[derive(Debug, Clone, Default)]
 pub struct Drive {
-    /// Cable paid in, in metres.
+    /// Cable wound in, in metres.
     pub travel_m: Vec<f64>,
     /// Its first derivative, in m/s; exactly zero while the robot stands.
     pub speed_m_s: Vec<f64>,
     /// Its second derivative, in m/s².
     pub accel_m_s2: Vec<f64>,
-    /// Wanted force, in newtons.
-    pub wanted_n: Vec<f64>,
+    /// Setpoint of the force, in newtons.
+    pub setpoint_n: Vec<f64>,
     /// Ambient temperature, in degrees Celsius.
     pub temperature_c: Vec<f64>,
     /// Force of the neighbouring unit, in newtons.
@@ -86,7 +86,9 @@ pub fn draw(rng: &mut impl Rng, seconds: f64) -> Drive {
         let t = k as f64 * STEP_S;
         drive.travel_m.push(path.at(path_time));
         path_time += STEP_S * rate(t);
-        drive.wanted_n.push((mean_n + force.at(t)).clamp(1.0, 10.0));
+        drive
+            .setpoint_n
+            .push((mean_n + force.at(t)).clamp(1.0, 10.0));
         drive.temperature_c.push(ambient_c + warm.at(t));
         drive
             .neighbour_n

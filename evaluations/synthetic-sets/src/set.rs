@@ -169,7 +169,7 @@ fn log(
     sums: &mut Sums,
 ) -> Log {
     let mut work = AtWork::new(effects);
-    let mut commands: Vec<f64> = Vec::with_capacity(drive.wanted_n.len());
+    let mut commands: Vec<f64> = Vec::with_capacity(drive.setpoint_n.len());
     let mut out = Log::default();
     // Noise at the logger's rate: two parts white, one part first-order with 0.1 s.
     let dt = STEP_S * f64::from(every);
@@ -179,8 +179,8 @@ fn log(
     let mut slow = slow_n * normal(rng);
     let mut integral = 0.0;
     let mut correction = 0.0;
-    for k in 0..drive.wanted_n.len() {
-        commands.push(drive.wanted_n[k] + correction);
+    for k in 0..drive.setpoint_n.len() {
+        commands.push(drive.setpoint_n[k] + correction);
         let effect = work.force(k, drive, &commands);
         if k % every as usize != 0 {
             continue;
@@ -190,7 +190,7 @@ fn log(
         // The converter's step.
         let force = ((commands[k] + effect + noise) / 0.002).round() * 0.002;
         if closed_loop {
-            let error = drive.wanted_n[k] - force;
+            let error = drive.setpoint_n[k] - force;
             integral = (integral + 2.0 * error * dt).clamp(-3.0, 3.0);
             correction = 0.3 * error + integral;
         }
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn every_effect_gets_the_size_asked_for() {
+    fn every_effect_has_the_given_size() {
         for kind in Kind::KNOWN.into_iter().chain(Kind::UNCATALOGUED) {
             let truth = generate(&recipe(&[kind], 7)).truth;
             let ratio = truth.effect_rms_n / truth.noise_rms_n;
@@ -270,8 +270,8 @@ mod tests {
     fn reels_run_both_ways_and_stand_still() {
         let set = generate(&recipe(&[], 5));
         for log in &set.logs {
-            let share = |wanted: fn(&f64) -> bool| {
-                log.speed_rad_s.iter().filter(|v| wanted(v)).count() as f64
+            let share = |counts: fn(&f64) -> bool| {
+                log.speed_rad_s.iter().filter(|v| counts(v)).count() as f64
                     / log.speed_rad_s.len() as f64
             };
             assert!(share(|v| *v > 1.0) > 0.1 && share(|v| *v < -1.0) > 0.1);

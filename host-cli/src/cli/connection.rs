@@ -98,14 +98,14 @@ impl Connection {
         Ok(link)
     }
 
-    /// Opens the connection, does the handshake and runs a command with it. Ctrl-C ends the command in order.
+    /// Opens the connection, does the handshake and runs a command with it. Ctrl-C requests a controlled stop.
     pub fn with_session<T>(
         &self,
         context: &Context,
         command: impl FnOnce(&mut Session<'_>, &RigFile) -> Result<T>,
     ) -> Result<T> {
         let rig = self.load(context)?;
-        let _in_order = context.interrupt.in_order();
+        let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.open(&rig, context)?;
         let mut session = Session::connect(link.as_mut())?;
         if let Some(info) = session.info() {

@@ -6,7 +6,7 @@ use host_cli::session::SessionError;
 use serde_json::{json, Value};
 use std::path::Path;
 
-/// The command did what was asked.
+/// The command succeeded.
 pub const DONE: u8 = 0;
 /// The arguments are wrong. Nothing was opened or driven.
 pub const USAGE: u8 = 2;
@@ -16,7 +16,7 @@ pub const RIG_FILE: u8 = 3;
 pub const LINK: u8 = 4;
 /// The board refused a command, or a fault stopped the rig.
 pub const BOARD: u8 = 5;
-/// The run ended in order, but not with the result that was asked for.
+/// The run was completed, but not with the requested result.
 pub const DEGRADED: u8 = 6;
 /// A file or the standard output could not be written.
 pub const FILE: u8 = 7;
@@ -29,12 +29,12 @@ pub const INTERRUPTED: u8 = 130;
 /// The table below the help of `forcectl`.
 pub const TABLE: &str = "\
 Exit codes:
-  0  the command did what was asked
+  0  the command succeeded
   2  the arguments are wrong; nothing was driven
   3  the rig file is wrong; nothing was driven
   4  the link cannot be opened, was lost, or the other end is not a board of this version
   5  the board refused a command, or a fault stopped the rig
-  6  the run ended in order, but a unit dropped out, the amplifiers lost power, or the force was
+  6  the run was completed, but a unit dropped out, the amplifiers lost power, or the force was
      out of reach and the nearest possible force was held
   7  a file or the standard output could not be written
 130  Ctrl-C, SIGTERM or SIGHUP ended the command; the rig is disarmed
@@ -52,7 +52,7 @@ pub struct Reply {
 }
 
 impl Reply {
-    /// The command did what was asked.
+    /// The command succeeded.
     pub fn new(text: impl Into<String>, json: Value) -> Self {
         Self {
             code: DONE,

@@ -1,4 +1,4 @@
-//! `forcectl explain`: what a fault means and how to leave it.
+//! `forcectl explain`: what a fault means and how to clear it.
 
 use super::exit::{self, Failure, Reply, Result};
 use super::values;

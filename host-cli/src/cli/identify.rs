@@ -61,8 +61,8 @@ pub struct Identify {
     connection: Connection,
 }
 
-/// Everything that comes of the command.
-struct Story {
+/// Results of the command.
+struct Results {
     findings: Findings,
     /// Part of the excitation's amplitude that was left at the end.
     swing: f64,
@@ -103,7 +103,7 @@ impl Identify {
         let findings = identify::find(&recording, &rig, &name, &text, &self.out, &mut stages)?;
         self.write("rig.after.toml", &findings.rewritten.text)?;
 
-        let mut story = Story {
+        let mut results = Results {
             findings,
             swing: recording.swing,
             before,
@@ -113,27 +113,27 @@ impl Identify {
             left: None,
         };
         // From here on Ctrl-C must not leave half a rig file.
-        let _in_order = context.interrupt.in_order();
-        if story.findings.rewritten.changed.is_empty() {
-            story.left =
+        let _controlled_stop = context.interrupt.controlled_stop();
+        if results.findings.rewritten.changed.is_empty() {
+            results.left =
                 Some("nothing was found that is clear and that the board can use".to_owned());
         } else {
             let (after, figures_after) = self.hold(
                 context,
-                &story.findings.rig,
+                &results.findings.rig,
                 force_n,
                 "session 3: holding the same force with what was found",
             )?;
-            let better = figures_after.better_than(&story.figures.0);
-            story.after = Some(after);
-            story.figures.1 = Some(figures_after);
+            let better = figures_after.better_than(&results.figures.0);
+            results.after = Some(after);
+            results.figures.1 = Some(figures_after);
             if !better {
-                story.left = Some("the force was held no better with it".to_owned());
+                results.left = Some("the force was held no better with it".to_owned());
             } else if let (true, Some(path)) = (self.apply, &self.connection.rig) {
-                story.applied = Some(replace(path, &text, &story.findings.rewritten.text)?);
+                results.applied = Some(replace(path, &text, &results.findings.rewritten.text)?);
             }
         }
-        self.report(&story, &name)
+        self.report(&results, &name)
     }
 
     /// Name and text of the rig file.
@@ -173,7 +173,7 @@ impl Identify {
             stop: context.interrupt.flag(),
             ..Options::new(force_n, self.duration)
         };
-        let _in_order = context.interrupt.in_order();
+        let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(rig, context)?;
         let mut watch = Watch::new(&context.output);
         watch.progress.beside(|output| output.note(what));
@@ -194,7 +194,7 @@ impl Identify {
 
     /// Drives the cables with the loops open, and records it.
     fn drive(&self, context: &Context, rig: &RigFile) -> Result<identify::Recording> {
-        let _in_order = context.interrupt.in_order();
+        let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(rig, context)?;
         let mut watch = Watch::new(&context.output);
         watch
@@ -212,25 +212,27 @@ impl Identify {
     }
 
     /// Writes report, plot and figures.
-    fn report(&self, story: &Story, name: &str) -> Result<Reply> {
-        if let Some(after) = &story.after {
-            let plot = plot::compare(&story.before, after).to_svg();
+    fn report(&self, results: &Results, name: &str) -> Result<Reply> {
+        if let Some(after) = &results.after {
+            let plot = plot::compare(&results.before, after).to_svg();
             self.write("compare.svg", &plot)?;
         }
-        let report = markdown(story, name);
+        let report = markdown(results, name);
         self.write("report.md", &report)?;
-        let record = record(story, name);
+        let record = record(results, name);
         self.write("identify.json", &format!("{record:#}"))?;
         let text = format!("{report}\nresults: {}\n", self.out.display());
-        Ok(Reply::new(text, record).with_code(if story.left.is_none() {
-            exit::DONE
-        } else {
-            exit::DEGRADED
-        }))
+        Ok(
+            Reply::new(text, record).with_code(if results.left.is_none() {
+                exit::DONE
+            } else {
+                exit::DEGRADED
+            }),
+        )
     }
 }
 
-/// Puts a new rig file in the place of the old one, which is kept beside it under a name that was free.
+/// Replaces a rig file by a new one. The old file stays beside it under a new name.
 fn replace(path: &Path, old: &str, new: &str) -> Result<(PathBuf, PathBuf)> {
     let mut kept = None;
     for n in 1..10_000 {
@@ -268,8 +270,8 @@ fn replace(path: &Path, old: &str, new: &str) -> Result<(PathBuf, PathBuf)> {
     Ok((path.to_owned(), kept))
 }
 
-fn record(story: &Story, rig_name: &str) -> serde_json::Value {
-    let units: Vec<_> = story
+fn record(results: &Results, rig_name: &str) -> serde_json::Value {
+    let units: Vec<_> = results
         .findings
         .units
         .iter()
@@ -287,21 +289,21 @@ fn record(story: &Story, rig_name: &str) -> serde_json::Value {
         })
         .collect();
     json!({
-        "rig": story.before.link,
-        "firmware": story.before.firmware,
+        "rig": results.before.link,
+        "firmware": results.before.firmware,
         "rig_file": rig_name,
         "units": units,
-        "excitation_swing": story.swing,
-        "changed": story.findings.rewritten.changed,
-        "before": story.figures.0,
-        "after": story.figures.1,
-        "better": story.figures.1.map(|after| after.better_than(&story.figures.0)),
-        "left": story.left,
-        "applied": story.applied.as_ref().map(|(file, kept)| json!({"file": file, "kept": kept})),
+        "excitation_swing": results.swing,
+        "changed": results.findings.rewritten.changed,
+        "before": results.figures.0,
+        "after": results.figures.1,
+        "better": results.figures.1.map(|after| after.better_than(&results.figures.0)),
+        "left": results.left,
+        "applied": results.applied.as_ref().map(|(file, kept)| json!({"file": file, "kept": kept})),
     })
 }
 
-fn markdown(story: &Story, rig_name: &str) -> String {
+fn markdown(results: &Results, rig_name: &str) -> String {
     let mut t = String::new();
     let mut line = |text: String| {
         let _ = writeln!(t, "{text}");
@@ -309,12 +311,12 @@ fn markdown(story: &Story, rig_name: &str) -> String {
     line(format!("# What {rig_name} lacks\n"));
     line(format!(
         "{}, firmware {}.\n",
-        story.before.link, story.before.firmware
+        results.before.link, results.before.firmware
     ));
     line("## Found\n".to_owned());
     line("| unit | verdict | tension error of the model, N | found |".to_owned());
     line("|---|---|---|---|".to_owned());
-    for u in &story.findings.units {
+    for u in &results.findings.units {
         let r = &u.report;
         let effects: Vec<String> = r.effects.iter().map(effect).collect();
         line(format!(
@@ -332,7 +334,7 @@ fn markdown(story: &Story, rig_name: &str) -> String {
     }
     line(format!(
         "\nEach unit's report with its plots, rivals and intervals is in its folder: {}.",
-        story
+        results
             .findings
             .units
             .iter()
@@ -340,27 +342,27 @@ fn markdown(story: &Story, rig_name: &str) -> String {
             .collect::<Vec<_>>()
             .join(", ")
     ));
-    if story.swing < 1.0 {
+    if results.swing < 1.0 {
         line(format!(
             "\nThe force at the tip came near `force_limit_n`, so the commands swung less from then on: {:.0} % at the end.",
-            100.0 * story.swing
+            100.0 * results.swing
         ));
     }
     line("\n## Changed in the rig file\n".to_owned());
-    let changed = &story.findings.rewritten.changed;
+    let changed = &results.findings.rewritten.changed;
     for change in changed {
         line(format!("- {change}"));
     }
     if changed.is_empty() {
         line("Nothing.".to_owned());
     }
-    for u in &story.findings.units {
+    for u in &results.findings.units {
         for why in &u.not_used {
             line(format!("- unit {}, not used: {why}", u.unit));
         }
     }
     line("\n## Before and after\n".to_owned());
-    let (before, after) = &story.figures;
+    let (before, after) = &results.figures;
     let cell = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.4}"));
     line(format!(
         "RMS errors while the force is held, N, {}.\n",
@@ -393,10 +395,10 @@ fn markdown(story: &Story, rig_name: &str) -> String {
     if after.is_some() {
         line("\n![Errors before and after](compare.svg)".to_owned());
     }
-    if let Some(left) = &story.left {
+    if let Some(left) = &results.left {
         line(format!("\nThe rig file is left as it is: {left}."));
     }
-    if let Some((file, kept)) = &story.applied {
+    if let Some((file, kept)) = &results.applied {
         line(format!(
             "\nApplied to {}; the old one is {}.",
             file.display(),

@@ -1,7 +1,7 @@
 //! Ctrl-C, SIGTERM and SIGHUP. All three act alike, and every command that they end exits with 130.
 //!
-//! While nothing is driven, the first signal ends the program. While a link is open, the first signal asks the command to
-//! end in order, and the second ends the program: a board without setpoints goes to 0 V by itself.
+//! While nothing is driven, the first signal ends the program. While a link is open, the first signal requests a
+//! controlled stop of the command, and the second ends the program: a board without setpoints goes to 0 V by itself.
 
 use super::exit::{self, Failure, Result};
 use super::output::Output;
@@ -12,19 +12,19 @@ use std::sync::Arc;
 #[derive(Debug, Clone)]
 pub struct Interrupt {
     requested: Arc<AtomicBool>,
-    /// Number of [`InOrder`] values that live.
-    in_order: Arc<AtomicUsize>,
+    /// Number of [`ControlledStop`] values that live.
+    controlled_stop: Arc<AtomicUsize>,
 }
 
-/// While this value lives, the first signal asks the command to end in order.
+/// While this value lives, the first signal requests a controlled stop of the command.
 #[derive(Debug)]
-pub struct InOrder {
-    in_order: Arc<AtomicUsize>,
+pub struct ControlledStop {
+    controlled_stop: Arc<AtomicUsize>,
 }
 
-impl Drop for InOrder {
+impl Drop for ControlledStop {
     fn drop(&mut self) {
-        self.in_order.fetch_sub(1, Ordering::SeqCst);
+        self.controlled_stop.fetch_sub(1, Ordering::SeqCst);
     }
 }
 
@@ -33,17 +33,17 @@ impl Interrupt {
     pub fn install(output: &Arc<Output>) -> Result<Self> {
         let interrupt = Self {
             requested: Arc::default(),
-            in_order: Arc::default(),
+            controlled_stop: Arc::default(),
         };
         let (shared, output) = (interrupt.clone(), Arc::clone(output));
         ctrlc::set_handler(move || {
             let again = shared.requested.swap(true, Ordering::SeqCst);
-            if again || shared.in_order.load(Ordering::SeqCst) == 0 {
+            if again || shared.controlled_stop.load(Ordering::SeqCst) == 0 {
                 output.finish_interrupted();
                 std::process::exit(i32::from(exit::INTERRUPTED));
             }
             output.note(
-                "\nInterrupted: the command ends in order, and motors are disarmed. Press Ctrl-C again to exit at \
+                "\nInterrupted: the motors are disarmed, then the command ends. Press Ctrl-C again to exit at \
                  once; the board goes to 0 V within 100 ms.",
             );
         })
@@ -53,11 +53,11 @@ impl Interrupt {
         Ok(interrupt)
     }
 
-    /// From now on the first signal asks the command to end in order.
-    pub fn in_order(&self) -> InOrder {
-        self.in_order.fetch_add(1, Ordering::SeqCst);
-        InOrder {
-            in_order: Arc::clone(&self.in_order),
+    /// From now on the first signal requests a controlled stop of the command.
+    pub fn controlled_stop(&self) -> ControlledStop {
+        self.controlled_stop.fetch_add(1, Ordering::SeqCst);
+        ControlledStop {
+            controlled_stop: Arc::clone(&self.controlled_stop),
         }
     }
 

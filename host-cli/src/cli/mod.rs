@@ -84,7 +84,7 @@ enum Command {
     Stop(stop::Stop),
     /// Clear latched faults whose cause is gone; arms nothing
     Clear(clear::Clear),
-    /// Explain a fault: what it means and how to leave it
+    /// Explain a fault: what it means and how to clear it
     Explain(explain::Explain),
     /// Check a rig file
     Check(check::Check),

@@ -100,7 +100,7 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
     let report = residual::run(&options, &mut stages)
         .map_err(|error| Failure::new(error.exit_code(), error))?;
     // From here on Ctrl-C must not leave half a report.
-    let _in_order = context.interrupt.in_order();
+    let _controlled_stop = context.interrupt.controlled_stop();
     let mut applied = None;
     if let Some(out) = &arguments.out {
         report.write(out).map_err(|error| Failure::new(7, error))?;
@@ -135,7 +135,7 @@ fn check_data(paths: &[PathBuf]) -> Result<()> {
         Some(path) => Err(Failure::new(
             3,
             format!(
-                "--data {}: no such file or folder; check the path",
+                "--data {}: this file or folder does not exist; check the path",
                 path.display()
             ),
         )),
@@ -189,7 +189,7 @@ impl BoardFile {
             return Err(Failure::new(
                 3,
                 format!(
-                    "--apply {}: no such file; give the path of a rig file (`forcectl check --print` prints the built-in one)",
+                    "--apply {}: this file does not exist; give the path of a rig file (`forcectl check --print` prints the built-in one)",
                     path.display()
                 ),
             ));

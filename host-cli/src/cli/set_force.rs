@@ -81,7 +81,7 @@ impl SetForce {
         if let Some(folder) = &self.record {
             watch.record_to(folder, &rig)?;
         }
-        let _in_order = context.interrupt.in_order();
+        let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;
         let outcome = run::set_force(link.as_mut(), &rig, &options, &mut watch);
         watch.progress.done();

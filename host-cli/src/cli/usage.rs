@@ -37,7 +37,7 @@ fn answer(mut error: clap::Error, arguments: &[OsString]) -> u8 {
             ContextKind::Suggested,
             ContextValue::StyledStrs(vec![hint.into()]),
         );
-        // clap's own guess is worse than what is known.
+        // This hint is more exact than clap's own suggestion.
         error.remove(ContextKind::SuggestedArg);
         error.remove(ContextKind::SuggestedSubcommand);
     }

@@ -25,14 +25,14 @@ use wire::UNITS;
 /// Longest time between two cycles that the slew limit and the integral count, s. After a pause they don't jump.
 const MAX_DT_S: f64 = 0.1;
 
-/// What the controller is told in each cycle.
+/// Input of the controller in each cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Input {
     /// Time since the last cycle, s.
     pub dt_s: f64,
     /// Tip of the robot, base frame, m.
     pub tip_m: Vector3<f64>,
-    /// Cable tensions that the board measured, N; `None` where there is no news.
+    /// Cable tensions that the board measured, N; `None` where there is no new value.
     pub tension_n: [Option<f64>; UNITS],
     /// Units that can pull.
     pub available: [bool; UNITS],
@@ -43,7 +43,7 @@ pub struct Input {
 /// Output of a cycle, with every term of the sum.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Output {
-    /// What the board is told.
+    /// Setpoints for the board.
     pub setpoints: [UnitSetpoint; UNITS],
     /// Commanded force after its slew limit, N.
     pub slewed_n: Vector3<f64>,
@@ -55,9 +55,9 @@ pub struct Output {
     pub error_n: Vector3<f64>,
     /// Integral part, N.
     pub integral_n: Vector3<f64>,
-    /// Force that the PI controller asks of the cables, N.
+    /// Output of the PI controller: force that the cables are to apply, N.
     pub compensated_n: Vector3<f64>,
-    /// How it was shared out.
+    /// Allocation of this force to the cables.
     pub allocation: Allocation,
     /// How the slewed force itself compares with what the cables can apply.
     pub reach: Reach,
@@ -173,7 +173,7 @@ impl Controller {
             ..problem
         })?;
         if !allocation.feasible {
-            // Take back what the cables can't follow, but never more than has been integrated.
+            // Subtract what the cables can't follow, but never more than has been integrated.
             let excess_n = compensated_n - allocation.force_n;
             let limit_n = self.integral_n.norm();
             self.integral_n = (self.integral_n - excess_n).cap_magnitude(limit_n);

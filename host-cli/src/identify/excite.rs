@@ -252,7 +252,7 @@ impl Excitation<'_> {
                 "the force at the tip reached {force_n:.1} N, {limit_n} N are allowed (`force_limit_n` in [controller])"
             )));
         }
-        // Never up again: a command that follows the force is feedback, which the analysis would take for drive.
+        // Never increased again: a command that follows the force is feedback, which the analysis would take for drive.
         if force_n > EASE_ABOVE * limit_n {
             self.swing = (self.swing * EASE_PER_CYCLE).max(MIN_AMPLITUDE_N / MAX_AMPLITUDE_N);
         }

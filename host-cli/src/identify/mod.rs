@@ -14,7 +14,7 @@
 //! In the closed loop the command reacts to the disturbance that is searched for: friction that lowers the tension
 //! raises the command, and a fit of tension over command sees the feedback as much as the drive. So
 //! [`excite`] runs the board with all gains at zero and without feedforward: the command is the setpoint, and nothing
-//! but the setpoint. A rig that would oscillate in closed loop, such as one with a late drive, stays quiet too.
+//! but the setpoint. A rig that would oscillate in closed loop, such as one with a delay in the drive, does not oscillate here.
 //! The board's own protections act as always: force limit, slew limits, over-tension, slack brake,
 //! expiring setpoints, E-stop. The commands stay 1 N inside the tensions that the rig file allows, so no
 //! friction that the board could compensate lets a cable go slack. Friction that is not compensated pulls at the tip:

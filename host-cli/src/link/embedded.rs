@@ -85,7 +85,7 @@ impl EmbeddedRig {
         if options.paced {
             command.arg("--paced");
         }
-        // A process group of its own: Ctrl-C is for this program, which then stops the rig in order.
+        // A process group of its own: Ctrl-C is for this program, which then stops the rig.
         #[cfg(unix)]
         std::os::unix::process::CommandExt::process_group(&mut command, 0);
         let opening = |cause: String| LinkError::Open {
@@ -165,7 +165,7 @@ impl EmbeddedRig {
         });
         let mut cause = match ended {
             Some(status) => format!("its process ended ({status})"),
-            None => format!("its answer can't be read ({error})"),
+            None => format!("its response can't be read ({error})"),
         };
         // The last lines may still be in the pipe.
         for _ in 0..LOG_POLLS {
@@ -204,7 +204,7 @@ fn unexpected(response: &Response) -> LinkError {
         Response::Report(_) => "a report",
         Response::Failed(_) => "failed",
     };
-    LinkError::Refused(format!("it answered `{what}` to another question"))
+    LinkError::Refused(format!("it sent the response `{what}` to another request"))
 }
 
 impl RigLink for EmbeddedRig {

@@ -85,7 +85,7 @@ pub enum LinkError {
         /// What to do.
         hint: String,
     },
-    /// The other end went away.
+    /// The connection was lost.
     #[error(
         "{name} went away: {cause}; a board without setpoints goes to 0 V by itself within 100 ms"
     )]

@@ -17,7 +17,7 @@ const GAP: f32 = 45.0;
 /// Most points of a curve; longer runs are thinned out.
 const POINTS: usize = 2000;
 
-/// Okabe and Ito's palette: told apart by colour-blind readers too.
+/// Okabe and Ito's palette: also distinguishable for colour-blind readers.
 const COLORS: [Color; UNITS] = [
     Color(0x00, 0x72, 0xB2),
     Color(0xD5, 0x5E, 0x00),

@@ -32,7 +32,7 @@ pub struct ControllerSettings {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Reference {
-    /// The lower bound: kind to robot and motors.
+    /// The lower bound: least load on robot and motors.
     Lower,
     /// Half-way between the bounds: far from slack.
     Middle,
@@ -91,7 +91,7 @@ pub struct UnitSettings {
     pub friction_feedforward: bool,
     /// Force at the cable with no command, N.
     pub friction_offset_n: f64,
-    /// Force at the cable per commanded force.
+    /// Force at the cable per commanded cable force.
     pub friction_gain: f64,
     /// Coulomb friction without load, N.
     pub coulomb_n: f64,

@@ -1,10 +1,12 @@
 //! The 100 Hz loop of a run: arm, tension the cables, let the robot move, hold the force.
 //!
-//! A unit that faults on the way drops out and the others carry on; a fault of the whole board ends the run.
+//! A unit that faults during the run is taken out and the others continue; a fault of the whole board ends the run.
 
 use super::outcome::{samples_lost, unit_fault, Ended, LatencyMs, Outcome, RunFault};
 use super::prepare::check_stop;
-use super::{describe_reach, Observer, Options, Phase, Prepared, RunError, PRETENSION_S, WANDER_S};
+use super::{
+    describe_reach, Observer, Options, Phase, Prepared, RunError, PRETENSION_S, ROBOT_START_S,
+};
 use crate::force::controller::{ControlError, Controller, Input, Output, Reach};
 use crate::force::metrics::{self, Step};
 use crate::force::pose::PoseSource;
@@ -76,7 +78,7 @@ impl<'a> Hold<'a> {
         self.observer.progress(Phase::Tension, 0.0);
         self.observer.samples(&session.drain().samples);
         session.command(&Command::Arm)?;
-        let t0_ns = session.now_ns() + ((PRETENSION_S + WANDER_S) * 1e9) as u64;
+        let t0_ns = session.now_ns() + ((PRETENSION_S + ROBOT_START_S) * 1e9) as u64;
         self.t0_ns = Some(t0_ns);
         loop {
             let t_s = (session.now_ns() as f64 - t0_ns as f64) * 1e-9;
@@ -98,7 +100,7 @@ impl<'a> Hold<'a> {
         let Some(controls) = session.link().controls() else {
             return Ok(());
         };
-        if !self.robot_moves && self.options.robot_moves && t_s >= -WANDER_S {
+        if !self.robot_moves && self.options.robot_moves && t_s >= -ROBOT_START_S {
             self.robot_moves = true;
             controls.robot(true)?;
         }
@@ -248,12 +250,12 @@ impl<'a> Hold<'a> {
         Ok(())
     }
 
-    /// Takes a unit (from 0) out of the allocation. The others carry on.
+    /// Takes a unit (from 0) out of the allocation. The others continue.
     fn drop_unit(&mut self, i: usize, code: u16, detail: u32, t_s: f64) {
         self.available[i] = false;
         let fault = unit_fault(t_s, i, code, detail);
         self.observer.notice(&format!(
-            "unit {} dropped out, the others carry on: {}",
+            "unit {} dropped out, the others continue: {}",
             i + 1,
             fault.text
         ));
@@ -304,13 +306,13 @@ impl<'a> Hold<'a> {
 
 /// The phase at a time (0: the force is commanded), and the fraction of it that is over.
 fn phase_at(t_s: f64, hold_s: f64) -> (Phase, f64) {
-    if t_s < -WANDER_S {
+    if t_s < -ROBOT_START_S {
         (
             Phase::Tension,
-            (t_s + PRETENSION_S + WANDER_S) / PRETENSION_S,
+            (t_s + PRETENSION_S + ROBOT_START_S) / PRETENSION_S,
         )
     } else if t_s < 0.0 {
-        (Phase::Wander, (t_s + WANDER_S) / WANDER_S)
+        (Phase::StartRobot, (t_s + ROBOT_START_S) / ROBOT_START_S)
     } else {
         (Phase::Hold, t_s / hold_s)
     }
@@ -325,8 +327,8 @@ mod tests {
         for (t_s, phase, fraction) in [
             (-2.5, Phase::Tension, 0.0),
             (-2.0, Phase::Tension, 0.5),
-            (-1.5, Phase::Wander, 0.0),
-            (-0.75, Phase::Wander, 0.5),
+            (-1.5, Phase::StartRobot, 0.0),
+            (-0.75, Phase::StartRobot, 0.5),
             (0.0, Phase::Hold, 0.0),
             (3.0, Phase::Hold, 0.75),
         ] {

@@ -10,8 +10,8 @@
 //! | progress for the user | `phase` |
 //!
 //! [`set_force`] is what the command `forcectl set-force` calls, and the bench and the scenarios as well: no
-//! terminal, no files, one link. Whatever fails, it leaves the rig disarmed as far as the link allows; the board's
-//! own expiry of setpoints does the rest.
+//! terminal, no files, one link. After any failure the rig is disarmed as far as the link allows. Setpoints expire on the
+//! board in every case.
 
 mod calibrate;
 mod disarm;
@@ -43,7 +43,7 @@ use std::sync::Arc;
 /// How long the cables are tensioned before the robot moves, s.
 const PRETENSION_S: f64 = 1.0;
 /// How long the robot moves before the force is commanded, s: longer than its soft start.
-const WANDER_S: f64 = 1.5;
+const ROBOT_START_S: f64 = 1.5;
 /// Longest run, s: a day.
 const MAX_HOLD_S: f64 = 86_400.0;
 
@@ -174,7 +174,7 @@ fn inject_at_power_on(
 ) -> Result<VecDeque<(f64, Injection)>, LinkError> {
     let mut injections = options.injections.clone();
     injections.sort_by(|a, b| a.0.total_cmp(&b.0));
-    let early = injections.partition_point(|(t_s, _)| *t_s < -(PRETENSION_S + WANDER_S));
+    let early = injections.partition_point(|(t_s, _)| *t_s < -(PRETENSION_S + ROBOT_START_S));
     if let Some(controls) = link.controls() {
         for (_, injection) in injections.drain(..early) {
             controls.inject(injection)?;

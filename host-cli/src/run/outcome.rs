@@ -1,4 +1,4 @@
-//! What a run leaves: how it ended, its figures, faults and losses.
+//! Result of a run: how it ended, its figures, faults and losses.
 
 use super::Prepared;
 use crate::force::controller::Reach;
@@ -18,7 +18,7 @@ pub struct RunFault {
     pub unit: Option<u8>,
     /// Number.
     pub code: u16,
-    /// What it means and how to leave it.
+    /// What it means and how to clear it.
     pub text: String,
 }
 

@@ -22,8 +22,8 @@ pub enum Phase {
     Calibrate,
     /// Arming and tensioning the cables.
     Tension,
-    /// The robot begins to move.
-    Wander,
+    /// The robot starts to move.
+    StartRobot,
     /// Holding the force.
     Hold,
     /// Driving the cables without feedback, for an identification.
@@ -43,7 +43,7 @@ impl Phase {
             Self::Zero => "zeroing with slack cables",
             Self::Calibrate => "calibrating the load cells with a known weight",
             Self::Tension => "arming, tensioning the cables",
-            Self::Wander => "robot starts to move",
+            Self::StartRobot => "robot starts to move",
             Self::Hold => "holding the force",
             Self::Excite => "exciting the cables with the loops open",
             Self::Disarm => "ramping down",

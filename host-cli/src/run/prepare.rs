@@ -1,9 +1,11 @@
 //! From a connected board to one that is configured, zeroed, calibrated and still disarmed.
 //!
-//! Units that fail on the way are switched off and reported, so that the others can be armed. The configuration is
+//! Units that fail during this are switched off and reported, so that the others can be armed. The configuration is
 //! read back at the end: nothing is armed with another one than was sent.
 
-use super::{calibrate, unit_fault, Observer, Phase, RunError, RunFault, PRETENSION_S, WANDER_S};
+use super::{
+    calibrate, unit_fault, Observer, Phase, RunError, RunFault, PRETENSION_S, ROBOT_START_S,
+};
 use crate::link::{LinkError, RigLink};
 use crate::rigfile::{board_crc, RigFile};
 use crate::session::{explain_fault, system_state_name, Session, SessionError, PERIOD};
@@ -188,7 +190,12 @@ fn leave_out_faulted(
         let faulted =
             unit.fault != 0 || MotorState::from_u8(unit.state) == Some(MotorState::Faulted);
         if configs[i].enabled && faulted {
-            let fault = unit_fault(-(PRETENSION_S + WANDER_S), i, unit.fault, unit.fault_detail);
+            let fault = unit_fault(
+                -(PRETENSION_S + ROBOT_START_S),
+                i,
+                unit.fault,
+                unit.fault_detail,
+            );
             observer.notice(&format!("unit {} is left out: {}", i + 1, fault.text));
             faults.push(fault);
             configs[i].enabled = false;

@@ -91,7 +91,7 @@ fn nothing_is_driven_with_a_bad_force() {
 }
 
 #[test]
-fn a_unit_that_faults_is_reported_and_the_others_carry_on() {
+fn a_unit_that_faults_is_reported_and_the_others_continue() {
     let mut board = FakeBoard::new(Behavior::Good);
     let mut options = options();
     options.injections = vec![(1.5, Injection::UnplugSensor(4))];
@@ -212,7 +212,7 @@ fn dropped_frames_are_counted_by_their_gaps() {
 }
 
 #[test]
-fn strangers_are_refused_and_told_apart() {
+fn other_devices_are_refused_with_the_reason() {
     for (behavior, words) in [
         (Behavior::OtherAbi(wire::ABI_VERSION + 1), "update forcectl"),
         (Behavior::OtherAbi(0), "cargo xtask flash"),

@@ -1,4 +1,4 @@
-//! Connecting: the board says who it is, and both sides compare protocol versions.
+//! Connecting: the board identifies itself, and both sides compare protocol versions.
 
 use super::request::RESPONSE_TIMEOUT;
 use super::{explain_refusal, Session, SessionError};
@@ -29,7 +29,7 @@ impl Session<'_> {
         })
     }
 
-    /// Keeps who the board is, and compares protocol versions.
+    /// Stores the identity of the board, and compares protocol versions.
     fn check_version(&mut self, response: Response) -> Result<(), SessionError> {
         let (abi, schema) = match response {
             Response::Hello(info) => {
@@ -73,7 +73,7 @@ impl Session<'_> {
         if c.bytes == 0 {
             "it sends nothing; is it powered, flashed, and is this the right port?".to_owned()
         } else if c.frames > 0 {
-            format!("{} telemetry frames arrive but no answer; is the line to the board (its RX) connected?", c.frames)
+            format!("{} telemetry frames arrive but no response; is the line to the board (its RX) connected?", c.frames)
         } else if c.frames_unknown > 0 {
             format!("{} frames of another protocol version arrive; flash the firmware of the same checkout with `cargo xtask flash`", c.frames_unknown)
         } else {

@@ -8,8 +8,8 @@
 //! | numbers in words | `explain` |
 //! | what can go wrong | `error` |
 //!
-//! Whatever arrives while a command waits for its response is kept and handed out by [`Session::drain`], so no sample
-//! is lost to a request. While setpoints are in force they are sent again every 10 ms, also during a request: the
+//! Whatever arrives while a command waits for its response is stored and returned by [`Session::drain`], so no sample
+//! is lost during a request. While setpoints are in force they are sent again every 10 ms, also during a request: the
 //! board stops within 100 ms when they cease.
 
 mod error;
@@ -140,7 +140,7 @@ impl<'l> Session<'l> {
         Ok(session)
     }
 
-    /// The board's answer to hello.
+    /// The board's response to hello.
     #[must_use]
     pub fn info(&self) -> Option<&BoardInfo> {
         self.info.as_ref()

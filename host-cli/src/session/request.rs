@@ -10,7 +10,7 @@ use wire::{Command, HostFrame, UNITS};
 
 /// How long a response may take. The board answers within a pass of its loop; the rest is the link's.
 pub(super) const RESPONSE_TIMEOUT: Duration = Duration::from_millis(150);
-/// How often a command is sent before the link counts as dead. Every command may be repeated.
+/// How often a command is sent before the link counts as lost. Every command may be repeated.
 const MAX_ATTEMPTS: u32 = 4;
 /// Time between two checks for a response.
 const POLL_PERIOD: Duration = Duration::from_millis(1);

@@ -27,7 +27,7 @@ impl Effect for CableStretch {
     fn setting(&self) -> Option<Setting> {
         Some(Setting::Delay)
     }
-    /// To a loop slower than it, a first-order lag is a delay of its time constant.
+    /// For a loop slower than the lag, a first-order lag is a delay of its time constant.
     fn remedies(&self, found: &Found) -> Vec<Remedy> {
         if found.form == Form::CommandLag {
             vec![Remedy::Delay((found.get)("time_constant"))]

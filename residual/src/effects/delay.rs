@@ -15,7 +15,7 @@ impl Effect for Delay {
         "sweep the command up to half the sampling rate: a delay's phase grows in proportion to the frequency, without limit"
     }
     fn against(&self, ctx: &Context) -> String {
-        // An answer that comes late is off by the delay times this.
+        // The error of a late response is the delay times this slope.
         format!("deriv({}, 2)", ctx.load)
     }
     fn setting(&self) -> Option<Setting> {

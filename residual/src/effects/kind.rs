@@ -1,4 +1,4 @@
-//! What tells effects and their forms apart in code: kinds, forms, families. Labels and sentences are
+//! Identification of effects and their forms in code: kinds, forms, families. Labels and sentences are
 //! for readers only; nothing depends on their wording.
 
 use serde::{Deserialize, Serialize};
@@ -94,7 +94,7 @@ impl PartialEq<&str> for EffectKind {
     }
 }
 
-/// Forms that code must tell from the other forms of their effect. Every other form is known by its
+/// Forms that code must distinguish from the other forms of their effect. Every other form is known by its
 /// label alone.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]

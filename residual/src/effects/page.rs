@@ -121,7 +121,7 @@ fn the_page_names_every_effect_form_and_parameter_and_no_other() {
     for (form, parameters) in more {
         forms.entry(form).or_insert(parameters);
     }
-    let mut wanted: Vec<String> = CATALOGUE
+    let mut expected: Vec<String> = CATALOGUE
         .iter()
         .map(|e| format!("| `{}` | {} | {} |", e.name(), e.meaning(), e.experiment()))
         .collect();
@@ -133,7 +133,7 @@ fn the_page_names_every_effect_form_and_parameter_and_no_other() {
             effect.name()
         );
         for ((_, label), parameters) in own {
-            wanted.push(format!(
+            expected.push(format!(
                 "| `{}` | {label} | {} |",
                 effect.name(),
                 parameters.join(", ")
@@ -142,8 +142,8 @@ fn the_page_names_every_effect_form_and_parameter_and_no_other() {
     }
     let page: Vec<&str> = PAGE.lines().filter(|l| l.starts_with("| `")).collect();
     assert!(
-        page == wanted,
+        page == expected,
         "the rows of docs/residual/effects.md that start with an effect should be\n{}",
-        wanted.join("\n")
+        expected.join("\n")
     );
 }

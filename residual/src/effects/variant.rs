@@ -104,7 +104,7 @@ impl Variant {
         }
     }
 
-    /// Marks the form as one that code must tell from others.
+    /// Marks the form as one that code must distinguish from others.
     pub fn form(mut self, form: Form) -> Variant {
         self.form = form;
         self

@@ -31,7 +31,7 @@ functions! {
     Floor "floor" 1 "largest whole number not above";
     Min "min" 2 "the smaller";
     Max "max" 2 "the larger";
-    Clip "clip" 3 "clip(x, lo, hi): x kept between lo and hi";
+    Clip "clip" 3 "clip(x, lo, hi): x limited to lo..hi";
     If "if" 3 "if(c, a, b): a where c is true, else b";
     Sgn "sgn" 2 "sgn(v, db): sign of v, 0 where |v| <= db";
     Held "held" 2 "held(v, db): the last sign of v beyond db; 0 before the first motion";

@@ -1,7 +1,7 @@
 //! What is left after the search: structure that no effect of the catalogue explains.
 //!
 //! Free forms without a name ([`nameless`]) are tried on the final residual. They are never chosen; they
-//! tell that something is left. An effect that fits in too few places counts as left too, and so
+//! show that something is left. An effect that fits in too few places counts as left too, and so
 //! does switching between levels.
 
 mod nameless;

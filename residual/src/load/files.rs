@@ -20,7 +20,7 @@ pub fn find_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
             inner.sort();
             inner.iter().try_for_each(|p| walk(p, out, false))
         } else if !path.exists() {
-            Err(Error::io(path, "no such file or folder"))
+            Err(Error::io(path, "this file or folder does not exist"))
         } else {
             if top || kind(path).is_some() {
                 out.push(path.to_path_buf());

@@ -19,7 +19,7 @@ pub(super) fn frame(
     spec: &Spec,
     findings: &mut hygiene::Log,
 ) -> Result<Frame, Error> {
-    let mut rows = Rows::new(spec, wanted(spec, tables)?);
+    let mut rows = Rows::new(spec, needed_columns(spec, tables)?);
     for (index, table) in tables.iter().enumerate() {
         let label = table.source.display().to_string();
         if table.columns.first().is_none_or(Vec::is_empty) {
@@ -159,7 +159,7 @@ fn no_rows(tables: &[Table], spec: &Spec) -> Error {
 }
 
 /// Columns to keep in memory: roles, and raw columns that an expression or the hold-out names.
-fn wanted(spec: &Spec, tables: &[Table]) -> Result<Vec<String>, Error> {
+fn needed_columns(spec: &Spec, tables: &[Table]) -> Result<Vec<String>, Error> {
     let mut names: Vec<String> = spec
         .roles
         .all()

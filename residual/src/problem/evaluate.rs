@@ -43,13 +43,13 @@ pub(super) struct Cache {
     ranges: HashMap<String, Option<(f64, f64)>>,
     views: VecDeque<Arc<View>>,
     scan: usize,
-    /// The scan in which room was made last.
+    /// The scan in which old values were removed last.
     swept: usize,
 }
 
 impl Cache {
-    /// Whether there is room for a column, after forgetting what this scan did not ask for.
-    fn room(&mut self, values: usize) -> bool {
+    /// Whether a column of this size fits. Removes values that this scan did not use, if it does not.
+    fn make_room(&mut self, values: usize) -> bool {
         if self.values + values > CACHE_VALUES && self.swept < self.scan {
             self.swept = self.scan;
             let scan = self.scan;
@@ -87,7 +87,7 @@ impl Problem {
         Ok(view)
     }
 
-    /// A scan begins: what is evaluated in it is worth more room than what was asked for earlier.
+    /// A scan begins: values that it uses take precedence over those of earlier scans.
     pub fn next_scan(&self) {
         self.cache().scan += 1;
     }
@@ -100,7 +100,7 @@ impl Problem {
         })
     }
 
-    /// The same for an expression as text; `keep` it only if it is likely to be asked for again.
+    /// The same for an expression as text; `keep` it only if it is likely to be used again.
     pub fn eval_text(&self, view: &View, text: &str, keep: bool) -> Result<Column, Error> {
         self.cached(format!("{}{text}", view.key), keep, || {
             self.eval_on(&view.frame, &Expr::parse(text)?)
@@ -108,7 +108,7 @@ impl Problem {
     }
 
     /// The same for a term in which columns of a view are replaced; `swapped` gives the frame with
-    /// them, and is asked only if the values are not at hand.
+    /// them, and is called only if the values are not stored.
     pub fn eval_swapped<'a>(
         &self,
         view: &View,
@@ -141,7 +141,10 @@ impl Problem {
         drop(cache);
         let v = values()?;
         let mut cache = self.cache();
-        if keep && cache.room(v.len()) && cache.columns.insert(key, (v.clone(), scan)).is_none() {
+        if keep
+            && cache.make_room(v.len())
+            && cache.columns.insert(key, (v.clone(), scan)).is_none()
+        {
             cache.values += v.len();
         }
         Ok(v)

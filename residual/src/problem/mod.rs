@@ -49,7 +49,7 @@ pub(crate) struct Problem {
     fold_of_row: Vec<u32>,
     seed: u64,
     cache: Mutex<Cache>,
-    /// Told how far a scan is.
+    /// Receives the progress of a scan.
     pub ticker: Option<Ticker>,
 }
 
@@ -90,7 +90,7 @@ impl Problem {
     /// allow, and at least four in each long run of one fold where there are few runs.
     pub fn cut_blocks(&mut self, correlation: f64, decoys: usize) {
         let n = self.y.len();
-        let wanted = (10.0 * correlation)
+        let block_rows = (10.0 * correlation)
             .clamp(n as f64 / 256.0, n as f64 / 40.0)
             .max(8.0) as usize;
         self.blocks.clear();
@@ -114,10 +114,11 @@ impl Problem {
                     .iter()
                     .take_while(|f| **f == fold)
                     .count();
-                let pieces =
-                    (run as f64 / wanted as f64)
-                        .round()
-                        .max(if run >= 64 { least } else { 1.0 }) as usize;
+                let pieces = (run as f64 / block_rows as f64).round().max(if run >= 64 {
+                    least
+                } else {
+                    1.0
+                }) as usize;
                 for k in 0..pieces {
                     let (a, b) = (at + run * k / pieces, at + run * (k + 1) / pieces);
                     if b > a {

@@ -21,11 +21,11 @@ pub(crate) struct Sums {
     pub yy: Vec<[f64; 3]>,
 }
 
-/// Sums that are known already: of the same `r` with columns of which some are wanted again.
+/// Sums that are known already: of the same `r`, with some of the same columns.
 #[derive(Clone, Copy)]
 pub(crate) struct Known<'a> {
     pub sums: &'a Sums,
-    /// Which of its columns each wanted column is, if any; missing entries mean none.
+    /// For each needed column its index among the known ones, if any; missing entries mean none.
     pub at: &'a [Option<usize>],
 }
 
@@ -130,9 +130,9 @@ impl Sums {
         (x, c.dropped)
     }
 
-    /// Squared error of every block in the wanted folds, predicted from the other folds.
-    pub fn hold_out(&self, p: &Problem, wanted: &dyn Fn(usize) -> bool, out: &mut [f64]) {
-        for fold in (0..p.folds).filter(|f| wanted(*f)) {
+    /// Squared error of every block in the selected folds, predicted from the other folds.
+    pub fn hold_out(&self, p: &Problem, selected: &dyn Fn(usize) -> bool, out: &mut [f64]) {
+        for fold in (0..p.folds).filter(|f| selected(*f)) {
             self.predict(
                 p.blocks.iter().map(|b| (b.fold != fold, b.fold == fold)),
                 out,

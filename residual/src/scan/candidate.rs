@@ -176,8 +176,8 @@ impl Scan<'_> {
             .par_iter()
             .map(|(i, psi)| {
                 let scores = self.score(&(offers[*i].variant.build)(*psi), true);
-                if let Some(tell) = &self.problem.ticker {
-                    tell(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
+                if let Some(report) = &self.problem.ticker {
+                    report(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
                 }
                 scores
             })

@@ -1,4 +1,4 @@
-//! What the effects are told of the data and the current model.
+//! What the effects know about the data and the current model.
 
 use super::friction::{dry_friction, velocity_of};
 use super::Scan;

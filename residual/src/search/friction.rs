@@ -49,7 +49,7 @@ impl Search<'_> {
         let Some(moving) = forms.into_iter().next().map(Arc::new) else {
             return Ok(());
         };
-        // The plain form can say all that the one coefficient said, to rounding.
+        // The plain form contains the form with one coefficient, up to rounding.
         let mut least = self.rmse(chosen)? * (1.0 + 1e-9);
         let from = chosen.clone();
         for held in from[rest].effect.variants(&ctx) {

@@ -52,7 +52,7 @@ pub(crate) struct Search<'a> {
     /// The declared model's prediction as an expression.
     pub load: String,
     pub declared: Arc<Fitted>,
-    /// Smallest RMS of a contribution that can be told from the steps of the target.
+    /// Smallest RMS of a contribution that can be distinguished from the steps of the target.
     floor: f64,
     /// Most forms tried in one scan.
     tests: usize,
@@ -63,7 +63,7 @@ pub(crate) struct Search<'a> {
 /// What the search found.
 pub(crate) struct Outcome {
     pub chosen: Vec<Chosen>,
-    /// Nearest rival of each chosen effect, and what cannot be told from it.
+    /// Nearest rival of each chosen effect, and what cannot be distinguished from it.
     pub judged: Vec<Judged>,
     /// The last scan of the catalogue, on top of the final model.
     pub last: Step,

@@ -8,7 +8,7 @@ use crate::ranking::{indistinguishable, Step};
 use crate::report::Rival;
 use crate::scan::Candidate;
 
-/// An effect's nearest rival, and the candidates that the data cannot tell from it.
+/// An effect's nearest rival, and the candidates that the data cannot distinguish from it.
 #[derive(Clone, Default)]
 pub(crate) struct Judged {
     pub rival: Option<Rival>,

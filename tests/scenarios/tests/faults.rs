@@ -1,4 +1,4 @@
-//! Bad days: what breaks, who notices, what the motors do.
+//! Faults: what is injected, which fault is reported, and what the motors do.
 
 use control::{Fault, MotorState, SystemState};
 use emulator_link::Injection;
@@ -52,7 +52,7 @@ fn unit_is_lost(injection: Injection, codes: &[Fault]) {
     assert_eq!(
         status.state,
         SystemState::Running as u8,
-        "the others carry on"
+        "the others continue"
     );
     others_hold(&mut stand, 2, held);
     let after = stand.status();
@@ -100,7 +100,7 @@ fn a_converter_that_does_not_acknowledge_stops_its_own_unit_only() {
 }
 
 #[test]
-fn a_stuck_bus_is_freed_and_the_units_carry_on() {
+fn a_stuck_bus_is_freed_and_the_units_continue() {
     let mut link = rig(22);
     let mut stand = Stand::armed(&mut link, 3.0);
     stand.inject(Injection::StuckSda);
@@ -237,7 +237,7 @@ fn a_pulled_cable_is_over_tension() {
 }
 
 #[test]
-fn a_hung_loop_is_reset_by_the_watchdog_and_says_so() {
+fn a_hung_loop_is_reset_by_the_watchdog_and_reported() {
     let mut link = rig(27);
     {
         let mut stand = Stand::armed(&mut link, 3.0);
@@ -257,12 +257,12 @@ fn a_hung_loop_is_reset_by_the_watchdog_and_says_so() {
         assert!(all_at_zero(last), "a motor is driven after the reset");
     }
     let stand = Stand::connect(&mut link);
-    let kept = stand
+    let record = stand
         .session
         .info()
         .and_then(|info| info.crash_record.clone())
-        .expect("a kept reason");
-    assert_eq!(Fault::from_code(kept.code), Some(Fault::WatchdogReset));
+        .expect("a crash record");
+    assert_eq!(Fault::from_code(record.code), Some(Fault::WatchdogReset));
 }
 
 #[test]
@@ -295,7 +295,7 @@ fn a_lost_encoder_is_noticed_by_what_the_tension_does() {
     assert_eq!(
         status.state,
         SystemState::Running as u8,
-        "the others carry on"
+        "the others continue"
     );
     stand.truth();
     stand.run(0.2);

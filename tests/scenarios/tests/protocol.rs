@@ -1,4 +1,4 @@
-//! The link on bad days: strangers, garbage, nonsense.
+//! The link with wrong input: another protocol version, random bytes, values out of range.
 
 use host_cli::link::RigLink;
 use host_cli::session::SessionError;
@@ -6,7 +6,7 @@ use test_stand::{all_at_zero, rig, rig_file, Stand, MS};
 use wire::message::{CommandError, FilterChoice, Response, UnitSetpoint};
 use wire::{BoardFrame, BoardMessage, Command, Decoder, HostFrame, MAX_FRAME, SCHEMA_HASH, UNITS};
 
-/// Sends one frame without a session and returns the answer that carries its number.
+/// Sends one frame without a session and returns the response that carries its number.
 fn ask(
     link: &mut dyn RigLink,
     decoder: &mut Decoder,
@@ -35,7 +35,7 @@ fn ask(
 }
 
 #[test]
-fn a_stranger_is_told_the_boards_version_and_may_do_nothing() {
+fn a_host_of_another_version_gets_the_boards_version_and_no_access() {
     let mut link = rig(41);
     let mut decoder = Decoder::new();
     // What comes before the board has booted is lost.
@@ -93,7 +93,7 @@ fn garbage_on_the_line_does_no_harm() {
     let mut stand = Stand::ready(&mut link);
     assert!(
         stand.status().frames_bad > 50,
-        "the board counts what it threw away"
+        "the board counts what it dropped"
     );
 }
 

@@ -3,17 +3,17 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use super::plan::{Apt, Candidate, Facts, Rights, Wish, PACKAGE_SETS};
+use super::plan::{Apt, Candidate, Facts, Rights, Route, PACKAGE_SETS};
 use super::{Version, DEBIAN_CARGO, DEBIAN_RUSTC, TARGET};
 use crate::process::{self, Sees};
 use crate::workspace::Workspace;
 
 /// Looks at the machine. Costs a few calls of `rustc`; `apt` is asked only in [`apt`].
-pub fn gather(workspace: &Workspace, wish: Wish) -> Facts {
+pub fn gather(workspace: &Workspace, route: Route) -> Facts {
     let host_sysroot = sysroot("rustc", Sees::CompilerAndFlags);
     let debian_sysroot = sysroot(DEBIAN_RUSTC, Sees::Nothing);
     Facts {
-        wish,
+        route,
         host: version("rustc", Sees::CompilerAndFlags),
         host_has_target: host_sysroot.as_deref().is_some_and(has_target),
         rustup: process::find_program("rustup").is_some(),

@@ -8,7 +8,7 @@ use super::{Arm, Version, OLDEST_RUST};
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Facts {
     /// Which route the user allows.
-    pub wish: Wish,
+    pub route: Route,
     /// The compiler that builds host programs, when its version could be read.
     pub host: Option<Version>,
     /// Whether that compiler has the target's library.
@@ -29,7 +29,7 @@ pub struct Facts {
 
 /// Which route to a compiler the user allows.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
-pub enum Wish {
+pub enum Route {
     /// Whichever is ready or gets ready first.
     #[default]
     Any,
@@ -59,7 +59,7 @@ pub enum Rights {
     Root,
     /// `sudo` without a password.
     Sudo,
-    /// Not without asking somebody.
+    /// Not without a password.
     None,
 }
 
@@ -97,8 +97,8 @@ pub enum Step {
 /// The next step towards a compiler for the board. What is ready wins over what needs a network;
 /// then rustup, whose compiler is the one everything else is built with; then Debian.
 pub fn next(facts: &Facts) -> Step {
-    let host_allowed = facts.wish != Wish::Debian;
-    let debian_allowed = facts.wish != Wish::Host;
+    let host_allowed = facts.route != Route::Debian;
+    let debian_allowed = facts.route != Route::Host;
     let mut closed = Vec::new();
 
     if host_allowed {
@@ -183,7 +183,7 @@ mod tests {
 
     fn bare() -> Facts {
         Facts {
-            wish: Wish::Any,
+            route: Route::Any,
             host: Some(OLDEST_RUST),
             host_has_target: false,
             rustup: false,
@@ -240,15 +240,15 @@ mod tests {
     }
 
     #[test]
-    fn a_wish_overrides_what_is_ready() {
+    fn a_chosen_route_overrides_what_is_ready() {
         let facts = Facts {
-            wish: Wish::Debian,
+            route: Route::Debian,
             host_has_target: true,
             ..debian_ready()
         };
         assert!(matches!(next(&facts), Step::Ready(Arm::Debian { .. })));
         let facts = Facts {
-            wish: Wish::Host,
+            route: Route::Host,
             rustup: true,
             ..debian_ready()
         };

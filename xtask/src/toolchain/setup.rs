@@ -5,30 +5,30 @@ use std::fs;
 use std::path::PathBuf;
 use std::time::Duration;
 
-use super::plan::{self, Apt, Facts, Rights, Step, Wish};
+use super::plan::{self, Apt, Facts, Rights, Route, Step};
 use super::{facts, Arm, OLDEST_RUST, TARGET};
 use crate::process::{self, Ended, Sees};
 use crate::report::{say, Failure, Result};
 use crate::workspace::Workspace;
 
 /// Environment variable with the route to take: `auto`, `rustup` or `debian`.
-pub const WISH_VARIABLE: &str = "FORCE_ARM_TOOLCHAIN";
+pub const ROUTE_VARIABLE: &str = "FORCE_ARM_TOOLCHAIN";
 
-/// How long `rustup target add` may make no progress. Behind some firewalls it hangs for ever.
+/// How long `rustup target add` may make no progress. Behind some firewalls it never ends.
 const RUSTUP_STALL: Duration = Duration::from_secs(20);
 
 /// Reads the user's choice of route.
 ///
 /// # Errors
 /// For a word that is no route.
-pub fn wish(word: Option<&str>) -> Result<Wish> {
+pub fn route(word: Option<&str>) -> Result<Route> {
     match word {
-        None | Some("" | "auto") => Ok(Wish::Any),
-        Some("rustup") => Ok(Wish::Host),
-        Some("debian") => Ok(Wish::Debian),
+        None | Some("" | "auto") => Ok(Route::Any),
+        Some("rustup") => Ok(Route::Host),
+        Some("debian") => Ok(Route::Debian),
         Some(other) => Err(
-            Failure::new(format!("`{other}` is no ARM toolchain")).remedy(format!(
-                "use auto, rustup or debian (option --toolchain, or {WISH_VARIABLE})"
+            Failure::new(format!("`{other}` is not an ARM toolchain")).remedy(format!(
+                "use auto, rustup or debian (option --toolchain, or {ROUTE_VARIABLE})"
             )),
         ),
     }
@@ -37,17 +37,17 @@ pub fn wish(word: Option<&str>) -> Result<Wish> {
 /// The route that the environment asks for.
 ///
 /// # Errors
-/// See [`wish`].
-pub fn wish_from_environment() -> Result<Wish> {
-    wish(env::var(WISH_VARIABLE).ok().as_deref())
+/// See [`route`].
+pub fn route_from_environment() -> Result<Route> {
+    route(env::var(ROUTE_VARIABLE).ok().as_deref())
 }
 
 /// Finds a compiler for the board, or sets one up.
 ///
 /// # Errors
 /// When no route is open; the message names each and what closes it.
-pub fn ensure(workspace: &Workspace, wish: Wish) -> Result<Arm> {
-    let mut facts = facts::gather(workspace, wish);
+pub fn ensure(workspace: &Workspace, route: Route) -> Result<Arm> {
+    let mut facts = facts::gather(workspace, route);
     // Every step below either leads to `Ready` or closes its own route, so this ends.
     loop {
         // Asking apt takes a moment: only when nothing is ready.
@@ -65,7 +65,7 @@ pub fn ensure(workspace: &Workspace, wish: Wish) -> Result<Arm> {
                     },
                     |failure| failure.to_string(),
                 );
-                facts = facts::gather(workspace, wish);
+                facts = facts::gather(workspace, route);
                 if !facts.host_has_target {
                     say(format!("{reason}; going on without rustup"));
                     remember(workspace, &reason);
@@ -99,7 +99,7 @@ pub fn ensure(workspace: &Workspace, wish: Wish) -> Result<Arm> {
                 };
                 let apt = facts.apt.take();
                 let target_add_failed = facts.target_add_failed.take();
-                facts = facts::gather(workspace, wish);
+                facts = facts::gather(workspace, route);
                 facts.target_add_failed = facts.target_add_failed.or(target_add_failed);
                 facts.apt = apt.map(|apt| Apt {
                     failed: Some(reason),
@@ -111,7 +111,7 @@ pub fn ensure(workspace: &Workspace, wish: Wish) -> Result<Arm> {
     }
 }
 
-/// Forgets what was tried in vain, so that the next [`ensure`] tries it again.
+/// Forgets failed attempts, so that the next [`ensure`] tries it again.
 ///
 /// # Errors
 /// When the note can't be deleted.
@@ -226,10 +226,10 @@ mod tests {
 
     #[test]
     fn routes_are_read_by_name() {
-        assert_eq!(wish(None), Ok(Wish::Any));
-        assert_eq!(wish(Some("debian")), Ok(Wish::Debian));
-        assert_eq!(wish(Some("rustup")), Ok(Wish::Host));
-        let error = wish(Some("gcc")).unwrap_err().to_string();
+        assert_eq!(route(None), Ok(Route::Any));
+        assert_eq!(route(Some("debian")), Ok(Route::Debian));
+        assert_eq!(route(Some("rustup")), Ok(Route::Host));
+        let error = route(Some("gcc")).unwrap_err().to_string();
         assert!(error.contains("gcc") && error.contains("debian"));
     }
 }

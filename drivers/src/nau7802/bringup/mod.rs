@@ -53,7 +53,7 @@ pub mod limits {
     pub const BUS_RESTART_WAIT_US: u32 = 1_000;
 }
 
-/// What the last action was, to tell an answer from a mistake.
+/// The last action, to distinguish a matching event from a wrong one.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pending {
     Start,

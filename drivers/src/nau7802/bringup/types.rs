@@ -18,7 +18,7 @@ pub enum Action {
     Failed(SequenceError),
 }
 
-/// What came of the last [`Action`].
+/// Result of the last [`Action`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Event {

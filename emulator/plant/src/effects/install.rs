@@ -3,7 +3,7 @@
 use super::modifiers::Modifiers;
 use super::*;
 
-/// The seam: how an effect reaches the physics, and what values it can have.
+/// The interface: how an effect reaches the physics, and what values it can have.
 pub(super) trait Install {
     /// Adds the effect to what the physics of one unit asks.
     fn install(&self, to: &mut Modifiers);

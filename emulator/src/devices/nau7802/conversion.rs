@@ -14,7 +14,7 @@ pub(super) const SETTLING: u32 = 6;
 /// RC oscillator tolerance.
 pub(super) const CLOCK_TOLERANCE: f64 = 0.03;
 /// Standard deviation of the clock's random walk per conversion, relative; pulled back to its centre, so
-/// that it wanders by about 0.05 %.
+/// that it drifts by about 0.05 %.
 pub(super) const CLOCK_WALK: f64 = 2e-6;
 pub(super) const CLOCK_PULL: f64 = 1e-5;
 /// Zero of an uncalibrated input: standard deviation in codes at gain 128.
@@ -149,7 +149,7 @@ impl Nau7802 {
     pub(super) fn finish_calibration(&mut self, mode: u8, bridge_v_per_v: f64) {
         let control = usize::from(reg::CTRL2);
         self.registers[control] &= !bit::CALS;
-        let miss = CALIBRATION_MISS * self.rng.symmetric() * self.gain() / 128.0;
+        let miss = CALIBRATION_MISS * self.rng.uniform_signed() * self.gain() / 128.0;
         let zero = self.raw_offset * self.gain() / 128.0 + miss;
         let input = self.input_codes(bridge_v_per_v);
         let valid = !self.calibration_spoilt

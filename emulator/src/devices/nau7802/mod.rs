@@ -1,16 +1,16 @@
 //! NAU7802: 24-bit bridge converter (Nuvoton datasheet rev 1.7; register table in its section 11).
 //!
-//! What this model keeps of the real one, because firmware trips over each:
+//! Properties of the part that this model has, because firmware often handles them wrongly:
 //!
 //! * Start-up: nothing converts before PUD, PUA and CS; PUR comes about 200 us after PUD; the revision reads
 //!   0 until a moment after PUR.
 //! * The first six conversions after a start settle and DRDY stays quiet for them (section 8.4).
-//! * DRDY rises when a result is ready and falls when 0x12 is read. A result nobody reads is replaced in
-//!   silence: the pin stays high and there is no further edge.
+//! * DRDY rises when a result is ready and falls when 0x12 is read. An unread result is replaced without
+//!   notice: the pin stays high and there is no further edge.
 //! * Reading 0x12 latches all 24 bits; a read while nothing is new returns the old result.
 //! * Register 0x15 reads back only while 0x1B bit 7 is 0 (otherwise the OTP is behind it).
-//! * A change of gain, rate or channel leaves the zero elsewhere until a calibration has run (344 ms), and
-//!   every calibration lands a little differently.
+//! * A change of gain, rate or channel moves the zero until a calibration has run (344 ms), and
+//!   every calibration gives a slightly different zero.
 //! * Its RC clock is up to 3 % off and drifts, so six converters never stay in step.
 //! * Fast read (0x11 bit 6) is 24 data clocks behind the address with no acknowledge slots, 33 clocks in all
 //!   where the plain read takes 54. A standard controller clocks nine per byte and sees it shifted.
@@ -36,7 +36,7 @@ pub struct Nau7802 {
     name: String,
     rng: Rng,
     registers: [u8; REGISTERS],
-    /// Clock error of this chip and its present wander, relative.
+    /// Clock error of this chip and its present drift, relative.
     clock_error: f64,
     clock_wander: f64,
     raw_offset: f64,
@@ -75,7 +75,7 @@ impl Nau7802 {
     #[must_use]
     pub fn new(unit: u8, seed: u64) -> Self {
         let mut rng = Rng::new(seed, 0x7802_0000 + u64::from(unit));
-        let clock_error = CLOCK_TOLERANCE * rng.symmetric();
+        let clock_error = CLOCK_TOLERANCE * rng.uniform_signed();
         let mut chip = Self {
             name: format!("NAU7802[{unit}]"),
             rng,

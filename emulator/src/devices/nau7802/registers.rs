@@ -76,7 +76,8 @@ impl Nau7802 {
                     self.powered_up = false;
                     self.ready = false;
                 } else if before[0] & bit::PUD == 0 {
-                    let ready = t_ns + (POWER_UP_NS * (1.0 + 0.1 * self.rng.symmetric())) as u64;
+                    let ready =
+                        t_ns + (POWER_UP_NS * (1.0 + 0.1 * self.rng.uniform_signed())) as u64;
                     self.ready_at = Some(ready);
                     self.revision_at = ready + (1e6 * self.rng.uniform()) as u64;
                 }

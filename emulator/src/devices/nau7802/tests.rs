@@ -2,7 +2,7 @@
 
 use super::*;
 
-/// A chip and a clock: what a patient master on the bus would see.
+/// A chip and a clock, as a bus master without time limits sees it.
 struct Bench {
     chip: Nau7802,
     t_ns: u64,

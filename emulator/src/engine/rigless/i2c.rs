@@ -1,6 +1,6 @@
 //! I2C1 with a wire that can be held: the engine's controller, kept from sending a START while SDA is low.
 //!
-//! The engine's own model drives every edge itself and knows no bus that somebody else holds. On the part a
+//! The engine's own model drives every edge itself and does not know a bus that another device holds. On the part a
 //! START that finds SDA low never leaves: BUSY stands, no flag and no interrupt follows (RM0433 rev 9 section
 //! 47.4.9: the controller waits for a free bus). Clearing PE is the only way out.
 

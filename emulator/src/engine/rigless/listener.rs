@@ -309,7 +309,7 @@ mod tests {
 
     /// The way of a byte from memory to USART3 (input 46 of table 124) on stream 1, change by change.
     #[test]
-    fn a_byte_by_dma_reaches_who_it_concerns_and_nobody_else() {
+    fn a_byte_by_dma_reaches_its_receiver_only() {
         let steps = [
             (
                 change("USART3", 1, Level::High),

@@ -1,7 +1,7 @@
 //! The engine: the crate `rigless`, a Cortex-M7 and an STM32H743 in Rust.
 //!
-//! It runs the core on a thread of its own and calls back; this module turns that round. The driver waits at
-//! each stop for the next command and sends back where it stands, so that the rig steps the engine like any
+//! It runs the core on a thread of its own and calls back; this module inverts the control. The engine's thread waits
+//! at each stop for the next command and reports its progress, so that the rig steps the engine like any
 //! other object and both sides take turns on the [`Board`](crate::board::Board).
 
 mod i2c;

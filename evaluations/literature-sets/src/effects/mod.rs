@@ -26,7 +26,7 @@ pub enum Stage {
     Limit,
 }
 
-/// Names that describe the same force, or one so close that data can't tell.
+/// Names that describe the same force, or one so close that data can't distinguish them.
 #[derive(Clone, Copy, Debug)]
 pub struct Equivalence {
     /// Names, of this catalogue where it has the effect, else as textbooks have it.

@@ -64,7 +64,7 @@ pub fn draw_bouc_wen_load(draw: &mut Draw, _: &Scene) {
     draw.choice("n", "-", &[1.0, 2.0, 3.0]);
 }
 
-/// Contact bursts at rest: someone or something touches the standing cable. Decaying oscillations at random times
+/// Contact bursts at rest: an external contact with the resting cable. Decaying oscillations at random times
 /// (a Poisson process), cut off where the reel moves again.
 pub fn rest_bursts(p: &Parameters, world: &World, tension: &mut [f64]) {
     let mut random = Random::new(world.seed, "rest-bursts");

@@ -1,5 +1,5 @@
 //! A board for tests: speaks the protocol over memory, runs the real control core against the plant, and can
-//! misbehave. It stands in for the firmware's behaviour on the link; the firmware itself is tested in the scenarios.
+//! simulate errors. It replaces the firmware on the link; the firmware itself is tested in the scenarios.
 //!
 //! | part | file |
 //! | --- | --- |

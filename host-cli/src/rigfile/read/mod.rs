@@ -172,7 +172,7 @@ fn read_allocation(root: &Section<'_, '_>) -> AllocationSettings {
                     section.report(
                         reference.at,
                         "reference",
-                        format!("`{other}` is not a policy; use \"lower\" (kind to robot and motors) or \"middle\" (far from slack)"),
+                        format!("`{other}` is not a policy; use \"lower\" (least load on robot and motors) or \"middle\" (far from slack)"),
                     );
                 }
                 Reference::Lower

@@ -78,7 +78,7 @@ fn run() -> Result<bool, String> {
 
 /// Messages of one machine during the scenario.
 #[derive(Default)]
-struct Story {
+struct RunLog {
     machine: String,
     samples: Vec<(u64, Sample)>,
     states: Vec<(f64, u8)>,
@@ -95,7 +95,7 @@ const WINDOWS: [(&str, u64, u64, [f64; UNITS]); 3] = [
     ("7 and 3 N", 8_000, 9_000, [7.0, 7.0, 7.0, 3.0, 3.0, 3.0]),
 ];
 
-fn scenario(program: &Path, elf: &Path, seed: &str) -> Result<Story, String> {
+fn scenario(program: &Path, elf: &Path, seed: &str) -> Result<RunLog, String> {
     let mut m = Machine::start(program, elf, seed)?;
     m.until(500)?;
     m.request(&Command::Hello {
@@ -131,7 +131,7 @@ fn scenario(program: &Path, elf: &Path, seed: &str) -> Result<Story, String> {
     m.until(10_250)?;
     m.request(&Command::ClearFaults)?;
     m.until(10_400)?;
-    Ok(std::mem::take(&mut m.story))
+    Ok(std::mem::take(&mut m.log))
 }
 
 /// A machine behind the lock-step link.
@@ -143,7 +143,7 @@ struct Machine {
     seq: u16,
     now_ns: u64,
     waiting: Vec<u8>,
-    story: Story,
+    log: RunLog,
 }
 
 impl Machine {
@@ -167,7 +167,7 @@ impl Machine {
             seq: 0,
             now_ns: 0,
             waiting: Vec::new(),
-            story: Story::default(),
+            log: RunLog::default(),
         };
         match machine.ask(&Request::Hello {
             version: LINK_VERSION,
@@ -177,7 +177,7 @@ impl Machine {
                 machine: name,
                 ..
             } if version == LINK_VERSION => {
-                machine.story.machine = name;
+                machine.log.machine = name;
                 Ok(machine)
             }
             other => Err(format!("{}: no greeting: {other:?}", program.display())),
@@ -187,13 +187,13 @@ impl Machine {
     fn ask(&mut self, request: &Request) -> Result<Response, String> {
         send(&mut self.to, request)
             .and_then(|()| receive(&mut self.from))
-            .map_err(|e| format!("{}: {e}", self.story.machine))
+            .map_err(|e| format!("{}: {e}", self.log.machine))
     }
 
     fn inject(&mut self, injection: Injection) -> Result<(), String> {
         match self.ask(&Request::Inject(injection))? {
             Response::Done => Ok(()),
-            other => Err(format!("{}: {injection:?}: {other:?}", self.story.machine)),
+            other => Err(format!("{}: {injection:?}: {other:?}", self.log.machine)),
         }
     }
 
@@ -232,14 +232,14 @@ impl Machine {
             to_board: std::mem::take(&mut self.waiting),
         };
         let Response::Advanced(advanced) = self.ask(&request)? else {
-            return Err(format!("{}: time does not pass", self.story.machine));
+            return Err(format!("{}: time does not pass", self.log.machine));
         };
         self.now_ns = at_ms * MS;
         for byte in advanced.from_board {
             match self.decoder.push::<BoardFrame>(byte) {
-                Ok(Some(frame)) => self.story.hear(frame.message),
+                Ok(Some(frame)) => self.log.add(frame.message),
                 Ok(None) => {}
-                Err(_) => self.story.damaged += 1,
+                Err(_) => self.log.damaged += 1,
             }
         }
         Ok(())
@@ -253,8 +253,8 @@ impl Drop for Machine {
     }
 }
 
-impl Story {
-    fn hear(&mut self, message: BoardMessage) {
+impl RunLog {
+    fn add(&mut self, message: BoardMessage) {
         match message {
             BoardMessage::Samples(batch) => {
                 for sample in batch.samples {
@@ -320,7 +320,7 @@ fn pairs(a: &[(u64, Sample)], b: &[(u64, Sample)]) -> Vec<(Sample, Sample)> {
         .collect()
 }
 
-fn compare(a: &Story, b: &Story, seed: &str) -> bool {
+fn compare(a: &RunLog, b: &RunLog, seed: &str) -> bool {
     println!(
         "A: {}\nB: {}\nplant seed {seed}; B - A\n",
         a.machine, b.machine
@@ -333,8 +333,8 @@ fn compare(a: &Story, b: &Story, seed: &str) -> bool {
         }
     }
     println!("\nlatency from DRDY to the DAC's update as the board measures it, us: median, 99th percentile, largest");
-    for (tag, story) in [("A", a), ("B", b)] {
-        let mut all: Vec<u16> = story
+    for (tag, log) in [("A", a), ("B", b)] {
+        let mut all: Vec<u16> = log
             .samples
             .iter()
             .filter(|(_, s)| s.flags & flags::ACTIVE != 0)
@@ -350,8 +350,8 @@ fn compare(a: &Story, b: &Story, seed: &str) -> bool {
         }
     }
     println!("\nstates of the board");
-    for (tag, story) in [("A", a), ("B", b)] {
-        let line: Vec<String> = story
+    for (tag, log) in [("A", a), ("B", b)] {
+        let line: Vec<String> = log
             .states
             .iter()
             .map(|(t, s)| format!("{} {t:.2} s", board_state(*s)))
@@ -370,7 +370,7 @@ fn compare(a: &Story, b: &Story, seed: &str) -> bool {
             .eq(b.states.iter().map(|s| s.1)),
     );
     for unit in 0..UNITS {
-        let names = |s: &Story| -> Vec<&str> {
+        let names = |s: &RunLog| -> Vec<&str> {
             s.unit_states[unit].iter().map(|n| unit_state(*n)).collect()
         };
         let equal = a.unit_states[unit] == b.unit_states[unit];
@@ -420,7 +420,7 @@ fn compare(a: &Story, b: &Story, seed: &str) -> bool {
     good
 }
 
-fn row(a: &Story, b: &Story, window: (&str, u64, u64), unit: usize, setpoint: f64) -> bool {
+fn row(a: &RunLog, b: &RunLog, window: (&str, u64, u64), unit: usize, setpoint: f64) -> bool {
     let (name, from, to) = window;
     let (x, y) = (a.unit(unit, from, to), b.unit(unit, from, to));
     let paired = pairs(&x, &y);

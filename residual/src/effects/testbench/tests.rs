@@ -216,7 +216,7 @@ fn two_effects_are_both_named() {
 }
 
 #[test]
-fn a_delay_far_below_a_row_cannot_be_told_from_a_lag() {
+fn a_delay_far_below_a_row_cannot_be_distinguished_from_a_lag() {
     let report = simulate(&Excitation::default(), 1.0, &mut |s| {
         s.command_at(s.elapsed - 0.012) - s.command
     });
@@ -251,7 +251,7 @@ fn what_the_setpoint_confirms_is_named_in_a_closed_loop() {
 }
 
 #[test]
-fn a_disturbance_that_the_loop_fights_is_no_effect_of_the_command() {
+fn a_disturbance_that_the_loop_compensates_is_no_effect_of_the_command() {
     let x = Excitation {
         closed: true,
         ..Excitation::default()
