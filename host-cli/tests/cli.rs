@@ -635,6 +635,42 @@ mod signals {
         }
     }
 
+    /// `nohup` starts a program with SIGHUP ignored; it has to stay so.
+    #[test]
+    fn an_ignored_hangup_stays_ignored() {
+        let folder = folder();
+        let model = folder.path().join("model.toml");
+        let made = Command::new("mkfifo").arg(&model).status();
+        assert!(made.expect("mkfifo runs").success());
+        let child = Command::new("sh")
+            .current_dir(folder.path())
+            .args([
+                "-c",
+                "trap '' HUP; exec \"$0\" \"$@\"",
+                env!("CARGO_BIN_EXE_forcectl"),
+            ])
+            .args(words("residual --data logs --model model.toml --out found"))
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .expect("sh runs");
+        let (send, opened) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            let _ = send.send(std::fs::File::options().write(true).open(model));
+        });
+        let mut pipe = opened
+            .recv_timeout(Duration::from_secs(10))
+            .expect("the command reads its model file")
+            .expect("a pipe");
+        signal(&child, "HUP");
+        std::thread::sleep(Duration::from_millis(100));
+        pipe.write_all(b"# no roles")
+            .expect("the command still reads");
+        drop(pipe);
+        let said = said(&child.wait_with_output().expect("ends"));
+        assert_eq!(said.code, Some(2), "{said:?}");
+    }
+
     #[test]
     fn the_first_signal_asks_and_the_second_ends_at_once() {
         for name in ["INT", "TERM", "HUP"] {

@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::feedback;
 use crate::leftover::Leftover;
 use crate::load;
-use crate::nested::nested;
+use crate::nested::{self, nested};
 use crate::progress::Progress;
 use crate::report::Report;
 use crate::search::Search;
@@ -99,6 +99,9 @@ pub fn run(options: &Options, progress: &mut dyn Progress) -> Result<Report, Err
 /// [`Error::Data`], [`Error::RankDeficient`], [`Error::Model`] or [`Error::Expression`].
 pub fn analyse(spec: &Spec, data: Data, progress: &mut dyn Progress) -> Result<Report, Error> {
     check_selection(spec)?;
+    if spec.selection.nested {
+        nested::check_folds(&data)?;
+    }
     let mut search = Search::new(spec, &data, progress)?;
     let outcome = search.run(progress)?;
     let frame = search.problem.kept_frame();
@@ -116,7 +119,11 @@ pub fn analyse(spec: &Spec, data: Data, progress: &mut dyn Progress) -> Result<R
     };
     let mut report = assembly::report(found, &data)?;
     if spec.selection.nested {
-        report.nested_rmse = Some(nested(spec, &data, progress)?.rmse);
+        // The report is finished: a fold that cannot be analysed alone costs this figure only.
+        match nested(spec, &data, progress) {
+            Ok(result) => report.nested_rmse = Some(result.rmse),
+            Err(error) => progress.stage(&format!("no nested figure: {error}")),
+        }
     }
     Ok(report)
 }

@@ -42,6 +42,18 @@ pub struct NestedFold {
     pub rmse: f64,
 }
 
+/// Refuses data with fewer than three folds: without one of them no fold could be held out.
+pub(crate) fn check_folds(data: &Data) -> Result<(), Error> {
+    let count = data.fold_names.len();
+    if count < 3 {
+        return Err(Error::data(
+            format!("{count} folds: without one of them nothing is left to hold out"),
+            "A nested evaluation needs at least three groups; bring more data, or shorten holdout.block_s",
+        ));
+    }
+    Ok(())
+}
+
 /// Repeats the whole selection with each fold left out, and scores that fold.
 ///
 /// Selection, nonlinear parameters and coefficients come from the other folds. Only coefficients
@@ -53,13 +65,8 @@ pub struct NestedFold {
 /// of the folds.
 pub fn nested(spec: &Spec, data: &Data, progress: &mut dyn Progress) -> Result<Nested, Error> {
     check_selection(spec)?;
+    check_folds(data)?;
     let count = data.fold_names.len();
-    if count < 3 {
-        return Err(Error::data(
-            format!("{count} folds: without one of them nothing is left to hold out"),
-            "A nested evaluation needs at least three groups; bring more data, or shorten holdout.block_s",
-        ));
-    }
     let mut problem = data.problem(&spec.selection);
     let declared = fit_declared(&mut problem, spec)?;
     let mut squares = 0.0;

@@ -36,7 +36,7 @@ pub fn build_command(workspace: &Workspace, programs: &[&str]) -> Command {
     let mut command = cargo(workspace, "build");
     // Always the same packages, whichever program is needed: other packages would mean other features of
     // their common dependencies, and a second build of them.
-    for package in ["emulator", "host-cli", "bench", "closed-loop"] {
+    for package in ["emulator", "host-cli", "bench", "closed-loop", "scenarios"] {
         command.args(["--package", package]);
     }
     for program in programs {

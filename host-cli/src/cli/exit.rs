@@ -37,7 +37,7 @@ Exit codes:
   6  the run was completed, but a unit dropped out, the amplifiers lost power, or the force was
      out of reach and the nearest possible force was held
   7  a file or the standard output could not be written
-130  Ctrl-C, SIGTERM or SIGHUP ended the command; the rig is disarmed
+130  Ctrl-C, SIGTERM or SIGHUP ended the command; `set-force` and `identify` disarmed the rig
 `residual` and `identify` list their own codes in their help.";
 
 /// What a command has to say: a text for people, a JSON object for programs, and the exit code.
@@ -111,6 +111,11 @@ impl Failure {
             FILE,
             format!("{} cannot be written: {error}", path.display()),
         )
+    }
+
+    /// The same with another exit code.
+    pub fn with_code(self, code: u8) -> Self {
+        Self { code, ..self }
     }
 
     /// Adds the results that exist in spite of the failure.

@@ -1,4 +1,5 @@
-//! Ctrl-C, SIGTERM and SIGHUP. All three act alike, and every command that they end exits with 130.
+//! Ctrl-C, SIGTERM and SIGHUP. All three act alike, and every command that they end exits with 130. A SIGHUP that is
+//! ignored at the start, as under `nohup`, stays ignored.
 //!
 //! While nothing is driven, the first signal ends the program. While a link is open, the first signal requests a
 //! controlled stop of the command, and the second ends the program: a board without setpoints goes to 0 V by itself.
@@ -36,20 +37,22 @@ impl Interrupt {
             controlled_stop: Arc::default(),
         };
         let (shared, output) = (interrupt.clone(), Arc::clone(output));
-        ctrlc::set_handler(move || {
+        let handler = move || {
             let again = shared.requested.swap(true, Ordering::SeqCst);
             if again || shared.controlled_stop.load(Ordering::SeqCst) == 0 {
                 output.finish_interrupted();
                 std::process::exit(i32::from(exit::INTERRUPTED));
             }
             output.note(
-                "\nInterrupted: the motors are disarmed, then the command ends. Press Ctrl-C again to exit at \
-                 once; the board goes to 0 V within 100 ms.",
+                "\nInterrupted: the command ends; a run is ramped down and disarmed first. Press Ctrl-C again to exit at \
+                 once; the board then goes to 0 V within 100 ms.",
             );
-        })
-        .map_err(|error| {
-            Failure::new(exit::FILE, format!("Ctrl-C cannot be handled: {error}"))
-        })?;
+        };
+        let failed =
+            |error: String| Failure::new(exit::FILE, format!("signals cannot be handled: {error}"));
+        #[cfg(unix)]
+        on_termination(handler.clone()).map_err(|error| failed(error.to_string()))?;
+        ctrlc::set_handler(handler).map_err(|error| failed(error.to_string()))?;
         Ok(interrupt)
     }
 
@@ -70,4 +73,32 @@ impl Interrupt {
     pub fn requested(&self) -> bool {
         self.requested.load(Ordering::SeqCst)
     }
+}
+
+/// Calls the handler on each SIGTERM, and on each SIGHUP unless that is ignored already.
+#[cfg(unix)]
+fn on_termination(handler: impl Fn() + Send + 'static) -> std::io::Result<()> {
+    use signal_hook::consts::{SIGHUP, SIGTERM};
+    let mut list = vec![SIGTERM];
+    if !is_ignored(SIGHUP) {
+        list.push(SIGHUP);
+    }
+    let mut signals = signal_hook::iterator::Signals::new(list)?;
+    std::thread::Builder::new()
+        .name("signals".into())
+        .spawn(move || signals.forever().for_each(|_| handler()))?;
+    Ok(())
+}
+
+/// Whether the program was started with a signal ignored, by `SigIgn` of `/proc/self/status` (proc(5)). `false` on
+/// systems without that file.
+#[cfg(unix)]
+fn is_ignored(signal: i32) -> bool {
+    std::fs::read_to_string("/proc/self/status")
+        .ok()
+        .and_then(|status| {
+            let line = status.lines().find_map(|l| l.strip_prefix("SigIgn:"))?;
+            u64::from_str_radix(line.trim(), 16).ok()
+        })
+        .is_some_and(|mask| mask >> (signal - 1) & 1 == 1)
 }

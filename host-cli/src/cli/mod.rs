@@ -129,12 +129,15 @@ fn run(command: &Command, output: &Arc<Output>) -> Result<Reply> {
         output: Arc::clone(output),
         interrupt: Interrupt::install(output)?,
     };
-    let reply = dispatch(command, &context)?;
-    Ok(if context.interrupt.requested() {
-        reply.with_code(exit::INTERRUPTED)
-    } else {
-        reply
-    })
+    let interrupted = || context.interrupt.requested();
+    match dispatch(command, &context) {
+        Ok(reply) if interrupted() => Ok(reply.with_code(exit::INTERRUPTED)),
+        // What did not answer after a signal was no longer waited for. A fault of the board or a lost file keeps its code.
+        Err(failure) if interrupted() && failure.code == exit::LINK => {
+            Err(failure.with_code(exit::INTERRUPTED))
+        }
+        result => result,
+    }
 }
 
 fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
