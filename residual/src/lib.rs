@@ -32,9 +32,9 @@
 //!     .sequences([0..30, 30..60, 60..90])
 //!     .build()?;
 //! let declared = baseline(&model, &data)?;
-//! let (name, gain, ..) = &declared.terms[0];
-//! assert_eq!(name, "gain");
-//! assert!((gain - 1.1).abs() < 1e-9);
+//! let gain = &declared.terms[0];
+//! assert_eq!(gain.name, "gain");
+//! assert!((gain.coefficient - 1.1).abs() < 1e-9);
 //! # Ok::<(), residual::Error>(())
 //! ```
 

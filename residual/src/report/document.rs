@@ -26,7 +26,7 @@ pub(super) enum Part {
         /// Name of its file in the folder of the report.
         file: String,
         /// What it shows.
-        plot: Plot,
+        plot: Box<Plot>,
         /// The text below it.
         caption: String,
     },

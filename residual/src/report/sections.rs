@@ -154,7 +154,7 @@ impl Report {
             caption.push_str(" All other effects are included in both.");
             out.push(Part::Picture {
                 file: format!("effect-{}-{}.svg", i + 1, e.name),
-                plot: self.labelled(&e.plot),
+                plot: Box::new(self.labelled(&e.plot)),
                 caption,
             });
         }
@@ -211,7 +211,7 @@ impl Report {
         if let Some(p) = self.plot_unknown.as_ref().filter(|p| !p.x.is_empty()) {
             out.push(Part::Picture {
                 file: "structure.svg".into(),
-                plot: self.labelled(p),
+                plot: Box::new(self.labelled(p)),
                 caption: self.caption(p),
             });
         }

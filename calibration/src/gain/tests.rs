@@ -1,0 +1,341 @@
+//! Tests of the gain on made-up cells whose truth is known.
+
+use super::figures;
+use super::*;
+use crate::geometry::testing::normal;
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+const CODES_PER_N: f64 = 146_000.0;
+const ZERO: f64 = 81_000.0;
+
+/// Two loading and unloading rounds over the whole set.
+fn series(
+    seed: u64,
+    weight_limit: f64,
+    noise: f64,
+    code: impl Fn(f64, Direction, f64) -> f64,
+) -> Vec<Reading> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let errors: Vec<f64> = WEIGHTS_G
+        .iter()
+        .map(|_| rng.random_range(-1.0..1.0) * weight_limit)
+        .collect();
+    let mut out = Vec::new();
+    for _ in 0..2 {
+        let up = (0..7).map(|i| (i, Direction::Loading));
+        let down = (0..7).rev().map(|i| (i, Direction::Unloading));
+        for (i, direction) in up.chain(down) {
+            let line = out.len() + 2;
+            let force = 1e-3 * WEIGHTS_G[i] * (1.0 + errors[i]) * STANDARD_GRAVITY_M_PER_S2;
+            out.push(Reading {
+                at: Location {
+                    file: "weights.csv".into(),
+                    line,
+                },
+                weight_g: WEIGHTS_G[i],
+                code: code(force, direction, line as f64) + noise * normal(&mut rng),
+                standard_error_codes: noise,
+                direction: Some(direction),
+                time_s: Some(line as f64 * 20.0),
+                temperature_c: None,
+            });
+        }
+    }
+    out
+}
+
+fn straight(force: f64, _: Direction, _: f64) -> f64 {
+    ZERO + CODES_PER_N * force
+}
+
+/// Gravity known: for tests that don't look at it.
+fn options() -> Options {
+    Options {
+        gravity_relative_sd: 0.0,
+        ..Options::default()
+    }
+}
+
+#[test]
+fn intervals_cover_the_truth() {
+    let mut hits = 0;
+    let mut within = 0;
+    for seed in 0..300 {
+        let gain = fit(&series(seed, 1e-3, 60.0, straight), &options()).unwrap();
+        let error = gain.n_per_code - 1.0 / CODES_PER_N;
+        hits += u32::from(error.abs() < gain.n_per_code_half_95);
+        within += u32::from(error.abs() * CODES_PER_N < 1.5e-3);
+    }
+    // Binomial(300, 0.95): 285 +- 3.8; 4 standard deviations.
+    assert!((270..=300).contains(&hits), "{hits}");
+    assert!(within >= 297, "{within}");
+}
+
+#[test]
+fn weights_count_once_however_often_they_are_put_on() {
+    let once = fit(&series(1, 1e-3, 1.0, straight)[..14], &options()).unwrap();
+    let twice = fit(&series(1, 1e-3, 1.0, straight), &options()).unwrap();
+    // The weights' tolerance is nearly all of it, and repeating doesn't lessen it.
+    assert!((once.n_per_code_sd / twice.n_per_code_sd - 1.0).abs() < 0.02);
+    assert!(twice.relative_parts.weights > 10.0 * twice.relative_parts.readings);
+    // Seven relative errors of 0.1 %/sqrt 3, the line through the origin: 0.022 %; the zero is free, so a little more.
+    assert!((2.1e-4..3.2e-4).contains(&twice.relative_parts.weights));
+}
+
+#[test]
+fn a_wrong_entry_is_named_whatever_the_slip() {
+    for (line, entered, right) in [
+        (4, 500.0, 50.0),
+        (8, 100.0, 1000.0),
+        (2, 100.0, 10.0),
+        (6, 500.0, 200.0),
+        (9, 20.0, 1000.0),
+        (3, 2.0, 20.0),
+    ] {
+        let mut readings = series(3, 1e-3, 60.0, straight);
+        let reading = &mut readings[line - 2];
+        assert_eq!(reading.weight_g, right);
+        reading.weight_g = entered;
+        let Err(GainError::WrongEntries(wrong)) = fit(&readings, &options()) else {
+            panic!("{entered} for {right} was averaged in");
+        };
+        assert_eq!(wrong.len(), 1, "{wrong:?}");
+        assert_eq!((wrong[0].at.line, wrong[0].likely_g), (line, Some(right)));
+        assert!(wrong[0].probability > 0.95);
+        let text = GainError::WrongEntries(wrong).to_string();
+        assert!(
+            text.starts_with(&format!("weights.csv:{line}: entered {entered} g")),
+            "{text}"
+        );
+        let corrected = Options {
+            corrections_g: BTreeMap::from([(line, right)]),
+            ..options()
+        };
+        assert!(fit(&readings, &corrected).is_ok());
+    }
+}
+
+#[test]
+fn a_wrong_entry_at_the_largest_of_seven_single_readings_is_named() {
+    let mut readings = series(5, 1e-3, 60.0, straight)[..7].to_vec();
+    readings[6].weight_g = 100.0;
+    let Err(GainError::WrongEntries(wrong)) = fit(&readings, &options()) else {
+        panic!("averaged in");
+    };
+    assert_eq!(
+        (wrong.len(), wrong[0].at.line, wrong[0].likely_g),
+        (1, 8, Some(1000.0))
+    );
+}
+
+#[test]
+fn a_touched_cell_is_named_as_no_weight() {
+    let mut readings = series(4, 1e-3, 60.0, straight);
+    readings[10].code += 0.7 * CODES_PER_N;
+    let Err(GainError::WrongEntries(wrong)) = fit(&readings, &options()) else {
+        panic!("averaged in");
+    };
+    assert_eq!((wrong.len(), wrong[0].likely_g), (1, None));
+    let left_out = Options {
+        left_out: vec![wrong[0].at.line],
+        ..options()
+    };
+    let gain = fit(&readings, &left_out).unwrap();
+    assert!((gain.n_per_code * CODES_PER_N - 1.0).abs() < 1.5e-3);
+}
+
+#[test]
+fn clean_series_raise_no_alarm() {
+    let alarms = (0..500)
+        .filter(|&seed| fit(&series(seed, 1e-3, 60.0, straight), &options()).is_err())
+        .count();
+    assert_eq!(alarms, 0);
+}
+
+#[test]
+fn curvature_is_taken_in_only_where_it_is() {
+    // 0.3 % of the full load at half of it.
+    let k = 0.004 * CODES_PER_N / 10.0;
+    let curved = |f: f64, _: Direction, _: f64| ZERO + CODES_PER_N * f + k * f * f;
+    let gain = fit(&series(1, 1e-4, 60.0, curved), &options()).unwrap();
+    let found = gain.terms[&Term::Quadratic];
+    assert!((found.value / k - 1.0).abs() < 0.1, "{found:?}");
+    for force in [0.5, 5.0, 9.5] {
+        let code = curved(force, Direction::Loading, 0.0) - ZERO;
+        assert!((gain.force_n(code) - force).abs() < 0.003);
+    }
+    let taken = (0..200)
+        .filter(|&s| {
+            let gain = fit(&series(s, 1e-3, 60.0, straight), &options()).unwrap();
+            !gain.terms.is_empty()
+        })
+        .count();
+    // 1 % level: 2 expected in 200.
+    assert!(taken <= 8, "{taken}");
+}
+
+#[test]
+fn drift_of_the_zero_and_temperature_are_separated_from_the_slope() {
+    let mut readings = series(2, 1e-5, 30.0, |f, _, line| {
+        straight(f, Direction::Loading, 0.0) + 40.0 * line
+    });
+    let gain = fit(&readings, &options()).unwrap();
+    let drift = gain.terms[&Term::ZeroTime];
+    assert!(
+        (drift.value - 2.0).abs() < 4.0 * drift.standard_error,
+        "{drift:?}"
+    );
+    // Temperature that goes its own way, 0.01 %/K on the slope and 50 codes/K on the zero.
+    for (i, r) in readings.iter_mut().enumerate() {
+        let warm = 5.0 * ((i * 7 % 11) as f64 / 11.0 - 0.5);
+        r.temperature_c = Some(22.0 + warm);
+        r.code += 50.0 * warm + 1e-4 * warm * (r.code - ZERO);
+    }
+    let gain = fit(&readings, &options()).unwrap();
+    let slope = gain.terms[&Term::SlopeTemperature];
+    assert!((slope.value / CODES_PER_N - 1e-4).abs() < 2e-5, "{slope:?}");
+}
+
+#[test]
+fn hysteresis_and_linearity_figures() {
+    let bulge = |f: f64, d: Direction, _: f64| {
+        let width = 0.004 * CODES_PER_N * f * (9.80665 - f) / 2.4;
+        straight(f, d, 0.0)
+            + if d == Direction::Unloading {
+                width
+            } else {
+                0.0
+            }
+    };
+    let gain = fit(&series(1, 0.0, 20.0, bulge), &options()).unwrap();
+    let hysteresis = figures::shape(&gain).hysteresis.unwrap();
+    let at_500g = 0.004 * 4.903 * 4.903 / 2.4;
+    assert!(
+        (hysteresis.largest_n / at_500g - 1.0).abs() < 0.05,
+        "{hysteresis:?}"
+    );
+    assert!((hysteresis.at_n - 4.903).abs() < 0.01);
+}
+
+#[test]
+fn creep_is_found_with_its_time_constant() {
+    let record: Vec<(f64, f64)> = (0..61)
+        .map(|i| {
+            let t = 30.0 * f64::from(i);
+            (
+                t,
+                ZERO + CODES_PER_N * (9.8 + 0.01 * (1.0 - (-t / 300.0).exp())),
+            )
+        })
+        .collect();
+    let creep = figures::creep(&record, 1.0 / CODES_PER_N, 9.8).unwrap();
+    assert!(
+        (creep.time_constant_s / 300.0 - 1.0).abs() < 0.01,
+        "{creep:?}"
+    );
+    assert!((creep.amplitude_n / 0.01 - 1.0).abs() < 0.01);
+    let late = 0.01 * ((-4f64).exp() - (-6f64).exp());
+    assert!((creep.late_n.unwrap() - late).abs() < 1e-6);
+    assert!(figures::creep(&record[..3], 1.0, 1.0).is_none());
+    assert!(figures::creep(&[(0.0, f64::NAN); 9], 1.0, 1.0).is_none());
+}
+
+#[test]
+fn bad_input_is_an_error_with_its_place() {
+    let message = |text: &str| read("w.csv", text).unwrap_err().to_string();
+    assert!(message("").contains("w.csv: the file is empty"));
+    assert!(message("weight_g,code,standard_error\n50,abc,3\n").starts_with("w.csv:2: `abc`"));
+    assert!(message("weight_g,code,standard_error\n50,NaN,3\n").starts_with("w.csv:2: `NaN`"));
+    assert!(message("weight_g,code,standard_error\n-5,1,3\n").starts_with("w.csv:2: `-5`"));
+    assert!(message("weight_g,code,standard_error\n5,1,0\n").contains("standard error is above 0"));
+    assert!(message("weight_g,code\n5,1\n").contains("no column `standard_error`"));
+    assert!(
+        message("weight_g,code,standard_error,direction\n5,1,1,up\n")
+            .contains("`loading` or `unloading`")
+    );
+    let few = read(
+        "w.csv",
+        "weight_g,code,standard_error\n50,100,3\n50,101,3\n",
+    )
+    .unwrap();
+    assert!(matches!(
+        fit(&few, &options()),
+        Err(GainError::TooFew {
+            readings: 2,
+            weights: 1
+        })
+    ));
+    let readings = series(1, 0.0, 60.0, straight);
+    let all_times_ten: Vec<Reading> = readings
+        .iter()
+        .cloned()
+        .map(|mut r| {
+            r.weight_g *= 10.0;
+            r
+        })
+        .collect();
+    assert!(matches!(
+        fit(&all_times_ten, &options()),
+        Err(GainError::ImplausibleScale { .. })
+    ));
+    let flat = series(1, 0.0, 60.0, |_, _, _| ZERO);
+    let any = Options {
+        nominal_n_per_code: None,
+        ..options()
+    };
+    assert!(fit(&flat, &any).is_err());
+    let lost = Options {
+        left_out: vec![999],
+        ..options()
+    };
+    assert!(matches!(
+        fit(&readings, &lost),
+        Err(GainError::NoSuchLine { line: 999 })
+    ));
+    let moon = Options {
+        gravity_m_per_s2: 1.62,
+        ..options()
+    };
+    assert!(matches!(
+        fit(&readings, &moon),
+        Err(GainError::BadOption { .. })
+    ));
+    let mut nan = readings;
+    nan[3].code = f64::NAN;
+    assert!(matches!(
+        fit(&nan, &options()),
+        Err(GainError::BadReading { .. })
+    ));
+}
+
+proptest! {
+    #[test]
+    fn any_numbers_end_in_a_fit_or_an_error(
+        rows in prop::collection::vec((0usize..8, -9e6..9e6f64, 1e-3..1e5f64), 0..12),
+    ) {
+        let readings: Vec<Reading> = rows
+            .iter()
+            .enumerate()
+            .map(|(i, (w, code, se))| Reading {
+                at: Location { file: "f".into(), line: i + 2 },
+                weight_g: if *w == 7 { 0.0 } else { WEIGHTS_G[*w] },
+                code: *code,
+                standard_error_codes: *se,
+                direction: None,
+                time_s: None,
+                temperature_c: None,
+            })
+            .collect();
+        if let Ok(gain) = fit(&readings, &Options { nominal_n_per_code: None, ..options() }) {
+            prop_assert!(gain.n_per_code.is_finite() && gain.n_per_code_half_95 > 0.0);
+        }
+    }
+
+    #[test]
+    fn any_text_is_read_or_refused(text in "[0-9a-z,;\\n\"._ -]{0,80}") {
+        let _ = read("f", &text);
+        let _ = read("f", &format!("weight_g,code,standard_error\n{text}"));
+    }
+}
