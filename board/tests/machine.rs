@@ -594,7 +594,7 @@ fn zeroing_takes_the_load_away_and_a_touched_cable_is_refused() {
     assert!(status.units[0].tension_un.abs() < 5_000 && status.units[1].tension_un.abs() < 5_000);
     assert!(
         (status.units[2].tension_un - 1_500_000).abs() < 5_000,
-        "not asked for"
+        "not requested"
     );
     let Some(Response::Config(config)) = bench.ask(0, Command::GetConfig { unit: 0 }) else {
         panic!()

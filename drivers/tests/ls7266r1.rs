@@ -286,7 +286,7 @@ fn every_bus_failure_carries_its_stage() {
             Err(error) => panic!("{error}"),
         }
     }
-    let count = |wanted| stages.iter().filter(|stage| **stage == wanted).count();
+    let count = |stage_of| stages.iter().filter(|stage| **stage == stage_of).count();
     assert_eq!(count(Stage::Configure), 6);
     assert_eq!(count(Stage::SelfTest), 2 * (5 + 4));
     assert_eq!(count(Stage::Start), 4);

@@ -551,8 +551,8 @@ fn a_full_disk_is_told_once() {
             .expect("forcectl runs");
         let said = said(&output);
         // The first failure has the exit code.
-        let wanted = if code == 0 { 7 } else { code };
-        assert_eq!(said.code, Some(wanted), "{line}: {said:?}");
+        let expected = if code == 0 { 7 } else { code };
+        assert_eq!(said.code, Some(expected), "{line}: {said:?}");
         let told = said
             .err
             .matches("standard output cannot be written")

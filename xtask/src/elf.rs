@@ -96,7 +96,7 @@ impl Image {
     /// Reads a 32-bit ELF file.
     ///
     /// # Errors
-    /// When the bytes are no such file, or a damaged one.
+    /// When the bytes are not such a file, or a damaged one.
     pub fn parse(bytes: &[u8]) -> Result<Self> {
         let reason = match Self::read(bytes) {
             Ok(Some(image)) => return Ok(image),

@@ -131,7 +131,7 @@ fn problem(
         .find(|(other, _)| same(other))
         .map(|(_, text)| text)?;
     let known = headings(text).any(|heading| slug(heading) == anchor);
-    (!known).then_some("has no such heading")
+    (!known).then_some("names a heading that does not exist")
 }
 
 /// The headings of a Markdown text.
@@ -198,6 +198,9 @@ mod tests {
         assert_eq!(check("src/no-such-file.rs"), Some("doesn't exist"));
         assert_eq!(check("#known-heading"), None);
         assert_eq!(check("Cargo.toml#known-heading"), None);
-        assert_eq!(check("#unknown"), Some("has no such heading"));
+        assert_eq!(
+            check("#unknown"),
+            Some("names a heading that does not exist")
+        );
     }
 }

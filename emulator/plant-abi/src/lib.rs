@@ -128,7 +128,7 @@ pub unsafe extern "C" fn plant_advance_to(plant: *mut Plant, t_ns: u64) {
     }
 }
 
-/// Amplifier input of `unit` in volts, from the time reached on. Returns 1, or 0 where there is no such unit
+/// Amplifier input of `unit` in volts, from the time reached on. Returns 1, or 0 where the unit does not exist
 /// or the value is not finite (the unit then gets 0 V).
 ///
 /// # Safety

@@ -183,7 +183,7 @@ impl Plant {
         &self.config
     }
 
-    /// The true figures of `unit`, as drawn from the seed. Panics when there is no such unit, like every getter
+    /// The true figures of `unit`, as drawn from the seed. Panics when the unit does not exist, like every getter
     /// below.
     pub fn parameters(&self, unit: usize) -> &UnitParameters {
         &self.units[unit].parameters

@@ -132,7 +132,7 @@ def residual(program, files, folder, runs, material):
     """Error, time, rows and terms of this project's analysis on the same rows.
 
     Each unit is predicted by the frozen model of an analysis that never saw it. The time is that of
-    the analyses; predicting is a run of its own, whose baseline is the error wanted.
+    the analyses; predicting is a run of its own, whose baseline is the error to report.
     """
     original = files[0][2] is None
     models = Path(__file__).resolve().parents[3] / "evaluations" / "measured-rig" / "models"

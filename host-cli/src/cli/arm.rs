@@ -19,13 +19,13 @@ impl Arm {
     /// Runs the command. A board that does not hold this rig file gets it first, and is zeroed.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         self.connection.with_session(context, |session, rig| {
-            let wanted = rig.units.map(|unit| unit.to_wire());
+            let configured = rig.units.map(|unit| unit.to_wire());
             // The zeros are the board's own.
             let mut on_board = session.get_configs()?;
             for config in &mut on_board {
                 config.zero_code = 0;
             }
-            if on_board != wanted {
+            if on_board != configured {
                 let mut watch = Watch::new(&context.output);
                 watch.notice(
                     "the board does not hold this rig file; it is sent, and zeros are taken (cables slack)",

@@ -29,7 +29,7 @@ better than session 1: the tension error of the worst cable at least 2 % smaller
 larger.
 
 Exit codes:
-  0  something was found and corrected, and the result was better (and was applied where asked)
+  0  something was found and corrected, and the result was better (and was applied if requested)
   2  the arguments are wrong; nothing was driven
   3  the rig file is wrong; nothing was driven
   4  the link cannot be opened, was lost, or the other end is not a board of this version

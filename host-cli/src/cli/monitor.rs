@@ -64,7 +64,7 @@ impl End {
 }
 
 impl Monitor {
-    /// Runs the command. It ends early where nobody reads its output.
+    /// Runs the command. It ends early where its output is not read.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let output = &context.output;
         self.connection.with_session(context, |session, rig| {

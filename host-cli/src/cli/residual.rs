@@ -78,7 +78,7 @@ impl Residual {
     }
 }
 
-/// Runs the analysis, and writes a rig file with its findings where asked.
+/// Runs the analysis, and writes a rig file with its findings on request.
 fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
     // Reports of an earlier analysis must not be taken for this one's, whatever fails from here on.
     if let Some(out) = &arguments.out {
@@ -321,14 +321,14 @@ mod tests {
         let rig = RigFile::parse("new", &text).expect("still a rig file");
         let before = RigFile::built_in().expect("good");
         for (new, old) in rig.units.iter().zip(&before.units) {
-            let wanted = UnitSettings {
+            let expected = UnitSettings {
                 friction_offset_n: 0.25,
                 // 0.1 N below what was found.
                 coulomb_n: 0.7,
                 coulomb_per_n: 0.1,
                 ..*old
             };
-            assert_eq!(*new, wanted);
+            assert_eq!(*new, expected);
         }
         assert_eq!(applied.changed.len(), 3, "{applied:?}");
         assert!(

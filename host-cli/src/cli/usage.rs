@@ -102,22 +102,26 @@ fn hint(error: &clap::Error, words: &[&str]) -> Option<String> {
         .iter()
         .find(|(old, of, _)| *old == option && (of.is_none() || *of == name))
         .map(|(_, _, new)| *new);
-    let wanted = new.unwrap_or(option);
+    let current_name = new.unwrap_or(option);
     let renamed = new.map_or(String::new(), |new| format!("`{option}` is now `{new}`"));
     let with: Vec<&str> = cli
         .get_subcommands()
-        .filter(|command| has(command, wanted))
+        .filter(|command| has(command, current_name))
         .map(clap::Command::get_name)
         .collect();
     let place = match (command, name) {
-        (Some(command), Some(name)) if has(command, wanted) => match new {
-            // The option is right and stands before its command.
-            None => format!("`{wanted}` stands after the command: forcectl {name} {wanted} ..."),
-            Some(_) => String::new(),
-        },
+        (Some(command), Some(name)) if has(command, current_name) => {
+            match new {
+                // The option is right and stands before its command.
+                None => {
+                    format!("`{current_name}` stands after the command: forcectl {name} {current_name} ...")
+                }
+                Some(_) => String::new(),
+            }
+        }
         (_, Some(name)) if !with.is_empty() => {
             format!(
-                "`{name}` does not use `{wanted}`; these commands do: {}",
+                "`{name}` does not use `{current_name}`; these commands do: {}",
                 with.join(", ")
             )
         }

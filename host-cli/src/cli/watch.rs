@@ -1,4 +1,4 @@
-//! Watches a run: shows its progress, and records it where asked.
+//! Watches a run: shows its progress, and records it on request.
 
 #[cfg(feature = "record")]
 use super::exit::Result;

@@ -43,7 +43,7 @@ pub struct Arguments {
     pub plant: Option<PathBuf>,
 }
 
-/// `None`: `--help` was asked for.
+/// `None`: `--help` was given.
 fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments>, String> {
     let mut elf = None;
     let mut seed = 1;

@@ -84,7 +84,7 @@ impl Expr {
                     return Err(Error::Expression {
                         text: n.clone(),
                         why: format!(
-                            "no such column or role; known are {}",
+                            "not a column or role; known are {}",
                             frame.names().join(", ")
                         ),
                     })

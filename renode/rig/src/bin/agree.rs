@@ -180,7 +180,10 @@ impl Machine {
                 machine.log.machine = name;
                 Ok(machine)
             }
-            other => Err(format!("{}: no greeting: {other:?}", program.display())),
+            other => Err(format!(
+                "{}: no `Ready` response: {other:?}",
+                program.display()
+            )),
         }
     }
 

@@ -197,14 +197,14 @@ fn ripples_of_one_period_add_up_and_others_take_the_next_place() {
     assert!((two.ripples[1].amplitude_per_n - 0.03).abs() < 1e-9);
     assert!((two.ripples[1].period_m - 0.0628319).abs() < 1e-6);
     // Without the board's own angle a ripple has no phase.
-    let stranger = Frame {
+    let foreign = Frame {
         travel_m_per_rad: None,
         ..frame()
     };
     let new = correct(
         &old,
         &compensation(vec![ripple(3.7, 0.4, 0.5, false)]),
-        &stranger,
+        &foreign,
     );
     assert_eq!(new.unit, old);
     assert!(new.not_used[0].contains("phase"));
