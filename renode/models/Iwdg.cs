@@ -1,4 +1,4 @@
-// Independent watchdog of the STM32H7 (RM0433 chapter 49), which reports the reset cause to the RCC.
+// Independent watchdog of the STM32H7 (RM0433 chapter 45), which reports the reset cause to the RCC.
 //
 // Renode's own resets the machine too, but nothing shows the firmware why it was reset.
 

@@ -1,4 +1,4 @@
-// USB OTG core without a cable (RM0433 chapter 60): resets, reports its version, detects no session.
+// USB OTG core without a cable (RM0433 chapter 57): resets, reports its version, detects no session.
 //
 // Renode has a tag here. No host ever enumerates the board in this emulation; the registers answer so that the
 // firmware's USB stack comes up and waits.

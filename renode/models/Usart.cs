@@ -1,4 +1,4 @@
-// USART of the STM32H7 (RM0433 chapter 51), asynchronous 8N1: FIFOs, DMA requests, idle line, overrun, and bytes that
+// USART of the STM32H7 (RM0433 chapter 48), asynchronous 8N1: FIFOs, DMA requests, idle line, overrun, and bytes that
 // take the time of their bits.
 //
 // Renode's own has no FIFO, no idle flag, no transmit DMA request, and sends in no time.

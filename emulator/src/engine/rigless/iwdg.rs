@@ -1,4 +1,4 @@
-//! The independent watchdog of the STM32H7 (RM0433 rev 9 chapter 46), which the engine does not model.
+//! The independent watchdog of the STM32H7 (RM0433 rev 9 chapter 45), which the engine does not model.
 //!
 //! Keys (section 46.4.1): 0xCCCC starts the counter from 0xFFF and turns the LSI on, 0xAAAA reloads it from RLR,
 //! 0x5555 opens PR, RLR and WINR until the next other key. The three cross into the LSI's domain in up to five
@@ -123,10 +123,10 @@ impl Device for Iwdg {
                 if !self.open {
                     context.tell(
                         register_name(register),
-                        "RM0433 rev 9 section 46.4: written without the 0x5555 key, ignored",
+                        "RM0433 rev 9 section 45.4: written without the 0x5555 key, ignored",
                     );
                 } else if pending & flag != 0 {
-                    context.tell(register_name(register), "RM0433 rev 9 section 46.4: written while its update flag in IWDG_SR stands, ignored");
+                    context.tell(register_name(register), "RM0433 rev 9 section 45.4: written while its update flag in IWDG_SR stands, ignored");
                 } else {
                     self.shown[index] = value & mask;
                     registers.set(Register::Sr, pending | flag);
