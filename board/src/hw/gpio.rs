@@ -122,20 +122,24 @@ fn configure_pin(pin: Pin) {
             (ALTERNATE, true, 1, 0, function)
         }
     };
-    // SAFETY (all five): fields of this pin alone, with values that exist in sections 11.4.2 to 11.4.10.
+    // SAFETY: the bit of this pin alone (section 11.4.2).
     port.otyper().modify(|r, w| unsafe {
         w.bits(r.bits() & !pin.mask() | if open_drain { pin.mask() } else { 0 })
     });
+    // SAFETY: the two bits of this pin alone, with a speed of section 11.4.3.
     port.ospeedr()
         .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << shift) | speed << shift) });
+    // SAFETY: the two bits of this pin alone, with a pull of section 11.4.4.
     port.pupdr()
         .modify(|r, w| unsafe { w.bits(r.bits() & !(3 << shift) | pull << shift) });
     let nibble = pin.number % 8 * 4;
     let function = u32::from(function) << nibble;
     if pin.number < 8 {
+        // SAFETY: the four bits of this pin alone, AF0 to AF15 (section 11.4.9).
         port.afrl()
             .modify(|r, w| unsafe { w.bits(r.bits() & !(15 << nibble) | function) });
     } else {
+        // SAFETY: the four bits of this pin alone, AF0 to AF15 (section 11.4.10).
         port.afrh()
             .modify(|r, w| unsafe { w.bits(r.bits() & !(15 << nibble) | function) });
     }

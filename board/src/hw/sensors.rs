@@ -121,18 +121,23 @@ pub fn start(syscfg: &SYSCFG, exti: &EXTI) -> Events {
             .exti3()
             .bits(5)
     });
+    // SAFETY: port F is 5 (section 12.3.3).
     syscfg
         .exticr2()
         .modify(|_, w| unsafe { w.exti4().bits(5).exti5().bits(5) });
+    // SAFETY: port G is 6 (section 12.3.4).
     syscfg.exticr3().modify(|_, w| unsafe { w.exti8().bits(6) });
     // Rising edges of DRDY, falling ones of the E-stop loop; then unmask (section 20.6).
     // SAFETY: bits of lines 0 to 8 only, all of which are configurable lines.
     exti.rtsr1()
         .modify(|r, w| unsafe { w.bits(r.bits() | DRDY_LINES) });
+    // SAFETY: the bit of the E-stop's line, a configurable line.
     exti.ftsr1()
         .modify(|r, w| unsafe { w.bits(r.bits() | ESTOP_LINE) });
+    // SAFETY: pending bits of these lines; writing 1 clears them.
     exti.cpupr1()
         .write(|w| unsafe { w.bits(DRDY_LINES | ESTOP_LINE) });
+    // SAFETY: mask bits of these lines alone.
     exti.cpuimr1()
         .modify(|r, w| unsafe { w.bits(r.bits() | DRDY_LINES | ESTOP_LINE) });
 

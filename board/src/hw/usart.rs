@@ -88,18 +88,20 @@ pub fn start(usart: &USART3, dmamux: &DMAMUX1) -> (Usart, Producer) {
     usart.cr1().modify(|_, w| w.ue().enabled());
 
     // Streams (section 16.3.18, configuration procedure) with EN = 0 as reset leaves them.
-    // SAFETY: request numbers of USART3.
+    // SAFETY: request number of USART3's transmitter.
     dmamux
         .ccr(0)
         .write(|w| unsafe { w.bits(u32::from(REQUEST_TX)) });
+    // SAFETY: request number of USART3's receiver.
     dmamux
         .ccr(1)
         .write(|w| unsafe { w.bits(u32::from(REQUEST_RX)) });
     let send = dma().st(0);
-    // SAFETY: addresses of this peripheral's data registers.
+    // SAFETY: address of this peripheral's transmit data register.
     send.par()
         .write(|w| unsafe { w.bits(usart.tdr().as_ptr() as u32) });
     let receive = dma().st(1);
+    // SAFETY: address of this peripheral's receive data register.
     receive
         .par()
         .write(|w| unsafe { w.bits(usart.rdr().as_ptr() as u32) });

@@ -54,10 +54,11 @@ impl Watchdog {
         // Start, unlock, set, wait until the values have crossed into the LSI's domain, feed.
         key(&registers, START);
         key(&registers, UNLOCK);
-        // SAFETY: three and twelve bits, computed in `clocks`.
+        // SAFETY: three bits, computed in `clocks`.
         registers
             .pr()
             .write(|w| unsafe { w.bits(clocks::IWDG_PR.into()) });
+        // SAFETY: twelve bits, computed in `clocks`.
         registers
             .rlr()
             .write(|w| unsafe { w.bits(clocks::IWDG_RLR) });

@@ -80,7 +80,7 @@ impl Machine {
     }
 
     /// Counts a noise event at a unit's encoder; `flags` is the counter's FLAG register. One event does not prove
-    /// a wrong count. [`ENCODER_NOISE_EVENTS`] within a second mean a loose plug and are a fault.
+    /// a wrong count. `ENCODER_NOISE_EVENTS` within a second mean a loose plug and are a fault.
     pub fn encoder_noise(&mut self, unit: u8, flags: u8, now: Micros, fx: &mut impl Effects) {
         let Some(slot) = self.units.get_mut(usize::from(unit)) else {
             return;

@@ -6,7 +6,7 @@ use crate::nau7802::regs::{Register, Revision};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Action {
-    /// Write these bytes to [`super::ADDRESS`], then report [`Event::Written`].
+    /// Write these bytes to [`ADDRESS`](crate::nau7802::ADDRESS), then report [`Event::Written`].
     Write([u8; 2]),
     /// Write the register address, then read one byte after a repeated START; report [`Event::Read`].
     WriteRead([u8; 1]),
@@ -170,7 +170,7 @@ impl Stage {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Cause {
-    /// The bus failed [`limits::BUS_RESTARTS`] + 1 times: part unplugged, mux channel wrong, bus held.
+    /// The bus failed [`BUS_RESTARTS`](super::limits::BUS_RESTARTS) + 1 times: part unplugged, mux channel wrong, bus held.
     Bus,
     /// PUR never came.
     PowerUpTimeout,
@@ -185,7 +185,7 @@ pub enum Cause {
     },
     /// CALS never cleared.
     CalibrationTimeout,
-    /// CAL_ERR after [`limits::CALIBRATION_TRIES`] calibrations: input out of the mode's range.
+    /// CAL_ERR after [`CALIBRATION_TRIES`](super::limits::CALIBRATION_TRIES) calibrations: input out of the mode's range.
     CalibrationError,
     /// An [`Event`] that doesn't answer the last [`Action`]: a bug in the caller.
     UnexpectedEvent,
