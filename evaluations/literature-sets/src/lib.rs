@@ -10,15 +10,20 @@
 //! A [`set::Set`] is a group of runs whose declared model lacks zero to three effects. Each effect is scaled until
 //! the part of it that the declared model can't absorb has a chosen multiple of the RMS of the sensor noise.
 
-#![warn(missing_docs)]
-
+pub mod compare;
+pub mod declared;
 pub mod effects;
 pub mod excitation;
 pub mod fit;
+pub mod log;
 pub mod noise;
 pub mod parameters;
 pub mod random;
+pub mod request;
+mod rig;
+mod sampling;
 pub mod set;
+mod truth;
 pub mod world;
 pub mod write;
 

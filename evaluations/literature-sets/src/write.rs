@@ -1,6 +1,8 @@
 //! A set as a folder: `logs/run01.csv` and so on, `MODEL.toml`, `truth.json`.
 
-use crate::set::{file_name, Run, Set, DEADBAND_RAD_S};
+use crate::declared::DEADBAND_RAD_S;
+use crate::log::{file_name, Run};
+use crate::set::Set;
 use std::fmt::Write;
 use std::fs;
 use std::path::Path;

@@ -3,10 +3,12 @@
 mod common;
 
 use common::assert_near;
+use literature_sets::declared::Term;
 use literature_sets::effects::{by_name, table, CATALOGUE};
 use literature_sets::excitation::Measured;
 use literature_sets::random::fnv1a;
-use literature_sets::set::{Request, Set, Term};
+use literature_sets::request::Request;
+use literature_sets::set::Set;
 use literature_sets::write::{csv, model_toml};
 use std::fs;
 use std::path::{Path, PathBuf};

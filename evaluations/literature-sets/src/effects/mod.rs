@@ -5,9 +5,9 @@ pub mod friction;
 pub mod outside;
 pub mod sensor;
 
+use crate::declared::Declared;
 use crate::parameters::{Draw, Parameters, Scene};
 use crate::random::Random;
-use crate::set::Declared;
 use crate::world::World;
 use std::fmt;
 
