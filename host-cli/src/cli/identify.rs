@@ -430,9 +430,8 @@ mod tests {
 
     #[test]
     fn the_old_rig_file_is_kept_however_often() {
-        let folder = std::env::temp_dir().join(format!("identify-keep-{}", std::process::id()));
-        std::fs::create_dir_all(&folder).expect("a temporary folder");
-        let path = folder.join("rig.toml");
+        let folder = tempfile::tempdir().expect("a temporary folder");
+        let path = folder.path().join("rig.toml");
         std::fs::write(&path, "one").expect("written");
         let read = |path: &Path| std::fs::read_to_string(path).expect("is there");
         let (_, first) = replace(&path, "one", "two").expect("replaced");
@@ -444,8 +443,8 @@ mod tests {
         // Nothing else is left lying about.
         assert_eq!(std::fs::read_dir(&folder).expect("is there").count(), 3);
         // A place that can't be written to: an error, and the file is as it was.
-        let failure = replace(&folder.join("none/rig.toml"), "x", "y").expect_err("is refused");
+        let failure =
+            replace(&folder.path().join("none/rig.toml"), "x", "y").expect_err("is refused");
         assert_eq!(failure.code, 7);
-        std::fs::remove_dir_all(folder).expect("cleaned up");
     }
 }
