@@ -66,6 +66,7 @@ pub struct EmbeddedRig {
     log_reader: std::thread::JoinHandle<()>,
     machine: String,
     seed: u64,
+    paced: bool,
 }
 
 impl EmbeddedRig {
@@ -123,6 +124,7 @@ impl EmbeddedRig {
             log_reader,
             machine: String::new(),
             seed: 0,
+            paced: options.paced,
         };
         let hello = Request::Hello {
             version: LINK_VERSION,
@@ -228,6 +230,10 @@ impl RigLink for EmbeddedRig {
             truth: advanced.truth,
             resets: advanced.resets,
         })
+    }
+
+    fn real_time(&self) -> bool {
+        self.paced
     }
 
     fn controls(&mut self) -> Option<&mut dyn RigControls> {
