@@ -1,6 +1,6 @@
 //! `forcectl clear`: clears latched faults whose cause is gone.
 
-use super::connection::Connection;
+use super::connection::{Connection, Role};
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
@@ -20,7 +20,9 @@ pub struct Clear {
 impl Clear {
     /// Runs the command. Faults that remain give exit code 5.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        self.connection.with_session(context, |session, _| {
+        let rig = self.connection.load(context)?;
+        self.connection.existing(&rig)?;
+        self.connection.with_session(Role::Commander, context, |session, _| {
             session.command(&Command::ClearFaults)?;
             for _ in 0..CYCLES {
                 session.advance(PERIOD)?;

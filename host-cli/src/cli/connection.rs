@@ -1,4 +1,7 @@
-//! Options of the commands that talk to a board, and the connection that they describe.
+//! Options of the commands that talk to a rig, and the connection that they describe.
+//!
+//! A rig is reached in one of three ways ([`Target`]): through the service that owns its link (`forcectl rig` or `forcectl
+//! serve`; the latter is started on demand), directly, or as an embedded rig that lives as long as the command.
 
 use super::exit::{self, Failure, Result};
 use super::values;
@@ -7,7 +10,11 @@ use clap::Args;
 use control::SystemState;
 use host_cli::link::{self, EmbeddedOptions, RigLink};
 use host_cli::rigfile::{LinkChoice, RigFile};
+use host_cli::run::{ZeroStore, Zeroing};
+#[cfg(unix)]
+use host_cli::service::{self, client::ServiceLink, socket, Client};
 use host_cli::session::Session;
+use std::cell::RefCell;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -18,12 +25,16 @@ pub const EMBEDDED: &str = "Embedded rig";
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Connection")]
 pub struct Connection {
-    /// Connection to the board: embedded, usb or serial:PORT [default: the rig file's]
+    /// Connection to the rig: embedded, usb, serial:PORT, or rig:NAME for a rig that `forcectl rig` keeps
+    /// [default: a rig that is kept, else the rig file's]
     #[arg(long, value_name = "LINK", value_parser = values::link)]
     pub link: Option<LinkChoice>,
-    /// Rig file (TOML) [default: the built-in example rig]
+    /// Rig file (TOML) [default: that of the rig's service, else the built-in example rig]
     #[arg(long, value_name = "FILE", value_parser = values::rig_file)]
     pub rig: Option<PathBuf>,
+    /// Open the port in this process instead of through a service; others can't watch or stop then
+    #[arg(long)]
+    pub direct: bool,
     /// Seed of all random values in the embedded rig
     #[arg(long, value_name = "N", help_heading = EMBEDDED, value_parser = values::seed)]
     pub seed: Option<u64>,
@@ -33,28 +44,54 @@ pub struct Connection {
     /// Limit the embedded rig to real time
     #[arg(long, help_heading = EMBEDDED)]
     pub paced: bool,
+    /// The client of the service, from [`Connection::load`] to [`Connection::open`].
+    #[cfg(unix)]
+    #[arg(skip)]
+    client: RefCell<Option<Client>>,
+    /// Where zeros come from, once the connection is open.
+    #[arg(skip)]
+    zeroing: RefCell<Zeroing>,
+}
+
+/// How a command reaches its rig.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Target {
+    /// An embedded rig that lives as long as the command.
+    Own,
+    /// A port that this process opens.
+    Direct(LinkChoice),
+    /// The service of a rig, and the port for which it is started where it does not run.
+    Service(String, Option<LinkChoice>),
+}
+
+/// What a command may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Command the rig.
+    Commander,
+    /// Watch it.
+    Observer,
 }
 
 impl Connection {
-    /// Loads the rig file. Refuses options of the embedded rig where the link leads to a board.
+    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses options of the embedded rig
+    /// where the link leads elsewhere.
     pub fn load(&self, context: &Context) -> Result<RigFile> {
-        let rig = match &self.rig {
+        let given = match &self.rig {
             Some(path) => RigFile::load(path),
             None => RigFile::built_in(),
         }
         .map_err(|error| Failure::new(exit::RIG_FILE, error))?;
         self.only_embedded(
-            &rig,
+            &given,
             &[
                 ("--seed", self.seed.is_some()),
                 ("--plant", self.plant.is_some()),
                 ("--paced", self.paced),
             ],
         )?;
-        let name = self
-            .rig
-            .as_ref()
-            .map_or_else(|| "built in".into(), |path| path.display().to_string());
+        let target = self.target(&given);
+        let (rig, name) = self.rig_of(&target, given, context)?;
         context.output.detail(&format!(
             "rig file: {name}, rig `{}`, hash {}",
             rig.name,
@@ -63,18 +100,75 @@ impl Connection {
         Ok(rig)
     }
 
-    /// The connection: that of `--link`, else that of the rig file.
+    /// The rig file to use with a target. Connects to the service, where the target has one.
+    #[cfg(unix)]
+    fn rig_of(
+        &self,
+        target: &Target,
+        given: RigFile,
+        context: &Context,
+    ) -> Result<(RigFile, String)> {
+        let name = self
+            .rig
+            .as_ref()
+            .map_or_else(|| "built in".into(), |path| path.display().to_string());
+        let Target::Service(service, start) = target else {
+            return Ok((given, name));
+        };
+        let client = super::serve::connect(service, start.as_ref(), self.rig.as_deref(), context)?;
+        let welcome = client.welcome();
+        let used = if self.rig.is_some() {
+            (given, name)
+        } else {
+            let rig = RigFile::parse(&welcome.rig_file, &welcome.rig_text)
+                .map_err(|error| Failure::new(exit::RIG_FILE, error))?;
+            (rig, format!("{} (of the service)", welcome.rig_file))
+        };
+        *self.client.borrow_mut() = Some(client);
+        Ok(used)
+    }
+
+    #[cfg(not(unix))]
+    fn rig_of(&self, _: &Target, given: RigFile, _: &Context) -> Result<(RigFile, String)> {
+        Ok((given, "given or built in".to_owned()))
+    }
+
+    /// The link: that of `--link`, else that of the rig file.
     fn choice<'a>(&'a self, rig: &'a RigFile) -> &'a LinkChoice {
         self.link.as_ref().unwrap_or(&rig.link)
     }
 
-    /// Refuses options that only the embedded rig has, where the link leads to a board.
+    /// How the rig is reached. Without `--link`, an embedded rig that is kept comes before one of the command's own;
+    /// options of a new rig ask for a new one.
+    pub fn target(&self, rig: &RigFile) -> Target {
+        let new = self.seed.is_some() || self.plant.is_some() || self.paced;
+        match self.choice(rig) {
+            LinkChoice::Embedded if self.link.is_some() || new || !kept() => Target::Own,
+            LinkChoice::Embedded => Target::Service(default_name(), None),
+            LinkChoice::Kept(name) => Target::Service(name.clone(), None),
+            port if self.direct || cfg!(not(unix)) => Target::Direct(port.clone()),
+            port => Target::Service(name_of(port), Some(port.clone())),
+        }
+    }
+
+    /// Refuses options that only an embedded rig of the command's own has, where the link leads elsewhere.
     pub fn only_embedded(&self, rig: &RigFile, options: &[(&str, bool)]) -> Result<()> {
         let choice = self.choice(rig);
-        if *choice == LinkChoice::Embedded {
+        let fixed = matches!(choice, LinkChoice::Embedded);
+        if fixed {
             return Ok(());
         }
-        match options.iter().find(|(_, given)| *given) {
+        // A rig that is kept is emulated, but was started with its own seed and physics.
+        let kept = matches!(choice, LinkChoice::Kept(_));
+        let at_start = ["--seed", "--plant", "--paced"];
+        let wrong = options
+            .iter()
+            .find(|(name, given)| *given && (!kept || at_start.contains(name)));
+        match wrong {
+            Some((name, _)) if kept => Err(Failure::new(
+                exit::USAGE,
+                format!("{name} belongs to the start of a rig: `forcectl rig {name} ...`; the link is {choice}"),
+            )),
             Some((name, _)) => Err(Failure::new(
                 exit::USAGE,
                 format!(
@@ -86,27 +180,108 @@ impl Connection {
         }
     }
 
-    /// Opens the connection.
-    pub fn open(&self, rig: &RigFile, context: &Context) -> Result<Box<dyn RigLink>> {
-        let options = EmbeddedOptions {
+    /// Options of an embedded rig.
+    pub fn embedded_options(&self) -> EmbeddedOptions {
+        EmbeddedOptions {
             seed: self.seed,
             paced: self.paced,
             plant: self.plant.clone(),
-        };
-        let link = link::open(self.choice(rig), &options)?;
-        context.output.detail(&format!("link: {}", link.name()));
+        }
+    }
+
+    /// Opens the connection as a commander, and names the rig.
+    pub fn open(&self, rig: &RigFile, context: &Context) -> Result<Box<dyn RigLink>> {
+        self.open_as(Role::Commander, rig, context)
+    }
+
+    /// Opens the connection, and names the rig.
+    pub fn open_as(
+        &self,
+        role: Role,
+        rig: &RigFile,
+        context: &Context,
+    ) -> Result<Box<dyn RigLink>> {
+        #[cfg(unix)]
+        if let Some(client) = self.client.borrow_mut().take() {
+            let welcome = client.welcome();
+            context.output.note(&format!(
+                "rig `{}`: {} (service: process {})",
+                welcome.name, welcome.link, welcome.pid
+            ));
+            let store = if welcome.seed.is_some() {
+                ZeroStore::none()
+            } else {
+                ZeroStore::of_rig(&rig.name)
+            };
+            *self.zeroing.borrow_mut() = Zeroing::Keep(store);
+            let link = match role {
+                Role::Commander => ServiceLink::commander(client),
+                Role::Observer => ServiceLink::observer(client),
+            };
+            return Ok(Box::new(link.map_err(link::LinkError::from)?));
+        }
+        let choice = self.choice(rig);
+        let link = link::open(choice, &self.embedded_options())?;
+        if *choice == LinkChoice::Embedded {
+            context.output.note(&format!(
+                "rig of this command only: {}; `forcectl rig` keeps one for many commands",
+                link.name()
+            ));
+        } else {
+            *self.zeroing.borrow_mut() = Zeroing::Keep(ZeroStore::of_rig(&rig.name));
+            context.output.note(&format!("rig: {}", link.name()));
+        }
         Ok(link)
+    }
+
+    /// Where the zeros of a run come from: a rig that was just booted measures them, any other keeps its own. Call it after
+    /// [`Connection::open`].
+    pub fn zeroing(&self) -> Zeroing {
+        self.zeroing.borrow().clone()
+    }
+
+    /// The client of the service, after [`Connection::load`]; `None` where the rig is reached in another way.
+    #[cfg(unix)]
+    pub fn client(&self, context: &Context) -> Option<Client> {
+        let client = self.client.borrow_mut().take()?;
+        let welcome = client.welcome();
+        context.output.note(&format!(
+            "rig `{}`: {} (service: process {})",
+            welcome.name, welcome.link, welcome.pid
+        ));
+        Some(client)
+    }
+
+    /// Refuses to start an emulation for a command that is meant for a rig that exists.
+    pub fn existing(&self, rig: &RigFile) -> Result<()> {
+        if self.target(rig) != Target::Own {
+            return Ok(());
+        }
+        let why = if self.link.is_some() || self.seed.is_some() || self.plant.is_some() || self.paced
+        {
+            "this command is for a rig that exists, and `--link embedded` (or an option of a new rig) means a new one"
+                .to_owned()
+        } else {
+            "no rig is running here and no board is named".to_owned()
+        };
+        Err(Failure::new(
+            exit::LINK,
+            format!(
+                "{why}; nothing was done. `forcectl rig` starts an emulated rig that stays; --link usb or --link serial:PORT names a board"
+            ),
+        ))
     }
 
     /// Opens the connection, does the handshake and runs a command with it. Ctrl-C requests a controlled stop.
     pub fn with_session<T>(
         &self,
+        role: Role,
         context: &Context,
         command: impl FnOnce(&mut Session<'_>, &RigFile) -> Result<T>,
     ) -> Result<T> {
         let rig = self.load(context)?;
         let _controlled_stop = context.interrupt.controlled_stop();
-        let mut link = self.open(&rig, context)?;
+        let mut link = self.open_as(role, &rig, context)?;
         let mut session = Session::connect(link.as_mut())?;
         if let Some(info) = session.info() {
             context
@@ -117,15 +292,46 @@ impl Connection {
     }
 }
 
-/// Whether the session is with the embedded rig.
-pub fn is_embedded(session: &mut Session<'_>) -> bool {
-    session.link().controls().is_some()
+/// Whether an embedded rig is kept under the default name.
+#[cfg(unix)]
+fn kept() -> bool {
+    socket::running().iter().any(|name| *name == default_name())
 }
 
-/// Configures a freshly booted embedded rig with the rig file, so that its units have values to show. A board is left as
-/// it is.
+#[cfg(not(unix))]
+fn kept() -> bool {
+    false
+}
+
+#[cfg(unix)]
+fn default_name() -> String {
+    service::socket::EMBEDDED_NAME.to_owned()
+}
+
+#[cfg(not(unix))]
+fn default_name() -> String {
+    "rig".to_owned()
+}
+
+#[cfg(unix)]
+fn name_of(link: &LinkChoice) -> String {
+    socket::name_of(link)
+}
+
+#[cfg(not(unix))]
+fn name_of(link: &LinkChoice) -> String {
+    link.to_string()
+}
+
+/// Whether the rig is an embedded one of the command's own.
+pub fn booted_here(session: &mut Session<'_>) -> bool {
+    session.link().booted_here()
+}
+
+/// Configures a freshly booted embedded rig with the rig file, so that its units have values to show. A rig that was there
+/// before is left as it is.
 pub fn configure_embedded(session: &mut Session<'_>, rig: &RigFile) -> Result<()> {
-    if is_embedded(session) {
+    if booted_here(session) {
         session.configure(&rig.units.map(|unit| unit.to_wire()))?;
         session.wait_for(
             Duration::from_secs(15),

@@ -1,6 +1,6 @@
 //! `forcectl record`: records every sample and drives nothing.
 
-use super::connection::{configure_embedded, Connection};
+use super::connection::{configure_embedded, Connection, Role};
 use super::exit::{Failure, Reply, Result};
 use super::monitor::End;
 use super::progress::Progress;
@@ -27,7 +27,7 @@ pub struct Record {
 impl Record {
     /// Runs the command. A lost link ends the recording; what was received is kept.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        self.connection.with_session(context, |session, rig| {
+        self.connection.with_session(Role::Observer, context, |session, rig| {
             configure_embedded(session, rig)?;
             let mut recorder = Recorder::create(&self.folder, rig)?;
             recorder.configured(&session.get_configs()?);

@@ -83,6 +83,10 @@ impl SetForce {
         }
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;
+        let options = Options {
+            zeroing: self.connection.zeroing(),
+            ..options
+        };
         let outcome = run::set_force(link.as_mut(), &rig, &options, &mut watch);
         watch.progress.done();
         // What was recorded up to an error is kept.

@@ -1,6 +1,6 @@
 //! `forcectl stop`: 0 V on all motors at once.
 
-use super::connection::Connection;
+use super::connection::{Connection, Role};
 use super::exit::{Reply, Result};
 use super::Context;
 use clap::Args;
@@ -14,13 +14,20 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// Runs the command.
+    /// Runs the command. It works from every terminal, whoever commands the rig.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        self.connection.with_session(context, |session, _| {
-            session.command(&Command::Stop)?;
-            Ok(Reply::done(
-                "stopped: all motors at 0 V; `forcectl clear` before arming again",
-            ))
-        })
+        let rig = self.connection.load(context)?;
+        self.connection.existing(&rig)?;
+        let done = Reply::done("stopped: all motors at 0 V; `forcectl clear` before arming again");
+        #[cfg(unix)]
+        if let Some(mut client) = self.connection.client(context) {
+            client.call(host_cli::service::protocol::Call::Stop)?;
+            return Ok(done);
+        }
+        self.connection
+            .with_session(Role::Observer, context, |session, _| {
+                session.command(&Command::Stop)?;
+                Ok(done)
+            })
     }
 }

@@ -66,7 +66,6 @@ pub struct EmbeddedRig {
     log_reader: std::thread::JoinHandle<()>,
     machine: String,
     seed: u64,
-    paced: bool,
 }
 
 impl EmbeddedRig {
@@ -124,7 +123,6 @@ impl EmbeddedRig {
             log_reader,
             machine: String::new(),
             seed: 0,
-            paced: options.paced,
         };
         let hello = Request::Hello {
             version: LINK_VERSION,
@@ -232,8 +230,8 @@ impl RigLink for EmbeddedRig {
         })
     }
 
-    fn real_time(&self) -> bool {
-        self.paced
+    fn booted_here(&self) -> bool {
+        true
     }
 
     fn controls(&mut self) -> Option<&mut dyn RigControls> {

@@ -39,10 +39,10 @@ pub trait RigLink {
     /// [`LinkError`] where the other end is gone.
     fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError>;
 
-    /// Whether time passes as on the clock on the wall. `false`: as fast as it can be computed, and only while someone
-    /// exchanges bytes.
-    fn real_time(&self) -> bool {
-        true
+    /// Whether opening this link booted the rig behind it: an embedded rig of the program's own. Its cables are slack at
+    /// first, and it ends with the link.
+    fn booted_here(&self) -> bool {
+        false
     }
 
     /// What can be controlled and observed on an emulated rig only; `None` on a real board.

@@ -315,6 +315,7 @@ impl Hub {
         self.resets = None;
         self.gaps = Gaps::default();
         self.pending.clear();
+        self.urgent.clear();
         self.outbox = vec![0];
         self.hello_due_ns = self.now_ns;
     }

@@ -29,6 +29,8 @@ impl Hub {
         match call {
             Call::Hello(hello) => self.hello(id, number, hello),
             _ if !known => self.fail(id, number, code::HELLO, "the first request is `hello`"),
+            // Nobody to send them to; the client has been told.
+            Call::Bytes(_) if self.link.is_none() => {}
             Call::Bytes(text) => match BASE64_STANDARD.decode(text) {
                 Ok(bytes) => self.client_bytes(id, &bytes),
                 Err(error) => self.fail(id, number, code::INVALID, &format!("no base64: {error}")),
