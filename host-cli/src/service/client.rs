@@ -20,9 +20,6 @@ use std::time::{Duration, Instant};
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
 /// How long the service may send no tick before it counts as gone.
 const TICK_TIMEOUT: Duration = Duration::from_secs(3);
-/// Behind by more than this, a client starts counting anew rather than catch up in a burst, ns.
-const BEHIND_NS: u64 = 50_000_000;
-
 /// Why a service can't be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
@@ -376,9 +373,8 @@ impl RigLink for ServiceLink {
         while let Some(notification) = self.client.next(Duration::ZERO)? {
             self.take(notification, &mut exchange)?;
         }
-        if self.now_ns > self.target_ns + BEHIND_NS {
-            self.target_ns = self.now_ns;
-        }
+        // Late: counted anew, so that each exchange brings something and none catches up in a burst.
+        self.target_ns = self.target_ns.max(self.now_ns);
         self.target_ns += u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX / 2);
         while self.now_ns < self.target_ns {
             match self.client.next(TICK_TIMEOUT)? {
