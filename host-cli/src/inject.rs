@@ -104,8 +104,17 @@ mod tests {
             Ok((f64::NEG_INFINITY, Injection::Nack(2)))
         );
         for words in [
-            "unplug=3", "plug=3", "nack=2", "stuck-sda", "estop", "estop-release", "spike=1:-90", "pull=6:2.5",
-            "freeze-encoder=4", "thaw-encoder=4", "hang",
+            "unplug=3",
+            "plug=3",
+            "nack=2",
+            "stuck-sda",
+            "estop",
+            "estop-release",
+            "spike=1:-90",
+            "pull=6:2.5",
+            "freeze-encoder=4",
+            "thaw-encoder=4",
+            "hang",
         ] {
             let (_, injection) = parse(&format!("{words}@start")).unwrap();
             assert_eq!(describe(&injection).as_deref(), Some(words));

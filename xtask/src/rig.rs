@@ -87,7 +87,13 @@ pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
         "zero",
     ];
     const ONLINE: [&str; 7] = [
-        "hold", "identify", "monitor", "record", "rig", "set-force", "status",
+        "hold",
+        "identify",
+        "monitor",
+        "record",
+        "rig",
+        "set-force",
+        "status",
     ];
     let words: Vec<&str> = arguments
         .iter()

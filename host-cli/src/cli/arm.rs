@@ -1,6 +1,6 @@
 //! `forcectl arm`: arms a rig that stays, and leaves it armed.
 
-use super::connection::Connection;
+use super::connection::Existing;
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
@@ -9,14 +9,13 @@ use clap::Args;
 #[derive(Debug, Args)]
 pub struct Arm {
     #[command(flatten)]
-    connection: Connection,
+    connection: Existing,
 }
 
 impl Arm {
     /// Runs the command. The rig's service sends the setpoints: the board stops 100 ms after they cease.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
-        self.connection.existing(&rig)?;
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
             let theirs = host_cli::rigfile::RigFile::parse(

@@ -21,12 +21,12 @@ use std::time::Duration;
 /// Heading of the options that only the embedded rig has.
 pub const EMBEDDED: &str = "Embedded rig";
 
-/// Which rig, and how it is reached.
+/// A rig that exists, and how it is reached: options of the commands that never start an emulation.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Connection")]
-pub struct Connection {
-    /// Connection to the rig: embedded, usb, serial:PORT, or rig:NAME for a rig that `forcectl rig` keeps
-    /// [default: a rig that is kept, else the rig file's]
+pub struct Existing {
+    /// Connection to the rig: usb, serial:PORT, rig:NAME for a rig that `forcectl rig` keeps, or embedded for one of the
+    /// command's own [default: a rig that is kept, else the rig file's]
     #[arg(long, value_name = "LINK", value_parser = values::link)]
     pub link: Option<LinkChoice>,
     /// Rig file (TOML) [default: that of the rig's service, else the built-in example rig]
@@ -35,22 +35,41 @@ pub struct Connection {
     /// Open the port in this process instead of through a service; others can't watch or stop then
     #[arg(long)]
     pub direct: bool,
-    /// Seed of all random values in the embedded rig
-    #[arg(long, value_name = "N", help_heading = EMBEDDED, value_parser = values::seed)]
-    pub seed: Option<u64>,
-    /// Physics of the embedded rig (TOML) [default: the rig of the thesis]
-    #[arg(long, value_name = "FILE", help_heading = EMBEDDED)]
-    pub plant: Option<PathBuf>,
-    /// Limit the embedded rig to real time
-    #[arg(long, help_heading = EMBEDDED)]
-    pub paced: bool,
-    /// The client of the service, from [`Connection::load`] to [`Connection::open`].
+    /// The client of the service, from `load` to `open`.
     #[cfg(unix)]
     #[arg(skip)]
     client: RefCell<Option<Client>>,
+    /// The service, for a command that opens its connection several times.
+    #[cfg(unix)]
+    #[arg(skip)]
+    service: RefCell<Option<(String, Option<LinkChoice>)>>,
     /// Where zeros come from, once the connection is open.
     #[arg(skip)]
     zeroing: RefCell<Zeroing>,
+}
+
+/// An emulated rig of the command's own.
+#[derive(Debug, Args, Default)]
+#[command(next_help_heading = EMBEDDED)]
+pub struct New {
+    /// Seed of all random values in the embedded rig
+    #[arg(long, value_name = "N", value_parser = values::seed)]
+    pub seed: Option<u64>,
+    /// Physics of the embedded rig (TOML) [default: the rig of the thesis]
+    #[arg(long, value_name = "FILE")]
+    pub plant: Option<PathBuf>,
+    /// Limit the embedded rig to real time
+    #[arg(long)]
+    pub paced: bool,
+}
+
+/// Which rig, and how it is reached.
+#[derive(Debug, Args)]
+pub struct Connection {
+    #[command(flatten)]
+    at: Existing,
+    #[command(flatten)]
+    new: New,
 }
 
 /// How a command reaches its rig.
@@ -73,10 +92,21 @@ pub enum Role {
     Observer,
 }
 
-impl Connection {
+impl New {
+    fn any(&self) -> bool {
+        self.seed.is_some() || self.plant.is_some() || self.paced
+    }
+}
+
+impl Existing {
     /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses options of the embedded rig
     /// where the link leads elsewhere.
-    pub fn load(&self, context: &Context) -> Result<RigFile> {
+    fn load_with(
+        &self,
+        new: &New,
+        embedded: &[(&str, bool)],
+        context: &Context,
+    ) -> Result<RigFile> {
         let given = match &self.rig {
             Some(path) => RigFile::load(path),
             None => RigFile::built_in(),
@@ -85,12 +115,13 @@ impl Connection {
         self.only_embedded(
             &given,
             &[
-                ("--seed", self.seed.is_some()),
-                ("--plant", self.plant.is_some()),
-                ("--paced", self.paced),
+                ("--seed", new.seed.is_some()),
+                ("--plant", new.plant.is_some()),
+                ("--paced", new.paced),
             ],
         )?;
-        let target = self.target(&given);
+        self.only_embedded(&given, embedded)?;
+        let target = self.target(new, &given);
         let (rig, name) = self.rig_of(&target, given, context)?;
         context.output.detail(&format!(
             "rig file: {name}, rig `{}`, hash {}",
@@ -125,6 +156,7 @@ impl Connection {
             (rig, format!("{} (of the service)", welcome.rig_file))
         };
         *self.client.borrow_mut() = Some(client);
+        *self.service.borrow_mut() = Some((service.clone(), start.clone()));
         Ok(used)
     }
 
@@ -140,10 +172,9 @@ impl Connection {
 
     /// How the rig is reached. Without `--link`, an embedded rig that is kept comes before one of the command's own;
     /// options of a new rig ask for a new one.
-    pub fn target(&self, rig: &RigFile) -> Target {
-        let new = self.seed.is_some() || self.plant.is_some() || self.paced;
+    fn target(&self, new: &New, rig: &RigFile) -> Target {
         match self.choice(rig) {
-            LinkChoice::Embedded if self.link.is_some() || new || !kept() => Target::Own,
+            LinkChoice::Embedded if self.link.is_some() || new.any() || !kept() => Target::Own,
             LinkChoice::Embedded => Target::Service(default_name(), None),
             LinkChoice::Kept(name) => Target::Service(name.clone(), None),
             port if self.direct || cfg!(not(unix)) => Target::Direct(port.clone()),
@@ -152,7 +183,7 @@ impl Connection {
     }
 
     /// Refuses options that only an embedded rig of the command's own has, where the link leads elsewhere.
-    pub fn only_embedded(&self, rig: &RigFile, options: &[(&str, bool)]) -> Result<()> {
+    fn only_embedded(&self, rig: &RigFile, options: &[(&str, bool)]) -> Result<()> {
         let choice = self.choice(rig);
         let fixed = matches!(choice, LinkChoice::Embedded);
         if fixed {
@@ -180,29 +211,16 @@ impl Connection {
         }
     }
 
-    /// Options of an embedded rig.
-    pub fn embedded_options(&self) -> EmbeddedOptions {
-        EmbeddedOptions {
-            seed: self.seed,
-            paced: self.paced,
-            plant: self.plant.clone(),
-        }
-    }
-
-    /// Opens the connection as a commander, and names the rig.
-    pub fn open(&self, rig: &RigFile, context: &Context) -> Result<Box<dyn RigLink>> {
-        self.open_as(Role::Commander, rig, context)
-    }
-
     /// Opens the connection, and names the rig.
-    pub fn open_as(
+    fn open_as(
         &self,
+        new: &New,
         role: Role,
         rig: &RigFile,
         context: &Context,
     ) -> Result<Box<dyn RigLink>> {
         #[cfg(unix)]
-        if let Some(client) = self.client.borrow_mut().take() {
+        if let Some(client) = self.connected(context)? {
             let welcome = client.welcome();
             context.output.note(&format!(
                 "rig `{}`: {} (service: process {})",
@@ -221,7 +239,14 @@ impl Connection {
             return Ok(Box::new(link.map_err(link::LinkError::from)?));
         }
         let choice = self.choice(rig);
-        let link = link::open(choice, &self.embedded_options())?;
+        let link = link::open(
+            choice,
+            &EmbeddedOptions {
+                seed: new.seed,
+                paced: new.paced,
+                plant: new.plant.clone(),
+            },
+        )?;
         if *choice == LinkChoice::Embedded {
             context.output.note(&format!(
                 "rig of this command only: {}; `forcectl rig` keeps one for many commands",
@@ -234,13 +259,20 @@ impl Connection {
         Ok(link)
     }
 
-    /// Where the zeros of a run come from: a rig that was just booted measures them, any other keeps its own. Call it after
-    /// [`Connection::open`].
-    pub fn zeroing(&self) -> Zeroing {
-        self.zeroing.borrow().clone()
+    /// A connection to the service; `None` where the rig is reached in another way.
+    #[cfg(unix)]
+    fn connected(&self, context: &Context) -> Result<Option<Client>> {
+        if let Some(client) = self.client.borrow_mut().take() {
+            return Ok(Some(client));
+        }
+        let service = self.service.borrow();
+        let Some((name, start)) = service.as_ref() else {
+            return Ok(None);
+        };
+        super::serve::connect(name, start.as_ref(), self.rig.as_deref(), context).map(Some)
     }
 
-    /// The client of the service, after [`Connection::load`]; `None` where the rig is reached in another way.
+    /// The client of the service, after [`Existing::load`]; `None` where the rig is reached in another way.
     #[cfg(unix)]
     pub fn client(&self, context: &Context) -> Option<Client> {
         let client = self.client.borrow_mut().take()?;
@@ -252,17 +284,16 @@ impl Connection {
         Some(client)
     }
 
-    /// Refuses to start an emulation for a command that is meant for a rig that exists.
-    pub fn existing(&self, rig: &RigFile) -> Result<()> {
-        if self.target(rig) != Target::Own {
-            return Ok(());
+    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses where no rig exists.
+    pub fn load(&self, context: &Context) -> Result<RigFile> {
+        let rig = self.load_with(&New::default(), &[], context)?;
+        if self.target(&New::default(), &rig) != Target::Own {
+            return Ok(rig);
         }
-        let why = if self.link.is_some() || self.seed.is_some() || self.plant.is_some() || self.paced
-        {
-            "this command is for a rig that exists, and `--link embedded` (or an option of a new rig) means a new one"
-                .to_owned()
+        let why = if self.link.is_some() {
+            "this command is for a rig that exists, and `--link embedded` means a new one"
         } else {
-            "no rig is running here and no board is named".to_owned()
+            "no rig is running here and no board is named"
         };
         Err(Failure::new(
             exit::LINK,
@@ -270,6 +301,11 @@ impl Connection {
                 "{why}; nothing was done. `forcectl rig` starts an emulated rig that stays; --link usb or --link serial:PORT names a board"
             ),
         ))
+    }
+
+    /// Where the zeros of a run come from. Call it in a session.
+    pub fn zeroing(&self) -> Zeroing {
+        self.zeroing.borrow().clone()
     }
 
     /// Opens the connection, does the handshake and runs a command with it. Ctrl-C requests a controlled stop.
@@ -280,15 +316,72 @@ impl Connection {
         command: impl FnOnce(&mut Session<'_>, &RigFile) -> Result<T>,
     ) -> Result<T> {
         let rig = self.load(context)?;
+        self.session(&New::default(), role, &rig, context, command)
+    }
+
+    fn session<T>(
+        &self,
+        new: &New,
+        role: Role,
+        rig: &RigFile,
+        context: &Context,
+        command: impl FnOnce(&mut Session<'_>, &RigFile) -> Result<T>,
+    ) -> Result<T> {
         let _controlled_stop = context.interrupt.controlled_stop();
-        let mut link = self.open_as(role, &rig, context)?;
+        let mut link = self.open_as(new, role, rig, context)?;
         let mut session = Session::connect(link.as_mut())?;
         if let Some(info) = session.info() {
             context
                 .output
                 .detail(&format!("firmware: {} (ABI {})", info.version, info.abi));
         }
-        command(&mut session, &rig)
+        command(&mut session, rig)
+    }
+}
+
+impl Connection {
+    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses options of the embedded rig
+    /// where the link leads elsewhere.
+    pub fn load(&self, context: &Context) -> Result<RigFile> {
+        self.load_for(context, &[])
+    }
+
+    /// The same for a command with more options that only the embedded rig has (name, whether it was given). They are
+    /// checked before anything is opened.
+    pub fn load_for(&self, context: &Context, embedded: &[(&str, bool)]) -> Result<RigFile> {
+        self.at.load_with(&self.new, embedded, context)
+    }
+
+    /// Opens the connection as a commander, and names the rig.
+    pub fn open(&self, rig: &RigFile, context: &Context) -> Result<Box<dyn RigLink>> {
+        self.at.open_as(&self.new, Role::Commander, rig, context)
+    }
+
+    /// Where the zeros of a run come from: a rig that was just booted measures them, any other keeps its own. Call it after
+    /// [`Connection::open`].
+    pub fn zeroing(&self) -> Zeroing {
+        self.at.zeroing()
+    }
+
+    /// Path of the rig file, where one was given.
+    pub fn rig_path(&self) -> Option<&PathBuf> {
+        self.at.rig.as_ref()
+    }
+
+    /// Whether an embedded rig is limited to real time.
+    pub fn paced(&self) -> bool {
+        self.new.paced
+    }
+
+    /// Opens the connection, does the handshake and runs a command with it. Ctrl-C requests a controlled stop.
+    pub fn with_session<T>(
+        &self,
+        role: Role,
+        context: &Context,
+        command: impl FnOnce(&mut Session<'_>, &RigFile) -> Result<T>,
+    ) -> Result<T> {
+        let rig = self.load(context)?;
+        self.at.session(&self.new, role, &rig, context, command)
     }
 }
 

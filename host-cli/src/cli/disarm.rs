@@ -1,6 +1,6 @@
 //! `forcectl disarm`: ramps the torques down.
 
-use super::connection::{Connection, Role};
+use super::connection::{Existing, Role};
 use super::exit::{Reply, Result};
 use super::Context;
 use clap::Args;
@@ -12,15 +12,14 @@ use wire::Command;
 #[derive(Debug, Args)]
 pub struct Disarm {
     #[command(flatten)]
-    connection: Connection,
+    connection: Existing,
 }
 
 impl Disarm {
     /// Runs the command, which ends when the motors are at 0 V. It ends what `forcectl arm` began; a program that
     /// commands the rig itself is not interrupted.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        let rig = self.connection.load(context)?;
-        self.connection.existing(&rig)?;
+        self.connection.load(context)?;
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
             client.call(host_cli::service::protocol::Call::Disarm)?;

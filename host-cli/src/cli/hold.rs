@@ -29,7 +29,7 @@ impl Hold {
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;
         // An embedded rig of the command's own runs as fast as it can: it needs an end.
-        let own = link.booted_here() && !self.connection.paced;
+        let own = link.booted_here() && !self.connection.paced();
         let options = TensionOptions {
             tension_n: self
                 .tension
@@ -43,8 +43,8 @@ impl Hold {
         let held = hold_tensions(link.as_mut(), &rig, &options, &mut watch, &mut || {});
         watch.progress.done();
         let held = held?;
-        let json = serde_json::to_value(held)
-            .map_err(|error| exit::Failure::new(exit::FILE, error))?;
+        let json =
+            serde_json::to_value(held).map_err(|error| exit::Failure::new(exit::FILE, error))?;
         Ok(Reply::new(table(&held), json))
     }
 }

@@ -1,6 +1,6 @@
 //! `forcectl inject`: causes a fault in an emulated rig that is kept.
 
-use super::connection::Connection;
+use super::connection::Existing;
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
@@ -13,7 +13,7 @@ pub struct Inject {
     #[arg(value_name = "WHAT", value_parser = fault, allow_hyphen_values = true)]
     what: String,
     #[command(flatten)]
-    connection: Connection,
+    connection: Existing,
 }
 
 /// A fault without a time: it happens now.
@@ -24,8 +24,7 @@ fn fault(text: &str) -> std::result::Result<String, String> {
 impl Inject {
     /// Runs the command. Any client may inject, whoever commands.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        let rig = self.connection.load(context)?;
-        self.connection.existing(&rig)?;
+        self.connection.load(context)?;
         let Some(mut client) = self.connection.client(context) else {
             return Err(Failure::new(
                 exit::USAGE,

@@ -1,7 +1,7 @@
 //! `forcectl rig`: an emulated rig that stays, for many commands and terminals.
 
-use super::exit::Result;
 use super::exit::Reply;
+use super::exit::Result;
 use super::serve::{self, Listen};
 use super::watch::Watch;
 use super::{values, Context};

@@ -47,9 +47,8 @@ impl Listen {
         let (Some(address), Some(file)) = (self.tcp, &self.token_file) else {
             return Ok(None);
         };
-        let text = std::fs::read_to_string(file).map_err(|error| {
-            Failure::new(exit::USAGE, format!("{}: {error}", file.display()))
-        })?;
+        let text = std::fs::read_to_string(file)
+            .map_err(|error| Failure::new(exit::USAGE, format!("{}: {error}", file.display())))?;
         let token = text.trim().to_owned();
         if token.len() < 16 {
             return Err(Failure::new(
@@ -165,7 +164,9 @@ pub fn run(
         context.output.note(&announcement(&name, &what, addresses));
     })
     .map_err(|error| Failure::new(exit::LINK, error))?;
-    Ok(Reply::done(&format!("the service of rig `{name}` has ended")))
+    Ok(Reply::done(&format!(
+        "the service of rig `{name}` has ended"
+    )))
 }
 
 fn announcement(name: &str, link: &str, addresses: &Addresses) -> String {

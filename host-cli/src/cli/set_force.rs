@@ -59,9 +59,8 @@ impl SetForce {
     /// Runs the command. Arguments are checked before anything is opened or driven.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let output = &context.output;
-        let rig = self.connection.load(context)?;
-        self.connection.only_embedded(
-            &rig,
+        let rig = self.connection.load_for(
+            context,
             &[
                 ("--still", self.still),
                 ("--inject", !self.inject.is_empty()),

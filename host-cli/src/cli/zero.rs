@@ -1,6 +1,6 @@
 //! `forcectl zero`: sends the rig file's configuration and takes zeros.
 
-use super::connection::{Connection, Role};
+use super::connection::{Existing, Role};
 use super::exit::{Reply, Result};
 use super::watch::Watch;
 use super::Context;
@@ -16,14 +16,12 @@ pub struct Zero {
     #[arg(long)]
     replace: bool,
     #[command(flatten)]
-    connection: Connection,
+    connection: Existing,
 }
 
 impl Zero {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        let rig = self.connection.load(context)?;
-        self.connection.existing(&rig)?;
         self.connection
             .with_session(Role::Commander, context, |session, rig| {
                 let mut watch = Watch::new(&context.output);

@@ -138,13 +138,7 @@ pub fn set_force(
             explain_crash_record(record)
         ));
     }
-    let prepared = ready_board(
-        &mut session,
-        rig,
-        &options.zeroing,
-        &options.stop,
-        observer,
-    )?;
+    let prepared = ready_board(&mut session, rig, &options.zeroing, &options.stop, observer)?;
     let mut hold = Hold::new(rig, options, observer, pose, injections, &prepared)?;
     let interrupted = match hold.run(&mut session) {
         Ok(interrupted) => interrupted,

@@ -55,7 +55,15 @@ pub fn ready_board(
     };
     let before = session.get_configs()?;
     let reference = reference(store, &before)?;
-    measure(session, rig, &before, reference.filter(|_| !replace), store, stop, observer)
+    measure(
+        session,
+        rig,
+        &before,
+        reference.filter(|_| !replace),
+        store,
+        stop,
+        observer,
+    )
 }
 
 /// Uses the zeros that the board holds.
@@ -80,7 +88,15 @@ fn keep(
             )));
         };
         observer.notice("the board was powered up since its last zero: zeros are measured and compared with the stored ones");
-        return measure(session, rig, &in_force, Some(reference), store, stop, observer);
+        return measure(
+            session,
+            rig,
+            &in_force,
+            Some(reference),
+            store,
+            stop,
+            observer,
+        );
     }
     session.command(&Command::Stream { decimation: 1 })?;
     let mut configs = wanted;
@@ -221,7 +237,13 @@ mod tests {
         rig: &RigFile,
         zeroing: &Zeroing,
     ) -> Result<Prepared, RunError> {
-        ready_board(session, rig, zeroing, &AtomicBool::new(false), &mut NoopObserver)
+        ready_board(
+            session,
+            rig,
+            zeroing,
+            &AtomicBool::new(false),
+            &mut NoopObserver,
+        )
     }
 
     fn pull(board: &mut FakeBoard, newton: f64) {
@@ -238,7 +260,10 @@ mod tests {
             let mut session = Session::connect(&mut board).unwrap();
             ready(&mut session, &rig, &Zeroing::Ask(store.clone())).unwrap()
         };
-        assert_eq!(store.last().unwrap(), Some(first.configs.map(|c| c.zero_code)));
+        assert_eq!(
+            store.last().unwrap(),
+            Some(first.configs.map(|c| c.zero_code))
+        );
         // 0.8 N are left in a cable, as friction leaves them.
         pull(&mut board, 0.8);
         let mut session = Session::connect(&mut board).unwrap();

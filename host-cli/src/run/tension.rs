@@ -127,7 +127,11 @@ fn hold(
     let mut reported = false;
     loop {
         let interrupted = options.stop.load(Ordering::Relaxed);
-        if interrupted || options.duration_s.is_some_and(|duration| held_s >= duration) {
+        if interrupted
+            || options
+                .duration_s
+                .is_some_and(|duration| held_s >= duration)
+        {
             return Ok(sums.outcome(held_s, interrupted));
         }
         let tip_m = pose.tip_m(session.pose().map(|pose| pose.position_m.into()))?;
@@ -187,7 +191,12 @@ fn hold(
 /// Tensions that are recent enough, N.
 fn recent(session: &Session<'_>) -> [Option<f64>; UNITS] {
     let newest = session.tension_n();
-    let now_us = newest.iter().flatten().map(|(_, at)| *at).max().unwrap_or(0);
+    let now_us = newest
+        .iter()
+        .flatten()
+        .map(|(_, at)| *at)
+        .max()
+        .unwrap_or(0);
     newest.map(|tension| {
         tension
             .filter(|(_, at)| at + MAX_SAMPLE_AGE_US >= now_us)
@@ -196,7 +205,11 @@ fn recent(session: &Session<'_>) -> [Option<f64>; UNITS] {
 }
 
 impl Sums {
-    fn add(&mut self, measured: &[Option<f64>; UNITS], setpoints: &[wire::message::UnitSetpoint; UNITS]) {
+    fn add(
+        &mut self,
+        measured: &[Option<f64>; UNITS],
+        setpoints: &[wire::message::UnitSetpoint; UNITS],
+    ) {
         for i in 0..UNITS {
             if let Some(tension) = measured[i] {
                 let error = tension - f64::from(setpoints[i].tension_un) * 1e-6;
@@ -241,9 +254,10 @@ mod tests {
             ..TensionOptions::default()
         };
         let mut calls = 0;
-        let held =
-            hold_tensions(&mut board, &rig, &options, &mut NoopObserver, &mut || calls += 1)
-                .unwrap();
+        let held = hold_tensions(&mut board, &rig, &options, &mut NoopObserver, &mut || {
+            calls += 1
+        })
+        .unwrap();
         assert_eq!(calls, 1);
         for (held, wanted) in held.tension_n.iter().zip(options.tension_n.unwrap()) {
             assert!((held - wanted).abs() < 0.1, "{held} {wanted}");
@@ -280,8 +294,7 @@ mod tests {
                 tension_n: Some([2.5, 2.5, wrong, 2.5, 2.5, 2.5]),
                 ..TensionOptions::default()
             };
-            let error =
-                hold_tensions(&mut board, &rig, &options, &mut NoopObserver, &mut || {});
+            let error = hold_tensions(&mut board, &rig, &options, &mut NoopObserver, &mut || {});
             let error = error.unwrap_err().to_string();
             assert!(error.starts_with("unit 3"), "{error}");
         }

@@ -150,7 +150,10 @@ mod tests {
         let path = folder.path().join("deep/zeros.toml");
         let store = ZeroStore::at(&path);
         assert_eq!(store.last().unwrap(), None);
-        let mut configs = RigFile::built_in().unwrap().units.map(|unit| unit.to_wire());
+        let mut configs = RigFile::built_in()
+            .unwrap()
+            .units
+            .map(|unit| unit.to_wire());
         for (i, config) in configs.iter_mut().enumerate() {
             config.zero_code = 100 * (i as i32 + 1);
         }

@@ -117,11 +117,7 @@ impl Client {
     }
 
     /// Uses a stream that is connected already.
-    pub(super) fn over(
-        stream: UnixStream,
-        name: &str,
-        client: &str,
-    ) -> Result<Self, ServiceError> {
+    pub(super) fn over(stream: UnixStream, name: &str, client: &str) -> Result<Self, ServiceError> {
         let failed = |error: std::io::Error| ServiceError::Io {
             name: name.to_owned(),
             cause: error.to_string(),
@@ -222,7 +218,9 @@ impl Client {
                     return Ok(answer["result"].take());
                 }
                 Err(RecvTimeoutError::Timeout) => {
-                    return Err(self.broken(&format!("it does not answer for {} s", timeout.as_secs())));
+                    return Err(
+                        self.broken(&format!("it does not answer for {} s", timeout.as_secs()))
+                    );
                 }
                 Err(RecvTimeoutError::Disconnected) => return Err(self.broken("it has ended")),
             }

@@ -180,7 +180,9 @@ fn read(reader: impl Read, id: ClientId, outbox: &Outbox, hub: &Sender<Inbound>)
     let mut reader = BufReader::new(reader);
     loop {
         let mut line = Vec::new();
-        let limited = (&mut reader).take(MAX_LINE as u64).read_until(b'\n', &mut line);
+        let limited = (&mut reader)
+            .take(MAX_LINE as u64)
+            .read_until(b'\n', &mut line);
         match limited {
             Ok(0) | Err(_) => return,
             Ok(_) => {}

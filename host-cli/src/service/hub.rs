@@ -411,10 +411,7 @@ impl Hub {
     /// What the board sent, to everyone who may see it.
     fn distribute(&mut self, exchange: Exchange) {
         self.now_ns = self.base_ns + exchange.now_ns;
-        if self
-            .resets
-            .is_some_and(|before| before != exchange.resets)
-        {
+        if self.resets.is_some_and(|before| before != exchange.resets) {
             self.note_reset();
         }
         self.resets = Some(exchange.resets);
@@ -507,7 +504,9 @@ impl Hub {
                     self.info = Some(info);
                     self.send(Origin::Hub, Command::Stream { decimation: 1 });
                 }
-                (Command::Hello { .. }, Response::Rejected(refusal)) => self.refused = Some(refusal),
+                (Command::Hello { .. }, Response::Rejected(refusal)) => {
+                    self.refused = Some(refusal)
+                }
                 _ => {}
             },
         }
@@ -531,7 +530,11 @@ impl Hub {
         }
         self.connect_anew();
         self.fail_waiting("the board was reset; its motors are at 0 V");
-        self.event("reset", "the board was reset; its motors are at 0 V".to_owned(), None);
+        self.event(
+            "reset",
+            "the board was reset; its motors are at 0 V".to_owned(),
+            None,
+        );
     }
 
     fn note_fault(&mut self, fault: &FaultReport) {

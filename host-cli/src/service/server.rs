@@ -109,11 +109,21 @@ pub fn serve(
         .listener
         .try_clone()
         .map_err(failed("the socket"))?;
-    accept("unix", sender.clone(), move || unix.accept().map(|(stream, _)| stream), true)
-        .map_err(failed("the socket"))?;
+    accept(
+        "unix",
+        sender.clone(),
+        move || unix.accept().map(|(stream, _)| stream),
+        true,
+    )
+    .map_err(failed("the socket"))?;
     if let Some(tcp) = tcp {
-        accept("tcp", sender.clone(), move || tcp.accept().map(|(stream, _)| stream), false)
-            .map_err(failed("the TCP address"))?;
+        accept(
+            "tcp",
+            sender.clone(),
+            move || tcp.accept().map(|(stream, _)| stream),
+            false,
+        )
+        .map_err(failed("the TCP address"))?;
     }
     let setup = Setup {
         name: options.name,
@@ -138,7 +148,8 @@ fn accept<S: connection::Stream + 'static>(
     std::thread::Builder::new()
         .name(format!("accept {name}"))
         .spawn(move || loop {
-            let started = next().and_then(|stream| connection::start(stream, next_id(), trusted, &hub));
+            let started =
+                next().and_then(|stream| connection::start(stream, next_id(), trusted, &hub));
             if started.is_err() {
                 // Out of file handles, for example: others may end meanwhile.
                 std::thread::sleep(Duration::from_millis(100));

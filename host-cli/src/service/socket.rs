@@ -35,17 +35,23 @@ pub fn name_of(link: &LinkChoice) -> String {
 }
 
 /// The folder of the sockets: [`FOLDER_VARIABLE`], else `forcectl` in `XDG_RUNTIME_DIR`, else a folder of the user in the
-/// system's temporary folder. It is made where it does not exist, and refused where another user could reach into it.
-///
-/// # Errors
-/// It can't be made, belongs to another user or is open to others.
-pub fn folder() -> io::Result<PathBuf> {
+/// system's temporary folder.
+#[must_use]
+pub fn folder() -> PathBuf {
     let set = |variable: &str| std::env::var_os(variable).filter(|value| !value.is_empty());
-    let path = match (set(FOLDER_VARIABLE), set("XDG_RUNTIME_DIR")) {
+    match (set(FOLDER_VARIABLE), set("XDG_RUNTIME_DIR")) {
         (Some(folder), _) => PathBuf::from(folder),
         (None, Some(folder)) => Path::new(&folder).join("forcectl"),
         (None, None) => std::env::temp_dir().join(format!("forcectl-{}", user())),
-    };
+    }
+}
+
+/// Makes the folder of the sockets where it does not exist. Refuses one that another user could reach into.
+///
+/// # Errors
+/// It can't be made, belongs to another user or is open to others.
+fn make_folder() -> io::Result<()> {
+    let path = folder();
     fs::DirBuilder::new()
         .recursive(true)
         .mode(0o700)
@@ -63,7 +69,7 @@ pub fn folder() -> io::Result<PathBuf> {
             path.display()
         )));
     }
-    Ok(path)
+    Ok(())
 }
 
 /// The user of this process.
@@ -74,9 +80,9 @@ fn user() -> u32 {
 /// The socket of a rig.
 ///
 /// # Errors
-/// As [`folder`], or the path is too long for a socket.
+/// The path is too long for a socket.
 pub fn path_of(name: &str) -> io::Result<PathBuf> {
-    let path = folder()?.join(format!("{name}.sock"));
+    let path = folder().join(format!("{name}.sock"));
     if path.as_os_str().len() > MAX_PATH {
         return Err(io::Error::other(format!(
             "{} is too long for a socket ({MAX_PATH} characters); set {FOLDER_VARIABLE} to a shorter folder",
@@ -89,7 +95,7 @@ pub fn path_of(name: &str) -> io::Result<PathBuf> {
 /// Names of the rigs whose service answers now.
 #[must_use]
 pub fn running() -> Vec<String> {
-    let Ok(entries) = folder().and_then(fs::read_dir) else {
+    let Ok(entries) = fs::read_dir(folder()) else {
         return Vec::new();
     };
     let mut names: Vec<String> = entries
@@ -125,6 +131,7 @@ impl Listening {
     /// # Errors
     /// A service for this rig runs already ([`io::ErrorKind::AddrInUse`]), or the folder is not usable.
     pub fn bind(name: &str) -> io::Result<Self> {
+        make_folder()?;
         Self::bind_at(path_of(name)?)
     }
 

@@ -7,7 +7,9 @@ use super::socket::Listening;
 use crate::link::fake::{Behavior, FakeBoard};
 use crate::link::{Exchange, LinkError, RigControls, RigLink};
 use crate::rigfile::{RigFile, DEFAULT_NAME, DEFAULT_TEXT};
-use crate::run::{self, prepare_board, set_force, NoopObserver, Options, RunError, ZeroStore, Zeroing};
+use crate::run::{
+    self, prepare_board, set_force, NoopObserver, Options, RunError, ZeroStore, Zeroing,
+};
 use crate::session::Session;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
@@ -70,7 +72,12 @@ impl Rig {
         let commands = Arc::new(Mutex::new(Vec::new()));
         let plugged = Arc::new(AtomicBool::new(true));
         let (ready, is_ready) = std::sync::mpsc::channel();
-        let (at, flag, log, plug) = (path.clone(), stop.clone(), commands.clone(), plugged.clone());
+        let (at, flag, log, plug) = (
+            path.clone(),
+            stop.clone(),
+            commands.clone(),
+            plugged.clone(),
+        );
         let thread = std::thread::spawn(move || {
             let reopen_plug = plug.clone();
             let make = move |prepared: bool| {
@@ -148,7 +155,9 @@ impl Rig {
 
     fn end(&mut self) -> bool {
         self.stop.store(true, Ordering::SeqCst);
-        self.thread.take().is_none_or(|thread| thread.join().unwrap())
+        self.thread
+            .take()
+            .is_none_or(|thread| thread.join().unwrap())
     }
 }
 
@@ -214,7 +223,10 @@ fn one_commands_and_anyone_stops() {
     rig.wait_for("running");
     // A second commander is refused and told who commands.
     let error = ServiceLink::commander(rig.client("the second")).unwrap_err();
-    assert!(matches!(&error, ServiceError::Refused { code: code::BUSY, message } if message.contains("the first")), "{error}");
+    assert!(
+        matches!(&error, ServiceError::Refused { code: code::BUSY, message } if message.contains("the first")),
+        "{error}"
+    );
     // Its frames are refused as well, and no command of its gets through.
     let mut observer = ServiceLink::observer(rig.client("observer")).unwrap();
     let mut session = Session::connect(&mut observer).unwrap();
@@ -255,7 +267,10 @@ fn a_commander_that_goes_away_has_the_rig_disarmed() {
     while let Some(Notification::Event(event)) = client.next(Duration::from_millis(100)).unwrap() {
         texts += &event.text;
     }
-    assert!(texts.contains("killed") && texts.contains("is gone; the rig is disarmed"), "{texts}");
+    assert!(
+        texts.contains("killed") && texts.contains("is gone; the rig is disarmed"),
+        "{texts}"
+    );
 }
 
 #[test]
@@ -312,10 +327,18 @@ fn a_zero_is_kept_between_runs_whatever_friction_leaves_in_the_cables() {
         let mut link = rig.commander("a run");
         let outcome = set_force(&mut link, &file, &kept(2.0, &stop), &mut NoopObserver).unwrap();
         let metrics = outcome.metrics.unwrap();
-        assert!(metrics.from_truth && metrics.tip_force_error_n < 0.1, "{metrics:?}");
+        assert!(
+            metrics.from_truth && metrics.tip_force_error_n < 0.1,
+            "{metrics:?}"
+        );
     }
     assert_eq!(
-        rig.commands.lock().unwrap().iter().filter(|c| matches!(c, Command::Zero { .. })).count(),
+        rig.commands
+            .lock()
+            .unwrap()
+            .iter()
+            .filter(|c| matches!(c, Command::Zero { .. }))
+            .count(),
         0
     );
 }
@@ -350,7 +373,8 @@ fn damaged_lines_and_frames_harm_nobody_else() {
     use std::io::Write;
     let rig = Rig::start(Behavior::Noisy(1000), true);
     let mut bad = std::os::unix::net::UnixStream::connect(&rig.path).unwrap();
-    bad.write_all(b"GET / HTTP/1.1\r\n\r\n{\"id\":1,\"method\":\"stop\"}\n\xff\xfe\n").unwrap();
+    bad.write_all(b"GET / HTTP/1.1\r\n\r\n{\"id\":1,\"method\":\"stop\"}\n\xff\xfe\n")
+        .unwrap();
     // Nothing is done before hello.
     std::thread::sleep(Duration::from_millis(50));
     assert_eq!(rig.got(&Command::Stop), 0);
@@ -359,7 +383,11 @@ fn damaged_lines_and_frames_harm_nobody_else() {
     let stop = Arc::default();
     let mut link = rig.commander("a run");
     let outcome = set_force(&mut link, &file, &kept(2.0, &stop), &mut NoopObserver).unwrap();
-    assert!(outcome.link_counters.frames_bad > 20, "{:?}", outcome.link_counters);
+    assert!(
+        outcome.link_counters.frames_bad > 20,
+        "{:?}",
+        outcome.link_counters
+    );
     assert!(outcome.metrics.unwrap().tip_force_error_n < 0.1);
 }
 

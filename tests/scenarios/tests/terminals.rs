@@ -68,7 +68,10 @@ impl Lab {
     /// The pseudo-terminal of the rig.
     fn terminal(&self) -> String {
         let log = self.rig_log();
-        let line = log.lines().find(|line| line.starts_with("terminal")).unwrap();
+        let line = log
+            .lines()
+            .find(|line| line.starts_with("terminal"))
+            .unwrap();
         line.split_whitespace().nth(1).unwrap().to_owned()
     }
 
@@ -127,7 +130,10 @@ fn commands_for_a_rig_that_exists_do_not_start_one() {
     let lab = Lab::new();
     for line in ["stop", "arm", "disarm", "zero", "clear", "inject estop"] {
         let (out, err) = lab.code(line, 4);
-        assert!(out.is_empty() && err.contains("forcectl rig"), "{line}: {err}");
+        assert!(
+            out.is_empty() && err.contains("forcectl rig"),
+            "{line}: {err}"
+        );
         // Not even where a new one is asked for.
         lab.code(&format!("{line} --link embedded"), 4);
     }
@@ -136,7 +142,10 @@ fn commands_for_a_rig_that_exists_do_not_start_one() {
 #[test]
 fn an_observer_watches_and_stops_what_another_terminal_holds() {
     let lab = Lab::with_rig(31);
-    let commander = lab.command("set-force 0 2.5 0 --duration 600").spawn().unwrap();
+    let commander = lab
+        .command("set-force 0 2.5 0 --duration 600")
+        .spawn()
+        .unwrap();
     lab.wait_for_state("running");
     let (out, err) = lab.code("monitor --duration 1 --json", 0);
     assert!(err.is_empty(), "{err}");
@@ -159,13 +168,19 @@ fn an_observer_watches_and_stops_what_another_terminal_holds() {
 #[test]
 fn a_commander_that_is_killed_or_hangs_leaves_no_motor_pulling() {
     let lab = Lab::with_rig(32);
-    let mut killed = lab.command("set-force 0 2.5 0 --duration 600").spawn().unwrap();
+    let mut killed = lab
+        .command("set-force 0 2.5 0 --duration 600")
+        .spawn()
+        .unwrap();
     lab.wait_for_state("running");
     killed.kill().unwrap();
     killed.wait().unwrap();
     lab.wait_for_state("ready");
     // Hangs: its setpoints expire, and the other terminal is not locked out.
-    let hung = lab.command("set-force 0 2.5 0 --duration 600").spawn().unwrap();
+    let hung = lab
+        .command("set-force 0 2.5 0 --duration 600")
+        .spawn()
+        .unwrap();
     lab.wait_for_state("running");
     signal(&hung, "STOP");
     lab.wait_for_state("fault");
@@ -197,7 +212,10 @@ fn arm_stays_armed_and_zeros_survive_what_friction_leaves() {
         let run: Value = serde_json::from_str(&out).unwrap();
         let metrics = &run["metrics"];
         assert_eq!(metrics["from_truth"], true);
-        assert!(metrics["tip_force_error_n"].as_f64().unwrap() < 0.1, "{metrics}");
+        assert!(
+            metrics["tip_force_error_n"].as_f64().unwrap() < 0.1,
+            "{metrics}"
+        );
     }
     lab.code("hold --tension 2 3 2 3 2 3 --duration 1", 0);
 }
@@ -215,29 +233,54 @@ fn a_program_on_the_pseudo_terminal_commands_like_any_other() {
     assert!(err.contains("the program on"), "{err}");
     lab.code("stop", 0);
     let output = on_terminal.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(5), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(
+        output.status.code(),
+        Some(5),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     lab.code("clear", 0);
     // Through a service of its own, started on demand, and killed while it holds.
     let port = format!("--link serial:{terminal}");
-    let held = lab.command(&format!("hold --duration 600 {port}")).spawn().unwrap();
+    let held = lab
+        .command(&format!("hold --duration 600 {port}"))
+        .spawn()
+        .unwrap();
     lab.wait_for_state("running");
     let services = Command::new("pkill")
-        .args(["-KILL", "-f", &format!("serve --on-demand --json --link serial:{terminal}")])
+        .args([
+            "-KILL",
+            "-f",
+            &format!("serve --on-demand --json --link serial:{terminal}"),
+        ])
         .status();
     assert!(services.unwrap().success());
     lab.wait_for_state("fault");
     assert_eq!(lab.status()["status"]["fault"], 2);
     let output = held.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(4), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(
+        output.status.code(),
+        Some(4),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     lab.code("clear", 0);
     // The rig goes away while a program on its line holds, and comes back under the same link.
-    let held = lab.command(&format!("hold --duration 600 {port}")).spawn().unwrap();
+    let held = lab
+        .command(&format!("hold --duration 600 {port}"))
+        .spawn()
+        .unwrap();
     lab.wait_for_state("running");
     let mut rig = lab.rig.take().unwrap();
     signal(&rig, "KILL");
     rig.wait().unwrap();
     let output = held.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(4), "{}", String::from_utf8_lossy(&output.stderr));
+    assert_eq!(
+        output.status.code(),
+        Some(4),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     lab.start_rig(34);
     assert_eq!(lab.status()["state"], "ready");
 }
@@ -273,8 +316,15 @@ rig.stop()
         .output()
         .unwrap();
     let out = String::from_utf8(output.stdout).unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let numbers: Vec<f64> = out.split_whitespace().map(|word| word.parse().unwrap()).collect();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
+    let numbers: Vec<f64> = out
+        .split_whitespace()
+        .map(|word| word.parse().unwrap())
+        .collect();
     assert!(numbers[0] > 3.0 && (numbers[1] - 2.5).abs() < 0.1, "{out}");
     assert_eq!(numbers[2], -32602.0);
     assert_eq!(lab.status()["state"], "fault");

@@ -53,7 +53,10 @@ impl Hub {
                 id,
                 number,
                 code::LINK,
-                &format!("{} is gone; a board without setpoints goes to 0 V by itself", self.link_name),
+                &format!(
+                    "{} is gone; a board without setpoints goes to 0 V by itself",
+                    self.link_name
+                ),
             ),
             call => self.command(id, number, call),
         }
@@ -90,7 +93,11 @@ impl Hub {
                 self.answer(id, number, done);
             }
             // Answered before.
-            Call::Hello(_) | Call::Bytes(_) | Call::Subscribe(_) | Call::Status | Call::Shutdown => {}
+            Call::Hello(_)
+            | Call::Bytes(_)
+            | Call::Subscribe(_)
+            | Call::Status
+            | Call::Shutdown => {}
         }
     }
 
@@ -129,7 +136,11 @@ impl Hub {
         if let Some(client) = self.clients.get_mut(&id) {
             client.hello = Some(hello);
         }
-        self.succeed(id, number, serde_json::to_value(welcome).unwrap_or_default());
+        self.succeed(
+            id,
+            number,
+            serde_json::to_value(welcome).unwrap_or_default(),
+        );
     }
 
     fn service_status(&self) -> ServiceStatus {
@@ -265,12 +276,7 @@ impl Hub {
         self.answer(id, number.as_ref(), result);
     }
 
-    fn answer(
-        &self,
-        id: ClientId,
-        number: Option<&Value>,
-        result: Result<Value, (i64, String)>,
-    ) {
+    fn answer(&self, id: ClientId, number: Option<&Value>, result: Result<Value, (i64, String)>) {
         if let (Some(number), Some(client)) = (number, self.clients.get(&id)) {
             client.outbox.line(protocol::answer(number, &result));
         }

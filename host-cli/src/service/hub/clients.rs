@@ -245,9 +245,7 @@ impl Hub {
         let (status_ns, now_ns) = (self.status_ns, self.now_ns);
         let (over, rest): (Vec<_>, Vec<_>) = std::mem::take(&mut self.waiting)
             .into_iter()
-            .partition(|waiter| {
-                idle && status_ns > waiter.after_ns || now_ns >= waiter.until_ns
-            });
+            .partition(|waiter| idle && status_ns > waiter.after_ns || now_ns >= waiter.until_ns);
         self.waiting = rest;
         for waiter in over {
             if idle {
