@@ -64,6 +64,31 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
     Ok((at_s, injection))
 }
 
+/// An injection in the words that [`parse`] reads; `at_s` is its time after the command, s.
+#[must_use]
+pub fn describe(at_s: f64, injection: Injection) -> String {
+    let what = match injection {
+        Injection::UnplugSensor(unit) => format!("unplug={unit}"),
+        Injection::PlugSensor(unit) => format!("plug={unit}"),
+        Injection::Nack(unit) => format!("nack={unit}"),
+        Injection::StuckSda => "stuck-sda".to_owned(),
+        Injection::EStop(true) => "estop".to_owned(),
+        Injection::EStop(false) => "estop-release".to_owned(),
+        Injection::Spike(unit, codes) => format!("spike={unit}:{codes}"),
+        Injection::PullCable(unit, force_n) => format!("pull={unit}:{force_n}"),
+        Injection::FreezeEncoder(unit, true) => format!("freeze-encoder={unit}"),
+        Injection::FreezeEncoder(unit, false) => format!("thaw-encoder={unit}"),
+        Injection::HangLoop => "hang".to_owned(),
+        // Not in the table of words.
+        other => format!("{other:?}"),
+    };
+    if at_s == f64::NEG_INFINITY {
+        format!("{what}@start")
+    } else {
+        format!("{what}@{at_s}s")
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -98,6 +123,26 @@ mod tests {
             "=@=",
         ] {
             assert!(parse(bad).unwrap_err().contains("known are"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_description_reads_back() {
+        for text in [
+            "unplug=3@2s",
+            "plug=1@-0.5s",
+            "nack=2@start",
+            "stuck-sda@1s",
+            "estop@1s",
+            "estop-release@1.25s",
+            "spike=1:-90000@1s",
+            "pull=6:2.5@-1s",
+            "freeze-encoder=4@1s",
+            "thaw-encoder=4@3s",
+            "hang@1s",
+        ] {
+            let (at_s, injection) = parse(text).unwrap();
+            assert_eq!(describe(at_s, injection), text);
         }
     }
 }
