@@ -70,7 +70,15 @@ pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
 ///
 /// Errs on the side of building: only a call that clearly goes elsewhere is excepted.
 pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
-    const OFFLINE: [&str; 6] = ["check", "completions", "explain", "help", "man", "residual"];
+    const OFFLINE: [&str; 7] = [
+        "check",
+        "completions",
+        "explain",
+        "help",
+        "init",
+        "man",
+        "residual",
+    ];
     const ONLINE: [&str; 10] = [
         "arm",
         "clear",
@@ -258,6 +266,7 @@ mod tests {
             "help set-force",
             "explain 33",
             "check rig.toml",
+            "init rig.toml",
             "--json check rig.toml",
             "completions bash",
             "man --out pages",

@@ -18,6 +18,7 @@ pub struct Arm {
 impl Arm {
     /// Runs the command. A board that does not hold this rig file gets it first, and is zeroed.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        self.connection.require_rig_file()?;
         self.connection.with_session(context, |session, rig| {
             let configured = rig.units.map(|unit| unit.to_wire());
             // The zeros are the board's own.

@@ -63,6 +63,22 @@ impl Connection {
         Ok(rig)
     }
 
+    /// Refuses to drive a real rig with the geometry and limits of the built-in example.
+    pub fn require_rig_file(&self) -> Result<()> {
+        // Options of the embedded rig have a refusal of their own.
+        let embedded = self.seed.is_some() || self.plant.is_some() || self.paced;
+        match &self.link {
+            Some(link) if *link != LinkChoice::Embedded && self.rig.is_none() && !embedded => Err(Failure::new(
+                exit::USAGE,
+                format!(
+                    "--link {link} leads to a real rig, and without --rig its geometry and limits would be those of the \
+                     built-in example; give its own file with --rig FILE (`forcectl init` makes one); nothing was driven"
+                ),
+            )),
+            _ => Ok(()),
+        }
+    }
+
     /// The connection: that of `--link`, else that of the rig file.
     fn choice<'a>(&'a self, rig: &'a RigFile) -> &'a LinkChoice {
         self.link.as_ref().unwrap_or(&rig.link)

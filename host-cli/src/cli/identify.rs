@@ -79,6 +79,7 @@ impl Identify {
     /// Runs the command. Arguments are checked before anything is opened or driven.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
+        self.connection.require_rig_file()?;
         let force_n: [f64; 3] = self.force.as_slice().try_into().map_err(|_| {
             Failure::new(
                 exit::USAGE,

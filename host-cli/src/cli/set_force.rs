@@ -69,6 +69,7 @@ impl SetForce {
                 ("--inject", !self.inject.is_empty()),
             ],
         )?;
+        self.connection.require_rig_file()?;
         let options = Options {
             robot_moves: !self.still,
             injections: self.inject.clone(),
@@ -97,7 +98,7 @@ impl SetForce {
         };
         // The results come first: what follows can fail.
         if let (Some(outcome), false) = (&outcome, output.json()) {
-            output.print(&table(outcome));
+            output.results(&table(outcome));
         }
         let mut files = Files::default();
         // What was recorded up to an error is kept.

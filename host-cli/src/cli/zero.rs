@@ -19,6 +19,7 @@ pub struct Zero {
 impl Zero {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        self.connection.require_rig_file()?;
         self.connection.with_session(context, |session, rig| {
             let mut watch = Watch::new(&context.output);
             let stop = context.interrupt.flag();

@@ -141,6 +141,36 @@ pub struct Outcome {
     pub configs: [UnitConfig; UNITS],
 }
 
+#[cfg(test)]
+impl Outcome {
+    /// An outcome of these cycles without anything else, for tests.
+    pub(crate) fn of_steps(commanded_n: Vector3<f64>, steps: Vec<Step>) -> Self {
+        Self {
+            ended: Ended::Done,
+            shortfalls: Vec::new(),
+            link: "rig & <test>".to_owned(),
+            firmware: String::new(),
+            rig_hash: String::new(),
+            config_crc: 0,
+            commanded_n,
+            metrics: crate::force::metrics::of_run(commanded_n, &steps),
+            reach: None,
+            faults: Vec::new(),
+            latency_ms: None,
+            samples_lost: 0,
+            samples: 0,
+            link_counters: LinkCounters::default(),
+            amplifiers_off_s: 0.0,
+            steps,
+            report: None,
+            configs: crate::rigfile::RigFile::built_in()
+                .unwrap()
+                .units
+                .map(|unit| unit.to_wire()),
+        }
+    }
+}
+
 /// Conversions that were not read in time since the board was prepared. The embedded rig counts them itself; on a real
 /// rig the board's own count is all there is.
 pub(super) fn samples_lost(report: Option<&Report>, status: &Status, prepared: &Prepared) -> u64 {
