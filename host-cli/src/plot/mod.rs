@@ -70,7 +70,7 @@ pub fn draw(outcome: &Outcome) -> Scene {
     let mut scene = Scene::new(WIDTH, height);
     let commanded_n = outcome.commanded_n;
     let title = format!(
-        "forcectl set-force {} {} {}   {}   firmware {}",
+        "forcectl set-force {} {} {}, {}, firmware {}",
         commanded_n.x, commanded_n.y, commanded_n.z, outcome.link, outcome.firmware
     );
     scene.text(LEFT, 24.0, &title, Anchor::Start, true, BLACK);
@@ -133,7 +133,7 @@ pub fn compare(before: &Outcome, after: &Outcome) -> Scene {
     ));
     let height = TOP + panels.len() as f32 * (PANEL + GAP) + 10.0;
     let mut scene = Scene::new(WIDTH, height);
-    let title = format!("forcectl identify   {}", before.link);
+    let title = format!("forcectl identify, {}", before.link);
     scene.text(LEFT, 24.0, &title, Anchor::Start, true, BLACK);
     let end = before.steps.last().map_or(1.0, |s| s.t_s.max(1.0));
     for (i, panel) in panels.iter().enumerate() {

@@ -326,6 +326,24 @@ impl<'a> Hold<'a> {
         self.faults.push(fault);
     }
 
+    /// Adds what the plant did while the rig was ramped down, a row for each control period.
+    fn append_truth(&mut self, truth: &[Truth]) {
+        let t0_ns = self.t0_ns.unwrap_or(0);
+        for truth in truth.iter().step_by(PERIOD.as_millis() as usize) {
+            self.steps.push(Step {
+                t_s: (truth.t_ns as f64 - t0_ns as f64) * 1e-9,
+                tip_m: truth.tip_m.into(),
+                commanded_n: Vector3::zeros(),
+                estimated_n: truth.tip_force_n.into(),
+                applied_n: Some(truth.tip_force_n.into()),
+                tension_setpoint_n: [0.0; UNITS],
+                measured_tension_n: truth.tension_n,
+                true_tension_n: Some(truth.tension_n),
+                available: self.available,
+            });
+        }
+    }
+
     /// The run's outcome, after the board was disarmed. `stopped`: why it ended early; the link may be gone then, and
     /// what only the link knows is left out.
     pub(super) fn outcome(
@@ -335,7 +353,8 @@ impl<'a> Hold<'a> {
         interrupted: bool,
         stopped: Option<&str>,
     ) -> Result<Outcome, SessionError> {
-        self.note_samples(&session.drain(), f64::NEG_INFINITY);
+        let last = session.drain();
+        self.note_samples(&last, f64::NEG_INFINITY);
         let status = match stopped {
             None => Some(session.get_status()?),
             Some(_) => session.status().cloned(),
@@ -349,6 +368,9 @@ impl<'a> Hold<'a> {
             .and_then(|t0_ns| LatencyMs::of(report.as_ref(), t0_ns, &self.latencies_us));
         let metrics = metrics::of_run(self.options.commanded_n, &self.steps);
         let amplifiers_off_s = self.amplifiers_off_ms as f64 * 1e-3;
+        if stopped.is_some() {
+            self.append_truth(&last.truth);
+        }
         let not_injected: Vec<_> = self.injections.into();
         let shortfalls = Evidence {
             rig: self.rig,

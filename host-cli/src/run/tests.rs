@@ -133,8 +133,11 @@ fn a_unit_that_faults_ends_the_run_where_the_others_cannot_hold_zero_force() {
     let outcome = stopped.outcome.unwrap();
     assert_eq!(outcome.ended, Ended::Stopped);
     assert_eq!(outcome.faults[0].unit, Some(4));
-    // Ramped down at once: neither to the end of the run nor with a stop.
-    assert!(outcome.steps.last().unwrap().t_s < 1.6);
+    // Ramped down at once: neither to the end of the run nor with a stop. The cables that pulled with unit 4 let go.
+    let commanded = outcome.steps.iter().rfind(|s| s.commanded_n.norm() > 0.0);
+    assert!(commanded.unwrap().t_s < 1.6);
+    let end = outcome.steps.last().unwrap();
+    assert!(end.t_s < 3.0 && end.best_force_n().norm() < 2.0, "{end:?}");
     assert_eq!(board.system, SystemState::Ready);
     assert!(board.commands.contains(&Command::Disarm));
     assert!(!board.commands.contains(&Command::Stop));
@@ -267,7 +270,7 @@ fn the_e_stop_ends_the_run_with_its_page() {
     let outcome = stopped.outcome.unwrap();
     assert_eq!(outcome.ended, Ended::Stopped);
     assert_eq!(kinds(&outcome)[0], ShortfallKind::Stopped);
-    assert!((0.9..1.2).contains(&outcome.steps.last().unwrap().t_s));
+    assert!((0.9..1.4).contains(&outcome.steps.last().unwrap().t_s));
 }
 
 #[test]
