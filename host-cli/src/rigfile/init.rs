@@ -8,7 +8,7 @@ use super::{LinkChoice, RigFile, DEFAULT_TEXT};
 use nalgebra::Vector3;
 use std::collections::BTreeMap;
 use std::net::SocketAddr;
-use toml_edit::{value, Array, DocumentMut, Item, Table};
+use toml_edit::{value, Array, DocumentMut, Item, Table, Value};
 use wire::UNITS;
 
 /// A question about a rig.
@@ -87,6 +87,12 @@ pub const QUESTIONS: [Question; 10] = [
         per_unit: false,
     },
 ];
+
+/// The first lines of a rig file that was made.
+const HEADER: &str = "\
+# Rig file, made by `forcectl init`. SI units throughout; every key is checked when the file is read
+# (`forcectl check FILE`). Gains, limits and friction are those of the built-in example.
+";
 
 /// The question with this key.
 #[must_use]
@@ -193,31 +199,38 @@ impl<'a> Writer<'a> {
 
     /// What belongs to the rig as a whole.
     fn rig(&mut self) {
-        self.document["name"] = value(self.answer("name"));
+        if let Some(mut first) = self.document.key_mut("schema") {
+            first.leaf_decor_mut().set_prefix(HEADER);
+        }
+        let name = self.answer("name");
+        set(&mut self.document["name"], name);
         let link = self.answer("link");
         if let Err(error) = link.parse::<LinkChoice>() {
             self.problems.push(format!("link: {error}"));
         }
-        self.document["link"]["rig"] = replaced(&self.document["link"]["rig"], link);
+        set(&mut self.document["link"]["rig"], link);
         self.pose();
         let (center, radius) = (self.answer("center"), self.answer("radius"));
         if let Some(center_m) = self.numbers::<3>("center", center) {
-            self.document["workspace"]["center_m"] = value(Array::from_iter(center_m));
+            set(
+                &mut self.document["workspace"]["center_m"],
+                Array::from_iter(center_m),
+            );
         }
         if let Some([radius_m]) = self.numbers("radius", radius) {
-            self.document["workspace"]["radius_m"] = value(radius_m);
+            set(&mut self.document["workspace"]["radius_m"], radius_m);
         }
         let tension = self.answer("tension");
         if let Some([least_n, largest_n]) = self.numbers("tension", tension) {
-            self.document["defaults"]["tension_min_n"] = value(least_n);
-            self.document["defaults"]["tension_max_n"] = value(largest_n);
+            set(&mut self.document["defaults"]["tension_min_n"], least_n);
+            set(&mut self.document["defaults"]["tension_max_n"], largest_n);
             // The other limits of the built-in file belong to 12 N: the motor has to be able to hold the largest tension.
             for (key, factor) in [
                 ("force_limit_n", 16.0 / 12.0),
                 ("over_tension_n", 20.0 / 12.0),
             ] {
                 let limit_n = (largest_n * factor * 100.0).round() / 100.0;
-                self.document["defaults"][key] = value(limit_n);
+                set(&mut self.document["defaults"][key], limit_n);
             }
         }
     }
@@ -229,19 +242,19 @@ impl<'a> Writer<'a> {
         match source {
             "rig" if rest.is_empty() => {}
             "udp" if rest.parse::<SocketAddr>().is_ok() => {
-                self.document["pose"]["listen"] = value(rest);
-                self.document["pose"]["max_age_s"] = value(0.1);
+                set(&mut self.document["pose"]["listen"], rest);
+                set(&mut self.document["pose"]["max_age_s"], 0.1);
             }
             "static" => {
                 if let Some(position_m) = self.numbers::<3>("pose", rest) {
-                    self.document["pose"]["position_m"] = value(Array::from_iter(position_m));
+                    set(&mut self.document["pose"]["position_m"], Array::from_iter(position_m));
                 }
             }
             _ => self.problems.push(format!(
                 "pose: `{answer}` is not one; give udp ADDRESS:PORT (as in udp 127.0.0.1:4711), static X Y Z, or rig"
             )),
         }
-        self.document["pose"]["source"] = replaced(&self.document["pose"]["source"], source);
+        set(&mut self.document["pose"]["source"], source);
     }
 
     /// What belongs to each unit.
@@ -285,6 +298,7 @@ impl<'a> Writer<'a> {
             let Some(table) = self.unit_table(number) else {
                 continue;
             };
+            // Without the example's comment on the unit's place.
             table["number"] = value(i64::from(number));
             if !enabled {
                 table["enabled"] = value(false);
@@ -308,13 +322,13 @@ impl<'a> Writer<'a> {
     }
 }
 
-/// A text in the place of another value, whose comment stays.
-fn replaced(old: &Item, text: &str) -> Item {
-    let mut new = value(text);
-    if let (Some(old), Some(new)) = (old.as_value(), new.as_value_mut()) {
+/// Puts a value in the place of another one, whose comment stays.
+fn set(item: &mut Item, new: impl Into<Value>) {
+    let mut new = new.into();
+    if let Some(old) = item.as_value() {
         *new.decor_mut() = old.decor().clone();
     }
-    new
+    *item = Item::Value(new);
 }
 
 /// Finite numbers separated by spaces or commas, exactly `N`.
@@ -396,8 +410,11 @@ mod tests {
         assert!(matches!(rig.pose, PoseChoice::Udp { .. }));
         assert_eq!(rig.workspace.radius_m, 0.05);
         assert_eq!(rig.units[5].exit_m, Vector3::new(-0.1, -0.03, -0.52));
+        // The comments stay but for those that describe the example's place: the header and one of each unit.
         let comments = |text: &str| text.lines().filter(|line| line.contains('#')).count();
-        assert!(comments(&text) >= comments(DEFAULT_TEXT), "{text}");
+        assert_eq!(comments(&text), comments(DEFAULT_TEXT) - 7, "{text}");
+        assert!(text.starts_with("# Rig file, made by"), "{text}");
+        assert!(!text.contains("pulls towards"), "{text}");
     }
 
     #[test]

@@ -192,6 +192,12 @@ fn a_mistake_in_the_defaults_is_one_problem() {
     assert_eq!(error.problems.len(), 1, "{error}");
     assert_eq!(error.problems[0].unit, None, "{error}");
     assert_eq!(error.problems[0].line, line_of("kp = 0.3 ", 0));
+    // A key that no unit has is one problem.
+    let text = DEFAULT_TEXT.replacen("kp = 0.3 ", "# kp = 0.3 ", 1);
+    let error = problems(&text);
+    assert_eq!(error.problems.len(), 1, "{error}");
+    assert!(error.to_string().contains("is missing"), "{error}");
+    assert!(error.to_string().contains("all 6 units"), "{error}");
     // The same mistake in two units is two.
     let text = DEFAULT_TEXT.replace("axis = [-0.996049,", "kp = 300.0\naxis = [-0.996049,");
     let text = text.replace("axis = [0.998327,", "kp = 300.0\naxis = [0.998327,");
