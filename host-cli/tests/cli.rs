@@ -17,6 +17,8 @@ fn command(folder: &Path, arguments: &[&str]) -> Command {
         .args(arguments)
         .current_dir(folder)
         .stdin(Stdio::null())
+        .env("FORCECTL_RUNTIME_DIR", folder.join("run"))
+        .env("FORCECTL_STATE_DIR", folder.join("state"))
         .env_remove("FORCE_RIG_BIN")
         .env_remove("FORCE_FIRMWARE_ELF")
         .env_remove("FORCE_DATA");
@@ -92,12 +94,13 @@ fn rig_files(folder: &Path) {
 
 /// A minimal call of each command that is not refused for its arguments, and the options that it has beside those of
 /// every command.
-const COMMANDS: [(&str, &[&str]); 16] = [
+const COMMANDS: [(&str, &[&str]); 20] = [
     (
         "set-force 0 1 0",
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
@@ -110,30 +113,65 @@ const COMMANDS: [(&str, &[&str]); 16] = [
     ),
     (
         "status",
-        &["--link", "--rig", "--seed", "--plant", "--paced"],
+        &[
+            "--link", "--rig", "--direct", "--seed", "--plant", "--paced",
+        ],
     ),
     (
         "monitor",
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
             "--duration",
         ],
     ),
-    ("zero", &["--link", "--rig", "--seed", "--plant", "--paced"]),
-    ("arm", &["--link", "--rig", "--seed", "--plant", "--paced"]),
+    ("zero", &["--link", "--rig", "--direct", "--replace"]),
     (
-        "disarm",
-        &["--link", "--rig", "--seed", "--plant", "--paced"],
+        "rig",
+        &[
+            "--rig",
+            "--seed",
+            "--plant",
+            "--inject",
+            "--name",
+            "--tcp",
+            "--token-file",
+        ],
     ),
-    ("stop", &["--link", "--rig", "--seed", "--plant", "--paced"]),
     (
-        "clear",
-        &["--link", "--rig", "--seed", "--plant", "--paced"],
+        "serve",
+        &[
+            "--link",
+            "--rig",
+            "--name",
+            "--tcp",
+            "--token-file",
+            "--pty",
+            "--end",
+        ],
     ),
+    (
+        "hold",
+        &[
+            "--link",
+            "--rig",
+            "--direct",
+            "--seed",
+            "--plant",
+            "--paced",
+            "--duration",
+            "--tension",
+        ],
+    ),
+    ("arm", &["--link", "--rig", "--direct"]),
+    ("disarm", &["--link", "--rig", "--direct"]),
+    ("stop", &["--link", "--rig", "--direct"]),
+    ("clear", &["--link", "--rig", "--direct"]),
+    ("inject estop", &["--link", "--rig", "--direct"]),
     ("explain 33", &[]),
     ("check good.toml", &["--print"]),
     ("init good.toml", &["--answers", "--set"]),
@@ -142,6 +180,7 @@ const COMMANDS: [(&str, &[&str]); 16] = [
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
@@ -157,6 +196,7 @@ const COMMANDS: [(&str, &[&str]); 16] = [
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
@@ -172,9 +212,17 @@ const COMMANDS: [(&str, &[&str]); 16] = [
 ];
 
 /// Every option, with a value that is good.
-const OPTIONS: [(&str, &str); 20] = [
+const OPTIONS: [(&str, &str); 28] = [
     ("--link", "serial:/dev/no-such-port"),
     ("--rig", "good.toml"),
+    ("--direct", ""),
+    ("--replace", ""),
+    ("--name", "bench2"),
+    ("--tcp", "127.0.0.1:0"),
+    ("--token-file", "token"),
+    ("--pty", ""),
+    ("--end", ""),
+    ("--tension", "2 2 2 2 2 2"),
     ("--seed", "7"),
     ("--plant", "plant.toml"),
     ("--paced", ""),
@@ -261,11 +309,7 @@ fn options_of_the_embedded_rig_are_refused_with_another_link_before_anything_is_
             "set-force 0 1 0",
             "status",
             "monitor",
-            "zero",
-            "arm",
-            "disarm",
-            "stop",
-            "clear",
+            "hold",
             "record samples",
             "identify --out found",
         ] {
@@ -400,7 +444,7 @@ fn json_is_one_object_also_for_errors() {
     ] {
         // No rig; no device; a wrong rig file.
         let error = error_object(&run(&format!("{command} --json")), 4);
-        assert!(error.contains("cargo forcectl"), "{command}: {error}");
+        assert!(error.contains("forcectl"), "{command}: {error}");
         let line = format!("--json {command} --rig good.toml --link serial:/dev/no-such-port");
         let error = error_object(&run(&line), 4);
         assert!(error.contains("/dev/no-such-port"), "{command}: {error}");
@@ -485,9 +529,9 @@ fn a_rig_file_that_cannot_hold_zero_force_is_refused() {
 #[test]
 fn a_real_rig_is_not_driven_with_the_example_geometry() {
     let folder = folder();
-    for command in ["set-force 0 1 0", "zero", "arm", "identify --out found"] {
+    for command in ["set-force 0 1 0", "zero", "hold", "identify --out found"] {
         for link in ["usb", "serial:/dev/no-such-port"] {
-            let line = format!("{command} --link {link}");
+            let line = format!("{command} --direct --link {link}");
             let said = forcectl_in(folder.path(), &words(&line));
             assert_eq!(said.code, Some(2), "{line}: {said:?}");
             assert!(said.err.contains("forcectl init"), "{line}: {said:?}");

@@ -61,15 +61,14 @@ impl SetForce {
     /// Runs the command. Arguments are checked before anything is opened or driven.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let output = &context.output;
-        let rig = self.connection.load(context)?;
-        self.connection.only_embedded(
-            &rig,
+        let rig = self.connection.load_for(
+            context,
             &[
                 ("--still", self.still),
                 ("--inject", !self.inject.is_empty()),
             ],
         )?;
-        self.connection.require_rig_file()?;
+        self.connection.require_rig_file(&rig)?;
         let options = Options {
             robot_moves: !self.still,
             injections: self.inject.clone(),
@@ -90,6 +89,10 @@ impl SetForce {
         for path in [self.svg(), self.figures()] {
             remove(&path)?;
         }
+        let options = Options {
+            zeroing: self.connection.zeroing(),
+            ..options
+        };
         let ended = run::hold_force(link.as_mut(), &rig, &options, &mut watch);
         watch.progress.done();
         let (outcome, error) = match ended {

@@ -197,6 +197,27 @@ impl Controller {
         })
     }
 
+    /// Setpoints for given cable tensions, N, at this tip (robot base frame, m). Units that are not available get 0.
+    ///
+    /// # Errors
+    /// As [`Controller::step`], apart from the allocation.
+    pub fn setpoints_for(
+        &self,
+        tip_m: Vector3<f64>,
+        available: [bool; UNITS],
+        tension_n: [f64; UNITS],
+    ) -> Result<[UnitSetpoint; UNITS], ControlError> {
+        let cables = Cables::at(&self.rig, tip_m, &available)?;
+        Ok(core::array::from_fn(|i| UnitSetpoint {
+            tension_un: if available[i] {
+                (tension_n[i] * 1e6).round() as i32
+            } else {
+                0
+            },
+            inv_cos_q16: cables.inv_cos_q16[i],
+        }))
+    }
+
     /// How the commanded force compares with what the cables can apply; `direct` is the allocation of the slewed one.
     fn reach(
         &mut self,

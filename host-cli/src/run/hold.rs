@@ -19,7 +19,7 @@ use crate::session::{explain_fault, Received, Session, SessionError, PERIOD};
 use emulator_link::{Injection, Truth};
 use nalgebra::Vector3;
 use std::collections::VecDeque;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use wire::message::{FaultReport, Status};
 use wire::{Command, UNITS};
 
@@ -113,18 +113,7 @@ impl<'a> Hold<'a> {
 
     /// Waits for a pose that is received from now on, and checks that zero force is within reach there.
     fn require_pose(&mut self, session: &mut Session<'_>) -> Result<(), RunError> {
-        self.pose.discard();
-        let tip_m = loop {
-            session.advance(PERIOD)?;
-            self.observer.samples(&session.drain().samples);
-            check_stop(&self.options.stop)?;
-            let from_link = session.pose().map(|pose| pose.position_m.into());
-            match self.pose.tip_m(from_link) {
-                Ok(tip_m) => break tip_m,
-                Err(_) if self.pose.may_still_come() => {}
-                Err(error) => return Err(error.into()),
-            }
-        };
+        let tip_m = fresh_pose(session, &mut self.pose, &self.options.stop, self.observer)?;
         match feasibility::residual_at(self.rig, tip_m, &self.available)? {
             None => Ok(()),
             Some(force_n) => Err(RunError::Fault(format!(
@@ -408,6 +397,29 @@ impl<'a> Hold<'a> {
             configs: prepared.configs,
             link: session.link().name(),
         })
+    }
+}
+
+/// The tip by a pose that is received from now on, robot base frame, m.
+///
+/// # Errors
+/// None comes, or the run was interrupted.
+pub(super) fn fresh_pose(
+    session: &mut Session<'_>,
+    pose: &mut PoseSource,
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<Vector3<f64>, RunError> {
+    pose.discard();
+    loop {
+        session.advance(PERIOD)?;
+        observer.samples(&session.drain().samples);
+        check_stop(stop)?;
+        match pose.tip_m(session.pose().map(|pose| pose.position_m.into())) {
+            Ok(tip_m) => return Ok(tip_m),
+            Err(_) if pose.may_still_come() => {}
+            Err(error) => return Err(error.into()),
+        }
     }
 }
 

@@ -220,7 +220,7 @@ impl Evidence<'_> {
                 Kind::NotInjected,
                 format!(
                     "{} was not injected: the run ended before",
-                    inject::describe(*at_s, *injection)
+                    inject::describe_at(*at_s, injection)
                 ),
             ));
         }
@@ -233,14 +233,16 @@ impl Evidence<'_> {
         if self.stopped.is_some() || self.interrupted {
             return None;
         }
+        let settled = self.metrics.is_some_and(|m| m.settling_s.is_some());
+        let held_s = self.steps.last().map_or(0.0, |step| step.t_s);
+        if !settled && held_s < STEADY_AFTER_S + SETTLED_FOR_S {
+            let text = format!(
+                "the force was held for {held_s:.2} s, too short to tell whether it settles; give --duration 2 or more"
+            );
+            return Some(Shortfall::new(Kind::TooShort, text));
+        }
         let (kind, what) = match self.metrics {
-            None => {
-                let text = format!(
-                    "the force was held for less than {STEADY_AFTER_S} s, too short to tell whether it settles; give \
-                     --duration 2 or more"
-                );
-                return Some(Shortfall::new(Kind::TooShort, text));
-            }
+            None => return None,
             Some(m) if m.settling_s.is_none() => (
                 Kind::NeverSettled,
                 format!(
@@ -389,8 +391,12 @@ mod tests {
             &none,
         );
         assert_eq!(kinds(&fast), [ShortfallKind::OutsideBand], "{fast:?}");
-        let short = judge(&steps(|_| 0.0)[..50], &none);
-        assert_eq!(kinds(&short), [ShortfallKind::TooShort]);
+        for cycles in [40, 120] {
+            let short = judge(&steps(|_| 0.5)[..cycles], &none);
+            assert_eq!(kinds(&short), [ShortfallKind::TooShort]);
+        }
+        // One that has settled is long enough.
+        assert_eq!(judge(&steps(|_| 0.0)[..120], &none), []);
     }
 
     #[test]
