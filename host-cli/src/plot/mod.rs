@@ -127,7 +127,10 @@ pub fn compare(before: &Outcome, after: &Outcome) -> Scene {
         (0.0, 0.1),
     );
     panels.extend(pair(
-        format!("Tension error of cable {}, the worst before", worst + 1),
+        format!(
+            "Tension error of cable {} (the worst in session 1)",
+            worst + 1
+        ),
         &|s| s.best_tension_n()[worst] - s.tension_setpoint_n[worst],
         (-0.1, 0.1),
     ));
