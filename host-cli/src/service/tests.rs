@@ -321,6 +321,7 @@ fn a_program_without_this_library_commands_a_force() {
         named += u32::from(
             telemetry
                 .commander
+                .as_ref()
                 .is_some_and(|name| name.contains("for a script")),
         );
         last = Some(telemetry);
@@ -374,6 +375,20 @@ fn a_link_that_comes_back_is_used_again() {
     let error = running.join().unwrap().unwrap_err().to_string();
     assert!(error.contains("unplugged"), "{error}");
     rig.wait_for("no link");
+    // Whoever watches is told, though nothing comes from the board.
+    let mut watching = rig.client("a view");
+    watching
+        .call(Call::Subscribe(Topics {
+            telemetry: true,
+            ..Topics::default()
+        }))
+        .unwrap();
+    let told = watching.next(Duration::from_secs(5)).unwrap();
+    let Some(Notification::Telemetry(told)) = told else {
+        panic!("{told:?}");
+    };
+    assert_eq!(told.state, "no link");
+    assert_eq!(told.tension_n, [None; wire::UNITS]);
     let refused = rig.client("stop").call(Call::Stop).unwrap_err().to_string();
     assert!(refused.contains("is gone"), "{refused}");
     rig.plugged.store(true, Ordering::SeqCst);

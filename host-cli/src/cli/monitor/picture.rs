@@ -10,7 +10,7 @@ use std::fmt::Write as _;
 /// Size of the picture in characters.
 pub const COLUMNS: u16 = 110;
 /// See [`COLUMNS`].
-pub const ROWS: u16 = 28;
+pub const ROWS: u16 = 22;
 /// Size of a character, px.
 const CELL: (f64, f64) = (8.4, 17.0);
 /// Edge around the text, px.
