@@ -115,7 +115,7 @@ impl Client {
             },
             _ => failed(error),
         })?;
-        Self::over(stream, name, client)
+        Self::over(stream, name, client, Some(std::process::id()))
     }
 
     /// Uses a stream that is connected already.
@@ -149,7 +149,7 @@ impl Client {
         let hello = Call::Hello(Hello {
             version: VERSION,
             client: client.to_owned(),
-            pid: Some(std::process::id()),
+            pid,
             token: None,
         });
         let welcome = connected.call(hello)?;
