@@ -71,7 +71,7 @@ impl Connection {
     /// Refuses options that only the embedded rig has, where the link leads to a board.
     pub fn only_embedded(&self, rig: &RigFile, options: &[(&str, bool)]) -> Result<()> {
         let choice = self.choice(rig);
-        if *choice == LinkChoice::Embedded {
+        if matches!(choice, LinkChoice::Embedded | LinkChoice::Fast) {
             return Ok(());
         }
         match options.iter().find(|(_, given)| *given) {
