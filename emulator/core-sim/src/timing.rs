@@ -12,7 +12,7 @@ pub const I2C_BIT_NS: u64 = 2_500;
 pub const HANDLER_NS: u64 = 1_500;
 
 /// From the STOP of the read to the LDAC edge of the DAC: queue, control core, SPI word, ns.
-pub const SAMPLE_TO_DAC_NS: u64 = 12_000;
+pub const SAMPLE_TO_DAC_NS: u64 = 6_000;
 
 /// A byte on USART3: ten bits at 2 Mbaud, ns.
 pub const SERIAL_BYTE_NS: u64 = 5_000;

@@ -1,0 +1,6 @@
+//! The robot.
+pub mod kinematics;
+pub mod random;
+pub mod ravenstate;
+pub mod state;
+pub mod trajectory;
