@@ -1,4 +1,6 @@
 //! The robot.
+#[cfg(feature = "arm")]
+pub mod arm;
 pub mod kinematics;
 pub mod random;
 pub mod ravenstate;

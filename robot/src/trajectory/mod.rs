@@ -142,6 +142,24 @@ impl Trajectory {
         }
     }
 
+    /// One move of all joints from `from` to `to` (rad, rad, m) in `duration_s` (at least 1 ms), at rest at both ends: to
+    /// reach another trajectory's start.
+    #[must_use]
+    pub fn between(from: [f64; 3], to: [f64; 3], duration_s: f64) -> Self {
+        let duration_s = duration_s.max(1e-3);
+        Self {
+            joints: core::array::from_fn(|i| {
+                vec![Move {
+                    start_s: 0.0,
+                    duration_s,
+                    from: from[i],
+                    to: to[i],
+                }]
+            }),
+            duration_s,
+        }
+    }
+
     /// Length, s.
     #[must_use]
     pub const fn duration_s(&self) -> f64 {
