@@ -1,8 +1,10 @@
 //! The robot.
 #[cfg(feature = "arm")]
 pub mod arm;
+pub mod crtk;
 pub mod kinematics;
 pub mod random;
 pub mod ravenstate;
 pub mod state;
 pub mod trajectory;
+pub mod watch;

@@ -4,8 +4,10 @@ use crate::sensors::Sensors;
 use crate::superloop::Superloop;
 use crate::timing::TICK_NS;
 use emulator::board::Board;
-use emulator_link::{Advanced, Injection, Report, Truth};
+use emulator_link::{Advanced, Injection, Pose, Report, Truth};
 use plant::{ConfigError, Plant, PlantConfig};
+use robot::arm::{ArmConfig, ArmError, VirtualArm};
+use std::any::Any;
 use std::time::Instant;
 
 /// Spacing of the rows of truth, ns.
@@ -18,6 +20,8 @@ pub struct Options {
     pub seed: u64,
     /// The plant behind the board.
     pub plant: PlantConfig,
+    /// A virtual arm that holds the cables' ends; `None`: the plant's prescribed path.
+    pub robot: Option<ArmConfig>,
 }
 
 /// Why a rig can't be built, or a request not be carried out.
@@ -26,6 +30,9 @@ pub enum RigError {
     /// The plant's configuration.
     #[error(transparent)]
     Plant(#[from] ConfigError),
+    /// The virtual arm's configuration.
+    #[error(transparent)]
+    Robot(#[from] ArmError),
     /// Plant and board do not fit, or an injection is impossible.
     #[error("{0}")]
     Refused(String),
@@ -49,8 +56,15 @@ impl CoreRig {
     /// # Errors
     /// See [`RigError`].
     pub fn new(options: Options) -> Result<Self, RigError> {
-        let plant = Plant::new(options.plant, options.seed)?;
-        Self::with_plant(plant, options.seed)
+        let seed = options.seed;
+        let plant = match &options.robot {
+            None => Plant::new(options.plant, seed)?,
+            Some(config) => {
+                let arm = Box::new(VirtualArm::new(config, seed)?);
+                Plant::with_robot(options.plant, seed, arm)?
+            }
+        };
+        Self::with_plant(plant, seed)
     }
 
     /// A rig with a plant that the caller has built, for example with a robot ([`Plant::with_robot`]).
@@ -91,10 +105,17 @@ impl CoreRig {
         Advanced {
             now_ns: end,
             from_board: self.superloop.line.sent(end),
-            pose: self.board.pose(),
+            pose: self.pose(),
             truth,
             resets: 0,
         }
+    }
+
+    /// The pose as the robot's own controller reports it: a virtual arm's from its encoders.
+    fn pose(&mut self) -> Pose {
+        let position_m = self.arm_mut().map(|arm| arm.reported_tip_m());
+        let pose = self.board.pose();
+        position_m.map_or(pose, |position_m| Pose { position_m, ..pose })
     }
 
     fn run(&mut self, end: u64) -> Vec<Truth> {
@@ -152,9 +173,10 @@ impl CoreRig {
         self.board.set_robot_moving(moving);
     }
 
-    /// The robot at the cables' ends, where a model moves it ([`Plant::with_robot`]).
-    pub fn robot_mut(&mut self) -> Option<&mut dyn plant::TipModel> {
-        self.board.robot_mut()
+    /// The virtual arm that holds the cables' ends, where there is one.
+    pub fn arm_mut(&mut self) -> Option<&mut VirtualArm> {
+        let robot: &mut dyn Any = self.board.robot_mut()?;
+        robot.downcast_mut()
     }
 
     /// The plant behind the board.

@@ -4,7 +4,8 @@
 use super::{EmbeddedOptions, Exchange, LinkError, RigControls, RigLink};
 use core_sim::{CoreRig, Options};
 use emulator_link::{Injection, Report};
-use plant::{Plant, PlantConfig, TipModel};
+use plant::PlantConfig;
+use robot::arm::VirtualArm;
 use std::time::{Duration, Instant};
 
 /// Seed where none is given: the embedded rig's.
@@ -35,26 +36,29 @@ impl FastRig {
             }
         };
         let seed = options.seed.unwrap_or(DEFAULT_SEED);
-        let rig = CoreRig::new(Options { seed, plant }).map_err(|error| setup(&error))?;
+        let rig = Self::with(Options {
+            seed,
+            plant,
+            robot: None,
+        })?;
         Ok(Self {
-            rig,
             paced: options.paced.then(Instant::now),
+            ..rig
         })
     }
 
-    /// A rig with a plant that the caller has built, for example with a robot ([`Plant::with_robot`]).
+    /// A rig in this process with these options; what an experiment uses, with a virtual arm at the cables' ends.
     ///
     /// # Errors
-    /// [`LinkError::Setup`] where the plant does not have six units.
-    pub fn with_plant(plant: Plant, seed: u64) -> Result<Self, LinkError> {
-        let rig = CoreRig::with_plant(plant, seed)
-            .map_err(|error| LinkError::Setup(error.to_string()))?;
+    /// [`LinkError::Setup`] where plant or arm can't be.
+    pub fn with(options: Options) -> Result<Self, LinkError> {
+        let rig = CoreRig::new(options).map_err(|error| LinkError::Setup(error.to_string()))?;
         Ok(Self { rig, paced: None })
     }
 
-    /// The robot at the cables' ends, where a model moves it; upcast to [`std::any::Any`] for its own interface.
-    pub fn robot_mut(&mut self) -> Option<&mut dyn TipModel> {
-        self.rig.robot_mut()
+    /// The virtual arm that holds the cables' ends, where there is one.
+    pub fn arm_mut(&mut self) -> Option<&mut VirtualArm> {
+        self.rig.arm_mut()
     }
 }
 
