@@ -17,6 +17,8 @@ fn command(folder: &Path, arguments: &[&str]) -> Command {
         .args(arguments)
         .current_dir(folder)
         .stdin(Stdio::null())
+        .env("FORCECTL_RUNTIME_DIR", folder.join("run"))
+        .env("FORCECTL_STATE_DIR", folder.join("state"))
         .env_remove("FORCE_RIG_BIN")
         .env_remove("FORCE_FIRMWARE_ELF")
         .env_remove("FORCE_DATA");
@@ -92,12 +94,13 @@ fn rig_files(folder: &Path) {
 
 /// A minimal call of each command that is not refused for its arguments, and the options that it has beside those of
 /// every command.
-const COMMANDS: [(&str, &[&str]); 15] = [
+const COMMANDS: [(&str, &[&str]); 19] = [
     (
         "set-force 0 1 0",
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
@@ -110,30 +113,65 @@ const COMMANDS: [(&str, &[&str]); 15] = [
     ),
     (
         "status",
-        &["--link", "--rig", "--seed", "--plant", "--paced"],
+        &[
+            "--link", "--rig", "--direct", "--seed", "--plant", "--paced",
+        ],
     ),
     (
         "monitor",
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
             "--duration",
         ],
     ),
-    ("zero", &["--link", "--rig", "--seed", "--plant", "--paced"]),
-    ("arm", &["--link", "--rig", "--seed", "--plant", "--paced"]),
+    ("zero", &["--link", "--rig", "--direct", "--replace"]),
     (
-        "disarm",
-        &["--link", "--rig", "--seed", "--plant", "--paced"],
+        "rig",
+        &[
+            "--rig",
+            "--seed",
+            "--plant",
+            "--inject",
+            "--name",
+            "--tcp",
+            "--token-file",
+        ],
     ),
-    ("stop", &["--link", "--rig", "--seed", "--plant", "--paced"]),
     (
-        "clear",
-        &["--link", "--rig", "--seed", "--plant", "--paced"],
+        "serve",
+        &[
+            "--link",
+            "--rig",
+            "--name",
+            "--tcp",
+            "--token-file",
+            "--pty",
+            "--end",
+        ],
     ),
+    (
+        "hold",
+        &[
+            "--link",
+            "--rig",
+            "--direct",
+            "--seed",
+            "--plant",
+            "--paced",
+            "--duration",
+            "--tension",
+        ],
+    ),
+    ("arm", &["--link", "--rig", "--direct"]),
+    ("disarm", &["--link", "--rig", "--direct"]),
+    ("stop", &["--link", "--rig", "--direct"]),
+    ("clear", &["--link", "--rig", "--direct"]),
+    ("inject estop", &["--link", "--rig", "--direct"]),
     ("explain 33", &[]),
     ("check good.toml", &["--print"]),
     (
@@ -141,6 +179,7 @@ const COMMANDS: [(&str, &[&str]); 15] = [
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
@@ -156,6 +195,7 @@ const COMMANDS: [(&str, &[&str]); 15] = [
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
@@ -171,9 +211,17 @@ const COMMANDS: [(&str, &[&str]); 15] = [
 ];
 
 /// Every option, with a value that is good.
-const OPTIONS: [(&str, &str); 18] = [
+const OPTIONS: [(&str, &str); 26] = [
     ("--link", "serial:/dev/no-such-port"),
     ("--rig", "good.toml"),
+    ("--direct", ""),
+    ("--replace", ""),
+    ("--name", "bench2"),
+    ("--tcp", "127.0.0.1:0"),
+    ("--token-file", "token"),
+    ("--pty", ""),
+    ("--end", ""),
+    ("--tension", "2 2 2 2 2 2"),
     ("--seed", "7"),
     ("--plant", "plant.toml"),
     ("--paced", ""),
@@ -258,11 +306,7 @@ fn options_of_the_embedded_rig_are_refused_with_another_link_before_anything_is_
             "set-force 0 1 0",
             "status",
             "monitor",
-            "zero",
-            "arm",
-            "disarm",
-            "stop",
-            "clear",
+            "hold",
             "record samples",
             "identify --out found",
         ] {
@@ -397,7 +441,7 @@ fn json_is_one_object_also_for_errors() {
     ] {
         // No rig; no device; a wrong rig file.
         let error = error_object(&run(&format!("{command} --json")), 4);
-        assert!(error.contains("cargo forcectl"), "{command}: {error}");
+        assert!(error.contains("forcectl"), "{command}: {error}");
         let line = format!("--json {command} --link serial:/dev/no-such-port");
         let error = error_object(&run(&line), 4);
         assert!(error.contains("/dev/no-such-port"), "{command}: {error}");

@@ -5,6 +5,7 @@ pub mod crtk;
 pub mod kinematics;
 pub mod random;
 pub mod ravenstate;
+pub mod source;
 pub mod state;
 pub mod trajectory;
 pub mod watch;

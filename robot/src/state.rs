@@ -233,6 +233,9 @@ pub enum StateError {
     /// A quaternion that is none.
     #[error("the tip's orientation has length {0:.3}, a unit quaternion has 1")]
     Quaternion(f64),
+    /// The message is not of the shape that was expected.
+    #[error("the message can't be read: {0}")]
+    Format(String),
     /// The publisher says so itself (CRTK: a stamp of 0).
     #[error("its stamp is 0: the publisher marks its data as invalid")]
     Invalid,

@@ -10,6 +10,10 @@ use robot::arm::{ArmConfig, ArmError, VirtualArm};
 use std::any::Any;
 use std::time::Instant;
 
+/// Slack of the cables at power-on where a virtual arm holds them, m: an operator lays them loose for the zeroing, and the
+/// arm moves by a millimetre when it takes hold.
+const SLACK_M: f64 = 5e-3;
+
 /// Spacing of the rows of truth, ns.
 const ROW_NS: u64 = 1_000_000;
 
@@ -20,7 +24,8 @@ pub struct Options {
     pub seed: u64,
     /// The plant behind the board.
     pub plant: PlantConfig,
-    /// A virtual arm that holds the cables' ends; `None`: the plant's prescribed path.
+    /// A virtual arm that holds the cables' ends; `None`: the plant's prescribed path. With an arm the cables have at least
+    /// 5 mm of slack at power-on.
     pub robot: Option<ArmConfig>,
 }
 
@@ -61,7 +66,9 @@ impl CoreRig {
             None => Plant::new(options.plant, seed)?,
             Some(config) => {
                 let arm = Box::new(VirtualArm::new(config, seed)?);
-                Plant::with_robot(options.plant, seed, arm)?
+                let mut plant = options.plant;
+                plant.cable.initial_slack_m = plant.cable.initial_slack_m.max(SLACK_M);
+                Plant::with_robot(plant, seed, arm)?
             }
         };
         Self::with_plant(plant, seed)

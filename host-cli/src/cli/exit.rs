@@ -143,6 +143,18 @@ impl From<LinkError> for Failure {
     }
 }
 
+#[cfg(unix)]
+impl From<host_cli::service::ServiceError> for Failure {
+    fn from(error: host_cli::service::ServiceError) -> Self {
+        use host_cli::service::{protocol, ServiceError};
+        let code = match &error {
+            ServiceError::Refused { code, .. } if *code != protocol::code::LINK => BOARD,
+            _ => LINK,
+        };
+        Self::new(code, error)
+    }
+}
+
 impl From<SessionError> for Failure {
     fn from(error: SessionError) -> Self {
         let code = match &error {

@@ -129,7 +129,7 @@ impl Identify {
             results.figures.1 = Some(figures_after);
             if !better {
                 results.left = Some("the force was held no better with it".to_owned());
-            } else if let (true, Some(path)) = (self.apply, &self.connection.rig) {
+            } else if let (true, Some(path)) = (self.apply, self.connection.rig_path()) {
                 results.applied = Some(replace(path, &text, &results.findings.rewritten.text)?);
             }
         }
@@ -138,7 +138,7 @@ impl Identify {
 
     /// Name and text of the rig file.
     fn rig_text(&self) -> Result<(String, String)> {
-        match &self.connection.rig {
+        match self.connection.rig_path() {
             Some(path) => {
                 let text = std::fs::read_to_string(path).map_err(|error| {
                     Failure::new(exit::RIG_FILE, format!("{}: {error}", path.display()))
@@ -169,12 +169,13 @@ impl Identify {
         force_n: [f64; 3],
         what: &str,
     ) -> Result<(Outcome, Figures)> {
-        let options = Options {
-            stop: context.interrupt.flag(),
-            ..Options::new(force_n, self.duration)
-        };
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(rig, context)?;
+        let options = Options {
+            stop: context.interrupt.flag(),
+            zeroing: self.connection.zeroing(),
+            ..Options::new(force_n, self.duration)
+        };
         let mut watch = Watch::new(&context.output);
         watch.progress.beside(|output| output.note(what));
         let outcome = run::set_force(link.as_mut(), rig, &options, &mut watch);
@@ -201,8 +202,14 @@ impl Identify {
             .progress
             .beside(|output| output.note("session 2: driving the cables for the analysis"));
         let stop = context.interrupt.flag();
-        let recording =
-            identify::excite(link.as_mut(), rig, self.drive_duration, &stop, &mut watch);
+        let recording = identify::excite(
+            link.as_mut(),
+            rig,
+            self.drive_duration,
+            &self.connection.zeroing(),
+            &stop,
+            &mut watch,
+        );
         watch.progress.done();
         let recording = recording?;
         if context.interrupt.requested() {

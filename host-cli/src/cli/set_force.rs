@@ -59,9 +59,8 @@ impl SetForce {
     /// Runs the command. Arguments are checked before anything is opened or driven.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let output = &context.output;
-        let rig = self.connection.load(context)?;
-        self.connection.only_embedded(
-            &rig,
+        let rig = self.connection.load_for(
+            context,
             &[
                 ("--still", self.still),
                 ("--inject", !self.inject.is_empty()),
@@ -83,6 +82,10 @@ impl SetForce {
         }
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;
+        let options = Options {
+            zeroing: self.connection.zeroing(),
+            ..options
+        };
         let outcome = run::set_force(link.as_mut(), &rig, &options, &mut watch);
         watch.progress.done();
         // What was recorded up to an error is kept.

@@ -125,7 +125,7 @@ impl Controller {
     pub fn new(rig: &RigFile) -> Result<Self, AllocationError> {
         Ok(Self {
             rig: rig.clone(),
-            allocator: Allocator::new()?,
+            allocator: Allocator::warm()?,
             slewed_n: Vector3::zeros(),
             integral_n: Vector3::zeros(),
             tension_n: [0.0; UNITS],
@@ -197,6 +197,33 @@ impl Controller {
                 fraction: direct.fraction,
             },
         })
+    }
+
+    /// Setpoints for given cable tensions, N, at this tip (robot base frame, m). Units that are not available get 0.
+    ///
+    /// # Errors
+    /// As [`Controller::step`], apart from the allocation.
+    pub fn setpoints_for(
+        &self,
+        tip_m: Vector3<f64>,
+        available: [bool; UNITS],
+        tension_n: [f64; UNITS],
+    ) -> Result<[UnitSetpoint; UNITS], ControlError> {
+        let (_, inv_cos_q16) = self.geometry(&Input {
+            dt_s: 0.0,
+            tip_m,
+            tension_n: [None; UNITS],
+            available,
+            commanded_n: Vector3::zeros(),
+        })?;
+        Ok(core::array::from_fn(|i| UnitSetpoint {
+            tension_un: if available[i] {
+                (tension_n[i] * 1e6).round() as i32
+            } else {
+                0
+            },
+            inv_cos_q16: inv_cos_q16[i],
+        }))
     }
 
     /// Cable directions and 1/cos of all units at this tip.

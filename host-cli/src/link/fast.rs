@@ -86,6 +86,10 @@ impl RigLink for FastRig {
         })
     }
 
+    fn booted_here(&self) -> bool {
+        true
+    }
+
     fn controls(&mut self) -> Option<&mut dyn RigControls> {
         Some(self)
     }

@@ -4,6 +4,8 @@
 //! | --- | --- |
 //! | connect, configure, bring up, zero | `prepare` |
 //! | calibrate the load cells of an emulated rig | `calibrate` |
+//! | keep, compare and store zeros | `ready`, `zeros` |
+//! | hold tensions instead of a force | `tension` |
 //! | arm, tension, hold at 100 Hz | `hold` |
 //! | ramp down and disarm | `disarm` |
 //! | figures, faults, losses | `outcome` |
@@ -19,14 +21,20 @@ mod hold;
 mod outcome;
 mod phase;
 mod prepare;
+mod ready;
+mod tension;
 #[cfg(test)]
 mod tests;
+mod zeros;
 
 pub(crate) use disarm::ramp_down_and_disarm;
 use outcome::unit_fault;
 pub use outcome::{describe_reach, Ended, LatencyMs, Outcome, RunFault};
 pub use phase::{NoopObserver, Observer, Phase};
 pub use prepare::{prepare_board, Prepared};
+pub use ready::{ready_board, Zeroing, ZERO_TOLERANCE_N};
+pub use tension::{hold_tensions, HeldTensions, TensionOptions};
+pub use zeros::{ZeroStore, FOLDER_VARIABLE as STATE_VARIABLE};
 
 use crate::force::controller::ControlError;
 use crate::force::pose::{PoseError, PoseSource};
@@ -59,6 +67,8 @@ pub struct Options {
     /// What is injected and when, in seconds after the force is commanded (negative: before; what lies before the
     /// start happens at power-on). Emulated rig only.
     pub injections: Vec<(f64, Injection)>,
+    /// Where the zeros come from.
+    pub zeroing: Zeroing,
     /// Set from outside to end the run early; the rig is then disarmed as at the end.
     pub stop: Arc<AtomicBool>,
 }
@@ -72,6 +82,7 @@ impl Options {
             hold_s,
             robot_moves: true,
             injections: Vec::new(),
+            zeroing: Zeroing::default(),
             stop: Arc::default(),
         }
     }
@@ -127,7 +138,7 @@ pub fn set_force(
             explain_crash_record(record)
         ));
     }
-    let prepared = prepare_board(&mut session, rig, &options.stop, observer)?;
+    let prepared = ready_board(&mut session, rig, &options.zeroing, &options.stop, observer)?;
     let mut hold = Hold::new(rig, options, observer, pose, injections, &prepared)?;
     let interrupted = match hold.run(&mut session) {
         Ok(interrupted) => interrupted,
