@@ -419,6 +419,16 @@ impl VirtualArm {
         }
     }
 
+    /// Velocity of the tip per velocity of joint `joint` (from 0), rig's frame: the direction in which a force acts on that
+    /// joint, and its lever.
+    ///
+    /// # Panics
+    /// No such joint.
+    #[must_use]
+    pub fn direction_of_joint(&self, joint: usize) -> [f64; 3] {
+        (self.rig_to_0.transpose() * self.jacobian.column(joint)).into()
+    }
+
     /// Mechanical energy, J: motion, gravity, cables, sticking contacts.
     #[must_use]
     pub fn energy_j(&self) -> f64 {
