@@ -174,6 +174,13 @@ impl Watch {
                 }
             }
         }
+        if self.last.is_none() && std::mem::take(&mut self.silent) {
+            // It was late, and is there now.
+            let began_ns = self.began_ns.unwrap_or(now_ns);
+            resumed = Some(Event::Resumed {
+                gap_s: (now_ns - began_ns) as f64 * 1e-9,
+            });
+        }
         self.last = Some(now);
         Ok(resumed)
     }
@@ -309,6 +316,10 @@ mod tests {
         let mut watch = Watch::new(WatchConfig::default());
         assert_eq!(watch.tick(5 * MS), None);
         assert!(matches!(watch.tick(106 * MS), Some(Event::Silent { .. })));
+        // It comes late: one event, with the whole gap.
+        let event = watch.state(&state(200), 205 * MS).unwrap().unwrap();
+        assert_eq!(event, Event::Resumed { gap_s: 0.2 });
+        assert_eq!(watch.state(&state(210), 215 * MS), Ok(None));
     }
 
     #[test]

@@ -1,8 +1,8 @@
 //! Delays that stand in for the controller's instructions and interrupts.
 //!
 //! The bits on the buses take the time that they take on the part. The two delays of the core are the embedded rig's,
-//! which counts 4 ns for an instruction; `cargo xtask bench` prints that rig's latencies, `cargo run --release -p core-sim
-//! --example speed` the ones here.
+//! which counts 4 ns for an instruction: `cargo xtask bench` prints that rig's latencies, `forcectl set-force 0 2.5 0 --link
+//! fast` the ones here.
 
 /// A bit on the I2C bus at 400 kHz, ns.
 pub const I2C_BIT_NS: u64 = 2_500;

@@ -25,8 +25,8 @@ pub const EMBEDDED: &str = "Embedded rig";
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Connection")]
 pub struct Existing {
-    /// Connection to the rig: usb, serial:PORT, rig:NAME for a rig that `forcectl rig` keeps, or embedded for one of the
-    /// command's own [default: a rig that is kept, else the rig file's]
+    /// Connection to the rig: usb, serial:PORT, rig:NAME for a rig that `forcectl rig` keeps, embedded for one of the
+    /// command's own, or fast for one without the emulated controller [default: a rig that is kept, else the rig file's]
     #[arg(long, value_name = "LINK", value_parser = values::link)]
     pub link: Option<LinkChoice>,
     /// Rig file (TOML) [default: that of the rig's service, else the built-in example rig]

@@ -90,6 +90,69 @@ pub const CURRENT_OFFSET_SD_A: f64 = 0.012;
 /// before correction (Peng, arXiv 2408.01604), of which stretch has its part.
 pub const HOMING_SD: [f64; 3] = [0.0035, 0.0035, 2e-4];
 
+/// The ranges as a table in Markdown, for docs/robot.md: what it is, joint, unit, smallest, nominal, largest.
+#[must_use]
+pub fn table() -> String {
+    use std::fmt::Write as _;
+    const ROTARY: [&str; 3] = ["N·m", "N·m", "N"];
+    const DAMPING: [&str; 3] = ["N·m·s/rad", "N·m·s/rad", "N·s/m"];
+    const STIFFNESS: [&str; 3] = ["N·m/rad", "N·m/rad", "N/m"];
+    const SPEED: [&str; 3] = ["rad/s", "rad/s", "m/s"];
+    const TRAVEL: [&str; 3] = ["rad", "rad", "m"];
+    const NONE: [&str; 3] = ["", "", ""];
+    let threes: [(&str, [Range; 3], [&str; 3]); 9] = [
+        ("Coulomb friction, link", LINK_COULOMB, ROTARY),
+        (
+            "Coulomb friction, motor, at the gearhead",
+            MOTOR_COULOMB,
+            ["N·m"; 3],
+        ),
+        ("viscous friction, link", LINK_VISCOUS, DAMPING),
+        (
+            "viscous friction, motor, at the gearhead",
+            MOTOR_VISCOUS,
+            ["N·m·s/rad"; 3],
+        ),
+        ("Stribeck speed", STRIBECK, SPEED),
+        ("presliding travel", PRESLIDING, TRAVEL),
+        ("load share of the motor's friction", LOAD_SHARE, NONE),
+        ("cable stiffness at the joint", CABLE_STIFFNESS, STIFFNESS),
+        ("mass per gravity model", MASS, NONE),
+    ];
+    let ones = [
+        ("breakaway per Coulomb friction", BREAKAWAY, ""),
+        ("guide friction per lateral force", GUIDE_FRICTION, ""),
+        ("cable damping, ratio to critical", CABLE_DAMPING, ""),
+        ("rotor inertia", ROTOR_INERTIA, "kg·m²"),
+        ("torque per current, ratio", TORQUE_GAIN, ""),
+    ];
+    let mut table = String::from(
+        "| parameter | joint | unit | smallest | nominal | largest |\n| --- | --- | --- | --- | --- | --- |\n",
+    );
+    // Six digits at most: what 4 times 0.53 is written as.
+    let number = |value: f64| {
+        let rounded: f64 = format!("{value:.3e}").parse().unwrap_or(value);
+        format!("{rounded}")
+    };
+    let mut row = |name: &str, joint: &str, unit: &str, range: Range| {
+        let [low, nominal, high] = [range.low, range.nominal, range.high].map(number);
+        // A String takes every write.
+        let _ = writeln!(
+            table,
+            "| {name} | {joint} | {unit} | {low} | {nominal} | {high} |"
+        );
+    };
+    for (name, ranges, units) in threes {
+        for (i, (range, unit)) in ranges.into_iter().zip(units).enumerate() {
+            row(name, ["shoulder", "elbow", "insertion"][i], unit, range);
+        }
+    }
+    for (name, range, unit) in ones {
+        row(name, "all", unit, range);
+    }
+    table
+}
+
 /// True figures of one arm. No estimator may see them.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 #[allow(missing_docs)] // each named after the range above from which it is drawn, in its unit
@@ -219,6 +282,17 @@ mod tests {
             seen.iter().copied().fold(0.0, f64::max),
         );
         assert!(most / least > 4.0, "{least} to {most}");
+    }
+
+    #[test]
+    fn the_page_has_this_table() {
+        let page = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/robot.md");
+        let page = std::fs::read_to_string(page).unwrap();
+        assert!(
+            page.contains(&table()),
+            "docs/robot.md lacks the table of `cargo run -p robot --example parameters`:\n{}",
+            table()
+        );
     }
 
     #[test]

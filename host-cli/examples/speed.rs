@@ -1,9 +1,9 @@
-//! How many seconds of the rig pass in a second of the clock, with the virtual arm in the loop.
+//! How many seconds of the fast rig pass in a second of the clock.
 //!
-//! `cargo run --release -p core-sim --example speed [SECONDS]`
+//! `cargo run --release -p host-cli --example speed [SECONDS]`
 //!
-//! Prints two figures: the rig alone (six units armed and idle on the last setpoints' expiry never comes: the host's loop
-//! is left out), and the whole run as `forcectl` does it, with the host's allocation and controller at 100 Hz.
+//! Prints two figures, each with the prescribed path and with the virtual arm: the rig alone (six units sample, the machine
+//! supervises, the robot moves), and a whole run as `forcectl` does it, with the host's allocation and controller at 100 Hz.
 
 use core_sim::Options;
 use host_cli::link::fast::FastRig;
