@@ -83,6 +83,17 @@ pub fn describe(injection: &Injection) -> Option<String> {
     })
 }
 
+/// An injection with its time in s after the command, in the words that [`parse`] reads.
+#[must_use]
+pub fn describe_at(at_s: f64, injection: &Injection) -> String {
+    let what = describe(injection).unwrap_or_else(|| format!("{injection:?}"));
+    if at_s == f64::NEG_INFINITY {
+        format!("{what}@start")
+    } else {
+        format!("{what}@{at_s}s")
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -133,6 +144,26 @@ mod tests {
             "=@=",
         ] {
             assert!(parse(bad).unwrap_err().contains("known are"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_description_reads_back() {
+        for text in [
+            "unplug=3@2s",
+            "plug=1@-0.5s",
+            "nack=2@start",
+            "stuck-sda@1s",
+            "estop@1s",
+            "estop-release@1.25s",
+            "spike=1:-90000@1s",
+            "pull=6:2.5@-1s",
+            "freeze-encoder=4@1s",
+            "thaw-encoder=4@3s",
+            "hang@1s",
+        ] {
+            let (at_s, injection) = parse(text).unwrap();
+            assert_eq!(describe_at(at_s, &injection), text);
         }
     }
 }

@@ -94,7 +94,7 @@ fn rig_files(folder: &Path) {
 
 /// A minimal call of each command that is not refused for its arguments, and the options that it has beside those of
 /// every command.
-const COMMANDS: [(&str, &[&str]); 19] = [
+const COMMANDS: [(&str, &[&str]); 20] = [
     (
         "set-force 0 1 0",
         &[
@@ -174,6 +174,7 @@ const COMMANDS: [(&str, &[&str]); 19] = [
     ("inject estop", &["--link", "--rig", "--direct"]),
     ("explain 33", &[]),
     ("check good.toml", &["--print"]),
+    ("init good.toml", &["--answers", "--set"]),
     (
         "record samples",
         &[
@@ -211,7 +212,7 @@ const COMMANDS: [(&str, &[&str]); 19] = [
 ];
 
 /// Every option, with a value that is good.
-const OPTIONS: [(&str, &str); 26] = [
+const OPTIONS: [(&str, &str); 28] = [
     ("--link", "serial:/dev/no-such-port"),
     ("--rig", "good.toml"),
     ("--direct", ""),
@@ -232,6 +233,8 @@ const OPTIONS: [(&str, &str); 26] = [
     ("--still", ""),
     ("--inject", "estop@1s"),
     ("--print", ""),
+    ("--answers", "answers.toml"),
+    ("--set", "name=lab"),
     ("--data", "logs"),
     ("--model", "none.toml"),
     ("--apply", ""),
@@ -442,7 +445,7 @@ fn json_is_one_object_also_for_errors() {
         // No rig; no device; a wrong rig file.
         let error = error_object(&run(&format!("{command} --json")), 4);
         assert!(error.contains("forcectl"), "{command}: {error}");
-        let line = format!("--json {command} --link serial:/dev/no-such-port");
+        let line = format!("--json {command} --rig good.toml --link serial:/dev/no-such-port");
         let error = error_object(&run(&line), 4);
         assert!(error.contains("/dev/no-such-port"), "{command}: {error}");
         let error = error_object(&run(&format!("{command} --json --rig bad.toml")), 3);
@@ -493,6 +496,115 @@ fn rig_files_are_checked_with_their_lines() {
             "{said:?}"
         );
     }
+}
+
+#[test]
+fn a_rig_file_that_cannot_hold_zero_force_is_refused() {
+    let folder = folder();
+    let exit = "exit_m = [-0.480, 0.010, -0.165]";
+    let axis = "axis = [0.998327, 0.028404, 0.050373]";
+    let copied = built_in()
+        .replacen(exit, "exit_m = [0.335, 0.045, -0.110]", 1)
+        .replacen(axis, "axis = [-0.996049, -0.034022, -0.082028]", 1);
+    std::fs::write(folder.path().join("copied.toml"), copied).expect("written");
+    let off = built_in().replacen("[defaults]", "[defaults]\nenabled = false", 1);
+    std::fs::write(folder.path().join("off.toml"), off).expect("written");
+    for (file, words_in_error) in [
+        ("copied.toml", "zero force is out of reach"),
+        ("off.toml", "no unit is enabled"),
+    ] {
+        let said = forcectl_in(folder.path(), &["check", file]);
+        assert_eq!(said.code, Some(3), "{said:?}");
+        assert!(said.err.contains(words_in_error), "{said:?}");
+    }
+    rig_files(folder.path());
+    let good = object(&forcectl_in(
+        folder.path(),
+        &["check", "good.toml", "--json"],
+    ));
+    assert_eq!(good["feasibility"]["out_of_reach"], 0, "{good}");
+    assert!(good["feasibility"]["poses"].as_u64() > Some(200), "{good}");
+}
+
+#[test]
+fn a_real_rig_is_not_driven_with_the_example_geometry() {
+    let folder = folder();
+    for command in ["set-force 0 1 0", "zero", "hold", "identify --out found"] {
+        for link in ["usb", "serial:/dev/no-such-port"] {
+            let line = format!("{command} --direct --link {link}");
+            let said = forcectl_in(folder.path(), &words(&line));
+            assert_eq!(said.code, Some(2), "{line}: {said:?}");
+            assert!(said.err.contains("forcectl init"), "{line}: {said:?}");
+        }
+    }
+    // What drives nothing needs no rig file.
+    let said = forcectl_in(
+        folder.path(),
+        &words("stop --link serial:/dev/no-such-port"),
+    );
+    assert_eq!(said.code, Some(4), "{said:?}");
+    let left = std::fs::read_dir(folder.path()).expect("is there").count();
+    assert_eq!(left, 0);
+}
+
+#[test]
+fn a_name_with_escape_codes_does_not_reach_the_terminal() {
+    let folder = folder();
+    let text = built_in().replacen("raven-left-example", "\\u001b[31mred\\u0007", 1);
+    std::fs::write(folder.path().join("red.toml"), text).expect("written");
+    for line in ["check red.toml", "status -v --rig red.toml"] {
+        let said = forcectl_in(folder.path(), &words(line));
+        let shown = format!("{}{}", said.out, said.err);
+        assert!(shown.contains("[31mred"), "{line}: {said:?}");
+        assert!(
+            !shown.contains('\u{1b}') && !shown.contains('\u{7}'),
+            "{line}: {said:?}"
+        );
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_no_rig_file() {
+    let folder = folder();
+    let pipe = folder.path().join("pipe.toml");
+    let made = Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.expect("mkfifo runs").success());
+    let said = forcectl_in(folder.path(), &["check", "pipe.toml"]);
+    assert_eq!(said.code, Some(3), "{said:?}");
+    assert!(said.err.contains("not a regular file"), "{said:?}");
+}
+
+#[test]
+fn init_makes_a_file_that_check_accepts() {
+    let folder = folder();
+    let answers = "\
+center = [-0.080, 0.025, -0.140]
+exit = [[0.335, 0.045, -0.110], [-0.480, 0.010, -0.165], [-0.055, 0.440, -0.120],
+        [-0.090, -0.375, -0.190], [-0.065, 0.055, 0.275], [-0.100, -0.030, -0.520]]
+";
+    std::fs::write(folder.path().join("answers.toml"), answers).expect("written");
+    let run = |line: &str| forcectl_in(folder.path(), &words(line));
+    let said = run("init lab.toml --answers answers.toml");
+    assert_eq!(said.code, Some(2), "{said:?}");
+    assert!(said.err.contains("name: an answer is missing"), "{said:?}");
+    assert!(!folder.path().join("lab.toml").exists());
+    let said = run("init lab.toml --answers answers.toml --set name=lab-3");
+    assert_eq!(said.code, Some(0), "{said:?}");
+    let checked = object(&run("check lab.toml --json"));
+    assert_eq!(checked["name"], "lab-3");
+    assert_eq!(checked["rig"]["link"], "usb");
+    // Nothing is overwritten, and nothing is written that check refuses.
+    let said = run("init lab.toml --answers answers.toml --set name=lab-4");
+    assert_eq!(said.code, Some(2), "{said:?}");
+    let said = run("init far.toml --answers answers.toml --set name=far --set radius=0.9");
+    assert_eq!(said.code, Some(3), "{said:?}");
+    assert!(!folder.path().join("far.toml").exists());
+    let said = run("init x.toml --set colour=red");
+    assert!(
+        said.code == Some(2) && said.err.contains("tension"),
+        "{said:?}"
+    );
 }
 
 #[test]

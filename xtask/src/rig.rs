@@ -71,7 +71,7 @@ pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
 /// Errs on the side of building: only a call that clearly goes elsewhere is excepted.
 pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
     // Those that never start an emulation are offline as well: `stop` must not wait for a compiler.
-    const OFFLINE: [&str; 13] = [
+    const OFFLINE: [&str; 14] = [
         "arm",
         "check",
         "clear",
@@ -79,6 +79,7 @@ pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
         "disarm",
         "explain",
         "help",
+        "init",
         "inject",
         "man",
         "residual",
@@ -270,6 +271,7 @@ mod tests {
             "help set-force",
             "explain 33",
             "check rig.toml",
+            "init rig.toml",
             "--json check rig.toml",
             "completions bash",
             "man --out pages",

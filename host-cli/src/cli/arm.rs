@@ -16,6 +16,7 @@ impl Arm {
     /// Runs the command. The rig's service sends the setpoints: the board stops 100 ms after they cease.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
+        self.connection.require_rig_file(&rig)?;
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
             let theirs = host_cli::rigfile::RigFile::parse(

@@ -165,6 +165,26 @@ impl Existing {
         Ok((given, "given or built in".to_owned()))
     }
 
+    /// Refuses to drive a real rig with the geometry and limits of the built-in example. A rig file that `--rig` names is
+    /// the user's own, whatever it says.
+    pub fn require_rig_file(&self, rig: &RigFile) -> Result<()> {
+        let port = match self.choice(rig) {
+            port @ (LinkChoice::Usb | LinkChoice::Serial(_)) => port,
+            LinkChoice::Embedded | LinkChoice::Fast | LinkChoice::Kept(_) => return Ok(()),
+        };
+        let example = RigFile::built_in().is_ok_and(|example| example.hash() == rig.hash());
+        if self.rig.is_some() || !example {
+            return Ok(());
+        }
+        Err(Failure::new(
+            exit::USAGE,
+            format!(
+                "the link {port} leads to a real rig, and without --rig its geometry and limits would be those of the \
+                 built-in example; give its own file with --rig FILE (`forcectl init` makes one); nothing was driven"
+            ),
+        ))
+    }
+
     /// The link: that of `--link`, else that of the rig file.
     fn choice<'a>(&'a self, rig: &'a RigFile) -> &'a LinkChoice {
         self.link.as_ref().unwrap_or(&rig.link)
@@ -341,6 +361,11 @@ impl Existing {
 }
 
 impl Connection {
+    /// As [`Existing::require_rig_file`].
+    pub fn require_rig_file(&self, rig: &RigFile) -> Result<()> {
+        self.at.require_rig_file(rig)
+    }
+
     /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses options of the embedded rig
     /// where the link leads elsewhere.
     pub fn load(&self, context: &Context) -> Result<RigFile> {

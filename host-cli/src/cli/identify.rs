@@ -79,6 +79,7 @@ impl Identify {
     /// Runs the command. Arguments are checked before anything is opened or driven.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
+        self.connection.require_rig_file(&rig)?;
         let force_n: [f64; 3] = self.force.as_slice().try_into().map_err(|_| {
             Failure::new(
                 exit::USAGE,
@@ -133,7 +134,7 @@ impl Identify {
                 results.applied = Some(replace(path, &text, &results.findings.rewritten.text)?);
             }
         }
-        self.report(&results, &name)
+        self.report(context, &results, &name)
     }
 
     /// Name and text of the rig file.
@@ -218,24 +219,39 @@ impl Identify {
         Ok(recording)
     }
 
-    /// Writes report, plot and figures.
-    fn report(&self, results: &Results, name: &str) -> Result<Reply> {
-        if let Some(after) = &results.after {
-            let plot = plot::compare(&results.before, after).to_svg();
-            self.write("compare.svg", &plot)?;
-        }
+    /// Prints the report, then writes it with plot and figures. A file that cannot be written costs only itself.
+    fn report(&self, context: &Context, results: &Results, name: &str) -> Result<Reply> {
         let report = markdown(results, name);
-        self.write("report.md", &report)?;
         let record = record(results, name);
-        self.write("identify.json", &format!("{record:#}"))?;
-        let text = format!("{report}\nresults: {}\n", self.out.display());
-        Ok(
-            Reply::new(text, record).with_code(if results.left.is_none() {
-                exit::DONE
-            } else {
-                exit::DEGRADED
-            }),
-        )
+        if !context.output.json() {
+            context.output.results(&format!("{report}\n"));
+        }
+        let plot = (results.after.as_ref()).map(|after| {
+            self.write(
+                "compare.svg",
+                &plot::compare(&results.before, after).to_svg(),
+            )
+        });
+        let failures: Vec<Failure> = plot
+            .into_iter()
+            .chain([
+                self.write("report.md", &report),
+                self.write("identify.json", &format!("{record:#}")),
+            ])
+            .filter_map(Result::err)
+            .collect();
+        let code = if results.left.is_none() {
+            exit::DONE
+        } else {
+            exit::DEGRADED
+        };
+        let text = format!("results: {}\n", self.out.display());
+        let reply = Reply::new(text, record).with_code(code);
+        if failures.is_empty() {
+            return Ok(reply);
+        }
+        let messages: Vec<String> = failures.into_iter().map(|f| f.message).collect();
+        Err(Failure::new(exit::FILE, messages.join("\n")).with_reply(reply))
     }
 }
 

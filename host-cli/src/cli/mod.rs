@@ -31,6 +31,7 @@ mod explain;
 mod hold;
 #[cfg(feature = "residual")]
 mod identify;
+mod init;
 #[cfg(unix)]
 mod inject;
 mod interrupt;
@@ -106,6 +107,9 @@ enum Command {
     Explain(explain::Explain),
     /// Check a rig file
     Check(check::Check),
+    /// Make a rig file from the answers to ten questions
+    #[command(after_help = init::HELP)]
+    Init(init::Init),
     /// Record every sample and drive nothing (to record a force: set-force --record DIR)
     #[cfg(feature = "record")]
     Record(record::Record),
@@ -177,6 +181,7 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
         Command::Clear(command) => command.run(context),
         Command::Explain(command) => command.run(),
         Command::Check(command) => command.run(context),
+        Command::Init(command) => command.run(context),
         #[cfg(feature = "record")]
         Command::Record(command) => command.run(context),
         #[cfg(feature = "residual")]

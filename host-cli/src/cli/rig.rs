@@ -72,6 +72,7 @@ impl Rig {
             tcp,
             reopen: None,
             idle_end: None,
+            lockstep: false,
             stop,
         };
         serve::run(link, listening, options, context)

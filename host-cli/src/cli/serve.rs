@@ -121,6 +121,7 @@ impl Serve {
             tcp: self.listen.tcp()?,
             reopen: Some(Box::new(open)),
             idle_end: self.on_demand.then_some(IDLE_END),
+            lockstep: false,
             stop: context.interrupt.flag(),
         };
         run(link, listening, options, context)

@@ -97,7 +97,13 @@ pub fn hold_tensions(
 /// Checks the tensions before anything is opened.
 fn check(rig: &RigFile, options: &TensionOptions) -> Result<(), RunError> {
     let Some(tension_n) = options.tension_n else {
-        return Ok(());
+        // A single unit pulls at a fixed hook, during bring-up.
+        let several = rig.units.iter().filter(|unit| unit.enabled).count() > 1;
+        return if several {
+            super::require_feasible(rig)
+        } else {
+            Ok(())
+        };
     };
     for (unit, tension) in rig.units.iter().zip(tension_n) {
         if !(unit.tension_min_n..=unit.tension_max_n).contains(&tension) {
@@ -119,6 +125,7 @@ fn hold(
     observer: &mut dyn Observer,
     holding: &mut dyn FnMut(),
 ) -> Result<HeldTensions, RunError> {
+    super::hold::fresh_pose(session, pose, &options.stop, observer)?;
     observer.progress(Phase::Tension, 0.0);
     session.command(&Command::Arm)?;
     let start_ns = session.now_ns();
@@ -283,6 +290,28 @@ mod tests {
         assert!(force.norm() < 0.2, "{force}");
         let least = rig.units[0].tension_min_n;
         assert!(held.tension_n.iter().all(|t| *t > least - 0.2), "{held:?}");
+    }
+
+    #[test]
+    fn nothing_is_armed_where_zero_force_is_out_of_reach_or_no_pose_comes() {
+        let mut copied = RigFile::built_in().unwrap();
+        copied.units[1].exit_m = copied.units[0].exit_m;
+        copied.units[1].axis = copied.units[0].axis;
+        let options = TensionOptions {
+            duration_s: Some(1.0),
+            ..TensionOptions::default()
+        };
+        let mut board = FakeBoard::new(Behavior::Good);
+        let error = hold_tensions(&mut board, &copied, &options, &mut NoopObserver, &mut || {});
+        let error = error.unwrap_err();
+        assert!(matches!(error, RunError::Infeasible(_)), "{error}");
+        assert!(board.commands.is_empty());
+        let rig = RigFile::built_in().unwrap();
+        let mut board = FakeBoard::new(Behavior::NoPose);
+        let error = hold_tensions(&mut board, &rig, &options, &mut NoopObserver, &mut || {});
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("no pose"), "{error}");
+        assert!(!board.commands.contains(&Command::Arm));
     }
 
     #[test]

@@ -266,6 +266,13 @@ impl Client {
     }
 }
 
+impl Drop for Client {
+    /// Closes the connection: the thread that reads has a handle of its own.
+    fn drop(&mut self) {
+        let _ = self.writer.shutdown(std::net::Shutdown::Both);
+    }
+}
+
 fn parse(line: &str) -> Option<Line> {
     let mut value: Value = serde_json::from_str(line).ok()?;
     let Some(method) = value.get("method").and_then(Value::as_str) else {

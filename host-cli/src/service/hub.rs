@@ -49,6 +49,10 @@ const MAX_ATTEMPTS: u32 = 10;
 const CLIENT_REPLY_NS: u64 = 1_000_000_000;
 /// A step of board time further back than this is a reset, us (as in the session).
 const RESET_STEP_US: i32 = -500_000;
+/// With [`Setup::lockstep`], how far the link's time may run ahead of the commander's last frame, ns: two of its cycles.
+const LEAD_NS: u64 = 20_000_000;
+/// With [`Setup::lockstep`], how long the hub waits for a commander on the clock on the wall. One that hangs is left behind.
+const LOCKSTEP_WAIT: Duration = Duration::from_secs(5);
 /// Time between two attempts to open a link that was lost.
 const REOPEN: Duration = Duration::from_millis(500);
 
@@ -124,6 +128,8 @@ pub(super) struct Setup {
     pub reopen: Option<Opener>,
     /// End where nobody was connected for this long and nothing is driven.
     pub idle_end: Option<Duration>,
+    /// The link's time passes as fast as it can be computed: it waits for a commander that drives.
+    pub lockstep: bool,
     /// Set from outside to end the service.
     pub stop: Arc<AtomicBool>,
 }
@@ -140,6 +146,7 @@ pub(super) struct Hub {
     clients: BTreeMap<ClientId, Client>,
     commander: Option<ClientId>,
     commander_ns: u64,
+    commander_seen: Instant,
     job: Option<job::Running>,
     jobs: u64,
     waiting: Vec<Waiter>,
@@ -194,6 +201,7 @@ impl Hub {
             clients,
             commander: None,
             commander_ns: 0,
+            commander_seen: Instant::now(),
             job: None,
             jobs: 0,
             waiting: Vec::new(),
@@ -248,6 +256,12 @@ impl Hub {
         if self.link.is_none() {
             return self.without_link();
         }
+        if self.must_wait_for_commander() {
+            if let Ok(inbound) = self.inbound.recv_timeout(CYCLE) {
+                self.take(inbound);
+            }
+            return Ok(());
+        }
         self.hello_when_due();
         self.repeat_when_due();
         let mut bytes = std::mem::take(&mut self.urgent);
@@ -265,6 +279,20 @@ impl Hub {
             }
             Err(error) => self.lose_link(error),
         }
+    }
+
+    /// Whether the link's time has to wait, because a commander drives and has not sent anything for this time.
+    fn must_wait_for_commander(&self) -> bool {
+        let running = self
+            .status
+            .as_ref()
+            .is_some_and(|status| status.state == SystemState::Running as u8);
+        self.setup.lockstep
+            && running
+            && self.commander.is_some()
+            && self.urgent.is_empty()
+            && self.now_ns >= self.commander_ns + LEAD_NS
+            && self.commander_seen.elapsed() < LOCKSTEP_WAIT
     }
 
     /// Waits for a link that was lost, and opens it again.

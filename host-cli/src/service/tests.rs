@@ -16,7 +16,8 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use wire::Command;
 
-/// A board in memory whose time passes as on the clock on the wall, times a factor.
+/// A board in memory whose time passes as fast as it can be computed; while nothing happens, at most three times as fast as on the
+/// clock on the wall.
 struct Paced {
     board: FakeBoard,
     last: Instant,
@@ -92,7 +93,7 @@ impl Rig {
                 Box::new(Paced {
                     board,
                     last: Instant::now(),
-                    factor: 1.0,
+                    factor: if soak_hours().is_some() { 1e6 } else { 3.0 },
                     commands: log.clone(),
                     plugged: plug.clone(),
                 }) as Box<dyn RigLink>
@@ -109,6 +110,7 @@ impl Rig {
                         Err(LinkError::Setup("not there".to_owned()))
                     }
                 })),
+                lockstep: true,
                 stop: flag,
                 ..ServeOptions::default()
             };
@@ -364,7 +366,7 @@ fn a_link_that_comes_back_is_used_again() {
     rig.wait_for("ready");
     let stop = Arc::default();
     let mut link = rig.commander("the next run");
-    let outcome = set_force(&mut link, &file, &kept(1.0, &stop), &mut NoopObserver).unwrap();
+    let outcome = set_force(&mut link, &file, &kept(2.0, &stop), &mut NoopObserver).unwrap();
     assert_eq!(outcome.ended, run::Ended::Done);
 }
 
@@ -416,4 +418,77 @@ fn two_services_of_one_rig_are_refused_and_a_dead_socket_is_replaced() {
     drop(std::os::unix::net::UnixListener::bind(&rig.path).unwrap());
     assert!(rig.path.exists());
     assert!(Listening::bind_at(rig.path.clone()).is_ok());
+}
+
+/// Resident memory of this process in KiB, where `/proc` tells it.
+fn resident_kib() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmRSS:"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+/// How long the test of memory is to last, in hours of the link's time; then it runs as fast as it can.
+fn soak_hours() -> Option<f64> {
+    std::env::var("FORCE_SOAK_HOURS").ok()?.parse().ok()
+}
+
+/// Clients come and go while the rig is held, for `FORCE_SOAK_HOURS` of the link's time (default: 20 s).
+#[test]
+fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
+    let hours = soak_hours().unwrap_or(20.0 / 3600.0);
+    let rig = Rig::start(Behavior::Good, true);
+    let mut holder = rig.client("holder");
+    holder.hold(HoldParams::default()).unwrap();
+    let started = holder.status().unwrap();
+    let status_of = |status: &super::protocol::ServiceStatus| status.board.clone().unwrap();
+    let (mut clients, mut samples) = (0_u32, 0_usize);
+    let mut first = None;
+    loop {
+        // An observer for half a second of the link's time, and a client that says nothing.
+        let quiet = rig.client("quiet");
+        let mut link = ServiceLink::observer(rig.client("observer")).unwrap();
+        let mut session = Session::connect(&mut link).unwrap();
+        for _ in 0..50 {
+            session.advance(Duration::from_millis(10)).unwrap();
+            samples += session.drain().samples.len();
+        }
+        assert_eq!(session.counters().frames_lost, 0, "client {clients}");
+        drop(quiet);
+        clients += 2;
+        let status = holder.status().unwrap();
+        assert_eq!(status.state, "running", "client {clients}");
+        let passed_s = (status.now_ns - started.now_ns) as f64 * 1e-9;
+        if first.is_none() && passed_s > 0.2 * hours * 3600.0 {
+            first = resident_kib();
+        }
+        if passed_s > hours * 3600.0 {
+            break;
+        }
+    }
+    let status = holder.status().unwrap();
+    // Those that left are gone; the job of the service and this client remain.
+    std::thread::sleep(Duration::from_millis(200));
+    assert!(
+        holder.status().unwrap().clients.len() <= 2,
+        "{:?}",
+        status.clients
+    );
+    assert_eq!(status.frames_bad, 0);
+    assert_eq!(
+        status_of(&status).frames_dropped,
+        status_of(&started).frames_dropped
+    );
+    let last = resident_kib();
+    println!(
+        "{:.2} h of the link's time, {clients} clients, {samples} samples, memory {first:?} -> {last:?} KiB",
+        (status.now_ns - started.now_ns) as f64 / 3.6e12
+    );
+    if let (Some(first), Some(last)) = (first, last) {
+        assert!(
+            last < first + 8192,
+            "memory grew from {first} to {last} KiB"
+        );
+    }
 }

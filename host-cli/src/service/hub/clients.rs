@@ -158,6 +158,7 @@ impl Hub {
         }
         self.commander = Some(id);
         self.commander_ns = self.now_ns;
+        self.commander_seen = std::time::Instant::now();
         Ok(())
     }
 
@@ -198,6 +199,7 @@ impl Hub {
     fn client_frame(&mut self, id: ClientId, frame: HostFrame) {
         if self.commander == Some(id) {
             self.commander_ns = self.now_ns;
+            self.commander_seen = std::time::Instant::now();
         }
         let seq = frame.seq;
         match &frame.command {
