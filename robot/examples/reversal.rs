@@ -103,20 +103,19 @@ const WIDTH: f64 = 860.0;
 const LEFT: f64 = 70.0;
 const RIGHT: f64 = 20.0;
 
-/// A panel with its lines: values by colour.
+/// A colour and the value that is drawn in it.
+type Line<'a> = (&'a str, &'a dyn Fn(&Row) -> f64);
+
+/// A panel with its lines.
 fn panel(
     svg: &mut String,
     rows: &[Row],
     top: f64,
     height: f64,
     title: &str,
-    lines: &[(&str, &dyn Fn(&Row) -> f64)],
+    lines: &[Line],
 ) -> std::fmt::Result {
-    let values = || {
-        lines
-            .iter()
-            .flat_map(|(_, value)| rows.iter().map(move |row| value(row)))
-    };
+    let values = || lines.iter().flat_map(|(_, value)| rows.iter().map(value));
     let (low, high) = (
         values().fold(f64::MAX, f64::min),
         values().fold(f64::MIN, f64::max),

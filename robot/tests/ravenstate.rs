@@ -49,9 +49,9 @@ fn the_insertion_is_in_metres_times_57() {
     let state = gold(0).state(&message(Q, QD, 0));
     state.check().unwrap();
     let joints = state.joints.unwrap();
-    for i in 0..3 {
-        assert!((joints.position[i] - Q[i]).abs() < 1e-6);
-        assert!((joints.setpoint.as_ref().unwrap()[i] - Q[i]).abs() < 1e-6);
+    for (i, q) in Q.into_iter().enumerate() {
+        assert!((joints.position[i] - q).abs() < 1e-6);
+        assert!((joints.setpoint.as_ref().unwrap()[i] - q).abs() < 1e-6);
     }
 }
 
@@ -59,8 +59,8 @@ fn the_insertion_is_in_metres_times_57() {
 fn velocities_have_the_coupling_that_jvel_lacks() {
     let m = message(Q, QD, 0);
     let velocity = gold(0).state(&m).joints.unwrap().velocity.unwrap();
-    for i in 0..3 {
-        assert!((velocity[i] - QD[i]).abs() < 1e-7, "{i}");
+    for (i, qd) in QD.into_iter().enumerate() {
+        assert!((velocity[i] - qd).abs() < 1e-7, "{i}");
     }
     // The message's own field is off by the coupling.
     assert!((f64::from(m.jvel[1]) / DEGREES - QD[1]).abs() > 4e-3);

@@ -202,9 +202,8 @@ impl Trajectory {
 }
 
 fn check(config: &TrajectoryConfig) -> Result<(), TrajectoryError> {
-    for joint in 0..3 {
+    for (joint, (min, max)) in LIMITS.into_iter().take(3).enumerate() {
         let (lower, upper) = (config.lower[joint], config.upper[joint]);
-        let (min, max) = LIMITS[joint];
         if !(lower >= min && upper <= max && lower < upper) {
             return Err(TrajectoryError::Range {
                 joint: joint + 1,
