@@ -3,7 +3,7 @@
 //!
 //! Both draw the same chips, clocks, noise and physics from the seed and run the same machine and control core. What differs
 //! are delays of some microseconds (`core_sim::timing`), so samples fall at other times and noise at other places: traces
-//! differ by noise, figures hardly. The bounds below are what `docs/architecture.md` states.
+//! differ by noise, figures hardly. docs/robot.md states the bounds below.
 
 use host_cli::link::fast::FastRig;
 use host_cli::link::{EmbeddedOptions, RigLink};
@@ -16,8 +16,9 @@ const TENSION_RMS_N: f64 = 0.015;
 const MEAN_FORCE_N: f64 = 0.005;
 /// Largest difference of the force error's RMS, N.
 const FORCE_RMS_N: f64 = 0.02;
-/// Largest RMS of the difference between the two traces of a cable's true tension, N.
-const TRACE_N: f64 = 0.06;
+/// Largest RMS of the difference between the two traces of a cable's true tension, N: noise of both, and friction that
+/// reverses some milliseconds earlier or later.
+const TRACE_N: f64 = 0.12;
 
 fn hold(link: &mut dyn RigLink, force_n: [f64; 3]) -> Outcome {
     run::set_force(
@@ -101,7 +102,7 @@ fn a_pulled_plug_and_the_e_stop_end_the_same_way() {
     ] {
         let mut options = Options::new([0.0, 2.5, 0.0], 3.0);
         options.injections = vec![(1.0, injection)];
-        let mut of = |link: &mut dyn RigLink| {
+        let of = |link: &mut dyn RigLink| {
             run::set_force(link, &rig_file(), &options, &mut NoopObserver).map_or_else(
                 |error| error.to_string(),
                 |outcome| {
