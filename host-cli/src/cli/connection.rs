@@ -257,7 +257,7 @@ impl Existing {
                 Role::Commander => ServiceLink::commander(client),
                 Role::Observer => ServiceLink::observer(client),
             };
-            return Ok(Box::new(link.map_err(link::LinkError::from)?));
+            return Ok(Box::new(link?));
         }
         let choice = self.choice(rig);
         let link = link::open(

@@ -224,7 +224,7 @@ pub fn hold_force(
 /// [`RunError::Infeasible`] with the reason.
 pub fn require_feasible(rig: &RigFile) -> Result<(), RunError> {
     let enabled = rig.units.map(|unit| unit.enabled);
-    let refusal = match feasibility::examine(rig, &enabled) {
+    let refusal = match feasibility::examine_zero(rig, &enabled) {
         Ok(found) => found.refusal(),
         Err(error) => Some(error.to_string()),
     };
