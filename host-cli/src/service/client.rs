@@ -119,7 +119,13 @@ impl Client {
     }
 
     /// Uses a stream that is connected already.
-    pub(super) fn over(stream: UnixStream, name: &str, client: &str) -> Result<Self, ServiceError> {
+    /// `pid`: the process that others are told, if any.
+    pub(super) fn over(
+        stream: UnixStream,
+        name: &str,
+        client: &str,
+        pid: Option<u32>,
+    ) -> Result<Self, ServiceError> {
         let failed = |error: std::io::Error| ServiceError::Io {
             name: name.to_owned(),
             cause: error.to_string(),
