@@ -13,6 +13,7 @@ pub struct PendingSample {
     adc_code: AdcCode,
     encoder_counts: EncoderCounts,
     missed: bool,
+    tip_force_mn: u16,
     output: Output,
 }
 
@@ -27,6 +28,7 @@ impl PendingSample {
             ..Sample::default()
         };
         self.output.describe(&mut sample);
+        sample.tip_force_mn = self.tip_force_mn;
         if self.missed {
             sample.flags |= flags::MISSED;
         }
@@ -74,11 +76,21 @@ impl Machine {
         let swing = slot
             .encoder
             .observe(drive != Drive::Off, encoder_counts, output.tension);
+        let doubt = slot
+            .plausible
+            .sample(&slot.config, drive, adc_code, &output);
+        if drive == Drive::Off {
+            slot.let_go.switched_off(at);
+            slot.let_go.released(output.tension);
+        } else {
+            slot.let_go.driven(encoder_counts, output.tension);
+        }
         let pending = PendingSample {
             unit,
             adc_code,
             encoder_counts,
             missed: missed > 0,
+            tip_force_mn: self.tip.sample(usize::from(unit), output.tension),
             output,
         };
         if output.flags & flags::SPIKE != 0 {
@@ -101,9 +113,15 @@ impl Machine {
                 }
             }
         }
-        if let Some((fault, detail)) = output.fault {
+        if let Some((fault, detail)) = output.fault.or(doubt) {
             self.fault_unit(unit, fault, detail, at, fx);
-        } else if let Some(swing) = swing {
+            return (DacCode::ZERO_VOLT, pending);
+        }
+        if let Some(force_mn) = self.tip.exceeded().filter(|_| self.system.drives()) {
+            self.fault_board(Fault::TipForce, force_mn, at, fx);
+            return (DacCode::ZERO_VOLT, pending);
+        }
+        if let Some(swing) = swing {
             let detail = (swing.to_un() / 1_000).unsigned_abs();
             self.fault_unit(unit, Fault::EncoderStill, detail, at, fx);
             return (DacCode::ZERO_VOLT, pending);

@@ -23,7 +23,7 @@ impl Arm {
             // The zeros are the board's own.
             let mut on_board = session.get_configs()?;
             for config in &mut on_board {
-                config.zero_code = 0;
+                config.zero_code = config.stored_zero_code;
             }
             if on_board != configured {
                 let mut watch = Watch::new(&context.output);

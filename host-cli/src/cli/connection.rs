@@ -126,6 +126,7 @@ pub fn is_embedded(session: &mut Session<'_>) -> bool {
 /// it is.
 pub fn configure_embedded(session: &mut Session<'_>, rig: &RigFile) -> Result<()> {
     if is_embedded(session) {
+        session.stage_board(rig.controller.board_config())?;
         session.configure(&rig.units.map(|unit| unit.to_wire()))?;
         session.wait_for(
             Duration::from_secs(15),
