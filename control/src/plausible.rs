@@ -30,8 +30,8 @@ pub const FROZEN_SAMPLES: u8 = 8;
 /// Tension below which a load cell is wrong: five times what calibrations of the converter and drift move the zero.
 pub const NEGATIVE: Newton = Newton::from_un(-500_000);
 
-/// Samples in a row below [`NEGATIVE`] that make a fault, 25 ms: longer than a cell rings after a cable went slack.
-pub const NEGATIVE_SAMPLES: u8 = 8;
+/// Samples in a row below [`NEGATIVE`] that make a fault, 19 ms: longer than a cell rings after a cable went slack.
+pub const NEGATIVE_SAMPLES: u8 = 6;
 
 /// Samples in a row with the command at a limit that make a fault, 0.2 s: a transient of the loop is over by then.
 pub const LIMIT_SAMPLES: u8 = 64;
@@ -204,14 +204,14 @@ const fn milli(force: Newton) -> u32 {
 }
 
 /// Tension that a cable must come down to after 0 V: what the friction of a reel at rest holds, 1.1 N, and a margin.
-pub const LET_GO: Newton = Newton::from_un(2_500_000);
+pub const LET_GO: Newton = Newton::from_un(1_700_000);
 
 /// Tension from which letting go is told from holding on.
-const HELD: Newton = Newton::from_un(3_000_000);
+const HELD: Newton = Newton::from_un(2_000_000);
 
-/// Encoder counts that a reel pays out at least when a cable of [`HELD`] lets go: 10 are 42 um, half of what a stiff cable
-/// of 24 N/mm gives back between 3 and 1.1 N.
-const LET_GO_COUNTS: u64 = 10;
+/// Encoder counts that a reel pays out at least when a cable of [`HELD`] lets go: 5 are 21 um, half of what a stiff cable
+/// of 24 N/mm gives back between 2 and 1.1 N.
+const LET_GO_COUNTS: u64 = 5;
 
 /// Time after 0 V in which a cable must let go, in microseconds.
 pub const LET_GO_US: u32 = 150_000;

@@ -162,7 +162,7 @@ impl Unit {
 }
 
 /// See the [module](self).
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Machine {
     units: [Unit; UNITS],
     system: SystemState,
@@ -181,6 +181,8 @@ pub struct Machine {
     /// The link that commands, and when it did last.
     commander: Option<(usize, Micros)>,
     tip: TipGuard,
+    /// A configuration was committed since the start.
+    configured: bool,
     /// A DAC cannot be trusted, though another fault was latched first.
     withheld: bool,
     board: BoardConfig,
@@ -216,6 +218,7 @@ impl Machine {
             open: [false; LINKS],
             commander: None,
             tip: TipGuard::new(BoardConfig::default().tip_force_limit_un),
+            configured: false,
             withheld: false,
             board: BoardConfig::default(),
             staged_board: None,
@@ -239,13 +242,15 @@ impl Machine {
     }
 
     /// Whether the alive line is to stand still, so that the PLC removes the amplifiers' power: the DACs cannot be trusted
-    /// to be at 0 V.
+    /// to be at 0 V, or the board has just started and knows of no unit. After a reset a DAC that is stuck would pull, and
+    /// no load cell is measured yet.
     #[must_use]
     pub fn withholds_alive(&self) -> bool {
         matches!(
             self.latch.get(),
             Some((Fault::OutputStuck | Fault::DacLink, _))
         ) || self.withheld
+            || !self.configured
     }
 
     /// Whether the bus may write register pointers ahead of the samples ([`BoardConfig::pointer_ahead`]).
@@ -332,6 +337,7 @@ impl Machine {
         if !core::mem::take(&mut self.commit) || self.system.drives() {
             return;
         }
+        self.configured = true;
         if let Some(board) = self.staged_board.take() {
             self.board = board;
             self.board_crc = board_crc(&board);

@@ -91,8 +91,8 @@ fn the_crash_record_survives_the_reset_that_follows_it() {
     assert!(info.hse);
 }
 
-/// Delay in samples between a step of the force and its sample, with the register pointer written ahead or not.
-fn delay_samples(latches_at_pointer: bool, pointer_ahead: bool) -> u32 {
+/// Mean delay in samples between a step of the force and its sample, over 16 steps, with the register pointer written ahead or not.
+fn delay_samples(latches_at_pointer: bool, pointer_ahead: bool) -> f64 {
     let mut link = rig(76);
     let mut stand = Stand::connect(&mut link);
     stand.inject(Injection::LatchAtPointer(latches_at_pointer));
@@ -110,23 +110,25 @@ fn delay_samples(latches_at_pointer: bool, pointer_ahead: bool) -> u32 {
     });
     stand.ask(&Command::Stream { decimation: 1 });
     stand.run(0.1);
-    stand.session.drain();
-    let begin = stand.session.now_ns();
-    stand.inject(Injection::PullCable(2, 5.0));
-    stand.run(0.1);
-    let samples = stand.session.drain().samples;
-    let codes: Vec<i32> = samples
-        .iter()
-        .filter(|timed| timed.sample.unit == 1)
-        .map(|timed| timed.sample.adc_code)
-        .collect();
-    assert!(begin > 0 && codes.len() > 25);
-    let last = codes[codes.len() - 1];
-    let first = codes[0];
-    codes
-        .iter()
-        .position(|code| (code - first).abs() * 2 > (last - first).abs())
-        .expect("a step") as u32
+    let mut sum = 0;
+    for step in 0..16 {
+        stand.session.drain();
+        stand.inject(Injection::PullCable(
+            2,
+            if step % 2 == 0 { 5.0 } else { 0.0 },
+        ));
+        stand.run(0.09 + 0.01 * f64::from(step % 3));
+        let codes: Vec<i32> = (stand.session.drain().samples.iter())
+            .filter(|timed| timed.sample.unit == 1)
+            .map(|timed| timed.sample.adc_code)
+            .collect();
+        let (first, last) = (codes[0], codes[codes.len() - 1]);
+        sum += codes
+            .iter()
+            .position(|code| (code - first).abs() * 2 > (last - first).abs())
+            .expect("a step");
+    }
+    sum as f64 / 16.0
 }
 
 /// The measurement of docs/bring-up.md: which of the two the converters do shows in the delay of a step.
@@ -135,7 +137,10 @@ fn the_pointer_measurement_tells_when_the_result_is_latched() {
     let at_read = [delay_samples(false, true), delay_samples(false, false)];
     let at_pointer = [delay_samples(true, true), delay_samples(true, false)];
     println!("samples to half a step, pointer ahead and not: latched at the read {at_read:?}, at the pointer {at_pointer:?}");
-    assert_eq!(at_read[0], at_read[1]);
-    assert_eq!(at_pointer[0], at_pointer[1] + 1, "one sample old");
-    assert_eq!(at_pointer[1], at_read[1]);
+    assert!((at_read[0] - at_read[1]).abs() < 0.3, "{at_read:?}");
+    let older = at_pointer[0] - at_pointer[1];
+    assert!(
+        (0.7..1.3).contains(&older),
+        "one sample old: {at_pointer:?}"
+    );
 }
