@@ -192,7 +192,7 @@ impl Board {
                         .copied()
                         .unwrap_or_default();
                     let code = AdcCode::new(code.counts());
-                    let (word, pending) = self.machine.sample(
+                    let (word, mut pending) = self.machine.sample(
                         unit,
                         code,
                         counts,
@@ -201,6 +201,7 @@ impl Board {
                         &mut self.reports,
                     );
                     dac::write(unit, word);
+                    self.machine.check(&mut pending, &mut self.reports);
                     let telemetry = pending.describe();
                     if let Some((at, late)) = self.outstanding.insert(at, telemetry) {
                         stream(&mut self.links, &self.machine, at, late);

@@ -31,6 +31,8 @@ pub struct TipGuard {
     unknown: Vector6<f32>,
     limit_n: f32,
     force: Vector3<f32>,
+    /// Sum of the tensions without a direction.
+    unknown_n: f32,
     over: u8,
 }
 
@@ -44,6 +46,7 @@ impl TipGuard {
             unknown: Vector6::repeat(1.0),
             limit_n: limit_un as f32 * 1e-6,
             force: Vector3::zeros(),
+            unknown_n: 0.0,
             over: 0,
         }
     }
@@ -63,15 +66,14 @@ impl TipGuard {
                 *unknown = if *direction == [0; 3] { 1.0 } else { 0.0 };
             }
         }
+        self.force = self.directions * self.tensions;
+        self.unknown_n = self.unknown.dot(&self.tensions);
     }
 
     /// One sample: this unit's cable has this tension now. Returns the force in millinewton, at most 65,535.
     pub fn sample(&mut self, unit: usize, tension: Newton) -> u16 {
         const PER_BIT: f32 = 1.0 / (1u32 << Newton::FRAC_BITS) as f32;
-        if let Some(slot) = self.tensions.get_mut(unit) {
-            *slot = tension.to_bits() as f32 * PER_BIT;
-        }
-        self.force = self.directions * self.tensions;
+        self.set(unit, tension.to_bits() as f32 * PER_BIT);
         let size = self.size_n();
         self.over = if size > self.limit_n {
             self.over.saturating_add(1)
@@ -84,8 +86,15 @@ impl TipGuard {
 
     /// Forgets the tension of a unit whose load cell does not measure.
     pub fn forget(&mut self, unit: usize) {
+        self.set(unit, 0.0);
+    }
+
+    /// A cable's tension changes: the sums change by its part. Rounding errors end with the next directions.
+    fn set(&mut self, unit: usize, tension_n: f32) {
         if let Some(slot) = self.tensions.get_mut(unit) {
-            *slot = 0.0;
+            let change = tension_n - core::mem::replace(slot, tension_n);
+            self.force += self.directions.column(unit) * change;
+            self.unknown_n += self.unknown.get(unit).map_or(0.0, |one| one * change);
         }
     }
 
@@ -106,7 +115,7 @@ impl TipGuard {
         let square = self.force.dot(&self.force);
         // micromath's root is right to 6 %; a step of Heron's method makes that 0.2 %.
         let root = micromath::F32Ext::sqrt(square);
-        0.5 * (root + square / root) + self.unknown.dot(&self.tensions)
+        0.5 * (root + square / root) + self.unknown_n
     }
 }
 

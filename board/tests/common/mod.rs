@@ -73,6 +73,8 @@ pub struct Bench {
     /// Directions of the cables at the tip.
     pub directions: [[i16; 3]; UNITS],
     pub last: [DacCode; UNITS],
+    /// Encoder position of each unit's last sample.
+    pub encoder: [i64; UNITS],
 }
 
 impl Bench {
@@ -89,6 +91,7 @@ impl Bench {
             noise: true,
             directions: BALANCED,
             last: [DacCode::ZERO_VOLT; UNITS],
+            encoder: [0; UNITS],
         }
     }
 
@@ -141,6 +144,11 @@ impl Bench {
         }
     }
 
+    /// Encoder position of a unit: a cable of 24 N/mm and 4,229 nm a count.
+    fn counts(&self, unit: usize) -> i64 {
+        (f64::from(self.last[unit].steps()) / 282.22 * 1.018 * 9.85) as i64
+    }
+
     pub fn sample(&mut self, unit: usize) -> Sample {
         let driven_n = f64::from(self.last[unit].steps()) / 282.22 * 1.018;
         let load_n = self.cell_n[unit].or(self.load_n).unwrap_or(driven_n);
@@ -150,16 +158,21 @@ impl Bench {
             0
         };
         let code = AdcCode::new((load_n / 6.85e-6) as i32 + noise);
-        let (dac, pending) = self.machine.sample(
+        self.encoder[unit] = self.counts(unit);
+        let (dac, mut pending) = self.machine.sample(
             unit as u8,
             code,
-            // A cable of 24 N/mm and 4,229 nm a count.
-            EncoderCounts((driven_n * 9.85) as i64),
+            EncoderCounts(self.encoder[unit]),
             self.now,
             0,
             &mut self.board,
         );
         self.last[unit] = dac;
+        let zeroed = self.board.zeroed.len();
+        self.machine.check(&mut pending, &mut self.board);
+        if self.board.zeroed[zeroed..].contains(&(unit as u8)) {
+            self.last[unit] = DacCode::ZERO_VOLT;
+        }
         pending.describe()
     }
 

@@ -570,7 +570,7 @@ impl Rig {
         let missed = std::mem::take(&mut self.converters[unit].missed);
         let counts = EncoderCounts(self.counts(unit));
         let now = self.now();
-        let (word, _) = self.machine.sample(
+        let (word, mut pending) = self.machine.sample(
             unit as u8,
             AdcCode::new(code),
             counts,
@@ -578,8 +578,9 @@ impl Rig {
             missed,
             &mut self.asked,
         );
-        self.carry_out();
         self.write(unit, word.0);
+        self.machine.check(&mut pending, &mut self.asked);
+        self.carry_out();
     }
 
     // --- Outputs -------------------------------------------------------------------------------
