@@ -27,8 +27,9 @@ use wire::message::flags;
 /// codes are rare and eight do not occur.
 pub const FROZEN_SAMPLES: u8 = 8;
 
-/// Tension below which a load cell is wrong: five times what calibrations of the converter and drift move the zero.
-pub const NEGATIVE: Newton = Newton::from_un(-500_000);
+/// Tension below which a load cell is wrong. Calibrations of the converter and drift move the zero by 0.1 N; a zero that was
+/// taken with a cable that friction of the reel still held reads 0.9 N too little.
+pub const NEGATIVE: Newton = Newton::from_un(-1_000_000);
 
 /// Samples in a row below [`NEGATIVE`] that make a fault, 19 ms: longer than a cell rings after a cable went slack.
 pub const NEGATIVE_SAMPLES: u8 = 6;

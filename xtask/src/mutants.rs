@@ -31,7 +31,7 @@ mutants! {
     "saturation-off": "control/src/unit.rs", "self.saturated >= TRIP_SAMPLES" => "self.saturated == u8::MAX";
     "authority-ignored": "control/src/unit.rs", "most.saturating_add(config.authority)" => "most.saturating_add(config.force_limit)";
     "frozen-off": "control/src/plausible.rs", "pub const FROZEN_SAMPLES: u8 = 8;" => "pub const FROZEN_SAMPLES: u8 = 255;";
-    "negative-limit-times-twenty": "control/src/plausible.rs", "Newton::from_un(-500_000)" => "Newton::from_un(-10_000_000)";
+    "negative-limit-times-ten": "control/src/plausible.rs", "Newton::from_un(-1_000_000)" => "Newton::from_un(-10_000_000)";
     "command-at-limit-off": "control/src/plausible.rs", "pub const LIMIT_SAMPLES: u8 = 64;" => "pub const LIMIT_SAMPLES: u8 = 255;";
     "impulse-limit-times-eight": "control/src/plausible.rs", "Newton::from_un(50_000_000)" => "Newton::from_un(400_000_000)";
     "let-go-off": "control/src/plausible.rs", "waited > LET_GO_US && waited < u32::MAX / 2" => "waited > LET_GO_US && waited < 0";
