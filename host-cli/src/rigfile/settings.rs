@@ -236,7 +236,7 @@ impl UnitSettings {
         UnitConfig {
             enabled: self.enabled,
             scale_pn_per_count: (self.scale_n_per_count * 1e12).round() as i32,
-            zero_code: self.checks.zero_code.round() as i32,
+            zero_code: 0,
             stored_zero_code: self.checks.zero_code.round() as i32,
             zero_deviation_un: micro(self.checks.zero_deviation_n),
             filter: match self.filter {
