@@ -29,6 +29,9 @@ pub struct ControllerSettings {
     /// Force at the tip at which the board itself stops all motors, N.
     #[serde(skip_serializing_if = "is_default_tip_limit")]
     pub tip_force_limit_n: f64,
+    /// Whether the board writes a converter's register pointer ahead of its next sample (docs/bring-up.md, step 8).
+    #[serde(skip_serializing_if = "is_true")]
+    pub pointer_ahead: bool,
 }
 
 /// Limit of the force at the tip that a rig file has unless it says otherwise, N.
@@ -40,7 +43,7 @@ impl ControllerSettings {
     pub fn board_config(&self) -> BoardConfig {
         BoardConfig {
             tip_force_limit_un: micro(self.tip_force_limit_n),
-            ..BoardConfig::default()
+            pointer_ahead: self.pointer_ahead,
         }
     }
 }
@@ -166,6 +169,10 @@ impl UnitChecks {
     fn is_default(&self) -> bool {
         *self == Self::default()
     }
+}
+
+fn is_true(value: &bool) -> bool {
+    *value
 }
 
 fn is_default_tip_limit(limit_n: &f64) -> bool {
