@@ -130,6 +130,7 @@ pub fn run(bases: &Bases, number: u64, plan: Plan) -> Outcome {
         safe_ms: watch.safe_ms,
         hazards: watch.hazards,
         tension_n: (watch.tension_n * 1_000.0).round() * 1e-3,
+        armed: rig.status().state == SystemState::Running as u8,
         powered: rig.power(),
     }
 }

@@ -11,11 +11,11 @@ pub struct Expected {
     pub first: I,
     /// The second, and when, in milliseconds.
     pub second: Option<(I, u32)>,
-    /// The fault that must be latched first; `None`: none may be.
+    /// The fault that must be latched first; `None`: none may be, and the board stays armed.
     pub fault: Option<F>,
     /// Longest time to the fault, in milliseconds.
     pub within_ms: u32,
-    /// The fault that the board must have latched at the end, where that is another one.
+    /// Whether the amplifiers must have lost their power at the end.
     pub power_off: bool,
 }
 
@@ -114,6 +114,9 @@ pub fn check(bases: &Bases) -> Result<(), String> {
         }
         if expected.power_off && outcome.powered {
             return wrong("the amplifiers still have power".to_owned());
+        }
+        if expected.fault.is_none() && !outcome.armed {
+            return wrong("the board is not armed any more".to_owned());
         }
         if !outcome.hazards.is_empty() {
             return wrong(format!("{:?}", outcome.hazards));
