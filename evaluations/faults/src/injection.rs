@@ -243,7 +243,7 @@ impl Injection {
                 4 => Self::FrameCut(often),
                 5 => Self::Replay(often),
                 6 => Self::Garbage(often),
-                7 => Self::SetpointRange(unit, r.next() as i32),
+                7 => Self::SetpointRange(unit, r.bits() as i32),
                 8 => Self::SetpointOffset(r.between(-2.0, 3.0)),
                 9 => Self::WrongDirections,
                 _ => Self::WrongCosine(unit, r.between(1.0, 1.5)),

@@ -515,7 +515,7 @@ impl Rig {
                     bridge = if high { 1.0 } else { -1.0 };
                 }
                 Injection::Spikes(u, n)
-                    if u == cell && self.converters[cell].conversions % 10 == 0 =>
+                    if u == cell && self.converters[cell].conversions.is_multiple_of(10) =>
                 {
                     newtons += n;
                 }
@@ -843,7 +843,7 @@ impl Rig {
             .take(|what| matches!(what, Injection::Garbage(_)).then_some(()))
             .is_some()
         {
-            let noise = (0..20).map(|_| self.random.next() as u8).collect();
+            let noise = (0..20).map(|_| self.random.bits() as u8).collect();
             frame = [noise, frame].concat();
         }
         frame
