@@ -3,7 +3,7 @@
 //! A file has one outcome a line, in JSON. Case n of a seed is the same in every run, so files of shards, and of runs that
 //! were cut off, add up to one campaign.
 
-use crate::case::{run, Bases};
+use crate::case::{run_on, Bases};
 use crate::injection::Plan;
 use crate::outcome::Outcome;
 use std::collections::{BTreeMap, BTreeSet};
@@ -58,7 +58,8 @@ impl Campaign {
         if open.is_empty() {
             return Ok(());
         }
-        let bases = Bases::new(self.seed, self.current_limit_a);
+        // Behind a lock, because a robot's model need not be shared by threads; a copy takes little of a case's time.
+        let bases = Mutex::new(Bases::new(self.seed, self.current_limit_a));
         let next = AtomicUsize::new(0);
         let failed = Mutex::new(None);
         let began = Instant::now();
@@ -66,7 +67,9 @@ impl Campaign {
             for _ in 0..self.jobs.max(1) {
                 scope.spawn(|| {
                     while let Some(&number) = open.get(next.fetch_add(1, Ordering::Relaxed)) {
-                        let outcome = run(&bases, number, Plan::draw(self.seed, number));
+                        let plan = Plan::draw(self.seed, number);
+                        let rig = lock(&bases).rig(&plan);
+                        let outcome = run_on(rig, number, plan);
                         if let Err(error) = append(&out, &outcome) {
                             *lock(&failed) = Some(error);
                             return;

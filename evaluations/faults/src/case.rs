@@ -103,10 +103,23 @@ impl Watch {
     }
 }
 
+impl Bases {
+    /// A copy of the rig that a plan begins from.
+    #[must_use]
+    pub fn rig(&self, plan: &Plan) -> Rig {
+        self.0[(plan.base % BASES) as usize].clone()
+    }
+}
+
 /// Runs a case.
 #[must_use]
 pub fn run(bases: &Bases, number: u64, plan: Plan) -> Outcome {
-    let mut rig = bases.0[(plan.base % BASES) as usize].clone();
+    run_on(bases.rig(&plan), number, plan)
+}
+
+/// Runs a case on an armed rig.
+#[must_use]
+pub fn run_on(mut rig: Rig, number: u64, plan: Plan) -> Outcome {
     let mut watch = Watch {
         began_m: std::array::from_fn(|unit| rig.wound_m(unit)),
         ..Watch::default()

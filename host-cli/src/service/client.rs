@@ -119,6 +119,7 @@ impl Client {
     }
 
     /// Uses a stream that is connected already.
+    /// `pid`: the process that others are told, if any.
     pub(super) fn over(
         stream: UnixStream,
         name: &str,
