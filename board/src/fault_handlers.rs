@@ -84,6 +84,17 @@ extern "C" fn hard_fault(old_stack: *const u32) -> ! {
     crash_record::fail(Fault::HardFault, scb.cfsr.read(), pc, &text)
 }
 
+/// The clock security system found the HSE stopped (RM0433 section 8.5.3). The core runs on from the HSI at another
+/// frequency, so nothing that has a time is right any more: restart, without the HSE.
+#[cortex_m_rt::exception]
+unsafe fn NonMaskableInt() -> ! {
+    cortex_m::interrupt::disable();
+    gpio::hold_dacs_at_zero();
+    // SAFETY: read-only access to a status register.
+    let flags = unsafe { (*board::hw::pac::RCC::PTR).cifr().read().bits() };
+    crash_record::fail(Fault::ClockFailure, flags, 0, "the HSE clock stopped")
+}
+
 #[cortex_m_rt::exception]
 unsafe fn DefaultHandler(number: i16) {
     let mut text = String::<96>::new();

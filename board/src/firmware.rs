@@ -98,7 +98,10 @@ impl Board {
         };
         startup::debug(&part.DBGMCU);
         gpio::configure();
-        let reset_flags = startup::clocks(&part.RCC, &part.PWR, &part.FLASH);
+        let silicon = startup::revision(&part.DBGMCU);
+        startup::axi_read_fix(silicon);
+        let startup::Clocks { reset_flags, hse } =
+            startup::clocks(&part.RCC, &part.PWR, &part.FLASH);
         startup::caches(&mut core.SCB);
         startup::priorities(&mut core.NVIC, &mut core.SCB);
         let crash_record = crash_record::take_crash_record(reset_flags);
@@ -108,14 +111,16 @@ impl Board {
 
         dac::start();
         let (counters, broken_counter) = Counters::start();
-        let (usart, usart_queue) = usart::start(&part.USART3, &part.DMAMUX1);
+        let (usart, usart_queue) = usart::start(&part.USART3, &part.DMAMUX1, silicon);
         let usb_supplied = startup::usb_supply(&part.RCC, &part.PWR);
         let (usb, usb_queue) = usb::start(usb_supplied);
         let events = sensors::start(&part.SYSCFG, &part.EXTI);
 
         defmt::info!(
-            "force board {=str}, reset flags {=u32:#x}, usb {=bool}",
+            "force board {=str}, silicon {=u16:#x}, HSE {=bool}, reset flags {=u32:#x}, usb {=bool}",
             VERSION,
+            silicon,
+            hse,
             reset_flags,
             usb.is_some()
         );
@@ -125,6 +130,8 @@ impl Board {
                 schema: SCHEMA_HASH,
                 version: String::try_from(VERSION).unwrap_or_default(),
                 core_hz: clocks::CORE_HZ,
+                silicon,
+                hse,
                 reset_flags,
                 crash_record,
             }),
@@ -185,7 +192,7 @@ impl Board {
                         .copied()
                         .unwrap_or_default();
                     let code = AdcCode::new(code.counts());
-                    let (word, pending) = self.machine.sample(
+                    let (word, mut pending) = self.machine.sample(
                         unit,
                         code,
                         counts,
@@ -194,6 +201,7 @@ impl Board {
                         &mut self.reports,
                     );
                     dac::write(unit, word);
+                    self.machine.check(&mut pending, &mut self.reports);
                     let telemetry = pending.describe();
                     if let Some((at, late)) = self.outstanding.insert(at, telemetry) {
                         stream(&mut self.links, &self.machine, at, late);
@@ -234,7 +242,13 @@ impl Board {
             events_lost: sensors::events_lost(),
             dac_error,
         };
+        let blind = self.machine.wants_encoders();
+        for unit in (0..UNITS as u8).filter(|unit| blind & (1 << unit) != 0) {
+            let counts = EncoderCounts(self.counters.read(unit));
+            self.machine.encoder(unit, counts);
+        }
         self.machine.tick(Micros(now), health, &mut self.reports);
+        sensors::set_pointer_ahead(self.machine.pointer_ahead());
         // One counter a millisecond: noise at an encoder is seen within six.
         self.encoder_checked = (self.encoder_checked + 1) % UNITS as u8;
         if let Some(flags) = self.counters.noise(self.encoder_checked) {
@@ -253,7 +267,7 @@ impl Board {
         if dac_error.is_none() {
             self.watchdog.check_in(Part::Dac);
         }
-        if let Some(missing) = self.watchdog.tick() {
+        if let Some(missing) = self.watchdog.tick(!self.machine.withholds_alive()) {
             // The watchdog is not fed any more and resets the board soon: record the cause now.
             crash_record::write_crash_record(
                 Fault::WatchdogReset,
@@ -327,7 +341,7 @@ impl Board {
         usart.receive(BYTES_PER_PASS, |byte| {
             execute(links::USART, usart_link, byte)
         });
-        usart.send();
+        usart.send(time::now());
         self.watchdog.check_in(Part::Links);
     }
 

@@ -1,187 +1,16 @@
 //! The machine: who may command, what is refused, what stops the motors.
 
-use board::bus;
-use board::machine::{
-    config_crc, Effects, Health, LinkCounters, LoopFigures, Machine, FIRST_SAMPLE_MS,
-};
+use board::machine::{config_crc, Health, COMMANDER_SILENT_US, FIRST_SAMPLE_MS};
 use board::telemetry::{Batcher, Outstanding, FLUSH_US};
 use control::{AdcCode, Config, DacCode, EncoderCounts, Fault, Micros, MotorState, SystemState};
 use wire::message::{
-    flags, BoardInfo, CommandError, CrashRecord, FaultReport, FilterChoice, Response, Ripple,
-    Sample, Status, UnitConfig, UnitSetpoint, BATCH, RIPPLES,
+    flags, CommandError, CrashRecord, FilterChoice, Response, Ripple, Sample, UnitConfig,
+    UnitSetpoint, BATCH, RIPPLES,
 };
-use wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
+use wire::{Command, ABI_VERSION, SCHEMA_HASH, UNITS};
 
-#[derive(Default)]
-struct Board {
-    started: Vec<u8>,
-    stopped: Vec<u8>,
-    zeroed: Vec<u8>,
-    reports: Vec<FaultReport>,
-}
-
-impl Effects for Board {
-    fn start_sensor(&mut self, unit: u8) {
-        self.started.push(unit);
-    }
-    fn stop_sensor(&mut self, unit: u8) {
-        self.stopped.push(unit);
-    }
-    fn zero_output(&mut self, unit: u8) {
-        self.zeroed.push(unit);
-    }
-    fn report(&mut self, report: FaultReport) {
-        self.reports.push(report);
-    }
-}
-
-fn info(crash_record: Option<CrashRecord>) -> BoardInfo {
-    BoardInfo {
-        abi: ABI_VERSION,
-        schema: SCHEMA_HASH,
-        version: "0".try_into().unwrap(),
-        core_hz: 400_000_000,
-        reset_flags: 0,
-        crash_record,
-    }
-}
-
-/// A machine, a board around it, and a clock.
-struct Bench {
-    machine: Machine,
-    board: Board,
-    now: Micros,
-    estop_closed: bool,
-    streaming: [bool; UNITS],
-    /// Newton on each load cell.
-    load_n: f64,
-    last: [DacCode; UNITS],
-}
-
-impl Bench {
-    fn new(crash_record: Option<CrashRecord>) -> Self {
-        Self {
-            machine: Machine::new(info(crash_record)),
-            board: Board::default(),
-            now: Micros(0xFFF0_0000),
-            estop_closed: true,
-            streaming: [false; UNITS],
-            load_n: 0.0,
-            last: [DacCode::ZERO_VOLT; UNITS],
-        }
-    }
-
-    fn ask(&mut self, link: usize, command: Command) -> Option<Response> {
-        let frame = HostFrame { seq: 7, command };
-        let (figures, counters) = (LoopFigures::default(), LinkCounters::default());
-        self.machine
-            .command(link, &frame, self.now, figures, counters, &mut self.board)
-    }
-
-    fn done(&mut self, command: Command) {
-        assert_eq!(
-            self.ask(0, command.clone()),
-            Some(Response::Done),
-            "{command:?}"
-        );
-    }
-
-    fn hello(&mut self, link: usize) -> Option<Response> {
-        self.ask(
-            link,
-            Command::Hello {
-                abi: ABI_VERSION,
-                schema: SCHEMA_HASH,
-            },
-        )
-    }
-
-    /// Milliseconds with a tick each; a sample of each streaming unit every third, and what was to be brought
-    /// up comes up.
-    fn run(&mut self, ms: u32) {
-        for _ in 0..ms {
-            self.now.0 = self.now.0.wrapping_add(1_000);
-            let health = Health {
-                estop_closed: self.estop_closed,
-                ..Health::default()
-            };
-            self.machine.tick(self.now, health, &mut self.board);
-            for unit in core::mem::take(&mut self.board.started) {
-                self.streaming[usize::from(unit)] = true;
-                self.machine
-                    .bus_event(bus::Event::Up { unit }, self.now, &mut self.board);
-            }
-            for unit in 0..UNITS {
-                if self.streaming[unit] && (self.now.0 / 1_000).is_multiple_of(3) {
-                    self.sample(unit);
-                }
-            }
-        }
-    }
-
-    fn sample(&mut self, unit: usize) -> Sample {
-        let code =
-            AdcCode::new((self.load_n / 6.85e-6) as i32 + (self.now.0 / 1_000 % 5) as i32 * 20);
-        let (dac, pending) = self.machine.sample(
-            unit as u8,
-            code,
-            EncoderCounts(0),
-            self.now,
-            0,
-            &mut self.board,
-        );
-        self.last[unit] = dac;
-        pending.describe()
-    }
-
-    fn status(&self) -> Status {
-        self.machine
-            .status(self.now, LoopFigures::default(), LinkCounters::default())
-    }
-
-    /// Configured, up, armed.
-    fn armed() -> Self {
-        let mut bench = Self::ready();
-        bench.done(Command::Arm);
-        bench.run(3);
-        assert_eq!(bench.machine.system(), SystemState::Running);
-        bench
-    }
-
-    fn ready() -> Self {
-        let mut bench = Self::new(None);
-        bench.run(5);
-        bench.hello(0);
-        for unit in 0..UNITS as u8 {
-            bench.done(Command::StageConfig {
-                unit,
-                config: Config::nominal(),
-            });
-        }
-        bench.done(Command::CommitConfig);
-        bench.run(50);
-        assert_eq!(bench.machine.system(), SystemState::Ready);
-        bench
-    }
-
-    fn setpoints(&mut self, tension_un: i32) -> Option<Response> {
-        let unit = UnitSetpoint {
-            tension_un,
-            inv_cos_q16: 65_536,
-        };
-        self.ask(
-            0,
-            Command::Setpoints {
-                valid_ms: 100,
-                units: [unit; UNITS],
-            },
-        )
-    }
-
-    fn all_at_zero(&self) -> bool {
-        self.last.iter().all(|dac| *dac == DacCode::ZERO_VOLT)
-    }
-}
+mod common;
+use common::Bench;
 
 #[test]
 fn what_was_committed_is_read_back_at_once() {
@@ -205,14 +34,15 @@ fn what_was_committed_is_read_back_at_once() {
 }
 
 #[test]
-fn nothing_is_done_for_a_link_without_hello_and_the_last_hello_commands() {
+fn nothing_is_driven_for_a_link_without_hello() {
     let mut bench = Bench::new(None);
     bench.run(2);
     for command in [
         Command::Arm,
-        Command::GetStatus,
-        Command::Stop,
         Command::CommitConfig,
+        Command::Disarm,
+        Command::ClearFaults,
+        Command::Stream { decimation: 1 },
     ] {
         assert_eq!(
             bench.ask(0, command),
@@ -232,28 +62,65 @@ fn nothing_is_done_for_a_link_without_hello_and_the_last_hello_commands() {
             schema: SCHEMA_HASH
         }))
     );
-    assert!(matches!(bench.hello(0), Some(Response::Hello(_))));
-    assert!(matches!(
-        bench.ask(0, Command::GetStatus),
-        Some(Response::Status(_))
-    ));
-    assert!(matches!(bench.hello(1), Some(Response::Hello(_))));
     assert_eq!(
-        bench.ask(0, Command::GetStatus),
-        Some(Response::Rejected(CommandError::NotConnected))
+        bench.ask(0, Command::CommitConfig),
+        Some(Response::Rejected(CommandError::NotConnected)),
+        "a rejected Hello opens nothing"
     );
-    // A rejected Hello on the other link changes nothing.
-    bench.ask(
-        0,
-        Command::Hello {
-            abi: ABI_VERSION + 1,
-            schema: SCHEMA_HASH,
-        },
-    );
-    assert!(matches!(
-        bench.ask(1, Command::GetStatus),
-        Some(Response::Status(_))
-    ));
+    assert!(matches!(bench.hello(0), Some(Response::Hello(_))));
+    bench.done(Command::CommitConfig);
+}
+
+/// A look at the status on the other link must not stop a run, and a stop must work from anywhere.
+#[test]
+fn any_link_may_look_and_stop_and_none_takes_over_a_run() {
+    let mut bench = Bench::armed();
+    for _ in 0..30 {
+        bench.setpoints(3_000_000);
+        assert!(matches!(bench.hello(1), Some(Response::Hello(_))));
+        for look in [
+            Command::GetStatus,
+            Command::GetConfig { unit: 0 },
+            Command::GetBoard,
+        ] {
+            let answer = bench.ask(1, look);
+            assert!(
+                matches!(
+                    answer,
+                    Some(Response::Status(_) | Response::Config(_) | Response::Board(_))
+                ),
+                "{answer:?}"
+            );
+        }
+        assert_eq!(
+            bench.ask(1, Command::Disarm),
+            Some(Response::Rejected(CommandError::NotConnected))
+        );
+        bench.run(10);
+    }
+    assert_eq!(bench.machine.system(), SystemState::Running);
+    assert!(!bench.all_at_zero());
+    // Without a Hello too.
+    let mut bench = Bench::armed();
+    assert_eq!(bench.ask(1, Command::Stop), Some(Response::Done));
+    assert_eq!(bench.status().fault, Fault::HostStop.code());
+    assert_eq!(bench.machine.system(), SystemState::Fault);
+}
+
+#[test]
+fn a_silent_commander_is_replaced() {
+    let mut bench = Bench::ready();
+    bench.done(Command::Arm);
+    bench.hello(1);
+    bench.run(COMMANDER_SILENT_US / 1_000 - 5);
+    let rejected = Some(Response::Rejected(CommandError::NotConnected));
+    assert_eq!(bench.ask(1, Command::Disarm), rejected);
+    bench.run(10);
+    assert_eq!(bench.ask(1, Command::Disarm), Some(Response::Done));
+    // While nothing is driven, the link that asks commands.
+    let mut bench = Bench::ready();
+    bench.hello(1);
+    assert_eq!(bench.ask(1, Command::Arm), Some(Response::Done));
 }
 
 #[test]
@@ -310,6 +177,10 @@ fn the_checksum_covers_the_longest_configuration() {
         travel_nm_per_count: n,
         dac_counts_per_n_q16: n,
         force_limit_un: n,
+        stored_zero_code: i32::MIN,
+        zero_deviation_un: i32::MIN,
+        authority_un: i32::MIN,
+        plausible_un: i32::MIN,
         slew_un_per_s: n,
         over_tension_un: n,
         viscous_q16: n,
@@ -363,7 +234,7 @@ fn bad_values_are_named_by_unit_and_field_and_change_nothing() {
         refused,
         Some(Response::Rejected(CommandError::Range {
             unit: 3,
-            field: 5
+            field: 7
         }))
     );
     let refused = bench.ask(
@@ -396,6 +267,7 @@ fn bad_values_are_named_by_unit_and_field_and_change_nothing() {
     let unit = UnitSetpoint {
         tension_un: 3_000_000,
         inv_cos_q16: 0,
+        direction_q14: [0; 3],
     };
     let refused = bench.ask(
         0,
@@ -583,7 +455,7 @@ fn a_converter_without_samples_after_its_bring_up_is_a_failed_bring_up() {
 #[test]
 fn zeroing_takes_the_load_away_and_a_touched_cable_is_refused() {
     let mut bench = Bench::ready();
-    bench.load_n = 1.5;
+    bench.load_n = Some(1.5);
     bench.run(50);
     assert!((bench.status().units[0].tension_un - 1_500_000).abs() < 5_000);
     bench.done(Command::Zero { units: 0b11 });
@@ -607,7 +479,7 @@ fn zeroing_takes_the_load_away_and_a_touched_cable_is_refused() {
 
     bench.done(Command::Zero { units: 0b100 });
     bench.run(300);
-    bench.load_n = 2.5;
+    bench.load_n = Some(2.5);
     bench.run(700);
     assert_eq!(bench.status().units[2].fault, Fault::ZeroRefused.code());
 }

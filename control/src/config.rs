@@ -45,53 +45,64 @@ fields! {
         "1,000,000 to 30,000,000 in size: measured cells have 6.2 to 7.3 million; the rest leaves room for 1 to 10 kg cells";
     /// Zero.
     ZERO = 2, "zero_code", -8_388_608 ..= 8_388_607, "24-bit code";
+    /// Stored zero.
+    STORED_ZERO = 3, "stored_zero_code", -8_388_608 ..= 8_388_607, "24-bit code";
+    /// Permitted deviation of a zero.
+    ZERO_DEVIATION = 4, "zero_deviation_un", 100_000 ..= 10_000_000,
+        "0.1 N, less than a calibration of the converter moves the zero, to 10 N, twice the weight of a unit: 15 N of preload must never pass";
     /// Samples of the moving average, or corner of the low pass in 0.01 Hz.
-    FILTER = 3, "filter", 1 ..= 12_000,
+    FILTER = 5, "filter", 1 ..= 12_000,
         "moving average of 1 to 16 samples; low pass of 5 Hz (below, the delay makes the loop unstable) to 120 Hz (the sample rate's half is 155 Hz at least)";
     /// Spike gate.
-    SPIKE_LIMIT = 4, "spike_limit_un", 50_000 ..= 60_000_000,
+    SPIKE_LIMIT = 6, "spike_limit_un", 50_000 ..= 60_000_000,
         "50 mN is ten times the measured noise; 60 N is past the cell's full scale, so the gate never acts";
     /// Proportional gain.
-    KP = 5, "kp_q16", 0 ..= 1_310_720, "0 to 20 N/N: the rig was run with up to 15";
+    KP = 7, "kp_q16", 0 ..= 1_310_720, "0 to 20 N/N: the rig was run with up to 15";
     /// Integral gain.
-    KI = 6, "ki_q16", 0 ..= 13_107_200, "0 to 200 N/(N s): ten times what 10 ms of delay allow";
+    KI = 8, "ki_q16", 0 ..= 13_107_200, "0 to 200 N/(N s): ten times what 10 ms of delay allow";
     /// Derivative gain.
-    KD = 7, "kd_q16", 0 ..= 32_768, "0 to 0.5 s: a sample period is 0.003 s";
+    KD = 9, "kd_q16", 0 ..= 32_768, "0 to 0.5 s: a sample period is 0.003 s";
     /// Damping.
-    DAMPING = 8, "damping_q16", 0 ..= 65_536_000, "0 to 1,000 N s/m: critical for a 10 N/mm cable is 136";
+    DAMPING = 10, "damping_q16", 0 ..= 65_536_000, "0 to 1,000 N s/m: critical for a 10 N/mm cable is 136";
     /// Friction offset.
-    OFFSET = 10, "friction_offset_un", -3_000_000 ..= 3_000_000, "measured 155,000; 3 N would be a unit that hangs by its cable";
+    OFFSET = 12, "friction_offset_un", -3_000_000 ..= 3_000_000, "measured 155,000; 3 N would be a unit that hangs by its cable";
     /// Friction gain.
-    GAIN = 11, "friction_gain_q16", 32_768 ..= 131_072, "0.5 to 2: measured 1.018";
+    GAIN = 13, "friction_gain_q16", 32_768 ..= 131_072, "0.5 to 2: measured 1.018";
     /// Coulomb friction.
-    COULOMB = 12, "coulomb_un", 0 ..= 5_000_000, "measured 909,000; above 5 N the unit can't hold 2 N";
+    COULOMB = 14, "coulomb_un", 0 ..= 5_000_000, "measured 909,000; above 5 N the unit can't hold 2 N";
     /// Load dependence of Coulomb friction.
-    COULOMB_LOAD = 13, "coulomb_load_q16", 0 ..= 26_214, "0 to 0.4 and at most half the friction gain, with more, winding in would take more than twice the force; measured 0.154";
+    COULOMB_LOAD = 15, "coulomb_load_q16", 0 ..= 26_214, "0 to 0.4 and at most half the friction gain, with more, winding in would take more than twice the force; measured 0.154";
     /// Reversal travel.
-    REVERSAL = 14, "reversal_nm", 10_000 ..= 5_000_000,
+    REVERSAL = 16, "reversal_nm", 10_000 ..= 5_000_000,
         "10 um is two counts, less would be noise; over 5 mm the compensation would come after the disturbance";
     /// Encoder scale.
-    TRAVEL = 15, "travel_nm_per_count", -100_000 ..= 100_000, "100 to 100,000 in size: nominal 4,229";
+    TRAVEL = 17, "travel_nm_per_count", -100_000 ..= 100_000, "100 to 100,000 in size: nominal 4,229";
     /// DAC scale.
-    DAC_SCALE = 16, "dac_counts_per_n_q16", -65_536_000 ..= 65_536_000,
+    DAC_SCALE = 18, "dac_counts_per_n_q16", -65_536_000 ..= 65_536_000,
         "10 to 1,000 counts/N in size: 282 (Z6A6 at +-10 V), 564 (+-5 V), 141 (Z12A8)";
     /// Force limit.
-    FORCE_LIMIT = 17, "force_limit_un", 0 ..= 40_000_000,
+    FORCE_LIMIT = 19, "force_limit_un", 0 ..= 40_000_000,
         "0 to 40 N: cables carry up to 12 N and the cell is rated 29 N; the drive can pull 116 N, which must never reach the cable";
+    /// Authority over the friction model.
+    AUTHORITY = 20, "authority_un", 500_000 ..= 40_000_000,
+        "0.5 N, less than friction varies, to 40 N, which limits nothing";
+    /// Deviation from the friction model.
+    PLAUSIBLE = 21, "plausible_un", 500_000 ..= 20_000_000,
+        "0.5 N, less than friction varies, to 20 N, where the force limit comes first";
     /// Slew limit.
-    SLEW = 18, "slew_un_per_s", 1_000_000 ..= 2_000_000_000,
+    SLEW = 22, "slew_un_per_s", 1_000_000 ..= 2_000_000_000,
         "1 N/s, below which nothing settles, to 2,000 N/s, past which it limits nothing";
     /// Over-tension.
-    OVER_TENSION = 19, "over_tension_un", 1_000_000 ..= 50_000_000, "1 to 50 N: the cell's converter ends at 57 N";
+    OVER_TENSION = 23, "over_tension_un", 1_000_000 ..= 50_000_000, "1 to 50 N: the cell's converter ends at 57 N";
     /// Viscous friction.
-    VISCOUS = 20, "viscous_q16", 0 ..= 6_553_600, "0 to 100 N s/m: below the loop's damping, which keeps the loop stable if this is too large";
+    VISCOUS = 24, "viscous_q16", 0 ..= 6_553_600, "0 to 100 N s/m: below the loop's damping, which keeps the loop stable if this is too large";
     /// A ripple's periods per count.
-    RIPPLE_RATE = 21, "ripples.periods_per_count_q32", -858_993_459 ..= 858_993_459,
+    RIPPLE_RATE = 25, "ripples.periods_per_count_q32", -858_993_459 ..= 858_993_459,
         "a fifth of a period a count at most, in size: finer ones cannot be distinguished from noise";
     /// A ripple's amplitude.
-    RIPPLE_AMPLITUDE = 21, "ripples.amplitude_un", 0 ..= 3_000_000, "0 to 3 N: more is a broken reel and not a ripple";
+    RIPPLE_AMPLITUDE = 25, "ripples.amplitude_un", 0 ..= 3_000_000, "0 to 3 N: more is a broken reel and not a ripple";
     /// A ripple's amplitude per setpoint.
-    RIPPLE_LOAD = 21, "ripples.amplitude_load_q16", 0 ..= 13_107, "0 to 0.2 N per N: a reel 2 mm out of round";
+    RIPPLE_LOAD = 25, "ripples.amplitude_load_q16", 0 ..= 13_107, "0 to 0.2 N per N: a reel 2 mm out of round";
 }
 
 /// A number that is out of its range.
@@ -147,6 +158,10 @@ pub struct Config {
     pub(crate) travel_nm: i32,
     pub(crate) dac_q16: i32,
     pub(crate) force_limit: Newton,
+    pub(crate) authority: Newton,
+    pub(crate) plausible: Newton,
+    /// Permitted deviation of a zero in ADC counts.
+    pub(crate) zero_deviation: u32,
     pub(crate) slew: Rate,
     pub(crate) setpoint_slew: Rate,
     pub(crate) over_tension: Newton,
@@ -160,6 +175,8 @@ impl Config {
             enabled: true,
             scale_pn_per_count: 6_850_000,
             zero_code: 0,
+            stored_zero_code: 0,
+            zero_deviation_un: 8_000_000,
             filter: FilterChoice::LowPass { corner_chz: 10_000 },
             spike_limit_un: 1_000_000,
             kp_q16: 19_661, // 0.3
@@ -175,6 +192,8 @@ impl Config {
             travel_nm_per_count: 4_229,
             dac_counts_per_n_q16: 18_495_479, // 282.22
             force_limit_un: 16_000_000,
+            authority_un: 4_000_000,
+            plausible_un: 2_500_000,
             slew_un_per_s: 400_000_000,
             over_tension_un: 20_000_000,
             viscous_q16: 0,
@@ -196,6 +215,8 @@ impl Config {
         let w = wire;
         sized(field::SCALE, w.scale_pn_per_count, 1_000_000)?;
         within(field::ZERO, w.zero_code)?;
+        within(field::STORED_ZERO, w.stored_zero_code)?;
+        within(field::ZERO_DEVIATION, w.zero_deviation_un)?;
         match w.filter {
             FilterChoice::MovingAverage(n) => {
                 narrow(field::FILTER, i32::from(n), 1, 16)?;
@@ -222,6 +243,8 @@ impl Config {
         sized(field::TRAVEL, w.travel_nm_per_count, 100)?;
         sized(field::DAC_SCALE, w.dac_counts_per_n_q16, 655_360)?;
         within(field::FORCE_LIMIT, w.force_limit_un)?;
+        within(field::AUTHORITY, w.authority_un)?;
+        within(field::PLAUSIBLE, w.plausible_un)?;
         within(field::SLEW, w.slew_un_per_s)?;
         within(field::OVER_TENSION, w.over_tension_un)?;
         within(field::VISCOUS, w.viscous_q16)?;
@@ -250,6 +273,12 @@ impl Config {
             travel_nm: w.travel_nm_per_count,
             dac_q16: w.dac_counts_per_n_q16,
             force_limit: Newton::from_un(w.force_limit_un),
+            authority: Newton::from_un(w.authority_un),
+            plausible: Newton::from_un(w.plausible_un),
+            zero_deviation: rounded(
+                f64::from(w.zero_deviation_un) * 1e6 / f64::from(w.scale_pn_per_count),
+            )
+            .unsigned_abs(),
             slew: Rate::from_un_per_s(w.slew_un_per_s),
             setpoint_slew: Rate::from_un_per_s(w.slew_un_per_s).shifted(SETPOINT_SLEW_SHIFT),
             over_tension: Newton::from_un(w.over_tension_un),
@@ -272,6 +301,12 @@ impl Config {
     #[must_use]
     pub const fn force_limit(&self) -> Newton {
         self.force_limit
+    }
+
+    /// The averager of this unit's zero.
+    #[must_use]
+    pub const fn zero_averager(&self) -> crate::zero::Averager {
+        crate::zero::Averager::new(self.wire.stored_zero_code, self.zero_deviation)
     }
 
     /// The same configuration with another zero (see [`crate::zero`]).
@@ -304,6 +339,9 @@ impl Default for Config {
             travel_nm: 0,
             dac_q16: 0,
             force_limit: Newton::ZERO,
+            authority: Newton::ZERO,
+            plausible: Newton::ZERO,
+            zero_deviation: 0,
             slew: Rate::default(),
             setpoint_slew: Rate::default(),
             over_tension: Newton::ZERO,

@@ -129,6 +129,21 @@ faults! {
         meaning: "An LS7266R1 does not keep what is written to it: the counter bus is not wired or not supplied, so positions and speeds would be wrong.",
         way_out: "Check the 8-bit bus (PE8 to PE15), CS lines and supply of the counters, then clear.",
         detail: "number of the counter, from 1";
+    /// 0 V has no effect.
+    OutputStuck = 15, Board, "0 V has no effect",
+        meaning: "A motor was switched to 0 V, and its cable did not let go: the DAC, its select wire or the amplifier does not follow. The alive line is withheld, so that the PLC removes the amplifiers' power.",
+        way_out: "Switch the amplifiers' supply off. Check the DAC's select wire, its supply and the amplifier. Then clear.",
+        detail: "bits 31 to 24: unit, from 1; bits 23 to 0: tension that is left, in millinewton (0xFFFFFF: its load cell does not measure)";
+    /// Force at the tip above its limit.
+    TipForce = 16, Board, "tip force above its limit",
+        meaning: "The cables pulled harder at the robot's tip than the configured limit, as the board computes it from its own load cells and the cable directions of the last setpoints.",
+        way_out: "Find the cause: a setpoint that is too large, a robot that moved far from the pose that the host assumes, or a wrong rig file. Then clear and arm.",
+        detail: "force in millinewton";
+    /// The external clock failed.
+    ClockFailure = 17, Board, "clock failure",
+        meaning: "The 8 MHz clock from the ST-Link stopped while the board ran. The board restarted and runs on its internal oscillator.",
+        way_out: "Check the ST-Link's supply and its clock output (MCO), reset the board, then clear.",
+        detail: "RCC_CIFR when it was noticed (RM0433 8.7.20)";
 
     /// Over-tension.
     OverTension = 32, Unit, "over-tension",
@@ -172,9 +187,9 @@ faults! {
         detail: "travel wound in, in micrometres";
     /// Zeroing refused.
     ZeroRefused = 40, Unit, "zeroing refused",
-        meaning: "The load cell was not steady, or too far from zero, while its zero was averaged.",
-        way_out: "Make sure the cable is slack and at rest, clear, and zero again.",
-        detail: "0: saturated; bit 31 clear: spread in ADC counts; bit 31 set: bits 30 to 0 are the mean's distance from 0 in counts";
+        meaning: "The load cell was not steady while its zero was averaged, or the zero is further from the stored one than the configuration permits.",
+        way_out: "Make sure the cable is slack and at rest, clear, and zero again. For another load cell or mounting angle, put the new zero into the rig file.",
+        detail: "0: saturated; bit 31 clear: spread in ADC counts; bit 31 set: bits 30 to 0 are the mean's distance from the stored zero in counts";
     /// Reads fail.
     SensorReads = 41, Unit, "sensor reads fail",
         meaning: "The converter signals samples, but reading them over I2C failed several times in a row.",
@@ -185,6 +200,26 @@ faults! {
         meaning: "The tension varied more than a resting reel allows, and the encoder counted nothing: it is unplugged or broken. Without it the loop has no damping and oscillates, so the motor is at 0 V.",
         way_out: "Check the encoder's plug, supply and counter, then clear and arm.",
         detail: "swing of the tension in millinewton";
+    /// The converter repeats its result.
+    SensorFrozen = 43, Unit, "sensor frozen",
+        meaning: "The converter gave the same code many times in a row, though its noise is hundreds of counts: the result is not a new one, or the bridge is not connected to it.",
+        way_out: "Check the sensor module's wiring, then clear: the converter is brought up again.",
+        detail: "ADC code";
+    /// The load cell shows a cable that pushes.
+    TensionNegative = 44, Unit, "tension negative",
+        meaning: "The load cell shows a clearly negative tension while the motor acts. A cable cannot push: the zero was taken with the cable under load, the signal wires are exchanged or a wire of the bridge is open.",
+        way_out: "Check the bridge's four wires and the sign of scale_n_per_count, zero with slack cables, then clear and arm.",
+        detail: "size of the tension in millinewton";
+    /// The measured tension does not fit the command.
+    Implausible = 45, Unit, "tension implausible",
+        meaning: "The measured tension is outside the friction model's band around the command, and the reel does not move as the difference would make it: the load cell reads wrong, the amplifier is off, or friction is far from the configured one.",
+        way_out: "Compare the load cell with a known weight, check the amplifier and its supply, and find friction with forcectl identify. plausible_n in the rig file is the permitted difference. Then clear and arm.",
+        detail: "difference in millinewton; bit 31: more tension than the command makes";
+    /// The command stands at its limit.
+    CommandAtLimit = 46, Unit, "command at its limit",
+        meaning: "The unit's command stood at its upper limit, or at zero with too much tension, and the tension did not reach the setpoint: the load cell reads wrong, the amplifier is weak, or friction is far from the configured one.",
+        way_out: "Compare the load cell with a known weight, check the amplifier, and find friction with forcectl identify. authority_n in the rig file is what the command may exceed the friction model by. Then clear and arm.",
+        detail: "command in millinewton";
 }
 
 impl Fault {

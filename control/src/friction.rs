@@ -48,6 +48,9 @@ pub struct Model {
     inv_in_q24: i32,
     /// 1 / (gain + c1), times 2^24.
     inv_out_q24: i32,
+    /// gain - c1 and gain + c1, times 65,536.
+    gain_in_q16: i32,
+    gain_out_q16: i32,
     /// Direction (times 2^30) per nanometre, times 256.
     per_nm_q8: i32,
     /// Play that the travel must use up before it counts, in nanometres: one encoder count.
@@ -75,6 +78,8 @@ impl Model {
             coulomb: Newton::from_un(wire.coulomb_un).to_bits(),
             inv_in_q24: inverse(gain - c1),
             inv_out_q24: inverse(gain + c1),
+            gain_in_q16: wire.friction_gain_q16.saturating_sub(wire.coulomb_load_q16),
+            gain_out_q16: wire.friction_gain_q16.saturating_add(wire.coulomb_load_q16),
             per_nm_q8: crate::units::rounded(per_nm * 256.0),
             play_nm: wire.travel_nm_per_count.saturating_abs(),
             viscous: crate::units::rounded(
@@ -98,6 +103,29 @@ impl Model {
     #[must_use]
     pub const fn is_enabled(&self) -> bool {
         self.enabled
+    }
+
+    /// The command that holds `tension` while the reel winds in, compensation on or off, without viscous friction and
+    /// ripples: the most that the model ever needs for it.
+    #[must_use]
+    pub const fn winding_in(&self, tension: Newton) -> Newton {
+        let base = tension.to_bits() as i64 - self.offset as i64 + self.coulomb as i64;
+        Newton::from_wide((base * self.inv_in_q24 as i64) >> 24)
+    }
+
+    /// The least tension that `command` can make: winding in. A resting reel holds any tension from here to
+    /// [`Self::most`].
+    #[must_use]
+    pub const fn least(&self, command: Newton) -> Newton {
+        let pull = (command.to_bits() as i64 * self.gain_in_q16 as i64) >> 16;
+        Newton::from_wide(pull + self.offset as i64 - self.coulomb as i64)
+    }
+
+    /// The most tension that `command` can hold: paying out.
+    #[must_use]
+    pub const fn most(&self, command: Newton) -> Newton {
+        let pull = (command.to_bits() as i64 * self.gain_out_q16 as i64) >> 16;
+        Newton::from_wide(pull + self.offset as i64 + self.coulomb as i64)
     }
 
     /// The command that makes `tension` while the reel moves in `direction`, with the reel `speed` and the position `at` for

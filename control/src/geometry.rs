@@ -1,8 +1,7 @@
 //! Cable geometry of the thesis, section 3.7, generic over the number type: the host computes in `f64`, a
 //! board that has an FPU may in `f32`. Not in the sample path.
 //!
-//! Only the host calls it today. It stays in this crate because the board is to guard the force at the tip with the same
-//! geometry.
+//! Only the host calls it: the board gets directions with the setpoints, and [`crate::tip`] adds the forces up.
 //!
 //! All points and directions are in the robot's base frame (metre, or unit length).
 
@@ -75,6 +74,17 @@ pub fn inv_cos_q16<T: RealField + Copy>(cos: T) -> Option<i32> {
     } else {
         None
     }
+}
+
+/// A direction as the wire carries it (unit vector times 16,384, rounded); zero where it is none.
+#[must_use]
+pub fn direction_q14<T: RealField + Copy>(direction: &Vector3<T>) -> [i16; 3] {
+    let one = f64::from(wire::message::DIRECTION_ONE);
+    direction
+        .map(|component| {
+            nalgebra::try_convert::<T, f64>(component).map_or(0, |v| libm::round(v * one) as i16)
+        })
+        .into()
 }
 
 /// The angle of a cosine in degrees, for display and warnings only: micromath's polynomial is right to

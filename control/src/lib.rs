@@ -11,6 +11,8 @@
 //! | one sample of one unit | [`mod@unit`], made of [`filter`], [`friction`], [`pid`], [`limits`] |
 //! | zeroing | [`zero`] |
 //! | when may a motor pull | [`state`], [`motor`], [`system`], [`supervisor`] |
+//! | can the load cell and the motor be believed | [`plausible`] |
+//! | how hard do the cables pull at the tip | [`tip`] |
 //! | what went wrong and how to clear it | [`faults`] |
 //! | where do the cables point (not in the sample path) | [`geometry`] |
 //!
@@ -49,9 +51,11 @@ pub mod geometry;
 pub mod limits;
 pub mod motor;
 pub mod pid;
+pub mod plausible;
 pub mod state;
 pub mod supervisor;
 pub mod system;
+pub mod tip;
 pub mod unit;
 pub mod units;
 pub mod zero;

@@ -66,7 +66,7 @@ pub struct Setpoint {
 
 impl Setpoint {
     /// From the wire; the number of the first field that is out of its range: 0 `tension_un` (0 to the
-    /// force limit), 1 `inv_cos_q16` (65,536 to 262,144).
+    /// force limit), 1 `inv_cos_q16` (65,536 to 262,144), 2 `direction_q14` (a unit vector, or zero).
     ///
     /// # Errors
     ///
@@ -77,6 +77,9 @@ impl Setpoint {
         }
         if !(InvCos::ONE.q16()..=InvCos::MAX.q16()).contains(&wire.inv_cos_q16) {
             return Err(1);
+        }
+        if !crate::tip::is_direction(wire.direction_q14) {
+            return Err(2);
         }
         Ok(Self {
             tension: Newton::from_un(wire.tension_un),
@@ -109,6 +112,10 @@ pub struct Output {
     pub command: Newton,
     /// Filtered cable tension.
     pub tension: Newton,
+    /// Cable tension before the filter.
+    pub direct: Newton,
+    /// Reel travel since the last sample in nanometres, positive winding in.
+    pub travel_nm: i32,
     /// Setpoint after its slew limit.
     pub setpoint: Newton,
     /// P, I, D and damping.
@@ -236,9 +243,13 @@ impl Controller {
             flags |= flags::PAYING_OUT;
         }
 
-        let fault = state.watch(config, &input, gated, tension, travel_nm);
+        // Before the filter, which would delay a sudden pull by milliseconds.
+        let direct = times_inv_cos(gated, input.setpoint.inv_cos);
+        let fault = state.watch(config, &input, direct, tension, travel_nm);
         let mut output = Output {
             tension,
+            direct,
+            travel_nm,
             direction,
             stillness: state.estimator.stillness(),
             flags,
@@ -300,7 +311,7 @@ impl Controller {
                 }
                 let unlimited = feedforward.saturating_add(terms.sum());
                 let braked = unlimited.saturating_sub(brake(tension, setpoint, travel_nm));
-                let limited = braked.clamp_to(Newton::ZERO, config.force_limit);
+                let limited = braked.clamp_to(Newton::ZERO, command_limit(config, setpoint));
                 let slewing = state.command.approach(limited, config.slew, dt_us);
                 // The brake counts as a limit: while it acts, the integral must not wind up.
                 let excess = unlimited.saturating_sub(state.command.value());
@@ -339,13 +350,11 @@ impl State {
         &mut self,
         config: &Config,
         input: &Input,
-        gated: Newton,
+        direct: Newton,
         tension: Newton,
         travel_nm: i32,
     ) -> Option<(Fault, u32)> {
         let count = |seen: u8, now: bool| if now { seen.saturating_add(1) } else { 0 };
-        // Before the filter, which would delay a sudden pull by milliseconds.
-        let direct = times_inv_cos(gated, input.setpoint.inv_cos);
         self.over = count(self.over, direct > config.over_tension);
         self.saturated = count(self.saturated, input.adc_code.is_saturated());
         self.slack_nm = if tension > SLACK_TENSION || input.drive == Drive::Off {
@@ -368,6 +377,14 @@ impl State {
 /// Load-cell force to cable tension: T = F / cos theta (thesis 3.7).
 fn times_inv_cos(force: Newton, inv_cos: InvCos) -> Newton {
     Newton::from_wide_shifted(i64::from(force.to_bits()) * i64::from(inv_cos.q16()), 16)
+}
+
+/// Largest command for a setpoint: what the friction model needs to wind the cable in at that tension and the unit's
+/// authority over it, at most the force limit. A load cell that reads too little makes the loop pull up to here.
+fn command_limit(config: &Config, setpoint: Newton) -> Newton {
+    let most = config.friction.winding_in(setpoint);
+    most.saturating_add(config.authority)
+        .clamp_to(Newton::ZERO, config.force_limit)
 }
 
 /// Brake force on the reel while it takes up slack faster than [`TAKE_UP_NM`], so that the cable does not tighten

@@ -2,7 +2,8 @@
 //!
 //! Zero moves with the unit's weight and mounting angle and a little with each calibration of the
 //! converter (thesis 3.5.1; device-facts: 0.5 to 1 % steps), so it is taken anew at each start, cables
-//! slack.
+//! slack. A zero far from the one that was stored with the calibration is no zero: a cable under load would read too
+//! little from then on, and its motor pull too much.
 
 use crate::units::AdcCode;
 
@@ -15,16 +16,12 @@ pub const SAMPLES: u16 = 256;
 /// that swings spreads over more than 0.3 N.
 pub const MAX_SPREAD: u32 = 35_000;
 
-/// Largest distance of a zero from code 0, in counts: 2,200,000 are 15 N, three times the weight of a unit
-/// (about 0.5 kg, thesis 3.5.1). Beyond it a cable is under load or the cell is broken.
-pub const MAX_ZERO: u32 = 2_200_000;
-
 /// Why there is no zero. [`Refused::detail`] is the number that fault pages and telemetry show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refused {
     /// The samples lie this many counts apart: the cable moves.
     Unsteady(u32),
-    /// The mean is this code: the cable is under load.
+    /// The mean is this many counts from the stored zero: the cable is under load, or the cell is another one.
     FarOff(i32),
     /// The converter stands at the end of its range.
     Saturated,
@@ -48,30 +45,29 @@ pub struct Averager {
     seen: u16,
     low: i32,
     high: i32,
-}
-
-impl Default for Averager {
-    fn default() -> Self {
-        Self::new()
-    }
+    /// The zero found when the unit was calibrated, and how far a new one may be from it, in counts.
+    stored: i32,
+    deviation: u32,
 }
 
 impl Averager {
-    /// Starts an average.
+    /// Starts an average that is refused further than `deviation` counts from the `stored` zero.
     #[must_use]
-    pub const fn new() -> Self {
+    pub const fn new(stored: i32, deviation: u32) -> Self {
         Self {
             sum: 0,
             seen: 0,
             low: i32::MAX,
             high: i32::MIN,
+            stored,
+            deviation,
         }
     }
 
     /// Takes a sample. After `Done` or `Refused` a new average begins with the next sample.
     pub fn push(&mut self, code: AdcCode) -> Progress {
         if code.is_saturated() {
-            *self = Self::new();
+            *self = Self::new(self.stored, self.deviation);
             return Progress::Refused(Refused::Saturated);
         }
         let value = code.get();
@@ -86,11 +82,11 @@ impl Averager {
         let samples = i64::from(SAMPLES);
         // Rounded to nearest; not in the sample path, so a division is fine.
         let mean = (self.sum + samples / 2).div_euclid(samples) as i32;
-        *self = Self::new();
+        *self = Self::new(self.stored, self.deviation);
         if spread > MAX_SPREAD {
             Progress::Refused(Refused::Unsteady(spread))
-        } else if mean.unsigned_abs() > MAX_ZERO {
-            Progress::Refused(Refused::FarOff(mean))
+        } else if mean.abs_diff(self.stored) > self.deviation {
+            Progress::Refused(Refused::FarOff(mean.saturating_sub(self.stored)))
         } else {
             Progress::Done(AdcCode::new(mean))
         }

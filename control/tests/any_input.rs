@@ -10,7 +10,7 @@ use control::{
     AdcCode, Config, Controller, DacCode, EncoderCounts, Input, InvCos, Micros, Newton, State,
 };
 use proptest::prelude::*;
-use wire::message::{flags, FilterChoice, Ripple, Sample, UnitConfig, UnitSetpoint};
+use wire::message::{flags, FilterChoice, Ripple, Sample, UnitConfig, UnitSetpoint, DIRECTION_ONE};
 
 fn input() -> impl Strategy<Value = Input> {
     (
@@ -59,7 +59,7 @@ proptest! {
 
     #[test]
     fn configurations_are_taken_or_refused(
-        numbers in prop::array::uniform22(any::<i32>()),
+        numbers in prop::array::uniform26(any::<i32>()),
         filter in prop_oneof![
             any::<u8>().prop_map(FilterChoice::MovingAverage),
             any::<u16>().prop_map(|corner_chz| FilterChoice::LowPass { corner_chz }),
@@ -77,6 +77,7 @@ proptest! {
                     periods_per_count_q32: n[18], phase_q32: n[19], amplitude_un: n[20], amplitude_load_q16: n[21],
                 },
             ],
+            stored_zero_code: n[22], zero_deviation_un: n[23], authority_un: n[24], plausible_un: n[25],
             ..Config::nominal()
         };
         if let Err(e) = Config::from_wire(&wire) {
@@ -94,6 +95,7 @@ fn setpoints_are_checked() {
             &UnitSetpoint {
                 tension_un,
                 inv_cos_q16,
+                direction_q14: [0, 0, DIRECTION_ONE],
             },
         )
         .map(|s| s.tension.to_un())
@@ -104,4 +106,10 @@ fn setpoints_are_checked() {
     assert_eq!(check(16_000_001, 65_536), Err(0));
     assert_eq!(check(2_500_000, 65_535), Err(1));
     assert_eq!(check(2_500_000, 262_145), Err(1));
+    let sideways = UnitSetpoint {
+        tension_un: 2_500_000,
+        inv_cos_q16: 65_536,
+        direction_q14: [DIRECTION_ONE; 3],
+    };
+    assert_eq!(Setpoint::from_wire(&config, &sideways), Err(2));
 }

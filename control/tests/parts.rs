@@ -51,28 +51,32 @@ fn set(config: &mut UnitConfig, field: &Field, value: i32) {
     match field.number {
         1 => config.scale_pn_per_count = value,
         2 => config.zero_code = value,
-        3 => {
+        3 => config.stored_zero_code = value,
+        4 => config.zero_deviation_un = value,
+        20 => config.authority_un = value,
+        21 => config.plausible_un = value,
+        5 => {
             config.filter = FilterChoice::LowPass {
                 corner_chz: value.clamp(0, 65_535) as u16,
             }
         }
-        4 => config.spike_limit_un = value,
-        5 => config.kp_q16 = value,
-        6 => config.ki_q16 = value,
-        7 => config.kd_q16 = value,
-        8 => config.damping_q16 = value,
-        10 => config.friction_offset_un = value,
-        11 => config.friction_gain_q16 = value,
-        12 => config.coulomb_un = value,
-        13 => config.coulomb_load_q16 = value,
-        14 => config.reversal_nm = value,
-        15 => config.travel_nm_per_count = value,
-        16 => config.dac_counts_per_n_q16 = value,
-        17 => config.force_limit_un = value,
-        18 => config.slew_un_per_s = value,
-        19 => config.over_tension_un = value,
-        20 => config.viscous_q16 = value,
-        21 => match field.name {
+        6 => config.spike_limit_un = value,
+        7 => config.kp_q16 = value,
+        8 => config.ki_q16 = value,
+        9 => config.kd_q16 = value,
+        10 => config.damping_q16 = value,
+        12 => config.friction_offset_un = value,
+        13 => config.friction_gain_q16 = value,
+        14 => config.coulomb_un = value,
+        15 => config.coulomb_load_q16 = value,
+        16 => config.reversal_nm = value,
+        17 => config.travel_nm_per_count = value,
+        18 => config.dac_counts_per_n_q16 = value,
+        19 => config.force_limit_un = value,
+        22 => config.slew_un_per_s = value,
+        23 => config.over_tension_un = value,
+        24 => config.viscous_q16 = value,
+        25 => match field.name {
             "ripples.periods_per_count_q32" => config.ripples[1].periods_per_count_q32 = value,
             "ripples.amplitude_un" => config.ripples[1].amplitude_un = value,
             "ripples.amplitude_load_q16" => config.ripples[1].amplitude_load_q16 = value,
@@ -93,7 +97,7 @@ fn every_field_is_checked_at_both_ends() {
         ] {
             let mut config = Config::nominal();
             set(&mut config, f, value);
-            let good = good && !(f.number == 3 && value < 500);
+            let good = good && !(f.number == field::FILTER.number && value < 500);
             match Config::from_wire(&config) {
                 Ok(_) => assert!(good, "{} = {value} was taken", f.name),
                 Err(e) => {
@@ -118,7 +122,10 @@ fn every_field_is_checked_at_both_ends() {
             filter: FilterChoice::MovingAverage(n),
             ..Config::nominal()
         };
-        assert_eq!(Config::from_wire(&config).unwrap_err().field.number, 3);
+        assert_eq!(
+            Config::from_wire(&config).unwrap_err().field.number,
+            field::FILTER.number
+        );
     }
 }
 
@@ -433,7 +440,7 @@ fn direction_of_a_resting_reel_follows_the_error() {
 }
 
 fn zero_of(codes: impl Iterator<Item = i32>) -> Progress {
-    let mut averager = Averager::new();
+    let mut averager = Averager::new(20_000, 200_000);
     let mut last = Progress::Collecting(0);
     for code in codes.take(usize::from(SAMPLES)) {
         last = averager.push(AdcCode::new(code));
@@ -455,7 +462,15 @@ fn zero_is_averaged_or_refused() {
     );
     assert_eq!(
         zero_of(std::iter::repeat(3_000_000)),
-        Progress::Refused(Refused::FarOff(3_000_000))
+        Progress::Refused(Refused::FarOff(2_980_000))
+    );
+    assert_eq!(
+        zero_of(std::iter::repeat(220_000)),
+        Progress::Done(AdcCode::new(220_000))
+    );
+    assert_eq!(
+        zero_of(std::iter::repeat(-180_001)),
+        Progress::Refused(Refused::FarOff(-200_001))
     );
     assert_eq!(
         zero_of(std::iter::repeat(0x7F_FFFF)),

@@ -65,6 +65,8 @@ pub struct Image {
     pub bytes: Vec<u8>,
     /// Address of the RTT control block, where the image has one.
     pub rtt: Option<u32>,
+    /// Memory of the crash record, where the image has one.
+    pub crash_record: Option<std::ops::Range<u32>>,
     /// Addresses of all `WFI` instructions.
     pub sleeps: Vec<u32>,
 }
@@ -102,11 +104,23 @@ impl Image {
             .symbols()
             .find(|symbol| symbol.name() == Ok("_SEGGER_RTT"))
             .and_then(|symbol| u32::try_from(symbol.address()).ok());
+        let crash_record = file
+            .symbols()
+            .find(|symbol| {
+                let is_record =
+                    |name: &str| name.contains("crash_record") && name.contains("RECORD");
+                symbol.kind() == SymbolKind::Data && symbol.name().is_ok_and(is_record)
+            })
+            .and_then(|symbol| {
+                let start = u32::try_from(symbol.address()).ok()?;
+                Some(start..start + u32::try_from(symbol.size()).ok()?)
+            });
         let sleeps = find_sleeps(&file);
         drop(file);
         Ok(Self {
             path: path.into(),
             rtt,
+            crash_record,
             sleeps,
             bytes,
         })

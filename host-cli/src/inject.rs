@@ -3,7 +3,7 @@
 use emulator_link::{Injection, UNITS};
 
 /// The words, for help texts.
-pub const HELP: &str = "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop, estop-release, spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, hang; each with @TIME (seconds after the force is commanded, or `start` for power-on), as in unplug=3@2s";
+pub const HELP: &str = "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop, estop-release, spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, open-bridge=UNIT, frozen-code=UNIT, wrong-sign=UNIT, stuck-dac=UNIT, amplifier-off=UNIT, hang; each with @TIME (seconds after the force is commanded, or `start` for power-on), as in unplug=3@2s";
 
 /// Reads one injection and its time in seconds after the force is commanded (`-inf`: at power-on).
 ///
@@ -58,6 +58,11 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
         }
         "freeze-encoder" => Injection::FreezeEncoder(unit()?, true),
         "thaw-encoder" => Injection::FreezeEncoder(unit()?, false),
+        "open-bridge" => Injection::OpenBridge(unit()?, true),
+        "frozen-code" => Injection::FrozenCode(unit()?, true),
+        "wrong-sign" => Injection::WrongSign(unit()?, true),
+        "stuck-dac" => Injection::StuckDac(unit()?, true),
+        "amplifier-off" => Injection::AmplifierOff(unit()?, true),
         "hang" => Injection::HangLoop,
         _ => return Err(wrong("unknown")),
     };
@@ -79,7 +84,13 @@ pub fn describe(injection: &Injection) -> Option<String> {
         Injection::FreezeEncoder(unit, true) => format!("freeze-encoder={unit}"),
         Injection::FreezeEncoder(unit, false) => format!("thaw-encoder={unit}"),
         Injection::HangLoop => "hang".to_owned(),
-        Injection::FlipBit(..) => return None,
+        Injection::OpenBridge(unit, true) => format!("open-bridge={unit}"),
+        Injection::FrozenCode(unit, true) => format!("frozen-code={unit}"),
+        Injection::WrongSign(unit, true) => format!("wrong-sign={unit}"),
+        Injection::StuckDac(unit, true) => format!("stuck-dac={unit}"),
+        Injection::AmplifierOff(unit, true) => format!("amplifier-off={unit}"),
+        // These have no word: they are for tests.
+        _ => return None,
     })
 }
 
@@ -109,6 +120,10 @@ mod tests {
         assert_eq!(
             parse("spike=1:-90000@1s"),
             Ok((1.0, Injection::Spike(1, -90_000)))
+        );
+        assert_eq!(
+            parse("open-bridge=5@1s"),
+            Ok((1.0, Injection::OpenBridge(5, true)))
         );
         assert_eq!(
             parse("nack=2@start"),

@@ -79,6 +79,8 @@ pub struct SampleRow {
     pub d_n: f64,
     /// Feedforward, N.
     pub ff_n: f64,
+    /// Force at the tip as the board computes it, N.
+    pub tip_force_n: f64,
 }
 
 /// Volts of a DAC7731 code at +-10 V (straight binary, 0x8000 is 0 V).
@@ -117,6 +119,7 @@ impl SampleRow {
             i_n: tenth_mn(s.i),
             d_n: tenth_mn(s.d),
             ff_n: tenth_mn(s.ff),
+            tip_force_n: f64::from(s.tip_force_mn) * 1e-3,
         }
     }
 }
@@ -127,6 +130,7 @@ const SAMPLE_SCHEMA: &str = "message sample {
     required double latency_s; required double load_cell_n; required double travel_m; required double dac_v;
     required double tension_n; required double setpoint_n;
     required double p_n; required double i_n; required double d_n; required double ff_n;
+    required double tip_force_n;
 }";
 
 /// A value of a column.
@@ -157,6 +161,7 @@ fn sample_cells(r: &SampleRow) -> Vec<Cell> {
         F(r.i_n),
         F(r.d_n),
         F(r.ff_n),
+        F(r.tip_force_n),
     ]
 }
 

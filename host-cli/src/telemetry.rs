@@ -305,6 +305,8 @@ mod tests {
             fault_detail: 0,
             estop_closed: true,
             units: [unit; UNITS],
+            tip_force_un: [0; 3],
+            alive_withheld: false,
             config_crc: 7,
             setpoint_age_ms: u16::MAX,
             frames_dropped: 0,

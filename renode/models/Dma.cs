@@ -158,6 +158,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                     this.Log(LogLevel.Warning, "stream {0}: memory to memory and double buffer are not modelled", index);
                     stream.Control &= ~1u;
                 }
+                if(IsUsart(stream.Peripheral) && (value & 1u << 20) == 0)
+                {
+                    // Without bufferable transfers a concurrent transfer can lock the stream (RM0433 15.5.5, ES0392 2.20.4).
+                    this.Log(LogLevel.Warning, "stream {0}: a USART's request needs TRBUFF: not enabled", index);
+                    stream.Control &= ~1u;
+                }
                 Serve(index);
             }
             UpdateInterrupt(index);
@@ -219,6 +225,13 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                     stream.Control &= ~1u;
                 }
             }
+        }
+
+        /// USART1, 2, 3, 6, UART4, 5, 7, 8 (RM0433 2.3.2).
+        private static bool IsUsart(uint address)
+        {
+            return address >= 0x40004400 && address < 0x40005400 || address >= 0x40007800 && address < 0x40008000
+                || address >= 0x40011000 && address < 0x40011800;
         }
 
         private static bool IsTightlyCoupled(uint address)

@@ -123,7 +123,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private bool Enabled { get { return (control1 & 1) != 0; } }
 
         /// One SCL period (RM0433 47.4.9, I2C master initialisation): both counted phases, and for each
-        /// the synchronisation, which is two kernel clocks, the analog filter's 50 ns and the digital filter's.
+        /// the synchronisation, which is an edge (190 ns rising, 20 ns falling), two and a half kernel clocks, the analog
+        /// filter's 100 ns (data sheet: 50 to 260) and the digital filter's.
         private ulong BitNs
         {
             get
@@ -136,8 +137,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 var prescaler = (timing >> 28) + 1;
                 var counts = ((timing >> 8 & 255) + 1 + (timing & 255) + 1) * prescaler;
                 var digital = control1 >> 8 & 15;
-                var analogNs = (control1 & 1u << 12) == 0 ? 2 * 50UL : 0UL;
-                return (counts + 2 * (2 + digital)) * 1000000000UL / (ulong)hz + analogNs;
+                var analogNs = (control1 & 1u << 12) == 0 ? 2 * 100UL : 0UL;
+                return (2 * counts + 5 + 4 * digital) * 500000000UL / (ulong)hz + analogNs + 190UL + 20UL;
             }
         }
 

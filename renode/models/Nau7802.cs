@@ -100,6 +100,15 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// Does not acknowledge its address, while conversions go on.
         public bool Nacks { get; set; }
 
+        /// An excitation wire is open: the bridge gives nothing, whatever the force.
+        public bool OpenBridge { get; set; }
+
+        /// The result stays as it is, with DRDY as usual.
+        public bool FrozenCode { get; set; }
+
+        /// The two signal wires are exchanged.
+        public bool WrongSign { get; set; }
+
         /// Codes added to the next conversion, once.
         public int Spike { get; set; }
 
@@ -298,6 +307,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 bridge += weights[i] * history[(taken + i) % history.Length];
             }
             // Ratiometric: full scale is half the reference, which is also the excitation (data sheet 8.1).
+            if(OpenBridge)
+            {
+                bridge = 0.0;
+            }
+            else if(WrongSign)
+            {
+                bridge = -bridge;
+            }
             var code = bridge * Gain * 16777216.0 + NoiseCounts() + zeroCounts + Spike;
             Spike = 0;
             if((registers[Control2] & 0x80) != 0)
@@ -305,7 +322,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 // Channel 2 is not wired: noise about zero.
                 code = NoiseCounts();
             }
-            result = (int)Math.Round(Math.Max(-8388608.0, Math.Min(8388607.0, code)));
+            if(!FrozenCode)
+            {
+                result = (int)Math.Round(Math.Max(-8388608.0, Math.Min(8388607.0, code)));
+            }
             if(settling > 0)
             {
                 settling--;

@@ -144,7 +144,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private void Inject(string[] words)
         {
-            var unit = words.Length > 2 ? int.Parse(words[2]) : 0;
+            int unit;
+            if(words.Length < 3 || !int.TryParse(words[2], out unit))
+            {
+                unit = 0;
+            }
             switch(words[1])
             {
             case "unplug":
@@ -171,6 +175,15 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 break;
             case "freeze":
                 rig.FreezeEncoder(unit, words[3] == "1");
+                break;
+            case "open-bridge":
+                cells[Rig.Index(unit)].OpenBridge = words[3] == "1";
+                break;
+            case "frozen-code":
+                cells[Rig.Index(unit)].FrozenCode = words[3] == "1";
+                break;
+            case "wrong-sign":
+                cells[Rig.Index(unit)].WrongSign = words[3] == "1";
                 break;
             case "hang":
                 rig.HangLoop();

@@ -45,6 +45,9 @@ Time Of The Board Is Time
 
 Alive Line Toggles
     Power Up Board
+    # The line stands still until a configuration is in force.
+    Connect
+    Bring Up Units
     Advance    1000
     ${hertz}=    Number    plc AliveHz
     Should Be True    abs(${hertz} - 500) < 5

@@ -9,15 +9,15 @@ import struct
 
 UNITS = 6
 
-COMMANDS = ["Hello", "GetStatus", "GetConfig", "StageConfig", "CommitConfig", "Zero", "Arm", "Disarm",
+COMMANDS = ["Hello", "GetStatus", "GetConfig", "StageConfig", "StageBoard", "GetBoard", "CommitConfig", "Zero", "Arm", "Disarm",
             "Stop", "ClearFaults", "Setpoints", "Stream"]
 ERRORS = ["NotConnected", "Version", "State", "Faulted", "UnknownUnit", "UnitNotReady", "Range"]
 
 # Integer fields of a unit's configuration, in the order of declaration; the filter is a variant.
-CONFIG_FIELDS = ["enabled", "scale_pn_per_count", "zero_code", "filter", "spike_limit_un", "kp_q16", "ki_q16",
+CONFIG_FIELDS = ["enabled", "scale_pn_per_count", "zero_code", "stored_zero_code", "zero_deviation_un", "filter", "spike_limit_un", "kp_q16", "ki_q16",
                  "kd_q16", "damping_q16", "friction_feedforward", "friction_offset_un", "friction_gain_q16",
                  "coulomb_un", "coulomb_load_q16", "reversal_nm", "travel_nm_per_count",
-                 "dac_counts_per_n_q16", "force_limit_un", "slew_un_per_s", "over_tension_un",
+                 "dac_counts_per_n_q16", "force_limit_un", "authority_un", "plausible_un", "slew_un_per_s", "over_tension_un",
                  "viscous_q16"] + ["ripple%d_%s" % (n, name) for n in (1, 2) for name in
                                    ("periods_per_count_q32", "phase_q32", "amplitude_un", "amplitude_load_q16")]
 
@@ -107,6 +107,8 @@ def _status(r):
         status["units"].append({
             "state": r.byte(), "fault": r.unsigned(), "fault_detail": r.unsigned(), "samples": r.unsigned(),
             "missed": r.unsigned(), "spikes": r.unsigned(), "period_us": r.unsigned(), "tension_un": r.signed()})
+    status["tip_force_un"] = [r.signed() for _ in range(3)]
+    status["alive_withheld"] = r.byte() != 0
     for name in ("config_crc", "setpoint_age_ms", "frames_dropped", "frames_bad", "bus_recoveries",
                  "sleep_permille"):
         status[name] = r.unsigned()
@@ -123,6 +125,7 @@ def _sample(r, start_us):
     sample["latency_us"] = r.unsigned()
     for name in ("tension", "setpoint", "p", "i", "d", "ff"):
         sample[name] = r.signed()
+    sample["tip_force_mn"] = r.unsigned()
     sample["flags"] = r.byte()
     return sample
 
@@ -164,6 +167,8 @@ def _reply(r):
         reply["schema"] = r.raw(8)
         reply["version"] = r.text()
         reply["core_hz"] = r.unsigned()
+        reply["silicon"] = r.unsigned()
+        reply["hse"] = r.byte() != 0
         reply["reset_flags"] = r.unsigned()
         reply["crash_record"] = None
         if r.byte():
@@ -175,6 +180,9 @@ def _reply(r):
     elif variant == 3:
         reply["response"] = "Config"
         reply["config"] = _config(r)
+    elif variant == 4:
+        reply["response"] = "Board"
+        reply["board"] = {"tip_force_limit_un": r.signed(), "pointer_ahead": r.byte() != 0}
     else:
         reply["response"] = "Rejected"
         reply["error"] = ERRORS[r.unsigned()]
@@ -246,6 +254,9 @@ def hello(abi, schema):
 
 def setpoints(valid_ms, newton, inv_cos=1.0):
     body = unsigned(valid_ms)
-    for value in newton:
+    for unit, value in enumerate(newton):
         body += signed(round(value * 1e6)) + signed(round(inv_cos * 65536))
+        # Three pairs of opposite cables.
+        for axis in range(3):
+            body += signed((16384 if unit % 2 == 0 else -16384) if axis == unit // 2 else 0)
     return body

@@ -168,6 +168,8 @@ mod tests {
                 period_us: u16::MAX,
                 tension_un: i32::MIN,
             }; crate::UNITS],
+            tip_force_un: [i32::MIN; 3],
+            alive_withheld: true,
             config_crc: u32::MAX,
             setpoint_age_ms: u16::MAX,
             frames_dropped: u32::MAX,
@@ -206,6 +208,7 @@ mod tests {
             i: i32::MIN,
             d: i32::MIN,
             ff: i32::MIN,
+            tip_force_mn: u16::MAX,
             flags: 255,
         };
         let messages = [
@@ -289,9 +292,10 @@ mod tests {
 
         #[test]
         fn setpoints_survive_any_chunking(
-            seq: u16, valid_ms: u16, tension: [i32; crate::UNITS], cos: [i32; crate::UNITS], noise in proptest::collection::vec(1u8.., 0..40)
+            seq: u16, valid_ms: u16, tension: [i32; crate::UNITS], cos: [i32; crate::UNITS],
+            direction: [[i16; 3]; crate::UNITS], noise in proptest::collection::vec(1u8.., 0..40)
         ) {
-            let units = core::array::from_fn(|n| UnitSetpoint { tension_un: tension[n], inv_cos_q16: cos[n] });
+            let units = core::array::from_fn(|n| UnitSetpoint { tension_un: tension[n], inv_cos_q16: cos[n], direction_q14: direction[n] });
             let frame = HostFrame { seq, command: Command::Setpoints { valid_ms, units } };
             let mut out = [0; MAX_FRAME];
             let length = encode(&frame, &mut out).unwrap();

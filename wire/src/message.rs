@@ -50,6 +50,13 @@ pub enum Command {
         /// The configuration, checked when staged.
         config: UnitConfig,
     },
+    /// Put the configuration of the whole board beside the one in force; [`Command::CommitConfig`] exchanges it too.
+    StageBoard {
+        /// The configuration, checked when staged.
+        config: BoardConfig,
+    },
+    /// Request the configuration of the whole board that is in force.
+    GetBoard,
     /// Exchange all staged configurations at the next cycle boundary; refused while armed.
     CommitConfig,
     /// Average samples with slack cables and take the mean as zero; refused while armed.
@@ -89,6 +96,35 @@ pub struct UnitSetpoint {
     /// (0 to 75.5 degrees). The board multiplies the load-cell force by it to get the cable tension
     /// (thesis 3.7: T = F / cos theta).
     pub inv_cos_q16: i32,
+    /// Direction in which the cable pulls at the tip, robot base frame, unit vector times 16,384. The board sums tension
+    /// times direction over all units and stops above [`BoardConfig::tip_force_limit_un`]. All zero: not known; the
+    /// tension then counts in full, whatever its direction.
+    pub direction_q14: [i16; 3],
+}
+
+/// 1 in [`UnitSetpoint::direction_q14`].
+pub const DIRECTION_ONE: i16 = 16_384;
+
+/// Configuration of the whole board.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct BoardConfig {
+    /// Force at the tip at which the board stops all motors, in micronewton, 1,000,000 to 100,000,000.
+    pub tip_force_limit_un: i32,
+    /// Whether the bus writes a converter's register pointer ahead of its next sample. Off costs some 50 us a sample.
+    /// Off is right where a converter latches its result at that write instead of at the read; docs/bring-up.md has the
+    /// measurement.
+    pub pointer_ahead: bool,
+}
+
+impl Default for BoardConfig {
+    /// What a board starts with. 20 N: six cables within 2 to 12 N can pull with 17.3 N along the diagonal of three
+    /// pairs at right angles.
+    fn default() -> Self {
+        Self {
+            tip_force_limit_un: 20_000_000,
+            pointer_ahead: true,
+        }
+    }
 }
 
 /// How a unit's samples are filtered before the controller sees them.
@@ -113,6 +149,10 @@ pub struct UnitConfig {
     pub scale_pn_per_count: i32,
     /// ADC code at zero load; [`Command::Zero`] sets it on the board.
     pub zero_code: i32,
+    /// ADC code at zero load as it was found when the unit was calibrated.
+    pub stored_zero_code: i32,
+    /// How far a new zero may be from the stored one, in micronewton of load-cell force; a zero further off is refused.
+    pub zero_deviation_un: i32,
     /// Filter.
     pub filter: FilterChoice,
     /// A sample further than this from the prediction is a spike, in micronewton.
@@ -144,6 +184,12 @@ pub struct UnitConfig {
     pub dac_counts_per_n_q16: i32,
     /// Largest commanded cable force, in micronewton.
     pub force_limit_un: i32,
+    /// How far the command may exceed what the friction model needs to wind the cable in at the setpoint, in micronewton:
+    /// bounds the pull of a unit whose load cell reads too little.
+    pub authority_un: i32,
+    /// How far the measured tension may be outside the friction model's band around the command, in micronewton, before
+    /// the load cell or the motor is in doubt.
+    pub plausible_un: i32,
     /// Fastest change of the commanded cable force, in micronewton per second.
     pub slew_un_per_s: i32,
     /// Tension at which the unit faults, in micronewton.
@@ -214,6 +260,8 @@ pub enum Response {
     Status(Status),
     /// To [`Command::GetConfig`].
     Config(UnitConfig),
+    /// To [`Command::GetBoard`].
+    Board(BoardConfig),
     /// Not done, and why.
     Rejected(CommandError),
 }
@@ -263,6 +311,10 @@ pub struct BoardInfo {
     pub version: String<32>,
     /// Core clock in hertz.
     pub core_hz: u32,
+    /// Silicon revision of the controller (DBGMCU_IDC.REV_ID): 0x1003 Y, 0x2001 X, 0x2003 V.
+    pub silicon: u16,
+    /// Whether the clock comes from the HSE input. `false`: it was missing, and the board runs on its internal HSI (1 %).
+    pub hse: bool,
     /// RCC_RSR at boot (RM0433 8.7.40): why it was reset.
     pub reset_flags: u32,
     /// Crash record of the previous run: the fault or panic that ended it, or `None`.
@@ -310,6 +362,11 @@ pub struct Status {
     pub estop_closed: bool,
     /// Each unit.
     pub units: [UnitStatus; UNITS],
+    /// Force of the six cables at the tip, from measured tensions and the directions of the last setpoints, in
+    /// micronewton, robot base frame.
+    pub tip_force_un: [i32; 3],
+    /// Whether the alive line is withheld, so that the PLC removes the amplifiers' power.
+    pub alive_withheld: bool,
     /// CRC-32 over the configuration in force, as encoded for the wire, zeros included.
     pub config_crc: u32,
     /// Age of the setpoints in force in milliseconds; 65,535: none.
@@ -383,6 +440,8 @@ pub struct Sample {
     pub d: i32,
     /// Feedforward (setpoint and friction) in 0.1 mN.
     pub ff: i32,
+    /// Force at the tip after this sample, as the board computes it, in millinewton (65,535: more).
+    pub tip_force_mn: u16,
     /// See [`flags`].
     pub flags: u8,
 }

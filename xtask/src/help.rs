@@ -90,6 +90,12 @@ pub const ENTRIES: &[Entry] = &[
         page: include_str!("../../evaluations/bench/src/help.txt"),
     },
     Entry {
+        name: "faults",
+        arguments: "[OPTIONS] | --mutants [NAME...]",
+        summary: "inject thousands of faults into the firmware's core on the plant, and print what came of them",
+        page: include_str!("../../evaluations/faults/src/help.txt"),
+    },
+    Entry {
         name: "residual-bench",
         arguments: "[OPTIONS]",
         summary: "run the residual analysis on synthetic logs with undeclared effects",

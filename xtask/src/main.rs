@@ -12,6 +12,7 @@ mod install;
 mod licences;
 mod links;
 mod measured;
+mod mutants;
 mod optional;
 mod process;
 mod renode;
@@ -109,6 +110,7 @@ fn dispatch() -> Result<u8, Stop> {
             Ok(renode::agree(&workspace, &renode, &rest(parser)?)?)
         }
         "bench" => Ok(rig::bench(&workspace, &rest(parser)?)?),
+        "faults" => Ok(rig::faults(&workspace, &rest(parser)?)?),
         "closed-loop" => Ok(rig::closed_loop(&workspace, &rest(parser)?)?),
         "residual-bench" => Ok(rig::residual_bench(&workspace, &rest(parser)?)?),
         "residual-report" => Ok(measured::report(&workspace, &rest(parser)?)?),

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use crate::firmware;
+use crate::mutants;
 use crate::process::{self, Sees};
 use crate::report::{say, Failure, Result};
 use crate::toolchain::setup;
@@ -189,6 +190,39 @@ pub fn build_host_program(workspace: &Workspace, package: &str, program: &str) -
 pub fn residual_bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     let program = build_host_program(workspace, "residual-bench", "residual-bench")?;
     let mut command = Command::new(program);
+    command.args(arguments);
+    hand_over(command)
+}
+
+/// Builds and runs the fault campaign, into `target/faults`, or its mutants. It needs neither firmware nor embedded rig.
+///
+/// # Errors
+/// When it can't be built or started.
+pub fn faults(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
+    let words: Vec<String> = arguments
+        .iter()
+        .map(|argument| argument.to_string_lossy().into_owned())
+        .collect();
+    if let Some(at) = words.iter().position(|word| word == "--mutants") {
+        let killed = mutants::run(workspace, &words[at + 1..])?;
+        return Ok(u8::from(!killed));
+    }
+    let program = build_host_program(workspace, "faults", "faults")?;
+    let mut command = Command::new(program);
+    if !words.iter().any(|word| word.starts_with("--out")) {
+        let seed = words
+            .iter()
+            .position(|word| word == "--seed")
+            .and_then(|at| words.get(at + 1))
+            .map_or("1", String::as_str);
+        let folder = workspace.target().join("faults");
+        fs::create_dir_all(&folder).map_err(|error| {
+            Failure::new(format!("{} can't be made: {error}", folder.display()))
+        })?;
+        command
+            .arg("--out")
+            .arg(folder.join(format!("seed-{seed}.jsonl")));
+    }
     command.args(arguments);
     hand_over(command)
 }

@@ -21,8 +21,10 @@
 //!    next. A sample then needs neither: 92 us on the bus instead of 190, with bus time that was idle.
 //!
 //! The NAU7802 extract at hand does not state that a converter keeps its register pointer over a STOP; published
-//! drivers write the pointer and read in two transactions with a STOP between them. After any failure on the bus no
-//! pointer is assumed to be set.
+//! drivers write the pointer and read in two transactions with a STOP between them. Nor does it state that the result is
+//! latched at the read: if it is latched when the pointer is written, each sample is one period old.
+//! [`Bus::set_pointer_ahead`] switches this part off, and docs/bring-up.md has the measurement that tells. After any failure on
+//! the bus no pointer is assumed to be set.
 //!
 //! # Failures
 //! A NACK behind the multiplexer causes one retry with a fresh select (the cached channel is unknown after any
@@ -75,9 +77,18 @@ const PERIOD_US: u32 = control::NOMINAL_PERIOD_US;
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Job {
     Select(ChannelMask),
-    Read { unit: u8, at: u32 },
-    SetPointer { unit: u8 },
-    Sequence { unit: u8 },
+    /// `left_over`: a result from before the first edge, to be dropped.
+    Read {
+        unit: u8,
+        at: u32,
+        left_over: bool,
+    },
+    SetPointer {
+        unit: u8,
+    },
+    Sequence {
+        unit: u8,
+    },
 }
 
 /// The scheduler. All its functions run at one interrupt priority, so it needs no locks.
@@ -93,6 +104,8 @@ pub struct Bus {
     stepping: bool,
     /// Rounds of recovery since the last transaction that worked.
     rounds: u16,
+    /// Register pointers are written ahead of the samples.
+    pointer_ahead: bool,
 }
 
 impl Default for Bus {
@@ -117,6 +130,19 @@ impl Bus {
             recovery: None,
             stepping: false,
             rounds: 0,
+            pointer_ahead: true,
+        }
+    }
+
+    /// Whether register pointers are written ahead of the samples. Without it each sample writes the pointer itself, some
+    /// 50 us later. A converter that latches its result when the pointer is written would give samples that are one period
+    /// old; the module's page and docs/bring-up.md have the details.
+    pub fn set_pointer_ahead(&mut self, ahead: bool) {
+        self.pointer_ahead = ahead;
+        if !ahead {
+            for unit in &mut self.units {
+                unit.pointer_set = false;
+            }
         }
     }
 
@@ -174,6 +200,7 @@ impl Bus {
         }
         slot.last_edge = Some(now);
         slot.ready = Some(now);
+        slot.left_over = false;
         sink.event(Event::Edge { unit });
     }
 
@@ -182,9 +209,21 @@ impl Bus {
     pub fn tick(&mut self, now: u32, drdy_levels: u8, sink: &mut impl Sink) {
         self.check_deadline(now, sink);
         for (n, unit) in self.units.iter_mut().enumerate() {
+            // A line that is high before the first edge shows a result from before the start, or none at all: whether a
+            // start lowers DRDY is not documented. It is read, which lowers the line, and its code is dropped.
+            if matches!(unit.phase, Phase::Streaming)
+                && drdy_levels & (1 << n) != 0
+                && unit.last_edge.is_none()
+                && unit.ready.is_none()
+                && !matches!(self.current, Some((Job::Read { unit, .. }, _)) if usize::from(unit) == n)
+            {
+                unit.ready = Some(now);
+                unit.left_over = true;
+                continue;
+            }
             let overdue = unit
                 .last_edge
-                .is_none_or(|last| now.wrapping_sub(last) > PERIOD_US + PERIOD_US / 4);
+                .is_some_and(|last| now.wrapping_sub(last) > PERIOD_US + PERIOD_US / 4);
             // The line stays high until the result is read: a high line without an edge is a lost edge.
             if matches!(unit.phase, Phase::Streaming)
                 && drdy_levels & (1 << n) != 0
@@ -192,9 +231,7 @@ impl Bus {
                 && overdue
                 && !matches!(self.current, Some((Job::Read { unit, .. }, _)) if usize::from(unit) == n)
             {
-                if unit.last_edge.is_some() {
-                    unit.missed = unit.missed.saturating_add(1);
-                }
+                unit.missed = unit.missed.saturating_add(1);
                 unit.last_edge = Some(now);
                 unit.ready = Some(now);
                 sink.event(Event::Edge { unit: n as u8 });
@@ -255,7 +292,7 @@ impl Bus {
         if let Some(unit) = self.choose_ready(now) {
             return Some(self.read_or_select(unit, now));
         }
-        if let Some(unit) = self.unit_without_pointer() {
+        if let Some(unit) = self.unit_without_pointer().filter(|_| self.pointer_ahead) {
             let transfer = Transfer::write(nau7802::ADDRESS, [nau7802::proto::READ_ADC[0], 0], 1);
             return Some(self.begin(Job::SetPointer { unit }, transfer, now));
         }
@@ -309,10 +346,14 @@ impl Bus {
                 self.mux_nacks = 0;
                 self.mux.written(mask);
             }
-            Job::Read { unit, at } => {
+            Job::Read {
+                unit,
+                at,
+                left_over,
+            } => {
                 let slot = &mut self.units[usize::from(unit)];
                 slot.failures = 0;
-                if matches!(slot.phase, Phase::Streaming) {
+                if matches!(slot.phase, Phase::Streaming) && !left_over {
                     let missed = core::mem::take(&mut slot.missed);
                     sink.event(Event::Sample {
                         unit,
@@ -352,7 +393,11 @@ impl Bus {
                     self.recovery = Some(Recovery::Due);
                 }
             }
-            Job::Read { unit, at } => {
+            Job::Read {
+                unit,
+                at,
+                left_over,
+            } => {
                 let slot = &mut self.units[usize::from(unit)];
                 if matches!(slot.phase, Phase::Streaming) {
                     slot.failures = slot.failures.saturating_add(1);
@@ -363,6 +408,7 @@ impl Bus {
                     // One retry for the same sample; after a second failure the next edge is awaited.
                     if !slot.failures.is_multiple_of(2) && slot.ready.is_none() {
                         slot.ready = Some(at);
+                        slot.left_over = left_over;
                     }
                 }
             }

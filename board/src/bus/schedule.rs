@@ -104,6 +104,7 @@ impl Bus {
         }
         let slot = &mut self.units[usize::from(unit)];
         let at = slot.ready.take().unwrap_or(now);
+        let left_over = core::mem::take(&mut slot.left_over);
         let mut transfer = Transfer::write_read(
             nau7802::ADDRESS,
             nau7802::proto::READ_ADC[0],
@@ -112,7 +113,12 @@ impl Bus {
         if core::mem::take(&mut slot.pointer_set) {
             transfer.write_len = 0;
         }
-        self.begin(Job::Read { unit, at }, transfer, now)
+        let job = Job::Read {
+            unit,
+            at,
+            left_over,
+        };
+        self.begin(job, transfer, now)
     }
 
     pub(super) fn sequence_or_select(

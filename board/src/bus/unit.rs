@@ -34,6 +34,8 @@ pub(super) struct Unit {
     pub(super) failures: u8,
     /// The register pointer of the converter addresses the result.
     pub(super) pointer_set: bool,
+    /// What is ready is a result from before the first edge: read it and drop it.
+    pub(super) left_over: bool,
 }
 
 impl Unit {
@@ -46,6 +48,7 @@ impl Unit {
             missed: 0,
             failures: 0,
             pointer_set: false,
+            left_over: false,
         }
     }
 

@@ -17,7 +17,10 @@ use wire::message::CrashRecord;
 /// "CRSH" in ASCII. Marks a record that was written completely up to its CRC.
 const MAGIC: u32 = 0x4352_5348;
 
-#[repr(C)]
+/// Whole words of 64 bits: the ECC of AXI SRAM works on such words, and keeps a write back until another word is accessed
+/// (section 2.4). So the record is aligned to them, its CRC does not share one with the words after it, and it is written
+/// word by word.
+#[repr(C, align(8))]
 #[derive(Clone, Copy)]
 struct Record {
     magic: u32,
@@ -27,9 +30,15 @@ struct Record {
     length: u32,
     text: [u8; 96],
     crc: u32,
-    /// The ECC of AXI SRAM commits a write with the next one (section 2.4): this word is written after the CRC.
-    flush: u32,
+    /// Written last, so that the word before it is in memory when the reset comes.
+    flush: u64,
 }
+
+const _: () = assert!(core::mem::size_of::<Record>() % 8 == 0);
+// Text and CRC end a word; the flush has one of its own.
+const _: () = assert!(core::mem::offset_of!(Record, flush) % 8 == 0);
+const _: () =
+    assert!(core::mem::offset_of!(Record, crc) + 4 == core::mem::offset_of!(Record, flush));
 
 /// Neither start-up nor a reset writes to `.uninit`.
 #[link_section = ".uninit.crash_record"]
@@ -85,8 +94,8 @@ pub fn take_crash_record(reset_flags: u32) -> Option<CrashRecord> {
     // SAFETY: a record of integers: any bits are valid. Nothing else uses it during start-up.
     let record = unsafe { (*core::ptr::addr_of!(RECORD)).assume_init() };
     let valid = record.magic == MAGIC && record.crc == crc32(bytes(&record));
-    // SAFETY: as above. Invalidated, because the run that begins now may write its own.
-    unsafe { (*core::ptr::addr_of_mut!(RECORD)).write(Record { magic: 0, ..record }) };
+    // Invalidated, because the run that begins now may write its own.
+    store(&Record { magic: 0, ..record });
     if valid && reset_flags & POWER_ON == 0 {
         let text = record.text.get(..record.length as usize).unwrap_or(&[]);
         return Some(CrashRecord {
@@ -149,12 +158,20 @@ pub fn write_crash_record(fault: Fault, detail: u32, pc: u32, text: &str) {
     record.text[..length].copy_from_slice(&text.as_bytes()[..length]);
     record.length = length as u32;
     record.crc = crc32(bytes(&record));
-    // SAFETY: a plain write; the caller either is the superloop or has disabled interrupts.
-    unsafe {
-        core::ptr::addr_of_mut!(RECORD)
-            .cast::<Record>()
-            .write_volatile(record)
-    };
+    store(&record);
+}
+
+/// Writes the record into memory, each word of 64 bits as a whole.
+fn store(record: &Record) {
+    let from = core::ptr::from_ref(record).cast::<u64>();
+    let to = core::ptr::addr_of_mut!(RECORD).cast::<u64>();
+    for word in 0..core::mem::size_of::<Record>() / 8 {
+        // SAFETY: within both records, aligned; the caller is start-up, the superloop, or has disabled interrupts.
+        unsafe { to.add(word).write_volatile(from.add(word).read()) };
+    }
+    cortex_m::asm::dsb();
+    // SAFETY: as above. An access to another word than the last one written.
+    let _ = unsafe { to.read_volatile() };
     cortex_m::asm::dsb();
 }
 

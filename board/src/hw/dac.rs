@@ -7,6 +7,9 @@
 //! SCLK idles high (a CS that rises while SCLK is low would shift one more bit), then an LDAC pulse: the
 //! output moves 2 us after the word was handed over. AFCNTR keeps SCLK and MOSI driven between frames.
 //!
+//! Nothing on the way to a DAC checks a word, and none can be read back. So every word is sent again each millisecond, behind
+//! new ones: a word that noise has changed acts for a millisecond at most instead of a sample's period.
+//!
 //! A missed deadline: a word that is not out after a millisecond means that SPI or its interrupt has stopped.
 //! The DACs' RST goes low, which sets 0 V on all motors without SPI, and the supervisor latches "DAC bus
 //! fault"; [`release`] comes after that is cleared.
@@ -28,6 +31,11 @@ struct Dacs {
     slots: [Option<u16>; UNITS],
     /// Unit whose word is being sent, and the start time.
     sending: Option<(usize, u32)>,
+    /// The word that is being sent was sent before.
+    repeats: bool,
+    /// Last word of each unit, and the units whose word is to be sent again.
+    last: [u16; UNITS],
+    again: u8,
     /// Units whose word was sent since the last [`take_done`], and the times.
     done: u8,
     done_at: [u32; UNITS],
@@ -68,6 +76,9 @@ pub fn start() {
     STATE.install(Dacs {
         slots: [None; UNITS],
         sending: None,
+        repeats: false,
+        last: [DacCode::ZERO_VOLT.0; UNITS],
+        again: 0,
         done: 0,
         done_at: [0; UNITS],
         error: None,
@@ -96,6 +107,7 @@ pub fn write(unit: u8, code: DacCode) {
     STATE.masked(|dacs| {
         if let Some(slot) = dacs.slots.get_mut(usize::from(unit)) {
             *slot = Some(code.0);
+            dacs.last[usize::from(unit)] = code.0;
             if dacs.sending.is_none() {
                 dacs.send_next();
             }
@@ -140,20 +152,32 @@ pub fn tick() {
                     gpio::write(pins::DAC_CS[unit], true);
                     dacs.sending = None;
                     dacs.slots = [None; UNITS];
+                    dacs.last = [DacCode::ZERO_VOLT.0; UNITS];
                 }
+            } else {
+                dacs.again = (1 << UNITS) - 1;
+                dacs.send_next();
             }
         });
     }
 }
 
 impl Dacs {
+    /// A unit whose word is to be sent again, and the word.
+    fn next_again(&mut self) -> Option<(usize, u16)> {
+        let unit = (0..UNITS).find(|unit| self.again & (1 << unit) != 0)?;
+        self.again &= !(1 << unit);
+        self.last.get(unit).map(|word| (unit, *word))
+    }
+
     fn send_next(&mut self) {
-        let Some((unit, word)) = self
+        let new = self
             .slots
             .iter_mut()
             .enumerate()
-            .find_map(|(unit, slot)| slot.take().map(|word| (unit, word)))
-        else {
+            .find_map(|(unit, slot)| slot.take().map(|word| (unit, word)));
+        self.repeats = new.is_none();
+        let Some((unit, word)) = new.or_else(|| self.next_again()) else {
             return;
         };
         self.sending = Some((unit, time::now()));
@@ -187,8 +211,10 @@ fn SPI1() {
                 gpio::write(pins::DAC_LDAC, false);
                 cortex_m::asm::delay(PULSE_CYCLES);
                 gpio::write(pins::DAC_LDAC, true);
-                dacs.done |= 1 << unit;
-                dacs.done_at[unit] = time::now();
+                if !dacs.repeats {
+                    dacs.done |= 1 << unit;
+                    dacs.done_at[unit] = time::now();
+                }
             }
             // Only now: switched off too soon after EOT, the last SCLK pulse would be cut (errata 2.22.6).
             spi.cr1().modify(|_, w| w.spe().disabled());

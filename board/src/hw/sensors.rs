@@ -3,11 +3,12 @@
 //! Owner: the interrupts of level `SAMPLE_PATH`, which share the state below without locks. Thread mode
 //! takes events from a queue and sets bits in two atomic masks, so it never masks an interrupt here.
 //!
-//! * EXTI0 to 4, EXTI9_5: rising edge of a DRDY line. Records the time, passes the unit to the scheduler and wakes the
+//! * EXTI0 to 4, EXTI9_5: rising edge of a DRDY line. Ignored where the line is low again: a conversion holds it high until
+//!   its result is read, so a short pulse is noise. Otherwise records the time, passes the unit to the scheduler and wakes the
 //!   superloop, which reads the encoder during the I2C read. Line 8 is the E-stop loop: its falling edge (the
 //!   loop opened) only records the time for the fault's detail. The supervisor polls the level.
 //! * I2C1_EV: next byte; at the STOP the sample goes onto the queue and the next transaction starts.
-//! * I2C1_ER: bus error, lost arbitration; the scheduler starts its recovery.
+//! * I2C1_ER: lost arbitration, overrun: the scheduler starts its recovery. A bus error is cleared and ignored.
 //! * TIM2: next step of a recovery, 5 us after the last.
 //! * SysTick ([`super::tick`]): deadlines, units to start and stop, lost edges.
 //!
@@ -24,7 +25,7 @@ use super::{gpio, pac, startup, time, SamplePath};
 use crate::bus::{Bus, Event, Sink, Transfer, TransferError, Work};
 use crate::clocks;
 use crate::pins;
-use core::sync::atomic::{AtomicU32, AtomicU8, Ordering};
+use core::sync::atomic::{AtomicBool, AtomicU32, AtomicU8, Ordering};
 use heapless::spsc;
 use pac::interrupt;
 
@@ -38,6 +39,8 @@ static STATE: SamplePath<Sensors> = SamplePath::empty();
 /// Units to start and units to stop with the next tick.
 static START: AtomicU8 = AtomicU8::new(0);
 static STOP: AtomicU8 = AtomicU8::new(0);
+/// Whether register pointers are written ahead of the samples.
+static POINTER_AHEAD: AtomicBool = AtomicBool::new(true);
 /// Events dropped because the queue was full.
 static LOST: AtomicU32 = AtomicU32::new(0);
 /// Board time when the E-stop loop opened last.
@@ -170,6 +173,11 @@ pub fn stop_sensor(unit: u8) {
     STOP.fetch_or(1 << unit, Ordering::Relaxed);
 }
 
+/// Whether register pointers are written ahead of the samples. Takes effect within a millisecond.
+pub fn set_pointer_ahead(ahead: bool) {
+    POINTER_AHEAD.store(ahead, Ordering::Relaxed);
+}
+
 /// Events lost since boot because the superloop did not take them.
 pub fn events_lost() -> u32 {
     LOST.load(Ordering::Relaxed)
@@ -223,6 +231,9 @@ pub fn tick() {
                     sensors.bus.start(unit, now);
                 }
             }
+            sensors
+                .bus
+                .set_pointer_ahead(POINTER_AHEAD.load(Ordering::Relaxed));
             let levels = gpio::registers(pins::DRDY[0].port).idr().read().bits() & DRDY_LINES;
             sensors.bus.tick(now, levels as u8, &mut sensors.queue);
         });
@@ -368,9 +379,15 @@ fn I2C1_ER() {
     // SAFETY: a handler of level SAMPLE_PATH.
     unsafe {
         with(|sensors, now| {
+            let flags = i2c1().isr().read();
             i2c1()
                 .icr()
                 .write(|w| w.berrcf().clear().arlocf().clear().ovrcf().clear());
+            // A bus error in controller mode is spurious and the transfer continues (ES0392 2.19.4): only its flag is
+            // cleared. One that is real ends the transfer, which then misses its deadline.
+            if flags.arlo().bit_is_clear() && flags.ovr().bit_is_clear() {
+                return;
+            }
             sensors
                 .bus
                 .finished(Err(TransferError::Bus), now, &mut sensors.queue);
@@ -392,6 +409,12 @@ fn TIM2() {
 unsafe fn edge(unit: u8) {
     // SAFETY: writing one bit clears one flag (section 20.6.16).
     exti().cpupr1().write(|w| unsafe { w.bits(1 << unit) });
+    if !pins::DRDY
+        .get(usize::from(unit))
+        .is_some_and(|pin| gpio::read(*pin))
+    {
+        return;
+    }
     // SAFETY: passed on.
     unsafe { with(|sensors, now| sensors.bus.drdy(unit, now, &mut sensors.queue)) };
 }

@@ -1,7 +1,8 @@
 //! From reset to 400 MHz: supply, voltage scale, flash, clocks, caches, debug, priorities.
 //!
 //! Owner: `main`, once. The only waits of the firmware are here, and each is bounded: a clock that does not
-//! come up ends in a panic, which leaves the motors at 0 V, writes a crash record and resets the board.
+//! come up ends in a panic, which leaves the motors at 0 V, writes a crash record and resets the board. The HSE is the
+//! exception: without it the board runs from the HSI.
 //!
 //! The order is that of sections 6.6.1 (supply), 6.6.2 (voltage scaling), 4.3.8 (flash before clock) and
 //! 8.5 (clock). ACTVOSRDY belongs to the supply configuration and VOSRDY to the scale: waiting for the
@@ -26,8 +27,31 @@ pub fn wait_for(reads: u32, mut ready: impl FnMut() -> bool) -> bool {
     (0..reads).any(|_| ready())
 }
 
-/// Supply, clocks, caches. Returns RCC_RSR as it was at boot, and clears it for the next.
-pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> u32 {
+/// What the start of the clocks found.
+pub struct Clocks {
+    /// RCC_RSR as it was at boot.
+    pub reset_flags: u32,
+    /// The core runs from the HSE. `false`: it did not come up, and the core runs from the HSI.
+    pub hse: bool,
+}
+
+/// REV_ID of DBGMCU_IDC (section 60.5.8): 0x1003 is revision Y, 0x2001 X, 0x2003 V.
+pub fn revision(dbgmcu: &pac::DBGMCU) -> u16 {
+    (dbgmcu.idc().read().bits() >> 16) as u16
+}
+
+/// Revision Y can return wrong data from AXI SRAM under some access patterns (ES0392 2.2.9, "Reading from AXI SRAM may lead
+/// to data read corruption"): READ_ISS_OVERRIDE of the SRAM's AXI target, at 0x5100_8108, prevents it.
+pub fn axi_read_fix(silicon: u16) {
+    const AXI_TARG7_FN_MOD: *mut u32 = 0x5100_8108 as *mut u32;
+    if clocks::has_axi_read_defect(silicon) {
+        // SAFETY: a register of the AXI interconnect (section 2.5.11) that nothing else uses.
+        unsafe { AXI_TARG7_FN_MOD.write_volatile(1) };
+    }
+}
+
+/// Supply and clocks. Clears RCC_RSR for the next boot.
+pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> Clocks {
     let reset_flags = rcc.rsr().read().bits();
     rcc.rsr().modify(|_, w| w.rmvf().set_bit());
 
@@ -53,17 +77,29 @@ pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> u32 {
         flash.acr().read().latency().bits() == latency
     });
 
-    // HSE in bypass: the ST-Link drives OSC_IN (section 8.5.2).
+    // HSE in bypass: the ST-Link drives OSC_IN (section 8.5.2). Without its clock the board starts from the HSI, which runs
+    // out of reset: sensors, outputs and the serial link work with its 1 %.
     rcc.cr().modify(|_, w| w.hsebyp().bypassed());
     rcc.cr().modify(|_, w| w.hseon().on().hsi48on().on());
-    wait("HSE", || rcc.cr().read().hserdy().bit_is_set());
+    let hse = wait_for(PATIENCE, || rcc.cr().read().hserdy().bit_is_set());
     wait("HSI48", || rcc.cr().read().hsi48rdy().bit_is_set());
 
     // PLL1 (section 8.5.5): source and dividers while it is off, then on.
-    let pll = clocks::PLL1;
+    let pll = if hse {
+        clocks::PLL1
+    } else {
+        rcc.cr().modify(|_, w| w.hseon().off());
+        clocks::PLL1_HSI
+    };
     // SAFETY: dividers and ranges were checked by `clocks::Pll::new`.
-    rcc.pllckselr()
-        .modify(|_, w| unsafe { w.pllsrc().hse().divm1().bits(pll.m) });
+    rcc.pllckselr().modify(|_, w| unsafe {
+        if hse {
+            w.pllsrc().hse();
+        } else {
+            w.pllsrc().hsi();
+        }
+        w.divm1().bits(pll.m)
+    });
     rcc.pllcfgr().modify(|_, w| {
         // SAFETY: two bits, all four values exist.
         unsafe { w.pll1rge().bits(pll.input_range) };
@@ -95,6 +131,10 @@ pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> u32 {
     rcc.d3cfgr().modify(|_, w| w.d3ppre().div2());
     rcc.cfgr().modify(|_, w| w.sw().pll1());
     wait("clock switch", || rcc.cfgr().read().sws().is_pll1());
+    if hse {
+        // An HSE that stops later raises the NMI, with the core on the HSI (section 8.5.3).
+        rcc.cr().modify(|_, w| w.hsecsson().on());
+    }
 
     // Kernel clocks (section 8.5.8): SPI1 from PLL1 Q, I2C1 and USART3 from APB1, USB from HSI48.
     rcc.d2ccip1r().modify(|_, w| w.spi123sel().pll1_q());
@@ -115,7 +155,7 @@ pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> u32 {
     rcc.apb2enr().modify(|_, w| w.spi1en().enabled());
     rcc.ahb1enr().modify(|_, w| w.dma1en().enabled());
     let _ = rcc.ahb1enr().read();
-    reset_flags
+    Clocks { reset_flags, hse }
 }
 
 /// USB supply and clock. `false` if the supply detector finds none.

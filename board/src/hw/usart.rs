@@ -8,7 +8,9 @@
 //! this rate, the ring holds 2,048. Both are in AXI SRAM, which DMA1 reaches.
 //!
 //! A missed deadline: when the superloop is late by 10 ms, received bytes are overwritten, the frame's CRC
-//! fails and the host retries. When the host does not read, nothing happens here: the queue fills and
+//! fails and the host retries. A stream that moves nothing for [`STALL_US`] although bytes wait is restarted where it stands.
+//! On silicon from revision X on, streams that serve a USART can lock up unless TRBUFF is set (ES0392 2.20.4); the restart is for whatever
+//! is left. When the host does not read, nothing happens here: the queue fills and
 //! frames are dropped and counted.
 
 use super::pac::{self, interrupt, DMA1, DMAMUX1, USART3};
@@ -32,6 +34,9 @@ type Grant = StreamGrantR<&'static Queue>;
 
 const RING: usize = 2048;
 
+/// Time without a byte after which a stream counts as stalled, in microseconds: 400 bytes of the line.
+pub const STALL_US: u32 = 2_000;
+
 /// The receiving ring. Written by DMA, read by the superloop.
 #[repr(align(32))]
 struct Ring(UnsafeCell<[u8; RING]>);
@@ -46,6 +51,10 @@ struct Sender {
     consumer: Consumer,
     /// What the DMA is reading: released when it has ended.
     grant: Option<Grant>,
+    /// TRBUFF, where the silicon has it.
+    trbuff: u32,
+    /// Bytes that were left at the last progress, and its time.
+    progress: (u16, u32),
 }
 
 struct Shared(UnsafeCell<Option<Sender>>);
@@ -60,6 +69,8 @@ const REQUEST_TX: u8 = 46;
 /// The superloop's end.
 pub struct Usart {
     taken: usize,
+    /// Bytes left in the receiving stream at its last progress, and its time.
+    progress: (u16, u32),
 }
 
 fn dma() -> &'static pac::dma1::RegisterBlock {
@@ -68,12 +79,15 @@ fn dma() -> &'static pac::dma1::RegisterBlock {
 }
 
 /// Sets line and streams up.
-pub fn start(usart: &USART3, dmamux: &DMAMUX1) -> (Usart, Producer) {
+pub fn start(usart: &USART3, dmamux: &DMAMUX1, silicon: u16) -> (Usart, Producer) {
+    let trbuff = clocks::dma_trbuff(silicon);
     // SAFETY: interrupts of this module are still masked.
     unsafe {
         *SENDER.0.get() = Some(Sender {
             consumer: SENT.stream_consumer(),
             grant: None,
+            trbuff,
+            progress: (0, 0),
         })
     };
 
@@ -120,9 +134,17 @@ pub fn start(usart: &USART3, dmamux: &DMAMUX1) -> (Usart, Producer) {
             .pl()
             .high()
     });
+    // SAFETY: one bit of the control register, which this register description lacks (section 15.5.5).
+    receive
+        .cr()
+        .modify(|r, w| unsafe { w.bits(r.bits() | trbuff) });
     receive.cr().modify(|_, w| w.en().enabled());
     startup::unmask(pac::Interrupt::DMA_STR0);
-    (Usart { taken: 0 }, SENT.stream_producer())
+    let usart = Usart {
+        taken: 0,
+        progress: (0, 0),
+    };
+    (usart, SENT.stream_producer())
 }
 
 impl Usart {
@@ -148,47 +170,78 @@ impl Usart {
         }
     }
 
-    /// Starts sending if something waits and the line is idle.
-    pub fn send(&mut self) {
+    /// Starts sending if something waits and the line is idle; restarts streams that have stalled.
+    pub fn send(&mut self, now: u32) {
         cortex_m::interrupt::free(|_| {
             // SAFETY: interrupts are masked and thread mode is here.
             if let Some(sender) = unsafe { &mut *SENDER.0.get() } {
-                sender.start();
+                sender.restart_if_stalled(now);
+                sender.start(now);
             }
         });
+        self.restart_if_stalled(now);
+    }
+
+    /// Restarts the receiving stream if a byte waits in the receiver's FIFO and the stream does not take it.
+    fn restart_if_stalled(&mut self, now: u32) {
+        let stream = dma().st(1);
+        let left = stream.ndtr().read().ndt().bits();
+        // SAFETY: read-only access to a status register.
+        let waits = unsafe { (*USART3::PTR).isr().read().rxne().bit_is_set() };
+        if left != self.progress.0 || !waits {
+            self.progress = (left, now);
+        } else if now.wrapping_sub(self.progress.1) > STALL_US {
+            self.progress.1 = now;
+            stop(1);
+            // The ring starts anew, and what was in it has been taken.
+            stream.ndtr().write(|w| w.ndt().set(RING as u16));
+            self.taken = 0;
+            clear_flags(1);
+            stream.cr().modify(|_, w| w.en().enabled());
+        }
     }
 }
 
+/// Disables a stream and waits until it is (section 15.3.18).
+fn stop(stream: usize) {
+    dma().st(stream).cr().modify(|_, w| w.en().disabled());
+    startup::wait_for(1_000, || dma().st(stream).cr().read().en().bit_is_clear());
+}
+
+/// Clears all flags of stream 0 or 1. A stream starts only with its flags clear (section 15.3.18).
+fn clear_flags(stream: usize) {
+    const ALL: u32 = 0x3D;
+    // SAFETY: flag bits of one stream (section 15.5.3); writing 1 clears them.
+    dma()
+        .lifcr()
+        .write(|w| unsafe { w.bits(ALL << (6 * stream)) });
+}
+
 impl Sender {
-    fn start(&mut self) {
+    fn start(&mut self, now: u32) {
         if self.grant.is_some() {
             return;
         }
         let Ok(grant) = self.consumer.read() else {
             return;
         };
+        let (first, length) = (grant.as_ptr() as u32, grant.len() as u16);
+        self.grant = Some(grant);
+        self.begin(first, length, now);
+    }
+
+    /// Starts the transfer of `length` bytes of the grant, from `first` on.
+    fn begin(&mut self, first: u32, length: u16, now: u32) {
         let stream = dma().st(0);
-        // A stream starts only with its flags clear (section 16.3.18).
-        dma().lifcr().write(|w| {
-            w.ctcif0()
-                .clear()
-                .chtif0()
-                .clear()
-                .cteif0()
-                .clear()
-                .cdmeif0()
-                .clear()
-                .cfeif0()
-                .clear()
-        });
+        clear_flags(0);
         // SAFETY: the grant's bytes, which stay untouched until it is released after the transfer.
-        stream
-            .m0ar()
-            .write(|w| unsafe { w.bits(grant.as_ptr() as u32) });
-        stream.ndtr().write(|w| w.ndt().set(grant.len() as u16));
+        stream.m0ar().write(|w| unsafe { w.bits(first) });
+        stream.ndtr().write(|w| w.ndt().set(length));
         compiler_fence(Ordering::SeqCst);
-        stream.cr().write(|w| {
-            w.dir()
+        // SAFETY: TRBUFF in a word of fields that exist.
+        stream.cr().write(|w| unsafe {
+            w.bits(self.trbuff)
+                .dir()
                 .memory_to_peripheral()
                 .minc()
                 .incremented()
@@ -199,7 +252,23 @@ impl Sender {
                 .en()
                 .enabled()
         });
-        self.grant = Some(grant);
+        self.progress = (length, now);
+    }
+
+    /// Goes on with the rest of a transfer that has not moved a byte for [`STALL_US`].
+    fn restart_if_stalled(&mut self, now: u32) {
+        let Some(grant) = &self.grant else {
+            return;
+        };
+        let (first, length) = (grant.as_ptr() as u32, grant.len() as u16);
+        let left = dma().st(0).ndtr().read().ndt().bits();
+        if left != self.progress.0 || left == 0 {
+            self.progress = (left, now);
+        } else if now.wrapping_sub(self.progress.1) > STALL_US {
+            stop(0);
+            let sent = length.saturating_sub(left);
+            self.begin(first + u32::from(sent), left, now);
+        }
     }
 }
 
@@ -209,22 +278,16 @@ fn DMA_STR0() {
     let Some(sender) = (unsafe { &mut *SENDER.0.get() }) else {
         return;
     };
-    dma().lifcr().write(|w| {
-        w.ctcif0()
-            .clear()
-            .chtif0()
-            .clear()
-            .cteif0()
-            .clear()
-            .cdmeif0()
-            .clear()
-            .cfeif0()
-            .clear()
-    });
+    let flags = dma().lisr().read();
+    if flags.tcif0().bit_is_clear() && flags.teif0().bit_is_clear() {
+        // Left pending by a stream that was stopped and started again.
+        return;
+    }
+    clear_flags(0);
     if let Some(grant) = sender.grant.take() {
         // Sent, or lost to a transfer error, which the host's CRC or sequence number shows.
         let length = grant.len();
         grant.release(length);
     }
-    sender.start();
+    sender.start(super::time::now());
 }

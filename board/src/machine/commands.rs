@@ -1,12 +1,18 @@
 //! Commands of the host and their responses.
 
-use super::{Effects, LinkCounters, LoopFigures, Machine, FIRST_SETPOINT_MS, LINKS};
+use super::{
+    Effects, LinkCounters, LoopFigures, Machine, COMMANDER_SILENT_US, FIRST_SETPOINT_MS, LINKS,
+};
 use control::system::{Denied, Request};
 use control::unit::Setpoint;
-use control::zero::Averager;
 use control::{Config, Fault, Micros, SystemState};
-use wire::message::{CommandError, Response, Status, UnitConfig, UnitSetpoint, UnitStatus};
+use wire::message::{
+    BoardConfig, CommandError, Response, Status, UnitConfig, UnitSetpoint, UnitStatus,
+};
 use wire::{Command, HostFrame, ABI_VERSION, SCHEMA_HASH, UNITS};
+
+/// Range of [`BoardConfig::tip_force_limit_un`]: 1 N, below which no force can be held, to 100 N, which limits nothing.
+const TIP_FORCE_LIMIT_UN: core::ops::RangeInclusive<i32> = 1_000_000..=100_000_000;
 
 /// Longest validity of setpoints, in milliseconds.
 const MAX_VALID_MS: u16 = 1_000;
@@ -22,42 +28,58 @@ impl Machine {
         counters: LinkCounters,
         fx: &mut impl Effects,
     ) -> Option<Response> {
-        if let Command::Hello { abi, schema } = frame.command {
-            return Some(self.hello(link, abi, schema));
+        // What anyone may ask, on any link and at any time.
+        match &frame.command {
+            Command::Hello { abi, schema } => return Some(self.hello(link, *abi, *schema)),
+            Command::GetStatus => {
+                return Some(Response::Status(self.status(now, figures, counters)))
+            }
+            Command::GetConfig { unit } => {
+                self.exchange_configs();
+                return Some(match self.units.get(usize::from(*unit)) {
+                    Some(slot) => Response::Config(*slot.config.wire()),
+                    None => Response::Rejected(CommandError::UnknownUnit(*unit)),
+                });
+            }
+            Command::GetBoard => {
+                self.exchange_configs();
+                return Some(Response::Board(self.board));
+            }
+            Command::Stop => {
+                self.fault_board(Fault::HostStop, u32::from(frame.seq), now, fx);
+                return Some(Response::Done);
+            }
+            Command::Stream { decimation } if self.open.get(link) == Some(&true) => {
+                self.decimation[link] = *decimation;
+                return Some(Response::Done);
+            }
+            _ => {}
         }
-        if self.commander != Some(link) {
+        if !self.may_command(link, now) {
             return Some(Response::Rejected(CommandError::NotConnected));
         }
+        self.commander = Some((link, now));
         // Commands execute between two samples, so this is a cycle boundary as well: a read after a commit returns
         // the committed configuration, and arming uses it.
         self.exchange_configs();
         let result = match &frame.command {
-            Command::Hello { .. } => Ok(()),
-            Command::GetStatus => {
-                return Some(Response::Status(self.status(now, figures, counters)))
-            }
-            Command::GetConfig { unit } => match self.units.get(usize::from(*unit)) {
-                Some(slot) => return Some(Response::Config(*slot.config.wire())),
-                None => Err(CommandError::UnknownUnit(*unit)),
-            },
+            Command::Hello { .. }
+            | Command::GetStatus
+            | Command::GetConfig { .. }
+            | Command::GetBoard
+            | Command::Stop
+            | Command::Stream { .. } => Ok(()),
             Command::StageConfig { unit, config } => self.stage(*unit, config),
+            Command::StageBoard { config } => self.stage_board(*config),
             Command::CommitConfig => self.commit(),
             Command::Zero { units } => self.zero(*units, fx),
             Command::Arm => self.arm(now, fx),
             Command::Disarm => self.request(Request::Disarm, fx),
-            Command::Stop => {
-                self.fault_board(Fault::HostStop, u32::from(frame.seq), now, fx);
-                Ok(())
-            }
             Command::ClearFaults => self.clear_faults(fx),
             Command::Setpoints { valid_ms, units } => match self.setpoints(*valid_ms, units, now) {
                 Ok(()) => return None,
                 rejected => rejected,
             },
-            Command::Stream { decimation } => {
-                self.decimation[link] = *decimation;
-                Ok(())
-            }
         };
         Some(match result {
             Ok(()) => Response::Done,
@@ -73,8 +95,34 @@ impl Machine {
                 schema: SCHEMA_HASH,
             });
         }
-        self.commander = Some(link);
+        self.open[link] = true;
         Response::Hello(self.info.clone())
+    }
+
+    /// Whether this link may command: it has said Hello, and no other link drives the motors or has just done so.
+    fn may_command(&self, link: usize, now: Micros) -> bool {
+        let open = self.open.get(link).copied().unwrap_or(false);
+        let free = match self.commander {
+            Some((other, last)) if other != link && self.system.drives() => {
+                now.since(last) > COMMANDER_SILENT_US
+            }
+            _ => true,
+        };
+        open && free
+    }
+
+    fn stage_board(&mut self, config: BoardConfig) -> Result<(), CommandError> {
+        if self.system.drives() {
+            return Err(CommandError::State(self.system as u8));
+        }
+        if !TIP_FORCE_LIMIT_UN.contains(&config.tip_force_limit_un) {
+            return Err(CommandError::Range {
+                unit: u8::MAX,
+                field: 1,
+            });
+        }
+        self.staged_board = Some(config);
+        Ok(())
     }
 
     fn stage(&mut self, unit: u8, config: &UnitConfig) -> Result<(), CommandError> {
@@ -120,7 +168,7 @@ impl Machine {
         }
         self.request(Request::Zero, fx)?;
         for (n, unit) in self.units.iter_mut().enumerate() {
-            unit.zero = (mask & (1 << n) != 0).then(Averager::new);
+            unit.zero = (mask & (1 << n) != 0).then(|| unit.config.zero_averager());
         }
         Ok(())
     }
@@ -173,16 +221,26 @@ impl Machine {
 
     fn clear_faults(&mut self, fx: &mut impl Effects) -> Result<(), CommandError> {
         let estop_open = !self.estop_closed;
+        let still_held = self
+            .units
+            .iter()
+            .any(|unit| unit.sensor_up && unit.let_go.holds(unit.control.tension()));
         let board = self.latch.clear(|fault| match fault {
             Fault::EStop => estop_open,
             // Detected once at boot: a counter that does not respond needs a repair and a restart.
             Fault::CounterBus => true,
+            Fault::OutputStuck => still_held,
             _ => false,
         });
         if !board {
             return Err(CommandError::Faulted(self.latch.code()));
         }
+        // A cable that is still held latches the fault again with the next millisecond.
+        self.withheld = false;
         for unit in &mut self.units {
+            if !(unit.sensor_up && unit.let_go.holds(unit.control.tension())) {
+                unit.let_go.forget();
+            }
             let too_tight = unit.sensor_up
                 && unit.control.tension().to_un() > unit.config.wire().over_tension_un;
             unit.latch
@@ -226,6 +284,8 @@ impl Machine {
         for (unit, setpoint) in self.units.iter_mut().zip(checked) {
             unit.setpoint = setpoint;
         }
+        self.tip
+            .set_directions(&wire.map(|setpoint| setpoint.direction_q14));
         self.expiry.renew(now, valid_ms);
         Ok(())
     }
@@ -256,6 +316,8 @@ impl Machine {
                     tension_un: unit.control.tension().to_un(),
                 }
             }),
+            tip_force_un: self.tip.force_un(),
+            alive_withheld: self.withholds_alive(),
             config_crc: self.config_crc,
             setpoint_age_ms: self.expiry.age_ms(now),
             frames_dropped: counters.dropped,

@@ -9,8 +9,10 @@
 //! | `supervision.rs` | the supervisor's millisecond, events of the bus, faults of the board and of a unit |
 //! | `commands.rs` | commands of the host, and the status that answers them |
 //!
-//! The board has two links. Only the link that sent the last accepted Hello may command. Commands on the other
-//! link are rejected; its telemetry continues. So two programs cannot drive the motors in turn.
+//! The board has two links. Stop, GetStatus, GetConfig and GetBoard are accepted on both, at any time. Every other command
+//! needs a Hello on its link, and makes that link the commander. While the motors are driven, another link becomes the
+//! commander only once the present one has been silent for [`COMMANDER_SILENT_US`]. So two programs cannot drive the
+//! motors in turn, and a look at the status does not stop a run.
 
 mod commands;
 mod sampling;
@@ -20,13 +22,15 @@ pub use sampling::PendingSample;
 
 use control::faults::Latch;
 use control::motor;
+use control::plausible::{LetGo, Watch};
 use control::supervisor::{EncoderWatch, Expiry, Rate};
 use control::system::{self, Denied, Request};
+use control::tip::TipGuard;
 use control::unit::{self, Setpoint};
 use control::zero::Averager;
 use control::{Config, Fault, Micros, MotorState, SystemState};
 use wire::frame::crc32;
-use wire::message::{BoardInfo, FaultReport, UnitConfig};
+use wire::message::{BoardConfig, BoardInfo, FaultReport, UnitConfig};
 use wire::UNITS;
 
 /// Links that the board has.
@@ -44,6 +48,10 @@ pub const MAX_FAILED_READS: u8 = 4;
 /// Longest pass of the superloop in microseconds. A pass takes some tens of them; a sample may wait for half a
 /// sample period at most.
 pub const MAX_PASS_US: u32 = 1_500;
+
+/// Silence of the commanding link after which another link may command while the motors are driven, in microseconds:
+/// twenty periods of a host that sends setpoints.
+pub const COMMANDER_SILENT_US: u32 = 200_000;
 
 /// Actions of the machine on the board, apart from the DAC code that a sample returns.
 pub trait Effects {
@@ -97,6 +105,8 @@ struct Unit {
     /// Start of the current window of encoder noise events, and their number.
     encoder_noise: (Micros, u8),
     encoder: EncoderWatch,
+    plausible: Watch,
+    let_go: LetGo,
     staged: Option<Config>,
     control: unit::State,
     motor: MotorState,
@@ -121,6 +131,8 @@ impl Unit {
             config: Config::default(),
             encoder_noise: (Micros(0), 0),
             encoder: EncoderWatch::default(),
+            plausible: Watch::default(),
+            let_go: LetGo::default(),
             staged: None,
             control: unit::State::default(),
             motor: MotorState::default(),
@@ -150,7 +162,7 @@ impl Unit {
 }
 
 /// See the [module](self).
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Machine {
     units: [Unit; UNITS],
     system: SystemState,
@@ -160,10 +172,21 @@ pub struct Machine {
     estop_open_ms: u8,
     commit: bool,
     config_crc: u32,
+    board_crc: u32,
     config_check_ms: u32,
     events_lost: u32,
     recoveries: u16,
-    commander: Option<usize>,
+    /// Links with an accepted Hello.
+    open: [bool; LINKS],
+    /// The link that commands, and when it did last.
+    commander: Option<(usize, Micros)>,
+    tip: TipGuard,
+    /// A configuration was committed since the start.
+    configured: bool,
+    /// A DAC cannot be trusted, though another fault was latched first.
+    withheld: bool,
+    board: BoardConfig,
+    staged_board: Option<BoardConfig>,
     decimation: [u8; LINKS],
     info: BoardInfo,
 }
@@ -188,10 +211,17 @@ impl Machine {
             estop_open_ms: 0,
             commit: false,
             config_crc: 0,
+            board_crc: board_crc(&BoardConfig::default()),
             config_check_ms: 0,
             events_lost: 0,
             recoveries: 0,
+            open: [false; LINKS],
             commander: None,
+            tip: TipGuard::new(BoardConfig::default().tip_force_limit_un),
+            configured: false,
+            withheld: false,
+            board: BoardConfig::default(),
+            staged_board: None,
             decimation: [0; LINKS],
             info,
         };
@@ -209,6 +239,24 @@ impl Machine {
     #[must_use]
     pub fn is_faulted(&self) -> bool {
         self.latch.is_set() || self.units.iter().any(|unit| unit.latch.is_set())
+    }
+
+    /// Whether the alive line is to stand still, so that the PLC removes the amplifiers' power: the DACs cannot be trusted
+    /// to be at 0 V, or the board has just started and knows of no unit. After a reset a DAC that is stuck would pull, and
+    /// no load cell is measured yet.
+    #[must_use]
+    pub fn withholds_alive(&self) -> bool {
+        matches!(
+            self.latch.get(),
+            Some((Fault::OutputStuck | Fault::DacLink, _))
+        ) || self.withheld
+            || !self.configured
+    }
+
+    /// Whether the bus may write register pointers ahead of the samples ([`BoardConfig::pointer_ahead`]).
+    #[must_use]
+    pub const fn pointer_ahead(&self) -> bool {
+        self.board.pointer_ahead
     }
 
     /// Decimation of this link's telemetry: one sample of each unit in this many is sent; 0: none.
@@ -271,7 +319,10 @@ impl Machine {
                     unit.control.reset();
                     fx.start_sensor(n);
                 }
-                motor::Action::ResetController => unit.control.reset(),
+                motor::Action::ResetController => {
+                    unit.control.reset();
+                    unit.plausible.reset();
+                }
                 motor::Action::ZeroOutput => fx.zero_output(n),
             }
             if !self.system.drives() {
@@ -286,6 +337,12 @@ impl Machine {
         if !core::mem::take(&mut self.commit) || self.system.drives() {
             return;
         }
+        self.configured = true;
+        if let Some(board) = self.staged_board.take() {
+            self.board = board;
+            self.board_crc = board_crc(&board);
+            self.tip.set_limit(board.tip_force_limit_un);
+        }
         for unit in &mut self.units {
             if let Some(config) = unit.staged.take() {
                 unit.config = config;
@@ -295,20 +352,26 @@ impl Machine {
         self.config_crc = self.crc();
     }
 
-    /// CRC-32 over the six configurations in force, each as postcard encodes it, one after the other.
+    /// [`config_crc`] of the configurations in force.
     fn crc(&self) -> u32 {
         let configs: [UnitConfig; UNITS] = core::array::from_fn(|n| *self.units[n].config.wire());
         config_crc(&configs)
     }
 }
 
-/// Longest encoding of a [`UnitConfig`]: 18 numbers and two ripples of four numbers with at most 5 bytes each, two
+/// Longest encoding of a [`UnitConfig`]: 22 numbers and two ripples of four numbers with at most 5 bytes each, two
 /// flags of one byte, a filter of at most 4 bytes.
-const MAX_CONFIG_BYTES: usize = (18 + 8) * 5 + 2 + 4;
+const MAX_CONFIG_BYTES: usize = (22 + 8) * 5 + 2 + 4;
 
 /// CRC-32 over configurations: each as postcard encodes it, one after the other, unit 1 first.
 #[must_use]
 pub fn config_crc(configs: &[UnitConfig; UNITS]) -> u32 {
     let mut buffer = [0; UNITS * MAX_CONFIG_BYTES];
     postcard::to_slice(configs, &mut buffer).map_or(0, |bytes| crc32(bytes))
+}
+
+/// CRC-32 over the configuration of the whole board, as postcard encodes it.
+fn board_crc(config: &BoardConfig) -> u32 {
+    let mut buffer = [0; 8];
+    postcard::to_slice(config, &mut buffer).map_or(0, |bytes| crc32(bytes))
 }

@@ -12,7 +12,10 @@ pub struct PendingSample {
     unit: u8,
     adc_code: AdcCode,
     encoder_counts: EncoderCounts,
+    at: Micros,
     missed: bool,
+    drive: Drive,
+    tip_force_mn: u16,
     output: Output,
 }
 
@@ -27,6 +30,7 @@ impl PendingSample {
             ..Sample::default()
         };
         self.output.describe(&mut sample);
+        sample.tip_force_mn = self.tip_force_mn;
         if self.missed {
             sample.flags |= flags::MISSED;
         }
@@ -71,43 +75,83 @@ impl Machine {
         };
         let output = Controller::step(&slot.config, &mut slot.control, input);
         slot.at_zero = output.at_zero;
-        let swing = slot
-            .encoder
-            .observe(drive != Drive::Off, encoder_counts, output.tension);
         let pending = PendingSample {
             unit,
             adc_code,
             encoder_counts,
+            at,
             missed: missed > 0,
+            drive,
+            tip_force_mn: 0,
             output,
+        };
+        if let Some((fault, detail)) = output.fault {
+            self.fault_unit(unit, fault, detail, at, fx);
+        }
+        (output.dac, pending)
+    }
+
+    /// What must be checked of a sample, and does not have to stand between it and its DAC word: whether load cell, motor
+    /// and encoder can be believed, the force at the tip, the average of a zero. Call it once the word is on its way; a
+    /// fault writes 0 V behind it.
+    pub fn check(&mut self, pending: &mut PendingSample, fx: &mut impl Effects) {
+        let (unit, at, output) = (pending.unit, pending.at, pending.output);
+        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
+            return;
         };
         if output.flags & flags::SPIKE != 0 {
             slot.spikes = slot.spikes.wrapping_add(1);
         }
-        if let Some(averager) = &mut slot.zero {
-            match averager.push(adc_code) {
-                Progress::Collecting(_) => {}
-                Progress::Done(zero) => {
-                    slot.zero = None;
-                    slot.config = slot.config.with_zero(zero);
-                    // A configuration that waits for its commit must not restore the old zero.
-                    slot.staged = slot.staged.map(|staged| staged.with_zero(zero));
-                    slot.control.config_changed();
-                    self.config_crc = self.crc();
-                }
-                Progress::Refused(why) => {
-                    slot.zero = None;
-                    self.fault_unit(unit, Fault::ZeroRefused, why.detail(), at, fx);
-                }
-            }
+        let drives = pending.drive != Drive::Off;
+        let swing = slot
+            .encoder
+            .observe(drives, pending.encoder_counts, output.tension);
+        let doubt = slot
+            .plausible
+            .sample(&slot.config, pending.drive, pending.adc_code, &output);
+        if drives {
+            slot.let_go.driven(pending.encoder_counts, output.tension);
+        } else {
+            slot.let_go.switched_off(at);
+            slot.let_go.released(output.tension);
         }
-        if let Some((fault, detail)) = output.fault {
+        pending.tip_force_mn = self.tip.sample(usize::from(unit), output.tension);
+        if slot.zero.is_some() {
+            self.average_zero(unit, pending.adc_code, at, fx);
+        }
+        if let Some((fault, detail)) = doubt {
             self.fault_unit(unit, fault, detail, at, fx);
-        } else if let Some(swing) = swing {
+        }
+        if let Some(force_mn) = self.tip.exceeded().filter(|_| self.system.drives()) {
+            self.fault_board(Fault::TipForce, force_mn, at, fx);
+        }
+        if let Some(swing) = swing {
             let detail = (swing.to_un() / 1_000).unsigned_abs();
             self.fault_unit(unit, Fault::EncoderStill, detail, at, fx);
-            return (DacCode::ZERO_VOLT, pending);
         }
-        (output.dac, pending)
+    }
+
+    fn average_zero(&mut self, unit: u8, code: AdcCode, at: Micros, fx: &mut impl Effects) {
+        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
+            return;
+        };
+        let Some(averager) = &mut slot.zero else {
+            return;
+        };
+        match averager.push(code) {
+            Progress::Collecting(_) => {}
+            Progress::Done(zero) => {
+                slot.zero = None;
+                slot.config = slot.config.with_zero(zero);
+                // A configuration that waits for its commit must not restore the old zero.
+                slot.staged = slot.staged.map(|staged| staged.with_zero(zero));
+                slot.control.config_changed();
+                self.config_crc = self.crc();
+            }
+            Progress::Refused(why) => {
+                slot.zero = None;
+                self.fault_unit(unit, Fault::ZeroRefused, why.detail(), at, fx);
+            }
+        }
     }
 }

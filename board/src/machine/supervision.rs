@@ -3,11 +3,12 @@
 //! A fault of the board sets all outputs to 0 V, a fault of a unit sets its output to 0 V (docs/architecture.md,
 //! "Faults: unit or board").
 
-use super::{Effects, Health, Machine, FIRST_SAMPLE_MS, MAX_FAILED_READS, MAX_PASS_US};
+use super::{board_crc, Effects, Health, Machine, FIRST_SAMPLE_MS, MAX_FAILED_READS, MAX_PASS_US};
 use crate::bus;
+use control::plausible::LetGo;
 use control::supervisor::{RateLimits, Verdict};
 use control::system::Request;
-use control::{Fault, Micros, SystemState};
+use control::{EncoderCounts, Fault, Micros, SystemState};
 use drivers::nau7802::{Cause, SequenceError, Stage};
 use wire::message::FaultReport;
 use wire::UNITS;
@@ -57,6 +58,7 @@ impl Machine {
         self.watch_board(now, health, fx);
         for n in 0..UNITS as u8 {
             self.watch_unit(n, now, fx);
+            self.watch_let_go(n, now, fx);
         }
         self.advance(Request::None, fx);
     }
@@ -73,9 +75,11 @@ impl Machine {
             });
         }
         // At once, not with the next sample; repeated for each fault.
-        for unit in 0..UNITS as u8 {
+        for (unit, slot) in (0..).zip(&mut self.units) {
             fx.zero_output(unit);
+            slot.let_go.switched_off(now);
         }
+        self.withheld |= matches!(fault, Fault::OutputStuck | Fault::DacLink);
         self.advance(Request::None, fx);
     }
 
@@ -121,14 +125,17 @@ impl Machine {
         }
         slot.zero = None;
         fx.zero_output(unit);
+        slot.let_go.switched_off(now);
         // After these faults the state of the converter is unknown. After all others it continues to measure for
         // telemetry.
         if matches!(
             fault,
-            Fault::SensorSilent | Fault::BringUpFailed | Fault::SensorReads
+            Fault::SensorSilent | Fault::BringUpFailed | Fault::SensorReads | Fault::SensorFrozen
         ) {
             slot.sensor_up = false;
             slot.came_up = None;
+            slot.let_go.blind();
+            self.tip.forget(usize::from(unit));
             fx.stop_sensor(unit);
         }
         self.advance(Request::None, fx);
@@ -164,9 +171,33 @@ impl Machine {
         if self.config_check_ms >= CONFIG_CHECK_MS {
             self.config_check_ms = 0;
             let crc = self.crc();
-            if crc != self.config_crc {
+            if crc != self.config_crc || board_crc(&self.board) != self.board_crc {
                 self.fault_board_once(Fault::ConfigCrc, crc, now, fx);
             }
+        }
+    }
+
+    /// Units whose encoder [`Self::encoder`] needs now, as a mask: their load cells do not measure, and whether their cables
+    /// let go shows there.
+    #[must_use]
+    pub fn wants_encoders(&self) -> u8 {
+        (0..)
+            .zip(&self.units)
+            .filter(|(_, unit)| unit.let_go.needs_encoder())
+            .fold(0, |mask, (n, _)| mask | 1 << n)
+    }
+
+    /// Position of an encoder of [`Self::wants_encoders`].
+    pub fn encoder(&mut self, unit: u8, counts: EncoderCounts) {
+        if let Some(slot) = self.units.get_mut(usize::from(unit)) {
+            slot.let_go.turned(counts);
+        }
+    }
+
+    fn watch_let_go(&mut self, n: u8, now: Micros, fx: &mut impl Effects) {
+        let left = self.units[usize::from(n)].let_go.overdue(now);
+        if let Some(left) = left.filter(|_| !self.withheld) {
+            self.fault_board(Fault::OutputStuck, LetGo::detail(n, left), now, fx);
         }
     }
 

@@ -47,6 +47,8 @@ pub fn config(r: &mut Random) -> UnitConfig {
         enabled: true,
         scale_pn_per_count: (sign(r) * r.scale(1e6, 30e6)) as i32,
         zero_code: r.between(-2e6, 2e6) as i32,
+        stored_zero_code: r.between(-2e6, 2e6) as i32,
+        zero_deviation_un: r.scale(1e5, 1e7) as i32,
         filter: if r.chance(0.5) {
             FilterChoice::MovingAverage(1 + (r.unit() * 16.0) as u8)
         } else {
@@ -68,6 +70,8 @@ pub fn config(r: &mut Random) -> UnitConfig {
         travel_nm_per_count: (sign(r) * r.scale(1_000.0, 50_000.0)) as i32,
         dac_counts_per_n_q16: (sign(r) * r.scale(10.0, 800.0) * 65_536.0) as i32,
         force_limit_un: r.between(2e6, 40e6) as i32,
+        authority_un: r.scale(5e5, 4e7) as i32,
+        plausible_un: r.scale(5e5, 2e7) as i32,
         slew_un_per_s: r.scale(5e6, 2e9) as i32,
         over_tension_un: r.between(10e6, 50e6) as i32,
         viscous_q16: (65_536.0 * maybe(r, 0.1, 100.0)) as i32,

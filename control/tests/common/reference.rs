@@ -292,7 +292,12 @@ impl Reference {
                 let missing = slack - tension.clamp(0.0, slack);
                 let brake = 268.0 / 4_194_304.0 * (travel - 93_750.0).max(0.0) * missing;
                 let unlimited = feedforward + p + i + d;
-                let limited = (unlimited - brake).clamp(0.0, limit);
+                // The most that the friction model needs for the setpoint, and the authority over it.
+                let gain_in = q16(w.friction_gain_q16) - q16(w.coulomb_load_q16);
+                let winding_in =
+                    (self.setpoint - micro(w.friction_offset_un) + micro(w.coulomb_un)) / gain_in;
+                let most = (winding_in + micro(w.authority_un)).clamp(0.0, limit);
+                let limited = (unlimited - brake).clamp(0.0, most);
                 self.command += (limited - self.command).clamp(-slew, slew);
                 let boost = if w.friction_feedforward {
                     1.0

@@ -112,7 +112,7 @@ impl Rig {
     }
 
     fn zero(&mut self) {
-        let mut averagers = vec![Averager::new(); self.units.len()];
+        let mut averagers = vec![Averager::new(0, u32::MAX); self.units.len()];
         let mut zeros = vec![None; self.units.len()];
         while zeros.iter().any(Option::is_none) {
             self.advance(|i, code, _| {

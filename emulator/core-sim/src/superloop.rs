@@ -69,6 +69,8 @@ impl Superloop {
                 schema: SCHEMA_HASH,
                 version: env!("CARGO_PKG_VERSION").try_into().unwrap_or_default(),
                 core_hz: clocks::CORE_HZ,
+                silicon: 0x2003,
+                hse: true,
                 reset_flags: 0,
                 crash_record: None,
             }),
@@ -122,11 +124,12 @@ impl Superloop {
 
     fn sample(&mut self, unit: u8, code: AdcCode, at: u32, missed: u8, t_ns: u64) {
         let counts = self.counts[usize::from(unit)];
-        let (word, pending) =
+        let (word, mut pending) =
             self.machine
                 .sample(unit, code, counts, Micros(at), missed, &mut self.requests);
         let done = t_ns + SAMPLE_TO_DAC_NS;
         self.words[usize::from(unit)] = Some((done, word));
+        self.machine.check(&mut pending, &mut self.requests);
         if let Some((at, late)) = self.outstanding.insert(at, pending.describe()) {
             self.stream(t_ns, at, late);
         }
@@ -181,10 +184,17 @@ impl Superloop {
             ..Health::default()
         };
         let now = micros(t_ns);
+        let blind = self.machine.wants_encoders();
+        for unit in (0..UNITS).filter(|unit| blind >> unit & 1 == 1) {
+            let counts = EncoderCounts(board.encoder_position(t_ns, unit));
+            self.machine.encoder(unit as u8, counts);
+        }
         self.machine.tick(Micros(now), health, &mut self.requests);
         self.execute(board, sensors, t_ns);
-        self.alive = !self.alive;
-        board.alive_edge(t_ns);
+        if !self.machine.withholds_alive() {
+            self.alive = !self.alive;
+            board.alive_edge(t_ns);
+        }
 
         for report in std::mem::take(&mut self.requests.reports) {
             self.line.send(t_ns, BoardMessage::Fault(report));

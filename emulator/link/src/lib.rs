@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 
 /// Version of this link; both ends compare it in [`Response::Ready`].
-pub const LINK_VERSION: u32 = 2;
+pub const LINK_VERSION: u32 = 3;
 
 /// Number of force units of the rig.
 pub const UNITS: usize = 6;
@@ -74,6 +74,45 @@ pub enum Injection {
     HangLoop,
     /// Flip one bit in RAM: address, bit.
     FlipBit(u32, u8),
+    /// Open (`true`) or close an excitation wire of a unit's load cell: the bridge gives nothing, whatever the force.
+    OpenBridge(u8, bool),
+    /// The converter of a unit repeats its last result (`true`), with DRDY as usual.
+    FrozenCode(u8, bool),
+    /// Exchange (`true`) the two signal wires of a unit's load cell: a pull lowers the code.
+    WrongSign(u8, bool),
+    /// The DAC of a unit keeps its output (`true`), whatever is written and whatever its RST line does.
+    StuckDac(u8, bool),
+    /// Lock the DMA stream that feeds the board's USART3, as the part does without TRBUFF: it moves nothing until it is
+    /// disabled and enabled again.
+    StallUsart,
+    /// Set the bus-error flag of the I2C controller without a cause, as the part may (ES0392: the transfer continues).
+    BusError,
+    /// A pulse of a microsecond on a unit's DRDY line, without a conversion.
+    DrdyGlitch(u8),
+    /// Hold SDA low (`true`) whatever is clocked or reset, or let go of it.
+    HoldSda(bool),
+    /// The multiplexer does not answer (`true`).
+    MuteMux(bool),
+    /// The calibrations of a unit's converter fail (`true`).
+    CalibrationError(u8, bool),
+    /// A unit's converter reports another revision (`true`).
+    WrongRevision(u8, bool),
+    /// A unit's amplifier gives no current (`true`).
+    AmplifierOff(u8, bool),
+    /// A unit's encoder counts the other way (`true`): its two signals are exchanged.
+    ReverseEncoder(u8, bool),
+    /// Invert the nth data bit from now on the I2C bus, in whichever direction it goes.
+    FlipBusBit(u16),
+    /// Invert this bit of the next word to a DAC, 15 is the first on the wire.
+    FlipDacBit(u8),
+    /// Converters latch their result when the register pointer is set to it (`true`), instead of when it is read. The
+    /// datasheet lines at hand leave it open.
+    LatchAtPointer(bool),
+    /// DRDY rises at the end of a calibration and a start of conversions leaves it high (`true`). Left open by the
+    /// datasheet too.
+    KeepReady(bool),
+    /// The next so many rising edges of a unit's DRDY line do not reach the controller.
+    LoseDrdy(u8, u8),
 }
 
 /// Response of the rig.

@@ -57,8 +57,21 @@ impl Board {
         acknowledged
     }
 
+    /// A byte as the other end sees it: with the bit inverted that an injection names.
+    fn on_the_wire(&mut self, byte: u8) -> u8 {
+        match self.flip_bus_bit.take() {
+            Some(bit @ 0..8) => byte ^ 0x80 >> bit,
+            Some(later) => {
+                self.flip_bus_bit = Some(later - 8);
+                byte
+            }
+            None => byte,
+        }
+    }
+
     /// A byte from the controller. True: acknowledged.
     pub fn i2c_write(&mut self, t_ns: u64, byte: u8) -> bool {
+        let byte = self.on_the_wire(byte);
         if self.mux.is_addressed() {
             return self.mux.write(byte);
         }
@@ -75,7 +88,8 @@ impl Board {
     /// A byte to the controller: what all chips that answer leave of it on the open-drain wire.
     pub fn i2c_read(&mut self, t_ns: u64) -> u8 {
         if self.mux.is_addressed() {
-            return self.mux.read();
+            let byte = self.mux.read();
+            return self.on_the_wire(byte);
         }
         let mut byte = 0xFF;
         for unit in 0..UNITS {
@@ -91,7 +105,7 @@ impl Board {
         self.transaction.read = self.transaction.read.saturating_add(1);
         self.show_drdy(t_ns);
         self.reschedule();
-        byte
+        self.on_the_wire(byte)
     }
 
     /// STOP.

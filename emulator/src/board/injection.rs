@@ -44,8 +44,69 @@ impl Board {
             Injection::FreezeEncoder(number, frozen) => {
                 let unit = unit(number)?;
                 self.advance_plant(now);
-                self.frozen_encoder[unit] = frozen.then(|| self.plant.encoder_counts(unit));
+                self.frozen_encoder[unit] = frozen.then(|| self.encoder_edges(unit));
             }
+            Injection::OpenBridge(number, on) => {
+                self.converters[unit(number)?].defects().open_bridge = on;
+            }
+            Injection::FrozenCode(number, on) => {
+                self.converters[unit(number)?].defects().frozen = on;
+            }
+            Injection::WrongSign(number, on) => {
+                self.converters[unit(number)?].defects().wrong_sign = on;
+            }
+            Injection::CalibrationError(number, on) => {
+                self.converters[unit(number)?].defects().calibration = on;
+            }
+            Injection::WrongRevision(number, on) => {
+                self.converters[unit(number)?].defects().revision = on;
+            }
+            Injection::LatchAtPointer(on) => {
+                for converter in &mut self.converters {
+                    converter.defects().latches_at_pointer = on;
+                }
+            }
+            Injection::KeepReady(on) => {
+                for converter in &mut self.converters {
+                    converter.defects().keeps_ready = on;
+                }
+            }
+            Injection::StuckDac(number, on) => self.dacs[unit(number)?].set_stuck(on),
+            Injection::HoldSda(on) => {
+                self.sda_held = on;
+                self.sda_jammed = on;
+                self.pending
+                    .push((wiring::I2C_SDA, if on { Some(false) } else { None }));
+            }
+            Injection::MuteMux(on) => self.mux.set_mute(on),
+            Injection::AmplifierOff(number, on) => {
+                self.amplifier_off[unit(number)?] = on;
+                self.move_outputs(now);
+            }
+            Injection::ReverseEncoder(number, on) => {
+                let unit = unit(number)?;
+                self.advance_plant(now);
+                self.turn_counters();
+                self.reverse_encoder(unit, on);
+            }
+            Injection::FlipBusBit(bit) => self.flip_bus_bit = Some(u32::from(bit)),
+            Injection::FlipDacBit(bit) => {
+                if bit > 15 {
+                    return Err(format!("bit {bit} of a word: bits are 0 to 15"));
+                }
+                self.flip_dac_bit = Some(bit);
+            }
+            Injection::DrdyGlitch(number) => {
+                let unit = unit(number)?;
+                // Short against everything the controller does: the level is gone when it looks.
+                if self.drdy[unit] == Some(false) {
+                    self.pending.push((wiring::DRDY[unit], Some(true)));
+                    self.pending.push((wiring::DRDY[unit], Some(false)));
+                }
+            }
+            Injection::LoseDrdy(number, edges) => self.lose_drdy[unit(number)?] = edges,
+            Injection::BusError => self.bus_error = true,
+            Injection::StallUsart => self.stall = true,
             Injection::HangLoop | Injection::FlipBit(..) => {
                 return Err("this injection belongs to the engine".to_owned());
             }
@@ -53,6 +114,16 @@ impl Board {
         self.show_drdy(now);
         self.reschedule();
         Ok(())
+    }
+
+    /// Whether a bus error without a cause is due now; the call takes it.
+    pub fn take_bus_error(&mut self) -> bool {
+        std::mem::take(&mut self.bus_error)
+    }
+
+    /// Whether the serial line's DMA stream locks up now; the call takes it.
+    pub fn take_stall(&mut self) -> bool {
+        std::mem::take(&mut self.stall)
     }
 
     /// Misuse of the chips and buses, which the real parts would not report.

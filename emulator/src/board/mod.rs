@@ -65,6 +65,11 @@ pub struct Board {
     history: History<UNITS>,
     pull_n: [f64; UNITS],
     frozen_encoder: [Option<i64>; UNITS],
+    /// Encoders that count the other way: the count at which they turned round, times two.
+    reversed_encoder: [Option<i64>; UNITS],
+    amplifier_off: [bool; UNITS],
+    /// Rising edges of a DRDY line that are still to be lost.
+    lose_drdy: [u8; UNITS],
     converters: [Nau7802; UNITS],
     mux: Tca9548a,
     dacs: [Dac7731; UNITS],
@@ -81,7 +86,15 @@ pub struct Board {
     transaction: Transaction,
     start_ns: u64,
     sda_held: bool,
+    /// SDA stays low whatever is done.
+    sda_jammed: bool,
     scl_pulses: u8,
+    /// Data bits on the I2C bus until the one that is inverted.
+    flip_bus_bit: Option<u32>,
+    flip_dac_bit: Option<u8>,
+    /// The engine is to set the bus-error flag in the next transfer, or to lock the serial line's stream.
+    bus_error: bool,
+    stall: bool,
     to_board: VecDeque<u8>,
     from_board: Vec<u8>,
     line: Line,
@@ -109,6 +122,9 @@ impl Board {
             history: History::new(FILTER_REACH_NS),
             pull_n: [0.0; UNITS],
             frozen_encoder: [None; UNITS],
+            reversed_encoder: [None; UNITS],
+            amplifier_off: [false; UNITS],
+            lose_drdy: [0; UNITS],
             converters: std::array::from_fn(|unit| Nau7802::new(unit as u8 + 1, seed)),
             mux: Tca9548a::new(0x70),
             dacs: Default::default(),
@@ -128,7 +144,12 @@ impl Board {
             transaction: Transaction::default(),
             start_ns: 0,
             sda_held: false,
+            sda_jammed: false,
             scl_pulses: 0,
+            flip_bus_bit: None,
+            flip_dac_bit: None,
+            bus_error: false,
+            stall: false,
             to_board: VecDeque::new(),
             from_board: Vec::new(),
             line: Line::default(),
@@ -200,10 +221,20 @@ impl Board {
 
     fn turn_counters(&mut self) {
         for unit in 0..UNITS {
-            let edges =
-                self.frozen_encoder[unit].unwrap_or_else(|| self.plant.encoder_counts(unit));
+            let edges = self.frozen_encoder[unit].unwrap_or_else(|| self.encoder_edges(unit));
             self.counters[unit / 2].turn(unit % 2, edges);
         }
+    }
+
+    /// Edges that a unit's encoder has given so far, with its defects.
+    fn encoder_edges(&self, unit: usize) -> i64 {
+        let edges = self.plant.encoder_counts(unit);
+        self.reversed_encoder[unit].map_or(edges, |turned| turned - edges)
+    }
+
+    /// A unit's encoder counts the other way from its present count on, or the right way again.
+    fn reverse_encoder(&mut self, unit: usize, reversed: bool) {
+        self.reversed_encoder[unit] = reversed.then(|| 2 * self.plant.encoder_counts(unit));
     }
 
     fn switch_power(&mut self, t_ns: u64) {

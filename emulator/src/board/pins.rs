@@ -20,6 +20,12 @@ impl Board {
         for unit in 0..UNITS {
             let level = self.converters[unit].drdy();
             if level != self.drdy[unit] {
+                if level == Some(true) && self.lose_drdy[unit] > 0 {
+                    // The wire stays low until the next conversion.
+                    self.lose_drdy[unit] -= 1;
+                    self.converters[unit].miss();
+                    continue;
+                }
                 self.drdy[unit] = level;
                 self.pending.push((wiring::DRDY[unit], level));
             }
@@ -71,7 +77,7 @@ impl Board {
     }
 
     pub(super) fn release_sda(&mut self) {
-        if self.sda_held {
+        if self.sda_held && !self.sda_jammed {
             self.sda_held = false;
             self.pending.push((wiring::I2C_SDA, None));
         }
@@ -110,8 +116,13 @@ impl Board {
     pub(super) fn move_outputs(&mut self, t_ns: u64) {
         self.advance_plant(t_ns);
         for (unit, dac) in self.dacs.iter().enumerate() {
+            let volts = if self.amplifier_off[unit] {
+                0.0
+            } else {
+                dac.volts()
+            };
             self.plant
-                .set_amplifier_volts(unit, dac.volts())
+                .set_amplifier_volts(unit, volts)
                 .expect("six units, finite volts");
         }
     }
@@ -161,6 +172,10 @@ impl Board {
                 "this clock mode moves data on the rising edge, where the DAC7731 samples",
             );
         }
+        let word = match self.flip_dac_bit.take() {
+            Some(bit) => word ^ 1 << bit,
+            None => word,
+        };
         for dac in &mut self.dacs {
             dac.clock_in(word, bits, self.spi_mode);
         }

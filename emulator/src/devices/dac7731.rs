@@ -37,6 +37,7 @@ pub struct Dac7731 {
     selected: bool,
     last_bit: bool,
     reset: bool,
+    stuck: bool,
 }
 
 impl Default for Dac7731 {
@@ -48,6 +49,7 @@ impl Default for Dac7731 {
             selected: false,
             last_bit: false,
             reset: false,
+            stuck: false,
         }
     }
 }
@@ -101,7 +103,7 @@ impl Dac7731 {
 
     /// LDAC rises.
     pub fn load(&mut self) {
-        if !self.reset {
+        if !self.reset && !self.stuck {
             self.output = self.input;
         }
     }
@@ -111,8 +113,15 @@ impl Dac7731 {
         self.reset = low;
         if low {
             self.input = MID_SCALE;
-            self.output = MID_SCALE;
+            if !self.stuck {
+                self.output = MID_SCALE;
+            }
         }
+    }
+
+    /// The output keeps its voltage (`true`), as a broken part does.
+    pub fn set_stuck(&mut self, stuck: bool) {
+        self.stuck = stuck;
     }
 
     /// The code at the output.

@@ -12,6 +12,7 @@ pub struct Tca9548a {
     written: Option<u8>,
     addressed: Option<bool>,
     reset: bool,
+    mute: bool,
 }
 
 impl Tca9548a {
@@ -24,12 +25,13 @@ impl Tca9548a {
             written: None,
             addressed: None,
             reset: false,
+            mute: false,
         }
     }
 
     /// START with an address. True: acknowledged, and what follows is for the multiplexer itself.
     pub fn start(&mut self, address: u8, read: bool) -> bool {
-        let own = address == self.address && !self.reset;
+        let own = address == self.address && !self.reset && !self.mute;
         self.addressed = own.then_some(read);
         own
     }
@@ -68,6 +70,11 @@ impl Tca9548a {
             self.written = None;
             self.addressed = None;
         }
+    }
+
+    /// The chip does not answer (`true`).
+    pub fn set_mute(&mut self, mute: bool) {
+        self.mute = mute;
     }
 
     /// Channels connected now, bit n = channel n.

@@ -5,6 +5,7 @@
 //!
 //! `cargo xtask test` builds image and rig and sets `FORCE_FIRMWARE_ELF` and `FORCE_RIG_BIN`.
 
+use control::geometry::direction_q14;
 use control::{MotorState, SystemState};
 use emulator_link::{Injection, Report, Truth};
 use host_cli::link::embedded::{EmbeddedRig, Programs};
@@ -111,10 +112,15 @@ impl<'l> Stand<'l> {
 
     /// Puts these tensions in force, for cables in line with their load cells.
     pub fn hold(&mut self, tension_n: [f64; UNITS]) {
+        let rig = rig_file();
+        let tip = rig.workspace.center_m;
         self.session
-            .set_setpoints(Some(tension_n.map(|tension_n| UnitSetpoint {
-                tension_un: (tension_n * 1e6) as i32,
+            .set_setpoints(Some(std::array::from_fn(|unit| UnitSetpoint {
+                tension_un: (tension_n[unit] * 1e6) as i32,
                 inv_cos_q16: 1 << 16,
+                direction_q14: rig.units[unit]
+                    .cable_at(tip)
+                    .map_or([0; 3], |(direction, _)| direction_q14(&direction)),
             })));
     }
 

@@ -457,6 +457,7 @@ pub fn booted_here(session: &mut Session<'_>) -> bool {
 /// before is left as it is.
 pub fn configure_embedded(session: &mut Session<'_>, rig: &RigFile) -> Result<()> {
     if booted_here(session) {
+        session.stage_board(rig.controller.board_config())?;
         session.configure(&rig.units.map(|unit| unit.to_wire()))?;
         session.wait_for(
             Duration::from_secs(15),

@@ -182,6 +182,7 @@ impl Controller {
         let setpoints = core::array::from_fn(|i| UnitSetpoint {
             tension_un: (allocation.tension_n[i] * 1e6).round() as i32,
             inv_cos_q16: cables.inv_cos_q16[i],
+            direction_q14: control::geometry::direction_q14(&cables.directions[i]),
         });
         Ok(Output {
             setpoints,
@@ -215,6 +216,7 @@ impl Controller {
                 0
             },
             inv_cos_q16: cables.inv_cos_q16[i],
+            direction_q14: control::geometry::direction_q14(&cables.directions[i]),
         }))
     }
 

@@ -217,6 +217,7 @@ impl Excitation<'_> {
             setpoints: [UnitSetpoint {
                 tension_un: 0,
                 inv_cos_q16: 1 << 16,
+                direction_q14: [0; 3],
             }; UNITS],
             inv_cos: [1.0; UNITS],
             force_n: Vector3::zeros(),
@@ -240,6 +241,7 @@ impl Excitation<'_> {
             cycle.setpoints[i] = UnitSetpoint {
                 tension_un: (command_n(unit, i, t_s, self.swing) * 1e6).round() as i32,
                 inv_cos_q16: q16,
+                direction_q14: control::geometry::direction_q14(&direction),
             };
         }
         Ok(cycle)

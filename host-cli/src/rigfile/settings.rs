@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use serde::Serialize;
-use wire::message::{FilterChoice, Ripple, UnitConfig, RIPPLES};
+use wire::message::{BoardConfig, FilterChoice, Ripple, UnitConfig, RIPPLES};
 
 /// Where the tip works.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -26,6 +26,26 @@ pub struct ControllerSettings {
     pub slew_n_per_s: f64,
     /// A force larger than this is refused, N.
     pub force_limit_n: f64,
+    /// Force at the tip at which the board itself stops all motors, N.
+    #[serde(skip_serializing_if = "is_default_tip_limit")]
+    pub tip_force_limit_n: f64,
+    /// Whether the board writes a converter's register pointer ahead of its next sample (docs/bring-up.md, step 8).
+    #[serde(skip_serializing_if = "is_true")]
+    pub pointer_ahead: bool,
+}
+
+/// Limit of the force at the tip that a rig file has unless it says otherwise, N.
+pub const TIP_FORCE_LIMIT_N: f64 = 20.0;
+
+impl ControllerSettings {
+    /// As the board is told.
+    #[must_use]
+    pub fn board_config(&self) -> BoardConfig {
+        BoardConfig {
+            tip_force_limit_un: micro(self.tip_force_limit_n),
+            pointer_ahead: self.pointer_ahead,
+        }
+    }
 }
 
 /// Which tensions an allocation stays near to.
@@ -112,9 +132,51 @@ pub struct UnitSettings {
     /// Viscous friction that the feedforward compensates, N per m/s of cable travel; 0: none.
     #[serde(skip_serializing_if = "is_zero")]
     pub viscous_n_s_per_m: f64,
+    /// What the board checks the load cell and the motor against.
+    #[serde(skip_serializing_if = "UnitChecks::is_default")]
+    pub checks: UnitChecks,
     /// Ripples over the reel's angle that the feedforward compensates.
     #[serde(skip_serializing_if = "are_none")]
     pub ripples: [RippleSettings; RIPPLES],
+}
+
+/// What the board checks a unit's load cell and motor against.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct UnitChecks {
+    /// ADC code at zero load that was found with the calibration.
+    pub zero_code: f64,
+    /// How far a new zero may be from it, N of load-cell force.
+    pub zero_deviation_n: f64,
+    /// How far the command may exceed what the friction model needs for the setpoint, N.
+    pub authority_n: f64,
+    /// How far the tension may be outside the friction model's band around the command, N.
+    pub plausible_n: f64,
+}
+
+impl Default for UnitChecks {
+    fn default() -> Self {
+        let nominal = control::Config::nominal();
+        Self {
+            zero_code: f64::from(nominal.stored_zero_code),
+            zero_deviation_n: f64::from(nominal.zero_deviation_un) * 1e-6,
+            authority_n: f64::from(nominal.authority_un) * 1e-6,
+            plausible_n: f64::from(nominal.plausible_un) * 1e-6,
+        }
+    }
+}
+
+impl UnitChecks {
+    fn is_default(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+fn is_true(value: &bool) -> bool {
+    *value
+}
+
+fn is_default_tip_limit(limit_n: &f64) -> bool {
+    *limit_n == TIP_FORCE_LIMIT_N
 }
 
 // What is off by default is left out of the hash, so that a rig file of before keeps its own.
@@ -175,13 +237,15 @@ fn micro(value: f64) -> i32 {
 }
 
 impl UnitSettings {
-    /// As the board is told. The zero is not part of a rig file: it is taken at each start.
+    /// As the board is told. The zero in force is taken at each start; the rig file's is what it is compared with.
     #[must_use]
     pub fn to_wire(&self) -> UnitConfig {
         UnitConfig {
             enabled: self.enabled,
             scale_pn_per_count: (self.scale_n_per_count * 1e12).round() as i32,
             zero_code: 0,
+            stored_zero_code: self.checks.zero_code.round() as i32,
+            zero_deviation_un: micro(self.checks.zero_deviation_n),
             filter: match self.filter {
                 Filter::MovingAverage(n) => FilterChoice::MovingAverage(n),
                 Filter::LowPass(corner_hz) => FilterChoice::LowPass {
@@ -202,6 +266,8 @@ impl UnitSettings {
             travel_nm_per_count: (self.travel_m_per_count * 1e9).round() as i32,
             dac_counts_per_n_q16: q16(self.dac_codes_per_n),
             force_limit_un: micro(self.force_limit_n),
+            authority_un: micro(self.checks.authority_n),
+            plausible_un: micro(self.checks.plausible_n),
             slew_un_per_s: micro(self.slew_n_per_s),
             over_tension_un: micro(self.over_tension_n),
             viscous_q16: q16(self.viscous_n_s_per_m),

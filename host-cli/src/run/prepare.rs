@@ -61,6 +61,7 @@ pub fn prepare_board(
     session.command(&Command::Stream { decimation: 1 })?;
     observer.progress(Phase::Configure, 0.0);
     let mut configs = rig.units.map(|unit| unit.to_wire());
+    session.stage_board(rig.controller.board_config())?;
     session.configure(&configs)?;
     check_stop(stop)?;
 

@@ -13,6 +13,8 @@ pub fn command_name(command: &Command) -> &'static str {
         Command::GetStatus => "get status",
         Command::GetConfig { .. } => "get configuration",
         Command::StageConfig { .. } => "stage configuration",
+        Command::StageBoard { .. } => "stage board configuration",
+        Command::GetBoard => "get board configuration",
         Command::CommitConfig => "commit configuration",
         Command::Zero { .. } => "zero",
         Command::Arm => "arm",

@@ -5,7 +5,7 @@ use super::{
     SETPOINTS_VALID_MS,
 };
 use std::time::Duration;
-use wire::message::{CommandError, Response, Status, UnitConfig};
+use wire::message::{BoardConfig, CommandError, Response, Status, UnitConfig};
 use wire::{Command, HostFrame, UNITS};
 
 /// How long a response may take. The board answers within a pass of its loop; the rest is the link's.
@@ -139,6 +139,14 @@ impl Session<'_> {
         }
         self.command(&Command::CommitConfig)?;
         Ok(())
+    }
+
+    /// Stages the configuration of the whole board; [`Session::configure`] puts it in force.
+    ///
+    /// # Errors
+    /// As [`Session::command`].
+    pub fn stage_board(&mut self, config: BoardConfig) -> Result<(), SessionError> {
+        self.command(&Command::StageBoard { config }).map(drop)
     }
 
     /// Lets time pass until the newest status satisfies `done`.

@@ -34,6 +34,11 @@ fn injection_words(injection: &Injection) -> String {
         Injection::FreezeEncoder(unit, freeze) => format!("freeze {unit} {}", u8::from(freeze)),
         Injection::HangLoop => "hang".to_owned(),
         Injection::FlipBit(address, bit) => format!("flip {address} {bit}"),
+        Injection::OpenBridge(unit, on) => format!("open-bridge {unit} {}", u8::from(on)),
+        Injection::FrozenCode(unit, on) => format!("frozen-code {unit} {}", u8::from(on)),
+        Injection::WrongSign(unit, on) => format!("wrong-sign {unit} {}", u8::from(on)),
+        // The models of Renode do not have these; RigServer refuses the word.
+        other => format!("{other:?}"),
     }
 }
 

@@ -60,6 +60,15 @@ fn a_force_that_is_not_held_ends_with_6_and_the_reason() {
         ),
     ] {
         let (code, out, err) = run(folder.path(), line);
+        // Where the board itself has noticed, its fault is the reason.
+        if code == Some(5) {
+            let doubts = ["fault 44", "fault 45", "fault 46"];
+            assert!(
+                doubts.iter().any(|fault| out.contains(fault)),
+                "{line}: {out}{err}"
+            );
+            continue;
+        }
         assert_eq!(code, Some(6), "{line}: {out}{err}");
         let reason = out
             .lines()

@@ -62,7 +62,7 @@ fn a_host_of_another_version_gets_the_boards_version_and_no_access() {
     );
     for (seq, command) in [
         (3, Command::Arm),
-        (4, Command::GetStatus),
+        (4, Command::Disarm),
         (5, Command::Zero { units: 63 }),
     ] {
         let answer = ask(&mut link, &mut decoder, seq, command);
@@ -113,6 +113,7 @@ fn setpoints_out_of_range_drive_nothing() {
             [UnitSetpoint {
                 tension_un,
                 inv_cos_q16,
+                direction_q14: [0; 3],
             }; UNITS],
         ));
         stand.truth();

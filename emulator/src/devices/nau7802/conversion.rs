@@ -1,7 +1,7 @@
 //! Power-up, conversions and calibrations in time.
 
 use super::register_map::{bit, reg};
-use super::{sign_extend, Nau7802};
+use super::{sign_extend, Defects, Nau7802};
 
 /// Positive full scale as a code.
 pub(super) const FULL_SCALE: f64 = 8_388_608.0;
@@ -39,7 +39,7 @@ impl Nau7802 {
 
     /// Starts converting from scratch where the settings say so, or stops.
     pub(super) fn restart(&mut self, t_ns: u64) {
-        self.ready = false;
+        self.ready &= self.defects.keeps_ready;
         let converting =
             self.analog_on() && self.registers[0] & bit::CS != 0 && self.calibrating.is_none();
         if converting {
@@ -107,7 +107,9 @@ impl Nau7802 {
             self.settling -= 1;
             return false;
         }
-        self.result = self.convert(bridge(due.ceil() as u64, period));
+        if !self.defects.frozen {
+            self.result = self.convert(bridge(due.ceil() as u64, period));
+        }
         self.result_number += 1;
         self.conversions += 1;
         let was_ready = self.ready;
@@ -128,6 +130,15 @@ impl Nau7802 {
             // reference, and the ratio of the two is anything.
             return FULL_SCALE;
         }
+        let bridge_v_per_v = match self.defects {
+            Defects {
+                open_bridge: true, ..
+            } => 0.0,
+            Defects {
+                wrong_sign: true, ..
+            } => -bridge_v_per_v,
+            _ => bridge_v_per_v,
+        };
         // Ratiometric: the bridge is fed from AVDD, which is the reference too.
         bridge_v_per_v * self.gain() / 0.5 * FULL_SCALE
     }
@@ -153,6 +164,7 @@ impl Nau7802 {
         let zero = self.raw_offset * self.gain() / 128.0 + miss;
         let input = self.input_codes(bridge_v_per_v);
         let valid = !self.calibration_spoilt
+            && !self.defects.calibration
             && match mode {
                 0 => self.set_offset(zero),
                 2 => self.set_offset(zero + input),
@@ -170,6 +182,7 @@ impl Nau7802 {
             self.registers[control] |= bit::CAL_ERR;
         }
         self.calibration_spoilt = false;
+        self.ready |= self.defects.keeps_ready;
     }
 
     pub(super) fn set_offset(&mut self, codes: f64) -> bool {

@@ -30,6 +30,25 @@ use register_map::{bit, reg, reset_values, REGISTERS};
 /// I2C address, fixed in the chip.
 pub const ADDRESS: u8 = 0x2A;
 
+/// What is broken at a load cell or in its converter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Defects {
+    /// An excitation wire is open: the bridge gives nothing.
+    pub open_bridge: bool,
+    /// The result register keeps its value.
+    pub frozen: bool,
+    /// The signal wires are exchanged.
+    pub wrong_sign: bool,
+    /// Calibrations fail.
+    pub calibration: bool,
+    /// The revision reads as another one.
+    pub revision: bool,
+    /// Not a defect but a variant that the datasheet leaves open: the result is latched when the pointer is set to it.
+    pub latches_at_pointer: bool,
+    /// Another variant: DRDY rises at the end of a calibration, and a start leaves it as it was.
+    pub keeps_ready: bool,
+}
+
 /// One converter with its load cell's bridge on channel 1.
 #[derive(Debug, Clone)]
 pub struct Nau7802 {
@@ -64,6 +83,8 @@ pub struct Nau7802 {
     spike: Option<i32>,
     nacks: bool,
     plugged: bool,
+    /// What is broken at the load cell or in the chip.
+    defects: Defects,
     /// Conversions that became ready.
     pub conversions: u64,
     /// Conversions whose last byte was read before the next one was ready.
@@ -105,6 +126,7 @@ impl Nau7802 {
             spike: None,
             nacks: false,
             plugged: true,
+            defects: Defects::default(),
             conversions: 0,
             conversions_read: 0,
         };
@@ -152,6 +174,16 @@ impl Nau7802 {
     /// Adds `codes` to the next conversion only.
     pub fn spike(&mut self, codes: i32) {
         self.spike = Some(codes);
+    }
+
+    /// The edge of the last conversion got lost: nothing is ready until the next one.
+    pub fn miss(&mut self) {
+        self.ready = false;
+    }
+
+    /// What is broken, to be changed.
+    pub fn defects(&mut self) -> &mut Defects {
+        &mut self.defects
     }
 
     /// Level of the DRDY pin; `None` when nothing drives the wire.
@@ -229,6 +261,9 @@ impl Nau7802 {
         if self.pointer_next {
             self.pointer_next = false;
             self.pointer = byte & 0x7F;
+            if self.defects.latches_at_pointer && self.pointer == reg::ADCO_B2 {
+                self.latch_early();
+            }
         } else {
             self.write_register(self.pointer, byte, t_ns, complaints);
             self.pointer = (self.pointer + 1) & 0x7F;
@@ -262,6 +297,12 @@ impl Nau7802 {
     pub fn stop(&mut self) {
         self.addressed = false;
         self.fast = None;
+    }
+
+    /// The result is latched ahead of its read: the read lowers DRDY, but gives what was there.
+    fn latch_early(&mut self) {
+        self.latch = self.result;
+        self.latch_number = self.result_number;
     }
 
     fn latch_result(&mut self) {

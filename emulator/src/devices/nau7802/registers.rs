@@ -17,7 +17,11 @@ impl Nau7802 {
                     | if self.powered_up { bit::PUR } else { 0 }
             }
             reg::ADCO_B2 => {
-                self.latch_result();
+                if self.defects.latches_at_pointer {
+                    self.ready = false;
+                } else {
+                    self.latch_result();
+                }
                 (self.latch >> 16) as u8
             }
             0x13 => (self.latch >> 8) as u8,
@@ -33,6 +37,7 @@ impl Nau7802 {
             }
             // Behind 0x15 is the OTP while RD_OTP_SEL is set; its content is not public.
             reg::ADC if self.registers[usize::from(reg::PGA)] & bit::RD_OTP_SEL != 0 => 0xFF,
+            reg::REVISION if self.defects.revision => 0x0E,
             reg::REVISION if self.powered_up && t_ns >= self.revision_at => 0x0F,
             reg::REVISION => 0,
             _ => stored,

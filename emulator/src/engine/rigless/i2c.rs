@@ -1,4 +1,4 @@
-//! I2C1 with a wire that can be held: the engine's controller, kept from sending a START while SDA is low.
+//! I2C1 with wires that have edges, a filter in front and a level that can be held: the engine's controller, kept from sending a START while SDA is low.
 //!
 //! The engine's own model drives every edge itself and does not know a bus that another device holds. On the part a
 //! START that finds SDA low never leaves: BUSY stands, no flag and no interrupt follows (RM0433 rev 9 section
@@ -10,11 +10,21 @@ use rigless::soc::stm32h743::generated::i2c1::{cr1, cr2, isr, Register};
 use rigless::soc::stm32h743::peripherals::i2c::I2c;
 use rigless::time::{EventId, VirtualNanos};
 
+/// What each SCL period takes beyond the engine's count, in nanoseconds: edges of 190 and 20 ns and twice the analog
+/// filter's delay (RM0433 rev 9 section 47.4.9; the datasheet gives the filter 50 to 260 ns, here 100).
+const EDGES_AND_FILTER_NS: u64 = 190 + 20 + 2 * 100;
+
+/// Kernel clock until the clock tree says otherwise (the engine's own value), in hertz.
+const RESET_KERNEL_HZ: u64 = 64_000_000;
+
 /// See the module's page.
 #[derive(Debug)]
 pub struct HeldI2c {
     inner: I2c,
     board: Shared,
+    kernel_hz: u64,
+    /// TIMINGR as the core wrote it; the engine's copy has a longer SCL low.
+    timing: u64,
 }
 
 impl HeldI2c {
@@ -25,7 +35,16 @@ impl HeldI2c {
         Self {
             inner,
             board: board.clone(),
+            kernel_hz: RESET_KERNEL_HZ,
+            timing: 0,
         }
+    }
+
+    /// A TIMINGR value whose SCL low contains what edges and filter take.
+    fn with_edges(&self, value: u64) -> u64 {
+        let prescaler = (value >> 28 & 0xF) + 1;
+        let ticks = EDGES_AND_FILTER_NS * self.kernel_hz / 1_000_000_000 / prescaler;
+        value & !0xFF | (value & 0xFF).saturating_add(ticks).min(0xFF)
     }
 }
 
@@ -38,6 +57,9 @@ impl Device for HeldI2c {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) -> Option<u64> {
+        if register == Register::Timingr {
+            return Some(self.timing);
+        }
         Device::read(&mut self.inner, register, registers, context)
     }
 
@@ -52,6 +74,12 @@ impl Device for HeldI2c {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) {
+        let mut value = value;
+        if register == Register::Timingr {
+            self.timing = value;
+            value = self.with_edges(value);
+            registers.set(Register::Timingr, value);
+        }
         if register == Register::Cr2 && cr2::START.is_set(value) {
             let free = !isr::BUSY.is_set(registers.get(Register::Isr));
             let enabled = cr1::PE.is_set(registers.get(Register::Cr1));
@@ -76,6 +104,14 @@ impl Device for HeldI2c {
         context: &mut DeviceContext<'_>,
     ) {
         Device::on_event(&mut self.inner, event, registers, context);
+        let in_transfer = isr::BUSY.is_set(registers.get(Register::Isr));
+        if in_transfer && self.board.lock().take_bus_error() {
+            let flags = registers.get(Register::Isr) | isr::BERR.mask();
+            registers.set(Register::Isr, flags);
+            // The model updates its interrupt lines with a write of what is there already.
+            let control = registers.get(Register::Cr1);
+            Device::write(&mut self.inner, Register::Cr1, control, registers, context);
+        }
     }
 
     fn on_request(
@@ -88,10 +124,12 @@ impl Device for HeldI2c {
     }
 
     fn on_clock(&mut self, hz: u64, registers: &mut RegisterFile, context: &mut DeviceContext<'_>) {
+        self.kernel_hz = hz;
         Device::on_clock(&mut self.inner, hz, registers, context);
     }
 
     fn reset(&mut self) {
+        self.timing = 0;
         Device::reset(&mut self.inner);
     }
 

@@ -5,12 +5,14 @@
 //! board that streams spends most of the host's time there. The wiring is fixed (RM0433 rev 9 section 17.3),
 //! so the receiver of each request is known in advance: the models stay the engine's, the filter is in front.
 
+use super::dma_guard::{Guard, Routes};
+use super::peers::Shared;
 use rigless::chip::spi::Peer;
 use rigless::device::{
     DeviceContext, ErasedDevice, InterruptChange, Level, RegisterFile, RequestChange,
 };
 use rigless::emulator::InterruptLine;
-use rigless::soc::stm32h743::generated::SYSCFG;
+use rigless::soc::stm32h743::generated::{dma1, SYSCFG};
 use rigless::soc::stm32h743::peripherals::adc::{Adc, AdcCommon, Block, Converter};
 use rigless::soc::stm32h743::peripherals::bdma::Bdma;
 use rigless::soc::stm32h743::peripherals::dma::{Dma, DMA1_FIRST_CHANNEL, DMA2_FIRST_CHANNEL};
@@ -91,6 +93,7 @@ pub struct Listener {
     pub instance: &'static str,
     model: Box<dyn ErasedDevice + Send>,
     receives: Receives,
+    guard: Option<Guard>,
 }
 
 impl fmt::Debug for Listener {
@@ -104,13 +107,14 @@ impl fmt::Debug for Listener {
 
 /// Every reader of requests as a power-on or a system reset leaves it, but the clock controller, which the
 /// part keeps. `peer` hangs on the interface of its name.
-pub fn fresh(peer: (&'static str, impl Peer + 'static)) -> Vec<Listener> {
+pub fn fresh(peer: (&'static str, impl Peer + 'static), board: &Shared) -> Vec<Listener> {
     let mut all = Vec::new();
     let mut add = |instance, model: Box<dyn ErasedDevice + Send>, receives| {
         all.push(Listener {
             instance,
             model,
             receives,
+            guard: None,
         });
     };
     let mut peer = Some(peer);
@@ -168,6 +172,14 @@ pub fn fresh(peer: (&'static str, impl Peer + 'static)) -> Vec<Listener> {
         add(block.instance(), Box::new(model), Receives::Converters);
     }
     add("EXTI", Box::new(Exti::new(SYSCFG.base)), Receives::Pins);
+    let routes = Routes::default();
+    for listener in &mut all {
+        listener.guard = match listener.instance {
+            "DMAMUX1" => Some(Guard::Multiplexer(routes.clone())),
+            "DMA1" => Some(Guard::controller(routes.clone(), board.clone())),
+            _ => None,
+        };
+    }
     all
 }
 
@@ -196,7 +208,19 @@ impl ErasedDevice for Listener {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) {
-        self.model.write(row, value, registers, context);
+        let Some(guard) = &mut self.guard else {
+            return self.model.write(row, value, registers, context);
+        };
+        let guarded = guard.write(row, value);
+        if let Some(reason) = guarded.refused {
+            context.tell("SxCR", reason);
+            // The register file holds what the core wrote already.
+            registers.set(dma1::Register::ALL[row], guarded.value);
+        }
+        self.model.write(row, guarded.value, registers, context);
+        if let Some(request) = guarded.released {
+            self.model.on_request(request, registers, context);
+        }
     }
 
     fn on_event(
@@ -214,7 +238,12 @@ impl ErasedDevice for Listener {
         registers: &mut RegisterFile,
         context: &mut DeviceContext<'_>,
     ) {
-        if self.receives.receives(&request) {
+        let first = match self.receives {
+            Receives::Channels(first) => first,
+            _ => 0,
+        };
+        let passes = |guard: &mut Guard| guard.passes(first, &request);
+        if self.receives.receives(&request) && self.guard.as_mut().is_none_or(passes) {
             self.model.on_request(request, registers, context);
         }
     }

@@ -261,7 +261,7 @@ impl RigMcu {
 
 /// The readers of requests out of reset, the DACs on SPI1.
 fn fresh_listeners(board: &Shared) -> Vec<Listener> {
-    listener::fresh(("SPI1", DacBus(board.clone())))
+    listener::fresh(("SPI1", DacBus(board.clone())), board)
 }
 
 /// Bits of a port's MODER that are general-purpose outputs (01), one per pin.

@@ -4,6 +4,7 @@
 //! at each stop for the next command and reports its progress, so that the rig steps the engine like any
 //! other object and both sides take turns on the [`Board`](crate::board::Board).
 
+mod dma_guard;
 mod i2c;
 mod iwdg;
 mod listener;
@@ -87,6 +88,7 @@ impl RiglessEngine {
         let (commands, orders) = channel();
         let (reports, answers) = channel();
         let sleeps = image.sleeps.clone();
+        let crash_record = image.crash_record.clone();
         let thread = std::thread::Builder::new()
             .name("engine".to_owned())
             .spawn(move || {
@@ -96,6 +98,7 @@ impl RiglessEngine {
                     orders,
                     reports,
                     sleeps,
+                    crash_record,
                     patched: Vec::new(),
                     resets: 0,
                     run: None,
@@ -229,6 +232,8 @@ struct Turns {
     orders: Receiver<Command>,
     reports: Sender<Response>,
     sleeps: Vec<u32>,
+    /// Memory of the crash record.
+    crash_record: Option<std::ops::Range<u32>>,
     /// Instructions replaced by the hang injection, to be put back by a reset.
     patched: Vec<(u32, u16)>,
     resets: usize,
@@ -252,6 +257,18 @@ impl Turns {
             }
         }
         Ok(Vec::new())
+    }
+
+    /// The ECC of AXI SRAM works on words of 64 bits and keeps the last one back until another is accessed (RM0433 rev 9
+    /// section 2.4), so a reset right after a write loses it. The worst case: the last word of the crash record is gone.
+    fn lose_last_word(&self, host: &mut dyn Host) {
+        let Some(record) = &self.crash_record else {
+            return;
+        };
+        let last = (record.end - 1) & !7;
+        for at in (last..last + 8).filter(|at| record.contains(at)) {
+            put(host, at, Width::W8, 0xA5).expect("the record is in memory");
+        }
     }
 
     fn restore_patched_code(&mut self, host: &mut dyn Host) {
@@ -312,6 +329,7 @@ impl Driver<RigMachine> for Turns {
         if session.resets().len() != self.resets {
             self.resets = session.resets().len();
             self.restore_patched_code(host);
+            self.lose_last_word(host);
         }
     }
 

@@ -2,7 +2,6 @@
 
 use super::{Behavior, FakeBoard, MS};
 use control::unit::Setpoint;
-use control::zero::Averager;
 use control::{Config, Fault, MotorState, State, SystemState};
 use wire::message::{
     BoardInfo, CommandError, FaultReport, Reply, Response, Status, UnitConfig, UnitSetpoint,
@@ -86,6 +85,8 @@ impl FakeBoard {
                 period_us: 3125,
                 tension_un: self.states[i].tension().to_un(),
             }),
+            tip_force_un: self.tip.force_un(),
+            alive_withheld: false,
             config_crc: crate::rigfile::board_crc(&self.wire_configs()),
             setpoint_age_ms: 0,
             frames_dropped: 0,
@@ -113,6 +114,8 @@ impl FakeBoard {
             schema: wire::SCHEMA_HASH,
             version: "fake".try_into().expect("short"),
             core_hz: 400_000_000,
+            silicon: 0x2003,
+            hse: true,
             reset_flags: 0,
             crash_record: (self.resets > 0).then(|| wire::message::CrashRecord {
                 code: Fault::WatchdogReset.code(),
@@ -135,6 +138,7 @@ impl FakeBoard {
                 Some(config) => Response::Config(*config.wire()),
                 None => Response::Rejected(CommandError::UnknownUnit(*unit)),
             }),
+            Command::GetBoard => Some(Response::Board(self.board_config)),
             Command::Setpoints { valid_ms, units } => {
                 self.take_setpoints(*valid_ms, units);
                 None
@@ -156,6 +160,8 @@ impl FakeBoard {
                 Err(field) => panic!("unit {i}: field {field} out of range: {units:?}"),
             }
         }
+        self.tip
+            .set_directions(&units.map(|unit| unit.direction_q14));
         self.expires_ns = Some(self.now_ns + u64::from(valid_ms) * MS);
     }
 
@@ -170,6 +176,10 @@ impl FakeBoard {
                 })?;
                 self.staged[usize::from(*unit)] = Some(checked);
             }
+            Command::StageBoard { config } => {
+                self.board_config = *config;
+                self.tip.set_limit(config.tip_force_limit_un);
+            }
             Command::CommitConfig | Command::Zero { .. } if armed => {
                 return Err(CommandError::State(self.system as u8))
             }
@@ -180,8 +190,8 @@ impl FakeBoard {
             }
             Command::Zero { units } => {
                 for i in 0..UNITS {
-                    self.zeroing[i] =
-                        (units >> i & 1 == 1 && self.configs[i].enabled()).then(Averager::new);
+                    self.zeroing[i] = (units >> i & 1 == 1 && self.configs[i].enabled())
+                        .then(|| self.configs[i].zero_averager());
                 }
                 self.system = SystemState::Zeroing;
             }

@@ -68,6 +68,7 @@ impl FakeBoard {
             ..Sample::default()
         };
         output.describe(&mut sample);
+        sample.tip_force_mn = self.tip.sample(i, output.tension);
         let t_us = self.t_us();
         let batch = self.batch.get_or_insert(Batch {
             t_us,

@@ -14,7 +14,7 @@ mod units;
 
 use super::{
     AllocationSettings, ControllerSettings, PoseChoice, Problem, Reference, RigFile, Workspace,
-    SCHEMA,
+    SCHEMA, TIP_FORCE_LIMIT_N,
 };
 use section::{Context, Section};
 use std::cell::RefCell;
@@ -183,6 +183,10 @@ fn read_controller(root: &Section<'_, '_>) -> ControllerSettings {
         integral_limit_n: section.number("integral_limit_n", 0.0..=20.0, "1.5").value,
         slew_n_per_s: section.number("slew_n_per_s", 0.1..=1000.0, "20.0").value,
         force_limit_n: section.number("force_limit_n", 0.1..=60.0, "12.0").value,
+        tip_force_limit_n: section
+            .optional("tip_force_limit_n", 1.0..=100.0, TIP_FORCE_LIMIT_N)
+            .value,
+        pointer_ahead: section.flag("pointer_ahead", Some(true)),
     };
     section.finish();
     controller

@@ -2,7 +2,7 @@
 
 use super::check::{check_geometry, check_limits};
 use super::section::Section;
-use crate::rigfile::{Filter, RippleSettings, UnitSettings, Workspace};
+use crate::rigfile::{Filter, RippleSettings, UnitChecks, UnitSettings, Workspace};
 use nalgebra::Vector3;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -151,6 +151,7 @@ fn stand_in(number: u8) -> UnitSettings {
         slew_n_per_s: 0.0,
         over_tension_n: 0.0,
         viscous_n_s_per_m: 0.0,
+        checks: UnitChecks::default(),
         ripples: Default::default(),
     }
 }
@@ -236,6 +237,7 @@ fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
         viscous_n_s_per_m: section
             .optional("viscous_n_s_per_m", 0.0..=100.0, 0.0)
             .value,
+        checks: read_checks(section),
         ripples: core::array::from_fn(|n| read_ripple(section, n)),
     };
     check_limits(
@@ -259,6 +261,17 @@ fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
         check_geometry(section, &unit, axis.at, exit.at, workspace);
     }
     unit
+}
+
+fn read_checks(section: &Section<'_, '_>) -> UnitChecks {
+    let default = UnitChecks::default();
+    let n = |key, range, or| section.optional(key, range, or).value;
+    UnitChecks {
+        zero_code: n("zero_code", -8_388_608.0..=8_388_607.0, default.zero_code),
+        zero_deviation_n: n("zero_deviation_n", 0.1..=10.0, default.zero_deviation_n),
+        authority_n: n("authority_n", 0.5..=40.0, default.authority_n),
+        plausible_n: n("plausible_n", 0.5..=20.0, default.plausible_n),
+    }
 }
 
 fn read_filter(section: &Section<'_, '_>) -> Filter {

@@ -10,7 +10,7 @@ use emulator_link::{receive, send, Injection, Request, Response, LINK_VERSION};
 use std::io::{BufReader, BufWriter};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, ExitCode, Stdio};
-use wire::message::{flags, Command, HostFrame, Sample, UnitSetpoint};
+use wire::message::{flags, Command, HostFrame, Sample, UnitSetpoint, DIRECTION_ONE};
 use wire::{encode, BoardFrame, BoardMessage, Decoder, ABI_VERSION, MAX_FRAME, SCHEMA_HASH, UNITS};
 
 const MS: u64 = 1_000_000;
@@ -215,9 +215,19 @@ impl Machine {
 
     fn hold(&mut self, newton: [f64; UNITS], end_ms: u64) -> Result<(), String> {
         #[allow(clippy::cast_possible_truncation)] // a few newtons
-        let units = newton.map(|n| UnitSetpoint {
-            tension_un: (n * 1e6) as i32,
-            inv_cos_q16: 65_536,
+        let units = std::array::from_fn(|unit| {
+            // Three pairs of opposite cables.
+            let mut direction_q14 = [0; 3];
+            direction_q14[unit / 2] = if unit % 2 == 0 {
+                DIRECTION_ONE
+            } else {
+                -DIRECTION_ONE
+            };
+            UnitSetpoint {
+                tension_un: (newton[unit] * 1e6) as i32,
+                inv_cos_q16: 65_536,
+                direction_q14,
+            }
         });
         while self.now_ns < end_ms * MS {
             self.request(&Command::Setpoints {

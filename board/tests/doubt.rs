@@ -1,0 +1,251 @@
+//! Load cells, DACs and tips that cannot be believed: what the machine does.
+
+mod common;
+use common::Bench;
+
+use control::plausible::{FROZEN_SAMPLES, LET_GO_US, LIMIT_SAMPLES, NEGATIVE_SAMPLES};
+use control::{Config, EncoderCounts, Fault, SystemState};
+use wire::message::{CommandError, Response};
+use wire::Command;
+
+/// Armed, with every cable at this tension.
+fn held(tension_un: i32) -> Bench {
+    let mut bench = Bench::armed();
+    hold(&mut bench, tension_un, 400);
+    assert_eq!(bench.machine.system(), SystemState::Running);
+    assert!(
+        (0..6).all(|unit| fault(&bench, unit) == 0),
+        "{:?}",
+        bench.status()
+    );
+    bench
+}
+
+fn hold(bench: &mut Bench, tension_un: i32, ms: u32) {
+    for _ in 0..ms / 10 {
+        bench.setpoints(tension_un);
+        bench.run(10);
+    }
+}
+
+fn fault(bench: &Bench, unit: usize) -> u16 {
+    bench.status().units[unit].fault
+}
+
+/// The largest command of unit 2 until it faults, in newton, and the time that took in milliseconds.
+fn until_fault(bench: &mut Bench, tension_un: i32) -> (f64, u32) {
+    let mut largest = 0.0f64;
+    for ms in 1..2_000 {
+        if ms % 10 == 1 {
+            bench.setpoints(tension_un);
+        }
+        bench.run(1);
+        if fault(bench, 1) != 0 {
+            assert_eq!(bench.last[1].steps(), 0, "faulted and driven");
+            assert_eq!(
+                bench.machine.system(),
+                SystemState::Running,
+                "the others continue"
+            );
+            return (largest, ms);
+        }
+        largest = largest.max(f64::from(bench.last[1].steps()) / 282.22);
+    }
+    panic!("no fault in 2 s; command {largest:.1} N");
+}
+
+#[test]
+fn an_open_bridge_is_noticed_before_its_motor_pulls_hard() {
+    let mut bench = held(6_000_000);
+    bench.cell_n[1] = Some(0.0);
+    let (largest_n, ms) = until_fault(&mut bench, 6_000_000);
+    assert!(largest_n < 12.0, "{largest_n:.1} N");
+    assert!(ms < 100, "{ms} ms");
+    assert_eq!(fault(&bench, 1), Fault::Implausible.code());
+}
+
+#[test]
+fn a_frozen_code_is_noticed_whatever_it_reads() {
+    let mut bench = held(6_000_000);
+    bench.cell_n[1] = Some(6.0);
+    bench.noise = false;
+    bench.run(3 * u32::from(FROZEN_SAMPLES) + 3);
+    assert_eq!(fault(&bench, 1), Fault::SensorFrozen.code());
+}
+
+#[test]
+fn a_wrong_sign_is_a_negative_tension() {
+    let mut bench = held(2_000_000);
+    bench.cell_n[1] = Some(-2.0);
+    let (_, ms) = until_fault(&mut bench, 2_000_000);
+    assert!(ms <= 3 * u32::from(NEGATIVE_SAMPLES) + 30, "{ms} ms");
+    assert_eq!(fault(&bench, 1), Fault::TensionNegative.code());
+}
+
+/// A cell that reads 2 N too little stays within the band's permitted deviation: the command's limit is what is left.
+#[test]
+fn a_command_at_its_limit_is_a_fault_and_the_limit_follows_the_setpoint() {
+    let mut bench = held(4_000_000);
+    bench.cell_n[1] = Some(3.4);
+    let (largest_n, ms) = until_fault(&mut bench, 4_000_000);
+    let nominal = Config::nominal();
+    let gain = f64::from(nominal.friction_gain_q16 - nominal.coulomb_load_q16) / 65_536.0;
+    let limit_n = (4.0 - 0.155 + 0.909) / gain + f64::from(nominal.authority_un) * 1e-6;
+    assert!(
+        largest_n < limit_n + 0.01,
+        "{largest_n:.2} N, limit {limit_n:.2} N"
+    );
+    assert!(ms > 3 * u32::from(LIMIT_SAMPLES), "{ms} ms");
+    let expected = [Fault::CommandAtLimit.code(), Fault::Implausible.code()];
+    assert!(expected.contains(&fault(&bench, 1)), "{}", fault(&bench, 1));
+}
+
+#[test]
+fn a_reading_too_high_is_noticed() {
+    let mut bench = held(4_000_000);
+    bench.cell_n[1] = Some(9.0);
+    let (_, ms) = until_fault(&mut bench, 4_000_000);
+    assert!(ms < 200, "{ms} ms");
+    assert_eq!(fault(&bench, 1), Fault::Implausible.code());
+}
+
+#[test]
+fn a_zero_with_15_n_of_preload_is_refused() {
+    let mut bench = Bench::ready();
+    bench.load_n = Some(15.0);
+    bench.done(Command::Zero { units: 0b11_1111 });
+    bench.run(1_000);
+    for unit in 0..6 {
+        assert_eq!(fault(&bench, unit), Fault::ZeroRefused.code());
+    }
+    // Against a stored zero, half a newton is too much where the configuration says so.
+    let mut bench = Bench::ready();
+    let config = wire::message::UnitConfig {
+        stored_zero_code: 700_000,
+        zero_deviation_un: 400_000,
+        ..Config::nominal()
+    };
+    bench.done(Command::StageConfig { unit: 2, config });
+    bench.done(Command::CommitConfig);
+    bench.load_n = Some(4.795 + 0.3);
+    bench.done(Command::Zero { units: 0b100 });
+    bench.run(1_000);
+    assert_eq!(fault(&bench, 2), 0);
+    bench.load_n = Some(4.795 + 0.5);
+    bench.done(Command::Zero { units: 0b100 });
+    bench.run(1_000);
+    assert_eq!(fault(&bench, 2), Fault::ZeroRefused.code());
+}
+
+#[test]
+fn a_motor_that_does_not_let_go_loses_its_power() {
+    for code in [Fault::HostStop, Fault::EStop] {
+        let mut bench = held(6_000_000);
+        bench.cell_n[3] = Some(6.0);
+        if code == Fault::EStop {
+            bench.estop_closed = false;
+            bench.run(3);
+        } else {
+            bench.done(Command::Stop);
+        }
+        bench.run(LET_GO_US / 1_000 - 20);
+        assert!(!bench.machine.withholds_alive(), "too early");
+        bench.run(40);
+        assert!(bench.machine.withholds_alive(), "{code:?}");
+        assert!(bench.status().alive_withheld);
+        bench.estop_closed = true;
+        bench.run(3);
+        // Cleared while the cable is still held: it comes back.
+        let _ = bench.ask(0, Command::ClearFaults);
+        bench.run(5);
+        assert!(bench.machine.withholds_alive());
+        assert_eq!(bench.status().fault, Fault::OutputStuck.code());
+        assert!(matches!(
+            bench.ask(0, Command::Arm),
+            Some(Response::Rejected(CommandError::Faulted(_)))
+        ));
+        bench.cell_n[3] = Some(1.0);
+        bench.run(20);
+        let _ = bench.ask(0, Command::ClearFaults);
+        bench.run(5);
+        assert!(!bench.machine.withholds_alive());
+    }
+}
+
+#[test]
+fn a_cable_that_lets_go_is_no_fault() {
+    let mut bench = held(6_000_000);
+    bench.done(Command::Stop);
+    bench.run(500);
+    assert!(!bench.machine.withholds_alive());
+    assert_eq!(bench.status().fault, Fault::HostStop.code());
+}
+
+/// Without its load cell, the encoder shows whether the cable let go.
+#[test]
+fn a_motor_without_a_load_cell_is_watched_by_its_encoder() {
+    for (paid_out, stuck) in [(0, true), (20, false)] {
+        let mut bench = held(6_000_000);
+        let counts = bench.encoder[2] - paid_out;
+        bench.streaming[2] = false;
+        for _ in 0..40 {
+            bench.setpoints(6_000_000);
+            bench.run(5);
+            if bench.machine.wants_encoders() & 0b100 != 0 {
+                bench.machine.encoder(2, EncoderCounts(counts));
+            }
+        }
+        assert_eq!(fault(&bench, 2), Fault::SensorSilent.code());
+        assert_eq!(bench.machine.withholds_alive(), stuck, "{counts} counts");
+    }
+}
+
+#[test]
+fn a_lost_dac_link_withholds_the_alive_line() {
+    let mut bench = held(3_000_000);
+    bench.dac_error = Some(0x1002);
+    bench.run(2);
+    assert_eq!(bench.status().fault, Fault::DacLink.code());
+    assert!(bench.machine.withholds_alive());
+}
+
+#[test]
+fn the_board_guards_the_tip_whatever_the_host_believes() {
+    // All six cables pull the same way, as a wrong rig file has them: 6 x 3 N.
+    let mut bench = held(3_000_000);
+    let [x, y, z] = bench.status().tip_force_un;
+    assert!(x.abs() < 100_000 && y.abs() < 100_000 && z.abs() < 100_000);
+    bench.directions = [[0, wire::message::DIRECTION_ONE, 0]; 6];
+    hold(&mut bench, 3_000_000, 100);
+    assert_eq!(bench.machine.system(), SystemState::Running, "18 N of 20");
+    let [_, y, _] = bench.status().tip_force_un;
+    assert!((17_000_000..19_000_000).contains(&y), "{y}");
+    hold(&mut bench, 4_000_000, 200);
+    assert_eq!(bench.status().fault, Fault::TipForce.code());
+    assert!(bench.all_at_zero());
+}
+
+#[test]
+fn the_limit_at_the_tip_is_configured_and_checked() {
+    let mut bench = Bench::ready();
+    let stage = |tip_force_limit_un| Command::StageBoard {
+        config: wire::message::BoardConfig {
+            tip_force_limit_un,
+            ..Default::default()
+        },
+    };
+    let refused = bench.ask(0, stage(999_999));
+    assert!(matches!(
+        refused,
+        Some(Response::Rejected(CommandError::Range {
+            unit: 255,
+            field: 1
+        }))
+    ));
+    bench.done(stage(5_000_000));
+    bench.done(Command::CommitConfig);
+    bench.done(Command::Arm);
+    bench.directions = [[0, wire::message::DIRECTION_ONE, 0]; 6];
+    hold(&mut bench, 1_500_000, 300);
+    assert_eq!(bench.status().fault, Fault::TipForce.code());
+}

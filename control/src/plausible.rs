@@ -1,0 +1,315 @@
+//! Whether a unit's load cell and motor can be believed. A load cell that reads too little is the dangerous one: the loop
+//! pulls harder and nothing that is measured shows it. What does show it is physics that the loop does not use.
+//!
+//! | watch | what it compares | fault |
+//! | --- | --- | --- |
+//! | [`Watch`] | a code with the codes before it | [`Fault::SensorFrozen`] |
+//! | | the tension with zero | [`Fault::TensionNegative`] |
+//! | | the command with its limits, over time | [`Fault::CommandAtLimit`] |
+//! | | the tension with the friction model's band around the command, and the reel's motion with the difference | [`Fault::Implausible`] |
+//! | [`LetGo`] | the tension and the encoder before and after 0 V | [`Fault::OutputStuck`] |
+//!
+//! # The band, and why motion counts
+//!
+//! A resting reel holds any tension between what the command makes while winding in and what it holds while paying out
+//! (see [`crate::friction`]). Outside this band the difference accelerates reel and motor, 0.5 kg at the cable. So the watch
+//! adds up the difference past [`UnitConfig::plausible_un`](wire::message::UnitConfig::plausible_un) and subtracts the
+//! momentum that the reel has gained. A cable that was slack, or a robot that pulls, moves the reel: nothing is left. A
+//! load cell that lies, or an amplifier that does not act, leaves the whole difference.
+
+use crate::config::Config;
+use crate::faults::Fault;
+use crate::unit::{Drive, Output};
+use crate::units::{AdcCode, EncoderCounts, Micros, Newton};
+use wire::message::flags;
+
+/// Equal codes in a row that make a fault. Noise is hundreds of counts (device-facts: 1.5 mN are 215), so that two equal
+/// codes are rare and eight do not occur.
+pub const FROZEN_SAMPLES: u8 = 8;
+
+/// Tension below which a load cell is wrong. Calibrations of the converter and drift move the zero by 0.1 N; a zero that was
+/// taken with a cable that friction of the reel still held reads 0.9 N too little.
+pub const NEGATIVE: Newton = Newton::from_un(-1_000_000);
+
+/// Samples in a row below [`NEGATIVE`] that make a fault, 19 ms: longer than a cell rings after a cable went slack.
+pub const NEGATIVE_SAMPLES: u8 = 6;
+
+/// Samples in a row with the command at a limit that make a fault, 0.2 s: a transient of the loop is over by then.
+pub const LIMIT_SAMPLES: u8 = 64;
+
+/// Error that counts as "not at the setpoint" while the command stands at a limit.
+const LIMIT_ERROR: Newton = Newton::from_un(300_000);
+
+/// Sum of the unexplained difference that makes a fault, in newton times samples: 50 are 0.16 N s. A difference of 5 N past
+/// the permitted one takes 10 samples, 31 ms.
+pub const IMPULSE: Newton = Newton::from_un(50_000_000);
+
+/// Momentum of the reel in newton times samples for a travel of a nanometre a sample, in steps of force times 256:
+/// 0.51 kg / (3.125 ms)^2 = 5.22e-5 N a nanometre, times 2^22 steps and 256.
+const MOMENTUM_Q8: i64 = 56_075;
+
+/// How fast the command's envelopes follow it, 1/8 a sample (25 ms): the measured tension follows the command by the
+/// converter's 6 ms, the filter's 2 ms and a quarter of the cable's swing, 7 ms.
+const ENVELOPE_SHIFT: u32 = 3;
+
+/// The watch over one unit, sample by sample.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Watch {
+    last_code: AdcCode,
+    same: u8,
+    negative: u8,
+    at_limit: u8,
+    /// Lowest and highest recent command.
+    low: Newton,
+    high: Newton,
+    drives: bool,
+    below: Difference,
+    above: Difference,
+}
+
+/// A difference in one direction, added up.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Difference {
+    /// Steps of force times samples.
+    sum: i64,
+    /// Travel of the sample before the sum began, in nanometres towards the side that the difference pulls to.
+    began_nm: i32,
+}
+
+impl Difference {
+    /// Adds a sample's excess, and returns it where the reel's motion does not explain the sum.
+    fn add(&mut self, excess: Newton, travel_nm: i32) -> Option<Newton> {
+        if excess <= Newton::ZERO {
+            *self = Self {
+                sum: 0,
+                began_nm: travel_nm,
+            };
+            return None;
+        }
+        self.sum = self.sum.saturating_add(i64::from(excess.to_bits()));
+        let gained = i64::from(travel_nm) - i64::from(self.began_nm);
+        let momentum = (gained.max(0) * MOMENTUM_Q8) >> 8;
+        (self.sum - momentum > i64::from(IMPULSE.to_bits())).then_some(excess)
+    }
+}
+
+impl Watch {
+    /// Forgets everything but the last code.
+    pub fn reset(&mut self) {
+        *self = Self {
+            last_code: self.last_code,
+            same: self.same,
+            ..Self::default()
+        };
+    }
+
+    /// One sample with its output; the fault and its detail.
+    pub fn sample(
+        &mut self,
+        config: &Config,
+        drive: Drive,
+        code: AdcCode,
+        output: &Output,
+    ) -> Option<(Fault, u32)> {
+        if let Some(fault) = self.frozen(code) {
+            return Some(fault);
+        }
+        if drive == Drive::Off {
+            self.reset();
+            return None;
+        }
+        if !self.drives {
+            self.drives = true;
+            self.low = Newton::ZERO;
+            self.high = Newton::ZERO;
+        }
+        self.envelopes(output.command);
+        self.negative(output)
+            .or_else(|| self.limited(drive, output))
+            .or_else(|| self.band(config, output))
+    }
+
+    fn frozen(&mut self, code: AdcCode) -> Option<(Fault, u32)> {
+        self.same = if code == self.last_code {
+            self.same.saturating_add(1)
+        } else {
+            0
+        };
+        self.last_code = code;
+        (self.same >= FROZEN_SAMPLES - 1).then_some((Fault::SensorFrozen, code.get() as u32))
+    }
+
+    fn negative(&mut self, output: &Output) -> Option<(Fault, u32)> {
+        self.negative = count(self.negative, output.tension < NEGATIVE);
+        (self.negative >= NEGATIVE_SAMPLES).then(|| (Fault::TensionNegative, milli(output.tension)))
+    }
+
+    fn limited(&mut self, drive: Drive, output: &Output) -> Option<(Fault, u32)> {
+        let error = output.setpoint.saturating_sub(output.tension);
+        let too_little = output.flags & flags::LIMITED != 0 && error > LIMIT_ERROR;
+        let too_much =
+            output.command <= Newton::ZERO && error < Newton::ZERO.saturating_sub(LIMIT_ERROR);
+        self.at_limit = count(
+            self.at_limit,
+            drive == Drive::Follow && output.setpoint > Newton::ZERO && (too_little || too_much),
+        );
+        (self.at_limit >= LIMIT_SAMPLES).then(|| (Fault::CommandAtLimit, milli(output.command)))
+    }
+
+    fn band(&mut self, config: &Config, output: &Output) -> Option<(Fault, u32)> {
+        let least = config
+            .friction
+            .least(self.low)
+            .saturating_sub(config.plausible);
+        let most = config
+            .friction
+            .most(self.high)
+            .saturating_add(config.plausible);
+        let below = least.saturating_sub(output.direct);
+        let above = output.direct.saturating_sub(most);
+        if let Some(excess) = self.below.add(below, output.travel_nm) {
+            let difference = excess.saturating_add(config.plausible);
+            return Some((Fault::Implausible, milli(difference)));
+        }
+        self.above
+            .add(above, output.travel_nm.saturating_neg())
+            .map(|excess| {
+                let difference = excess.saturating_add(config.plausible);
+                (Fault::Implausible, milli(difference) | 1 << 31)
+            })
+    }
+
+    /// The lowest command rises and the highest falls towards the present one.
+    fn envelopes(&mut self, command: Newton) {
+        let bits = command.to_bits();
+        let toward = |from: Newton| {
+            let from = from.to_bits();
+            Newton::from_bits(from.saturating_add(bits.saturating_sub(from) >> ENVELOPE_SHIFT))
+        };
+        self.low = command.min(toward(self.low));
+        self.high = command.max(toward(self.high));
+    }
+}
+
+const fn count(seen: u8, now: bool) -> u8 {
+    if now {
+        seen.saturating_add(1)
+    } else {
+        0
+    }
+}
+
+/// Size in millinewton, rounded.
+const fn milli(force: Newton) -> u32 {
+    (force.to_un() / 1_000).unsigned_abs()
+}
+
+/// Tension that a cable must come down to after 0 V: what the friction of a reel at rest holds, 1.1 N, and a margin.
+pub const LET_GO: Newton = Newton::from_un(1_700_000);
+
+/// Tension from which letting go is told from holding on.
+const HELD: Newton = Newton::from_un(2_000_000);
+
+/// Encoder counts that a reel pays out at least when a cable of [`HELD`] lets go: 5 are 21 um, half of what a stiff cable
+/// of 24 N/mm gives back between 2 and 1.1 N.
+const LET_GO_COUNTS: u64 = 5;
+
+/// Time after 0 V in which a cable must let go, in microseconds.
+pub const LET_GO_US: u32 = 150_000;
+
+/// Watches whether a cable lets go after its motor was switched to 0 V. Evidence is the tension where the load cell
+/// measures, and otherwise the encoder: a cable that relaxes turns the reel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LetGo {
+    waiting: Option<Waiting>,
+    last: Option<(EncoderCounts, Newton)>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Waiting {
+    since: Micros,
+    at: EncoderCounts,
+    tension: Option<Newton>,
+}
+
+impl LetGo {
+    /// A sample of a unit that is driven.
+    pub fn driven(&mut self, counts: EncoderCounts, tension: Newton) {
+        self.last = Some((counts, tension));
+        self.waiting = None;
+    }
+
+    /// 0 V was written. Starts the watch where the unit was driven with enough tension to see it go.
+    pub fn switched_off(&mut self, now: Micros) {
+        if let Some((at, tension)) = self.last.take() {
+            if tension >= HELD {
+                self.waiting = Some(Waiting {
+                    since: now,
+                    at,
+                    tension: None,
+                });
+            }
+        }
+    }
+
+    /// A sample of a unit that is not driven.
+    pub fn released(&mut self, tension: Newton) {
+        if let Some(waiting) = &mut self.waiting {
+            waiting.tension = Some(tension);
+            if tension < LET_GO {
+                self.waiting = None;
+            }
+        }
+    }
+
+    /// The load cell does not measure any more.
+    pub fn blind(&mut self) {
+        if let Some(waiting) = &mut self.waiting {
+            waiting.tension = None;
+        }
+    }
+
+    /// Whether the encoder is needed: the watch runs without a load cell.
+    #[must_use]
+    pub const fn needs_encoder(&self) -> bool {
+        matches!(self.waiting, Some(Waiting { tension: None, .. }))
+    }
+
+    /// The encoder of a unit whose load cell does not measure.
+    pub fn turned(&mut self, counts: EncoderCounts) {
+        if self
+            .waiting
+            .is_some_and(|waiting| counts.0.abs_diff(waiting.at.0) >= LET_GO_COUNTS)
+            && self.needs_encoder()
+        {
+            self.waiting = None;
+        }
+    }
+
+    /// The tension that is left once the time is over; `None` in it: not measured.
+    #[must_use]
+    pub fn overdue(&self, now: Micros) -> Option<Option<Newton>> {
+        let waiting = self.waiting?;
+        // A sample newer than `now` (an interrupt came between) wraps to a huge time.
+        let waited = now.since(waiting.since);
+        (waited > LET_GO_US && waited < u32::MAX / 2).then_some(waiting.tension)
+    }
+
+    /// Whether the cable has not let go, with this tension now.
+    #[must_use]
+    pub fn holds(&self, tension: Newton) -> bool {
+        self.waiting.is_some() && tension >= LET_GO
+    }
+
+    /// Ends the watch.
+    pub fn forget(&mut self) {
+        *self = Self::default();
+    }
+
+    /// Detail of [`Fault::OutputStuck`] for this unit (from 0).
+    #[must_use]
+    pub fn detail(unit: u8, left: Option<Newton>) -> u32 {
+        let left = left.map_or(0xFF_FFFF, |tension| milli(tension).min(0xFF_FFFE));
+        (u32::from(unit) + 1) << 24 | left
+    }
+}

@@ -1,0 +1,121 @@
+//! Many cases: in parallel, in shards, resumed where they stopped, merged from files.
+//!
+//! A file has one outcome a line, in JSON. Case n of a seed is the same in every run, so files of shards, and of runs that
+//! were cut off, add up to one campaign.
+
+use crate::case::{run_on, Bases};
+use crate::injection::Plan;
+use crate::outcome::Outcome;
+use std::collections::{BTreeMap, BTreeSet};
+use std::fs::{File, OpenOptions};
+use std::io::{self, BufRead, BufReader, Write};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::Mutex;
+use std::time::Instant;
+
+/// Current limit that docs/bring-up.md has the amplifiers set to, A: 0.9 A are 17.4 N, just above the force limit of 16 N.
+/// With the amplifier's own 6 A a wrong word can pull with 116 N.
+pub const CURRENT_LIMIT_A: f64 = 0.9;
+
+/// What to run.
+#[derive(Debug, Clone, Copy)]
+pub struct Campaign {
+    /// Seed of plants and injections.
+    pub seed: u64,
+    /// Number of cases.
+    pub cases: u64,
+    /// This shard, from 0, and how many there are.
+    pub shard: (u64, u64),
+    /// Threads.
+    pub jobs: usize,
+    /// Current limit of the amplifiers, A.
+    pub current_limit_a: f64,
+}
+
+impl Campaign {
+    /// Cases of this shard that `done` lacks.
+    #[must_use]
+    pub fn open(&self, done: &BTreeSet<u64>) -> Vec<u64> {
+        let (shard, of) = self.shard;
+        (0..self.cases)
+            .filter(|n| n % of == shard && !done.contains(n))
+            .collect()
+    }
+
+    /// Runs what `file` lacks and appends to it; reports progress to standard error.
+    ///
+    /// # Errors
+    /// The file cannot be read or written.
+    pub fn run(&self, file: &Path) -> io::Result<()> {
+        let done = if file.exists() {
+            read(file)?.into_keys().collect()
+        } else {
+            BTreeSet::new()
+        };
+        let open = self.open(&done);
+        let out = Mutex::new(OpenOptions::new().create(true).append(true).open(file)?);
+        if open.is_empty() {
+            return Ok(());
+        }
+        // Behind a lock, because a robot's model need not be shared by threads; a copy takes little of a case's time.
+        let bases = Mutex::new(Bases::new(self.seed, self.current_limit_a));
+        let next = AtomicUsize::new(0);
+        let failed = Mutex::new(None);
+        let began = Instant::now();
+        std::thread::scope(|scope| {
+            for _ in 0..self.jobs.max(1) {
+                scope.spawn(|| {
+                    while let Some(&number) = open.get(next.fetch_add(1, Ordering::Relaxed)) {
+                        let plan = Plan::draw(self.seed, number);
+                        let rig = lock(&bases).rig(&plan);
+                        let outcome = run_on(rig, number, plan);
+                        if let Err(error) = append(&out, &outcome) {
+                            *lock(&failed) = Some(error);
+                            return;
+                        }
+                        progress(next.load(Ordering::Relaxed), open.len(), began);
+                    }
+                });
+            }
+        });
+        match failed.into_inner() {
+            Ok(Some(error)) => Err(error),
+            _ => Ok(()),
+        }
+    }
+}
+
+fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
+    mutex
+        .lock()
+        .unwrap_or_else(std::sync::PoisonError::into_inner)
+}
+
+fn append(out: &Mutex<File>, outcome: &Outcome) -> io::Result<()> {
+    let mut line = serde_json::to_string(outcome)?;
+    line.push('\n');
+    lock(out).write_all(line.as_bytes())
+}
+
+fn progress(done: usize, all: usize, began: Instant) {
+    let done = done.min(all);
+    if done.is_multiple_of(100) || done == all {
+        let seconds = began.elapsed().as_secs_f64();
+        eprintln!("faults: {done} of {all} cases, {seconds:.0} s");
+    }
+}
+
+/// Outcomes of a file by number. A line that was cut off is left out: its case runs again.
+///
+/// # Errors
+/// The file cannot be read.
+pub fn read(file: &Path) -> io::Result<BTreeMap<u64, Outcome>> {
+    let mut outcomes = BTreeMap::new();
+    for line in BufReader::new(File::open(file)?).lines() {
+        if let Ok(outcome) = serde_json::from_str::<Outcome>(&line?) {
+            outcomes.insert(outcome.number, outcome);
+        }
+    }
+    Ok(outcomes)
+}

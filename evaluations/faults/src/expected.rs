@@ -1,0 +1,126 @@
+//! Which fault an injection must cause: one line for each detection of the firmware. A detection that is switched off shows here
+//! even where another one stops the motors in its place.
+
+use crate::case::{run, Bases};
+use crate::injection::{Injection as I, Plan};
+use control::Fault as F;
+
+/// What must come of an injection, or of two.
+pub struct Expected {
+    /// The first.
+    pub first: I,
+    /// The second, and when, in milliseconds.
+    pub second: Option<(I, u32)>,
+    /// The fault that must be latched first; `None`: none may be, and the board stays armed.
+    pub fault: Option<F>,
+    /// Longest time to the fault, in milliseconds.
+    pub within_ms: u32,
+    /// Whether the amplifiers must have lost their power at the end.
+    pub power_off: bool,
+}
+
+const fn one(first: I, fault: F, within_ms: u32) -> Expected {
+    Expected {
+        first,
+        second: None,
+        fault: Some(fault),
+        within_ms,
+        power_off: false,
+    }
+}
+
+/// The list.
+pub const EXPECTED: &[Expected] = &[
+    one(I::Saturated(0, true), F::AdcSaturated, 40),
+    one(I::Offset(1, 18.0), F::OverTension, 40),
+    one(I::Silent(2), F::SensorSilent, 20),
+    one(I::Extra(3), F::SensorFast, 150),
+    one(I::Frozen(4), F::SensorFrozen, 40),
+    one(I::Offset(0, -7.0), F::TensionNegative, 80),
+    one(I::AmplifierOff(0), F::Implausible, 150),
+    one(I::Offset(0, 3.0), F::CommandAtLimit, 700),
+    one(I::ReadsFail(1), F::SensorReads, 20),
+    one(I::BusHeld, F::BusStuck, 12),
+    one(I::MuxSilent, F::MuxSilent, 12),
+    one(I::EncoderNoise(2, 20), F::EncoderError, 400),
+    one(I::HostStops, F::SetpointsExpired, 110),
+    one(I::StopElsewhere, F::HostStop, 2),
+    one(I::Overrun(2_000), F::LoopOverrun, 2),
+    one(I::EventsLost, F::QueueOverflow, 2),
+    one(I::EStop, F::EStop, 3),
+    one(I::Hang, F::WatchdogReset, 60),
+    one(I::FrameBit(77, u32::MAX), F::SetpointsExpired, 110),
+    one(I::SetpointRange(0, 30_000_000), F::SetpointsExpired, 110),
+    one(I::WrongDirections, F::TipForce, 60),
+    Expected {
+        first: I::DacLink,
+        second: None,
+        fault: Some(F::DacLink),
+        within_ms: 2,
+        power_off: true,
+    },
+    Expected {
+        first: I::DacStuck(3),
+        second: Some((I::StopElsewhere, 5)),
+        fault: Some(F::HostStop),
+        within_ms: 8,
+        power_off: true,
+    },
+    Expected {
+        first: I::RobotMoves,
+        second: Some((I::EncoderFrozen(1), 2_500)),
+        fault: Some(F::EncoderStill),
+        within_ms: 3_200,
+        power_off: false,
+    },
+    Expected {
+        first: I::StatusElsewhere,
+        second: None,
+        fault: None,
+        within_ms: 0,
+        power_off: false,
+    },
+];
+
+/// Compares the list with what happens.
+///
+/// # Errors
+/// The first line that does not hold, in words.
+pub fn check(bases: &Bases) -> Result<(), String> {
+    for expected in EXPECTED {
+        let plan = Plan {
+            base: 0,
+            first: expected.first,
+            second: expected.second,
+        };
+        let outcome = run(bases, 0, plan);
+        let wrong = |what: String| {
+            Err(format!(
+                "{:?}, {:?}: {what}; latched was {:?} after {:?} ms",
+                expected.first,
+                expected.second,
+                F::from_code(outcome.fault),
+                outcome.detected_ms
+            ))
+        };
+        if outcome.fault != expected.fault.map_or(0, F::code) {
+            return wrong(format!("{:?} was expected", expected.fault));
+        }
+        if outcome
+            .detected_ms
+            .is_some_and(|ms| ms > expected.within_ms)
+        {
+            return wrong(format!("{} ms were expected", expected.within_ms));
+        }
+        if expected.power_off && outcome.powered {
+            return wrong("the amplifiers still have power".to_owned());
+        }
+        if expected.fault.is_none() && !outcome.armed {
+            return wrong("the board is not armed any more".to_owned());
+        }
+        if !outcome.hazards.is_empty() {
+            return wrong(format!("{:?}", outcome.hazards));
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,60 @@
+//! The campaign's subset of `cargo xtask test`: the expected faults, and its first cases. `cargo xtask faults` runs all.
+
+use faults::campaign::{Campaign, CURRENT_LIMIT_A};
+use faults::case::{run, Bases};
+use faults::expected;
+use faults::injection::{Category, Injection, Plan};
+use std::collections::BTreeSet;
+
+#[test]
+fn every_detection_answers_its_injection_and_no_case_is_a_hazard() {
+    let bases = Bases::new(1, CURRENT_LIMIT_A);
+    expected::check(&bases).unwrap_or_else(|wrong| panic!("{wrong}"));
+    for number in 0..108 {
+        let outcome = run(&bases, number, Plan::draw(1, number));
+        assert!(outcome.hazards.is_empty(), "{outcome:?}");
+    }
+}
+
+/// Without the amplifiers' current limit a wrong DAC word pulls too hard: the campaign sees what it is there to see.
+#[test]
+fn the_watch_sees_a_hazard() {
+    let bases = Bases::new(1, 6.0);
+    let plan = Plan {
+        base: 0,
+        first: Injection::DacBit(0, 14, u32::MAX),
+        second: None,
+    };
+    let outcome = run(&bases, 0, plan);
+    assert!(!outcome.hazards.is_empty(), "{outcome:?}");
+}
+
+#[test]
+fn shards_add_up_and_what_is_done_is_not_run_again() {
+    let shard = |n| Campaign {
+        seed: 1,
+        cases: 100,
+        shard: (n, 3),
+        jobs: 1,
+        current_limit_a: CURRENT_LIMIT_A,
+    };
+    let mut all: Vec<u64> = (0..3)
+        .flat_map(|n| shard(n).open(&BTreeSet::new()))
+        .collect();
+    all.sort_unstable();
+    assert_eq!(all, (0..100).collect::<Vec<u64>>());
+    let done = BTreeSet::from([0, 3, 6]);
+    assert_eq!(shard(0).open(&done).first(), Some(&9));
+}
+
+#[test]
+fn a_plan_is_the_same_in_every_run_and_all_categories_are_drawn() {
+    let drawn: BTreeSet<Category> = (0..27).map(|n| Plan::draw(5, n).first.category()).collect();
+    assert_eq!(drawn.len(), Category::ALL.len());
+    let text = serde_json::to_string(&Plan::draw(5, 7)).unwrap();
+    assert_eq!(
+        serde_json::from_str::<Plan>(&text).unwrap(),
+        Plan::draw(5, 7)
+    );
+    assert!((0..100).any(|n| Plan::draw(5, n).second.is_some()));
+}

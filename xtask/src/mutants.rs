@@ -1,0 +1,221 @@
+//! Mutants of the firmware's supervision: each one a detection switched off, a limit doubled or a check ignored. A campaign that
+//! finds nothing proves something only if it finds these.
+//!
+//! The sources that the campaign is built from are copied into `target/mutants`, changed there, built and run. The checkout is
+//! not touched.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, Stdio};
+
+use crate::process::{self, Sees};
+use crate::report::{say, Failure, Result};
+use crate::workspace::Workspace;
+
+/// A change of one place in one file.
+struct Mutant {
+    name: &'static str,
+    file: &'static str,
+    from: &'static str,
+    to: &'static str,
+}
+
+macro_rules! mutants {
+    ($($name:literal: $file:literal, $from:literal => $to:literal;)*) => {
+        const MUTANTS: &[Mutant] = &[$(Mutant { name: $name, file: $file, from: $from, to: $to },)*];
+    };
+}
+
+mutants! {
+    "over-tension-off": "control/src/unit.rs", "self.over >= TRIP_SAMPLES" => "self.over == u8::MAX";
+    "saturation-off": "control/src/unit.rs", "self.saturated >= TRIP_SAMPLES" => "self.saturated == u8::MAX";
+    "authority-ignored": "control/src/unit.rs", "most.saturating_add(config.authority)" => "most.saturating_add(config.force_limit)";
+    "frozen-off": "control/src/plausible.rs", "pub const FROZEN_SAMPLES: u8 = 8;" => "pub const FROZEN_SAMPLES: u8 = 255;";
+    "negative-limit-times-ten": "control/src/plausible.rs", "Newton::from_un(-1_000_000)" => "Newton::from_un(-10_000_000)";
+    "command-at-limit-off": "control/src/plausible.rs", "pub const LIMIT_SAMPLES: u8 = 64;" => "pub const LIMIT_SAMPLES: u8 = 255;";
+    "impulse-limit-times-eight": "control/src/plausible.rs", "Newton::from_un(50_000_000)" => "Newton::from_un(400_000_000)";
+    "let-go-off": "control/src/plausible.rs", "waited > LET_GO_US && waited < u32::MAX / 2" => "waited > LET_GO_US && waited < 0";
+    "tip-limit-doubled": "control/src/tip.rs", "self.over = if size > self.limit_n" => "self.over = if size > 2.0 * self.limit_n";
+    "sensor-silent-off": "control/src/supervisor.rs", "silent_us: 12_500" => "silent_us: 12_500_000";
+    "sensor-fast-off": "control/src/supervisor.rs", "min_us: 2_900" => "min_us: 290";
+    "expiry-ignored": "control/src/supervisor.rs", ".is_some_and(|(at, valid_us)| now.since(at) > valid_us)" => ".is_some_and(|(at, _)| now.since(at) > 2_000_000_000)";
+    "encoder-watch-off": "control/src/supervisor.rs", "pub const STILL_SWING: Newton = Newton::from_un(6_000_000);" => "pub const STILL_SWING: Newton = Newton::from_un(60_000_000);";
+    "encoder-noise-off": "board/src/machine/supervision.rs", "const ENCODER_NOISE_EVENTS: u8 = 5;" => "const ENCODER_NOISE_EVENTS: u8 = 255;";
+    "e-stop-ignored": "board/src/machine/supervision.rs", "if !self.estop_closed {" => "if false {";
+    "loop-overrun-doubled": "board/src/machine/mod.rs", "pub const MAX_PASS_US: u32 = 1_500;" => "pub const MAX_PASS_US: u32 = 3_000;";
+    "queue-overflow-ignored": "board/src/machine/supervision.rs", "if health.events_lost != self.events_lost {" => "if false {";
+    "dac-link-ignored": "board/src/machine/supervision.rs", "if let Some(status) = health.dac_error {" => "if let Some(status) = health.dac_error.filter(|_| false) {";
+    "failed-reads-ignored": "board/src/machine/mod.rs", "pub const MAX_FAILED_READS: u8 = 4;" => "pub const MAX_FAILED_READS: u8 = 255;";
+    "alive-never-withheld": "board/src/machine/mod.rs", "        ) || self.withheld\n            || !self.configured" => "        ) && false";
+    "stop-refused-elsewhere": "board/src/machine/commands.rs", "            Command::Stop => {" => "            Command::Stop if self.commander.is_some_and(|(commander, _)| commander == link) => {";
+    "takeover-while-driving": "board/src/machine/commands.rs", "now.since(last) > COMMANDER_SILENT_US" => "now.since(last) < u32::MAX / 2";
+    "setpoint-range-ignored": "control/src/unit.rs", "if !(0..=config.wire().force_limit_un).contains(&wire.tension_un) {" => "if wire.tension_un == i32::MIN {";
+    "frame-crc-off": "wire/src/frame.rs", "if crc32(payload) != u32::from_le_bytes(*crc) {" => "if crc32(payload) == 0 && *crc == [1; 4] {";
+    "crash-record-not-latched": "board/src/machine/mod.rs", "latch.latch(fault, record.detail);" => "let _ = (fault, record.detail);";
+}
+
+/// What the campaign is built from, besides the workspace's own files.
+const PARTS: [&str; 6] = [
+    "board",
+    "control",
+    "drivers",
+    "wire",
+    "emulator/plant",
+    "evaluations/faults",
+];
+
+/// Cases of the campaign that every mutant faces.
+const CASES: &str = "300";
+
+/// Builds and runs every mutant, or those named. `true`: all were killed.
+///
+/// # Errors
+/// A mutant's place is not found once, or the unchanged sources fail.
+pub fn run(workspace: &Workspace, names: &[String]) -> Result<bool> {
+    let folder = workspace.target().join("mutants");
+    let chosen: Vec<&Mutant> = MUTANTS
+        .iter()
+        .filter(|mutant| names.is_empty() || names.iter().any(|name| name == mutant.name))
+        .collect();
+    copy_workspace(workspace, &folder)?;
+    say("mutants: the unchanged sources first");
+    if let Verdict::Wrong(why) = campaign(workspace, &folder)? {
+        return Err(Failure::new(format!(
+            "without a mutant the campaign ends with: {why}"
+        )));
+    }
+    println!("| mutant | killed by |\n| --- | --- |");
+    let mut survived = 0;
+    for mutant in &chosen {
+        let path = folder.join(mutant.file);
+        let original = read(&path)?;
+        if original.matches(mutant.from).count() != 1 {
+            return Err(Failure::new(format!(
+                "mutant {}: `{}` is not once in {}",
+                mutant.name, mutant.from, mutant.file
+            )));
+        }
+        write(&path, &original.replacen(mutant.from, mutant.to, 1))?;
+        let verdict = campaign(workspace, &folder);
+        write(&path, &original)?;
+        match verdict? {
+            Verdict::Wrong(why) => println!("| {} | {why} |", mutant.name),
+            Verdict::Fine => {
+                survived += 1;
+                println!("| {} | SURVIVED |", mutant.name);
+            }
+        }
+    }
+    println!("{} mutants, {survived} survived", chosen.len());
+    Ok(survived == 0)
+}
+
+enum Verdict {
+    Fine,
+    Wrong(String),
+}
+
+/// Builds the campaign in `folder` and runs its check.
+fn campaign(workspace: &Workspace, folder: &Path) -> Result<Verdict> {
+    let mut build = process::cargo(Sees::CompilerAndFlags);
+    build
+        .current_dir(folder)
+        .args([
+            "build",
+            "--release",
+            "--quiet",
+            "--package",
+            "faults",
+            "--target-dir",
+        ])
+        .arg(workspace.target().join("mutants-build"))
+        .stderr(Stdio::null());
+    if process::run(&mut build).is_err() {
+        return Ok(Verdict::Wrong("does not build".into()));
+    }
+    let program = workspace.target().join("mutants-build/release/faults");
+    let output = Command::new(&program)
+        .args(["--check", "--cases", CASES])
+        .output()
+        .map_err(|error| Failure::new(format!("{}: {error}", program.display())))?;
+    if output.status.success() {
+        return Ok(Verdict::Fine);
+    }
+    let text = String::from_utf8_lossy(&output.stdout);
+    let why = text.lines().next().unwrap_or("the rig cannot be armed");
+    Ok(Verdict::Wrong(why.to_owned()))
+}
+
+/// Copies the sources, with a workspace of these parts only.
+fn copy_workspace(workspace: &Workspace, folder: &Path) -> Result<()> {
+    let root = workspace.root();
+    for part in PARTS {
+        copy(&root.join(part), &folder.join(part))?;
+    }
+    for file in ["Cargo.lock", "docs/wiring.md"] {
+        let to = folder.join(file);
+        if let Some(parent) = to.parent() {
+            fs::create_dir_all(parent).map_err(|error| problem(parent, &error))?;
+        }
+        fs::copy(root.join(file), &to).map_err(|error| problem(&to, &error))?;
+    }
+    let manifest = read(&root.join("Cargo.toml"))?;
+    let list = |name: &str| format!("{name} = [\n");
+    let mut cut = manifest;
+    for name in ["members", "default-members"] {
+        let begin = format!("\n{}", list(name));
+        let Some(at) = cut.find(&begin) else { continue };
+        let end = cut[at..].find("\n]").map_or(cut.len(), |n| at + n + 2);
+        let parts = if name == "members" {
+            format!("\nmembers = {PARTS:?}")
+        } else {
+            String::new()
+        };
+        cut.replace_range(at..end, &parts);
+    }
+    write(&folder.join("Cargo.toml"), &cut)
+}
+
+/// Copies a folder's files that differ, so that cargo builds only what has changed.
+fn copy(from: &Path, to: &Path) -> Result<()> {
+    fs::create_dir_all(to).map_err(|error| problem(to, &error))?;
+    for entry in fs::read_dir(from).map_err(|error| problem(from, &error))? {
+        let entry = entry.map_err(|error| problem(from, &error))?;
+        let (source, copied) = (entry.path(), to.join(entry.file_name()));
+        if source.is_dir() {
+            copy(&source, &copied)?;
+        } else if fs::read(&source).ok() != fs::read(&copied).ok() {
+            fs::copy(&source, &copied).map_err(|error| problem(&copied, &error))?;
+        }
+    }
+    Ok(())
+}
+
+fn read(path: &Path) -> Result<String> {
+    fs::read_to_string(path).map_err(|error| problem(path, &error))
+}
+
+fn write(path: &Path, text: &str) -> Result<()> {
+    fs::write(path, text).map_err(|error| problem(path, &error))
+}
+
+fn problem(path: &Path, error: &std::io::Error) -> Failure {
+    Failure::new(format!("{}: {error}", path.display()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A mutant whose place has changed would be no mutant.
+    #[test]
+    fn every_mutant_has_its_place_once() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        assert!(MUTANTS.len() >= 20);
+        for mutant in MUTANTS {
+            let text = fs::read_to_string(root.join(mutant.file)).unwrap();
+            assert_eq!(text.matches(mutant.from).count(), 1, "{}", mutant.name);
+            assert_ne!(mutant.from, mutant.to, "{}", mutant.name);
+        }
+    }
+}
