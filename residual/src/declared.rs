@@ -58,6 +58,18 @@ pub(crate) fn check_selection(spec: &Spec) -> Result<(), Error> {
     }
 }
 
+/// Target less prediction, row by row, of a model whose coefficients are all fixed; a term without one counts nothing.
+pub(crate) fn residual_of_fixed(p: &Problem, model: &Model) -> Result<Vec<f64>, Error> {
+    let mut out = p.y.clone();
+    for (term, k) in model.terms.iter().filter_map(|t| Some((t, t.fixed?))) {
+        let values = p.eval(&p.plain, &term.expr)?;
+        out.iter_mut()
+            .zip(values.iter())
+            .for_each(|(o, v)| *o -= k * v);
+    }
+    Ok(out)
+}
+
 /// Checks that the data can be analysed, fits the declared model, and cuts the blocks to the colour
 /// of its residual.
 pub(crate) fn fit_declared(problem: &mut Problem, spec: &Spec) -> Result<Fitted, Error> {
@@ -152,13 +164,23 @@ pub(crate) fn load_expression(declared: &Fitted) -> String {
 
 /// Declared terms for reports.
 pub(crate) fn terms(declared: &Fitted) -> Vec<DeclaredTerm> {
-    coefficients(declared)
+    let global = coefficients(declared)
         .into_iter()
-        .map(|(t, a)| DeclaredTerm {
+        .map(|(t, a)| (t, a, false));
+    // A coefficient for each sequence is given by its size over the sequences.
+    let local = declared
+        .fit
+        .local
+        .iter()
+        .map(|(i, size)| (&declared.model.terms[*i], *size, true));
+    global
+        .chain(local)
+        .map(|(t, coefficient, per_sequence)| DeclaredTerm {
             name: t.name.clone(),
-            coefficient: a,
+            coefficient,
             unit: t.unit.clone(),
             fixed: t.fixed.is_some(),
+            per_sequence,
         })
         .collect()
 }

@@ -147,6 +147,14 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
     )
 }
 
+/// Loads logs to check models on: as [`load`], but one group is enough, as nothing is fitted to them.
+pub(crate) fn load_to_check(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
+    let mut spec = spec.clone();
+    // Blocks of any length make groups of any log.
+    spec.holdout.block_s.get_or_insert(f64::MIN_POSITIVE);
+    load(paths, &spec)
+}
+
 /// Loads logs whose columns are in memory already.
 ///
 /// # Errors

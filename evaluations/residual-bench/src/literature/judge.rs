@@ -29,10 +29,13 @@ pub enum Class {
 fn stands_for(kind: EffectKind) -> &'static [&'static str] {
     match kind {
         EffectKind::Coulomb => &["coulomb", "dry friction"],
+        EffectKind::Kink => &["kink"],
+        EffectKind::AngleFriction => &["sector-friction"],
         EffectKind::LoadDependentCoulomb => &["capstan", "load-proportional coulomb"],
-        EffectKind::Viscous => &["viscous", "motor damping"],
+        EffectKind::Viscous => &["viscous", "viscous-load", "viscous-temperature", "motor damping"],
         EffectKind::Stribeck => &["stribeck"],
-        EffectKind::Presliding => &["coulomb", "dry friction", "dahl", "presliding hysteresis"],
+        // The generator's friction keeps its sign at rest, whatever its law in motion.
+        EffectKind::Presliding => &["coulomb", "capstan", "dry friction", "dahl", "presliding hysteresis"],
         EffectKind::Hysteresis => &[
             "dahl",
             "bouc-wen",
