@@ -94,8 +94,17 @@ pub(crate) fn fit_declared(problem: &mut Problem, spec: &Spec) -> Result<Fitted,
     Ok(Fitted { model, fit })
 }
 
+/// Largest magnitude of a target: the sum of squares of a billion of them is finite.
+const LARGEST: f64 = 1e140;
+
 /// Refuses data on which no answer would mean anything.
 fn check_excitation(p: &Problem, spec: &Spec) -> Result<(), Error> {
+    if p.y.iter().any(|y| y.abs() > LARGEST) {
+        return Err(Error::data(
+            format!("the target has values beyond {LARGEST:e}, whose squares are no numbers"),
+            "Check roles.target and its scale",
+        ));
+    }
     let varies = |v: &[f64]| {
         v.iter()
             .any(|x| (x - v[0]).abs() > 1e-12 * v[0].abs().max(1e-300))

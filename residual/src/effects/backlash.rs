@@ -15,7 +15,12 @@ impl Effect for Backlash {
         "reverse slowly with small amplitudes around the gap: the output stands still inside it, with sharp corners"
     }
     fn against(&self, ctx: &Context) -> String {
-        ctx.position.clone().unwrap_or_else(|| ctx.load.clone())
+        // A gap in the command shows over the load, one in the angle over the angle.
+        if ctx.declared_columns().iter().any(|d| d == "angle") {
+            "angle".into()
+        } else {
+            ctx.load.clone()
+        }
     }
     /// Seen from the drive, dry friction between drive and load is a gap in the command: the load stands still until the
     /// command has crossed twice the friction.

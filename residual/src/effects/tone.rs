@@ -97,10 +97,14 @@ impl Effect for Tone {
 /// Spectra of the inputs that say when the rig is driven: command, load, velocity, poses, their slopes, and the sign of the
 /// velocity. A tone of the mains that a channel picks up as well is no drive, so channels are not among them.
 fn driven_lines(ctx: &Context, time: &[f64], highest: f64) -> Vec<spectrum::Spectrum> {
-    let mut texts: Vec<String> = vec![ctx.load.clone()];
-    if ctx.has_command() {
-        texts.push("command".into());
-    }
+    // In a closed loop the command answers to the tone; the setpoint says what drives the rig.
+    let mut texts: Vec<String> = if ctx.spec.roles.setpoint.is_some() {
+        vec!["setpoint".into()]
+    } else if ctx.has_command() {
+        vec![ctx.load.clone(), "command".into()]
+    } else {
+        vec![ctx.load.clone()]
+    };
     texts.extend(ctx.velocity.clone());
     texts.extend(ctx.spec.roles.pose.keys().cloned());
     let slopes: Vec<String> = texts.iter().map(|t| format!("deriv({t}, 1)")).collect();

@@ -92,11 +92,27 @@ impl Table {
                 self.columns.push(vec![value; rows]);
             }
         }
+        let time = &spec.roles.time.column;
+        if spec.input.rate > 0.0 && self.column(time).is_none() {
+            self.names.push(time.clone());
+            let seconds = (0..rows).map(|i| i as f64 / spec.input.rate);
+            self.columns.push(seconds.collect());
+        }
         let roles = spec.roles.all();
         let needed = roles.iter().map(|(_, c)| &c.column);
         for column in needed.chain(&spec.input.sequence) {
-            if self.column(column).is_none() {
-                return Err(self.lacks(column));
+            match self.names.iter().filter(|n| *n == column).count() {
+                0 => return Err(self.lacks(column)),
+                1 => {}
+                more => {
+                    return Err(Error::data(
+                        format!(
+                            "{}: {more} columns are named `{column}`, and the model uses one of them",
+                            self.source.display()
+                        ),
+                        "Give them names of their own: in the file, or with input.skip = 1 and input.header in the model file",
+                    ))
+                }
             }
         }
         Ok(self)
@@ -213,6 +229,8 @@ fn assemble(tables: Vec<Table>, spec: &Spec, mut findings: hygiene::Log) -> Resu
         ));
     }
     let folds = folds::folds(&frame, &keep, spec, &files)?;
+    folds::refuse_copies(&frame, &folds.of_row, &files)?;
+    hygiene::relations(&frame, &spec.roles, &folds.of_row, &mut findings);
     let used: Vec<PathBuf> = {
         let mut ids: Vec<usize> = frame
             .column("file")
