@@ -42,6 +42,9 @@ pub struct Residual {
     /// Model file (TOML): columns, units, declared terms
     #[arg(long, value_name = "MODEL.toml")]
     model: PathBuf,
+    /// Look at the logs and write a first model file to --model, with guessed columns and open questions; analyse nothing
+    #[arg(long, conflicts_with_all = ["out", "apply", "check"])]
+    init: bool,
     /// Logs that take no part in the search: the models, frozen, are evaluated on them, and what was found must help there too
     #[arg(long, value_name = "PATH", num_args = 1..)]
     check: Vec<PathBuf>,
@@ -81,8 +84,35 @@ impl residual::Progress for Stages {
 impl Residual {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        if self.init {
+            return init(self);
+        }
         analyse(self, context)
     }
+}
+
+/// Writes a first model file for the logs.
+fn init(arguments: &Residual) -> Result<Reply> {
+    check_data("--data", &arguments.data)?;
+    let path = &arguments.model;
+    if path.exists() {
+        return Err(Failure::new(
+            2,
+            format!(
+                "--init: {} exists; give --model the name of a new file",
+                path.display()
+            ),
+        ));
+    }
+    let text = residual::load::guess(&arguments.data)
+        .map_err(|error| Failure::new(error.exit_code(), error))?;
+    std::fs::write(path, &text).map_err(|error| Failure::file(path, &error))?;
+    let json = serde_json::json!({"model": path});
+    let answer = format!(
+        "{} written; answer its questions (lines with `# ?`), then run the command without --init\n",
+        path.display()
+    );
+    Ok(Reply::new(answer, json))
 }
 
 /// Runs the analysis, and writes a rig file with its findings on request.

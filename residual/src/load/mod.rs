@@ -5,17 +5,20 @@
 //! |---|---|
 //! | `files.rs` | which files are logs |
 //! | `text.rs`, `parquet.rs` | one log of each format |
+//! | `guess.rs` | a first model file for logs that nobody has described |
 //! | `rows.rs` | rows in units of the model, sequences |
 //! | `folds.rs` | groups and folds for hold-out |
 
 mod files;
 mod folds;
+mod guess;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod rows;
 mod text;
 
 pub use files::find_files;
+pub use guess::guess;
 
 use crate::data::{Data, FEWEST_ROWS};
 use crate::error::Error;
