@@ -64,6 +64,36 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
     Ok((at_s, injection))
 }
 
+/// The words of an injection, without a time; `None` where it has none.
+#[must_use]
+pub fn describe(injection: &Injection) -> Option<String> {
+    Some(match injection {
+        Injection::UnplugSensor(unit) => format!("unplug={unit}"),
+        Injection::PlugSensor(unit) => format!("plug={unit}"),
+        Injection::Nack(unit) => format!("nack={unit}"),
+        Injection::StuckSda => "stuck-sda".to_owned(),
+        Injection::EStop(true) => "estop".to_owned(),
+        Injection::EStop(false) => "estop-release".to_owned(),
+        Injection::Spike(unit, codes) => format!("spike={unit}:{codes}"),
+        Injection::PullCable(unit, newton) => format!("pull={unit}:{newton}"),
+        Injection::FreezeEncoder(unit, true) => format!("freeze-encoder={unit}"),
+        Injection::FreezeEncoder(unit, false) => format!("thaw-encoder={unit}"),
+        Injection::HangLoop => "hang".to_owned(),
+        Injection::FlipBit(..) => return None,
+    })
+}
+
+/// An injection with its time in s after the command, in the words that [`parse`] reads.
+#[must_use]
+pub fn describe_at(at_s: f64, injection: &Injection) -> String {
+    let what = describe(injection).unwrap_or_else(|| format!("{injection:?}"));
+    if at_s == f64::NEG_INFINITY {
+        format!("{what}@start")
+    } else {
+        format!("{what}@{at_s}s")
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -84,6 +114,22 @@ mod tests {
             parse("nack=2@start"),
             Ok((f64::NEG_INFINITY, Injection::Nack(2)))
         );
+        for words in [
+            "unplug=3",
+            "plug=3",
+            "nack=2",
+            "stuck-sda",
+            "estop",
+            "estop-release",
+            "spike=1:-90",
+            "pull=6:2.5",
+            "freeze-encoder=4",
+            "thaw-encoder=4",
+            "hang",
+        ] {
+            let (_, injection) = parse(&format!("{words}@start")).unwrap();
+            assert_eq!(describe(&injection).as_deref(), Some(words));
+        }
         for bad in [
             "",
             "unplug=3",
@@ -98,6 +144,26 @@ mod tests {
             "=@=",
         ] {
             assert!(parse(bad).unwrap_err().contains("known are"), "{bad}");
+        }
+    }
+
+    #[test]
+    fn a_description_reads_back() {
+        for text in [
+            "unplug=3@2s",
+            "plug=1@-0.5s",
+            "nack=2@start",
+            "stuck-sda@1s",
+            "estop@1s",
+            "estop-release@1.25s",
+            "spike=1:-90000@1s",
+            "pull=6:2.5@-1s",
+            "freeze-encoder=4@1s",
+            "thaw-encoder=4@3s",
+            "hang@1s",
+        ] {
+            let (at_s, injection) = parse(text).unwrap();
+            assert_eq!(describe_at(at_s, &injection), text);
         }
     }
 }

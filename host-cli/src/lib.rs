@@ -5,6 +5,7 @@
 //! | what is this rig | [`rigfile`] |
 //! | how do bytes get to the board | [`link`] |
 //! | what do host and board say | [`session`] |
+//! | one rig, many terminals | [`service`] |
 //! | where is the tip | [`force::pose`] |
 //! | which tensions make a force | [`force::allocation`] |
 //! | what is sent 100 times a second | [`force::controller`] |
@@ -27,4 +28,6 @@ pub mod plot;
 pub mod record;
 pub mod rigfile;
 pub mod run;
+#[cfg(unix)]
+pub mod service;
 pub mod session;

@@ -17,6 +17,8 @@ fn command(folder: &Path, arguments: &[&str]) -> Command {
         .args(arguments)
         .current_dir(folder)
         .stdin(Stdio::null())
+        .env("FORCECTL_RUNTIME_DIR", folder.join("run"))
+        .env("FORCECTL_STATE_DIR", folder.join("state"))
         .env_remove("FORCE_RIG_BIN")
         .env_remove("FORCE_FIRMWARE_ELF")
         .env_remove("FORCE_DATA");
@@ -92,12 +94,13 @@ fn rig_files(folder: &Path) {
 
 /// A minimal call of each command that is not refused for its arguments, and the options that it has beside those of
 /// every command.
-const COMMANDS: [(&str, &[&str]); 15] = [
+const COMMANDS: [(&str, &[&str]); 20] = [
     (
         "set-force 0 1 0",
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
@@ -110,37 +113,74 @@ const COMMANDS: [(&str, &[&str]); 15] = [
     ),
     (
         "status",
-        &["--link", "--rig", "--seed", "--plant", "--paced"],
+        &[
+            "--link", "--rig", "--direct", "--seed", "--plant", "--paced",
+        ],
     ),
     (
         "monitor",
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
             "--duration",
         ],
     ),
-    ("zero", &["--link", "--rig", "--seed", "--plant", "--paced"]),
-    ("arm", &["--link", "--rig", "--seed", "--plant", "--paced"]),
+    ("zero", &["--link", "--rig", "--direct", "--replace"]),
     (
-        "disarm",
-        &["--link", "--rig", "--seed", "--plant", "--paced"],
+        "rig",
+        &[
+            "--rig",
+            "--seed",
+            "--plant",
+            "--inject",
+            "--name",
+            "--tcp",
+            "--token-file",
+        ],
     ),
-    ("stop", &["--link", "--rig", "--seed", "--plant", "--paced"]),
     (
-        "clear",
-        &["--link", "--rig", "--seed", "--plant", "--paced"],
+        "serve",
+        &[
+            "--link",
+            "--rig",
+            "--name",
+            "--tcp",
+            "--token-file",
+            "--pty",
+            "--end",
+        ],
     ),
+    (
+        "hold",
+        &[
+            "--link",
+            "--rig",
+            "--direct",
+            "--seed",
+            "--plant",
+            "--paced",
+            "--duration",
+            "--tension",
+        ],
+    ),
+    ("arm", &["--link", "--rig", "--direct"]),
+    ("disarm", &["--link", "--rig", "--direct"]),
+    ("stop", &["--link", "--rig", "--direct"]),
+    ("clear", &["--link", "--rig", "--direct"]),
+    ("inject estop", &["--link", "--rig", "--direct"]),
     ("explain 33", &[]),
     ("check good.toml", &["--print"]),
+    ("init good.toml", &["--answers", "--set"]),
     (
         "record samples",
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
@@ -156,6 +196,7 @@ const COMMANDS: [(&str, &[&str]); 15] = [
         &[
             "--link",
             "--rig",
+            "--direct",
             "--seed",
             "--plant",
             "--paced",
@@ -171,9 +212,17 @@ const COMMANDS: [(&str, &[&str]); 15] = [
 ];
 
 /// Every option, with a value that is good.
-const OPTIONS: [(&str, &str); 18] = [
+const OPTIONS: [(&str, &str); 28] = [
     ("--link", "serial:/dev/no-such-port"),
     ("--rig", "good.toml"),
+    ("--direct", ""),
+    ("--replace", ""),
+    ("--name", "bench2"),
+    ("--tcp", "127.0.0.1:0"),
+    ("--token-file", "token"),
+    ("--pty", ""),
+    ("--end", ""),
+    ("--tension", "2 2 2 2 2 2"),
     ("--seed", "7"),
     ("--plant", "plant.toml"),
     ("--paced", ""),
@@ -184,6 +233,8 @@ const OPTIONS: [(&str, &str); 18] = [
     ("--still", ""),
     ("--inject", "estop@1s"),
     ("--print", ""),
+    ("--answers", "answers.toml"),
+    ("--set", "name=lab"),
     ("--data", "logs"),
     ("--model", "none.toml"),
     ("--apply", ""),
@@ -258,11 +309,7 @@ fn options_of_the_embedded_rig_are_refused_with_another_link_before_anything_is_
             "set-force 0 1 0",
             "status",
             "monitor",
-            "zero",
-            "arm",
-            "disarm",
-            "stop",
-            "clear",
+            "hold",
             "record samples",
             "identify --out found",
         ] {
@@ -397,8 +444,8 @@ fn json_is_one_object_also_for_errors() {
     ] {
         // No rig; no device; a wrong rig file.
         let error = error_object(&run(&format!("{command} --json")), 4);
-        assert!(error.contains("cargo forcectl"), "{command}: {error}");
-        let line = format!("--json {command} --link serial:/dev/no-such-port");
+        assert!(error.contains("forcectl"), "{command}: {error}");
+        let line = format!("--json {command} --rig good.toml --link serial:/dev/no-such-port");
         let error = error_object(&run(&line), 4);
         assert!(error.contains("/dev/no-such-port"), "{command}: {error}");
         let error = error_object(&run(&format!("{command} --json --rig bad.toml")), 3);
@@ -449,6 +496,115 @@ fn rig_files_are_checked_with_their_lines() {
             "{said:?}"
         );
     }
+}
+
+#[test]
+fn a_rig_file_that_cannot_hold_zero_force_is_refused() {
+    let folder = folder();
+    let exit = "exit_m = [-0.480, 0.010, -0.165]";
+    let axis = "axis = [0.998327, 0.028404, 0.050373]";
+    let copied = built_in()
+        .replacen(exit, "exit_m = [0.335, 0.045, -0.110]", 1)
+        .replacen(axis, "axis = [-0.996049, -0.034022, -0.082028]", 1);
+    std::fs::write(folder.path().join("copied.toml"), copied).expect("written");
+    let off = built_in().replacen("[defaults]", "[defaults]\nenabled = false", 1);
+    std::fs::write(folder.path().join("off.toml"), off).expect("written");
+    for (file, words_in_error) in [
+        ("copied.toml", "zero force is out of reach"),
+        ("off.toml", "no unit is enabled"),
+    ] {
+        let said = forcectl_in(folder.path(), &["check", file]);
+        assert_eq!(said.code, Some(3), "{said:?}");
+        assert!(said.err.contains(words_in_error), "{said:?}");
+    }
+    rig_files(folder.path());
+    let good = object(&forcectl_in(
+        folder.path(),
+        &["check", "good.toml", "--json"],
+    ));
+    assert_eq!(good["feasibility"]["out_of_reach"], 0, "{good}");
+    assert!(good["feasibility"]["poses"].as_u64() > Some(200), "{good}");
+}
+
+#[test]
+fn a_real_rig_is_not_driven_with_the_example_geometry() {
+    let folder = folder();
+    for command in ["set-force 0 1 0", "zero", "hold", "identify --out found"] {
+        for link in ["usb", "serial:/dev/no-such-port"] {
+            let line = format!("{command} --direct --link {link}");
+            let said = forcectl_in(folder.path(), &words(&line));
+            assert_eq!(said.code, Some(2), "{line}: {said:?}");
+            assert!(said.err.contains("forcectl init"), "{line}: {said:?}");
+        }
+    }
+    // What drives nothing needs no rig file.
+    let said = forcectl_in(
+        folder.path(),
+        &words("stop --link serial:/dev/no-such-port"),
+    );
+    assert_eq!(said.code, Some(4), "{said:?}");
+    let left = std::fs::read_dir(folder.path()).expect("is there").count();
+    assert_eq!(left, 0);
+}
+
+#[test]
+fn a_name_with_escape_codes_does_not_reach_the_terminal() {
+    let folder = folder();
+    let text = built_in().replacen("raven-left-example", "\\u001b[31mred\\u0007", 1);
+    std::fs::write(folder.path().join("red.toml"), text).expect("written");
+    for line in ["check red.toml", "status -v --rig red.toml"] {
+        let said = forcectl_in(folder.path(), &words(line));
+        let shown = format!("{}{}", said.out, said.err);
+        assert!(shown.contains("[31mred"), "{line}: {said:?}");
+        assert!(
+            !shown.contains('\u{1b}') && !shown.contains('\u{7}'),
+            "{line}: {said:?}"
+        );
+    }
+}
+
+#[cfg(unix)]
+#[test]
+fn a_pipe_is_no_rig_file() {
+    let folder = folder();
+    let pipe = folder.path().join("pipe.toml");
+    let made = Command::new("mkfifo").arg(&pipe).status();
+    assert!(made.expect("mkfifo runs").success());
+    let said = forcectl_in(folder.path(), &["check", "pipe.toml"]);
+    assert_eq!(said.code, Some(3), "{said:?}");
+    assert!(said.err.contains("not a regular file"), "{said:?}");
+}
+
+#[test]
+fn init_makes_a_file_that_check_accepts() {
+    let folder = folder();
+    let answers = "\
+center = [-0.080, 0.025, -0.140]
+exit = [[0.335, 0.045, -0.110], [-0.480, 0.010, -0.165], [-0.055, 0.440, -0.120],
+        [-0.090, -0.375, -0.190], [-0.065, 0.055, 0.275], [-0.100, -0.030, -0.520]]
+";
+    std::fs::write(folder.path().join("answers.toml"), answers).expect("written");
+    let run = |line: &str| forcectl_in(folder.path(), &words(line));
+    let said = run("init lab.toml --answers answers.toml");
+    assert_eq!(said.code, Some(2), "{said:?}");
+    assert!(said.err.contains("name: an answer is missing"), "{said:?}");
+    assert!(!folder.path().join("lab.toml").exists());
+    let said = run("init lab.toml --answers answers.toml --set name=lab-3");
+    assert_eq!(said.code, Some(0), "{said:?}");
+    let checked = object(&run("check lab.toml --json"));
+    assert_eq!(checked["name"], "lab-3");
+    assert_eq!(checked["rig"]["link"], "usb");
+    // Nothing is overwritten, and nothing is written that check refuses.
+    let said = run("init lab.toml --answers answers.toml --set name=lab-4");
+    assert_eq!(said.code, Some(2), "{said:?}");
+    let said = run("init far.toml --answers answers.toml --set name=far --set radius=0.9");
+    assert_eq!(said.code, Some(3), "{said:?}");
+    assert!(!folder.path().join("far.toml").exists());
+    let said = run("init x.toml --set colour=red");
+    assert!(
+        said.code == Some(2) && said.err.contains("tension"),
+        "{said:?}"
+    );
 }
 
 #[test]

@@ -42,6 +42,12 @@ pub const ENTRIES: &[Entry] = &[
         page: "",
     },
     Entry {
+        name: "install",
+        arguments: "[OPTIONS]",
+        summary: "build forcectl and install it with manual pages and completions",
+        page: "  --prefix DIR  install below this folder (default ~/.local)\n",
+    },
+    Entry {
         name: "flash",
         arguments: "[OPTIONS]",
         summary: "build the firmware and write it to a board with probe-rs",

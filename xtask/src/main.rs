@@ -8,6 +8,7 @@ mod elf;
 mod firmware;
 mod flash;
 mod help;
+mod install;
 mod licences;
 mod links;
 mod measured;
@@ -97,6 +98,7 @@ fn dispatch() -> Result<u8, Stop> {
             rig::build(&workspace, &["rig", "forcectl"])?;
             Ok(0)
         }
+        "install" => run_install(&workspace, parser),
         "flash" => run_flash(&workspace, parser),
         "forcectl" => Ok(rig::forcectl(&workspace, &rest(parser)?)?),
         "test" | "ci" => run_tests(&workspace, parser),
@@ -171,6 +173,18 @@ fn run_setup(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
     }
     let arm = setup::ensure(workspace, route)?;
     say(format!("ARM toolchain: ready: {arm}"));
+    Ok(0)
+}
+
+fn run_install(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
+    let mut prefix = None;
+    while let Some(argument) = parser.next()? {
+        match argument {
+            Arg::Long("prefix") => prefix = Some(parser.value()?.into()),
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    install::install(workspace, prefix)?;
     Ok(0)
 }
 

@@ -70,18 +70,31 @@ pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
 ///
 /// Errs on the side of building: only a call that clearly goes elsewhere is excepted.
 pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
-    const OFFLINE: [&str; 6] = ["check", "completions", "explain", "help", "man", "residual"];
-    const ONLINE: [&str; 10] = [
+    // Those that never start an emulation are offline as well: `stop` must not wait for a compiler.
+    const OFFLINE: [&str; 14] = [
         "arm",
+        "check",
         "clear",
+        "completions",
         "disarm",
+        "explain",
+        "help",
+        "init",
+        "inject",
+        "man",
+        "residual",
+        "serve",
+        "stop",
+        "zero",
+    ];
+    const ONLINE: [&str; 7] = [
+        "hold",
         "identify",
         "monitor",
         "record",
+        "rig",
         "set-force",
         "status",
-        "stop",
-        "zero",
     ];
     let words: Vec<&str> = arguments
         .iter()
@@ -258,6 +271,7 @@ mod tests {
             "help set-force",
             "explain 33",
             "check rig.toml",
+            "init rig.toml",
             "--json check rig.toml",
             "completions bash",
             "man --out pages",

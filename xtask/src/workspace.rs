@@ -11,10 +11,13 @@ pub struct Workspace {
 }
 
 impl Workspace {
-    /// Finds the checkout that this xtask was compiled in.
+    /// Finds the checkout that this xtask runs in: that of the package which cargo runs. A copied clone has the program
+    /// of the first one in its target directory, and cargo does not build it again.
     pub fn locate() -> Self {
-        let manifest = Path::new(env!("CARGO_MANIFEST_DIR"));
-        let root = manifest.parent().unwrap_or(manifest).to_path_buf();
+        let root = root(
+            env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from),
+            Path::new(env!("CARGO_MANIFEST_DIR")),
+        );
         // xtask runs as <target>/<profile>/xtask, so its own path gives the target directory however
         // it was chosen (default, CARGO_TARGET_DIR, a user's cargo configuration).
         let target = env::current_exe()
@@ -70,5 +73,31 @@ impl Workspace {
             .unwrap_or(path)
             .display()
             .to_string()
+    }
+}
+
+/// The workspace's root, from the manifest's folder as cargo names it at run time, or from the one of the build where
+/// xtask was started without cargo.
+fn root(at_run: Option<PathBuf>, at_build: &Path) -> PathBuf {
+    let manifest = at_run.unwrap_or_else(|| at_build.to_path_buf());
+    manifest
+        .parent()
+        .map_or_else(|| manifest.clone(), Path::to_path_buf)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_copied_clone_is_its_own_workspace() {
+        let build = Path::new("/first/xtask");
+        assert_eq!(root(Some("/copy/xtask".into()), build), Path::new("/copy"));
+        assert_eq!(root(None, build), Path::new("/first"));
+        // Cargo sets the variable for tests as well.
+        assert_eq!(
+            Workspace::locate().root(),
+            Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap()
+        );
     }
 }

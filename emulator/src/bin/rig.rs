@@ -95,16 +95,24 @@ fn plant(path: Option<&PathBuf>) -> Result<PlantConfig, String> {
 
 /// Keeps virtual time from running ahead of the wall clock.
 struct RealTimeLimit {
+    /// The instant at which virtual time was zero; later after each delay.
     began: Option<Instant>,
 }
 
 impl RealTimeLimit {
-    fn wait(&self, now_ns: u64) {
-        if let Some(began) = self.began {
-            let due = Duration::from_nanos(now_ns);
-            if let Some(early) = due.checked_sub(began.elapsed()) {
-                std::thread::sleep(early);
-            }
+    /// A run that was delayed (a busy machine) goes on at real time: it does not catch up faster than its clients can follow.
+    const MAX_DELAY: Duration = Duration::from_millis(20);
+
+    fn wait(&mut self, now_ns: u64) {
+        let Some(began) = &mut self.began else {
+            return;
+        };
+        let due = Duration::from_nanos(now_ns);
+        let elapsed = began.elapsed();
+        match due.checked_sub(elapsed) {
+            Some(early) => std::thread::sleep(early),
+            None if elapsed - due > Self::MAX_DELAY => *began += elapsed - due,
+            None => {}
         }
     }
 }
@@ -139,7 +147,7 @@ fn run() -> Result<(), String> {
             })?),
             None => None,
         };
-    let limit = RealTimeLimit {
+    let mut limit = RealTimeLimit {
         began: arguments.paced.then(Instant::now),
     };
     let mut keep_rtt = move |rig: &mut Rig| -> Result<(), String> {
@@ -152,9 +160,9 @@ fn run() -> Result<(), String> {
         }
     };
     if let Some(seconds) = arguments.free_s {
-        return free_run(&mut rig, seconds, &limit, &mut keep_rtt);
+        return free_run(&mut rig, seconds, &mut limit, &mut keep_rtt);
     }
-    serve(&mut rig, &limit, &mut keep_rtt)
+    serve(&mut rig, &mut limit, &mut keep_rtt)
 }
 
 type KeepRtt<'a> = &'a mut dyn FnMut(&mut Rig) -> Result<(), String>;
@@ -162,7 +170,7 @@ type KeepRtt<'a> = &'a mut dyn FnMut(&mut Rig) -> Result<(), String>;
 fn free_run(
     rig: &mut Rig,
     seconds: f64,
-    limit: &RealTimeLimit,
+    limit: &mut RealTimeLimit,
     keep_rtt: KeepRtt<'_>,
 ) -> Result<(), String> {
     let end = (seconds * 1e9) as u64;
@@ -235,7 +243,7 @@ fn print_report(report: &Report, sent: usize) {
     }
 }
 
-fn serve(rig: &mut Rig, limit: &RealTimeLimit, keep_rtt: KeepRtt<'_>) -> Result<(), String> {
+fn serve(rig: &mut Rig, limit: &mut RealTimeLimit, keep_rtt: KeepRtt<'_>) -> Result<(), String> {
     let mut from = BufReader::new(io::stdin().lock());
     let mut to = BufWriter::new(io::stdout().lock());
     loop {

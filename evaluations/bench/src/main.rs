@@ -1,7 +1,7 @@
 //! `cargo xtask bench`: the rig's figures, printed and written as one flat JSON object.
 //!
 //! Times are emulated times wherever a time of the rig is meant; the only clocks on the wall are those of the
-//! allocation's solve and of the emulation's speed, and both depend on the machine.
+//! allocation's solve, of a stop over the service and of the emulation's speed; they depend on the machine.
 
 mod computation;
 mod figures;
@@ -9,6 +9,7 @@ mod holding;
 mod page;
 mod rig;
 mod sample_path;
+mod stopping;
 
 use computation::{allocation, fixed_point};
 use figures::Figures;
@@ -18,6 +19,7 @@ use sample_path::sample_path;
 use serde_json::{Map, Value};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use stopping::stopping;
 
 /// What `--help` prints; `cargo xtask bench --help` as well.
 const HELP: &str = include_str!("help.txt");
@@ -80,6 +82,7 @@ fn bench(arguments: &Arguments) -> Result<(), String> {
     sample_path(&mut figures, if arguments.quick { 20 } else { 600 })?;
     fixed_point(&mut figures)?;
     holding(&mut figures)?;
+    stopping(&mut figures)?;
     allocation(&mut figures, if arguments.quick { 5_000 } else { 100_000 })?;
     let mut object = Map::new();
     for figure in &figures.0 {

@@ -1,48 +1,48 @@
-//! `forcectl arm`: lets the motors act on setpoints.
+//! `forcectl arm`: arms a rig that stays, and leaves it armed.
 
-use super::connection::Connection;
-use super::exit::{Failure, Reply, Result};
-use super::watch::Watch;
+use super::connection::Existing;
+use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
-use host_cli::run::{self, Observer, RunError};
-use wire::Command;
 
 /// Arguments of `arm`.
 #[derive(Debug, Args)]
 pub struct Arm {
     #[command(flatten)]
-    connection: Connection,
+    connection: Existing,
 }
 
 impl Arm {
-    /// Runs the command. A board that does not hold this rig file gets it first, and is zeroed.
+    /// Runs the command. The rig's service sends the setpoints: the board stops 100 ms after they cease.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        self.connection.with_session(context, |session, rig| {
-            let configured = rig.units.map(|unit| unit.to_wire());
-            // The zeros are the board's own.
-            let mut on_board = session.get_configs()?;
-            for config in &mut on_board {
-                config.zero_code = 0;
+        let rig = self.connection.load(context)?;
+        self.connection.require_rig_file(&rig)?;
+        #[cfg(unix)]
+        if let Some(mut client) = self.connection.client(context) {
+            let theirs = host_cli::rigfile::RigFile::parse(
+                &client.welcome().rig_file,
+                &client.welcome().rig_text,
+            )
+            .map_err(|error| Failure::new(exit::RIG_FILE, error))?;
+            if theirs.hash() != rig.hash() {
+                return Err(Failure::new(
+                    exit::USAGE,
+                    format!(
+                        "the service holds with its own rig file ({}), which differs from this one; use `forcectl hold` with \
+                         this one, or start the service with it",
+                        client.welcome().rig_file
+                    ),
+                ));
             }
-            if on_board != configured {
-                let mut watch = Watch::new(&context.output);
-                watch.notice(
-                    "the board does not hold this rig file; it is sent, and zeros are taken (cables slack)",
-                );
-                let stop = context.interrupt.flag();
-                let prepared = run::prepare_board(session, rig, &stop, &mut watch);
-                watch.progress.done();
-                prepared?;
-            }
-            if context.interrupt.requested() {
-                return Err(Failure::from(RunError::Interrupted));
-            }
-            session.command(&Command::Arm)?;
-            Ok(Reply::done(
-                "armed; the motors act on setpoints while a program sends them (`forcectl set-force`), and stop when it \
-                 stops sending",
-            ))
-        })
+            client.hold(host_cli::service::protocol::HoldParams::default())?;
+            return Ok(Reply::done(
+                "armed; the service holds zero force with the least tensions until `forcectl disarm`",
+            ));
+        }
+        Err(Failure::new(
+            exit::USAGE,
+            "`arm` leaves the rig armed after it has ended, and only a service can send setpoints then; omit --direct, or use \
+             `forcectl hold --direct`",
+        ))
     }
 }

@@ -1,10 +1,12 @@
-//! `forcectl check`: checks a rig file, or prints the built-in one.
+//! `forcectl check`: checks a rig file and whether its cables can hold zero force, or prints the built-in file.
 
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
+use host_cli::force::feasibility;
 use host_cli::rigfile::{self, RigFile};
 use serde_json::json;
+use std::fmt::Write as _;
 use std::path::PathBuf;
 
 /// Arguments of `check`.
@@ -26,15 +28,33 @@ impl Check {
             return Ok(Reply::text(rigfile::DEFAULT_TEXT));
         };
         let rig = RigFile::load(file).map_err(|error| Failure::new(exit::RIG_FILE, error))?;
-        let enabled = rig.units.iter().filter(|unit| unit.enabled).count();
-        Ok(Reply::new(
-            format!(
-                "{}: no mistakes found. Rig `{}`, {enabled} units enabled, hash {}\n",
-                file.display(),
-                rig.name,
-                rig.hash()
-            ),
-            json!({"file": file, "name": rig.name, "hash": rig.hash(), "rig": rig}),
-        ))
+        let enabled = rig.units.map(|unit| unit.enabled);
+        let wrong =
+            |why: String| Failure::new(exit::RIG_FILE, format!("{}: {why}", file.display()));
+        let found =
+            feasibility::examine(&rig, &enabled).map_err(|error| wrong(error.to_string()))?;
+        if let Some(why) = found.refusal() {
+            return Err(wrong(format!("{why}; set-force refuses this file")));
+        }
+        let count = enabled.iter().filter(|enabled| **enabled).count();
+        let mut text = String::new();
+        row!(
+            text,
+            "{}: no mistakes found. Rig `{}`, {count} units enabled, hash {}",
+            file.display(),
+            rig.name,
+            rig.hash()
+        );
+        let [px, nx, py, ny, pz, nz] = found.least_force_n.map(|force_n| format!("{force_n:.2}"));
+        row!(
+            text,
+            "zero force is within reach at all {} poses examined; so is, along +x -x +y -y +z -z, a force of {px} {nx} {py} \
+             {ny} {pz} {nz} N",
+            found.poses
+        );
+        let json = json!({
+            "file": file, "name": rig.name, "hash": rig.hash(), "rig": rig, "feasibility": found
+        });
+        Ok(Reply::new(text, json))
     }
 }

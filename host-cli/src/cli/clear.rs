@@ -1,6 +1,6 @@
 //! `forcectl clear`: clears latched faults whose cause is gone.
 
-use super::connection::Connection;
+use super::connection::{Existing, Role};
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
@@ -14,38 +14,39 @@ const CYCLES: u32 = 20;
 #[derive(Debug, Args)]
 pub struct Clear {
     #[command(flatten)]
-    connection: Connection,
+    connection: Existing,
 }
 
 impl Clear {
     /// Runs the command. Faults that remain give exit code 5.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        self.connection.with_session(context, |session, _| {
-            session.command(&Command::ClearFaults)?;
-            for _ in 0..CYCLES {
-                session.advance(PERIOD)?;
-            }
-            let status = session.get_status()?;
-            let board = (status.fault != 0)
-                .then(|| explain_fault(status.fault, status.fault_detail))
-                .into_iter();
-            let units = (status.units.iter().enumerate())
-                .filter(|(_, unit)| unit.fault != 0)
-                .map(|(i, unit)| {
-                    let text = explain_fault(unit.fault, unit.fault_detail);
-                    format!("unit {}: {text}", i + 1)
-                });
-            let left: Vec<String> = board.chain(units).collect();
-            if left.is_empty() {
-                return Ok(Reply::done("no fault is latched; nothing is armed"));
-            }
-            Err(Failure::new(
-                exit::BOARD,
-                format!(
-                    "faults remain latched, because their cause is still present: {}",
-                    left.join("\n")
-                ),
-            ))
-        })
+        self.connection
+            .with_session(Role::Commander, context, |session, _| {
+                session.command(&Command::ClearFaults)?;
+                for _ in 0..CYCLES {
+                    session.advance(PERIOD)?;
+                }
+                let status = session.get_status()?;
+                let board = (status.fault != 0)
+                    .then(|| explain_fault(status.fault, status.fault_detail))
+                    .into_iter();
+                let units = (status.units.iter().enumerate())
+                    .filter(|(_, unit)| unit.fault != 0)
+                    .map(|(i, unit)| {
+                        let text = explain_fault(unit.fault, unit.fault_detail);
+                        format!("unit {}: {text}", i + 1)
+                    });
+                let left: Vec<String> = board.chain(units).collect();
+                if left.is_empty() {
+                    return Ok(Reply::done("no fault is latched; nothing is armed"));
+                }
+                Err(Failure::new(
+                    exit::BOARD,
+                    format!(
+                        "faults remain latched, because their cause is still present: {}",
+                        left.join("\n")
+                    ),
+                ))
+            })
     }
 }

@@ -1,4 +1,7 @@
-//! Options of the commands that talk to a board, and the connection that they describe.
+//! Options of the commands that talk to a rig, and the connection that they describe.
+//!
+//! A rig is reached in one of three ways ([`Target`]): through the service that owns its link (`forcectl rig` or `forcectl
+//! serve`; the latter is started on demand), directly, or as an embedded rig that lives as long as the command.
 
 use super::exit::{self, Failure, Result};
 use super::values;
@@ -7,54 +10,119 @@ use clap::Args;
 use control::SystemState;
 use host_cli::link::{self, EmbeddedOptions, RigLink};
 use host_cli::rigfile::{LinkChoice, RigFile};
+use host_cli::run::{ZeroStore, Zeroing};
+#[cfg(unix)]
+use host_cli::service::{self, client::ServiceLink, socket, Client};
 use host_cli::session::Session;
+use std::cell::RefCell;
 use std::path::PathBuf;
 use std::time::Duration;
 
 /// Heading of the options that only the embedded rig has.
 pub const EMBEDDED: &str = "Embedded rig";
 
-/// Which rig, and how it is reached.
+/// A rig that exists, and how it is reached: options of the commands that never start an emulation.
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Connection")]
-pub struct Connection {
-    /// Connection to the board: embedded, usb or serial:PORT [default: the rig file's]
+pub struct Existing {
+    /// Connection to the rig: usb, serial:PORT, rig:NAME for a rig that `forcectl rig` keeps, or embedded for one of the
+    /// command's own [default: a rig that is kept, else the rig file's]
     #[arg(long, value_name = "LINK", value_parser = values::link)]
     pub link: Option<LinkChoice>,
-    /// Rig file (TOML) [default: the built-in example rig]
+    /// Rig file (TOML) [default: that of the rig's service, else the built-in example rig]
     #[arg(long, value_name = "FILE", value_parser = values::rig_file)]
     pub rig: Option<PathBuf>,
+    /// Open the port in this process instead of through a service; others can't watch or stop then
+    #[arg(long)]
+    pub direct: bool,
+    /// The client of the service, from `load` to `open`.
+    #[cfg(unix)]
+    #[arg(skip)]
+    client: RefCell<Option<Client>>,
+    /// The service, for a command that opens its connection several times.
+    #[cfg(unix)]
+    #[arg(skip)]
+    service: RefCell<Option<(String, Option<LinkChoice>)>>,
+    /// Where zeros come from, once the connection is open.
+    #[arg(skip)]
+    zeroing: RefCell<Zeroing>,
+}
+
+/// An emulated rig of the command's own.
+#[derive(Debug, Args, Default)]
+#[command(next_help_heading = EMBEDDED)]
+pub struct New {
     /// Seed of all random values in the embedded rig
-    #[arg(long, value_name = "N", help_heading = EMBEDDED, value_parser = values::seed)]
+    #[arg(long, value_name = "N", value_parser = values::seed)]
     pub seed: Option<u64>,
     /// Physics of the embedded rig (TOML) [default: the rig of the thesis]
-    #[arg(long, value_name = "FILE", help_heading = EMBEDDED)]
+    #[arg(long, value_name = "FILE")]
     pub plant: Option<PathBuf>,
     /// Limit the embedded rig to real time
-    #[arg(long, help_heading = EMBEDDED)]
+    #[arg(long)]
     pub paced: bool,
 }
 
-impl Connection {
-    /// Loads the rig file. Refuses options of the embedded rig where the link leads to a board.
-    pub fn load(&self, context: &Context) -> Result<RigFile> {
-        let rig = match &self.rig {
+/// Which rig, and how it is reached.
+#[derive(Debug, Args)]
+pub struct Connection {
+    #[command(flatten)]
+    at: Existing,
+    #[command(flatten)]
+    new: New,
+}
+
+/// How a command reaches its rig.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Target {
+    /// An embedded rig that lives as long as the command.
+    Own,
+    /// A port that this process opens.
+    Direct(LinkChoice),
+    /// The service of a rig, and the port for which it is started where it does not run.
+    Service(String, Option<LinkChoice>),
+}
+
+/// What a command may do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Role {
+    /// Command the rig.
+    Commander,
+    /// Watch it.
+    Observer,
+}
+
+impl New {
+    fn any(&self) -> bool {
+        self.seed.is_some() || self.plant.is_some() || self.paced
+    }
+}
+
+impl Existing {
+    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses options of the embedded rig
+    /// where the link leads elsewhere.
+    fn load_with(
+        &self,
+        new: &New,
+        embedded: &[(&str, bool)],
+        context: &Context,
+    ) -> Result<RigFile> {
+        let given = match &self.rig {
             Some(path) => RigFile::load(path),
             None => RigFile::built_in(),
         }
         .map_err(|error| Failure::new(exit::RIG_FILE, error))?;
         self.only_embedded(
-            &rig,
+            &given,
             &[
-                ("--seed", self.seed.is_some()),
-                ("--plant", self.plant.is_some()),
-                ("--paced", self.paced),
+                ("--seed", new.seed.is_some()),
+                ("--plant", new.plant.is_some()),
+                ("--paced", new.paced),
             ],
         )?;
-        let name = self
-            .rig
-            .as_ref()
-            .map_or_else(|| "built in".into(), |path| path.display().to_string());
+        self.only_embedded(&given, embedded)?;
+        let target = self.target(new, &given);
+        let (rig, name) = self.rig_of(&target, given, context)?;
         context.output.detail(&format!(
             "rig file: {name}, rig `{}`, hash {}",
             rig.name,
@@ -63,18 +131,95 @@ impl Connection {
         Ok(rig)
     }
 
-    /// The connection: that of `--link`, else that of the rig file.
+    /// The rig file to use with a target. Connects to the service, where the target has one.
+    #[cfg(unix)]
+    fn rig_of(
+        &self,
+        target: &Target,
+        given: RigFile,
+        context: &Context,
+    ) -> Result<(RigFile, String)> {
+        let name = self
+            .rig
+            .as_ref()
+            .map_or_else(|| "built in".into(), |path| path.display().to_string());
+        let Target::Service(service, start) = target else {
+            return Ok((given, name));
+        };
+        let client = super::serve::connect(service, start.as_ref(), self.rig.as_deref(), context)?;
+        let welcome = client.welcome();
+        let used = if self.rig.is_some() {
+            (given, name)
+        } else {
+            let rig = RigFile::parse(&welcome.rig_file, &welcome.rig_text)
+                .map_err(|error| Failure::new(exit::RIG_FILE, error))?;
+            (rig, format!("{} (of the service)", welcome.rig_file))
+        };
+        *self.client.borrow_mut() = Some(client);
+        *self.service.borrow_mut() = Some((service.clone(), start.clone()));
+        Ok(used)
+    }
+
+    #[cfg(not(unix))]
+    fn rig_of(&self, _: &Target, given: RigFile, _: &Context) -> Result<(RigFile, String)> {
+        Ok((given, "given or built in".to_owned()))
+    }
+
+    /// Refuses to drive a real rig with the geometry and limits of the built-in example. A rig file that `--rig` names is
+    /// the user's own, whatever it says.
+    pub fn require_rig_file(&self, rig: &RigFile) -> Result<()> {
+        let port = match self.choice(rig) {
+            port @ (LinkChoice::Usb | LinkChoice::Serial(_)) => port,
+            LinkChoice::Embedded | LinkChoice::Kept(_) => return Ok(()),
+        };
+        let example = RigFile::built_in().is_ok_and(|example| example.hash() == rig.hash());
+        if self.rig.is_some() || !example {
+            return Ok(());
+        }
+        Err(Failure::new(
+            exit::USAGE,
+            format!(
+                "the link {port} leads to a real rig, and without --rig its geometry and limits would be those of the \
+                 built-in example; give its own file with --rig FILE (`forcectl init` makes one); nothing was driven"
+            ),
+        ))
+    }
+
+    /// The link: that of `--link`, else that of the rig file.
     fn choice<'a>(&'a self, rig: &'a RigFile) -> &'a LinkChoice {
         self.link.as_ref().unwrap_or(&rig.link)
     }
 
-    /// Refuses options that only the embedded rig has, where the link leads to a board.
-    pub fn only_embedded(&self, rig: &RigFile, options: &[(&str, bool)]) -> Result<()> {
+    /// How the rig is reached. Without `--link`, an embedded rig that is kept comes before one of the command's own;
+    /// options of a new rig ask for a new one.
+    fn target(&self, new: &New, rig: &RigFile) -> Target {
+        match self.choice(rig) {
+            LinkChoice::Embedded if self.link.is_some() || new.any() || !kept() => Target::Own,
+            LinkChoice::Embedded => Target::Service(default_name(), None),
+            LinkChoice::Kept(name) => Target::Service(name.clone(), None),
+            port if self.direct || cfg!(not(unix)) => Target::Direct(port.clone()),
+            port => Target::Service(name_of(port), Some(port.clone())),
+        }
+    }
+
+    /// Refuses options that only an embedded rig of the command's own has, where the link leads elsewhere.
+    fn only_embedded(&self, rig: &RigFile, options: &[(&str, bool)]) -> Result<()> {
         let choice = self.choice(rig);
-        if *choice == LinkChoice::Embedded {
+        let fixed = matches!(choice, LinkChoice::Embedded);
+        if fixed {
             return Ok(());
         }
-        match options.iter().find(|(_, given)| *given) {
+        // A rig that is kept is emulated, but was started with its own seed and physics.
+        let kept = matches!(choice, LinkChoice::Kept(_));
+        let at_start = ["--seed", "--plant", "--paced"];
+        let wrong = options
+            .iter()
+            .find(|(name, given)| *given && (!kept || at_start.contains(name)));
+        match wrong {
+            Some((name, _)) if kept => Err(Failure::new(
+                exit::USAGE,
+                format!("{name} belongs to the start of a rig: `forcectl rig {name} ...`; the link is {choice}"),
+            )),
             Some((name, _)) => Err(Failure::new(
                 exit::USAGE,
                 format!(
@@ -86,46 +231,225 @@ impl Connection {
         }
     }
 
-    /// Opens the connection.
-    pub fn open(&self, rig: &RigFile, context: &Context) -> Result<Box<dyn RigLink>> {
-        let options = EmbeddedOptions {
-            seed: self.seed,
-            paced: self.paced,
-            plant: self.plant.clone(),
-        };
-        let link = link::open(self.choice(rig), &options)?;
-        context.output.detail(&format!("link: {}", link.name()));
+    /// Opens the connection, and names the rig.
+    fn open_as(
+        &self,
+        new: &New,
+        role: Role,
+        rig: &RigFile,
+        context: &Context,
+    ) -> Result<Box<dyn RigLink>> {
+        #[cfg(unix)]
+        if let Some(client) = self.connected(context)? {
+            let welcome = client.welcome();
+            context.output.note(&format!(
+                "rig `{}`: {} (service: process {})",
+                welcome.name, welcome.link, welcome.pid
+            ));
+            let store = if welcome.seed.is_some() {
+                ZeroStore::none()
+            } else {
+                ZeroStore::of_rig(&rig.name)
+            };
+            *self.zeroing.borrow_mut() = Zeroing::Keep(store);
+            let link = match role {
+                Role::Commander => ServiceLink::commander(client),
+                Role::Observer => ServiceLink::observer(client),
+            };
+            return Ok(Box::new(link.map_err(link::LinkError::from)?));
+        }
+        let choice = self.choice(rig);
+        let link = link::open(
+            choice,
+            &EmbeddedOptions {
+                seed: new.seed,
+                paced: new.paced,
+                plant: new.plant.clone(),
+            },
+        )?;
+        if *choice == LinkChoice::Embedded {
+            context.output.note(&format!(
+                "rig of this command only: {}; `forcectl rig` keeps one for many commands",
+                link.name()
+            ));
+        } else {
+            *self.zeroing.borrow_mut() = Zeroing::Keep(ZeroStore::of_rig(&rig.name));
+            context.output.note(&format!("rig: {}", link.name()));
+        }
         Ok(link)
+    }
+
+    /// A connection to the service; `None` where the rig is reached in another way.
+    #[cfg(unix)]
+    fn connected(&self, context: &Context) -> Result<Option<Client>> {
+        if let Some(client) = self.client.borrow_mut().take() {
+            return Ok(Some(client));
+        }
+        let service = self.service.borrow();
+        let Some((name, start)) = service.as_ref() else {
+            return Ok(None);
+        };
+        super::serve::connect(name, start.as_ref(), self.rig.as_deref(), context).map(Some)
+    }
+
+    /// The client of the service, after [`Existing::load`]; `None` where the rig is reached in another way.
+    #[cfg(unix)]
+    pub fn client(&self, context: &Context) -> Option<Client> {
+        let client = self.client.borrow_mut().take()?;
+        let welcome = client.welcome();
+        context.output.note(&format!(
+            "rig `{}`: {} (service: process {})",
+            welcome.name, welcome.link, welcome.pid
+        ));
+        Some(client)
+    }
+
+    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses where no rig exists.
+    pub fn load(&self, context: &Context) -> Result<RigFile> {
+        let rig = self.load_with(&New::default(), &[], context)?;
+        if self.target(&New::default(), &rig) != Target::Own {
+            return Ok(rig);
+        }
+        let why = if self.link.is_some() {
+            "this command is for a rig that exists, and `--link embedded` means a new one"
+        } else {
+            "no rig is running here and no board is named"
+        };
+        Err(Failure::new(
+            exit::LINK,
+            format!(
+                "{why}; nothing was done. `forcectl rig` starts an emulated rig that stays; --link usb or --link serial:PORT names a board"
+            ),
+        ))
+    }
+
+    /// Where the zeros of a run come from. Call it in a session.
+    pub fn zeroing(&self) -> Zeroing {
+        self.zeroing.borrow().clone()
     }
 
     /// Opens the connection, does the handshake and runs a command with it. Ctrl-C requests a controlled stop.
     pub fn with_session<T>(
         &self,
+        role: Role,
         context: &Context,
         command: impl FnOnce(&mut Session<'_>, &RigFile) -> Result<T>,
     ) -> Result<T> {
         let rig = self.load(context)?;
+        self.session(&New::default(), role, &rig, context, command)
+    }
+
+    fn session<T>(
+        &self,
+        new: &New,
+        role: Role,
+        rig: &RigFile,
+        context: &Context,
+        command: impl FnOnce(&mut Session<'_>, &RigFile) -> Result<T>,
+    ) -> Result<T> {
         let _controlled_stop = context.interrupt.controlled_stop();
-        let mut link = self.open(&rig, context)?;
+        let mut link = self.open_as(new, role, rig, context)?;
         let mut session = Session::connect(link.as_mut())?;
         if let Some(info) = session.info() {
             context
                 .output
                 .detail(&format!("firmware: {} (ABI {})", info.version, info.abi));
         }
-        command(&mut session, &rig)
+        command(&mut session, rig)
     }
 }
 
-/// Whether the session is with the embedded rig.
-pub fn is_embedded(session: &mut Session<'_>) -> bool {
-    session.link().controls().is_some()
+impl Connection {
+    /// As [`Existing::require_rig_file`].
+    pub fn require_rig_file(&self, rig: &RigFile) -> Result<()> {
+        self.at.require_rig_file(rig)
+    }
+
+    /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses options of the embedded rig
+    /// where the link leads elsewhere.
+    pub fn load(&self, context: &Context) -> Result<RigFile> {
+        self.load_for(context, &[])
+    }
+
+    /// The same for a command with more options that only the embedded rig has (name, whether it was given). They are
+    /// checked before anything is opened.
+    pub fn load_for(&self, context: &Context, embedded: &[(&str, bool)]) -> Result<RigFile> {
+        self.at.load_with(&self.new, embedded, context)
+    }
+
+    /// Opens the connection as a commander, and names the rig.
+    pub fn open(&self, rig: &RigFile, context: &Context) -> Result<Box<dyn RigLink>> {
+        self.at.open_as(&self.new, Role::Commander, rig, context)
+    }
+
+    /// Where the zeros of a run come from: a rig that was just booted measures them, any other keeps its own. Call it after
+    /// [`Connection::open`].
+    pub fn zeroing(&self) -> Zeroing {
+        self.at.zeroing()
+    }
+
+    /// Path of the rig file, where one was given.
+    pub fn rig_path(&self) -> Option<&PathBuf> {
+        self.at.rig.as_ref()
+    }
+
+    /// Whether an embedded rig is limited to real time.
+    pub fn paced(&self) -> bool {
+        self.new.paced
+    }
+
+    /// Opens the connection, does the handshake and runs a command with it. Ctrl-C requests a controlled stop.
+    pub fn with_session<T>(
+        &self,
+        role: Role,
+        context: &Context,
+        command: impl FnOnce(&mut Session<'_>, &RigFile) -> Result<T>,
+    ) -> Result<T> {
+        let rig = self.load(context)?;
+        self.at.session(&self.new, role, &rig, context, command)
+    }
 }
 
-/// Configures a freshly booted embedded rig with the rig file, so that its units have values to show. A board is left as
-/// it is.
+/// Whether an embedded rig is kept under the default name.
+#[cfg(unix)]
+fn kept() -> bool {
+    socket::running().iter().any(|name| *name == default_name())
+}
+
+#[cfg(not(unix))]
+fn kept() -> bool {
+    false
+}
+
+#[cfg(unix)]
+fn default_name() -> String {
+    service::socket::EMBEDDED_NAME.to_owned()
+}
+
+#[cfg(not(unix))]
+fn default_name() -> String {
+    "rig".to_owned()
+}
+
+#[cfg(unix)]
+fn name_of(link: &LinkChoice) -> String {
+    socket::name_of(link)
+}
+
+#[cfg(not(unix))]
+fn name_of(link: &LinkChoice) -> String {
+    link.to_string()
+}
+
+/// Whether the rig is an embedded one of the command's own.
+pub fn booted_here(session: &mut Session<'_>) -> bool {
+    session.link().booted_here()
+}
+
+/// Configures a freshly booted embedded rig with the rig file, so that its units have values to show. A rig that was there
+/// before is left as it is.
 pub fn configure_embedded(session: &mut Session<'_>, rig: &RigFile) -> Result<()> {
-    if is_embedded(session) {
+    if booted_here(session) {
         session.configure(&rig.units.map(|unit| unit.to_wire()))?;
         session.wait_for(
             Duration::from_secs(15),

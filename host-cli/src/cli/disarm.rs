@@ -1,6 +1,6 @@
 //! `forcectl disarm`: ramps the torques down.
 
-use super::connection::Connection;
+use super::connection::{Existing, Role};
 use super::exit::{Reply, Result};
 use super::Context;
 use clap::Args;
@@ -12,18 +12,26 @@ use wire::Command;
 #[derive(Debug, Args)]
 pub struct Disarm {
     #[command(flatten)]
-    connection: Connection,
+    connection: Existing,
 }
 
 impl Disarm {
-    /// Runs the command, which ends when the motors are at 0 V.
+    /// Runs the command, which ends when the motors are at 0 V. It ends what `forcectl arm` began; a program that
+    /// commands the rig itself is not interrupted.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        self.connection.with_session(context, |session, _| {
-            session.command(&Command::Disarm)?;
-            session.wait_for(Duration::from_secs(3), "disarming", |status| {
-                !SystemState::from_u8(status.state).is_some_and(SystemState::drives)
-            })?;
-            Ok(Reply::done("disarmed"))
-        })
+        self.connection.load(context)?;
+        #[cfg(unix)]
+        if let Some(mut client) = self.connection.client(context) {
+            client.call(host_cli::service::protocol::Call::Disarm)?;
+            return Ok(Reply::done("disarmed"));
+        }
+        self.connection
+            .with_session(Role::Commander, context, |session, _| {
+                session.command(&Command::Disarm)?;
+                session.wait_for(Duration::from_secs(3), "disarming", |status| {
+                    !SystemState::from_u8(status.state).is_some_and(SystemState::drives)
+                })?;
+                Ok(Reply::done("disarmed"))
+            })
     }
 }

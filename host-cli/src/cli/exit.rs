@@ -34,8 +34,9 @@ Exit codes:
   3  the rig file is wrong; nothing was driven
   4  the link cannot be opened, was lost, or the other end is not a board of this version
   5  the board refused a command, or a fault stopped the rig
-  6  the run was completed, but a unit dropped out, the amplifiers lost power, or the force was
-     out of reach and the nearest possible force was held
+  6  the run was completed, but the force was not held as commanded: it never settled, left its
+     band, was out of reach or saturated a limit, a unit was missing, the amplifiers lost power,
+     or an injection did not happen
   7  a file or the standard output could not be written
 130  Ctrl-C, SIGTERM or SIGHUP ended the command; `set-force` and `identify` disarmed the rig
 `residual` and `identify` list their own codes in their help.";
@@ -119,7 +120,6 @@ impl Failure {
     }
 
     /// Adds the results that exist in spite of the failure.
-    #[cfg(feature = "record")]
     pub fn with_reply(self, reply: Reply) -> Self {
         Self {
             reply: Some(Box::new(reply)),
@@ -140,6 +140,18 @@ impl Failure {
 impl From<LinkError> for Failure {
     fn from(error: LinkError) -> Self {
         Self::new(LINK, error)
+    }
+}
+
+#[cfg(unix)]
+impl From<host_cli::service::ServiceError> for Failure {
+    fn from(error: host_cli::service::ServiceError) -> Self {
+        use host_cli::service::{protocol, ServiceError};
+        let code = match &error {
+            ServiceError::Refused { code, .. } if *code != protocol::code::LINK => BOARD,
+            _ => LINK,
+        };
+        Self::new(code, error)
     }
 }
 
@@ -164,10 +176,12 @@ impl From<RunError> for Failure {
         match error {
             RunError::Session(error) => error.into(),
             RunError::Argument(_) => Self::new(USAGE, error),
+            RunError::Infeasible(_) => Self::new(RIG_FILE, error),
             RunError::Interrupted => Self::new(INTERRUPTED, error),
-            RunError::Control(_) | RunError::Pose(_) | RunError::Fault(_) => {
-                Self::new(BOARD, error)
-            }
+            RunError::Control(_)
+            | RunError::Pose(_)
+            | RunError::Fault(_)
+            | RunError::UnitLost(_) => Self::new(BOARD, error),
         }
     }
 }

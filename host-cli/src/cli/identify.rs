@@ -79,6 +79,7 @@ impl Identify {
     /// Runs the command. Arguments are checked before anything is opened or driven.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let rig = self.connection.load(context)?;
+        self.connection.require_rig_file(&rig)?;
         let force_n: [f64; 3] = self.force.as_slice().try_into().map_err(|_| {
             Failure::new(
                 exit::USAGE,
@@ -129,16 +130,16 @@ impl Identify {
             results.figures.1 = Some(figures_after);
             if !better {
                 results.left = Some("the force was held no better with it".to_owned());
-            } else if let (true, Some(path)) = (self.apply, &self.connection.rig) {
+            } else if let (true, Some(path)) = (self.apply, self.connection.rig_path()) {
                 results.applied = Some(replace(path, &text, &results.findings.rewritten.text)?);
             }
         }
-        self.report(&results, &name)
+        self.report(context, &results, &name)
     }
 
     /// Name and text of the rig file.
     fn rig_text(&self) -> Result<(String, String)> {
-        match &self.connection.rig {
+        match self.connection.rig_path() {
             Some(path) => {
                 let text = std::fs::read_to_string(path).map_err(|error| {
                     Failure::new(exit::RIG_FILE, format!("{}: {error}", path.display()))
@@ -169,12 +170,13 @@ impl Identify {
         force_n: [f64; 3],
         what: &str,
     ) -> Result<(Outcome, Figures)> {
-        let options = Options {
-            stop: context.interrupt.flag(),
-            ..Options::new(force_n, self.duration)
-        };
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(rig, context)?;
+        let options = Options {
+            stop: context.interrupt.flag(),
+            zeroing: self.connection.zeroing(),
+            ..Options::new(force_n, self.duration)
+        };
         let mut watch = Watch::new(&context.output);
         watch.progress.beside(|output| output.note(what));
         let outcome = run::set_force(link.as_mut(), rig, &options, &mut watch);
@@ -201,8 +203,14 @@ impl Identify {
             .progress
             .beside(|output| output.note("session 2: driving the cables for the analysis"));
         let stop = context.interrupt.flag();
-        let recording =
-            identify::excite(link.as_mut(), rig, self.drive_duration, &stop, &mut watch);
+        let recording = identify::excite(
+            link.as_mut(),
+            rig,
+            self.drive_duration,
+            &self.connection.zeroing(),
+            &stop,
+            &mut watch,
+        );
         watch.progress.done();
         let recording = recording?;
         if context.interrupt.requested() {
@@ -211,24 +219,39 @@ impl Identify {
         Ok(recording)
     }
 
-    /// Writes report, plot and figures.
-    fn report(&self, results: &Results, name: &str) -> Result<Reply> {
-        if let Some(after) = &results.after {
-            let plot = plot::compare(&results.before, after).to_svg();
-            self.write("compare.svg", &plot)?;
-        }
+    /// Prints the report, then writes it with plot and figures. A file that cannot be written costs only itself.
+    fn report(&self, context: &Context, results: &Results, name: &str) -> Result<Reply> {
         let report = markdown(results, name);
-        self.write("report.md", &report)?;
         let record = record(results, name);
-        self.write("identify.json", &format!("{record:#}"))?;
-        let text = format!("{report}\nresults: {}\n", self.out.display());
-        Ok(
-            Reply::new(text, record).with_code(if results.left.is_none() {
-                exit::DONE
-            } else {
-                exit::DEGRADED
-            }),
-        )
+        if !context.output.json() {
+            context.output.results(&format!("{report}\n"));
+        }
+        let plot = (results.after.as_ref()).map(|after| {
+            self.write(
+                "compare.svg",
+                &plot::compare(&results.before, after).to_svg(),
+            )
+        });
+        let failures: Vec<Failure> = plot
+            .into_iter()
+            .chain([
+                self.write("report.md", &report),
+                self.write("identify.json", &format!("{record:#}")),
+            ])
+            .filter_map(Result::err)
+            .collect();
+        let code = if results.left.is_none() {
+            exit::DONE
+        } else {
+            exit::DEGRADED
+        };
+        let text = format!("results: {}\n", self.out.display());
+        let reply = Reply::new(text, record).with_code(code);
+        if failures.is_empty() {
+            return Ok(reply);
+        }
+        let messages: Vec<String> = failures.into_iter().map(|f| f.message).collect();
+        Err(Failure::new(exit::FILE, messages.join("\n")).with_reply(reply))
     }
 }
 

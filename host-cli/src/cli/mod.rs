@@ -28,8 +28,12 @@ mod disarm;
 mod documented;
 mod exit;
 mod explain;
+mod hold;
 #[cfg(feature = "residual")]
 mod identify;
+mod init;
+#[cfg(unix)]
+mod inject;
 mod interrupt;
 mod man;
 mod monitor;
@@ -39,6 +43,10 @@ mod progress;
 mod record;
 #[cfg(feature = "residual")]
 mod residual;
+#[cfg(unix)]
+mod rig;
+#[cfg(unix)]
+mod serve;
 mod set_force;
 mod status;
 mod stop;
@@ -74,20 +82,34 @@ enum Command {
     Status(status::Status),
     /// Show tensions as they come
     Monitor(monitor::Monitor),
-    /// Send the rig file's configuration and take zeros; the cables have to be slack
+    /// Take zeros; the cables have to be slack
     Zero(zero::Zero),
-    /// Let the motors act on setpoints
+    /// Keep an emulated rig that many commands and terminals can use, until Ctrl-C
+    #[cfg(unix)]
+    Rig(rig::Rig),
+    /// Own the link to a board and let many clients share it; other commands start it by themselves
+    #[cfg(unix)]
+    Serve(serve::Serve),
+    /// Arm and hold tensions until Ctrl-C
+    Hold(hold::Hold),
+    /// Arm, and let the rig's service hold the least tensions until `disarm`
     Arm(arm::Arm),
     /// Ramp the torques down
     Disarm(disarm::Disarm),
-    /// Set all motors to 0 V at once, latched until `clear`
+    /// Set all motors to 0 V at once, latched until `clear`; works from every terminal
     Stop(stop::Stop),
     /// Clear latched faults whose cause is gone; arms nothing
     Clear(clear::Clear),
+    /// Cause a fault in an emulated rig that is kept
+    #[cfg(unix)]
+    Inject(inject::Inject),
     /// Explain a fault: what it means and how to clear it
     Explain(explain::Explain),
     /// Check a rig file
     Check(check::Check),
+    /// Make a rig file from the answers to ten questions
+    #[command(after_help = init::HELP)]
+    Init(init::Init),
     /// Record every sample and drive nothing (to record a force: set-force --record DIR)
     #[cfg(feature = "record")]
     Record(record::Record),
@@ -146,12 +168,20 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
         Command::Status(command) => command.run(context),
         Command::Monitor(command) => command.run(context),
         Command::Zero(command) => command.run(context),
+        #[cfg(unix)]
+        Command::Rig(command) => command.run(context),
+        #[cfg(unix)]
+        Command::Serve(command) => command.run(context),
+        #[cfg(unix)]
+        Command::Inject(command) => command.run(context),
+        Command::Hold(command) => command.run(context),
         Command::Arm(command) => command.run(context),
         Command::Disarm(command) => command.run(context),
         Command::Stop(command) => command.run(context),
         Command::Clear(command) => command.run(context),
         Command::Explain(command) => command.run(),
         Command::Check(command) => command.run(context),
+        Command::Init(command) => command.run(context),
         #[cfg(feature = "record")]
         Command::Record(command) => command.run(context),
         #[cfg(feature = "residual")]

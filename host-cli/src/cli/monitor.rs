@@ -4,7 +4,7 @@
 //! sample), `{"t_s": ..., "fault": ..., "unit": ..., "text": ...}` for a fault (`null` for the whole board). An error is
 //! the last line: `{"error": ..., "exit_code": ...}`.
 
-use super::connection::{configure_embedded, is_embedded, Connection};
+use super::connection::{booted_here, configure_embedded, Connection, Role};
 use super::exit::{Reply, Result};
 use super::{values, Context};
 use clap::Args;
@@ -36,7 +36,7 @@ pub struct End {
 impl End {
     /// Starts to count. The embedded rig gets a duration, because its time passes as fast as it can be computed.
     pub fn after(session: &mut Session<'_>, duration_s: Option<f64>) -> Self {
-        let default_s = is_embedded(session).then_some(EMBEDDED_DURATION_S);
+        let default_s = booted_here(session).then_some(EMBEDDED_DURATION_S);
         Self {
             start_ns: session.now_ns(),
             duration_s: duration_s.or(default_s),
@@ -67,7 +67,7 @@ impl Monitor {
     /// Runs the command. It ends early where its output is not read.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let output = &context.output;
-        self.connection.with_session(context, |session, rig| {
+        self.connection.with_session(Role::Observer, context, |session, rig| {
             configure_embedded(session, rig)?;
             session.command(&Command::Stream { decimation: 1 })?;
             let end = End::after(session, self.duration);

@@ -10,6 +10,7 @@
 use super::exit::{self, Failure, Reply, Result};
 use clap::{ArgAction, Args};
 use serde_json::Value;
+use std::borrow::Cow;
 use std::io::{self, ErrorKind, IsTerminal, Write};
 use std::sync::{Mutex, PoisonError, TryLockError};
 
@@ -71,11 +72,11 @@ impl Standard {
                     self.write(&line(value));
                 }
             }
-            Ok(reply) => self.write(&reply.text),
+            Ok(reply) => self.write(&printable(&reply.text)),
             Err(failure) if json => self.write(&line(&failure.json())),
             Err(failure) => {
                 if let Some(reply) = &failure.reply {
-                    self.write(&reply.text);
+                    self.write(&printable(&reply.text));
                 }
             }
         }
@@ -133,10 +134,15 @@ impl Output {
 
     /// Writes a line of a stream to standard output.
     pub fn line(&self, line: &str) {
-        self.standard().write(&format!("{line}\n"));
+        self.standard().write(&format!("{}\n", printable(line)));
     }
 
-    /// Writes a text to standard output as it is.
+    /// Writes results to standard output before the command is over.
+    pub fn results(&self, text: &str) {
+        self.standard().write(&printable(text));
+    }
+
+    /// Writes a text to standard output as it is, with its colours.
     pub fn print(&self, text: &str) {
         self.standard().write(text);
     }
@@ -149,20 +155,20 @@ impl Output {
     /// A message about progress.
     pub fn note(&self, text: &str) {
         if self.shows_progress() {
-            to_stderr(text);
+            to_stderr(&printable(text));
         }
     }
 
     /// A detail that `--verbose` asks for.
     pub fn detail(&self, text: &str) {
         if self.args.verbose > 0 {
-            to_stderr(text);
+            to_stderr(&printable(text));
         }
     }
 
     /// A message that is always shown.
     pub fn error(&self, text: &str) {
-        to_stderr(text);
+        to_stderr(&printable(text));
     }
 
     /// Prints the result or the error, and returns the exit code.
@@ -172,7 +178,7 @@ impl Output {
         let code = match result {
             Ok(reply) => reply.code,
             Err(failure) => {
-                to_stderr(&format!("forcectl: {}", failure.message));
+                to_stderr(&format!("forcectl: {}", printable(&failure.message)));
                 failure.code
             }
         };
@@ -204,6 +210,24 @@ impl Output {
     }
 }
 
+/// A text without control characters that a terminal would obey. Names come from rig files, boards and rigs; they can
+/// hold anything. Line feeds and tabs stay.
+fn printable(text: &str) -> Cow<'_, str> {
+    let obeyed = |c: char| c.is_control() && c != '\n' && c != '\t';
+    if !text.contains(obeyed) {
+        return Cow::Borrowed(text);
+    }
+    let mut out = String::new();
+    for c in text.chars() {
+        if obeyed(c) {
+            out.extend(c.escape_default());
+        } else {
+            out.push(c);
+        }
+    }
+    Cow::Owned(out)
+}
+
 /// Writes a line to standard error. A message that cannot be shown is no reason to stop.
 pub fn to_stderr(text: &str) {
     let _ = writeln!(io::stderr(), "{text}");
@@ -217,4 +241,18 @@ pub fn stdout_is_terminal() -> bool {
 /// Whether standard error is a terminal.
 pub fn stderr_is_terminal() -> bool {
     io::stderr().is_terminal()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn control_characters_are_shown_and_not_sent() {
+        assert_eq!(printable("a\n\tb °"), "a\n\tb °");
+        assert_eq!(
+            printable("\u{1b}[31mred\u{7}\r\u{9b}2J"),
+            "\\u{1b}[31mred\\u{7}\\r\\u{9b}2J"
+        );
+    }
 }

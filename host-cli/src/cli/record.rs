@@ -1,6 +1,6 @@
 //! `forcectl record`: records every sample and drives nothing.
 
-use super::connection::{configure_embedded, Connection};
+use super::connection::{configure_embedded, Connection, Role};
 use super::exit::{Failure, Reply, Result};
 use super::monitor::End;
 use super::progress::Progress;
@@ -27,39 +27,40 @@ pub struct Record {
 impl Record {
     /// Runs the command. A lost link ends the recording; what was received is kept.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        self.connection.with_session(context, |session, rig| {
-            configure_embedded(session, rig)?;
-            let mut recorder = Recorder::create(&self.folder, rig)?;
-            recorder.configured(&session.get_configs()?);
-            session.command(&Command::Stream { decimation: 1 })?;
-            session.drain();
-            let mut progress = Progress::new(&context.output);
-            let end = End::after(session, self.duration);
-            let mut lost = None;
-            while !end.reached(session, context) {
-                if let Err(error) = session.advance(PERIOD) {
-                    lost = Some(error);
-                    break;
+        self.connection
+            .with_session(Role::Observer, context, |session, rig| {
+                configure_embedded(session, rig)?;
+                let mut recorder = Recorder::create(&self.folder, rig)?;
+                recorder.configured(&session.get_configs()?);
+                session.command(&Command::Stream { decimation: 1 })?;
+                session.drain();
+                let mut progress = Progress::new(&context.output);
+                let end = End::after(session, self.duration);
+                let mut lost = None;
+                while !end.reached(session, context) {
+                    if let Err(error) = session.advance(PERIOD) {
+                        lost = Some(error);
+                        break;
+                    }
+                    recorder.samples(&session.drain().samples)?;
+                    progress.at("recording", end.fraction(session));
                 }
-                recorder.samples(&session.drain().samples)?;
-                progress.at("recording", end.fraction(session));
-            }
-            progress.done();
-            let rows = recorder.finish()?;
-            let counters = session.counters();
-            let reply = Reply::new(
-                format!(
-                    "{rows} samples in {}; telemetry frames lost {}, damaged {}\n",
-                    self.folder.display(),
-                    counters.frames_lost,
-                    counters.frames_bad
-                ),
-                json!({"samples": rows, "folder": self.folder, "link": counters}),
-            );
-            match lost {
-                Some(error) => Err(Failure::from(error).with_reply(reply)),
-                None => Ok(reply),
-            }
-        })
+                progress.done();
+                let rows = recorder.finish()?;
+                let counters = session.counters();
+                let reply = Reply::new(
+                    format!(
+                        "{rows} samples in {}; telemetry frames lost {}, damaged {}\n",
+                        self.folder.display(),
+                        counters.frames_lost,
+                        counters.frames_bad
+                    ),
+                    json!({"samples": rows, "folder": self.folder, "link": counters}),
+                );
+                match lost {
+                    Some(error) => Err(Failure::from(error).with_reply(reply)),
+                    None => Ok(reply),
+                }
+            })
     }
 }

@@ -8,7 +8,9 @@ use clap::Args;
 use emulator_link::Injection;
 use host_cli::force::metrics::{Metrics, SETTLED_WITHIN_N};
 use host_cli::plot;
-use host_cli::run::{self, describe_reach, Ended, Options, Outcome};
+use host_cli::run::{self, Ended, Options, Outcome, RunError, ShortfallKind};
+
+use serde_json::Value;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use wire::UNITS;
@@ -59,14 +61,14 @@ impl SetForce {
     /// Runs the command. Arguments are checked before anything is opened or driven.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let output = &context.output;
-        let rig = self.connection.load(context)?;
-        self.connection.only_embedded(
-            &rig,
+        let rig = self.connection.load_for(
+            context,
             &[
                 ("--still", self.still),
                 ("--inject", !self.inject.is_empty()),
             ],
         )?;
+        self.connection.require_rig_file(&rig)?;
         let options = Options {
             robot_moves: !self.still,
             injections: self.inject.clone(),
@@ -76,55 +78,130 @@ impl SetForce {
         rig.check_force(options.commanded_n)
             .map_err(|why| Failure::new(exit::USAGE, why))?;
         std::fs::create_dir_all(&self.out).map_err(|error| Failure::file(&self.out, error))?;
+        let _controlled_stop = context.interrupt.controlled_stop();
+        let mut link = self.connection.open(&rig, context)?;
         let mut watch = Watch::new(output);
         #[cfg(feature = "record")]
         if let Some(folder) = &self.record {
             watch.record_to(folder, &rig)?;
         }
-        let _controlled_stop = context.interrupt.controlled_stop();
-        let mut link = self.connection.open(&rig, context)?;
-        let outcome = run::set_force(link.as_mut(), &rig, &options, &mut watch);
+        // Figures of a run before this one must not pass for those of a run that failed.
+        for path in [self.svg(), self.figures()] {
+            remove(&path)?;
+        }
+        let options = Options {
+            zeroing: self.connection.zeroing(),
+            ..options
+        };
+        let ended = run::hold_force(link.as_mut(), &rig, &options, &mut watch);
         watch.progress.done();
+        let (outcome, error) = match ended {
+            Ok(outcome) => (Some(outcome), None),
+            Err(stopped) => (stopped.outcome.map(|outcome| *outcome), Some(stopped.error)),
+        };
+        // The results come first: what follows can fail.
+        if let (Some(outcome), false) = (&outcome, output.json()) {
+            output.results(&table(outcome));
+        }
+        let mut files = Files::default();
         // What was recorded up to an error is kept.
         #[cfg(feature = "record")]
-        let recorded = watch.finish_recording();
-        let reply = self.report(&outcome?)?;
-        #[cfg(feature = "record")]
-        if let Err(failure) = recorded {
-            return Err(failure.with_reply(reply));
+        if let Some(folder) = &self.record {
+            files.note("recording", folder, watch.finish_recording());
         }
-        Ok(reply)
+        let json = outcome
+            .as_ref()
+            .map(|outcome| self.write(outcome, &mut files));
+        conclude(outcome.as_ref(), error, json, files)
     }
 
-    /// Writes plot and figures, and makes the table.
-    fn report(&self, outcome: &Outcome) -> Result<Reply> {
-        let svg = self.out.join("set-force.svg");
-        let figures = self.out.join("set-force.json");
+    /// File of the plot.
+    fn svg(&self) -> PathBuf {
+        self.out.join("set-force.svg")
+    }
+
+    /// File of the figures.
+    fn figures(&self) -> PathBuf {
+        self.out.join("set-force.json")
+    }
+
+    /// Writes plot and figures, and returns the figures.
+    fn write(&self, outcome: &Outcome, files: &mut Files) -> Value {
+        let (svg, figures) = (self.svg(), self.figures());
+        let mut json = serde_json::to_value(outcome).unwrap_or_default();
         let write = |path: &Path, text: String| {
             std::fs::write(path, text).map_err(|error| Failure::file(path, error))
         };
-        write(&svg, plot::draw(outcome).to_svg())?;
-        let mut json =
-            serde_json::to_value(outcome).map_err(|error| Failure::file(&figures, error))?;
-        json["plot_svg"] = svg.display().to_string().into();
-        write(&figures, format!("{json:#}"))?;
-        let mut text = table(outcome);
-        row!(
-            text,
-            "plot                {}, figures in {}",
-            svg.display(),
-            figures.display()
-        );
-        #[cfg(feature = "record")]
-        if let Some(folder) = &self.record {
-            row!(text, "recording           {}", folder.display());
+        let plotted = write(&svg, plot::draw(outcome).to_svg());
+        if plotted.is_ok() {
+            json["plot_svg"] = svg.display().to_string().into();
         }
-        Ok(Reply::new(text, json).with_code(match outcome.ended {
-            Ended::Done => exit::DONE,
-            Ended::Degraded => exit::DEGRADED,
-            Ended::Interrupted => exit::INTERRUPTED,
-        }))
+        files.note("plot", &svg, plotted);
+        files.note("figures", &figures, write(&figures, format!("{json:#}")));
+        json
     }
+}
+
+/// Files of a run: what was written, and what could not be.
+#[derive(Default)]
+struct Files {
+    written: String,
+    failures: Vec<Failure>,
+}
+
+impl Files {
+    /// A file that was written, or why it was not.
+    fn note(&mut self, what: &str, path: &Path, result: Result<()>) {
+        match result {
+            Ok(()) => row!(self.written, "{what:<19} {}", path.display()),
+            Err(failure) => self.failures.push(failure),
+        }
+    }
+}
+
+/// Removes a file of an earlier run, if there is one.
+fn remove(path: &Path) -> Result<()> {
+    match std::fs::remove_file(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => Err(Failure::new(
+            exit::FILE,
+            format!(
+                "{}: the file of an earlier run cannot be removed: {error}; nothing was driven",
+                path.display()
+            ),
+        )),
+        _ => Ok(()),
+    }
+}
+
+/// The reply of a run, or its failure with what there is of a result. A run that was stopped counts more than a file that
+/// could not be written, and that more than the quality of the force.
+fn conclude(
+    outcome: Option<&Outcome>,
+    error: Option<RunError>,
+    json: Option<Value>,
+    files: Files,
+) -> Result<Reply> {
+    let reply = json.map(|json| Reply::new(files.written, json));
+    let mut failures: Vec<Failure> = error.map(Failure::from).into_iter().collect();
+    failures.extend(files.failures);
+    let message = failures
+        .iter()
+        .map(|failure| failure.message.as_str())
+        .collect::<Vec<_>>()
+        .join("\n");
+    if let Some(first) = failures.first() {
+        let failure = Failure::new(first.code, message);
+        return Err(match reply {
+            Some(reply) => failure.with_reply(reply),
+            None => failure,
+        });
+    }
+    let code = match outcome.map(|outcome| outcome.ended) {
+        Some(Ended::Done) => exit::DONE,
+        Some(Ended::Interrupted) => exit::INTERRUPTED,
+        _ => exit::DEGRADED,
+    };
+    Ok(reply.unwrap_or_else(|| Reply::text("")).with_code(code))
 }
 
 fn vector(v: [f64; 3]) -> String {
@@ -178,21 +255,17 @@ fn table(outcome: &Outcome) -> String {
         link.frames_lost,
         link.frames_bad
     );
-    if outcome.amplifiers_off_s > 0.0 {
-        row!(
-            out,
-            "amplifiers          without power for {:.3} s",
-            outcome.amplifiers_off_s
-        );
-    }
-    if let Some(reach) = outcome.reach.filter(|reach| !reach.feasible) {
-        row!(out, "out of reach        {}", describe_reach(&reach));
-    }
     for fault in &outcome.faults {
         let who = fault
             .unit
             .map_or_else(|| "board".to_owned(), |unit| format!("unit {unit}"));
         row!(out, "fault at {:>6.2} s   {who}: {}", fault.t_s, fault.text);
+    }
+    // Why the run was stopped is the error, which is printed beside the table.
+    for shortfall in &outcome.shortfalls {
+        if shortfall.kind != ShortfallKind::Stopped {
+            row!(out, "not as commanded    {}", shortfall.text);
+        }
     }
     out
 }

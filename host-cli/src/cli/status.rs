@@ -1,6 +1,6 @@
 //! `forcectl status`: the state of board and units.
 
-use super::connection::{configure_embedded, Connection};
+use super::connection::{configure_embedded, Connection, Role};
 use super::exit::{self, Reply, Result};
 use super::Context;
 use clap::Args;
@@ -20,20 +20,27 @@ pub struct Status {
 impl Status {
     /// Runs the command. A latched fault gives exit code 5.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        self.connection.with_session(context, |session, rig| {
-            configure_embedded(session, rig)?;
-            let status = session.get_status()?;
-            let (link, info) = (session.link().name(), session.info().cloned());
-            let faulted = status.fault != 0 || status.units.iter().any(|unit| unit.fault != 0);
-            let text = format!("link       {link}\n{}", table(info.as_ref(), &status));
-            let json = json!({
-                "link": link,
-                "board": info,
-                "status": status,
-                "state": system_state_name(status.state),
-            });
-            Ok(Reply::new(text, json).with_code(if faulted { exit::BOARD } else { exit::DONE }))
-        })
+        self.connection
+            .with_session(Role::Observer, context, |session, rig| {
+                configure_embedded(session, rig)?;
+                let status = session.get_status()?;
+                let (link, info) = (session.link().name(), session.info().cloned());
+                let faulted = status.fault != 0 || status.units.iter().any(|unit| unit.fault != 0);
+                let text = format!("link       {link}\n{}", table(info.as_ref(), &status));
+                let json = json!({
+                    "link": link,
+                    "board": info,
+                    "status": status,
+                    "state": system_state_name(status.state),
+                });
+                Ok(
+                    Reply::new(text, json).with_code(if faulted {
+                        exit::BOARD
+                    } else {
+                        exit::DONE
+                    }),
+                )
+            })
     }
 }
 

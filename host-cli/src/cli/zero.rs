@@ -1,31 +1,43 @@
 //! `forcectl zero`: sends the rig file's configuration and takes zeros.
 
-use super::connection::Connection;
+use super::connection::{Existing, Role};
 use super::exit::{Reply, Result};
 use super::watch::Watch;
 use super::Context;
 use clap::Args;
-use host_cli::run;
+use host_cli::run::{self, Zeroing};
 use serde_json::json;
 use std::fmt::Write as _;
 
 /// Arguments of `zero`.
 #[derive(Debug, Args)]
 pub struct Zero {
+    /// Accept zeros that are far from the last ones: a sensor was changed or mounted anew. The cables have to be slack
+    #[arg(long)]
+    replace: bool,
     #[command(flatten)]
-    connection: Connection,
+    connection: Existing,
 }
 
 impl Zero {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        self.connection.with_session(context, |session, rig| {
-            let mut watch = Watch::new(&context.output);
-            let stop = context.interrupt.flag();
-            let prepared = run::prepare_board(session, rig, &stop, &mut watch);
-            watch.progress.done();
-            Ok(table(&prepared?))
-        })
+        // Before the link is opened.
+        let rig = self.connection.load(context)?;
+        self.connection.require_rig_file(&rig)?;
+        self.connection
+            .with_session(Role::Commander, context, |session, rig| {
+                let mut watch = Watch::new(&context.output);
+                let stop = context.interrupt.flag();
+                let zeroing = match self.connection.zeroing() {
+                    Zeroing::Keep(store) if self.replace => Zeroing::Replace(store),
+                    Zeroing::Keep(store) => Zeroing::Ask(store),
+                    other => other,
+                };
+                let prepared = run::ready_board(session, rig, &zeroing, &stop, &mut watch);
+                watch.progress.done();
+                Ok(table(&prepared?))
+            })
     }
 }
 

@@ -11,13 +11,14 @@
 //! force by the 1/cos that goes out with the setpoints, so what it reports is the cable's tension.
 //!
 //! Anti-windup has two parts. A commanded force out of reach is replaced, for the error, by the nearest one within
-//! reach, so the integral does not wind up. When the *compensated* force is out of reach, the excess is subtracted
-//! from the integral.
+//! reach, so the integral does not wind up. When the *compensated* force is out of reach, the integral loses what it
+//! has along the excess, at most the excess and never more than is there: it can't change its sign, and what it holds
+//! across the excess stays.
 //!
 //! A unit that is not available (faulted, switched off) gets no share; the force is allocated to the rest.
 
-use crate::force::allocation::{Allocation, AllocationError, Allocator, Problem};
-use crate::rigfile::RigFile;
+use crate::force::allocation::{Allocation, AllocationError, Allocator, Fraction, Problem};
+use crate::rigfile::{RigFile, UnitSettings};
 use nalgebra::Vector3;
 use wire::message::UnitSetpoint;
 use wire::UNITS;
@@ -59,8 +60,10 @@ pub struct Output {
     pub compensated_n: Vector3<f64>,
     /// Allocation of this force to the cables.
     pub allocation: Allocation,
-    /// How the slewed force itself compares with what the cables can apply.
+    /// How the commanded force compares with what the cables can apply.
     pub reach: Reach,
+    /// Whether the integral is at its limit.
+    pub integral_limited: bool,
 }
 
 /// How a commanded force compares with what the available cables can apply.
@@ -70,8 +73,8 @@ pub struct Reach {
     pub feasible: bool,
     /// Distance of the nearest force within reach, N.
     pub residual_n: f64,
-    /// Largest feasible fraction in exactly its direction; `None`: not even zero.
-    pub fraction: Option<f64>,
+    /// How much of it is within reach in exactly its direction.
+    pub fraction: Fraction,
 }
 
 /// Why there can be no setpoints. The caller has to make the rig safe.
@@ -137,13 +140,12 @@ impl Controller {
     /// # Errors
     /// [`ControlError`]; there are no setpoints then, and the rig has to be made safe.
     pub fn step(&mut self, input: &Input) -> Result<Output, ControlError> {
-        let (directions, inv_cos_q16) = self.geometry(input)?;
+        let cables = Cables::at(&self.rig, input.tip_m, &input.available)?;
+        let problem = problem(&self.rig, &cables, &input.available);
         let settings = self.rig.controller;
         let dt_s = input.dt_s.clamp(0.0, MAX_DT_S);
         let step_n = input.commanded_n - self.slewed_n;
         self.slewed_n += step_n.cap_magnitude(settings.slew_n_per_s * dt_s);
-
-        let problem = self.problem(directions, &input.available);
         let direct = self.allocator.solve(&Problem {
             force_n: self.slewed_n,
             ..problem
@@ -154,6 +156,7 @@ impl Controller {
         } else {
             direct.force_n
         };
+        let reach = self.reach(&problem, &direct, input.commanded_n)?;
 
         for i in 0..UNITS {
             match input.tension_n[i] {
@@ -165,22 +168,20 @@ impl Controller {
         let applied_n = problem.force_of(&self.tension_n);
         let error_n = reference_n - applied_n;
         let gain = settings.ki_per_s * dt_s;
-        self.integral_n =
-            (self.integral_n + error_n * gain).cap_magnitude(settings.integral_limit_n);
+        let integral_n = self.integral_n + error_n * gain;
+        let integral_limited = integral_n.norm() > settings.integral_limit_n;
+        self.integral_n = integral_n.cap_magnitude(settings.integral_limit_n);
         let compensated_n = reference_n + error_n * settings.kp + self.integral_n;
         let allocation = self.allocator.solve(&Problem {
             force_n: compensated_n,
             ..problem
         })?;
         if !allocation.feasible {
-            // Subtract what the cables can't follow, but never more than has been integrated.
-            let excess_n = compensated_n - allocation.force_n;
-            let limit_n = self.integral_n.norm();
-            self.integral_n = (self.integral_n - excess_n).cap_magnitude(limit_n);
+            self.integral_n = unwound(self.integral_n, compensated_n - allocation.force_n);
         }
         let setpoints = core::array::from_fn(|i| UnitSetpoint {
             tension_un: (allocation.tension_n[i] * 1e6).round() as i32,
-            inv_cos_q16: inv_cos_q16[i],
+            inv_cos_q16: cables.inv_cos_q16[i],
         });
         Ok(Output {
             setpoints,
@@ -191,24 +192,91 @@ impl Controller {
             integral_n: self.integral_n,
             compensated_n,
             allocation,
-            reach: Reach {
-                feasible: direct.feasible,
-                residual_n: direct.residual_n,
-                fraction: direct.fraction,
-            },
+            reach,
+            integral_limited,
         })
     }
 
-    /// Cable directions and 1/cos of all units at this tip.
-    fn geometry(
+    /// Setpoints for given cable tensions, N, at this tip (robot base frame, m). Units that are not available get 0.
+    ///
+    /// # Errors
+    /// As [`Controller::step`], apart from the allocation.
+    pub fn setpoints_for(
         &self,
-        input: &Input,
-    ) -> Result<([Vector3<f64>; UNITS], [i32; UNITS]), ControlError> {
-        let workspace = self.rig.workspace;
-        let distance = (input.tip_m - workspace.center_m).norm();
+        tip_m: Vector3<f64>,
+        available: [bool; UNITS],
+        tension_n: [f64; UNITS],
+    ) -> Result<[UnitSetpoint; UNITS], ControlError> {
+        let cables = Cables::at(&self.rig, tip_m, &available)?;
+        Ok(core::array::from_fn(|i| UnitSetpoint {
+            tension_un: if available[i] {
+                (tension_n[i] * 1e6).round() as i32
+            } else {
+                0
+            },
+            inv_cos_q16: cables.inv_cos_q16[i],
+        }))
+    }
+
+    /// How the commanded force compares with what the cables can apply; `direct` is the allocation of the slewed one.
+    fn reach(
+        &mut self,
+        problem: &Problem,
+        direct: &Allocation,
+        commanded_n: Vector3<f64>,
+    ) -> Result<Reach, AllocationError> {
+        let allocation = if commanded_n == self.slewed_n {
+            *direct
+        } else {
+            self.allocator.solve(&Problem {
+                force_n: commanded_n,
+                ..*problem
+            })?
+        };
+        Ok(Reach {
+            feasible: allocation.feasible,
+            residual_n: allocation.residual_n,
+            fraction: allocation.fraction,
+        })
+    }
+}
+
+/// The integral after an excess of the compensated force over what the cables can apply, N.
+fn unwound(integral_n: Vector3<f64>, excess_n: Vector3<f64>) -> Vector3<f64> {
+    match excess_n.try_normalize(0.0) {
+        Some(along) => {
+            let part_n = integral_n.dot(&along).clamp(0.0, excess_n.norm());
+            integral_n - along * part_n
+        }
+        None => integral_n,
+    }
+}
+
+/// The cables at one tip.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Cables {
+    /// Unit vectors from the tip to where each cable leaves its reel; zero for a unit that is not available and has
+    /// none.
+    pub(crate) directions: [Vector3<f64>; UNITS],
+    /// 1/cos of the angle between cable and load cell, times 65,536.
+    pub(crate) inv_cos_q16: [i32; UNITS],
+}
+
+impl Cables {
+    /// The cables of the available units at a tip, m, robot base frame.
+    ///
+    /// # Errors
+    /// The tip is outside the workspace, a cable is too far off its load cell's axis, or no unit is available.
+    pub(crate) fn at(
+        rig: &RigFile,
+        tip_m: Vector3<f64>,
+        available: &[bool; UNITS],
+    ) -> Result<Self, ControlError> {
+        let workspace = rig.workspace;
+        let distance = (tip_m - workspace.center_m).norm();
         // Not finite ends here too.
         if distance.is_nan() || distance > workspace.radius_m {
-            let [x, y, z] = input.tip_m.into();
+            let [x, y, z] = tip_m.into();
             return Err(ControlError::OutsideWorkspace {
                 x,
                 y,
@@ -217,17 +285,19 @@ impl Controller {
                 radius: workspace.radius_m,
             });
         }
-        let mut directions = [Vector3::zeros(); UNITS];
-        let mut inv_cos_q16 = [65_536; UNITS];
-        for (i, unit) in self.rig.units.iter().enumerate() {
-            let cable = unit.cable_at(input.tip_m);
+        let mut cables = Self {
+            directions: [Vector3::zeros(); UNITS],
+            inv_cos_q16: [65_536; UNITS],
+        };
+        for (i, unit) in rig.units.iter().enumerate() {
+            let cable = unit.cable_at(tip_m);
             let inv_cos = cable.and_then(|(_, cos)| control::geometry::inv_cos_q16(cos));
             match (cable, inv_cos) {
                 (Some((direction, _)), Some(q16)) => {
-                    directions[i] = direction;
-                    inv_cos_q16[i] = q16;
+                    cables.directions[i] = direction;
+                    cables.inv_cos_q16[i] = q16;
                 }
-                _ if !input.available[i] => {}
+                _ if !available[i] => {}
                 (cable, _) => {
                     return Err(ControlError::Angle {
                         unit: unit.number,
@@ -236,31 +306,32 @@ impl Controller {
                 }
             }
         }
-        if input.available.contains(&true) {
-            Ok((directions, inv_cos_q16))
+        if available.contains(&true) {
+            Ok(cables)
         } else {
             Err(ControlError::NoUnit)
         }
     }
+}
 
-    fn problem(&self, directions: [Vector3<f64>; UNITS], available: &[bool; UNITS]) -> Problem {
-        let bound = |value: fn(&crate::rigfile::UnitSettings) -> f64| {
-            core::array::from_fn(|i| {
-                if available[i] {
-                    value(&self.rig.units[i])
-                } else {
-                    0.0
-                }
-            })
-        };
-        Problem {
-            directions,
-            force_n: Vector3::zeros(),
-            lower_n: bound(|unit| unit.tension_min_n),
-            upper_n: bound(|unit| unit.tension_max_n),
-            reference_n: self.rig.reference_n(),
-            tie_break: self.rig.allocation.tie_break,
-        }
+/// The allocation of zero force to the available units.
+pub(crate) fn problem(rig: &RigFile, cables: &Cables, available: &[bool; UNITS]) -> Problem {
+    let bound = |value: fn(&UnitSettings) -> f64| {
+        core::array::from_fn(|i| {
+            if available[i] {
+                value(&rig.units[i])
+            } else {
+                0.0
+            }
+        })
+    };
+    Problem {
+        directions: cables.directions,
+        force_n: Vector3::zeros(),
+        lower_n: bound(|unit| unit.tension_min_n),
+        upper_n: bound(|unit| unit.tension_max_n),
+        reference_n: rig.reference_n(),
+        tie_break: rig.allocation.tie_break,
     }
 }
 
@@ -340,7 +411,10 @@ mod tests {
         assert!(!out.reach.feasible);
         assert!(out.reach.residual_n > 20.0, "{:?}", out.reach);
         assert!(
-            out.reach.fraction.is_some_and(|f| f > 0.1 && f < 0.5),
+            out.reach
+                .fraction
+                .value()
+                .is_some_and(|f| f > 0.1 && f < 0.5),
             "{:?}",
             out.reach
         );
@@ -352,6 +426,48 @@ mod tests {
             (back.applied_n - Vector3::new(0.0, 2.5, 0.0)).norm() < 0.4,
             "{back:?}"
         );
+    }
+
+    #[test]
+    fn an_excess_takes_from_the_integral_only_what_lies_along_it() {
+        let v = Vector3::new;
+        let close = |a: Vector3<f64>, b: Vector3<f64>| (a - b).norm() < 1e-12;
+        // Across the excess nothing is lost.
+        assert!(close(
+            unwound(v(1.0, 0.4, 0.0), v(0.0, 0.3, 0.0)),
+            v(1.0, 0.1, 0.0)
+        ));
+        // A large excess takes what is there and does not reverse it.
+        assert!(close(
+            unwound(v(1.0, 0.4, 0.0), v(0.0, 30.0, 0.0)),
+            v(1.0, 0.0, 0.0)
+        ));
+        // An integral that works against the excess stays.
+        assert!(close(
+            unwound(v(0.0, -0.4, 0.0), v(0.0, 3.0, 0.0)),
+            v(0.0, -0.4, 0.0)
+        ));
+        assert!(close(
+            unwound(v(0.1, 0.2, 0.3), Vector3::zeros()),
+            v(0.1, 0.2, 0.3)
+        ));
+    }
+
+    #[test]
+    fn reach_is_that_of_the_commanded_force_from_the_first_cycle_on() {
+        let mut controller = Controller::new(&rig()).unwrap();
+        let mut input = input(&rig());
+        input.commanded_n = Vector3::new(0.0, 40.0, 0.0);
+        let first = controller.step(&input).unwrap();
+        // The slewed force is 0.2 N and within reach; the commanded one is not.
+        assert!(first.slewed_n.norm() < 0.3);
+        let fraction = first.reach.fraction.value().unwrap();
+        let mut last = first;
+        for _ in 0..300 {
+            last = controller.step(&input).unwrap();
+        }
+        assert!(!first.reach.feasible);
+        assert!((last.reach.fraction.value().unwrap() - fraction).abs() < 1e-6);
     }
 
     #[test]

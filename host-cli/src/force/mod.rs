@@ -1,6 +1,7 @@
-//! From a Cartesian force to six tensions: pose, controller, allocation, and how well the force was held.
+//! From a Cartesian force to six tensions: pose, controller, allocation, feasibility, and how well the force was held.
 
 pub mod allocation;
 pub mod controller;
+pub mod feasibility;
 pub mod metrics;
 pub mod pose;

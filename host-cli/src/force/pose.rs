@@ -21,6 +21,8 @@ use std::time::{Duration, Instant};
 
 /// Longest datagram that is read, bytes.
 const DATAGRAM: usize = 4096;
+/// How long the first pose may take before arming: a robot that sends at 100 Hz needs 10 ms.
+const FIRST_POSE_WAIT: Duration = Duration::from_secs(1);
 
 /// Why there is no pose. The rig has to be made safe.
 #[derive(Debug, thiserror::Error)]
@@ -99,6 +101,27 @@ impl PoseSource {
     }
 }
 
+impl PoseSource {
+    /// Drops every pose that was received until now, also those that wait in the socket: only a later one counts.
+    /// Datagrams that queued up while the board was prepared are seconds old.
+    pub fn discard(&mut self) {
+        if let Self::Udp(poses) = self {
+            poses.receive();
+            poses.newest = None;
+            poses.since = Instant::now();
+        }
+    }
+
+    /// Whether it is still worth waiting for the first pose after [`PoseSource::discard`].
+    #[must_use]
+    pub fn may_still_come(&self) -> bool {
+        match self {
+            Self::Udp(poses) => poses.newest.is_none() && poses.since.elapsed() < FIRST_POSE_WAIT,
+            Self::Rig | Self::Static(_) => false,
+        }
+    }
+}
+
 impl UdpPoses {
     fn listen(listen: &str, max_age: Duration) -> Result<Self, PoseError> {
         let open = || {
@@ -119,7 +142,8 @@ impl UdpPoses {
         })
     }
 
-    fn newest(&mut self) -> Result<Vector3<f64>, PoseError> {
+    /// Reads the datagrams that have arrived.
+    fn receive(&mut self) {
         let mut datagram = [0; DATAGRAM];
         while let Ok(length) = self.socket.recv(&mut datagram) {
             match parse(&datagram[..length]) {
@@ -127,6 +151,10 @@ impl UdpPoses {
                 None => self.bad += 1,
             }
         }
+    }
+
+    fn newest(&mut self) -> Result<Vector3<f64>, PoseError> {
+        self.receive();
         let came = self.newest.map_or(self.since, |(at, _)| at);
         match self.newest {
             Some((at, position_m)) if at.elapsed() <= self.max_age => Ok(position_m),
@@ -228,6 +256,27 @@ mod tests {
         });
         assert_eq!(found, Some(Vector3::new(0.1, -0.2, 0.3)));
         assert_eq!(source.bad, 1);
+        let mut source = PoseSource::Udp(source);
+        // A pose that waits in the socket is dropped; one that comes later counts.
+        sender
+            .send_to(br#"{"position": [9.0, 9.0, 9.0]}"#, to)
+            .unwrap();
+        std::thread::sleep(Duration::from_millis(50));
+        source.discard();
+        assert!(source.may_still_come());
+        assert!(matches!(source.tip_m(None), Err(PoseError::Stale { .. })));
+        sender
+            .send_to(br#"{"position": [0.3, 0.2, 0.1]}"#, to)
+            .unwrap();
+        let found = (0..1000).find_map(|_| {
+            std::thread::sleep(Duration::from_millis(1));
+            source.tip_m(None).ok()
+        });
+        assert_eq!(found, Some(Vector3::new(0.3, 0.2, 0.1)));
+        assert!(!source.may_still_come());
+        let PoseSource::Udp(mut source) = source else {
+            unreachable!("it is one");
+        };
         source.max_age = Duration::ZERO;
         std::thread::sleep(Duration::from_millis(1));
         assert!(source.newest().unwrap_err().to_string().contains("no pose"));

@@ -41,6 +41,7 @@ pub fn excite(
     link: &mut dyn RigLink,
     rig: &RigFile,
     seconds: f64,
+    zeroing: &run::Zeroing,
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Recording, RunError> {
@@ -48,7 +49,7 @@ pub fn excite(
     let pose = PoseSource::open(&rig.pose)?;
     observer.progress(Phase::Connect, 0.0);
     let mut session = Session::connect(link)?;
-    let prepared = run::prepare_board(&mut session, &open, stop, observer)?;
+    let prepared = run::ready_board(&mut session, &open, zeroing, stop, observer)?;
     let mut excitation = Excitation {
         rig,
         prepared: &prepared,
@@ -311,7 +312,15 @@ mod tests {
             .unwrap()
             .inject(Injection::EStop(true))
             .unwrap();
-        let error = excite(&mut board, &rig(), 10.0, &stop, &mut NoopObserver).unwrap_err();
+        let error = excite(
+            &mut board,
+            &rig(),
+            10.0,
+            &run::Zeroing::Measure,
+            &stop,
+            &mut NoopObserver,
+        )
+        .unwrap_err();
         assert!(error.to_string().contains("E-stop"), "{error}");
         assert!(!board.system.drives());
     }
@@ -321,12 +330,27 @@ mod tests {
         let stop = AtomicBool::new(false);
         let mut board = FakeBoard::new(Behavior::Good);
         for seconds in [f64::NAN, 1.0, 1e6] {
-            let result = excite(&mut board, &rig(), seconds, &stop, &mut NoopObserver);
+            let result = excite(
+                &mut board,
+                &rig(),
+                seconds,
+                &run::Zeroing::Measure,
+                &stop,
+                &mut NoopObserver,
+            );
             assert!(matches!(result, Err(RunError::Argument(_))), "{seconds}");
         }
         let mut narrow = rig();
         narrow.units[3].tension_max_n = 4.5;
-        let error = excite(&mut board, &narrow, 10.0, &stop, &mut NoopObserver).unwrap_err();
+        let error = excite(
+            &mut board,
+            &narrow,
+            10.0,
+            &run::Zeroing::Measure,
+            &stop,
+            &mut NoopObserver,
+        )
+        .unwrap_err();
         assert!(error.to_string().contains("unit 4"), "{error}");
         assert!(board.commands.is_empty());
     }

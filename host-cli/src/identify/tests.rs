@@ -25,7 +25,8 @@ fn identified(effects: Vec<Effect>) -> (Findings, f64) {
     };
     let mut board = FakeBoard::with(Behavior::Good, 3, plant);
     let stop = AtomicBool::new(false);
-    let recording = excite(&mut board, &rig(), 24.0, &stop, &mut NoopObserver).unwrap();
+    let zeroing = crate::run::Zeroing::Measure;
+    let recording = excite(&mut board, &rig(), 24.0, &zeroing, &stop, &mut NoopObserver).unwrap();
     assert_eq!(board.system, SystemState::Ready, "disarmed at the end");
     let out = tempfile::tempdir().unwrap();
     let findings = find(&recording, &rig(), "rig", DEFAULT_TEXT, out.path(), &mut ()).unwrap();

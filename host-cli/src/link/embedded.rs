@@ -230,6 +230,10 @@ impl RigLink for EmbeddedRig {
         })
     }
 
+    fn booted_here(&self) -> bool {
+        true
+    }
+
     fn controls(&mut self) -> Option<&mut dyn RigControls> {
         Some(self)
     }

@@ -39,6 +39,12 @@ pub trait RigLink {
     /// [`LinkError`] where the other end is gone.
     fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError>;
 
+    /// Whether opening this link booted the rig behind it: an embedded rig of the program's own. Its cables are slack at
+    /// first, and it ends with the link.
+    fn booted_here(&self) -> bool {
+        false
+    }
+
     /// What can be controlled and observed on an emulated rig only; `None` on a real board.
     fn controls(&mut self) -> Option<&mut dyn RigControls> {
         None
@@ -95,6 +101,9 @@ pub enum LinkError {
         /// What was noticed.
         cause: String,
     },
+    /// The service of the rig refused a request, or can't be reached.
+    #[error("{0}")]
+    Service(String),
     /// The embedded rig refused a request.
     #[error("the embedded rig can't do that: {0}")]
     Refused(String),
@@ -123,5 +132,10 @@ pub fn open(choice: &LinkChoice, options: &EmbeddedOptions) -> Result<Box<dyn Ri
         )?),
         LinkChoice::Usb => Box::new(port::Port::usb()?),
         LinkChoice::Serial(path) => Box::new(port::Port::serial(path)?),
+        LinkChoice::Kept(name) => {
+            return Err(LinkError::Setup(format!(
+                "rig `{name}` is kept by a service and is not opened directly"
+            )))
+        }
     })
 }

@@ -2,7 +2,7 @@
 
 pub mod scene;
 
-use crate::force::metrics::{Step, SETTLED_WITHIN_N};
+use crate::force::metrics::{Step, SETTLED_WITHIN_N, STEADY_AFTER_S};
 use crate::run::Outcome;
 use nalgebra::Vector3;
 use scene::{Anchor, Color, Scene};
@@ -29,6 +29,12 @@ const COLORS: [Color; UNITS] = [
 const BLACK: Color = Color(0x22, 0x22, 0x22);
 const GRAY: Color = Color(0xB8, 0xB8, 0xB8);
 const BAND: Color = Color(0xE4, 0xF2, 0xEC);
+/// Marks where a curve leaves the panel.
+const CLIPPED: Color = Color(0xB0, 0x00, 0x20);
+/// Height of that mark, px.
+const MARK: f32 = 5.0;
+/// The error panel shows errors up to this in any case, N.
+const ERROR_SHOWN_N: f64 = 0.6;
 
 /// One curve.
 struct Curve {
@@ -47,6 +53,8 @@ struct Panel {
     band: Option<f64>,
     /// Shown at least, in value.
     at_least: (f64, f64),
+    /// Values above this are drawn at the upper edge and marked there.
+    clip: Option<f64>,
 }
 
 /// Draws a run.
@@ -60,9 +68,9 @@ pub fn draw(outcome: &Outcome) -> Scene {
     ];
     let height = TOP + panels.len() as f32 * (PANEL + GAP) + 10.0;
     let mut scene = Scene::new(WIDTH, height);
-    let commanded_n = (outcome.metrics.as_ref()).map_or_else(Vector3::zeros, |m| m.commanded_n);
+    let commanded_n = outcome.commanded_n;
     let title = format!(
-        "forcectl set-force {} {} {}   {}   firmware {}",
+        "forcectl set-force {} {} {}, {}, firmware {}",
         commanded_n.x, commanded_n.y, commanded_n.z, outcome.link, outcome.firmware
     );
     scene.text(LEFT, 24.0, &title, Anchor::Start, true, BLACK);
@@ -77,47 +85,58 @@ pub fn draw(outcome: &Outcome) -> Scene {
     scene
 }
 
-/// Draws two runs over each other: the error at the tip, and that of the cable that was worst before.
+/// Draws two runs below each other at the same scale: the error at the tip, and that of the cable that was worst
+/// before. In one panel the later curve would hide the earlier one.
 #[must_use]
 pub fn compare(before: &Outcome, after: &Outcome) -> Scene {
     let runs = [
-        ("before", COLORS[1], thinned(&before.steps), 1.0),
-        ("after", COLORS[0], thinned(&after.steps), 1.4),
+        ("before", COLORS[1], thinned(&before.steps)),
+        ("after", COLORS[0], thinned(&after.steps)),
     ];
     let worst = before.metrics.as_ref().map_or(0, |m| {
         let rms = m.tension_rms_n;
         (0..UNITS).fold(0, |worst, i| if rms[i] > rms[worst] { i } else { worst })
     });
-    let commanded_n = (before.metrics.as_ref()).map_or_else(Vector3::zeros, |m| m.commanded_n);
-    let panel = |title: String, value: &dyn Fn(&Step) -> f64, at_least| Panel {
-        title,
-        unit: "N",
-        curves: runs
+    let commanded_n = before.commanded_n;
+    let pair = |title: String, value: &dyn Fn(&Step) -> f64, at_least: (f64, f64)| {
+        let curves: Vec<Curve> = runs
             .iter()
-            .map(|(label, color, steps, width)| {
+            .map(|(label, color, steps)| {
                 // The step itself would hide everything after it.
                 let steady: Vec<&Step> = steps.iter().copied().filter(|s| s.t_s > 0.5).collect();
-                curve((*label).to_owned(), *color, *width, false, &steady, value)
+                curve((*label).to_owned(), *color, 1.2, false, &steady, value)
             })
-            .collect(),
-        band: None,
-        at_least,
+            .collect();
+        let values = curves.iter().flat_map(|c| c.points.iter().map(|p| p.1));
+        let at_least = values.fold(at_least, |(l, h), y| (l.min(y), h.max(y)));
+        curves
+            .into_iter()
+            .map(move |curve| Panel {
+                title: format!("{title}, {}", curve.label),
+                unit: "N",
+                curves: vec![curve],
+                band: None,
+                at_least,
+                clip: None,
+            })
+            .collect::<Vec<_>>()
     };
-    let panels = [
-        panel(
-            "Length of the force error at the tip".to_owned(),
-            &|s| (s.best_force_n() - commanded_n).norm(),
-            (0.0, 0.1),
+    let mut panels = pair(
+        "Length of the force error at the tip".to_owned(),
+        &|s| (s.best_force_n() - commanded_n).norm(),
+        (0.0, 0.1),
+    );
+    panels.extend(pair(
+        format!(
+            "Tension error of cable {} (the worst in session 1)",
+            worst + 1
         ),
-        panel(
-            format!("Tension error of cable {}, the worst before", worst + 1),
-            &|s| s.best_tension_n()[worst] - s.tension_setpoint_n[worst],
-            (-0.1, 0.1),
-        ),
-    ];
+        &|s| s.best_tension_n()[worst] - s.tension_setpoint_n[worst],
+        (-0.1, 0.1),
+    ));
     let height = TOP + panels.len() as f32 * (PANEL + GAP) + 10.0;
     let mut scene = Scene::new(WIDTH, height);
-    let title = format!("forcectl identify   {}", before.link);
+    let title = format!("forcectl identify, {}", before.link);
     scene.text(LEFT, 24.0, &title, Anchor::Start, true, BLACK);
     let end = before.steps.last().map_or(1.0, |s| s.t_s.max(1.0));
     for (i, panel) in panels.iter().enumerate() {
@@ -178,18 +197,25 @@ fn force_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
         curves,
         band: None,
         at_least: (-0.5, 0.5),
+        clip: None,
     }
 }
 
 fn error_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
-    let commanded_n = (outcome.metrics.as_ref()).map_or_else(Vector3::zeros, |m| m.commanded_n);
-    let goal = move |s: &Step| {
-        if s.t_s >= 0.0 {
-            commanded_n
+    let error_n = |s: &Step| {
+        let goal_n = if s.t_s >= 0.0 {
+            outcome.commanded_n
         } else {
             Vector3::zeros()
-        }
+        };
+        (s.best_force_n() - goal_n).norm()
     };
+    // The step itself would make everything after it small. Nothing else is clipped.
+    let clip = steps
+        .iter()
+        .filter(|s| !(0.0..STEADY_AFTER_S).contains(&s.t_s))
+        .map(|s| error_n(s))
+        .fold(ERROR_SHOWN_N, f64::max);
     Panel {
         title: "Length of the force error (band: settled)".to_owned(),
         unit: "N",
@@ -199,13 +225,11 @@ fn error_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
             1.4,
             false,
             steps,
-            |s| {
-                // The step itself would hide everything after it.
-                (s.best_force_n() - goal(s)).norm().min(0.6)
-            },
+            error_n,
         )],
         band: Some(SETTLED_WITHIN_N),
         at_least: (0.0, 0.2),
+        clip: Some(clip),
     }
 }
 
@@ -230,6 +254,7 @@ fn tension_panel(steps: &[&Step]) -> Panel {
         curves,
         band: None,
         at_least: (0.0, 3.0),
+        clip: None,
     }
 }
 
@@ -260,7 +285,8 @@ fn draw_panel(scene: &mut Scene, panel: &Panel, top: f32, span: (f64, f64), last
     let values = panel
         .curves
         .iter()
-        .flat_map(|c| c.points.iter().map(|p| p.1));
+        .flat_map(|c| c.points.iter().map(|p| p.1))
+        .map(|y| panel.clip.map_or(y, |clip| y.min(clip)));
     let (low, high) = values.fold(panel.at_least, |(l, h), y| (l.min(y), h.max(y)));
     let margin = 0.05 * (high - low);
     let (low, high) = (if low == 0.0 { 0.0 } else { low - margin }, high + margin);
@@ -318,6 +344,9 @@ fn draw_panel(scene: &mut Scene, panel: &Panel, top: f32, span: (f64, f64), last
             BLACK,
         );
     }
+    if let Some(clip) = panel.clip {
+        mark_clipped(scene, panel, clip, (top, right), x);
+    }
     let mut row = top + 12.0;
     for curve in &panel.curves {
         let points: Vec<(f32, f32)> = curve
@@ -339,9 +368,89 @@ fn draw_panel(scene: &mut Scene, panel: &Panel, top: f32, span: (f64, f64), last
     }
 }
 
+/// Marks at the upper edge where curves are above `clip`, and says how far they go.
+fn mark_clipped(
+    scene: &mut Scene,
+    panel: &Panel,
+    clip: f64,
+    (top, right): (f32, f32),
+    x: impl Fn(f64) -> f32,
+) {
+    let mut largest = clip;
+    for curve in &panel.curves {
+        for group in curve.points.chunk_by(|a, b| (a.1 > clip) == (b.1 > clip)) {
+            let (Some(first), Some(last)) = (group.first(), group.last()) else {
+                continue;
+            };
+            if first.1 > clip {
+                largest = group.iter().map(|p| p.1).fold(largest, f64::max);
+                let width = (x(last.0) - x(first.0)).max(2.0);
+                scene.rectangle(x(first.0), top, width, MARK, CLIPPED);
+            }
+        }
+    }
+    if largest > clip {
+        let text = format!("red: above {clip:.1}, up to {largest:.2}");
+        scene.text(right, top - 7.0, &text, Anchor::End, false, CLIPPED);
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn outcome(commanded_n: f64, force_n: impl Fn(f64) -> f64) -> Outcome {
+        let steps: Vec<Step> = (-100..500)
+            .map(|n| {
+                let t_s = f64::from(n) * 0.01;
+                Step {
+                    t_s,
+                    tip_m: Vector3::zeros(),
+                    commanded_n: Vector3::new(0.0, commanded_n, 0.0),
+                    estimated_n: Vector3::new(0.0, force_n(t_s), 0.0),
+                    applied_n: None,
+                    tension_setpoint_n: [2.0; UNITS],
+                    measured_tension_n: [2.0; UNITS],
+                    true_tension_n: None,
+                    available: [true; UNITS],
+                }
+            })
+            .collect();
+        Outcome::of_steps(Vector3::new(0.0, commanded_n, 0.0), steps)
+    }
+
+    #[test]
+    fn what_the_error_panel_clips_is_marked() {
+        let clipped = |svg: &str| svg.contains("fill=\"#b00020\"");
+        // A step of 2.5 N: 0.2 s of it are above the panel.
+        let step = |t: f64| {
+            if t < 0.0 {
+                0.0
+            } else {
+                2.5 * (t / 0.2).min(1.0)
+            }
+        };
+        let svg = draw(&outcome(2.5, step)).to_svg();
+        assert!(clipped(&svg), "{svg}");
+        assert!(svg.contains("above 0.6, up to 2.50"), "{svg}");
+        // No step and no error: nothing to mark.
+        assert!(!clipped(&draw(&outcome(0.0, |_| 0.0)).to_svg()));
+        // A steady error is shown whole and not clipped.
+        let svg = draw(&outcome(2.5, |t| if t < 0.0 { 0.0 } else { 0.5 })).to_svg();
+        assert!(!clipped(&svg), "{svg}");
+    }
+
+    #[test]
+    fn both_runs_of_a_comparison_have_their_own_panels_at_one_scale() {
+        let before = outcome(2.5, |t| if t < 0.0 { 0.0 } else { 1.5 });
+        let after = outcome(2.5, |t| if t < 0.0 { 0.0 } else { 2.4 });
+        let svg = compare(&before, &after).to_svg();
+        for title in ["error at the tip, before", "error at the tip, after"] {
+            assert_eq!(svg.matches(title).count(), 1, "{svg}");
+        }
+        // The scale of 1 N is in both.
+        assert!(svg.matches(">1.0<").count() >= 2, "{svg}");
+    }
 
     #[test]
     fn ticks_are_round_and_inside() {

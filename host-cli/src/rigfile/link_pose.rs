@@ -14,6 +14,8 @@ pub enum LinkChoice {
     Usb,
     /// A serial port at 2,000,000 baud.
     Serial(String),
+    /// A rig that a service keeps (`forcectl rig`), by its name.
+    Kept(String),
 }
 
 impl std::str::FromStr for LinkChoice {
@@ -23,10 +25,21 @@ impl std::str::FromStr for LinkChoice {
         match text {
             "embedded" => Ok(Self::Embedded),
             "usb" => Ok(Self::Usb),
+            "rig" => Ok(Self::Kept("rig".to_owned())),
+            _ if text.starts_with("rig:") => {
+                let name = text.trim_start_matches("rig:");
+                let good = |c: char| c.is_ascii_alphanumeric() || c == '-' || c == '_';
+                if name.is_empty() || !name.chars().all(good) {
+                    return Err(format!(
+                        "`{text}` is not the name of a rig; use letters, digits, `-` and `_`, as in rig:bench2"
+                    ));
+                }
+                Ok(Self::Kept(name.to_owned()))
+            }
             _ => match text.strip_prefix("serial:") {
                 Some(port) if !port.is_empty() => Ok(Self::Serial(port.to_owned())),
                 _ => Err(format!(
-                    "`{text}` is not a link; use embedded, usb or serial:PORT (for example serial:/dev/ttyACM0)"
+                    "`{text}` is not a link; use embedded, usb, serial:PORT (for example serial:/dev/ttyACM0) or rig:NAME (a rig that `forcectl rig` keeps)"
                 )),
             },
         }
@@ -39,6 +52,7 @@ impl fmt::Display for LinkChoice {
             Self::Embedded => f.write_str("embedded"),
             Self::Usb => f.write_str("usb"),
             Self::Serial(port) => write!(f, "serial:{port}"),
+            Self::Kept(name) => write!(f, "rig:{name}"),
         }
     }
 }

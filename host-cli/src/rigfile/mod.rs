@@ -7,6 +7,7 @@
 //! A file is checked as a whole: every problem is reported with file, line, key, unit and what to do
 //! ([`RigFileError`]), and nothing is driven with a file that has one.
 
+pub mod init;
 mod link_pose;
 mod problem;
 mod read;
@@ -69,7 +70,7 @@ impl RigFile {
     /// Every problem found, or why the file could not be read.
     pub fn load(path: &Path) -> Result<Self, RigFileError> {
         let name = path.display().to_string();
-        let text = std::fs::read_to_string(path).map_err(|error| RigFileError {
+        let text = read_regular(path).map_err(|error| RigFileError {
             file: name.clone(),
             problems: vec![Problem {
                 line: 0,
@@ -127,12 +128,21 @@ impl RigFile {
         let size = commanded_n.norm();
         if size > self.controller.force_limit_n {
             return Err(format!(
-                "a force of {size:.4e} N is above the rig's limit of {} N (`force_limit_n` in [controller] of the rig file); nothing was driven",
+                "a force of {} N is above the rig's limit of {} N (`force_limit_n` in [controller] of the rig file); nothing was driven",
+                above(size, self.controller.force_limit_n),
                 self.controller.force_limit_n
             ));
         }
         Ok(())
     }
+}
+
+/// A number above a limit with as few decimals as show that it is above: 12.5, 12.00004, 1000000.
+fn above(value: f64, limit: f64) -> String {
+    (1..=17)
+        .map(|decimals| format!("{value:.decimals$}"))
+        .find(|text| text.parse::<f64>().is_ok_and(|shown| shown > limit))
+        .unwrap_or_else(|| format!("{value}"))
 }
 
 /// CRC-32 that the board reports for six configurations in force, zeros included.
@@ -142,9 +152,31 @@ pub fn board_crc(configs: &[UnitConfig; UNITS]) -> u32 {
     wire::frame::crc32(&postcard::to_stdvec(configs).unwrap_or_default())
 }
 
+/// The text of a regular file. A pipe or a device may never end, so it is refused.
+fn read_regular(path: &Path) -> std::io::Result<String> {
+    if std::fs::metadata(path)?.is_file() {
+        std::fs::read_to_string(path)
+    } else {
+        Err(std::io::Error::other("it is not a regular file"))
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_force_above_the_limit_is_shown_above_it() {
+        let rig = RigFile::built_in().unwrap();
+        for (force_n, shown) in [
+            (12.5, "a force of 12.5 N"),
+            (12.000_04, "a force of 12.00004 N"),
+            (1e9, "a force of 1000000000.0 N"),
+        ] {
+            let error = rig.check_force([0.0, force_n, 0.0].into()).unwrap_err();
+            assert!(error.contains(shown), "{error}");
+        }
+    }
 
     #[test]
     fn vectors_are_arrays_in_json() {

@@ -1,6 +1,6 @@
 //! The end of a run: tensions ramp down, then the board disarms.
 
-use crate::session::{Session, SessionError};
+use crate::session::{explain_fault, system_state_name, Session, SessionError, PERIOD};
 use control::SystemState;
 use std::time::Duration;
 use wire::Command;
@@ -10,14 +10,35 @@ const DISARM_TIMEOUT: Duration = Duration::from_secs(3);
 
 /// Disarms the board, waits until the motors are at 0 V and stops the robot of an emulated rig.
 ///
+/// The status is asked for in each cycle: a rig's service in lock-step lets no time pass for a commander that is silent
+/// while the newest status says that the board is running.
+///
 /// # Errors
-/// As [`Session::command`] and [`Session::wait_for`].
+/// As [`Session::command`]; the board latches a fault, or it is not disarmed after [`DISARM_TIMEOUT`].
 pub(crate) fn ramp_down_and_disarm(session: &mut Session<'_>) -> Result<(), SessionError> {
     session.command(&Command::Disarm)?;
     session.set_setpoints(None);
-    session.wait_for(DISARM_TIMEOUT, "disarming", |status| {
-        SystemState::from_u8(status.state).is_some_and(|state| !state.drives())
-    })?;
+    let start_ns = session.now_ns();
+    loop {
+        let status = session.get_status()?;
+        if SystemState::from_u8(status.state).is_some_and(|state| !state.drives()) {
+            if status.fault != 0 {
+                return Err(SessionError::Fault(explain_fault(
+                    status.fault,
+                    status.fault_detail,
+                )));
+            }
+            break;
+        }
+        if Duration::from_nanos(session.now_ns() - start_ns) > DISARM_TIMEOUT {
+            return Err(SessionError::TooLong(format!(
+                "disarming is not over after {} s (state `{}`); see `forcectl status`",
+                DISARM_TIMEOUT.as_secs(),
+                system_state_name(status.state)
+            )));
+        }
+        session.advance(PERIOD)?;
+    }
     if let Some(controls) = session.link().controls() {
         controls.robot(false)?;
     }

@@ -1,13 +1,17 @@
 //! The 100 Hz loop of a run: arm, tension the cables, let the robot move, hold the force.
 //!
-//! A unit that faults during the run is taken out and the others continue; a fault of the whole board ends the run.
+//! A unit that faults during the run is taken out. The others continue while they can hold zero force; where they
+//! cannot, the rig is ramped down, because the cables that are left would pull the tip aside. A fault of the whole board
+//! ends the run.
 
 use super::outcome::{samples_lost, unit_fault, Ended, LatencyMs, Outcome, RunFault};
 use super::prepare::check_stop;
+use super::quality::{Evidence, Saturation};
 use super::{
     describe_reach, Observer, Options, Phase, Prepared, RunError, PRETENSION_S, ROBOT_START_S,
 };
 use crate::force::controller::{ControlError, Controller, Input, Output, Reach};
+use crate::force::feasibility;
 use crate::force::metrics::{self, Step};
 use crate::force::pose::PoseSource;
 use crate::rigfile::RigFile;
@@ -15,7 +19,7 @@ use crate::session::{explain_fault, Received, Session, SessionError, PERIOD};
 use emulator_link::{Injection, Truth};
 use nalgebra::Vector3;
 use std::collections::VecDeque;
-use std::sync::atomic::Ordering;
+use std::sync::atomic::{AtomicBool, Ordering};
 use wire::message::{FaultReport, Status};
 use wire::{Command, UNITS};
 
@@ -31,6 +35,9 @@ pub(super) struct Hold<'a> {
     controller: Controller,
     /// What is still to be injected, by time in s.
     injections: VecDeque<(f64, Injection)>,
+    /// Units that were armed.
+    armed: [bool; UNITS],
+    /// Those that are left of them.
     available: [bool; UNITS],
     steps: Vec<Step>,
     faults: Vec<RunFault>,
@@ -39,6 +46,7 @@ pub(super) struct Hold<'a> {
     /// Milliseconds in which the amplifiers had no power.
     amplifiers_off_ms: u64,
     latencies_us: Vec<u16>,
+    saturation: Saturation,
     /// Link time at which the force is commanded.
     t0_ns: Option<u64>,
     robot_moves: bool,
@@ -60,6 +68,7 @@ impl<'a> Hold<'a> {
             pose,
             controller: Controller::new(rig).map_err(ControlError::from)?,
             injections,
+            armed: prepared.available,
             available: prepared.available,
             steps: Vec::new(),
             faults: prepared.faults.clone(),
@@ -67,14 +76,21 @@ impl<'a> Hold<'a> {
             samples: 0,
             amplifiers_off_ms: 0,
             latencies_us: Vec::new(),
+            saturation: Saturation::default(),
             t0_ns: None,
             robot_moves: false,
         })
     }
 
+    /// Whether the board was armed.
+    pub(super) const fn was_armed(&self) -> bool {
+        self.t0_ns.is_some()
+    }
+
     /// Arms, tensions, holds. `true`: ended early from outside.
     pub(super) fn run(&mut self, session: &mut Session<'_>) -> Result<bool, RunError> {
         check_stop(&self.options.stop)?;
+        self.require_pose(session)?;
         self.observer.progress(Phase::Tension, 0.0);
         self.observer.samples(&session.drain().samples);
         session.command(&Command::Arm)?;
@@ -92,6 +108,18 @@ impl<'a> Hold<'a> {
             self.cycle(session, t_s)?;
             let (phase, fraction) = phase_at(t_s, self.options.hold_s);
             self.observer.progress(phase, fraction);
+        }
+    }
+
+    /// Waits for a pose that is received from now on, and checks that zero force is within reach there.
+    fn require_pose(&mut self, session: &mut Session<'_>) -> Result<(), RunError> {
+        let tip_m = fresh_pose(session, &mut self.pose, &self.options.stop, self.observer)?;
+        match feasibility::residual_at(self.rig, tip_m, &self.available)? {
+            None => Ok(()),
+            Some(force_n) => Err(RunError::Fault(format!(
+                "zero force is out of reach with the units that are ready: the tip would be pulled with {force_n:.2} N; \
+                 nothing was armed"
+            ))),
         }
     }
 
@@ -124,9 +152,36 @@ impl<'a> Hold<'a> {
         let step = self.step_of(&output, &input, session, received.truth.last(), end_s);
         self.observer.step(&step);
         self.steps.push(step);
+        self.saturation.note_cycle(t_s, &output, self.rig);
         self.note_power(&received.truth, end_s);
         self.note_samples(&received, t_s);
-        self.note_faults(&received.faults, session.status(), t_s)
+        self.note_faults(&received.faults, session.status(), t_s)?;
+        self.require_balance(&input)
+    }
+
+    /// An error where units have dropped out and the others cannot hold zero force at this tip.
+    fn require_balance(&self, input: &Input) -> Result<(), RunError> {
+        if self.available == input.available && self.available == self.armed {
+            return Ok(());
+        }
+        let left = match feasibility::residual_at(self.rig, input.tip_m, &self.available) {
+            Ok(None) => return Ok(()),
+            Ok(Some(force_n)) => format!("would pull the tip with {force_n:.2} N at least"),
+            Err(error) => format!("are no help ({error})"),
+        };
+        let lost: Vec<String> = (1..=UNITS)
+            .filter(|n| self.armed[n - 1] && !self.available[n - 1])
+            .map(|n| n.to_string())
+            .collect();
+        let faults: Vec<&str> = (self.faults.iter())
+            .filter(|fault| fault.t_s > -(PRETENSION_S + ROBOT_START_S))
+            .map(|fault| fault.text.as_str())
+            .collect();
+        Err(RunError::UnitLost(format!(
+            "unit {} dropped out, and the cables that are left {left}; the rig was ramped down and disarmed. {}",
+            lost.join(", "),
+            faults.join("; ")
+        )))
     }
 
     /// The controller's input: pose, tensions that are recent enough, commanded force.
@@ -210,6 +265,7 @@ impl<'a> Hold<'a> {
     fn note_samples(&mut self, received: &Received, t_s: f64) {
         self.observer.samples(&received.samples);
         self.samples += received.samples.len() as u64;
+        self.saturation.note_samples(t_s, &received.samples);
         if t_s >= 0.0 {
             self.latencies_us
                 .extend(received.samples.iter().map(|timed| timed.sample.latency_us));
@@ -254,53 +310,116 @@ impl<'a> Hold<'a> {
     fn drop_unit(&mut self, i: usize, code: u16, detail: u32, t_s: f64) {
         self.available[i] = false;
         let fault = unit_fault(t_s, i, code, detail);
-        self.observer.notice(&format!(
-            "unit {} dropped out, the others continue: {}",
-            i + 1,
-            fault.text
-        ));
+        self.observer
+            .notice(&format!("unit {} dropped out: {}", i + 1, fault.text));
         self.faults.push(fault);
     }
 
-    /// The run's outcome, after the board was disarmed; `status` is the board's from then.
+    /// Adds what the plant did while the rig was ramped down, a row for each control period.
+    fn append_truth(&mut self, truth: &[Truth]) {
+        let t0_ns = self.t0_ns.unwrap_or(0);
+        for truth in truth.iter().step_by(PERIOD.as_millis() as usize) {
+            self.steps.push(Step {
+                t_s: (truth.t_ns as f64 - t0_ns as f64) * 1e-9,
+                tip_m: truth.tip_m.into(),
+                commanded_n: Vector3::zeros(),
+                estimated_n: truth.tip_force_n.into(),
+                applied_n: Some(truth.tip_force_n.into()),
+                tension_setpoint_n: [0.0; UNITS],
+                measured_tension_n: truth.tension_n,
+                true_tension_n: Some(truth.tension_n),
+                available: self.available,
+            });
+        }
+    }
+
+    /// The run's outcome, after the board was disarmed. `stopped`: why it ended early; the link may be gone then, and
+    /// what only the link knows is left out.
     pub(super) fn outcome(
         mut self,
         session: &mut Session<'_>,
         prepared: &Prepared,
-        status: &Status,
         interrupted: bool,
+        stopped: Option<&str>,
     ) -> Result<Outcome, SessionError> {
-        self.note_samples(&session.drain(), f64::NEG_INFINITY);
-        let report = match session.link().controls() {
-            Some(controls) => Some(controls.report()?),
-            None => None,
+        let last = session.drain();
+        self.note_samples(&last, f64::NEG_INFINITY);
+        let status = match stopped {
+            None => Some(session.get_status()?),
+            Some(_) => session.status().cloned(),
         };
-        let degraded = !self.faults.is_empty()
-            || self.amplifiers_off_ms > 0
-            || self.reach.is_some_and(|reach| !reach.feasible);
+        let report = match session.link().controls().map(|controls| controls.report()) {
+            Some(Err(error)) if stopped.is_none() => return Err(error.into()),
+            report => report.and_then(Result::ok),
+        };
         let latency_ms = self
             .t0_ns
             .and_then(|t0_ns| LatencyMs::of(report.as_ref(), t0_ns, &self.latencies_us));
+        let metrics = metrics::of_run(self.options.commanded_n, &self.steps);
+        let amplifiers_off_s = self.amplifiers_off_ms as f64 * 1e-3;
+        if stopped.is_some() {
+            self.append_truth(&last.truth);
+        }
+        let not_injected: Vec<_> = self.injections.into();
+        let shortfalls = Evidence {
+            rig: self.rig,
+            interrupted,
+            steps: &self.steps,
+            metrics: metrics.as_ref(),
+            faults: &self.faults,
+            reach: self.reach.as_ref(),
+            amplifiers_off_s,
+            saturation: &self.saturation,
+            not_injected: &not_injected,
+            stopped,
+        }
+        .judge();
         Ok(Outcome {
-            ended: Ended::of(interrupted, degraded),
+            ended: Ended::of(stopped.is_some(), interrupted, !shortfalls.is_empty()),
+            shortfalls,
             firmware: session
                 .info()
                 .map_or_else(String::new, |info| info.version.as_str().to_owned()),
             rig_hash: self.rig.hash(),
             config_crc: prepared.config_crc,
-            metrics: metrics::of_run(self.options.commanded_n, &self.steps),
+            commanded_n: self.options.commanded_n,
+            metrics,
             reach: self.reach,
             faults: self.faults,
             latency_ms,
-            samples_lost: samples_lost(report.as_ref(), status, prepared),
+            samples_lost: status
+                .map_or(0, |status| samples_lost(report.as_ref(), &status, prepared)),
             samples: self.samples,
             link_counters: session.counters(),
-            amplifiers_off_s: self.amplifiers_off_ms as f64 * 1e-3,
+            amplifiers_off_s,
             steps: self.steps,
             report,
             configs: prepared.configs,
             link: session.link().name(),
         })
+    }
+}
+
+/// The tip by a pose that is received from now on, robot base frame, m.
+///
+/// # Errors
+/// None comes, or the run was interrupted.
+pub(super) fn fresh_pose(
+    session: &mut Session<'_>,
+    pose: &mut PoseSource,
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<Vector3<f64>, RunError> {
+    pose.discard();
+    loop {
+        session.advance(PERIOD)?;
+        observer.samples(&session.drain().samples);
+        check_stop(stop)?;
+        match pose.tip_m(session.pose().map(|pose| pose.position_m.into())) {
+            Ok(tip_m) => return Ok(tip_m),
+            Err(_) if pose.may_still_come() => {}
+            Err(error) => return Err(error.into()),
+        }
     }
 }
 

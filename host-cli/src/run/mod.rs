@@ -4,9 +4,12 @@
 //! | --- | --- |
 //! | connect, configure, bring up, zero | `prepare` |
 //! | calibrate the load cells of an emulated rig | `calibrate` |
+//! | keep, compare and store zeros | `ready`, `zeros` |
+//! | hold tensions instead of a force | `tension` |
 //! | arm, tension, hold at 100 Hz | `hold` |
 //! | ramp down and disarm | `disarm` |
 //! | figures, faults, losses | `outcome` |
+//! | whether the run did what was commanded | `quality` |
 //! | progress for the user | `phase` |
 //!
 //! [`set_force`] is what the command `forcectl set-force` calls, and the bench and the scenarios as well: no
@@ -19,19 +22,28 @@ mod hold;
 mod outcome;
 mod phase;
 mod prepare;
+mod quality;
+mod ready;
+mod tension;
 #[cfg(test)]
 mod tests;
+mod zeros;
 
 pub(crate) use disarm::ramp_down_and_disarm;
 use outcome::unit_fault;
 pub use outcome::{describe_reach, Ended, LatencyMs, Outcome, RunFault};
 pub use phase::{NoopObserver, Observer, Phase};
 pub use prepare::{prepare_board, Prepared};
+pub use quality::{Shortfall, ShortfallKind};
+pub use ready::{ready_board, Zeroing, ZERO_TOLERANCE_N};
+pub use tension::{hold_tensions, HeldTensions, TensionOptions};
+pub use zeros::{ZeroStore, FOLDER_VARIABLE as STATE_VARIABLE};
 
 use crate::force::controller::ControlError;
+use crate::force::feasibility;
 use crate::force::pose::{PoseError, PoseSource};
 use crate::link::{LinkError, RigLink};
-use crate::rigfile::RigFile;
+use crate::rigfile::{PoseChoice, RigFile};
 use crate::session::{explain_crash_record, Session, SessionError};
 use emulator_link::Injection;
 use hold::Hold;
@@ -59,6 +71,8 @@ pub struct Options {
     /// What is injected and when, in seconds after the force is commanded (negative: before; what lies before the
     /// start happens at power-on). Emulated rig only.
     pub injections: Vec<(f64, Injection)>,
+    /// Where the zeros come from.
+    pub zeroing: Zeroing,
     /// Set from outside to end the run early; the rig is then disarmed as at the end.
     pub stop: Arc<AtomicBool>,
 }
@@ -72,6 +86,7 @@ impl Options {
             hold_s,
             robot_moves: true,
             injections: Vec::new(),
+            zeroing: Zeroing::default(),
             stop: Arc::default(),
         }
     }
@@ -95,6 +110,12 @@ pub enum RunError {
     /// A fault of the board.
     #[error("{0}")]
     Fault(String),
+    /// The rig file's cables cannot hold zero force; nothing was driven.
+    #[error("{0}; nothing was driven")]
+    Infeasible(String),
+    /// Units dropped out and the others cannot hold zero force; the rig was ramped down.
+    #[error("{0}")]
+    UnitLost(String),
     /// Interrupted before the force was commanded.
     #[error("interrupted; the rig is disarmed")]
     Interrupted,
@@ -103,6 +124,24 @@ pub enum RunError {
 impl From<LinkError> for RunError {
     fn from(error: LinkError) -> Self {
         Self::Session(error.into())
+    }
+}
+
+/// A run that ended early.
+#[derive(Debug)]
+pub struct Stopped {
+    /// Why.
+    pub error: RunError,
+    /// Result until then; `None` where nothing had been armed.
+    pub outcome: Option<Box<Outcome>>,
+}
+
+impl<E: Into<RunError>> From<E> for Stopped {
+    fn from(error: E) -> Self {
+        Self {
+            error: error.into(),
+            outcome: None,
+        }
     }
 }
 
@@ -116,33 +155,80 @@ pub fn set_force(
     options: &Options,
     observer: &mut dyn Observer,
 ) -> Result<Outcome, RunError> {
+    hold_force(link, rig, options, observer).map_err(|stopped| stopped.error)
+}
+
+/// As [`set_force`], with the result until then where the run ended early.
+///
+/// # Errors
+/// [`Stopped`]; the rig was made safe as far as the link allowed.
+pub fn hold_force(
+    link: &mut dyn RigLink,
+    rig: &RigFile,
+    options: &Options,
+    observer: &mut dyn Observer,
+) -> Result<Outcome, Stopped> {
     check_arguments(link, rig, options)?;
+    require_feasible(rig)?;
     let pose = PoseSource::open(&rig.pose)?;
     let injections = inject_at_power_on(link, options)?;
     observer.progress(Phase::Connect, 0.0);
     let mut session = Session::connect(link)?;
+    if rig.pose == PoseChoice::Rig && session.pose().is_none() {
+        return Err(PoseError::NotFromLink.into());
+    }
     if let Some(record) = session.info().and_then(|info| info.crash_record.as_ref()) {
         observer.notice(&format!(
             "the board's run before this one ended with {}",
             explain_crash_record(record)
         ));
     }
-    let prepared = prepare_board(&mut session, rig, &options.stop, observer)?;
+    let prepared = ready_board(&mut session, rig, &options.zeroing, &options.stop, observer)?;
     let mut hold = Hold::new(rig, options, observer, pose, injections, &prepared)?;
-    let interrupted = match hold.run(&mut session) {
-        Ok(interrupted) => interrupted,
-        Err(error) => {
+    let ended = hold.run(&mut session);
+    let disarmed = match &ended {
+        // The board is still driving as it should.
+        Ok(_) | Err(RunError::UnitLost(_)) => {
+            hold.observer.progress(Phase::Disarm, 0.0);
+            ramp_down_and_disarm(&mut session)
+        }
+        Err(_) => {
             session.make_safe();
-            return Err(error);
+            Ok(())
         }
     };
-    hold.observer.progress(Phase::Disarm, 0.0);
-    if let Err(error) = ramp_down_and_disarm(&mut session) {
+    if disarmed.is_err() {
         session.make_safe();
-        return Err(error.into());
     }
-    let status = session.get_status()?;
-    Ok(hold.outcome(&mut session, &prepared, &status, interrupted)?)
+    match ended.and_then(|interrupted| disarmed.map(|()| interrupted).map_err(Into::into)) {
+        Ok(interrupted) => Ok(hold.outcome(&mut session, &prepared, interrupted, None)?),
+        Err(error) => {
+            let why = error.to_string();
+            let outcome = hold.was_armed().then(|| {
+                hold.outcome(&mut session, &prepared, false, Some(&why))
+                    .ok()
+                    .map(Box::new)
+            });
+            Err(Stopped {
+                error,
+                outcome: outcome.flatten(),
+            })
+        }
+    }
+}
+
+/// Checks that the enabled units of a rig file can hold zero force at every pose that it allows. Nothing may be armed
+/// otherwise, except a single unit on a fixed hook.
+///
+/// # Errors
+/// [`RunError::Infeasible`] with the reason.
+pub fn require_feasible(rig: &RigFile) -> Result<(), RunError> {
+    let enabled = rig.units.map(|unit| unit.enabled);
+    let refusal = match feasibility::examine_zero(rig, &enabled) {
+        Ok(found) => found.refusal(),
+        Err(error) => Some(error.to_string()),
+    };
+    refusal.map_or(Ok(()), |why| Err(RunError::Infeasible(why)))
 }
 
 /// Checks the arguments of a run before anything is sent.

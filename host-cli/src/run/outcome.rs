@@ -1,10 +1,13 @@
 //! Result of a run: how it ended, its figures, faults and losses.
 
+use super::quality::Shortfall;
 use super::Prepared;
+use crate::force::allocation::Fraction;
 use crate::force::controller::Reach;
 use crate::force::metrics::{Metrics, Step};
 use crate::session::{explain_fault, LinkCounters};
 use emulator_link::Report;
+use nalgebra::Vector3;
 use serde::Serialize;
 use wire::message::{Status, UnitConfig};
 use wire::UNITS;
@@ -75,18 +78,21 @@ impl LatencyMs {
 pub enum Ended {
     /// As commanded.
     Done,
-    /// To the end, but a unit dropped out, the amplifiers lost power or the force was out of reach.
+    /// To the end, but not as commanded: see [`Outcome::shortfalls`].
     Degraded,
     /// Ended early from outside.
     Interrupted,
+    /// Ended early by a fault, a lost unit or a lost link.
+    Stopped,
 }
 
 impl Ended {
-    pub(super) const fn of(interrupted: bool, degraded: bool) -> Self {
-        match (interrupted, degraded) {
-            (true, _) => Self::Interrupted,
-            (false, true) => Self::Degraded,
-            (false, false) => Self::Done,
+    pub(super) const fn of(stopped: bool, interrupted: bool, degraded: bool) -> Self {
+        match (stopped, interrupted, degraded) {
+            (true, _, _) => Self::Stopped,
+            (false, true, _) => Self::Interrupted,
+            (false, false, true) => Self::Degraded,
+            (false, false, false) => Self::Done,
         }
     }
 }
@@ -96,6 +102,8 @@ impl Ended {
 pub struct Outcome {
     /// How it ended.
     pub ended: Ended,
+    /// What was not as commanded, the most important first.
+    pub shortfalls: Vec<Shortfall>,
     /// The link's name.
     pub link: String,
     /// Firmware version.
@@ -104,6 +112,8 @@ pub struct Outcome {
     pub rig_hash: String,
     /// CRC-32 of the configuration that was in force on the board, zeros included.
     pub config_crc: u32,
+    /// Commanded force, robot base frame, N.
+    pub commanded_n: Vector3<f64>,
     /// Figures; `None` where the run was too short.
     pub metrics: Option<Metrics>,
     /// How the commanded force compared with what the cables can apply, in the worst cycle.
@@ -131,6 +141,36 @@ pub struct Outcome {
     pub configs: [UnitConfig; UNITS],
 }
 
+#[cfg(test)]
+impl Outcome {
+    /// An outcome of these cycles without anything else, for tests.
+    pub(crate) fn of_steps(commanded_n: Vector3<f64>, steps: Vec<Step>) -> Self {
+        Self {
+            ended: Ended::Done,
+            shortfalls: Vec::new(),
+            link: "rig & <test>".to_owned(),
+            firmware: String::new(),
+            rig_hash: String::new(),
+            config_crc: 0,
+            commanded_n,
+            metrics: crate::force::metrics::of_run(commanded_n, &steps),
+            reach: None,
+            faults: Vec::new(),
+            latency_ms: None,
+            samples_lost: 0,
+            samples: 0,
+            link_counters: LinkCounters::default(),
+            amplifiers_off_s: 0.0,
+            steps,
+            report: None,
+            configs: crate::rigfile::RigFile::built_in()
+                .unwrap()
+                .units
+                .map(|unit| unit.to_wire()),
+        }
+    }
+}
+
 /// Conversions that were not read in time since the board was prepared. The embedded rig counts them itself; on a real
 /// rig the board's own count is all there is.
 pub(super) fn samples_lost(report: Option<&Report>, status: &Status, prepared: &Prepared) -> u64 {
@@ -155,16 +195,19 @@ pub(super) fn samples_lost(report: Option<&Report>, status: &Status, prepared: &
 /// Message on a commanded force and its reach.
 #[must_use]
 pub fn describe_reach(reach: &Reach) -> String {
+    let nearest = format!(
+        "the force is out of reach of the cables and their limits: the nearest one is held, {:.3} N away",
+        reach.residual_n
+    );
     match reach.fraction {
         _ if reach.feasible => "the force is within reach".to_owned(),
-        Some(fraction) => format!(
-            "the force is out of reach of the cables that are left or their limits: the nearest one is held, {:.3} N away; in exactly this direction {:.1} % of it would be within reach",
-            reach.residual_n,
+        Fraction::Of(fraction) => format!(
+            "{nearest}; in exactly this direction {:.1} % of it would be within reach",
             100.0 * fraction
         ),
-        None => format!(
-            "the force is out of reach: the nearest one is held, {:.3} N away; with the cables that are left not even zero force is within reach",
-            reach.residual_n
+        Fraction::NotEvenZero => format!("{nearest}; not even zero force is within reach"),
+        Fraction::Unknown => format!(
+            "{nearest}; how much of it would be within reach is not known, because the solver of that question failed"
         ),
     }
 }
@@ -174,14 +217,16 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_end_from_outside_counts_more_than_a_unit_that_dropped_out() {
-        for (interrupted, degraded, ended) in [
-            (false, false, Ended::Done),
-            (false, true, Ended::Degraded),
-            (true, false, Ended::Interrupted),
-            (true, true, Ended::Interrupted),
+    fn a_stop_counts_more_than_an_end_from_outside_and_that_more_than_quality() {
+        for (stopped, interrupted, degraded, ended) in [
+            (false, false, false, Ended::Done),
+            (false, false, true, Ended::Degraded),
+            (false, true, false, Ended::Interrupted),
+            (false, true, true, Ended::Interrupted),
+            (true, false, true, Ended::Stopped),
+            (true, true, true, Ended::Stopped),
         ] {
-            assert_eq!(Ended::of(interrupted, degraded), ended);
+            assert_eq!(Ended::of(stopped, interrupted, degraded), ended);
         }
     }
 
@@ -204,12 +249,17 @@ mod tests {
                 fraction,
             })
         };
-        assert!(reach(true, Some(1.0)).ends_with("within reach"));
-        let text = reach(false, Some(0.4));
+        assert!(reach(true, Fraction::Of(1.0)).ends_with("within reach"));
+        let text = reach(false, Fraction::Of(0.4));
         assert!(
             text.contains("1.250 N") && text.contains("40.0 %"),
             "{text}"
         );
-        assert!(reach(false, None).contains("not even zero force"));
+        assert!(reach(false, Fraction::NotEvenZero).contains("not even zero force"));
+        let text = reach(false, Fraction::Unknown);
+        assert!(
+            text.contains("solver") && !text.contains("not even zero"),
+            "{text}"
+        );
     }
 }

@@ -26,6 +26,8 @@ pub enum Phase {
     StartRobot,
     /// Holding the force.
     Hold,
+    /// Holding tensions.
+    HoldTensions,
     /// Driving the cables without feedback, for an identification.
     Excite,
     /// Ramping down.
@@ -45,6 +47,7 @@ impl Phase {
             Self::Tension => "arming, tensioning the cables",
             Self::StartRobot => "robot starts to move",
             Self::Hold => "holding the force",
+            Self::HoldTensions => "holding the tensions",
             Self::Excite => "exciting the cables with the loops open",
             Self::Disarm => "ramping down",
         }

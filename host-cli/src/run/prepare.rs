@@ -16,7 +16,7 @@ use wire::message::{Status, UnitConfig};
 use wire::{Command, UNITS};
 
 /// How long sensors may take to come up: three calibrations of 344 ms each, six units on one bus, and retries.
-const BRING_UP_TIMEOUT: Duration = Duration::from_secs(15);
+pub(super) const BRING_UP_TIMEOUT: Duration = Duration::from_secs(15);
 /// How long zeroing may take: 256 samples at 310 SPS are 0.83 s.
 const ZERO_TIMEOUT: Duration = Duration::from_secs(5);
 
@@ -89,7 +89,7 @@ pub fn prepare_board(
 }
 
 /// An error where the board is armed or a fault is latched.
-fn check_idle(status: &Status) -> Result<(), RunError> {
+pub(super) fn check_idle(status: &Status) -> Result<(), RunError> {
     if SystemState::from_u8(status.state).is_some_and(SystemState::drives) {
         return Err(RunError::Fault(
             "the board is armed already; `forcectl disarm` first (and end the program that armed it)".to_owned(),
@@ -105,7 +105,7 @@ fn check_idle(status: &Status) -> Result<(), RunError> {
 }
 
 /// Takes the zeros of all enabled units and puts them into `configs`; returns the faults of units that failed.
-fn zero(
+pub(super) fn zero(
     session: &mut Session<'_>,
     configs: &mut [UnitConfig; UNITS],
     stop: &AtomicBool,
@@ -124,7 +124,7 @@ fn zero(
 }
 
 /// Reads the configuration back. Returns the board's status and the configuration's CRC-32.
-fn verify(
+pub(super) fn verify(
     session: &mut Session<'_>,
     configs: &[UnitConfig; UNITS],
 ) -> Result<(Status, u32), RunError> {
@@ -165,7 +165,7 @@ fn differences(sent: &[UnitConfig; UNITS], back: &[UnitConfig; UNITS]) -> Vec<St
 }
 
 /// Conversions that the embedded rig saw unread so far; 0 on a real rig.
-fn conversions_lost(link: &mut dyn RigLink) -> Result<u64, LinkError> {
+pub(super) fn conversions_lost(link: &mut dyn RigLink) -> Result<u64, LinkError> {
     let Some(controls) = link.controls() else {
         return Ok(0);
     };
@@ -179,7 +179,7 @@ fn conversions_lost(link: &mut dyn RigLink) -> Result<u64, LinkError> {
 }
 
 /// Switches units that faulted off in the configuration, so that the others can be armed; returns their faults.
-fn leave_out_faulted(
+pub(super) fn leave_out_faulted(
     session: &mut Session<'_>,
     configs: &mut [UnitConfig; UNITS],
     status: &Status,
@@ -208,7 +208,7 @@ fn leave_out_faulted(
 }
 
 /// Waits until the board is ready: every unit has come up, or failed.
-fn wait_ready(
+pub(super) fn wait_ready(
     session: &mut Session<'_>,
     timeout: Duration,
     phase: Phase,

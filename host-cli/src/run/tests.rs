@@ -5,6 +5,7 @@ use crate::force::metrics::Step;
 use crate::link::fake::{Behavior, FakeBoard};
 use crate::session::TimedSample;
 use control::SystemState;
+use plant::effects::AmplifierGain;
 use std::sync::atomic::Ordering;
 use std::time::Duration;
 use wire::Command;
@@ -91,40 +92,166 @@ fn nothing_is_driven_with_a_bad_force() {
 }
 
 #[test]
-fn a_unit_that_faults_is_reported_and_the_others_continue() {
+fn a_unit_that_faults_is_left_out_where_the_others_can_hold_zero_force() {
+    // Unit 4 pulls where unit 3 does and does not have to pull back: the other five balance without it.
+    let mut rig = rig();
+    for unit in &mut rig.units {
+        unit.tension_min_n = 0.1;
+    }
+    rig.units[2].tension_min_n = 0.1;
     let mut board = FakeBoard::new(Behavior::Good);
     let mut options = options();
     options.injections = vec![(1.5, Injection::UnplugSensor(4))];
     let mut notes = Notes::default();
-    let outcome = set_force(&mut board, &rig(), &options, &mut notes).unwrap();
+    let outcome = set_force(&mut board, &rig, &options, &mut notes).unwrap();
     assert_eq!(outcome.ended, Ended::Degraded);
-    assert_eq!(outcome.faults.len(), 1);
     assert_eq!(outcome.faults[0].unit, Some(4));
+    assert_eq!(kinds(&outcome)[0], ShortfallKind::UnitLost);
     assert!(
         notes.0.iter().any(|n| n.contains("unit 4 dropped out")),
         "{:?}",
         notes.0
     );
-    // +y needs unit 3, which is there: the force goes on.
+    // To the end, and without unit 4.
     let end = outcome.steps.last().unwrap();
-    assert!((end.best_force_n()[1] - 2.5).abs() < 0.3, "{end:?}");
+    assert!(end.t_s > 3.9, "{end:?}");
     assert_eq!(end.tension_setpoint_n[3], 0.0);
 }
 
 #[test]
-fn a_unit_that_never_came_up_is_left_out() {
+fn a_unit_that_faults_ends_the_run_where_the_others_cannot_hold_zero_force() {
+    let mut board = FakeBoard::new(Behavior::Good);
+    let mut options = options();
+    options.injections = vec![(1.5, Injection::UnplugSensor(4))];
+    let stopped = hold_force(&mut board, &rig(), &options, &mut NoopObserver).unwrap_err();
+    let text = stopped.error.to_string();
+    assert!(matches!(stopped.error, RunError::UnitLost(_)), "{text}");
+    assert!(
+        text.contains("unit 4 dropped out") && text.contains("fault 33"),
+        "{text}"
+    );
+    let outcome = stopped.outcome.unwrap();
+    assert_eq!(outcome.ended, Ended::Stopped);
+    assert_eq!(outcome.faults[0].unit, Some(4));
+    // Ramped down at once: neither to the end of the run nor with a stop. The cables that pulled with unit 4 let go.
+    let commanded = outcome.steps.iter().rfind(|s| s.commanded_n.norm() > 0.0);
+    assert!(commanded.unwrap().t_s < 1.6);
+    let end = outcome.steps.last().unwrap();
+    assert!(end.t_s < 3.0 && end.best_force_n().norm() < 2.0, "{end:?}");
+    assert_eq!(board.system, SystemState::Ready);
+    assert!(board.commands.contains(&Command::Disarm));
+    assert!(!board.commands.contains(&Command::Stop));
+}
+
+#[test]
+fn nothing_is_armed_where_zero_force_is_out_of_reach() {
+    // By the rig file: nothing is sent.
+    let mut copied = rig();
+    copied.units[1].exit_m = copied.units[0].exit_m;
+    copied.units[1].axis = copied.units[0].axis;
+    let mut board = FakeBoard::new(Behavior::Good);
+    let error = set_force(&mut board, &copied, &options(), &mut NoopObserver).unwrap_err();
+    assert!(matches!(error, RunError::Infeasible(_)), "{error}");
+    assert!(board.commands.is_empty());
+    // By a unit that never came up.
     let mut board = FakeBoard::new(Behavior::Good);
     let mut options = options();
     options.injections = vec![(f64::NEG_INFINITY, Injection::UnplugSensor(2))];
     let mut notes = Notes::default();
-    let outcome = set_force(&mut board, &rig(), &options, &mut notes).unwrap();
+    let stopped = hold_force(&mut board, &rig(), &options, &mut notes).unwrap_err();
     assert!(
         notes.0.iter().any(|n| n.contains("unit 2 is left out")),
         "{:?}",
         notes.0
     );
-    assert!(!outcome.configs[1].enabled);
+    let text = stopped.error.to_string();
+    assert!(text.contains("zero force is out of reach"), "{text}");
+    assert!(stopped.outcome.is_none());
+    assert!(!board.commands.contains(&Command::Arm));
+}
+
+#[test]
+fn nothing_is_armed_without_a_pose() {
+    // The link reports none: noticed before the board is prepared.
+    let mut board = FakeBoard::new(Behavior::NoPose);
+    let error = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap_err();
+    assert!(error.to_string().contains("reports no pose"), "{error}");
+    assert!(!board.commands.contains(&Command::CommitConfig));
+    // Poses of the time before arming do not count: one waits in the socket, and no more come.
+    let listen = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+    let address = listen.local_addr().unwrap();
+    drop(listen);
+    let rig = RigFile {
+        pose: crate::rigfile::PoseChoice::Udp {
+            listen: address.to_string(),
+            max_age_s: 1.0,
+        },
+        ..rig()
+    };
+    struct Once(std::net::SocketAddr);
+    impl Observer for Once {
+        fn progress(&mut self, phase: Phase, _fraction: f64) {
+            if phase == Phase::Calibrate {
+                let sender = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
+                let pose = br#"{"position": [-0.08, 0.025, -0.14]}"#;
+                sender.send_to(pose, self.0).unwrap();
+            }
+        }
+    }
+    let mut board = FakeBoard::new(Behavior::Good);
+    let error = set_force(&mut board, &rig, &options(), &mut Once(address)).unwrap_err();
+    assert!(error.to_string().contains("no pose"), "{error}");
+    assert!(!board.commands.contains(&Command::Arm));
+}
+
+/// Kinds of what was not as commanded.
+fn kinds(outcome: &Outcome) -> Vec<ShortfallKind> {
+    outcome.shortfalls.iter().map(|s| s.kind).collect()
+}
+
+#[test]
+fn a_force_that_is_not_held_is_no_success() {
+    // Zeroed with a cable that is pulled: nothing that the load cells say is right.
+    let mut board = FakeBoard::new(Behavior::Good);
+    let options = Options {
+        injections: vec![(f64::NEG_INFINITY, Injection::PullCable(2, 3.0))],
+        ..options()
+    };
+    let outcome = set_force(&mut board, &rig(), &options, &mut NoopObserver).unwrap();
     assert_eq!(outcome.ended, Ended::Degraded);
+    assert_eq!(kinds(&outcome), [ShortfallKind::NeverSettled]);
+    let text = &outcome.shortfalls[0].text;
+    assert!(text.contains("cable 2 has"), "{text}");
+    // An amplifier that gives 40 %.
+    let mut plant = plant::PlantConfig::default();
+    plant
+        .effects
+        .push(plant::effects::Effect::AmplifierGain(AmplifierGain {
+            units: vec![2],
+            relative_error: -0.6,
+        }));
+    let mut board = FakeBoard::with(Behavior::Good, 1, plant);
+    let options = Options::new([0.0, 9.0, 0.0], 4.0);
+    let outcome = set_force(&mut board, &rig(), &options, &mut NoopObserver).unwrap();
+    assert_eq!(outcome.ended, Ended::Degraded);
+    let text = &outcome.shortfalls[0].text;
+    assert!(
+        text.contains("never settled") && text.contains("unit 3's command was at its limit"),
+        "{text}"
+    );
+}
+
+#[test]
+fn an_injection_that_did_not_happen_is_named() {
+    let mut board = FakeBoard::new(Behavior::Good);
+    let options = Options {
+        injections: vec![(9.0, Injection::UnplugSensor(3))],
+        ..options()
+    };
+    let outcome = set_force(&mut board, &rig(), &options, &mut NoopObserver).unwrap();
+    assert_eq!(outcome.ended, Ended::Degraded);
+    assert_eq!(kinds(&outcome), [ShortfallKind::NotInjected]);
+    assert!(outcome.shortfalls[0].text.contains("unplug=3@9s"));
 }
 
 #[test]
@@ -132,12 +259,18 @@ fn the_e_stop_ends_the_run_with_its_page() {
     let mut board = FakeBoard::new(Behavior::Good);
     let mut options = options();
     options.injections = vec![(1.0, Injection::EStop(true))];
-    let error = set_force(&mut board, &rig(), &options, &mut NoopObserver).unwrap_err();
+    let stopped = hold_force(&mut board, &rig(), &options, &mut NoopObserver).unwrap_err();
+    let error = stopped.error;
     assert!(
         error.to_string().contains("fault 1, E-stop open"),
         "{error}"
     );
     assert!(!board.system.drives());
+    // What was measured until then is there.
+    let outcome = stopped.outcome.unwrap();
+    assert_eq!(outcome.ended, Ended::Stopped);
+    assert_eq!(kinds(&outcome)[0], ShortfallKind::Stopped);
+    assert!((0.9..1.4).contains(&outcome.steps.last().unwrap().t_s));
 }
 
 #[test]

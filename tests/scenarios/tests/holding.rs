@@ -77,7 +77,7 @@ fn a_force_out_of_reach_is_approached_and_reported() {
     let reach = outcome.reach.expect("the run says how far it came");
     assert!(!reach.feasible);
     assert!(
-        reach.fraction.is_some_and(|f| f > 0.5 && f < 1.0),
+        reach.fraction.value().is_some_and(|f| f > 0.5 && f < 1.0),
         "{reach:?}"
     );
     assert_eq!(outcome.ended, Ended::Degraded);

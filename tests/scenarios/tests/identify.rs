@@ -49,6 +49,7 @@ fn undeclared_friction_is_found_and_compensated() {
         &mut start(&plant),
         &rig_file(),
         20.0,
+        &host_cli::run::Zeroing::Measure,
         &stop,
         &mut NoopObserver,
     )

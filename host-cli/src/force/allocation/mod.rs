@@ -121,11 +121,54 @@ pub struct Allocation {
     pub residual_n: f64,
     /// Whether the commanded force is within reach of the cables.
     pub feasible: bool,
-    /// Largest fraction of the commanded force, 0 to 1, that the cables can apply in exactly its direction;
-    /// `None` where they can't even apply zero.
-    pub fraction: Option<f64>,
+    /// How much of the commanded force the cables can apply in exactly its direction.
+    pub fraction: Fraction,
     /// How the tensions were found.
     pub path: Path,
+}
+
+/// How much of a commanded force the cables can apply in exactly its direction. As JSON a number, or the words
+/// `not even zero` or `unknown`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Fraction {
+    /// The largest fraction, 0 to 1.
+    Of(f64),
+    /// No fraction, so not even zero force.
+    NotEvenZero,
+    /// The linear program was not solved. It says nothing about the force.
+    Unknown,
+}
+
+impl Fraction {
+    /// The fraction, where there is one.
+    #[must_use]
+    pub const fn value(self) -> Option<f64> {
+        match self {
+            Self::Of(fraction) => Some(fraction),
+            Self::NotEvenZero | Self::Unknown => None,
+        }
+    }
+
+    /// From the status of the linear program and its solution.
+    fn of_program(status: SolverStatus, solution: f64) -> Self {
+        match status {
+            SolverStatus::Solved | SolverStatus::AlmostSolved => Self::Of(solution.clamp(0.0, 1.0)),
+            SolverStatus::PrimalInfeasible | SolverStatus::AlmostPrimalInfeasible => {
+                Self::NotEvenZero
+            }
+            _ => Self::Unknown,
+        }
+    }
+}
+
+impl serde::Serialize for Fraction {
+    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        match self {
+            Self::Of(fraction) => serializer.serialize_f64(*fraction),
+            Self::NotEvenZero => serializer.serialize_str("not even zero"),
+            Self::Unknown => serializer.serialize_str("unknown"),
+        }
+    }
 }
 
 /// How a solution was found; the later ones are slower and should be rare.
@@ -202,11 +245,11 @@ impl Allocator {
         let force_n = problem.force_of(&tension_n);
         let residual_n = (force_n - problem.force_n).norm();
         let (feasible, fraction) = if residual_n <= REACHED_N {
-            (true, Some(1.0))
+            (true, Fraction::Of(1.0))
         } else {
             // At the edge of what is feasible the tie-break alone may cost more than REACHED_N.
             let fraction = self.largest_fraction(problem)?;
-            (fraction.is_some_and(|s| s > 1.0 - 1e-6), fraction)
+            (fraction.value().is_some_and(|s| s > 1.0 - 1e-6), fraction)
         };
         Ok(Allocation {
             tension_n,
@@ -269,8 +312,8 @@ impl Allocator {
         }))
     }
 
-    /// Largest `s` in 0 to 1 for which `A T = s F` has a solution within the bounds; `None`: not even 0.
-    fn largest_fraction(&mut self, problem: &Problem) -> Result<Option<f64>, AllocationError> {
+    /// Largest `s` in 0 to 1 for which `A T = s F` has a solution within the bounds.
+    fn largest_fraction(&mut self, problem: &Problem) -> Result<Fraction, AllocationError> {
         let mut matrix = Vec::with_capacity(linear_nonzeros());
         let mut bounds = vec![0.0; 3 + 2 * UNITS + 2];
         for i in 0..UNITS {
@@ -298,12 +341,10 @@ impl Allocator {
             .and_then(|()| solver.update_b(&bounds))
             .map_err(|_| AllocationError::Solver)?;
         solver.solve();
-        Ok(match solver.solution.status {
-            SolverStatus::Solved | SolverStatus::AlmostSolved => {
-                Some(solver.solution.x[UNITS].clamp(0.0, 1.0))
-            }
-            _ => None,
-        })
+        Ok(Fraction::of_program(
+            solver.solution.status,
+            solver.solution.x[UNITS],
+        ))
     }
 }
 
@@ -533,7 +574,7 @@ mod tests {
         assert!(!solution.feasible);
         // 12 N against 2 N: 10 N is the most.
         assert!((solution.residual_n - 15.0).abs() < 1e-9);
-        assert!((solution.fraction.unwrap() - 0.4).abs() < 1e-6);
+        assert!((solution.fraction.value().unwrap() - 0.4).abs() < 1e-6);
         assert_eq!(solution.tension_n[2], 12.0);
         assert_eq!(solution.tension_n[3], 2.0);
     }
@@ -547,8 +588,34 @@ mod tests {
         assert_eq!(solution.tension_n[2], 0.0);
         assert!(!solution.feasible);
         // Unit 4 pulls 2 N along -y whatever is done: not even zero is within reach.
-        assert_eq!(solution.fraction, None);
+        assert_eq!(solution.fraction, Fraction::NotEvenZero);
         assert!((solution.residual_n - 4.5).abs() < 1e-9);
+    }
+
+    #[test]
+    fn a_solver_that_fails_says_nothing_about_the_force() {
+        for (status, fraction, json) in [
+            (SolverStatus::Solved, Fraction::Of(0.25), "0.25"),
+            (
+                SolverStatus::PrimalInfeasible,
+                Fraction::NotEvenZero,
+                "\"not even zero\"",
+            ),
+            (
+                SolverStatus::NumericalError,
+                Fraction::Unknown,
+                "\"unknown\"",
+            ),
+            (
+                SolverStatus::MaxIterations,
+                Fraction::Unknown,
+                "\"unknown\"",
+            ),
+        ] {
+            let found = Fraction::of_program(status, 0.25);
+            assert_eq!(found, fraction, "{status:?}");
+            assert_eq!(serde_json::to_string(&found).unwrap(), json);
+        }
     }
 
     #[test]

@@ -43,6 +43,8 @@ pub(crate) enum Behavior {
     MuteAt(u64),
     /// The board restarts at this time, ns.
     ResetsAt(u64),
+    /// The link reports no pose, as a board's does.
+    NoPose,
     /// Every n-th frame of the board is dropped, though counted.
     Drops(u16),
 }

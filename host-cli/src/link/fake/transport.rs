@@ -74,7 +74,7 @@ impl RigLink for FakeBoard {
         Ok(Exchange {
             now_ns: self.now_ns,
             from_board,
-            pose: Some(Pose {
+            pose: (self.behavior != Behavior::NoPose).then(|| Pose {
                 position_m: self.plant.tip_position_m(),
                 velocity_m_s: self.plant.tip_velocity_m_per_s(),
             }),

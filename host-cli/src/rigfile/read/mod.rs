@@ -18,9 +18,11 @@ use super::{
 };
 use section::{Context, Section};
 use std::cell::RefCell;
+use std::collections::BTreeSet;
 use toml::de::DeTable;
 use toml::Spanned;
 use units::read_units;
+use wire::UNITS;
 
 /// Parses and checks.
 pub(super) fn parse(text: &str) -> Result<RigFile, Vec<Problem>> {
@@ -41,8 +43,34 @@ pub(super) fn parse(text: &str) -> Result<RigFile, Vec<Problem>> {
     if problems.is_empty() {
         return Ok(rig);
     }
+    merge_units(&mut problems);
     problems.sort_by_key(|problem| problem.line);
     Err(problems)
+}
+
+/// Makes one problem of a key that is missing in every unit.
+fn merge_units(problems: &mut Vec<Problem>) {
+    let alike = |a: &Problem, b: &Problem| a.key == b.key && a.message == b.message;
+    let common: Vec<Problem> = problems
+        .iter()
+        .filter(|first| {
+            let units: BTreeSet<u8> = problems
+                .iter()
+                .filter(|other| alike(first, other))
+                .filter_map(|other| other.unit)
+                .collect();
+            units.len() == UNITS && first.unit == Some(1) && first.message.starts_with("is missing")
+        })
+        .cloned()
+        .collect();
+    for one in common {
+        problems.retain(|other| !alike(&one, other));
+        problems.push(Problem {
+            unit: None,
+            message: format!("{} (all {UNITS} units)", one.message),
+            ..one
+        });
+    }
 }
 
 fn read_root<'c, 't>(context: &'c Context<'t>, table: &'c Spanned<DeTable<'t>>) -> RigFile {

@@ -29,12 +29,23 @@ impl Context<'_> {
         key: &str,
         message: impl Into<String>,
     ) {
-        self.problems.borrow_mut().push(Problem {
+        let problem = Problem {
             line: self.line_of(offset),
             unit,
             key: key.to_owned(),
             message: message.into(),
+        };
+        let mut problems = self.problems.borrow_mut();
+        // A value of [defaults] is read once for each unit; its mistake is one.
+        let same = problems.iter_mut().find(|known| {
+            (known.line, &known.key, &known.message)
+                == (problem.line, &problem.key, &problem.message)
         });
+        match same {
+            Some(known) if known.unit != problem.unit => known.unit = None,
+            Some(_) => {}
+            None => problems.push(problem),
+        }
     }
 }
 

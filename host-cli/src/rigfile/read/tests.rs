@@ -184,3 +184,34 @@ fn broken_toml_names_the_line() {
     assert!(!problems("").problems.is_empty());
     assert!(!problems("\u{0}\u{fffd}").problems.is_empty());
 }
+
+#[test]
+fn a_mistake_in_the_defaults_is_one_problem() {
+    let text = DEFAULT_TEXT.replacen("kp = 0.3 ", "kp = 300.0 ", 1);
+    let error = problems(&text);
+    assert_eq!(error.problems.len(), 1, "{error}");
+    assert_eq!(error.problems[0].unit, None, "{error}");
+    assert_eq!(error.problems[0].line, line_of("kp = 0.3 ", 0));
+    // A key that no unit has is one problem.
+    let text = DEFAULT_TEXT.replacen("kp = 0.3 ", "# kp = 0.3 ", 1);
+    let error = problems(&text);
+    assert_eq!(error.problems.len(), 1, "{error}");
+    assert!(error.to_string().contains("is missing"), "{error}");
+    assert!(error.to_string().contains("all 6 units"), "{error}");
+    // The same mistake in two units is two.
+    let text = DEFAULT_TEXT.replace("axis = [-0.996049,", "kp = 300.0\naxis = [-0.996049,");
+    let text = text.replace("axis = [0.998327,", "kp = 300.0\naxis = [0.998327,");
+    assert_eq!(problems(&text).problems.len(), 2);
+}
+
+#[test]
+fn a_file_without_an_enabled_unit_names_the_line() {
+    let text = DEFAULT_TEXT.replacen("[defaults]", "[defaults]\nenabled = false", 1);
+    let error = problems(&text);
+    assert_eq!(error.problems.len(), 1, "{error}");
+    assert_eq!(error.problems[0].line, line_of("[defaults]", 0) + 1);
+    assert!(error.to_string().contains("no unit is enabled"), "{error}");
+    // One unit is enough.
+    let one = text.replacen("number = 3 ", "enabled = true\nnumber = 3 ", 1);
+    RigFile::parse("rig.toml", &one).unwrap();
+}

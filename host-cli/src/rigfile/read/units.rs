@@ -6,6 +6,7 @@ use crate::rigfile::{Filter, RippleSettings, UnitSettings, Workspace};
 use nalgebra::Vector3;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
+use toml::de::DeTable;
 use wire::UNITS;
 
 /// The six units, from their tables and `[defaults]`.
@@ -74,6 +75,24 @@ pub(super) fn read_units(root: &Section<'_, '_>, workspace: Workspace) -> [UnitS
             ),
         }
     }
+    let read = units.iter().flatten();
+    if read.clone().count() == UNITS && !read.clone().any(|unit| unit.enabled) {
+        // The first place that says so.
+        let at = enabled_at(defaults.table)
+            .into_iter()
+            .chain(
+                entries
+                    .iter()
+                    .filter_map(|entry| enabled_at(entry.get_ref().as_table())),
+            )
+            .min()
+            .unwrap_or(last);
+        root.report(
+            at,
+            "enabled",
+            "no unit is enabled, so there is nothing to drive; set `enabled = true` for the units that are there",
+        );
+    }
     // [defaults] knows the keys of a unit but for those that are its own.
     for own in ["number", "exit_m", "axis"] {
         known.remove(own);
@@ -94,6 +113,14 @@ pub(super) fn read_units(root: &Section<'_, '_>, workspace: Workspace) -> [UnitS
             stand_in(number)
         })
     })
+}
+
+/// Where a table has the key `enabled`, bytes.
+fn enabled_at(table: Option<&DeTable<'_>>) -> Option<usize> {
+    table?
+        .iter()
+        .find(|(name, _)| name.get_ref() == "enabled")
+        .map(|(name, _)| name.span().start)
 }
 
 /// Fills the place of a unit that was reported missing; never leaves this module.

@@ -1,0 +1,80 @@
+//! `forcectl rig`: an emulated rig that stays, for many commands and terminals.
+
+use super::exit::Reply;
+use super::exit::Result;
+use super::serve::{self, Listen};
+use super::watch::Watch;
+use super::{values, Context};
+use clap::Args;
+use emulator_link::Injection;
+use host_cli::link::{self, EmbeddedOptions};
+use host_cli::rigfile::LinkChoice;
+use host_cli::run;
+use host_cli::service::{socket, ServeOptions};
+use host_cli::session::Session;
+use std::path::PathBuf;
+
+/// Arguments of `rig`.
+#[derive(Debug, Args)]
+pub struct Rig {
+    /// Rig file (TOML) [default: the built-in example rig]
+    #[arg(long, value_name = "FILE", value_parser = values::rig_file)]
+    rig: Option<PathBuf>,
+    /// Seed of all random values
+    #[arg(long, value_name = "N", value_parser = values::seed)]
+    seed: Option<u64>,
+    /// Physics of the rig (TOML) [default: the rig of the thesis]
+    #[arg(long, value_name = "FILE")]
+    plant: Option<PathBuf>,
+    /// Cause a fault at power-on, for example unplug=3@start; repeatable. `forcectl inject` causes them later
+    #[arg(long, value_name = "WHAT@start", value_parser = host_cli::inject::parse, allow_hyphen_values = true)]
+    inject: Vec<(f64, Injection)>,
+    #[command(flatten)]
+    listen: Listen,
+}
+
+impl Rig {
+    /// Runs the command, which ends with the rig: by Ctrl-C, or `forcectl serve --end --name rig`.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        let (rig, rig_file) = serve::rig_file(self.rig.as_deref())?;
+        let name = self
+            .listen
+            .name
+            .clone()
+            .unwrap_or_else(|| socket::EMBEDDED_NAME.to_owned());
+        let listening = serve::listen(&name)?;
+        let tcp = self.listen.tcp()?;
+        let _controlled_stop = context.interrupt.controlled_stop();
+        let options = EmbeddedOptions {
+            seed: self.seed,
+            paced: true,
+            plant: self.plant.clone(),
+        };
+        let mut link = link::open(&LinkChoice::Embedded, &options)?;
+        if let Some(controls) = link.controls() {
+            for (_, injection) in &self.inject {
+                controls.inject(*injection)?;
+            }
+        }
+        let mut watch = Watch::new(&context.output);
+        let stop = context.interrupt.flag();
+        // Cables are slack at power-on: the only time at which zeros are sure.
+        let prepared = {
+            let mut session = Session::connect(link.as_mut())?;
+            run::prepare_board(&mut session, &rig, &stop, &mut watch)
+        };
+        watch.progress.done();
+        prepared?;
+        let options = ServeOptions {
+            name,
+            rig_file,
+            terminal: true,
+            tcp,
+            reopen: None,
+            idle_end: None,
+            lockstep: false,
+            stop,
+        };
+        serve::run(link, listening, options, context)
+    }
+}

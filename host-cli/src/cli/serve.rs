@@ -1,0 +1,277 @@
+//! `forcectl serve`: owns the link to a board and lets many clients share it.
+
+use super::exit::{self, Failure, Reply, Result};
+use super::{values, Context};
+use clap::Args;
+use host_cli::link::{self, EmbeddedOptions, RigLink};
+use host_cli::rigfile::{LinkChoice, RigFile, DEFAULT_NAME, DEFAULT_TEXT};
+use host_cli::service::protocol::Call;
+use host_cli::service::server::{Addresses, ServeError};
+use host_cli::service::socket::{self, Listening};
+use host_cli::service::{serve, Client, ServeOptions, ServiceError};
+use std::fmt::Write as _;
+use std::net::SocketAddr;
+use std::os::unix::process::CommandExt;
+use std::path::{Path, PathBuf};
+use std::process::Stdio;
+use std::time::{Duration, Instant};
+
+/// A service that was started on demand ends after so long without clients.
+const IDLE_END: Duration = Duration::from_secs(10);
+/// How long a service that was started on demand may take until it listens.
+const START_TIMEOUT: Duration = Duration::from_secs(5);
+
+/// Options of everything that serves.
+#[derive(Debug, Args)]
+pub struct Listen {
+    /// Name of the rig for other commands (--link rig:NAME) [default: `rig`, or the port]
+    #[arg(long, value_name = "NAME", value_parser = name)]
+    pub name: Option<String>,
+    /// Listen on this loopback address as well, for example 127.0.0.1:4747; needs --token-file
+    #[arg(long, value_name = "ADDRESS", requires = "token_file")]
+    pub tcp: Option<SocketAddr>,
+    /// File with the token that clients over TCP have to give (at least 16 characters)
+    #[arg(long, value_name = "FILE", requires = "tcp")]
+    pub token_file: Option<PathBuf>,
+}
+
+fn name(text: &str) -> std::result::Result<String, String> {
+    format!("rig:{text}")
+        .parse::<LinkChoice>()
+        .map(|_| text.to_owned())
+}
+
+impl Listen {
+    /// The TCP address and its token.
+    pub fn tcp(&self) -> Result<Option<(SocketAddr, String)>> {
+        let (Some(address), Some(file)) = (self.tcp, &self.token_file) else {
+            return Ok(None);
+        };
+        let text = std::fs::read_to_string(file)
+            .map_err(|error| Failure::new(exit::USAGE, format!("{}: {error}", file.display())))?;
+        let token = text.trim().to_owned();
+        if token.len() < 16 {
+            return Err(Failure::new(
+                exit::USAGE,
+                format!(
+                    "{}: the token has {} characters, 16 are the least; `openssl rand -hex 16` makes one",
+                    file.display(),
+                    token.len()
+                ),
+            ));
+        }
+        Ok(Some((address, token)))
+    }
+}
+
+/// Arguments of `serve`.
+#[derive(Debug, Args)]
+pub struct Serve {
+    /// Connection to the board: usb or serial:PORT [default: the rig file's]
+    #[arg(long, value_name = "LINK", value_parser = values::link)]
+    link: Option<LinkChoice>,
+    /// Rig file (TOML) [default: the built-in example rig]
+    #[arg(long, value_name = "FILE", value_parser = values::rig_file)]
+    rig: Option<PathBuf>,
+    #[command(flatten)]
+    listen: Listen,
+    /// Offer a pseudo-terminal for a program that expects a serial port
+    #[arg(long)]
+    pty: bool,
+    /// End the service that runs for this link (or --name); a rig that is driven is disarmed first
+    #[arg(long)]
+    end: bool,
+    /// End after 10 s without clients
+    #[arg(long, hide = true)]
+    on_demand: bool,
+}
+
+impl Serve {
+    /// Runs the command, which ends with the service.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        let (rig, rig_file) = rig_file(self.rig.as_deref())?;
+        let choice = self.link.as_ref().unwrap_or(&rig.link);
+        let name = self
+            .listen
+            .name
+            .clone()
+            .unwrap_or_else(|| socket::name_of(choice));
+        if self.end {
+            let mut client = Client::connect(&name, "forcectl serve --end")?;
+            client.call(Call::Shutdown)?;
+            return Ok(Reply::done(&format!("the service of rig `{name}` ends")));
+        }
+        let port = match choice {
+            LinkChoice::Usb | LinkChoice::Serial(_) => choice.clone(),
+            LinkChoice::Embedded | LinkChoice::Kept(_) => {
+                return Err(Failure::new(
+                    exit::USAGE,
+                    format!("`serve` is for a board, and the link is {choice}; use --link usb or --link serial:PORT, or `forcectl rig` for an emulated rig"),
+                ))
+            }
+        };
+        let listening = listen(&name)?;
+        let _controlled_stop = context.interrupt.controlled_stop();
+        let open = move || link::open(&port, &EmbeddedOptions::default());
+        let link = open()?;
+        let options = ServeOptions {
+            name,
+            rig_file,
+            terminal: self.pty,
+            tcp: self.listen.tcp()?,
+            reopen: Some(Box::new(open)),
+            idle_end: self.on_demand.then_some(IDLE_END),
+            lockstep: false,
+            stop: context.interrupt.flag(),
+        };
+        run(link, listening, options, context)
+    }
+}
+
+/// The rig file: parsed, and its name and text.
+pub fn rig_file(path: Option<&Path>) -> Result<(RigFile, (String, String))> {
+    let file = |error| Failure::new(exit::RIG_FILE, error);
+    let Some(path) = path else {
+        let rig = RigFile::built_in().map_err(file)?;
+        return Ok((rig, (DEFAULT_NAME.to_owned(), DEFAULT_TEXT.to_owned())));
+    };
+    let rig = RigFile::load(path).map_err(file)?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| Failure::new(exit::RIG_FILE, format!("{}: {error}", path.display())))?;
+    Ok((rig, (path.display().to_string(), text)))
+}
+
+/// Takes the socket of a rig.
+pub fn listen(name: &str) -> Result<Listening> {
+    Listening::bind(name).map_err(|error| {
+        if error.kind() == std::io::ErrorKind::AddrInUse {
+            Failure::new(exit::LINK, ServeError::Running(name.to_owned()))
+        } else {
+            Failure::new(exit::LINK, format!("the socket of rig `{name}`: {error}"))
+        }
+    })
+}
+
+/// Serves until the end.
+pub fn run(
+    link: Box<dyn RigLink>,
+    listening: Listening,
+    options: ServeOptions,
+    context: &Context,
+) -> Result<Reply> {
+    let name = options.name.clone();
+    let what = link.name();
+    serve(link, listening, options, |addresses| {
+        context.output.note(&announcement(&name, &what, addresses));
+    })
+    .map_err(|error| Failure::new(exit::LINK, error))?;
+    Ok(Reply::done(&format!(
+        "the service of rig `{name}` has ended"
+    )))
+}
+
+fn announcement(name: &str, link: &str, addresses: &Addresses) -> String {
+    let mut text = format!("rig `{name}` is served: {link}\n");
+    row!(text, "socket     {}", addresses.socket.display());
+    if let Some(terminal) = &addresses.terminal {
+        row!(text, "terminal   {terminal}");
+    }
+    if let Some(tcp) = &addresses.tcp {
+        row!(text, "tcp        {tcp}");
+    }
+    let option = if name == socket::EMBEDDED_NAME {
+        String::new()
+    } else {
+        format!(" --link rig:{name}")
+    };
+    let _ = write!(
+        text,
+        "In another terminal: `forcectl set-force 0 2.5 0{option}`, `forcectl monitor{option}`, `forcectl stop{option}`. Ctrl-C here ends the rig."
+    );
+    text
+}
+
+/// Connects to the service of a rig; starts it where it does not run and the rig is a board.
+pub fn connect(
+    name: &str,
+    start: Option<&LinkChoice>,
+    rig: Option<&Path>,
+    context: &Context,
+) -> Result<Client> {
+    let client_name = client_name();
+    match (Client::connect(name, &client_name), start) {
+        (Err(ServiceError::NotRunning { .. }), Some(port)) => {
+            start_service(name, port, rig, context)?;
+            Ok(Client::connect(name, &client_name)?)
+        }
+        (connected, _) => Ok(connected?),
+    }
+}
+
+/// This command, for the messages of others.
+fn client_name() -> String {
+    let command = std::env::args().skip(1).find(|word| !word.starts_with('-'));
+    format!("forcectl {}", command.unwrap_or_default())
+}
+
+/// Starts `forcectl serve` in the background and waits until it listens.
+fn start_service(
+    name: &str,
+    port: &LinkChoice,
+    rig: Option<&Path>,
+    context: &Context,
+) -> Result<()> {
+    let failed = |error: std::io::Error| {
+        Failure::new(
+            exit::LINK,
+            format!("the service for {port} can't be started: {error}; --direct works without it"),
+        )
+    };
+    let log_path = socket::path_of(name).map_err(failed)?.with_extension("log");
+    let log = std::fs::File::create(&log_path).map_err(failed)?;
+    let mut command = std::process::Command::new(std::env::current_exe().map_err(failed)?);
+    command
+        .args(["serve", "--on-demand", "--json", "--link"])
+        .arg(port.to_string())
+        .args(["--name", name]);
+    if let Some(rig) = rig {
+        command.arg("--rig").arg(rig);
+    }
+    // A process group of its own: Ctrl-C in this terminal is for this command.
+    let mut child = command
+        .stdin(Stdio::null())
+        .stdout(log)
+        .stderr(Stdio::null())
+        .process_group(0)
+        .spawn()
+        .map_err(failed)?;
+    context.output.detail(&format!(
+        "a service for {port} is started (process {}); it ends 10 s after its last client",
+        child.id()
+    ));
+    let until = Instant::now() + START_TIMEOUT;
+    while Instant::now() < until {
+        if socket::running().iter().any(|running| running == name) {
+            return Ok(());
+        }
+        if let Ok(Some(_)) = child.try_wait() {
+            let said = std::fs::read_to_string(&log_path).unwrap_or_default();
+            let error = serde_json::from_str::<serde_json::Value>(&said)
+                .ok()
+                .and_then(|said| said["error"].as_str().map(str::to_owned));
+            return Err(Failure::new(
+                exit::LINK,
+                error.unwrap_or_else(|| format!("the service for {port} ended at once: {said}")),
+            ));
+        }
+        std::thread::sleep(Duration::from_millis(10));
+    }
+    Err(Failure::new(
+        exit::LINK,
+        format!(
+            "the service for {port} does not listen after {} s; its log is {}; --direct works without it",
+            START_TIMEOUT.as_secs(),
+            log_path.display()
+        ),
+    ))
+}

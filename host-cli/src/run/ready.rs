@@ -1,0 +1,306 @@
+//! A board made ready for a run: with zeros measured now, or with those that it holds already.
+//!
+//! A zero is true only while the cables are slack. On a rig that stays powered, friction keeps 0.7 to 1.0 N in a cable
+//! after a run; a zero taken then would make every later force wrong by that much. So a zero is measured at power-on of
+//! an emulated rig and when the user asks for it, and a run keeps what is there. A measured zero far from the last one
+//! is refused ([`ZERO_TOLERANCE_N`]): a cable that pulls looks like a zero that moved.
+
+use super::prepare::{
+    check_idle, check_stop, conversions_lost, leave_out_faulted, prepare_board, verify, wait_ready,
+    zero, Prepared, BRING_UP_TIMEOUT,
+};
+use super::zeros::ZeroStore;
+use super::{Observer, Phase, RunError};
+use crate::rigfile::{board_crc, RigFile};
+use crate::session::Session;
+use std::sync::atomic::AtomicBool;
+use wire::message::UnitConfig;
+use wire::{Command, UNITS};
+
+/// How far a zero may lie from the last one, N. The NAU7802's calibration moves it at each power-up by up to 1 % of a 3 kg
+/// cell's range, 0.3 N (device facts, NAU7802); friction leaves 0.7 N and more.
+pub const ZERO_TOLERANCE_N: f64 = 0.45;
+
+/// Where the zeros of a run come from.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub enum Zeroing {
+    /// Measured now and used whatever they are: an emulated rig at power-on, where the cables are slack.
+    #[default]
+    Measure,
+    /// Those that the board holds. Where it holds none (it was powered up since), they are measured and have to
+    /// agree with the stored ones.
+    Keep(ZeroStore),
+    /// Measured now, because the user says that the cables are slack; refused where they disagree with the last ones.
+    Ask(ZeroStore),
+    /// Measured now, and the reference for later.
+    Replace(ZeroStore),
+}
+
+/// Makes a board ready: configured, with zeros, disarmed.
+///
+/// # Errors
+/// [`RunError`]; nothing was armed, and zeros that were refused are not in force.
+pub fn ready_board(
+    session: &mut Session<'_>,
+    rig: &RigFile,
+    zeroing: &Zeroing,
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<Prepared, RunError> {
+    let (store, replace) = match zeroing {
+        Zeroing::Measure => return prepare_board(session, rig, stop, observer),
+        Zeroing::Keep(store) => return keep(session, rig, store, stop, observer),
+        Zeroing::Ask(store) => (store, false),
+        Zeroing::Replace(store) => (store, true),
+    };
+    let before = session.get_configs()?;
+    let reference = reference(store, &before)?;
+    measure(
+        session,
+        rig,
+        &before,
+        reference.filter(|_| !replace),
+        store,
+        stop,
+        observer,
+    )
+}
+
+/// Uses the zeros that the board holds.
+fn keep(
+    session: &mut Session<'_>,
+    rig: &RigFile,
+    store: &ZeroStore,
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<Prepared, RunError> {
+    check_idle(&session.get_status()?)?;
+    let in_force = session.get_configs()?;
+    let wanted = carried_over(session, rig, &in_force);
+    let complete = wanted
+        .iter()
+        .all(|config| !config.enabled || config.zero_code != 0);
+    if !complete {
+        let Some(reference) = store.last()? else {
+            return Err(RunError::Argument(format!(
+                "no zero is known for rig `{}`: let all cables hang slack and run `forcectl zero`; nothing was driven",
+                rig.name
+            )));
+        };
+        observer.notice("the board was powered up since its last zero: zeros are measured and compared with the stored ones");
+        return measure(
+            session,
+            rig,
+            &in_force,
+            Some(reference),
+            store,
+            stop,
+            observer,
+        );
+    }
+    session.command(&Command::Stream { decimation: 1 })?;
+    let mut configs = wanted;
+    let mut faults = Vec::new();
+    if wanted != in_force {
+        observer.progress(Phase::Configure, 0.0);
+        session.configure(&wanted)?;
+        check_stop(stop)?;
+        observer.progress(Phase::BringUp, 0.0);
+    }
+    let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
+    faults.extend(leave_out_faulted(session, &mut configs, &status, observer)?);
+    let (status, config_crc) = verify(session, &configs)?;
+    observer.configured(&configs);
+    Prepared::of(session, configs, config_crc, faults, &status)
+}
+
+/// The rig file's configuration with what belongs to the board: its zeros, and an emulated rig's calibrated scales.
+fn carried_over(
+    session: &mut Session<'_>,
+    rig: &RigFile,
+    in_force: &[UnitConfig; UNITS],
+) -> [UnitConfig; UNITS] {
+    let emulated = session.link().controls().is_some();
+    let mut configs = rig.units.map(|unit| unit.to_wire());
+    for (config, before) in configs.iter_mut().zip(in_force) {
+        config.zero_code = before.zero_code;
+        if emulated && before.zero_code != 0 {
+            config.scale_pn_per_count = before.scale_pn_per_count;
+        }
+    }
+    configs
+}
+
+/// The zeros to compare with: the stored ones, else those in force.
+fn reference(
+    store: &ZeroStore,
+    in_force: &[UnitConfig; UNITS],
+) -> Result<Option<[i32; UNITS]>, RunError> {
+    if let Some(stored) = store.last()? {
+        return Ok(Some(stored));
+    }
+    let codes = in_force.map(|config| config.zero_code);
+    Ok((codes != [0; UNITS]).then_some(codes))
+}
+
+/// Measures zeros. Where they disagree with `reference`, the board gets `before` back.
+fn measure(
+    session: &mut Session<'_>,
+    rig: &RigFile,
+    before: &[UnitConfig; UNITS],
+    reference: Option<[i32; UNITS]>,
+    store: &ZeroStore,
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<Prepared, RunError> {
+    check_idle(&session.get_status()?)?;
+    session.command(&Command::Stream { decimation: 1 })?;
+    observer.progress(Phase::Configure, 0.0);
+    let mut configs = carried_over(session, rig, before);
+    session.configure(&configs)?;
+    check_stop(stop)?;
+    observer.progress(Phase::BringUp, 0.0);
+    let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
+    let mut faults = leave_out_faulted(session, &mut configs, &status, observer)?;
+    faults.extend(zero(session, &mut configs, stop, observer)?);
+    let wrong = reference.map_or_else(Vec::new, |reference| far(&configs, &reference));
+    if !wrong.is_empty() {
+        session.configure(before)?;
+        return Err(RunError::Fault(format!(
+            "the zeros are refused: {}; a slack cable moves by {ZERO_TOLERANCE_N} N at most, so these cables pull (or the \
+             sensor changed). Take the load off them and repeat; if they are slack, `forcectl zero --replace`. The \
+             board has its former zeros",
+            wrong.join(", ")
+        )));
+    }
+    let (status, config_crc) = verify(session, &configs)?;
+    store.add(&rig.name, &configs)?;
+    observer.configured(&configs);
+    Prepared::of(session, configs, config_crc, faults, &status)
+}
+
+/// Units whose zero is too far from the reference, in words.
+fn far(configs: &[UnitConfig; UNITS], reference: &[i32; UNITS]) -> Vec<String> {
+    configs
+        .iter()
+        .zip(reference)
+        .enumerate()
+        .filter(|(_, (config, reference))| config.enabled && **reference != 0)
+        .filter_map(|(i, (config, reference))| {
+            let moved_n = (f64::from(config.zero_code) - f64::from(*reference))
+                * f64::from(config.scale_pn_per_count)
+                * 1e-12;
+            (moved_n.abs() > ZERO_TOLERANCE_N)
+                .then(|| format!("unit {} moved by {moved_n:+.2} N", i + 1))
+        })
+        .collect()
+}
+
+impl Prepared {
+    /// What is known of a board that is ready.
+    fn of(
+        session: &mut Session<'_>,
+        configs: [UnitConfig; UNITS],
+        config_crc: u32,
+        faults: Vec<super::RunFault>,
+        status: &wire::message::Status,
+    ) -> Result<Self, RunError> {
+        debug_assert_eq!(config_crc, board_crc(&configs));
+        let available = configs.map(|config| config.enabled);
+        if !available.contains(&true) {
+            return Err(RunError::Fault(
+                "no force unit is ready; see `forcectl status`".to_owned(),
+            ));
+        }
+        Ok(Self {
+            configs,
+            config_crc,
+            available,
+            faults,
+            missed_before: status.units.map(|unit| unit.missed),
+            lost_before: conversions_lost(session.link())?,
+        })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::fake::{Behavior, FakeBoard};
+    use crate::link::RigControls;
+    use crate::run::NoopObserver;
+    use emulator_link::Injection;
+    use std::time::Duration;
+
+    fn ready(
+        session: &mut Session<'_>,
+        rig: &RigFile,
+        zeroing: &Zeroing,
+    ) -> Result<Prepared, RunError> {
+        ready_board(
+            session,
+            rig,
+            zeroing,
+            &AtomicBool::new(false),
+            &mut NoopObserver,
+        )
+    }
+
+    fn pull(board: &mut FakeBoard, newton: f64) {
+        board.inject(Injection::PullCable(2, newton)).unwrap();
+    }
+
+    #[test]
+    fn a_zero_far_from_the_last_one_is_refused_and_not_in_force() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = ZeroStore::at(folder.path().join("zeros.toml"));
+        let rig = RigFile::built_in().unwrap();
+        let mut board = FakeBoard::new(Behavior::Good);
+        let first = {
+            let mut session = Session::connect(&mut board).unwrap();
+            ready(&mut session, &rig, &Zeroing::Ask(store.clone())).unwrap()
+        };
+        assert_eq!(
+            store.last().unwrap(),
+            Some(first.configs.map(|c| c.zero_code))
+        );
+        // 0.8 N are left in a cable, as friction leaves them.
+        pull(&mut board, 0.8);
+        let mut session = Session::connect(&mut board).unwrap();
+        session.advance(Duration::from_millis(300)).unwrap();
+        let error = ready(&mut session, &rig, &Zeroing::Ask(store.clone())).unwrap_err();
+        assert!(error.to_string().contains("unit 2 moved by"), "{error}");
+        assert_eq!(session.get_configs().unwrap(), first.configs);
+        // A run keeps the zeros; the tension is reported as it is.
+        let kept = ready(&mut session, &rig, &Zeroing::Keep(store.clone())).unwrap();
+        assert_eq!(kept.configs, first.configs);
+        session.advance(Duration::from_millis(200)).unwrap();
+        let (tension, _) = session.tension_n()[1].unwrap();
+        assert!((tension - 0.8).abs() < 0.1, "{tension}");
+        // Who insists gets it.
+        let replaced = ready(&mut session, &rig, &Zeroing::Replace(store.clone())).unwrap();
+        assert_ne!(replaced.configs[1].zero_code, first.configs[1].zero_code);
+    }
+
+    #[test]
+    fn a_board_without_zeros_needs_stored_ones() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = ZeroStore::at(folder.path().join("zeros.toml"));
+        let rig = RigFile::built_in().unwrap();
+        let mut board = FakeBoard::new(Behavior::Good);
+        let mut session = Session::connect(&mut board).unwrap();
+        let error = ready(&mut session, &rig, &Zeroing::Keep(store.clone())).unwrap_err();
+        assert!(error.to_string().contains("forcectl zero"), "{error}");
+        ready(&mut session, &rig, &Zeroing::Ask(store.clone())).unwrap();
+        // Powered up again: the zeros are measured and agree.
+        let mut board = FakeBoard::new(Behavior::Good);
+        let mut session = Session::connect(&mut board).unwrap();
+        let prepared = ready(&mut session, &rig, &Zeroing::Keep(store.clone())).unwrap();
+        assert!(prepared.configs.iter().all(|config| config.zero_code != 0));
+        // Powered up under load: refused.
+        let mut board = FakeBoard::new(Behavior::Good);
+        pull(&mut board, 0.8);
+        let mut session = Session::connect(&mut board).unwrap();
+        assert!(ready(&mut session, &rig, &Zeroing::Keep(store)).is_err());
+    }
+}

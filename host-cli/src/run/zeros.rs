@@ -1,0 +1,175 @@
+//! Zeros that were measured on a rig, with their time: what later zeros are compared with.
+
+use super::RunError;
+use serde::{Deserialize, Serialize};
+use std::io::ErrorKind;
+use std::path::{Path, PathBuf};
+use std::time::SystemTime;
+use wire::message::UnitConfig;
+use wire::UNITS;
+
+/// Zeros kept of each rig.
+const MAX_ENTRIES: usize = 200;
+/// Variable with the folder of the stored zeros.
+pub const FOLDER_VARIABLE: &str = "FORCECTL_STATE_DIR";
+
+/// The stored zeros of one rig, a TOML file; or none, for a rig that forgets (an emulated one).
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct ZeroStore {
+    path: Option<PathBuf>,
+}
+
+/// The file.
+#[derive(Debug, Default, Serialize, Deserialize)]
+struct File {
+    /// Name of the rig, as in its rig file.
+    rig: String,
+    /// Oldest first.
+    #[serde(default)]
+    zero: Vec<Entry>,
+}
+
+/// One measurement of the zeros.
+#[derive(Debug, Serialize, Deserialize)]
+struct Entry {
+    /// When, UTC.
+    measured_at: String,
+    /// Zeros of units 1 to 6, ADC codes; 0: the unit was disabled or out of order.
+    zero_code: [i32; UNITS],
+    /// Temperature in degrees Celsius, where a sensor gives it.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    temperature_c: Option<f64>,
+}
+
+impl ZeroStore {
+    /// A store that keeps nothing.
+    #[must_use]
+    pub fn none() -> Self {
+        Self::default()
+    }
+
+    /// A store in this file.
+    #[must_use]
+    pub fn at(path: impl Into<PathBuf>) -> Self {
+        Self {
+            path: Some(path.into()),
+        }
+    }
+
+    /// The store of a rig in the user's folder: [`FOLDER_VARIABLE`], else `forcectl` in `XDG_STATE_HOME` or
+    /// `~/.local/state`.
+    #[must_use]
+    pub fn of_rig(name: &str) -> Self {
+        let set = |variable: &str| std::env::var_os(variable).filter(|value| !value.is_empty());
+        let folder = match (set(FOLDER_VARIABLE), set("XDG_STATE_HOME"), set("HOME")) {
+            (Some(folder), _, _) => PathBuf::from(folder),
+            (None, Some(state), _) => Path::new(&state).join("forcectl"),
+            (None, None, Some(home)) => Path::new(&home).join(".local/state/forcectl"),
+            (None, None, None) => return Self::none(),
+        };
+        let safe: String = name
+            .chars()
+            .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
+            .collect();
+        Self::at(folder.join(format!("zeros-{safe}.toml")))
+    }
+
+    fn read(&self) -> Result<File, RunError> {
+        let Some(path) = &self.path else {
+            return Ok(File::default());
+        };
+        let text = match std::fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(File::default()),
+            Err(error) => return Err(unusable(path, &error)),
+        };
+        toml::from_str(&text).map_err(|error| unusable(path, &error))
+    }
+
+    /// The last zeros, ADC codes; `None` where none are stored.
+    ///
+    /// # Errors
+    /// The file can't be read.
+    pub fn last(&self) -> Result<Option<[i32; UNITS]>, RunError> {
+        Ok(self.read()?.zero.last().map(|entry| entry.zero_code))
+    }
+
+    /// Adds zeros. A unit that is disabled keeps its last one.
+    ///
+    /// # Errors
+    /// The file can't be written.
+    pub fn add(&self, rig: &str, configs: &[UnitConfig; UNITS]) -> Result<(), RunError> {
+        let Some(path) = &self.path else {
+            return Ok(());
+        };
+        let mut file = self.read()?;
+        let last = file.zero.last().map_or([0; UNITS], |entry| entry.zero_code);
+        rig.clone_into(&mut file.rig);
+        file.zero.push(Entry {
+            measured_at: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
+            zero_code: std::array::from_fn(|i| {
+                if configs[i].enabled {
+                    configs[i].zero_code
+                } else {
+                    last[i]
+                }
+            }),
+            temperature_c: None,
+        });
+        let surplus = file.zero.len().saturating_sub(MAX_ENTRIES);
+        file.zero.drain(..surplus);
+        let write = || {
+            let text = toml::to_string(&file).map_err(std::io::Error::other)?;
+            if let Some(folder) = path.parent() {
+                std::fs::create_dir_all(folder)?;
+            }
+            // Replaced as a whole: a full disk leaves the old file.
+            let new = path.with_extension("toml.new");
+            std::fs::write(&new, text)?;
+            std::fs::rename(new, path)
+        };
+        write().map_err(|error: std::io::Error| unusable(path, &error))
+    }
+}
+
+fn unusable(path: &Path, error: &dyn std::fmt::Display) -> RunError {
+    RunError::Argument(format!(
+        "the stored zeros {} can't be used: {error}; correct or delete the file (then run `forcectl zero`)",
+        path.display()
+    ))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rigfile::RigFile;
+
+    #[test]
+    fn zeros_are_kept_with_their_time_and_a_disabled_unit_keeps_its_own() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("deep/zeros.toml");
+        let store = ZeroStore::at(&path);
+        assert_eq!(store.last().unwrap(), None);
+        let mut configs = RigFile::built_in()
+            .unwrap()
+            .units
+            .map(|unit| unit.to_wire());
+        for (i, config) in configs.iter_mut().enumerate() {
+            config.zero_code = 100 * (i as i32 + 1);
+        }
+        store.add("a rig", &configs).unwrap();
+        configs[2].enabled = false;
+        configs[2].zero_code = 0;
+        configs[0].zero_code = 111;
+        for _ in 0..MAX_ENTRIES {
+            store.add("a rig", &configs).unwrap();
+        }
+        assert_eq!(store.last().unwrap(), Some([111, 200, 300, 400, 500, 600]));
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert_eq!(text.matches("measured_at = \"20").count(), MAX_ENTRIES);
+        std::fs::write(&path, "zero = 3").unwrap();
+        let error = store.last().unwrap_err().to_string();
+        assert!(error.contains("zeros.toml"), "{error}");
+        assert_eq!(ZeroStore::none().last().unwrap(), None);
+    }
+}

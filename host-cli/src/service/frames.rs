@@ -1,0 +1,111 @@
+//! Frames of the board for several clients: each client sees a count without gaps of its own.
+//!
+//! The board counts its frames. A client that does not get the replies to others would take each of them for a lost
+//! frame; so each client has a count of its own, which has a gap only where the board's had one.
+
+use wire::{BoardFrame, BoardMessage};
+
+/// A frame that arrived, and how many were lost before it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Arrived {
+    /// Frames of the board that are missing before this one.
+    pub lost: u16,
+    /// The message.
+    pub message: BoardMessage,
+}
+
+/// Follows the board's own count.
+#[derive(Debug, Default)]
+pub struct Gaps {
+    last: Option<u16>,
+}
+
+impl Gaps {
+    /// Takes a frame of the board. A step back is a new count (a reset) and no gap.
+    pub fn arrived(&mut self, frame: BoardFrame) -> Arrived {
+        let gap = self
+            .last
+            .map_or(0, |last| frame.seq.wrapping_sub(last).wrapping_sub(1));
+        self.last = Some(frame.seq);
+        Arrived {
+            lost: if gap < u16::MAX / 2 { gap } else { 0 },
+            message: frame.message,
+        }
+    }
+}
+
+/// The count of one client.
+#[derive(Debug, Default)]
+pub struct Numbering {
+    seq: u16,
+}
+
+impl Numbering {
+    /// Frames that the board lost: a gap for this client as well.
+    pub fn skip(&mut self, lost: u16) {
+        self.seq = self.seq.wrapping_add(lost);
+    }
+
+    /// The bytes of a message for this client.
+    pub fn encode(&mut self, message: &BoardMessage, to: &mut Vec<u8>) {
+        self.seq = self.seq.wrapping_add(1);
+        let frame = BoardFrame {
+            seq: self.seq,
+            message: message.clone(),
+        };
+        let mut out = [0; wire::MAX_FRAME];
+        // It came from a frame of this size.
+        if let Ok(length) = wire::encode(&frame, &mut out) {
+            to.extend_from_slice(&out[..length]);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use wire::message::{FaultReport, Reply, Response};
+
+    fn fault(seq: u16) -> BoardFrame {
+        BoardFrame {
+            seq,
+            message: BoardMessage::Fault(FaultReport {
+                t_us: 0,
+                unit: 1,
+                code: 33,
+                detail: 0,
+            }),
+        }
+    }
+
+    #[test]
+    fn a_client_sees_the_boards_gaps_and_no_others() {
+        let mut gaps = Gaps::default();
+        let mut client = Numbering::default();
+        let mut bytes = Vec::new();
+        // 10, 11 (a reply to another client), 12, two lost, 15.
+        for (seq, for_client) in [(10, true), (11, false), (12, true), (15, true)] {
+            let mut frame = fault(seq);
+            if !for_client {
+                frame.message = BoardMessage::Reply(Reply {
+                    seq: 1,
+                    response: Response::Done,
+                });
+            }
+            let arrived = gaps.arrived(frame);
+            client.skip(arrived.lost);
+            if for_client {
+                client.encode(&arrived.message, &mut bytes);
+            }
+        }
+        let mut decoder = wire::Decoder::new();
+        let seen: Vec<u16> = bytes
+            .iter()
+            .filter_map(|byte| decoder.push::<BoardFrame>(*byte).unwrap())
+            .map(|frame| frame.seq)
+            .collect();
+        assert_eq!(seen, [1, 2, 5]);
+        // A board that starts anew counts from the beginning: no gap.
+        assert_eq!(gaps.arrived(fault(1)).lost, 0);
+    }
+}

@@ -1,0 +1,494 @@
+//! Tests of the service with a board in memory: who may do what, what happens when someone goes away.
+
+use super::client::{Client, Notification, ServiceError, ServiceLink};
+use super::protocol::{code, Call, ForceParams, HoldParams, Topics};
+use super::server::{serve, ServeOptions};
+use super::socket::Listening;
+use crate::link::fake::{Behavior, FakeBoard};
+use crate::link::{Exchange, LinkError, RigControls, RigLink};
+use crate::rigfile::{RigFile, DEFAULT_NAME, DEFAULT_TEXT};
+use crate::run::{
+    self, prepare_board, set_force, NoopObserver, Options, RunError, ZeroStore, Zeroing,
+};
+use crate::session::Session;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+use wire::Command;
+
+/// A board in memory whose time passes as fast as it can be computed; while nothing happens, at most three times as fast as on the
+/// clock on the wall.
+struct Paced {
+    board: FakeBoard,
+    last: Instant,
+    factor: f64,
+    commands: Arc<Mutex<Vec<Command>>>,
+    plugged: Arc<AtomicBool>,
+}
+
+impl RigLink for Paced {
+    fn name(&self) -> String {
+        self.board.name()
+    }
+
+    fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError> {
+        if !self.plugged.load(Ordering::SeqCst) {
+            return Err(LinkError::Lost {
+                name: "fake board".to_owned(),
+                cause: "unplugged".to_owned(),
+            });
+        }
+        let exchange = self.board.exchange(to_board, duration)?;
+        self.commands
+            .lock()
+            .unwrap()
+            .extend(self.board.commands.drain(..));
+        // A machine that is busy makes time pass slower, and never faster afterwards.
+        let due = Duration::from_nanos((duration.as_nanos() as f64 / self.factor) as u64);
+        std::thread::sleep(due.saturating_sub(self.last.elapsed()));
+        self.last = Instant::now();
+        Ok(exchange)
+    }
+
+    fn controls(&mut self) -> Option<&mut dyn RigControls> {
+        self.board.controls()
+    }
+}
+
+/// A service with such a board.
+struct Rig {
+    _folder: tempfile::TempDir,
+    path: std::path::PathBuf,
+    stop: Arc<AtomicBool>,
+    commands: Arc<Mutex<Vec<Command>>>,
+    plugged: Arc<AtomicBool>,
+    thread: Option<std::thread::JoinHandle<bool>>,
+}
+
+impl Rig {
+    fn start(behavior: Behavior, prepared: bool) -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("rig.sock");
+        let stop = Arc::new(AtomicBool::new(false));
+        let commands = Arc::new(Mutex::new(Vec::new()));
+        let plugged = Arc::new(AtomicBool::new(true));
+        let (ready, is_ready) = std::sync::mpsc::channel();
+        let (at, flag, log, plug) = (
+            path.clone(),
+            stop.clone(),
+            commands.clone(),
+            plugged.clone(),
+        );
+        let thread = std::thread::spawn(move || {
+            let reopen_plug = plug.clone();
+            let make = move |prepared: bool| {
+                let mut board = FakeBoard::new(behavior);
+                if prepared {
+                    let rig = RigFile::built_in().unwrap();
+                    let mut session = Session::connect(&mut board).unwrap();
+                    let stop = AtomicBool::new(false);
+                    prepare_board(&mut session, &rig, &stop, &mut NoopObserver).unwrap();
+                }
+                board.commands.clear();
+                Box::new(Paced {
+                    board,
+                    last: Instant::now(),
+                    factor: if soak_hours().is_some() { 1e6 } else { 3.0 },
+                    commands: log.clone(),
+                    plugged: plug.clone(),
+                }) as Box<dyn RigLink>
+            };
+            let link = make(prepared);
+            let options = ServeOptions {
+                name: "rig".to_owned(),
+                rig_file: (DEFAULT_NAME.to_owned(), DEFAULT_TEXT.to_owned()),
+                terminal: true,
+                reopen: Some(Box::new(move || {
+                    if reopen_plug.load(Ordering::SeqCst) {
+                        Ok(make(true))
+                    } else {
+                        Err(LinkError::Setup("not there".to_owned()))
+                    }
+                })),
+                lockstep: true,
+                stop: flag,
+                ..ServeOptions::default()
+            };
+            let listening = Listening::bind_at(at).unwrap();
+            serve(link, listening, options, |_| ready.send(()).unwrap()).is_ok()
+        });
+        is_ready.recv().unwrap();
+        Self {
+            _folder: folder,
+            path,
+            stop,
+            commands,
+            plugged,
+            thread: Some(thread),
+        }
+    }
+
+    fn client(&self, name: &str) -> Client {
+        Client::connect_at(&self.path, "rig", name).unwrap()
+    }
+
+    fn commander(&self, name: &str) -> ServiceLink {
+        ServiceLink::commander(self.client(name)).unwrap()
+    }
+
+    fn got(&self, command: &Command) -> usize {
+        let commands = self.commands.lock().unwrap();
+        commands.iter().filter(|c| *c == command).count()
+    }
+
+    /// Waits for a state of the board, 5 s at most.
+    fn wait_for(&self, state: &str) {
+        let mut client = self.client("a test");
+        let until = Instant::now() + Duration::from_secs(5);
+        loop {
+            let now = client.status().unwrap().state;
+            if now == state {
+                return;
+            }
+            assert!(Instant::now() < until, "{now}, not {state}");
+            std::thread::sleep(Duration::from_millis(5));
+        }
+    }
+
+    fn end(&mut self) -> bool {
+        self.stop.store(true, Ordering::SeqCst);
+        self.thread
+            .take()
+            .is_none_or(|thread| thread.join().unwrap())
+    }
+}
+
+impl Drop for Rig {
+    fn drop(&mut self) {
+        self.end();
+    }
+}
+
+fn kept(hold_s: f64, stop: &Arc<AtomicBool>) -> Options {
+    Options {
+        zeroing: Zeroing::Keep(ZeroStore::none()),
+        stop: Arc::clone(stop),
+        ..Options::new([0.0, 2.0, 0.0], hold_s)
+    }
+}
+
+#[test]
+fn a_run_over_the_service_holds_the_force_with_others_watching() {
+    let mut rig = Rig::start(Behavior::Good, true);
+    let file = RigFile::built_in().unwrap();
+    let observers: Vec<_> = (0..3)
+        .map(|n| {
+            let link = ServiceLink::observer(rig.client(&format!("observer {n}"))).unwrap();
+            std::thread::spawn(move || {
+                let mut link = link;
+                let mut session = Session::connect(&mut link).unwrap();
+                let mut samples = 0;
+                for _ in 0..200 {
+                    session.advance(Duration::from_millis(10)).unwrap();
+                    samples += session.drain().samples.len();
+                }
+                (samples, session.counters().frames_lost)
+            })
+        })
+        .collect();
+    let mut link = rig.commander("commander");
+    let stop = Arc::default();
+    let outcome = set_force(&mut link, &file, &kept(3.0, &stop), &mut NoopObserver).unwrap();
+    let metrics = outcome.metrics.unwrap();
+    assert!(metrics.tip_force_error_n < 0.1, "{metrics:?}");
+    assert_eq!(outcome.link_counters.frames_lost, 0);
+    for observer in observers {
+        let (samples, lost) = observer.join().unwrap();
+        // 2 s of six converters at 320 SPS.
+        assert!(samples > 3000, "{samples}");
+        assert_eq!(lost, 0);
+    }
+    drop(link);
+    rig.wait_for("ready");
+    assert!(rig.end());
+}
+
+#[test]
+fn one_commands_and_anyone_stops() {
+    let rig = Rig::start(Behavior::Good, true);
+    let file = RigFile::built_in().unwrap();
+    let mut link = rig.commander("the first");
+    let running = std::thread::spawn(move || {
+        let stop = Arc::default();
+        set_force(&mut link, &file, &kept(60.0, &stop), &mut NoopObserver)
+    });
+    rig.wait_for("running");
+    // A second commander is refused and told who commands.
+    let error = ServiceLink::commander(rig.client("the second")).unwrap_err();
+    assert!(
+        matches!(&error, ServiceError::Refused { code: code::BUSY, message } if message.contains("the first")),
+        "{error}"
+    );
+    // Its frames are refused as well, and no command of its gets through.
+    let mut observer = ServiceLink::observer(rig.client("observer")).unwrap();
+    let mut session = Session::connect(&mut observer).unwrap();
+    assert!(session.command(&Command::Disarm).is_err());
+    assert!(session.get_status().is_ok());
+    assert_eq!(rig.got(&Command::Disarm), 0);
+    // But it stops the rig.
+    let mut other = rig.client("anyone");
+    other.call(Call::Stop).unwrap();
+    assert_eq!(rig.got(&Command::Stop), 1);
+    let error = running.join().unwrap().unwrap_err();
+    assert!(matches!(error, RunError::Fault(_)), "{error}");
+    rig.wait_for("fault");
+    assert!(other.call(Call::Clear).is_ok());
+    rig.wait_for("ready");
+}
+
+#[test]
+fn a_commander_that_goes_away_has_the_rig_disarmed() {
+    let rig = Rig::start(Behavior::Good, true);
+    let mut client = rig.client("events");
+    client
+        .call(Call::Subscribe(Topics {
+            events: true,
+            ..Topics::default()
+        }))
+        .unwrap();
+    {
+        // Arms, and is dropped without another word, as a killed process is.
+        let mut link = rig.commander("killed");
+        let mut session = Session::connect(&mut link).unwrap();
+        session.command(&Command::Arm).unwrap();
+        rig.wait_for("running");
+    }
+    rig.wait_for("ready");
+    assert_eq!(rig.got(&Command::Disarm), 1);
+    let mut texts = String::new();
+    while let Some(Notification::Event(event)) = client.next(Duration::from_millis(100)).unwrap() {
+        texts += &event.text;
+    }
+    assert!(
+        texts.contains("killed") && texts.contains("is gone; the rig is disarmed"),
+        "{texts}"
+    );
+}
+
+#[test]
+fn the_service_holds_by_itself_until_it_is_disarmed() {
+    let rig = Rig::start(Behavior::Good, true);
+    let mut client = rig.client("arm");
+    client.hold(HoldParams::default()).unwrap();
+    // Who asked may leave: the service holds.
+    drop(client);
+    std::thread::sleep(Duration::from_millis(300));
+    rig.wait_for("running");
+    let mut other = rig.client("another terminal");
+    let status = other.status().unwrap();
+    assert!(status.commander.unwrap().contains("hold for arm"));
+    other.call(Call::Disarm).unwrap();
+    let status = other.status().unwrap();
+    assert_eq!(status.state, "ready");
+    assert_eq!(status.commander, None);
+    assert!(rig.got(&Command::Stop) == 0);
+}
+
+#[test]
+fn a_program_without_this_library_commands_a_force() {
+    let rig = Rig::start(Behavior::Good, true);
+    let mut client = rig.client("a script");
+    client
+        .call(Call::Subscribe(Topics {
+            telemetry: true,
+            ..Topics::default()
+        }))
+        .unwrap();
+    let force = Call::SetForce(ForceParams {
+        force_n: [0.0, 2.0, 0.0],
+        duration_s: 2.0,
+    });
+    let outcome = client.call_within(force, Duration::from_secs(30)).unwrap();
+    let y = outcome["metrics"]["applied_n"][1].as_f64().unwrap();
+    assert!((y - 2.0).abs() < 0.1, "{y}");
+    let mut near = 0;
+    while let Some(Notification::Telemetry(telemetry)) = client.next(Duration::ZERO).unwrap() {
+        let force = telemetry.true_force_n.unwrap();
+        near += u32::from((force[1] - 2.0).abs() < 0.3);
+    }
+    // 50 lines a second.
+    assert!(near > 60, "{near}");
+}
+
+#[test]
+fn a_zero_is_kept_between_runs_whatever_friction_leaves_in_the_cables() {
+    let rig = Rig::start(Behavior::Good, true);
+    let file = RigFile::built_in().unwrap();
+    let stop = Arc::default();
+    for _ in 0..2 {
+        let mut link = rig.commander("a run");
+        let outcome = set_force(&mut link, &file, &kept(2.0, &stop), &mut NoopObserver).unwrap();
+        let metrics = outcome.metrics.unwrap();
+        assert!(
+            metrics.from_truth && metrics.tip_force_error_n < 0.1,
+            "{metrics:?}"
+        );
+    }
+    assert_eq!(
+        rig.commands
+            .lock()
+            .unwrap()
+            .iter()
+            .filter(|c| matches!(c, Command::Zero { .. }))
+            .count(),
+        0
+    );
+}
+
+#[test]
+fn a_link_that_comes_back_is_used_again() {
+    let rig = Rig::start(Behavior::Good, true);
+    let file = RigFile::built_in().unwrap();
+    let mut link = rig.commander("a run");
+    let its_file = file.clone();
+    let running = std::thread::spawn(move || {
+        let stop = Arc::default();
+        set_force(&mut link, &its_file, &kept(60.0, &stop), &mut NoopObserver)
+    });
+    rig.wait_for("running");
+    rig.plugged.store(false, Ordering::SeqCst);
+    let error = running.join().unwrap().unwrap_err().to_string();
+    assert!(error.contains("unplugged"), "{error}");
+    rig.wait_for("no link");
+    let refused = rig.client("stop").call(Call::Stop).unwrap_err().to_string();
+    assert!(refused.contains("is gone"), "{refused}");
+    rig.plugged.store(true, Ordering::SeqCst);
+    rig.wait_for("ready");
+    let stop = Arc::default();
+    let mut link = rig.commander("the next run");
+    let outcome = set_force(&mut link, &file, &kept(2.0, &stop), &mut NoopObserver).unwrap();
+    assert_eq!(outcome.ended, run::Ended::Done);
+}
+
+#[test]
+fn damaged_lines_and_frames_harm_nobody_else() {
+    use std::io::Write;
+    let rig = Rig::start(Behavior::Noisy(1000), true);
+    let mut bad = std::os::unix::net::UnixStream::connect(&rig.path).unwrap();
+    bad.write_all(b"GET / HTTP/1.1\r\n\r\n{\"id\":1,\"method\":\"stop\"}\n\xff\xfe\n")
+        .unwrap();
+    // Nothing is done before hello.
+    std::thread::sleep(Duration::from_millis(50));
+    assert_eq!(rig.got(&Command::Stop), 0);
+    // Every thousandth byte of the board is damaged, and the run goes on.
+    let file = RigFile::built_in().unwrap();
+    let stop = Arc::default();
+    let mut link = rig.commander("a run");
+    let outcome = set_force(&mut link, &file, &kept(2.0, &stop), &mut NoopObserver).unwrap();
+    assert!(
+        outcome.link_counters.frames_bad > 20,
+        "{:?}",
+        outcome.link_counters
+    );
+    assert!(outcome.metrics.unwrap().tip_force_error_n < 0.1);
+}
+
+#[test]
+fn a_client_that_does_not_read_is_no_burden() {
+    let rig = Rig::start(Behavior::Good, true);
+    let lazy = ServiceLink::observer(rig.client("lazy")).unwrap();
+    let mut client = rig.client("busy");
+    for _ in 0..20 {
+        std::thread::sleep(Duration::from_millis(20));
+        let asked = Instant::now();
+        client.call(Call::Stop).unwrap();
+        // Not a limit of speed: a service that waits for the lazy client never answers.
+        assert!(asked.elapsed() < Duration::from_secs(5));
+    }
+    drop(lazy);
+}
+
+#[test]
+fn two_services_of_one_rig_are_refused_and_a_dead_socket_is_replaced() {
+    let mut rig = Rig::start(Behavior::Good, false);
+    let error = Listening::bind_at(rig.path.clone()).unwrap_err();
+    assert_eq!(error.kind(), std::io::ErrorKind::AddrInUse);
+    rig.end();
+    assert!(!rig.path.exists());
+    drop(std::os::unix::net::UnixListener::bind(&rig.path).unwrap());
+    assert!(rig.path.exists());
+    assert!(Listening::bind_at(rig.path.clone()).is_ok());
+}
+
+/// Resident memory of this process in KiB, where `/proc` tells it.
+fn resident_kib() -> Option<u64> {
+    let status = std::fs::read_to_string("/proc/self/status").ok()?;
+    let line = status
+        .lines()
+        .find_map(|line| line.strip_prefix("VmRSS:"))?;
+    line.split_whitespace().next()?.parse().ok()
+}
+
+/// How long the test of memory is to last, in hours of the link's time; then it runs as fast as it can.
+fn soak_hours() -> Option<f64> {
+    std::env::var("FORCE_SOAK_HOURS").ok()?.parse().ok()
+}
+
+/// Clients come and go while the rig is held, for `FORCE_SOAK_HOURS` of the link's time (default: 20 s).
+#[test]
+fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
+    let hours = soak_hours().unwrap_or(20.0 / 3600.0);
+    let rig = Rig::start(Behavior::Good, true);
+    let mut holder = rig.client("holder");
+    holder.hold(HoldParams::default()).unwrap();
+    let started = holder.status().unwrap();
+    let status_of = |status: &super::protocol::ServiceStatus| status.board.clone().unwrap();
+    let (mut clients, mut samples) = (0_u32, 0_usize);
+    let mut first = None;
+    loop {
+        // An observer for half a second of the link's time, and a client that says nothing.
+        let quiet = rig.client("quiet");
+        let mut link = ServiceLink::observer(rig.client("observer")).unwrap();
+        let mut session = Session::connect(&mut link).unwrap();
+        for _ in 0..50 {
+            session.advance(Duration::from_millis(10)).unwrap();
+            samples += session.drain().samples.len();
+        }
+        assert_eq!(session.counters().frames_lost, 0, "client {clients}");
+        drop(quiet);
+        clients += 2;
+        let status = holder.status().unwrap();
+        assert_eq!(status.state, "running", "client {clients}");
+        let passed_s = (status.now_ns - started.now_ns) as f64 * 1e-9;
+        if first.is_none() && passed_s > 0.2 * hours * 3600.0 {
+            first = resident_kib();
+        }
+        if passed_s > hours * 3600.0 {
+            break;
+        }
+    }
+    let status = holder.status().unwrap();
+    // Those that left are gone; the job of the service and this client remain.
+    std::thread::sleep(Duration::from_millis(200));
+    assert!(
+        holder.status().unwrap().clients.len() <= 2,
+        "{:?}",
+        status.clients
+    );
+    assert_eq!(status.frames_bad, 0);
+    assert_eq!(
+        status_of(&status).frames_dropped,
+        status_of(&started).frames_dropped
+    );
+    let last = resident_kib();
+    println!(
+        "{:.2} h of the link's time, {clients} clients, {samples} samples, memory {first:?} -> {last:?} KiB",
+        (status.now_ns - started.now_ns) as f64 / 3.6e12
+    );
+    if let (Some(first), Some(last)) = (first, last) {
+        assert!(
+            last < first + 8192,
+            "memory grew from {first} to {last} KiB"
+        );
+    }
+}
