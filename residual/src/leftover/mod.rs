@@ -158,6 +158,18 @@ impl Leftover {
     fn unlike_noise(&mut self, search: &Search, residual: &[f64], frame: &Frame, held: f64) {
         let masks = [at_rest(search), just_started(search)];
         let found = unlike_noise(residual, frame, &masks);
+        let gain = 1.0 - (1.0 - found.burst_share).sqrt();
+        if search.acceptance().material(gain) {
+            self.structure.push(Structure {
+                depends_on: burst_words(&found).into(),
+                gain,
+                p_value: 0.0,
+            });
+            self.unexplained |= self.large(found.burst_share * held);
+            self.when = true;
+            self.structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+        }
+        // Last: it names no variable.
         if found.follows_itself() {
             self.structure.push(Structure {
                 depends_on: format!(
@@ -170,17 +182,6 @@ impl Leftover {
             self.unexplained |= self.large(found.lag_one.powi(2) * held);
             self.when = true;
         }
-        let gain = 1.0 - (1.0 - found.burst_share).sqrt();
-        if search.acceptance().material(gain) {
-            self.structure.push(Structure {
-                depends_on: burst_words(&found).into(),
-                gain,
-                p_value: 0.0,
-            });
-            self.unexplained |= self.large(found.burst_share * held);
-            self.when = true;
-        }
-        self.structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
     }
 
     /// Notes that the only effects that fit have names that the data do not support.
