@@ -10,6 +10,8 @@
 //!   [`devices`] the chips, [`probe`] the latency measurement, [`allowed`] the list of register accesses
 //!   that may go unanswered, each with its reason.
 //!
+//! Without the feature `engine` only the board, the chips and the probe are here.
+//!
 //! Everything random comes from the seed; the same image, seed and bytes give the same run, bit for bit.
 //!
 //! # What a time means here
@@ -17,15 +19,21 @@
 //! Conversions, bus transfers and serial lines take the time they take on the part. Instructions take 4 ns
 //! each, with no wait states and no caches: latencies carry that caveat.
 
+#[cfg(feature = "engine")]
 pub mod allowed;
 pub mod board;
 pub mod devices;
+#[cfg(feature = "engine")]
 pub mod engine;
+#[cfg(feature = "engine")]
 pub mod image;
 pub mod probe;
+#[cfg(feature = "engine")]
 mod rig;
 pub mod rng;
+#[cfg(feature = "engine")]
 mod rtt;
 pub mod wiring;
 
+#[cfg(feature = "engine")]
 pub use rig::{Options, Rig, RigError};

@@ -32,7 +32,7 @@ struct Step {
 }
 
 /// Cheap checks first; what later steps need before them.
-const STEPS: [Step; 16] = [
+const STEPS: [Step; 17] = [
     Step {
         name: "lock",
         title: "Cargo.lock fits the manifests",
@@ -97,6 +97,11 @@ const STEPS: [Step; 16] = [
         name: "emulated",
         title: "tests of the embedded rig; scenarios with the firmware image",
         run: emulated,
+    },
+    Step {
+        name: "ros1",
+        title: "robot on ROS 1: Debian's roscore, rostopic and rosbag",
+        run: ros1,
     },
     Step {
         name: "clippy",
@@ -473,6 +478,18 @@ fn emulated(suite: &mut Suite) -> Result<Outcome> {
         .args(["--package", "scenarios"])
         .env(rig::ELF_VARIABLE, workspace.firmware_elf())
         .env(rig::RIG_VARIABLE, workspace.release_program("rig"));
+    suite.tests(&mut command)
+}
+
+fn ros1(suite: &mut Suite) -> Result<Outcome> {
+    const TOOLS: [&str; 3] = ["roscore", "rostopic", "rosbag"];
+    if let Some(missing) = (TOOLS.iter()).find(|tool| process::find_program(tool).is_none()) {
+        return Ok(Outcome::Skipped(format!(
+            "{missing} is not installed (Debian: python3-roslaunch, python3-rostopic, python3-rosbag, python3-rosmaster, python3-sensor-msgs)"
+        )));
+    }
+    let mut command = suite.cargo("test");
+    command.args(["--package", "robot", "--features", "ros1", "--test", "ros1"]);
     suite.tests(&mut command)
 }
 

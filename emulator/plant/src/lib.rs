@@ -62,5 +62,6 @@ pub use effects::Effect;
 pub use error::{ConfigError, InputError};
 pub use geometry::{nominal_geometry, NominalUnit};
 pub use plant::{Plant, Truth, UnitTruth};
+pub use tip::TipModel;
 pub use unit::UnitParameters;
 pub use vector::Vec3;

@@ -4,7 +4,7 @@ use crate::config::PlantConfig;
 use crate::effects::payload_kg;
 use crate::error::{ConfigError, InputError};
 use crate::geometry::nominal_geometry;
-use crate::tip::Tip;
+use crate::tip::{Tip, TipModel};
 use crate::unit::{Shared, Unit, UnitParameters};
 use crate::vector::{add, scale, Vec3};
 use serde::Serialize;
@@ -68,8 +68,32 @@ impl Plant {
     /// [`ConfigError`] names the first key that the physics can't take.
     pub fn new(config: PlantConfig, seed: u64) -> Result<Self, ConfigError> {
         config.validate()?;
-        let shared = Shared::new(&config);
         let tip = Tip::new(&config.robot, seed);
+        Ok(Self::with_tip(config, seed, tip))
+    }
+
+    /// As [`Plant::new`], with a model of a robot at the cables' ends: of `config.robot` only the workspace centre counts
+    /// then, at which the load cells aim.
+    ///
+    /// # Errors
+    /// As [`Plant::new`].
+    pub fn with_robot(
+        config: PlantConfig,
+        seed: u64,
+        robot: Box<dyn TipModel>,
+    ) -> Result<Self, ConfigError> {
+        config.validate()?;
+        Ok(Self::with_tip(config, seed, Tip::with_model(robot)))
+    }
+
+    /// The model given to [`Plant::with_robot`]; upcast to [`std::any::Any`] for its own interface.
+    pub fn robot_mut(&mut self) -> Option<&mut dyn TipModel> {
+        self.tip.model_mut()
+    }
+
+    /// `config` is valid.
+    fn with_tip(config: PlantConfig, seed: u64, tip: Tip) -> Self {
+        let shared = Shared::new(&config);
         let units: Vec<Unit> = nominal_geometry(&config)
             .iter()
             .enumerate()
@@ -79,7 +103,7 @@ impl Plant {
             config.load_cell.gravity_m_per_s2,
             payload_kg(&config.effects),
         );
-        Ok(Self {
+        Self {
             volts: vec![Latch::new(0.0); units.len()],
             power: Latch::new(false),
             moving: Latch::new(false),
@@ -91,7 +115,7 @@ impl Plant {
             config,
             step: 0,
             now_ns: 0,
-        })
+        }
     }
 
     /// Runs the rig on to virtual time `t_ns`. Times that have passed are ignored.

@@ -1,9 +1,32 @@
-//! The robot's tip: a prescribed path, ramped in and out, and the little that it gives way.
+//! The robot's tip: a prescribed path, ramped in and out, and the little that it gives way; or a model of a robot
+//! that a caller brings ([`TipModel`]).
 
 use crate::config::{PathConfig, RobotConfig};
 use crate::rng::Rng;
 use crate::vector::{add, norm, scale, sub, Vec3};
+use std::any::Any;
 use std::f64::consts::TAU;
+use std::fmt::Debug;
+
+/// A robot that holds the cables' ends in place of the prescribed path of the configuration.
+///
+/// The plant calls [`TipModel::step`] once per grid step with the force that acted on the tip at the step's start; the
+/// cables follow the position after it. So forces move the tip and the tip moves the cables, on one grid, whatever
+/// drives the plant.
+pub trait TipModel: Any + Debug + Send {
+    /// Moves on by `h_s`. `moving`: the robot has a command to follow its path. `force_n`: force on the tip, robot frame,
+    /// N, cables and payload.
+    fn step(&mut self, h_s: f64, moving: bool, force_n: Vec3);
+
+    /// Position of the tip, robot frame, m.
+    fn position_m(&self) -> Vec3;
+
+    /// Velocity of the tip, robot frame, m/s.
+    fn velocity_m_per_s(&self) -> Vec3;
+
+    /// A copy, for a copy of the plant.
+    fn boxed_clone(&self) -> Box<dyn TipModel>;
+}
 
 /// `amplitude sin(omega s + phase)`.
 #[derive(Clone, Debug)]
@@ -158,9 +181,83 @@ impl Path {
     }
 }
 
-/// The tip's state.
-#[derive(Clone, Debug)]
+/// What holds the cables' ends, and where it is.
+#[derive(Debug)]
 pub(crate) struct Tip {
+    holder: Holder,
+    /// Position, robot frame, m.
+    pub position_m: Vec3,
+    /// Velocity, m/s; of a prescribed path without that of giving way.
+    pub velocity_m_per_s: Vec3,
+}
+
+#[derive(Debug)]
+enum Holder {
+    Path(Box<PathTip>),
+    Model(Box<dyn TipModel>),
+}
+
+impl Clone for Tip {
+    fn clone(&self) -> Self {
+        Self {
+            holder: match &self.holder {
+                Holder::Path(path) => Holder::Path(path.clone()),
+                Holder::Model(model) => Holder::Model(model.boxed_clone()),
+            },
+            ..*self
+        }
+    }
+}
+
+impl Tip {
+    /// A tip on the path of the configuration.
+    pub fn new(config: &RobotConfig, seed: u64) -> Self {
+        let path = PathTip::new(config, seed);
+        Self {
+            position_m: path.position_m,
+            velocity_m_per_s: path.velocity_m_per_s,
+            holder: Holder::Path(Box::new(path)),
+        }
+    }
+
+    /// A tip that a model moves.
+    pub fn with_model(model: Box<dyn TipModel>) -> Self {
+        Self {
+            position_m: model.position_m(),
+            velocity_m_per_s: model.velocity_m_per_s(),
+            holder: Holder::Model(model),
+        }
+    }
+
+    /// The model, where one moves the tip.
+    pub fn model_mut(&mut self) -> Option<&mut dyn TipModel> {
+        match &mut self.holder {
+            Holder::Path(_) => None,
+            Holder::Model(model) => Some(model.as_mut()),
+        }
+    }
+
+    /// Moves on by `h_s`, with `force_n` on the tip.
+    #[inline]
+    pub fn step(&mut self, h_s: f64, moving: bool, force_n: Vec3) {
+        match &mut self.holder {
+            Holder::Path(path) => {
+                path.step(h_s, moving, force_n);
+                self.position_m = path.position_m;
+                self.velocity_m_per_s = path.velocity_m_per_s;
+            }
+            Holder::Model(model) => {
+                model.step(h_s, moving, force_n);
+                self.position_m = model.position_m();
+                self.velocity_m_per_s = model.velocity_m_per_s();
+            }
+        }
+    }
+}
+
+/// The state of a tip on its path.
+#[derive(Clone, Debug)]
+struct PathTip {
     path: Path,
     center_m: Vec3,
     ramp_rate_per_s: f64,
@@ -171,14 +268,14 @@ pub(crate) struct Tip {
     path_time_s: f64,
     give_m: Vec3,
     /// Position, robot frame, m.
-    pub position_m: Vec3,
+    position_m: Vec3,
     /// Velocity along the path, m/s, without that of giving way: fed back into the cables' damping within
     /// one step it would make an algebraic loop.
-    pub velocity_m_per_s: Vec3,
+    velocity_m_per_s: Vec3,
 }
 
-impl Tip {
-    pub fn new(config: &RobotConfig, seed: u64) -> Self {
+impl PathTip {
+    fn new(config: &RobotConfig, seed: u64) -> Self {
         let mut path = Path::new(&config.path, seed);
         let start = path.at(0.0).0;
         Self {
@@ -196,9 +293,8 @@ impl Tip {
         }
     }
 
-    /// Moves on by `h_s`, with `force_n` on the tip.
     #[inline]
-    pub fn step(&mut self, h_s: f64, moving: bool, force_n: Vec3) {
+    fn step(&mut self, h_s: f64, moving: bool, force_n: Vec3) {
         let change = self.ramp_rate_per_s * h_s;
         self.ramp = if moving {
             (self.ramp + change).min(1.0)

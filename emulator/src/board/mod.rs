@@ -9,6 +9,7 @@
 //! converters' filters and the counters take what they need.
 
 mod counter_bus;
+mod direct;
 mod i2c;
 mod injection;
 mod pins;

@@ -62,12 +62,7 @@ pub fn stopping(figures: &mut Figures) -> Result<(), String> {
         Goal::None,
         "stop from a second terminal until the board confirms 0 V, commander hanging, median",
     );
-    figures.add(
-        "stop_ms_max",
-        last,
-        Goal::AtMost(20.0),
-        "the same, longest",
-    );
+    figures.add("stop_ms_max", last, Goal::AtMost(20.0), "the same, longest");
     Ok(())
 }
 

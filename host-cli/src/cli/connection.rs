@@ -25,8 +25,8 @@ pub const EMBEDDED: &str = "Embedded rig";
 #[derive(Debug, Args)]
 #[command(next_help_heading = "Connection")]
 pub struct Existing {
-    /// Connection to the rig: usb, serial:PORT, rig:NAME for a rig that `forcectl rig` keeps, or embedded for one of the
-    /// command's own [default: a rig that is kept, else the rig file's]
+    /// Connection to the rig: usb, serial:PORT, rig:NAME for a rig that `forcectl rig` keeps, embedded for one of the
+    /// command's own, or fast for one without the emulated controller [default: a rig that is kept, else the rig file's]
     #[arg(long, value_name = "LINK", value_parser = values::link)]
     pub link: Option<LinkChoice>,
     /// Rig file (TOML) [default: that of the rig's service, else the built-in example rig]
@@ -170,7 +170,7 @@ impl Existing {
     pub fn require_rig_file(&self, rig: &RigFile) -> Result<()> {
         let port = match self.choice(rig) {
             port @ (LinkChoice::Usb | LinkChoice::Serial(_)) => port,
-            LinkChoice::Embedded | LinkChoice::Kept(_) => return Ok(()),
+            LinkChoice::Embedded | LinkChoice::Fast | LinkChoice::Kept(_) => return Ok(()),
         };
         let example = RigFile::built_in().is_ok_and(|example| example.hash() == rig.hash());
         if self.rig.is_some() || !example {
@@ -194,6 +194,7 @@ impl Existing {
     /// options of a new rig ask for a new one.
     fn target(&self, new: &New, rig: &RigFile) -> Target {
         match self.choice(rig) {
+            LinkChoice::Fast => Target::Own,
             LinkChoice::Embedded if self.link.is_some() || new.any() || !kept() => Target::Own,
             LinkChoice::Embedded => Target::Service(default_name(), None),
             LinkChoice::Kept(name) => Target::Service(name.clone(), None),
@@ -205,7 +206,7 @@ impl Existing {
     /// Refuses options that only an embedded rig of the command's own has, where the link leads elsewhere.
     fn only_embedded(&self, rig: &RigFile, options: &[(&str, bool)]) -> Result<()> {
         let choice = self.choice(rig);
-        let fixed = matches!(choice, LinkChoice::Embedded);
+        let fixed = matches!(choice, LinkChoice::Embedded | LinkChoice::Fast);
         if fixed {
             return Ok(());
         }
@@ -256,7 +257,7 @@ impl Existing {
                 Role::Commander => ServiceLink::commander(client),
                 Role::Observer => ServiceLink::observer(client),
             };
-            return Ok(Box::new(link.map_err(link::LinkError::from)?));
+            return Ok(Box::new(link?));
         }
         let choice = self.choice(rig);
         let link = link::open(
@@ -267,7 +268,7 @@ impl Existing {
                 plant: new.plant.clone(),
             },
         )?;
-        if *choice == LinkChoice::Embedded {
+        if matches!(choice, LinkChoice::Embedded | LinkChoice::Fast) {
             context.output.note(&format!(
                 "rig of this command only: {}; `forcectl rig` keeps one for many commands",
                 link.name()
@@ -311,7 +312,7 @@ impl Existing {
             return Ok(rig);
         }
         let why = if self.link.is_some() {
-            "this command is for a rig that exists, and `--link embedded` means a new one"
+            "this command is for a rig that exists, and `--link embedded` or `fast` means a new one"
         } else {
             "no rig is running here and no board is named"
         };

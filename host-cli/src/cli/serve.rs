@@ -103,7 +103,7 @@ impl Serve {
         }
         let port = match choice {
             LinkChoice::Usb | LinkChoice::Serial(_) => choice.clone(),
-            LinkChoice::Embedded | LinkChoice::Kept(_) => {
+            LinkChoice::Embedded | LinkChoice::Fast | LinkChoice::Kept(_) => {
                 return Err(Failure::new(
                     exit::USAGE,
                     format!("`serve` is for a board, and the link is {choice}; use --link usb or --link serial:PORT, or `forcectl rig` for an emulated rig"),

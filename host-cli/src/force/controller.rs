@@ -128,7 +128,7 @@ impl Controller {
     pub fn new(rig: &RigFile) -> Result<Self, AllocationError> {
         Ok(Self {
             rig: rig.clone(),
-            allocator: Allocator::new()?,
+            allocator: Allocator::warm()?,
             slewed_n: Vector3::zeros(),
             integral_n: Vector3::zeros(),
             tension_n: [0.0; UNITS],

@@ -7,6 +7,7 @@
 pub mod embedded;
 #[cfg(test)]
 pub(crate) mod fake;
+pub mod fast;
 pub mod port;
 
 use crate::rigfile::LinkChoice;
@@ -130,6 +131,7 @@ pub fn open(choice: &LinkChoice, options: &EmbeddedOptions) -> Result<Box<dyn Ri
             &embedded::Programs::from_environment()?,
             options,
         )?),
+        LinkChoice::Fast => Box::new(fast::FastRig::open(options)?),
         LinkChoice::Usb => Box::new(port::Port::usb()?),
         LinkChoice::Serial(path) => Box::new(port::Port::serial(path)?),
         LinkChoice::Kept(name) => {

@@ -10,6 +10,8 @@ use std::fmt;
 pub enum LinkChoice {
     /// The embedded rig: the firmware image on the emulated board.
     Embedded,
+    /// The firmware's machine and control core on this computer, without the emulated controller: faster, same physics.
+    Fast,
     /// USB CDC, found by vendor and product number.
     Usb,
     /// A serial port at 2,000,000 baud.
@@ -24,6 +26,7 @@ impl std::str::FromStr for LinkChoice {
     fn from_str(text: &str) -> Result<Self, String> {
         match text {
             "embedded" => Ok(Self::Embedded),
+            "fast" => Ok(Self::Fast),
             "usb" => Ok(Self::Usb),
             "rig" => Ok(Self::Kept("rig".to_owned())),
             _ if text.starts_with("rig:") => {
@@ -39,7 +42,7 @@ impl std::str::FromStr for LinkChoice {
             _ => match text.strip_prefix("serial:") {
                 Some(port) if !port.is_empty() => Ok(Self::Serial(port.to_owned())),
                 _ => Err(format!(
-                    "`{text}` is not a link; use embedded, usb, serial:PORT (for example serial:/dev/ttyACM0) or rig:NAME (a rig that `forcectl rig` keeps)"
+                    "`{text}` is not a link; use embedded, fast, usb, serial:PORT (for example serial:/dev/ttyACM0) or rig:NAME (a rig that `forcectl rig` keeps)"
                 )),
             },
         }
@@ -50,6 +53,7 @@ impl fmt::Display for LinkChoice {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Embedded => f.write_str("embedded"),
+            Self::Fast => f.write_str("fast"),
             Self::Usb => f.write_str("usb"),
             Self::Serial(port) => write!(f, "serial:{port}"),
             Self::Kept(name) => write!(f, "rig:{name}"),

@@ -18,6 +18,8 @@ use std::time::{Duration, Instant};
 
 /// How long an answer may take.
 const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
+/// How long giving back the commander's role may take.
+const RELEASE_TIMEOUT: Duration = Duration::from_millis(500);
 /// How long the service may send no tick before it counts as gone.
 const TICK_TIMEOUT: Duration = Duration::from_secs(3);
 /// Why a service can't be used.
@@ -113,11 +115,17 @@ impl Client {
             },
             _ => failed(error),
         })?;
-        Self::over(stream, name, client)
+        Self::over(stream, name, client, Some(std::process::id()))
     }
 
     /// Uses a stream that is connected already.
-    pub(super) fn over(stream: UnixStream, name: &str, client: &str) -> Result<Self, ServiceError> {
+    /// `pid`: the process that others are told, if any.
+    pub(super) fn over(
+        stream: UnixStream,
+        name: &str,
+        client: &str,
+        pid: Option<u32>,
+    ) -> Result<Self, ServiceError> {
         let failed = |error: std::io::Error| ServiceError::Io {
             name: name.to_owned(),
             cause: error.to_string(),
@@ -147,7 +155,7 @@ impl Client {
         let hello = Call::Hello(Hello {
             version: VERSION,
             client: client.to_owned(),
-            pid: Some(std::process::id()),
+            pid,
             token: None,
         });
         let welcome = connected.call(hello)?;
@@ -293,6 +301,7 @@ fn parse(line: &str) -> Option<Line> {
 #[derive(Debug)]
 pub struct ServiceLink {
     client: Client,
+    commands: bool,
     now_ns: u64,
     target_ns: u64,
 }
@@ -304,7 +313,9 @@ impl ServiceLink {
     /// Another client commands, or the service is gone.
     pub fn commander(mut client: Client) -> Result<Self, ServiceError> {
         client.call(Call::Command)?;
-        Self::observer(client)
+        let mut link = Self::observer(client)?;
+        link.commands = true;
+        Ok(link)
     }
 
     /// A link that observes. The board's commands that need the role are refused on it, apart from stop.
@@ -320,6 +331,7 @@ impl ServiceLink {
         }))?;
         let mut link = Self {
             client,
+            commands: false,
             now_ns: 0,
             target_ns: 0,
         };
@@ -328,6 +340,12 @@ impl ServiceLink {
             link.client.call(Call::Report)?;
         }
         Ok(link)
+    }
+
+    /// Breaks the connection as a killed process does.
+    #[cfg(test)]
+    pub(super) fn kill(&self) {
+        let _ = self.client.writer.shutdown(std::net::Shutdown::Both);
     }
 
     fn call(&mut self, call: Call) -> Result<Value, LinkError> {
@@ -359,6 +377,15 @@ impl ServiceLink {
             }
             Notification::LinkLost(cause) => Err(self.lost(&cause)),
             Notification::Telemetry(_) | Notification::Event(_) => Ok(()),
+        }
+    }
+}
+
+impl Drop for ServiceLink {
+    /// Gives the role back before the connection closes, so that the next command finds it free.
+    fn drop(&mut self) {
+        if self.commands {
+            let _ = self.client.call_within(Call::Release, RELEASE_TIMEOUT);
         }
     }
 }

@@ -49,8 +49,8 @@ const MAX_ATTEMPTS: u32 = 10;
 const CLIENT_REPLY_NS: u64 = 1_000_000_000;
 /// A step of board time further back than this is a reset, us (as in the session).
 const RESET_STEP_US: i32 = -500_000;
-/// With [`Setup::lockstep`], how far the link's time may run ahead of the commander's last frame, ns: two of its cycles.
-const LEAD_NS: u64 = 20_000_000;
+/// With [`Setup::lockstep`], how far the link's time may run ahead of the commander's last frame, ns: four of its cycles.
+const LEAD_NS: u64 = 40_000_000;
 /// With [`Setup::lockstep`], how long the hub waits for a commander on the clock on the wall. One that hangs is left behind.
 /// Shorter than the 3 s after which a client gives a silent service up, so that the two never wait for each other.
 const LOCKSTEP_WAIT: Duration = Duration::from_secs(2);

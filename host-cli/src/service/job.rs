@@ -108,7 +108,7 @@ fn run(
     let words = |error: &dyn std::fmt::Display| error.to_string();
     let (file, text) = &order.rig_file;
     let rig = RigFile::parse(file, text).map_err(|error| words(&error))?;
-    let client = Client::over(stream, &rig.name, name).map_err(|error| words(&error))?;
+    let client = Client::over(stream, &rig.name, name, None).map_err(|error| words(&error))?;
     let store = store(&rig, client.welcome().seed);
     let mut link = ServiceLink::commander(client).map_err(|error| words(&error))?;
     match &order.kind {

@@ -18,7 +18,7 @@ const MAX_PATH: usize = 107;
 #[must_use]
 pub fn name_of(link: &LinkChoice) -> String {
     match link {
-        LinkChoice::Embedded => EMBEDDED_NAME.to_owned(),
+        LinkChoice::Embedded | LinkChoice::Fast => EMBEDDED_NAME.to_owned(),
         LinkChoice::Usb => "usb".to_owned(),
         LinkChoice::Serial(port) => {
             // The same port by whatever name (`/dev/serial/by-id/...`, a relative path).

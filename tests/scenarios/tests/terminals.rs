@@ -224,8 +224,15 @@ fn arm_stays_armed_and_zeros_survive_what_friction_leaves() {
 fn a_program_on_the_pseudo_terminal_commands_like_any_other() {
     let mut lab = Lab::with_rig(34);
     let terminal = lab.terminal();
+    // A board reports no pose: this one's tip is clamped where the rig's robot stands.
+    let text = host_cli::rigfile::DEFAULT_TEXT.replacen(
+        "source = \"rig\"",
+        "source = \"static\"\nposition_m = [-0.080, 0.025, -0.140]",
+        1,
+    );
+    std::fs::write(lab.folder.path().join("clamped.toml"), text).unwrap();
     // Opened directly: a client of the rig's service as seen from the other side.
-    let line = format!("hold --direct --duration 600 --link serial:{terminal}");
+    let line = format!("hold --direct --duration 600 --rig clamped.toml --link serial:{terminal}");
     let on_terminal = lab.command(&line).spawn().unwrap();
     // It is a board for that program: it has no zeros of its own, but those that are in force.
     lab.wait_for_state("running");
@@ -241,7 +248,7 @@ fn a_program_on_the_pseudo_terminal_commands_like_any_other() {
     );
     lab.code("clear", 0);
     // Through a service of its own, started on demand, and killed while it holds.
-    let port = format!("--link serial:{terminal}");
+    let port = format!("--rig clamped.toml --link serial:{terminal}");
     let held = lab
         .command(&format!("hold --duration 600 {port}"))
         .spawn()

@@ -291,8 +291,13 @@ impl Hub {
     }
 
     fn busy(&self, id: ClientId, number: Option<&Value>, other: &str) {
+        let end = if self.job.is_some() {
+            "`forcectl disarm` ends it"
+        } else {
+            "end it there first"
+        };
         let text = format!(
-            "{other} commands this rig; end it there first, or use `forcectl stop`, which works from every terminal"
+            "{other} commands this rig; {end}, or use `forcectl stop`, which works from every terminal"
         );
         self.fail(id, number, code::BUSY, &text);
     }

@@ -1,0 +1,222 @@
+//! The rig as one object: the same interface as `emulator::Rig`, without an image.
+
+use crate::sensors::Sensors;
+use crate::superloop::Superloop;
+use crate::timing::TICK_NS;
+use emulator::board::Board;
+use emulator_link::{Advanced, Injection, Pose, Report, Truth};
+use plant::{ConfigError, Plant, PlantConfig};
+use robot::arm::{ArmConfig, ArmError, VirtualArm};
+use std::any::Any;
+use std::time::Instant;
+
+/// Slack of the cables at power-on where a virtual arm holds them, m: an operator lays them loose for the zeroing, and the
+/// arm moves by a millimetre when it takes hold.
+const SLACK_M: f64 = 5e-3;
+
+/// Spacing of the rows of truth, ns.
+const ROW_NS: u64 = 1_000_000;
+
+/// How a rig is put together.
+#[derive(Debug, Clone, Default)]
+pub struct Options {
+    /// Seed of everything random.
+    pub seed: u64,
+    /// The plant behind the board.
+    pub plant: PlantConfig,
+    /// A virtual arm that holds the cables' ends; `None`: the plant's prescribed path. With an arm the cables have at least
+    /// 5 mm of slack at power-on.
+    pub robot: Option<ArmConfig>,
+}
+
+/// Why a rig can't be built, or a request not be carried out.
+#[derive(Debug, thiserror::Error)]
+pub enum RigError {
+    /// The plant's configuration.
+    #[error(transparent)]
+    Plant(#[from] ConfigError),
+    /// The virtual arm's configuration.
+    #[error(transparent)]
+    Robot(#[from] ArmError),
+    /// Plant and board do not fit, or an injection is impossible.
+    #[error("{0}")]
+    Refused(String),
+}
+
+/// The rig. See the crate's page.
+#[derive(Debug)]
+pub struct CoreRig {
+    board: Board,
+    sensors: Sensors,
+    superloop: Superloop,
+    now_ns: u64,
+    next_tick_ns: u64,
+    wall_ns: u64,
+    seed: u64,
+}
+
+impl CoreRig {
+    /// A rig at power-on. Virtual time stands at zero.
+    ///
+    /// # Errors
+    /// See [`RigError`].
+    pub fn new(options: Options) -> Result<Self, RigError> {
+        let seed = options.seed;
+        let plant = match &options.robot {
+            None => Plant::new(options.plant, seed)?,
+            Some(config) => {
+                let arm = Box::new(VirtualArm::new(config, seed)?);
+                let mut plant = options.plant;
+                plant.cable.initial_slack_m = plant.cable.initial_slack_m.max(SLACK_M);
+                Plant::with_robot(plant, seed, arm)?
+            }
+        };
+        Self::with_plant(plant, seed)
+    }
+
+    /// A rig with a plant that the caller has built, for example with a robot ([`Plant::with_robot`]).
+    ///
+    /// # Errors
+    /// The plant must have six units.
+    pub fn with_plant(plant: Plant, seed: u64) -> Result<Self, RigError> {
+        Ok(Self {
+            board: Board::new(plant, seed).map_err(RigError::Refused)?,
+            sensors: Sensors::new(),
+            superloop: Superloop::new(),
+            now_ns: 0,
+            next_tick_ns: TICK_NS,
+            wall_ns: 0,
+            seed,
+        })
+    }
+
+    /// Seed of this run.
+    #[must_use]
+    pub const fn seed(&self) -> u64 {
+        self.seed
+    }
+
+    /// Virtual time since power-on, ns.
+    #[must_use]
+    pub const fn now_ns(&self) -> u64 {
+        self.now_ns
+    }
+
+    /// Puts `to_board` on the board's receive line and lets `duration_ns` pass.
+    pub fn advance(&mut self, duration_ns: u64, to_board: &[u8]) -> Advanced {
+        let began = Instant::now();
+        self.superloop.line.queue(self.now_ns, to_board);
+        let end = self.now_ns.saturating_add(duration_ns);
+        let truth = self.run(end);
+        self.wall_ns += u64::try_from(began.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        Advanced {
+            now_ns: end,
+            from_board: self.superloop.line.sent(end),
+            pose: self.pose(),
+            truth,
+            resets: 0,
+        }
+    }
+
+    /// The pose as the robot's own controller reports it: a virtual arm's from its encoders.
+    fn pose(&mut self) -> Pose {
+        let position_m = self.arm_mut().map(|arm| arm.reported_tip_m());
+        let pose = self.board.pose();
+        position_m.map_or(pose, |position_m| Pose { position_m, ..pose })
+    }
+
+    fn run(&mut self, end: u64) -> Vec<Truth> {
+        let mut rows = Vec::new();
+        if end == self.now_ns {
+            return vec![self.board.truth(end)];
+        }
+        let mut row = (self.now_ns / ROW_NS + 1) * ROW_NS;
+        while row < end {
+            self.run_to(row);
+            rows.push(self.board.truth(row));
+            row += ROW_NS;
+        }
+        self.run_to(end);
+        rows.push(self.board.truth(end));
+        rows
+    }
+
+    /// Everything that is due by `end` happens, in order.
+    fn run_to(&mut self, end: u64) {
+        loop {
+            let next = [
+                self.board.next_event(),
+                self.sensors.due(),
+                self.superloop.due(),
+                Some(self.next_tick_ns),
+            ];
+            let Some(at) = next.into_iter().flatten().min().filter(|at| *at <= end) else {
+                break;
+            };
+            // What was due before belongs to now: time never runs back.
+            let at = at.max(self.now_ns);
+            self.now_ns = at;
+            self.board.advance(at);
+            self.sensors.edges(&mut self.board, at);
+            self.sensors.advance(&mut self.board, at);
+            self.superloop
+                .events(&mut self.board, &mut self.sensors, at);
+            self.superloop
+                .advance(&mut self.board, &mut self.sensors, at);
+            if self.next_tick_ns <= at {
+                self.next_tick_ns += TICK_NS;
+                self.sensors.tick(&mut self.board, at);
+                self.superloop
+                    .events(&mut self.board, &mut self.sensors, at);
+                self.superloop.tick(&mut self.board, &mut self.sensors, at);
+            }
+        }
+        self.board.advance(end);
+        self.now_ns = end;
+    }
+
+    /// Starts or stops the robot's path.
+    pub fn set_robot_moving(&mut self, moving: bool) {
+        self.board.set_robot_moving(moving);
+    }
+
+    /// The virtual arm that holds the cables' ends, where there is one.
+    pub fn arm_mut(&mut self) -> Option<&mut VirtualArm> {
+        let robot: &mut dyn Any = self.board.robot_mut()?;
+        robot.downcast_mut()
+    }
+
+    /// The plant behind the board.
+    #[must_use]
+    pub const fn plant(&self) -> &Plant {
+        self.board.plant()
+    }
+
+    /// Injects a fault, or removes it.
+    ///
+    /// # Errors
+    /// What can't be done, and why: faults of the core itself need the embedded rig.
+    pub fn inject(&mut self, injection: Injection) -> Result<(), RigError> {
+        if matches!(injection, Injection::HangLoop | Injection::FlipBit(..)) {
+            return Err(RigError::Refused(
+                "this rig has no emulated controller that could hang or lose a bit; use the link `embedded`"
+                    .to_owned(),
+            ));
+        }
+        self.board.inject(injection).map_err(RigError::Refused)
+    }
+
+    /// The figures so far. Those of the emulated controller (instructions, sleep) are 0.
+    pub fn report(&mut self) -> Report {
+        let (conversions, conversions_read) = self.board.conversions();
+        Report {
+            now_ns: self.now_ns,
+            wall_ns: self.wall_ns,
+            latencies: self.board.probe.take(),
+            conversions,
+            conversions_read,
+            alive_hz: self.board.alive_hz(),
+            ..Report::default()
+        }
+    }
+}

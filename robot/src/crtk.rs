@@ -1,0 +1,492 @@
+//! CRTK topics (collaborative-robotics/documentation, api-robot-motion, api-operating-state) and how they become states.
+//!
+//! A robot publishes `measured_js`, `measured_cp`, `measured_cv`, `measured_cf`, `setpoint_js` and `operating_state` below its
+//! namespace. [`Adapter`] joins them: each `measured_js` makes a state, with the newest of the others whose stamp is near
+//! enough; where a robot has no joints, each `measured_cp` does.
+//!
+//! CRTK leaves open whether a force acts on or by the tool, and frames go by namespace. Both are declared here by the
+//! configuration ([`AdapterConfig`]) and travel with every state. What differs on real robots, each with a test:
+//!
+//! | robot | trap | what the adapter does |
+//! | --- | --- | --- |
+//! | all | a stamp of 0 marks invalid data, an empty list an unavailable one | [`StateError::Invalid`]; `None` |
+//! | Raven | `measured_js.effort` is always 0: the field behind it is written in commented-out code only | no effort; take it from `ravenstate` |
+//! | Raven | the arms are swapped in `measured_js` (arm1 carries green) and, where gold is the first board, in `measured_cp` | [`raven_topics`] |
+//! | Raven | `setpoint_cp` is in frame 0 while `measured_cp` is in the CRTK frame; frame_id is empty | declared by topic |
+//! | Raven | `_cp` is a TransformStamped (as in CRTK before 01/2022) | both types |
+//! | Raven, force_control branch | `force_applied` is the command, not a measurement | [`force_applied`]: [`Meaning::Commanded`] |
+//! | dVRK | `measured_cf` is computed from motor efforts, friction included | [`Meaning::Estimated`] |
+
+use crate::state::{
+    Acts, Clock, Effort, Frame, JointState, Meaning, Operating, OperatingState, RobotState, Stamp,
+    StateError, TipForce, TipState,
+};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// Header of a stamped message.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Header {
+    /// Counted up by the publisher in ROS 1.
+    pub seq: Option<u32>,
+    /// Stamp in ns since 1970; 0: the data are invalid.
+    pub stamp_ns: i64,
+    /// Frame's name.
+    pub frame_id: String,
+}
+
+/// `sensor_msgs/JointState`.
+#[derive(Debug, Clone, PartialEq, Default)]
+#[allow(missing_docs)] // the message's own names
+pub struct Joints {
+    pub name: Vec<String>,
+    pub position: Vec<f64>,
+    pub velocity: Vec<f64>,
+    pub effort: Vec<f64>,
+}
+
+/// Position and orientation: of a PoseStamped or a TransformStamped.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pose {
+    /// m.
+    pub position_m: [f64; 3],
+    /// Unit quaternion.
+    pub orientation_xyzw: [f64; 4],
+}
+
+/// A linear and an angular vector: of a TwistStamped (m/s, rad/s) or a WrenchStamped (N, N·m).
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Pair {
+    /// Linear part.
+    pub linear: [f64; 3],
+    /// Angular part.
+    pub angular: [f64; 3],
+}
+
+/// A message of one of the robot's topics.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Topic {
+    /// `measured_js`.
+    MeasuredJs(Joints),
+    /// `setpoint_js`.
+    SetpointJs(Joints),
+    /// `measured_cp`.
+    MeasuredCp(Pose),
+    /// `measured_cv`.
+    MeasuredCv(Pair),
+    /// `measured_cf`.
+    MeasuredCf(Pair),
+    /// `operating_state`: state's word, homed, busy.
+    OperatingState(String, bool, bool),
+}
+
+/// Which robot publishes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Robot {
+    /// One that does as CRTK says.
+    #[default]
+    Generic,
+    /// A Raven-II with its crtk branch (@0d10caf).
+    Raven,
+    /// A da Vinci research kit (2.x).
+    Dvrk,
+}
+
+/// What the messages don't say.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct AdapterConfig {
+    /// Which robot.
+    pub robot: Robot,
+    /// Frame of `measured_cp`, `measured_cv` and `measured_cf`.
+    pub frame: Frame,
+    /// Sign of the robot's own `measured_cf`. The spec does not say; nothing is assumed.
+    pub measured_cf: Option<Acts>,
+    /// Whether the robot publishes `measured_js`. Without it each `measured_cp` makes a state.
+    pub joints: bool,
+    /// Largest difference of stamps within a state, s.
+    pub max_skew_s: f64,
+}
+
+impl Default for AdapterConfig {
+    fn default() -> Self {
+        Self {
+            robot: Robot::Generic,
+            frame: Frame::Rig,
+            measured_cf: None,
+            joints: true,
+            max_skew_s: 0.02,
+        }
+    }
+}
+
+impl AdapterConfig {
+    /// A Raven-II.
+    #[must_use]
+    pub fn raven() -> Self {
+        Self {
+            robot: Robot::Raven,
+            frame: Frame::RavenCrtk,
+            ..Self::default()
+        }
+    }
+}
+
+/// Joins topics to states.
+#[derive(Debug, Clone)]
+pub struct Adapter {
+    config: AdapterConfig,
+    newest: HashMap<u8, (i64, Topic)>,
+    names: Option<Arc<[String]>>,
+}
+
+/// Which slot of the newest messages a topic has.
+const fn slot(topic: &Topic) -> u8 {
+    match topic {
+        Topic::MeasuredJs(_) => 0,
+        Topic::SetpointJs(_) => 1,
+        Topic::MeasuredCp(_) => 2,
+        Topic::MeasuredCv(_) => 3,
+        Topic::MeasuredCf(_) => 4,
+        Topic::OperatingState(..) => 5,
+    }
+}
+const OPERATING: u8 = 5;
+
+impl Adapter {
+    /// Nothing received yet.
+    #[must_use]
+    pub fn new(config: AdapterConfig) -> Self {
+        Self {
+            config,
+            newest: HashMap::new(),
+            names: None,
+        }
+    }
+
+    /// Takes a message; a state where it completes one.
+    ///
+    /// # Errors
+    /// The message is invalid. It is not used.
+    pub fn take(
+        &mut self,
+        publisher: &Arc<str>,
+        header: &Header,
+        topic: Topic,
+    ) -> Result<Option<RobotState>, StateError> {
+        if header.stamp_ns == 0 {
+            return Err(StateError::Invalid);
+        }
+        let makes_state = match topic {
+            Topic::MeasuredJs(_) => true,
+            Topic::MeasuredCp(_) => !self.config.joints,
+            _ => false,
+        };
+        self.newest.insert(slot(&topic), (header.stamp_ns, topic));
+        if !makes_state {
+            return Ok(None);
+        }
+        let state = self.state(publisher, header);
+        state.check()?;
+        Ok(Some(state))
+    }
+
+    /// The newest message of a slot, if its stamp is near `stamp_ns`.
+    fn near(&self, slot: u8, stamp_ns: i64) -> Option<&Topic> {
+        let (at, topic) = self.newest.get(&slot)?;
+        // An operating state is published on change: the last one holds.
+        let skew_s = (stamp_ns.saturating_sub(*at) as f64 * 1e-9).abs();
+        (slot == OPERATING || skew_s <= self.config.max_skew_s).then_some(topic)
+    }
+
+    fn state(&mut self, publisher: &Arc<str>, header: &Header) -> RobotState {
+        let at = header.stamp_ns;
+        let joints = self.joints(at);
+        RobotState {
+            publisher: Arc::clone(publisher),
+            sequence: header.seq.map(u64::from),
+            stamp: Stamp {
+                clock: Clock::RobotUtc,
+                t_ns: at,
+            },
+            received: None,
+            joints,
+            tip: self.tip(at),
+            force: self.force(at),
+            operating: self.operating(at),
+        }
+    }
+
+    fn joints(&mut self, at: i64) -> Option<JointState> {
+        let Some(Topic::MeasuredJs(joints)) = self.near(0, at).cloned() else {
+            return None;
+        };
+        let setpoint = match self.near(1, at) {
+            Some(Topic::SetpointJs(setpoint)) if setpoint.name == joints.name => {
+                some(&setpoint.position)
+            }
+            _ => None,
+        };
+        // The same list of names again and again: one copy.
+        let names = match &self.names {
+            Some(names) if **names == *joints.name => Arc::clone(names),
+            _ => {
+                let names: Arc<[String]> = joints.name.clone().into();
+                self.names = Some(Arc::clone(&names));
+                names
+            }
+        };
+        let effort = match self.config.robot {
+            Robot::Raven => None,
+            Robot::Generic | Robot::Dvrk => some(&joints.effort),
+        };
+        Some(JointState {
+            names,
+            velocity: some(&joints.velocity),
+            effort: effort.map(|value| Effort {
+                meaning: Meaning::Measured,
+                value,
+            }),
+            setpoint,
+            position: joints.position,
+        })
+    }
+
+    fn tip(&self, at: i64) -> Option<TipState> {
+        let Some(Topic::MeasuredCp(pose)) = self.near(2, at) else {
+            return None;
+        };
+        let velocity = match self.near(3, at) {
+            Some(Topic::MeasuredCv(twist)) => Some(twist),
+            _ => None,
+        };
+        Some(TipState {
+            frame: self.config.frame.clone(),
+            position_m: pose.position_m,
+            orientation_xyzw: Some(pose.orientation_xyzw),
+            velocity_m_per_s: velocity.map(|twist| twist.linear),
+            angular_velocity_rad_per_s: velocity.map(|twist| twist.angular),
+        })
+    }
+
+    fn force(&self, at: i64) -> Option<TipForce> {
+        let Some(Topic::MeasuredCf(wrench)) = self.near(4, at) else {
+            return None;
+        };
+        Some(TipForce {
+            frame: self.config.frame.clone(),
+            acts: self.config.measured_cf?,
+            meaning: match self.config.robot {
+                Robot::Dvrk => Meaning::Estimated,
+                Robot::Generic | Robot::Raven => Meaning::Measured,
+            },
+            force_n: wrench.linear,
+            torque_n_m: Some(wrench.angular),
+        })
+    }
+
+    fn operating(&self, at: i64) -> Option<OperatingState> {
+        let Some(Topic::OperatingState(word, is_homed, is_busy)) = self.near(OPERATING, at) else {
+            return None;
+        };
+        let state = match word.as_str() {
+            "DISABLED" => Operating::Disabled,
+            "ENABLED" => Operating::Enabled,
+            "PAUSED" => Operating::Paused,
+            // A word that CRTK does not know is no reason to go on.
+            _ => Operating::Fault,
+        };
+        Some(OperatingState {
+            state,
+            is_homed: *is_homed,
+            is_busy: *is_busy,
+        })
+    }
+}
+
+/// CRTK: an empty list is an unavailable quantity.
+fn some(list: &[f64]) -> Option<Vec<f64>> {
+    (!list.is_empty()).then(|| list.to_vec())
+}
+
+/// Namespaces of a Raven's gold (left) arm by what is read: (`measured_js`, `measured_cp`). `gold_board` is the place of gold's
+/// USB board in the software's list, 0 or 1.
+#[must_use]
+pub const fn raven_topics(gold_board: u8) -> (&'static str, &'static str) {
+    let cp = if gold_board == 0 { "/arm2" } else { "/arm1" };
+    ("/arm2", cp)
+}
+
+/// Frame of a Raven's `setpoint_cp`: not that of its `measured_cp`.
+#[must_use]
+pub const fn raven_setpoint_frame() -> Frame {
+    Frame::Raven0
+}
+
+/// `force_applied` of the Raven's force_control branch: a command in the position field of a JointState; `None` where it has
+/// not three components.
+#[must_use]
+pub fn force_applied(joints: &Joints, frame: Frame) -> Option<TipForce> {
+    let force_n: [f64; 3] = joints.position.as_slice().try_into().ok()?;
+    Some(TipForce {
+        frame,
+        acts: Acts::OnTool,
+        meaning: Meaning::Commanded,
+        force_n,
+        torque_n_m: None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn header(stamp_ns: i64) -> Header {
+        Header {
+            stamp_ns,
+            ..Header::default()
+        }
+    }
+
+    fn joints() -> Joints {
+        Joints {
+            name: vec!["shoulder".to_owned(), "elbow".to_owned()],
+            position: vec![0.5, 1.5],
+            velocity: vec![],
+            effort: vec![0.0, 0.0],
+        }
+    }
+
+    const POSE: Pose = Pose {
+        position_m: [0.1, 0.2, 0.3],
+        orientation_xyzw: [0.0, 0.0, 0.0, 1.0],
+    };
+
+    fn take(adapter: &mut Adapter, stamp_ns: i64, topic: Topic) -> Option<RobotState> {
+        adapter
+            .take(&"robot".into(), &header(stamp_ns), topic)
+            .unwrap()
+    }
+
+    #[test]
+    fn topics_are_joined_where_their_stamps_are_near() {
+        let mut adapter = Adapter::new(AdapterConfig::default());
+        assert!(take(&mut adapter, 1_000_000, Topic::MeasuredCp(POSE)).is_none());
+        assert!(take(
+            &mut adapter,
+            1_000_000,
+            Topic::OperatingState("ENABLED".into(), true, false)
+        )
+        .is_none());
+        let state = take(&mut adapter, 2_000_000, Topic::MeasuredJs(joints())).unwrap();
+        assert_eq!(state.tip.unwrap().position_m, POSE.position_m);
+        assert_eq!(state.operating.unwrap().state, Operating::Enabled);
+        // 100 ms later the old pose is none of this state; the operating state holds.
+        let state = take(&mut adapter, 102_000_000, Topic::MeasuredJs(joints())).unwrap();
+        assert!(state.tip.is_none());
+        assert!(state.operating.is_some());
+    }
+
+    #[test]
+    fn empty_lists_are_unavailable_and_a_stamp_of_zero_is_invalid() {
+        let mut adapter = Adapter::new(AdapterConfig::default());
+        let state = take(&mut adapter, 5, Topic::MeasuredJs(joints())).unwrap();
+        assert!(state.joints.unwrap().velocity.is_none());
+        let error = adapter.take(&"robot".into(), &header(0), Topic::MeasuredJs(joints()));
+        assert_eq!(error, Err(StateError::Invalid));
+    }
+
+    #[test]
+    fn a_ravens_effort_is_not_a_torque_of_zero() {
+        let mut raven = Adapter::new(AdapterConfig::raven());
+        let state = take(&mut raven, 5, Topic::MeasuredJs(joints())).unwrap();
+        assert!(state.joints.unwrap().effort.is_none());
+        // Of another robot a zero is a zero.
+        let mut other = Adapter::new(AdapterConfig::default());
+        let state = take(&mut other, 5, Topic::MeasuredJs(joints())).unwrap();
+        assert_eq!(state.joints.unwrap().effort.unwrap().value, [0.0, 0.0]);
+    }
+
+    #[test]
+    fn golds_topics_are_those_of_arm_2() {
+        assert_eq!(raven_topics(0), ("/arm2", "/arm2"));
+        assert_eq!(raven_topics(1), ("/arm2", "/arm1"));
+    }
+
+    #[test]
+    fn a_ravens_frames_differ_between_measured_and_setpoint() {
+        let mut raven = Adapter::new(AdapterConfig::raven());
+        take(&mut raven, 5, Topic::MeasuredCp(POSE));
+        let state = take(&mut raven, 5, Topic::MeasuredJs(joints())).unwrap();
+        assert_eq!(state.tip.unwrap().frame, Frame::RavenCrtk);
+        assert_eq!(raven_setpoint_frame(), Frame::Raven0);
+    }
+
+    #[test]
+    fn force_applied_is_a_command() {
+        let mut message = joints();
+        message.position = vec![0.0, 2.5, 0.0];
+        let force = force_applied(&message, Frame::RavenCrtk).unwrap();
+        assert_eq!(force.meaning, Meaning::Commanded);
+        assert!(force_applied(&joints(), Frame::RavenCrtk).is_none());
+    }
+
+    #[test]
+    fn a_force_without_a_declared_sign_is_not_passed_on() {
+        let wrench = Pair {
+            linear: [1.0, 2.0, 3.0],
+            angular: [0.0; 3],
+        };
+        for (acts, robot) in [
+            (None, Robot::Dvrk),
+            (Some(Acts::ByTool), Robot::Dvrk),
+            (Some(Acts::OnTool), Robot::Generic),
+        ] {
+            let mut adapter = Adapter::new(AdapterConfig {
+                robot,
+                measured_cf: acts,
+                ..AdapterConfig::default()
+            });
+            take(&mut adapter, 5, Topic::MeasuredCf(wrench));
+            let force = take(&mut adapter, 5, Topic::MeasuredJs(joints()))
+                .unwrap()
+                .force;
+            assert_eq!(force.as_ref().map(|force| force.acts), acts);
+            if let Some(force) = force {
+                // A dVRK's is computed from motor efforts.
+                assert_eq!(force.meaning == Meaning::Estimated, robot == Robot::Dvrk);
+            }
+        }
+    }
+
+    #[test]
+    fn a_word_that_is_no_state_is_a_fault() {
+        let mut adapter = Adapter::new(AdapterConfig::default());
+        take(
+            &mut adapter,
+            5,
+            Topic::OperatingState("TELEOP".into(), true, true),
+        );
+        let state = take(&mut adapter, 5, Topic::MeasuredJs(joints())).unwrap();
+        assert_eq!(state.operating.unwrap().state, Operating::Fault);
+    }
+
+    #[test]
+    fn nan_is_refused() {
+        let mut adapter = Adapter::new(AdapterConfig {
+            joints: false,
+            ..AdapterConfig::default()
+        });
+        let mut pose = POSE;
+        pose.position_m[2] = f64::NAN;
+        let error = adapter
+            .take(&"robot".into(), &header(5), Topic::MeasuredCp(pose))
+            .unwrap_err();
+        assert!(
+            matches!(error, StateError::NotFinite { index: 2, .. }),
+            "{error}"
+        );
+    }
+}

@@ -1,0 +1,320 @@
+//! Where robot states come from: `[robot]` of the rig file, one trait for all of them.
+//!
+//! | `kind` | what it is | file |
+//! | --- | --- | --- |
+//! | `virtual` | the virtual arm of the fast rig; whoever runs the rig feeds its states | `fed.rs` |
+//! | `crtk-ros1` | a robot with CRTK topics, or the Raven's `ravenstate`, over ROS 1 (feature `ros1`) | `ros1/` |
+//! | `crtk-ros2` | a robot with CRTK topics over ROS 2; not built in yet | |
+//! | `udp` | JSON datagrams | `udp.rs` |
+//! | `static` | a clamped tip | `fixed.rs` |
+//!
+//! Every source passes its states through a [`Watch`]: what comes out of [`Source::poll`] can be used, and what is not in
+//! order comes out as an [`Event`]. A caller that gets an event that [`Event::stops`] brings the rig to its safe state.
+//!
+//! ```toml
+//! [robot]
+//! kind = "udp"
+//! listen = "127.0.0.1:4712"
+//! frame = "raven_crtk"
+//! [robot.watch]
+//! max_age_s = 0.1
+//! ```
+
+mod fed;
+mod fixed;
+#[cfg(feature = "ros1")]
+pub mod ros1;
+mod udp;
+
+pub use fed::Fed;
+pub use fixed::Fixed;
+pub use udp::Udp;
+
+use crate::crtk::AdapterConfig;
+use crate::state::{Frame, Mount, RobotState, StateError, TipForce};
+use crate::watch::{Event, Watch, WatchConfig};
+use serde::{Deserialize, Serialize};
+
+/// What came since the last poll.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Poll {
+    /// States that can be used, in order.
+    pub states: Vec<RobotState>,
+    /// What is not in order.
+    pub events: Vec<Event>,
+    /// Forces that the robot's side asks for (CRTK `servo_cf`), in order.
+    pub requests: Vec<TipForce>,
+}
+
+impl Poll {
+    /// The first event for which the rig has to go to its safe state.
+    #[must_use]
+    pub fn stop(&self) -> Option<&Event> {
+        self.events.iter().find(|event| event.stops())
+    }
+}
+
+/// A source of robot states.
+pub trait Source: Send {
+    /// Name in messages.
+    fn name(&self) -> String;
+
+    /// What came by `now_ns` of the caller's clock (the one that counts for ages: the host's monotonic clock, or virtual time).
+    ///
+    /// # Errors
+    /// The source is gone and stays so.
+    fn poll(&mut self, now_ns: i64) -> Result<Poll, SourceError>;
+
+    /// Tells the robot's side the force that the rig applies and the one that it aims at (CRTK `measured_cf`, `setpoint_cf`).
+    /// Sources without a way back do nothing.
+    ///
+    /// # Errors
+    /// The source is gone and stays so.
+    fn publish(&mut self, applied: &TipForce, setpoint: &TipForce) -> Result<(), SourceError> {
+        let _ = (applied, setpoint);
+        Ok(())
+    }
+}
+
+/// Why a source can't be opened or has gone.
+#[derive(Debug, thiserror::Error)]
+pub enum SourceError {
+    /// A key of the configuration.
+    #[error("[robot] {key}: {why}")]
+    Config {
+        /// Which key.
+        key: &'static str,
+        /// What is wrong with it.
+        why: String,
+    },
+    /// Its place on the mount.
+    #[error("[robot] mount: {0}")]
+    Mount(StateError),
+    /// An address can't be listened on.
+    #[error("robot states can't be received on {listen}: {cause}; check `listen` in [robot] and whether another program has the port")]
+    Listen {
+        /// The address.
+        listen: String,
+        /// The operating system's words.
+        cause: std::io::Error,
+    },
+    /// Built without the feature.
+    #[error("[robot] kind = \"{kind}\" is not built in: {how}")]
+    NotBuilt {
+        /// Kind.
+        kind: &'static str,
+        /// What to do.
+        how: &'static str,
+    },
+    /// ROS is not there, or refuses.
+    #[error("ROS 1 at {master}: {why}; is `roscore` running, and do ROS_MASTER_URI and ROS_IP fit both computers?")]
+    Ros {
+        /// URI of the master.
+        master: String,
+        /// What happened.
+        why: String,
+    },
+}
+
+/// `[robot]` of the rig file.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "kind", rename_all = "kebab-case")]
+pub enum SourceConfig {
+    /// The virtual arm of the fast rig.
+    Virtual(VirtualConfig),
+    /// CRTK or `ravenstate` over ROS 1.
+    #[serde(rename = "crtk-ros1")]
+    CrtkRos1(Ros1Config),
+    /// CRTK over ROS 2.
+    #[serde(rename = "crtk-ros2")]
+    CrtkRos2(Ros2Config),
+    /// JSON datagrams.
+    Udp(UdpConfig),
+    /// A clamped tip.
+    Static(StaticConfig),
+}
+
+/// The virtual arm.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct VirtualConfig {
+    /// Seed of the arm's parameters; `None`: that of the rig.
+    pub seed: Option<u64>,
+    /// The arm.
+    #[cfg(feature = "arm")]
+    pub arm: crate::arm::ArmConfig,
+    /// What is tolerated.
+    pub watch: WatchConfig,
+}
+
+/// ROS 1.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Ros1Config {
+    /// URI of the master; `None`: the environment variable ROS_MASTER_URI, else `http://localhost:11311`.
+    pub master: Option<String>,
+    /// Name of our node.
+    pub node: String,
+    /// Namespace of the robot's `measured_js` (a Raven's gold arm: `/arm2`, see [`crate::crtk::raven_topics`]).
+    pub namespace: String,
+    /// Namespace of its `measured_cp`, where that is another one.
+    pub cp_namespace: Option<String>,
+    /// Whether `measured_cp` is a TransformStamped, as on a Raven and in CRTK before 01/2022.
+    pub cp_is_transform: bool,
+    /// Topic of the Raven's own message, for example `/ravenstate`; states come from it in place of the CRTK topics.
+    pub ravenstate: Option<String>,
+    /// Slot of gold in it, 0 or 1.
+    pub ravenstate_slot: u8,
+    /// Namespace below which we publish `measured_cf`, `setpoint_cf` and take `servo_cf`.
+    pub publish: String,
+    /// What the messages don't say.
+    pub adapter: AdapterConfig,
+    /// Where the robot's frame stands in the rig's.
+    pub mount: Mount,
+    /// What is tolerated.
+    pub watch: WatchConfig,
+}
+
+impl Default for Ros1Config {
+    fn default() -> Self {
+        Self {
+            master: None,
+            node: "/force_rig".to_owned(),
+            namespace: "/PSM1".to_owned(),
+            cp_namespace: None,
+            cp_is_transform: false,
+            ravenstate: None,
+            ravenstate_slot: 0,
+            publish: "/cable_rig/spatial".to_owned(),
+            adapter: AdapterConfig::default(),
+            mount: Mount::default(),
+            watch: WatchConfig::default(),
+        }
+    }
+}
+
+/// ROS 2.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Ros2Config {
+    /// DDS domain.
+    pub domain: u16,
+    /// Namespace of the robot.
+    pub namespace: String,
+}
+
+/// JSON datagrams: see [`Udp`].
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct UdpConfig {
+    /// Address and port to listen on.
+    pub listen: String,
+    /// Frame of the poses.
+    pub frame: Frame,
+    /// Where the robot's frame stands in the rig's.
+    pub mount: Mount,
+    /// What is tolerated.
+    pub watch: WatchConfig,
+}
+
+impl Default for UdpConfig {
+    fn default() -> Self {
+        Self {
+            listen: "127.0.0.1:4712".to_owned(),
+            frame: Frame::Rig,
+            mount: Mount::default(),
+            watch: WatchConfig::default(),
+        }
+    }
+}
+
+/// A clamped tip.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct StaticConfig {
+    /// Position, rig's frame, m.
+    pub position_m: [f64; 3],
+}
+
+/// Opens what `[robot]` names.
+///
+/// # Errors
+/// [`SourceError`] with the key or what to do.
+pub fn open(config: &SourceConfig) -> Result<Box<dyn Source>, SourceError> {
+    match config {
+        SourceConfig::Virtual(c) => Ok(Box::new(Fed::new("virtual arm", c.watch.clone()))),
+        SourceConfig::Udp(c) => Ok(Box::new(Udp::listen(c)?)),
+        SourceConfig::Static(c) => Ok(Box::new(Fixed::new(c)?)),
+        SourceConfig::CrtkRos1(c) => open_ros1(c),
+        SourceConfig::CrtkRos2(_) => Err(SourceError::NotBuilt {
+            kind: "crtk-ros2",
+            how: "use crtk-ros1, or udp with a small bridge",
+        }),
+    }
+}
+
+#[cfg(feature = "ros1")]
+fn open_ros1(config: &Ros1Config) -> Result<Box<dyn Source>, SourceError> {
+    Ok(Box::new(ros1::Ros1::open(config)?))
+}
+
+#[cfg(not(feature = "ros1"))]
+fn open_ros1(_: &Ros1Config) -> Result<Box<dyn Source>, SourceError> {
+    Err(SourceError::NotBuilt {
+        kind: "crtk-ros1",
+        how: "build with `--features ros1`",
+    })
+}
+
+/// Puts what a source received through its watch: good states in the rig's frame, events for the rest.
+fn sift(
+    received: Vec<Result<RobotState, StateError>>,
+    watch: &mut Watch,
+    mount: &Mount,
+    now_ns: i64,
+) -> Poll {
+    let mut poll = Poll::default();
+    for state in received {
+        let mut state = match state {
+            Ok(state) => state,
+            Err(error) => {
+                poll.events.push(Event::Invalid(error));
+                continue;
+            }
+        };
+        match watch.state(&state, now_ns) {
+            Ok(event) => {
+                poll.events.extend(event);
+                if let Some(tip) = &mut state.tip {
+                    *tip = tip_in_rig(tip, mount);
+                }
+                state.force = state.force.map(|force| mount.force_in_rig(&force));
+                poll.states.push(state);
+            }
+            Err(event) => poll.events.push(event),
+        }
+    }
+    poll.events.extend(watch.tick(now_ns));
+    poll
+}
+
+/// A tip in the rig's frame. One of frame 0 goes through the CRTK frame, on which the mount is defined.
+fn tip_in_rig(tip: &crate::state::TipState, mount: &Mount) -> crate::state::TipState {
+    use crate::kinematics::{crtk_rotation, to_crtk};
+    use nalgebra::{Quaternion, UnitQuaternion, Vector3};
+    if tip.frame != Frame::Raven0 {
+        return mount.tip_in_rig(tip);
+    }
+    let turn = |v: [f64; 3]| <[f64; 3]>::from(to_crtk(Vector3::from(v)));
+    let rotation = UnitQuaternion::from_rotation_matrix(&crtk_rotation());
+    mount.tip_in_rig(&crate::state::TipState {
+        frame: Frame::RavenCrtk,
+        position_m: turn(tip.position_m),
+        orientation_xyzw: tip.orientation_xyzw.map(|[x, y, z, w]| {
+            let q = rotation * UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
+            [q.i, q.j, q.k, q.w]
+        }),
+        velocity_m_per_s: tip.velocity_m_per_s.map(turn),
+        angular_velocity_rad_per_s: tip.angular_velocity_rad_per_s.map(turn),
+    })
+}

@@ -1,0 +1,233 @@
+//! `[robot]` of the rig file, and sources against everything that can go wrong with them.
+
+use robot::source::{open, Fed, Source, SourceConfig, SourceError, Udp, UdpConfig};
+use robot::state::{Clock, Frame, Mount, RobotState, Stamp, StateError, TipState};
+use robot::watch::{Event, WatchConfig};
+use std::net::UdpSocket;
+
+#[derive(serde::Deserialize, Debug)]
+struct File {
+    robot: SourceConfig,
+}
+
+fn read(text: &str) -> Result<SourceConfig, String> {
+    toml::from_str::<File>(text)
+        .map(|file| file.robot)
+        .map_err(|error| error.to_string())
+}
+
+#[test]
+fn every_kind_can_be_written_in_a_rig_file() {
+    for (text, kind) in [
+        ("[robot]\nkind = \"virtual\"\nseed = 3", "Virtual"),
+        ("[robot]\nkind = \"crtk-ros1\"\nnamespace = \"/arm2\"\ncp_is_transform = true\n[robot.adapter]\nrobot = \"raven\"\nframe = \"raven_crtk\"", "CrtkRos1"),
+        ("[robot]\nkind = \"crtk-ros2\"\ndomain = 3", "CrtkRos2"),
+        ("[robot]\nkind = \"udp\"\nlisten = \"127.0.0.1:0\"\n[robot.watch]\nmax_age_s = 0.2", "Udp"),
+        ("[robot]\nkind = \"static\"\nposition_m = [0.0, 0.1, -0.1]", "Static"),
+    ] {
+        let config = read(text).unwrap();
+        assert!(format!("{config:?}").starts_with(kind), "{config:?}");
+    }
+}
+
+#[test]
+fn mistakes_are_named() {
+    for (text, word) in [
+        ("[robot]\nkind = \"ros3\"", "crtk-ros1"),
+        ("[robot]\nkind = \"udp\"\nport = 5", "port"),
+        ("[robot]\nkind = \"static\"", "position_m"),
+        ("[robot]\nkind = \"udp\"\n[robot.watch]\nage = 5", "age"),
+    ] {
+        let error = read(text).unwrap_err();
+        assert!(error.contains(word), "{text}: {error}");
+    }
+}
+
+#[test]
+fn what_is_not_built_in_says_how() {
+    let error = open(&read("[robot]\nkind = \"crtk-ros2\"").unwrap())
+        .err()
+        .unwrap();
+    assert!(matches!(error, SourceError::NotBuilt { .. }), "{error}");
+    let error = open(&read("[robot]\nkind = \"static\"\nposition_m = [0.0, nan, 0.0]").unwrap())
+        .err()
+        .unwrap();
+    assert!(error.to_string().contains("position_m"), "{error}");
+    let taken = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let config = UdpConfig {
+        listen: taken.local_addr().unwrap().to_string(),
+        ..UdpConfig::default()
+    };
+    assert!(matches!(
+        Udp::listen(&config),
+        Err(SourceError::Listen { .. })
+    ));
+}
+
+const MS: i64 = 1_000_000;
+
+/// A source and a sender, and what comes out after `datagrams`, 10 ms apart.
+fn after(frame: Frame, datagrams: &[&str]) -> (Vec<RobotState>, Vec<Event>) {
+    let config = UdpConfig {
+        listen: "127.0.0.1:0".to_owned(),
+        frame,
+        mount: Mount {
+            translation_m: [0.0, 0.0, 1.0],
+            ..Mount::default()
+        },
+        ..UdpConfig::default()
+    };
+    let mut source = Udp::listen(&config).unwrap();
+    let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+    let to = source.address().unwrap();
+    let (mut states, mut events) = (Vec::new(), Vec::new());
+    for (n, datagram) in datagrams.iter().enumerate() {
+        sender.send_to(datagram.as_bytes(), to).unwrap();
+        let before = states.len() + events.len();
+        // A datagram on the loopback is there at once or very soon; virtual time stands meanwhile.
+        for _ in 0..2_000 {
+            let poll = source.poll(10 * MS * (n as i64 + 1)).unwrap();
+            states.extend(poll.states);
+            events.extend(poll.events);
+            if states.len() + events.len() > before {
+                break;
+            }
+            std::thread::yield_now();
+        }
+    }
+    (states, events)
+}
+
+#[test]
+fn datagrams_become_states_in_the_rigs_frame() {
+    let (states, events) = after(
+        Frame::RavenCrtk,
+        &[
+            r#"{"stamp_s": 100.0, "seq": 1, "measured_cp": {"position": [0.1, 0.2, 0.3]}}"#,
+            r#"{"stamp_s": 100.01, "seq": 2, "measured_cp": {"position": [0.1, 0.2, 0.301], "orientation": [0,0,0,1]}, "measured_js": {"name": ["a"], "position": [0.5], "effort": [1.5]}}"#,
+        ],
+    );
+    assert!(events.is_empty(), "{events:?}");
+    assert_eq!(states.len(), 2);
+    let tip = states[1].tip.as_ref().unwrap();
+    assert_eq!(tip.frame, Frame::Rig);
+    assert!((tip.position_m[2] - 1.301).abs() < 1e-12);
+    assert_eq!(states[0].stamp.clock, Clock::RobotUtc);
+    assert_eq!(
+        states[1]
+            .joints
+            .as_ref()
+            .unwrap()
+            .effort
+            .as_ref()
+            .unwrap()
+            .value,
+        [1.5]
+    );
+}
+
+#[test]
+fn frame_0_of_the_raven_goes_through_its_crtk_frame() {
+    let (states, _) = after(
+        Frame::Raven0,
+        &[r#"{"measured_cp": {"position": [0.1, 0.2, 0.3]}}"#],
+    );
+    // x = -y0, y = -z0, z = x0, and the mount 1 m above.
+    let tip = states[0].tip.as_ref().unwrap();
+    for (got, expected) in tip.position_m.iter().zip([-0.2, -0.3, 1.1]) {
+        assert!((got - expected).abs() < 1e-12, "{tip:?}");
+    }
+}
+
+#[test]
+fn bad_datagrams_are_events_and_never_states() {
+    let good = r#"{"stamp_s": 100.0, "measured_cp": {"position": [0.1, 0.2, 0.3]}}"#;
+    for bad in [
+        "",
+        "no pose",
+        r#"{"measured_cp": {"position": [0.1, 0.2]}}"#,
+        r#"{"measured_cp": {"position": [0.1, 0.2, NaN]}}"#,
+        r#"{"stamp_s": 100.01, "measured_cp": {"position": [0.1, 0.2, 1e999]}}"#,
+        r#"{"stamp_s": 100.01}"#,
+        r#"{"stamp_s": 100.01, "measured_js": {"name": ["a", "b"], "position": [1.0]}}"#,
+        r#"{"stamp_s": 105.01, "measured_cp": {"position": [0.1, 0.2, 0.3]}}"#,
+        r#"{"stamp_s": 100.01, "measured_cp": {"position": [0.1, 0.9, 0.3]}}"#,
+    ] {
+        let (states, events) = after(Frame::Rig, &[good, bad]);
+        assert_eq!(states.len(), 1, "{bad}");
+        assert_eq!(events.len(), 1, "{bad}: {events:?}");
+        assert!(events[0].stops(), "{bad}: {events:?}");
+    }
+}
+
+#[test]
+fn two_senders_are_two_publishers() {
+    let config = UdpConfig {
+        listen: "127.0.0.1:0".to_owned(),
+        ..UdpConfig::default()
+    };
+    let mut source = Udp::listen(&config).unwrap();
+    let to = source.address().unwrap();
+    let senders = [(); 2].map(|()| UdpSocket::bind("127.0.0.1:0").unwrap());
+    let mut events = Vec::new();
+    for sender in &senders {
+        sender
+            .send_to(br#"{"measured_cp": {"position": [0.1, 0.2, 0.3]}}"#, to)
+            .unwrap();
+        for _ in 0..2_000 {
+            let poll = source.poll(10 * MS).unwrap();
+            events.extend(poll.events);
+            if !poll.states.is_empty() || !events.is_empty() {
+                break;
+            }
+            std::thread::yield_now();
+        }
+    }
+    assert!(
+        matches!(events.as_slice(), [Event::TwoPublishers { .. }]),
+        "{events:?}"
+    );
+}
+
+fn fed_state(t_ms: i64) -> RobotState {
+    RobotState {
+        publisher: "virtual".into(),
+        sequence: None,
+        stamp: Stamp {
+            clock: Clock::Virtual,
+            t_ns: t_ms * MS,
+        },
+        received: None,
+        joints: None,
+        tip: Some(TipState {
+            frame: Frame::Rig,
+            position_m: [0.0; 3],
+            orientation_xyzw: None,
+            velocity_m_per_s: None,
+            angular_velocity_rad_per_s: None,
+        }),
+        force: None,
+        operating: None,
+    }
+}
+
+#[test]
+fn a_fed_source_passes_whole_cycles_and_notes_a_silence() {
+    let mut source = Fed::new("virtual arm", WatchConfig::default());
+    for cycle in 0..20 {
+        source.feed((0..10).map(|n| fed_state(10 * cycle + n)));
+        let poll = source.poll((10 * cycle + 9) * MS).unwrap();
+        assert_eq!(poll.states.len(), 10);
+        assert!(poll.events.is_empty(), "{:?}", poll.events);
+    }
+    let poll = source.poll(400 * MS).unwrap();
+    assert!(matches!(poll.stop(), Some(Event::Silent { .. })));
+    let mut bad = fed_state(410);
+    bad.tip.as_mut().unwrap().position_m[0] = f64::NAN;
+    source.feed([bad]);
+    let poll = source.poll(410 * MS).unwrap();
+    assert!(matches!(
+        poll.stop(),
+        Some(Event::Invalid(StateError::NotFinite { .. }))
+    ));
+}

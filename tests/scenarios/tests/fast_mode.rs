@@ -1,0 +1,119 @@
+//! The rig without the emulated controller (`--link fast`) against the image in the embedded rig, on the same seed and the
+//! same motion of the robot.
+//!
+//! Both draw the same chips, clocks, noise and physics from the seed and run the same machine and control core. What differs
+//! are delays of some microseconds (`core_sim::timing`), so samples fall at other times and noise at other places: traces
+//! differ by noise, figures hardly. docs/robot.md states the bounds below.
+
+use host_cli::link::fast::FastRig;
+use host_cli::link::{EmbeddedOptions, RigLink};
+use host_cli::run::{self, NoopObserver, Options, Outcome};
+use test_stand::{rig, rig_file};
+
+/// Largest difference of a cable's tension error, RMS over the run, N.
+const TENSION_RMS_N: f64 = 0.015;
+/// Largest difference of the mean force at the tip, N.
+const MEAN_FORCE_N: f64 = 0.005;
+/// Largest difference of the force error's RMS, N.
+const FORCE_RMS_N: f64 = 0.02;
+/// Largest RMS of the difference between the two traces of a cable's true tension, N: noise of both, and friction that
+/// reverses some milliseconds earlier or later.
+const TRACE_N: f64 = 0.12;
+
+fn hold(link: &mut dyn RigLink, force_n: [f64; 3]) -> Outcome {
+    run::set_force(
+        link,
+        &rig_file(),
+        &Options::new(force_n, 8.0),
+        &mut NoopObserver,
+    )
+    .unwrap_or_else(|error| panic!("{error}"))
+}
+
+fn fast(seed: u64) -> FastRig {
+    let options = EmbeddedOptions {
+        seed: Some(seed),
+        ..EmbeddedOptions::default()
+    };
+    FastRig::open(&options).unwrap_or_else(|error| panic!("{error}"))
+}
+
+#[test]
+fn the_fast_rig_holds_a_force_as_the_image_does() {
+    for (seed, force_n) in [
+        (1, [0.0, 2.5, 0.0]),
+        (2, [1.5, -1.0, 1.0]),
+        (3, [0.0, -4.0, 0.0]),
+    ] {
+        let image = hold(&mut rig(seed), force_n);
+        let fast = hold(&mut fast(seed), force_n);
+        assert_eq!(image.ended, fast.ended);
+        let of = |outcome: &Outcome| outcome.metrics.clone().expect("a run of 8 s has figures");
+        let (a, b) = (of(&image), of(&fast));
+        let mut worst = 0.0_f64;
+        for unit in 0..6 {
+            worst = worst.max((a.tension_rms_n[unit] - b.tension_rms_n[unit]).abs());
+        }
+        let mean = (0..3)
+            .map(|axis| (a.applied_n[axis] - b.applied_n[axis]).powi(2))
+            .sum::<f64>()
+            .sqrt();
+        let rms = (a.tip_force_rms_n - b.tip_force_rms_n).abs();
+        let trace = trace_difference_n(&image, &fast);
+        println!("seed {seed}: tension RMS {worst:.4} N, mean force {mean:.4} N, force RMS {rms:.4} N, traces {trace:.4} N");
+        assert!(
+            worst <= TENSION_RMS_N,
+            "seed {seed}: tension RMS {worst:.4} N"
+        );
+        assert!(mean <= MEAN_FORCE_N, "seed {seed}: mean force {mean:.4} N");
+        assert!(rms <= FORCE_RMS_N, "seed {seed}: force RMS {rms:.4} N");
+        assert!(trace <= TRACE_N, "seed {seed}: traces {trace:.4} N");
+        // The same motion, or the comparison means nothing.
+        for (a, b) in image.steps.iter().zip(&fast.steps) {
+            assert!((a.t_s - b.t_s).abs() < 1e-9);
+            assert!((a.tip_m - b.tip_m).norm() < 2e-4);
+        }
+    }
+}
+
+/// RMS over the run of the difference of true tensions, the worst cable.
+fn trace_difference_n(a: &Outcome, b: &Outcome) -> f64 {
+    let mut squares = [0.0; 6];
+    let mut count = 0.0;
+    for (a, b) in a.steps.iter().zip(&b.steps).filter(|(a, _)| a.t_s > 0.5) {
+        let (Some(a), Some(b)) = (a.true_tension_n, b.true_tension_n) else {
+            panic!("both know the truth");
+        };
+        count += 1.0;
+        for (square, (a, b)) in squares.iter_mut().zip(a.iter().zip(b)) {
+            *square += (a - b).powi(2);
+        }
+    }
+    (squares.iter().copied().fold(0.0, f64::max) / count).sqrt()
+}
+
+#[test]
+fn a_pulled_plug_and_the_e_stop_end_the_same_way() {
+    use emulator_link::Injection;
+    for injection in [
+        Injection::UnplugSensor(3),
+        Injection::EStop(true),
+        Injection::FreezeEncoder(4, true),
+    ] {
+        let mut options = Options::new([0.0, 2.5, 0.0], 3.0);
+        options.injections = vec![(1.0, injection)];
+        let of = |link: &mut dyn RigLink| {
+            run::set_force(link, &rig_file(), &options, &mut NoopObserver).map_or_else(
+                |error| error.to_string(),
+                |outcome| {
+                    let faults: Vec<_> = outcome.faults.iter().map(|f| (f.unit, f.code)).collect();
+                    format!("{:?} {faults:?}", outcome.ended)
+                },
+            )
+        };
+        let (image, quick) = (of(&mut rig(4)), of(&mut fast(4)));
+        // Details of a fault hold times in microseconds.
+        let head = |text: &str| text.split("detail").next().unwrap_or_default().to_owned();
+        assert_eq!(head(&image), head(&quick), "{injection:?}");
+    }
+}
