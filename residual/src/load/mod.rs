@@ -191,12 +191,12 @@ pub(crate) fn load_to_check(paths: &[PathBuf], spec: &Spec) -> Result<Data, Erro
 ///     expr = "1"
 ///     "#,
 /// )?;
-/// let run = |name: &str| {
+/// let run = |name: &str, phase: f64| {
 ///     let time: Vec<f64> = (0..100).map(|i| 0.01 * f64::from(i)).collect();
-///     let force = time.iter().map(|t| t.sin()).collect();
+///     let force = time.iter().map(|t| (t + phase).sin()).collect();
 ///     load::Table::new(name).with("t", time).with("force", force)
 /// };
-/// let data = load::from_tables(vec![run("run 1"), run("run 2")], &spec)?;
+/// let data = load::from_tables(vec![run("run 1", 0.0), run("run 2", 1.0)], &spec)?;
 /// assert_eq!(data.folds(), ["run 1", "run 2"]);
 /// # Ok::<(), residual::Error>(())
 /// ```

@@ -32,10 +32,21 @@ fn stands_for(kind: EffectKind) -> &'static [&'static str] {
         EffectKind::Kink => &["kink"],
         EffectKind::AngleFriction => &["sector-friction"],
         EffectKind::LoadDependentCoulomb => &["capstan", "load-proportional coulomb"],
-        EffectKind::Viscous => &["viscous", "viscous-load", "viscous-temperature", "motor damping"],
+        EffectKind::Viscous => &[
+            "viscous",
+            "viscous-load",
+            "viscous-temperature",
+            "motor damping",
+        ],
         EffectKind::Stribeck => &["stribeck"],
         // The generator's friction keeps its sign at rest, whatever its law in motion.
-        EffectKind::Presliding => &["coulomb", "capstan", "dry friction", "dahl", "presliding hysteresis"],
+        EffectKind::Presliding => &[
+            "coulomb",
+            "capstan",
+            "dry friction",
+            "dahl",
+            "presliding hysteresis",
+        ],
         EffectKind::Hysteresis => &[
             "dahl",
             "bouc-wen",
@@ -206,7 +217,8 @@ pub fn covered(report: &Report, set: &Set) -> Vec<Covered> {
                 "gain_per_degree",
                 1e-2 * p("s"),
             )],
-            "clipping" => vec![(
+            // The reading's limit is the command's where the declared model is the command alone.
+            "clipping" if set.terms.len() == 1 && set.terms[0].fixed => vec![(
                 EffectKind::Saturation,
                 "upper_limit",
                 p("reference") - p("depth"),
