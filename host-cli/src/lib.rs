@@ -6,6 +6,7 @@
 //! | how do bytes get to the board | [`link`] |
 //! | what do host and board say | [`session`] |
 //! | one rig, many terminals | [`service`] |
+//! | what does a rig do now | [`telemetry`] |
 //! | where is the tip | [`force::pose`] |
 //! | which tensions make a force | [`force::allocation`] |
 //! | what is sent 100 times a second | [`force::controller`] |
@@ -31,3 +32,4 @@ pub mod run;
 #[cfg(unix)]
 pub mod service;
 pub mod session;
+pub mod telemetry;

@@ -378,6 +378,12 @@ impl Connection {
         self.at.load_with(&self.new, embedded, context)
     }
 
+    /// The client of the service, after [`Connection::load`]; `None` where the rig is reached in another way.
+    #[cfg(unix)]
+    pub fn client(&self, context: &Context) -> Option<Client> {
+        self.at.client(context)
+    }
+
     /// Opens the connection as a commander, and names the rig.
     pub fn open(&self, rig: &RigFile, context: &Context) -> Result<Box<dyn RigLink>> {
         self.at.open_as(&self.new, Role::Commander, rig, context)

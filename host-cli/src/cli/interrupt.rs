@@ -5,6 +5,7 @@
 //! controlled stop of the command, and the second ends the program: a board without setpoints goes to 0 V by itself.
 
 use super::exit::{self, Failure, Result};
+use super::monitor::screen;
 use super::output::Output;
 use std::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use std::sync::Arc;
@@ -40,8 +41,13 @@ impl Interrupt {
         let handler = move || {
             let again = shared.requested.swap(true, Ordering::SeqCst);
             if again || shared.controlled_stop.load(Ordering::SeqCst) == 0 {
+                screen::restore();
                 output.finish_interrupted();
                 std::process::exit(i32::from(exit::INTERRUPTED));
+            }
+            // The view ends at once, and has no place for a message.
+            if screen::taken() {
+                return;
             }
             output.note(
                 "\nInterrupted: the command ends; a run is ramped down and disarmed first. Press Ctrl-C again to exit at \

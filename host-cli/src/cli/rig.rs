@@ -29,6 +29,9 @@ pub struct Rig {
     /// Cause a fault at power-on, for example unplug=3@start; repeatable. `forcectl inject` causes them later
     #[arg(long, value_name = "WHAT@start", value_parser = host_cli::inject::parse, allow_hyphen_values = true)]
     inject: Vec<(f64, Injection)>,
+    /// Let the rig's time wait for a commander that is late, up to 2 s: for a slow or busy computer
+    #[arg(long)]
+    wait: bool,
     #[command(flatten)]
     listen: Listen,
 }
@@ -72,7 +75,7 @@ impl Rig {
             tcp,
             reopen: None,
             idle_end: None,
-            lockstep: false,
+            lockstep: self.wait,
             stop,
         };
         serve::run(link, listening, options, context)

@@ -15,15 +15,16 @@ mod clients;
 use super::connection::Outbox;
 use super::frames::{Arrived, Gaps};
 use super::job;
-use super::protocol::{notification, Event, Request, Telemetry, Tick};
+use super::protocol::{notification, Event, Request, Tick};
 use super::server::Opener;
 use super::terminal::Terminal;
 use crate::link::{Exchange, LinkError, RigLink};
-use crate::session::{explain_fault, system_state_name, PERIOD};
+use crate::rigfile::RigFile;
+use crate::session::{explain_fault, system_state_name, PERIOD, SILENCE_TIMEOUT};
+use crate::telemetry::Gatherer;
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use clients::{Client, Waiter};
 use control::SystemState;
-use emulator_link::Truth;
 use serde_json::Value;
 use std::collections::{BTreeMap, HashMap};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -39,8 +40,6 @@ pub const CYCLE: Duration = Duration::from_millis(2);
 pub const SILENT_NS: u64 = 1_000_000_000;
 /// Period of telemetry in the link's time, ns.
 const TELEMETRY_NS: u64 = 20_000_000;
-/// A tension without a newer sample for this long is not shown, ns.
-const FRESH_NS: u64 = 100_000_000;
 /// How long a reply of the board may take before a command of the hub is sent again, ns.
 const REPLY_NS: u64 = 30_000_000;
 /// How often a command of the hub is sent.
@@ -109,14 +108,6 @@ struct Pending {
     attempts: u32,
 }
 
-/// The newest sample of a unit.
-#[derive(Debug, Clone, Copy, Default)]
-struct Newest {
-    at_ns: u64,
-    tension_n: f64,
-    setpoint_n: f64,
-}
-
 /// What the service is for.
 pub(super) struct Setup {
     /// Name of the rig.
@@ -165,10 +156,9 @@ pub(super) struct Hub {
     /// Link time of the newest status, ns.
     status_ns: u64,
     resets: Option<u32>,
-    newest: [Newest; UNITS],
+    gatherer: Gatherer,
     frames_bad: u64,
-    truth: Option<Truth>,
-    tip_m: Option<[f64; 3]>,
+    frames_lost: u64,
     // Time.
     base_ns: u64,
     now_ns: u64,
@@ -187,6 +177,8 @@ impl Hub {
         (sender, inbound): (Sender<Inbound>, Receiver<Inbound>),
     ) -> Self {
         let seed = link.controls().map(|controls| controls.seed());
+        let (file, text) = &setup.rig_file;
+        let gatherer = Gatherer::new(RigFile::parse(file, text).ok().as_ref());
         let mut clients = BTreeMap::new();
         if let Some(terminal) = &terminal {
             clients.insert(TERMINAL, Client::terminal(terminal.path()));
@@ -219,10 +211,9 @@ impl Hub {
             status: None,
             status_ns: 0,
             resets: None,
-            newest: [Newest::default(); UNITS],
+            gatherer,
             frames_bad: 0,
-            truth: None,
-            tip_m: None,
+            frames_lost: 0,
             base_ns: 0,
             now_ns: 0,
             telemetry_due_ns: 0,
@@ -311,6 +302,7 @@ impl Hub {
                     self.connect_anew();
                     self.event("link", format!("{} is back", self.link_name), None);
                 }
+                self.send_telemetry_now();
             }
         }
         Ok(())
@@ -328,6 +320,7 @@ impl Hub {
         }
         self.commander = None;
         self.status = None;
+        self.gatherer.forget();
         self.fail_waiting(&text);
         if self.setup.reopen.is_none() {
             return Err(error);
@@ -343,6 +336,7 @@ impl Hub {
         self.status = None;
         self.resets = None;
         self.gaps = Gaps::default();
+        self.gatherer.forget();
         self.pending.clear();
         self.urgent.clear();
         self.outbox = vec![0];
@@ -445,10 +439,10 @@ impl Hub {
         }
         self.resets = Some(exchange.resets);
         if let Some(pose) = &exchange.pose {
-            self.tip_m = Some(pose.position_m);
+            self.gatherer.pose(pose.position_m);
         }
         if let Some(truth) = exchange.truth.last() {
-            self.truth = Some(truth.clone());
+            self.gatherer.truth(truth);
         }
         for byte in &exchange.from_board {
             match self.decoder.push::<BoardFrame>(*byte) {
@@ -490,6 +484,7 @@ impl Hub {
     /// A frame of the board: the hub takes note of it and puts it into each client's bytes.
     fn arrived(&mut self, frame: BoardFrame) {
         let Arrived { lost, message } = self.gaps.arrived(frame);
+        self.frames_lost += u64::from(lost);
         for client in self.clients.values_mut() {
             client.numbering.skip(lost);
         }
@@ -508,13 +503,7 @@ impl Hub {
             BoardMessage::Fault(fault) => self.note_fault(fault),
             BoardMessage::Samples(batch) => {
                 for sample in &batch.samples {
-                    if let Some(newest) = self.newest.get_mut(usize::from(sample.unit)) {
-                        *newest = Newest {
-                            at_ns: self.now_ns,
-                            tension_n: f64::from(sample.tension) * 1e-4,
-                            setpoint_n: f64::from(sample.setpoint) * 1e-4,
-                        };
-                    }
+                    self.gatherer.sample(self.now_ns, sample);
                 }
             }
         }
@@ -535,6 +524,9 @@ impl Hub {
                 }
                 (Command::Hello { .. }, Response::Rejected(refusal)) => {
                     self.refused = Some(refusal)
+                }
+                (Command::GetConfig { unit }, Response::Config(config)) => {
+                    self.gatherer.config(unit, &config);
                 }
                 _ => {}
             },
@@ -591,28 +583,47 @@ impl Hub {
     }
 
     fn send_telemetry(&mut self) {
-        if self.now_ns < self.telemetry_due_ns {
-            return;
+        if self.now_ns >= self.telemetry_due_ns {
+            self.telemetry_due_ns = self.now_ns + TELEMETRY_NS;
+            self.send_telemetry_now();
         }
-        self.telemetry_due_ns = self.now_ns + TELEMETRY_NS;
+    }
+
+    fn send_telemetry_now(&mut self) {
         if !self.clients.values().any(|client| client.topics.telemetry) {
             return;
         }
-        let fresh = self.newest.map(|newest| {
-            (newest.at_ns > 0 && newest.at_ns + FRESH_NS >= self.now_ns).then_some(newest)
-        });
-        let telemetry = Telemetry {
-            t_s: self.now_ns as f64 * 1e-9,
-            tension_n: fresh.map(|newest| newest.map(|n| n.tension_n)),
-            setpoint_n: fresh.map(|newest| newest.map(|n| n.setpoint_n)),
-            state: self.state_name(),
-            tip_m: self.tip_m,
-            true_force_n: self.truth.as_ref().map(|truth| truth.tip_force_n),
+        self.read_configs_when_changed();
+        // A board that is silent is not what it was.
+        let heard = self.status_ns + SILENCE_TIMEOUT.as_nanos() as u64 >= self.now_ns;
+        let status = self.status.as_ref().filter(|_| heard);
+        let state = if self.link.is_some() {
+            "no status"
+        } else {
+            "no link"
         };
+        let mut telemetry = self.gatherer.telemetry(self.now_ns, status, state);
+        telemetry.drops.frames_lost = self.frames_lost;
+        telemetry.drops.frames_bad = self.frames_bad;
+        telemetry.commander = self.commander.map(|id| self.name_of(id));
+        telemetry.clients = self.client_names().collect();
         let line: Arc<str> = notification("telemetry", &telemetry).into();
         for client in self.clients.values() {
             if client.topics.telemetry {
                 client.outbox.telemetry(Arc::clone(&line));
+            }
+        }
+    }
+
+    /// Reads the board's configurations where they are new: whether there are zeros is in them.
+    fn read_configs_when_changed(&mut self) {
+        let Some(status) = self.status.as_ref().filter(|_| self.info.is_some()) else {
+            return;
+        };
+        if self.gatherer.wants_configs(status) {
+            self.gatherer.reading(status);
+            for unit in 0..UNITS as u8 {
+                self.send(Origin::Hub, Command::GetConfig { unit });
             }
         }
     }

@@ -3,6 +3,7 @@
 //! A client sends requests `{"jsonrpc": "2.0", "id": 1, "method": "stop"}`. The service answers each request that has an
 //! `id`, and sends notifications (no `id`) for the topics that the client subscribed to. The first request is `hello`.
 
+pub use crate::telemetry::Telemetry;
 use emulator_link::{Pose, Truth};
 use serde::{Deserialize, Serialize};
 use serde_json::{json, Value};
@@ -101,7 +102,7 @@ pub struct Topics {
     pub ticks: bool,
     /// The plant's true state in the ticks (emulated rig).
     pub truth: bool,
-    /// [`Telemetry`]: tensions, setpoints and states, 50 times a second.
+    /// [`Telemetry`]: tensions, forces, states and faults, 50 times a second; twice a second while the link is lost.
     pub telemetry: bool,
     /// [`Event`]: faults, who commands, a link that is lost or back.
     pub events: bool,
@@ -164,23 +165,6 @@ pub struct Tick {
     /// The plant's true state in each millisecond.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub truth: Vec<Truth>,
-}
-
-/// Tensions and states, for programs that do not decode frames.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct Telemetry {
-    /// Time of the link, s.
-    pub t_s: f64,
-    /// Newest cable tension of each unit, N; `null` without a sample in the last 0.1 s.
-    pub tension_n: [Option<f64>; UNITS],
-    /// Setpoint in force at that sample, N.
-    pub setpoint_n: [Option<f64>; UNITS],
-    /// State of the board (`ready`, `running`, `fault`, ...).
-    pub state: String,
-    /// Tip of the robot, base frame, m, where the link reports it.
-    pub tip_m: Option<[f64; 3]>,
-    /// Force of the cables at the tip in the plant, N (emulated rig).
-    pub true_force_n: Option<[f64; 3]>,
 }
 
 /// Something that happened.

@@ -349,11 +349,26 @@ fn a_program_without_this_library_commands_a_force() {
     let outcome = client.call_within(force, Duration::from_secs(30)).unwrap();
     let y = outcome["metrics"]["applied_n"][1].as_f64().unwrap();
     assert!((y - 2.0).abs() < 0.1, "{y}");
-    let mut near = 0;
+    let (mut near, mut measured_near, mut named, mut last) = (0, 0, 0, None);
     while let Some(Notification::Telemetry(telemetry)) = client.next(Duration::ZERO).unwrap() {
         let force = telemetry.true_force_n.unwrap();
         near += u32::from((force[1] - 2.0).abs() < 0.3);
+        if let Some(measured) = telemetry.force_n {
+            measured_near += u32::from((measured[1] - 2.0).abs() < 0.3);
+        }
+        named += u32::from(
+            telemetry
+                .commander
+                .as_ref()
+                .is_some_and(|name| name.contains("for a script")),
+        );
+        last = Some(telemetry);
     }
+    // What is measured, with the zeros of the board and the cables of the rig file, is what pulls.
+    assert!(measured_near > 60 && named > 60, "{measured_near} {named}");
+    let last = last.unwrap();
+    assert_eq!(last.zeroed, [Some(true); wire::UNITS]);
+    assert!(last.clients.iter().any(|name| name.contains("a script")));
     // 50 lines a second.
     assert!(near > 60, "{near}");
 }
@@ -398,6 +413,20 @@ fn a_link_that_comes_back_is_used_again() {
     let error = running.join().unwrap().unwrap_err().to_string();
     assert!(error.contains("unplugged"), "{error}");
     rig.wait_for("no link");
+    // Whoever watches is told, though nothing comes from the board.
+    let mut watching = rig.client("a view");
+    watching
+        .call(Call::Subscribe(Topics {
+            telemetry: true,
+            ..Topics::default()
+        }))
+        .unwrap();
+    let told = watching.next(Duration::from_secs(5)).unwrap();
+    let Some(Notification::Telemetry(told)) = told else {
+        panic!("{told:?}");
+    };
+    assert_eq!(told.state, "no link");
+    assert_eq!(told.tension_n, [None; wire::UNITS]);
     let refused = rig.client("stop").call(Call::Stop).unwrap_err().to_string();
     assert!(refused.contains("is gone"), "{refused}");
     rig.plugged.store(true, Ordering::SeqCst);

@@ -1,6 +1,6 @@
 //! Clients of the hub: their frames, and which of them commands.
 
-use super::{ClientId, Hub, Inbound, Origin};
+use super::{ClientId, Hub, Inbound, Origin, TERMINAL};
 use crate::service::connection::Outbox;
 use crate::service::frames::Numbering;
 use crate::service::protocol::{code, Hello, Topics};
@@ -175,6 +175,14 @@ impl Hub {
             why.to_owned()
         };
         self.event("commander", text, None);
+    }
+
+    /// Names of everyone connected.
+    pub(super) fn client_names(&self) -> impl Iterator<Item = String> + '_ {
+        self.clients
+            .iter()
+            .filter(|(id, client)| **id != TERMINAL && client.hello.is_some())
+            .map(|(_, client)| client.name())
     }
 
     pub(super) fn name_of(&self, id: ClientId) -> String {

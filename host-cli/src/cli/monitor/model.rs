@@ -1,0 +1,123 @@
+//! What the monitor knows: the newest telemetry, a history for the curves, and a log.
+
+use super::source::{Event, Update};
+use host_cli::telemetry::Telemetry;
+use std::collections::VecDeque;
+use std::time::{Duration, Instant};
+use wire::UNITS;
+
+/// Period of the history, s.
+pub const HISTORY_S: f64 = 0.5;
+/// Its length in points.
+const HISTORY: usize = 400;
+/// Events that are kept.
+const LOG: usize = 200;
+/// The worst latency counts over this time, s.
+const LATENCY_WINDOW_S: f64 = 1.0;
+
+/// A tension, and whether it can be called one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reading {
+    /// No sample in the last 0.1 s.
+    None,
+    /// The unit is not configured or switched off.
+    Offline,
+    /// The zero is being taken.
+    Zeroing,
+    /// The board holds no zero of this unit: the number (N) has an unknown offset.
+    NoZero(f64),
+    /// A tension, N.
+    Tension(f64),
+}
+
+/// The state of what is watched.
+#[derive(Debug, Default)]
+pub struct Model {
+    /// The newest telemetry.
+    pub now: Telemetry,
+    /// When it came.
+    pub came: Option<Instant>,
+    /// Tensions of the last minutes, one point each [`HISTORY_S`], oldest first; `None` where there was none.
+    pub history: VecDeque<[Option<f64>; UNITS]>,
+    /// Events, oldest first.
+    pub log: VecDeque<Event>,
+    history_due_s: f64,
+    latencies: VecDeque<(f64, u16)>,
+}
+
+impl Model {
+    /// Takes an update.
+    pub fn take(&mut self, update: Update) {
+        match update {
+            Update::Event(event) => self.note(event),
+            Update::Telemetry(telemetry) => self.telemetry(*telemetry),
+        }
+    }
+
+    fn telemetry(&mut self, telemetry: Telemetry) {
+        let t_s = telemetry.t_s;
+        // Another link counts its time anew.
+        if t_s < self.now.t_s {
+            self.latencies.clear();
+            self.history_due_s = t_s;
+        }
+        self.now = telemetry;
+        self.came = Some(Instant::now());
+        if let Some(latency_us) = self.now.latency_us {
+            self.latencies.push_back((t_s, latency_us));
+        }
+        while matches!(self.latencies.front(), Some((at, _)) if at + LATENCY_WINDOW_S < t_s) {
+            self.latencies.pop_front();
+        }
+        if t_s >= self.history_due_s {
+            self.history_due_s = t_s + HISTORY_S;
+            let point = std::array::from_fn(|i| match self.reading(i) {
+                Reading::Tension(tension_n) => Some(tension_n),
+                _ => None,
+            });
+            self.history.push_back(point);
+            if self.history.len() > HISTORY {
+                self.history.pop_front();
+            }
+        }
+    }
+
+    /// Adds an event to the log.
+    pub fn note(&mut self, event: Event) {
+        self.log.push_back(event);
+        if self.log.len() > LOG {
+            self.log.pop_front();
+        }
+    }
+
+    /// Longest latency of the last second, us.
+    pub fn worst_latency_us(&self) -> Option<u16> {
+        self.latencies.iter().map(|(_, latency)| *latency).max()
+    }
+
+    /// The reading of a unit, from 0.
+    pub fn reading(&self, i: usize) -> Reading {
+        reading(&self.now, i)
+    }
+
+    /// For how long nothing has come, where that is long enough to say so.
+    pub fn silence(&self, limit: Duration) -> Option<Duration> {
+        self.came
+            .map(|came| came.elapsed())
+            .filter(|age| *age > limit)
+    }
+}
+
+/// The reading of a unit, from 0, in this telemetry.
+pub fn reading(now: &Telemetry, i: usize) -> Reading {
+    let state = now.unit_state[i].as_deref().unwrap_or_default();
+    match (state, now.tension_n[i]) {
+        ("offline", _) => Reading::Offline,
+        ("zeroing", _) => Reading::Zeroing,
+        _ if now.state == "zeroing" => Reading::Zeroing,
+        (_, None) => Reading::None,
+        // Not known yet is no licence to call it a tension.
+        (_, Some(value)) if now.zeroed[i] == Some(true) => Reading::Tension(value),
+        (_, Some(value)) => Reading::NoZero(value),
+    }
+}
