@@ -326,3 +326,41 @@ fn a_rig_file_is_copied_with_what_the_board_can_use_or_not_at_all() {
     assert!(code == 6 && json["applied"]["file"].is_null(), "{out}");
     assert_eq!(json["report"]["verdict"], "none");
 }
+
+#[test]
+fn init_writes_a_model_file_that_runs_and_keeps_one_that_is_there() {
+    let folder = Folder::with_logs(0.5);
+    folder.expect(
+        "residual --data logs --model new.toml --init",
+        0,
+        &["new.toml written", "questions"],
+    );
+    let model = folder.read("new.toml");
+    assert!(model.contains("target = { column = \"force\""), "{model}");
+    folder.expect(
+        "residual --data logs --model new.toml",
+        0,
+        &["The model lacks coulomb", "found      coulomb"],
+    );
+    folder.expect(
+        "residual --data logs --model new.toml --init",
+        2,
+        &["new.toml exists"],
+    );
+}
+
+#[test]
+fn check_data_are_evaluated_and_must_exist() {
+    let folder = Folder::with_logs(0.5);
+    folder.put("other.csv", &log(7, 0.5));
+    folder.expect(
+        "residual --data logs --model MODEL.toml --check other.csv",
+        0,
+        &["The model lacks coulomb", "On the check data: RMSE"],
+    );
+    folder.expect(
+        "residual --data logs --model MODEL.toml --check none.csv",
+        3,
+        &["--check none.csv", "does not exist"],
+    );
+}

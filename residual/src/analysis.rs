@@ -1,6 +1,7 @@
 //! The analysis: from logs, or columns in memory, and a declared model to a report.
 
 use crate::assembly::{self, Found};
+use crate::check::Checked;
 use crate::data::Data;
 use crate::declared::check_selection;
 use crate::error::Error;
@@ -12,6 +13,7 @@ use crate::progress::Progress;
 use crate::report::Report;
 use crate::search::Search;
 use crate::spec::Spec;
+use crate::support::{supported, Supported};
 use std::path::PathBuf;
 
 /// What to analyse.
@@ -30,13 +32,30 @@ pub struct Options {
 /// # Errors
 /// Any [`Error`]; then nothing is written, and an earlier report in the folder is gone.
 pub fn run(options: &Options, progress: &mut dyn Progress) -> Result<Report, Error> {
+    run_checked(options, &[], progress)
+}
+
+/// As [`run`], with logs to check the models on: they take no part in the search, and an effect that does not help on
+/// them is not called found. Without a path nothing is checked.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_checked(
+    options: &Options,
+    check: &[PathBuf],
+    progress: &mut dyn Progress,
+) -> Result<Report, Error> {
     check_selection(&options.model)?;
     if let Some(out) = &options.out {
         crate::report::clear(out)?;
     }
     progress.stage("reading data");
     let data = load::load(&options.data, &options.model)?;
-    let report = analyse(&options.model, data, progress)?;
+    let check = match check {
+        [] => None,
+        paths => Some(load::load_to_check(paths, &options.model)?),
+    };
+    let report = analyse_checked(&options.model, data, check.as_ref(), progress)?;
     if let Some(out) = &options.out {
         progress.stage("writing reports");
         report.write(out)?;
@@ -98,6 +117,19 @@ pub fn run(options: &Options, progress: &mut dyn Progress) -> Result<Report, Err
 /// # Errors
 /// [`Error::Data`], [`Error::RankDeficient`], [`Error::Model`] or [`Error::Expression`].
 pub fn analyse(spec: &Spec, data: Data, progress: &mut dyn Progress) -> Result<Report, Error> {
+    analyse_checked(spec, data, None, progress)
+}
+
+/// As [`analyse`], with data to check the models on; see [`run_checked`].
+///
+/// # Errors
+/// As [`analyse`].
+pub fn analyse_checked(
+    spec: &Spec,
+    data: Data,
+    check: Option<&Data>,
+    progress: &mut dyn Progress,
+) -> Result<Report, Error> {
     check_selection(spec)?;
     if spec.selection.nested {
         nested::check_folds(&data)?;
@@ -105,8 +137,16 @@ pub fn analyse(spec: &Spec, data: Data, progress: &mut dyn Progress) -> Result<R
     let mut search = Search::new(spec, &data, progress)?;
     let outcome = search.run(progress)?;
     let frame = search.problem.kept_frame();
-    let mut left = Leftover::new(&mut search, &outcome, &frame)?;
-    let weights = search.weights(&outcome)?;
+    let left = Leftover::new(&mut search, &outcome, &frame)?;
+    let check = check.map(|data| Checked::new(data, spec));
+    progress.stage("which names the data support");
+    let Supported {
+        outcome,
+        mut left,
+        weights,
+        parameters,
+        beside,
+    } = supported(&mut search, outcome, left, check.as_ref())?;
     if let Some(doubt) = feedback::doubt(&search, &outcome.chosen, &weights, left.explained)? {
         left.doubt(doubt);
     }
@@ -115,6 +155,9 @@ pub fn analyse(spec: &Spec, data: Data, progress: &mut dyn Progress) -> Result<R
         outcome: &outcome,
         left,
         weights: &weights,
+        parameters: &parameters,
+        beside: beside.as_ref(),
+        check: check.as_ref(),
         frame: &frame,
     };
     let mut report = assembly::report(found, &data)?;

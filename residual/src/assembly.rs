@@ -1,14 +1,15 @@
 //! Puts the report together from what the search found and what is left.
 
+use crate::check::Checked;
 use crate::data::Data;
 use crate::declared;
 use crate::diagnostics::residual_tests;
-use crate::effects::{Build, EffectKind, CATALOGUE};
+use crate::effects::{effect as effect_of, Build, EffectKind, CATALOGUE};
 use crate::error::Error;
 use crate::extended::extended;
 use crate::figures::figures;
 use crate::frame::Frame;
-use crate::intervals::parameters;
+use crate::intervals::Parameters;
 use crate::leftover::Leftover;
 use crate::model::Fit;
 use crate::report::{
@@ -16,6 +17,7 @@ use crate::report::{
 };
 use crate::scan::{Candidate, Scan};
 use crate::search::{without, Judged, Outcome, Search, Weight};
+use crate::support::Beside;
 use crate::verdict::{verdict, Conditions};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -30,6 +32,12 @@ pub(crate) struct Found<'a> {
     pub left: Leftover,
     /// What each effect is worth, the most valuable first.
     pub weights: &'a [Weight],
+    /// Parameters of the effects, by index among the chosen ones.
+    pub parameters: &'a [Parameters],
+    /// What else improves the fit.
+    pub beside: Option<&'a Beside>,
+    /// Data to check the models on.
+    pub check: Option<&'a Checked>,
     /// The kept rows.
     pub frame: &'a Frame,
 }
@@ -40,13 +48,25 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         search,
         outcome,
         weights,
+        parameters,
+        beside,
+        check,
         ..
     } = found;
     let spec = search.spec;
     let base = &search.declared.fit;
     let fit = &outcome.fitted.fit;
     let seed = spec.selection.seed;
-    let effects = effects(search, outcome, weights)?;
+    let effects = effects(search, outcome, weights, parameters)?;
+    let improves = match beside {
+        Some(beside) => unsupported(search, outcome, beside)?,
+        None => vec![],
+    };
+    let all = beside.map_or(outcome, |b| &b.outcome);
+    let check = match check {
+        Some(check) => Some(check.figures(search, &outcome.chosen, &all.chosen)?),
+        None => None,
+    };
     let ambiguous: Vec<Ambiguity> = weights
         .iter()
         .filter_map(|w| ambiguity(outcome, w.index))
@@ -73,14 +93,22 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         nested_rmse: None,
         verdict,
         not_identifiable: ambiguous,
-        plot_unknown: found.left.largest.as_ref().map(|nameless| {
-            let against = nameless.against().unwrap_or(&search.load);
-            plot(search, against, &base.residual, &fit.residual)
-        }),
+        plot_unknown: match (&found.left.largest, found.left.when) {
+            (Some(nameless), _) => {
+                let against = nameless.against().unwrap_or(&search.load);
+                Some(plot(search, against, &base.residual, &fit.residual))
+            }
+            (None, true) => Some(plot(search, "elapsed", &base.residual, &fit.residual)),
+            (None, false) => None,
+        },
         structure: found.left.structure,
         seen_not_material: not_material(search, outcome, &effects),
         tested: outcome.last.ranked.iter().map(tested).collect(),
         effects,
+        with_all: beside.map(|b| figures(&search.problem, &b.outcome.fitted.fit, seed)),
+        improves,
+        limited: outcome.limited,
+        check,
         absent: absent(search)?,
         hygiene: data.hygiene.clone(),
         residual_tests: residual_tests(
@@ -95,7 +123,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
     })
 }
 
-fn file_names(data: &Data) -> Vec<String> {
+pub(crate) fn file_names(data: &Data) -> Vec<String> {
     data.files
         .iter()
         .map(|f| {
@@ -106,7 +134,12 @@ fn file_names(data: &Data) -> Vec<String> {
 }
 
 /// The chosen effects, the most valuable first, with the error before and after each in that order.
-fn effects(search: &Search, outcome: &Outcome, weights: &[Weight]) -> Result<Vec<Effect>, Error> {
+fn effects(
+    search: &Search,
+    outcome: &Outcome,
+    weights: &[Weight],
+    parameters: &[Parameters],
+) -> Result<Vec<Effect>, Error> {
     let mut out = Vec::new();
     let mut so_far = Vec::new();
     let mut before = search.declared.rmse();
@@ -117,9 +150,33 @@ fn effects(search: &Search, outcome: &Outcome, weights: &[Weight]) -> Result<Vec
         } else {
             search.rmse(&so_far)?
         };
-        out.push(effect(search, outcome, w.index, (before, after))?);
+        out.push(effect(
+            search,
+            outcome,
+            w,
+            &parameters[w.index],
+            (before, after),
+        )?);
         before = after;
     }
+    Ok(out)
+}
+
+/// The effects whose names the data do not support, the most valuable first. The errors before and after are those of
+/// the model with all effects, without and with this one.
+fn unsupported(search: &Search, found: &Outcome, beside: &Beside) -> Result<Vec<Effect>, Error> {
+    let mut out = Vec::new();
+    for w in &beside.weights {
+        let Some(why) = &beside.why[w.index] else {
+            continue;
+        };
+        let errors = (w.rmse_without, w.rmse);
+        let parameters = &beside.parameters[w.index];
+        let mut own = effect(search, &beside.outcome, w, parameters, errors)?;
+        own.unsupported = why.clone();
+        out.push(own);
+    }
+    debug_assert_eq!(out.len() + found.chosen.len(), beside.outcome.chosen.len());
     Ok(out)
 }
 
@@ -127,11 +184,12 @@ fn effects(search: &Search, outcome: &Outcome, weights: &[Weight]) -> Result<Vec
 fn effect(
     search: &Search,
     outcome: &Outcome,
-    index: usize,
+    weight: &Weight,
+    (params, ci): &Parameters,
     (before, after): (f64, f64),
 ) -> Result<Effect, Error> {
+    let index = weight.index;
     let (own, rest) = without(&outcome.chosen, index);
-    let (params, ci) = parameters(search, &outcome.chosen, index)?;
     let ctx = search.scan_on(&search.declared).context();
     let against = own.effect.against(&ctx);
     // The other effects are in both models, so that the plot shows this effect alone.
@@ -153,9 +211,11 @@ fn effect(
             .map(|p| (p.name.clone(), p.unit.clone()))
             .collect(),
         params: params.iter().map(|p| (p.name.clone(), p.value)).collect(),
-        ci,
+        ci: ci.clone(),
         heldout_before: before,
         heldout_after: after,
+        heldout_without: weight.rmse_without,
+        unsupported: String::new(),
         rival: judged(outcome, index).rival,
         plot: plot(search, &against, &rest.fit.residual, residual)
             .named("residual", WITHOUT, "with it"),
@@ -169,11 +229,14 @@ fn judged(outcome: &Outcome, index: usize) -> Judged {
 /// Candidates that the data cannot distinguish from a chosen effect, if any.
 fn ambiguity(outcome: &Outcome, index: usize) -> Option<Ambiguity> {
     let ties = judged(outcome, index).ties;
-    if ties.is_empty() {
+    let own = outcome.chosen[index].effect;
+    let twin = own
+        .twin(&outcome.chosen[index].variant.label)
+        .map(effect_of);
+    if ties.is_empty() && twin.is_none() {
         return None;
     }
-    let own = outcome.chosen[index].effect;
-    let others = || ties.iter().map(|t| t.origin);
+    let others = || ties.iter().map(|t| t.origin).chain(twin);
     let experiments: Vec<String> = others()
         .chain([own])
         .map(|e| format!("{}: {}", e.name(), e.experiment()))

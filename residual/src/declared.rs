@@ -58,6 +58,18 @@ pub(crate) fn check_selection(spec: &Spec) -> Result<(), Error> {
     }
 }
 
+/// Target less prediction, row by row, of a model whose coefficients are all fixed; a term without one counts nothing.
+pub(crate) fn residual_of_fixed(p: &Problem, model: &Model) -> Result<Vec<f64>, Error> {
+    let mut out = p.y.clone();
+    for (term, k) in model.terms.iter().filter_map(|t| Some((t, t.fixed?))) {
+        let values = p.eval(&p.plain, &term.expr)?;
+        out.iter_mut()
+            .zip(values.iter())
+            .for_each(|(o, v)| *o -= k * v);
+    }
+    Ok(out)
+}
+
 /// Checks that the data can be analysed, fits the declared model, and cuts the blocks to the colour
 /// of its residual.
 pub(crate) fn fit_declared(problem: &mut Problem, spec: &Spec) -> Result<Fitted, Error> {
@@ -82,8 +94,17 @@ pub(crate) fn fit_declared(problem: &mut Problem, spec: &Spec) -> Result<Fitted,
     Ok(Fitted { model, fit })
 }
 
+/// Largest magnitude of a target: the sum of squares of a billion of them is finite.
+const LARGEST: f64 = 1e140;
+
 /// Refuses data on which no answer would mean anything.
 fn check_excitation(p: &Problem, spec: &Spec) -> Result<(), Error> {
+    if p.y.iter().any(|y| y.abs() > LARGEST) {
+        return Err(Error::data(
+            format!("the target has values beyond {LARGEST:e}, whose squares are no numbers"),
+            "Check roles.target and its scale",
+        ));
+    }
     let varies = |v: &[f64]| {
         v.iter()
             .any(|x| (x - v[0]).abs() > 1e-12 * v[0].abs().max(1e-300))
@@ -152,13 +173,23 @@ pub(crate) fn load_expression(declared: &Fitted) -> String {
 
 /// Declared terms for reports.
 pub(crate) fn terms(declared: &Fitted) -> Vec<DeclaredTerm> {
-    coefficients(declared)
+    let global = coefficients(declared)
         .into_iter()
-        .map(|(t, a)| DeclaredTerm {
+        .map(|(t, a)| (t, a, false));
+    // A coefficient for each sequence is given by its size over the sequences.
+    let local = declared
+        .fit
+        .local
+        .iter()
+        .map(|(i, size)| (&declared.model.terms[*i], *size, true));
+    global
+        .chain(local)
+        .map(|(t, coefficient, per_sequence)| DeclaredTerm {
             name: t.name.clone(),
-            coefficient: a,
+            coefficient,
             unit: t.unit.clone(),
             fixed: t.fixed.is_some(),
+            per_sequence,
         })
         .collect()
 }

@@ -37,3 +37,15 @@ pub(crate) fn extended(spec: &Spec, fitted: &Fitted, chosen: &[Chosen]) -> Spec 
     }
     out
 }
+
+/// The model with every coefficient fixed at its fitted value. Terms with a coefficient for each sequence have no
+/// meaning on other data and are left out.
+pub(crate) fn frozen(spec: &Spec) -> Spec {
+    let mut spec = spec.clone();
+    spec.terms.retain(|t| t.per.is_empty());
+    for t in &mut spec.terms {
+        t.fixed = t.fixed.or(t.fitted);
+        t.fitted = None;
+    }
+    spec
+}

@@ -3,7 +3,7 @@
 
 use crate::format::num;
 use crate::frame::Frame;
-use crate::spec::{Action, Hygiene};
+use crate::spec::{Action, Hygiene, Roles};
 use crate::stats;
 use serde::{Deserialize, Serialize};
 use std::path::PathBuf;
@@ -244,4 +244,115 @@ fn repeats(frame: &Frame) -> Vec<usize> {
         .flat_map(|r| r.start + 1..r.end.max(r.start + 1))
         .filter(|&i| cols.iter().all(|c| c[i] == c[i - 1]))
         .collect()
+}
+
+/// Shortest run in rows that is compared with others.
+const COMPARED: usize = 50;
+
+/// Correlation from which two runs are one motion.
+const SAME_MOTION: f64 = 0.98;
+
+/// Relative error of the speed column against the slope of the angle that is reported.
+const SPEED_ERROR: f64 = 0.05;
+
+/// Notes columns that contradict each other, and runs that repeat one motion.
+pub(crate) fn relations(frame: &Frame, roles: &Roles, fold: &[u32], log: &mut Log) {
+    speed_against_angle(frame, roles, log);
+    repeated_motion(frame, fold, log);
+}
+
+/// The speed must be the slope of the angle where the units say so.
+fn speed_against_angle(frame: &Frame, roles: &Roles, log: &mut Log) {
+    let (Some(angle), Some(velocity)) = (&roles.angle, &roles.velocity) else {
+        return;
+    };
+    if velocity.unit != format!("{}/s", angle.unit) {
+        return;
+    }
+    let (Some(x), Some(v)) = (frame.column("angle"), frame.column("velocity")) else {
+        return;
+    };
+    let time = frame.time();
+    let (mut vv, mut vs, mut ss) = (0.0, 0.0, 0.0);
+    for r in frame.sequences() {
+        for i in r.start + 1..r.end.saturating_sub(1).max(r.start + 1) {
+            let slope = (x[i + 1] - x[i - 1]) / (time[i + 1] - time[i - 1]);
+            vv += v[i] * v[i];
+            vs += v[i] * slope;
+            ss += slope * slope;
+        }
+    }
+    if vv <= 0.0 || ss <= 0.0 {
+        return;
+    }
+    let (ratio, agreement) = (vs / vv, vs / (vv * ss).sqrt());
+    if agreement.abs() > 0.9 && (ratio - 1.0).abs() > SPEED_ERROR {
+        log.count(
+            "speed against angle",
+            frame.len(),
+            "whole record",
+            &format!(
+                "the slope of the angle is {} times the velocity column: the time stamps, a unit or a scale is wrong, and every \
+                 mass, damping and delay with it",
+                num(ratio)
+            ),
+        );
+    }
+}
+
+/// Runs of one motion do not confirm each other: what is special to that motion is in all of them.
+fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Log) {
+    let Some(motion) = ["velocity", "angle", "command"]
+        .iter()
+        .find_map(|n| frame.column(n))
+    else {
+        return;
+    };
+    let runs: Vec<&std::ops::Range<usize>> = frame
+        .sequences()
+        .iter()
+        .filter(|r| r.len() >= COMPARED)
+        .take(64)
+        .collect();
+    let same = |a: &std::ops::Range<usize>, b: &std::ops::Range<usize>| {
+        let n = a.len().min(b.len());
+        let longer = a.len().max(b.len());
+        10 * n >= 9 * longer
+            && correlation(&motion[a.start..a.start + n], &motion[b.start..b.start + n])
+                > SAME_MOTION
+    };
+    let repeats = runs
+        .iter()
+        .enumerate()
+        .filter(|(k, a)| {
+            runs.iter()
+                .enumerate()
+                .any(|(j, b)| j != *k && fold[a.start] != fold[b.start] && same(a, b))
+        })
+        .count();
+    if repeats * 2 > runs.len() && repeats > 1 {
+        log.count(
+            "repeated motion",
+            repeats,
+            "whole record",
+            "runs whose motion is that of another run that is held out: the held-out error does not show how the model does \
+             on another motion; record one, and give it as check data",
+        );
+    }
+}
+
+/// Correlation of two lists of equal length; 0 if one is constant.
+fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let (ma, mb) = (stats::mean(a), stats::mean(b));
+    let (mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0);
+    for (x, y) in a.iter().zip(b) {
+        aa += (x - ma).powi(2);
+        bb += (y - mb).powi(2);
+        ab += (x - ma) * (y - mb);
+    }
+    if aa > 0.0 && bb > 0.0 {
+        ab / (aa * bb).sqrt()
+    } else {
+        0.0
+    }
 }

@@ -5,11 +5,11 @@ use crate::diagnostics::correlation_rows;
 use crate::effects::Param;
 use crate::error::Error;
 use crate::figures::interval;
-use crate::model::{Chosen, Model};
+use crate::model::{Chosen, Model, Projector};
 use crate::problem::{Column, Sums};
 use crate::scan::bracket;
 use crate::search::Search;
-use crate::stats::Rng;
+use crate::stats::{self, Rng};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
 
@@ -18,6 +18,9 @@ const REPLICATES: usize = 200;
 
 /// Intervals by parameter name.
 pub(crate) type Intervals = BTreeMap<String, [f64; 2]>;
+
+/// Parameters of an effect, and their intervals.
+pub(crate) type Parameters = (Vec<Param>, Intervals);
 
 /// One chosen effect in the final model.
 struct Own<'a> {
@@ -55,7 +58,7 @@ pub(crate) fn parameters(
     search: &Search,
     chosen: &[Chosen],
     index: usize,
-) -> Result<(Vec<Param>, Intervals), Error> {
+) -> Result<Parameters, Error> {
     let own = Own {
         search,
         chosen,
@@ -73,9 +76,21 @@ pub(crate) fn parameters(
     let replicates = own.replicates(&points, &mine);
     let intervals = params
         .iter()
-        .map(|q| (q.name.clone(), interval(values_of(q, &replicates))))
+        .map(|q| (q.name.clone(), around(q.value, values_of(q, &replicates))))
         .collect();
     Ok((params, intervals))
+}
+
+/// The 95 % interval of an estimate: between the quantiles of its replicates. Where these are all on one side, as for an
+/// amplitude near zero, 1.96 of their standard deviations about the estimate.
+fn around(estimate: f64, replicates: Vec<f64>) -> [f64; 2] {
+    let half = 1.96 * stats::deviation(&replicates);
+    let [low, high] = interval(replicates);
+    if (low..=high).contains(&estimate) {
+        [low, high]
+    } else {
+        [estimate - half, estimate + half]
+    }
 }
 
 /// Replicates of one parameter. Phases wrap: they are counted from the estimate.
@@ -109,12 +124,14 @@ impl Own<'_> {
         let mut x = Vec::new();
         let mut fixed = vec![0.0; p.y.len()];
         let mut mine = Vec::new();
+        let mut local = Vec::new();
         for t in &model.terms {
-            // A local effect is summarised by one common phase only if it has one.
+            let v = p.eval(&view, &t.expr)?;
+            // A local effect is summarised by one common phase only if it has one; other local terms are taken out.
             if t.local && !(self.local && t.chosen == Some(self.index)) {
+                local.push(v);
                 continue;
             }
-            let v = p.eval(&view, &t.expr)?;
             match t.fixed {
                 Some(k) => fixed
                     .iter_mut()
@@ -128,7 +145,11 @@ impl Own<'_> {
                 }
             }
         }
-        let y: Vec<f64> = p.y.iter().zip(&fixed).map(|(y, f)| y - f).collect();
+        let mut y: Vec<f64> = p.y.iter().zip(&fixed).map(|(y, f)| y - f).collect();
+        if let Some(projector) = Projector::new(p, local) {
+            projector.take_out(&mut y);
+            x.iter_mut().for_each(|c| *c = projector.rest(c));
+        }
         let columns: Vec<&[f64]> = x.iter().map(|c: &Column| c.as_slice()).collect();
         let sums = Sums::new(p, &columns, &y, None, None);
         Ok((Point { psi, sums }, mine))

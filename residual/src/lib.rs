@@ -40,6 +40,7 @@
 
 mod analysis;
 mod assembly;
+mod check;
 mod compensation;
 mod data;
 mod declared;
@@ -71,9 +72,11 @@ mod search;
 /// The model file.
 pub mod spec;
 mod stats;
+mod support;
 mod verdict;
 
-pub use analysis::{analyse, run, Options};
+pub use analysis::{analyse, analyse_checked, run, run_checked, Options};
+pub use check::Check;
 pub use compensation::{Compensation, Ripple};
 pub use data::{Data, DataBuilder};
 pub use declared::{baseline, Baseline};

@@ -45,6 +45,18 @@ pub struct Input {
     pub header: Vec<String>,
     /// Column separator of text files: one character, or `blank` for runs of blanks.
     pub separator: String,
+    /// What begins a comment line of text files: one character. Empty: `%` in a file that begins with it, else `#`.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub comment: String,
+    /// Lines at the head of text files to leave out before anything else.
+    #[serde(skip_serializing_if = "is_zero_usize")]
+    pub skip: usize,
+    /// Decimal mark of text files: `.` or `,`.
+    pub decimal: String,
+    /// Rows per second of logs without a time column, in Hz: the column that `roles.time` names is then made from the row
+    /// numbers. 0: the logs have it.
+    #[serde(skip_serializing_if = "is_zero")]
+    pub rate: f64,
     /// A pattern of the file name, such as `unit{unit}_torque{torque}_comp{comp}`: each `{name}`
     /// takes the number at its place and becomes a column. A pattern with a `/` is matched against
     /// the whole path.
@@ -60,6 +72,10 @@ impl Default for Input {
         Input {
             header: vec![],
             separator: ",".into(),
+            comment: String::new(),
+            skip: 0,
+            decimal: ".".into(),
+            rate: 0.0,
             file_name: String::new(),
             sequence: vec![],
         }
@@ -363,6 +379,7 @@ impl Spec {
         if spec.holdout.block_s.is_some_and(|b| b.is_nan() || b <= 0.0) {
             return Err(Error::model("holdout.block_s must be positive"));
         }
+        spec.check_values()?;
         for (name, c) in spec.roles.all() {
             if !(c.scale.is_finite()
                 && c.scale != 0.0
@@ -396,6 +413,69 @@ impl Spec {
             }
         }
         Ok(spec)
+    }
+}
+
+/// Most terms of a model, decoys, and effects: beyond them the analysis would not end.
+const MOST_TERMS: usize = 500;
+const MOST_DECOYS: usize = 10_000;
+const MOST_EFFECTS: usize = 50;
+
+impl Spec {
+    /// Refuses values that would lead to an answer without meaning.
+    fn check_values(&self) -> Result<(), Error> {
+        let refuse = |bad: bool, what: &str| if bad { Err(Error::model(what)) } else { Ok(()) };
+        let input = &self.input;
+        refuse(
+            ![".", ","].contains(&input.decimal.as_str()),
+            "input.decimal is \".\" or \",\"",
+        )?;
+        refuse(
+            input.decimal == input.separator,
+            "input.decimal and input.separator are the same: set input.separator = \";\"",
+        )?;
+        refuse(
+            !(input.rate.is_finite() && input.rate >= 0.0),
+            "input.rate must be a number of rows per second, or 0",
+        )?;
+        refuse(
+            self.holdout.folds == 1,
+            "holdout.folds = 1 leaves nothing to fit to; give 2 or more, or leave it out for 10",
+        )?;
+        refuse(
+            !(self.hygiene.gap_s.is_finite() && self.hygiene.gap_s >= 0.0),
+            "hygiene.gap_s must be a time in seconds, or 0",
+        )?;
+        let h = &self.hygiene;
+        refuse(
+            [h.spikes, h.clipping, h.repeats, h.time].contains(&Action::Fix),
+            "hygiene: only scale256 can be \"fix\"; the others are \"report\" or \"drop\"",
+        )?;
+        let s = &self.selection;
+        refuse(
+            s.decoys > MOST_DECOYS || s.max_effects > MOST_EFFECTS,
+            "selection: at most 10000 decoys and 50 effects",
+        )?;
+        refuse(
+            self.terms.len() > MOST_TERMS,
+            "more than 500 [[terms]]: fit a part of them, or declare their sum as a column",
+        )?;
+        let unit = self.roles.time.unit.trim();
+        let factor = [
+            ("ms", "1e-3"),
+            ("us", "1e-6"),
+            ("µs", "1e-6"),
+            ("ns", "1e-9"),
+            ("min", "60.0"),
+        ]
+        .into_iter()
+        .find(|(u, _)| *u == unit);
+        match factor {
+            None => Ok(()),
+            Some((_, factor)) => Err(Error::model(format!(
+                "roles.time: unit = \"{unit}\", but time is in seconds after conversion; write unit = \"s\", scale = {factor}"
+            ))),
+        }
     }
 }
 

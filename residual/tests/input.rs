@@ -292,7 +292,12 @@ fn units_convert_and_blocks_of_one_file_hold_out() {
 fn refused(name: &str, text: &str, model: &str) -> (u8, String) {
     let dir = Folder::new();
     dir.put("a.csv", text);
-    dir.put("b.csv", text);
+    // Without its last line: copies are refused for being copies.
+    let shorter = text
+        .trim_end()
+        .rsplit_once('\n')
+        .map_or(text, |(head, _)| head);
+    dir.put("b.csv", shorter);
     let out = dir.path().join("out");
     let err = Spec::parse(model)
         .and_then(|model| {
@@ -487,4 +492,193 @@ fn flaws_are_reported_and_handled_as_the_model_file_says() {
     )
     .unwrap();
     assert_coulomb(&handled);
+}
+
+/// Two logs with Coulomb friction under names of their own, with a changed model.
+fn written(folder: &Folder, text: &dyn Fn(&[[f64; 4]]) -> String, extension: &str) -> Vec<PathBuf> {
+    (0..3)
+        .map(|run| folder.put(&format!("{run}.{extension}"), &text(&rows(run, 600))))
+        .collect()
+}
+
+fn with_input(keys: &str) -> String {
+    format!("[input]\n{keys}\n{MODEL}")
+}
+
+#[test]
+fn a_number_ends_before_the_extension_of_a_file_name() {
+    let folder = Folder::new();
+    let data = written(&folder, &csv, "TXT");
+    let model = with_input("file_name = \"{run}.TXT\"");
+    assert_coulomb(&analyse(&data, &model).unwrap());
+}
+
+#[test]
+fn comments_lines_to_skip_and_a_decimal_comma_are_read() {
+    let folder = Folder::new();
+    let european = |rows: &[[f64; 4]]| {
+        let body = csv(rows).replace(',', ";").replace('.', ",");
+        format!("a line of the logger\n% a comment\n{body}")
+    };
+    let data = written(&folder, &european, "log");
+    let model = with_input("skip = 1\nseparator = \";\"\ndecimal = \",\"");
+    assert_coulomb(&analyse(&data, &model).unwrap());
+    // The extension is that of a log in a folder, too.
+    assert_coulomb(&analyse(&[folder.path()], &model).unwrap());
+}
+
+#[test]
+fn a_log_without_time_has_it_from_its_rate() {
+    let folder = Folder::new();
+    let bare = |rows: &[[f64; 4]]| {
+        rows.iter().fold("y,c,v\n".to_string(), |s, r| {
+            s + &format!("{},{},{}\n", r[1], r[2], r[3])
+        })
+    };
+    let data = written(&folder, &bare, "csv");
+    assert_coulomb(&analyse(&data, &with_input("rate = 50.0")).unwrap());
+    let error = analyse(&data, MODEL).unwrap_err().to_string();
+    assert!(error.contains("no column `t`"), "{error}");
+}
+
+#[test]
+fn a_file_without_header_is_told_so() {
+    let folder = Folder::new();
+    let bare = |rows: &[[f64; 4]]| csv(rows).replacen("t,y,c,v\n", "", 1);
+    let data = written(&folder, &bare, "csv");
+    let error = analyse(&data, MODEL).unwrap_err().to_string();
+    assert!(error.contains("4 numbers and no names"), "{error}");
+    let tabs = |rows: &[[f64; 4]]| csv(rows).replace(',', "\t");
+    let data = written(&folder, &tabs, "tsv");
+    let error = analyse(&data, MODEL).unwrap_err().to_string();
+    assert!(error.contains("input.separator"), "{error}");
+}
+
+#[test]
+fn copies_and_columns_of_one_name_are_refused() {
+    let folder = Folder::new();
+    let same = csv(&rows(1, 600));
+    let data = vec![folder.put("a.csv", &same), folder.put("b.csv", &same)];
+    let error = analyse(&data, MODEL).unwrap_err().to_string();
+    assert!(
+        error.contains("a.csv and b.csv have the same 600"),
+        "{error}"
+    );
+    let twice = |rows: &[[f64; 4]]| csv(rows).replacen("t,y,c,v", "t,y,c,y", 1);
+    let data = written(&folder, &twice, "txt");
+    let error = analyse(&data, MODEL).unwrap_err().to_string();
+    assert!(error.contains("2 columns are named `y`"), "{error}");
+}
+
+#[test]
+fn values_without_meaning_are_refused() {
+    for (from, to, says) in [
+        ("[[terms]]", "[holdout]\nfolds = 1\n[[terms]]", "folds = 1"),
+        ("[[terms]]", "[hygiene]\ngap_s = nan\n[[terms]]", "gap_s"),
+        (
+            "[[terms]]",
+            "[hygiene]\nspikes = \"fix\"\n[[terms]]",
+            "only scale256",
+        ),
+        (
+            "[[terms]]",
+            "[selection]\ndecoys = 10000000000\n[[terms]]",
+            "10000 decoys",
+        ),
+        (
+            "column = \"t\", unit = \"s\"",
+            "column = \"t\", unit = \"ms\"",
+            "scale = 1e-3",
+        ),
+    ] {
+        let error = Spec::parse(&MODEL.replacen(from, to, 1))
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains(says), "{to}: {error}");
+    }
+    let sum = vec!["1"; 20_000].join(" + ");
+    let error = Spec::parse(&MODEL.replacen("expr = \"command\"", &format!("expr = \"{sum}\""), 1));
+    assert!(error.unwrap_err().to_string().contains("operators"));
+    let folder = Folder::new();
+    let huge = |r: &[[f64; 4]]| {
+        let mut r = r.to_vec();
+        r[40][1] = 1e308;
+        csv(&r)
+    };
+    let data = written(&folder, &huge, "csv");
+    let error = analyse(&data, MODEL).unwrap_err().to_string();
+    assert!(error.contains("beyond 1e140"), "{error}");
+}
+
+#[test]
+fn check_data_say_whether_what_was_found_holds_elsewhere() {
+    let folder = Folder::new();
+    let data = written(&folder, &csv, "csv");
+    let other = folder.put("other.dat", &csv(&rows(9, 600)));
+    let options = Options {
+        data: data.clone(),
+        model: Spec::parse(MODEL).unwrap(),
+        out: None,
+    };
+    let report = residual::run_checked(&options, &[other], &mut ()).unwrap();
+    assert_coulomb(&report);
+    let check = report.check.expect("check data were given");
+    assert_eq!((check.rows, check.files.len()), (600, 1));
+    assert!(check.found_rmse < 0.5 * check.declared_rmse, "{check:?}");
+    // Friction the other way: what was found harms there, so it is no finding.
+    let turned: Vec<[f64; 4]> = rows(9, 600)
+        .iter()
+        .map(|r| [r[0], 2.0 * r[2] - r[1], r[2], r[3]])
+        .collect();
+    let against = folder.put("against.dat", &csv(&turned));
+    let report = residual::run_checked(&options, &[against], &mut ()).unwrap();
+    assert!(report.effects.is_empty(), "{}", report.markdown());
+    assert_eq!(report.improves[0].name, "coulomb");
+    assert!(report.improves[0].unsupported.contains("check data"));
+    assert_eq!(report.verdict, Verdict::Unknown);
+}
+
+#[test]
+fn a_wrong_time_base_and_a_repeated_motion_are_noted() {
+    let folder = Folder::new();
+    let log = |scale: f64, motion: u64, run: u64| {
+        let mut x = 0.0;
+        let start = "t,y,c,v,x\n".to_string();
+        rows(motion, 600)
+            .iter()
+            .enumerate()
+            .fold(start, |s, (i, r)| {
+                let y = r[1] + 0.01 * hash(i, 1000 + run);
+                let line = format!("{},{y},{},{},{x}\n", scale * r[0], r[2], r[3]);
+                x += 0.02 * r[3];
+                s + &line
+            })
+    };
+    let model = MODEL.replacen(
+        "[[terms]]",
+        "angle = { column = \"x\", unit = \"rad\" }\n[selection]\nonly = [\"coulomb\"]\n[[terms]]",
+        1,
+    );
+    let put = |scale: f64, same: bool| -> Vec<PathBuf> {
+        (0..3)
+            .map(|run| {
+                let motion = if same { 1 } else { run };
+                folder.put(&format!("{run}.csv"), &log(scale, motion, run))
+            })
+            .collect()
+    };
+    let checks = |data: &[PathBuf]| -> Vec<String> {
+        let report = analyse(data, &model).unwrap();
+        report.hygiene.iter().map(|f| f.check.clone()).collect()
+    };
+    let has = |found: &[String], name: &str| found.iter().any(|c| c == name);
+    let good = checks(&put(1.0, false));
+    assert!(
+        !has(&good, "speed against angle") && !has(&good, "repeated motion"),
+        "{good:?}"
+    );
+    let slow = checks(&put(2.0, false));
+    assert!(has(&slow, "speed against angle"), "{slow:?}");
+    let same = checks(&put(1.0, true));
+    assert!(has(&same, "repeated motion"), "{same:?}");
 }

@@ -20,6 +20,10 @@ where they were found, in all units. It prints what it changed and what the boar
 own angle; `forcectl identify` finds them. Nothing is changed where unnamed structure is left that would take more than
 a tenth of what the findings took off the error. Read the changes before you arm.
 
+`found` are effects whose names the data support. `improves` are effects that lower the error of these data under a name that
+the data do not support; the line says why. --check gives logs that were never searched. Fit on A, freeze, run on B: analyse A, then
+give MODEL.frozen.toml of that report as the model of B with selection.max_effects = 0.
+
 Exit codes:
   0  the logs were analysed, whatever the verdict
   2  the arguments or the model file are wrong
@@ -38,6 +42,12 @@ pub struct Residual {
     /// Model file (TOML): columns, units, declared terms
     #[arg(long, value_name = "MODEL.toml")]
     model: PathBuf,
+    /// Look at the logs and write a first model file to --model, with guessed columns and open questions; analyse nothing
+    #[arg(long, conflicts_with_all = ["out", "apply", "check"])]
+    init: bool,
+    /// Logs that take no part in the search: the models, frozen, are evaluated on them, and what was found must help there too
+    #[arg(long, value_name = "PATH", num_args = 1..)]
+    check: Vec<PathBuf>,
     /// Folder for the reports and the extended model
     #[arg(long, value_name = "DIR")]
     out: Option<PathBuf>,
@@ -74,8 +84,35 @@ impl residual::Progress for Stages {
 impl Residual {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        if self.init {
+            return init(self);
+        }
         analyse(self, context)
     }
+}
+
+/// Writes a first model file for the logs.
+fn init(arguments: &Residual) -> Result<Reply> {
+    check_data("--data", &arguments.data)?;
+    let path = &arguments.model;
+    if path.exists() {
+        return Err(Failure::new(
+            2,
+            format!(
+                "--init: {} exists; give --model the name of a new file",
+                path.display()
+            ),
+        ));
+    }
+    let text = residual::load::guess(&arguments.data)
+        .map_err(|error| Failure::new(error.exit_code(), error))?;
+    std::fs::write(path, &text).map_err(|error| Failure::file(path, &error))?;
+    let json = serde_json::json!({"model": path});
+    let answer = format!(
+        "{} written; answer its questions (lines with `# ?`), then run the command without --init\n",
+        path.display()
+    );
+    Ok(Reply::new(answer, json))
 }
 
 /// Runs the analysis, and writes a rig file with its findings on request.
@@ -90,14 +127,15 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
         Some(path) => Some(BoardFile::open(path, &model, arguments)?),
         None => None,
     };
-    check_data(&arguments.data)?;
+    check_data("--data", &arguments.data)?;
+    check_data("--check", &arguments.check)?;
     let options = Options {
         data: arguments.data.clone(),
         model,
         out: None,
     };
     let mut stages = Stages::new(!context.output.shows_progress());
-    let report = residual::run(&options, &mut stages)
+    let report = residual::run_checked(&options, &arguments.check, &mut stages)
         .map_err(|error| Failure::new(error.exit_code(), error))?;
     // From here on Ctrl-C must not leave half a report.
     let _controlled_stop = context.interrupt.controlled_stop();
@@ -113,6 +151,24 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
     );
     let mut text = String::new();
     row!(text, "{}", report.summary());
+    for effect in &report.effects {
+        row!(
+            text,
+            "  found      {} ({}): held-out RMSE {} without it",
+            effect.name,
+            effect.form,
+            residual::num(effect.heldout_without)
+        );
+    }
+    for effect in &report.improves {
+        row!(
+            text,
+            "  improves   {} ({}): {}",
+            effect.name,
+            effect.form,
+            effect.unsupported
+        );
+    }
     if let Some(out) = &arguments.out {
         row!(text, "report: {}", out.join("report.html").display());
     }
@@ -128,14 +184,14 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
     Ok(Reply::new(text, json).with_code(code))
 }
 
-/// Checks that every file and folder of `--data` exists.
-fn check_data(paths: &[PathBuf]) -> Result<()> {
+/// Checks that every file and folder of an option exists.
+fn check_data(option: &str, paths: &[PathBuf]) -> Result<()> {
     match paths.iter().find(|path| !path.exists()) {
         None => Ok(()),
         Some(path) => Err(Failure::new(
             3,
             format!(
-                "--data {}: this file or folder does not exist; check the path",
+                "{option} {}: this file or folder does not exist; check the path",
                 path.display()
             ),
         )),

@@ -2,10 +2,12 @@
 //! inputs, switching between levels.
 
 mod correlation;
+mod noise;
 mod switching;
 mod whiteness;
 
 pub(crate) use correlation::correlation_rows;
+pub(crate) use noise::{unlike_noise, UnlikeNoise};
 pub(crate) use switching::switching;
 
 use crate::frame::Frame;

@@ -1,6 +1,6 @@
 //! Lost motion: the driven side stands still while the gap is crossed.
 
-use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Estimate, Psi, Variant};
 
 pub(crate) struct Backlash;
 
@@ -15,7 +15,29 @@ impl Effect for Backlash {
         "reverse slowly with small amplitudes around the gap: the output stands still inside it, with sharp corners"
     }
     fn against(&self, ctx: &Context) -> String {
-        ctx.position.clone().unwrap_or_else(|| ctx.load.clone())
+        // A gap in the command shows over the load, one in the angle over the angle.
+        if ctx.declared_columns().iter().any(|d| d == "angle") {
+            "angle".into()
+        } else {
+            ctx.load.clone()
+        }
+    }
+    /// Seen from the drive, dry friction between drive and load is a gap in the command: the load stands still until the
+    /// command has crossed twice the friction.
+    fn twin(&self, label: &str) -> Option<EffectKind> {
+        (label == "gap in command").then_some(EffectKind::Coulomb)
+    }
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        let column = if e.label == "gap in command" {
+            "command"
+        } else {
+            "angle"
+        };
+        e.below_step("gap", ctx.step_of(column), column)
+            .or_else(|| {
+                let whole = ctx.width(column);
+                e.outside("gap", 0.0, whole, "wider than the whole motion")
+            })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut out = Vec::new();
@@ -40,32 +62,6 @@ impl Effect for Backlash {
                 },
                 move |w| Build::Swap(vec![(name.to_string(), format!("play({name}, {w})"))]),
             ));
-        }
-        // The position is not in the declared model: the gap shows as an elastic-plastic loop.
-        if let (Some(_), Some(x)) = (&ctx.spec.roles.angle, ctx.position.clone()) {
-            if !declared.iter().any(|d| d == "angle") {
-                if let Some((lo, hi)) = ctx.range(&x) {
-                    let grid = Context::log_grid(0.01 * (hi - lo), 0.6 * (hi - lo), 12);
-                    let per = ctx.per(&ctx.position_unit());
-                    out.push(Variant::profiled(
-                        "gap in position",
-                        Psi {
-                            name: "gap",
-                            unit: ctx.position_unit(),
-                            grid,
-                            refine: true,
-                            resolution: None,
-                        },
-                        move |w| {
-                            Build::Add(vec![Piece::new(
-                                "stiffness",
-                                per.clone(),
-                                format!("stop({x}, {w})"),
-                            )])
-                        },
-                    ));
-                }
-            }
         }
         out
     }

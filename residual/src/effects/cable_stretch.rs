@@ -1,7 +1,7 @@
 //! Elasticity in series: the cable stretches before it pulls.
 
 use super::{
-    Build, Context, Effect, EffectKind, Form, Found, Piece, Psi, Remedy, Setting, Variant,
+    Build, Context, Effect, EffectKind, Estimate, Form, Found, Piece, Psi, Remedy, Setting, Variant,
 };
 
 pub(crate) struct CableStretch;
@@ -34,6 +34,10 @@ impl Effect for CableStretch {
         } else {
             vec![]
         }
+    }
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        let longest = ctx.span;
+        e.outside("time_constant", 0.0, longest, "longer than the longest run")
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut out = Vec::new();

@@ -71,6 +71,18 @@ impl Context<'_> {
         self.problem.range(text)
     }
 
+    /// Step of a column that moves in steps; 0 if it does not, or is not there.
+    pub fn step_of(&self, column: &str) -> f64 {
+        let frame = &self.problem.frame;
+        let step = frame.column(column).and_then(stats::quantum);
+        step.unwrap_or(0.0)
+    }
+
+    /// Width of the range of an expression between its 2 % and 98 % quantiles; 0 if it is constant.
+    pub fn width(&self, text: &str) -> f64 {
+        self.range(text).map_or(0.0, |(lo, hi)| hi - lo)
+    }
+
     /// Name of the velocity's unit.
     pub fn velocity_unit(&self) -> String {
         match &self.spec.roles.velocity {

@@ -1,6 +1,6 @@
 //! A sensor that sees only the component along its own axis.
 
-use super::{Context, Effect, EffectKind, Piece, Variant};
+use super::{Context, Effect, EffectKind, Estimate, Piece, Variant};
 
 pub(crate) struct CosineMisalignment;
 
@@ -18,6 +18,11 @@ impl Effect for CosineMisalignment {
         ctx.angles()
             .first()
             .map_or_else(|| ctx.load.clone(), |a| a.1.clone())
+    }
+    fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
+        let why = "a component lies between nothing and all of the load";
+        e.outside("cosine_share", -0.05, 1.1, why)
+            .or_else(|| e.outside("sine_share", -1.1, 1.1, why))
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let l = &ctx.load;

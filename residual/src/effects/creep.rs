@@ -1,8 +1,15 @@
 //! Creep: a slow part of the response of sensor or cable to a load.
 
-use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
 
 pub(crate) struct Creep;
+
+/// Largest share by which a compensated sensor creeps the wrong way.
+const OVERDONE: f64 = 0.05;
+
+/// Shortest and longest time constant, in rows and in spans of the longest run.
+const FASTEST_ROWS: f64 = 15.0;
+const LONGEST_SPANS: f64 = 2.0;
 
 impl Effect for Creep {
     fn kind(&self) -> EffectKind {
@@ -17,6 +24,16 @@ impl Effect for Creep {
     fn against(&self, _: &Context) -> String {
         "elapsed".into()
     }
+    /// A share of the response is between nothing and all of it. Load cells creep by some thousandths, and their
+    /// compensation may overdo it.
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        let share = "a share of the response lies between 0 and 1";
+        e.outside("creep_share", -OVERDONE, 1.0, share).or_else(|| {
+            let (low, high) = (FASTEST_ROWS * ctx.dt, LONGEST_SPANS * ctx.span);
+            let why = "outside of what rows and runs of this length can show";
+            e.outside("time_constant", 0.99 * low, 1.01 * high, why)
+        })
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         if ctx.range(&ctx.load).is_none() {
             return vec![];
@@ -28,7 +45,7 @@ impl Effect for Creep {
         if change < 0.02 * size {
             return vec![];
         }
-        let grid = Context::log_grid(15.0 * ctx.dt, 2.0 * ctx.span, 12);
+        let grid = Context::log_grid(FASTEST_ROWS * ctx.dt, LONGEST_SPANS * ctx.span, 12);
         let psi = || Psi {
             name: "time_constant",
             unit: "s".into(),

@@ -1,6 +1,8 @@
 //! A neighbour's signal in this one.
 
-use super::{Context, Effect, EffectKind, Piece, Variant};
+use super::{Context, Effect, EffectKind, Estimate, Piece, Variant};
+
+use crate::format::num;
 
 pub(crate) struct Crosstalk;
 
@@ -24,23 +26,31 @@ impl Effect for Crosstalk {
     fn repeatable(&self) -> bool {
         true
     }
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        let share = e.params.first()?;
+        // Units differ where the channel is no force.
+        (share.unit == "1" && share.value.abs() > 1.0)
+            .then(|| format!("{} {}: more than all of it", share.name, num(share.value)))
+            .filter(|_| !ctx.unit().is_empty())
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        ctx.spec
-            .roles
-            .channels
-            .iter()
+        let channels = ctx.spec.roles.channels.iter();
+        let shares: Vec<(&String, Piece)> = channels
             .filter(|(n, _)| ctx.range(n).is_some())
             .map(|(n, c)| {
-                Variant::linear(
-                    n,
-                    vec![Piece::new(
-                        format!("share_of_{n}"),
-                        ctx.per(&c.unit),
-                        n.clone(),
-                    )],
-                )
+                let name = format!("share_of_{n}");
+                (n, Piece::new(name, ctx.per(&c.unit), n.clone()))
             })
-            .collect()
+            .collect();
+        let mut out: Vec<Variant> = shares
+            .iter()
+            .map(|(n, share)| Variant::linear(n, vec![share.clone()]))
+            .collect();
+        if shares.len() > 1 {
+            let all = shares.into_iter().map(|(_, share)| share).collect();
+            out.push(Variant::linear("all channels", all));
+        }
+        out
     }
 }
 

@@ -1,6 +1,6 @@
 //! A delay: of the command, or of the target against all inputs.
 
-use super::{Build, Context, Effect, EffectKind, Found, Psi, Remedy, Setting, Variant};
+use super::{Build, Context, Effect, EffectKind, Estimate, Found, Psi, Remedy, Setting, Variant};
 
 pub(crate) struct Delay;
 
@@ -23,6 +23,14 @@ impl Effect for Delay {
     }
     fn remedies(&self, found: &Found) -> Vec<Remedy> {
         vec![Remedy::Delay((found.get)("delay"))]
+    }
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        e.outside(
+            "delay",
+            -ctx.dt,
+            f64::INFINITY,
+            "the target would be ahead of its cause; look at the time stamps of the logs",
+        )
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let names = ctx.declared_columns();

@@ -1,6 +1,8 @@
 //! Drift with temperature, of zero or of gain.
 
-use super::{ratio, Build, Context, Effect, EffectKind, Piece, Psi, Variant};
+use super::{ratio, Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
+
+use crate::format::num;
 
 pub(crate) struct DriftTemperature;
 
@@ -16,6 +18,16 @@ impl Effect for DriftTemperature {
     }
     fn against(&self, _: &Context) -> String {
         "temperature".into()
+    }
+    fn impossible(&self, _: &Estimate, ctx: &Context) -> Option<String> {
+        let (width, step) = (ctx.width("temperature"), ctx.step_of("temperature"));
+        (width <= 2.0 * step).then(|| {
+            format!(
+                "the temperature moves by {} only, in steps of {}",
+                num(width),
+                num(step)
+            )
+        })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         if ctx.spec.roles.temperature.is_none() {

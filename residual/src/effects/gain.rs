@@ -1,6 +1,6 @@
 //! A wrong scale of the declared model.
 
-use super::{Context, Effect, EffectKind, Found, Piece, Remedy, Variant};
+use super::{Context, Effect, EffectKind, Estimate, Found, Piece, Remedy, Variant};
 
 pub(crate) struct Gain;
 
@@ -16,6 +16,10 @@ impl Effect for Gain {
     }
     fn remedies(&self, found: &Found) -> Vec<Remedy> {
         vec![Remedy::Gain((found.get)("gain_error"))]
+    }
+    fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
+        let why = "the target would not follow the prediction at all";
+        e.outside("gain_error", -1.0, f64::INFINITY, why)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         if ctx.range(&ctx.load).is_none() {

@@ -1,6 +1,11 @@
 //! Weight of a part that turns with an angle.
 
-use super::{Context, Effect, EffectKind, Param, Piece, Psi, Variant};
+use super::{Context, Effect, EffectKind, Estimate, Param, Piece, Psi, Variant};
+
+use crate::format::num;
+
+/// Shortest arc in radians over which sine and cosine are no parabola.
+const SHORTEST_ARC: f64 = 1.2;
 
 pub(crate) struct GravityAngle;
 
@@ -22,10 +27,26 @@ impl Effect for GravityAngle {
     fn repeatable(&self) -> bool {
         true
     }
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        let single = ctx.angles();
+        let all = sums(ctx, &single).into_iter().chain(single.clone());
+        let own = all.into_iter().find(|(n, ..)| n == e.label)?;
+        (own.2 < SHORTEST_ARC).then(|| {
+            format!(
+                "{} moves by {} rad only: over so short an arc a weight is no different from any parabola",
+                own.0,
+                num(own.2)
+            )
+        })
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let unit = ctx.unit();
-        ctx.angles()
+        let single = ctx.angles();
+        let poses = single.iter().filter(|(n, ..)| n != "angle").cloned();
+        let sums = sums(ctx, &poses.collect::<Vec<_>>());
+        single
             .into_iter()
+            .chain(sums)
             .filter(|(n, _, range)| n != "angle" || *range < 1.5 * std::f64::consts::TAU)
             .map(|(n, q, _)| {
                 let pieces = vec![
@@ -44,6 +65,26 @@ impl Effect for GravityAngle {
             })
             .collect()
     }
+}
+
+/// Most joints of which sums are tried.
+const MOST_JOINTS: usize = 8;
+
+/// Sums and differences of two joint angles: the angle of a link behind two joints about parallel axes. Name, expression in
+/// radians, range in radians.
+fn sums(ctx: &Context, joints: &[(String, String, f64)]) -> Vec<(String, String, f64)> {
+    let mut out = Vec::new();
+    for (i, (a, qa, _)) in joints.iter().enumerate().take(MOST_JOINTS) {
+        for (b, qb, _) in &joints[i + 1..joints.len().min(MOST_JOINTS)] {
+            for (name, sign) in [("+", "+"), ("-", "-")] {
+                let text = format!("({qa} {sign} {qb})");
+                if let Some((lo, hi)) = ctx.range(&text) {
+                    out.push((format!("{a} {name} {b}"), text, hi - lo));
+                }
+            }
+        }
+    }
+    out
 }
 
 fn weight(_: f64, coef: &[f64], pieces: &[Piece], _: &Psi) -> Vec<Param> {

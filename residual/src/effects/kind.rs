@@ -44,9 +44,11 @@ kinds! {
     Offset "offset";
     Gain "gain";
     Quadratic "quadratic";
+    Kink "kink";
     Coulomb "coulomb";
     LoadDependentCoulomb "load_dependent_coulomb";
     Viscous "viscous";
+    AngleFriction "angle_friction";
     Stribeck "stribeck";
     Presliding "presliding";
     Hysteresis "hysteresis";

@@ -1,6 +1,10 @@
 //! Dry friction that grows with the load.
 
-use super::{Context, Effect, EffectKind, Found, Friction, Piece, Remedy, Setting, Variant};
+use super::{
+    Context, Effect, EffectKind, Estimate, Found, Friction, Piece, Remedy, Setting, Variant,
+};
+
+use crate::format::num;
 
 pub(crate) struct LoadDependentCoulomb;
 
@@ -32,6 +36,21 @@ impl Effect for LoadDependentCoulomb {
             Remedy::Friction((found.get)("friction_at_zero_load")),
             Remedy::FrictionPerLoad((found.get)("friction_per_load")),
         ]
+    }
+    /// Friction opposes the motion at every load.
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        let (a, b) = (e.get("friction_at_zero_load")?, e.get("friction_per_load")?);
+        let (low, high) = ctx.range(&format!("abs({})", ctx.load))?;
+        let (at_low, at_high) = (a + b * low, a + b * high);
+        // An uncertain coefficient may cross zero at the end of the range.
+        let smaller = at_low.abs().min(at_high.abs());
+        (at_low * at_high < 0.0 && smaller > 0.1 * at_low.abs().max(at_high.abs())).then(|| {
+            format!(
+                "friction from {} to {}: it changes its sign with the load",
+                num(at_low),
+                num(at_high)
+            )
+        })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let (Some(v), Some(_)) = (&ctx.velocity, ctx.range(&ctx.load)) else {

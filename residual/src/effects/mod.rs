@@ -6,6 +6,7 @@
 //! with a type that implements [`Effect`] and its test, and add one row to [`CATALOGUE`] and one
 //! [`EffectKind`].
 
+mod angle_friction;
 mod backlash;
 mod cable_stretch;
 mod clock_skew;
@@ -17,12 +18,14 @@ mod crosstalk;
 mod delay;
 mod drift_temperature;
 mod drift_time;
+mod estimate;
 mod gain;
 mod geometry;
 mod gravity_angle;
 mod hysteresis;
 mod inertia;
 mod kind;
+mod kink;
 mod load_dependent_coulomb;
 mod offset;
 #[cfg(test)]
@@ -42,6 +45,7 @@ mod variant;
 mod viscous;
 
 pub(crate) use context::Context;
+pub(crate) use estimate::Estimate;
 pub use kind::{EffectKind, Form};
 pub(crate) use kind::{Found, Friction, Remedy, Setting};
 pub use variant::Param;
@@ -52,9 +56,11 @@ pub(crate) const CATALOGUE: &[&dyn Effect] = &[
     &offset::Offset,
     &gain::Gain,
     &quadratic::Quadratic,
+    &kink::Kink,
     &coulomb::Coulomb,
     &load_dependent_coulomb::LoadDependentCoulomb,
     &viscous::Viscous,
+    &angle_friction::AngleFriction,
     &stribeck::Stribeck,
     &presliding::Presliding,
     &hysteresis::Hysteresis,
@@ -118,6 +124,10 @@ pub(crate) trait Effect: Sync {
     fn against(&self, ctx: &Context) -> String {
         ctx.load.clone()
     }
+    /// Another effect that has the same curve in a form with this label, whatever the data; `None` for most.
+    fn twin(&self, _label: &str) -> Option<EffectKind> {
+        None
+    }
     /// Whether it can be there more than once (another tone, another channel).
     fn repeatable(&self) -> bool {
         false
@@ -138,6 +148,11 @@ pub(crate) trait Effect: Sync {
     /// What a board can compensate of it; empty if it cannot.
     fn remedies(&self, _found: &Found) -> Vec<Remedy> {
         vec![]
+    }
+    /// Why these parameters cannot be this effect: physics forbids them, or they lie below the resolution of the
+    /// data. `None` if they can.
+    fn impossible(&self, _estimate: &Estimate, _ctx: &Context) -> Option<String> {
+        None
     }
     /// The ways it can show in these data; empty when the roles it needs are absent.
     fn variants(&self, ctx: &Context) -> Vec<Variant>;

@@ -1,6 +1,6 @@
 //! A mass that the model does not know: its weight and its inertia belong together.
 
-use super::{Build, Context, Effect, EffectKind, Param, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Estimate, Param, Piece, Psi, Variant};
 
 pub(crate) struct Payload;
 
@@ -21,6 +21,9 @@ impl Effect for Payload {
         ctx.velocity
             .as_ref()
             .map_or_else(|| ctx.load.clone(), |v| format!("deriv({v}, 2)"))
+    }
+    fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
+        e.outside("mass", 0.0, f64::INFINITY, "a mass is not negative")
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some(v) = ctx.velocity.clone() else {

@@ -1,8 +1,8 @@
 //! A ripple locked to an angle: reel run-out, gear mesh, cogging.
 
 use super::{
-    amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Form, Found, Piece, Psi, Remedy,
-    Variant,
+    amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Estimate, Form, Found, Piece,
+    Psi, Remedy, Variant,
 };
 use std::f64::consts::TAU;
 
@@ -31,6 +31,13 @@ impl Effect for PeriodicAngle {
             phase: (found.get)("phase"),
             of_load: found.form == Form::ShareOfLoad,
         }]
+    }
+    fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
+        e.vague("order").or_else(|| {
+            let share = e.form == Form::ShareOfLoad;
+            let most = if share { 1.0 } else { f64::INFINITY };
+            e.outside("amplitude", 0.0, most, "larger than the load itself")
+        })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some(angle) = Angle::new(ctx) else {

@@ -1,6 +1,6 @@
 //! What friction does at rest and just after a reversal: the direction it holds.
 
-use super::{Build, Context, Effect, EffectKind, Form, Friction, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Estimate, Form, Friction, Piece, Psi, Variant};
 use crate::stats;
 
 pub(crate) struct Presliding;
@@ -29,6 +29,9 @@ impl Effect for Presliding {
     fn friction(&self) -> Option<Friction> {
         Some(Friction::AtRest)
     }
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        e.below_step("presliding_distance", ctx.step_of("angle"), "angle")
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let (Some(velocity), Some(position)) = (&ctx.velocity, &ctx.position) else {
             return vec![];
@@ -45,7 +48,10 @@ impl Effect for Presliding {
             out.extend(forms.at_rest());
             out.push(forms.turning());
         }
-        out.extend(forms.elastic_turn());
+        out.extend(forms.elastic_turn(false));
+        if forms.loaded && !ctx.friction {
+            out.extend(forms.elastic_turn(true));
+        }
         out
     }
 }
@@ -138,8 +144,8 @@ impl Forms<'_> {
         })
     }
 
-    /// The elastic turn of Dahl's model over a short distance.
-    fn elastic_turn(&self) -> Option<Variant> {
+    /// The elastic turn of Dahl's model over a short distance; friction `of_load` is a share of it.
+    fn elastic_turn(&self, of_load: bool) -> Option<Variant> {
         let (lo, hi) = self.ctx.range(self.position)?;
         let psi = Psi {
             name: "presliding_distance",
@@ -158,6 +164,10 @@ impl Forms<'_> {
         let (friction, loaded) = (self.ctx.friction, self.loaded);
         let build = move |d: f64| {
             let state = format!("dahl({x}, {d})");
+            if of_load {
+                let text = format!("{state} * abs({load})");
+                return Build::Add(vec![Piece::new("friction_per_load", "1", text)]);
+            }
             if !friction {
                 return Build::Add(vec![Piece::new("friction", unit.clone(), state)]);
             }
@@ -170,7 +180,12 @@ impl Forms<'_> {
             }
             Build::Add(p)
         };
-        Some(Variant::profiled("elastic turn", psi, build).form(Form::ElasticTurn))
+        let label = if of_load {
+            "elastic turn, in proportion to load"
+        } else {
+            "elastic turn"
+        };
+        Some(Variant::profiled(label, psi, build).form(Form::ElasticTurn))
     }
 }
 

@@ -1,9 +1,12 @@
 //! Steps: a command or a reading in whole units.
 
-use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
 use crate::stats;
 
 pub(crate) struct Quantisation;
+
+/// Fewest steps in the range of a signal that make it a quantised one.
+const FEWEST_STEPS: f64 = 3.0;
 
 impl Effect for Quantisation {
     fn kind(&self) -> EffectKind {
@@ -14,6 +17,16 @@ impl Effect for Quantisation {
     }
     fn experiment(&self) -> &'static str {
         "ramp the command so slowly that many rows fall on each step"
+    }
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        let signal = if e.label == "of the target" {
+            &ctx.load
+        } else {
+            "command"
+        };
+        let most = ctx.width(signal) / FEWEST_STEPS;
+        let why = "a step of the size of the signal is no quantisation";
+        e.outside("step", 0.0, most, why)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut out = Vec::new();
@@ -70,7 +83,7 @@ mod tests {
     #[test]
     fn is_named() {
         crate::effects::testbench::names("quantisation", |s| {
-            (s.command / 0.9).round() * 0.9 - s.command
+            (s.command / 0.6).round() * 0.6 - s.command
         });
     }
 }

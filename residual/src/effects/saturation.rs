@@ -1,6 +1,6 @@
 //! Saturation: a limit of the command or the prediction.
 
-use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
 use crate::stats::quantile_sorted;
 
 pub(crate) struct Saturation;
@@ -14,6 +14,10 @@ impl Effect for Saturation {
     }
     fn experiment(&self) -> &'static str {
         "ramp the command slowly beyond the suspected limit and back"
+    }
+    fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
+        let why = "beyond a limit part of the load, or all of it, is lost, and nothing is added";
+        e.outside("share_lost", 0.0, 1.1, why)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         if ctx.declared_columns().iter().any(|d| d == "command") {

@@ -100,52 +100,108 @@ pub(crate) fn share(p: &Problem, u: &[f64], xs: &[Vec<f64>], f: f64) -> f64 {
         .fold(0.0, f64::max)
 }
 
+/// Power over frequency of values over `u`, the powers or the values of the runs added.
+pub(crate) struct Spectrum {
+    power: Vec<f64>,
+    /// Frequency from one value to the next.
+    bin: f64,
+    /// Longest run.
+    span: f64,
+    /// Runs whose powers were added.
+    runs: usize,
+}
+
+impl Spectrum {
+    /// The spectrum up to `highest`; `None` if `u` does not move.
+    pub fn new(
+        p: &Problem,
+        u: &[f64],
+        r: &[f64],
+        highest: f64,
+        coherent: bool,
+    ) -> Option<Spectrum> {
+        // Runs of rows: whole sequences for powers, everything at once when phases count.
+        let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
+        let mut last = usize::MAX;
+        for b in &p.blocks {
+            match runs.last_mut() {
+                Some(run) if coherent || b.sequence == last => run.end = b.range.end,
+                _ => runs.push(b.range.clone()),
+            }
+            last = b.sequence;
+        }
+        let ends = |run: &std::ops::Range<usize>| {
+            let s = &u[run.clone()];
+            let lo = s.iter().copied().fold(f64::MAX, f64::min);
+            (lo, s.iter().copied().fold(f64::MIN, f64::max))
+        };
+        let span = runs
+            .iter()
+            .map(|run| ends(run).1 - ends(run).0)
+            .fold(0.0, f64::max);
+        if span <= 0.0 {
+            return None;
+        }
+        // Nearest-cell gridding, four cells per shortest period, doubled length for finer bins.
+        let cells = ((4.0 * highest * span).ceil() as usize)
+            .clamp(64, 1 << 21)
+            .next_power_of_two();
+        let width = (1.0 / (4.0 * highest)).max(span / cells as f64);
+        let n = cells * 2;
+        let mut planner = FftPlanner::<f64>::new();
+        let fft = planner.plan_fft_forward(n);
+        let mut power = vec![0.0; n / 2];
+        for run in &runs {
+            let lo = ends(run).0;
+            let mean = crate::stats::mean(&r[run.clone()]);
+            let mut buf = vec![Complex::new(0.0, 0.0); n];
+            for i in run.clone() {
+                let k = (((u[i] - lo) / width) as usize).min(n - 1);
+                buf[k].re += r[i] - mean;
+            }
+            fft.process(&mut buf);
+            power
+                .iter_mut()
+                .zip(&buf)
+                .for_each(|(p, z)| *p += z.norm_sqr());
+        }
+        Some(Spectrum {
+            power,
+            bin: 1.0 / (n as f64 * width),
+            span,
+            runs: runs.len(),
+        })
+    }
+
+    /// Whether the power in bin `k` stands alone: so many times above the median around it.
+    fn stands_alone(&self, k: usize, coherent: bool) -> bool {
+        // Resolution in bins; neighbours are two to twelve of them away on either side.
+        let one = (1.0 / (self.span * self.bin)).ceil() as usize;
+        let runs = if coherent { 1.0 } else { self.runs as f64 };
+        let mut near: Vec<f64> = (2 * one..=12 * one)
+            .flat_map(|d| [k.checked_sub(d), k.checked_add(d)])
+            .flatten()
+            .filter_map(|i| self.power.get(i).copied())
+            .collect();
+        crate::stats::median(&mut near).is_some_and(|m| self.power[k] > LINE / runs.sqrt() * m)
+    }
+
+    /// Whether there is a line within the resolution of a frequency.
+    pub fn line_at(&self, frequency: f64) -> bool {
+        let one = (1.0 / (self.span * self.bin)).ceil() as usize;
+        let k = (frequency / self.bin).round() as usize;
+        let near = k.saturating_sub(one)..(k + one + 1).min(self.power.len());
+        near.max_by(|a, b| self.power[*a].total_cmp(&self.power[*b]))
+            .is_some_and(|top| self.stands_alone(top, false))
+    }
+}
+
 /// The `count` largest peaks between `lowest` and `highest`.
 fn peaks(p: &Problem, u: &[f64], r: &[f64], look: &Look, count: usize) -> Vec<f64> {
-    // Runs of rows: whole sequences for powers, everything at once when phases count.
-    let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
-    let mut last = usize::MAX;
-    for b in &p.blocks {
-        match runs.last_mut() {
-            Some(run) if look.coherent || b.sequence == last => run.end = b.range.end,
-            _ => runs.push(b.range.clone()),
-        }
-        last = b.sequence;
-    }
-    let span = runs
-        .iter()
-        .map(|run| {
-            let s = &u[run.clone()];
-            s.iter().copied().fold(f64::MIN, f64::max) - s.iter().copied().fold(f64::MAX, f64::min)
-        })
-        .fold(0.0, f64::max);
-    if span <= 0.0 {
+    let Some(spectrum) = Spectrum::new(p, u, r, look.highest, look.coherent) else {
         return vec![];
-    }
-    // Nearest-cell gridding, four cells per shortest period, doubled length for finer bins.
-    let cells = ((4.0 * look.highest * span).ceil() as usize)
-        .clamp(64, 1 << 21)
-        .next_power_of_two();
-    let width = (1.0 / (4.0 * look.highest)).max(span / cells as f64);
-    let n = cells * 2;
-    let mut planner = FftPlanner::<f64>::new();
-    let fft = planner.plan_fft_forward(n);
-    let mut power = vec![0.0; n / 2];
-    for run in &runs {
-        let lo = u[run.clone()].iter().copied().fold(f64::MAX, f64::min);
-        let mean = crate::stats::mean(&r[run.clone()]);
-        let mut buf = vec![Complex::new(0.0, 0.0); n];
-        for i in run.clone() {
-            let k = (((u[i] - lo) / width) as usize).min(n - 1);
-            buf[k].re += r[i] - mean;
-        }
-        fft.process(&mut buf);
-        power
-            .iter_mut()
-            .zip(&buf)
-            .for_each(|(p, z)| *p += z.norm_sqr());
-    }
-    let bin = 1.0 / (n as f64 * width);
+    };
+    let (power, bin) = (&spectrum.power, spectrum.bin);
     let lo = ((look.lowest / bin) as usize).max(1);
     let hi = ((look.highest / bin) as usize).min(power.len().saturating_sub(2));
     let mut tops: Vec<usize> = (lo..hi)
@@ -154,22 +210,7 @@ fn peaks(p: &Problem, u: &[f64], r: &[f64], look: &Look, count: usize) -> Vec<f6
     tops.sort_by(|a, b| power[*b].total_cmp(&power[*a]));
     tops.truncate(count);
     if look.lines {
-        // Resolution in bins; neighbours are two to twelve of them away on either side.
-        let one = (1.0 / (span * bin)).ceil() as usize;
-        let limit = LINE
-            / if look.coherent {
-                1.0
-            } else {
-                (runs.len() as f64).sqrt()
-            };
-        tops.retain(|&k| {
-            let mut near: Vec<f64> = (2 * one..=12 * one)
-                .flat_map(|d| [k.checked_sub(d), k.checked_add(d)])
-                .flatten()
-                .filter_map(|i| power.get(i).copied())
-                .collect();
-            crate::stats::median(&mut near).is_some_and(|m| power[k] > limit * m)
-        });
+        tops.retain(|&k| spectrum.stands_alone(k, look.coherent));
     }
     // Parabola through three bins for the top.
     tops.into_iter()

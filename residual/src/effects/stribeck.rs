@@ -1,6 +1,6 @@
 //! Dry friction that falls as sliding gets faster.
 
-use super::{Build, Context, Effect, EffectKind, Found, Piece, Psi, Remedy, Variant};
+use super::{Build, Context, Effect, EffectKind, Estimate, Found, Piece, Psi, Remedy, Variant};
 
 pub(crate) struct Stribeck;
 
@@ -27,6 +27,12 @@ impl Effect for Stribeck {
             vec![]
         }
     }
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        let v = ctx.velocity.as_ref()?;
+        let (_, fast) = ctx.range(&format!("abs({v})"))?;
+        let why = "outside of the speeds in the data";
+        e.outside("stribeck_velocity", 0.5 * ctx.deadband, fast, why)
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some(v) = ctx.velocity.clone() else {
             return vec![];
@@ -36,28 +42,32 @@ impl Effect for Stribeck {
         };
         let (unit, db) = (ctx.unit().to_string(), ctx.deadband);
         let grid = Context::log_grid((0.01 * fast).max(1.5 * db), 0.6 * fast, 14);
-        vec![Variant::profiled(
-            "gaussian",
-            Psi {
-                name: "stribeck_velocity",
-                unit: ctx.velocity_unit(),
-                grid,
-                refine: true,
-                resolution: None,
-            },
-            move |vs| {
-                let s = format!("sgn({v}, {db})");
-                Build::Add(vec![
-                    Piece::new("sliding_friction", unit.clone(), s.clone()),
-                    Piece::new(
-                        "extra_at_low_speed",
-                        unit.clone(),
-                        format!("{s} * exp(-({v} / {vs})^2)"),
-                    ),
-                ])
-            },
-        )
-        .adding_to_friction(1)]
+        let form = |label: &str, power: i32| {
+            let (v, unit) = (v.clone(), unit.clone());
+            Variant::profiled(
+                label,
+                Psi {
+                    name: "stribeck_velocity",
+                    unit: ctx.velocity_unit(),
+                    grid: grid.clone(),
+                    refine: true,
+                    resolution: None,
+                },
+                move |vs| {
+                    let s = format!("sgn({v}, {db})");
+                    Build::Add(vec![
+                        Piece::new("sliding_friction", unit.clone(), s.clone()),
+                        Piece::new(
+                            "extra_at_low_speed",
+                            unit.clone(),
+                            format!("{s} * exp(-abs({v} / {vs})^{power})"),
+                        ),
+                    ])
+                },
+            )
+            .adding_to_friction(1)
+        };
+        vec![form("gaussian", 2), form("exponential", 1)]
     }
 }
 

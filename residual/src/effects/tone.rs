@@ -1,6 +1,8 @@
 //! A sine of constant frequency: mains, a fan, an alias of something faster.
 
-use super::{amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Piece, Psi, Variant};
+use super::{
+    amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant,
+};
 
 pub(crate) struct Tone;
 
@@ -20,6 +22,9 @@ impl Effect for Tone {
     fn repeatable(&self) -> bool {
         true
     }
+    fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
+        e.vague("frequency")
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let time = ctx.values("time");
         let highest = spectrum::highest_frequency(ctx.problem, &time);
@@ -33,6 +38,7 @@ impl Effect for Tone {
             .map(|e| ctx.values(&e))
             .filter(|v| !v.is_empty())
             .collect();
+        let mut driven = None;
         let mut out = Vec::new();
         for (label, local) in [("one phase for all", false), ("a phase for each run", true)] {
             let mut grid = spectrum::proposals(
@@ -48,6 +54,12 @@ impl Effect for Tone {
             );
             // At a frequency at which the rig itself is driven, a tone cannot be told from an answer.
             grid.retain(|f| spectrum::share(ctx.problem, &time, &inputs, *f) < 0.1);
+            if grid.is_empty() {
+                continue;
+            }
+            // Neither at a harmonic of a motion that repeats, however small it is there.
+            let driven = driven.get_or_insert_with(|| driven_lines(ctx, &time, highest));
+            grid.retain(|f| !driven.iter().any(|spectrum| spectrum.line_at(*f)));
             if grid.is_empty() {
                 continue;
             }
@@ -82,8 +94,51 @@ impl Effect for Tone {
     }
 }
 
+/// Spectra of the inputs that say when the rig is driven: command, load, velocity, poses, their slopes, and the sign of the
+/// velocity. A tone of the mains that a channel picks up as well is no drive, so channels are not among them.
+fn driven_lines(ctx: &Context, time: &[f64], highest: f64) -> Vec<spectrum::Spectrum> {
+    // In a closed loop the command answers to the tone; the setpoint says what drives the rig.
+    let mut texts: Vec<String> = if ctx.spec.roles.setpoint.is_some() {
+        vec!["setpoint".into()]
+    } else if ctx.has_command() {
+        vec![ctx.load.clone(), "command".into()]
+    } else {
+        vec![ctx.load.clone()]
+    };
+    texts.extend(ctx.velocity.clone());
+    texts.extend(ctx.spec.roles.pose.keys().cloned());
+    let slopes: Vec<String> = texts.iter().map(|t| format!("deriv({t}, 1)")).collect();
+    texts.extend(slopes);
+    texts.extend(
+        ctx.velocity
+            .iter()
+            .map(|v| format!("sgn({v}, {})", ctx.deadband)),
+    );
+    texts
+        .iter()
+        .map(|t| ctx.values(t))
+        .filter(|v| v.len() == time.len())
+        .filter_map(|v| spectrum::Spectrum::new(ctx.problem, time, &v, highest, false))
+        .collect()
+}
+
 #[cfg(test)]
 mod tests {
+    /// A sine of the motion, cut at both ends, has harmonics: what answers to them is no tone.
+    #[test]
+    fn a_harmonic_of_a_repeating_motion_is_no_tone() {
+        use crate::effects::testbench::{simulate, Excitation};
+        let motion = Excitation {
+            repeats: true,
+            ..Excitation::default()
+        };
+        let report = simulate(&motion, 1.0, &mut |s| {
+            0.2 * (std::f64::consts::TAU * 5.0 * 0.4 * s.elapsed).sin()
+        });
+        let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+        assert!(!names.contains(&"tone"), "{}", report.markdown());
+    }
+
     #[test]
     fn is_named() {
         crate::effects::testbench::names("tone", |s| {

@@ -59,6 +59,24 @@ pub(crate) struct Psi {
     pub resolution: Option<f64>,
 }
 
+impl Psi {
+    /// Least and greatest value that the parameter may take: somewhat beyond the grid, or as far as its resolution
+    /// beyond it.
+    pub fn limits(&self) -> (f64, f64) {
+        let (Some(first), Some(last)) = (self.grid.first(), self.grid.last()) else {
+            return (f64::NEG_INFINITY, f64::INFINITY);
+        };
+        match self.resolution {
+            Some(d) => (first - d, last + d),
+            None => {
+                let low = if *first > 0.0 { 0.7 } else { 1.4 };
+                let high = if *last > 0.0 { 1.4 } else { 0.7 };
+                (low * first, high * last)
+            }
+        }
+    }
+}
+
 type Derive = fn(f64, &[f64], &[Piece], &Psi) -> Vec<Param>;
 
 /// One way in which an effect can show.

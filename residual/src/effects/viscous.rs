@@ -1,6 +1,6 @@
 //! Friction in proportion to velocity.
 
-use super::{Context, Effect, EffectKind, Found, Piece, Remedy, Variant};
+use super::{ratio, Context, Effect, EffectKind, Found, Piece, Remedy, Variant};
 
 pub(crate) struct Viscous;
 
@@ -24,14 +24,28 @@ impl Effect for Viscous {
         let Some(v) = &ctx.velocity else {
             return vec![];
         };
-        vec![Variant::linear(
-            "velocity",
-            vec![Piece::new(
-                "damping",
-                ctx.per(&ctx.velocity_unit()),
-                v.clone(),
-            )],
-        )]
+        let unit = ctx.per(&ctx.velocity_unit());
+        let damping = Piece::new("damping", unit.clone(), v.clone());
+        let mut out = vec![Variant::linear("velocity", vec![damping.clone()])];
+        if ctx.range(&ctx.load).is_some() {
+            let text = format!("{v} * {}", ctx.load);
+            let per_load = ratio("1", &ctx.velocity_unit());
+            let share = Piece::new("damping_per_load", per_load, text);
+            out.push(Variant::linear(
+                "velocity, growing with load",
+                vec![damping.clone(), share],
+            ));
+        }
+        if let Some((lo, hi)) = ctx.range("temperature") {
+            let text = format!("{v} * (temperature - {})", 0.5 * (lo + hi));
+            let kelvin = ctx.spec.roles.unit("temperature");
+            let share = Piece::new("damping_per_degree", ratio(&unit, &kelvin), text);
+            out.push(Variant::linear(
+                "velocity, changing with temperature",
+                vec![damping, share],
+            ));
+        }
+        out
     }
 }
 

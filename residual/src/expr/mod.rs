@@ -36,12 +36,24 @@ pub enum Expr {
     Call(Func, Vec<Expr>),
 }
 
+/// Most operators of an expression: each is evaluated inside the one before, and the stack of a thread is finite.
+const MOST_OPERATORS: usize = 2000;
+
 impl Expr {
     /// Parses `text`.
     ///
     /// # Errors
     /// [`Error::Expression`] with the position of the first thing that is wrong.
     pub fn parse(text: &str) -> Result<Expr, Error> {
+        let operators = text.chars().filter(|c| "+-*/^<>=&|".contains(*c)).count();
+        if operators > MOST_OPERATORS {
+            return Err(Error::Expression {
+                text: text.chars().take(60).chain("...".chars()).collect(),
+                why: format!(
+                    "has {operators} operators, and at most {MOST_OPERATORS} can be evaluated; add a column with its value to the log"
+                ),
+            });
+        }
         Parser::new(text).whole()
     }
 

@@ -8,7 +8,7 @@ mod nameless;
 
 pub(crate) use nameless::Nameless;
 
-use crate::diagnostics::switching;
+use crate::diagnostics::{switching, unlike_noise, UnlikeNoise};
 use crate::effects::Context;
 use crate::error::Error;
 use crate::frame::Frame;
@@ -17,6 +17,7 @@ use crate::report::Structure;
 use crate::scan::{Candidate, Offer};
 use crate::search::{Outcome, Search};
 use crate::stats;
+use crate::support::Beside;
 
 /// Share of what the named effects explain above which nameless structure makes them stand-ins.
 pub(crate) const STAND_IN: f64 = 0.25;
@@ -31,8 +32,19 @@ const LISTED: usize = 6;
 /// Blocks of time that an effect needs before too few places can be the reason to doubt it.
 const FEW_BLOCKS: usize = 8;
 
+/// The strongest structure without a name on top of a model.
+#[derive(Debug, Clone)]
+pub(crate) struct Strongest {
+    /// What it depends on, for readers.
+    pub depends_on: String,
+    /// Held-out squared error that it explains.
+    pub squares: f64,
+}
+
 /// What is left.
 pub(crate) struct Leftover {
+    /// The strongest structure without a name, if any counts.
+    pub strongest: Option<Strongest>,
     /// Structure without a name, strongest first.
     pub structure: Vec<Structure>,
     /// Whether it puts what was named in doubt.
@@ -41,6 +53,8 @@ pub(crate) struct Leftover {
     pub largest: Option<Nameless>,
     /// Squared error that the named effects explain, held out.
     pub explained: f64,
+    /// Whether what is left shows against time only.
+    pub when: bool,
 }
 
 /// Nameless forms on offer.
@@ -63,10 +77,15 @@ impl Leftover {
         let held = fitted.squares();
         let before = search.declared.fit.scores.held_total(0);
         let mut out = Leftover {
+            strongest: forms.first().map(|c| Strongest {
+                depends_on: c.origin.depends_on.clone(),
+                squares: c.base - c.held,
+            }),
             structure: forms.iter().take(LISTED).map(structure).collect(),
             unexplained: false,
             largest: forms.first().map(|c| c.origin.clone()),
             explained: (before - held).max(0.0),
+            when: false,
         };
         out.unexplained = match forms.first() {
             None => false,
@@ -78,6 +97,7 @@ impl Leftover {
             !c.steady && acceptance.material(c.gain) && acceptance.significant(c.p)
         });
         out.switching(search, &fitted.fit.residual, frame, held);
+        out.unlike_noise(search, &fitted.fit.residual, frame, held);
         Ok(out)
     }
 
@@ -134,10 +154,124 @@ impl Leftover {
         }
     }
 
+    /// Adds what distinguishes the residual from the noise of a sensor: something acts that these columns do not show.
+    fn unlike_noise(&mut self, search: &Search, residual: &[f64], frame: &Frame, held: f64) {
+        let masks = [at_rest(search), just_started(search)];
+        let found = unlike_noise(residual, frame, &masks);
+        let gain = 1.0 - (1.0 - found.burst_share).sqrt();
+        if search.acceptance().material(gain) {
+            self.structure.push(Structure {
+                depends_on: burst_words(&found).into(),
+                gain,
+                p_value: 0.0,
+            });
+            self.unexplained |= self.large(found.burst_share * held);
+            self.when = true;
+            self.structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+        }
+        // Last: it names no variable.
+        if found.follows_itself() {
+            self.structure.push(Structure {
+                depends_on: format!(
+                    "something that these columns do not show: from row to row the residual follows itself (correlation {:.3})",
+                    found.lag_one
+                ),
+                gain: 1.0 - (1.0 - found.lag_one.powi(2)).sqrt(),
+                p_value: 0.0,
+            });
+            self.unexplained |= self.large(found.lag_one.powi(2) * held);
+            self.when = true;
+        }
+    }
+
+    /// Notes that the only effects that fit have names that the data do not support.
+    pub fn only_unsupported(&mut self, beside: &Beside) {
+        let names: Vec<&str> = beside
+            .outcome
+            .chosen
+            .iter()
+            .map(|c| c.effect.name())
+            .collect();
+        let before = beside.weights.first().map_or(f64::NAN, |w| w.rmse_without);
+        if self.structure.is_empty() {
+            self.structure.push(Structure {
+                depends_on: format!(
+                    "what {} would fit; their names are not supported",
+                    names.join(", ")
+                ),
+                gain: beside
+                    .weights
+                    .first()
+                    .map_or(0.0, |w| 1.0 - w.rmse / before),
+                p_value: f64::NAN,
+            });
+        }
+        self.unexplained = true;
+    }
+
     /// Adds a doubt about what was named, before everything else.
     pub fn doubt(&mut self, structure: Structure) {
         self.structure.insert(0, structure);
         self.unexplained = true;
+    }
+}
+
+/// Seconds after a start in which motion counts as just started.
+const START_S: f64 = 0.7;
+
+/// Share of the bursts in rows of one sort from which they belong to it.
+const BELONG: f64 = 0.6;
+
+/// Which kept rows are at rest; none without a velocity.
+fn at_rest(search: &Search) -> Vec<bool> {
+    let ctx = search.scan_on(&search.declared).context();
+    let rest = ctx.velocity.as_ref().map_or(vec![], |v| {
+        ctx.values(&format!("sgn({v}, {}) == 0", ctx.deadband))
+    });
+    if rest.len() == search.problem.y.len() {
+        rest.iter().map(|x| *x != 0.0).collect()
+    } else {
+        vec![false; search.problem.y.len()]
+    }
+}
+
+/// Which kept rows are in motion that began less than [`START_S`] ago, after a rest.
+fn just_started(search: &Search) -> Vec<bool> {
+    let rest = at_rest(search);
+    let rows = (START_S / search.problem.frame.step().max(1e-9)).ceil() as usize;
+    let mut since = usize::MAX;
+    let mut rested = 0;
+    rest.iter()
+        .map(|rest| {
+            if *rest {
+                (rested, since) = (rested + 1, usize::MAX);
+                return false;
+            }
+            since = match (since, rested) {
+                (usize::MAX, r) if r >= 3 => 0,
+                (usize::MAX, _) => usize::MAX,
+                (n, _) => n + 1,
+            };
+            rested = 0;
+            since < rows
+        })
+        .collect()
+}
+
+/// Bursts in words, by the rows that they fall on.
+fn burst_words(found: &UnlikeNoise) -> &'static str {
+    let belong = |k: usize| {
+        found
+            .within
+            .get(k)
+            .is_some_and(|(bursts, rows)| *bursts > BELONG && *bursts > 1.5 * rows)
+    };
+    if belong(0) {
+        "contact: bursts at rest, which these columns do not show"
+    } else if belong(1) {
+        "bursts when the motion begins, which these columns do not show"
+    } else {
+        "something that these columns do not show: it comes in bursts"
     }
 }
 

@@ -12,14 +12,29 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// [`Error::Io`] if a path does not exist, or if there is no log.
 pub fn find_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
-    fn walk(path: &Path, out: &mut Vec<PathBuf>, top: bool) -> Result<(), Error> {
+    fn walk(
+        path: &Path,
+        out: &mut Vec<PathBuf>,
+        seen: &mut Vec<PathBuf>,
+        top: bool,
+    ) -> Result<(), Error> {
         if path.is_dir() {
+            // A link back to a folder above would be walked without end.
+            let real = path.canonicalize().map_err(|e| Error::io(path, e))?;
+            if seen.contains(&real) {
+                return Ok(());
+            }
+            seen.push(real);
             let entries = std::fs::read_dir(path).map_err(|e| Error::io(path, e))?;
             let mut inner: Vec<PathBuf> =
                 entries.filter_map(|e| e.ok().map(|e| e.path())).collect();
             inner.sort();
-            inner.iter().try_for_each(|p| walk(p, out, false))
+            inner.iter().try_for_each(|p| walk(p, out, seen, false))
         } else if !path.exists() {
+            // A broken link in a folder is no log.
+            if !top && path.is_symlink() {
+                return Ok(());
+            }
             Err(Error::io(path, "this file or folder does not exist"))
         } else {
             if top || kind(path).is_some() {
@@ -28,13 +43,15 @@ pub fn find_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
             Ok(())
         }
     }
-    let mut out = Vec::new();
-    paths.iter().try_for_each(|p| walk(p, &mut out, true))?;
+    let (mut out, mut seen) = (Vec::new(), Vec::new());
+    paths
+        .iter()
+        .try_for_each(|p| walk(p, &mut out, &mut seen, true))?;
     if out.is_empty() {
         let first = paths.first().map_or(Path::new("."), PathBuf::as_path);
         return Err(Error::io(
             first,
-            "no log (.csv, .txt, .tsv, .dat, each also as .gz, or .parquet) is in there; check the paths of the data",
+            "no log (.csv, .txt, .tsv, .dat, .log, each also as .gz, or .parquet) is in there; check the paths of the data",
         ));
     }
     Ok(out)
@@ -49,7 +66,7 @@ enum Kind {
 /// The format of a log by the extension of its name; `None` if it is not that of a log.
 fn kind(path: &Path) -> Option<Kind> {
     match extension(path)?.as_str() {
-        "csv" | "txt" | "tsv" | "dat" => Some(Kind::Text),
+        "csv" | "txt" | "tsv" | "dat" | "log" => Some(Kind::Text),
         "parquet" | "pq" => Some(Kind::Parquet),
         _ => None,
     }
@@ -136,7 +153,14 @@ fn file_keys(pattern: &str, name: &str) -> Option<Vec<(String, f64)>> {
                 let mut n = rest
                     .find(|c: char| !(c.is_ascii_digit() || c == '.' || c == '-'))
                     .unwrap_or(rest.len());
-                while n > 0 && rest[..n].parse::<f64>().is_err() {
+                // The number ends before the literal that follows, even where that begins with a dot.
+                let next = tail.split('{').next().unwrap_or("");
+                let fits = |n: usize| rest[..n].parse::<f64>().is_ok();
+                let exact = (1..=n)
+                    .rev()
+                    .find(|n| fits(*n) && !next.is_empty() && rest[*n..].starts_with(next));
+                n = exact.unwrap_or(n);
+                while n > 0 && !fits(n) {
                     n -= 1;
                 }
                 out.push((key.to_string(), rest[..n].parse().ok()?));
@@ -179,5 +203,9 @@ mod tests {
             [("kp".into(), 10.0), ("ki".into(), 0.2)]
         );
         assert!(file_keys("unit{unit}", "other.csv").is_none());
+        assert_eq!(
+            file_keys("{run}.TXT", "33.TXT").unwrap(),
+            [("run".into(), 33.0)]
+        );
     }
 }

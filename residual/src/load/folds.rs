@@ -105,3 +105,46 @@ fn label(column: &str, value: f64, files: &[PathBuf]) -> String {
         format!("{column} {value}")
     }
 }
+
+/// Refuses logs that are copies of each other: they would count as independent groups.
+///
+/// # Errors
+/// [`Error::Data`] with the names of the files.
+pub(super) fn refuse_copies(frame: &Frame, fold: &[u32], files: &[PathBuf]) -> Result<(), Error> {
+    let target = frame.column("target").unwrap_or(&[]);
+    let mut first: BTreeMap<Vec<u64>, usize> = BTreeMap::new();
+    for range in frame
+        .sequences()
+        .iter()
+        .filter(|r| r.len() >= SHORTEST_COPY)
+    {
+        let values = &target[range.clone()];
+        if values.iter().all(|v| *v == values[0]) {
+            continue;
+        }
+        let key: Vec<u64> = values.iter().map(|v| v.to_bits()).collect();
+        let Some(&other) = first.get(&key) else {
+            first.insert(key, range.start);
+            continue;
+        };
+        if fold[other] != fold[range.start] {
+            let name = |row: usize| match frame.column("file") {
+                Some(f) => label("file", f[row], files),
+                None => "a sequence".into(),
+            };
+            return Err(Error::data(
+                format!(
+                    "{} and {} have the same {} target values: they are copies, and would count as independent groups",
+                    name(other),
+                    name(range.start),
+                    range.len()
+                ),
+                "Leave one of them out of --data",
+            ));
+        }
+    }
+    Ok(())
+}
+
+/// Rows from which equal values are a copy.
+const SHORTEST_COPY: usize = 30;

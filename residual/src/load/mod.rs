@@ -5,17 +5,20 @@
 //! |---|---|
 //! | `files.rs` | which files are logs |
 //! | `text.rs`, `parquet.rs` | one log of each format |
+//! | `guess.rs` | a first model file for logs that nobody has described |
 //! | `rows.rs` | rows in units of the model, sequences |
 //! | `folds.rs` | groups and folds for hold-out |
 
 mod files;
 mod folds;
+mod guess;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod rows;
 mod text;
 
 pub use files::find_files;
+pub use guess::guess;
 
 use crate::data::{Data, FEWEST_ROWS};
 use crate::error::Error;
@@ -92,11 +95,27 @@ impl Table {
                 self.columns.push(vec![value; rows]);
             }
         }
+        let time = &spec.roles.time.column;
+        if spec.input.rate > 0.0 && self.column(time).is_none() {
+            self.names.push(time.clone());
+            let seconds = (0..rows).map(|i| i as f64 / spec.input.rate);
+            self.columns.push(seconds.collect());
+        }
         let roles = spec.roles.all();
         let needed = roles.iter().map(|(_, c)| &c.column);
         for column in needed.chain(&spec.input.sequence) {
-            if self.column(column).is_none() {
-                return Err(self.lacks(column));
+            match self.names.iter().filter(|n| *n == column).count() {
+                0 => return Err(self.lacks(column)),
+                1 => {}
+                more => {
+                    return Err(Error::data(
+                        format!(
+                            "{}: {more} columns are named `{column}`, and the model uses one of them",
+                            self.source.display()
+                        ),
+                        "Give them names of their own: in the file, or with input.skip = 1 and input.header in the model file",
+                    ))
+                }
             }
         }
         Ok(self)
@@ -147,6 +166,14 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
     )
 }
 
+/// Loads logs to check models on: as [`load`], but one group is enough, as nothing is fitted to them.
+pub(crate) fn load_to_check(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
+    let mut spec = spec.clone();
+    // Blocks of any length make groups of any log.
+    spec.holdout.block_s.get_or_insert(f64::MIN_POSITIVE);
+    load(paths, &spec)
+}
+
 /// Loads logs whose columns are in memory already.
 ///
 /// # Errors
@@ -164,12 +191,12 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
 ///     expr = "1"
 ///     "#,
 /// )?;
-/// let run = |name: &str| {
+/// let run = |name: &str, phase: f64| {
 ///     let time: Vec<f64> = (0..100).map(|i| 0.01 * f64::from(i)).collect();
-///     let force = time.iter().map(|t| t.sin()).collect();
+///     let force = time.iter().map(|t| (t + phase).sin()).collect();
 ///     load::Table::new(name).with("t", time).with("force", force)
 /// };
-/// let data = load::from_tables(vec![run("run 1"), run("run 2")], &spec)?;
+/// let data = load::from_tables(vec![run("run 1", 0.0), run("run 2", 1.0)], &spec)?;
 /// assert_eq!(data.folds(), ["run 1", "run 2"]);
 /// # Ok::<(), residual::Error>(())
 /// ```
@@ -205,6 +232,8 @@ fn assemble(tables: Vec<Table>, spec: &Spec, mut findings: hygiene::Log) -> Resu
         ));
     }
     let folds = folds::folds(&frame, &keep, spec, &files)?;
+    folds::refuse_copies(&frame, &folds.of_row, &files)?;
+    hygiene::relations(&frame, &spec.roles, &folds.of_row, &mut findings);
     let used: Vec<PathBuf> = {
         let mut ids: Vec<usize> = frame
             .column("file")

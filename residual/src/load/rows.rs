@@ -212,6 +212,9 @@ fn split_by(table: &Table, by: &[String]) -> Vec<Vec<usize>> {
     order.iter().filter_map(|k| groups.remove(k)).collect()
 }
 
+/// Rows that the pieces of a log must have on average for its gaps to be gaps.
+const SHORTEST_PIECE: usize = 20;
+
 /// Cuts the rows from `begin` on into sequences at gaps in time; a gap is longer than `gap_s`, or 20 median
 /// steps if that is 0.
 fn cut_at_gaps(
@@ -231,6 +234,7 @@ fn cut_at_gaps(
     } else {
         20.0 * crate::stats::median(&mut steps).unwrap_or(f64::INFINITY)
     };
+    let before = out.len();
     let mut start = begin;
     let mut gaps = 0;
     for i in begin + 1..time.len() {
@@ -239,6 +243,18 @@ fn cut_at_gaps(
             start = i;
             gaps += 1;
         }
+    }
+    // A map that is sampled point by point has steps of every size: to cut it would leave nothing with a history.
+    if gap_s == 0.0 && gaps * SHORTEST_PIECE > time.len() - begin {
+        out.truncate(before);
+        out.push(begin..time.len());
+        log.count(
+            "uneven steps",
+            gaps,
+            label,
+            "steps of time longer than 20 median steps, too many to be gaps: the log was not cut there; set hygiene.gap_s to cut it",
+        );
+        return;
     }
     out.push(start..time.len());
     log.count(

@@ -103,12 +103,19 @@ fn broken(path: &Path, e: &csv::Error) -> Error {
 
 /// Opens a text log as CSV: separated by one character, or by runs of blanks.
 fn open_csv(path: &Path, input: &Input) -> Result<csv::Reader<Box<dyn Read>>, Error> {
-    let reader = open(path)?;
+    let mut reader = open(path)?;
+    for _ in 0..input.skip {
+        let mut line = Vec::new();
+        reader
+            .read_until(b'\n', &mut line)
+            .map_err(|e| Error::io(path, e))?;
+    }
+    let comment = comment(&mut reader, input, path)?;
     let mut builder = csv::ReaderBuilder::new();
     builder
         .has_headers(input.header.is_empty())
         .trim(csv::Trim::All)
-        .comment(Some(b'#'))
+        .comment(Some(comment))
         .flexible(false);
     let boxed: Box<dyn Read> = match input.separator.as_bytes() {
         b"blank" => Box::new(Blanks {
@@ -130,6 +137,21 @@ fn open_csv(path: &Path, input: &Input) -> Result<csv::Reader<Box<dyn Read>>, Er
     Ok(builder.from_reader(boxed))
 }
 
+/// What begins a comment line: what the model file says, else `%` where the first line begins with it, else `#`.
+fn comment(reader: &mut dyn BufRead, input: &Input, path: &Path) -> Result<u8, Error> {
+    match input.comment.as_bytes() {
+        [one] => Ok(*one),
+        [] => {
+            let first = reader.fill_buf().map_err(|e| Error::io(path, e))?;
+            Ok(if first.starts_with(b"%") { b'%' } else { b'#' })
+        }
+        _ => Err(Error::model(format!(
+            "input.comment = \"{}\": one character",
+            input.comment
+        ))),
+    }
+}
+
 /// Names of the columns: of the model file, else of the first line.
 fn names(
     csv: &mut csv::Reader<Box<dyn Read>>,
@@ -145,11 +167,26 @@ fn names(
     } else {
         input.header.clone()
     };
-    if names.iter().any(|n| n.contains(char::is_control)) {
+    if names
+        .iter()
+        .any(|n| n.contains(|c: char| c.is_control() && c != '\t'))
+    {
         return Err(no_text(path, 1));
     }
     if names.is_empty() || names.iter().all(String::is_empty) {
         return Err(Error::io(path, "the file is empty"));
+    }
+    let numbers = names
+        .iter()
+        .filter(|n| number(n, '.').is_some_and(f64::is_finite));
+    if input.header.is_empty() && numbers.count() == names.len() {
+        return Err(Error::io(
+            path,
+            format!(
+                "line 1 has {} numbers and no names: the file has no header. Name the columns in the model file: input.header = [\"time\", ...]",
+                names.len()
+            ),
+        ));
     }
     if let [only] = names.as_slice() {
         let other = [(';', ";"), ('\t', "\\t"), (',', ","), (' ', "blank")]
@@ -168,11 +205,16 @@ fn names(
 }
 
 /// The number in a cell: NaN if it is missing, `None` if it is another text.
-fn number(cell: &str) -> Option<f64> {
+fn number(cell: &str, decimal: char) -> Option<f64> {
     if cell.is_empty() {
         return Some(f64::NAN);
     }
-    if let Ok(x) = cell.parse() {
+    let parsed = if decimal == '.' {
+        cell.parse()
+    } else {
+        cell.replace(decimal, ".").parse()
+    };
+    if let Ok(x) = parsed {
         return Some(x);
     }
     match cell.to_ascii_lowercase().as_str() {
@@ -186,6 +228,7 @@ fn number(cell: &str) -> Option<f64> {
 /// Reads one text log. Cells that are empty or `nan` are NaN; any other text in a column that is
 /// otherwise numeric is an error, and a column whose first cell is text is left out.
 pub(super) fn read(path: &Path, input: &Input) -> Result<Table, Error> {
+    let decimal = if input.decimal == "," { ',' } else { '.' };
     let mut csv = open_csv(path, input)?;
     let names = names(&mut csv, path, input)?;
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
@@ -198,14 +241,19 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Table, Error> {
             return Err(Error::io(
                 path,
                 format!(
-                    "line {line}: {} cells where {} columns are named",
+                    "line {line}: {} cells where {} columns are named{}",
                     record.len(),
-                    names.len()
+                    names.len(),
+                    if record.len() == 1 {
+                        "; the separator seems to be another: set input.separator in the model file (\"blank\" for runs of blanks)"
+                    } else {
+                        "; correct input.header in the model file, or the line"
+                    }
                 ),
             ));
         }
         for (c, cell) in record.iter().enumerate() {
-            let value = match number(cell) {
+            let value = match number(cell, decimal) {
                 Some(x) => x,
                 None if text[c].is_some() => f64::NAN,
                 None if first => {

@@ -1,7 +1,7 @@
 //! The fit of a model: coefficients on all rows, and the residual of each fold predicted from the
 //! others.
 
-use super::Model;
+use super::{Model, Projector};
 use crate::error::Error;
 use crate::problem::{Column, Problem, Scores, Sums, View};
 use crate::stats;
@@ -32,7 +32,9 @@ pub(crate) struct Fit {
     pub view: Arc<View>,
     /// Index of each fitted global term.
     pub free: Vec<usize>,
-    /// Columns of the fitted global terms.
+    /// Terms with a coefficient for each sequence; `None` without such terms.
+    pub projector: Option<Arc<Projector>>,
+    /// Columns of the fitted global terms, without what such terms explain of them.
     pub x: Vec<Column>,
     /// Coefficients of `free` on all rows.
     pub theta: Vec<f64>,
@@ -40,7 +42,7 @@ pub(crate) struct Fit {
     pub dropped: Vec<bool>,
     /// Sums with the residual as flipped target.
     pub sums: Sums,
-    /// In-sample prediction of the global terms.
+    /// Target less residual: the in-sample prediction.
     pub prediction: Vec<f64>,
     /// In-sample residual.
     pub residual: Vec<f64>,
@@ -183,27 +185,38 @@ impl Fit {
         let view = p.view(&model.replaced)?;
         let terms = Terms::new(p, model, &view)?;
         let y: Vec<f64> = p.y.iter().zip(&terms.fixed).map(|(y, f)| y - f).collect();
-        let columns = slices(&terms.x);
-        let raw = Sums::new(p, &columns, &y, None, None);
+        let projector = Projector::new(p, terms.local_x.clone()).map(Arc::new);
+        let x: Vec<Column> = match &projector {
+            None => terms.x.clone(),
+            Some(projector) => terms.x.iter().map(|c| projector.rest(c)).collect(),
+        };
+        let mut held = y.clone();
+        let mut residual = y;
+        if let Some(projector) = &projector {
+            projector.take_out(&mut residual);
+        }
+        let columns = slices(&x);
+        let raw = Sums::new(p, &columns, &residual, None, None);
         let (theta, dropped) = raw.fit(None);
-        let mut residual = y.clone();
         subtract(&columns, &theta, 0..n, &mut residual);
         let prediction = p.y.iter().zip(&residual).map(|(y, r)| y - r).collect();
-        let mut held = y;
-        hold_out(p, &columns, &raw, &mut held);
+        hold_out(p, &slices(&terms.x), &raw, &mut held);
         let mut local = Vec::new();
         if !terms.local.is_empty() {
             let own = slices(&terms.local_x);
             subtract_local(p, &own, true, &mut held);
-            let sizes = subtract_local(p, &own, false, &mut residual);
+            let mut rest: Vec<f64> = p.y.iter().zip(&terms.fixed).map(|(y, f)| y - f).collect();
+            subtract(&slices(&terms.x), &theta, 0..n, &mut rest);
+            let sizes = subtract_local(p, &own, false, &mut rest);
             local = terms.local.iter().copied().zip(sizes).collect();
         }
         let sums = Sums::new(p, &columns, &residual, None, None);
         let scores = Scores::new(p, &sums);
         Ok(Fit {
             view,
+            projector,
             free: terms.free,
-            x: terms.x,
+            x,
             prediction,
             theta,
             dropped,
@@ -219,6 +232,7 @@ impl Fit {
     pub fn on(&self, residual: Vec<f64>, sums: Sums, scores: Scores) -> Fit {
         Fit {
             view: self.view.clone(),
+            projector: self.projector.clone(),
             free: self.free.clone(),
             x: self.x.clone(),
             prediction: self.prediction.clone(),

@@ -8,8 +8,10 @@ use crate::spec::Spec;
 use std::sync::Arc;
 
 mod fit;
+mod projector;
 
 pub(crate) use fit::{Fit, Fitted};
+pub(crate) use projector::Projector;
 
 /// One term in work.
 #[derive(Debug, Clone)]

@@ -9,7 +9,12 @@ pub(super) enum Part {
     /// Heading of the document.
     Title(String),
     /// The verdict.
-    Verdict(String),
+    Verdict {
+        /// What it says.
+        text: String,
+        /// Classes of its banner: the word of the verdict, and `partly` where names are not supported.
+        class: String,
+    },
     /// Heading of a section.
     Heading(String),
     /// A paragraph.
@@ -56,11 +61,10 @@ impl Report {
     pub(super) fn document(&self) -> Vec<Part> {
         let mut out = vec![
             Part::Title(self.heading()),
-            Part::Verdict(format!(
-                "**Verdict: `{}`.** {}",
-                self.verdict.word(),
-                self.summary()
-            )),
+            Part::Verdict {
+                text: format!("**Verdict: `{}`.** {}", self.verdict.word(), self.summary()),
+                class: self.banner(),
+            },
             Part::Text(self.data()),
             Part::Text(self.guidance()),
         ];
@@ -68,6 +72,7 @@ impl Report {
         for i in 0..self.effects.len() {
             out.extend(self.effect(i));
         }
+        out.extend(self.unsupported());
         out.extend(self.ambiguities());
         out.extend(self.unexplained());
         out.extend(self.not_material());
@@ -82,6 +87,16 @@ impl Report {
              `report.json`: all results in full precision.".into(),
         ));
         out
+    }
+
+    /// Classes of the banner: green only where every name is supported and the search came to its end.
+    fn banner(&self) -> String {
+        let word = self.verdict.word();
+        if self.improves.is_empty() && self.limited.is_none() {
+            word.into()
+        } else {
+            format!("{word} partly")
+        }
     }
 
     /// The reduction of the held-out RMSE from which an effect counts, as a percentage.

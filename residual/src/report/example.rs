@@ -1,6 +1,7 @@
 //! A report with something in every field, for the tests of the writers.
 
 use super::*;
+use crate::check::Check;
 use crate::effects::{EffectKind, Form};
 use crate::hygiene::Finding;
 use crate::spec::Spec;
@@ -71,6 +72,8 @@ pub(super) fn report() -> Report {
             ci: [("friction".to_string(), [-0.4, -0.2])].into(),
             heldout_before: 1.0 / 3.0,
             heldout_after: 0.1,
+            heldout_without: 1.0 / 3.0,
+            unsupported: String::new(),
             rival: Some(Rival {
                 name: EffectKind::Viscous,
                 heldout_rmse: 0.11,
@@ -78,6 +81,16 @@ pub(super) fn report() -> Report {
             }),
             plot: plot.clone(),
         }],
+        improves: vec![],
+        with_all: Some(figures(0.09)),
+        limited: Some(EffectKind::Tone),
+        check: Some(Check {
+            files: vec!["c.csv".into()],
+            rows: 50,
+            declared_rmse: 0.34,
+            found_rmse: 0.12,
+            all_rmse: 0.12,
+        }),
         not_identifiable: vec![Ambiguity::new(
             vec![EffectKind::Coulomb, EffectKind::Viscous],
             "other speeds",
@@ -110,6 +123,7 @@ pub(super) fn report() -> Report {
             coefficient: 0.1 + 0.2,
             unit: "N".into(),
             fixed: false,
+            per_sequence: true,
         }],
         extended: Spec::parse(MODEL).expect("a good model"),
         plot_unknown: Some(plot),

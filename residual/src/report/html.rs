@@ -1,7 +1,7 @@
 //! `report.html`: the document as one HTML page, plots included.
 
 use super::document::Part;
-use super::{svg, Report, Verdict};
+use super::{svg, Report};
 use std::fmt::Write as _;
 
 impl Report {
@@ -12,20 +12,19 @@ impl Report {
             escape(&self.heading())
         );
         for part in self.document() {
-            write_part(&mut out, &part, self.verdict, &self.unit);
+            write_part(&mut out, &part, &self.unit);
         }
         out + "</body></html>\n"
     }
 }
 
 /// Appends a part of the document; `unit` is the target's.
-fn write_part(out: &mut String, part: &Part, verdict: Verdict, unit: &str) {
+fn write_part(out: &mut String, part: &Part, unit: &str) {
     // Writing to a text cannot fail.
     let _ = match part {
         Part::Title(t) => writeln!(out, "<h1>{}</h1>", escape(t)),
-        Part::Verdict(t) => {
-            let word = verdict.word();
-            writeln!(out, "<p class=\"verdict {word}\">{}</p>", inline(t))
+        Part::Verdict { text, class } => {
+            writeln!(out, "<p class=\"verdict {class}\">{}</p>", inline(text))
         }
         Part::Heading(t) => writeln!(out, "<h2>{}</h2>", escape(t)),
         Part::Text(t) => writeln!(out, "<p>{}</p>", inline(t)),
@@ -93,7 +92,7 @@ h1{font-size:1.7em;line-height:1.25}h2{font-size:1.25em;margin-top:2em;overflow-
 p,figcaption{max-width:52em;overflow-wrap:anywhere}\
 .verdict{font-size:1.1em;border-left:.4em solid #888;background:#f4f4f4;padding:.6em .9em}\
 .effect,.several{border-color:#2a7d46}.none{border-color:#4878a8}\
-.unknown{border-color:#c03020}.not_identifiable{border-color:#c08a10}\
+.unknown{border-color:#c03020}.not_identifiable,.effect.partly,.several.partly{border-color:#c08a10}\
 .wide{overflow-x:auto;margin:1em 0}table{border-collapse:collapse}\
 td,th{border:1px solid #ccc;padding:.2em .6em;min-width:4em;text-align:left;vertical-align:top}\
 code{font-size:.92em;background:#f4f4f4}\

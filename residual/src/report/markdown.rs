@@ -13,7 +13,7 @@ impl Report {
 fn part(part: &Part) -> String {
     match part {
         Part::Title(t) => format!("# {t}\n\n"),
-        Part::Verdict(t) | Part::Text(t) => format!("{t}\n\n"),
+        Part::Verdict { text: t, .. } | Part::Text(t) => format!("{t}\n\n"),
         Part::Heading(t) => format!("## {t}\n\n"),
         Part::Table { head, rows } => {
             let mut t = line(head) + &format!("|{}\n", "---|".repeat(head.len()));

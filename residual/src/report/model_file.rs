@@ -2,6 +2,7 @@
 
 use super::Report;
 use crate::error::Error;
+use crate::extended::frozen;
 
 impl Report {
     /// The extended model file: an analysis of the same data with it reproduces the final fit.
@@ -19,12 +20,6 @@ impl Report {
     /// # Errors
     /// [`Error::Model`] if it cannot be written as TOML.
     pub fn frozen(&self) -> Result<String, Error> {
-        let mut spec = self.extended.clone();
-        spec.terms.retain(|t| t.per.is_empty());
-        for t in &mut spec.terms {
-            t.fixed = t.fixed.or(t.fitted);
-            t.fitted = None;
-        }
-        toml::to_string(&spec).map_err(|e| Error::model(e.to_string()))
+        toml::to_string(&frozen(&self.extended)).map_err(|e| Error::model(e.to_string()))
     }
 }

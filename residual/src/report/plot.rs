@@ -43,8 +43,8 @@ impl Plot {
         if x.is_empty() || before.len() != x.len() || after.len() != x.len() {
             return Plot::default();
         }
-        let stride = x.len().div_ceil(1000);
-        let pick = |v: &[f64]| v.iter().step_by(stride).copied().collect::<Vec<f64>>();
+        let rows = thinned(x.len());
+        let pick = |v: &[f64]| rows.iter().map(|i| v[*i]).collect::<Vec<f64>>();
         Plot {
             against: against.into(),
             value: "residual".into(),
@@ -64,6 +64,17 @@ impl Plot {
         self.names = [before.into(), after.into()];
         self
     }
+}
+
+/// About a thousand of `rows` rows: one at random in each stretch, as every n-th row would stand still in a motion whose
+/// period is a multiple of n rows.
+fn thinned(rows: usize) -> Vec<usize> {
+    let stride = rows.div_ceil(1000);
+    let mut rng = stats::Rng::new(1);
+    (0..rows)
+        .step_by(stride)
+        .map(|start| start + rng.below(stride.min(rows - start)))
+        .collect()
 }
 
 /// Means over bins of x. Equal values of x stay in one bin.
@@ -96,6 +107,18 @@ fn binned(x: &[f64], before: &[f64], after: &[f64]) -> Vec<[f64; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Every sixth row of a motion with a period of six rows would be at the same place.
+    #[test]
+    fn points_do_not_stand_in_columns_of_a_periodic_motion() {
+        let x: Vec<f64> = (0..6000).map(|i| f64::from(i % 6)).collect();
+        let plot = Plot::new("x", &x, &x, &x);
+        assert_eq!(plot.x.len(), 1000);
+        for place in 0..6 {
+            let count = plot.x.iter().filter(|x| **x == f64::from(place)).count();
+            assert!(count > 100, "{place}: {count}");
+        }
+    }
 
     #[test]
     fn rows_of_one_value_have_a_bin_of_their_own() {

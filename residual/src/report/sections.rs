@@ -3,7 +3,7 @@
 use super::document::Part;
 use super::plot::Plot;
 use super::words::{first_of, joined, readable};
-use super::{Effect, Figures, ModelTest, Report, Verdict};
+use super::{DeclaredTerm, Effect, Figures, ModelTest, Report, Verdict};
 use crate::format::{num, p_value, percent, positive_zero, with_interval};
 
 /// Heading of the section on structure that no effect explains.
@@ -74,6 +74,9 @@ impl Report {
                 vec![name, num(e.heldout_after), String::new(), String::new()]
             });
         }
+        if let Some(all) = &self.with_all {
+            rows.push(full("and all that improves the fit".into(), all));
+        }
         vec![
             Part::Heading("Error before and after".into()),
             Part::table(
@@ -86,6 +89,68 @@ impl Report {
                 rows,
             ),
             Part::Text(self.held_out()),
+        ]
+        .into_iter()
+        .chain(self.check())
+        .collect()
+    }
+
+    /// Errors on the check data.
+    fn check(&self) -> Vec<Part> {
+        let Some(check) = &self.check else {
+            return vec![];
+        };
+        let row = |model: &str, rmse: f64| vec![model.to_string(), num(rmse)];
+        vec![
+            Part::Text(format!(
+                "Check: {} rows from {} that took no part in the search. Every coefficient is fixed as fitted above.",
+                check.rows,
+                first_of(&check.files, 4)
+            )),
+            Part::table(
+                &["model", &format!("RMSE, {}", self.unit)],
+                vec![
+                    row("declared", check.declared_rmse),
+                    row("with the effects found", check.found_rmse),
+                    row("and all that improves the fit", check.all_rmse),
+                ],
+            ),
+        ]
+    }
+
+    /// Effects that improve the fit under names that the data do not support.
+    pub(super) fn unsupported(&self) -> Vec<Part> {
+        if self.improves.is_empty() {
+            return vec![];
+        }
+        let rows = self.improves.iter().map(|e| {
+            let parameters = e.params.iter().map(|(name, v)| {
+                let unit = e.units.get(name).map_or("", String::as_str);
+                format!("{name} {} {unit}", num(*v)).trim_end().to_string()
+            });
+            vec![
+                e.name.to_string(),
+                format!("{} -> {}", num(e.heldout_before), num(e.heldout_after)),
+                parameters.collect::<Vec<_>>().join(", "),
+                e.unsupported.clone(),
+            ]
+        });
+        vec![
+            Part::Heading("Improves the fit, name not supported".into()),
+            Part::Text(
+                "These effects lower the held-out error of these data, but something else may be behind it. They are not \
+                 in the final model, in `MODEL.extended.toml` or in `MODEL.frozen.toml`."
+                    .into(),
+            ),
+            Part::table(
+                &[
+                    "effect",
+                    &format!("held-out RMSE without and with it, {}", self.unit),
+                    "parameters",
+                    "why",
+                ],
+                rows.collect(),
+            ),
         ]
     }
 
@@ -129,10 +194,10 @@ impl Report {
         let mut out = vec![
             Part::Heading(format!("{kind} {}: {}{others}", i + 1, e.name)),
             Part::Text(format!(
-                "{meaning}. Form: {}. Held-out RMSE {} -> {} {u}.",
+                "{meaning}. Form: {}. Held-out RMSE {} {u} without it and {} {u} with it.",
                 e.form,
-                num(e.heldout_before),
-                num(e.heldout_after)
+                num(e.heldout_without),
+                num(self.last.heldout_rmse)
             )),
             parameters(e),
             Part::Text(format!("Terms: `{}`", terms.join("`, `"))),
@@ -241,7 +306,11 @@ impl Report {
 
     /// The declared model.
     pub(super) fn declared_terms(&self) -> Vec<Part> {
-        let how = |fixed| if fixed { "fixed" } else { "fitted" };
+        let how = |t: &DeclaredTerm| match (t.fixed, t.per_sequence) {
+            (true, _) => "fixed",
+            (false, false) => "fitted",
+            (false, true) => "fitted in each sequence; RMS",
+        };
         vec![
             Part::Heading("Declared terms".into()),
             Part::Text("Coefficients of the declared model, before any effect was added.".into()),
@@ -254,7 +323,7 @@ impl Report {
                             t.name.clone(),
                             num(t.coefficient),
                             t.unit.clone(),
-                            how(t.fixed).into(),
+                            how(t).into(),
                         ]
                     })
                     .collect(),

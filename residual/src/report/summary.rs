@@ -6,8 +6,59 @@ use crate::effects::EffectKind;
 use crate::format::num;
 
 impl Report {
-    /// The verdict in one or two sentences, with the errors before and after.
+    /// The verdict in some sentences, with the errors before and after.
     pub fn summary(&self) -> String {
+        format!(
+            "{}{}{}{}",
+            self.answer(),
+            self.beside(),
+            self.ended(),
+            self.checked()
+        )
+    }
+
+    /// What improves the fit under a name that the data do not support.
+    fn beside(&self) -> String {
+        let Some(all) = &self.with_all else {
+            return String::new();
+        };
+        let names: Vec<EffectKind> = self.improves.iter().map(|e| e.name).collect();
+        let which = match names.len() {
+            1 => "One further effect improves",
+            _ => "Further effects improve",
+        };
+        format!(
+            " {which} the fit (to {} {}), but the data do not support the name: {}.",
+            num(all.heldout_rmse),
+            self.unit,
+            joined(&names, ", ")
+        )
+    }
+
+    /// That the search ended before its end.
+    fn ended(&self) -> String {
+        self.limited.map_or(String::new(), |next| {
+            format!(
+                " The search ended at max_effects = {} with structure left that {next} would fit.",
+                self.extended.selection.max_effects
+            )
+        })
+    }
+
+    /// What came out on the check data.
+    fn checked(&self) -> String {
+        self.check.as_ref().map_or(String::new(), |check| {
+            format!(
+                " On the check data: RMSE {} -> {} {}.",
+                num(check.declared_rmse),
+                num(check.found_rmse),
+                self.unit
+            )
+        })
+    }
+
+    /// The verdict in one or two sentences.
+    fn answer(&self) -> String {
         let u = &self.unit;
         let (b, f) = (num(self.baseline.heldout_rmse), num(self.last.heldout_rmse));
         let names: Vec<EffectKind> = self.effects.iter().map(|e| e.name).collect();

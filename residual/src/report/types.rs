@@ -3,6 +3,7 @@
 
 use super::json;
 use super::plot::Plot;
+use crate::check::Check;
 use crate::effects::{EffectKind, Form};
 use crate::hygiene::Finding;
 use crate::nan;
@@ -106,6 +107,13 @@ pub struct Effect {
     /// Held-out RMSE after it was added, in the target's unit.
     #[serde(deserialize_with = "nan::from_null")]
     pub heldout_after: f64,
+    /// Held-out RMSE of the final model without this effect, the others fitted again, in the target's unit: what the
+    /// effect is worth.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_without: f64,
+    /// Why the data do not support the name; empty for an effect that was found.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub unsupported: String,
     /// The best other effect in its place; `None` if there is none.
     pub rival: Option<Rival>,
     /// Residual with and without the effect, against the variable that exposes it.
@@ -209,6 +217,9 @@ pub struct DeclaredTerm {
     pub unit: String,
     /// Whether the model file fixes the coefficient; else it was fitted.
     pub fixed: bool,
+    /// Whether each sequence has a coefficient of its own; then `coefficient` is their RMS.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub per_sequence: bool,
 }
 
 /// A test of a model's residual.
@@ -254,8 +265,20 @@ pub struct Report {
     pub nested_rmse: Option<f64>,
     /// The answer.
     pub verdict: Verdict,
-    /// Effects found, strongest first.
+    /// Effects found, the one that is worth most first.
     pub effects: Vec<Effect>,
+    /// Effects that improve the fit under a name that the data do not support; `unsupported` says why. They are not in
+    /// the final model.
+    pub improves: Vec<Effect>,
+    /// Errors of the model with `effects` and `improves`; `None` if there are no others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub with_all: Option<Figures>,
+    /// The effect that `selection.max_effects` kept out, where the search ended there.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub limited: Option<EffectKind>,
+    /// Frozen models on data that the search has not seen; `None` without such data.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub check: Option<Check>,
     /// Effects that these data cannot distinguish.
     pub not_identifiable: Vec<Ambiguity>,
     /// Structure that no effect of the catalogue explains, largest first.

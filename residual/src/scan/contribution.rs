@@ -29,6 +29,7 @@ impl Scan<'_> {
         let columns: Vec<Column> = pieces
             .iter()
             .filter_map(|p| self.problem.eval_text(&self.fit.view, &p.text, false).ok())
+            .map(|column| self.rest(column))
             .collect();
         for (column, k) in self.fit.x.iter().chain(&columns).zip(&x) {
             out.iter_mut()
@@ -53,6 +54,9 @@ impl Scan<'_> {
         out.iter_mut()
             .zip(&self.fit.prediction)
             .for_each(|(o, p)| *o -= p);
+        if let Some(projector) = &self.fit.projector {
+            projector.take_out(&mut out);
+        }
         Some(out)
     }
 }

@@ -68,8 +68,19 @@ impl<'a> Scan<'a> {
     fn columns(&self, pieces: &[Piece], keep: bool) -> Result<Vec<Column>, Error> {
         pieces
             .iter()
-            .map(|p| self.problem.eval_text(&self.fit.view, &p.text, keep))
+            .map(|p| {
+                let column = self.problem.eval_text(&self.fit.view, &p.text, keep)?;
+                Ok(self.rest(column))
+            })
             .collect()
+    }
+
+    /// A column without what terms with a coefficient for each sequence explain of it.
+    fn rest(&self, column: Column) -> Column {
+        match &self.fit.projector {
+            None => column,
+            Some(projector) => projector.rest(&column),
+        }
     }
 
     /// Sums of the model's terms and further ones.
@@ -145,7 +156,7 @@ impl<'a> Scan<'a> {
                     .for_each(|(f, v)| *f += k * v),
                 None => {
                     at.push((!touched).then_some(x.len()));
-                    x.push(v);
+                    x.push(self.rest(v));
                 }
             }
         }
@@ -154,6 +165,9 @@ impl<'a> Scan<'a> {
             at: &at,
         };
         part.iter_mut().zip(&fixed).for_each(|(p, f)| *p -= f);
+        if let Some(projector) = &self.fit.projector {
+            projector.take_out(&mut part);
+        }
         let columns: Vec<&[f64]> = x.iter().map(|c| c.as_slice()).collect();
         let r = &self.fit.residual;
         Ok(Applied {
@@ -173,7 +187,7 @@ impl<'a> Scan<'a> {
     }
 
     /// In-sample squared error with a build (cheaper than scores: no decoys).
-    fn in_sample(&self, build: &Build) -> f64 {
+    pub fn in_sample(&self, build: &Build) -> f64 {
         match self.sums(build, false) {
             Ok(Applied { sums, local: false }) => {
                 let (x, _) = sums.fit(None);

@@ -12,6 +12,7 @@ impl Search<'_> {
         chosen: &mut Vec<Chosen>,
         progress: &mut dyn Progress,
     ) -> Result<(), Error> {
+        self.limited = None;
         loop {
             progress.stage(&format!(
                 "searching the catalogue on top of {} effect(s)",
@@ -39,9 +40,13 @@ impl Search<'_> {
             next.push(self.complete(c, &next));
             self.separate_friction(&mut next)?;
             self.prune(&mut next)?;
-            if self.rmse(&next)? <= most && next.len() <= selection.max_effects {
+            if self.rmse(&next)? > most {
+                continue;
+            }
+            if next.len() <= selection.max_effects {
                 return Ok(Some(next));
             }
+            self.limited.get_or_insert(c.origin.kind());
         }
         Ok(None)
     }

@@ -22,7 +22,7 @@ pub(crate) use rivals::Judged;
 
 use crate::data::Data;
 use crate::declared::{self, fit_declared};
-use crate::effects::{Context, EffectRef};
+use crate::effects::{Context, EffectKind, EffectRef};
 use crate::error::Error;
 use crate::model::{Chosen, Fit, Fitted, Model};
 use crate::problem::Problem;
@@ -58,6 +58,8 @@ pub(crate) struct Search<'a> {
     tests: usize,
     /// Scans of the catalogue that were made already, by the model they were made on.
     scans: HashMap<String, Vec<Candidate>>,
+    /// The effect that `selection.max_effects` kept out of the last forward search.
+    limited: Option<EffectKind>,
 }
 
 /// What the search found.
@@ -69,6 +71,8 @@ pub(crate) struct Outcome {
     pub last: Step,
     /// The final model.
     pub fitted: Fitted,
+    /// The effect that would have come next, where the search ended at `selection.max_effects`.
+    pub limited: Option<EffectKind>,
 }
 
 /// What one chosen effect is worth.
@@ -115,6 +119,7 @@ impl<'a> Search<'a> {
             spec,
             tests: 1,
             scans: HashMap::new(),
+            limited: None,
         })
     }
 
@@ -139,6 +144,7 @@ impl<'a> Search<'a> {
             let last = self.step(&fitted)?;
             if last.winner.is_none() || !may_replace {
                 return Ok(Outcome {
+                    limited: self.limited,
                     chosen,
                     judged,
                     last,
@@ -146,6 +152,22 @@ impl<'a> Search<'a> {
                 });
             }
         }
+    }
+
+    /// The outcome with some of its effects only (indices), their nonlinear parameters refined again.
+    pub fn only(&mut self, outcome: &Outcome, kept: &[usize]) -> Result<Outcome, Error> {
+        let mut chosen: Vec<Chosen> = kept.iter().map(|i| outcome.chosen[*i].clone()).collect();
+        self.polish(&mut chosen)?;
+        let fitted = self.fit(&chosen)?;
+        let last = self.step(&fitted)?;
+        let judged = kept.iter().filter_map(|i| outcome.judged.get(*i));
+        Ok(Outcome {
+            judged: judged.cloned().collect(),
+            limited: outcome.limited,
+            chosen,
+            last,
+            fitted,
+        })
     }
 
     /// Fits the declared model with chosen effects.

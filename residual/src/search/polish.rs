@@ -25,33 +25,59 @@ impl Search<'_> {
     }
 }
 
+/// Values tried around a parameter before it is refined: the error of a form with corners (a gap, a limit, a delay in
+/// rows) has several minima.
+const COARSE: i32 = 4;
+
 /// The nonlinear parameter with the least in-sample error near the present one.
 fn polished(scan: &Scan, own: &Chosen) -> f64 {
     let Some(psi) = &own.variant.psi else {
         return own.psi;
     };
-    let (mut lo, mut hi) = match psi.resolution {
-        Some(d) => (own.psi - 0.5 * d, own.psi + 0.5 * d),
+    // Beyond the grid an effect turns into another one: a fast creep is a gain.
+    let limits = psi.limits();
+    let inside = |(lo, hi): (f64, f64)| (lo.max(limits.0), hi.min(limits.1));
+    let error = |x: f64| scan.in_sample(&(own.variant.build)(x));
+    let (mut best, mut least) = (own.psi, error(own.psi));
+    let mut reach = match psi.resolution {
+        Some(d) => d,
         None => {
             let (lo, hi) = bracket(&psi.grid, own.psi);
-            (
-                own.psi - 0.3 * (own.psi - lo).abs(),
-                own.psi + 0.3 * (hi - own.psi).abs(),
-            )
+            0.6 * (hi - lo)
         }
     };
-    // An optimum at the edge of the interval means that it lies further on.
-    let mut best = own.psi;
     for _ in 0..MOVES {
-        best = scan.refine(&own.variant, lo, hi, FINE);
-        let reach = hi - lo;
-        if best - lo > 0.04 * reach && hi - best > 0.04 * reach {
+        let (lo, hi) = inside((best - 0.5 * reach, best + 0.5 * reach));
+        if hi <= lo {
             break;
         }
-        let positive = lo > 0.0;
-        (lo, hi) = (best - 0.7 * reach, best + 0.7 * reach);
-        if positive {
-            lo = lo.max(0.3 * best);
+        let step = (hi - lo) / f64::from(2 * COARSE);
+        let mut at = best;
+        let mut here = least;
+        for k in -COARSE..=COARSE {
+            let x = 0.5 * (lo + hi) + f64::from(k) * step;
+            let e = error(x);
+            if e < here {
+                (at, here) = (x, e);
+            }
+        }
+        let (a, b) = inside((at - step, at + step));
+        let fine = scan.refine(&own.variant, a, b, FINE / 2);
+        let e = error(fine);
+        if e < here {
+            (at, here) = (fine, e);
+        }
+        let moved = (at - best).abs();
+        (best, least) = (at, here);
+        // An optimum at the edge of the interval means that it lies further on.
+        if moved < 0.45 * reach {
+            reach = 2.0 * step;
+        }
+        if reach < 2e-3 * (hi - lo).max(best.abs() * 1e-3) || step == 0.0 {
+            break;
+        }
+        if moved < 0.02 * step {
+            break;
         }
     }
     best

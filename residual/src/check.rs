@@ -1,0 +1,81 @@
+//! Frozen models on data that the search has not seen.
+
+use crate::data::Data;
+use crate::declared;
+use crate::error::Error;
+use crate::extended::{extended, frozen};
+use crate::model::{Chosen, Model};
+use crate::problem::Problem;
+use crate::search::Search;
+use crate::spec::Spec;
+use crate::stats;
+use serde::{Deserialize, Serialize};
+
+/// Frozen models on data that the search has not seen. Errors are root mean squares in the target's unit.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Check {
+    /// Names of the files, without folders.
+    pub files: Vec<String>,
+    /// Rows.
+    pub rows: usize,
+    /// Error of the declared model, with the coefficients that were fitted to the searched data.
+    #[serde(deserialize_with = "crate::nan::from_null")]
+    pub declared_rmse: f64,
+    /// Error of the model with the effects found.
+    #[serde(deserialize_with = "crate::nan::from_null")]
+    pub found_rmse: f64,
+    /// Error of the model with everything that improves the fit on the searched data.
+    #[serde(deserialize_with = "crate::nan::from_null")]
+    pub all_rmse: f64,
+}
+
+/// Data to check models on.
+pub(crate) struct Checked {
+    problem: Problem,
+    files: Vec<String>,
+}
+
+impl Checked {
+    /// Prepares data of the same columns.
+    pub fn new(data: &Data, spec: &Spec) -> Checked {
+        Checked {
+            problem: data.problem(&spec.selection),
+            files: crate::assembly::file_names(data),
+        }
+    }
+
+    /// Error of the model with some effects, every coefficient as it was fitted to the searched data. Terms with a
+    /// coefficient for each sequence have no value here and are left out.
+    ///
+    /// # Errors
+    /// [`Error::Expression`] if a term is not finite on these data.
+    pub fn rmse(&self, search: &Search, chosen: &[Chosen]) -> Result<f64, Error> {
+        let fitted = search.fit(chosen)?;
+        let spec = frozen(&extended(search.spec, &fitted, chosen));
+        let model = Model::declared(&spec)?;
+        Ok(stats::rms(&declared::residual_of_fixed(
+            &self.problem,
+            &model,
+        )?))
+    }
+
+    /// The figures of a report.
+    ///
+    /// # Errors
+    /// As [`Checked::rmse`].
+    pub fn figures(
+        &self,
+        search: &Search,
+        found: &[Chosen],
+        all: &[Chosen],
+    ) -> Result<Check, Error> {
+        Ok(Check {
+            files: self.files.clone(),
+            rows: self.problem.y.len(),
+            declared_rmse: self.rmse(search, &[])?,
+            found_rmse: self.rmse(search, found)?,
+            all_rmse: self.rmse(search, all)?,
+        })
+    }
+}

@@ -1,0 +1,112 @@
+//! Dry friction that depends on the angle: a rubbing spot, a bent shaft.
+
+use super::{amplitude_phase, Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
+use std::f64::consts::TAU;
+
+pub(crate) struct AngleFriction;
+
+/// Places in a turn at which the middle of a sector is looked for, and widths of sectors in radians.
+const PLACES: usize = 24;
+const WIDTHS: [f64; 8] = [0.3, 0.42, 0.6, 0.84, 1.15, 1.55, 2.1, 2.8];
+
+/// Orders per turn of a friction that swells and falls.
+const ORDERS: [f64; 4] = [1.0, 2.0, 3.0, 4.0];
+
+impl Effect for AngleFriction {
+    fn kind(&self) -> EffectKind {
+        EffectKind::AngleFriction
+    }
+    fn meaning(&self) -> &'static str {
+        "dry friction that depends on the angle: larger in a sector of the turn, or with a ripple"
+    }
+    fn experiment(&self) -> &'static str {
+        "turn slowly through the whole range in both directions under constant load: the difference of the directions depends on the angle"
+    }
+    fn against(&self, ctx: &Context) -> String {
+        ctx.position.clone().unwrap_or_else(|| ctx.load.clone())
+    }
+    fn impossible(&self, _: &Estimate, ctx: &Context) -> Option<String> {
+        let x = ctx.position.as_ref()?;
+        let turn = ctx.width(x) * Context::radians(&ctx.position_unit())?;
+        (turn < WIDTHS[0]).then(|| "the angle moves by less than a sector".to_string())
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let (Some(v), Some(x)) = (&ctx.velocity, &ctx.position) else {
+            return vec![];
+        };
+        let Some(k) = Context::radians(&ctx.position_unit()) else {
+            return vec![];
+        };
+        // An angle that is integrated from the speed starts anew in each run.
+        if ctx.spec.roles.angle.is_none() || ctx.width(x) * k < WIDTHS[0] {
+            return vec![];
+        }
+        let sign = format!("sgn({v}, {})", ctx.deadband);
+        let angle = if k == 1.0 {
+            x.clone()
+        } else {
+            format!("({x} * {k})")
+        };
+        WIDTHS
+            .iter()
+            .map(|width| in_a_sector(ctx, &sign, &angle, *width))
+            .chain([with_a_ripple(ctx, &sign, &angle)])
+            .collect()
+    }
+}
+
+/// Friction in a sector of the turn of this width.
+fn in_a_sector(ctx: &Context, sign: &str, angle: &str, width: f64) -> Variant {
+    let (sign, angle, unit) = (sign.to_string(), angle.to_string(), ctx.unit().to_string());
+    let step = TAU / PLACES as f64;
+    let psi = Psi {
+        name: "middle",
+        unit: "rad".into(),
+        grid: (0..PLACES).map(|k| k as f64 * step).collect(),
+        refine: true,
+        resolution: Some(step),
+    };
+    let edge = (0.5 * width).cos();
+    let label = format!("in a sector of {width} rad");
+    Variant::profiled(&label, psi, move |middle| {
+        let text = format!("{sign} * (cos({angle} - {middle}) > {edge})");
+        Build::Add(vec![Piece::new("friction", unit.clone(), text)])
+    })
+}
+
+/// Friction that swells and falls with the angle.
+fn with_a_ripple(ctx: &Context, sign: &str, angle: &str) -> Variant {
+    let (sign, angle, unit) = (sign.to_string(), angle.to_string(), ctx.unit().to_string());
+    let psi = Psi {
+        name: "order",
+        unit: "1/turn".into(),
+        grid: ORDERS.to_vec(),
+        refine: false,
+        resolution: None,
+    };
+    Variant::profiled("with a ripple", psi, move |n| {
+        let wave = |f: &str| format!("{sign} * {f}({n} * {angle})");
+        Build::Add(vec![
+            Piece::new("sine", unit.clone(), wave("sin")),
+            Piece::new("cosine", unit.clone(), wave("cos")),
+        ])
+    })
+    .with(amplitude_phase)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("angle_friction", |s| {
+            let inside = (s.angle - 1.0).rem_euclid(TAU) < 1.2;
+            if inside {
+                -0.5 * s.velocity.signum()
+            } else {
+                0.0
+            }
+        });
+    }
+}

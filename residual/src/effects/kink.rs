@@ -1,0 +1,60 @@
+//! A characteristic of two straight lines: a second path of the load, a stop, a loose joint that closes.
+
+use super::{Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
+use crate::stats::quantile_sorted;
+
+pub(crate) struct Kink;
+
+/// Quantiles of the load at which a kink is looked for.
+const QUANTILES: [f64; 15] = [
+    0.08, 0.14, 0.2, 0.26, 0.32, 0.38, 0.44, 0.5, 0.56, 0.62, 0.68, 0.74, 0.8, 0.86, 0.92,
+];
+
+impl Effect for Kink {
+    fn kind(&self) -> EffectKind {
+        EffectKind::Kink
+    }
+    fn meaning(&self) -> &'static str {
+        "kink: from a certain load on the target follows with another slope (a second path of the load, a stop, a joint that closes)"
+    }
+    fn experiment(&self) -> &'static str {
+        "ramp the load slowly through its range and back: two straight lines that meet at one load"
+    }
+    /// A slope that falls to nothing is a saturation, one that turns round is no characteristic.
+    fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
+        let why = "the target would no longer follow the load, or follow it twice";
+        e.outside("change_of_slope", -0.9, 1.0, why)
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        if ctx.range(&ctx.load).is_none() {
+            return vec![];
+        }
+        let mut v = ctx.values(&ctx.load);
+        v.sort_by(f64::total_cmp);
+        let mut grid: Vec<f64> = QUANTILES.iter().map(|q| quantile_sorted(&v, *q)).collect();
+        grid.dedup();
+        if grid.len() < 5 {
+            return vec![];
+        }
+        let load = ctx.load.clone();
+        let psi = Psi {
+            name: "at_load",
+            unit: ctx.unit().to_string(),
+            grid,
+            refine: true,
+            resolution: None,
+        };
+        vec![Variant::profiled("change of slope", psi, move |at| {
+            let above = format!("max(0, {load} - {at})");
+            Build::Add(vec![Piece::new("change_of_slope", "1", above)])
+        })]
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn is_named() {
+        crate::effects::testbench::names("kink", |s| -0.25 * (s.command - 3.1).max(0.0));
+    }
+}
