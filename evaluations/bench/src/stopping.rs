@@ -89,6 +89,7 @@ fn one_stop(path: &Path) -> Result<f64, String> {
         [UnitSetpoint {
             tension_un: 2_000_000,
             inv_cos_q16: 65_536,
+            ..UnitSetpoint::default()
         }; UNITS],
     ));
     session
