@@ -283,7 +283,8 @@ mod tests {
         assert!(needs("set-force 0 -2.5 0 --link embedded"));
         assert!(needs("--json status --link=embedded"));
         assert!(needs("status --rig usb.toml"));
-        assert!(needs("clear"));
+        assert!(needs("rig --seed 3"));
+        assert!(needs("hold --duration 3"));
         assert!(needs("record data/check"));
         assert!(needs("identify --out out"));
         assert!(needs("monitor --duration 3"));
@@ -304,6 +305,10 @@ mod tests {
             "set-force --help",
             "help set-force",
             "explain 33",
+            // These never start an emulation.
+            "stop",
+            "clear",
+            "disarm",
             "check rig.toml",
             "init rig.toml",
             "--json check rig.toml",
