@@ -73,15 +73,18 @@ fn a_closed_loop_recording_is_read() {
         let numbers: Vec<String> = (0..40).map(|i| f(i).to_string()).collect();
         numbers.join(",")
     };
-    let run = format!(
+    // The two runs differ in their first rows: copies of a log are refused.
+    let run = |first: f64| {
+        format!(
         "{{\"load_cell_force_times\":[[],[{}]],\"load_cell_forces\":[[],[{}]],\"tor_cmds\":[[],[{}]],\
          \"p_terms\":[[],[1]],\"i_terms\":[[],[]],\"d_terms\":[[],[]],\"setpoints\":[[],[1,2]],\"pid_p\":1}}",
-        list(&|i| 0.5 * f64::from(i)),
-        list(&|i| f64::from(i * i)),
-        list(&|i| 10.0 * f64::from(i))
-    );
-    let tables: Vec<_> = ["a.json", "b.json"]
-        .map(|name| recording::read(&put(name, &run)).unwrap())
+            list(&|i| 0.5 * f64::from(i)),
+            list(&|i| f64::from(i * i) + if i < 5 { first } else { 0.0 }),
+            list(&|i| 10.0 * f64::from(i))
+        )
+    };
+    let tables: Vec<_> = [("a.json", 0.0), ("b.json", 1.0)]
+        .map(|(name, first)| recording::read(&put(name, &run(first))).unwrap())
         .into();
     let spec = Spec::parse(models::CLOSED_LOOP).unwrap();
     let loaded = from_tables(tables, &spec).unwrap();
