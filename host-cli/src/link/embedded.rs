@@ -5,7 +5,8 @@ use emulator_link::{Injection, Report, Request, Response, LINK_VERSION};
 use std::collections::VecDeque;
 use std::io::{BufRead, BufReader, BufWriter};
 use std::path::PathBuf;
-use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::process::{Child, ChildStdin, Command, Stdio};
+use std::sync::mpsc::{Receiver, RecvTimeoutError};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -15,6 +16,10 @@ pub const RIG_VARIABLE: &str = "FORCE_RIG_BIN";
 pub const ELF_VARIABLE: &str = "FORCE_FIRMWARE_ELF";
 /// Lines of the rig's log that are kept for messages.
 const LOG_LINES: usize = 12;
+/// How long a response may take beside the emulated time that it covers.
+const RESPONSE_TIMEOUT: Duration = Duration::from_secs(30);
+/// Part of real time at which the slowest machine emulates: 1 s may take this many.
+const SLOWEST: u32 = 30;
 /// Polls of 10 ms until the log of a rig that ended counts as complete.
 const LOG_POLLS: u32 = 200;
 
@@ -61,11 +66,13 @@ impl Programs {
 pub struct EmbeddedRig {
     child: Child,
     to: Option<BufWriter<ChildStdin>>,
-    from: BufReader<ChildStdout>,
+    /// Responses, read by a thread: a rig that falls silent must not hold the program for ever.
+    responses: Receiver<std::io::Result<Response>>,
     log: Arc<Mutex<VecDeque<String>>>,
     log_reader: std::thread::JoinHandle<()>,
     machine: String,
     seed: u64,
+    response_timeout: Duration,
 }
 
 impl EmbeddedRig {
@@ -74,6 +81,15 @@ impl EmbeddedRig {
     /// # Errors
     /// [`LinkError`] where it can't be started, speaks another version or refuses the image.
     pub fn start(programs: &Programs, options: &EmbeddedOptions) -> Result<Self, LinkError> {
+        Self::start_within(programs, options, RESPONSE_TIMEOUT)
+    }
+
+    /// The same with another limit for each response.
+    fn start_within(
+        programs: &Programs,
+        options: &EmbeddedOptions,
+        response_timeout: Duration,
+    ) -> Result<Self, LinkError> {
         let mut command = Command::new(&programs.rig);
         command.arg("--elf").arg(&programs.firmware);
         if let Some(seed) = options.seed {
@@ -115,14 +131,26 @@ impl EmbeddedRig {
                 lines.push_back(line);
             }
         });
+        let (answered, responses) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            let mut from = BufReader::new(from);
+            loop {
+                let response = emulator_link::receive(&mut from);
+                let ended = response.is_err();
+                if answered.send(response).is_err() || ended {
+                    return;
+                }
+            }
+        });
         let mut rig = Self {
             child,
             to: Some(BufWriter::new(to)),
-            from: BufReader::new(from),
+            responses,
             log,
             log_reader,
             machine: String::new(),
             seed: 0,
+            response_timeout,
         };
         let hello = Request::Hello {
             version: LINK_VERSION,
@@ -149,10 +177,31 @@ impl EmbeddedRig {
             Some(to) => emulator_link::send(to, request),
             None => Err(std::io::ErrorKind::BrokenPipe.into()),
         };
-        match sent.and_then(|()| emulator_link::receive(&mut self.from)) {
+        let limit = match request {
+            Request::Advance { duration_ns, .. } => {
+                self.response_timeout + Duration::from_nanos(*duration_ns) * SLOWEST
+            }
+            _ => self.response_timeout,
+        };
+        match sent.and_then(|()| self.response(limit)) {
             Ok(Response::Failed(why)) => Err(LinkError::Refused(why)),
             Ok(response) => Ok(response),
             Err(error) => Err(self.lost(&error)),
+        }
+    }
+
+    /// The next response. A rig that does not respond in time is ended.
+    fn response(&mut self, limit: Duration) -> std::io::Result<Response> {
+        match self.responses.recv_timeout(limit) {
+            Ok(response) => response,
+            Err(RecvTimeoutError::Disconnected) => Err(std::io::ErrorKind::UnexpectedEof.into()),
+            Err(RecvTimeoutError::Timeout) => {
+                let _ = self.child.kill();
+                Err(std::io::Error::new(
+                    std::io::ErrorKind::TimedOut,
+                    format!("no response for {} s; it was ended", limit.as_secs()),
+                ))
+            }
         }
     }
 
@@ -164,6 +213,7 @@ impl EmbeddedRig {
             self.child.try_wait().ok().flatten()
         });
         let mut cause = match ended {
+            _ if error.kind() == std::io::ErrorKind::TimedOut => error.to_string(),
             Some(status) => format!("its process ended ({status})"),
             None => format!("its response can't be read ({error})"),
         };
@@ -293,6 +343,24 @@ mod tests {
         let error = EmbeddedRig::start(&programs, &EmbeddedOptions::default()).unwrap_err();
         assert!(matches!(error, LinkError::Lost { .. }), "{error}");
         assert!(error.to_string().contains("--elf"), "{error}");
+    }
+
+    #[cfg(unix)]
+    #[test]
+    fn a_program_that_never_responds_is_ended() {
+        use std::os::unix::fs::PermissionsExt;
+        let folder = tempfile::tempdir().unwrap();
+        let rig = folder.path().join("rig");
+        std::fs::write(&rig, "#!/bin/sh\nexec sleep 1000\n").unwrap();
+        std::fs::set_permissions(&rig, PermissionsExt::from_mode(0o755)).unwrap();
+        let programs = Programs {
+            firmware: rig.clone(),
+            rig,
+        };
+        let limit = Duration::from_millis(200);
+        let error = EmbeddedRig::start_within(&programs, &EmbeddedOptions::default(), limit);
+        let error = error.unwrap_err().to_string();
+        assert!(error.contains("no response for"), "{error}");
     }
 
     #[test]

@@ -42,6 +42,32 @@ fn ports_here() -> String {
     }
 }
 
+/// Who has a port open, where the system tells it (`/proc`, processes of this user): a port that is in use can't be opened.
+fn holder(path: &str) -> Option<String> {
+    let device = std::fs::canonicalize(path).ok()?;
+    let processes = std::fs::read_dir("/proc").ok()?;
+    processes
+        .filter_map(Result::ok)
+        .find(|process| {
+            let open = std::fs::read_dir(process.path().join("fd"));
+            open.is_ok_and(|open| {
+                open.filter_map(Result::ok)
+                    .filter_map(|file| std::fs::read_link(file.path()).ok())
+                    .any(|file| file == device)
+            })
+        })
+        .filter(|process| process.file_name() != *std::process::id().to_string())
+        .map(|process| {
+            let line = std::fs::read(process.path().join("cmdline")).unwrap_or_default();
+            let line = String::from_utf8_lossy(&line).replace('\0', " ");
+            format!(
+                "process {} has it open ({}); end that program first",
+                process.file_name().to_string_lossy(),
+                line.trim()
+            )
+        })
+}
+
 impl Port {
     /// Opens a serial port by its name.
     ///
@@ -59,7 +85,7 @@ impl Port {
                         "add yourself to the port's group (dialout or uucp) and log in again"
                             .to_owned()
                     }
-                    _ => ports_here(),
+                    _ => holder(path).unwrap_or_else(ports_here),
                 },
             })?;
         Ok(Self {
@@ -168,6 +194,31 @@ impl RigLink for Port {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[cfg(target_os = "linux")]
+    #[test]
+    fn the_program_that_has_a_port_is_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("port");
+        std::fs::write(&path, "").unwrap();
+        assert_eq!(holder(path.to_str().unwrap()), None);
+        let mut other = std::process::Command::new("sh")
+            .args(["-c", "exec 3<\"$0\"; echo open; read end"])
+            .arg(&path)
+            .stdin(std::process::Stdio::piped())
+            .stdout(std::process::Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut word = [0; 4];
+        std::io::Read::read_exact(other.stdout.as_mut().unwrap(), &mut word).unwrap();
+        let found = holder(path.to_str().unwrap()).unwrap();
+        assert!(
+            found.contains(&format!("process {} ", other.id())),
+            "{found}"
+        );
+        drop(other.stdin.take());
+        other.wait().unwrap();
+    }
 
     #[test]
     fn a_port_that_is_not_there_is_named() {
