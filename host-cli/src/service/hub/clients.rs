@@ -139,7 +139,9 @@ impl Hub {
     pub(super) fn make_commander(&mut self, id: ClientId) -> Result<(), String> {
         match self.commander {
             Some(other) if other != id => {
-                let silent = self.now_ns.saturating_sub(self.commander_ns) > super::SILENT_NS;
+                // Whether a program still has the pseudo-terminal open is not known: it keeps the role while it drives.
+                let silent = other == super::TERMINAL
+                    || self.now_ns.saturating_sub(self.commander_ns) > super::SILENT_NS;
                 if !silent || self.drives() {
                     return Err(self.name_of(other));
                 }
