@@ -34,7 +34,7 @@ struct Record {
     flush: u64,
 }
 
-const _: () = assert!(core::mem::size_of::<Record>() % 8 == 0);
+const _: () = assert!(core::mem::size_of::<Record>().is_multiple_of(8));
 // Text and CRC end a word; the flush has one of its own.
 const _: () = assert!(core::mem::offset_of!(Record, flush) % 8 == 0);
 const _: () =

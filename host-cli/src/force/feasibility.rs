@@ -3,7 +3,7 @@
 //!
 //! Every cable pulls at least `tension_min_n` while the rig is armed. Where no tensions within the limits add up to zero
 //! force, an armed rig pulls the robot aside whatever is commanded, so nothing may be armed there. The poses are those of
-//! the pose source: the clamped tip of `source = "static"`, or a grid over the ball [workspace].
+//! the pose source: the clamped tip of `source = "static"`, or a grid over the ball `[workspace]`.
 
 use crate::force::allocation::{AllocationError, Allocator, Problem};
 use crate::force::controller::{problem, Cables, ControlError};

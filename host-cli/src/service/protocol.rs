@@ -42,8 +42,8 @@ pub mod code {
 pub enum Call {
     /// First request.
     Hello(Hello),
-    /// Become the commander. Refused while another client commands, unless that one has been silent for
-    /// [`super::hub::SILENT_NS`] of the link's time.
+    /// Become the commander. Refused while another client commands, unless that one has been silent for 1 s
+    /// of the link's time and drives nothing.
     Command,
     /// Stop being the commander. A rig that is driven is disarmed.
     Release,

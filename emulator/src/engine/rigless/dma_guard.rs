@@ -28,6 +28,7 @@ const fn is_usart(request: u8) -> bool {
 }
 
 /// The guard of one instance.
+#[allow(clippy::large_enum_variant)] // one of each exists
 pub enum Guard {
     /// DMAMUX1: notes what its channels carry.
     Multiplexer(Routes),
