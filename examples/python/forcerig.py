@@ -48,6 +48,7 @@ class Rig:
         self._lines = self._socket.makefile("r", encoding="utf-8")
         self._id = 0
         self._started = None
+        self._ended = None
         self.result = None
         self.welcome = self.call("hello", version=VERSION, client=client, pid=os.getpid())
 
@@ -72,6 +73,8 @@ class Rig:
                 if "error" in message:
                     raise RigError(message["error"])
                 return message["result"]
+            if self._started is not None and message.get("id") == self._started:
+                self._ended = message
 
     def subscribe(self, **topics):
         """Topics: telemetry=True, events=True, ticks=True, truth=True."""
@@ -80,12 +83,13 @@ class Rig:
     def start(self, method, **params):
         """Sends a request whose answer comes at the end (`set_force`); see `notifications`."""
         self.result = None
+        self._ended = None
         self._started = self._send(method, params)
 
     def notifications(self):
         """Notifications as (topic, content) until the request of `start` is answered; its answer is `result`."""
         while True:
-            message = self._read()
+            message = self._ended or self._read()
             if "method" in message:
                 yield message["method"], message["params"]
             elif message.get("id") == self._started:

@@ -280,6 +280,41 @@ impl Existing {
         Ok(link)
     }
 
+    /// Stops the rigs that have a service: that of `--link`, else all of them. `None`: no service is concerned.
+    #[cfg(unix)]
+    pub fn stop_services(&self, context: &Context) -> Result<Option<super::exit::Reply>> {
+        use host_cli::service::protocol::Call;
+        let running = socket::running();
+        let names: Vec<String> = match &self.link {
+            _ if self.direct => Vec::new(),
+            None => running,
+            Some(link) => running
+                .into_iter()
+                .filter(|name| *name == name_of(link) || serves(name, link))
+                .collect(),
+        };
+        let mut stopped = Vec::new();
+        let mut failed = Vec::new();
+        for name in &names {
+            let done = Client::connect(name, "forcectl stop").and_then(|mut client| {
+                client
+                    .call(Call::Stop)
+                    .map(|_| client.welcome().link.clone())
+            });
+            match done {
+                Ok(link) => stopped.push(format!("rig `{name}`: {link}")),
+                Err(error) => failed.push(format!("rig `{name}`: {error}")),
+            }
+        }
+        for line in &stopped {
+            context.output.note(line);
+        }
+        if !failed.is_empty() {
+            return Err(Failure::new(exit::LINK, failed.join("\n")));
+        }
+        Ok((!stopped.is_empty()).then(|| super::exit::Reply::done(super::stop::STOPPED)))
+    }
+
     /// A connection to the service; `None` where the rig is reached in another way.
     #[cfg(unix)]
     fn connected(&self, context: &Context) -> Result<Option<Client>> {
@@ -415,6 +450,19 @@ impl Connection {
         let rig = self.load(context)?;
         self.at.session(&self.new, role, &rig, context, command)
     }
+}
+
+/// Whether a running service has this port under another name (`usb` and `ttyACM0`).
+#[cfg(unix)]
+fn serves(name: &str, link: &LinkChoice) -> bool {
+    let LinkChoice::Serial(port) = link else {
+        return false;
+    };
+    let path = std::fs::canonicalize(port).unwrap_or_else(|_| port.into());
+    Client::connect(name, "forcectl stop").is_ok_and(|client| {
+        let theirs = client.welcome().link.trim_start_matches("port ").to_owned();
+        std::fs::canonicalize(&theirs).unwrap_or_else(|_| theirs.into()) == path
+    })
 }
 
 /// Whether an embedded rig is kept under the default name.

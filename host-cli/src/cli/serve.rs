@@ -110,10 +110,14 @@ impl Serve {
                 ))
             }
         };
-        let listening = listen(&name)?;
         let _controlled_stop = context.interrupt.controlled_stop();
         let open = move || link::open(&port, &EmbeddedOptions::default());
+        // The link first: who finds the socket finds a service that has its link. A second service fails at the port.
+        if socket::running().contains(&name) {
+            return Err(Failure::new(exit::LINK, ServeError::Running(name)));
+        }
         let link = open()?;
+        let listening = listen(&name)?;
         let options = ServeOptions {
             name,
             rig_file,
@@ -227,6 +231,7 @@ fn start_service(
             format!("the service for {port} can't be started: {error}; --direct works without it"),
         )
     };
+    socket::make_folder().map_err(failed)?;
     let log_path = socket::path_of(name).map_err(failed)?.with_extension("log");
     let log = std::fs::File::create(&log_path).map_err(failed)?;
     let mut command = std::process::Command::new(std::env::current_exe().map_err(failed)?);

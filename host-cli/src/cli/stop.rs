@@ -6,6 +6,9 @@ use super::Context;
 use clap::Args;
 use wire::Command;
 
+/// What a stop that was confirmed means.
+pub const STOPPED: &str = "stopped: all motors at 0 V; `forcectl clear` before arming again";
+
 /// Arguments of `stop`.
 #[derive(Debug, Args)]
 pub struct Stop {
@@ -14,19 +17,23 @@ pub struct Stop {
 }
 
 impl Stop {
-    /// Runs the command. It works from every terminal, whoever commands the rig.
+    /// Runs the command. It works from every terminal, whoever commands the rig. Without `--link` it stops every rig that has
+    /// a service here. It reads no rig file: a mistake in one must not keep the motors running.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        #[cfg(unix)]
+        if let Some(reply) = self.connection.stop_services(context)? {
+            return Ok(reply);
+        }
         self.connection.load(context)?;
-        let done = Reply::done("stopped: all motors at 0 V; `forcectl clear` before arming again");
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
             client.call(host_cli::service::protocol::Call::Stop)?;
-            return Ok(done);
+            return Ok(Reply::done(STOPPED));
         }
         self.connection
             .with_session(Role::Observer, context, |session, _| {
                 session.command(&Command::Stop)?;
-                Ok(done)
+                Ok(Reply::done(STOPPED))
             })
     }
 }

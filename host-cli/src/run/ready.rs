@@ -13,13 +13,18 @@ use super::zeros::ZeroStore;
 use super::{Observer, Phase, RunError};
 use crate::rigfile::{board_crc, RigFile};
 use crate::session::Session;
+use control::SystemState;
 use std::sync::atomic::AtomicBool;
+use std::time::Duration;
 use wire::message::UnitConfig;
 use wire::{Command, UNITS};
 
 /// How far a zero may lie from the last one, N. The NAU7802's calibration moves it at each power-up by up to 1 % of a 3 kg
 /// cell's range, 0.3 N (device facts, NAU7802); friction leaves 0.7 N and more.
 pub const ZERO_TOLERANCE_N: f64 = 0.45;
+
+/// How long zeroing goes on at most after its command.
+const ZERO_END: Duration = Duration::from_secs(5);
 
 /// Where the zeros of a run come from.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
@@ -98,11 +103,23 @@ fn keep(
             observer,
         );
     }
+    if let Some(stored) = store.last()? {
+        let wrong = far(&wanted, &stored);
+        if !wrong.is_empty() {
+            return Err(RunError::Fault(format!(
+                "the zeros that the board holds are not the stored ones: {}; let all cables hang slack and run \
+                 `forcectl zero`; nothing was driven",
+                wrong.join(", ")
+            )));
+        }
+    }
     session.command(&Command::Stream { decimation: 1 })?;
     let mut configs = wanted;
     let mut faults = Vec::new();
-    if wanted != in_force {
+    let board = rig.controller.board_config();
+    if wanted != in_force || session.get_board()? != board {
         observer.progress(Phase::Configure, 0.0);
+        session.stage_board(board)?;
         session.configure(&wanted)?;
         check_stop(stop)?;
         observer.progress(Phase::BringUp, 0.0);
@@ -157,12 +174,23 @@ fn measure(
     session.command(&Command::Stream { decimation: 1 })?;
     observer.progress(Phase::Configure, 0.0);
     let mut configs = carried_over(session, rig, before);
+    session.stage_board(rig.controller.board_config())?;
     session.configure(&configs)?;
     check_stop(stop)?;
     observer.progress(Phase::BringUp, 0.0);
     let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
     let mut faults = leave_out_faulted(session, &mut configs, &status, observer)?;
-    faults.extend(zero(session, &mut configs, stop, observer)?);
+    match zero(session, &mut configs, stop, observer) {
+        Ok(found) => faults.extend(found),
+        Err(error) => {
+            // The board may have finished by itself: zeros that nobody has compared must not stay in force.
+            let _ = session.wait_for(ZERO_END, "zeroing", |status| {
+                status.state == SystemState::Ready as u8
+            });
+            let _ = session.configure(before);
+            return Err(error);
+        }
+    }
     let wrong = reference.map_or_else(Vec::new, |reference| far(&configs, &reference));
     if !wrong.is_empty() {
         session.configure(before)?;
@@ -230,7 +258,6 @@ mod tests {
     use crate::link::RigControls;
     use crate::run::NoopObserver;
     use emulator_link::Injection;
-    use std::time::Duration;
 
     fn ready(
         session: &mut Session<'_>,
@@ -280,6 +307,39 @@ mod tests {
         // Who insists gets it.
         let replaced = ready(&mut session, &rig, &Zeroing::Replace(store.clone())).unwrap();
         assert_ne!(replaced.configs[1].zero_code, first.configs[1].zero_code);
+    }
+
+    #[test]
+    fn a_run_that_keeps_its_zeros_sends_the_boards_limits() {
+        let mut rig = RigFile::built_in().unwrap();
+        let mut board = FakeBoard::new(Behavior::Good);
+        let mut session = Session::connect(&mut board).unwrap();
+        ready(&mut session, &rig, &Zeroing::Measure).unwrap();
+        rig.controller.tip_force_limit_n = 6.0;
+        ready(&mut session, &rig, &Zeroing::Keep(ZeroStore::none())).unwrap();
+        assert_eq!(session.get_board().unwrap(), rig.controller.board_config());
+    }
+
+    #[test]
+    fn an_interrupted_zero_is_not_in_force() {
+        let rig = RigFile::built_in().unwrap();
+        let mut board = FakeBoard::new(Behavior::Good);
+        let mut session = Session::connect(&mut board).unwrap();
+        let first = ready(&mut session, &rig, &Zeroing::Measure).unwrap();
+        // The signal comes when zeroing has begun.
+        struct AtZero<'a>(&'a AtomicBool);
+        impl Observer for AtZero<'_> {
+            fn progress(&mut self, phase: Phase, _: f64) {
+                if phase == Phase::Zero {
+                    self.0.store(true, std::sync::atomic::Ordering::SeqCst);
+                }
+            }
+        }
+        let stop = AtomicBool::new(false);
+        let zeroing = Zeroing::Replace(ZeroStore::none());
+        let error = ready_board(&mut session, &rig, &zeroing, &stop, &mut AtZero(&stop));
+        assert!(matches!(error, Err(RunError::Interrupted)));
+        assert_eq!(session.get_configs().unwrap(), first.configs);
     }
 
     #[test]

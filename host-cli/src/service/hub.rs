@@ -322,11 +322,22 @@ impl Hub {
         self.status = None;
         self.gatherer.forget();
         self.fail_waiting(&text);
+        self.fail_pending(&text);
         if self.setup.reopen.is_none() {
             return Err(error);
         }
         self.link = None;
         Ok(())
+    }
+
+    /// Answers the requests whose reply will not come any more.
+    fn fail_pending(&mut self, text: &str) {
+        let pending: Vec<Pending> = self.pending.drain().map(|(_, pending)| pending).collect();
+        for pending in pending {
+            if let Origin::Call(id, request) = pending.origin {
+                self.fail(id, request.as_ref(), super::protocol::code::LINK, text);
+            }
+        }
     }
 
     /// Forgets what was known of a board that was reset or is connected anew.
@@ -411,8 +422,10 @@ impl Hub {
         // Every host frame is far shorter than MAX_FRAME; one that were not gets no reply and an error.
         if let Ok(length) = wire::encode(&frame, &mut out) {
             if pending.command == Command::Stop {
-                // Nothing may follow that was queued before it.
+                // Nothing may follow that was queued before it, and no clear that was asked for before it may undo it.
                 self.outbox.clear();
+                self.pending
+                    .retain(|_, pending| pending.command != Command::ClearFaults);
                 self.urgent.push(0);
                 self.urgent.extend_from_slice(&out[..length]);
             } else {
@@ -514,6 +527,10 @@ impl Hub {
 
     /// A reply of the board, to whoever asked.
     fn replied(&mut self, pending: Pending, response: Response) {
+        if response == Response::Rejected(CommandError::NotConnected) && self.info.is_some() {
+            // The board has forgotten the hello: it was reset, also where its clock does not show it.
+            self.note_reset();
+        }
         match pending.origin {
             Origin::Frame(id, seq) => self.reply_to(id, seq, response),
             Origin::Call(id, request) => self.call_replied(id, request, &pending.command, response),
@@ -549,8 +566,10 @@ impl Hub {
         if self.info.is_none() {
             return;
         }
+        let text = "the board was reset; its motors are at 0 V";
+        self.fail_pending(text);
         self.connect_anew();
-        self.fail_waiting("the board was reset; its motors are at 0 V");
+        self.fail_waiting(text);
         self.event(
             "reset",
             "the board was reset; its motors are at 0 V".to_owned(),
@@ -639,8 +658,11 @@ impl Hub {
 
     /// Whether the motors act, by the newest status.
     fn drives(&self) -> bool {
+        // A board that sends nothing any more has stopped by itself.
+        let fresh = self.now_ns.saturating_sub(self.status_ns) <= SILENCE_TIMEOUT.as_nanos() as u64;
         self.status
             .as_ref()
+            .filter(|_| fresh)
             .and_then(|status| SystemState::from_u8(status.state))
             .is_some_and(SystemState::drives)
     }

@@ -44,10 +44,27 @@ pub(super) struct Order {
 pub(super) struct Running {
     /// Ends it.
     pub stop: Arc<AtomicBool>,
+    /// Number of the job.
+    pub number: u64,
+    /// The client that asked for it.
+    pub for_client: ClientId,
+    /// Whether it holds tensions, and does so already: then it outlives its client.
+    pub holds: bool,
+    is_hold: bool,
+}
+
+impl Running {
+    /// Whether it ends when its client goes away: nobody would get a force's result, and a hold that has not answered yet may
+    /// not be wanted any more.
+    pub(super) fn ends_with_client(&self) -> bool {
+        !(self.is_hold && self.holds)
+    }
 }
 
 /// What a job reports.
 pub(super) struct Report {
+    /// Number of the job.
+    pub number: u64,
     /// Name of the job.
     pub name: String,
     /// Whether it has ended.
@@ -68,6 +85,10 @@ pub(super) fn start(order: Order, hub: &Sender<Inbound>) -> io::Result<Running> 
     let stop = Arc::new(AtomicBool::new(false));
     let running = Running {
         stop: Arc::clone(&stop),
+        number: order.number,
+        for_client: order.for_client,
+        holds: false,
+        is_hold: matches!(order.kind, Kind::Hold(_)),
     };
     let to_hub = hub.clone();
     std::thread::Builder::new()
@@ -81,6 +102,7 @@ pub(super) fn start(order: Order, hub: &Sender<Inbound>) -> io::Result<Running> 
             let mut answer = Some((order.for_client, order.request.clone()));
             let holding = |answer: &mut Option<_>| {
                 let _ = to_hub.send(Inbound::Job(Report {
+                    number: order.number,
                     name: name.clone(),
                     ended: false,
                     answer: answer.take(),
@@ -89,6 +111,7 @@ pub(super) fn start(order: Order, hub: &Sender<Inbound>) -> io::Result<Running> 
             };
             let result = run(&order, ours, &name, &stop, &mut || holding(&mut answer));
             let _ = to_hub.send(Inbound::Job(Report {
+                number: order.number,
                 name,
                 ended: true,
                 answer,

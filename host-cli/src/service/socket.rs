@@ -50,7 +50,7 @@ pub fn folder() -> PathBuf {
 ///
 /// # Errors
 /// It can't be made, belongs to another user or is open to others.
-fn make_folder() -> io::Result<()> {
+pub fn make_folder() -> io::Result<()> {
     let path = folder();
     fs::DirBuilder::new()
         .recursive(true)

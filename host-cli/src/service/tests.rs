@@ -609,3 +609,45 @@ fn a_line_with_a_bit_error_rate_of_1e_3_holds_or_ends_with_a_reason_and_never_do
         }
     }
 }
+
+#[test]
+fn a_force_ends_with_the_client_that_asked_for_it() {
+    let rig = Rig::start(Behavior::Good, true);
+    {
+        let mut client = rig.client("a script");
+        let force = Call::SetForce(ForceParams {
+            force_n: [0.0, 2.0, 0.0],
+            duration_s: 600.0,
+        });
+        client.send(force, Some(77)).unwrap();
+        rig.wait_for("running");
+    }
+    rig.wait_for("ready");
+    assert_eq!(rig.got(&Command::Stop), 0);
+}
+
+#[test]
+fn a_second_hold_does_not_make_the_first_one_lost() {
+    let rig = Rig::start(Behavior::Good, true);
+    let mut first = rig.client("first");
+    let mut second = rig.client("second");
+    // Both before the first job commands.
+    first
+        .send(Call::Hold(HoldParams::default()), Some(1000))
+        .unwrap();
+    let refused = second.call(Call::Hold(HoldParams::default())).unwrap_err();
+    assert!(
+        matches!(
+            refused,
+            ServiceError::Refused {
+                code: code::BUSY,
+                ..
+            }
+        ),
+        "{refused}"
+    );
+    rig.wait_for("running");
+    // Ended by whoever, as the documents say.
+    second.call(Call::Disarm).unwrap();
+    assert_eq!(second.status().unwrap().state, "ready");
+}

@@ -149,6 +149,19 @@ impl Session<'_> {
         self.command(&Command::StageBoard { config }).map(drop)
     }
 
+    /// Requests the configuration of the whole board that is in force.
+    ///
+    /// # Errors
+    /// As [`Session::command`].
+    pub fn get_board(&mut self) -> Result<BoardConfig, SessionError> {
+        match self.command(&Command::GetBoard)? {
+            Response::Board(config) => Ok(config),
+            _ => Err(SessionError::NoAnswer {
+                command: "get board configuration",
+            }),
+        }
+    }
+
     /// Lets time pass until the newest status satisfies `done`.
     ///
     /// # Errors

@@ -165,9 +165,9 @@ impl Hub {
 
     /// Ends the job, or disarms a board that nobody commands; answers when the motors are at 0 V.
     fn disarm(&mut self, id: ClientId, number: Option<&Value>) {
-        match (&self.job, self.commander) {
+        match (&self.job, self.other_commander(id)) {
             (Some(job), _) => job.stop.store(true, Ordering::SeqCst),
-            (None, Some(other)) if other != id => {
+            (None, Some(other)) => {
                 let name = self.name_of(other);
                 return self.busy(id, number, &name);
             }
@@ -190,7 +190,10 @@ impl Hub {
         if self.commander == Some(id) {
             self.commander = None;
         }
-        if let Some(other) = self.commander {
+        if self.job.is_some() {
+            return self.busy(id, number, "a job of the service");
+        }
+        if let Some(other) = self.other_commander(id) {
             let name = self.name_of(other);
             return self.busy(id, number, &name);
         }
@@ -211,13 +214,16 @@ impl Hub {
 
     pub(super) fn job_reports(&mut self, report: job::Report) {
         if report.ended {
-            self.job = None;
+            self.job.take_if(|job| job.number == report.number);
             let text = match &report.result {
                 Ok(_) => format!("{} has ended", report.name),
                 Err(error) => format!("{} has ended: {error}", report.name),
             };
             self.event("job", text, None);
         } else {
+            if let Some(job) = self.job.as_mut().filter(|job| job.number == report.number) {
+                job.holds = true;
+            }
             self.event("job", format!("{} holds", report.name), None);
         }
         if let Some((id, number)) = report.answer {

@@ -115,6 +115,13 @@ impl Hub {
         if self.commander == Some(id) {
             self.release(&format!("{} is gone", client.name()));
         }
+        if let Some(job) = self
+            .job
+            .as_ref()
+            .filter(|job| job.for_client == id && job.ends_with_client())
+        {
+            job.stop.store(true, std::sync::atomic::Ordering::SeqCst);
+        }
     }
 
     /// Whether a token is right. Compared in a time that does not depend on where they differ.
@@ -132,31 +139,33 @@ impl Hub {
         trusted || same
     }
 
+    /// Who keeps a client from commanding; `None`: it may.
+    pub(super) fn other_commander(&self, id: ClientId) -> Option<ClientId> {
+        let other = self.commander.filter(|other| *other != id)?;
+        // Whether a program still has the pseudo-terminal open is not known: it keeps the role while it drives.
+        let silent = other == super::TERMINAL
+            || self.now_ns.saturating_sub(self.commander_ns) > super::SILENT_NS;
+        (!silent || self.drives()).then_some(other)
+    }
+
     /// Makes a client the commander.
     ///
     /// # Errors
     /// Another one commands: its name.
     pub(super) fn make_commander(&mut self, id: ClientId) -> Result<(), String> {
-        match self.commander {
-            Some(other) if other != id => {
-                // Whether a program still has the pseudo-terminal open is not known: it keeps the role while it drives.
-                let silent = other == super::TERMINAL
-                    || self.now_ns.saturating_sub(self.commander_ns) > super::SILENT_NS;
-                if !silent || self.drives() {
-                    return Err(self.name_of(other));
-                }
-                let text = format!(
+        if let Some(other) = self.other_commander(id) {
+            return Err(self.name_of(other));
+        }
+        if self.commander != Some(id) {
+            let text = match self.commander {
+                Some(silent) => format!(
                     "{} was silent; {} commands now",
-                    self.name_of(other),
+                    self.name_of(silent),
                     self.name_of(id)
-                );
-                self.event("commander", text, None);
-            }
-            Some(_) => {}
-            None => {
-                let text = format!("{} commands", self.name_of(id));
-                self.event("commander", text, None);
-            }
+                ),
+                None => format!("{} commands", self.name_of(id)),
+            };
+            self.event("commander", text, None);
         }
         self.commander = Some(id);
         self.commander_ns = self.now_ns;
@@ -222,7 +231,7 @@ impl Hub {
             }
             // Everything is streamed, to everyone who subscribed.
             Command::Stream { .. } => self.reply_to(id, seq, Response::Done),
-            Command::GetStatus | Command::GetConfig { .. } => {
+            Command::GetStatus | Command::GetConfig { .. } | Command::GetBoard => {
                 self.send(Origin::Frame(id, seq), frame.command);
             }
             Command::Stop => {
