@@ -168,10 +168,15 @@ impl Existing {
     /// Refuses to drive a real rig with the geometry and limits of the built-in example. A rig file that `--rig` names is
     /// the user's own, whatever it says.
     pub fn require_rig_file(&self, rig: &RigFile) -> Result<()> {
-        let port = match self.choice(rig) {
-            port @ (LinkChoice::Usb | LinkChoice::Serial(_)) => port,
-            LinkChoice::Embedded | LinkChoice::Fast | LinkChoice::Kept(_) => return Ok(()),
+        let port = self.choice(rig);
+        let real = match port {
+            LinkChoice::Usb | LinkChoice::Serial(_) => true,
+            LinkChoice::Kept(_) => self.serves_a_board(),
+            LinkChoice::Embedded | LinkChoice::Fast => false,
         };
+        if !real {
+            return Ok(());
+        }
         let example = RigFile::built_in().is_ok_and(|example| example.hash() == rig.hash());
         if self.rig.is_some() || !example {
             return Ok(());
@@ -183,6 +188,20 @@ impl Existing {
                  built-in example; give its own file with --rig FILE (`forcectl init` makes one); nothing was driven"
             ),
         ))
+    }
+
+    /// Whether the service that was found leads to a board.
+    #[cfg(unix)]
+    fn serves_a_board(&self) -> bool {
+        let client = self.client.borrow();
+        client
+            .as_ref()
+            .is_some_and(|client| client.welcome().seed.is_none())
+    }
+
+    #[cfg(not(unix))]
+    fn serves_a_board(&self) -> bool {
+        false
     }
 
     /// The link: that of `--link`, else that of the rig file.

@@ -592,6 +592,7 @@ fn a_line_with_a_bit_error_rate_of_1e_3_holds_or_ends_with_a_reason_and_never_do
                 | Command::Stream { .. }
                 | Command::GetStatus
                 | Command::GetConfig { .. }
+                | Command::GetBoard
                 | Command::Arm
                 | Command::Setpoints { .. }
                 | Command::Disarm
