@@ -254,14 +254,16 @@ fn a_program_on_the_pseudo_terminal_commands_like_any_other() {
         .spawn()
         .unwrap();
     lab.wait_for_state("running");
-    let services = Command::new("pkill")
-        .args([
-            "-KILL",
-            "-f",
-            &format!("serve --on-demand --json --link serial:{terminal}"),
-        ])
-        .status();
-    assert!(services.unwrap().success());
+    // The first line of every command names the process of the service.
+    let watcher = lab.run(&format!("status {port}"));
+    let err = String::from_utf8_lossy(&watcher.stderr).into_owned();
+    let service = err
+        .split("(service: process ")
+        .nth(1)
+        .unwrap_or_else(|| panic!("{err}"));
+    let service = service.split(')').next().unwrap();
+    let killed = Command::new("kill").args(["-s", "KILL", service]).status();
+    assert!(killed.unwrap().success());
     lab.wait_for_state("fault");
     assert_eq!(lab.status()["status"]["fault"], 2);
     let output = held.wait_with_output().unwrap();
