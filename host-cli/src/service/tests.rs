@@ -526,7 +526,11 @@ fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
         drop(quiet);
         clients += 2;
         let status = holder.status().unwrap();
-        assert_eq!(status.state, "running", "client {clients}");
+        let fault = status.board.as_ref().map(|board| {
+            let units = board.units.map(|unit| (unit.fault, unit.fault_detail));
+            (board.fault, board.fault_detail, units)
+        });
+        assert_eq!(status.state, "running", "client {clients}: {fault:?}");
         let passed_s = (status.now_ns - started.now_ns) as f64 * 1e-9;
         if first.is_none() && passed_s > 0.2 * hours * 3600.0 {
             first = resident_kib();
