@@ -303,7 +303,6 @@ pub struct ServiceLink {
     client: Client,
     commands: bool,
     now_ns: u64,
-    target_ns: u64,
 }
 
 impl ServiceLink {
@@ -333,7 +332,6 @@ impl ServiceLink {
             client,
             commands: false,
             now_ns: 0,
-            target_ns: 0,
         };
         // Figures count from here.
         if truth {
@@ -400,15 +398,15 @@ impl RigLink for ServiceLink {
             let text = BASE64_STANDARD.encode(to_board);
             self.client.send(Call::Bytes(text), None)?;
         }
+        // From here, and not from what has come meanwhile: a service in lock-step waits for this client's next frame, and
+        // would wait for ever if this waited for time after that. Each exchange brings something, and none catches up.
+        let target_ns = self.now_ns + u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX / 2);
         let mut exchange = Exchange::default();
         // What has come already.
         while let Some(notification) = self.client.next(Duration::ZERO)? {
             self.take(notification, &mut exchange)?;
         }
-        // Late: counted anew, so that each exchange brings something and none catches up in a burst.
-        self.target_ns = self.target_ns.max(self.now_ns);
-        self.target_ns += u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX / 2);
-        while self.now_ns < self.target_ns {
+        while self.now_ns < target_ns {
             match self.client.next(TICK_TIMEOUT)? {
                 Some(notification) => self.take(notification, &mut exchange)?,
                 None => {
