@@ -640,6 +640,8 @@ fn a_second_hold_does_not_make_the_first_one_lost() {
     first
         .send(Call::Hold(HoldParams::default()), Some(1000))
         .unwrap();
+    // Requests of one client are carried out in order: the first job is ordered now, and may not command yet.
+    first.status().unwrap();
     let refused = second.call(Call::Hold(HoldParams::default())).unwrap_err();
     assert!(
         matches!(
