@@ -36,6 +36,8 @@ impl FakeBoard {
             None => {
                 self.fault = Some((fault, detail));
                 self.system = SystemState::Fault;
+                // As on the board, setpoints age only while the units are driven.
+                self.expires_ns = None;
             }
         }
         let report = FaultReport {
