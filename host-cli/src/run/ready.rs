@@ -6,12 +6,12 @@
 //! is refused ([`ZERO_TOLERANCE_N`]): a cable that pulls looks like a zero that moved.
 
 use super::prepare::{
-    check_idle, check_stop, conversions_lost, leave_out_faulted, prepare_board, verify, wait_ready,
-    zero, Prepared, BRING_UP_TIMEOUT,
+    bring_up, check_idle, leave_out_faulted, prepare_board, wait_ready, zero, Prepared,
+    BRING_UP_TIMEOUT,
 };
 use super::zeros::ZeroStore;
 use super::{Observer, Phase, RunError};
-use crate::rigfile::{board_crc, RigFile};
+use crate::rigfile::RigFile;
 use crate::session::Session;
 use control::SystemState;
 use std::sync::atomic::AtomicBool;
@@ -113,22 +113,17 @@ fn keep(
             )));
         }
     }
-    session.command(&Command::Stream { decimation: 1 })?;
     let mut configs = wanted;
-    let mut faults = Vec::new();
-    let board = rig.controller.board_config();
-    if wanted != in_force || session.get_board()? != board {
-        observer.progress(Phase::Configure, 0.0);
-        session.stage_board(board)?;
-        session.configure(&wanted)?;
-        check_stop(stop)?;
-        observer.progress(Phase::BringUp, 0.0);
-    }
-    let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
-    faults.extend(leave_out_faulted(session, &mut configs, &status, observer)?);
-    let (status, config_crc) = verify(session, &configs)?;
-    observer.configured(&configs);
-    Prepared::of(session, configs, config_crc, faults, &status)
+    let same = wanted == in_force && session.get_board()? == rig.controller.board_config();
+    let faults = if same {
+        // Nothing is sent that would start the sensors anew.
+        session.command(&Command::Stream { decimation: 1 })?;
+        let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
+        leave_out_faulted(session, &mut configs, &status, observer)?
+    } else {
+        bring_up(session, rig, &mut configs, stop, observer)?
+    };
+    Prepared::verified(session, configs, faults, observer)
 }
 
 /// The rig file's configuration with what belongs to the board: its zeros, and an emulated rig's calibrated scales.
@@ -170,16 +165,8 @@ fn measure(
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Prepared, RunError> {
-    check_idle(&session.get_status()?)?;
-    session.command(&Command::Stream { decimation: 1 })?;
-    observer.progress(Phase::Configure, 0.0);
     let mut configs = carried_over(session, rig, before);
-    session.stage_board(rig.controller.board_config())?;
-    session.configure(&configs)?;
-    check_stop(stop)?;
-    observer.progress(Phase::BringUp, 0.0);
-    let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
-    let mut faults = leave_out_faulted(session, &mut configs, &status, observer)?;
+    let mut faults = bring_up(session, rig, &mut configs, stop, observer)?;
     match zero(session, &mut configs, stop, observer) {
         Ok(found) => faults.extend(found),
         Err(error) => {
@@ -201,10 +188,9 @@ fn measure(
             wrong.join(", ")
         )));
     }
-    let (status, config_crc) = verify(session, &configs)?;
+    let prepared = Prepared::verified(session, configs, faults, observer)?;
     store.add(&rig.name, &configs)?;
-    observer.configured(&configs);
-    Prepared::of(session, configs, config_crc, faults, &status)
+    Ok(prepared)
 }
 
 /// Units whose zero is too far from the reference, in words.
@@ -222,33 +208,6 @@ fn far(configs: &[UnitConfig; UNITS], reference: &[i32; UNITS]) -> Vec<String> {
                 .then(|| format!("unit {} moved by {moved_n:+.2} N", i + 1))
         })
         .collect()
-}
-
-impl Prepared {
-    /// What is known of a board that is ready.
-    fn of(
-        session: &mut Session<'_>,
-        configs: [UnitConfig; UNITS],
-        config_crc: u32,
-        faults: Vec<super::RunFault>,
-        status: &wire::message::Status,
-    ) -> Result<Self, RunError> {
-        debug_assert_eq!(config_crc, board_crc(&configs));
-        let available = configs.map(|config| config.enabled);
-        if !available.contains(&true) {
-            return Err(RunError::Fault(
-                "no force unit is ready; see `forcectl status`".to_owned(),
-            ));
-        }
-        Ok(Self {
-            configs,
-            config_crc,
-            available,
-            faults,
-            missed_before: status.units.map(|unit| unit.missed),
-            lost_before: conversions_lost(session.link())?,
-        })
-    }
 }
 
 #[cfg(test)]

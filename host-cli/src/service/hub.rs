@@ -13,14 +13,13 @@ mod calls;
 mod clients;
 
 use super::connection::Outbox;
-use super::frames::{Arrived, Gaps};
 use super::job;
 use super::protocol::{notification, Event, Request, Tick};
 use super::server::Opener;
 use super::terminal::Terminal;
 use crate::link::{Exchange, LinkError, RigLink};
 use crate::rigfile::RigFile;
-use crate::session::{explain_fault, system_state_name, PERIOD, SILENCE_TIMEOUT};
+use crate::session::{explain_fault, system_state_name, Gaps, PERIOD, SILENCE_TIMEOUT};
 use crate::telemetry::Gatherer;
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use clients::{Client, Waiter};
@@ -496,7 +495,8 @@ impl Hub {
 
     /// A frame of the board: the hub takes note of it and puts it into each client's bytes.
     fn arrived(&mut self, frame: BoardFrame) {
-        let Arrived { lost, message } = self.gaps.arrived(frame);
+        let BoardFrame { seq, message } = frame;
+        let lost = self.gaps.arrived(seq);
         self.frames_lost += u64::from(lost);
         for client in self.clients.values_mut() {
             client.numbering.skip(lost);
