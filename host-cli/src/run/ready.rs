@@ -59,16 +59,12 @@ pub fn ready_board(
         Zeroing::Replace(store) => (store, true),
     };
     let before = session.get_configs()?;
-    let reference = reference(store, &before)?;
-    measure(
-        session,
-        rig,
-        &before,
-        reference.filter(|_| !replace),
-        store,
-        stop,
-        observer,
-    )
+    let references = if replace {
+        References::Replaced
+    } else {
+        References::Stored(references(store, &before)?)
+    };
+    measure(session, rig, &before, &references, store, stop, observer)
 }
 
 /// Uses the zeros that the board holds.
@@ -86,32 +82,31 @@ fn keep(
         .iter()
         .all(|config| !config.enabled || config.zero_code != 0);
     if !complete {
-        let Some(reference) = store.last()? else {
+        let stored = store.references()?;
+        if stored.is_empty() {
             return Err(RunError::Argument(format!(
                 "no zero is known for rig `{}`: let all cables hang slack and run `forcectl zero`; nothing was driven",
                 rig.name
             )));
-        };
+        }
         observer.notice("the board was powered up since its last zero: zeros are measured and compared with the stored ones");
         return measure(
             session,
             rig,
             &in_force,
-            Some(reference),
+            &References::Stored(stored),
             store,
             stop,
             observer,
         );
     }
-    if let Some(stored) = store.last()? {
-        let wrong = far(&wanted, &stored);
-        if !wrong.is_empty() {
-            return Err(RunError::Fault(format!(
-                "the zeros that the board holds are not the stored ones: {}; let all cables hang slack and run \
-                 `forcectl zero`; nothing was driven",
-                wrong.join(", ")
-            )));
-        }
+    let wrong = far(&wanted, &store.references()?);
+    if !wrong.is_empty() {
+        return Err(RunError::Fault(format!(
+            "the zeros that the board holds are not the stored ones: {}; let all cables hang slack and run \
+             `forcectl zero`; nothing was driven",
+            wrong.join(", ")
+        )));
     }
     let mut configs = wanted;
     let same = wanted == in_force && session.get_board()? == rig.controller.board_config();
@@ -143,24 +138,33 @@ fn carried_over(
     configs
 }
 
-/// The zeros to compare with: the stored ones, else those in force.
-fn reference(
-    store: &ZeroStore,
-    in_force: &[UnitConfig; UNITS],
-) -> Result<Option<[i32; UNITS]>, RunError> {
-    if let Some(stored) = store.last()? {
-        return Ok(Some(stored));
-    }
-    let codes = in_force.map(|config| config.zero_code);
-    Ok((codes != [0; UNITS]).then_some(codes))
+/// What measured zeros are compared with.
+enum References {
+    /// With none: the user has them accepted as they are.
+    Replaced,
+    /// With these, ADC codes.
+    Stored(Vec<[i32; UNITS]>),
 }
 
-/// Measures zeros. Where they disagree with `reference`, the board gets `before` back.
+/// The zeros to compare with: the stored ones, else those in force.
+fn references(
+    store: &ZeroStore,
+    in_force: &[UnitConfig; UNITS],
+) -> Result<Vec<[i32; UNITS]>, RunError> {
+    let stored = store.references()?;
+    if !stored.is_empty() {
+        return Ok(stored);
+    }
+    // A code of 0 is no zero, and compared with none.
+    Ok(vec![in_force.map(|config| config.zero_code)])
+}
+
+/// Measures zeros. Where they disagree with the references, the board gets `before` back.
 fn measure(
     session: &mut Session<'_>,
     rig: &RigFile,
     before: &[UnitConfig; UNITS],
-    reference: Option<[i32; UNITS]>,
+    references: &References,
     store: &ZeroStore,
     stop: &AtomicBool,
     observer: &mut dyn Observer,
@@ -178,7 +182,10 @@ fn measure(
             return Err(error);
         }
     }
-    let wrong = reference.map_or_else(Vec::new, |reference| far(&configs, &reference));
+    let (wrong, accepted) = match references {
+        References::Replaced => (Vec::new(), true),
+        References::Stored(stored) => (far(&configs, stored), false),
+    };
     if !wrong.is_empty() {
         session.configure(before)?;
         return Err(RunError::Fault(format!(
@@ -189,25 +196,25 @@ fn measure(
         )));
     }
     let prepared = Prepared::verified(session, configs, faults, observer)?;
-    store.add(&rig.name, &configs)?;
+    store.add(&rig.name, &configs, accepted)?;
     Ok(prepared)
 }
 
-/// Units whose zero is too far from the reference, in words.
-fn far(configs: &[UnitConfig; UNITS], reference: &[i32; UNITS]) -> Vec<String> {
-    configs
-        .iter()
-        .zip(reference)
-        .enumerate()
-        .filter(|(_, (config, reference))| config.enabled && **reference != 0)
-        .filter_map(|(i, (config, reference))| {
-            let moved_n = (f64::from(config.zero_code) - f64::from(*reference))
-                * f64::from(config.scale_pn_per_count)
-                * 1e-12;
-            (moved_n.abs() > ZERO_TOLERANCE_N)
-                .then(|| format!("unit {} moved by {moved_n:+.2} N", i + 1))
-        })
-        .collect()
+/// Units whose zero is too far from a reference, in words.
+fn far(configs: &[UnitConfig; UNITS], references: &[[i32; UNITS]]) -> Vec<String> {
+    let mut wrong = Vec::new();
+    for (i, config) in configs.iter().enumerate().filter(|(_, c)| c.enabled) {
+        let newton_per_count = f64::from(config.scale_pn_per_count) * 1e-12;
+        let moved_n = references
+            .iter()
+            .filter(|codes| codes[i] != 0)
+            .map(|codes| (f64::from(config.zero_code) - f64::from(codes[i])) * newton_per_count)
+            .max_by(|a, b| a.abs().total_cmp(&b.abs()));
+        if let Some(moved_n) = moved_n.filter(|moved_n| moved_n.abs() > ZERO_TOLERANCE_N) {
+            wrong.push(format!("unit {} moved by {moved_n:+.2} N", i + 1));
+        }
+    }
+    wrong
 }
 
 #[cfg(test)]
@@ -277,6 +284,29 @@ mod tests {
         rig.controller.tip_force_limit_n = 6.0;
         ready(&mut session, &rig, &Zeroing::Keep(ZeroStore::none())).unwrap();
         assert_eq!(session.get_board().unwrap(), rig.controller.board_config());
+    }
+
+    #[test]
+    fn steps_that_are_accepted_do_not_add_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = ZeroStore::at(folder.path().join("zeros.toml"));
+        let rig = RigFile::built_in().unwrap();
+        let mut board = FakeBoard::new(Behavior::Good);
+        let mut zero = |newton: f64, zeroing: &Zeroing| {
+            pull(&mut board, newton);
+            let mut session = Session::connect(&mut board).unwrap();
+            session.advance(Duration::from_millis(300)).unwrap();
+            ready(&mut session, &rig, zeroing).map(|_| ())
+        };
+        zero(0.0, &Zeroing::Ask(store.clone())).unwrap();
+        zero(0.35, &Zeroing::Ask(store.clone())).unwrap();
+        let error = zero(0.7, &Zeroing::Ask(store.clone())).unwrap_err();
+        assert!(
+            error.to_string().contains("unit 2 moved by +0.7"),
+            "{error}"
+        );
+        zero(0.7, &Zeroing::Replace(store.clone())).unwrap();
+        zero(1.05, &Zeroing::Ask(store)).unwrap();
     }
 
     #[test]

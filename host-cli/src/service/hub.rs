@@ -55,6 +55,9 @@ const LOCKSTEP_WAIT: Duration = Duration::from_secs(2);
 /// Time between two attempts to open a link that was lost.
 const REOPEN: Duration = Duration::from_millis(500);
 
+/// What the hub takes of clients in one cycle at most; the board's bytes must not wait for more.
+const MAX_INBOUND: usize = 1000;
+
 /// Number of a client.
 pub(super) type ClientId = u64;
 /// The program on the pseudo-terminal.
@@ -240,8 +243,11 @@ impl Hub {
 
     /// One cycle: requests, bytes both ways, what is due.
     fn cycle(&mut self) -> Result<(), LinkError> {
-        while let Ok(inbound) = self.inbound.try_recv() {
-            self.take(inbound);
+        for _ in 0..MAX_INBOUND {
+            match self.inbound.try_recv() {
+                Ok(inbound) => self.take(inbound),
+                Err(_) => break,
+            }
         }
         self.read_terminal();
         if self.link.is_none() {
