@@ -96,6 +96,12 @@ pub const ENTRIES: &[Entry] = &[
         page: include_str!("../../evaluations/faults/src/help.txt"),
     },
     Entry {
+        name: "calibration-bench",
+        arguments: "[OPTIONS]",
+        summary: "calibrate made-up rigs whose truth is known, and print the errors",
+        page: include_str!("../../evaluations/calibration-bench/src/help.txt"),
+    },
+    Entry {
         name: "residual-bench",
         arguments: "[OPTIONS]",
         summary: "run the residual analysis on synthetic logs with undeclared effects",
