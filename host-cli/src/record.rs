@@ -12,6 +12,7 @@
 //! The Parquet files carry the same configuration in their key-value metadata, the MCAP file in its
 //! metadata record, so a file that went its own way still knows what it was recorded with.
 
+use crate::calibrate::applied::Steady;
 use crate::force::metrics::Step;
 use crate::rigfile::{board_crc, RigFile};
 use crate::session::TimedSample;
@@ -344,6 +345,8 @@ pub struct Recorder {
     mcap: mcap::Writer<BufWriter<File>>,
     sample_topic: Topic,
     cycle_topic: Topic,
+    /// For the uncertainty of the force.
+    steady: Steady,
     newest_ns: u64,
     rows: u64,
 }
@@ -420,6 +423,7 @@ impl Recorder {
             mcap,
             sample_topic,
             cycle_topic,
+            steady: Steady::default(),
             newest_ns: 0,
             rows: 0,
         })
@@ -451,6 +455,7 @@ impl Recorder {
     /// # Errors
     /// [`RecordError`].
     pub fn cycle(&mut self, step: &Step) -> Result<(), RecordError> {
+        self.steady.add(step);
         self.cycles.push(cycle_cells(step))?;
         write_message(&mut self.mcap, &mut self.cycle_topic, self.newest_ns, step)
             .map_err(|error| failed(&self.folder.join("run.mcap"), &error))
@@ -464,7 +469,7 @@ impl Recorder {
         let configs = serde_json::to_value(self.configs).unwrap_or_default();
         let rig = serde_json::to_value(&self.rig).unwrap_or_default();
         let crc = format!("{:08x}", board_crc(&self.configs));
-        let configuration = BTreeMap::from([
+        let mut configuration = BTreeMap::from([
             (
                 "forcectl_version".to_owned(),
                 env!("CARGO_PKG_VERSION").to_owned(),
@@ -475,6 +480,16 @@ impl Recorder {
             ("board_config_crc32".to_owned(), crc),
             ("board_config".to_owned(), configs.to_string()),
         ]);
+        if let Some(record) = self.rig.calibration.as_deref() {
+            // As it was in force, with covariances, and what it says of the force that was held.
+            let uncertainty = self.steady.uncertainty(record);
+            for (key, text) in [
+                ("calibration", serde_json::to_string(record)),
+                ("force_uncertainty", serde_json::to_string(&uncertainty)),
+            ] {
+                configuration.insert(key.to_owned(), text.unwrap_or_default());
+            }
+        }
         let mcap_path = self.folder.join("run.mcap");
         let metadata = mcap::records::Metadata {
             name: "configuration".to_owned(),
@@ -614,8 +629,46 @@ mod tests {
             serde_json::from_slice(&std::fs::read(folder.join("configuration.json")).unwrap())
                 .unwrap();
         assert_eq!(json["board_config"][2]["zero_code"], 1000);
+        assert!(json["calibration"].is_null());
 
         let again = Recorder::create(&folder, &rig).unwrap_err();
         assert!(again.to_string().contains("another folder"), "{again}");
+    }
+
+    #[test]
+    fn a_recording_of_a_calibrated_rig_has_calibration_and_uncertainty() {
+        use crate::calibrate::base;
+        let temporary = tempfile::tempdir().unwrap();
+        let folder = temporary.path().join("record");
+        let rig = RigFile::built_in().unwrap();
+        let rig = base::overlay(&rig, &base::nominal(&rig, "2026-11-22"));
+        let mut recorder = Recorder::create(&folder, &rig).unwrap();
+        for t_s in [0.5, 2.0, 2.01] {
+            let step = Step {
+                t_s,
+                tip_m: rig.workspace.center_m,
+                commanded_n: [0.0, 2.5, 0.0].into(),
+                estimated_n: [0.1; 3].into(),
+                applied_n: None,
+                tension_setpoint_n: [2.0; UNITS],
+                measured_tension_n: [2.1; UNITS],
+                true_tension_n: None,
+                available: [true; UNITS],
+            };
+            recorder.cycle(&step).unwrap();
+        }
+        recorder.finish().unwrap();
+        let text = std::fs::read_to_string(folder.join("configuration.json")).unwrap();
+        let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+        let of = |key: &str| -> serde_json::Value {
+            serde_json::from_str(json[key].as_str().unwrap()).unwrap()
+        };
+        assert_eq!(of("calibration")["rig"], rig.name.as_str());
+        let found = of("force_uncertainty");
+        assert!(found["radius_95_n"].as_f64().unwrap() > 0.1, "{found}");
+        assert!(
+            (found["parts_n"]["held"].as_f64().unwrap() - 0.1).abs() < 0.1,
+            "{found}"
+        );
     }
 }

@@ -14,7 +14,7 @@ pub mod forces;
 pub mod page;
 pub mod runs;
 // The rig that is surveyed; the unit tests of the library use it too.
-#[allow(dead_code, missing_docs)]
+#[allow(missing_docs)]
 #[path = "../../../calibration/tests/common/scene.rs"]
 pub mod scene;
 pub mod surveys;

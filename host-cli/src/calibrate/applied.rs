@@ -43,20 +43,55 @@ pub struct PartsN {
     pub held: f64,
 }
 
-/// Uncertainty of the mean force that a run held while steady. `None` without a steady cycle or where a cable stands across
-/// its cell.
+/// What a run held while steady, added up cycle by cycle.
+#[derive(Debug, Clone, Default)]
+pub struct Steady {
+    count: u64,
+    tip_m: Vector3<f64>,
+    tension_n: [f64; UNITS],
+    off_n: [f64; UNITS],
+    available: [bool; UNITS],
+}
+
+impl Steady {
+    /// Adds a cycle; those before the run is steady do not count.
+    pub fn add(&mut self, step: &Step) {
+        if step.t_s < STEADY_AFTER_S {
+            return;
+        }
+        self.count += 1;
+        self.tip_m += step.tip_m;
+        self.available = step.available;
+        for i in 0..UNITS {
+            self.tension_n[i] += step.measured_tension_n[i];
+            self.off_n[i] += step.measured_tension_n[i] - step.tension_setpoint_n[i];
+        }
+    }
+
+    /// Uncertainty of the mean force. `None` without a steady cycle or where a cable stands across its cell.
+    #[must_use]
+    pub fn uncertainty(&self, record: &Record) -> Option<Applied> {
+        if self.count == 0 {
+            return None;
+        }
+        let count = self.count as f64;
+        of_tensions(
+            record,
+            &(self.tip_m / count),
+            &self.tension_n.map(|sum| sum / count),
+            // The mean of what the loop leaves: its noise averages out.
+            &self.off_n.map(|sum| (sum / count).abs()),
+            &self.available,
+        )
+    }
+}
+
+/// Uncertainty of the mean force that a run held while steady; see [`Steady::uncertainty`].
 #[must_use]
 pub fn of_run(record: &Record, steps: &[Step]) -> Option<Applied> {
-    let steady: Vec<&Step> = steps.iter().filter(|s| s.t_s >= STEADY_AFTER_S).collect();
-    let count = steady.len() as f64;
-    let last = steady.last()?;
-    let tip_m = steady.iter().map(|s| s.tip_m).sum::<Vector3<f64>>() / count;
-    let mean = |value: &dyn Fn(&Step) -> f64| steady.iter().map(|s| value(s)).sum::<f64>() / count;
-    let tension_n: [f64; UNITS] = std::array::from_fn(|i| mean(&|s| s.measured_tension_n[i]));
-    // The mean of what the loop leaves: its noise averages out.
-    let held_n: [f64; UNITS] =
-        std::array::from_fn(|i| mean(&|s| s.measured_tension_n[i] - s.tension_setpoint_n[i]).abs());
-    of_tensions(record, &tip_m, &tension_n, &held_n, &last.available)
+    let mut steady = Steady::default();
+    steps.iter().for_each(|step| steady.add(step));
+    steady.uncertainty(record)
 }
 
 /// Uncertainty of the force of these tensions, N, at a tip, m. `held_n`: how far the tensions are from their setpoints.

@@ -7,6 +7,7 @@ use crate::session::Session;
 use control::SystemState;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
+use wire::message::UnitConfig;
 use wire::{Command, UNITS};
 
 /// Time that one request for samples takes: progress and Ctrl-C are looked at in between.
@@ -32,14 +33,31 @@ pub fn prepare(session: &mut Session<'_>, rig: &RigFile) -> Result<()> {
             crate::session::explain_fault(status.fault, status.fault_detail)
         )));
     }
-    if state != Some(SystemState::Ready) {
-        session.stage_board(rig.controller.board_config())?;
-        session.configure(&rig.units.map(|unit| unit.to_wire()))?;
-        session.wait_for(BRING_UP, "bringing up the sensors", |status| {
-            status.state == SystemState::Ready as u8
-        })?;
+    // A board that was just switched on is ready with all units off.
+    let in_use = session.get_configs()?.iter().any(|config| config.enabled);
+    if state != Some(SystemState::Ready) || !in_use {
+        configure(session, rig, &rig.units.map(|unit| unit.to_wire()))?;
     }
     session.command(&Command::Stream { decimation: 1 })?;
+    Ok(())
+}
+
+/// Sends a configuration and waits until the sensors are up with it.
+///
+/// # Errors
+/// The board refuses it, or does not come up.
+pub fn configure(
+    session: &mut Session<'_>,
+    rig: &RigFile,
+    configs: &[UnitConfig; UNITS],
+) -> Result<()> {
+    session.stage_board(rig.controller.board_config())?;
+    session.configure(configs)?;
+    // A status that was on its way before does not count.
+    session.advance(STEP)?;
+    session.wait_for(BRING_UP, "bringing up the sensors", |status| {
+        status.state == SystemState::Ready as u8
+    })?;
     Ok(())
 }
 
@@ -71,4 +89,28 @@ pub fn codes(
         progress(passed.as_secs_f64() / duration.as_secs_f64());
     }
     Ok(out)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::link::{fast::FastRig, EmbeddedOptions};
+
+    #[test]
+    fn a_board_that_was_just_switched_on_is_brought_up_and_read() {
+        let rig = RigFile::built_in().unwrap();
+        let mut link = FastRig::open(&EmbeddedOptions::default()).unwrap();
+        let mut session = Session::connect(&mut link).unwrap();
+        prepare(&mut session, &rig).unwrap();
+        let stop = AtomicBool::new(false);
+        let mut last = 0.0;
+        let second = Duration::from_secs(1);
+        let found = codes(&mut session, second, &stop, &mut |part| last = part).unwrap();
+        for codes in &found {
+            assert!((300..340).contains(&codes.len()), "{}", codes.len());
+        }
+        assert!((last - 1.0).abs() < 1e-9);
+        stop.store(true, Ordering::Relaxed);
+        assert!(codes(&mut session, second, &stop, &mut |_| {}).is_err());
+    }
 }

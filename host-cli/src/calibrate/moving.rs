@@ -19,6 +19,8 @@ pub struct Collector<'o> {
     inner: &'o mut dyn Observer,
     travel_m_per_count: [f64; UNITS],
     newest: [Option<i32>; UNITS],
+    /// The cycle whose samples have not come yet.
+    pending: Option<Step>,
     /// Samples of each unit, one for each control cycle.
     pub samples: [Vec<Sample>; UNITS],
 }
@@ -30,6 +32,7 @@ impl<'o> Collector<'o> {
             inner,
             travel_m_per_count: rig.units.map(|unit| unit.travel_m_per_count),
             newest: [None; UNITS],
+            pending: None,
             samples: std::array::from_fn(|_| Vec::new()),
         }
     }
@@ -54,25 +57,35 @@ impl Observer for Collector<'_> {
                 *newest = Some(timed.sample.encoder_counts);
             }
         }
+        self.pair();
         self.inner.samples(samples);
     }
 
     fn step(&mut self, step: &Step) {
-        // Before the force is commanded the cables are tensioned: the reels turn without the tip.
-        if step.t_s >= 0.0 {
-            for i in 0..UNITS {
-                let Some(counts) = self.newest[i].filter(|_| step.available[i]) else {
-                    continue;
-                };
-                self.samples[i].push(Sample {
-                    tip_m: step.tip_m,
-                    // Winding in counts up; paid out is positive here.
-                    travel_m: -f64::from(counts) * self.travel_m_per_count[i],
-                    tension_n: step.measured_tension_n[i],
-                });
-            }
-        }
+        // A run reports a cycle before its samples. Before the force is commanded the cables are tensioned: the reels turn
+        // without the tip.
+        self.pending = (step.t_s >= 0.0).then_some(*step);
         self.inner.step(step);
+    }
+}
+
+impl Collector<'_> {
+    /// The tip of a cycle with the newest counts of the same cycle.
+    fn pair(&mut self) {
+        let Some(step) = self.pending.take() else {
+            return;
+        };
+        for i in 0..UNITS {
+            let Some(counts) = self.newest[i].filter(|_| step.available[i]) else {
+                continue;
+            };
+            self.samples[i].push(Sample {
+                tip_m: step.tip_m,
+                // Winding in counts up; paid out is positive here.
+                travel_m: -f64::from(counts) * self.travel_m_per_count[i],
+                tension_n: step.measured_tension_n[i],
+            });
+        }
     }
 }
 
@@ -98,6 +111,10 @@ pub struct Run {
     pub moved: Moved,
 }
 
+/// Control cycles from one sample to the next that counts, 0.2 s. Errors of neighbouring cycles are alike (a delay times the
+/// speed of the tip), and the estimate takes them as independent.
+const EVERY: usize = 20;
+
 /// False alarms of the comparison with the stored geometry: one in so many runs is 1 over this.
 pub const MOVED_LEVEL: f64 = 0.001;
 
@@ -110,6 +127,7 @@ pub fn evaluate(samples: &[Vec<Sample>; UNITS], record: &Record, prior: &Prior) 
     let mut not = Vec::new();
     let mut stored = Vec::new();
     for (unit, samples) in record.units.iter().zip(samples) {
+        let samples: Vec<Sample> = samples.iter().copied().step_by(EVERY).collect();
         if samples.is_empty() {
             continue;
         }
@@ -120,7 +138,7 @@ pub fn evaluate(samples: &[Vec<Sample>; UNITS], record: &Record, prior: &Prior) 
             axis: unit.axis.into(),
             covariance,
         });
-        match exit_point(samples, prior, Some(unit.exit_m.into())) {
+        match exit_point(&samples, prior, Some(unit.exit_m.into())) {
             Ok(alone) => {
                 let old: Matrix3<f64> = covariance.fixed_view::<3, 3>(0, 0).into_owned();
                 let joined = fuse(

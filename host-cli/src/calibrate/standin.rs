@@ -219,7 +219,7 @@ impl Digitizer {
                 seen += way * (1e-3 * mm);
             }
         }
-        seen += Vector3::from_fn(|_, _| self.noise.normal()) * DIGITIZER_SD_M;
+        seen += Vector3::from_fn(|_, _| gauss(&mut self.noise)) * DIGITIZER_SD_M;
         let mm = seen * 1e3;
         Some(format!("{:.3} {:.3} {:.3}", mm.x, mm.y, mm.z))
     }
@@ -229,6 +229,12 @@ impl Digitizer {
     pub fn unit(&self, number: u8) -> (Vector3<f64>, Vector3<f64>) {
         self.units[usize::from(number) - 1]
     }
+}
+
+/// A number from the standard normal distribution (Box and Muller). The plant's own is cut off at 2.5.
+fn gauss(rng: &mut Rng) -> f64 {
+    let radius = (-2.0 * (1.0 - rng.unit()).ln()).sqrt();
+    radius * (std::f64::consts::TAU * rng.unit()).cos()
 }
 
 #[cfg(test)]

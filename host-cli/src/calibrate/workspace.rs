@@ -15,6 +15,9 @@ pub struct Options {
     pub across: usize,
 }
 
+/// Squares of a map along a side, at least.
+const FINEST: usize = 25;
+
 /// Exit points and tension ranges of the units that take part.
 fn cables(rig: &RigFile) -> (Vec<Vector3<f64>>, Vec<(f64, f64)>) {
     rig.units
@@ -39,7 +42,7 @@ pub fn report(rig: &RigFile, options: &Options) -> Result<Vec<PoseReport>> {
 pub fn planes(rig: &RigFile, options: &Options) -> Vec<Map> {
     let (exits, bounds) = cables(rig);
     let center = rig.workspace.center_m;
-    let count = options.across.max(3);
+    let count = options.across.max(FINEST);
     let offset = |i: usize| options.radius_m * (2.0 * i as f64 / (count - 1) as f64 - 1.0);
     [(0, 1, 2), (0, 2, 1), (1, 2, 0)]
         .into_iter()
@@ -133,7 +136,7 @@ mod tests {
         let maps = planes(&rig, &options);
         assert_eq!(maps.len(), 3);
         // The corners of the square are outside of the ball.
-        assert!(maps[0].values[0][0].is_nan() && maps[0].values[1][1] > 7.0);
+        assert!(maps[0].values[0][0].is_nan() && maps[0].values[12][12] > 7.0);
         let better = placed(&rig, &options, 0.1, &[3, 4, 5, 6], 0.15).unwrap();
         assert!(better.value >= better.start_value, "{better:?}");
         assert_eq!(better.exits_m[5], rig.units[5].exit_m);

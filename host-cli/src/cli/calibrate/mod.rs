@@ -139,9 +139,7 @@ fn push(session: &mut Session<'_>, rig: &RigFile, zeros: &[(u8, i32)]) -> Result
         }
         config.enabled &= rig.units[i].enabled;
     }
-    let board = rig.controller.board_config();
-    session.stage_board(board).map_err(CalibrateError::from)?;
-    session.configure(&wanted).map_err(CalibrateError::from)?;
+    host_cli::calibrate::cells::configure(session, rig, &wanted)?;
     let now = session.get_configs().map_err(CalibrateError::from)?;
     let wrong: Vec<String> = (0..now.len())
         .filter(|&i| now[i] != wanted[i])
