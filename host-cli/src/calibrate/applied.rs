@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 use wire::UNITS;
 
-use super::base::BOARD_ZERO_SD_N;
+use super::base::{straight_scale, BOARD_ZERO_SD_N};
 
 /// Uncertainty of the force at the tip. All of it one standard deviation, unless it says otherwise.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -128,7 +128,8 @@ pub fn of_tensions(
                 exit_m: unit.exit_m.into(),
                 axis: unit.axis.into(),
                 tension_n: on * tension_n[i],
-                gain_relative_sd: unit.n_per_code_sd / unit.n_per_code.abs(),
+                gain_relative_sd: (unit.n_per_code_sd / unit.n_per_code.abs())
+                    .hypot(straight_scale(unit).1),
                 zero_sd_n: on * cell_zero.max(BOARD_ZERO_SD_N),
                 held_sd_n: on * held_n[i],
             }

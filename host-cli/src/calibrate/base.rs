@@ -99,6 +99,19 @@ pub fn continued(rig: &RigFile, stored: Option<Record>, date: &str) -> Result<Re
     Ok(record)
 }
 
+/// Middle of the tensions of the thesis (2 to 12 N), N, and their standard deviation about it where all are equally likely.
+const TENSIONS_N: (f64, f64) = (7.0, 2.9);
+
+/// The straight scale that stands for a unit's curve, N per code, and what the curve leaves of it (relative standard
+/// deviation over the tensions). The board's conversion has no quadratic term: a curved cell gets the chord at 7 N, whose
+/// error is a part of that of the slope at no load.
+#[must_use]
+pub fn straight_scale(unit: &UnitRecord) -> (f64, f64) {
+    let per_code = unit.n_per_code2 / unit.n_per_code;
+    let scale = unit.n_per_code + per_code * TENSIONS_N.0;
+    (scale, (per_code * TENSIONS_N.1 / unit.n_per_code).abs())
+}
+
 /// The rig with what was measured in place of the rig file's numbers.
 #[must_use]
 pub fn overlay(rig: &RigFile, record: &Record) -> RigFile {
@@ -108,7 +121,7 @@ pub fn overlay(rig: &RigFile, record: &Record) -> RigFile {
             continue;
         };
         if !found.gain_date.is_empty() {
-            unit.scale_n_per_count = found.n_per_code;
+            unit.scale_n_per_count = straight_scale(found).0;
         }
         if !found.geometry_date.is_empty() {
             unit.exit_m = found.exit_m.into();
@@ -146,6 +159,11 @@ mod tests {
             rig.units[2].scale_n_per_count
         );
         assert_ne!(now.hash(), rig.hash());
+        // F = 7e-6 c - 1e-14 c^2: 7 N at about 1.01e6 codes.
+        record.units[1].n_per_code2 = -1e-14;
+        let (scale, left) = straight_scale(&record.units[1]);
+        assert!((scale * 1.01e6 - (7e-6 * 1.01e6 - 1e-14 * 1.01e6f64.powi(2))).abs() < 1e-2);
+        assert!((left - 1e-14 * 2.9 / 7e-6 / 7e-6).abs() < 1e-9);
         assert_eq!(
             overlay(&rig, &nominal(&rig, "2026-11-22")).hash(),
             rig.hash()
