@@ -271,7 +271,7 @@ impl<'a> Search<'a> {
         let acceptance = self.acceptance();
         let doubtful =
             |c: &Candidate<O>| acceptance.material(c.gain) && !acceptance.significant(c.p);
-        if all.iter().any(|c| doubtful(c)) {
+        if all.iter().any(&doubtful) {
             let rows = self.problem.y.len();
             // Windows show it as well as all rows; with fewer rows decoys gain more, so they do not clear too much.
             let small = self
