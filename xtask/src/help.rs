@@ -36,6 +36,12 @@ pub const ENTRIES: &[Entry] = &[
         page: "",
     },
     Entry {
+        name: "inspect",
+        arguments: "",
+        summary: "check the image's machine code: no panic behind the sample path, stack large enough",
+        page: "",
+    },
+    Entry {
         name: "build-rig",
         arguments: "",
         summary: "build the embedded rig and forcectl",

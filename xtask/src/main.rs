@@ -8,6 +8,7 @@ mod elf;
 mod firmware;
 mod flash;
 mod help;
+mod inspect;
 mod install;
 mod licences;
 mod links;
@@ -92,6 +93,12 @@ fn dispatch() -> Result<u8, Stop> {
             let arm = setup::ensure(&workspace, setup::route_from_environment()?)?;
             let image = firmware::build(&workspace, &arm)?;
             firmware::print_size(&workspace, &image);
+            Ok(0)
+        }
+        "inspect" => {
+            no_more(parser)?;
+            build_image(&workspace)?;
+            inspect::run(&workspace)?;
             Ok(0)
         }
         "build-rig" => {
