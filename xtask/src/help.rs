@@ -102,6 +102,12 @@ pub const ENTRIES: &[Entry] = &[
         page: include_str!("../../evaluations/faults/src/help.txt"),
     },
     Entry {
+        name: "fuzz",
+        arguments: "[OPTIONS]",
+        summary: "feed damaged frames, rig files, model files, expressions and logs to what reads them",
+        page: "  --cases N  cases of each test (default 20000; 300 in `cargo xtask test`)\n  --seed S   seed (default 1)\n",
+    },
+    Entry {
         name: "residual-bench",
         arguments: "[OPTIONS]",
         summary: "run the residual analysis on synthetic logs with undeclared effects",

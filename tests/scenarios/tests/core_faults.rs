@@ -2,9 +2,7 @@
 //! the motors to 0 V; the next start reports why and arms nothing.
 
 use control::{Fault, SystemState};
-use emulator::image::Image;
 use emulator_link::{Injection, Truth};
-use host_cli::link::embedded::Programs;
 use host_cli::link::RigLink;
 use test_stand::{all_at_zero, rig, rig_file, Stand};
 use wire::message::BoardInfo;
@@ -79,17 +77,4 @@ fn a_stack_that_overflows_is_a_processor_fault_and_not_a_silent_overwrite() {
     let record = info.crash_record.expect("a record");
     assert!(record.text.contains("stack overflow"), "{record:?}");
     assert!(driven_ms <= 3, "{driven_ms} ms");
-}
-
-/// The configuration of unit 3 in the running image's memory: the address of its slew rate, which has its own value.
-#[test]
-fn a_bit_of_the_configuration_that_changes_in_memory_is_noticed_within_a_second() {
-    let programs = Programs::from_environment().expect("the image");
-    let image = Image::read(&programs.elf).expect("the image");
-    let board = image.memory_of("BOARD");
-    assert!(board.is_none(), "the board is on the stack, not in a static");
-    let mut link = rig(84);
-    let mut stand = Stand::armed(&mut link, 3.0);
-    let wire = rig_file().units[2].to_wire();
-    let _ = (&mut stand, wire);
 }
