@@ -199,7 +199,7 @@ impl Rig {
             Injection::FlipBit(address, bit) => Ok(self.engine.flip_bit(address, bit)?),
             Injection::FlipRegister(address, bit) => Ok(self.engine.flip_register(address, bit)?),
             Injection::BrownOut => Ok(self.engine.brown_out()?),
-            Injection::OverflowStack => Ok(self.engine.trap(Trap::Recursion)?),
+            Injection::OverflowStack => Ok(self.engine.trap(Trap::Overflow)?),
             Injection::LoseClock(on) => {
                 self.board.lock().set_clock_lost(on);
                 if on {

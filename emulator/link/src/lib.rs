@@ -118,7 +118,7 @@ pub enum Injection {
     LoseClock(bool),
     /// The supply falls below the brown-out level and comes back: a reset that only RCC_RSR tells from others.
     BrownOut,
-    /// An interrupt calls itself without end, until the stack is used up.
+    /// The stack pointer leaves the stack and the next instruction faults: where a stack that overflows ends.
     OverflowStack,
     /// Flip one bit of a peripheral's register, as a write of the core: address of the word, bit.
     FlipRegister(u32, u8),

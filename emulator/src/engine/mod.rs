@@ -48,8 +48,8 @@ pub type AtRow = Box<dyn FnMut(u64, &mut dyn Memory) + Send>;
 pub enum Trap {
     /// Raises the NMI, for which the engine has no line, and waits in a loop: the failed clock.
     Nmi,
-    /// Calls itself without end.
-    Recursion,
+    /// Leaves the stack and faults there: where a stack that overflows ends.
+    Overflow,
 }
 
 /// Something that runs the firmware.

@@ -70,10 +70,11 @@ pub const EXPECTED: &[Expected] = &[
         power_off: true,
     },
     Expected {
-        first: I::RobotMoves,
-        second: Some((I::EncoderFrozen(1), 2_500)),
+        first: I::EncoderFrozen(0),
+        // From 3 to 10 N, more than friction lets a resting reel swing.
+        second: Some((I::SetpointRange(0, 10_000_000), 100)),
         fault: Some(F::EncoderStill),
-        within_ms: 3_200,
+        within_ms: 800,
         power_off: false,
     },
     Expected {

@@ -23,10 +23,14 @@ const NMI: [u16; 8] = [
     0xED04, 0xE000, // .word 0xE000ED04
 ];
 
-/// Eight registers on the stack, then again.
-const RECURSION: [u16; 2] = [
-    0xB5FE, // push {r1-r7, lr}
-    0xE7FD, // b to the first
+/// The stack pointer below DTCM, then an instruction that faults. Pushes past the end of DTCM would not: the engine answers
+/// where the part has nothing.
+const OVERFLOW: [u16; 6] = [
+    0x4801, // ldr r0, [pc, #4]
+    0x4685, // mov sp, r0
+    0xDE00, // udf #0
+    0xBF00, // nop
+    0xFF00, 0x1FFF, // .word 0x1FFFFF00
 ];
 
 /// Puts the trap into the flash. What was there goes to `patched`.
@@ -37,7 +41,7 @@ pub fn set(
 ) -> Result<Vec<u8>, String> {
     let code: &[u16] = match trap {
         Trap::Nmi => &NMI,
-        Trap::Recursion => &RECURSION,
+        Trap::Overflow => &OVERFLOW,
     };
     let vector = (ROOM | 1).to_le_bytes();
     let vector = [
