@@ -39,7 +39,7 @@ impl FastRig {
         let rig = Self::with(Options {
             seed,
             plant,
-            robot: None,
+            ..Options::default()
         })?;
         Ok(Self {
             paced: options.paced.then(Instant::now),
@@ -113,5 +113,9 @@ impl RigControls for FastRig {
 
     fn seed(&self) -> u64 {
         self.rig.seed()
+    }
+
+    fn arm(&mut self) -> Option<&mut VirtualArm> {
+        self.rig.arm_mut()
     }
 }

@@ -74,6 +74,11 @@ pub trait RigControls {
 
     /// Seed of everything random in this run.
     fn seed(&self) -> u64;
+
+    /// The virtual arm that holds the cables' ends, where there is one.
+    fn arm(&mut self) -> Option<&mut robot::arm::VirtualArm> {
+        None
+    }
 }
 
 /// Why a link does not work. Nothing is driven any more: a board without setpoints stops by itself.
