@@ -13,7 +13,6 @@ Needs Python 3.9 and no packages.
 import json
 import os
 import socket
-import tempfile
 
 VERSION = 1
 
@@ -31,11 +30,8 @@ def socket_path(name="rig"):
     folder = os.environ.get("FORCECTL_RUNTIME_DIR")
     if not folder:
         runtime = os.environ.get("XDG_RUNTIME_DIR")
-        folder = (
-            os.path.join(runtime, "forcectl")
-            if runtime
-            else os.path.join(tempfile.gettempdir(), f"forcectl-{os.getuid()}")
-        )
+        home = os.path.expanduser("~/.local/state/forcectl/run")
+        folder = os.path.join(runtime, "forcectl") if runtime else home
     return os.path.join(folder, f"{name}.sock")
 
 

@@ -106,7 +106,8 @@ mod tests {
 
     #[test]
     fn a_file_is_replaced_and_its_folder_made() {
-        let folder = env::temp_dir().join(format!("xtask-install-{}", std::process::id()));
+        let temporary = tempfile::tempdir().expect("made");
+        let folder = temporary.path();
         let (from, to) = (folder.join("from"), folder.join("a/b/forcectl"));
         for text in ["one", "two"] {
             write(&from, text.as_bytes()).expect("written");
@@ -118,6 +119,5 @@ mod tests {
             fs::read_dir(folder.join("a/b")).expect("is there").count(),
             1
         );
-        fs::remove_dir_all(folder).expect("removed");
     }
 }

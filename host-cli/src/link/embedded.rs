@@ -271,13 +271,7 @@ impl RigLink for EmbeddedRig {
             Response::Advanced(advanced) => advanced,
             other => return Err(unexpected(&other)),
         };
-        Ok(Exchange {
-            now_ns: advanced.now_ns,
-            from_board: advanced.from_board,
-            pose: Some(advanced.pose),
-            truth: advanced.truth,
-            resets: advanced.resets,
-        })
+        Ok(advanced.into())
     }
 
     fn booted_here(&self) -> bool {

@@ -77,13 +77,7 @@ impl RigLink for FastRig {
             let ahead = Duration::from_nanos(advanced.now_ns).saturating_sub(began.elapsed());
             std::thread::sleep(ahead);
         }
-        Ok(Exchange {
-            now_ns: advanced.now_ns,
-            from_board: advanced.from_board,
-            pose: Some(advanced.pose),
-            truth: advanced.truth,
-            resets: advanced.resets,
-        })
+        Ok(advanced.into())
     }
 
     fn booted_here(&self) -> bool {

@@ -11,7 +11,7 @@ pub mod fast;
 pub mod port;
 
 use crate::rigfile::LinkChoice;
-use emulator_link::{Injection, Pose, Report, Truth};
+use emulator_link::{Advanced, Injection, Pose, Report, Truth};
 use std::time::Duration;
 
 /// What arrived while time passed.
@@ -27,6 +27,18 @@ pub struct Exchange {
     pub truth: Vec<Truth>,
     /// Resets of the board, where the link counts them.
     pub resets: u32,
+}
+
+impl From<Advanced> for Exchange {
+    fn from(advanced: Advanced) -> Self {
+        Self {
+            now_ns: advanced.now_ns,
+            from_board: advanced.from_board,
+            pose: Some(advanced.pose),
+            truth: advanced.truth,
+            resets: advanced.resets,
+        }
+    }
 }
 
 /// A way to the board.

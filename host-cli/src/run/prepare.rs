@@ -57,36 +57,61 @@ pub fn prepare_board(
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Prepared, RunError> {
+    let mut configs = rig.units.map(|unit| unit.to_wire());
+    let mut faults = bring_up(session, rig, &mut configs, stop, observer)?;
+    faults.extend(zero(session, &mut configs, stop, observer)?);
+    calibrate::calibrate(session, &mut configs, observer)?;
+    Prepared::verified(session, configs, faults, observer)
+}
+
+/// Configures an idle board and waits until its units have come up. Those that fail are switched off in `configs`; their faults are
+/// returned.
+pub(super) fn bring_up(
+    session: &mut Session<'_>,
+    rig: &RigFile,
+    configs: &mut [UnitConfig; UNITS],
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<Vec<RunFault>, RunError> {
     check_idle(&session.get_status()?)?;
     session.command(&Command::Stream { decimation: 1 })?;
     observer.progress(Phase::Configure, 0.0);
-    let mut configs = rig.units.map(|unit| unit.to_wire());
     session.stage_board(rig.controller.board_config())?;
-    session.configure(&configs)?;
+    session.configure(configs)?;
     check_stop(stop)?;
-
     observer.progress(Phase::BringUp, 0.0);
     let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
-    let mut faults = leave_out_faulted(session, &mut configs, &status, observer)?;
-    faults.extend(zero(session, &mut configs, stop, observer)?);
-    calibrate::calibrate(session, &mut configs, observer)?;
+    leave_out_faulted(session, configs, &status, observer)
+}
 
-    let (status, config_crc) = verify(session, &configs)?;
-    observer.configured(&configs);
-    let available = configs.map(|config| config.enabled);
-    if !available.contains(&true) {
-        return Err(RunError::Fault(
-            "no force unit is ready; see `forcectl status`".to_owned(),
-        ));
+impl Prepared {
+    /// Reads the configuration back and takes note of what is known of a board that is ready.
+    ///
+    /// # Errors
+    /// The board holds another configuration, or no unit takes part.
+    pub(super) fn verified(
+        session: &mut Session<'_>,
+        configs: [UnitConfig; UNITS],
+        faults: Vec<RunFault>,
+        observer: &mut dyn Observer,
+    ) -> Result<Self, RunError> {
+        let (status, config_crc) = verify(session, &configs)?;
+        observer.configured(&configs);
+        let available = configs.map(|config| config.enabled);
+        if !available.contains(&true) {
+            return Err(RunError::Fault(
+                "no force unit is ready; see `forcectl status`".to_owned(),
+            ));
+        }
+        Ok(Self {
+            configs,
+            config_crc,
+            available,
+            faults,
+            missed_before: status.units.map(|unit| unit.missed),
+            lost_before: conversions_lost(session.link())?,
+        })
     }
-    Ok(Prepared {
-        configs,
-        config_crc,
-        available,
-        faults,
-        missed_before: status.units.map(|unit| unit.missed),
-        lost_before: conversions_lost(session.link())?,
-    })
 }
 
 /// An error where the board is armed or a fault is latched.
@@ -125,7 +150,7 @@ pub(super) fn zero(
 }
 
 /// Reads the configuration back. Returns the board's status and the configuration's CRC-32.
-pub(super) fn verify(
+fn verify(
     session: &mut Session<'_>,
     configs: &[UnitConfig; UNITS],
 ) -> Result<(Status, u32), RunError> {
@@ -166,7 +191,7 @@ fn differences(sent: &[UnitConfig; UNITS], back: &[UnitConfig; UNITS]) -> Vec<St
 }
 
 /// Conversions that the embedded rig saw unread so far; 0 on a real rig.
-pub(super) fn conversions_lost(link: &mut dyn RigLink) -> Result<u64, LinkError> {
+fn conversions_lost(link: &mut dyn RigLink) -> Result<u64, LinkError> {
     let Some(controls) = link.controls() else {
         return Ok(0);
     };

@@ -6,12 +6,12 @@
 //! is refused ([`ZERO_TOLERANCE_N`]): a cable that pulls looks like a zero that moved.
 
 use super::prepare::{
-    check_idle, check_stop, conversions_lost, leave_out_faulted, prepare_board, verify, wait_ready,
-    zero, Prepared, BRING_UP_TIMEOUT,
+    bring_up, check_idle, leave_out_faulted, prepare_board, wait_ready, zero, Prepared,
+    BRING_UP_TIMEOUT,
 };
 use super::zeros::ZeroStore;
 use super::{Observer, Phase, RunError};
-use crate::rigfile::{board_crc, RigFile};
+use crate::rigfile::RigFile;
 use crate::session::Session;
 use control::SystemState;
 use std::sync::atomic::AtomicBool;
@@ -59,16 +59,12 @@ pub fn ready_board(
         Zeroing::Replace(store) => (store, true),
     };
     let before = session.get_configs()?;
-    let reference = reference(store, &before)?;
-    measure(
-        session,
-        rig,
-        &before,
-        reference.filter(|_| !replace),
-        store,
-        stop,
-        observer,
-    )
+    let references = if replace {
+        References::Replaced
+    } else {
+        References::Stored(references(store, &before)?)
+    };
+    measure(session, rig, &before, &references, store, stop, observer)
 }
 
 /// Uses the zeros that the board holds.
@@ -86,49 +82,43 @@ fn keep(
         .iter()
         .all(|config| !config.enabled || config.zero_code != 0);
     if !complete {
-        let Some(reference) = store.last()? else {
+        let stored = store.references()?;
+        if stored.is_empty() {
             return Err(RunError::Argument(format!(
                 "no zero is known for rig `{}`: let all cables hang slack and run `forcectl zero`; nothing was driven",
                 rig.name
             )));
-        };
+        }
         observer.notice("the board was powered up since its last zero: zeros are measured and compared with the stored ones");
         return measure(
             session,
             rig,
             &in_force,
-            Some(reference),
+            &References::Stored(stored),
             store,
             stop,
             observer,
         );
     }
-    if let Some(stored) = store.last()? {
-        let wrong = far(&wanted, &stored);
-        if !wrong.is_empty() {
-            return Err(RunError::Fault(format!(
-                "the zeros that the board holds are not the stored ones: {}; let all cables hang slack and run \
-                 `forcectl zero`; nothing was driven",
-                wrong.join(", ")
-            )));
-        }
+    let wrong = far(&wanted, &store.references()?);
+    if !wrong.is_empty() {
+        return Err(RunError::Fault(format!(
+            "the zeros that the board holds are not the stored ones: {}; let all cables hang slack and run \
+             `forcectl zero`; nothing was driven",
+            wrong.join(", ")
+        )));
     }
-    session.command(&Command::Stream { decimation: 1 })?;
     let mut configs = wanted;
-    let mut faults = Vec::new();
-    let board = rig.controller.board_config();
-    if wanted != in_force || session.get_board()? != board {
-        observer.progress(Phase::Configure, 0.0);
-        session.stage_board(board)?;
-        session.configure(&wanted)?;
-        check_stop(stop)?;
-        observer.progress(Phase::BringUp, 0.0);
-    }
-    let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
-    faults.extend(leave_out_faulted(session, &mut configs, &status, observer)?);
-    let (status, config_crc) = verify(session, &configs)?;
-    observer.configured(&configs);
-    Prepared::of(session, configs, config_crc, faults, &status)
+    let same = wanted == in_force && session.get_board()? == rig.controller.board_config();
+    let faults = if same {
+        // Nothing is sent that would start the sensors anew.
+        session.command(&Command::Stream { decimation: 1 })?;
+        let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
+        leave_out_faulted(session, &mut configs, &status, observer)?
+    } else {
+        bring_up(session, rig, &mut configs, stop, observer)?
+    };
+    Prepared::verified(session, configs, faults, observer)
 }
 
 /// The rig file's configuration with what belongs to the board: its zeros, and an emulated rig's calibrated scales.
@@ -148,38 +138,39 @@ fn carried_over(
     configs
 }
 
-/// The zeros to compare with: the stored ones, else those in force.
-fn reference(
-    store: &ZeroStore,
-    in_force: &[UnitConfig; UNITS],
-) -> Result<Option<[i32; UNITS]>, RunError> {
-    if let Some(stored) = store.last()? {
-        return Ok(Some(stored));
-    }
-    let codes = in_force.map(|config| config.zero_code);
-    Ok((codes != [0; UNITS]).then_some(codes))
+/// What measured zeros are compared with.
+enum References {
+    /// With none: the user has them accepted as they are.
+    Replaced,
+    /// With these, ADC codes.
+    Stored(Vec<[i32; UNITS]>),
 }
 
-/// Measures zeros. Where they disagree with `reference`, the board gets `before` back.
+/// The zeros to compare with: the stored ones, else those in force.
+fn references(
+    store: &ZeroStore,
+    in_force: &[UnitConfig; UNITS],
+) -> Result<Vec<[i32; UNITS]>, RunError> {
+    let stored = store.references()?;
+    if !stored.is_empty() {
+        return Ok(stored);
+    }
+    // A code of 0 is no zero, and compared with none.
+    Ok(vec![in_force.map(|config| config.zero_code)])
+}
+
+/// Measures zeros. Where they disagree with the references, the board gets `before` back.
 fn measure(
     session: &mut Session<'_>,
     rig: &RigFile,
     before: &[UnitConfig; UNITS],
-    reference: Option<[i32; UNITS]>,
+    references: &References,
     store: &ZeroStore,
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Prepared, RunError> {
-    check_idle(&session.get_status()?)?;
-    session.command(&Command::Stream { decimation: 1 })?;
-    observer.progress(Phase::Configure, 0.0);
     let mut configs = carried_over(session, rig, before);
-    session.stage_board(rig.controller.board_config())?;
-    session.configure(&configs)?;
-    check_stop(stop)?;
-    observer.progress(Phase::BringUp, 0.0);
-    let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
-    let mut faults = leave_out_faulted(session, &mut configs, &status, observer)?;
+    let mut faults = bring_up(session, rig, &mut configs, stop, observer)?;
     match zero(session, &mut configs, stop, observer) {
         Ok(found) => faults.extend(found),
         Err(error) => {
@@ -191,7 +182,10 @@ fn measure(
             return Err(error);
         }
     }
-    let wrong = reference.map_or_else(Vec::new, |reference| far(&configs, &reference));
+    let (wrong, accepted) = match references {
+        References::Replaced => (Vec::new(), true),
+        References::Stored(stored) => (far(&configs, stored), false),
+    };
     if !wrong.is_empty() {
         session.configure(before)?;
         return Err(RunError::Fault(format!(
@@ -201,54 +195,26 @@ fn measure(
             wrong.join(", ")
         )));
     }
-    let (status, config_crc) = verify(session, &configs)?;
-    store.add(&rig.name, &configs)?;
-    observer.configured(&configs);
-    Prepared::of(session, configs, config_crc, faults, &status)
+    let prepared = Prepared::verified(session, configs, faults, observer)?;
+    store.add(&rig.name, &configs, accepted)?;
+    Ok(prepared)
 }
 
-/// Units whose zero is too far from the reference, in words.
-fn far(configs: &[UnitConfig; UNITS], reference: &[i32; UNITS]) -> Vec<String> {
-    configs
-        .iter()
-        .zip(reference)
-        .enumerate()
-        .filter(|(_, (config, reference))| config.enabled && **reference != 0)
-        .filter_map(|(i, (config, reference))| {
-            let moved_n = (f64::from(config.zero_code) - f64::from(*reference))
-                * f64::from(config.scale_pn_per_count)
-                * 1e-12;
-            (moved_n.abs() > ZERO_TOLERANCE_N)
-                .then(|| format!("unit {} moved by {moved_n:+.2} N", i + 1))
-        })
-        .collect()
-}
-
-impl Prepared {
-    /// What is known of a board that is ready.
-    fn of(
-        session: &mut Session<'_>,
-        configs: [UnitConfig; UNITS],
-        config_crc: u32,
-        faults: Vec<super::RunFault>,
-        status: &wire::message::Status,
-    ) -> Result<Self, RunError> {
-        debug_assert_eq!(config_crc, board_crc(&configs));
-        let available = configs.map(|config| config.enabled);
-        if !available.contains(&true) {
-            return Err(RunError::Fault(
-                "no force unit is ready; see `forcectl status`".to_owned(),
-            ));
+/// Units whose zero is too far from a reference, in words.
+fn far(configs: &[UnitConfig; UNITS], references: &[[i32; UNITS]]) -> Vec<String> {
+    let mut wrong = Vec::new();
+    for (i, config) in configs.iter().enumerate().filter(|(_, c)| c.enabled) {
+        let newton_per_count = f64::from(config.scale_pn_per_count) * 1e-12;
+        let moved_n = references
+            .iter()
+            .filter(|codes| codes[i] != 0)
+            .map(|codes| (f64::from(config.zero_code) - f64::from(codes[i])) * newton_per_count)
+            .max_by(|a, b| a.abs().total_cmp(&b.abs()));
+        if let Some(moved_n) = moved_n.filter(|moved_n| moved_n.abs() > ZERO_TOLERANCE_N) {
+            wrong.push(format!("unit {} moved by {moved_n:+.2} N", i + 1));
         }
-        Ok(Self {
-            configs,
-            config_crc,
-            available,
-            faults,
-            missed_before: status.units.map(|unit| unit.missed),
-            lost_before: conversions_lost(session.link())?,
-        })
     }
+    wrong
 }
 
 #[cfg(test)]
@@ -318,6 +284,29 @@ mod tests {
         rig.controller.tip_force_limit_n = 6.0;
         ready(&mut session, &rig, &Zeroing::Keep(ZeroStore::none())).unwrap();
         assert_eq!(session.get_board().unwrap(), rig.controller.board_config());
+    }
+
+    #[test]
+    fn steps_that_are_accepted_do_not_add_up() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = ZeroStore::at(folder.path().join("zeros.toml"));
+        let rig = RigFile::built_in().unwrap();
+        let mut board = FakeBoard::new(Behavior::Good);
+        let mut zero = |newton: f64, zeroing: &Zeroing| {
+            pull(&mut board, newton);
+            let mut session = Session::connect(&mut board).unwrap();
+            session.advance(Duration::from_millis(300)).unwrap();
+            ready(&mut session, &rig, zeroing).map(|_| ())
+        };
+        zero(0.0, &Zeroing::Ask(store.clone())).unwrap();
+        zero(0.35, &Zeroing::Ask(store.clone())).unwrap();
+        let error = zero(0.7, &Zeroing::Ask(store.clone())).unwrap_err();
+        assert!(
+            error.to_string().contains("unit 2 moved by +0.7"),
+            "{error}"
+        );
+        zero(0.7, &Zeroing::Replace(store.clone())).unwrap();
+        zero(1.05, &Zeroing::Ask(store)).unwrap();
     }
 
     #[test]

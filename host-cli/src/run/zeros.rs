@@ -36,6 +36,9 @@ struct Entry {
     measured_at: String,
     /// Zeros of units 1 to 6, ADC codes; 0: the unit was disabled or out of order.
     zero_code: [i32; UNITS],
+    /// Whether the user had them accepted whatever the former ones were (`forcectl zero --replace`).
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    accepted: bool,
     /// Temperature in degrees Celsius, where a sensor gives it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     temperature_c: Option<f64>,
@@ -86,6 +89,17 @@ impl ZeroStore {
         toml::from_str(&text).map_err(|error| unusable(path, &error))
     }
 
+    /// What zeros are compared with: the last ones, and those that the user last accepted as they are (else the first). Each
+    /// accepted zero may lie a step from the last one; the second keeps such steps from adding up. Empty where none are stored.
+    ///
+    /// # Errors
+    /// The file can't be read.
+    pub fn references(&self) -> Result<Vec<[i32; UNITS]>, RunError> {
+        let zeros = self.read()?.zero;
+        let both = zeros.last().into_iter().chain(zeros.get(base_of(&zeros)));
+        Ok(both.map(|entry| entry.zero_code).collect())
+    }
+
     /// The last zeros, ADC codes; `None` where none are stored.
     ///
     /// # Errors
@@ -94,11 +108,16 @@ impl ZeroStore {
         Ok(self.read()?.zero.last().map(|entry| entry.zero_code))
     }
 
-    /// Adds zeros. A unit that is disabled keeps its last one.
+    /// Adds zeros. A unit that is disabled keeps its last one. `accepted`: the user had them accepted whatever the former ones were.
     ///
     /// # Errors
     /// The file can't be written.
-    pub fn add(&self, rig: &str, configs: &[UnitConfig; UNITS]) -> Result<(), RunError> {
+    pub fn add(
+        &self,
+        rig: &str,
+        configs: &[UnitConfig; UNITS],
+        accepted: bool,
+    ) -> Result<(), RunError> {
         let Some(path) = &self.path else {
             return Ok(());
         };
@@ -114,10 +133,14 @@ impl ZeroStore {
                     last[i]
                 }
             }),
+            accepted,
             temperature_c: None,
         });
-        let surplus = file.zero.len().saturating_sub(MAX_ENTRIES);
-        file.zero.drain(..surplus);
+        // The oldest go, but not those that later ones are compared with.
+        while file.zero.len() > MAX_ENTRIES {
+            let base = base_of(&file.zero);
+            file.zero.remove(usize::from(base == 0));
+        }
         let write = || {
             let text = toml::to_string(&file).map_err(std::io::Error::other)?;
             if let Some(folder) = path.parent() {
@@ -130,6 +153,11 @@ impl ZeroStore {
         };
         write().map_err(|error: std::io::Error| unusable(path, &error))
     }
+}
+
+/// Index of the entry that all later ones are compared with: the last that the user had accepted, else the first.
+fn base_of(zeros: &[Entry]) -> usize {
+    zeros.iter().rposition(|entry| entry.accepted).unwrap_or(0)
 }
 
 fn unusable(path: &Path, error: &dyn std::fmt::Display) -> RunError {
@@ -157,16 +185,23 @@ mod tests {
         for (i, config) in configs.iter_mut().enumerate() {
             config.zero_code = 100 * (i as i32 + 1);
         }
-        store.add("a rig", &configs).unwrap();
+        store.add("a rig", &configs, false).unwrap();
+        let first = store.last().unwrap().unwrap();
         configs[2].enabled = false;
         configs[2].zero_code = 0;
         configs[0].zero_code = 111;
         for _ in 0..MAX_ENTRIES {
-            store.add("a rig", &configs).unwrap();
+            store.add("a rig", &configs, false).unwrap();
         }
+        assert_eq!(store.references().unwrap()[1], first);
         assert_eq!(store.last().unwrap(), Some([111, 200, 300, 400, 500, 600]));
         let text = std::fs::read_to_string(&path).unwrap();
         assert_eq!(text.matches("measured_at = \"20").count(), MAX_ENTRIES);
+        store.add("a rig", &configs, true).unwrap();
+        assert_eq!(
+            store.references().unwrap(),
+            [store.last().unwrap().unwrap(); 2]
+        );
         std::fs::write(&path, "zero = 3").unwrap();
         let error = store.last().unwrap_err().to_string();
         assert!(error.contains("zeros.toml"), "{error}");

@@ -314,6 +314,10 @@ impl ServiceLink {
         client.call(Call::Command)?;
         let mut link = Self::observer(client)?;
         link.commands = true;
+        // An emulated rig's figures count from here. They belong to the commander: an observer would take them from its run.
+        if link.client.welcome.seed.is_some() {
+            link.client.call(Call::Report)?;
+        }
         Ok(link)
     }
 
@@ -328,16 +332,11 @@ impl ServiceLink {
             truth,
             ..Topics::default()
         }))?;
-        let mut link = Self {
+        Ok(Self {
             client,
             commands: false,
             now_ns: 0,
-        };
-        // Figures count from here.
-        if truth {
-            link.client.call(Call::Report)?;
-        }
-        Ok(link)
+        })
     }
 
     /// Breaks the connection as a killed process does.

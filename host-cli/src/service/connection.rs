@@ -18,6 +18,10 @@ const MAX_TELEMETRY: usize = 4096;
 /// Lines in all that wait for a client at most. One that leaves more unread is disconnected.
 const MAX_WAITING: usize = 5120;
 
+/// Requests of one client that the hub has not carried out at most. More are left unread: a client that floods the service makes
+/// itself wait, and nobody else.
+const MAX_REQUESTS: usize = 64;
+
 /// Numbers of clients: 0 is the pseudo-terminal.
 static NEXT_ID: AtomicU64 = AtomicU64::new(1);
 
@@ -28,16 +32,23 @@ pub(super) fn next_id() -> ClientId {
 
 /// A stream in both directions.
 pub(super) trait Stream: Send {
-    /// Its reading and its writing half.
+    /// Its reading and its writing half, and what ends both.
     ///
     /// # Errors
     /// Those of the operating system.
-    fn halves(self) -> io::Result<(Box<dyn Read + Send>, Box<dyn Closing>)>;
+    fn parts(self) -> io::Result<Parts>;
 }
 
-/// A writing half that can end both halves.
-pub(super) trait Closing: Write + Send {
-    /// Ends the connection: the reading half gets an end of file.
+/// Reading half, writing half, and what ends both: a blocked write fails, the reading half gets an end of file.
+type Parts = (
+    Box<dyn Read + Send>,
+    Box<dyn Write + Send>,
+    Arc<dyn Closing>,
+);
+
+/// Ends a connection.
+pub(super) trait Closing: Send + Sync {
+    /// Ends both directions at once.
     fn close(&self);
 }
 
@@ -54,27 +65,32 @@ impl Closing for TcpStream {
 }
 
 impl Stream for UnixStream {
-    fn halves(self) -> io::Result<(Box<dyn Read + Send>, Box<dyn Closing>)> {
-        Ok((Box::new(self.try_clone()?), Box::new(self)))
+    fn parts(self) -> io::Result<Parts> {
+        let (reader, writer) = (self.try_clone()?, self.try_clone()?);
+        Ok((Box::new(reader), Box::new(writer), Arc::new(self)))
     }
 }
 
 impl Stream for TcpStream {
-    fn halves(self) -> io::Result<(Box<dyn Read + Send>, Box<dyn Closing>)> {
+    fn parts(self) -> io::Result<Parts> {
         self.set_nodelay(true)?;
-        Ok((Box::new(self.try_clone()?), Box::new(self)))
+        let (reader, writer) = (self.try_clone()?, self.try_clone()?);
+        Ok((Box::new(reader), Box::new(writer), Arc::new(self)))
     }
 }
 
-#[derive(Debug, Default)]
+#[derive(Default)]
 struct Waiting {
     lines: VecDeque<Arc<str>>,
     dropped: u64,
     closed: bool,
+    /// Requests on their way to the hub.
+    requests: usize,
+    connection: Option<Arc<dyn Closing>>,
 }
 
-/// Lines on their way to a client. Clones share them.
-#[derive(Debug, Clone, Default)]
+/// Lines on their way to a client, and requests on theirs to the hub. Clones share them.
+#[derive(Clone, Default)]
 pub(super) struct Outbox {
     shared: Arc<(Mutex<Waiting>, Condvar)>,
 }
@@ -83,7 +99,7 @@ impl Outbox {
     fn with<T>(&self, act: impl FnOnce(&mut Waiting) -> T) -> T {
         let (lock, signal) = &*self.shared;
         let result = act(&mut lock.lock().unwrap_or_else(PoisonError::into_inner));
-        signal.notify_one();
+        signal.notify_all();
         result
     }
 
@@ -104,6 +120,10 @@ impl Outbox {
         self.with(|waiting| {
             if waiting.lines.len() >= MAX_WAITING {
                 waiting.closed = true;
+                // The thread that writes is blocked by a client that does not read.
+                if let Some(connection) = &waiting.connection {
+                    connection.close();
+                }
             } else {
                 waiting.lines.push_back(line);
             }
@@ -118,6 +138,22 @@ impl Outbox {
     /// Ends the connection after what is waiting.
     pub(super) fn close(&self) {
         self.with(|waiting| waiting.closed = true);
+    }
+
+    /// The hub has carried out a request.
+    pub(super) fn carried_out(&self) {
+        self.with(|waiting| waiting.requests = waiting.requests.saturating_sub(1));
+    }
+
+    /// Waits until the hub may be given another request; `false` at the end.
+    fn may_request(&self) -> bool {
+        let (lock, signal) = &*self.shared;
+        let mut waiting = lock.lock().unwrap_or_else(PoisonError::into_inner);
+        while waiting.requests >= MAX_REQUESTS && !waiting.closed {
+            waiting = signal.wait(waiting).unwrap_or_else(PoisonError::into_inner);
+        }
+        waiting.requests += 1;
+        !waiting.closed
     }
 
     /// The next lines; `None` at the end.
@@ -144,8 +180,9 @@ pub(super) fn start(
     trusted: bool,
     hub: &Sender<Inbound>,
 ) -> io::Result<()> {
-    let (reader, mut writer) = stream.halves()?;
+    let (reader, mut writer, connection) = stream.parts()?;
     let outbox = Outbox::default();
+    outbox.with(|waiting| waiting.connection = Some(Arc::clone(&connection)));
     let to_hub = hub.clone();
     let writing = outbox.clone();
     std::thread::Builder::new()
@@ -158,7 +195,7 @@ pub(super) fn start(
                 }
             }
             writing.close();
-            writer.close();
+            connection.close();
         })?;
     // The hub learns of the client before anything that it says.
     let _ = to_hub.send(Inbound::Opened {
@@ -193,7 +230,7 @@ fn read(reader: impl Read, id: ClientId, outbox: &Outbox, hub: &Sender<Inbound>)
         }
         match Request::parse(&text) {
             Ok(request) => {
-                if hub.send(Inbound::Request { id, request }).is_err() {
+                if !outbox.may_request() || hub.send(Inbound::Request { id, request }).is_err() {
                     return;
                 }
             }
@@ -207,5 +244,52 @@ fn read(reader: impl Read, id: ClientId, outbox: &Outbox, hub: &Sender<Inbound>)
                 }
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::sync::mpsc::channel;
+    use std::time::Duration;
+
+    /// Long enough for a thread to run, where something must not happen.
+    const A_MOMENT: Duration = Duration::from_millis(100);
+
+    #[test]
+    fn a_client_that_floods_waits_for_itself() {
+        let lines = "{\"jsonrpc\":\"2.0\",\"id\":1,\"method\":\"status\"}\n".repeat(1000);
+        let outbox = Outbox::default();
+        let (sender, hub) = channel();
+        let reading = outbox.clone();
+        let thread = std::thread::spawn(move || read(lines.as_bytes(), 7, &reading, &sender));
+        let arrived = || hub.recv_timeout(A_MOMENT).is_ok();
+        let first = std::iter::repeat_with(arrived).take_while(|here| *here);
+        assert_eq!(first.count(), MAX_REQUESTS);
+        // One is carried out: one more comes.
+        outbox.carried_out();
+        assert!(arrived() && !arrived());
+        outbox.close();
+        thread.join().unwrap();
+    }
+
+    #[test]
+    fn a_client_that_leaves_everything_unread_is_disconnected_while_a_write_blocks() {
+        let (ours, mut theirs) = UnixStream::pair().unwrap();
+        let (sender, hub) = channel();
+        start(ours, 7, true, &sender).unwrap();
+        let Ok(Inbound::Opened { outbox, .. }) = hub.recv() else {
+            panic!("the hub was not told");
+        };
+        // Far more than the socket's buffer: the thread that writes is blocked.
+        outbox.line("x".repeat(1 << 24));
+        std::thread::sleep(A_MOMENT);
+        for _ in 0..=MAX_WAITING {
+            outbox.line("y\n");
+        }
+        assert!(matches!(hub.recv(), Ok(Inbound::Closed { id: 7 })));
+        let mut rest = Vec::new();
+        theirs.read_to_end(&mut rest).unwrap();
+        assert!(rest.len() < 1 << 24);
     }
 }

@@ -13,14 +13,13 @@ mod calls;
 mod clients;
 
 use super::connection::Outbox;
-use super::frames::{Arrived, Gaps};
 use super::job;
 use super::protocol::{notification, Event, Request, Tick};
 use super::server::Opener;
 use super::terminal::Terminal;
 use crate::link::{Exchange, LinkError, RigLink};
 use crate::rigfile::RigFile;
-use crate::session::{explain_fault, system_state_name, PERIOD, SILENCE_TIMEOUT};
+use crate::session::{explain_fault, system_state_name, Gaps, PERIOD, SILENCE_TIMEOUT};
 use crate::telemetry::Gatherer;
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use clients::{Client, Waiter};
@@ -55,6 +54,9 @@ const LEAD_NS: u64 = 40_000_000;
 const LOCKSTEP_WAIT: Duration = Duration::from_secs(2);
 /// Time between two attempts to open a link that was lost.
 const REOPEN: Duration = Duration::from_millis(500);
+
+/// What the hub takes of clients in one cycle at most; the board's bytes must not wait for more.
+const MAX_INBOUND: usize = 1000;
 
 /// Number of a client.
 pub(super) type ClientId = u64;
@@ -241,8 +243,11 @@ impl Hub {
 
     /// One cycle: requests, bytes both ways, what is due.
     fn cycle(&mut self) -> Result<(), LinkError> {
-        while let Ok(inbound) = self.inbound.try_recv() {
-            self.take(inbound);
+        for _ in 0..MAX_INBOUND {
+            match self.inbound.try_recv() {
+                Ok(inbound) => self.take(inbound),
+                Err(_) => break,
+            }
         }
         self.read_terminal();
         if self.link.is_none() {
@@ -496,7 +501,8 @@ impl Hub {
 
     /// A frame of the board: the hub takes note of it and puts it into each client's bytes.
     fn arrived(&mut self, frame: BoardFrame) {
-        let Arrived { lost, message } = self.gaps.arrived(frame);
+        let BoardFrame { seq, message } = frame;
+        let lost = self.gaps.arrived(seq);
         self.frames_lost += u64::from(lost);
         for client in self.clients.values_mut() {
             client.numbering.skip(lost);

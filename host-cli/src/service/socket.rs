@@ -1,6 +1,7 @@
 //! Where a service listens: one Unix socket per rig, in a folder that only its user can enter.
 
 use crate::rigfile::LinkChoice;
+use std::ffi::OsString;
 use std::fs;
 use std::io;
 use std::os::unix::fs::{DirBuilderExt, MetadataExt, PermissionsExt};
@@ -34,15 +35,27 @@ pub fn name_of(link: &LinkChoice) -> String {
     }
 }
 
-/// The folder of the sockets: [`FOLDER_VARIABLE`], else `forcectl` in `XDG_RUNTIME_DIR`, else a folder of the user in the
-/// system's temporary folder.
-#[must_use]
-pub fn folder() -> PathBuf {
-    let set = |variable: &str| std::env::var_os(variable).filter(|value| !value.is_empty());
-    match (set(FOLDER_VARIABLE), set("XDG_RUNTIME_DIR")) {
-        (Some(folder), _) => PathBuf::from(folder),
-        (None, Some(folder)) => Path::new(&folder).join("forcectl"),
-        (None, None) => std::env::temp_dir().join(format!("forcectl-{}", user())),
+/// The folder of the sockets: [`FOLDER_VARIABLE`], else `forcectl` in `XDG_RUNTIME_DIR`, else a folder in the user's home. Never one
+/// where another user could listen in place of the service: a client sends forces to whoever answers.
+///
+/// # Errors
+/// None of these variables is set, nor `HOME`.
+pub fn folder() -> io::Result<PathBuf> {
+    folder_from(|variable| std::env::var_os(variable).filter(|value| !value.is_empty()))
+}
+
+fn folder_from(set: impl Fn(&str) -> Option<OsString>) -> io::Result<PathBuf> {
+    if let Some(folder) = set(FOLDER_VARIABLE) {
+        return Ok(PathBuf::from(folder));
+    }
+    if let Some(folder) = set("XDG_RUNTIME_DIR") {
+        return Ok(Path::new(&folder).join("forcectl"));
+    }
+    match set("HOME") {
+        Some(home) => Ok(Path::new(&home).join(".local/state/forcectl/run")),
+        None => Err(io::Error::other(format!(
+            "neither {FOLDER_VARIABLE} nor XDG_RUNTIME_DIR nor HOME is set; set {FOLDER_VARIABLE} to a folder of your own"
+        ))),
     }
 }
 
@@ -51,7 +64,7 @@ pub fn folder() -> PathBuf {
 /// # Errors
 /// It can't be made, belongs to another user or is open to others.
 pub fn make_folder() -> io::Result<()> {
-    let path = folder();
+    let path = folder()?;
     fs::DirBuilder::new()
         .recursive(true)
         .mode(0o700)
@@ -82,7 +95,7 @@ fn user() -> u32 {
 /// # Errors
 /// The path is too long for a socket.
 pub fn path_of(name: &str) -> io::Result<PathBuf> {
-    let path = folder().join(format!("{name}.sock"));
+    let path = folder()?.join(format!("{name}.sock"));
     if path.as_os_str().len() > MAX_PATH {
         return Err(io::Error::other(format!(
             "{} is too long for a socket ({MAX_PATH} characters); set {FOLDER_VARIABLE} to a shorter folder",
@@ -95,7 +108,7 @@ pub fn path_of(name: &str) -> io::Result<PathBuf> {
 /// Names of the rigs whose service answers now.
 #[must_use]
 pub fn running() -> Vec<String> {
-    let Ok(entries) = fs::read_dir(folder()) else {
+    let Ok(entries) = folder().and_then(fs::read_dir) else {
         return Vec::new();
     };
     let mut names: Vec<String> = entries
@@ -171,5 +184,31 @@ impl Listening {
 impl Drop for Listening {
     fn drop(&mut self) {
         let _ = fs::remove_file(&self.path);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_folder_is_never_one_that_others_share() {
+        let of = |variables: &[(&str, &str)]| {
+            folder_from(|name| {
+                let found = variables.iter().find(|(variable, _)| *variable == name);
+                found.map(|(_, value)| OsString::from(value))
+            })
+        };
+        let all = [
+            (FOLDER_VARIABLE, "/a"),
+            ("XDG_RUNTIME_DIR", "/b"),
+            ("HOME", "/c"),
+        ];
+        let expected = ["/a", "/b/forcectl", "/c/.local/state/forcectl/run"];
+        for (from, path) in expected.iter().enumerate() {
+            assert_eq!(of(&all[from..]).unwrap(), Path::new(path));
+        }
+        let error = of(&[("TMPDIR", "/tmp")]).unwrap_err().to_string();
+        assert!(error.contains(FOLDER_VARIABLE), "{error}");
     }
 }

@@ -27,6 +27,9 @@ struct Paced {
     plugged: Arc<AtomicBool>,
 }
 
+/// How many commands the tests look at. A day of setpoints must not count as the service's memory.
+const MAX_COMMANDS: usize = 20_000;
+
 /// Flips bits of a line at random.
 #[derive(Clone, Copy)]
 struct BitErrors {
@@ -71,10 +74,10 @@ impl RigLink for Paced {
         let to_board = self.bit_errors.damage(to_board);
         let mut exchange = self.board.exchange(&to_board, duration)?;
         exchange.from_board = self.bit_errors.damage(&exchange.from_board);
-        self.commands
-            .lock()
-            .unwrap()
-            .extend(self.board.commands.drain(..));
+        let mut commands = self.commands.lock().unwrap();
+        let room = MAX_COMMANDS.saturating_sub(commands.len());
+        commands.extend(self.board.commands.drain(..).take(room));
+        drop(commands);
         // A machine that is busy makes time pass slower, and never faster afterwards.
         let due = Duration::from_nanos((duration.as_nanos() as f64 / self.factor) as u64);
         std::thread::sleep(due.saturating_sub(self.last.elapsed()));

@@ -14,6 +14,7 @@
 
 mod error;
 mod explain;
+mod gaps;
 mod handshake;
 mod receive;
 mod request;
@@ -23,6 +24,7 @@ pub use explain::{
     command_name, explain_crash_record, explain_fault, explain_refusal, motor_state_name,
     system_state_name,
 };
+pub use gaps::Gaps;
 
 use crate::link::RigLink;
 use emulator_link::{Pose, Truth};
@@ -86,7 +88,7 @@ pub struct Session<'l> {
     info: Option<BoardInfo>,
     pose: Option<Pose>,
     counters: LinkCounters,
-    board_seq: Option<u16>,
+    gaps: Gaps,
     /// Board time of the last frame, unwrapped.
     board_us: Option<u64>,
     resets: Option<u32>,
@@ -126,7 +128,7 @@ impl<'l> Session<'l> {
             info: None,
             pose: None,
             counters: LinkCounters::default(),
-            board_seq: None,
+            gaps: Gaps::default(),
             board_us: None,
             resets: None,
             reset_seen: false,

@@ -29,7 +29,7 @@ pub enum Kind {
     LowSpeed,
     /// Moves with holds of random length between them, often of all joints at once.
     StopAndGo,
-    /// Small moves to and fro about a centre that wanders: many reversals.
+    /// Small alternating moves about a centre that wanders: many reversals.
     ReversalRich,
 }
 

@@ -75,6 +75,17 @@ impl Lab {
         line.split_whitespace().nth(1).unwrap().to_owned()
     }
 
+    fn start(&self, line: &str) -> Child {
+        self.command(line).spawn().unwrap()
+    }
+
+    /// Starts a command that drives, and waits until the board does.
+    fn drive(&self, line: &str) -> Child {
+        let child = self.start(line);
+        self.wait_for_state("running");
+        child
+    }
+
     fn run(&self, line: &str) -> Output {
         self.command(line).output().unwrap()
     }
@@ -118,6 +129,14 @@ impl Drop for Lab {
     }
 }
 
+/// Waits for the end of a process that has to end with this code; returns what it wrote to standard error.
+fn ends_with(child: Child, code: i32) -> String {
+    let output = child.wait_with_output().unwrap();
+    let err = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(code), "{err}");
+    err
+}
+
 fn signal(child: &Child, name: &str) {
     let status = Command::new("kill")
         .args(["-s", name, &child.id().to_string()])
@@ -142,11 +161,7 @@ fn commands_for_a_rig_that_exists_do_not_start_one() {
 #[test]
 fn an_observer_watches_and_stops_what_another_terminal_holds() {
     let lab = Lab::with_rig(31);
-    let commander = lab
-        .command("set-force 0 2.5 0 --duration 600")
-        .spawn()
-        .unwrap();
-    lab.wait_for_state("running");
+    let commander = lab.drive("set-force 0 2.5 0 --duration 600");
     let (out, err) = lab.code("monitor --duration 1 --json", 0);
     assert!(err.is_empty(), "{err}");
     let last: Value = serde_json::from_str(out.lines().last().unwrap()).unwrap();
@@ -156,9 +171,7 @@ fn an_observer_watches_and_stops_what_another_terminal_holds() {
     lab.code("disarm", 5);
     let (_, err) = lab.code("stop", 0);
     assert!(err.starts_with("rig `rig`: embedded rig"), "{err}");
-    let output = commander.wait_with_output().unwrap();
-    let err = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(5), "{err}");
+    let err = ends_with(commander, 5);
     assert!(err.contains("fault 3"), "{err}");
     assert_eq!(lab.status()["state"], "fault");
     lab.code("clear", 0);
@@ -168,27 +181,18 @@ fn an_observer_watches_and_stops_what_another_terminal_holds() {
 #[test]
 fn a_commander_that_is_killed_or_hangs_leaves_no_motor_pulling() {
     let lab = Lab::with_rig(32);
-    let mut killed = lab
-        .command("set-force 0 2.5 0 --duration 600")
-        .spawn()
-        .unwrap();
-    lab.wait_for_state("running");
+    let mut killed = lab.drive("set-force 0 2.5 0 --duration 600");
     killed.kill().unwrap();
     killed.wait().unwrap();
     lab.wait_for_state("ready");
     // Hangs: its setpoints expire, and the other terminal is not locked out.
-    let hung = lab
-        .command("set-force 0 2.5 0 --duration 600")
-        .spawn()
-        .unwrap();
-    lab.wait_for_state("running");
+    let hung = lab.drive("set-force 0 2.5 0 --duration 600");
     signal(&hung, "STOP");
     lab.wait_for_state("fault");
     assert_eq!(lab.status()["status"]["fault"], 2);
     lab.code("stop", 0);
     signal(&hung, "CONT");
-    let output = hung.wait_with_output().unwrap();
-    assert_eq!(output.status.code(), Some(5));
+    ends_with(hung, 5);
     lab.code("clear", 0);
 }
 
@@ -233,27 +237,17 @@ fn a_program_on_the_pseudo_terminal_commands_like_any_other() {
     std::fs::write(lab.folder.path().join("clamped.toml"), text).unwrap();
     // Opened directly: a client of the rig's service as seen from the other side.
     let line = format!("hold --direct --duration 600 --rig clamped.toml --link serial:{terminal}");
-    let on_terminal = lab.command(&line).spawn().unwrap();
+    let on_terminal = lab.start(&line);
     // It is a board for that program: it has no zeros of its own, but those that are in force.
     lab.wait_for_state("running");
     let (_, err) = lab.code("set-force 1 0 0", 5);
     assert!(err.contains("the program on"), "{err}");
     lab.code("stop", 0);
-    let output = on_terminal.wait_with_output().unwrap();
-    assert_eq!(
-        output.status.code(),
-        Some(5),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    ends_with(on_terminal, 5);
     lab.code("clear", 0);
     // Through a service of its own, started on demand, and killed while it holds.
     let port = format!("--rig clamped.toml --link serial:{terminal}");
-    let held = lab
-        .command(&format!("hold --duration 600 {port}"))
-        .spawn()
-        .unwrap();
-    lab.wait_for_state("running");
+    let held = lab.drive(&format!("hold --duration 600 {port}"));
     // The first line of every command names the process of the service.
     let watcher = lab.run(&format!("status {port}"));
     let err = String::from_utf8_lossy(&watcher.stderr).into_owned();
@@ -266,30 +260,14 @@ fn a_program_on_the_pseudo_terminal_commands_like_any_other() {
     assert!(killed.unwrap().success());
     lab.wait_for_state("fault");
     assert_eq!(lab.status()["status"]["fault"], 2);
-    let output = held.wait_with_output().unwrap();
-    assert_eq!(
-        output.status.code(),
-        Some(4),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    ends_with(held, 4);
     lab.code("clear", 0);
     // The rig goes away while a program on its line holds, and comes back under the same link.
-    let held = lab
-        .command(&format!("hold --duration 600 {port}"))
-        .spawn()
-        .unwrap();
-    lab.wait_for_state("running");
+    let held = lab.drive(&format!("hold --duration 600 {port}"));
     let mut rig = lab.rig.take().unwrap();
     signal(&rig, "KILL");
     rig.wait().unwrap();
-    let output = held.wait_with_output().unwrap();
-    assert_eq!(
-        output.status.code(),
-        Some(4),
-        "{}",
-        String::from_utf8_lossy(&output.stderr)
-    );
+    ends_with(held, 4);
     lab.start_rig(34);
     assert_eq!(lab.status()["state"], "ready");
 }

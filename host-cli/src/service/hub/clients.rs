@@ -98,7 +98,8 @@ impl Hub {
             }
             Inbound::Closed { id } => self.client_is_gone(id),
             Inbound::Request { id, request } => {
-                if self.clients.contains_key(&id) {
+                if let Some(client) = self.clients.get(&id) {
+                    client.outbox.carried_out();
                     self.call(id, request);
                 }
             }
