@@ -197,6 +197,11 @@ impl CoreRig {
         self.board.set_robot_moving(moving);
     }
 
+    /// Lets another controller drive the amplifiers, V at their inputs; `None`: the board's DACs again.
+    pub fn drive_outside(&mut self, volts: Option<[f64; UNITS]>) {
+        self.board.drive_outside(volts);
+    }
+
     /// The virtual arm that holds the cables' ends, where there is one.
     pub fn arm_mut(&mut self) -> Option<&mut VirtualArm> {
         let robot: &mut dyn Any = self.board.robot_mut()?;

@@ -18,6 +18,7 @@ pub mod feed;
 pub mod figures;
 pub mod file;
 pub mod folder;
+pub mod paths;
 pub mod pictures;
 pub mod plan;
 pub mod profile;

@@ -109,6 +109,11 @@ impl RigControls for FastRig {
         self.rig.seed()
     }
 
+    fn drive_outside(&mut self, volts: Option<[f64; wire::UNITS]>) -> Result<(), LinkError> {
+        self.rig.drive_outside(volts);
+        Ok(())
+    }
+
     fn arm(&mut self) -> Option<&mut VirtualArm> {
         self.rig.arm_mut()
     }
