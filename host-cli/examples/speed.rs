@@ -90,7 +90,11 @@ fn whole(seconds: f64, arm: bool) -> Result<(), String> {
     let metrics = outcome.metrics.ok_or("the run was too short")?;
     println!(
         "whole run, {:<18} {}; tension RMS, worst cable {:.3} N, steady force error {:.3} N",
-        if arm { "virtual arm," } else { "prescribed path," },
+        if arm {
+            "virtual arm,"
+        } else {
+            "prescribed path,"
+        },
         watch.compare(passed as f64 * 1e-9),
         metrics.tension_rms_n.iter().copied().fold(0.0, f64::max),
         metrics.tip_force_error_n,

@@ -5,8 +5,8 @@ use super::output::Output;
 use super::{values, Context};
 use clap::{Args, Subcommand};
 use host_cli::experiment::{
-    self, plan, report, Attempt, Experiment, ExperimentError, Folder, Options, Shard, Status,
-    Summary, Watcher, THESIS,
+    self, paths, plan, report, Attempt, Experiment, ExperimentError, Folder, Options, Shard,
+    Status, Summary, Watcher, THESIS,
 };
 use host_cli::rigfile::{LinkChoice, RigFile};
 use host_cli::run::{Phase, ZeroStore, Zeroing};
@@ -42,6 +42,19 @@ enum Sub {
     Check(Check),
     /// Write data card, report and pictures of an experiment's folder
     Report(Report),
+    /// Compare the board with control through the Raven's software, on one virtual rig
+    Paths(Paths),
+}
+
+/// Arguments of `experiment paths`.
+#[derive(Debug, Args)]
+struct Paths {
+    /// Time for which each path holds the force
+    #[arg(long, value_name = "SECONDS", default_value = "60", value_parser = values::seconds)]
+    duration: f64,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value = "1", value_parser = values::seed)]
+    seed: u64,
 }
 
 /// Arguments of `experiment run`.
@@ -111,6 +124,7 @@ impl ExperimentCommand {
             Sub::Run(command) => command.run(context),
             Sub::Check(command) => command.run(context),
             Sub::Report(command) => command.run(),
+            Sub::Paths(command) => command.run(),
         }
     }
 }
@@ -213,6 +227,24 @@ impl Report {
         let text = written(&folder, &experiment, self.report_into.as_ref())?;
         let json = json!({ "folder": self.dir, "text": text });
         Ok(Reply::new(format!("{text}\n"), json))
+    }
+}
+
+/// Force that both paths hold, N.
+const PATHS_FORCE_N: [f64; 3] = [0.0, 2.5, 0.0];
+/// Delays of ROS and USB that the Raven's path is tried with, ms.
+const TRANSPORT_MS: [u32; 3] = [0, 1, 3];
+
+impl Paths {
+    fn run(&self) -> Result<Reply> {
+        let rig = RigFile::built_in().map_err(ExperimentError::from)?;
+        let mut figures = Vec::new();
+        let raven = TRANSPORT_MS.map(|transport_ms| paths::Path::Raven { transport_ms });
+        for path in std::iter::once(paths::Path::Board).chain(raven) {
+            let held = paths::hold(path, &rig, PATHS_FORCE_N.into(), self.duration, self.seed);
+            figures.push(held?);
+        }
+        Ok(Reply::new(paths::table(&figures), json!(figures)))
     }
 }
 

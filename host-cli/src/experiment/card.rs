@@ -40,7 +40,7 @@ impl<'a> Card<'a> {
             rig: Value::Null,
         };
         for trial in 1..=experiment.trials {
-            let attempts = folder.attempts(experiment, trial)?;
+            let attempts = folder.attempts(trial)?;
             if attempts.iter().all(|a| a.status != Status::Good) {
                 card.left.push(trial);
             }

@@ -211,24 +211,40 @@ impl Folder {
         self.root.join("truth").join(Self::file_of(trial))
     }
 
-    /// The attempts at a trial in order. Those that were broken off without a result are marked here.
+    /// The attempts at a trial that have a result, in order. One without may be in progress in another process.
+    ///
+    /// # Errors
+    /// A file can't be read.
+    pub fn attempts(&self, trial: usize) -> Result<Vec<Attempt>, ExperimentError> {
+        let mut found = Vec::new();
+        for folder in self.attempt_folders(trial) {
+            found.extend(folder.read()?);
+        }
+        Ok(found)
+    }
+
+    /// As [`Folder::attempts`], for whoever runs the trial: those that were broken off without a result are marked here.
     ///
     /// # Errors
     /// A file can't be read or written.
-    pub fn attempts(
+    pub fn claim_attempts(
         &self,
         experiment: &Experiment,
         trial: usize,
     ) -> Result<Vec<Attempt>, ExperimentError> {
-        let mut found = Vec::new();
-        for attempt in 1.. {
-            let folder = self.attempt(trial, attempt);
-            if !folder.path.is_dir() {
-                break;
-            }
-            found.push(folder.read_or_mark(experiment)?);
-        }
-        Ok(found)
+        self.attempt_folders(trial)
+            .map(|folder| match folder.read()? {
+                Some(attempt) => Ok(attempt),
+                None => folder.mark(experiment),
+            })
+            .collect()
+    }
+
+    /// The folders of a trial's attempts, in order.
+    fn attempt_folders(&self, trial: usize) -> impl Iterator<Item = AttemptFolder> + '_ {
+        (1..)
+            .map(move |attempt| self.attempt(trial, attempt))
+            .take_while(|folder| folder.path.is_dir())
     }
 
     /// The folder of an attempt.
@@ -254,7 +270,7 @@ impl Folder {
     pub fn good(&self, experiment: &Experiment) -> Result<Vec<Attempt>, ExperimentError> {
         let mut good = Vec::new();
         for trial in 1..=experiment.trials {
-            let attempts = self.attempts(experiment, trial)?;
+            let attempts = self.attempts(trial)?;
             good.extend(attempts.into_iter().filter(|a| a.status == Status::Good));
         }
         Ok(good)
@@ -354,19 +370,22 @@ impl AttemptFolder {
         Ok(whole)
     }
 
-    /// The result; an attempt without one is marked as broken off, and its parts become one file.
-    fn read_or_mark(&self, experiment: &Experiment) -> Result<Attempt, ExperimentError> {
+    /// The result, where there is one.
+    fn read(&self) -> Result<Option<Attempt>, ExperimentError> {
         let path = self.path.join("result.json");
-        if path.is_file() {
-            let text = std::fs::read_to_string(&path).map_err(|error| io(&path, &error))?;
-            return serde_json::from_str(&text).map_err(|error| {
-                failed(
-                    &path,
-                    format!("is no result: {error}; move the attempt's folder away"),
-                )
-                .into()
-            });
+        if !path.is_file() {
+            return Ok(None);
         }
+        let text = std::fs::read_to_string(&path).map_err(|error| io(&path, &error))?;
+        let attempt = serde_json::from_str(&text).map_err(|error| {
+            let what = format!("is no result: {error}; move the attempt's folder away");
+            failed(&path, what)
+        })?;
+        Ok(Some(attempt))
+    }
+
+    /// Marks an attempt as broken off; its parts become one file.
+    fn mark(&self, experiment: &Experiment) -> Result<Attempt, ExperimentError> {
         let rows = self.parts("rows", &COLUMNS)?;
         if rows.rows() > 0 {
             let truth = self.parts("truth", &TRUTH_COLUMNS)?;

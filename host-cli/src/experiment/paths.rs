@@ -192,7 +192,9 @@ impl<'a> Hold<'a> {
 
     /// Tensions for the commanded force, at 100 Hz.
     fn allocate(&mut self, session: &mut Session<'_>, t_s: f64) -> Result<(), RunError> {
-        let tip_m = session.pose().map_or_else(Vector3::zeros, |pose| pose.position_m.into());
+        let tip_m = session
+            .pose()
+            .map_or_else(Vector3::zeros, |pose| pose.position_m.into());
         let output = self.force.step(&ForceInput {
             dt_s: RAVEN_CYCLE.as_secs_f64() * FORCE_EVERY as f64,
             tip_m,
@@ -218,8 +220,8 @@ impl<'a> Hold<'a> {
             return;
         };
         self.rows += 1;
-        for (sum, (real, wanted)) in (self.tension_square.iter_mut())
-            .zip(truth.tension_n.iter().zip(self.tension_n))
+        for (sum, (real, wanted)) in
+            (self.tension_square.iter_mut()).zip(truth.tension_n.iter().zip(self.tension_n))
         {
             *sum += (real - wanted).powi(2);
         }
@@ -312,7 +314,9 @@ impl Raven {
             if let Some(controls) = session.link().controls() {
                 controls.drive_outside(Some(volts))?;
             }
-            latencies = times.map(|t_us| now_ns as f64 * 1e-3 - t_us as f64).to_vec();
+            latencies = times
+                .map(|t_us| now_ns as f64 * 1e-3 - t_us as f64)
+                .to_vec();
         }
         Ok(latencies)
     }
@@ -385,7 +389,10 @@ mod tests {
         let board = of(Path::Board);
         let raven = of(Path::Raven { transport_ms: 1 });
         assert_eq!((&board.stopped, &raven.stopped), (&None, &None));
-        assert!(board.latency_p50_ms < 0.5 && raven.latency_p50_ms > 2.0, "{board:?} {raven:?}");
+        assert!(
+            board.latency_p50_ms < 0.5 && raven.latency_p50_ms > 2.0,
+            "{board:?} {raven:?}"
+        );
         assert!((raven.resolution_n - 0.1).abs() < 1e-12);
         assert!(board.worst_tension_rms_n() < 0.1, "{board:?}");
         assert!(raven.worst_tension_rms_n() > board.worst_tension_rms_n());
@@ -395,6 +402,9 @@ mod tests {
 
     #[test]
     fn torques_are_whole_newton_millimetres() {
-        assert_eq!([0.04, 0.05, 2.349, -1.01].map(whole_n_mm), [0.0, 1.0, 23.0, -10.0]);
+        assert_eq!(
+            [0.04, 0.05, 2.349, -1.01].map(whole_n_mm),
+            [0.0, 1.0, 23.0, -10.0]
+        );
     }
 }

@@ -4,7 +4,9 @@ use crate::plot::scene::{Anchor, Color, Scene};
 use crate::plot::{label, tick, ticks, BLACK, COLORS, GRAY};
 
 /// Cells of a map along each side.
-const CELLS: usize = 36;
+const CELLS: usize = 30;
+/// Shades of a map.
+const SHADES: f64 = 8.0;
 /// Bins of a histogram.
 const BINS: usize = 45;
 /// Inside of a panel, px.
@@ -154,18 +156,21 @@ pub fn maps(title: &str, pairs: &[(&Axis, &Axis)]) -> Scene {
         let counts = cells(&x.values, &y.values, &frame);
         let most = f64::from(counts.iter().copied().max().unwrap_or(1).max(1));
         let size = SIDE / CELLS as f32;
-        for (i, count) in counts.iter().enumerate().filter(|(_, count)| **count > 0) {
-            let part = (f64::from(*count).ln_1p()) / most.ln_1p();
-            let (cx, cy) = ((i % CELLS) as f32, (i / CELLS) as f32);
-            let top = frame.top + SIDE - (cy + 1.0) * size;
-            // A little larger, so that no seam shows.
-            scene.rectangle(
-                frame.left + cx * size,
-                top,
-                size + 0.2,
-                size + 0.2,
-                shade(part),
-            );
+        let level = |count: u32| (f64::from(count).ln_1p() / most.ln_1p() * SHADES).ceil();
+        for (row, counts) in counts.chunks(CELLS).enumerate() {
+            let top = frame.top + SIDE - (row + 1) as f32 * size;
+            let mut column = 0;
+            // Neighbours of one shade are one rectangle: a small file.
+            for run in counts.chunk_by(|a, b| level(*a) == level(*b)) {
+                let left = frame.left + column as f32 * size;
+                column += run.len();
+                if run[0] > 0 {
+                    let width = run.len() as f32 * size;
+                    let color = shade(level(run[0]) / SHADES);
+                    // A little larger, so that no seam shows.
+                    scene.rectangle(left, top, width + 0.3, size + 0.3, color);
+                }
+            }
         }
         frame.draw(&mut scene, &y.words, &x.words, true);
     }
@@ -329,6 +334,7 @@ mod tests {
         assert!((visited(&x, &y) - 20.0 / (CELLS * CELLS) as f64).abs() < 1e-12);
         let (x, y) = (Axis::new("a, m", x), Axis::new("b, m", y));
         let svg = maps("title", &[(&x, &y)]).to_svg();
+        // Two rows of ten cells with gaps between, and the background.
         assert_eq!(svg.matches("<rect").count(), 21, "{svg}");
         assert!(svg.contains("a, m") && svg.contains("title"));
     }

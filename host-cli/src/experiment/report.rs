@@ -213,7 +213,7 @@ impl Data {
                 "coverage.svg",
                 maps(
                     &format!(
-                        "{name}: tip, joints and joint velocities (the darker, the more often)"
+                        "{name}: tip, joints and joint velocities (the darker, the more often; logarithmic)"
                     ),
                     &[
                         (&tip[0], &tip[1]),
@@ -233,7 +233,7 @@ impl Data {
                 "force-coverage.svg",
                 maps(
                     &format!(
-                        "{name}: force by joint and by joint velocity (the darker, the more often)"
+                        "{name}: force by joint and by joint velocity (the darker, the more often; logarithmic)"
                     ),
                     &[
                         (&joint[0], &force),

@@ -133,7 +133,7 @@ pub(crate) fn run_tampered(
     let folder = Folder::create(root, experiment, rig)?;
     let mut before = BTreeMap::new();
     for trial in &trials {
-        let attempts = folder.attempts(experiment, *trial)?;
+        let attempts = folder.claim_attempts(experiment, *trial)?;
         if !attempts.is_empty() && !options.resume {
             return Err(ExperimentError::Folder(format!(
                 "{} holds {} of trial {trial} already; add --resume to go on, or give another folder",

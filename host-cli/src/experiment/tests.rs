@@ -227,6 +227,9 @@ fn an_experiment_goes_on_where_it_was_broken_off_and_shards_share_the_folder() {
     let attempt = open.attempt(1, 1);
     attempt.begin().unwrap();
     rows.write(&attempt.part("rows", 0), 100, &[]).unwrap();
+    // Whoever only looks leaves it alone: it may be in progress.
+    assert_eq!(open.good(&experiment).unwrap().len(), 1);
+    assert!(!attempt.path().join("result.json").exists());
     let again = |resume| Options {
         resume,
         ..Options::default()
@@ -239,7 +242,7 @@ fn an_experiment_goes_on_where_it_was_broken_off_and_shards_share_the_folder() {
         summary.attempts.iter().all(|a| a.trial != 2),
         "trial 2 was done"
     );
-    let kept = open.attempts(&experiment, 1).unwrap();
+    let kept = open.attempts(1).unwrap();
     let status: Vec<Status> = kept.iter().map(|a| a.status).collect();
     assert_eq!(status, [Status::BrokenOff, Status::Good]);
     let part = Table::read(&attempt.path().join("rows.parquet")).unwrap();
