@@ -13,12 +13,15 @@
 //! | a whole run | [`run`] |
 //! | how good was it | [`force::metrics`], [`plot`] |
 //! | what does the rig lack in its rig file | [`identify`](mod@crate::identify), [`findings`](mod@crate::identify::findings) |
+//! | a day in the lab: trials, datasets | [`experiment`](mod@crate::experiment) |
 //! | what is kept of it | [`record`](mod@crate::record) |
 //!
 //! SI units throughout; the wire's integers end at [`session`].
 // Only the program prints, in `cli::output`.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+#[cfg(feature = "record")]
+pub mod experiment;
 pub mod force;
 #[cfg(feature = "residual")]
 pub mod identify;

@@ -27,6 +27,8 @@ mod disarm;
 #[cfg(test)]
 mod documented;
 mod exit;
+#[cfg(feature = "record")]
+mod experiment;
 mod explain;
 mod hold;
 #[cfg(feature = "residual")]
@@ -113,6 +115,10 @@ enum Command {
     /// Record every sample and drive nothing (to record a force: set-force --record DIR)
     #[cfg(feature = "record")]
     Record(record::Record),
+    /// Run an experiment: trials with a moving robot and a known force, as one dataset
+    #[cfg(feature = "record")]
+    #[command(after_help = experiment::HELP)]
+    Experiment(experiment::ExperimentCommand),
     /// Find what a force model lacks, from logs; drives nothing
     #[cfg(feature = "residual")]
     #[command(after_help = residual::HELP)]
@@ -184,6 +190,8 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
         Command::Init(command) => command.run(context),
         #[cfg(feature = "record")]
         Command::Record(command) => command.run(context),
+        #[cfg(feature = "record")]
+        Command::Experiment(command) => command.run(context),
         #[cfg(feature = "residual")]
         Command::Residual(command) => command.run(context),
         #[cfg(feature = "residual")]
