@@ -14,7 +14,7 @@ pub enum Feed {
     /// The virtual arm of the link.
     Virtual {
         /// Passes its states through the watch.
-        fed: Fed,
+        fed: Box<Fed>,
         /// What a test makes go wrong.
         tamper: Option<Tamper>,
     },
@@ -66,7 +66,7 @@ impl Feed {
         arm.keep_messages(true);
         let mount: Mount = config.arm.mount;
         Ok(Self::Virtual {
-            fed: Fed::mounted("virtual arm", config.watch.clone(), mount),
+            fed: Box::new(Fed::mounted("virtual arm", config.watch.clone(), mount)),
             tamper,
         })
     }

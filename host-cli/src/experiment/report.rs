@@ -147,8 +147,9 @@ impl Data {
         }
         let speeds = axes.map(|axis| rates(column(&format!("tip_{axis}_m")), rate_hz));
         self.rows += table.rows() as u64;
-        for row in 0..table.rows() {
-            let speed = Vector3::from_fn(|i, _| speeds[i][row]).norm();
+        let [x, y, z] = &speeds;
+        for ((x, y), z) in x.iter().zip(y).zip(z) {
+            let speed = Vector3::new(*x, *y, *z).norm();
             self.standing += u64::from(speed < STANDING_M_PER_S);
         }
     }
