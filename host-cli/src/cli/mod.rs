@@ -41,6 +41,8 @@ mod output;
 mod progress;
 #[cfg(feature = "record")]
 mod record;
+#[cfg(feature = "record")]
+mod recording;
 #[cfg(feature = "residual")]
 mod residual;
 #[cfg(unix)]
@@ -113,6 +115,10 @@ enum Command {
     /// Record every sample and drive nothing (to record a force: set-force --record DIR)
     #[cfg(feature = "record")]
     Record(record::Record),
+    /// Check a recording, write its Parquet files, or join it with a robot's log
+    #[cfg(feature = "record")]
+    #[command(after_help = recording::HELP)]
+    Recording(recording::Recording),
     /// Find what a force model lacks, from logs; drives nothing
     #[cfg(feature = "residual")]
     #[command(after_help = residual::HELP)]
@@ -184,6 +190,8 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
         Command::Init(command) => command.run(context),
         #[cfg(feature = "record")]
         Command::Record(command) => command.run(context),
+        #[cfg(feature = "record")]
+        Command::Recording(command) => command.run(context),
         #[cfg(feature = "residual")]
         Command::Residual(command) => command.run(context),
         #[cfg(feature = "residual")]
