@@ -22,6 +22,9 @@ const ANSWER_TIMEOUT: Duration = Duration::from_secs(10);
 const RELEASE_TIMEOUT: Duration = Duration::from_millis(500);
 /// How long the service may send no tick before it counts as gone.
 const TICK_TIMEOUT: Duration = Duration::from_secs(3);
+/// Longest single wait for a line. Time in which this process did not run (Ctrl-Z, a computer that sleeps) counts as one at most:
+/// the service is not silent because nobody listened.
+const WAIT_SLICE: Duration = Duration::from_millis(100);
 /// Why a service can't be used.
 #[derive(Debug, thiserror::Error)]
 pub enum ServiceError {
@@ -208,12 +211,11 @@ impl Client {
         self.next_id += 1;
         let id = self.next_id;
         self.send(call, Some(id))?;
-        let until = Instant::now() + timeout;
+        let mut left = timeout;
         loop {
-            let left = until.saturating_duration_since(Instant::now());
-            match self.lines.recv_timeout(left) {
-                Ok(Line::Notification(notification)) => self.waiting.push_back(notification),
-                Ok(Line::Answer(mut answer)) => {
+            match self.line(&mut left)? {
+                Some(Line::Notification(notification)) => self.waiting.push_back(notification),
+                Some(Line::Answer(mut answer)) => {
                     if answer["id"] != id {
                         continue;
                     }
@@ -225,11 +227,26 @@ impl Client {
                     }
                     return Ok(answer["result"].take());
                 }
-                Err(RecvTimeoutError::Timeout) => {
+                None => {
                     return Err(
                         self.broken(&format!("it does not answer for {} s", timeout.as_secs()))
                     );
                 }
+            }
+        }
+    }
+
+    /// The next line; `None` when `left` is over. Takes what it waited from `left`.
+    fn line(&self, left: &mut Duration) -> Result<Option<Line>, ServiceError> {
+        loop {
+            let (slice, began) = ((*left).min(WAIT_SLICE), Instant::now());
+            match self.lines.recv_timeout(slice) {
+                Ok(line) => {
+                    *left = left.saturating_sub(began.elapsed().min(slice));
+                    return Ok(Some(line));
+                }
+                Err(RecvTimeoutError::Timeout) if *left <= slice => return Ok(None),
+                Err(RecvTimeoutError::Timeout) => *left -= slice,
                 Err(RecvTimeoutError::Disconnected) => return Err(self.broken("it has ended")),
             }
         }
@@ -243,14 +260,12 @@ impl Client {
         if let Some(notification) = self.waiting.pop_front() {
             return Ok(Some(notification));
         }
-        let until = Instant::now() + timeout;
+        let mut left = timeout;
         loop {
-            let left = until.saturating_duration_since(Instant::now());
-            match self.lines.recv_timeout(left) {
-                Ok(Line::Notification(notification)) => return Ok(Some(notification)),
-                Ok(Line::Answer(_)) => {}
-                Err(RecvTimeoutError::Timeout) => return Ok(None),
-                Err(RecvTimeoutError::Disconnected) => return Err(self.broken("it has ended")),
+            match self.line(&mut left)? {
+                Some(Line::Notification(notification)) => return Ok(Some(notification)),
+                Some(Line::Answer(_)) => {}
+                None => return Ok(None),
             }
         }
     }

@@ -5,6 +5,7 @@
 use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use tempfile::TempDir;
 
@@ -14,17 +15,22 @@ fn program() -> PathBuf {
     Path::new(&rig).with_file_name("forcectl")
 }
 
-/// A folder with the sockets of one test, and the processes in it.
+/// A folder with the sockets of one test, and the processes in it. One at a time: a rig wants a core, and its clients' time is
+/// that of the clock on the wall.
 struct Lab {
     folder: TempDir,
     rig: Option<Child>,
+    _alone: MutexGuard<'static, ()>,
 }
+
+static ALONE: Mutex<()> = Mutex::new(());
 
 impl Lab {
     fn new() -> Self {
         Self {
             folder: tempfile::tempdir().unwrap(),
             rig: None,
+            _alone: ALONE.lock().unwrap_or_else(PoisonError::into_inner),
         }
     }
 
@@ -51,7 +57,7 @@ impl Lab {
     fn start_rig(&mut self, seed: u64) {
         let log = std::fs::File::create(self.folder.path().join("rig.log")).unwrap();
         let child = self
-            .command(&format!("rig --seed {seed}"))
+            .command(&format!("rig --wait --seed {seed}"))
             .stderr(log)
             .spawn()
             .unwrap();
