@@ -118,12 +118,19 @@ impl SetForce {
         let mut files = Files::default();
         // What was recorded up to an error is kept.
         #[cfg(feature = "record")]
-        if let (Some(folder), Some(finished)) = (&self.record, watch.finish_recording()) {
+        let recorded = watch.finish_recording();
+        #[cfg(feature = "record")]
+        if let (Some(folder), Some(finished)) = (&self.record, &recorded) {
             files.recording(folder, finished);
         }
-        let json = outcome
+        #[cfg_attr(not(feature = "record"), allow(unused_mut))]
+        let mut json = outcome
             .as_ref()
             .map(|outcome| self.write(outcome, &mut files));
+        #[cfg(feature = "record")]
+        if let (Some(json), Some(finished)) = (&mut json, &recorded) {
+            json["recording"] = serde_json::to_value(finished).unwrap_or_default();
+        }
         conclude(outcome.as_ref(), error, json, files)
     }
 
@@ -174,7 +181,7 @@ impl Files {
 #[cfg(feature = "record")]
 impl Files {
     /// A recording: what it holds, what it lacks, and its files that are not complete.
-    fn recording(&mut self, folder: &Path, finished: Finished) {
+    fn recording(&mut self, folder: &Path, finished: &Finished) {
         row!(
             self.written,
             "recording           {}: {} samples, {} cycles",
@@ -191,7 +198,7 @@ impl Files {
             );
         }
         self.failures
-            .extend(finished.failures.into_iter().map(Failure::from));
+            .extend(finished.failures.iter().cloned().map(Failure::from));
     }
 }
 

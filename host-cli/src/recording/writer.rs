@@ -3,7 +3,7 @@
 use super::recorder::{Item, Metadata, Shared};
 use super::rows::{At, ClockRow, CounterRow, CycleRow, EventRow, SampleRow, TipPose, OBSERVING};
 use super::sink::{Sink, Storage};
-use super::table::{Row, Table, Times, Utc};
+use super::table::{Row, Times, Utc};
 use super::utc::UtcClock;
 use crate::clock::{Bin, BoardClock, Estimate, Reading};
 use crate::force::metrics::Step;
@@ -89,13 +89,9 @@ impl Writer {
             );
             Ok(())
         };
-        for Table {
-            topic, schema_name, ..
-        } in super::TABLES
-        {
-            let schema = super::TABLES.iter().find(|table| table.topic == topic);
-            let schema = schema.map(Table::json_schema).unwrap_or_default();
-            add(topic, schema_name, schema.to_string())?;
+        for table in super::TABLES {
+            let schema = table.json_schema().to_string();
+            add(table.topic, table.schema_name, schema)?;
         }
         add(
             TipPose::TOPIC,
