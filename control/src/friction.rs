@@ -6,7 +6,8 @@
 //! * winding in: cmd = (F - offset + c0) / (gain - c1)
 //! * paying out: cmd = (F - offset - c0) / (gain + c1)
 //!
-//! For a direction estimate between -1 and 1 the command is interpolated linearly between the two.
+//! For a direction estimate between -1 and 1 the command is interpolated linearly between the two, less a margin
+//! ([`REVERSAL_SHARE_Q16`]).
 //!
 //! Two more terms, off unless configured, count like an offset: viscous friction (F falls by b v) and ripples over
 //! the reel's angle. The speed for the former is the mean of the travel over about 25 ms, for two reasons. One count
@@ -148,10 +149,17 @@ impl Model {
         let winding_in = ((base + coulomb) * i64::from(self.inv_in_q24)) >> 24;
         let paying_out = ((base - coulomb) * i64::from(self.inv_out_q24)) >> 24;
         let middle = (winding_in + paying_out) >> 1;
-        let half = (winding_in - paying_out) >> 1;
+        let half = ((winding_in - paying_out) >> 1) * REVERSAL_SHARE_Q16 >> 16;
         Newton::from_wide(middle + ((half * i64::from(direction.q30())) >> 30))
     }
 }
+
+/// Part of the friction between winding in and paying out that the feedforward takes over, times 65,536: 0.9.
+///
+/// The rest is left to the integral. A reversal that is compensated too early or by too much pulls the cable the wrong way,
+/// which costs more than one that is compensated too little. Tried on the plant with its presliding distance, breakaway, cable and
+/// friction changed both ways: docs/control.md.
+pub const REVERSAL_SHARE_Q16: i64 = 58_982;
 
 /// Largest viscous friction that is compensated: 3 N, twice what the reel's dry friction is at 4 N.
 pub const VISCOUS_LIMIT: Newton = Newton::from_un(3_000_000);

@@ -40,6 +40,57 @@ fn holds_the_tension_while_the_tip_moves() {
     assert!(with < without, "{with} N with, {without} N without");
 }
 
+/// Friction that differs from the declared one, one property at a time, each changed both ways.
+fn other_plants() -> Vec<(&'static str, PlantConfig)> {
+    let changed = |change: fn(&mut PlantConfig)| {
+        let mut plant = PlantConfig::default();
+        change(&mut plant);
+        plant
+    };
+    vec![
+        ("as declared", PlantConfig::default()),
+        (
+            "half the presliding distance",
+            changed(|p| p.friction.presliding_m *= 0.5),
+        ),
+        (
+            "twice the presliding distance",
+            changed(|p| p.friction.presliding_m *= 2.0),
+        ),
+        (
+            "no breakaway",
+            changed(|p| p.friction.breakaway_ratio = 1.0),
+        ),
+        (
+            "twice the breakaway",
+            changed(|p| p.friction.breakaway_ratio += p.friction.breakaway_ratio - 1.0),
+        ),
+        (
+            "half the cable's stiffness",
+            changed(|p| p.cable.axial_stiffness_n *= 0.5),
+        ),
+        (
+            "twice the cable's stiffness",
+            changed(|p| p.cable.axial_stiffness_n *= 2.0),
+        ),
+    ]
+}
+
+#[test]
+fn the_feedforward_helps_every_cable_also_where_friction_is_another() {
+    for (name, plant) in other_plants() {
+        let errors = |wire: &UnitConfig| rig::tension_errors(plant.clone(), 5, wire, 12.0);
+        let (with, without) = (errors(&Config::nominal()), errors(&without_feedforward()));
+        for (i, ((with, _), (without, _))) in with.iter().zip(&without).enumerate() {
+            println!("{name}, unit {i}: {with:.4} N with, {without:.4} N without");
+            assert!(
+                with < without,
+                "{name}, unit {i}: {with} N with, {without} N without"
+            );
+        }
+    }
+}
+
 #[test]
 fn holds_it_with_other_cables_and_the_thesis_filter() {
     for axial_stiffness_n in [2_000.0, 20_000.0] {

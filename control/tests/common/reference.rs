@@ -168,7 +168,9 @@ impl Reference {
         let base = tension - micro(self.wire.friction_offset_un) + viscous - ripples;
         let winding_in = (base + c0) / (gain - c1);
         let paying_out = (base - c0) / (gain + c1);
-        let share = 0.5 * (1.0 + self.direction);
+        // The direction less the margin of the feedforward.
+        let direction = self.direction * control::friction::REVERSAL_SHARE_Q16 as f64 / 65_536.0;
+        let share = 0.5 * (1.0 + direction);
         share * winding_in + (1.0 - share) * paying_out
     }
 
