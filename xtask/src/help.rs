@@ -36,6 +36,12 @@ pub const ENTRIES: &[Entry] = &[
         page: "",
     },
     Entry {
+        name: "inspect",
+        arguments: "",
+        summary: "check the image's machine code: no panic behind the sample path, stack large enough",
+        page: "",
+    },
+    Entry {
         name: "build-rig",
         arguments: "",
         summary: "build the embedded rig and forcectl",
@@ -94,6 +100,12 @@ pub const ENTRIES: &[Entry] = &[
         arguments: "[OPTIONS] | --mutants [NAME...]",
         summary: "inject thousands of faults into the firmware's core on the plant, and print what came of them",
         page: include_str!("../../evaluations/faults/src/help.txt"),
+    },
+    Entry {
+        name: "fuzz",
+        arguments: "[OPTIONS]",
+        summary: "feed damaged frames, rig files, model files, expressions and logs to what reads them",
+        page: "  --cases N  cases of each test (default 20000; 300 in `cargo xtask test`)\n  --seed S   seed (default 1)\n",
     },
     Entry {
         name: "residual-bench",

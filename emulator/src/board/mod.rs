@@ -94,6 +94,8 @@ pub struct Board {
     flip_dac_bit: Option<u8>,
     /// The engine is to set the bus-error flag in the next transfer, or to lock the serial line's stream.
     bus_error: bool,
+    /// The ST-Link's clock stands still.
+    clock_lost: bool,
     stall: bool,
     to_board: VecDeque<u8>,
     from_board: Vec<u8>,
@@ -149,6 +151,7 @@ impl Board {
             flip_bus_bit: None,
             flip_dac_bit: None,
             bus_error: false,
+            clock_lost: false,
             stall: false,
             to_board: VecDeque::new(),
             from_board: Vec::new(),

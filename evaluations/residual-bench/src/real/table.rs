@@ -18,7 +18,7 @@ pub fn page(all: &[Outcome], absent: usize) -> String {
     if absent > 0 {
         let _ = writeln!(
             out,
-            "\n{absent} cases have no data in the folder and are left out."
+            "\nCases without data in the folder, left out: {absent}."
         );
     }
     out += "\n| case | rows | declared | after | found | improves, name not supported | verdict | check: declared | found | all |\n\
