@@ -14,6 +14,7 @@
 //! | a whole run | [`run`] |
 //! | how good was it | [`force::metrics`], [`plot`] |
 //! | what does the rig lack in its rig file | [`identify`](mod@crate::identify), [`findings`](mod@crate::identify::findings) |
+//! | a day in the lab: trials, datasets | [`experiment`](mod@crate::experiment) |
 //! | what is kept of it | [`recording`](mod@crate::recording) |
 //!
 //! SI units throughout; the wire's integers end at [`session`].
@@ -21,6 +22,8 @@
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
 pub mod clock;
+#[cfg(feature = "record")]
+pub mod experiment;
 pub mod force;
 #[cfg(feature = "residual")]
 pub mod identify;

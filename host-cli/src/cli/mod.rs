@@ -27,6 +27,8 @@ mod disarm;
 #[cfg(test)]
 mod documented;
 mod exit;
+#[cfg(feature = "record")]
+mod experiment;
 mod explain;
 mod hold;
 #[cfg(feature = "residual")]
@@ -119,6 +121,10 @@ enum Command {
     #[cfg(feature = "record")]
     #[command(after_help = recording::HELP)]
     Recording(recording::Recording),
+    /// Run an experiment: trials with a moving robot and a known force, as one dataset
+    #[cfg(feature = "record")]
+    #[command(after_help = experiment::HELP)]
+    Experiment(experiment::ExperimentCommand),
     /// Find what a force model lacks, from logs; drives nothing
     #[cfg(feature = "residual")]
     #[command(after_help = residual::HELP)]
@@ -192,6 +198,8 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
         Command::Record(command) => command.run(context),
         #[cfg(feature = "record")]
         Command::Recording(command) => command.run(context),
+        #[cfg(feature = "record")]
+        Command::Experiment(command) => command.run(context),
         #[cfg(feature = "residual")]
         Command::Residual(command) => command.run(context),
         #[cfg(feature = "residual")]
