@@ -55,7 +55,7 @@ pub enum ExperimentError {
     Table(#[from] table::TableError),
     /// The recording of the samples.
     #[error(transparent)]
-    Record(#[from] crate::record::RecordError),
+    Record(#[from] crate::recording::RecordError),
     /// The link can't be opened.
     #[error(transparent)]
     Link(#[from] crate::link::LinkError),

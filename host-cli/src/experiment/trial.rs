@@ -17,10 +17,10 @@ use super::ExperimentError;
 use crate::force::controller::{ControlError, Input};
 use crate::force::metrics::Step;
 use crate::link::RigLink;
-use crate::record::Recorder;
+use crate::recording::{Metadata, Recorder};
 use crate::rigfile::RigFile;
 use crate::run::{ramp_down_and_disarm, ready_board, Observer, Phase, Prepared, RunError, Zeroing};
-use crate::session::{explain_fault, Received, Session, TimedSample, PERIOD};
+use crate::session::{explain_fault, Received, Session, PERIOD};
 use emulator_link::Truth as PlantTruth;
 use nalgebra::Vector3;
 use robot::arm::Truth as ArmTruth;
@@ -124,7 +124,6 @@ pub fn run_trial(
         log: Log {
             trial: setup.trial.number,
             recorder: None,
-            record_error: None,
             watcher,
         },
         shown: Shown {
@@ -153,7 +152,17 @@ pub fn run_trial(
         commanded_since_ns: None,
     };
     if setup.experiment.record_samples {
-        let recorder = Recorder::create(&setup.folder.recording(), setup.rig)?;
+        let metadata = Metadata::new(setup.rig, link.controls().is_some())
+            .with("link", link.name())
+            .with("command", "experiment")
+            .with("trial", setup.trial.number);
+        let own = link.booted_here();
+        let metadata = if own {
+            metadata
+        } else {
+            metadata.never_waits()
+        };
+        let recorder = Recorder::create(&setup.folder.recording(), &metadata)?;
         run.log.recorder = Some(recorder);
     }
     match run.drive(link, tamper) {
@@ -187,40 +196,34 @@ fn robot_gone(error: &SourceError) -> End {
 struct Log<'a> {
     trial: usize,
     recorder: Option<Recorder>,
-    record_error: Option<String>,
     watcher: &'a mut dyn Watcher,
-}
-
-impl Log<'_> {
-    fn record(
-        &mut self,
-        write: impl FnOnce(&mut Recorder) -> Result<(), crate::record::RecordError>,
-    ) {
-        if let Some(recorder) = &mut self.recorder {
-            if let Err(error) = write(recorder) {
-                self.watcher.notice(&error.to_string());
-                self.record_error = Some(error.to_string());
-                self.recorder = None;
-            }
-        }
-    }
 }
 
 impl Observer for Log<'_> {
     fn progress(&mut self, phase: Phase, _: f64) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.phase(phase);
+        }
         self.watcher.progress(self.trial, phase, 0.0);
     }
     fn notice(&mut self, text: &str) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.notice(text);
+        }
         self.watcher.notice(text);
     }
     fn configured(&mut self, configs: &[UnitConfig; UNITS]) {
-        self.record(|recorder| {
+        if let Some(recorder) = &mut self.recorder {
             recorder.configured(configs);
-            Ok(())
-        });
+        }
     }
-    fn samples(&mut self, samples: &[TimedSample]) {
-        self.record(|recorder| recorder.samples(samples));
+    fn received(&mut self, received: &Received) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.received(received);
+            if let Some(text) = recorder.trouble() {
+                self.watcher.notice(&text);
+            }
+        }
     }
 }
 
@@ -304,7 +307,7 @@ impl Run<'_> {
                 .poll(session.link(), now_ns)
                 .map_err(|error| robot_gone(&error))?;
             let received = session.drain();
-            self.log.samples(&received.samples);
+            self.log.received(&received);
             self.newest = fresh.poll.states.iter().rev().find_map(tip_of);
             if self.newest.is_some() {
                 return Ok(());
@@ -365,6 +368,9 @@ impl Run<'_> {
             } else {
                 Phase::Hold
             };
+            if let Some(recorder) = &mut self.log.recorder {
+                recorder.phase(phase);
+            }
             self.log
                 .watcher
                 .progress(self.log.trial, phase, t_s.max(0.0));
@@ -450,7 +456,9 @@ impl Run<'_> {
             true_tension_n: None,
             available: prepared.available,
         };
-        self.log.record(|recorder| recorder.cycle(&step));
+        if let Some(recorder) = &mut self.log.recorder {
+            recorder.cycle(&step);
+        }
         Ok(())
     }
 
@@ -477,7 +485,7 @@ impl Run<'_> {
             self.newest = tip_of(state).or(self.newest);
             self.row(state, feed, now_ns);
         }
-        self.log.samples(&received.samples);
+        self.log.received(&received);
         if let Some(joiner) = &mut self.joiner {
             joiner.join(self.now_board_s, false);
         }

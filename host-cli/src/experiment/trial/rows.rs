@@ -103,11 +103,16 @@ impl Run<'_> {
             }
         }
         if let Some(recorder) = self.log.recorder.take() {
-            if let Err(failure) = recorder.finish() {
-                error.get_or_insert(failure.into());
-            }
+            let finished = recorder.finish();
+            let dropped = finished.dropped_samples + finished.dropped_cycles;
+            self.shown.counts.record_error = finished
+                .complete()
+                .err()
+                .map(|failure| failure.to_string())
+                .or((dropped > 0).then(|| {
+                    format!("the recording lacks {dropped} rows: the disk was too slow or full")
+                }));
         }
-        self.shown.counts.record_error = self.log.record_error.take();
         error.map_or(Ok(self.shown), Err)
     }
 }
