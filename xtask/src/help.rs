@@ -126,6 +126,12 @@ pub const ENTRIES: &[Entry] = &[
         page: include_str!("../../evaluations/closed-loop/src/help.txt"),
     },
     Entry {
+        name: "experiment-report",
+        arguments: "[OPTIONS]",
+        summary: "run the default experiment whole and write its report and data card into docs/experiment",
+        page: "  --shards N  trials that run side by side (default 2)\n",
+    },
+    Entry {
         name: "residual-report",
         arguments: "[OPTIONS]",
         summary: "write what the residual analysis finds on the measured rig into docs/residual/rig.md",

@@ -5,6 +5,7 @@
 //! them by starting cargo; see docs/developing.md.
 
 mod elf;
+mod experiment;
 mod firmware;
 mod flash;
 mod help;
@@ -121,6 +122,7 @@ fn dispatch() -> Result<u8, Stop> {
         "faults" => Ok(rig::faults(&workspace, &rest(parser)?)?),
         "closed-loop" => Ok(rig::closed_loop(&workspace, &rest(parser)?)?),
         "calibration-bench" => Ok(rig::calibration_bench(&workspace, &rest(parser)?)?),
+        "experiment-report" => Ok(experiment::report(&workspace, &rest(parser)?)?),
         "residual-bench" => Ok(rig::residual_bench(&workspace, &rest(parser)?)?),
         "residual-report" => Ok(measured::report(&workspace, &rest(parser)?)?),
         "residual-compare" => Ok(measured::compare(&workspace, &rest(parser)?)?),

@@ -72,12 +72,13 @@ pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
 /// Errs on the side of building: only a call that clearly goes elsewhere is excepted.
 pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
     // Those that never start an emulation are offline as well: `stop` must not wait for a compiler.
-    const OFFLINE: [&str; 14] = [
+    const OFFLINE: [&str; 15] = [
         "arm",
         "check",
         "clear",
         "completions",
         "disarm",
+        "experiment",
         "explain",
         "help",
         "init",

@@ -4,14 +4,14 @@ use super::{CalibrateError, Result};
 use crate::force::metrics::Step;
 use crate::rigfile::RigFile;
 use crate::run::{Observer, Phase};
-use crate::session::TimedSample;
+use crate::session::Received;
 use calibration::geometry::UnitGeometry;
 use calibration::record::Record;
 use calibration::self_calibration::{
     self, exit_point, fuse, moved, ExitEstimate, Moved, Prior, Sample,
 };
 use nalgebra::{Matrix3, Vector3};
-use wire::message::UnitConfig;
+use wire::message::{BoardInfo, UnitConfig};
 use wire::UNITS;
 
 /// Watches a run for another observer, and keeps what a self-calibration needs.
@@ -19,8 +19,6 @@ pub struct Collector<'o> {
     inner: &'o mut dyn Observer,
     travel_m_per_count: [f64; UNITS],
     newest: [Option<i32>; UNITS],
-    /// The cycle whose samples have not come yet.
-    pending: Option<Step>,
     /// Samples of each unit, one for each control cycle.
     pub samples: [Vec<Sample>; UNITS],
 }
@@ -32,7 +30,6 @@ impl<'o> Collector<'o> {
             inner,
             travel_m_per_count: rig.units.map(|unit| unit.travel_m_per_count),
             newest: [None; UNITS],
-            pending: None,
             samples: std::array::from_fn(|_| Vec::new()),
         }
     }
@@ -51,41 +48,36 @@ impl Observer for Collector<'_> {
         self.inner.configured(configs);
     }
 
-    fn samples(&mut self, samples: &[TimedSample]) {
-        for timed in samples {
+    fn connected(&mut self, board: &BoardInfo) {
+        self.inner.connected(board);
+    }
+
+    fn received(&mut self, received: &Received) {
+        for timed in &received.samples {
             if let Some(newest) = self.newest.get_mut(usize::from(timed.sample.unit)) {
                 *newest = Some(timed.sample.encoder_counts);
             }
         }
-        self.pair();
-        self.inner.samples(samples);
+        self.inner.received(received);
     }
 
     fn step(&mut self, step: &Step) {
-        // A run reports a cycle before its samples. Before the force is commanded the cables are tensioned: the reels turn
-        // without the tip.
-        self.pending = (step.t_s >= 0.0).then_some(*step);
-        self.inner.step(step);
-    }
-}
-
-impl Collector<'_> {
-    /// The tip of a cycle with the newest counts of the same cycle.
-    fn pair(&mut self) {
-        let Some(step) = self.pending.take() else {
-            return;
-        };
-        for i in 0..UNITS {
-            let Some(counts) = self.newest[i].filter(|_| step.available[i]) else {
-                continue;
-            };
-            self.samples[i].push(Sample {
-                tip_m: step.tip_m,
-                // Winding in counts up; paid out is positive here.
-                travel_m: -f64::from(counts) * self.travel_m_per_count[i],
-                tension_n: step.measured_tension_n[i],
-            });
+        // A run reports the samples of a cycle before the cycle. Before the force is commanded the cables are tensioned: the
+        // reels turn without the tip.
+        if step.t_s >= 0.0 {
+            for i in 0..UNITS {
+                let Some(counts) = self.newest[i].filter(|_| step.available[i]) else {
+                    continue;
+                };
+                self.samples[i].push(Sample {
+                    tip_m: step.tip_m,
+                    // Winding in counts up; paid out is positive here.
+                    travel_m: -f64::from(counts) * self.travel_m_per_count[i],
+                    tension_n: step.measured_tension_n[i],
+                });
+            }
         }
+        self.inner.step(step);
     }
 }
 

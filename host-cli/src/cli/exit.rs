@@ -187,8 +187,8 @@ impl From<RunError> for Failure {
 }
 
 #[cfg(feature = "record")]
-impl From<host_cli::record::RecordError> for Failure {
-    fn from(error: host_cli::record::RecordError) -> Self {
+impl From<host_cli::recording::RecordError> for Failure {
+    fn from(error: host_cli::recording::RecordError) -> Self {
         Self::new(FILE, error)
     }
 }

@@ -28,6 +28,8 @@ mod disarm;
 #[cfg(test)]
 mod documented;
 mod exit;
+#[cfg(feature = "record")]
+mod experiment;
 mod explain;
 mod hold;
 #[cfg(feature = "residual")]
@@ -42,6 +44,8 @@ mod output;
 mod progress;
 #[cfg(feature = "record")]
 mod record;
+#[cfg(feature = "record")]
+mod recording;
 #[cfg(feature = "residual")]
 mod residual;
 #[cfg(unix)]
@@ -120,6 +124,14 @@ enum Command {
     /// Record every sample and drive nothing (to record a force: set-force --record DIR)
     #[cfg(feature = "record")]
     Record(record::Record),
+    /// Check a recording, write its Parquet files, or join it with a robot's log
+    #[cfg(feature = "record")]
+    #[command(after_help = recording::HELP)]
+    Recording(recording::Recording),
+    /// Run an experiment: trials with a moving robot and a known force, as one dataset
+    #[cfg(feature = "record")]
+    #[command(after_help = experiment::HELP)]
+    Experiment(experiment::ExperimentCommand),
     /// Find what a force model lacks, from logs; drives nothing
     #[cfg(feature = "residual")]
     #[command(after_help = residual::HELP)]
@@ -193,6 +205,10 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
         Command::Init(command) => command.run(context),
         #[cfg(feature = "record")]
         Command::Record(command) => command.run(context),
+        #[cfg(feature = "record")]
+        Command::Recording(command) => command.run(context),
+        #[cfg(feature = "record")]
+        Command::Experiment(command) => command.run(context),
         #[cfg(feature = "residual")]
         Command::Residual(command) => command.run(context),
         #[cfg(feature = "residual")]

@@ -4,7 +4,7 @@
 //! rig, whose cells differ by some percent, and no rig file can know them. On a real rig the rig file holds the
 //! calibration, and this step does nothing.
 
-use super::{Observer, Phase, RunError};
+use super::{begin, in_force, Observer, Phase, RunError};
 use crate::link::LinkError;
 use crate::rigfile::RigFile;
 use crate::session::{Session, TimedSample};
@@ -34,7 +34,7 @@ pub(super) fn calibrate(
     if measured || session.link().controls().is_none() {
         return Ok(());
     }
-    observer.progress(Phase::Calibrate, 0.0);
+    begin(session, observer, Phase::Calibrate);
     let samples = weigh(session, observer)?;
     for (i, config) in configs
         .iter_mut()
@@ -53,6 +53,7 @@ pub(super) fn calibrate(
         }
     }
     session.configure(configs)?;
+    in_force(session, observer, configs);
     observer.progress(Phase::Calibrate, 1.0);
     Ok(())
 }
@@ -64,13 +65,13 @@ fn weigh(
 ) -> Result<Vec<TimedSample>, RunError> {
     hang_weights(session, WEIGHT_N)?;
     session.advance(WEIGHT_SETTLE_TIME)?;
-    observer.samples(&session.drain().samples);
+    observer.received(&session.drain());
     session.advance(WEIGHING_TIME)?;
     let received = session.drain();
-    observer.samples(&received.samples);
+    observer.received(&received);
     hang_weights(session, 0.0)?;
     session.advance(WEIGHT_SETTLE_TIME)?;
-    observer.samples(&session.drain().samples);
+    observer.received(&session.drain());
     Ok(received.samples)
 }
 

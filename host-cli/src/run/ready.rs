@@ -112,6 +112,7 @@ fn keep(
     let same = wanted == in_force && session.get_board()? == rig.controller.board_config();
     let faults = if same {
         // Nothing is sent that would start the sensors anew.
+        observer.configured(&in_force);
         session.command(&Command::Stream { decimation: 1 })?;
         let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
         leave_out_faulted(session, &mut configs, &status, observer)?

@@ -68,3 +68,13 @@ fn a_dip_of_the_supply_is_reported_and_arms_nothing() {
     assert!(info.hse);
     assert!(driven_ms <= 2, "{driven_ms} ms");
 }
+
+#[test]
+fn a_stack_that_overflows_is_a_processor_fault_and_not_a_silent_overwrite() {
+    let mut link = rig(83);
+    let (info, driven_ms) = reset_by(&mut link, Injection::OverflowStack);
+    assert_eq!(fault_of(&info), Some(Fault::HardFault), "{info:?}");
+    let record = info.crash_record.expect("a record");
+    assert!(record.text.contains("stack overflow"), "{record:?}");
+    assert!(driven_ms <= 3, "{driven_ms} ms");
+}
