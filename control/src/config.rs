@@ -348,10 +348,10 @@ impl Config {
         ];
         // Not 0, which cleared memory has.
         let mut sum = 0x5EA1_C0DE;
-        let mut n = 0;
-        while n < words.len() {
-            sum = u32::rotate_left(sum, 1) ^ words[n];
-            n += 1;
+        let mut rest = words.as_slice();
+        while let Some((word, others)) = rest.split_first() {
+            sum = u32::rotate_left(sum, 1) ^ *word;
+            rest = others;
         }
         sum
     }

@@ -149,7 +149,7 @@ impl Model {
         let winding_in = ((base + coulomb) * i64::from(self.inv_in_q24)) >> 24;
         let paying_out = ((base - coulomb) * i64::from(self.inv_out_q24)) >> 24;
         let middle = (winding_in + paying_out) >> 1;
-        let half = ((winding_in - paying_out) >> 1) * REVERSAL_SHARE_Q16 >> 16;
+        let half = (((winding_in - paying_out) >> 1) * REVERSAL_SHARE_Q16) >> 16;
         Newton::from_wide(middle + ((half * i64::from(direction.q30())) >> 30))
     }
 }

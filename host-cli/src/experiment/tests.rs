@@ -43,8 +43,6 @@ fn the_quick_experiment_gives_a_dataset_whose_label_is_the_true_force() {
         &mut |_, _| None,
     );
     assert_eq!(summary.good, [1], "{:?}", summary.attempts);
-    let attempt = &summary.attempts[0];
-    println!("{:#?} {} s", attempt.figures, attempt.wall_s);
     let folder = Folder::open(folder.path()).unwrap().0;
     let rows = Table::read(&folder.dataset(1)).unwrap();
     assert_eq!(rows.names().len(), COLUMNS.len());
@@ -57,7 +55,6 @@ fn the_quick_experiment_gives_a_dataset_whose_label_is_the_true_force() {
         let label = rows.column(&format!("force_{axis}_n")).unwrap();
         let real = truth.column(&format!("true_force_{axis}_n")).unwrap();
         let error = rms(label.iter().zip(real).map(|(a, b)| a - b));
-        println!("force {axis}: error RMS {error}");
         assert!(error < 0.1, "{axis}: {error}");
     }
     let y = rows.column("force_y_n").unwrap();

@@ -457,7 +457,7 @@ impl Run<'_> {
             available: prepared.available,
         };
         if let Some(recorder) = &mut self.log.recorder {
-            recorder.cycle(&step);
+            recorder.cycle_at(&step, session.now_ns());
         }
         Ok(())
     }

@@ -106,7 +106,8 @@ impl Metadata {
 /// What goes to the writer.
 pub(super) enum Item {
     Received(Box<Received>),
-    Cycle(Box<Step>),
+    /// A cycle, and its host time, ns; 0: that of what was received last.
+    Cycle(Box<Step>, u64),
     Phase(&'static str),
     Configured(Box<[UnitConfig; UNITS]>),
     Notice(String),
@@ -331,8 +332,13 @@ impl Recorder {
 
     /// A cycle of the host's controller, after what arrived in it.
     pub fn cycle(&mut self, step: &Step) {
+        self.cycle_at(step, 0);
+    }
+
+    /// The same before what arrived in it was handed over, with its host time, ns.
+    pub fn cycle_at(&mut self, step: &Step, host_ns: u64) {
         self.steady.add(step);
-        if !self.may(Item::Cycle(Box::new(*step))) {
+        if !self.may(Item::Cycle(Box::new(*step), host_ns)) {
             self.shared.drop_cycles(1);
         }
     }

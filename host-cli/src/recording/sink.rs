@@ -1,10 +1,11 @@
-//! Where the MCAP file's bytes go: kept in memory until a chunk is complete, then written and brought to the disk at once.
+//! Where the MCAP file's bytes go: kept in memory until a chunk is complete, then written, and brought to the disk twice a second.
 //!
 //! A write that fails (a full disk, a drive that is gone) loses nothing at first: the file is cut back to the last whole
 //! chunk, the bytes are kept, and the next flush tries again.
 
 use std::fs::File;
 use std::io::{self, Seek, SeekFrom, Write};
+use std::time::{Duration, Instant};
 
 /// A file, or what a test puts in its place.
 pub trait Storage: Send {
@@ -40,12 +41,18 @@ impl Storage for File {
     }
 }
 
+/// Shortest time between two syncs: chunks that are complete by their size follow each other faster than a disk can sync.
+const SYNC_PERIOD: Duration = Duration::from_millis(400);
+
 /// Collects bytes; [`Write::flush`] brings them to the storage.
 pub(super) struct Sink {
     storage: Box<dyn Storage>,
     /// Length of what is on the disk.
     stored: u64,
     waiting: Vec<u8>,
+    /// Whether something was written since the last sync, and when that was.
+    unsynced: bool,
+    synced: Instant,
     /// Bytes that wait because of an error; shared with who decides what is still taken.
     backlog: std::sync::Arc<std::sync::atomic::AtomicU64>,
 }
@@ -60,6 +67,8 @@ impl Sink {
             storage,
             stored: 0,
             waiting: Vec::new(),
+            unsynced: false,
+            synced: Instant::now(),
             backlog: std::sync::Arc::clone(&backlog),
         };
         (sink, backlog)
@@ -69,14 +78,12 @@ impl Sink {
         if self.waiting.is_empty() {
             return Ok(());
         }
-        let written = self
-            .storage
-            .write_at(self.stored, &self.waiting)
-            .and_then(|()| self.storage.sync());
+        let written = self.storage.write_at(self.stored, &self.waiting);
         let waiting = match &written {
             Ok(()) => {
                 self.stored += self.waiting.len() as u64;
                 self.waiting.clear();
+                self.unsynced = true;
                 0
             }
             Err(_) => {
@@ -89,6 +96,14 @@ impl Sink {
             .store(waiting, std::sync::atomic::Ordering::Relaxed);
         written
     }
+
+    /// Brings what was written to the disk.
+    pub(super) fn sync(&mut self) -> io::Result<()> {
+        if std::mem::take(&mut self.unsynced) {
+            self.storage.sync()?;
+        }
+        Ok(())
+    }
 }
 
 impl Write for Sink {
@@ -98,6 +113,11 @@ impl Write for Sink {
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.store()
+        self.store()?;
+        if self.synced.elapsed() >= SYNC_PERIOD {
+            self.synced = Instant::now();
+            self.sync()?;
+        }
+        Ok(())
     }
 }

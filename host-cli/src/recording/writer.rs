@@ -22,6 +22,8 @@ use wire::UNITS;
 
 /// Time between two chunks. What is received in it is lost where the process is killed.
 pub const CHUNK_PERIOD: Duration = Duration::from_millis(500);
+/// Bytes of messages after which a chunk is complete before its time: what a disk that gets full costs at most.
+const CHUNK_BYTES: usize = 1 << 20;
 /// Bytes that are kept in memory while the disk takes none. More is dropped and counted.
 const BACKLOG_MAX: u64 = 64 << 20;
 /// Host time between two rows of counters, ns.
@@ -58,6 +60,8 @@ pub(super) struct Writer {
     board_counts: Option<(u64, u64, u64)>,
     dropped_before: (u64, u64),
     failing: bool,
+    /// Bytes of messages since the last chunk.
+    chunk_bytes: usize,
 }
 
 impl Writer {
@@ -125,6 +129,7 @@ impl Writer {
             board_counts: None,
             dropped_before: (0, 0),
             failing: false,
+            chunk_bytes: 0,
         };
         writer.mcap.flush()?;
         Ok(writer)
@@ -139,7 +144,7 @@ impl Writer {
                 Err(RecvTimeoutError::Timeout) => {}
                 Err(RecvTimeoutError::Disconnected) => break,
             }
-            if Instant::now() >= due {
+            if Instant::now() >= due || self.chunk_bytes >= CHUNK_BYTES {
                 self.flush();
                 due = Instant::now() + CHUNK_PERIOD;
             }
@@ -149,7 +154,8 @@ impl Writer {
             self.write_clock(&bin);
         }
         let finished = self.mcap.finish();
-        let stored = std::io::Write::flush(&mut self.mcap.into_inner().into_inner());
+        let mut sink = self.mcap.into_inner().into_inner();
+        let stored = std::io::Write::flush(&mut sink).and_then(|()| sink.sync());
         if let Err(error) = finished
             .map_err(McapError::from)
             .and(stored.map_err(Into::into))
@@ -160,6 +166,7 @@ impl Writer {
 
     /// Brings the chunk to the disk. Where that fails, it is tried again with the next one.
     fn flush(&mut self) {
+        self.chunk_bytes = 0;
         match self.mcap.flush() {
             Ok(()) => {
                 if self.failing {
@@ -178,7 +185,10 @@ impl Writer {
         self.note_drops();
         match item {
             Item::Received(received) => self.received(&received),
-            Item::Cycle(step) => self.cycle(&step),
+            Item::Cycle(step, host_ns) => {
+                self.host_ns = self.host_ns.max(host_ns);
+                self.cycle(&step);
+            }
             Item::Phase(name) => {
                 if self.phase != name {
                     self.phase = name;
@@ -451,7 +461,10 @@ impl Writer {
         topic.sequence = topic.sequence.wrapping_add(1);
         let written = serde_json::to_vec(message)
             .map_err(McapError::from)
-            .and_then(|bytes| Ok(self.mcap.write_to_known_channel(&header, &bytes)?));
+            .and_then(|bytes| {
+                self.chunk_bytes += bytes.len();
+                Ok(self.mcap.write_to_known_channel(&header, &bytes)?)
+            });
         self.check(written);
     }
 

@@ -119,6 +119,6 @@ fn logs() {
     check(4, (damages(), any::<bool>()), |(damages, header)| {
         let skip = if header { 0 } else { 8 };
         std::fs::write(&path, damaged(&log.as_bytes()[skip..], &damages)).expect("written");
-        let _ = residual::load::load(&[path.clone()], &spec);
+        let _ = residual::load::load(std::slice::from_ref(&path), &spec);
     });
 }

@@ -68,13 +68,13 @@ fn narrow(address: u32, first: u16) -> Effect {
         // B (T2)
         _ if first >> 11 == 0b11100 => target(address, signed((word & 0x7FF) << 1, 12)),
         // PUSH (T1)
-        _ if first >> 9 == 0b1011_010 => Effect::Takes(4 * (word & 0x1FF).count_ones()),
+        _ if first >> 9 == 0b101_1010 => Effect::Takes(4 * (word & 0x1FF).count_ones()),
         // SUB SP, SP, #imm7 (T1)
         _ if first >> 7 == 0b1_0110_0001 => Effect::Takes(4 * (word & 0x7F)),
         // BLX
-        _ if first >> 7 == 0b0100_0111_1 => Effect::GoesAnywhere,
+        _ if first >> 7 == 0b0_1000_1111 => Effect::GoesAnywhere,
         // BX; of LR it is the return
-        _ if first >> 7 == 0b0100_0111_0 && first != 0x4770 => Effect::GoesAnywhere,
+        _ if first >> 7 == 0b0_1000_1110 && first != 0x4770 => Effect::GoesAnywhere,
         // MOV PC, Rm
         _ if first & 0xFF87 == 0x4687 => Effect::GoesAnywhere,
         _ => Effect::None,
