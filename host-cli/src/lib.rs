@@ -12,6 +12,7 @@
 //! | which tensions make a force | [`force::allocation`] |
 //! | what is sent 100 times a second | [`force::controller`] |
 //! | a whole run | [`run`] |
+//! | what is measured of a rig, and how well its force is known | [`calibrate`] |
 //! | how good was it | [`force::metrics`], [`plot`] |
 //! | what does the rig lack in its rig file | [`identify`](mod@crate::identify), [`findings`](mod@crate::identify::findings) |
 //! | a day in the lab: trials, datasets | [`experiment`](mod@crate::experiment) |
@@ -21,6 +22,7 @@
 // Only the program prints, in `cli::output`.
 #![deny(clippy::print_stdout, clippy::print_stderr)]
 
+pub mod calibrate;
 pub mod clock;
 #[cfg(feature = "record")]
 pub mod experiment;

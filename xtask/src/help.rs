@@ -102,6 +102,12 @@ pub const ENTRIES: &[Entry] = &[
         page: include_str!("../../evaluations/faults/src/help.txt"),
     },
     Entry {
+        name: "calibration-bench",
+        arguments: "[OPTIONS]",
+        summary: "calibrate made-up rigs whose truth is known, and print the errors",
+        page: include_str!("../../evaluations/calibration-bench/src/help.txt"),
+    },
+    Entry {
         name: "fuzz",
         arguments: "[OPTIONS]",
         summary: "feed damaged frames, rig files, model files, expressions and logs to what reads them",

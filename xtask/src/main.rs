@@ -121,6 +121,7 @@ fn dispatch() -> Result<u8, Stop> {
         "fuzz" => run_fuzz(&workspace, parser),
         "faults" => Ok(rig::faults(&workspace, &rest(parser)?)?),
         "closed-loop" => Ok(rig::closed_loop(&workspace, &rest(parser)?)?),
+        "calibration-bench" => Ok(rig::calibration_bench(&workspace, &rest(parser)?)?),
         "experiment-report" => Ok(experiment::report(&workspace, &rest(parser)?)?),
         "residual-bench" => Ok(rig::residual_bench(&workspace, &rest(parser)?)?),
         "residual-report" => Ok(measured::report(&workspace, &rest(parser)?)?),

@@ -195,6 +195,17 @@ pub fn residual_bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u
     hand_over(command)
 }
 
+/// Builds and runs the Monte Carlo of the calibration. It needs neither firmware nor embedded rig.
+///
+/// # Errors
+/// When it can't be built or started.
+pub fn calibration_bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
+    let program = build_host_program(workspace, "calibration-bench", "calibration-bench")?;
+    let mut command = Command::new(program);
+    command.args(arguments);
+    hand_over(command)
+}
+
 /// Builds and runs the fault campaign, into `target/faults`, or its mutants. It needs neither firmware nor embedded rig.
 ///
 /// # Errors

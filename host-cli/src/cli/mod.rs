@@ -19,6 +19,7 @@ macro_rules! row {
 }
 
 mod arm;
+mod calibrate;
 mod check;
 mod clear;
 mod completions;
@@ -57,6 +58,7 @@ mod stop;
 mod usage;
 mod values;
 mod watch;
+mod workspace;
 mod zero;
 
 use clap::{Parser, Subcommand};
@@ -88,6 +90,11 @@ enum Command {
     Monitor(monitor::Monitor),
     /// Take zeros; the cables have to be slack
     Zero(zero::Zero),
+    /// Calibrate a rig: zeros, gains, geometry, and how well the force is known
+    #[command(after_help = calibrate::HELP)]
+    Calibrate(calibrate::Calibrate),
+    /// Show which forces are feasible where, and where the units should stand
+    Workspace(workspace::Workspace),
     /// Keep an emulated rig that many commands and terminals can use, until Ctrl-C
     #[cfg(unix)]
     Rig(rig::Rig),
@@ -180,6 +187,8 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
         Command::Status(command) => command.run(context),
         Command::Monitor(command) => command.run(context),
         Command::Zero(command) => command.run(context),
+        Command::Calibrate(command) => command.run(context),
+        Command::Workspace(command) => command.run(context),
         #[cfg(unix)]
         Command::Rig(command) => command.run(context),
         #[cfg(unix)]

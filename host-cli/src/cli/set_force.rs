@@ -71,6 +71,7 @@ impl SetForce {
             ],
         )?;
         self.connection.require_rig_file(&rig)?;
+        let rig = self.connection.calibrated(rig, context)?;
         let options = Options {
             robot_moves: !self.still,
             injections: self.inject.clone(),
@@ -267,7 +268,10 @@ fn table(outcome: &Outcome) -> String {
         &outcome.rig_hash[..12]
     );
     match &outcome.metrics {
-        Some(metrics) => metrics_table(&mut out, metrics),
+        Some(metrics) => {
+            metrics_table(&mut out, metrics);
+            uncertainty_lines(&mut out, outcome);
+        }
         None => {
             row!(
                 out,
@@ -311,6 +315,34 @@ fn table(outcome: &Outcome) -> String {
         }
     }
     out
+}
+
+/// How well the applied force is known.
+fn uncertainty_lines(out: &mut String, outcome: &Outcome) {
+    let Some(u) = &outcome.uncertainty else {
+        row!(
+            out,
+            "uncertainty         not known: no calibration of this rig is stored (`forcectl calibrate`)"
+        );
+        return;
+    };
+    let direction = u
+        .direction_sd_deg
+        .map_or_else(String::new, |d| format!(", direction +- {d:.2} deg"));
+    row!(
+        out,
+        "uncertainty         size +- {:.3} N{direction} (one sd); within {:.3} N with 95 %; calibration of {}",
+        u.size_sd_n,
+        u.radius_95_n,
+        u.date
+    );
+    if !u.nominal.is_empty() {
+        row!(
+            out,
+            "                    not measured, nominal: {}",
+            u.nominal.join(", ")
+        );
+    }
 }
 
 fn metrics_table(out: &mut String, m: &Metrics) {

@@ -6,6 +6,7 @@ use super::sink::Storage;
 use super::table::Utc;
 use super::writer::{configuration_pairs, Writer};
 use super::{folder, RecordError, MCAP_FILE};
+use crate::calibrate::applied::Steady;
 use crate::force::metrics::Step;
 use crate::rigfile::RigFile;
 use crate::run::Phase;
@@ -203,6 +204,8 @@ pub struct Recorder {
     thread: Option<std::thread::JoinHandle<()>>,
     shared: Arc<Shared>,
     configurations: Vec<[UnitConfig; UNITS]>,
+    /// For the uncertainty of the force that was held.
+    steady: Steady,
     failures: Vec<RecordError>,
     phase: Option<&'static str>,
     told_drops: bool,
@@ -263,6 +266,7 @@ impl Recorder {
             thread: Some(thread),
             shared,
             configurations: Vec::new(),
+            steady: Steady::default(),
             failures: Vec::new(),
             phase: None,
             told_drops: false,
@@ -333,6 +337,7 @@ impl Recorder {
 
     /// The same before what arrived in it was handed over, with its host time, ns.
     pub fn cycle_at(&mut self, step: &Step, host_ns: u64) {
+        self.steady.add(step);
         if !self.may(Item::Cycle(Box::new(*step), host_ns)) {
             self.shared.drop_cycles(1);
         }
@@ -462,6 +467,16 @@ impl Recorder {
             "rig".to_owned(),
             serde_json::to_value(&self.metadata.rig).unwrap_or_default(),
         );
+        if let Some(record) = self.metadata.rig.calibration.as_deref() {
+            // As it was in force, with covariances, and what it says of the force that was held.
+            let uncertainty = self.steady.uncertainty(record);
+            for (key, value) in [
+                ("calibration", serde_json::to_value(record)),
+                ("force_uncertainty", serde_json::to_value(uncertainty)),
+            ] {
+                json.insert(key.to_owned(), value.unwrap_or_default());
+            }
+        }
         let list: Vec<_> = self
             .configurations
             .iter()

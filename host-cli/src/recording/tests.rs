@@ -478,3 +478,32 @@ fn a_full_disk_costs_nothing_where_room_comes_back_and_the_rest_where_it_does_no
         }
     }
 }
+
+#[test]
+fn a_recording_of_a_calibrated_rig_has_calibration_and_uncertainty() {
+    use crate::calibrate::base;
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path().join("recording");
+    let rig = RigFile::built_in().unwrap();
+    let rig = base::overlay(&rig, &base::nominal(&rig, "2026-11-22"));
+    let mut recorder = Recorder::create(&folder, &Metadata::new(&rig, true)).unwrap();
+    for t_s in [0.5, 2.0, 2.01] {
+        recorder.cycle(&crate::force::metrics::Step {
+            t_s,
+            tip_m: rig.workspace.center_m,
+            commanded_n: [0.0, 2.5, 0.0].into(),
+            estimated_n: [0.1; 3].into(),
+            applied_n: None,
+            tension_setpoint_n: [2.0; UNITS],
+            measured_tension_n: [2.1; UNITS],
+            true_tension_n: None,
+            available: [true; UNITS],
+        });
+    }
+    let _ = recorder.finish();
+    let text = std::fs::read_to_string(folder.join(JSON_FILE)).unwrap();
+    let json: serde_json::Value = serde_json::from_str(&text).unwrap();
+    assert_eq!(json["calibration"]["rig"], rig.name.as_str());
+    let found = &json["force_uncertainty"];
+    assert!(found["radius_95_n"].as_f64().unwrap() > 0.1, "{found}");
+}

@@ -6,6 +6,7 @@
 
 use super::{begin, in_force, Observer, Phase, RunError};
 use crate::link::LinkError;
+use crate::rigfile::RigFile;
 use crate::session::{Session, TimedSample};
 use emulator_link::Injection;
 use std::time::Duration;
@@ -21,13 +22,16 @@ const WEIGHING_TIME: Duration = Duration::from_millis(500);
 /// Largest relative difference to the rig file's scale. A larger one is a mistake and no calibration.
 const MAX_SCALE_CHANGE: f64 = 0.25;
 
-/// Calibrates the load cells of an emulated rig and sends the new scales. Does nothing on a real rig.
+/// Calibrates the load cells of an emulated rig and sends the new scales. Does nothing on a real rig, and leaves units
+/// alone whose gain was measured (`forcectl calibrate gain`).
 pub(super) fn calibrate(
     session: &mut Session<'_>,
+    rig: &RigFile,
     configs: &mut [UnitConfig; UNITS],
     observer: &mut dyn Observer,
 ) -> Result<(), RunError> {
-    if session.link().controls().is_none() {
+    let measured = (0..UNITS).all(|i| rig.has_measured_gain(i) || !configs[i].enabled);
+    if measured || session.link().controls().is_none() {
         return Ok(());
     }
     begin(session, observer, Phase::Calibrate);
@@ -35,7 +39,7 @@ pub(super) fn calibrate(
     for (i, config) in configs
         .iter_mut()
         .enumerate()
-        .filter(|(_, config)| config.enabled)
+        .filter(|(i, config)| config.enabled && !rig.has_measured_gain(*i))
     {
         let before = config.scale_pn_per_count;
         match scale_pn_per_count(&samples, i, config) {
@@ -102,7 +106,6 @@ fn hang_weights(session: &mut Session<'_>, weight_n: f64) -> Result<(), LinkErro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rigfile::RigFile;
     use wire::message::Sample;
 
     #[test]

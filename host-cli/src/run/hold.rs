@@ -11,6 +11,7 @@ use super::{
     begin, describe_reach, Observer, Options, Phase, Prepared, RunError, PRETENSION_S,
     ROBOT_START_S,
 };
+use crate::calibrate::applied;
 use crate::force::controller::{ControlError, Controller, Input, Output, Reach};
 use crate::force::feasibility;
 use crate::force::metrics::{self, Step};
@@ -384,6 +385,8 @@ impl<'a> Hold<'a> {
             config_crc: prepared.config_crc,
             commanded_n: self.options.commanded_n,
             metrics,
+            uncertainty: (self.rig.calibration.as_deref())
+                .and_then(|record| applied::of_run(record, &self.steps)),
             reach: self.reach,
             faults: self.faults,
             latency_ms,

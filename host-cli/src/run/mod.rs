@@ -39,7 +39,7 @@ pub use prepare::{prepare_board, Prepared};
 pub use quality::{Shortfall, ShortfallKind};
 pub use ready::{ready_board, Zeroing, ZERO_TOLERANCE_N};
 pub use tension::{hold_tensions, HeldTensions, TensionOptions};
-pub use zeros::{ZeroStore, FOLDER_VARIABLE as STATE_VARIABLE};
+pub use zeros::{state_folder, ZeroStore, FOLDER_VARIABLE as STATE_VARIABLE};
 
 use crate::force::controller::ControlError;
 use crate::force::feasibility;

@@ -61,7 +61,7 @@ pub fn prepare_board(
     let mut configs = rig.units.map(|unit| unit.to_wire());
     let mut faults = bring_up(session, rig, &mut configs, stop, observer)?;
     faults.extend(zero(session, &mut configs, stop, observer)?);
-    calibrate::calibrate(session, &mut configs, observer)?;
+    calibrate::calibrate(session, rig, &mut configs, observer)?;
     Prepared::verified(session, configs, faults, observer)
 }
 
