@@ -69,6 +69,15 @@ pub struct UnitRecord {
     pub cell_serial: String,
     /// Serial number of the converter module; empty where there is none.
     pub converter_serial: String,
+    /// Date of the gain, `YYYY-MM-DD`; empty: the gain is nominal and was not measured.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub gain_date: String,
+    /// Date of the zero; empty: not measured.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub zero_date: String,
+    /// Date of exit point and axis; empty: not measured.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub geometry_date: String,
     /// Scale, N per code.
     pub n_per_code: f64,
     /// Standard uncertainty of the scale, the unit's own part, N per code.
@@ -244,6 +253,19 @@ impl Record {
                     "has to be 1 or more and rise from unit to unit",
                 );
             }
+            for (key, date) in [
+                ("gain_date", &unit.gain_date),
+                ("zero_date", &unit.zero_date),
+                ("geometry_date", &unit.geometry_date),
+            ] {
+                if !(date.is_empty() || is_date(date)) {
+                    return fail(
+                        Some(i),
+                        key,
+                        "is not a date; write YYYY-MM-DD, or leave it out",
+                    );
+                }
+            }
             for (key, value) in [
                 ("n_per_code", unit.n_per_code),
                 ("n_per_code2", unit.n_per_code2),
@@ -407,6 +429,13 @@ impl Record {
                 text(format!("unit {number}"), "there", "missing");
             } else {
                 let new = &now[number];
+                for (key, a, b) in [
+                    ("gain_date", &old.gain_date, &new.gain_date),
+                    ("zero_date", &old.zero_date, &new.zero_date),
+                    ("geometry_date", &old.geometry_date, &new.geometry_date),
+                ] {
+                    text(format!("unit {number} {key}"), a, b);
+                }
                 text(
                     format!("unit {number} cell_serial"),
                     &old.cell_serial,
@@ -690,6 +719,9 @@ mod tests {
                     number: i as u8 + 1,
                     cell_serial: format!("SBA-{i:04}"),
                     converter_serial: String::new(),
+                    gain_date: "2026-03-14".into(),
+                    zero_date: String::new(),
+                    geometry_date: String::new(),
                     n_per_code: 6.85e-6 * (1.0 + 0.01 * i as f64),
                     n_per_code_sd: 2.1e-9,
                     n_per_code2: 0.0,

@@ -414,31 +414,39 @@ impl History {
         &self.entries
     }
 
-    /// Standard deviation of the step between power-ups, N: from the entries, pulled towards `prior_n` as if that
-    /// had been seen in [`PRIOR_STEPS`] steps.
+    /// The converter's offset that a further power-up is expected to show, N, and the standard deviation of one power-up's
+    /// offset about it, N. The latter is pulled towards `prior_n` as if that had been seen in [`PRIOR_POWER_UPS`] power-ups.
+    /// `None` without an entry.
     #[must_use]
-    pub fn step_sd_n(&self, prior_n: f64) -> f64 {
-        let mut sum = PRIOR_STEPS * prior_n * prior_n;
-        let mut count = PRIOR_STEPS;
-        for pair in self.entries.windows(2) {
-            let step = converter_n(&pair[1]) - converter_n(&pair[0]);
-            sum += step * step;
-            count += 1.0;
+    pub fn expected_n(&self, prior_n: f64) -> Option<(f64, f64)> {
+        let recent = &self.entries[self.entries.len().saturating_sub(RECENT)..];
+        if recent.is_empty() {
+            return None;
         }
-        (sum / count).sqrt()
+        let count = recent.len() as f64;
+        let mean = recent.iter().map(converter_n).sum::<f64>() / count;
+        let squares: f64 = recent
+            .iter()
+            .map(|entry| (converter_n(entry) - mean).powi(2))
+            .sum();
+        let variance =
+            (PRIOR_POWER_UPS * prior_n * prior_n + squares) / (PRIOR_POWER_UPS + count - 1.0);
+        Some((mean, variance.sqrt()))
     }
 
-    /// Compares a new zero with the last stored one: its distance in standard deviations of one power-up step and both
-    /// measurements, against `limit_sd` (4 gives a false alarm in 16,000 power-ups). `prior_step_n` is the step to
-    /// expect of a unit without a history.
+    /// Compares a new zero with the earlier ones: its distance in standard deviations, against `limit_sd`.
+    ///
+    /// Each power-up's calibration misses the same offset of the bridge anew and independently (device facts, NAU7802), so
+    /// the mean of the earlier ones is what to expect. The miss is bounded: 3 standard deviations of a uniform
+    /// distribution lie beyond its end. `prior_n` is the standard deviation of a miss to expect of a unit without a history.
     #[must_use]
-    pub fn judge(&self, new: &PowerUp, prior_step_n: f64, limit_sd: f64) -> Verdict {
-        let Some(last) = self.entries.last() else {
+    pub fn judge(&self, new: &PowerUp, prior_n: f64, limit_sd: f64) -> Verdict {
+        let Some((expected, spread)) = self.expected_n(prior_n) else {
             return Verdict::First;
         };
-        let change = converter_n(new) - converter_n(last);
-        let step = self.step_sd_n(prior_step_n);
-        let sd = (step * step + new.se_n * new.se_n + last.se_n * last.se_n).sqrt();
+        let change = converter_n(new) - expected;
+        let count = self.entries.len().min(RECENT) as f64;
+        let sd = (spread * spread * (1.0 + 1.0 / count) + new.se_n * new.se_n).sqrt();
         let z = change / sd;
         // Written so that NaN is not plausible.
         if z.abs() <= limit_sd {
@@ -457,8 +465,10 @@ impl History {
     }
 }
 
-/// Weight of the expected power-up step against the steps that were seen, in steps.
-pub const PRIOR_STEPS: f64 = 3.0;
+/// Power-ups that count as seen with the expected spread.
+pub const PRIOR_POWER_UPS: f64 = 3.0;
+/// The last so many power-ups are looked at: older ones may be of before a drift of the bridge.
+const RECENT: usize = 20;
 
 fn converter_n(entry: &PowerUp) -> f64 {
     entry.zero_n - entry.mounting_n
@@ -590,7 +600,7 @@ mod tests {
         assert!(history.judge(&at(2.14), 0.05, 4.0).is_accepted());
         assert!(matches!(
             history.judge(&at(4.1), 0.05, 4.0),
-            Verdict::Preloaded { excess_n, .. } if (excess_n - 1.99).abs() < 1e-9
+            Verdict::Preloaded { excess_n, .. } if (excess_n - 1.995).abs() < 1e-9
         ));
         assert!(matches!(
             history.judge(&at(1.1), 0.05, 4.0),

@@ -165,6 +165,8 @@ pub struct Config {
     pub(crate) slew: Rate,
     pub(crate) setpoint_slew: Rate,
     pub(crate) over_tension: Newton,
+    /// [`Config::sum`] of the values above.
+    seal: u32,
 }
 
 impl Config {
@@ -282,7 +284,9 @@ impl Config {
             slew: Rate::from_un_per_s(w.slew_un_per_s),
             setpoint_slew: Rate::from_un_per_s(w.slew_un_per_s).shifted(SETPOINT_SLEW_SHIFT),
             over_tension: Newton::from_un(w.over_tension_un),
-        })
+            seal: 0,
+        }
+        .sealed())
     }
 
     /// The configuration as it came over the wire, with the zero in force.
@@ -314,7 +318,88 @@ impl Config {
     pub const fn with_zero(mut self, zero: AdcCode) -> Self {
         self.wire.zero_code = zero.get();
         self.zero = zero.get();
+        self.sealed()
+    }
+
+    const fn sealed(mut self) -> Self {
+        self.seal = self.sum();
         self
+    }
+
+    /// Sum of the numbers that turn codes to forces and forces to codes, each turned by another amount, so that every single
+    /// bit that changes changes it.
+    const fn sum(&self) -> u32 {
+        let words = [
+            self.scale as u32,
+            (self.scale >> 32) as u32,
+            self.zero as u32,
+            self.spike_limit as u32,
+            self.kp_q16 as u32,
+            self.ki_us as u32,
+            self.kd_rate_q16 as u32,
+            self.damping as u32,
+            self.travel_nm as u32,
+            self.dac_q16 as u32,
+            self.force_limit.to_bits() as u32,
+            self.authority.to_bits() as u32,
+            self.plausible.to_bits() as u32,
+            self.over_tension.to_bits() as u32,
+            self.zero_deviation,
+        ];
+        // Not 0, which cleared memory has.
+        let mut sum = 0x5EA1_C0DE;
+        let mut rest = words.as_slice();
+        while let Some((word, others)) = rest.split_first() {
+            sum = u32::rotate_left(sum, 1) ^ *word;
+            rest = others;
+        }
+        sum
+    }
+
+    /// Whether the numbers that a sample needs are as they were computed: a check of every sample, some 40 instructions.
+    /// `false` means that the memory has changed.
+    #[must_use]
+    pub const fn is_sealed(&self) -> bool {
+        self.seal == self.sum()
+    }
+
+    /// Whether the values of the sample path are still those of the wire's numbers: computes them again. `false` means that the
+    /// memory has changed. Some ten thousand instructions.
+    #[must_use]
+    pub fn is_sound(&self) -> bool {
+        Self::from_wire(&self.wire).is_ok_and(|fresh| fresh == *self)
+    }
+}
+
+/// For tests of [`Config::is_sealed`] and [`Config::is_sound`].
+#[cfg(feature = "injection")]
+impl Config {
+    /// Bits that [`Config::flip`] knows.
+    pub const BITS: u32 = 13 * 32 + 64 + 64;
+
+    /// Flips a bit of what was computed from the wire's numbers, as a fault of the memory does. Bits from
+    /// [`Config::BITS`] on begin again.
+    pub fn flip(&mut self, bit: u32) {
+        let bit = bit % Self::BITS;
+        let mask = 1 << (bit % 32);
+        let newton = |value: &mut Newton| *value = Newton::from_bits(value.to_bits() ^ mask);
+        match bit / 32 {
+            0 => self.zero ^= mask,
+            1 => self.spike_limit ^= mask,
+            2 => self.kp_q16 ^= mask,
+            3 => self.ki_us ^= mask,
+            4 => self.kd_rate_q16 ^= mask,
+            5 => self.damping ^= mask,
+            6 => self.travel_nm ^= mask,
+            7 => self.dac_q16 ^= mask,
+            8 => newton(&mut self.force_limit),
+            9 => newton(&mut self.authority),
+            10 => newton(&mut self.plausible),
+            11 => newton(&mut self.over_tension),
+            12 => self.zero_deviation ^= mask as u32,
+            13 | 14 => self.scale ^= 1 << (bit - 13 * 32),
+            _ => self.slew = self.slew.flipped(bit - 15 * 32),
+        }
     }
 }
 
@@ -345,6 +430,7 @@ impl Default for Config {
             slew: Rate::default(),
             setpoint_slew: Rate::default(),
             over_tension: Newton::ZERO,
+            seal: 0,
         })
     }
 }

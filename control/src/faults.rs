@@ -111,9 +111,9 @@ faults! {
         detail: "Configurable Fault Status Register (SCB CFSR)";
     /// Configuration damaged.
     ConfigCrc = 11, Board, "configuration damaged",
-        meaning: "The configuration in memory no longer has the checksum it had when it was committed.",
+        meaning: "The configuration in memory no longer has the checksum it had when it was committed, or what was computed from it has changed.",
         way_out: "Send the configuration again (forcectl does so when it connects), then clear. If it comes back, check the supply.",
-        detail: "CRC-32 that was computed";
+        detail: "CRC-32 that was computed; 1 to 6: number of the unit whose computed values have changed";
     /// Supply dip.
     Supply = 12, Board, "supply dip",
         meaning: "The supply fell below the brown-out level and the board was reset.",

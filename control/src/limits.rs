@@ -33,6 +33,12 @@ impl Rate {
     pub const fn shifted(self, n: u32) -> Self {
         Self(self.0 >> n)
     }
+
+    /// With one bit inverted.
+    #[cfg(feature = "injection")]
+    pub(crate) const fn flipped(self, bit: u32) -> Self {
+        Self(self.0 ^ 1 << bit)
+    }
 }
 
 /// A force that follows another at a limited rate.

@@ -93,7 +93,10 @@ impl TipGuard {
     fn set(&mut self, unit: usize, tension_n: f32) {
         if let Some(slot) = self.tensions.get_mut(unit) {
             let change = tension_n - core::mem::replace(slot, tension_n);
-            self.force += self.directions.column(unit) * change;
+            // By element: a column as a matrix of its own is a copy whose size nalgebra checks with a panic.
+            for (sum, direction) in (self.force.iter_mut()).zip(&self.directions.column(unit)) {
+                *sum += direction * change;
+            }
             self.unknown_n += self.unknown.get(unit).map_or(0.0, |one| one * change);
         }
     }

@@ -3,7 +3,7 @@
 use crate::board::Board;
 use crate::engine::rigless::peers::Shared;
 use crate::engine::rigless::RiglessEngine;
-use crate::engine::{Engine, EngineError, Memory, Progress};
+use crate::engine::{Engine, EngineError, Memory, Progress, Trap};
 use crate::image::{Image, ImageError};
 use crate::rtt;
 use emulator_link::{Advanced, Injection, RegisterEvent, Report, Truth};
@@ -197,6 +197,16 @@ impl Rig {
         match injection {
             Injection::HangLoop => Ok(self.engine.hang()?),
             Injection::FlipBit(address, bit) => Ok(self.engine.flip_bit(address, bit)?),
+            Injection::FlipRegister(address, bit) => Ok(self.engine.flip_register(address, bit)?),
+            Injection::BrownOut => Ok(self.engine.brown_out()?),
+            Injection::OverflowStack => Ok(self.engine.trap(Trap::Overflow)?),
+            Injection::LoseClock(on) => {
+                self.board.lock().set_clock_lost(on);
+                if on {
+                    self.engine.trap(Trap::Nmi)?;
+                }
+                Ok(())
+            }
             other => (self.board.lock().inject(other)).map_err(RigError::Refused),
         }
     }

@@ -46,6 +46,7 @@ Time Of The Board Is Time
 Alive Line Toggles
     Power Up Board
     # The line stands still until a configuration is in force.
+    Advance    300
     Connect
     Bring Up Units
     Advance    1000

@@ -15,6 +15,8 @@ pub struct Frame {
     columns: Vec<Arc<Vec<f64>>>,
     time: Arc<Vec<f64>>,
     sequences: Vec<Range<usize>>,
+    /// Values of expressions over the columns, by their text; see [`Frame::derive`].
+    derived: HashMap<String, Arc<Vec<f64>>>,
 }
 
 impl Frame {
@@ -32,15 +34,16 @@ impl Frame {
                 elapsed[i] = time[i] - time[r.start];
             }
         }
+        let time = Arc::new(time);
         let mut frame = Frame {
-            time: Arc::new(time.clone()),
+            time: time.clone(),
             sequences,
             ..Frame::default()
         };
         for (name, values) in columns {
             frame.insert(&name, values);
         }
-        frame.insert("time", time);
+        frame.share("time", time);
         frame.insert("elapsed", elapsed);
         frame
     }
@@ -48,14 +51,35 @@ impl Frame {
     /// Adds or replaces a column.
     pub fn insert(&mut self, name: &str, values: Vec<f64>) {
         debug_assert_eq!(values.len(), self.time.len());
+        self.share(name, Arc::new(values));
+    }
+
+    fn share(&mut self, name: &str, values: Arc<Vec<f64>>) {
+        // What was computed from the old values is no longer true.
+        self.derived.clear();
         match self.index.get(name) {
-            Some(&i) => self.columns[i] = Arc::new(values),
+            Some(&i) => self.columns[i] = values,
             None => {
                 self.index.insert(name.to_string(), self.columns.len());
                 self.names.push(name.to_string());
-                self.columns.push(Arc::new(values));
+                self.columns.push(values);
             }
         }
+    }
+
+    /// Keeps the values of an expression that many others contain, such as the slope of an angle. Any change of a
+    /// column drops them.
+    pub(crate) fn derive(&mut self, text: String, values: Vec<f64>) {
+        debug_assert_eq!(values.len(), self.time.len());
+        self.derived.insert(text, Arc::new(values));
+    }
+
+    /// Values of an expression that were kept, by its text.
+    pub(crate) fn derived(&self, text: &dyn Fn() -> String) -> Option<&[f64]> {
+        if self.derived.is_empty() {
+            return None;
+        }
+        self.derived.get(&text()).map(|v| v.as_slice())
     }
 
     /// Number of rows.

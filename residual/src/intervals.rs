@@ -6,15 +6,23 @@ use crate::effects::Param;
 use crate::error::Error;
 use crate::figures::interval;
 use crate::model::{Chosen, Model, Projector};
-use crate::problem::{Column, Sums};
+use crate::problem::{Column, Problem, Sums};
 use crate::scan::bracket;
 use crate::search::Search;
 use crate::stats::{self, Rng};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
+use std::ops::Range;
 
-/// Bootstrap replicates.
+/// Bootstrap replicates of each length of stretch.
 const REPLICATES: usize = 200;
+
+/// Blocks in a stretch that is drawn as one. Noise with a long memory (1/f, slow drifts) is alike over many blocks, so that
+/// single blocks would show too little scatter; of the two intervals the wider one counts.
+const STRETCHES: [usize; 2] = [1, 4];
+
+/// Fewest stretches that can be drawn from.
+const FEWEST_STRETCHES: usize = 12;
 
 /// Intervals by parameter name.
 pub(crate) type Intervals = BTreeMap<String, [f64; 2]>;
@@ -73,12 +81,37 @@ pub(crate) fn parameters(
         return Ok((params, Intervals::new()));
     }
     let points = own.points(first)?;
-    let replicates = own.replicates(&points, &mine);
+    let replicates: Vec<Vec<Vec<Param>>> = STRETCHES
+        .iter()
+        .map(|length| stretches(&search.problem, *length))
+        .filter(|all| all.len() >= FEWEST_STRETCHES || all.len() == search.problem.blocks.len())
+        .map(|all| own.replicates(&points, &mine, &all))
+        .collect();
+    let widest = |q: &Param| {
+        let intervals = replicates.iter().map(|r| around(q.value, values_of(q, r)));
+        intervals.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])))
+    };
     let intervals = params
         .iter()
-        .map(|q| (q.name.clone(), around(q.value, values_of(q, &replicates))))
+        .filter_map(|q| Some((q.name.clone(), widest(q)?)))
         .collect();
     Ok((params, intervals))
+}
+
+/// Blocks in stretches of some length, none across two sequences.
+fn stretches(p: &Problem, length: usize) -> Vec<Range<usize>> {
+    let mut out: Vec<Range<usize>> = Vec::new();
+    for (k, block) in p.blocks.iter().enumerate() {
+        match out.last_mut() {
+            Some(last)
+                if last.len() < length && p.blocks[last.start].sequence == block.sequence =>
+            {
+                last.end = k + 1;
+            }
+            _ => out.push(k..k + 1),
+        }
+    }
+    out
 }
 
 /// The 95 % interval of an estimate: between the quantiles of its replicates. Where these are all on one side, as for an
@@ -221,14 +254,22 @@ impl Own<'_> {
         Ok((2.0 * centre / n * colour / bend).sqrt())
     }
 
-    /// The effect's parameters in each bootstrap replicate.
-    fn replicates(&self, points: &[Point], mine: &[usize]) -> Vec<Vec<Param>> {
+    /// The effect's parameters in each bootstrap replicate over stretches of blocks.
+    fn replicates(
+        &self,
+        points: &[Point],
+        mine: &[usize],
+        stretches: &[Range<usize>],
+    ) -> Vec<Vec<Param>> {
         let blocks = self.search.problem.blocks.len();
         let mut rng = Rng::new(self.search.spec.selection.seed ^ 0xc1);
         let draws: Vec<Vec<f64>> = (0..REPLICATES)
             .map(|_| {
                 let mut w = vec![0.0; blocks];
-                (0..blocks).for_each(|_| w[rng.below(blocks)] += 1.0);
+                for _ in 0..stretches.len() {
+                    let drawn = stretches[rng.below(stretches.len())].clone();
+                    drawn.for_each(|k| w[k] += 1.0);
+                }
                 w
             })
             .collect();
@@ -242,5 +283,57 @@ impl Own<'_> {
                 self.values(best, mine, Some(w))
             })
             .collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::data::Data;
+    use crate::effects::testbench::{simulate, Excitation};
+    use crate::report::Report;
+
+    /// Width of the interval of an offset in noise, over the size of the noise.
+    fn width(slow: f64) -> f64 {
+        let report: Report = simulate(
+            &Excitation {
+                slow,
+                ..Excitation::default()
+            },
+            3.0,
+            &mut |_| 1.0,
+        );
+        let offset = report.effects.iter().find(|e| e.name == "offset");
+        let [low, high] = offset.expect("the offset is found").ci["offset"];
+        high - low
+    }
+
+    #[test]
+    fn slow_noise_makes_intervals_wider() {
+        let (white, slow) = (width(0.0), width(0.9));
+        assert!(slow > 2.0 * white, "{white} {slow}");
+    }
+
+    #[test]
+    fn stretches_stay_within_a_sequence() {
+        let time: Vec<f64> = (0..6000).map(|i| f64::from(i % 3000) * 0.01).collect();
+        let values: Vec<f64> = (0..6000).map(|i| f64::from(i).sin()).collect();
+        let data = Data::from_columns(time, [("target", values)])
+            .sequences([0..3000, 3000..6000])
+            .build()
+            .unwrap();
+        let problem = data.problem(&Default::default());
+        let all = super::stretches(&problem, 4);
+        assert_eq!(
+            all.iter().map(|s| s.len()).sum::<usize>(),
+            problem.blocks.len()
+        );
+        for s in &all {
+            assert!(s.len() <= 4);
+            let first = problem.blocks[s.start].sequence;
+            assert!(problem.blocks[s.clone()]
+                .iter()
+                .all(|b| b.sequence == first));
+        }
+        assert_eq!(super::stretches(&problem, 1).len(), problem.blocks.len());
     }
 }

@@ -161,6 +161,7 @@ mod tests {
             p: 1e-9,
             t: 9.0,
             steady: true,
+            local_in_time: false,
             parameters,
             losses: vec![],
         }

@@ -62,6 +62,9 @@ pub struct Input {
     /// the whole path.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub file_name: String,
+    /// Kinds of message in text logs whose lines begin with their kind; empty: all lines are of one kind.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub messages: Vec<Message>,
     /// Columns that split a file into sequences, such as `unit`.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub sequence: Vec<String>,
@@ -77,9 +80,20 @@ impl Default for Input {
             decimal: ".".into(),
             rate: 0.0,
             file_name: String::new(),
+            messages: vec![],
             sequence: vec![],
         }
     }
+}
+
+/// One kind of message in a log.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct Message {
+    /// What its lines begin with.
+    pub begins: String,
+    /// Names of its cells, the kind itself included; an empty name leaves a cell out.
+    pub header: Vec<String>,
 }
 
 /// One column and its unit: value = cell * scale + offset, in `unit`.

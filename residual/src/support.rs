@@ -3,7 +3,9 @@
 //! A name counts as *found* only if all of this holds:
 //! * its own share, the rise of the held-out squared error when it alone is removed and the rest is fitted again, is
 //!   larger than the strongest structure without a name that is left;
-//! * its parameters are possible ([`Effect::impossible`](crate::effects::Effect::impossible));
+//! * its parameters are possible ([`Effect::impossible`](crate::effects::Effect::impossible)), and do not contradict those of
+//!   another effect;
+//! * it is worth something beside the other found effects alone;
 //! * on data that the search has not seen, where there are such data, the model is better with it than without.
 //!
 //! The others still improve the fit. They are reported in a list of their own.
@@ -17,7 +19,7 @@ use crate::leftover::Leftover;
 use crate::search::{Outcome, Search, Weight};
 
 /// Times that the found effects are judged again after others were taken away.
-const ROUNDS: usize = 3;
+const ROUNDS: usize = 8;
 
 /// Effects that improve the fit under a name that the data do not support.
 pub(crate) struct Beside {
@@ -99,18 +101,22 @@ pub(crate) fn supported(
         let outcome = search.only(&beside.outcome, &kept)?;
         let parameters = all_parameters(search, &outcome)?;
         let ctx = search.scan_on(&search.declared).context();
+        let weights = search.weights(&outcome)?;
         // Alone, an effect may come out otherwise.
-        let now: Vec<Option<String>> = (0..kept.len())
+        let mut now: Vec<Option<String>> = (0..kept.len())
             .map(|k| impossible(&ctx, &outcome, k, &parameters[k]))
             .collect();
         drop(ctx);
+        contradictions(&mut now, &weights, &parameters);
+        if now.iter().all(Option::is_none) {
+            worthless(&mut now, &weights, search.spec.selection.material);
+        }
         if now.iter().all(Option::is_none) {
             let frame = search.problem.kept_frame();
             let mut left = Leftover::new(search, &outcome, &frame)?;
             if kept.is_empty() {
                 left.only_unsupported(&beside);
             }
-            let weights = search.weights(&outcome)?;
             return Ok(Supported {
                 outcome,
                 left,
@@ -138,6 +144,46 @@ pub(crate) fn supported(
         parameters: vec![],
         beside: Some(beside),
     })
+}
+
+/// Marks effects that contradict each other: one acceleration has one inertia. Of two with unlike signs the one that is
+/// worth less is no inertia but a correction of the other.
+fn contradictions(why: &mut [Option<String>], weights: &[Weight], parameters: &[Parameters]) {
+    let inertia = |index: usize| {
+        let own = parameters[index].0.iter().find(|p| p.name == "inertia");
+        own.map(|p| p.value)
+    };
+    // The most valuable first.
+    let mut first: Option<f64> = None;
+    for w in weights {
+        match (inertia(w.index), first) {
+            (Some(own), None) => first = Some(own),
+            (Some(own), Some(other)) if own * other < 0.0 => {
+                why[w.index].get_or_insert_with(|| {
+                    format!(
+                        "inertia {} beside {} of another effect: one motion has one inertia",
+                        num(own),
+                        num(other)
+                    )
+                });
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Marks the weakest effect if it is worth less than half of what counts, as in the search.
+fn worthless(why: &mut [Option<String>], weights: &[Weight], material: f64) {
+    let Some(weakest) = weights.last() else {
+        return;
+    };
+    let loss = 1.0 - weakest.rmse / weakest.rmse_without.max(f64::MIN_POSITIVE);
+    if loss < 0.5 * material {
+        why[weakest.index] = Some(format!(
+            "beside the other effects found it lowers the held-out RMSE by {} only",
+            percent(loss)
+        ));
+    }
 }
 
 /// Why the name of each effect is not supported.
@@ -168,6 +214,7 @@ fn reasons(
         };
         why[w.index] = impossible(&ctx, outcome, w.index, &parameters[w.index]).or_else(weaker);
     }
+    contradictions(&mut why, weights, parameters);
     if let Some(check) = check {
         let with = check.rmse(search, &outcome.chosen)?;
         for (i, why) in why.iter_mut().enumerate().filter(|(_, w)| w.is_none()) {
@@ -182,4 +229,54 @@ fn reasons(
         }
     }
     Ok(why)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::effects::Param;
+
+    fn weights(rmse_without: &[f64]) -> Vec<Weight> {
+        let weight = |(index, rmse_without): (usize, &f64)| Weight {
+            index,
+            rmse: 1.0,
+            rmse_without: *rmse_without,
+        };
+        let mut out: Vec<Weight> = rmse_without.iter().enumerate().map(weight).collect();
+        out.sort_by(|a, b| b.rmse_without.total_cmp(&a.rmse_without));
+        out
+    }
+
+    #[test]
+    fn of_two_inertias_with_unlike_signs_the_weaker_is_none() {
+        let with = |values: [f64; 3]| {
+            let parameters = values.map(|value| {
+                let own = Param {
+                    name: "inertia".into(),
+                    value,
+                    unit: String::new(),
+                };
+                (vec![own], Default::default())
+            });
+            let mut why = vec![None; 3];
+            contradictions(&mut why, &weights(&[1.1, 3.0, 2.0]), &parameters);
+            why.iter().map(Option::is_some).collect::<Vec<_>>()
+        };
+        assert_eq!(with([0.1, 0.2, 0.3]), [false, false, false]);
+        assert_eq!(with([-0.1, 0.2, 0.3]), [true, false, false]);
+        // The sign is that of the most valuable one, whatever it is.
+        assert_eq!(with([0.1, -0.2, 0.3]), [true, false, true]);
+    }
+
+    #[test]
+    fn the_weakest_goes_if_it_is_worth_less_than_half_of_what_counts() {
+        let of = |rmse_without: &[f64]| {
+            let mut why = vec![None; rmse_without.len()];
+            worthless(&mut why, &weights(rmse_without), 0.02);
+            why.iter().map(Option::is_some).collect::<Vec<_>>()
+        };
+        assert_eq!(of(&[1.5, 1.005, 1.008]), [false, true, false]);
+        assert_eq!(of(&[1.5, 1.02]), [false, false]);
+        assert_eq!(of(&[]), [false; 0]);
+    }
 }

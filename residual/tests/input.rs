@@ -682,3 +682,65 @@ fn a_wrong_time_base_and_a_repeated_motion_are_noted() {
     let same = checks(&put(1.0, true));
     assert!(has(&same, "repeated motion"), "{same:?}");
 }
+
+/// Lines of several kinds in one file: the other kinds are read at the times of the force.
+#[test]
+fn several_kinds_of_message_in_one_log_are_joined() {
+    let header = "[[input.messages]]\nbegins = \"F,\"\nheader = [\"\", \"t\", \"y\"]\n\
+                  [[input.messages]]\nbegins = \"J,\"\nheader = [\"\", \"t\", \"c\", \"v\"]\n";
+    let text = |rows: &[[f64; 4]], bad: &str| {
+        let mut text = String::from("started\n");
+        for [t, y, c, v] in rows {
+            text += &format!("F,{t},{y}\nJ,{t},{c},{v}\nSTATUS,ok\n");
+        }
+        text + bad
+    };
+    let dir = Folder::new();
+    for run in 0..3 {
+        dir.put(&format!("run{run}.csv"), &text(&rows(run, 1500), ""));
+    }
+    let model = format!("{header}{MODEL}");
+    let report = analyse(&[dir.path()], &model).unwrap();
+    assert_coulomb(&report);
+    let left_out = report.hygiene.iter().find(|f| f.check == "messages");
+    assert!(
+        left_out.is_some_and(|f| f.count == 3 * 1501),
+        "{:?}",
+        report.hygiene
+    );
+    // One plain log of the same values says the same.
+    let plain = Folder::new();
+    for run in 0..3 {
+        plain.put(&format!("run{run}.csv"), &csv(&rows(run, 1500)));
+    }
+    let same = analyse(&[plain.path()], MODEL).unwrap();
+    assert_eq!(report.last.heldout_rmse, same.last.heldout_rmse);
+    // What is wrong is said with its line.
+    let says = |model: &str, bad: &str, part: &str| {
+        let dir = Folder::new();
+        dir.put("run.csv", &text(&rows(0, 60), bad));
+        let error = analyse(&[dir.path()], model).unwrap_err().to_string();
+        assert!(error.contains(part), "{error}");
+    };
+    says(
+        &model,
+        "F,9\n",
+        "line 182: 2 cells where the kind `F,` has 3 columns",
+    );
+    says(&model, "F,9,x\n", "run.csv:182: column `y`");
+    says(
+        &model.replace("\"J,\"", "\"K,\""),
+        "",
+        "no line begins with `K,`",
+    );
+    says(
+        &model.replace("\"v\"]", "\"y\"]"),
+        "",
+        "2 kinds have the target's column `y`",
+    );
+    says(
+        &model.replace("\"t\", \"c\"", "\"u\", \"c\""),
+        "",
+        "every kind needs its time",
+    );
+}

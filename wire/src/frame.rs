@@ -57,9 +57,14 @@ pub fn encode<T: Serialize>(message: &T, out: &mut [u8]) -> Result<usize, FrameE
     let length = postcard::to_slice(message, &mut payload[..room])
         .map_err(|_| FrameError::TooLong)?
         .len();
-    let crc = crc32(&payload[..length]).to_le_bytes();
-    payload[length..length + 4].copy_from_slice(&crc);
-    let length = cobs::try_encode(&payload[..length + 4], out).map_err(|_| FrameError::TooLong)?;
+    // Without an index: this is part of the board's sample path, which has no panic.
+    let (message, rest) = payload
+        .split_at_mut_checked(length)
+        .ok_or(FrameError::TooLong)?;
+    let crc = crc32(message).to_le_bytes();
+    *rest.first_chunk_mut().ok_or(FrameError::TooLong)? = crc;
+    let payload = payload.get(..length + 4).ok_or(FrameError::TooLong)?;
+    let length = cobs::try_encode(payload, out).map_err(|_| FrameError::TooLong)?;
     *out.get_mut(length).ok_or(FrameError::TooLong)? = 0;
     Ok(length + 1)
 }

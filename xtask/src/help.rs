@@ -36,6 +36,12 @@ pub const ENTRIES: &[Entry] = &[
         page: "",
     },
     Entry {
+        name: "inspect",
+        arguments: "",
+        summary: "check the image's machine code: no panic behind the sample path, stack large enough",
+        page: "",
+    },
+    Entry {
         name: "build-rig",
         arguments: "",
         summary: "build the embedded rig and forcectl",
@@ -96,6 +102,18 @@ pub const ENTRIES: &[Entry] = &[
         page: include_str!("../../evaluations/faults/src/help.txt"),
     },
     Entry {
+        name: "calibration-bench",
+        arguments: "[OPTIONS]",
+        summary: "calibrate made-up rigs whose truth is known, and print the errors",
+        page: include_str!("../../evaluations/calibration-bench/src/help.txt"),
+    },
+    Entry {
+        name: "fuzz",
+        arguments: "[OPTIONS]",
+        summary: "feed damaged frames, rig files, model files, expressions and logs to what reads them",
+        page: "  --cases N  cases of each test (default 20000; 300 in `cargo xtask test`)\n  --seed S   seed (default 1)\n",
+    },
+    Entry {
         name: "residual-bench",
         arguments: "[OPTIONS]",
         summary: "run the residual analysis on synthetic logs with undeclared effects",
@@ -106,6 +124,12 @@ pub const ENTRIES: &[Entry] = &[
         arguments: "[OPTIONS]",
         summary: "find, declare and re-run one undeclared effect for each seed",
         page: include_str!("../../evaluations/closed-loop/src/help.txt"),
+    },
+    Entry {
+        name: "experiment-report",
+        arguments: "[OPTIONS]",
+        summary: "run the default experiment whole and write its report and data card into docs/experiment",
+        page: "  --shards N  trials that run side by side (default 2)\n",
     },
     Entry {
         name: "residual-report",

@@ -5,9 +5,11 @@
 //! them by starting cargo; see docs/developing.md.
 
 mod elf;
+mod experiment;
 mod firmware;
 mod flash;
 mod help;
+mod inspect;
 mod install;
 mod licences;
 mod links;
@@ -27,7 +29,7 @@ mod workspace;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use lexopt::{Arg, Parser};
+use lexopt::{Arg, Parser, ValueExt};
 
 use report::{say, Failure};
 use toolchain::setup;
@@ -94,6 +96,12 @@ fn dispatch() -> Result<u8, Stop> {
             firmware::print_size(&workspace, &image);
             Ok(0)
         }
+        "inspect" => {
+            no_more(parser)?;
+            build_image(&workspace)?;
+            inspect::run(&workspace)?;
+            Ok(0)
+        }
         "build-rig" => {
             no_more(parser)?;
             rig::build(&workspace, &["rig", "forcectl"])?;
@@ -110,8 +118,11 @@ fn dispatch() -> Result<u8, Stop> {
             Ok(renode::agree(&workspace, &renode, &rest(parser)?)?)
         }
         "bench" => Ok(rig::bench(&workspace, &rest(parser)?)?),
+        "fuzz" => run_fuzz(&workspace, parser),
         "faults" => Ok(rig::faults(&workspace, &rest(parser)?)?),
         "closed-loop" => Ok(rig::closed_loop(&workspace, &rest(parser)?)?),
+        "calibration-bench" => Ok(rig::calibration_bench(&workspace, &rest(parser)?)?),
+        "experiment-report" => Ok(experiment::report(&workspace, &rest(parser)?)?),
         "residual-bench" => Ok(rig::residual_bench(&workspace, &rest(parser)?)?),
         "residual-report" => Ok(measured::report(&workspace, &rest(parser)?)?),
         "residual-compare" => Ok(measured::compare(&workspace, &rest(parser)?)?),
@@ -219,6 +230,29 @@ fn run_tests(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
         }
     }
     Ok(u8::from(!suite::run(workspace, &options)?))
+}
+
+/// Cases of each test of `cargo xtask fuzz`.
+const FUZZ_CASES: &str = "20000";
+
+fn run_fuzz(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
+    let (mut cases, mut seed) = (FUZZ_CASES.to_owned(), "1".to_owned());
+    while let Some(argument) = parser.next()? {
+        match argument {
+            Arg::Long("cases") => cases = parser.value()?.parse::<u32>()?.to_string(),
+            Arg::Long("seed") => seed = parser.value()?.parse::<u32>()?.to_string(),
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    process::run(
+        process::cargo(process::Sees::CompilerAndFlags)
+            .current_dir(workspace.root())
+            .args(["test", "--package", "fuzz", "--target-dir"])
+            .arg(workspace.target())
+            .env("FORCE_FUZZ_CASES", cases)
+            .env("FORCE_FUZZ_SEED", seed),
+    )?;
+    Ok(0)
 }
 
 fn build_image(workspace: &Workspace) -> Result<(), Failure> {

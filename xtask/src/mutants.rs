@@ -50,6 +50,8 @@ mutants! {
     "stop-refused-elsewhere": "board/src/machine/commands.rs", "            Command::Stop => {" => "            Command::Stop if self.commander.is_some_and(|(commander, _)| commander == link) => {";
     "takeover-while-driving": "board/src/machine/commands.rs", "now.since(last) > COMMANDER_SILENT_US" => "now.since(last) < u32::MAX / 2";
     "setpoint-range-ignored": "control/src/unit.rs", "if !(0..=config.wire().force_limit_un).contains(&wire.tension_un) {" => "if wire.tension_un == i32::MIN {";
+    "memory-check-off": "control/src/config.rs", "Self::from_wire(&self.wire).is_ok_and(|fresh| fresh == *self)" => "Self::from_wire(&self.wire).is_ok()";
+    "seal-ignored": "control/src/config.rs", "self.seal == self.sum()" => "self.seal != self.sum() || self.seal != 0";
     "frame-crc-off": "wire/src/frame.rs", "if crc32(payload) != u32::from_le_bytes(*crc) {" => "if crc32(payload) == 0 && *crc == [1; 4] {";
     "crash-record-not-latched": "board/src/machine/mod.rs", "latch.latch(fault, record.detail);" => "let _ = (fault, record.detail);";
 }

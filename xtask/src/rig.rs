@@ -72,12 +72,13 @@ pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
 /// Errs on the side of building: only a call that clearly goes elsewhere is excepted.
 pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
     // Those that never start an emulation are offline as well: `stop` must not wait for a compiler.
-    const OFFLINE: [&str; 14] = [
+    const OFFLINE: [&str; 15] = [
         "arm",
         "check",
         "clear",
         "completions",
         "disarm",
+        "experiment",
         "explain",
         "help",
         "init",
@@ -189,6 +190,17 @@ pub fn build_host_program(workspace: &Workspace, package: &str, program: &str) -
 /// When it can't be built or started.
 pub fn residual_bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     let program = build_host_program(workspace, "residual-bench", "residual-bench")?;
+    let mut command = Command::new(program);
+    command.args(arguments);
+    hand_over(command)
+}
+
+/// Builds and runs the Monte Carlo of the calibration. It needs neither firmware nor embedded rig.
+///
+/// # Errors
+/// When it can't be built or started.
+pub fn calibration_bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
+    let program = build_host_program(workspace, "calibration-bench", "calibration-bench")?;
     let mut command = Command::new(program);
     command.args(arguments);
     hand_over(command)

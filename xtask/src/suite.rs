@@ -12,7 +12,7 @@ use crate::report::{elapsed, say, Failure, Result};
 use crate::tally::{is_news, Tally};
 use crate::toolchain::{setup, Arm, TARGET};
 use crate::workspace::Workspace;
-use crate::{firmware, licences, links, optional, renode, rig, rust_version};
+use crate::{firmware, inspect, licences, links, optional, renode, rig, rust_version};
 
 /// How a step ended when it didn't fail.
 enum Outcome {
@@ -80,7 +80,7 @@ const STEPS: [Step; 17] = [
     },
     Step {
         name: "firmware",
-        title: "firmware image",
+        title: "firmware image, and what its machine code can do",
         run: firmware_image,
     },
     Step {
@@ -447,6 +447,7 @@ fn no_std(suite: &mut Suite) -> Result<Outcome> {
 
 fn firmware_image(suite: &mut Suite) -> Result<Outcome> {
     suite.image()?;
+    inspect::run(suite.workspace)?;
     ok()
 }
 

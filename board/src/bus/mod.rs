@@ -290,7 +290,7 @@ impl Bus {
             return None;
         }
         if let Some(unit) = self.choose_ready(now) {
-            return Some(self.read_or_select(unit, now));
+            return self.read_or_select(unit, now);
         }
         if let Some(unit) = self.unit_without_pointer().filter(|_| self.pointer_ahead) {
             let transfer = Transfer::write(nau7802::ADDRESS, [nau7802::proto::READ_ADC[0], 0], 1);
@@ -308,7 +308,9 @@ impl Bus {
 
     /// Executes the actions of a bring-up that need no bus.
     fn settle(&mut self, unit: u8, now: u32, sink: &mut impl Sink) {
-        let slot = &mut self.units[usize::from(unit)];
+        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
+            return;
+        };
         let Phase::BringUp { next, since, .. } = &mut slot.phase else {
             return;
         };
@@ -334,7 +336,8 @@ impl Bus {
     }
 
     fn advance(&mut self, unit: u8, event: nau7802::Event, now: u32, sink: &mut impl Sink) {
-        if let Phase::BringUp { machine, next, .. } = &mut self.units[usize::from(unit)].phase {
+        let phase = (self.units.get_mut(usize::from(unit))).map(|slot| &mut slot.phase);
+        if let Some(Phase::BringUp { machine, next, .. }) = phase {
             *next = Next::Do(machine.next(event));
             self.settle(unit, now, sink);
         }
@@ -351,7 +354,9 @@ impl Bus {
                 at,
                 left_over,
             } => {
-                let slot = &mut self.units[usize::from(unit)];
+                let Some(slot) = self.units.get_mut(usize::from(unit)) else {
+                    return;
+                };
                 slot.failures = 0;
                 if matches!(slot.phase, Phase::Streaming) && !left_over {
                     let missed = core::mem::take(&mut slot.missed);
@@ -363,13 +368,17 @@ impl Bus {
                     });
                 }
             }
-            Job::SetPointer { unit } => self.units[usize::from(unit)].pointer_set = true,
+            Job::SetPointer { unit } => {
+                if let Some(slot) = self.units.get_mut(usize::from(unit)) {
+                    slot.pointer_set = true;
+                }
+            }
             Job::Sequence { unit } => {
-                let event = match self.units[usize::from(unit)].phase {
-                    Phase::BringUp {
+                let event = match self.units.get(usize::from(unit)).map(|slot| &slot.phase) {
+                    Some(Phase::BringUp {
                         next: Next::Do(Action::WriteRead(_)),
                         ..
-                    } => nau7802::Event::Read(bytes[0]),
+                    }) => nau7802::Event::Read(bytes[0]),
                     _ => nau7802::Event::Written,
                 };
                 self.advance(unit, event, now, sink);
@@ -398,8 +407,8 @@ impl Bus {
                 at,
                 left_over,
             } => {
-                let slot = &mut self.units[usize::from(unit)];
-                if matches!(slot.phase, Phase::Streaming) {
+                let slot = self.units.get_mut(usize::from(unit));
+                if let Some(slot) = slot.filter(|slot| matches!(slot.phase, Phase::Streaming)) {
                     slot.failures = slot.failures.saturating_add(1);
                     sink.event(Event::ReadFailed {
                         unit,

@@ -97,12 +97,13 @@ impl Bus {
         )
     }
 
-    pub(super) fn read_or_select(&mut self, unit: u8, now: u32) -> Work {
+    /// `None` where there is no such unit.
+    pub(super) fn read_or_select(&mut self, unit: u8, now: u32) -> Option<Work> {
         let mask = mask_of(unit);
         if let Some(byte) = self.mux.request(mask) {
-            return self.select(byte[0], mask, now);
+            return Some(self.select(byte[0], mask, now));
         }
-        let slot = &mut self.units[usize::from(unit)];
+        let slot = self.units.get_mut(usize::from(unit))?;
         let at = slot.ready.take().unwrap_or(now);
         let left_over = core::mem::take(&mut slot.left_over);
         let mut transfer = Transfer::write_read(
@@ -118,7 +119,7 @@ impl Bus {
             at,
             left_over,
         };
-        self.begin(job, transfer, now)
+        Some(self.begin(job, transfer, now))
     }
 
     pub(super) fn sequence_or_select(
@@ -130,7 +131,7 @@ impl Bus {
         let Phase::BringUp {
             next: Next::Do(action),
             ..
-        } = self.units[usize::from(unit)].phase
+        } = self.units.get(usize::from(unit))?.phase
         else {
             return None;
         };

@@ -107,7 +107,9 @@ pub fn write(unit: u8, code: DacCode) {
     STATE.masked(|dacs| {
         if let Some(slot) = dacs.slots.get_mut(usize::from(unit)) {
             *slot = Some(code.0);
-            dacs.last[usize::from(unit)] = code.0;
+            if let Some(last) = dacs.last.get_mut(usize::from(unit)) {
+                *last = code.0;
+            }
             if dacs.sending.is_none() {
                 dacs.send_next();
             }
@@ -149,7 +151,7 @@ pub fn tick() {
                     dacs.error = Some(spi1().sr().read().bits());
                     spi1().ier().write(|w| w.eotie().disabled());
                     spi1().cr1().modify(|_, w| w.spe().disabled());
-                    gpio::write(pins::DAC_CS[unit], true);
+                    select(unit, true);
                     dacs.sending = None;
                     dacs.slots = [None; UNITS];
                     dacs.last = [DacCode::ZERO_VOLT.0; UNITS];
@@ -159,6 +161,13 @@ pub fn tick() {
                 dacs.send_next();
             }
         });
+    }
+}
+
+/// Sets the level of a unit's select wire.
+fn select(unit: usize, high: bool) {
+    if let Some(pin) = pins::DAC_CS.get(unit) {
+        gpio::write(*pin, high);
     }
 }
 
@@ -181,7 +190,7 @@ impl Dacs {
             return;
         };
         self.sending = Some((unit, time::now()));
-        gpio::write(pins::DAC_CS[unit], false);
+        select(unit, false);
         let spi = spi1();
         // SAFETY: one frame.
         spi.cr2().write(|w| unsafe { w.tsize().bits(1) });
@@ -207,13 +216,15 @@ fn SPI1() {
             spi.ier().write(|w| w.eotie().disabled());
             spi.ifcr().write(|w| w.eotc().clear().txtfc().clear());
             if let Some((unit, _)) = dacs.sending.take() {
-                gpio::write(pins::DAC_CS[unit], true);
+                select(unit, true);
                 gpio::write(pins::DAC_LDAC, false);
                 cortex_m::asm::delay(PULSE_CYCLES);
                 gpio::write(pins::DAC_LDAC, true);
                 if !dacs.repeats {
                     dacs.done |= 1 << unit;
-                    dacs.done_at[unit] = time::now();
+                    if let Some(at) = dacs.done_at.get_mut(unit) {
+                        *at = time::now();
+                    }
                 }
             }
             // Only now: switched off too soon after EOT, the last SCLK pulse would be cut (errata 2.22.6).

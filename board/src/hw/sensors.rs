@@ -33,7 +33,37 @@ use pac::interrupt;
 pub const QUEUE: usize = 32;
 
 /// The superloop's end of the queue.
-pub type Events = spsc::Consumer<'static, Event>;
+///
+/// Both ends check that the queue has room at all, which it always has. The queue's own code divides by its size, which the
+/// compiler cannot see behind the reference; without the check each division has a panic behind it, and the sample
+/// path has none.
+pub struct Events(spsc::Consumer<'static, Event>);
+
+impl Events {
+    /// Takes the oldest event.
+    pub fn dequeue(&mut self) -> Option<Event> {
+        (self.0.capacity() != NO_ROOM).then(|| self.0.dequeue())?
+    }
+
+    /// Number of events that wait.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        if self.0.capacity() == NO_ROOM {
+            0
+        } else {
+            self.0.len()
+        }
+    }
+
+    /// Whether an event waits.
+    #[must_use]
+    pub fn ready(&self) -> bool {
+        self.0.ready()
+    }
+}
+
+/// Capacity of a queue of size 0, one less than its size.
+const NO_ROOM: usize = usize::MAX;
 
 static STATE: SamplePath<Sensors> = SamplePath::empty();
 /// Units to start and units to stop with the next tick.
@@ -50,7 +80,7 @@ struct Queue(spsc::Producer<'static, Event>);
 
 impl Sink for Queue {
     fn event(&mut self, event: Event) {
-        if self.0.enqueue(event).is_err() {
+        if self.0.capacity() == NO_ROOM || self.0.enqueue(event).is_err() {
             LOST.store(
                 LOST.load(Ordering::Relaxed).wrapping_add(1),
                 Ordering::Relaxed,
@@ -158,7 +188,7 @@ pub fn start(syscfg: &SYSCFG, exti: &EXTI) -> Events {
     ] {
         startup::unmask(interrupt);
     }
-    consumer
+    Events(consumer)
 }
 
 /// Requests the bring-up of a unit's converter. It begins within a millisecond.

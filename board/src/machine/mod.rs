@@ -229,6 +229,14 @@ impl Machine {
         machine
     }
 
+    /// Flips a bit of what was computed from a unit's configuration, see [`control::config::Config::flip`]: a fault of the memory.
+    #[cfg(feature = "injection")]
+    pub fn flip_config(&mut self, unit: usize, bit: u32) {
+        if let Some(slot) = self.units.get_mut(unit) {
+            slot.config.flip(bit);
+        }
+    }
+
     /// State of the board.
     #[must_use]
     pub const fn system(&self) -> SystemState {

@@ -60,6 +60,19 @@ impl Machine {
         slot.rate.observe(at, missed);
         slot.sensor_up = true;
         slot.came_up = None;
+        if !slot.config.is_sealed() {
+            // The output follows from numbers that are wrong: none.
+            self.fault_board_once(Fault::ConfigCrc, u32::from(unit) + 1, at, fx);
+            let pending = PendingSample {
+                unit,
+                adc_code,
+                encoder_counts,
+                at,
+                missed: missed > 0,
+                ..PendingSample::default()
+            };
+            return (DacCode::ZERO_VOLT, pending);
+        }
         let drive = match slot.motor {
             _ if self.latch.is_set() || slot.latch.is_set() => Drive::Off,
             MotorState::Running => Drive::Follow,

@@ -167,7 +167,20 @@ impl Machine {
         if let Some(status) = health.dac_error {
             self.fault_board_once(Fault::DacLink, status, now, fx);
         }
+        self.check_config(now, fx);
+    }
+
+    /// Each second: checksums of the configurations, and the values that the sample path computed from each, one unit at a time.
+    fn check_config(&mut self, now: Micros, fx: &mut impl Effects) {
         self.config_check_ms += 1;
+        const TURN_MS: u32 = CONFIG_CHECK_MS / UNITS as u32;
+        if self.config_check_ms.is_multiple_of(TURN_MS) {
+            let number = self.config_check_ms / TURN_MS;
+            let unit = self.units.get((number as usize).wrapping_sub(1));
+            if unit.is_some_and(|unit| !unit.config.is_sound()) {
+                self.fault_board_once(Fault::ConfigCrc, number, now, fx);
+            }
+        }
         if self.config_check_ms >= CONFIG_CHECK_MS {
             self.config_check_ms = 0;
             let crc = self.crc();
@@ -202,7 +215,13 @@ impl Machine {
     }
 
     /// As [`Self::fault_board`], for causes that persist: acts only while no fault is latched.
-    fn fault_board_once(&mut self, fault: Fault, detail: u32, now: Micros, fx: &mut impl Effects) {
+    pub(super) fn fault_board_once(
+        &mut self,
+        fault: Fault,
+        detail: u32,
+        now: Micros,
+        fx: &mut impl Effects,
+    ) {
         if !self.latch.is_set() {
             self.fault_board(fault, detail, now, fx);
         }

@@ -309,7 +309,7 @@ const TERM_LEVEL: f64 = 0.01;
 pub fn fit(readings: &[Reading], options: &Options) -> Result<Gain, GainError> {
     let used = usable(readings, options)?;
     let wrong = entries::find(&used, options);
-    if !wrong.is_empty() {
+    if !wrong.is_empty() && !only_curved(&used, options) {
         return Err(GainError::WrongEntries(wrong));
     }
     let candidates = candidates(&used);
@@ -338,6 +338,33 @@ pub fn fit(readings: &[Reading], options: &Options) -> Result<Gain, GainError> {
         }
     }
     finish(&used, options, &terms, &best)
+}
+
+/// Largest part of the range that a curve may take before the readings count as wrong rather than the cell as curved.
+const LARGEST_CURVE: f64 = 0.05;
+
+/// Whether readings that leave the line leave it because the cell is curved: with the curve taken off, none is wrong.
+/// A wrong entry can't pass for a curve: it bends the curve away from all others.
+fn only_curved(used: &[Reading], options: &Options) -> bool {
+    let Ok(curved) = solve(used, options, &[Term::Quadratic]) else {
+        return false;
+    };
+    let bend = |r: &Reading| curved.beta[2] * force_n(r.weight_g, options).powi(2);
+    let most = used.iter().map(|r| bend(r).abs()).fold(0.0, f64::max);
+    let range = used
+        .iter()
+        .map(|r| (curved.beta[1] * force_n(r.weight_g, options)).abs())
+        .fold(0.0, f64::max);
+    let straight: Vec<Reading> = used
+        .iter()
+        .map(|r| Reading {
+            code: r.code - bend(r),
+            ..r.clone()
+        })
+        .collect();
+    most <= LARGEST_CURVE * range
+        && different_weights(used) >= 4
+        && entries::find(&straight, options).is_empty()
 }
 
 /// The readings with corrections made and lines left out, or what can't be used.

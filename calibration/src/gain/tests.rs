@@ -339,3 +339,21 @@ proptest! {
         let _ = read("f", &format!("weight_g,code,standard_error\n{text}"));
     }
 }
+
+#[test]
+fn a_strongly_curved_cell_is_no_list_of_wrong_entries() {
+    // 2 % at the largest weight: 0.002 per N.
+    let bent =
+        |force: f64, _: Direction, _: f64| ZERO + CODES_PER_N * (force + 2e-3 * force * force);
+    let readings = series(4, 0.0, 30.0, bent);
+    let found = fit(&readings, &options()).unwrap();
+    let k = found.terms[&Term::Quadratic].value / CODES_PER_N;
+    assert!((k - 2e-3).abs() < 1e-4, "{k}");
+    // A wrong entry among them is still one.
+    let mut wrong = readings;
+    wrong[9].weight_g = 20.0;
+    assert!(matches!(
+        fit(&wrong, &options()),
+        Err(GainError::WrongEntries(_))
+    ));
+}

@@ -9,10 +9,14 @@ use plant::{ConfigError, Plant, PlantConfig};
 use robot::arm::{ArmConfig, ArmError, VirtualArm};
 use std::any::Any;
 use std::time::Instant;
+use wire::UNITS;
 
 /// Slack of the cables at power-on where a virtual arm holds them, m: an operator lays them loose for the zeroing, and the
 /// arm moves by a millimetre when it takes hold.
 const SLACK_M: f64 = 5e-3;
+
+/// Slack of the cable of a unit that is not used, m: more than a workspace is wide.
+const LOOSE_M: f64 = 1.0;
 
 /// Spacing of the rows of truth, ns.
 const ROW_NS: u64 = 1_000_000;
@@ -27,6 +31,11 @@ pub struct Options {
     /// A virtual arm that holds the cables' ends; `None`: the plant's prescribed path. With an arm the cables have at least
     /// 5 mm of slack at power-on.
     pub robot: Option<ArmConfig>,
+    /// Seed of the chips (noise, zeros, clocks); `None`: `seed`. With it one rig and one arm run several trials whose noise
+    /// differs.
+    pub chips_seed: Option<u64>,
+    /// Units whose cables hang loose because they are not used.
+    pub loose: [bool; UNITS],
 }
 
 /// Why a rig can't be built, or a request not be carried out.
@@ -62,7 +71,7 @@ impl CoreRig {
     /// See [`RigError`].
     pub fn new(options: Options) -> Result<Self, RigError> {
         let seed = options.seed;
-        let plant = match &options.robot {
+        let mut plant = match &options.robot {
             None => Plant::new(options.plant, seed)?,
             Some(config) => {
                 let arm = Box::new(VirtualArm::new(config, seed)?);
@@ -71,7 +80,11 @@ impl CoreRig {
                 Plant::with_robot(plant, seed, arm)?
             }
         };
-        Self::with_plant(plant, seed)
+        for unit in (0..UNITS.min(plant.units())).filter(|unit| options.loose[*unit]) {
+            // There is such a unit.
+            let _ = plant.lay_loose(unit, LOOSE_M);
+        }
+        Self::with_chips(plant, seed, options.chips_seed.unwrap_or(seed))
     }
 
     /// A rig with a plant that the caller has built, for example with a robot ([`Plant::with_robot`]).
@@ -79,8 +92,12 @@ impl CoreRig {
     /// # Errors
     /// The plant must have six units.
     pub fn with_plant(plant: Plant, seed: u64) -> Result<Self, RigError> {
+        Self::with_chips(plant, seed, seed)
+    }
+
+    fn with_chips(plant: Plant, seed: u64, chips_seed: u64) -> Result<Self, RigError> {
         Ok(Self {
-            board: Board::new(plant, seed).map_err(RigError::Refused)?,
+            board: Board::new(plant, chips_seed).map_err(RigError::Refused)?,
             sensors: Sensors::new(),
             superloop: Superloop::new(),
             now_ns: 0,
@@ -178,6 +195,11 @@ impl CoreRig {
     /// Starts or stops the robot's path.
     pub fn set_robot_moving(&mut self, moving: bool) {
         self.board.set_robot_moving(moving);
+    }
+
+    /// Lets another controller drive the amplifiers, V at their inputs; `None`: the board's DACs again.
+    pub fn drive_outside(&mut self, volts: Option<[f64; UNITS]>) {
+        self.board.drive_outside(volts);
     }
 
     /// The virtual arm that holds the cables' ends, where there is one.

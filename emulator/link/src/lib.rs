@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 
 /// Version of this link; both ends compare it in [`Response::Ready`].
-pub const LINK_VERSION: u32 = 3;
+pub const LINK_VERSION: u32 = 4;
 
 /// Number of force units of the rig.
 pub const UNITS: usize = 6;
@@ -113,6 +113,15 @@ pub enum Injection {
     KeepReady(bool),
     /// The next so many rising edges of a unit's DRDY line do not reach the controller.
     LoseDrdy(u8, u8),
+    /// The ST-Link's clock stops (`true`), or comes back for the next start. The clock security system's NMI follows
+    /// within a millisecond of the emulated board, where the part needs a microsecond.
+    LoseClock(bool),
+    /// The supply falls below the brown-out level and comes back: a reset that only RCC_RSR tells from others.
+    BrownOut,
+    /// The stack pointer leaves the stack and the next instruction faults: where a stack that overflows ends.
+    OverflowStack,
+    /// Flip one bit of a peripheral's register, as a write of the core: address of the word, bit.
+    FlipRegister(u32, u8),
 }
 
 /// Response of the rig.

@@ -176,6 +176,17 @@ impl Plant {
         }
     }
 
+    /// Lays `slack_m` of cable loose at `unit` (from 0), as for a unit that is not used: its cable can't get taut before the
+    /// tip has moved by as much.
+    ///
+    /// # Errors
+    /// No such unit: nothing changes.
+    pub fn lay_loose(&mut self, unit: usize, slack_m: f64) -> Result<(), InputError> {
+        self.check(unit)?;
+        self.units[unit].lay_loose(slack_m);
+        Ok(())
+    }
+
     /// Switches the amplifiers' power: the relay of the PLC, opened by the E-stop.
     pub fn set_amplifier_power(&mut self, on: bool) {
         let due = self.due();

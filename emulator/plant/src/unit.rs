@@ -80,7 +80,8 @@ impl UnitParameters {
     }
 }
 
-/// Figures of the configuration that every step of every unit uses.
+/// Figures of the configuration that every step of every unit uses. Reciprocals stand here because divisions are most of the
+/// time of a step.
 #[derive(Clone, Debug)]
 pub(crate) struct Shared {
     pub h_s: f64,
@@ -88,22 +89,25 @@ pub(crate) struct Shared {
     input_limit_v: f64,
     current_limit_a: f64,
     supply_v: f64,
-    resistance_ohm: f64,
+    per_ohm: f64,
     back_emf_v_s_per_m: f64,
     current_part: f64,
     n_per_a: f64,
     radius_m: f64,
+    per_radius_m: f64,
     gear_ratio: f64,
     mass_kg: f64,
     reel_mass_kg: f64,
     breakaway_excess: f64,
-    stribeck_velocity_m_per_s: f64,
+    per_stribeck_velocity: f64,
     viscous_n_s_per_m: f64,
     cable_ea_n: f64,
     cable_damping_s: f64,
     cell_stiffness_n_per_m: f64,
     cell_damping_n_s_per_m: f64,
     cell_mass_kg: f64,
+    /// Time step per mass of the motor assembly, s/kg.
+    cell_h_per_kg: f64,
     counts_per_m: f64,
 }
 
@@ -121,17 +125,18 @@ impl Shared {
             input_limit_v: a.input_limit_v,
             current_limit_a: a.current_limit_a,
             supply_v: a.supply_v,
-            resistance_ohm: d.resistance_ohm,
+            per_ohm: d.resistance_ohm.recip(),
             back_emf_v_s_per_m: d.torque_constant_n_m_per_a * motor_rad_per_m,
             current_part: 1.0 - (-TAU * a.bandwidth_hz * h_s).exp(),
             n_per_a: d.tension_per_current_n_per_a(),
             radius_m: d.reel_radius_m,
+            per_radius_m: d.reel_radius_m.recip(),
             gear_ratio: d.gear_ratio,
             mass_kg: d.reflected_mass_kg(),
             reel_mass_kg: (d.reel_inertia_kg_m2 / d.reel_radius_m.powi(2))
                 .max(SMALLEST_REEL_MASS_KG),
             breakaway_excess: config.friction.breakaway_ratio - 1.0,
-            stribeck_velocity_m_per_s: config.friction.stribeck_velocity_m_per_s,
+            per_stribeck_velocity: config.friction.stribeck_velocity_m_per_s.recip(),
             viscous_n_s_per_m: config.friction.viscous_n_s_per_m,
             cable_ea_n: config.cable.axial_stiffness_n,
             cable_damping_s: config.cable.damping_s,
@@ -140,6 +145,7 @@ impl Shared {
                 * l.damping_ratio
                 * (l.stiffness_n_per_m * l.assembly_mass_kg).sqrt(),
             cell_mass_kg: l.assembly_mass_kg,
+            cell_h_per_kg: h_s / l.assembly_mass_kg,
             counts_per_m: if d.encoder_inverted {
                 -counts_per_m
             } else {
@@ -180,6 +186,8 @@ pub(crate) struct Unit {
     pub parameters: UnitParameters,
     modifiers: Modifiers,
     mass_kg: f64,
+    /// Time step per mass, s/kg.
+    h_per_kg: f64,
     presliding_damping_n_s_per_m: f64,
     delay_line_v: VecDeque<f64>,
     /// Cable length at the start, geometry plus slack, m.
@@ -245,6 +253,7 @@ impl Unit {
             parameters,
             modifiers,
             mass_kg,
+            h_per_kg: shared.h_s / mass_kg,
             current_a: 0.0,
             wound_m: 0.0,
             speed_m_per_s: 0.0,
@@ -284,8 +293,8 @@ impl Unit {
             let gain = c.amplifier_gain_a_per_v * (1.0 + m.amplifier_gain_error);
             (gain * volts.clamp(-c.input_limit_v, c.input_limit_v))
                 .clamp(-c.current_limit_a, c.current_limit_a)
-                .max((-c.supply_v - back_emf) / c.resistance_ohm)
-                .min((c.supply_v - back_emf) / c.resistance_ohm)
+                .max((-c.supply_v - back_emf) * c.per_ohm)
+                .min((c.supply_v - back_emf) * c.per_ohm)
         } else {
             0.0
         };
@@ -293,7 +302,7 @@ impl Unit {
 
         // Drive.
         let pull = c.n_per_a * self.current_a;
-        let reel_rad = self.wound_m / c.radius_m;
+        let reel_rad = self.wound_m * c.per_radius_m;
         let v = self.speed_m_per_s;
         let load_n = match &self.loose_reel {
             None => self.tension_n,
@@ -308,10 +317,10 @@ impl Unit {
             - self.contact.force_n()
             - damping * v
             - load_n;
-        let v = v + h * force / self.mass_kg;
+        let v = v + force * self.h_per_kg;
         self.speed_m_per_s = v;
         self.wound_m += h * v;
-        let ratio = v / c.stribeck_velocity_m_per_s;
+        let ratio = v * c.per_stribeck_velocity;
         let fade = 1.0 + ratio * ratio;
         let kinetic = self.parameters.coulomb_n
             + m.coulomb_n
@@ -336,7 +345,7 @@ impl Unit {
         let force = self.tension_n * self.cosine + self.parameters.assembly_weight_n
             - c.cell_stiffness_n_per_m * self.flexure_m
             - c.cell_damping_n_s_per_m * self.flexure_m_per_s;
-        self.flexure_m_per_s += h * force / c.cell_mass_kg;
+        self.flexure_m_per_s += force * c.cell_h_per_kg;
         self.flexure_m += h * self.flexure_m_per_s;
         let load = c.cell_stiffness_n_per_m * self.flexure_m;
         for (state, creep) in self.creep_n.iter_mut().zip(&self.modifiers.creep) {
@@ -361,15 +370,20 @@ impl Unit {
         self.tension_n = if self.stretch_m > 0.0 {
             let rate =
                 winding - dot(tip_m_per_s, self.direction) - self.flexure_m_per_s * self.cosine;
-            let free = free.max(SHORTEST_CABLE_M);
-            let strain = self.stretch_m / free;
+            let per_free = free.max(SHORTEST_CABLE_M).recip();
+            let strain = self.stretch_m * per_free;
             let hardening = self.modifiers.hardening_per_strain * strain;
-            let stiffness = c.cable_ea_n / free * (1.0 + 2.0 * hardening);
+            let stiffness = c.cable_ea_n * per_free * (1.0 + 2.0 * hardening);
             let elastic = c.cable_ea_n * strain * (1.0 + hardening);
             (elastic + stiffness * c.cable_damping_s * rate).max(0.0)
         } else {
             0.0
         };
+    }
+
+    /// Makes the cable longer.
+    pub fn lay_loose(&mut self, slack_m: f64) {
+        self.rest_length_m += slack_m.max(0.0);
     }
 
     pub fn tension_n(&self) -> f64 {

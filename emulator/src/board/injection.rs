@@ -107,13 +107,29 @@ impl Board {
             Injection::LoseDrdy(number, edges) => self.lose_drdy[unit(number)?] = edges,
             Injection::BusError => self.bus_error = true,
             Injection::StallUsart => self.stall = true,
-            Injection::HangLoop | Injection::FlipBit(..) => {
+            Injection::HangLoop
+            | Injection::FlipBit(..)
+            | Injection::LoseClock(_)
+            | Injection::BrownOut
+            | Injection::OverflowStack
+            | Injection::FlipRegister(..) => {
                 return Err("this injection belongs to the engine".to_owned());
             }
         }
         self.show_drdy(now);
         self.reschedule();
         Ok(())
+    }
+
+    /// The ST-Link's clock stops, or comes back.
+    pub fn set_clock_lost(&mut self, lost: bool) {
+        self.clock_lost = lost;
+    }
+
+    /// Whether the ST-Link's clock stands still.
+    #[must_use]
+    pub const fn is_clock_lost(&self) -> bool {
+        self.clock_lost
     }
 
     /// Whether a bus error without a cause is due now; the call takes it.

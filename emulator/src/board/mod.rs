@@ -68,6 +68,8 @@ pub struct Board {
     /// Encoders that count the other way: the count at which they turned round, times two.
     reversed_encoder: [Option<i64>; UNITS],
     amplifier_off: [bool; UNITS],
+    /// Amplifier inputs that another controller drives in place of the DACs, V.
+    outside_v: Option<[f64; UNITS]>,
     /// Rising edges of a DRDY line that are still to be lost.
     lose_drdy: [u8; UNITS],
     converters: [Nau7802; UNITS],
@@ -94,6 +96,8 @@ pub struct Board {
     flip_dac_bit: Option<u8>,
     /// The engine is to set the bus-error flag in the next transfer, or to lock the serial line's stream.
     bus_error: bool,
+    /// The ST-Link's clock stands still.
+    clock_lost: bool,
     stall: bool,
     to_board: VecDeque<u8>,
     from_board: Vec<u8>,
@@ -124,6 +128,7 @@ impl Board {
             frozen_encoder: [None; UNITS],
             reversed_encoder: [None; UNITS],
             amplifier_off: [false; UNITS],
+            outside_v: None,
             lose_drdy: [0; UNITS],
             converters: std::array::from_fn(|unit| Nau7802::new(unit as u8 + 1, seed)),
             mux: Tca9548a::new(0x70),
@@ -149,6 +154,7 @@ impl Board {
             flip_bus_bit: None,
             flip_dac_bit: None,
             bus_error: false,
+            clock_lost: false,
             stall: false,
             to_board: VecDeque::new(),
             from_board: Vec::new(),
@@ -256,6 +262,13 @@ impl Board {
     pub fn set_robot_moving(&mut self, moving: bool) {
         self.advance_plant(self.now_ns);
         self.plant.set_robot_moving(moving);
+    }
+
+    /// Lets another controller drive the amplifiers, V at their inputs, from now on: the board is a sensor board then. `None`: the
+    /// board's own DACs again. What is not finite counts as 0 V.
+    pub fn drive_outside(&mut self, volts: Option<[f64; UNITS]>) {
+        self.outside_v = volts.map(|volts| volts.map(|v| if v.is_finite() { v } else { 0.0 }));
+        self.move_outputs(self.now_ns);
     }
 
     /// The robot's pose as its own controller reports it.

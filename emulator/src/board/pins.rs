@@ -116,10 +116,10 @@ impl Board {
     pub(super) fn move_outputs(&mut self, t_ns: u64) {
         self.advance_plant(t_ns);
         for (unit, dac) in self.dacs.iter().enumerate() {
-            let volts = if self.amplifier_off[unit] {
-                0.0
-            } else {
-                dac.volts()
+            let volts = match self.outside_v {
+                _ if self.amplifier_off[unit] => 0.0,
+                Some(outside_v) => outside_v[unit],
+                None => dac.volts(),
             };
             self.plant
                 .set_amplifier_volts(unit, volts)

@@ -43,6 +43,15 @@ pub trait Memory {
 /// runs, so that a row costs no change of threads.
 pub type AtRow = Box<dyn FnMut(u64, &mut dyn Memory) + Send>;
 
+/// Code that takes the place of the SysTick handler until the next reset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Trap {
+    /// Raises the NMI, for which the engine has no line, and waits in a loop: the failed clock.
+    Nmi,
+    /// Leaves the stack and faults there: where a stack that overflows ends.
+    Overflow,
+}
+
 /// Something that runs the firmware.
 pub trait Engine: Send {
     /// Name of the machine and of the engine.
@@ -66,6 +75,24 @@ pub trait Engine: Send {
     /// # Errors
     /// The image never sleeps.
     fn hang(&mut self) -> Result<(), EngineError>;
+
+    /// Lets the next SysTick run into `trap`; a reset restores the image.
+    ///
+    /// # Errors
+    /// The image cannot be changed.
+    fn trap(&mut self, trap: Trap) -> Result<(), EngineError>;
+
+    /// Resets the controller as a dip of the supply does.
+    ///
+    /// # Errors
+    /// The engine cannot go on.
+    fn brown_out(&mut self) -> Result<(), EngineError>;
+
+    /// Flips `bit` (0 to 31) of the peripheral register at `address`.
+    ///
+    /// # Errors
+    /// There is no register at the address, or none that can be changed.
+    fn flip_register(&mut self, address: u32, bit: u8) -> Result<(), EngineError>;
 
     /// Flips `bit` (0 to 7) of the byte at `address`.
     ///

@@ -72,8 +72,8 @@ from the rig file by themselves (Coulomb friction by 5 %, its share of load by 8
 friction, gain or offset of its own. *found*: median over the units that name it (smallest to largest). *worst
 cable*, *tip*: RMS of the worst cable's tension error and of the force error at the tip, by the plant's truth,
 before and after. *without it*: both on the same rig without the effect, rig file as it is; after a correction
-they can be smaller than that, since the units' own scatter is corrected as well. *board*: `better` where the worst cable gained 2 % at least and the tip lost no more than 5 %;
-elsewhere `forcectl identify` leaves the rig file as it was.
+they can be smaller than that, since the units' own scatter is corrected as well. *board*: `better` where the worst cable gained for sure (the 95 % interval over pairs of runs
+excludes zero), by 2 % at least, and the tip lost no more than 5 %; elsewhere `forcectl identify` leaves the rig file as it was.
 
 {HEAD}{rows}
 Kinds of effect that were named in most units, and the force was held better after: {}

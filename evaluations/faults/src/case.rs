@@ -11,6 +11,8 @@ pub const BASES: u64 = 8;
 
 /// How long a case is watched after its last injection, in milliseconds.
 const WATCH_MS: u32 = 700;
+/// How much longer where a hazard came and no fault yet: a sensor that drifts is noticed when its error is large enough.
+const AFTER_HAZARD_MS: u32 = 500;
 
 /// The armed rigs, from which each case takes a copy.
 pub struct Bases(Vec<Rig>);
@@ -48,6 +50,11 @@ impl Watch {
         if self.hazards.iter().all(|(known, _)| *known != hazard) {
             self.hazards.push((hazard, ms));
         }
+    }
+
+    /// A hazard came, and no fault yet.
+    fn awaits_a_fault(&self) -> bool {
+        self.fault == 0 && !self.hazards.is_empty()
     }
 
     /// A millisecond of the rig.
@@ -128,7 +135,11 @@ pub fn run_on(mut rig: Rig, number: u64, plan: Plan) -> Outcome {
     let second_at = plan.second.map_or(0, |(_, ms)| ms);
     // Two different things of one kind would fight over one place; the second is what counts then.
     let second = plan.second.map(|(what, _)| what);
-    for ms in 0..second_at + WATCH_MS {
+    let end = second_at + WATCH_MS;
+    for ms in 0.. {
+        if ms >= end + AFTER_HAZARD_MS || ms >= end && !watch.awaits_a_fault() {
+            break;
+        }
         if let Some(what) = second.filter(|_| ms == second_at) {
             rig.inject(what);
         }

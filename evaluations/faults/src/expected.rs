@@ -45,6 +45,9 @@ pub const EXPECTED: &[Expected] = &[
     one(I::EncoderNoise(2, 20), F::EncoderError, 400),
     one(I::HostStops, F::SetpointsExpired, 110),
     one(I::StopElsewhere, F::HostStop, 2),
+    // The scale of the DAC, which the next sample needs; the slew rate, which nothing but the check of each second sees.
+    one(I::ConfigBit(2, 7 * 32 + 28), F::ConfigCrc, 5),
+    one(I::ConfigBit(4, 15 * 32 + 40), F::ConfigCrc, 1_010),
     one(I::Overrun(2_000), F::LoopOverrun, 2),
     one(I::EventsLost, F::QueueOverflow, 2),
     one(I::EStop, F::EStop, 3),
@@ -67,10 +70,11 @@ pub const EXPECTED: &[Expected] = &[
         power_off: true,
     },
     Expected {
-        first: I::RobotMoves,
-        second: Some((I::EncoderFrozen(1), 2_500)),
+        first: I::EncoderFrozen(0),
+        // From 3 to 10 N, more than friction lets a resting reel swing.
+        second: Some((I::SetpointRange(0, 10_000_000), 100)),
         fault: Some(F::EncoderStill),
-        within_ms: 3_200,
+        within_ms: 800,
         power_off: false,
     },
     Expected {

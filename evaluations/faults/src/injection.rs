@@ -1,6 +1,7 @@
 //! What can be broken, and how it is drawn.
 
 use crate::random::Random;
+use control::config::Config;
 use serde::{Deserialize, Serialize};
 
 /// Where an injection acts: the rows of the table.
@@ -20,15 +21,17 @@ pub enum Category {
     Link,
     /// When the host sends.
     Host,
-    /// The superloop, its clock and its supply.
+    /// The superloop and its supply.
     Loop,
+    /// Bits of the board's memory.
+    Memory,
     /// Plant events: robot, E-stop.
     Plant,
 }
 
 impl Category {
     /// All of them.
-    pub const ALL: [Self; 9] = [
+    pub const ALL: [Self; 10] = [
         Self::Sensor,
         Self::Bus,
         Self::Dac,
@@ -37,6 +40,7 @@ impl Category {
         Self::Link,
         Self::Host,
         Self::Loop,
+        Self::Memory,
         Self::Plant,
     ];
 }
@@ -134,8 +138,10 @@ pub enum Injection {
     Overrun(u32),
     /// Events are lost.
     EventsLost,
-    /// A bit of a configuration in memory, as the check sees it.
+    /// A reset of the controller without a cause that it knows.
     Reset,
+    /// This bit of what was computed from a unit's configuration is inverted.
+    ConfigBit(usize, u32),
     /// The robot moves.
     RobotMoves,
     /// The E-stop loop opens.
@@ -186,6 +192,7 @@ impl Injection {
             | I::StopElsewhere
             | I::StatusElsewhere => Category::Host,
             I::Hang | I::Overrun(_) | I::EventsLost | I::Reset => Category::Loop,
+            I::ConfigBit(..) => Category::Memory,
             I::RobotMoves | I::EStop => Category::Plant,
         }
     }
@@ -228,8 +235,9 @@ impl Injection {
             },
             Category::Drive => match pick(r, 4) {
                 0 => Self::AmplifierOff(unit),
-                // Nothing between amplifier and cable acts within the 15 ms that a larger step takes.
-                1..=2 => Self::AmplifierGain(unit, r.between(0.1, 1.5)),
+                // With the 9 N that a cable of the campaign can have, 1.4 times the current are 13 N before anything between
+                // amplifier and cable can act: docs/safety.md.
+                1..=2 => Self::AmplifierGain(unit, r.between(0.1, 1.4)),
                 _ => Self::Reversed(unit),
             },
             Category::Encoder => match pick(r, 4) {
@@ -261,6 +269,7 @@ impl Injection {
                 2 => Self::EventsLost,
                 _ => Self::Reset,
             },
+            Category::Memory => Self::ConfigBit(unit, r.below(Config::BITS.into()) as u32),
             Category::Plant => match pick(r, 2) {
                 0 => Self::RobotMoves,
                 _ => Self::EStop,
@@ -285,10 +294,11 @@ impl Plan {
     #[must_use]
     pub fn draw(seed: u64, number: u64) -> Self {
         let mut r = Random::stream(seed, number);
-        let category = |n: u64| Category::ALL[(n % 9) as usize];
+        const CATEGORIES: u64 = Category::ALL.len() as u64;
+        let category = |n: u64| Category::ALL[(n % CATEGORIES) as usize];
         let first = Injection::draw(category(number), &mut r);
-        let second = (number / 9 % 3 == 2).then(|| {
-            let other = category(r.below(9));
+        let second = (number / CATEGORIES % 3 == 2).then(|| {
+            let other = category(r.below(CATEGORIES));
             (Injection::draw(other, &mut r), r.below(300) as u32)
         });
         Self {

@@ -346,6 +346,7 @@ impl Rig {
             Injection::EventsLost => self.events_lost += 1,
             Injection::Hang => self.hung_since = Some(self.step),
             Injection::Reset => self.reset(None),
+            Injection::ConfigBit(unit, bit) => self.machine.flip_config(unit, bit),
             Injection::RobotMoves => self.plant.set_robot_moving(true),
             Injection::EStop => self.estop_closed = false,
             Injection::StopElsewhere => {

@@ -8,6 +8,8 @@ use super::values;
 use super::Context;
 use clap::Args;
 use control::SystemState;
+use host_cli::calibrate::base;
+use host_cli::calibrate::store::Store;
 use host_cli::link::{self, EmbeddedOptions, RigLink};
 use host_cli::rigfile::{LinkChoice, RigFile};
 use host_cli::run::{ZeroStore, Zeroing};
@@ -20,6 +22,9 @@ use std::time::Duration;
 
 /// Heading of the options that only the embedded rig has.
 pub const EMBEDDED: &str = "Embedded rig";
+
+/// Seed of an emulated rig where none is given.
+const DEFAULT_SEED: u64 = 1;
 
 /// A rig that exists, and how it is reached: options of the commands that never start an emulation.
 #[derive(Debug, Args)]
@@ -207,6 +212,21 @@ impl Existing {
     /// The link: that of `--link`, else that of the rig file.
     fn choice<'a>(&'a self, rig: &'a RigFile) -> &'a LinkChoice {
         self.link.as_ref().unwrap_or(&rig.link)
+    }
+
+    /// Seed of the emulated rig that this leads to; `None` for a board.
+    fn seed(&self, new: &New, rig: &RigFile) -> Option<u64> {
+        match self.target(new, rig) {
+            Target::Own => Some(new.seed.unwrap_or(DEFAULT_SEED)),
+            Target::Direct(_) => None,
+            #[cfg(unix)]
+            Target::Service(..) => {
+                let client = self.client.borrow();
+                client.as_ref().and_then(|client| client.welcome().seed)
+            }
+            #[cfg(not(unix))]
+            Target::Service(..) => None,
+        }
     }
 
     /// How the rig is reached. Without `--link`, an embedded rig that is kept comes before one of the command's own;
@@ -447,6 +467,29 @@ impl Connection {
     /// [`Connection::open`].
     pub fn zeroing(&self) -> Zeroing {
         self.at.zeroing()
+    }
+
+    /// Seed of the emulated rig that this leads to; `None` for a board. Call it after [`Connection::load`].
+    pub fn seed(&self, rig: &RigFile) -> Option<u64> {
+        self.at.seed(&self.new, rig)
+    }
+
+    /// The rig with its stored calibration in place of the rig file's numbers, where there is one. Call it after
+    /// [`Connection::load`].
+    pub fn calibrated(&self, rig: RigFile, context: &Context) -> Result<RigFile> {
+        // A state folder that is not known keeps nothing.
+        let Ok(store) = Store::of_rig(&rig.name, self.seed(&rig)) else {
+            return Ok(rig);
+        };
+        let Some(record) = store.current()? else {
+            return Ok(rig);
+        };
+        context.output.note(&format!(
+            "calibration of {}, {}",
+            record.date,
+            record.hash.get(..19).unwrap_or(&record.hash)
+        ));
+        Ok(base::overlay(&rig, &record))
     }
 
     /// Path of the rig file, where one was given.

@@ -93,6 +93,12 @@ fn mistake(line: &Line) -> Option<String> {
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => None,
         ErrorKind::MissingRequiredArgument if !line.to_type => None,
+        // A command that is named without its step.
+        ErrorKind::DisplayHelpOnMissingArgumentOrSubcommand | ErrorKind::MissingSubcommand
+            if !line.to_type =>
+        {
+            None
+        }
         // An option that is named without its value.
         ErrorKind::InvalidValue if !line.to_type && named_only(&error) => None,
         _ => Some(format!("{}: forcectl{}\n{error}", line.place, line.text)),

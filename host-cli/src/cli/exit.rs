@@ -36,7 +36,7 @@ Exit codes:
   5  the board refused a command, or a fault stopped the rig
   6  the run was completed, but the force was not held as commanded: it never settled, left its
      band, was out of reach or saturated a limit, a unit was missing, the amplifiers lost power,
-     or an injection did not happen
+     or an injection did not happen; or a calibration step was refused
   7  a file or the standard output could not be written
 130  Ctrl-C, SIGTERM or SIGHUP ended the command; `set-force` and `identify` disarmed the rig
 `residual` and `identify` list their own codes in their help.";
@@ -187,8 +187,8 @@ impl From<RunError> for Failure {
 }
 
 #[cfg(feature = "record")]
-impl From<host_cli::record::RecordError> for Failure {
-    fn from(error: host_cli::record::RecordError) -> Self {
+impl From<host_cli::recording::RecordError> for Failure {
+    fn from(error: host_cli::recording::RecordError) -> Self {
         Self::new(FILE, error)
     }
 }

@@ -19,6 +19,7 @@ macro_rules! row {
 }
 
 mod arm;
+mod calibrate;
 mod check;
 mod clear;
 mod completions;
@@ -27,6 +28,8 @@ mod disarm;
 #[cfg(test)]
 mod documented;
 mod exit;
+#[cfg(feature = "record")]
+mod experiment;
 mod explain;
 mod hold;
 #[cfg(feature = "residual")]
@@ -41,6 +44,8 @@ mod output;
 mod progress;
 #[cfg(feature = "record")]
 mod record;
+#[cfg(feature = "record")]
+mod recording;
 #[cfg(feature = "residual")]
 mod residual;
 #[cfg(unix)]
@@ -53,6 +58,7 @@ mod stop;
 mod usage;
 mod values;
 mod watch;
+mod workspace;
 mod zero;
 
 use clap::{Parser, Subcommand};
@@ -84,6 +90,11 @@ enum Command {
     Monitor(monitor::Monitor),
     /// Take zeros; the cables have to be slack
     Zero(zero::Zero),
+    /// Calibrate a rig: zeros, gains, geometry, and how well the force is known
+    #[command(after_help = calibrate::HELP)]
+    Calibrate(calibrate::Calibrate),
+    /// Show which forces are feasible where, and where the units should stand
+    Workspace(workspace::Workspace),
     /// Keep an emulated rig that many commands and terminals can use, until Ctrl-C
     #[cfg(unix)]
     Rig(rig::Rig),
@@ -113,6 +124,14 @@ enum Command {
     /// Record every sample and drive nothing (to record a force: set-force --record DIR)
     #[cfg(feature = "record")]
     Record(record::Record),
+    /// Check a recording, write its Parquet files, or join it with a robot's log
+    #[cfg(feature = "record")]
+    #[command(after_help = recording::HELP)]
+    Recording(recording::Recording),
+    /// Run an experiment: trials with a moving robot and a known force, as one dataset
+    #[cfg(feature = "record")]
+    #[command(after_help = experiment::HELP)]
+    Experiment(experiment::ExperimentCommand),
     /// Find what a force model lacks, from logs; drives nothing
     #[cfg(feature = "residual")]
     #[command(after_help = residual::HELP)]
@@ -168,6 +187,8 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
         Command::Status(command) => command.run(context),
         Command::Monitor(command) => command.run(context),
         Command::Zero(command) => command.run(context),
+        Command::Calibrate(command) => command.run(context),
+        Command::Workspace(command) => command.run(context),
         #[cfg(unix)]
         Command::Rig(command) => command.run(context),
         #[cfg(unix)]
@@ -184,6 +205,10 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
         Command::Init(command) => command.run(context),
         #[cfg(feature = "record")]
         Command::Record(command) => command.run(context),
+        #[cfg(feature = "record")]
+        Command::Recording(command) => command.run(context),
+        #[cfg(feature = "record")]
+        Command::Experiment(command) => command.run(context),
         #[cfg(feature = "residual")]
         Command::Residual(command) => command.run(context),
         #[cfg(feature = "residual")]

@@ -1,12 +1,12 @@
 //! `forcectl record`: records every sample and drives nothing.
 
-use super::connection::{configure_embedded, Connection, Role};
+use super::connection::{booted_here, configure_embedded, Connection, Role};
 use super::exit::{Failure, Reply, Result};
 use super::monitor::End;
 use super::progress::Progress;
 use super::{values, Context};
 use clap::Args;
-use host_cli::record::Recorder;
+use host_cli::recording::{Metadata, Recorder};
 use host_cli::session::PERIOD;
 use serde_json::json;
 use std::path::PathBuf;
@@ -30,7 +30,19 @@ impl Record {
         self.connection
             .with_session(Role::Observer, context, |session, rig| {
                 configure_embedded(session, rig)?;
-                let mut recorder = Recorder::create(&self.folder, rig)?;
+                let emulated = session.link().controls().is_some();
+                let metadata = Metadata::new(rig, emulated)
+                    .with("link", session.link().name())
+                    .with("command", "record");
+                let metadata = if booted_here(session) && !self.connection.paced() {
+                    metadata
+                } else {
+                    metadata.never_waits()
+                };
+                let mut recorder = Recorder::create(&self.folder, &metadata)?;
+                if let Some(board) = session.info() {
+                    recorder.board(board);
+                }
                 recorder.configured(&session.get_configs()?);
                 session.command(&Command::Stream { decimation: 1 })?;
                 session.drain();
@@ -42,20 +54,25 @@ impl Record {
                         lost = Some(error);
                         break;
                     }
-                    recorder.samples(&session.drain().samples)?;
+                    recorder.received(&session.drain());
+                    if let Some(text) = recorder.trouble() {
+                        progress.beside(|output| output.error(&text));
+                    }
                     progress.at("recording", end.fraction(session));
                 }
                 progress.done();
-                let rows = recorder.finish()?;
+                let finished = recorder.finish().complete()?;
                 let counters = session.counters();
                 let reply = Reply::new(
                     format!(
-                        "{rows} samples in {}; telemetry frames lost {}, damaged {}\n",
+                        "{} samples in {}, {} dropped; telemetry frames lost {}, damaged {}\n",
+                        finished.samples,
                         self.folder.display(),
+                        finished.dropped_samples,
                         counters.frames_lost,
                         counters.frames_bad
                     ),
-                    json!({"samples": rows, "folder": self.folder, "link": counters}),
+                    json!({"samples": finished.samples, "dropped_samples": finished.dropped_samples, "folder": self.folder, "link": counters}),
                 );
                 match lost {
                     Some(error) => Err(Failure::from(error).with_reply(reply)),

@@ -303,7 +303,9 @@ impl BoardFile {
             Err(why) => Applied {
                 file: None,
                 changed: vec![],
-                not_used: vec![why],
+                not_used: std::iter::once(why)
+                    .chain(identify::advice(report))
+                    .collect(),
                 earlier: None,
             },
         };

@@ -8,6 +8,8 @@ use clap::Args;
 use emulator_link::Injection;
 use host_cli::force::metrics::{Metrics, SETTLED_WITHIN_N};
 use host_cli::plot;
+#[cfg(feature = "record")]
+use host_cli::recording::{Finished, Metadata};
 use host_cli::run::{self, Ended, Options, Outcome, RunError, ShortfallKind};
 
 use serde_json::Value;
@@ -69,6 +71,7 @@ impl SetForce {
             ],
         )?;
         self.connection.require_rig_file(&rig)?;
+        let rig = self.connection.calibrated(rig, context)?;
         let options = Options {
             robot_moves: !self.still,
             injections: self.inject.clone(),
@@ -83,7 +86,17 @@ impl SetForce {
         let mut watch = Watch::new(output);
         #[cfg(feature = "record")]
         if let Some(folder) = &self.record {
-            watch.record_to(folder, &rig)?;
+            let emulated = link.controls().is_some();
+            let metadata = Metadata::new(&rig, emulated)
+                .with("link", link.name())
+                .with("command", "set-force");
+            let own = link.booted_here() && !self.connection.paced();
+            let metadata = if own {
+                metadata
+            } else {
+                metadata.never_waits()
+            };
+            watch.record_to(folder, &metadata)?;
         }
         // Figures of a run before this one must not pass for those of a run that failed.
         for path in [self.svg(), self.figures()] {
@@ -106,12 +119,19 @@ impl SetForce {
         let mut files = Files::default();
         // What was recorded up to an error is kept.
         #[cfg(feature = "record")]
-        if let Some(folder) = &self.record {
-            files.note("recording", folder, watch.finish_recording());
+        let recorded = watch.finish_recording();
+        #[cfg(feature = "record")]
+        if let (Some(folder), Some(finished)) = (&self.record, &recorded) {
+            files.recording(folder, finished);
         }
-        let json = outcome
+        #[cfg_attr(not(feature = "record"), allow(unused_mut))]
+        let mut json = outcome
             .as_ref()
             .map(|outcome| self.write(outcome, &mut files));
+        #[cfg(feature = "record")]
+        if let (Some(json), Some(finished)) = (&mut json, &recorded) {
+            json["recording"] = serde_json::to_value(finished).unwrap_or_default();
+        }
         conclude(outcome.as_ref(), error, json, files)
     }
 
@@ -156,6 +176,30 @@ impl Files {
             Ok(()) => row!(self.written, "{what:<19} {}", path.display()),
             Err(failure) => self.failures.push(failure),
         }
+    }
+}
+
+#[cfg(feature = "record")]
+impl Files {
+    /// A recording: what it holds, what it lacks, and its files that are not complete.
+    fn recording(&mut self, folder: &Path, finished: &Finished) {
+        row!(
+            self.written,
+            "recording           {}: {} samples, {} cycles",
+            folder.display(),
+            finished.samples,
+            finished.cycles
+        );
+        if finished.dropped_samples + finished.dropped_cycles > 0 {
+            row!(
+                self.written,
+                "recording lacks     {} samples, {} cycles: the disk was too slow or full",
+                finished.dropped_samples,
+                finished.dropped_cycles
+            );
+        }
+        self.failures
+            .extend(finished.failures.iter().cloned().map(Failure::from));
     }
 }
 
@@ -224,7 +268,10 @@ fn table(outcome: &Outcome) -> String {
         &outcome.rig_hash[..12]
     );
     match &outcome.metrics {
-        Some(metrics) => metrics_table(&mut out, metrics),
+        Some(metrics) => {
+            metrics_table(&mut out, metrics);
+            uncertainty_lines(&mut out, outcome);
+        }
         None => {
             row!(
                 out,
@@ -268,6 +315,34 @@ fn table(outcome: &Outcome) -> String {
         }
     }
     out
+}
+
+/// How well the applied force is known.
+fn uncertainty_lines(out: &mut String, outcome: &Outcome) {
+    let Some(u) = &outcome.uncertainty else {
+        row!(
+            out,
+            "uncertainty         not known: no calibration of this rig is stored (`forcectl calibrate`)"
+        );
+        return;
+    };
+    let direction = u
+        .direction_sd_deg
+        .map_or_else(String::new, |d| format!(", direction +- {d:.2} deg"));
+    row!(
+        out,
+        "uncertainty         size +- {:.3} N{direction} (one sd); within {:.3} N with 95 %; calibration of {}",
+        u.size_sd_n,
+        u.radius_95_n,
+        u.date
+    );
+    if !u.nominal.is_empty() {
+        row!(
+            out,
+            "                    not measured, nominal: {}",
+            u.nominal.join(", ")
+        );
+    }
 }
 
 fn metrics_table(out: &mut String, m: &Metrics) {

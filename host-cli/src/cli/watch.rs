@@ -6,17 +6,15 @@ use super::output::Output;
 use super::progress::Progress;
 use host_cli::force::metrics::Step;
 #[cfg(feature = "record")]
-use host_cli::record::{RecordError, Recorder};
-#[cfg(feature = "record")]
-use host_cli::rigfile::RigFile;
+use host_cli::recording::{Finished, Metadata, Recorder};
 use host_cli::run::{Observer, Phase};
 #[cfg(feature = "record")]
-use host_cli::session::TimedSample;
+use host_cli::session::Received;
 #[cfg(feature = "record")]
 use std::path::Path;
 use std::sync::Arc;
 #[cfg(feature = "record")]
-use wire::message::UnitConfig;
+use wire::message::{BoardInfo, UnitConfig};
 #[cfg(feature = "record")]
 use wire::UNITS;
 
@@ -29,8 +27,6 @@ pub struct Watch {
     second: Option<i64>,
     #[cfg(feature = "record")]
     recorder: Option<Recorder>,
-    #[cfg(feature = "record")]
-    record_error: Option<RecordError>,
 }
 
 impl Watch {
@@ -42,66 +38,69 @@ impl Watch {
             second: None,
             #[cfg(feature = "record")]
             recorder: None,
-            #[cfg(feature = "record")]
-            record_error: None,
         }
     }
 
     /// Records the run to this folder.
     #[cfg(feature = "record")]
-    pub fn record_to(&mut self, folder: &Path, rig: &RigFile) -> Result<()> {
-        self.recorder = Some(Recorder::create(folder, rig)?);
+    pub fn record_to(&mut self, folder: &Path, metadata: &Metadata) -> Result<()> {
+        self.recorder = Some(Recorder::create(folder, metadata)?);
         Ok(())
     }
 
-    /// Records something. A disk that fails ends the recording and not the run.
+    /// Shows what the recording lacks. A disk that fails does not end the run.
     #[cfg(feature = "record")]
-    fn record(
-        &mut self,
-        write: impl FnOnce(&mut Recorder) -> std::result::Result<(), RecordError>,
-    ) {
-        if let Some(recorder) = &mut self.recorder {
-            if let Err(error) = write(recorder) {
-                let text = format!("{error}; the recording has ended, the run continues");
-                self.progress.beside(|output| output.error(&text));
-                self.recorder = None;
-                self.record_error = Some(error);
-            }
+    fn show_trouble(&mut self) {
+        if let Some(text) = self.recorder.as_mut().and_then(Recorder::trouble) {
+            self.progress.beside(|output| output.error(&text));
         }
     }
 
-    /// Closes the recording.
+    /// Closes the recording; `None` without one.
     #[cfg(feature = "record")]
-    pub fn finish_recording(&mut self) -> Result<()> {
-        if let Some(recorder) = self.recorder.take() {
-            recorder.finish()?;
-        }
-        self.record_error
-            .take()
-            .map_or(Ok(()), |error| Err(error.into()))
+    pub fn finish_recording(&mut self) -> Option<Finished> {
+        self.show_trouble();
+        self.recorder.take().map(Recorder::finish)
     }
 }
 
 impl Observer for Watch {
     fn progress(&mut self, phase: Phase, fraction: f64) {
         self.progress.at(phase.describe(), fraction);
+        #[cfg(feature = "record")]
+        if let Some(recorder) = &mut self.recorder {
+            recorder.phase(phase);
+        }
     }
 
     fn notice(&mut self, text: &str) {
         self.progress.beside(|output| output.note(text));
+        #[cfg(feature = "record")]
+        if let Some(recorder) = &mut self.recorder {
+            recorder.notice(text);
+        }
+    }
+
+    #[cfg(feature = "record")]
+    fn connected(&mut self, board: &BoardInfo) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.board(board);
+        }
     }
 
     #[cfg(feature = "record")]
     fn configured(&mut self, configs: &[UnitConfig; UNITS]) {
-        self.record(|recorder| {
+        if let Some(recorder) = &mut self.recorder {
             recorder.configured(configs);
-            Ok(())
-        });
+        }
     }
 
     #[cfg(feature = "record")]
-    fn samples(&mut self, samples: &[TimedSample]) {
-        self.record(|recorder| recorder.samples(samples));
+    fn received(&mut self, received: &Received) {
+        if let Some(recorder) = &mut self.recorder {
+            recorder.received(received);
+        }
+        self.show_trouble();
     }
 
     fn step(&mut self, step: &Step) {
@@ -120,6 +119,8 @@ impl Observer for Watch {
             self.progress.beside(|output| output.detail(&line));
         }
         #[cfg(feature = "record")]
-        self.record(|recorder| recorder.cycle(step));
+        if let Some(recorder) = &mut self.recorder {
+            recorder.cycle(step);
+        }
     }
 }

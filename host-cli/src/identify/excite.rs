@@ -47,8 +47,7 @@ pub fn excite(
 ) -> Result<Recording, RunError> {
     let open = opened(rig, seconds)?;
     let pose = PoseSource::open(&rig.pose)?;
-    observer.progress(Phase::Connect, 0.0);
-    let mut session = Session::connect(link)?;
+    let mut session = run::connect(link, observer)?;
     let prepared = run::ready_board(&mut session, &open, zeroing, stop, observer)?;
     let mut excitation = Excitation {
         rig,
@@ -163,8 +162,7 @@ impl Excitation<'_> {
         stop: &AtomicBool,
         observer: &mut dyn Observer,
     ) -> Result<(), RunError> {
-        observer.progress(Phase::Tension, 0.0);
-        observer.samples(&session.drain().samples);
+        run::begin(session, observer, Phase::Tension);
         session.command(&Command::Arm)?;
         let start_ns = session.now_ns();
         let mut moving = false;
@@ -187,7 +185,7 @@ impl Excitation<'_> {
             session.set_setpoints(Some(cycle.setpoints));
             session.advance(PERIOD)?;
             let received = session.drain();
-            observer.samples(&received.samples);
+            observer.received(&received);
             self.check_faults(&received, session.status())?;
             if t_s >= SETTLE_S {
                 self.samples.extend(received.samples.iter().map(|timed| {

@@ -4,7 +4,7 @@ use super::findings::{self, Frame, Rewritten};
 use super::{model, Recording};
 use crate::rigfile::{RigFile, UnitSettings};
 use control::convert::REEL_RADIUS_M;
-use residual::Report;
+use residual::{Report, Verdict};
 use serde::Serialize;
 use std::path::Path;
 
@@ -93,7 +93,7 @@ pub fn find(
                 new[i] = corrected.unit;
                 corrected.not_used
             }
-            Err(why) => vec![why],
+            Err(why) => std::iter::once(why).chain(advice(&report)).collect(),
         };
         units.push(UnitFinding {
             unit: unit.number,
@@ -109,6 +109,27 @@ pub fn find(
         rig,
         rewritten,
     })
+}
+
+/// What helps against the found effects for which the board has no setting, whatever the verdict.
+#[must_use]
+pub fn advice(report: &Report) -> Vec<String> {
+    let mut named = report.clone();
+    named.verdict = Verdict::Several;
+    let left_out = named.compensation().map_or_else(
+        || report.effects.iter().map(|e| e.name.to_string()).collect(),
+        |compensation| compensation.left_out,
+    );
+    let mut out: Vec<String> = Vec::new();
+    for name in left_out {
+        if let Some(advice) = findings::without_setting(&name) {
+            let line = format!("{name}: the board has no setting for it; what helps: {advice}");
+            if !out.contains(&line) {
+                out.push(line);
+            }
+        }
+    }
+    out
 }
 
 /// Analyses the log of one unit, with its files in a folder below `out`.

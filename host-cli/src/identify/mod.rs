@@ -7,7 +7,8 @@
 //! | what the rig file declares | `model` |
 //! | analysis of each unit | `find` |
 //! | findings to settings, settings to text | [`findings`] |
-//! | better or not | `figures` |
+//! | errors of a run | `figures` |
+//! | better or not, over pairs of runs | `gain` |
 //!
 //! # Why the loop is opened
 //!
@@ -36,6 +37,7 @@ mod excite;
 mod figures;
 mod find;
 pub mod findings;
+mod gain;
 mod model;
 mod recording;
 #[cfg(test)]
@@ -43,6 +45,7 @@ mod tests;
 
 pub use excite::{check, excite};
 pub use figures::Figures;
-pub use find::{find, usable, FindError, Findings, UnitFinding, MAX_UNEXPLAINED};
+pub use find::{advice, find, usable, FindError, Findings, UnitFinding, MAX_UNEXPLAINED};
+pub use gain::{Gain, Pair, FEWEST_PAIRS, MOST_PAIRS};
 pub use model::{model, MODEL};
 pub use recording::{Recording, Row};

@@ -100,6 +100,36 @@ fn a_rig_with_much_friction_is_driven_less_and_still_found_out() {
     }
 }
 
+/// An effect without a setting: nothing is changed, and the report says what helps.
+#[test]
+fn what_helps_is_said_where_the_board_has_no_setting() {
+    let time: Vec<f64> = (0..1200).map(|i| f64::from(i % 300) * 0.02).collect();
+    let command: Vec<f64> = (0..1200)
+        .map(|i| 5.0 + 3.0 * (0.03 * f64::from(i)).sin() + (0.11 * f64::from(i)).cos())
+        .collect();
+    let noise = |i: usize| ((i * i) as f64).sin();
+    let target = (0..1200)
+        .map(|i| command[i] - 0.02 * command[i] * command[i] + 0.01 * noise(i))
+        .collect();
+    let data = residual::Data::from_columns(time, [("command", command), ("target", target)])
+        .sequences((0..4).map(|run| 300 * run..300 * (run + 1)))
+        .build()
+        .unwrap();
+    let model = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\", unit = \"N\" }\n\
+                 command = { column = \"c\" }\n[[terms]]\nname = \"y\"\nexpr = \"command\"\n";
+    let spec = residual::spec::Spec::parse(model).unwrap();
+    let report = residual::analyse(&spec, data, &mut ()).unwrap();
+    assert!(usable(&report).is_err(), "{}", report.summary());
+    let advice = advice(&report);
+    assert!(
+        advice
+            .iter()
+            .any(|line| line.starts_with("quadratic") && line.contains("weights")),
+        "{advice:?} {}",
+        report.summary()
+    );
+}
+
 /// From a report that a board may use: the same with other verdicts.
 fn refuses_what_is_not_clear(clear: &Report) {
     use residual::{Ambiguity, EffectKind, Structure, Verdict};

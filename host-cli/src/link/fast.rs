@@ -39,7 +39,7 @@ impl FastRig {
         let rig = Self::with(Options {
             seed,
             plant,
-            robot: None,
+            ..Options::default()
         })?;
         Ok(Self {
             paced: options.paced.then(Instant::now),
@@ -107,5 +107,14 @@ impl RigControls for FastRig {
 
     fn seed(&self) -> u64 {
         self.rig.seed()
+    }
+
+    fn drive_outside(&mut self, volts: Option<[f64; wire::UNITS]>) -> Result<(), LinkError> {
+        self.rig.drive_outside(volts);
+        Ok(())
+    }
+
+    fn arm(&mut self) -> Option<&mut VirtualArm> {
+        self.rig.arm_mut()
     }
 }

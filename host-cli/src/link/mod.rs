@@ -86,6 +86,22 @@ pub trait RigControls {
 
     /// Seed of everything random in this run.
     fn seed(&self) -> u64;
+
+    /// Lets a controller outside of the board drive the amplifiers, V at their inputs; `None`: the board's DACs again.
+    ///
+    /// # Errors
+    /// [`LinkError`] where the rig has no such way.
+    fn drive_outside(&mut self, volts: Option<[f64; wire::UNITS]>) -> Result<(), LinkError> {
+        let _ = volts;
+        Err(LinkError::Refused(
+            "its amplifiers are driven by its board alone; use `--link fast`".to_owned(),
+        ))
+    }
+
+    /// The virtual arm that holds the cables' ends, where there is one.
+    fn arm(&mut self) -> Option<&mut robot::arm::VirtualArm> {
+        None
+    }
 }
 
 /// Why a link does not work. Nothing is driven any more: a board without setpoints stops by itself.

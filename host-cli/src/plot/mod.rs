@@ -18,7 +18,7 @@ const GAP: f32 = 45.0;
 const POINTS: usize = 2000;
 
 /// Okabe and Ito's palette: also distinguishable for colour-blind readers.
-const COLORS: [Color; UNITS] = [
+pub(crate) const COLORS: [Color; UNITS] = [
     Color(0x00, 0x72, 0xB2),
     Color(0xD5, 0x5E, 0x00),
     Color(0x00, 0x9E, 0x73),
@@ -26,8 +26,8 @@ const COLORS: [Color; UNITS] = [
     Color(0xE6, 0x9F, 0x00),
     Color(0x56, 0xB4, 0xE9),
 ];
-const BLACK: Color = Color(0x22, 0x22, 0x22);
-const GRAY: Color = Color(0xB8, 0xB8, 0xB8);
+pub(crate) const BLACK: Color = Color(0x22, 0x22, 0x22);
+pub(crate) const GRAY: Color = Color(0xB8, 0xB8, 0xB8);
 const BAND: Color = Color(0xE4, 0xF2, 0xEC);
 /// Marks where a curve leaves the panel.
 const CLIPPED: Color = Color(0xB0, 0x00, 0x20);
@@ -259,7 +259,7 @@ fn tension_panel(steps: &[&Step]) -> Panel {
 }
 
 /// A step of 1, 2 or 5 times a power of ten that divides a span into some five parts.
-fn tick(span: f64) -> f64 {
+pub(crate) fn tick(span: f64) -> f64 {
     let raw = (span / 5.0).max(1e-9);
     let power = 10f64.powf(raw.log10().floor());
     let factor = [1.0, 2.0, 5.0]
@@ -269,14 +269,14 @@ fn tick(span: f64) -> f64 {
     factor * power
 }
 
-fn ticks(low: f64, high: f64) -> Vec<f64> {
+pub(crate) fn ticks(low: f64, high: f64) -> Vec<f64> {
     let step = tick(high - low);
     let first = (low / step).ceil() as i64;
     let last = (high / step).floor() as i64;
     (first..=last).map(|n| n as f64 * step).collect()
 }
 
-fn label(value: f64, step: f64) -> String {
+pub(crate) fn label(value: f64, step: f64) -> String {
     let digits = (-step.log10().floor()).clamp(0.0, 6.0) as usize;
     format!("{value:.digits$}")
 }

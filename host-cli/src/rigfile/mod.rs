@@ -53,6 +53,10 @@ pub struct RigFile {
     pub allocation: AllocationSettings,
     /// The units, unit 1 first.
     pub units: [UnitSettings; UNITS],
+    /// The calibration whose numbers replaced the file's ([`crate::calibrate::base::overlay`]). Not part of the hash; its numbers
+    /// are.
+    #[serde(skip)]
+    pub calibration: Option<Box<calibration::record::Record>>,
 }
 
 impl RigFile {
@@ -102,6 +106,16 @@ impl RigFile {
             .iter()
             .map(|b| format!("{b:02x}"))
             .collect()
+    }
+
+    /// Whether a calibration gave the scale of unit `i` (from 0).
+    #[must_use]
+    pub fn has_measured_gain(&self, i: usize) -> bool {
+        self.calibration.as_ref().is_some_and(|record| {
+            let number = self.units[i].number;
+            let unit = record.units.iter().find(|u| u.number == number);
+            unit.is_some_and(|u| !u.gain_date.is_empty())
+        })
     }
 
     /// The tensions that an allocation stays near to, N.

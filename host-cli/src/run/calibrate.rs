@@ -4,8 +4,9 @@
 //! rig, whose cells differ by some percent, and no rig file can know them. On a real rig the rig file holds the
 //! calibration, and this step does nothing.
 
-use super::{Observer, Phase, RunError};
+use super::{begin, in_force, Observer, Phase, RunError};
 use crate::link::LinkError;
+use crate::rigfile::RigFile;
 use crate::session::{Session, TimedSample};
 use emulator_link::Injection;
 use std::time::Duration;
@@ -21,21 +22,24 @@ const WEIGHING_TIME: Duration = Duration::from_millis(500);
 /// Largest relative difference to the rig file's scale. A larger one is a mistake and no calibration.
 const MAX_SCALE_CHANGE: f64 = 0.25;
 
-/// Calibrates the load cells of an emulated rig and sends the new scales. Does nothing on a real rig.
+/// Calibrates the load cells of an emulated rig and sends the new scales. Does nothing on a real rig, and leaves units
+/// alone whose gain was measured (`forcectl calibrate gain`).
 pub(super) fn calibrate(
     session: &mut Session<'_>,
+    rig: &RigFile,
     configs: &mut [UnitConfig; UNITS],
     observer: &mut dyn Observer,
 ) -> Result<(), RunError> {
-    if session.link().controls().is_none() {
+    let measured = (0..UNITS).all(|i| rig.has_measured_gain(i) || !configs[i].enabled);
+    if measured || session.link().controls().is_none() {
         return Ok(());
     }
-    observer.progress(Phase::Calibrate, 0.0);
+    begin(session, observer, Phase::Calibrate);
     let samples = weigh(session, observer)?;
     for (i, config) in configs
         .iter_mut()
         .enumerate()
-        .filter(|(_, config)| config.enabled)
+        .filter(|(i, config)| config.enabled && !rig.has_measured_gain(*i))
     {
         let before = config.scale_pn_per_count;
         match scale_pn_per_count(&samples, i, config) {
@@ -49,6 +53,7 @@ pub(super) fn calibrate(
         }
     }
     session.configure(configs)?;
+    in_force(session, observer, configs);
     observer.progress(Phase::Calibrate, 1.0);
     Ok(())
 }
@@ -60,13 +65,13 @@ fn weigh(
 ) -> Result<Vec<TimedSample>, RunError> {
     hang_weights(session, WEIGHT_N)?;
     session.advance(WEIGHT_SETTLE_TIME)?;
-    observer.samples(&session.drain().samples);
+    observer.received(&session.drain());
     session.advance(WEIGHING_TIME)?;
     let received = session.drain();
-    observer.samples(&received.samples);
+    observer.received(&received);
     hang_weights(session, 0.0)?;
     session.advance(WEIGHT_SETTLE_TIME)?;
-    observer.samples(&session.drain().samples);
+    observer.received(&session.drain());
     Ok(received.samples)
 }
 
@@ -101,7 +106,6 @@ fn hang_weights(session: &mut Session<'_>, weight_n: f64) -> Result<(), LinkErro
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::rigfile::RigFile;
     use wire::message::Sample;
 
     #[test]

@@ -8,8 +8,10 @@ use super::outcome::{samples_lost, unit_fault, Ended, LatencyMs, Outcome, RunFau
 use super::prepare::check_stop;
 use super::quality::{Evidence, Saturation};
 use super::{
-    describe_reach, Observer, Options, Phase, Prepared, RunError, PRETENSION_S, ROBOT_START_S,
+    begin, describe_reach, Observer, Options, Phase, Prepared, RunError, PRETENSION_S,
+    ROBOT_START_S,
 };
+use crate::calibrate::applied;
 use crate::force::controller::{ControlError, Controller, Input, Output, Reach};
 use crate::force::feasibility;
 use crate::force::metrics::{self, Step};
@@ -91,8 +93,7 @@ impl<'a> Hold<'a> {
     pub(super) fn run(&mut self, session: &mut Session<'_>) -> Result<bool, RunError> {
         check_stop(&self.options.stop)?;
         self.require_pose(session)?;
-        self.observer.progress(Phase::Tension, 0.0);
-        self.observer.samples(&session.drain().samples);
+        begin(session, self.observer, Phase::Tension);
         session.command(&Command::Arm)?;
         let t0_ns = session.now_ns() + ((PRETENSION_S + ROBOT_START_S) * 1e9) as u64;
         self.t0_ns = Some(t0_ns);
@@ -104,10 +105,10 @@ impl<'a> Hold<'a> {
             if self.options.stop.load(Ordering::Relaxed) {
                 return Ok(true);
             }
-            self.control_rig(session, t_s)?;
-            self.cycle(session, t_s)?;
             let (phase, fraction) = phase_at(t_s, self.options.hold_s);
             self.observer.progress(phase, fraction);
+            self.control_rig(session, t_s)?;
+            self.cycle(session, t_s)?;
         }
     }
 
@@ -150,11 +151,11 @@ impl<'a> Hold<'a> {
         let received = session.drain();
         let end_s = t_s + PERIOD.as_secs_f64();
         let step = self.step_of(&output, &input, session, received.truth.last(), end_s);
+        self.note_samples(&received, t_s);
         self.observer.step(&step);
         self.steps.push(step);
         self.saturation.note_cycle(t_s, &output, self.rig);
         self.note_power(&received.truth, end_s);
-        self.note_samples(&received, t_s);
         self.note_faults(&received.faults, session.status(), t_s)?;
         self.require_balance(&input)
     }
@@ -263,7 +264,7 @@ impl<'a> Hold<'a> {
     }
 
     fn note_samples(&mut self, received: &Received, t_s: f64) {
-        self.observer.samples(&received.samples);
+        self.observer.received(received);
         self.samples += received.samples.len() as u64;
         self.saturation.note_samples(t_s, &received.samples);
         if t_s >= 0.0 {
@@ -384,6 +385,8 @@ impl<'a> Hold<'a> {
             config_crc: prepared.config_crc,
             commanded_n: self.options.commanded_n,
             metrics,
+            uncertainty: (self.rig.calibration.as_deref())
+                .and_then(|record| applied::of_run(record, &self.steps)),
             reach: self.reach,
             faults: self.faults,
             latency_ms,
@@ -413,7 +416,7 @@ pub(super) fn fresh_pose(
     pose.discard();
     loop {
         session.advance(PERIOD)?;
-        observer.samples(&session.drain().samples);
+        observer.received(&session.drain());
         check_stop(stop)?;
         match pose.tip_m(session.pose().map(|pose| pose.position_m.into())) {
             Ok(tip_m) => return Ok(tip_m),

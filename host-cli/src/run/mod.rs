@@ -32,19 +32,21 @@ mod zeros;
 pub(crate) use disarm::ramp_down_and_disarm;
 use outcome::unit_fault;
 pub use outcome::{describe_reach, Ended, LatencyMs, Outcome, RunFault};
+use phase::in_force;
+pub(crate) use phase::{begin, connect};
 pub use phase::{NoopObserver, Observer, Phase};
 pub use prepare::{prepare_board, Prepared};
 pub use quality::{Shortfall, ShortfallKind};
 pub use ready::{ready_board, Zeroing, ZERO_TOLERANCE_N};
 pub use tension::{hold_tensions, HeldTensions, TensionOptions};
-pub use zeros::{ZeroStore, FOLDER_VARIABLE as STATE_VARIABLE};
+pub use zeros::{state_folder, ZeroStore, FOLDER_VARIABLE as STATE_VARIABLE};
 
 use crate::force::controller::ControlError;
 use crate::force::feasibility;
 use crate::force::pose::{PoseError, PoseSource};
 use crate::link::{LinkError, RigLink};
 use crate::rigfile::{PoseChoice, RigFile};
-use crate::session::{explain_crash_record, Session, SessionError};
+use crate::session::{explain_crash_record, SessionError};
 use emulator_link::Injection;
 use hold::Hold;
 use nalgebra::Vector3;
@@ -172,8 +174,7 @@ pub fn hold_force(
     require_feasible(rig)?;
     let pose = PoseSource::open(&rig.pose)?;
     let injections = inject_at_power_on(link, options)?;
-    observer.progress(Phase::Connect, 0.0);
-    let mut session = Session::connect(link)?;
+    let mut session = connect(link, observer)?;
     if rig.pose == PoseChoice::Rig && session.pose().is_none() {
         return Err(PoseError::NotFromLink.into());
     }

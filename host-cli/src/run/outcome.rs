@@ -116,6 +116,8 @@ pub struct Outcome {
     pub commanded_n: Vector3<f64>,
     /// Figures; `None` where the run was too short.
     pub metrics: Option<Metrics>,
+    /// How well the applied force is known; `None` where no calibration of this rig is stored.
+    pub uncertainty: Option<crate::calibrate::applied::Applied>,
     /// How the commanded force compared with what the cables can apply, in the worst cycle.
     pub reach: Option<Reach>,
     /// Faults, in order.
@@ -154,6 +156,7 @@ impl Outcome {
             config_crc: 0,
             commanded_n,
             metrics: crate::force::metrics::of_run(commanded_n, &steps),
+            uncertainty: None,
             reach: None,
             faults: Vec::new(),
             latency_ms: None,

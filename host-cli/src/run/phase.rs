@@ -1,9 +1,10 @@
 //! What a run reports while it goes on: its phase, and the trait of whoever watches it.
 
 use crate::force::metrics::Step;
-use crate::session::TimedSample;
+use crate::link::RigLink;
+use crate::session::{Received, Session, SessionError, TimedSample};
 use serde::Serialize;
-use wire::message::UnitConfig;
+use wire::message::{BoardInfo, UnitConfig};
 use wire::UNITS;
 
 /// What a run is doing.
@@ -60,15 +61,24 @@ pub trait Observer {
     fn progress(&mut self, phase: Phase, fraction: f64) {
         let _ = (phase, fraction);
     }
+    /// The board has answered.
+    fn connected(&mut self, board: &BoardInfo) {
+        let _ = board;
+    }
     /// A message for the user.
     fn notice(&mut self, text: &str) {
         let _ = text;
     }
-    /// The configuration is in force, zeros included.
+    /// These configurations are in force from now on, zeros included.
     fn configured(&mut self, configs: &[UnitConfig; UNITS]) {
         let _ = configs;
     }
-    /// Samples arrived.
+    /// Something arrived: samples, faults, readings of the board's clock. What it holds belongs to the phase and the
+    /// configuration that were told last.
+    fn received(&mut self, received: &Received) {
+        self.samples(&received.samples);
+    }
+    /// Samples arrived; called by [`Observer::received`] unless that is overridden.
     fn samples(&mut self, samples: &[TimedSample]) {
         let _ = samples;
     }
@@ -76,6 +86,38 @@ pub trait Observer {
     fn step(&mut self, step: &Step) {
         let _ = step;
     }
+}
+
+/// Connects, and tells the observer to which board.
+///
+/// # Errors
+/// As [`Session::connect`].
+pub(crate) fn connect<'l>(
+    link: &'l mut dyn RigLink,
+    observer: &mut dyn Observer,
+) -> Result<Session<'l>, SessionError> {
+    observer.progress(Phase::Connect, 0.0);
+    let session = Session::connect(link)?;
+    if let Some(board) = session.info() {
+        observer.connected(board);
+    }
+    Ok(session)
+}
+
+/// Hands over what arrived, then begins a phase.
+pub(crate) fn begin(session: &mut Session<'_>, observer: &mut dyn Observer, phase: Phase) {
+    observer.received(&session.drain());
+    observer.progress(phase, 0.0);
+}
+
+/// Hands over what arrived, then the configurations that are in force from now on.
+pub(crate) fn in_force(
+    session: &mut Session<'_>,
+    observer: &mut dyn Observer,
+    configs: &[UnitConfig; UNITS],
+) {
+    observer.received(&session.drain());
+    observer.configured(configs);
 }
 
 /// Watches nothing.

@@ -4,7 +4,8 @@
 //! read back at the end: nothing is armed with another one than was sent.
 
 use super::{
-    calibrate, unit_fault, Observer, Phase, RunError, RunFault, PRETENSION_S, ROBOT_START_S,
+    begin, calibrate, in_force, unit_fault, Observer, Phase, RunError, RunFault, PRETENSION_S,
+    ROBOT_START_S,
 };
 use crate::link::{LinkError, RigLink};
 use crate::rigfile::{board_crc, RigFile};
@@ -60,7 +61,7 @@ pub fn prepare_board(
     let mut configs = rig.units.map(|unit| unit.to_wire());
     let mut faults = bring_up(session, rig, &mut configs, stop, observer)?;
     faults.extend(zero(session, &mut configs, stop, observer)?);
-    calibrate::calibrate(session, &mut configs, observer)?;
+    calibrate::calibrate(session, rig, &mut configs, observer)?;
     Prepared::verified(session, configs, faults, observer)
 }
 
@@ -74,12 +75,16 @@ pub(super) fn bring_up(
     observer: &mut dyn Observer,
 ) -> Result<Vec<RunFault>, RunError> {
     check_idle(&session.get_status()?)?;
+    let before = session.get_configs()?;
+    // What has arrived until now belongs to it too.
+    observer.configured(&before);
     session.command(&Command::Stream { decimation: 1 })?;
-    observer.progress(Phase::Configure, 0.0);
+    begin(session, observer, Phase::Configure);
     session.stage_board(rig.controller.board_config())?;
     session.configure(configs)?;
+    in_force(session, observer, configs);
     check_stop(stop)?;
-    observer.progress(Phase::BringUp, 0.0);
+    begin(session, observer, Phase::BringUp);
     let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
     leave_out_faulted(session, configs, &status, observer)
 }
@@ -96,7 +101,7 @@ impl Prepared {
         observer: &mut dyn Observer,
     ) -> Result<Self, RunError> {
         let (status, config_crc) = verify(session, &configs)?;
-        observer.configured(&configs);
+        in_force(session, observer, &configs);
         let available = configs.map(|config| config.enabled);
         if !available.contains(&true) {
             return Err(RunError::Fault(
@@ -137,7 +142,7 @@ pub(super) fn zero(
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Vec<RunFault>, RunError> {
-    observer.progress(Phase::Zero, 0.0);
+    begin(session, observer, Phase::Zero);
     let units = (0..UNITS)
         .filter(|i| configs[*i].enabled)
         .fold(0, |mask, i| mask | 1 << i);
@@ -146,6 +151,7 @@ pub(super) fn zero(
     for (config, in_force) in configs.iter_mut().zip(session.get_configs()?) {
         config.zero_code = in_force.zero_code;
     }
+    super::in_force(session, observer, configs);
     leave_out_faulted(session, configs, &status, observer)
 }
 
@@ -229,6 +235,7 @@ pub(super) fn leave_out_faulted(
     }
     if !faults.is_empty() {
         session.configure(configs)?;
+        in_force(session, observer, configs);
     }
     Ok(faults)
 }
@@ -248,6 +255,7 @@ pub(super) fn wait_ready(
         check_stop(stop)?;
         session.advance(PERIOD)?;
         let status = session.get_status()?;
+        observer.received(&session.drain());
         if status.fault != 0 {
             return Err(RunError::Fault(explain_fault(
                 status.fault,

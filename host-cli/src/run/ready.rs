@@ -112,6 +112,7 @@ fn keep(
     let same = wanted == in_force && session.get_board()? == rig.controller.board_config();
     let faults = if same {
         // Nothing is sent that would start the sensors anew.
+        observer.configured(&in_force);
         session.command(&Command::Stream { decimation: 1 })?;
         let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
         leave_out_faulted(session, &mut configs, &status, observer)?
@@ -129,9 +130,9 @@ fn carried_over(
 ) -> [UnitConfig; UNITS] {
     let emulated = session.link().controls().is_some();
     let mut configs = rig.units.map(|unit| unit.to_wire());
-    for (config, before) in configs.iter_mut().zip(in_force) {
+    for (i, (config, before)) in configs.iter_mut().zip(in_force).enumerate() {
         config.zero_code = before.zero_code;
-        if emulated && before.zero_code != 0 {
+        if emulated && before.zero_code != 0 && !rig.has_measured_gain(i) {
             config.scale_pn_per_count = before.scale_pn_per_count;
         }
     }

@@ -1,7 +1,7 @@
 //! Holding tensions: arm, hold zero force at least tension or given tensions, until it is ended.
 
 use super::ready::{ready_board, Zeroing};
-use super::{ramp_down_and_disarm, Observer, Phase, RunError};
+use super::{begin, connect, ramp_down_and_disarm, Observer, Phase, RunError};
 use crate::force::controller::{ControlError, Controller, Input};
 use crate::force::pose::PoseSource;
 use crate::link::RigLink;
@@ -65,8 +65,7 @@ pub fn hold_tensions(
 ) -> Result<HeldTensions, RunError> {
     check(rig, options)?;
     let mut pose = PoseSource::open(&rig.pose)?;
-    observer.progress(Phase::Connect, 0.0);
-    let mut session = Session::connect(link)?;
+    let mut session = connect(link, observer)?;
     let prepared = ready_board(&mut session, rig, &options.zeroing, &options.stop, observer)?;
     let mut controller = Controller::new(rig).map_err(ControlError::from)?;
     let held = hold(
@@ -80,11 +79,12 @@ pub fn hold_tensions(
     );
     match held {
         Ok(held) => {
-            observer.progress(Phase::Disarm, 0.0);
+            begin(&mut session, observer, Phase::Disarm);
             if let Err(error) = ramp_down_and_disarm(&mut session) {
                 session.make_safe();
                 return Err(error.into());
             }
+            observer.received(&session.drain());
             Ok(held)
         }
         Err(error) => {
@@ -126,7 +126,7 @@ fn hold(
     holding: &mut dyn FnMut(),
 ) -> Result<HeldTensions, RunError> {
     super::hold::fresh_pose(session, pose, &options.stop, observer)?;
-    observer.progress(Phase::Tension, 0.0);
+    begin(session, observer, Phase::Tension);
     session.command(&Command::Arm)?;
     let start_ns = session.now_ns();
     let mut sums = Sums::default();
@@ -160,7 +160,7 @@ fn hold(
         session.set_setpoints(Some(setpoints));
         session.advance(PERIOD)?;
         let received = session.drain();
-        observer.samples(&received.samples);
+        observer.received(&received);
         if let Some(fault) = received.faults.first() {
             let unit = usize::from(fault.unit);
             let who = if unit < UNITS {

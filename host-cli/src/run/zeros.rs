@@ -44,6 +44,19 @@ struct Entry {
     temperature_c: Option<f64>,
 }
 
+/// The user's folder for what is known of rigs: [`FOLDER_VARIABLE`], else `forcectl` in `XDG_STATE_HOME` or
+/// `~/.local/state`.
+#[must_use]
+pub fn state_folder() -> Option<PathBuf> {
+    let set = |variable: &str| std::env::var_os(variable).filter(|value| !value.is_empty());
+    match (set(FOLDER_VARIABLE), set("XDG_STATE_HOME"), set("HOME")) {
+        (Some(folder), _, _) => Some(PathBuf::from(folder)),
+        (None, Some(state), _) => Some(Path::new(&state).join("forcectl")),
+        (None, None, Some(home)) => Some(Path::new(&home).join(".local/state/forcectl")),
+        (None, None, None) => None,
+    }
+}
+
 impl ZeroStore {
     /// A store that keeps nothing.
     #[must_use]
@@ -63,12 +76,8 @@ impl ZeroStore {
     /// `~/.local/state`.
     #[must_use]
     pub fn of_rig(name: &str) -> Self {
-        let set = |variable: &str| std::env::var_os(variable).filter(|value| !value.is_empty());
-        let folder = match (set(FOLDER_VARIABLE), set("XDG_STATE_HOME"), set("HOME")) {
-            (Some(folder), _, _) => PathBuf::from(folder),
-            (None, Some(state), _) => Path::new(&state).join("forcectl"),
-            (None, None, Some(home)) => Path::new(&home).join(".local/state/forcectl"),
-            (None, None, None) => return Self::none(),
+        let Some(folder) = state_folder() else {
+            return Self::none();
         };
         let safe: String = name
             .chars()

@@ -5,6 +5,7 @@
 //! | who is the board, which protocol does it speak | `handshake` |
 //! | a command and its response | `request` |
 //! | bytes to samples, faults and status; time | `receive` |
+//! | when the board read its clock | `timekeeping` |
 //! | numbers in words | `explain` |
 //! | what can go wrong | `error` |
 //!
@@ -18,6 +19,7 @@ mod gaps;
 mod handshake;
 mod receive;
 mod request;
+mod timekeeping;
 
 pub use error::SessionError;
 pub use explain::{
@@ -26,9 +28,11 @@ pub use explain::{
 };
 pub use gaps::Gaps;
 
+use crate::clock::Reading;
 use crate::link::RigLink;
 use emulator_link::{Pose, Truth};
 use std::time::Duration;
+use timekeeping::Timekeeping;
 use wire::message::{BoardInfo, FaultReport, Response, Sample, Status, UnitSetpoint};
 use wire::{Decoder, UNITS};
 
@@ -57,6 +61,16 @@ pub struct Received {
     pub faults: Vec<FaultReport>,
     /// The plant's true state (embedded rig).
     pub truth: Vec<Truth>,
+    /// Readings of the board's clock.
+    pub readings: Vec<Reading>,
+    /// Time of the link when the newest of this had arrived, ns ([`Session::now_ns`]).
+    pub host_ns: u64,
+    /// UTC at that time, ns since 1970, by this machine's clock.
+    pub utc_ns: u64,
+    /// Counters of the link at that time.
+    pub counters: LinkCounters,
+    /// The newest status, where one arrived.
+    pub status: Option<Status>,
 }
 
 /// Counters of the link.
@@ -94,7 +108,10 @@ pub struct Session<'l> {
     resets: Option<u32>,
     reset_seen: bool,
     now_ns: u64,
+    /// UTC at `now_ns`, ns since 1970.
+    utc_ns: u64,
     last_frame_ns: u64,
+    timekeeping: Timekeeping,
     setpoints: Option<[UnitSetpoint; UNITS]>,
     setpoints_due_ns: u64,
     /// Newest tension of each unit in N, and when (board time, us).
@@ -133,7 +150,9 @@ impl<'l> Session<'l> {
             resets: None,
             reset_seen: false,
             now_ns: 0,
+            utc_ns: 0,
             last_frame_ns: 0,
+            timekeeping: Timekeeping::default(),
             setpoints: None,
             setpoints_due_ns: 0,
             tension_n: [None; UNITS],
@@ -185,7 +204,12 @@ impl<'l> Session<'l> {
 
     /// Everything that arrived since the last call.
     pub fn drain(&mut self) -> Received {
-        std::mem::take(&mut self.received)
+        Received {
+            host_ns: self.now_ns,
+            utc_ns: self.utc_ns,
+            counters: self.counters,
+            ..std::mem::take(&mut self.received)
+        }
     }
 
     /// Puts setpoints in force from now on: they go out with the next exchange and every 10 ms after it.

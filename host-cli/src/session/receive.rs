@@ -1,6 +1,8 @@
 //! Receiving: bytes to frames, frames to samples, faults and status, board time without its wrap.
 
-use super::{explain_crash_record, Session, SessionError, TimedSample, SILENCE_TIMEOUT};
+use super::{
+    explain_crash_record, timekeeping, Session, SessionError, TimedSample, SILENCE_TIMEOUT,
+};
 use std::time::Duration;
 use wire::message::{Response, Status};
 use wire::{BoardFrame, BoardMessage, FrameError};
@@ -14,7 +16,7 @@ impl Session<'_> {
     /// # Errors
     /// The link is gone, the board stopped sending or was reset.
     pub fn advance(&mut self, duration: Duration) -> Result<(), SessionError> {
-        self.exchange(duration)?;
+        self.exchange_with_reading(duration)?;
         if self.info.is_some() {
             if self.reset_seen {
                 return Err(self.after_reset());
@@ -50,6 +52,7 @@ impl Session<'_> {
         let outbox = std::mem::take(&mut self.outbox);
         let exchange = self.link.exchange(&outbox, duration)?;
         self.now_ns = exchange.now_ns;
+        self.utc_ns = timekeeping::utc_now_ns();
         if exchange.pose.is_some() {
             self.pose = exchange.pose;
         }
@@ -77,27 +80,37 @@ impl Session<'_> {
         match frame.message {
             BoardMessage::Reply(reply) => {
                 if let Response::Status(status) = &reply.response {
-                    self.receive_status(status.clone());
+                    let sent_ns = self.timekeeping.sent_ns(reply.seq);
+                    self.receive_status(status.clone(), sent_ns);
+                }
+                if self.timekeeping.is_own(reply.seq) {
+                    return;
                 }
                 self.reply = Some((reply.seq, reply.response));
             }
-            BoardMessage::Status(status) => self.receive_status(status),
+            BoardMessage::Status(status) => self.receive_status(status, None),
             BoardMessage::Fault(fault) => self.received.faults.push(fault),
             BoardMessage::Samples(batch) => {
                 let start = self.unwrap_time(batch.t_us);
+                let mut newest = start;
                 for sample in batch.samples {
                     let t_us = start + u64::from(sample.dt_us);
                     if let Some(slot) = self.tension_n.get_mut(usize::from(sample.unit)) {
                         *slot = Some((f64::from(sample.tension) * 1e-4, t_us));
                     }
                     self.received.samples.push(TimedSample { t_us, sample });
+                    newest = newest.max(t_us);
                 }
+                self.note_time(newest, None);
             }
         }
     }
 
-    fn receive_status(&mut self, status: Status) {
-        self.unwrap_time(status.t_us);
+    /// A status, and when it was requested, ns.
+    fn receive_status(&mut self, status: Status, sent_ns: Option<u64>) {
+        let board_us = self.unwrap_time(status.t_us);
+        self.note_time(board_us, sent_ns);
+        self.received.status = Some(status.clone());
         self.status = Some(status);
     }
 

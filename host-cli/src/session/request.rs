@@ -30,6 +30,9 @@ impl Session<'_> {
     /// Encodes a command for the next exchange; returns its number.
     pub(super) fn queue(&mut self, command: Command) -> u16 {
         self.seq = self.seq.wrapping_add(1);
+        if command == Command::GetStatus {
+            self.timekeeping.asked(self.seq, self.now_ns);
+        }
         let frame = HostFrame {
             seq: self.seq,
             command,

@@ -20,11 +20,16 @@ impl Effect for Saturation {
         e.outside("share_lost", 0.0, 1.1, why)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        if ctx.declared_columns().iter().any(|d| d == "command") {
-            of_the_command(ctx)
-        } else {
-            of_the_prediction(ctx)
+        let mut out = Vec::new();
+        let by_command = ctx.declared_columns().iter().any(|d| d == "command");
+        if by_command {
+            out.extend(of_the_command(ctx));
         }
+        // A reading is limited, whatever else is declared beside the command.
+        if !by_command || ctx.spec.terms.len() > 1 {
+            out.extend(of_the_prediction(ctx));
+        }
+        out
     }
 }
 
@@ -88,14 +93,20 @@ fn of_the_command(ctx: &Context) -> Vec<Variant> {
     out
 }
 
-/// An upper limit of the prediction, where the command is not in the declared model.
+/// An upper limit of the prediction: of the reading, as far as the declared model goes.
 fn of_the_prediction(ctx: &Context) -> Vec<Variant> {
     let Some((lo, hi)) = ctx.range(&ctx.load) else {
         return vec![];
     };
-    let grid = (0..14)
+    let mut grid: Vec<f64> = (0..14)
         .map(|i| lo + (hi - lo) * (0.4 + 0.042 * f64::from(i)))
         .collect();
+    // Limits that are seldom reached.
+    let mut v = ctx.values(&ctx.load);
+    v.sort_by(f64::total_cmp);
+    grid.extend([0.98, 0.99, 0.995, 0.998].map(|q| quantile_sorted(&v, q)));
+    grid.sort_by(f64::total_cmp);
+    grid.dedup();
     let load = ctx.load.clone();
     let psi = limit("upper_limit", ctx.unit(), grid);
     vec![Variant::profiled("of the prediction", psi, move |c| {

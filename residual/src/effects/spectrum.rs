@@ -186,6 +186,21 @@ impl Spectrum {
         crate::stats::median(&mut near).is_some_and(|m| self.power[k] > LINE / runs.sqrt() * m)
     }
 
+    /// Whether a frequency is a multiple of that of the strongest line, which stands alone.
+    pub fn is_harmonic(&self, frequency: f64) -> bool {
+        let one = (1.0 / (self.span * self.bin)).ceil() as usize;
+        let Some(top) =
+            (one..self.power.len()).max_by(|a, b| self.power[*a].total_cmp(&self.power[*b]))
+        else {
+            return false;
+        };
+        let first = top as f64 * self.bin;
+        let order = (frequency / first).round();
+        order >= 2.0
+            && (frequency - order * first).abs() <= 1.0 / self.span
+            && self.stands_alone(top, false)
+    }
+
     /// Whether there is a line within the resolution of a frequency.
     pub fn line_at(&self, frequency: f64) -> bool {
         let one = (1.0 / (self.span * self.bin)).ceil() as usize;

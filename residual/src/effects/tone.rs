@@ -59,7 +59,7 @@ impl Effect for Tone {
             }
             // Neither at a harmonic of a motion that repeats, however small it is there.
             let driven = driven.get_or_insert_with(|| driven_lines(ctx, &time, highest));
-            grid.retain(|f| !driven.iter().any(|spectrum| spectrum.line_at(*f)));
+            grid.retain(|f| !driven.iter().any(|d| d.has(*f)));
             if grid.is_empty() {
                 continue;
             }
@@ -94,31 +94,51 @@ impl Effect for Tone {
     }
 }
 
+/// The spectrum of an input.
+struct Driven {
+    spectrum: spectrum::Spectrum,
+    /// Whether a closed loop can have put the line there: only a harmonic of the input's own repetition counts then.
+    answers: bool,
+}
+
+impl Driven {
+    /// Whether the rig is driven at a frequency.
+    fn has(&self, frequency: f64) -> bool {
+        self.spectrum.line_at(frequency) && (!self.answers || self.spectrum.is_harmonic(frequency))
+    }
+}
+
 /// Spectra of the inputs that say when the rig is driven: command, load, velocity, poses, their slopes, and the sign of the
 /// velocity. A tone of the mains that a channel picks up as well is no drive, so channels are not among them.
-fn driven_lines(ctx: &Context, time: &[f64], highest: f64) -> Vec<spectrum::Spectrum> {
-    // In a closed loop the command answers to the tone; the setpoint says what drives the rig.
-    let mut texts: Vec<String> = if ctx.spec.roles.setpoint.is_some() {
-        vec!["setpoint".into()]
+fn driven_lines(ctx: &Context, time: &[f64], highest: f64) -> Vec<Driven> {
+    // In a closed loop the command answers to the tone; the setpoint, where it is logged, says what drives the rig.
+    let mut texts: Vec<(String, bool)> = if ctx.spec.roles.setpoint.is_some() {
+        vec![("setpoint".into(), false)]
     } else if ctx.has_command() {
-        vec![ctx.load.clone(), "command".into()]
+        vec![(ctx.load.clone(), true), ("command".into(), true)]
     } else {
-        vec![ctx.load.clone()]
+        vec![(ctx.load.clone(), false)]
     };
-    texts.extend(ctx.velocity.clone());
-    texts.extend(ctx.spec.roles.pose.keys().cloned());
-    let slopes: Vec<String> = texts.iter().map(|t| format!("deriv({t}, 1)")).collect();
+    texts.extend(ctx.velocity.iter().cloned().map(|v| (v, false)));
+    texts.extend(ctx.spec.roles.pose.keys().cloned().map(|q| (q, false)));
+    let slopes: Vec<(String, bool)> = texts
+        .iter()
+        .map(|(t, answers)| (format!("deriv({t}, 1)"), *answers))
+        .collect();
     texts.extend(slopes);
     texts.extend(
         ctx.velocity
             .iter()
-            .map(|v| format!("sgn({v}, {})", ctx.deadband)),
+            .map(|v| (format!("sgn({v}, {})", ctx.deadband), false)),
     );
     texts
         .iter()
-        .map(|t| ctx.values(t))
-        .filter(|v| v.len() == time.len())
-        .filter_map(|v| spectrum::Spectrum::new(ctx.problem, time, &v, highest, false))
+        .map(|(t, answers)| (ctx.values(t), *answers))
+        .filter(|(v, _)| v.len() == time.len())
+        .filter_map(|(v, answers)| {
+            let spectrum = spectrum::Spectrum::new(ctx.problem, time, &v, highest, false)?;
+            Some(Driven { spectrum, answers })
+        })
         .collect()
 }
 

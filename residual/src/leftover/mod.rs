@@ -125,7 +125,7 @@ impl Leftover {
         let found = last
             .ranked
             .iter()
-            .find(|c| doubtful(c) && c.losses.len() > FEW_BLOCKS);
+            .find(|c| doubtful(c) && c.local_in_time && c.losses.len() > FEW_BLOCKS);
         if let Some(c) = found {
             self.structure.push(Structure {
                 depends_on: format!(

@@ -5,6 +5,7 @@
 //! |---|---|
 //! | `files.rs` | which files are logs |
 //! | `text.rs`, `parquet.rs` | one log of each format |
+//! | `messages.rs` | text logs with several kinds of message |
 //! | `guess.rs` | a first model file for logs that nobody has described |
 //! | `rows.rs` | rows in units of the model, sequences |
 //! | `folds.rs` | groups and folds for hold-out |
@@ -12,6 +13,7 @@
 mod files;
 mod folds;
 mod guess;
+mod messages;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod rows;
@@ -26,6 +28,7 @@ use crate::expr::Expr;
 use crate::hygiene;
 use crate::spec::Spec;
 use rayon::prelude::*;
+use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 /// Columns of one log, as logged: the units are those of the log. Missing cells are NaN.
@@ -39,6 +42,8 @@ pub struct Table {
     columns: Vec<Vec<f64>>,
     /// Columns of text that were left out: name, first cell and its line.
     text: Vec<(String, String, u64)>,
+    /// Lines of kinds of message that the model file does not list.
+    others: usize,
 }
 
 impl Table {
@@ -118,7 +123,21 @@ impl Table {
                 }
             }
         }
+        self.keep_only(&rows::used_columns(spec)?);
         Ok(self)
+    }
+
+    /// Gives back the memory of columns that the model does not use.
+    fn keep_only(&mut self, used: &BTreeSet<String>) {
+        let names = std::mem::take(&mut self.names);
+        let columns = std::mem::take(&mut self.columns);
+        for (name, mut values) in names.into_iter().zip(columns) {
+            if used.contains(&name) {
+                values.shrink_to_fit();
+                self.names.push(name);
+                self.columns.push(values);
+            }
+        }
     }
 
     /// Why a column that the model needs is not there.
@@ -136,6 +155,10 @@ impl Table {
                 found: self.names.clone(),
             },
         }
+    }
+
+    fn rows(&self) -> usize {
+        self.columns.first().map_or(0, Vec::len)
     }
 
     fn column(&self, name: &str) -> Option<&[f64]> {
@@ -210,8 +233,12 @@ pub fn from_tables(tables: Vec<Table>, spec: &Spec) -> Result<Data, Error> {
 }
 
 /// From tables that have every column to data that are ready.
-fn assemble(tables: Vec<Table>, spec: &Spec, mut findings: hygiene::Log) -> Result<Data, Error> {
-    let mut frame = rows::frame(&tables, spec, &mut findings)?;
+fn assemble(
+    mut tables: Vec<Table>,
+    spec: &Spec,
+    mut findings: hygiene::Log,
+) -> Result<Data, Error> {
+    let mut frame = rows::frame(&mut tables, spec, &mut findings)?;
     let files: Vec<PathBuf> = tables.into_iter().map(|t| t.source).collect();
     if !spec.rows.sequences.is_empty() {
         frame = rows::keep_sequences(&frame, &Expr::parse(&spec.rows.sequences)?)?;

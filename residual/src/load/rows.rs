@@ -15,16 +15,23 @@ use std::ops::Range;
 /// # Errors
 /// [`Error::Data`] if the time of a table does not grow, or if there is no row.
 pub(super) fn frame(
-    tables: &[Table],
+    tables: &mut [Table],
     spec: &Spec,
     findings: &mut hygiene::Log,
 ) -> Result<Frame, Error> {
-    let mut rows = Rows::new(spec, needed_columns(spec, tables)?);
-    for (index, table) in tables.iter().enumerate() {
+    let total = tables.iter().map(Table::rows).sum();
+    let mut rows = Rows::new(spec, needed_columns(spec, tables)?, total);
+    for (index, table) in tables.iter_mut().enumerate() {
         let label = table.source.display().to_string();
         if table.columns.first().is_none_or(Vec::is_empty) {
             findings.count("empty file", 1, &label, "files without a row");
         }
+        findings.count(
+            "messages",
+            table.others,
+            &label,
+            "lines of other kinds than input.messages lists were left out",
+        );
         for part in split_by(table, &spec.input.sequence) {
             let begin = rows.time.len();
             rows.add(table, index as u32, &part, &label, findings)?;
@@ -37,11 +44,16 @@ pub(super) fn frame(
                 &label,
             );
         }
+        // Its rows are copied: large logs must not be in memory twice. Where no row came of any log, the message below
+        // looks at them.
+        if !rows.time.is_empty() {
+            table.columns = vec![];
+        }
     }
     if rows.time.is_empty() {
         return Err(no_rows(tables, spec));
     }
-    let file: Vec<f64> = rows.file.iter().map(|&f| f64::from(f)).collect();
+    let file: Vec<f64> = rows.file.into_iter().map(f64::from).collect();
     let mut named: Vec<(String, Vec<f64>)> = rows.names.into_iter().zip(rows.columns).collect();
     named.push(("file".into(), file));
     Ok(Frame::new(named, rows.time, rows.sequences))
@@ -60,14 +72,15 @@ struct Rows<'a> {
 }
 
 impl<'a> Rows<'a> {
-    fn new(spec: &'a Spec, names: Vec<String>) -> Self {
+    /// Room for `total` rows.
+    fn new(spec: &'a Spec, names: Vec<String>, total: usize) -> Self {
         Rows {
             spec,
             roles: spec.roles.all(),
-            columns: vec![Vec::new(); names.len()],
+            columns: names.iter().map(|_| Vec::with_capacity(total)).collect(),
             names,
-            time: vec![],
-            file: vec![],
+            time: Vec::with_capacity(total),
+            file: Vec::with_capacity(total),
             sequences: vec![],
         }
     }
@@ -158,6 +171,30 @@ fn no_rows(tables: &[Table], spec: &Spec) -> Error {
     )
 }
 
+/// Columns of a log that the model names: those of roles, and what expressions and the hold-out name.
+pub(super) fn used_columns(spec: &Spec) -> Result<BTreeSet<String>, Error> {
+    let mut used = named_columns(spec)?;
+    used.extend(spec.roles.all().into_iter().map(|(_, c)| c.column.clone()));
+    Ok(used)
+}
+
+/// What expressions, the hold-out and the cut into sequences name.
+fn named_columns(spec: &Spec) -> Result<BTreeSet<String>, Error> {
+    let mut out = BTreeSet::new();
+    for text in spec
+        .terms
+        .iter()
+        .map(|t| &t.expr)
+        .chain([&spec.rows.keep, &spec.rows.sequences])
+        .filter(|t| !t.is_empty())
+    {
+        out.extend(Expr::parse(text)?.names());
+    }
+    out.extend(spec.holdout.by.iter().cloned());
+    out.extend(spec.input.sequence.iter().cloned());
+    Ok(out)
+}
+
 /// Columns to keep in memory: roles, and raw columns that an expression or the hold-out names.
 fn needed_columns(spec: &Spec, tables: &[Table]) -> Result<Vec<String>, Error> {
     let mut names: Vec<String> = spec
@@ -167,19 +204,7 @@ fn needed_columns(spec: &Spec, tables: &[Table]) -> Result<Vec<String>, Error> {
         .map(|(n, _)| n)
         .filter(|n| n != "time")
         .collect();
-    let mut extra = BTreeSet::new();
-    for text in spec
-        .terms
-        .iter()
-        .map(|t| &t.expr)
-        .chain([&spec.rows.keep, &spec.rows.sequences])
-        .filter(|t| !t.is_empty())
-    {
-        extra.extend(Expr::parse(text)?.names());
-    }
-    extra.extend(spec.holdout.by.iter().cloned());
-    extra.extend(spec.input.sequence.iter().cloned());
-    for n in extra {
+    for n in named_columns(spec)? {
         if !names.contains(&n)
             && !["time", "elapsed", "file"].contains(&n.as_str())
             && tables.iter().all(|r| r.column(&n).is_some())

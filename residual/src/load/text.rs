@@ -205,7 +205,7 @@ fn names(
 }
 
 /// The number in a cell: NaN if it is missing, `None` if it is another text.
-fn number(cell: &str, decimal: char) -> Option<f64> {
+pub(super) fn number(cell: &str, decimal: char) -> Option<f64> {
     if cell.is_empty() {
         return Some(f64::NAN);
     }

@@ -210,7 +210,7 @@ impl Fit {
             let sizes = subtract_local(p, &own, false, &mut rest);
             local = terms.local.iter().copied().zip(sizes).collect();
         }
-        let sums = Sums::new(p, &columns, &residual, None, None);
+        let sums = raw.on(p, &columns, &residual);
         let scores = Scores::new(p, &sums);
         Ok(Fit {
             view,

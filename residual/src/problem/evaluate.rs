@@ -9,7 +9,7 @@ use std::collections::{HashMap, VecDeque};
 use std::sync::{Arc, MutexGuard, PoisonError};
 
 /// Most values that evaluated expressions may keep in memory (8 bytes each).
-const CACHE_VALUES: usize = 1 << 25;
+const CACHE_VALUES: usize = 1 << 24;
 
 /// Views that are kept: the model's, and those of models without one of its effects.
 const VIEWS: usize = 4;
@@ -85,6 +85,19 @@ impl Problem {
             cache.views.pop_front();
         }
         Ok(view)
+    }
+
+    /// Keeps the values of calls that many expressions contain; anything else is left alone.
+    pub fn derive(&mut self, texts: &[String]) {
+        for text in texts {
+            let Ok(e @ Expr::Call(..)) = Expr::parse(text) else {
+                continue;
+            };
+            if let Ok(values) = e.eval(&self.frame) {
+                self.frame.derive(e.to_string(), values);
+            }
+        }
+        self.plain = Arc::new(View::plain(self.frame.clone()));
     }
 
     /// A scan begins: values that it uses take precedence over those of earlier scans.

@@ -58,9 +58,13 @@ impl Problem {
     /// correlation time of ten rows.
     pub fn new(frame: Frame, keep: &[bool], fold: &[u32], decoys: usize, seed: u64) -> Problem {
         let all = keep.iter().all(|k| *k);
-        let rows: Vec<usize> = (0..frame.len()).filter(|&i| keep[i]).collect();
+        let rows: Option<Vec<usize>> =
+            (!all).then(|| (0..frame.len()).filter(|&i| keep[i]).collect());
         let target = frame.column("target").unwrap_or(&[]);
-        let y: Vec<f64> = rows.iter().map(|&i| target[i]).collect();
+        let y: Vec<f64> = match &rows {
+            None => target.to_vec(),
+            Some(rows) => rows.iter().map(|&i| target[i]).collect(),
+        };
         let folds = fold
             .iter()
             .zip(keep)
@@ -68,11 +72,14 @@ impl Problem {
             .map(|(f, _)| *f as usize + 1)
             .max()
             .unwrap_or(1);
-        let fold_of_row: Vec<u32> = rows.iter().map(|&i| fold[i]).collect();
+        let fold_of_row: Vec<u32> = match &rows {
+            None => fold.to_vec(),
+            Some(rows) => rows.iter().map(|&i| fold[i]).collect(),
+        };
         let mut p = Problem {
             plain: Arc::new(View::plain(frame.clone())),
             frame,
-            rows: (!all).then_some(rows),
+            rows,
             y,
             blocks: vec![],
             folds,

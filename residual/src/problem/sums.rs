@@ -94,6 +94,22 @@ impl Sums {
         s
     }
 
+    /// The sums of the same columns with another target in the place of `r`, and none that decoys don't flip.
+    pub fn on(&self, p: &Problem, x: &[&[f64]], r: &[f64]) -> Sums {
+        let mut out = Sums {
+            bm: vec![],
+            ..self.clone()
+        };
+        for (k, b) in p.blocks.iter().enumerate() {
+            let rb = &r[b.range.clone()];
+            for (i, x) in x.iter().enumerate() {
+                out.br[k * self.q + i] = dot(&x[b.range.clone()], rb);
+            }
+            out.yy[k] = [dot(rb, rb), 0.0, 0.0];
+        }
+        out
+    }
+
     /// Right-hand side and squared size of one block under a sign of `r`.
     pub fn rhs(&self, k: usize, sign: f64, b: &mut [f64]) -> f64 {
         for (i, b) in b.iter_mut().enumerate().take(self.q) {

@@ -35,7 +35,7 @@ impl Problem {
     /// `None` if there are few rows, or too few folds in the windows.
     pub fn thin(&self, limit: usize) -> Option<Problem> {
         let n = self.frame.len();
-        if n <= limit + limit / 2 {
+        if n <= 2 * limit {
             return None;
         }
         let windows: Vec<Range<usize>> = self

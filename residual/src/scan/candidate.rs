@@ -1,7 +1,7 @@
 //! Candidates: the forms on offer, each with its best parameter and what it achieves.
 
-use super::grid::{bracket, neighbourhood, FINE};
-use super::significance::{p_value, steady_where_it_acts, t_statistic};
+use super::grid::{bracket, neighbourhood, vertex, FINE};
+use super::significance::{acts_in_few, p_value, steady_where_it_acts, t_statistic};
 use super::Scan;
 use crate::effects::{Context, EffectRef, Variant, CATALOGUE};
 use crate::model::Chosen;
@@ -68,6 +68,8 @@ pub(crate) struct Candidate<O = EffectRef> {
     pub t: f64,
     /// Whether the fall is steady over blocks, or over the few blocks in which the effect acts.
     pub steady: bool,
+    /// Whether what changes is in a few blocks.
+    pub local_in_time: bool,
     /// Number of fitted parameters it adds.
     pub parameters: usize,
     /// Held-out squared error by block.
@@ -157,7 +159,8 @@ impl Scan<'_> {
                 (Some(p), _) => p.grid.clone(),
             })
             .collect();
-        self.tried(offers, &grids)
+        // On all rows after a screening each value comes up once: to keep its columns would only fill the memory.
+        self.tried(offers, &grids, focus.is_none())
             .into_par_iter()
             .enumerate()
             .filter_map(|(i, tried)| self.candidate(&offers[i], &grids[i], tried, focus.is_some()))
@@ -165,7 +168,12 @@ impl Scan<'_> {
     }
 
     /// Scores of every form at every value of its grid.
-    fn tried<O: Origin>(&self, offers: &[Offer<O>], grids: &[Vec<f64>]) -> Vec<Vec<(f64, Scores)>> {
+    fn tried<O: Origin>(
+        &self,
+        offers: &[Offer<O>],
+        grids: &[Vec<f64>],
+        keep: bool,
+    ) -> Vec<Vec<(f64, Scores)>> {
         let jobs: Vec<(usize, f64)> = grids
             .iter()
             .enumerate()
@@ -175,7 +183,7 @@ impl Scan<'_> {
         let scored: Vec<Option<Scores>> = jobs
             .par_iter()
             .map(|(i, psi)| {
-                let scores = self.score(&(offers[*i].variant.build)(*psi), true);
+                let scores = self.score(&(offers[*i].variant.build)(*psi), keep);
                 if let Some(report) = &self.problem.ticker {
                     report(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
                 }
@@ -215,7 +223,11 @@ impl Scan<'_> {
         let refine = variant.psi.as_ref().is_some_and(|p| p.refine);
         let material = self.spec.selection.material;
         if refine && !points.held.is_empty() && fall(points.held[0], base[0]) > 0.3 * material {
-            self.refine_points(variant, grid, &mut points, if focused { 6 } else { FINE })?;
+            if focused {
+                self.add_vertex(variant, &mut points);
+            } else {
+                self.refine_points(variant, grid, &mut points)?;
+            }
         }
         let held = *points.held.first()?;
         let psi = points.best()?;
@@ -234,6 +246,7 @@ impl Scan<'_> {
             .map(|(h, b)| fall(*h, *b))
             .collect();
         let (mut t, mut steady, mut losses) = (0.0, false, vec![]);
+        let mut local_in_time = false;
         if gain > 0.25 * material {
             let psis: Vec<f64> = if local {
                 vec![psi]
@@ -244,6 +257,7 @@ impl Scan<'_> {
             let before = self.base_losses(local);
             t = t_statistic(&before, &losses);
             steady = t >= 2.5 || steady_where_it_acts(&before, &losses);
+            local_in_time = acts_in_few(&before, &losses);
         }
         Some(Candidate {
             origin: offer.origin.clone(),
@@ -255,23 +269,34 @@ impl Scan<'_> {
             p: p_value(gain, &decoys),
             t,
             steady,
+            local_in_time,
             parameters: variant.parameters(psi),
             losses,
         })
     }
 
+    /// Adds the vertex of the parabola through the three values of a neighbourhood. Polishing follows for what is chosen.
+    fn add_vertex(&self, variant: &Variant, points: &mut Points) {
+        let at: Vec<(f64, f64)> = points
+            .tried
+            .iter()
+            .map(|(psi, scores)| (*psi, scores.train_total()))
+            .collect();
+        let Some(psi) = vertex(&at) else {
+            return;
+        };
+        if let Some(s) = self.score(&(variant.build)(psi), false) {
+            points.tried.push((psi, s));
+            points.choose();
+        }
+    }
+
     /// Adds the optimum between the best grid point and its neighbours, and two values beside it.
-    fn refine_points(
-        &self,
-        variant: &Variant,
-        grid: &[f64],
-        points: &mut Points,
-        steps: usize,
-    ) -> Option<()> {
+    fn refine_points(&self, variant: &Variant, grid: &[f64], points: &mut Points) -> Option<()> {
         let at = points.best()?;
         let resolution = variant.psi.as_ref().and_then(|p| p.resolution);
         let (lo, hi) = resolution.map_or_else(|| bracket(grid, at), |d| (at - d, at + d));
-        let psi = self.refine(variant, lo, hi, steps);
+        let psi = self.refine(variant, lo, hi, FINE);
         for psi in [psi, psi + 0.15 * (at - psi), psi - 0.15 * (at - psi)] {
             if let Some(s) = self.score(&(variant.build)(psi), false) {
                 points.tried.push((psi, s));

@@ -3,8 +3,25 @@
 use super::friction::{dry_friction, velocity_of};
 use super::Scan;
 use crate::effects::Context;
+use crate::spec::Spec;
+
+/// Expression of the position: the angle, or the integral of the velocity.
+fn position_of(spec: &Spec) -> Option<String> {
+    if spec.roles.angle.is_some() {
+        return Some("angle".to_string());
+    }
+    velocity_of(spec).map(|_| "integ(velocity)".to_string())
+}
 
 impl<'a> Scan<'a> {
+    /// Expressions of velocity and position, which most forms contain.
+    pub fn derived(spec: &Spec) -> Vec<String> {
+        velocity_of(spec)
+            .into_iter()
+            .chain(position_of(spec))
+            .collect()
+    }
+
     /// The context of the current residual.
     pub fn context(&self) -> Context<'a> {
         let Scan {
@@ -17,11 +34,7 @@ impl<'a> Scan<'a> {
         let roles = &spec.roles;
         let frame = &problem.frame;
         let velocity = velocity_of(spec);
-        let position = if roles.angle.is_some() {
-            Some("angle".to_string())
-        } else {
-            velocity.as_ref().map(|_| "integ(velocity)".to_string())
-        };
+        let position = position_of(spec);
         let deadband = roles.velocity.as_ref().map_or(0.0, |v| v.deadband);
         let span = frame
             .sequences()

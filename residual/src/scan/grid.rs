@@ -18,6 +18,20 @@ pub(super) fn neighbourhood(p: &Psi, at: f64) -> Vec<f64> {
         .collect()
 }
 
+/// Where the parabola through three points (parameter, error) is least, at most their span beyond them; `None` if it has
+/// no minimum.
+pub(crate) fn vertex(at: &[(f64, f64)]) -> Option<f64> {
+    let [(a, fa), (b, fb), (c, fc)] = *at else {
+        return None;
+    };
+    let (left, right) = ((fb - fa) / (b - a), (fc - fb) / (c - b));
+    let bend = (right - left) / (c - a);
+    let psi = 0.5 * (a + b) - 0.5 * left / bend;
+    let (lo, hi) = (a.min(c) - (c - a).abs(), a.max(c) + (c - a).abs());
+    let psi = psi.clamp(if a > 0.0 { lo.max(0.5 * a) } else { lo }, hi);
+    (bend > 0.0 && psi.is_finite()).then_some(psi)
+}
+
 /// Interval around a grid point in which to refine: up to its neighbours.
 pub(crate) fn bracket(grid: &[f64], at: f64) -> (f64, f64) {
     let k = grid.partition_point(|g| *g < at);
@@ -59,5 +73,22 @@ impl Scan<'_> {
             }
         }
         from(0.5 * (a + b))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::vertex;
+
+    #[test]
+    fn a_parabola_is_least_at_its_vertex_and_one_that_bends_down_nowhere() {
+        let points = |f: &dyn Fn(f64) -> f64| [1.0, 2.0, 3.0].map(|x| (x, f(x)));
+        let psi = vertex(&points(&|x| 5.0 + (x - 2.3).powi(2))).unwrap();
+        assert!((psi - 2.3).abs() < 1e-12, "{psi}");
+        assert_eq!(vertex(&points(&|x| -x * x)), None);
+        // Far outside it is limited.
+        assert_eq!(vertex(&points(&|x| (x - 40.0).powi(2))), Some(5.0));
+        assert_eq!(vertex(&points(&|x| (x + 40.0).powi(2))), Some(0.5));
+        assert_eq!(vertex(&[(1.0, 1.0)]), None);
     }
 }

@@ -13,7 +13,7 @@ mod significance;
 
 pub(crate) use candidate::{catalogue_offers, Candidate, Offer, Origin};
 pub(crate) use contribution::similarity;
-pub(crate) use grid::{bracket, FINE};
+pub(crate) use grid::{bracket, vertex, FINE};
 pub(crate) use significance::t_statistic;
 
 use crate::effects::{Build, Piece, Variant};

@@ -8,7 +8,8 @@ use rayon::prelude::*;
 impl Scan<'_> {
     /// p value against decoys of what remains after the candidate. Decoys of the residual itself
     /// carry the effect in pieces, which hides effects that are slow or act in few places.
-    pub fn retest<O: Origin>(&self, c: &Candidate<O>) -> f64 {
+    /// `rows` are those on which the candidate was found: this scan may have fewer of them.
+    pub fn retest<O: Origin>(&self, c: &Candidate<O>, rows: usize) -> f64 {
         let added = self.contribution(c);
         if added.len() != self.fit.residual.len() {
             return c.p;
@@ -31,13 +32,14 @@ impl Scan<'_> {
             .par_iter()
             .filter_map(|psi| after.score(&(c.variant.build)(*psi), true))
             .collect();
+        let base = c.base * self.problem.y.len() as f64 / rows.max(1) as f64;
         let refs: Vec<&Scores> = points.iter().collect();
         let (held, _) = profile(&refs);
         let decoys: Vec<f64> = held
             .iter()
             .enumerate()
             .skip(1)
-            .map(|(j, h)| (fit.scores.held_total(j) - h) / c.base)
+            .map(|(j, h)| (fit.scores.held_total(j) - h) / base)
             .collect();
         p_value((c.base - c.held) / c.base, &decoys)
     }

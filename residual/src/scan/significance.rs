@@ -48,6 +48,18 @@ pub(super) fn steady_where_it_acts(before: &[f64], after: &[f64]) -> bool {
     fell >= 3 && 8 * rose <= fell
 }
 
+/// Share of the blocks up to which an effect acts in few places.
+const FEW: f64 = 0.25;
+
+/// Whether nearly all of the change of loss is in a few blocks.
+pub(super) fn acts_in_few(before: &[f64], after: &[f64]) -> bool {
+    let mut change: Vec<f64> = falls(before, after).iter().map(|d| d.abs()).collect();
+    change.sort_by(|a, b| b.total_cmp(a));
+    let few = (FEW * change.len() as f64) as usize;
+    let whole: f64 = change.iter().sum();
+    change.iter().take(few).sum::<f64>() > 0.8 * whole
+}
+
 /// Fall of the loss block by block, where both are known.
 fn falls(before: &[f64], after: &[f64]) -> Vec<f64> {
     before
@@ -75,6 +87,17 @@ mod tests {
         assert_eq!(t_statistic(&[2.0; 3], &[1.0; 3]), 0.0);
         let t = t_statistic(&[2.0, 2.2, 1.9, 2.1], &[1.0, 1.1, 1.0, 1.0]);
         assert!(t > 10.0, "{t}");
+    }
+
+    #[test]
+    fn a_change_in_three_of_twelve_blocks_is_in_few_places() {
+        let before = [1.0; 12];
+        let mut after = [0.99; 12];
+        assert!(!acts_in_few(&before, &after));
+        after[3..6].fill(0.5);
+        assert!(acts_in_few(&before, &after));
+        after[7..10].fill(1.5);
+        assert!(!acts_in_few(&before, &after));
     }
 
     #[test]

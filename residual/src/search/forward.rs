@@ -26,7 +26,7 @@ impl Search<'_> {
     }
 
     /// The chosen effects with one more; `None` if no candidate lowers the error by what counts.
-    fn next(&mut self, chosen: &[Chosen]) -> Result<Option<Vec<Chosen>>, Error> {
+    pub(super) fn next(&mut self, chosen: &[Chosen]) -> Result<Option<Vec<Chosen>>, Error> {
         let selection = &self.spec.selection;
         let fitted = self.fit(chosen)?;
         let step = self.step(&fitted)?;

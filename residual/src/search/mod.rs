@@ -34,8 +34,8 @@ use crate::stats;
 use std::collections::HashMap;
 use std::sync::Arc;
 
-/// Rows above which the catalogue is screened on windows of the data first.
-const SCREEN_ROWS: usize = 120_000;
+/// Rows of the windows on which the catalogue is screened, where the data have at least twice as many.
+const SCREEN_ROWS: usize = 60_000;
 
 /// Forms that pass the screening on windows.
 const SCREENED: usize = 14;
@@ -108,11 +108,15 @@ impl<'a> Search<'a> {
             data.groups(),
             problem.folds
         ));
+        problem.derive(&Scan::derived(spec));
         let declared = fit_declared(&mut problem, spec)?;
         let steps = stats::quantum(&problem.y).map_or(0.0, |q| q / 12f64.sqrt() / 4.0);
         Ok(Search {
             load: declared::load_expression(&declared),
-            thin: problem.thin(SCREEN_ROWS),
+            thin: problem.thin(SCREEN_ROWS).map(|mut thin| {
+                thin.derive(&Scan::derived(spec));
+                thin
+            }),
             declared: Arc::new(declared),
             floor: spec.roles.target.noise_floor.max(steps),
             problem,
@@ -142,14 +146,24 @@ impl<'a> Search<'a> {
             progress.stage("what is left");
             let fitted = self.fit(&chosen)?;
             let last = self.step(&fitted)?;
-            if last.winner.is_none() || !may_replace {
-                return Ok(Outcome {
-                    limited: self.limited,
-                    chosen,
-                    judged,
-                    last,
-                    fitted,
-                });
+            let more = if last.winner.is_none() || !may_replace {
+                None
+            } else {
+                self.limited = None;
+                self.next(&chosen)?
+            };
+            // Where nothing that counts can be added, another round would end as this one did.
+            match more {
+                Some(next) => chosen = next,
+                None => {
+                    return Ok(Outcome {
+                        limited: self.limited,
+                        chosen,
+                        judged,
+                        last,
+                        fitted,
+                    })
+                }
             }
         }
     }
@@ -255,11 +269,26 @@ impl<'a> Search<'a> {
     pub fn retest<O: Origin>(&self, all: &mut [Candidate<O>], on: &Fitted) {
         let scan = self.scan_on(on);
         let acceptance = self.acceptance();
-        for c in all
-            .iter_mut()
-            .filter(|c| acceptance.material(c.gain) && !acceptance.significant(c.p))
-        {
-            c.p = c.p.min(scan.retest(c));
+        let doubtful =
+            |c: &Candidate<O>| acceptance.material(c.gain) && !acceptance.significant(c.p);
+        if all.iter().any(&doubtful) {
+            let rows = self.problem.y.len();
+            // Windows show it as well as all rows; with fewer rows decoys gain more, so they do not clear too much.
+            let small = self
+                .thin
+                .as_ref()
+                .and_then(|thin| Some((thin, Fit::new(thin, &on.model).ok()?)));
+            let scan = match &small {
+                Some((problem, fit)) => Scan {
+                    problem,
+                    fit,
+                    ..scan
+                },
+                None => scan,
+            };
+            for c in all.iter_mut().filter(|c| doubtful(c)) {
+                c.p = c.p.min(scan.retest(c, rows));
+            }
         }
         if self.spec.roles.setpoint.is_none() {
             return;

@@ -2,8 +2,9 @@
 
 use super::{without, Search};
 use crate::error::Error;
-use crate::model::Chosen;
-use crate::scan::{bracket, Scan, FINE};
+use crate::model::{Chosen, Fit};
+use crate::scan::{bracket, vertex, Scan, FINE};
+use rayon::prelude::*;
 
 /// Times that the interval of a parameter may move on.
 const MOVES: usize = 6;
@@ -18,7 +19,23 @@ impl Search<'_> {
                 }
                 let (own, rest) = without(chosen, i);
                 let fitted = self.fit(&rest)?;
-                chosen[i].psi = polished(&self.scan_on(&fitted), &own);
+                let scan = self.scan_on(&fitted);
+                chosen[i].psi = match &self.thin {
+                    None => polished(&scan, &own),
+                    // Windows of the data show about where it is, at a small part of the cost.
+                    Some(problem) => {
+                        let fit = &Fit::new(problem, &fitted.model)?;
+                        let psi = polished(
+                            &Scan {
+                                problem,
+                                fit,
+                                ..scan
+                            },
+                            &own,
+                        );
+                        settled(&scan, &own, psi)
+                    }
+                };
             }
         }
         Ok(())
@@ -28,6 +45,50 @@ impl Search<'_> {
 /// Values tried around a parameter before it is refined: the error of a form with corners (a gap, a limit, a delay in
 /// rows) has several minima.
 const COARSE: i32 = 4;
+
+/// Width of the interval in which [`settled`] looks, over that between the neighbours of a grid point.
+const NEAR: f64 = 0.1;
+
+/// Parabolas that [`settled`] puts through values on all rows.
+const PARABOLAS: usize = 3;
+
+/// The nonlinear parameter with the least in-sample error near `psi`, which was found on fewer rows.
+fn settled(scan: &Scan, own: &Chosen, psi: f64) -> f64 {
+    let Some(range) = &own.variant.psi else {
+        return psi;
+    };
+    let limits = range.limits();
+    let error = |x: f64| scan.in_sample(&(own.variant.build)(x));
+    let reach = range.resolution.unwrap_or_else(|| {
+        let (lo, hi) = bracket(&range.grid, psi);
+        hi - lo
+    });
+    let mut h = 0.5 * NEAR * reach.abs();
+    let (mut best, mut least) = (psi, error(psi));
+    for _ in 0..PARABOLAS {
+        let sides: Vec<(f64, f64)> = [best - h, best + h]
+            .into_par_iter()
+            .map(|x| x.clamp(limits.0, limits.1))
+            .map(|x| (x, error(x)))
+            .collect();
+        let mut three = vec![sides[0], (best, least), sides[1]];
+        if let Some(x) = vertex(&three) {
+            let x = x.clamp(limits.0, limits.1);
+            three.push((x, error(x)));
+        }
+        let before = best;
+        for (x, e) in three {
+            if e < least {
+                (best, least) = (x, e);
+            }
+        }
+        // Beyond the sides the parabola is a guess: look there with the same width again.
+        if (best - before).abs() < h {
+            h *= 0.25;
+        }
+    }
+    best
+}
 
 /// The nonlinear parameter with the least in-sample error near the present one.
 fn polished(scan: &Scan, own: &Chosen) -> f64 {
@@ -52,11 +113,14 @@ fn polished(scan: &Scan, own: &Chosen) -> f64 {
             break;
         }
         let step = (hi - lo) / f64::from(2 * COARSE);
+        let tried: Vec<(f64, f64)> = (-COARSE..=COARSE)
+            .into_par_iter()
+            .map(|k| 0.5 * (lo + hi) + f64::from(k) * step)
+            .map(|x| (x, error(x)))
+            .collect();
         let mut at = best;
         let mut here = least;
-        for k in -COARSE..=COARSE {
-            let x = 0.5 * (lo + hi) + f64::from(k) * step;
-            let e = error(x);
+        for (x, e) in tried {
             if e < here {
                 (at, here) = (x, e);
             }

@@ -160,6 +160,8 @@ pub struct VirtualArm {
     next_cycle_ns: u64,
     /// Messages that nobody has taken yet, while [`VirtualArm::keep_messages`] is on.
     messages: Vec<Ravenstate>,
+    /// The truth at the time of each message.
+    truths: Vec<Truth>,
     keep: bool,
 }
 
@@ -228,6 +230,7 @@ impl VirtualArm {
             steps_s: 0.0,
             next_cycle_ns: 0,
             messages: Vec::new(),
+            truths: Vec::new(),
             keep: false,
         };
         arm.follow(Trajectory::standing(arm.measured_joints()));
@@ -311,6 +314,7 @@ impl VirtualArm {
         });
         if self.keep {
             self.messages.push(self.software.message().clone());
+            self.truths.push(self.truth());
         }
     }
 
@@ -357,11 +361,17 @@ impl VirtualArm {
     pub fn keep_messages(&mut self, keep: bool) {
         self.keep = keep;
         self.messages.clear();
+        self.truths.clear();
     }
 
     /// The messages since the last call, in order; empty unless they are kept.
     pub fn take_messages(&mut self) -> Vec<Ravenstate> {
         std::mem::take(&mut self.messages)
+    }
+
+    /// The truth at the time of each message since the last call; empty unless they are kept.
+    pub fn take_truths(&mut self) -> Vec<Truth> {
+        std::mem::take(&mut self.truths)
     }
 
     /// A message as a state, on the virtual clock.

@@ -9,16 +9,24 @@ use crate::watch::{Watch, WatchConfig};
 pub struct Fed {
     name: String,
     watch: Watch,
+    mount: Mount,
     waiting: Vec<RobotState>,
 }
 
 impl Fed {
-    /// Nothing fed yet.
+    /// Nothing fed yet; the states are in the rig's frame.
     #[must_use]
     pub fn new(name: &str, watch: WatchConfig) -> Self {
+        Self::mounted(name, watch, Mount::default())
+    }
+
+    /// Nothing fed yet, from a robot whose frame stands at `mount` in the rig's.
+    #[must_use]
+    pub fn mounted(name: &str, watch: WatchConfig, mount: Mount) -> Self {
         Self {
             name: name.to_owned(),
             watch: Watch::new(watch),
+            mount,
             waiting: Vec::new(),
         }
     }
@@ -39,7 +47,7 @@ impl Source for Fed {
         // Each state at its own time on the virtual clock, so that a poll of 10 ms is no burst.
         for state in std::mem::take(&mut self.waiting) {
             let at = state.stamp.t_ns.min(now_ns);
-            let one = sift(vec![Ok(state)], &mut self.watch, &Mount::default(), at);
+            let one = sift(vec![Ok(state)], &mut self.watch, &self.mount, at);
             poll.states.extend(one.states);
             poll.events.extend(one.events);
         }

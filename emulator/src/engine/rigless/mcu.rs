@@ -16,10 +16,11 @@ use rigless::device::{ErasedDevice, Level, ResetCause};
 use rigless::emulator::{Access, AccessKind};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
-use rigless::soc::stm32h743::generated::{gpioa, spi1};
+use rigless::soc::stm32h743::generated::{gpioa, rcc, spi1};
 use rigless::soc::stm32h743::peripherals::gpio::{Gpio, Pin as PortPin, PORTS as PORT_NAMES};
+use rigless::soc::stm32h743::peripherals::rcc::Rcc;
 use rigless::soc::stm32h743::Stm32h743;
-use rigless::soc::{Bus, Error};
+use rigless::soc::{Bus, Error, Fault, Width};
 use rigless::time::VirtualNanos;
 
 /// Crystal input: 8 MHz from the ST-Link.
@@ -34,6 +35,7 @@ const SPI1_BASE: u64 = 0x4001_3000;
 const SPI1_CR1: u64 = SPI1_BASE;
 const SPI1_CFG2: u64 = SPI1_BASE + 0x0C;
 const SPI1_TXDR: u64 = SPI1_BASE + 0x20;
+const RCC_CR: u64 = 0x5802_4400;
 
 const MODER: u64 = 0x00;
 const OTYPER: u64 = 0x04;
@@ -65,6 +67,10 @@ pub struct RigMcu {
     answering: Vec<Answering>,
     /// The earliest pending event that was requested for the board.
     scheduled: Option<VirtualNanos>,
+    /// Whether the clock controller knows that the HSE stands still.
+    clock_stopped: bool,
+    /// The reset that comes is a dip of the supply.
+    brown_out: bool,
     /// Whether the pins in alternate functions were found right since they were last configured.
     functions_checked: bool,
 }
@@ -84,6 +90,7 @@ enum Answering {
 struct Slots {
     usart3: usize,
     spi1: usize,
+    rcc: usize,
     ports: [usize; PORTS],
 }
 
@@ -119,6 +126,7 @@ impl RigMcu {
         let slots = Slots {
             usart3: bus.slot("USART3")?,
             spi1: bus.slot("SPI1")?,
+            rcc: bus.slot("RCC")?,
             ports,
         };
         let mut mcu = Self {
@@ -132,6 +140,8 @@ impl RigMcu {
             slots,
             answering,
             scheduled: None,
+            clock_stopped: false,
+            brown_out: false,
             functions_checked: false,
         };
         mcu.check()?;
@@ -176,14 +186,11 @@ impl RigMcu {
     /// The core has made `access`, and every model has settled after it.
     pub fn accessed(&mut self, access: &Access) {
         let address = access.address;
-        if (GPIO_BASE..GPIO_END).contains(&address) {
-            let port = ((address - GPIO_BASE) / GPIO_SIZE) as usize;
-            let offset = address % GPIO_SIZE;
+        if let Some((port, offset)) = port_register(address) {
             match (access.kind, offset) {
-                (AccessKind::Write, MODER | OTYPER | ODR | BSRR | BSRR_HIGH) => {
-                    self.port_written(access.virtual_time, port, offset);
+                (AccessKind::Write, _) => {
+                    self.port_register_written(access.virtual_time, port, offset);
                 }
-                (AccessKind::Write, _) => self.functions_checked = false,
                 (AccessKind::Read, IDR) if port == wiring::CNT_D0.port => {
                     self.board.lock().data_sampled(access.virtual_time.0);
                 }
@@ -198,14 +205,64 @@ impl RigMcu {
                     self.check_functions();
                 }
                 SPI1_CR1 | SPI1_CFG2 => self.spi_set(),
+                RCC_CR => self.hse_switched(access.virtual_time),
                 _ => {}
             }
         }
     }
 
+    /// The core switched the HSE on while its clock stands still: it does not become ready (RM0433 section 8.5.2). The
+    /// engine's model has an HSE that always does, so it is told that the HSE stays off.
+    fn hse_switched(&mut self, now: VirtualNanos) {
+        let control = self.part.bus().slots()[self.slots.rcc]
+            .registers()
+            .get(rcc::Register::Cr);
+        if rcc::cr::HSEON.is_set(control) && self.board.lock().is_clock_lost() {
+            // An access that the model takes as every other.
+            drop(self.write(now, RCC_CR, Width::W32, rcc::cr::HSEON.set(control, 0)));
+        }
+    }
+
+    /// Tells the clock controller once that its clock stands still (section 8.5.3).
+    fn follow_clock(&mut self, now: VirtualNanos) {
+        let lost = self.board.lock().is_clock_lost();
+        if lost && !self.clock_stopped {
+            let mut clocks = std::mem::replace(&mut self.part.rcc, Rcc::new());
+            let (registers, mut context) = self.part.bus_mut().drive(now, self.slots.rcc);
+            clocks.fail_hse(registers, &mut context);
+            self.part.rcc = clocks;
+        }
+        self.clock_stopped = lost;
+    }
+
+    /// Flips one bit of the register at `address`, as if the core had written it.
+    ///
+    /// # Errors
+    /// There is no register, or the part refuses the access.
+    pub fn flip_register(&mut self, now: VirtualNanos, address: u64, bit: u8) -> Result<(), Fault> {
+        let value = self.peek(now, address, Width::W32)?;
+        self.write(now, address, Width::W32, value ^ 1 << bit)?;
+        if let Some((port, offset)) = port_register(address) {
+            self.port_register_written(now, port, offset);
+        }
+        Ok(())
+    }
+
+    /// The reset that comes next is one of the supply.
+    pub fn dip(&mut self) {
+        self.brown_out = true;
+    }
+
     /// The engine stopped between two instructions with `instructions` retired.
     pub fn stopped(&mut self, instructions: u64) {
         self.board.lock().probe.counted(instructions);
+    }
+
+    fn port_register_written(&mut self, now: VirtualNanos, port: usize, offset: u64) {
+        match offset {
+            MODER | OTYPER | ODR | BSRR | BSRR_HIGH => self.port_written(now, port, offset),
+            _ => self.functions_checked = false,
+        }
     }
 
     fn port_written(&mut self, now: VirtualNanos, port: usize, offset: u64) {
@@ -264,6 +321,14 @@ fn fresh_listeners(board: &Shared) -> Vec<Listener> {
     listener::fresh(("SPI1", DacBus(board.clone())), board)
 }
 
+/// Port and offset of a GPIO register.
+fn port_register(address: u64) -> Option<(usize, u64)> {
+    (GPIO_BASE..GPIO_END).contains(&address).then(|| {
+        let port = (address - GPIO_BASE) / GPIO_SIZE;
+        (port as usize, address % GPIO_SIZE)
+    })
+}
+
 /// Bits of a port's MODER that are general-purpose outputs (01), one per pin.
 fn outputs(modes: u64) -> u16 {
     let ones = modes & !(modes >> 1) & 0x5555_5555;
@@ -291,6 +356,14 @@ impl Mcu for RigMcu {
         rigless::device::Device::reset(&mut self.iwdg);
         self.listeners = fresh_listeners(&self.board);
         self.board.lock().controller_reset(at.0);
+        if std::mem::take(&mut self.brown_out) {
+            // Table 56 of RM0433: a dip below the brown-out level, not below the power-on level.
+            let registers = self.part.bus_mut().slot_mut(self.slots.rcc).registers_mut();
+            for register in [rcc::Register::Rsr, rcc::Register::C1Rsr] {
+                let flags = registers.get(register);
+                registers.set(register, rcc::rsr::BORRSTF.set(flags, 1));
+            }
+        }
         // The events went with the old bus.
         self.scheduled = None;
         self.functions_checked = false;
@@ -299,6 +372,7 @@ impl Mcu for RigMcu {
 
     /// The engine's own part polls every model at every stop; only the serial line has data.
     fn poll(&mut self, now: VirtualNanos) {
+        self.follow_clock(now);
         let (drives, next, waiting) = {
             let mut board = self.board.lock();
             board.advance(now.0);

@@ -12,9 +12,10 @@ mod machine;
 mod mcu;
 pub mod peers;
 mod port;
+mod trap;
 mod usb;
 
-use super::{AtRow, Engine, EngineError, Memory, Progress};
+use super::{AtRow, Engine, EngineError, Memory, Progress, Trap};
 use crate::image::{Image, FLASH_BASE};
 use emulator_link::RegisterEvent;
 use machine::{RigMachine, INSTRUCTION_NS};
@@ -54,6 +55,9 @@ impl Run {
 enum Command {
     Run(Run),
     Hang,
+    Trap(Trap),
+    BrownOut,
+    FlipRegister(u32, u8),
     Read(u32, usize),
     Write(u32, Vec<u8>),
     Events,
@@ -131,6 +135,14 @@ impl RiglessEngine {
         }
     }
 
+    /// Asks for what has no result.
+    fn order(&mut self, command: Command) -> Result<(), EngineError> {
+        match self.ask(command)? {
+            Response::Bytes(done) => done.map(drop),
+            _ => Err(out_of_step()),
+        }
+    }
+
     fn answer(&mut self) -> Result<Response, EngineError> {
         self.answers.recv().map_err(|_| self.autopsy())
     }
@@ -187,10 +199,24 @@ impl Engine for RiglessEngine {
     }
 
     fn hang(&mut self) -> Result<(), EngineError> {
-        match self.ask(Command::Hang)? {
-            Response::Bytes(done) => done.map(drop),
-            _ => Err(out_of_step()),
+        self.order(Command::Hang)
+    }
+
+    fn trap(&mut self, trap: Trap) -> Result<(), EngineError> {
+        self.order(Command::Trap(trap))
+    }
+
+    fn brown_out(&mut self) -> Result<(), EngineError> {
+        self.order(Command::BrownOut)
+    }
+
+    fn flip_register(&mut self, address: u32, bit: u8) -> Result<(), EngineError> {
+        if bit > 31 || !address.is_multiple_of(4) {
+            return Err(EngineError(format!(
+                "bit {bit} of the register at {address:#010x}: registers are words, bits are 0 to 31"
+            )));
         }
+        self.order(Command::FlipRegister(address, bit))
     }
 
     fn flip_bit(&mut self, address: u32, bit: u8) -> Result<(), EngineError> {
@@ -209,10 +235,7 @@ impl Engine for RiglessEngine {
     }
 
     fn write_memory(&mut self, address: u32, bytes: &[u8]) -> Result<(), EngineError> {
-        match self.ask(Command::Write(address, bytes.to_vec()))? {
-            Response::Bytes(done) => done.map(drop),
-            _ => Err(out_of_step()),
-        }
+        self.order(Command::Write(address, bytes.to_vec()))
     }
 
     fn register_events(&mut self) -> Result<Vec<RegisterEvent>, EngineError> {
@@ -272,7 +295,7 @@ impl Turns {
     }
 
     fn restore_patched_code(&mut self, host: &mut dyn Host) {
-        for (at, before) in self.patched.drain(..) {
+        for (at, before) in self.patched.drain(..).rev() {
             put(host, at, Width::W16, before.into()).expect("it could be written before");
         }
     }
@@ -371,6 +394,22 @@ impl Driver<RigMachine> for Turns {
                     return Some(VirtualNanos(next_ns.max(stop.at.0)));
                 }
                 Command::Hang => Response::Bytes(self.hang(host).map_err(EngineError)),
+                Command::Trap(trap) => {
+                    Response::Bytes(trap::set(trap, host, &mut self.patched).map_err(EngineError))
+                }
+                Command::BrownOut => {
+                    session.board_mut().mcu.dip();
+                    session.reset_by_pin(stop.at, stop.instruction_count, host);
+                    self.resets = session.resets().len();
+                    self.restore_patched_code(host);
+                    Response::Bytes(Ok(Vec::new()))
+                }
+                Command::FlipRegister(at, bit) => {
+                    let mcu = &mut session.board_mut().mcu;
+                    let done = mcu.flip_register(stop.at, at.into(), bit);
+                    let refused = |why| EngineError(format!("register {at:#010x}: {why}"));
+                    Response::Bytes(done.map(|()| Vec::new()).map_err(refused))
+                }
                 Command::Read(at, length) => Response::Bytes(Probe(host).read(at, length)),
                 Command::Write(at, bytes) => {
                     Response::Bytes(Probe(host).write(at, &bytes).map(|()| Vec::new()))

@@ -28,6 +28,16 @@ Usage: literature-bench [options]
   --help             this text
 ";
 
+/// Head of the page.
+const HEADING: &str = "\
+# The residual analysis on sets from the literature
+
+The sets are those of [literature-sets.md](literature-sets.md): effects, equations and ranges from the literature, by an author who
+had read neither the analysis nor the first generator. What counts as right is written in
+`evaluations/residual-bench/src/literature/judge.rs`. Seeds below 1000 are for this page, others for tuning. This page is written
+by the command below; don't edit.
+";
+
 struct Options {
     plan: Plan,
     only: Vec<String>,
@@ -151,12 +161,13 @@ fn run(options: &Options) -> Result<(), String> {
             }
         }
     }
-    let line = std::env::args()
-        .skip(1)
-        .fold(String::from("literature-bench"), |l, w| l + " " + &w);
+    let line = std::env::args().skip(1).fold(
+        String::from("cargo run --release -p residual-bench --bin literature-bench --"),
+        |l, w| l + " " + &w,
+    );
     let seconds: f64 = outcomes.iter().map(|o| o.seconds).sum();
     let text = format!(
-        "`{line}`: {} sets; {impossible} more cannot have the size on their motion.\n\n{}",
+        "{HEADING}\n    {line}\n\n{} sets; {impossible} more cannot have the size on their motion.\n\n{}",
         outcomes.len(),
         table::text(&outcomes)
     );

@@ -7,11 +7,14 @@
 //! | the view, and who gets the terminal back | `view`, `screen` |
 //! | lines, JSON | `plain` |
 //! | the view as a picture | `picture` |
+//! | a live source for Foxglove | `foxglove` |
 //!
 //! With `--json` each line is one object: `{"t_s": ..., "tension_n": [...], "state": ..., "zeroed": [...], "force_n": [...]}` for
 //! tensions (`null` for a unit without a sample), `{"t_s": ..., "event": ..., "text": ...}` for what happens, with `fault`
 //! and `unit` for a fault (`null` for the whole board). An error is the last line: `{"error": ..., "exit_code": ...}`.
 
+#[cfg(feature = "foxglove")]
+mod foxglove;
 mod model;
 mod picture;
 mod plain;
@@ -57,6 +60,10 @@ pub struct Monitor {
     /// Write the view as it is at the end to this SVG file
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
+    /// Stream to Foxglove as well, on this address and port; without one on the loopback (127.0.0.1:8765)
+    #[cfg(feature = "foxglove")]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, default_missing_value = foxglove::DEFAULT_ADDRESS)]
+    foxglove: Option<std::net::SocketAddr>,
     #[command(flatten)]
     connection: Connection,
 }
@@ -109,6 +116,8 @@ struct Watching<'a> {
     model: Model,
     start_s: Option<f64>,
     started: Instant,
+    #[cfg(feature = "foxglove")]
+    publisher: Option<foxglove::Publisher>,
 }
 
 impl Monitor {
@@ -148,6 +157,13 @@ impl Monitor {
     }
 
     fn watch(&self, mut watching: Watching<'_>, source: &mut dyn Source) -> Result<Reply> {
+        #[cfg(feature = "foxglove")]
+        if let Some(address) = self.foxglove {
+            let (publisher, at) = foxglove::Publisher::start(address, &watching.title)?;
+            let text = format!("Foxglove: open a connection to ws://{at} (Foxglove WebSocket)");
+            watching.context.output.note(&text);
+            watching.publisher = Some(publisher);
+        }
         let screen = if self.full_screen(watching.context) {
             // A terminal that can't be controlled gets lines.
             Screen::open().ok()
@@ -184,6 +200,8 @@ impl<'a> Watching<'a> {
             model: Model::default(),
             start_s: None,
             started: Instant::now(),
+            #[cfg(feature = "foxglove")]
+            publisher: None,
         }
     }
 
@@ -214,6 +232,10 @@ impl<'a> Watching<'a> {
     fn take(&mut self, update: Update) {
         if let (None, Update::Telemetry(now)) = (self.start_s, &update) {
             self.start_s = Some(now.t_s);
+        }
+        #[cfg(feature = "foxglove")]
+        if let Some(publisher) = &self.publisher {
+            publisher.take(&update);
         }
         self.model.take(update);
     }

@@ -71,7 +71,12 @@ pub fn correct(unit: &UnitSettings, compensation: &Compensation, frame: &Frame) 
     let mut not_used: Vec<String> = compensation
         .left_out
         .iter()
-        .map(|name| format!("{name}: the board has no term for it"))
+        .map(|name| match super::without_setting(name) {
+            Some(advice) => {
+                format!("{name}: the board has no setting for it; what helps: {advice}")
+            }
+            None => format!("{name}: the board cannot use it in this form"),
+        })
         .collect();
     let unit = match corrected(unit, compensation, frame, &mut not_used) {
         Ok(unit) => unit,

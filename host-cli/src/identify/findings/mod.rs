@@ -18,10 +18,12 @@
 //! Where one finding is out of its bounds, the unit keeps its settings: the numbers of one fit belong together, and a
 //! part of them may be worse than none.
 
+mod advice;
 mod correct;
 mod rewrite;
 mod ripples;
 
+pub use advice::without_setting;
 pub use correct::{correct, gains_for_delay, Corrected, Frame, FRICTION_MARGIN_N};
 pub use rewrite::{rewrite, Rewritten};
 pub use ripples::merge_ripples;

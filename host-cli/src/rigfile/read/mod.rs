@@ -107,6 +107,7 @@ fn read_root<'c, 't>(context: &'c Context<'t>, table: &'c Spanned<DeTable<'t>>) 
         controller,
         allocation,
         units,
+        calibration: None,
     }
 }
 

@@ -1,12 +1,10 @@
 //! A small Monte Carlo of the whole calibration, with thresholds that chance does not reach: each is more than four standard
-//! deviations of its count away from what is expected. The large one is `examples/monte_carlo.rs`.
+//! deviations of its count away from what is expected. The large one is the
+//! program.
 
-#[path = "common/monte_carlo.rs"]
-mod monte_carlo;
-#[path = "common/scene.rs"]
-mod scene;
-
-use monte_carlo::{Layout, Tally};
+use calibration_bench::surveys::Layout;
+use calibration_bench::tally::Tally;
+use calibration_bench::{cells, forces, runs, surveys};
 
 /// Whether a coverage of 95 % is plausible for so many draws. The intervals of one draw share the weights, the place
 /// and the stations: as cautious as if a draw were one interval.
@@ -18,7 +16,7 @@ fn covers(tally: &Tally, draws: u64) -> bool {
 #[test]
 fn gains_and_zeros_are_within_their_limits() {
     let draws = 80;
-    let found = monte_carlo::cells(draws);
+    let found = cells::cells(draws);
     assert!(
         found.gain.within(1.5e-3) >= 0.97,
         "{}",
@@ -43,9 +41,9 @@ fn geometry_runs_and_tip_force_are_within_their_limits() {
         closed: true,
         repeats: 10,
     };
-    let surveys = monte_carlo::surveys(draws, layout, false);
-    let (joint, chain, bound) = (&surveys.joint, &surveys.chain, &surveys.bound);
-    assert!(surveys.false_alarms <= 3, "{}", surveys.false_alarms);
+    let figures = surveys::surveys(draws, layout, false);
+    let (joint, chain, bound) = (&figures.joint, &figures.chain, &figures.bound);
+    assert!(figures.false_alarms <= 3, "{}", figures.false_alarms);
     assert!(
         joint.position.within(4e-4) >= 0.95,
         "{}",
@@ -63,13 +61,26 @@ fn geometry_runs_and_tip_force_are_within_their_limits() {
     assert!((0.85..1.15).contains(&ratio), "{ratio}");
     assert!(chain.position.rms() > 1.1 * joint.position.rms());
 
-    let (alone, fused) = monte_carlo::runs(draws, 6000, &surveys);
+    let (alone, fused) = runs::runs(draws, 6000, &figures);
     assert!(alone.within(2e-3) >= 0.95, "{}", alone.within(2e-3));
     assert!(covers(&alone, draws), "{}", alone.coverage());
     assert!(covers(&fused, draws), "{}", fused.coverage());
     assert!(fused.rms() < joint.position.rms());
 
-    let forces = monte_carlo::forces(draws, &monte_carlo::cells(draws), &surveys);
+    let forces = forces::forces(draws, &cells::cells(draws), &figures);
     assert!(forces.after.rms() < 0.1 * forces.before.rms());
     assert!(covers(&forces.after, draws), "{}", forces.after.coverage());
+}
+
+#[test]
+fn a_preloaded_cable_is_told_from_a_power_up() {
+    let found = cells::power_ups(40);
+    // Expected: 0.2 % and 9 % (docs/calibration/figures.md).
+    assert!(found.slack_refused * 100 < found.slack, "{found:?}");
+    assert!(found.preloaded.0 * 6 < found.preloaded.1, "{found:?}");
+    for (hits, of) in [found.mounting, found.converter] {
+        // Errors of axis and mass are common to the power-ups of a unit: 240 independent units.
+        let part = hits as f64 / of as f64;
+        assert!((0.89..=0.99).contains(&part), "{part}");
+    }
 }

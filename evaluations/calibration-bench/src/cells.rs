@@ -1,0 +1,262 @@
+//! Gains and zeros of made-up load cells, and what a power-up does to a zero.
+
+use crate::scene::normal as gauss;
+use crate::tally::Tally;
+use crate::{GRAVITY_SD, WEIGHT_LIMIT};
+use calibration::gain::{self, Direction, Gain, Reading, WEIGHTS_G};
+use calibration::input::Location;
+use calibration::zero::{self, Limits};
+use calibration::STANDARD_GRAVITY_M_PER_S2;
+use rand::{RngExt, SeedableRng};
+use rand_chacha::ChaCha8Rng;
+
+/// One load cell of a draw.
+#[derive(Debug, Clone, Copy)]
+struct Cell {
+    n_per_code: f64,
+    noise_sd_n: f64,
+    zero_code: f64,
+}
+
+/// Errors of gains and zeros.
+#[derive(Debug, Clone, Default)]
+pub struct CellFigures {
+    /// Relative error of the gain.
+    pub gain: Tally,
+    /// Error of the zero, N.
+    pub zero: Tally,
+    /// Series in which an entry was called wrong, though none was.
+    pub false_names: usize,
+    /// Zeros refused.
+    pub zeros_refused: usize,
+    /// Gain found and true gain, N per code, by draw and unit.
+    pub gains: Vec<[Option<(Gain, f64)>; 6]>,
+    /// Error and standard error of the zeros, N.
+    pub zeros: Vec<[Option<(f64, f64)>; 6]>,
+}
+
+/// Gains (weights +-0.1 %, twice up and down, 1 s each) and zeros (10 s at 320 SPS with spikes and drift) of six cells a
+/// draw. Noise 1.7 to 5 mN a sample as the idle channels of the rig, correlated from one sample to the next.
+pub fn cells(draws: u64) -> CellFigures {
+    let mut out = CellFigures::default();
+    for draw in 0..draws {
+        let mut rng = ChaCha8Rng::seed_from_u64(0xCE11 + draw);
+        out.gain.new_draw();
+        out.zero.new_draw();
+        // One set of weights and one place for all units.
+        let weights: Vec<f64> = WEIGHTS_G
+            .iter()
+            .map(|w| w * (1.0 + WEIGHT_LIMIT * rng.random_range(-1.0..1.0)))
+            .collect();
+        let gravity = STANDARD_GRAVITY_M_PER_S2 * (1.0 + GRAVITY_SD * gauss(&mut rng));
+        let mut gains: [Option<(Gain, f64)>; 6] = std::array::from_fn(|_| None);
+        let mut zeros = [None; 6];
+        for (gain, zero_error) in gains.iter_mut().zip(&mut zeros) {
+            let n_per_code = rng.random_range(6.2e-6..7.3e-6);
+            let cell = Cell {
+                n_per_code,
+                noise_sd_n: rng.random_range(0.0017..0.005),
+                // Converter's offset and the weight of motor and rack, up to 5 N either way.
+                zero_code: rng.random_range(-5.0..5.0) / n_per_code,
+            };
+            match gain::fit(&series(&cell, &weights, gravity, &mut rng), &gain_options()) {
+                Ok(found) => {
+                    let error = found.n_per_code - cell.n_per_code;
+                    out.gain.add(error.abs() / cell.n_per_code);
+                    out.gain.interval(error.abs() < found.n_per_code_half_95);
+                    *gain = Some((found, cell.n_per_code));
+                }
+                Err(_) => {
+                    out.false_names += 1;
+                    out.gain.refused();
+                }
+            }
+            let (codes, truth) = stream(&cell, &mut rng);
+            let limits = Limits {
+                nominal_n_per_code: 6.85e-6,
+                ..Limits::default()
+            };
+            match zero::measure(&codes, &limits) {
+                Ok(found) => {
+                    let error = (found.at_end_codes - truth) * cell.n_per_code;
+                    let se = found.at_end_se_codes * cell.n_per_code;
+                    out.zero.add(error.abs());
+                    out.zero.interval(error.abs() < 1.96 * se);
+                    *zero_error = Some((error, se));
+                }
+                Err(_) => {
+                    out.zeros_refused += 1;
+                    out.zero.refused();
+                }
+            }
+        }
+        out.gains.push(gains);
+        out.zeros.push(zeros);
+    }
+    out
+}
+
+fn gain_options() -> gain::Options {
+    gain::Options {
+        gravity_relative_sd: GRAVITY_SD,
+        weight_limit_relative: WEIGHT_LIMIT,
+        ..gain::Options::default()
+    }
+}
+
+fn series(cell: &Cell, weights: &[f64], gravity: f64, rng: &mut ChaCha8Rng) -> Vec<Reading> {
+    let order = (0..7).map(|i| (i, Direction::Loading));
+    let round: Vec<_> = order
+        .chain((0..7).rev().map(|i| (i, Direction::Unloading)))
+        .collect();
+    let mut out = Vec::new();
+    for _ in 0..2 {
+        for &(i, direction) in &round {
+            // Mean of 320 samples, each as correlated as `stream` makes them; putting a weight on repeats to 1 mN.
+            let se_n = cell.noise_sd_n * (1.3f64 / 0.7 / 320.0).sqrt();
+            let force = 1e-3 * weights[i] * gravity + se_n * gauss(rng) + 0.001 * gauss(rng);
+            out.push(Reading {
+                at: Location {
+                    file: "weights.csv".into(),
+                    line: out.len() + 2,
+                },
+                weight_g: WEIGHTS_G[i],
+                code: cell.zero_code + force / cell.n_per_code,
+                standard_error_codes: se_n / cell.n_per_code,
+                direction: Some(direction),
+                time_s: None,
+                temperature_c: None,
+            });
+        }
+    }
+    out
+}
+
+/// Codes and the true zero at their end.
+fn stream(cell: &Cell, rng: &mut ChaCha8Rng) -> (Vec<i32>, f64) {
+    let count = 3200;
+    // Up to 1 mN over the stream.
+    let drift = rng.random_range(-0.001..0.001) / cell.n_per_code;
+    let sd = cell.noise_sd_n / cell.n_per_code;
+    let mut noise = gauss(rng);
+    let codes = (0..count)
+        .map(|i| {
+            noise = 0.3 * noise + (1.0 - 0.09f64).sqrt() * gauss(rng);
+            let mut code =
+                cell.zero_code + drift * f64::from(i) / f64::from(count - 1) + sd * noise;
+            if rng.random_range(0.0..1.0) < 0.002 {
+                code += rng.random_range(-3e5..3e5);
+            }
+            code.round() as i32
+        })
+        .collect();
+    (codes, cell.zero_code + drift)
+}
+
+/// What power-ups do to the zeros of a rig: 12 of them for each of six units a draw.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct PowerUpFigures {
+    /// Zeros of slack cables that were compared with the ones before.
+    pub slack: usize,
+    /// Those of them that were refused.
+    pub slack_refused: usize,
+    /// Zeros of cables that pull with 0.7 to 1.0 N, what friction keeps in a cable after a run: how many were accepted, of
+    /// how many, with fewer than [`LEARNT`] power-ups before.
+    pub preloaded_early: (usize, usize),
+    /// The same with at least so many before.
+    pub preloaded: (usize, usize),
+    /// Intervals of the part of the mounting angle that hold the truth, of how many.
+    pub mounting: (usize, usize),
+    /// The same of the converter's own offset.
+    pub converter: (usize, usize),
+}
+
+/// Standard deviation of a unit's axis about each perpendicular as surveyed, rad.
+const AXIS_SD_RAD: f64 = 0.003;
+/// Standard deviation of the mass of motor and rack as weighed, kg; the mass itself is about 0.5 kg.
+const MASS_SD_KG: f64 = 0.005;
+/// A converter's own calibration misses the zero by up to this at a power-up, N (1 % of a 3 kg cell's range).
+pub const POWER_UP_MISS_N: f64 = 0.3;
+/// Zeros further than this many standard deviations from the ones before are refused.
+pub const POWER_UP_LIMIT_SD: f64 = 3.0;
+/// Power-ups after which a unit's own spread is known.
+pub const LEARNT: usize = 5;
+
+/// Zeros over power-ups, of units mounted at any angle.
+#[must_use]
+pub fn power_ups(draws: u64) -> PowerUpFigures {
+    use nalgebra::{Matrix3, Vector3};
+    let mut out = PowerUpFigures::default();
+    let gravity = Vector3::new(0.0, 0.0, -STANDARD_GRAVITY_M_PER_S2);
+    for draw in 0..draws {
+        let mut rng = ChaCha8Rng::seed_from_u64(0x9077E2 + draw);
+        for _ in 0..6 {
+            let axis = Vector3::from_fn(|_, _| gauss(&mut rng)).normalize();
+            let across = axis.cross(&Vector3::from_fn(|_, _| gauss(&mut rng)));
+            let across = across.normalize();
+            let other = axis.cross(&across);
+            let seen = axis
+                + across * (AXIS_SD_RAD * gauss(&mut rng))
+                + other * (AXIS_SD_RAD * gauss(&mut rng));
+            let seen = seen.normalize();
+            let mass = 0.5 + MASS_SD_KG * gauss(&mut rng);
+            let n_per_code = rng.random_range(6.2e-6..7.3e-6);
+            let true_mounting = mass * gravity.dot(&axis);
+            let bridge_n = rng.random_range(-2.0..2.0);
+            let mounting = zero::Mounting {
+                mass_kg: 0.5,
+                mass_sd_kg: MASS_SD_KG,
+                gravity_m_per_s2: gravity,
+                axis: seen,
+                axis_covariance: (Matrix3::identity() - seen * seen.transpose())
+                    * AXIS_SD_RAD.powi(2),
+            };
+            let mut history = zero::History::default();
+            for _ in 0..12 {
+                let offset = bridge_n + POWER_UP_MISS_N * rng.random_range(-1.0..1.0);
+                let se_n = 3e-4;
+                let zero_n = true_mounting + offset + se_n * gauss(&mut rng);
+                let measured = zero::Zero {
+                    at_end_codes: zero_n / n_per_code,
+                    at_end_se_codes: se_n / n_per_code,
+                    mean_codes: zero_n / n_per_code,
+                    mean_se_codes: se_n / n_per_code,
+                    drift_codes: 0.0,
+                    drift_se_codes: 0.0,
+                    noise_sd_codes: 500.0,
+                    correlation_samples: 1.0,
+                    used: 3200,
+                    spikes: 0,
+                };
+                let parts = zero::split(&measured, (n_per_code, 3e-4 * n_per_code), &mounting);
+                let holds = |error: f64, sd: f64| usize::from(error.abs() < 1.96 * sd);
+                out.mounting.0 += holds(parts.mounting_n - true_mounting, parts.mounting_sd_n);
+                out.mounting.1 += 1;
+                out.converter.0 += holds(parts.converter_n - offset, parts.converter_sd_n);
+                out.converter.1 += 1;
+                let entry = |zero_n| zero::PowerUp {
+                    zero_n,
+                    se_n,
+                    mounting_n: parts.mounting_n,
+                };
+                let prior = POWER_UP_MISS_N / 3f64.sqrt();
+                if !history.entries().is_empty() {
+                    out.slack += 1;
+                    let verdict = history.judge(&entry(zero_n), prior, POWER_UP_LIMIT_SD);
+                    out.slack_refused += usize::from(!verdict.is_accepted());
+                    let pulled = zero_n + rng.random_range(0.7..1.0);
+                    let verdict = history.judge(&entry(pulled), prior, POWER_UP_LIMIT_SD);
+                    let count = if history.entries().len() < LEARNT {
+                        &mut out.preloaded_early
+                    } else {
+                        &mut out.preloaded
+                    };
+                    count.0 += usize::from(verdict.is_accepted());
+                    count.1 += 1;
+                }
+                history.push(entry(zero_n));
+            }
+        }
+    }
+    out
+}

@@ -1,0 +1,237 @@
+//! Exit points and axes from a digitizer: which points to touch in which order, and the survey put into the record.
+
+use super::{CalibrateError, Result};
+use crate::rigfile::RigFile;
+use calibration::geometry::{self, GeometryError, Options, Survey};
+use calibration::record::Record;
+
+/// Header of the points; `calibration::geometry::read_points` takes it.
+pub const HEADER: &str = "label,x_mm,y_mm,z_mm,station";
+/// Stations of the plan: the first sees the base, each further one the plates before and after it, the last one the base again.
+const STATIONS: [&str; 4] = ["A", "B", "C", "D"];
+/// Calibration plates between them.
+const PLATES: u8 = 3;
+/// Holes of a plate.
+const HOLES: u8 = 4;
+
+/// The points to touch, station by station: the closed layout of docs/calibration/figures.md. Each unit is touched from two
+/// stations.
+#[must_use]
+pub fn plan(base_holes: &[String], units: &[u8], touches: usize) -> Vec<(String, String)> {
+    let mut out = Vec::new();
+    let count = STATIONS.len();
+    for (s, station) in STATIONS.iter().enumerate() {
+        let mut labels: Vec<String> = Vec::new();
+        if s == 0 || s + 1 == count {
+            labels.extend(base_holes.iter().map(|name| format!("base_{name}")));
+        }
+        for plate in 1..=PLATES {
+            if usize::from(plate) == s || usize::from(plate) == s + 1 {
+                labels.extend((1..=HOLES).map(|hole| format!("plate{plate}_{hole}")));
+            }
+        }
+        for (i, unit) in units.iter().enumerate() {
+            let home = i * count / units.len();
+            if home == s || (home + 1) % count == s {
+                labels.push(format!("unit{unit}_exit"));
+                labels.extend((1..=3).map(|point| format!("unit{unit}_cell{point}")));
+            }
+        }
+        for _ in 0..touches {
+            out.extend(
+                labels
+                    .iter()
+                    .map(|label| ((*station).to_owned(), label.clone())),
+            );
+        }
+    }
+    out
+}
+
+/// A row of the points file from what a digitizer typed: three numbers in mm, parted by blanks, commas, semicolons or tabs.
+///
+/// # Errors
+/// What is wrong with the line.
+pub fn row(typed: &str, label: &str, station: &str) -> std::result::Result<String, String> {
+    let cells: Vec<&str> = typed
+        .split([' ', ',', ';', '\t'])
+        .filter(|cell| !cell.is_empty())
+        .collect();
+    let numbers: Option<Vec<f64>> = cells
+        .iter()
+        .map(|cell| cell.parse().ok().filter(|v: &f64| v.is_finite()))
+        .collect();
+    match numbers.as_deref() {
+        Some([x, y, z]) => Ok(format!("{label},{x},{y},{z},{station}")),
+        _ => Err(format!(
+            "`{}` is not a point: three finite numbers in mm, for example 103.2 -20.15 341.0",
+            typed.trim()
+        )),
+    }
+}
+
+/// The survey of a table of points.
+///
+/// # Errors
+/// Text that can't be read, with file and line; points that do not fit together, named by likelihood.
+pub fn survey(
+    points: (&str, &str),
+    base: (&str, &str),
+    rig: &RigFile,
+    digitizer_sd_m: f64,
+    hole_sd_m: f64,
+) -> Result<Survey> {
+    let readings = geometry::read_points(points.0, points.1).map_err(CalibrateError::input)?;
+    let reference =
+        geometry::read_reference(base.0, base.1, hole_sd_m).map_err(CalibrateError::input)?;
+    let options = Options {
+        digitizer_sd_m,
+        workspace_center_m: Some(rig.workspace.center_m),
+        ..Options::default()
+    };
+    geometry::survey(&readings, &reference, &options).map_err(|error| match error {
+        GeometryError::Faults(_) => CalibrateError::refused(format!(
+            "{}: the points do not fit together\n{error}",
+            points.0
+        )),
+        GeometryError::NotFinite { .. } | GeometryError::UnknownHole { .. } => {
+            CalibrateError::input(error)
+        }
+        other => CalibrateError::refused(format!("{}: {other}", points.0)),
+    })
+}
+
+/// Puts a survey into the record. Units that it has not seen keep what they have.
+///
+/// # Errors
+/// The survey has a unit that the rig has not.
+pub fn apply(record: &mut Record, survey: &Survey) -> Result<()> {
+    let date = record.date.clone();
+    let n = record.units.len();
+    let mut all = record.geometry_covariance();
+    let mut place = Vec::new();
+    for unit in &survey.units {
+        let at = record
+            .units
+            .iter()
+            .position(|u| u.number == unit.unit)
+            .ok_or_else(|| CalibrateError::refused(format!("the rig has no unit {}", unit.unit)))?;
+        let found = &mut record.units[at];
+        found.exit_m = unit.exit_m.into();
+        found.axis = unit.axis.into();
+        found.geometry_date.clone_from(&date);
+        place.push(at);
+    }
+    for (i, &a) in place.iter().enumerate() {
+        // What was correlated with the old estimate of this unit is not with the new one.
+        for b in (0..n).filter(|b| !place.contains(b)) {
+            all.view_mut((6 * a, 6 * b), (6, 6)).fill(0.0);
+            all.view_mut((6 * b, 6 * a), (6, 6)).fill(0.0);
+        }
+        for (j, &b) in place.iter().enumerate() {
+            let block = survey.covariance.view((6 * i, 6 * j), (6, 6));
+            all.view_mut((6 * a, 6 * b), (6, 6)).copy_from(&block);
+        }
+    }
+    record.set_geometry_covariance(&all);
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::base;
+    use crate::calibrate::standin::Digitizer;
+
+    fn digitized(inject: Option<&str>, touches: usize) -> (String, String) {
+        let rig = RigFile::built_in().unwrap();
+        let mut digitizer = Digitizer::new(3, None).unwrap();
+        if let Some(what) = inject {
+            digitizer.inject(&what.parse().unwrap());
+        }
+        let units: Vec<u8> = rig.units.iter().map(|u| u.number).collect();
+        let mut text = format!("{HEADER}\n");
+        for (station, label) in plan(&digitizer.base_holes(), &units, touches) {
+            let point = digitizer.touch(&station, &label).unwrap();
+            text.push_str(&row(&point, &label, &station).unwrap());
+            text.push('\n');
+        }
+        (text, digitizer.base_csv())
+    }
+
+    #[test]
+    fn the_survey_finds_the_plant_behind_the_stand_in() {
+        let rig = RigFile::built_in().unwrap();
+        let (points, base_csv) = digitized(None, 10);
+        let found = survey(("p.csv", &points), ("b.csv", &base_csv), &rig, 2e-4, 0.0).unwrap();
+        let truth = Digitizer::new(3, None).unwrap();
+        let mut record = base::nominal(&rig, "2026-11-22");
+        apply(&mut record, &found).unwrap();
+        for unit in &record.units {
+            let (exit, axis) = truth.unit(unit.number);
+            let error = (nalgebra::Vector3::from(unit.exit_m) - exit).norm();
+            assert!(error < 6e-4, "unit {}: {error}", unit.number);
+            assert!(nalgebra::Vector3::from(unit.axis).dot(&axis) > 0.999_9);
+            assert_eq!(unit.geometry_date, "2026-11-22");
+        }
+        assert!(!record.cross.is_empty());
+        record.write().unwrap();
+    }
+
+    #[test]
+    fn bad_points_are_named_with_file_and_line() {
+        let rig = RigFile::built_in().unwrap();
+        let (points, base_csv) = digitized(None, 1);
+        let fails = |points: &str| {
+            survey(("p.csv", points), ("b.csv", &base_csv), &rig, 2e-4, 0.0)
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(fails("").contains("p.csv: the file is empty"));
+        let text = points.replacen("base_1,", "base_1,x", 1);
+        assert!(fails(&text).starts_with("p.csv:2: `x"), "{}", fails(&text));
+        let mut lines: Vec<String> = points.lines().map(str::to_owned).collect();
+        lines[4] = "base_4,nan,1,2,A".to_owned();
+        assert!(fails(&lines.join("\n")).starts_with("p.csv:5: `nan`"));
+        // Millimetres that claim to be metres.
+        let metres = points.replacen("x_mm,y_mm,z_mm", "x_m,y_m,z_m", 1);
+        let told = fails(&metres);
+        assert!(told.contains("0.001") || told.contains("mm"), "{told}");
+        // A row that was pasted twice.
+        let mut twice: Vec<String> = points.lines().map(str::to_owned).collect();
+        twice.push(twice[9].clone());
+        let told = fails(&twice.join("\n"));
+        assert!(told.contains(&format!("p.csv:{}", twice.len())), "{told}");
+        // Station C without a plate in common with the others.
+        let lonely: Vec<&str> = points
+            .lines()
+            .filter(|line| !(line.ends_with(",C") && line.starts_with("plate")))
+            .filter(|line| {
+                !(line.ends_with(",C") && line.starts_with("unit")) || line.starts_with("unit4")
+            })
+            .filter(|line| !line.starts_with("unit4") || line.ends_with(",C"))
+            .collect();
+        let told = fails(&lonely.join("\n"));
+        assert!(
+            told.contains("station `C`") && told.contains("p.csv:"),
+            "{told}"
+        );
+        for (bad, what) in [("1 2", "three"), ("1 2 x", "three"), ("1 2 inf", "three")] {
+            assert!(row(bad, "base_1", "A").unwrap_err().contains(what));
+        }
+        assert_eq!(
+            row(" 1.5; -2,3\t", "base_1", "A").unwrap(),
+            "base_1,1.5,-2,3,A"
+        );
+    }
+
+    #[test]
+    fn a_bumped_station_is_named() {
+        let rig = RigFile::built_in().unwrap();
+        let (points, base_csv) = digitized(Some("bump=B:3"), 1);
+        let told = survey(("p.csv", &points), ("b.csv", &base_csv), &rig, 2e-4, 0.0)
+            .unwrap_err()
+            .to_string();
+        assert!(told.contains("station `B` moved by about 3."), "{told}");
+    }
+}

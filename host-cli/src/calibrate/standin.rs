@@ -1,0 +1,275 @@
+//! Stand-ins for the people and tools of a calibration, on an emulated rig: weights that are hung, a digitizer that touches
+//! points. They know the truth of the plant; what they give has the errors of the real tools.
+
+use calibration::geometry::Label;
+use calibration::se3::{self, Pose};
+use nalgebra::{Vector3, Vector6};
+use plant::rng::Rng;
+use plant::{Plant, PlantConfig};
+use std::collections::BTreeMap;
+use std::str::FromStr;
+
+/// Limit of the weights' relative error.
+const WEIGHT_LIMIT: f64 = 1e-3;
+/// Standard deviation of the digitizer in one coordinate, m.
+const DIGITIZER_SD_M: f64 = 2e-4;
+/// Holes of the example base, m.
+const BASE: [(&str, [f64; 3]); 5] = [
+    ("1", [0.02, 0.08, 0.01]),
+    ("2", [-0.16, 0.09, 0.00]),
+    ("3", [-0.15, -0.07, 0.02]),
+    ("4", [0.03, -0.06, -0.03]),
+    ("5", [-0.06, 0.01, 0.06]),
+];
+/// Points of a station before it is bumped: within the first round of touches.
+const BUMP_AFTER: usize = 8;
+/// Distance of a plate's holes from its middle, m.
+const PLATE_RADIUS_M: f64 = 0.15;
+/// Distance of the points on a load cell from its middle, m.
+const CELL_RADIUS_M: f64 = 0.025;
+
+/// A mistake that a stand-in makes on request.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Mistake {
+    /// Where this weight is asked for (g), that one is hung once: `weight=50:500`.
+    Weight(f64, f64),
+    /// This station is bumped by so many mm after its first points: `bump=B:3`.
+    Bump(String, f64),
+}
+
+impl FromStr for Mistake {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let wrong = || {
+            format!("`{text}` is no mistake of a stand-in; known are weight=ASKED:HUNG (g, as in weight=50:500) and bump=STATION:MM (as in bump=B:3)")
+        };
+        let (kind, rest) = text.split_once('=').ok_or_else(wrong)?;
+        let (first, second) = rest.split_once(':').ok_or_else(wrong)?;
+        let number = |text: &str| {
+            text.parse::<f64>()
+                .ok()
+                .filter(|v| v.is_finite() && (0.0..=3000.0).contains(v))
+                .ok_or_else(wrong)
+        };
+        match kind {
+            "weight" => Ok(Self::Weight(number(first)?, number(second)?)),
+            "bump" if !first.is_empty() => Ok(Self::Bump(first.to_owned(), number(second)?)),
+            _ => Err(wrong()),
+        }
+    }
+}
+
+/// A set of weights: each has its own error, the same whenever it is hung.
+#[derive(Debug, Clone)]
+pub struct Weights {
+    seed: u64,
+    mistakes: Vec<(f64, f64)>,
+}
+
+impl Weights {
+    /// The set that belongs to a rig's seed.
+    #[must_use]
+    pub fn new(seed: u64, mistakes: &[Mistake]) -> Self {
+        Self {
+            seed,
+            mistakes: mistakes
+                .iter()
+                .filter_map(|m| match m {
+                    Mistake::Weight(asked, hung) => Some((*asked, *hung)),
+                    Mistake::Bump(..) => None,
+                })
+                .collect(),
+        }
+    }
+
+    /// Force of the weight that is hung where this one is asked for (g), N. A mistake is made once.
+    pub fn force_n(&mut self, weight_g: f64) -> f64 {
+        let at = self
+            .mistakes
+            .iter()
+            .position(|(asked, _)| *asked == weight_g);
+        let hung = at.map_or(weight_g, |at| self.mistakes.remove(at).1);
+        let mut rng = Rng::stream(self.seed, "weights", (hung * 1000.0) as usize);
+        let error = rng.uniform(-WEIGHT_LIMIT, WEIGHT_LIMIT);
+        1e-3 * hung * (1.0 + error) * calibration::STANDARD_GRAVITY_M_PER_S2
+    }
+}
+
+/// A digitizer in the room of an emulated rig.
+#[derive(Debug)]
+pub struct Digitizer {
+    points_m: BTreeMap<Label, Vector3<f64>>,
+    stations: BTreeMap<String, Pose>,
+    units: Vec<(Vector3<f64>, Vector3<f64>)>,
+    noise: Rng,
+    seed: u64,
+    bump: Option<(String, f64)>,
+    touched: BTreeMap<String, usize>,
+}
+
+impl Digitizer {
+    /// The room of a rig's seed and plant (`None`: the rig of the thesis).
+    ///
+    /// # Errors
+    /// The plant's configuration can't be.
+    pub fn new(seed: u64, plant: Option<PlantConfig>) -> Result<Self, String> {
+        let plant = Plant::new(plant.unwrap_or_default(), seed).map_err(|e| e.to_string())?;
+        let units: Vec<(Vector3<f64>, Vector3<f64>)> = (0..plant.units())
+            .map(|i| {
+                let p = plant.parameters(i);
+                (p.position_m.into(), p.axis.into())
+            })
+            .collect();
+        let mut rng = Rng::stream(seed, "digitizer room", 0);
+        let mut points_m: BTreeMap<Label, Vector3<f64>> = BASE
+            .iter()
+            .map(|(name, at)| (Label::Base((*name).to_owned()), Vector3::from(*at)))
+            .collect();
+        for plate in 1..=3u8 {
+            // On a circle around the robot.
+            let angle = 0.6 + 1.4 * f64::from(plate);
+            let middle = Vector3::new(
+                0.4 * angle.cos() - 0.08,
+                0.4 * angle.sin(),
+                -0.1 - 0.05 * f64::from(plate),
+            );
+            let turn = se3::exp(&Vector6::new(
+                0.0,
+                0.0,
+                0.0,
+                0.2 * rng.normal(),
+                0.2 * rng.normal(),
+                rng.normal(),
+            ));
+            for hole in 1..=4u8 {
+                let at = std::f64::consts::TAU * f64::from(hole) / 4.0;
+                let flat = Vector3::new(at.cos(), at.sin(), 0.0) * PLATE_RADIUS_M;
+                points_m.insert(Label::Plate { plate, hole }, middle + turn.apply(&flat));
+            }
+        }
+        for (i, (exit, axis)) in units.iter().enumerate() {
+            let unit = i as u8 + 1;
+            points_m.insert(Label::Exit { unit }, *exit);
+            // Three points on the face of the cell, counter-clockwise seen from the workspace.
+            let across = axis.cross(&Vector3::new(0.3, 0.9, 0.4)).normalize();
+            let other = axis.cross(&across);
+            let middle = exit - axis * 0.06;
+            for point in 1..=3u8 {
+                let at = std::f64::consts::TAU * f64::from(point) / 3.0;
+                let flat = (across * at.cos() + other * at.sin()) * CELL_RADIUS_M;
+                points_m.insert(Label::Cell { unit, point }, middle + flat);
+            }
+        }
+        let mut out = Self {
+            points_m,
+            stations: BTreeMap::new(),
+            units,
+            noise: Rng::stream(seed, "digitizer noise", 0),
+            seed,
+            bump: None,
+            touched: BTreeMap::new(),
+        };
+        for name in ["A", "B", "C", "D"] {
+            let mut rng = Rng::stream(seed, name, 1);
+            let pose = se3::exp(&Vector6::from_fn(|i, _| {
+                [0.3, 0.3, 0.3, 0.2, 0.2, 2.0][i] * rng.normal()
+            }));
+            out.stations.insert(name.to_owned(), pose);
+        }
+        Ok(out)
+    }
+
+    /// Makes a mistake from now on.
+    pub fn inject(&mut self, mistake: &Mistake) {
+        if let Mistake::Bump(station, mm) = mistake {
+            self.bump = Some((station.clone(), *mm));
+        }
+    }
+
+    /// Names of the base holes that the CAD model has.
+    #[must_use]
+    pub fn base_holes(&self) -> Vec<String> {
+        BASE.iter().map(|(name, _)| (*name).to_owned()).collect()
+    }
+
+    /// The CAD model's holes as a table.
+    #[must_use]
+    pub fn base_csv(&self) -> String {
+        let mut out = "label,x_mm,y_mm,z_mm\n".to_owned();
+        for (name, at) in BASE {
+            let [x, y, z] = at.map(|v| 1e3 * v);
+            out.push_str(&format!("base_{name},{x},{y},{z}\n"));
+        }
+        out
+    }
+
+    /// What the digitizer types when a point is touched from a station: `x y z` in mm. `None`: there is no such point or
+    /// station.
+    pub fn touch(&mut self, station: &str, label: &str) -> Option<String> {
+        let at = *self.points_m.get(&Label::parse(label)?)?;
+        let pose = *self.stations.get(station)?;
+        let count = self.touched.entry(station.to_owned()).or_default();
+        *count += 1;
+        let mut seen = pose.apply(&at);
+        if let Some((_, mm)) = self.bump.as_ref().filter(|(name, _)| name == station) {
+            if *count > BUMP_AFTER {
+                let mut rng = Rng::stream(self.seed, "bump", 0);
+                let way = Vector3::from_fn(|_, _| rng.normal()).normalize();
+                seen += way * (1e-3 * mm);
+            }
+        }
+        seen += Vector3::from_fn(|_, _| gauss(&mut self.noise)) * DIGITIZER_SD_M;
+        let mm = seen * 1e3;
+        Some(format!("{:.3} {:.3} {:.3}", mm.x, mm.y, mm.z))
+    }
+
+    /// True exit point (m) and axis of a unit, from 1: for tests.
+    #[must_use]
+    pub fn unit(&self, number: u8) -> (Vector3<f64>, Vector3<f64>) {
+        self.units[usize::from(number) - 1]
+    }
+}
+
+/// A number from the standard normal distribution (Box and Muller). The plant's own is cut off at 2.5.
+fn gauss(rng: &mut Rng) -> f64 {
+    let radius = (-2.0 * (1.0 - rng.unit()).ln()).sqrt();
+    radius * (std::f64::consts::TAU * rng.unit()).cos()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn mistakes_are_read_and_made_once() {
+        assert_eq!("weight=50:500".parse(), Ok(Mistake::Weight(50.0, 500.0)));
+        assert_eq!("bump=B:3".parse(), Ok(Mistake::Bump("B".into(), 3.0)));
+        for bad in [
+            "weight=50",
+            "bump=:3",
+            "x=1:2",
+            "weight=a:2",
+            "weight=50:-1",
+            "",
+        ] {
+            let told = bad.parse::<Mistake>().unwrap_err();
+            assert!(told.contains("weight=ASKED:HUNG"), "{told}");
+        }
+        let mut weights = Weights::new(7, &[Mistake::Weight(50.0, 500.0)]);
+        let wrong = weights.force_n(50.0);
+        let right = weights.force_n(50.0);
+        assert!((wrong / 4.903 - 1.0).abs() < 2e-3 && (right / 0.4903 - 1.0).abs() < 2e-3);
+        assert_eq!(right, weights.force_n(50.0));
+        assert_eq!(weights.force_n(0.0), 0.0);
+    }
+
+    #[test]
+    fn the_digitizer_knows_its_points_only() {
+        let mut digitizer = Digitizer::new(1, None).unwrap();
+        assert!(digitizer.touch("A", "base_1").is_some());
+        assert!(digitizer.touch("E", "base_1").is_none());
+        assert!(digitizer.touch("A", "plate9_1").is_none());
+        assert!(digitizer.touch("A", "nonsense").is_none());
+    }
+}

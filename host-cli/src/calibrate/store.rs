@@ -1,0 +1,327 @@
+//! Where the calibrations of a rig are kept: the one in force, all older ones, and what a step that was broken off has so far.
+//!
+//! ```text
+//! calibration-RIG/current.toml               the calibration in force
+//! calibration-RIG/versions/0003.toml         every calibration that was ever in force, in order
+//! calibration-RIG/drafts/gain-unit3.csv      readings of a step that is not finished
+//! calibration-RIG/readings/0003-gain-unit3.csv   readings of the step that made version 3
+//! calibration-RIG/power-ups.csv              zeros over the power-ups
+//! ```
+//!
+//! An emulated rig has a folder for each seed: another seed is another rig.
+
+use super::{CalibrateError, Result};
+use crate::run::state_folder;
+use calibration::record::Record;
+use std::io::{ErrorKind, Write};
+use std::path::{Path, PathBuf};
+
+/// The calibrations of one rig.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Store {
+    folder: PathBuf,
+}
+
+/// A calibration that was stored.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Kept {
+    /// Its number, `0003`.
+    pub version: String,
+    /// Its file.
+    pub path: PathBuf,
+}
+
+impl Store {
+    /// The store of a rig in the user's folder, beside its zeros. `seed`: that of an emulated rig.
+    ///
+    /// # Errors
+    /// There is no folder to keep anything in.
+    pub fn of_rig(name: &str, seed: Option<u64>) -> Result<Self> {
+        let safe: String = name
+            .chars()
+            .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
+            .collect();
+        let seed = seed.map_or_else(String::new, |seed| format!("-seed{seed}"));
+        let folder = state_folder().ok_or_else(|| CalibrateError::File {
+            path: "calibrations".to_owned(),
+            cause: "no folder is known to keep them in; set FORCECTL_STATE_DIR".to_owned(),
+        })?;
+        Ok(Self::at(folder.join(format!("calibration-{safe}{seed}"))))
+    }
+
+    /// A store in this folder.
+    #[must_use]
+    pub fn at(folder: impl Into<PathBuf>) -> Self {
+        Self {
+            folder: folder.into(),
+        }
+    }
+
+    /// The folder.
+    #[must_use]
+    pub fn folder(&self) -> &Path {
+        &self.folder
+    }
+
+    /// The calibration in force; `None` where the rig has none.
+    ///
+    /// # Errors
+    /// The file is there and can't be used.
+    pub fn current(&self) -> Result<Option<Record>> {
+        let path = self.folder.join("current.toml");
+        match std::fs::read_to_string(&path) {
+            Ok(text) => read(&path, &text).map(Some),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(CalibrateError::file(&path, error)),
+        }
+    }
+
+    /// Numbers of the calibrations that are kept, oldest first.
+    ///
+    /// # Errors
+    /// The folder can't be read.
+    pub fn versions(&self) -> Result<Vec<String>> {
+        let folder = self.folder.join("versions");
+        let entries = match std::fs::read_dir(&folder) {
+            Ok(entries) => entries,
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(Vec::new()),
+            Err(error) => return Err(CalibrateError::file(&folder, error)),
+        };
+        let mut found: Vec<String> = entries
+            .filter_map(|entry| entry.ok()?.file_name().into_string().ok())
+            .filter_map(|name| Some(name.strip_suffix(".toml")?.to_owned()))
+            .filter(|name| name.len() == 4 && name.bytes().all(|b| b.is_ascii_digit()))
+            .collect();
+        found.sort();
+        Ok(found)
+    }
+
+    /// A calibration by its number (`3` or `0003`), `current`, or the path of a file.
+    ///
+    /// # Errors
+    /// There is none, or it can't be used.
+    pub fn version(&self, name: &str) -> Result<Record> {
+        if name == "current" {
+            return self.current()?.ok_or_else(|| CalibrateError::File {
+                path: self.folder.display().to_string(),
+                cause: "this rig has no calibration yet; `forcectl calibrate gain` begins one"
+                    .to_owned(),
+            });
+        }
+        let path = match name.parse::<u32>() {
+            Ok(number) => self.folder.join(format!("versions/{number:04}.toml")),
+            Err(_) => PathBuf::from(name),
+        };
+        let text = std::fs::read_to_string(&path).map_err(|error| {
+            CalibrateError::file(
+                &path,
+                format!("{error}; `forcectl calibrate show --versions` lists what is kept"),
+            )
+        })?;
+        read(&path, &text)
+    }
+
+    /// Keeps a calibration as the next version and puts it in force. Each file is replaced as a whole: a full disk leaves the
+    /// old one.
+    ///
+    /// # Errors
+    /// A value that can't be, or a file that can't be written.
+    pub fn keep(&self, record: &Record) -> Result<Kept> {
+        let text = record.write().map_err(CalibrateError::refused)?;
+        let last = self.versions()?.last().and_then(|v| v.parse::<u32>().ok());
+        let version = format!("{:04}", last.unwrap_or(0) + 1);
+        let path = self.folder.join(format!("versions/{version}.toml"));
+        replace(&path, &text)?;
+        replace(&self.folder.join("current.toml"), &text)?;
+        Ok(Kept { version, path })
+    }
+
+    /// The draft of a step, `gain-unit3`.
+    #[must_use]
+    pub fn draft(&self, step: &str) -> Draft {
+        Draft {
+            path: self.folder.join(format!("drafts/{step}.csv")),
+            readings: self.folder.join("readings"),
+            step: step.to_owned(),
+        }
+    }
+
+    /// The file of the zeros over the power-ups.
+    #[must_use]
+    pub fn power_ups(&self) -> PathBuf {
+        self.folder.join("power-ups.csv")
+    }
+}
+
+fn read(path: &Path, text: &str) -> Result<Record> {
+    Record::read(&path.display().to_string(), text).map_err(CalibrateError::input)
+}
+
+/// Writes a file beside the old one and puts it in its place.
+pub(super) fn replace(path: &Path, text: &str) -> Result<()> {
+    let write = || {
+        if let Some(folder) = path.parent() {
+            std::fs::create_dir_all(folder)?;
+        }
+        let new = path.with_extension("new");
+        std::fs::write(&new, text)?;
+        std::fs::rename(new, path)
+    };
+    write().map_err(|error: std::io::Error| CalibrateError::file(path, error))
+}
+
+/// Readings of a step that is going on: kept line by line, so that a break loses nothing.
+#[derive(Debug, Clone)]
+pub struct Draft {
+    path: PathBuf,
+    readings: PathBuf,
+    step: String,
+}
+
+impl Draft {
+    /// The file.
+    #[must_use]
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// What is kept so far; `None` where nothing is.
+    ///
+    /// # Errors
+    /// The file can't be read.
+    pub fn text(&self) -> Result<Option<String>> {
+        match std::fs::read_to_string(&self.path) {
+            Ok(text) => Ok(Some(text)),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
+            Err(error) => Err(CalibrateError::file(&self.path, error)),
+        }
+    }
+
+    /// Rows below the header.
+    ///
+    /// # Errors
+    /// The file can't be read.
+    pub fn rows(&self) -> Result<usize> {
+        Ok(self
+            .text()?
+            .map_or(0, |text| text.lines().count().saturating_sub(1)))
+    }
+
+    /// Adds a row; the file gets its header first.
+    ///
+    /// # Errors
+    /// The file can't be written.
+    pub fn add(&self, header: &str, row: &str) -> Result<()> {
+        let write = || {
+            if let Some(folder) = self.path.parent() {
+                std::fs::create_dir_all(folder)?;
+            }
+            let mut file = std::fs::OpenOptions::new()
+                .create(true)
+                .append(true)
+                .open(&self.path)?;
+            if file.metadata()?.len() == 0 {
+                writeln!(file, "{header}")?;
+            }
+            writeln!(file, "{row}")?;
+            file.sync_data()
+        };
+        write().map_err(|error: std::io::Error| CalibrateError::file(&self.path, error))
+    }
+
+    /// Takes the last row away: a mistake of the user.
+    ///
+    /// # Errors
+    /// The file can't be written.
+    pub fn undo(&self) -> Result<()> {
+        let Some(text) = self.text()? else {
+            return Ok(());
+        };
+        let mut lines: Vec<&str> = text.lines().collect();
+        if lines.len() > 1 {
+            lines.pop();
+        }
+        replace(&self.path, &format!("{}\n", lines.join("\n")))
+    }
+
+    /// Removes what is kept: the step begins anew.
+    ///
+    /// # Errors
+    /// The file can't be removed.
+    pub fn discard(&self) -> Result<()> {
+        match std::fs::remove_file(&self.path) {
+            Err(error) if error.kind() != ErrorKind::NotFound => {
+                Err(CalibrateError::file(&self.path, error))
+            }
+            _ => Ok(()),
+        }
+    }
+
+    /// The step is finished: its readings stay beside the version that they made.
+    ///
+    /// # Errors
+    /// The file can't be moved.
+    pub fn finish(&self, version: &str) -> Result<PathBuf> {
+        let to = self.readings.join(format!("{version}-{}.csv", self.step));
+        std::fs::create_dir_all(&self.readings)
+            .and_then(|()| std::fs::rename(&self.path, &to))
+            .map_err(|error| CalibrateError::file(&to, error))?;
+        Ok(to)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::base;
+    use crate::rigfile::RigFile;
+
+    #[test]
+    fn versions_stay_and_an_edit_by_hand_is_seen() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path().join("deep/store"));
+        assert_eq!(store.current().unwrap(), None);
+        assert!(store.version("current").is_err());
+        let rig = RigFile::built_in().unwrap();
+        let mut record = base::nominal(&rig, "2026-11-22");
+        assert_eq!(store.keep(&record).unwrap().version, "0001");
+        record.units[0].n_per_code *= 1.01;
+        record.units[0].gain_date = "2026-11-22".to_owned();
+        let kept = store.keep(&record).unwrap();
+        assert_eq!(kept.version, "0002");
+        assert_eq!(store.versions().unwrap(), ["0001", "0002"]);
+        let (old, new) = (store.version("1").unwrap(), store.version("0002").unwrap());
+        assert_ne!(old, new);
+        assert_eq!(store.current().unwrap().unwrap(), new);
+        let current = store.folder().join("current.toml");
+        let text = std::fs::read_to_string(&current).unwrap();
+        std::fs::write(&current, text.replace("9.80665", "9.81")).unwrap();
+        let error = store.current().unwrap_err().to_string();
+        assert!(
+            error.contains("current.toml:") && error.contains("hash"),
+            "{error}"
+        );
+        let mut bad = new;
+        bad.units[2].n_per_code = f64::NAN;
+        assert!(store.keep(&bad).is_err());
+        assert_eq!(store.versions().unwrap().len(), 2);
+    }
+
+    #[test]
+    fn a_draft_survives_and_is_finished() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let draft = store.draft("gain-unit3");
+        assert_eq!(draft.rows().unwrap(), 0);
+        draft.add("a,b", "1,2").unwrap();
+        store.draft("gain-unit3").add("a,b", "3,4").unwrap();
+        draft.add("a,b", "5,6").unwrap();
+        draft.undo().unwrap();
+        assert_eq!(draft.text().unwrap().unwrap(), "a,b\n1,2\n3,4\n");
+        assert_eq!(draft.rows().unwrap(), 2);
+        let kept = draft.finish("0001").unwrap();
+        assert!(kept.ends_with("readings/0001-gain-unit3.csv"));
+        assert_eq!(draft.text().unwrap(), None);
+        draft.discard().unwrap();
+    }
+}

@@ -1,0 +1,272 @@
+//! Zeros of the load cells with slack cables, compared with those of earlier power-ups.
+
+use super::store::Store;
+use super::{CalibrateError, Result};
+use calibration::input::Table;
+use calibration::record::Record;
+use calibration::zero::{self, History, Limits, Mounting, Parts, PowerUp, Verdict, Zero};
+use nalgebra::{Matrix3, Vector3};
+
+/// How far a calibration of the converter can miss the zero, N, as a standard deviation: up to 0.3 N, equally likely
+/// (device facts, NAU7802: 0.5 to 1 % of a 3 kg cell's range).
+pub const POWER_UP_SD_N: f64 = 0.3 / 1.732_050_8;
+/// Zeros further than this many standard deviations from the earlier ones are refused (docs/calibration/figures.md).
+pub const LIMIT_SD: f64 = 3.0;
+/// Mass of motor and rack, kg (thesis 3.5.1), and how well it is known.
+pub const MOTOR_KG: (f64, f64) = (0.5, 0.02);
+/// Header of the file of the power-ups.
+const HEADER: &str = "unit,date,zero_n,se_n,mounting_n";
+
+/// The zero of one unit and what it means.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// Unit, from 1.
+    pub unit: u8,
+    /// As measured, codes.
+    pub zero: Zero,
+    /// Its parts, N.
+    pub parts: Parts,
+    /// Against the earlier power-ups.
+    pub verdict: Verdict,
+}
+
+/// What to keep to.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Options {
+    /// Accept zeros that are far from the earlier ones.
+    pub replace: bool,
+    /// Mass of motor and rack and its standard uncertainty, kg.
+    pub motor_kg: (f64, f64),
+    /// Direction of gravity in the base frame.
+    pub down: Vector3<f64>,
+}
+
+/// The zeros of the units whose codes are given (unit, codes), put into the record.
+///
+/// # Errors
+/// A stream that gives no zero, or a zero that no slack cable explains; all of them are named.
+pub fn evaluate(
+    codes: &[(u8, Vec<i32>)],
+    record: &mut Record,
+    history: &[(u8, PowerUp)],
+    options: &Options,
+) -> Result<Vec<Found>> {
+    let mut found = Vec::new();
+    let mut wrong = Vec::new();
+    let date = record.date.clone();
+    let gravity_m_per_s2 = record.gravity_m_per_s2;
+    for (number, stream) in codes {
+        let Some(unit) = record.units.iter_mut().find(|u| u.number == *number) else {
+            continue;
+        };
+        let limits = Limits {
+            nominal_n_per_code: unit.n_per_code.abs(),
+            ..Limits::default()
+        };
+        let measured = match zero::measure(stream, &limits) {
+            Ok(measured) => measured,
+            Err(why) => {
+                wrong.push(format!("unit {number}: {why}"));
+                continue;
+            }
+        };
+        let covariance = unit.covariance_matrix();
+        let axis_covariance: Matrix3<f64> = covariance.fixed_view::<3, 3>(3, 3).into_owned();
+        let parts = zero::split(
+            &measured,
+            (unit.n_per_code, unit.n_per_code_sd),
+            &Mounting {
+                mass_kg: options.motor_kg.0,
+                mass_sd_kg: options.motor_kg.1,
+                gravity_m_per_s2: options.down * gravity_m_per_s2,
+                axis: unit.axis.into(),
+                axis_covariance,
+            },
+        );
+        let entry = PowerUp {
+            zero_n: unit.n_per_code * measured.at_end_codes,
+            se_n: unit.n_per_code.abs() * measured.at_end_se_codes,
+            mounting_n: parts.mounting_n,
+        };
+        let mut past = History::new(
+            history
+                .iter()
+                .filter(|(unit, _)| unit == number)
+                .map(|(_, entry)| *entry)
+                .collect(),
+        );
+        let verdict = past.judge(&entry, POWER_UP_SD_N, LIMIT_SD);
+        if !verdict.is_accepted() && !options.replace {
+            wrong.push(refusal(*number, &verdict));
+            continue;
+        }
+        past.push(entry);
+        unit.zero_codes = measured.at_end_codes;
+        unit.zero_sd_codes = measured.at_end_se_codes;
+        unit.mounting_n = parts.mounting_n;
+        unit.mounting_sd_n = parts.mounting_sd_n;
+        unit.power_up_step_n = past
+            .expected_n(POWER_UP_SD_N)
+            .map_or(POWER_UP_SD_N, |(_, spread)| spread);
+        unit.zero_date.clone_from(&date);
+        found.push(Found {
+            unit: *number,
+            zero: measured,
+            parts,
+            verdict,
+        });
+    }
+    if wrong.is_empty() {
+        Ok(found)
+    } else {
+        Err(CalibrateError::refused(wrong.join("\n")))
+    }
+}
+
+fn refusal(unit: u8, verdict: &Verdict) -> String {
+    match verdict {
+        Verdict::Preloaded { excess_n, z } => format!(
+            "unit {unit}: the zero is {excess_n:+.3} N from the earlier ones ({z:.1} standard deviations): the cable pulls. Let it hang slack and measure again; with a new cell or a turned unit, --replace"
+        ),
+        Verdict::Moved { change_n, z } => format!(
+            "unit {unit}: the zero is {change_n:+.3} N from the earlier ones ({z:.1} standard deviations): the unit was turned, or the cell is damaged. If it was turned, calibrate geometry first; --replace accepts the zero"
+        ),
+        Verdict::First | Verdict::Plausible { .. } => String::new(),
+    }
+}
+
+/// The power-ups in the store's file, by unit, oldest first.
+///
+/// # Errors
+/// The file is there and can't be used; the message names the line.
+pub fn history(store: &Store) -> Result<Vec<(u8, PowerUp)>> {
+    let path = store.power_ups();
+    let text = match std::fs::read_to_string(&path) {
+        Ok(text) => text,
+        Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
+        Err(error) => return Err(CalibrateError::file(&path, error)),
+    };
+    let read = || -> std::result::Result<Vec<(u8, PowerUp)>, calibration::input::InputError> {
+        let table = Table::parse(&path.display().to_string(), &text)?;
+        let column = |name| table.column(name);
+        let (unit, zero, se, mounting) = (
+            column("unit")?,
+            column("zero_n")?,
+            column("se_n")?,
+            column("mounting_n")?,
+        );
+        table
+            .rows()
+            .iter()
+            .map(|row| {
+                Ok((
+                    table.number(row, unit)? as u8,
+                    PowerUp {
+                        zero_n: table.number(row, zero)?,
+                        se_n: table.number(row, se)?,
+                        mounting_n: table.number(row, mounting)?,
+                    },
+                ))
+            })
+            .collect()
+    };
+    read().map_err(CalibrateError::input)
+}
+
+/// Adds zeros to the store's file of power-ups. `fresh` (after `--replace`) drops what these units had before.
+///
+/// # Errors
+/// The file can't be written.
+pub fn remember(
+    store: &Store,
+    earlier: &[(u8, PowerUp)],
+    found: &[Found],
+    record: &Record,
+    fresh: bool,
+) -> Result<()> {
+    let mut text = format!("{HEADER}\n");
+    let replaced = |unit: u8| fresh && found.iter().any(|f| f.unit == unit);
+    for (unit, entry) in earlier.iter().filter(|(unit, _)| !replaced(*unit)) {
+        text.push_str(&row(*unit, "", entry));
+    }
+    for f in found {
+        if let Some(unit) = record.units.iter().find(|u| u.number == f.unit) {
+            let entry = PowerUp {
+                zero_n: unit.n_per_code * unit.zero_codes,
+                se_n: unit.n_per_code.abs() * unit.zero_sd_codes,
+                mounting_n: unit.mounting_n,
+            };
+            text.push_str(&row(f.unit, &record.date, &entry));
+        }
+    }
+    super::store::replace(&store.power_ups(), &text)
+}
+
+fn row(unit: u8, date: &str, entry: &PowerUp) -> String {
+    format!(
+        "{unit},{date},{},{},{}\n",
+        entry.zero_n, entry.se_n, entry.mounting_n
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::calibrate::base;
+    use crate::rigfile::RigFile;
+
+    /// A stream of codes about a middle with 3 mN of noise.
+    fn stream(middle: i32) -> Vec<i32> {
+        let mut noise = plant::rng::Rng::stream(5, "codes", middle as usize);
+        (0..3200)
+            .map(|_| middle + (400.0 * noise.normal()) as i32)
+            .collect()
+    }
+
+    fn options() -> Options {
+        Options {
+            replace: false,
+            motor_kg: MOTOR_KG,
+            down: -Vector3::z(),
+        }
+    }
+
+    #[test]
+    fn a_preloaded_cable_is_refused_and_the_record_keeps_its_zero() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let rig = RigFile::built_in().unwrap();
+        let mut record = base::nominal(&rig, "2026-11-22");
+        let first = evaluate(
+            &[(1, stream(20_000)), (2, stream(-9_000))],
+            &mut record,
+            &[],
+            &options(),
+        );
+        let first = first.unwrap();
+        assert!((record.units[0].zero_codes - 20_000.0).abs() < 40.0);
+        assert_eq!(record.units[1].zero_date, "2026-11-22");
+        remember(&store, &[], &first, &record, false).unwrap();
+        let past = history(&store).unwrap();
+        assert_eq!(past.len(), 2);
+        // 0.9 N more on unit 1.
+        let before = record.clone();
+        let pulled = [(1, stream(20_000 + 131_000)), (2, stream(-8_000))];
+        let error = evaluate(&pulled, &mut record, &past, &options()).unwrap_err();
+        assert!(
+            error.to_string().contains("unit 1: the zero is +0.8"),
+            "{error}"
+        );
+        assert_eq!(record.units[0], before.units[0]);
+        let accept = Options {
+            replace: true,
+            ..options()
+        };
+        let again = evaluate(&pulled, &mut record, &past, &accept).unwrap();
+        remember(&store, &past, &again, &record, true).unwrap();
+        assert_eq!(history(&store).unwrap().len(), 2);
+        std::fs::write(store.power_ups(), "unit,zero_n,se_n,mounting_n\n1,x,0,0\n").unwrap();
+        let error = history(&store).unwrap_err().to_string();
+        assert!(error.contains("power-ups.csv:2"), "{error}");
+    }
+}

@@ -1,0 +1,62 @@
+//! Questions to the user during a step that he does by hand.
+
+use super::super::exit::{self, Failure, Result};
+use super::super::output;
+use std::io::BufRead;
+
+/// What the user says.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Answer {
+    /// Done; with what was typed (or what a digitizer streamed).
+    Go(String),
+    /// The last one was wrong.
+    Undo,
+    /// Stop here, and go on another day.
+    Quit,
+}
+
+/// Asks, and waits for a line on standard input. The end of the input is a stop.
+pub fn ask(prompt: &str) -> Result<Answer> {
+    output::to_stderr(prompt);
+    let mut line = String::new();
+    let read = std::io::stdin().lock().read_line(&mut line);
+    match read {
+        Ok(0) => Ok(Answer::Quit),
+        Ok(_) => Ok(answer(&line)),
+        Err(error) => Err(Failure::new(
+            exit::USAGE,
+            format!("the answer can't be read: {error}"),
+        )),
+    }
+}
+
+fn answer(line: &str) -> Answer {
+    match line.trim() {
+        "u" | "undo" => Answer::Undo,
+        "q" | "quit" => Answer::Quit,
+        text => Answer::Go(text.to_owned()),
+    }
+}
+
+/// The step was broken off.
+pub fn broken_off(done: usize, of: usize, what: &str) -> Failure {
+    Failure::new(
+        exit::INTERRUPTED,
+        format!(
+            "stopped after {done} of {of} {what}; they are kept, and the same command goes on from there (--restart begins anew)"
+        ),
+    )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn words_of_the_user() {
+        assert_eq!(answer(" u\n"), Answer::Undo);
+        assert_eq!(answer("quit"), Answer::Quit);
+        assert_eq!(answer("\n"), Answer::Go(String::new()));
+        assert_eq!(answer("1 2 3\n"), Answer::Go("1 2 3".to_owned()));
+    }
+}

@@ -1,0 +1,179 @@
+//! `forcectl calibrate`: from weights, a digitizer and a moving tip to a rig that is known, and how well.
+//!
+//! | file | what it holds |
+//! | --- | --- |
+//! | `cells.rs` | `zero`, `gain` |
+//! | `geometry.rs` | `geometry` |
+//! | `moving.rs` | `self`, `verify` |
+//! | `records.rs` | `show`, `diff`, `push` |
+//! | `guide.rs` | questions to the user |
+
+mod cells;
+mod geometry;
+mod guide;
+mod moving;
+mod records;
+
+use super::connection::Connection;
+use super::exit::{self, Failure, Reply, Result};
+use super::Context;
+use clap::{Args, Subcommand};
+use host_cli::calibrate::store::{Kept, Store};
+use host_cli::calibrate::{self as library, base, CalibrateError};
+use host_cli::rigfile::RigFile;
+use host_cli::session::Session;
+use std::path::{Path, PathBuf};
+
+/// Below the help of the command.
+pub const HELP: &str = "\
+Order on a new rig: geometry, gain, zero, verify. Every step can be broken off; the same command goes on where it stopped.
+
+  forcectl calibrate gain --link fast --yes
+
+calibrates an emulated rig; stand-ins hang the weights and touch the points. docs/calibration.md is the guide.";
+
+/// Arguments of `calibrate`.
+#[derive(Debug, Args)]
+pub struct Calibrate {
+    #[command(subcommand)]
+    step: Step,
+}
+
+#[derive(Debug, Subcommand)]
+enum Step {
+    /// Take the zeros with slack cables, and compare them with earlier power-ups
+    Zero(cells::Zero),
+    /// Find newtons per code from weights
+    #[command(allow_negative_numbers = true)]
+    Gain(cells::Gain),
+    /// Find exit points and load-cell axes from points of a digitizer
+    Geometry(geometry::Geometry),
+    /// Find exit points from a run with the robot moving, and whether the rig was moved
+    #[command(name = "self")]
+    Moving(moving::Moving),
+    /// Hold forces, and compare what the calibration predicts with what is measured
+    Verify(moving::Verify),
+    /// Show a calibration
+    Show(records::Show),
+    /// Compare two calibrations
+    Diff(records::Diff),
+    /// Send the calibration to the board, read it back and compare
+    Push(records::Push),
+}
+
+impl Calibrate {
+    /// Runs the command.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        match &self.step {
+            Step::Zero(step) => step.run(context),
+            Step::Gain(step) => step.run(context),
+            Step::Geometry(step) => step.run(context),
+            Step::Moving(step) => step.run(context),
+            Step::Verify(step) => step.run(context),
+            Step::Show(step) => step.run(context),
+            Step::Diff(step) => step.run(context),
+            Step::Push(step) => step.run(context),
+        }
+    }
+}
+
+impl From<CalibrateError> for Failure {
+    fn from(error: CalibrateError) -> Self {
+        match error {
+            CalibrateError::Run(error) => error.into(),
+            CalibrateError::Input(_) => Self::new(exit::USAGE, error),
+            CalibrateError::Refused(_) => Self::new(exit::DEGRADED, error),
+            CalibrateError::File { .. } => Self::new(exit::FILE, error),
+        }
+    }
+}
+
+/// A rig with its store and the record that a step changes.
+struct Bench {
+    rig: RigFile,
+    store: Store,
+    record: calibration::record::Record,
+}
+
+impl Bench {
+    /// Loads rig file and stored calibration. Opens nothing that drives.
+    fn load(connection: &Connection, context: &Context) -> Result<Self> {
+        let rig = connection.load(context)?;
+        connection.require_rig_file(&rig)?;
+        let store = Store::of_rig(&rig.name, connection.seed(&rig))?;
+        let record = base::continued(&rig, store.current()?, &library::today())
+            .map_err(|why| Failure::new(exit::RIG_FILE, why))?;
+        Ok(Self { rig, store, record })
+    }
+
+    /// The rig with what the record has measured.
+    fn calibrated(&self) -> RigFile {
+        base::overlay(&self.rig, &self.record)
+    }
+
+    /// Stores the record.
+    fn keep(&self, context: &Context) -> Result<Kept> {
+        let kept = self.store.keep(&self.record)?;
+        context.output.note(&format!(
+            "stored as version {} in {}",
+            kept.version,
+            kept.path.display()
+        ));
+        Ok(kept)
+    }
+}
+
+/// Sends the scales and zeros of a calibrated rig to the board, reads them back and compares. `zeros`: zeros to put in force
+/// (units without one keep the board's). Returns how many units the board has.
+fn push(session: &mut Session<'_>, rig: &RigFile, zeros: &[(u8, i32)]) -> Result<usize> {
+    let before = session.get_configs().map_err(CalibrateError::from)?;
+    let mut wanted = rig.units.map(|unit| unit.to_wire());
+    for (i, config) in wanted.iter_mut().enumerate() {
+        config.zero_code = before[i].zero_code;
+        config.enabled = before[i].enabled || before[i].zero_code == 0;
+        if !rig.has_measured_gain(i) && before[i].zero_code != 0 {
+            config.scale_pn_per_count = before[i].scale_pn_per_count;
+        }
+        if let Some((_, zero)) = zeros.iter().find(|(unit, _)| *unit == rig.units[i].number) {
+            config.zero_code = *zero;
+        }
+        config.enabled &= rig.units[i].enabled;
+    }
+    host_cli::calibrate::cells::configure(session, rig, &wanted)?;
+    let now = session.get_configs().map_err(CalibrateError::from)?;
+    let wrong: Vec<String> = (0..now.len())
+        .filter(|&i| now[i] != wanted[i])
+        .map(|i| (i + 1).to_string())
+        .collect();
+    if !wrong.is_empty() {
+        return Err(Failure::new(
+            exit::BOARD,
+            format!(
+                "the board reads back another configuration of unit {} than was sent; check the link and run `forcectl calibrate push`",
+                wrong.join(", ")
+            ),
+        ));
+    }
+    Ok(now.iter().filter(|config| config.enabled).count())
+}
+
+/// Writes a picture into the folder for output.
+fn picture(out: &Path, name: &str, svg: &str) -> Result<PathBuf> {
+    let path = out.join(name);
+    std::fs::create_dir_all(out)
+        .and_then(|()| std::fs::write(&path, svg))
+        .map_err(|error| Failure::file(&path, error))?;
+    Ok(path)
+}
+
+/// The text of a file that the user names; `-`: standard input.
+fn read(path: &Path) -> Result<(String, String)> {
+    let name = path.display().to_string();
+    let text = if name == "-" {
+        std::io::read_to_string(std::io::stdin())
+    } else {
+        std::fs::read_to_string(path)
+    };
+    text.map(|text| (name.clone(), text))
+        .map_err(|error| Failure::new(exit::USAGE, format!("{name}: {error}; nothing was stored")))
+}

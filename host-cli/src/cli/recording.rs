@@ -1,0 +1,229 @@
+//! `forcectl recording`: checks recordings, writes their Parquet files, joins them with a robot's log. Drives nothing.
+
+use super::exit::{self, Failure, Reply, Result};
+use super::Context;
+use clap::{Args, Subcommand};
+use host_cli::recording::check::{self, Checked};
+use host_cli::recording::merge::{self, Merge};
+use host_cli::recording::read::{mcap_of, End};
+use host_cli::recording::{self};
+use serde_json::json;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+
+/// Below the help of the command.
+pub const HELP: &str = "\
+RECORDING is a folder that `set-force --record` or `record` has written, or its run.mcap, complete or cut off.
+
+Exit codes: 0 nothing is missing; 6 it was read, and something is missing or damaged (the list says what); 7 a file cannot
+be read or written.";
+
+/// Arguments of `recording`.
+#[derive(Debug, Args)]
+pub struct Recording {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, Subcommand)]
+enum What {
+    /// Gaps, drops, clocks, phases and hashes of a recording
+    Check {
+        /// Recording
+        recording: PathBuf,
+    },
+    /// Write the Parquet files of a recording, for example of one that was killed
+    Export {
+        /// Recording
+        recording: PathBuf,
+        /// Folder for the Parquet files [default: that of the recording]
+        #[arg(long, value_name = "DIR")]
+        out: Option<PathBuf>,
+    },
+    /// Join a robot's log with a recording by time, with the error of the join
+    Merge {
+        /// Recording
+        recording: PathBuf,
+        /// The robot's log: CSV or Parquet
+        #[arg(long, value_name = "FILE")]
+        log: PathBuf,
+        /// Column with the time, UTC or ROS time: s, ms, us or ns since 1970 by its size, or RFC 3339; `SECS+NSECS` for a
+        /// ROS stamp in two columns
+        #[arg(long, value_name = "COLUMN")]
+        time: String,
+        /// Time to add to that of the log, s, where its clock is known to differ
+        #[arg(
+            long,
+            value_name = "SECONDS",
+            default_value = "0",
+            allow_hyphen_values = true
+        )]
+        shift: f64,
+        /// Largest error of the log's own time, s, to be counted into the error of the join
+        #[arg(long, value_name = "SECONDS", default_value = "0")]
+        log_error: f64,
+        /// Parquet file to write
+        #[arg(long, value_name = "FILE")]
+        out: PathBuf,
+    },
+}
+
+impl Recording {
+    /// Runs the command.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        match &self.what {
+            What::Check { recording } => {
+                let checked = check::check(recording)?;
+                let code = if checked.problems.is_empty() {
+                    exit::DONE
+                } else {
+                    exit::DEGRADED
+                };
+                let json = serde_json::to_value(&checked)
+                    .map_err(|error| Failure::new(exit::FILE, error))?;
+                Ok(Reply::new(text_of(&checked), json).with_code(code))
+            }
+            What::Export { recording, out } => {
+                let mcap = mcap_of(recording);
+                let beside = mcap.parent().map(std::path::Path::to_owned);
+                let folder = out.clone().or(beside).unwrap_or_default();
+                std::fs::create_dir_all(if folder.as_os_str().is_empty() {
+                    std::path::Path::new(".")
+                } else {
+                    &folder
+                })
+                .map_err(|error| Failure::file(&folder, error))?;
+                export(&mcap, &folder)
+            }
+            What::Merge {
+                recording,
+                log,
+                time,
+                shift,
+                log_error,
+                out,
+            } => {
+                let merged = merge::merge(&Merge {
+                    recording,
+                    log,
+                    time,
+                    shift_s: *shift,
+                    log_error_s: *log_error,
+                    out,
+                })?;
+                for warning in &merged.warnings {
+                    context.output.note(warning);
+                }
+                let json = serde_json::to_value(&merged)
+                    .map_err(|error| Failure::new(exit::FILE, error))?;
+                Ok(Reply::new(merged.to_string(), json))
+            }
+        }
+    }
+}
+
+fn export(mcap: &std::path::Path, folder: &std::path::Path) -> Result<Reply> {
+    let exported = recording::export(mcap, folder);
+    let mut text = String::new();
+    for (path, rows) in &exported.files {
+        row!(text, "{}: {rows} rows", path.display());
+    }
+    let files: Vec<_> = exported
+        .files
+        .iter()
+        .map(|(path, rows)| json!({"file": path, "rows": rows}))
+        .collect();
+    let whole = exported.end == End::Complete;
+    if !whole {
+        row!(
+            text,
+            "the recording is cut off or damaged; these are the rows before that place"
+        );
+    }
+    let reply = Reply::new(text, json!({"files": files, "complete": whole}));
+    if exported.failures.is_empty() {
+        return Ok(reply.with_code(if whole { exit::DONE } else { exit::DEGRADED }));
+    }
+    let why: Vec<_> = exported.failures.iter().map(ToString::to_string).collect();
+    Err(Failure::new(exit::FILE, why.join("\n")).with_reply(reply))
+}
+
+/// The check for people.
+fn text_of(checked: &Checked) -> String {
+    let mut out = String::new();
+    row!(
+        out,
+        "file            {}, SHA-256 {}",
+        checked.end,
+        checked.sha256
+    );
+    for key in [
+        "utc_start",
+        "time_source",
+        "rig_name",
+        "rig_hash_sha256",
+        "firmware_version",
+        "forcectl_version",
+        "link",
+    ] {
+        if let Some(value) = checked.metadata.get(key) {
+            row!(out, "{key:<15} {value}");
+        }
+    }
+    row!(out, "configurations  {}", checked.configurations.join(" "));
+    row!(out, "");
+    row!(
+        out,
+        "unit   samples   period ms   gaps   missing   longest ms"
+    );
+    for unit in &checked.units {
+        row!(
+            out,
+            "{:>4} {:>9} {:>11.4} {:>6} {:>9} {:>12.3}",
+            unit.unit,
+            unit.samples,
+            unit.period_s * 1e3,
+            unit.gaps,
+            unit.missing,
+            unit.longest_s * 1e3
+        );
+    }
+    row!(out, "");
+    let clock = &checked.clock;
+    let ms =
+        |s: Option<f64>| s.map_or_else(|| "unknown".to_owned(), |s| format!("{:.3} ms", s * 1e3));
+    row!(
+        out,
+        "board's clock   drift {:+.3} ppm; largest error of its place in host time: {} median, {} at the worst place",
+        clock.drift_ppm,
+        ms(clock.uncertainty_median_s),
+        ms(clock.uncertainty_max_s)
+    );
+    for phase in &checked.phases {
+        row!(
+            out,
+            "phase           {:<12} {:>9.3} s",
+            phase.phase,
+            phase.duration_s
+        );
+    }
+    row!(
+        out,
+        "lost            frames {}, damaged {}; conversions {}; dropped by the recorder: samples {}, cycles {}",
+        checked.frames_lost,
+        checked.frames_bad,
+        checked.conversions_missed,
+        checked.dropped_samples,
+        checked.dropped_cycles
+    );
+    for event in &checked.events {
+        row!(out, "event           {event}");
+    }
+    if checked.problems.is_empty() {
+        row!(out, "\nNothing is missing.");
+    }
+    for problem in &checked.problems {
+        row!(out, "problem         {problem}");
+    }
+    out
+}

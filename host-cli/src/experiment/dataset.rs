@@ -1,0 +1,410 @@
+//! The dataset's columns, and how load-cell samples and robot states become its rows.
+//!
+//! A row is a state of the robot. The tension of each cable at its time is interpolated between the two load-cell samples
+//! around it, from raw codes, with the delay of the converter's filter taken off; the force at the tip is their sum along
+//! the cables' directions at the tip that the robot reports. What the plant truly does goes into another table.
+
+use crate::force::controller::{problem, Cables};
+use crate::rigfile::RigFile;
+use crate::session::TimedSample;
+use nalgebra::Vector3;
+use robot::state::RobotState;
+use std::collections::VecDeque;
+use wire::message::UnitConfig;
+use wire::UNITS;
+
+use super::table::Table;
+
+/// Joints of a row.
+pub const JOINTS: usize = 3;
+/// Group delay of the NAU7802's filter at 320 samples per second, s: two sample periods of its fourth-order sinc.
+pub const CELL_DELAY_S: f64 = 0.00625;
+/// A tension is interpolated over a gap of at most this, s; over a longer one it is missing.
+const LONGEST_GAP_S: f64 = 0.05;
+/// A state waits for the samples after it for at most this, s.
+const LONGEST_WAIT_S: f64 = 0.25;
+
+/// A column: name, unit, what it is.
+pub type Column = (&'static str, &'static str, &'static str);
+
+/// Columns of the dataset.
+pub const COLUMNS: [Column; 37] = [
+    ("t_s", "s", "time since the force profile's start, on the board's clock"),
+    ("board_time_s", "s", "the same instant since the board's power-on"),
+    ("robot_time_s", "s", "the robot's own stamp, on its own clock"),
+    ("joint_position_1", "rad", "shoulder, from the encoders"),
+    ("joint_position_2", "rad", "elbow, from the encoders"),
+    ("joint_position_3", "m", "insertion, from the encoders"),
+    ("joint_velocity_1", "rad/s", "shoulder, as the robot publishes it"),
+    ("joint_velocity_2", "rad/s", "elbow, as the robot publishes it"),
+    ("joint_velocity_3", "m/s", "insertion, as the robot publishes it"),
+    ("joint_effort_1", "N·m", "shoulder, torque of the drive at the joint; the data card says whether commanded or measured"),
+    ("joint_effort_2", "N·m", "elbow, as above"),
+    ("joint_effort_3", "N", "insertion, force of the drive, as above"),
+    ("joint_setpoint_1", "rad", "set point of the shoulder"),
+    ("joint_setpoint_2", "rad", "set point of the elbow"),
+    ("joint_setpoint_3", "m", "set point of the insertion"),
+    ("tip_x_m", "m", "tip as the robot reports it, rig frame"),
+    ("tip_y_m", "m", "tip, y"),
+    ("tip_z_m", "m", "tip, z"),
+    ("force_x_n", "N", "force on the tool by the cables, rig frame, from the load cells: the label"),
+    ("force_y_n", "N", "force on the tool, y"),
+    ("force_z_n", "N", "force on the tool, z"),
+    ("force_commanded_x_n", "N", "commanded force on the tool, rig frame"),
+    ("force_commanded_y_n", "N", "commanded force, y"),
+    ("force_commanded_z_n", "N", "commanded force, z"),
+    ("tension_1_n", "N", "tension of cable 1, interpolated; missing for a unit that is not used"),
+    ("tension_2_n", "N", "tension of cable 2"),
+    ("tension_3_n", "N", "tension of cable 3"),
+    ("tension_4_n", "N", "tension of cable 4"),
+    ("tension_5_n", "N", "tension of cable 5"),
+    ("tension_6_n", "N", "tension of cable 6"),
+    ("force_age_s", "s", "distance in time from the row to the nearest load-cell sample, the largest of the used units"),
+    ("sync_error_s", "s", "uncertainty of the time between robot and board"),
+    ("saturated", "1", "1: a unit's command was at its limit in the control cycle of this row"),
+    ("operating_state", "1", "CRTK: 0 disabled, 1 enabled, 2 paused, 3 fault; missing where the robot tells none"),
+    ("quality", "1", "1: the row can be used; 0: a value that it needs is missing"),
+    ("trial", "1", "number of the trial"),
+    ("attempt", "1", "number of the attempt at it"),
+];
+
+/// Columns of the truth, which exists for a virtual rig only.
+pub const TRUTH_COLUMNS: [Column; 28] = [
+    ("t_s", "s", "as in the dataset: same rows, same order"),
+    (
+        "true_force_x_n",
+        "N",
+        "force on the tool in the plant, rig frame",
+    ),
+    ("true_force_y_n", "N", "y"),
+    ("true_force_z_n", "N", "z"),
+    ("true_contact_effort_1", "N·m", "that force at the shoulder"),
+    ("true_contact_effort_2", "N·m", "at the elbow"),
+    ("true_contact_effort_3", "N", "at the insertion"),
+    (
+        "true_joint_position_1",
+        "rad",
+        "link position of the shoulder",
+    ),
+    ("true_joint_position_2", "rad", "elbow"),
+    ("true_joint_position_3", "m", "insertion"),
+    (
+        "true_joint_velocity_1",
+        "rad/s",
+        "link velocity of the shoulder",
+    ),
+    ("true_joint_velocity_2", "rad/s", "elbow"),
+    ("true_joint_velocity_3", "m/s", "insertion"),
+    (
+        "true_motor_friction_1",
+        "N·m",
+        "friction at the motors, in the joints' units",
+    ),
+    ("true_motor_friction_2", "N·m", "elbow"),
+    ("true_motor_friction_3", "N", "insertion"),
+    ("true_link_friction_1", "N·m", "friction at the links"),
+    ("true_link_friction_2", "N·m", "elbow"),
+    ("true_link_friction_3", "N", "insertion"),
+    ("true_tip_x_m", "m", "tip, rig frame"),
+    ("true_tip_y_m", "m", "y"),
+    ("true_tip_z_m", "m", "z"),
+    ("true_tension_1_n", "N", "tension of cable 1"),
+    ("true_tension_2_n", "N", "cable 2"),
+    ("true_tension_3_n", "N", "cable 3"),
+    ("true_tension_4_n", "N", "cable 4"),
+    ("true_tension_5_n", "N", "cable 5"),
+    ("true_tension_6_n", "N", "cable 6"),
+];
+
+/// An empty table with these columns.
+#[must_use]
+pub fn table(columns: &[Column]) -> Table {
+    Table::new(columns.iter().map(|c| c.0.to_owned()).collect())
+}
+
+/// A robot state that waits for its load-cell samples.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Waiting {
+    /// The state, in the rig's frame.
+    pub state: RobotState,
+    /// Its time on the board's clock, s.
+    pub board_s: f64,
+    /// Uncertainty of that, s.
+    pub sync_error_s: f64,
+    /// Commanded force at that time, N.
+    pub commanded_n: Vector3<f64>,
+    /// Whether a unit was at its limit.
+    pub saturated: bool,
+    /// The truth at that time, its columns after `t_s`.
+    pub truth: Option<Vec<f64>>,
+}
+
+/// Worst figures of the rows.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Worst {
+    /// Largest [`force_age_s`](COLUMNS), s.
+    pub force_age_s: f64,
+    /// Largest `sync_error_s`, s.
+    pub sync_error_s: f64,
+    /// Rows that lack something.
+    pub incomplete: u64,
+}
+
+/// Turns states and samples into rows.
+#[derive(Debug)]
+pub struct Joiner {
+    rig: RigFile,
+    configs: [UnitConfig; UNITS],
+    /// Time and force along the cell's axis of each unit's latest samples, s and N.
+    samples: [VecDeque<(f64, f64)>; UNITS],
+    waiting: VecDeque<Waiting>,
+    /// Board time of `t_s = 0`.
+    start_s: f64,
+    trial: usize,
+    attempt: u32,
+    /// The rows.
+    pub rows: Table,
+    /// Their truth, row by row.
+    pub truth: Table,
+    /// Worst figures so far.
+    pub worst: Worst,
+}
+
+impl Joiner {
+    /// For a rig with these configurations in force; `start_s` is the board time of the force profile's start.
+    #[must_use]
+    pub fn new(
+        rig: &RigFile,
+        configs: &[UnitConfig; UNITS],
+        start_s: f64,
+        trial: usize,
+        attempt: u32,
+    ) -> Self {
+        Self {
+            rig: rig.clone(),
+            configs: *configs,
+            samples: Default::default(),
+            waiting: VecDeque::new(),
+            start_s,
+            trial,
+            attempt,
+            rows: table(&COLUMNS),
+            truth: table(&TRUTH_COLUMNS),
+            worst: Worst::default(),
+        }
+    }
+
+    /// Takes load-cell samples in the order in which they came.
+    pub fn samples(&mut self, samples: &[TimedSample]) {
+        for timed in samples {
+            let unit = usize::from(timed.sample.unit);
+            let Some(config) = self.configs.get(unit) else {
+                continue;
+            };
+            let code = f64::from(timed.sample.adc_code) - f64::from(config.zero_code);
+            let cell_n = code * f64::from(config.scale_pn_per_count) * 1e-12;
+            let t_s = timed.t_us as f64 * 1e-6 - CELL_DELAY_S;
+            let list = &mut self.samples[unit];
+            list.push_back((t_s, cell_n));
+            while list.len() > 2 && list[0].0 < t_s - 1.0 {
+                list.pop_front();
+            }
+        }
+    }
+
+    /// Takes a state of the robot.
+    pub fn state(&mut self, waiting: Waiting) {
+        self.waiting.push_back(waiting);
+    }
+
+    /// Makes rows of the states whose samples have come by board time `now_s`; of all that wait, where `end` is set.
+    pub fn join(&mut self, now_s: f64, end: bool) {
+        while let Some(first) = self.waiting.front() {
+            let at = first.board_s;
+            let complete = (0..UNITS)
+                .filter(|i| self.rig.units[*i].enabled)
+                .all(|i| self.samples[i].back().is_some_and(|(t, _)| *t >= at));
+            if !(complete || end || now_s - at > LONGEST_WAIT_S) {
+                return;
+            }
+            if let Some(first) = self.waiting.pop_front() {
+                self.row(&first);
+            }
+        }
+    }
+
+    /// Force along the cell's axis at a time, N, and the distance to the nearest sample, s.
+    fn cell_at(&self, unit: usize, at: f64) -> Option<(f64, f64)> {
+        let list = &self.samples[unit];
+        let after = list.partition_point(|(t, _)| *t < at);
+        let (t1, f1) = *list.get(after)?;
+        let (t0, f0) = *list.get(after.checked_sub(1)?)?;
+        if t1 - t0 > LONGEST_GAP_S {
+            return None;
+        }
+        let part = (at - t0) / (t1 - t0).max(1e-9);
+        Some((f0 + (f1 - f0) * part, (at - t0).min(t1 - at)))
+    }
+
+    /// Tensions at a tip and time, N; the force that they apply, N; the largest age, s.
+    fn forces(&self, tip_m: Vector3<f64>, at: f64) -> Option<([f64; UNITS], Vector3<f64>, f64)> {
+        let enabled = self.rig.units.map(|unit| unit.enabled);
+        let cables = Cables::at(&self.rig, tip_m, &enabled).ok()?;
+        let mut tension_n = [0.0; UNITS];
+        let mut age_s = 0.0_f64;
+        for unit in (0..UNITS).filter(|unit| enabled[*unit]) {
+            let (cell_n, distance_s) = self.cell_at(unit, at)?;
+            tension_n[unit] = cell_n * f64::from(cables.inv_cos_q16[unit]) / 65_536.0;
+            age_s = age_s.max(distance_s);
+        }
+        let force_n = problem(&self.rig, &cables, &enabled).force_of(&tension_n);
+        for (tension, enabled) in tension_n.iter_mut().zip(enabled) {
+            if !enabled {
+                *tension = f64::NAN;
+            }
+        }
+        Some((tension_n, force_n, age_s))
+    }
+
+    fn row(&mut self, waiting: &Waiting) {
+        let state = &waiting.state;
+        let joints = state.joints.as_ref();
+        let three = |list: Option<&Vec<f64>>| -> [f64; JOINTS] {
+            core::array::from_fn(|i| list.and_then(|l| l.get(i)).copied().unwrap_or(f64::NAN))
+        };
+        let tip_m = state.tip.as_ref().map(|tip| tip.position_m);
+        let found = tip_m.and_then(|tip| self.forces(tip.into(), waiting.board_s));
+        let (tension_n, force_n, age_s) =
+            found.unwrap_or(([f64::NAN; UNITS], Vector3::repeat(f64::NAN), f64::NAN));
+        let t_s = waiting.board_s - self.start_s;
+        let mut row = Vec::with_capacity(COLUMNS.len());
+        row.extend([t_s, waiting.board_s, state.stamp.t_ns as f64 * 1e-9]);
+        row.extend(three(joints.map(|j| &j.position)));
+        row.extend(three(joints.and_then(|j| j.velocity.as_ref())));
+        row.extend(three(
+            joints.and_then(|j| j.effort.as_ref().map(|e| &e.value)),
+        ));
+        row.extend(three(joints.and_then(|j| j.setpoint.as_ref())));
+        row.extend(tip_m.unwrap_or([f64::NAN; 3]));
+        row.extend(force_n.iter());
+        row.extend(waiting.commanded_n.iter());
+        row.extend(tension_n);
+        row.extend([age_s, waiting.sync_error_s]);
+        row.push(f64::from(u8::from(waiting.saturated)));
+        row.push(
+            state
+                .operating
+                .map_or(f64::NAN, |o| f64::from(o.state as u8)),
+        );
+        row.push(f64::from(u8::from(found.is_some())));
+        row.extend([self.trial as f64, f64::from(self.attempt)]);
+        self.rows.push(&row);
+        let mut truth = vec![t_s];
+        match &waiting.truth {
+            Some(values) => truth.extend(values),
+            None => truth.resize(TRUTH_COLUMNS.len(), f64::NAN),
+        }
+        self.truth.push(&truth);
+        self.worst.force_age_s = self.worst.force_age_s.max(age_s);
+        self.worst.sync_error_s = self.worst.sync_error_s.max(waiting.sync_error_s);
+        self.worst.incomplete += u64::from(found.is_none());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use robot::state::{Clock, Frame, Stamp, TipState};
+    use wire::message::Sample;
+
+    fn state(rig: &RigFile, at_s: f64) -> Waiting {
+        Waiting {
+            state: RobotState {
+                publisher: "test".into(),
+                sequence: None,
+                stamp: Stamp {
+                    clock: Clock::Virtual,
+                    t_ns: (at_s * 1e9) as i64,
+                },
+                received: None,
+                joints: None,
+                tip: Some(TipState {
+                    frame: Frame::Rig,
+                    position_m: rig.workspace.center_m.into(),
+                    orientation_xyzw: None,
+                    velocity_m_per_s: None,
+                    angular_velocity_rad_per_s: None,
+                }),
+                force: None,
+                operating: None,
+            },
+            board_s: at_s,
+            sync_error_s: 1e-6,
+            commanded_n: Vector3::zeros(),
+            saturated: false,
+            truth: None,
+        }
+    }
+
+    fn sample(unit: u8, t_s: f64, cell_n: f64) -> TimedSample {
+        TimedSample {
+            t_us: (t_s * 1e6).round() as u64,
+            sample: Sample {
+                unit,
+                adc_code: (cell_n / 6.85e-6).round() as i32,
+                ..Sample::default()
+            },
+        }
+    }
+
+    #[test]
+    fn tensions_are_interpolated_at_the_time_of_the_state_and_the_filter_s_delay_is_taken_off() {
+        let rig = RigFile::built_in().unwrap();
+        let configs = rig.units.map(|unit| unit.to_wire());
+        let mut joiner = Joiner::new(&rig, &configs, 1.0, 4, 1);
+        // Each cell's force rises by its number of N per second; units are sampled one after another.
+        for n in 0..400 {
+            for unit in 0..UNITS as u8 {
+                let t = f64::from(n) * 0.003_125 + f64::from(unit) * 4e-4;
+                let true_at = t - CELL_DELAY_S;
+                joiner.samples(&[sample(unit, t, 2.0 + f64::from(unit + 1) * true_at)]);
+            }
+        }
+        joiner.state(state(&rig, 1.1));
+        joiner.join(1.2, false);
+        assert_eq!(joiner.rows.rows(), 1);
+        let get = |name: &str| joiner.rows.column(name).unwrap()[0];
+        assert!((get("t_s") - 0.1).abs() < 1e-12);
+        for (i, unit) in rig.units.iter().enumerate() {
+            let (_, cosine) = unit.cable_at(rig.workspace.center_m).unwrap();
+            let wanted = (2.0 + (i + 1) as f64 * 1.1) / cosine;
+            let found = get(&format!("tension_{}_n", i + 1));
+            assert!((found - wanted).abs() < 2e-4, "{found} {wanted}");
+        }
+        assert!(get("force_age_s") <= 0.5 * 0.003_125 + 1e-6);
+        assert_eq!((get("quality"), get("trial")), (1.0, 4.0));
+        assert!(get("joint_position_1").is_nan());
+    }
+
+    #[test]
+    fn a_gap_of_samples_gives_a_row_without_force_and_none_is_lost() {
+        let rig = RigFile::built_in().unwrap();
+        let configs = rig.units.map(|unit| unit.to_wire());
+        let mut joiner = Joiner::new(&rig, &configs, 0.0, 1, 1);
+        for n in (0..100).chain(140..160) {
+            for unit in 0..UNITS as u8 {
+                joiner.samples(&[sample(unit, f64::from(n) * 0.003_125, 2.0)]);
+            }
+        }
+        for at in [0.2, 0.36, 0.45, 0.6] {
+            joiner.state(state(&rig, at));
+        }
+        joiner.join(0.5, false);
+        // The last one still waits for its samples.
+        assert_eq!(joiner.rows.rows(), 3);
+        joiner.join(0.6, true);
+        assert_eq!(joiner.rows.column("quality").unwrap(), [1.0, 0.0, 1.0, 0.0]);
+        assert_eq!(joiner.worst.incomplete, 2);
+        assert!(joiner.rows.column("force_y_n").unwrap()[1].is_nan());
+    }
+}

@@ -1,0 +1,513 @@
+//! A robot's log joined with a recording by time: one row for each row of the log, with the forces interpolated to its time.
+//!
+//! The error of the join in each row is the largest error in time: that of the board's clock against the host's, and of
+//! the log's own time where it is given. The force changes meanwhile by less than `join_error_n`, which takes the steepest
+//! change of the force within that time from the recording itself.
+
+use super::parquet::{Columns, Output};
+use super::read::{mcap_of, Entry, Reader};
+use super::rows::{CycleRow, SampleRow};
+use super::table::{Cell, Kind, Row};
+use super::times::Clocks;
+use super::RecordError;
+use ::parquet::file::reader::{FileReader, SerializedFileReader};
+use ::parquet::record::Field;
+use serde::Serialize;
+use std::path::Path;
+use wire::UNITS;
+
+/// A recorded row further away than this, s, is not used for a row of the log.
+const GAP_MAX_S: f64 = 0.05;
+
+/// What to join.
+#[derive(Debug)]
+pub struct Merge<'a> {
+    /// MCAP file or its folder.
+    pub recording: &'a Path,
+    /// The robot's log, CSV or Parquet.
+    pub log: &'a Path,
+    /// Its column with the time, or two with a plus between.
+    pub time: &'a str,
+    /// Added to the log's time, s.
+    pub shift_s: f64,
+    /// Largest error of the log's time, s.
+    pub log_error_s: f64,
+    /// Parquet file to write.
+    pub out: &'a Path,
+}
+
+/// What was joined.
+#[derive(Debug, Clone, PartialEq, Default, Serialize)]
+pub struct Merged {
+    /// Rows of the log.
+    pub rows: u64,
+    /// Rows with forces.
+    pub joined: u64,
+    /// Rows before or after the recording, or in a gap of it.
+    pub outside: u64,
+    /// Largest error in time of a joined row, s; `null` where the recording does not know its clocks.
+    pub error_max_s: Option<f64>,
+    /// Median of it, s.
+    pub error_median_s: Option<f64>,
+    /// Median of the force that this error may be worth, N.
+    pub error_median_n: Option<f64>,
+    /// Largest distance to a recorded cycle, s.
+    pub distance_max_s: f64,
+    /// What to look at.
+    pub warnings: Vec<String>,
+}
+
+impl std::fmt::Display for Merged {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let ms = |s: Option<f64>| {
+            s.map_or_else(|| "unknown".to_owned(), |s| format!("{:.3} ms", s * 1e3))
+        };
+        writeln!(
+            f,
+            "{} of {} rows joined, {} outside of the recording",
+            self.joined, self.rows, self.outside
+        )?;
+        writeln!(
+            f,
+            "error of the join: {} median, {} at most; worth {} N of force (median)",
+            ms(self.error_median_s),
+            ms(self.error_max_s),
+            self.error_median_n
+                .map_or_else(|| "unknown".to_owned(), |n| format!("{n:.4}"))
+        )?;
+        writeln!(
+            f,
+            "distance to the next recorded cycle: {:.3} ms at most",
+            self.distance_max_s * 1e3
+        )
+    }
+}
+
+/// Values over time, in order of it.
+#[derive(Debug, Default)]
+struct Track<const N: usize> {
+    utc_ns: Vec<u64>,
+    values: Vec<[f64; N]>,
+}
+
+impl<const N: usize> Track<N> {
+    fn push(&mut self, utc_ns: u64, values: [f64; N]) {
+        // Better clocks may exchange two rows; time does not go back.
+        let utc_ns = utc_ns.max(self.utc_ns.last().copied().unwrap_or(0));
+        self.utc_ns.push(utc_ns);
+        self.values.push(values);
+    }
+
+    /// Interpolated to a time, with the distance to the nearest row, s; `None` outside and in a gap.
+    fn at(&self, utc_ns: u64) -> Option<([f64; N], f64)> {
+        let after = self.utc_ns.partition_point(|at| *at <= utc_ns);
+        let before = after.checked_sub(1)?;
+        let (t0, v0) = (self.utc_ns[before], self.values[before]);
+        let since_s = (utc_ns - t0) as f64 * 1e-9;
+        let Some((t1, v1)) = self.utc_ns.get(after).zip(self.values.get(after)) else {
+            // The very last row.
+            return (since_s == 0.0).then_some((v0, 0.0));
+        };
+        let span_s = (t1 - t0) as f64 * 1e-9;
+        if span_s > GAP_MAX_S {
+            return None;
+        }
+        let share = since_s / span_s;
+        let value = std::array::from_fn(|i| v0[i] + share * (v1[i] - v0[i]));
+        Some((value, since_s.min(span_s - since_s)))
+    }
+
+    /// Steepest change of a part of the values around a time, 1/s.
+    fn slope(&self, utc_ns: u64, part: std::ops::Range<usize>) -> f64 {
+        let middle = self.utc_ns.partition_point(|at| *at <= utc_ns);
+        let first = middle.saturating_sub(2);
+        let last = (middle + 2).min(self.utc_ns.len());
+        (first + 1..last)
+            .map(|k| {
+                let passed_s = (self.utc_ns[k] - self.utc_ns[k - 1]) as f64 * 1e-9;
+                let change: f64 = part
+                    .clone()
+                    .map(|i| (self.values[k][i] - self.values[k - 1][i]).powi(2))
+                    .sum();
+                if passed_s > 0.0 {
+                    change.sqrt() / passed_s
+                } else {
+                    0.0
+                }
+            })
+            .fold(0.0, f64::max)
+    }
+}
+
+/// Forces, tensions and phases of a recording over time.
+struct Recorded {
+    clocks: Clocks,
+    /// Tip (3), commanded force (3), estimated force (3), applied force (3, NaN where it is not known).
+    cycles: Track<12>,
+    /// Tension and force of the load cell.
+    units: [Track<2>; UNITS],
+    phases: Vec<(u64, String)>,
+}
+
+impl Recorded {
+    fn read(path: &Path) -> Result<Self, RecordError> {
+        let (clocks, _) = Clocks::read(path)?;
+        let mut recorded = Self {
+            clocks,
+            cycles: Track::default(),
+            units: Default::default(),
+            phases: Vec::new(),
+        };
+        for entry in Reader::open(path)? {
+            let Entry::Message { topic, data, .. } = entry else {
+                continue;
+            };
+            if topic == CycleRow::TABLE.topic {
+                if let Ok(row) = serde_json::from_slice::<CycleRow>(&data) {
+                    recorded.cycle(&row);
+                }
+            } else if topic == SampleRow::TABLE.topic {
+                if let Ok(row) = serde_json::from_slice::<SampleRow>(&data) {
+                    let utc_ns = recorded.clocks.of_board(row.board_s).utc.ns();
+                    if let Some(unit) = recorded.units.get_mut(row.unit as usize - 1) {
+                        unit.push(utc_ns, [row.tension_n, row.load_cell_n]);
+                    }
+                }
+            }
+        }
+        Ok(recorded)
+    }
+
+    fn cycle(&mut self, row: &CycleRow) {
+        let utc_ns = self.clocks.of_host(row.host_s).utc.ns();
+        let applied = row.applied_n.unwrap_or([f64::NAN; 3]);
+        let mut values = [0.0; 12];
+        let parts = [row.tip_m, row.commanded_n, row.estimated_n, applied];
+        for (slot, value) in values.iter_mut().zip(parts.iter().flatten()) {
+            *slot = *value;
+        }
+        self.cycles.push(utc_ns, values);
+        if self
+            .phases
+            .last()
+            .is_none_or(|(_, phase)| *phase != row.phase)
+        {
+            self.phases.push((utc_ns, row.phase.clone()));
+        }
+    }
+}
+
+/// Columns that the join adds.
+const ADDED: [(&str, Kind); 29] = [
+    ("rig_utc", Kind::Timestamp),
+    ("rig_host_s", Kind::Double),
+    ("rig_board_s", Kind::Double),
+    ("rig_phase", Kind::Text),
+    ("rig_tip_m_x", Kind::Double),
+    ("rig_tip_m_y", Kind::Double),
+    ("rig_tip_m_z", Kind::Double),
+    ("rig_commanded_n_x", Kind::Double),
+    ("rig_commanded_n_y", Kind::Double),
+    ("rig_commanded_n_z", Kind::Double),
+    ("rig_estimated_n_x", Kind::Double),
+    ("rig_estimated_n_y", Kind::Double),
+    ("rig_estimated_n_z", Kind::Double),
+    ("rig_tension_n_1", Kind::Double),
+    ("rig_tension_n_2", Kind::Double),
+    ("rig_tension_n_3", Kind::Double),
+    ("rig_tension_n_4", Kind::Double),
+    ("rig_tension_n_5", Kind::Double),
+    ("rig_tension_n_6", Kind::Double),
+    ("rig_load_cell_n_1", Kind::Double),
+    ("rig_load_cell_n_2", Kind::Double),
+    ("rig_load_cell_n_3", Kind::Double),
+    ("rig_load_cell_n_4", Kind::Double),
+    ("rig_load_cell_n_5", Kind::Double),
+    ("rig_load_cell_n_6", Kind::Double),
+    ("join_distance_s", Kind::Double),
+    ("join_error_s", Kind::Double),
+    ("join_error_n", Kind::Double),
+    ("log_utc", Kind::Timestamp),
+];
+
+/// Joins a log with a recording.
+///
+/// # Errors
+/// A file can't be read or written, or the log has no such column of times.
+pub fn merge(options: &Merge<'_>) -> Result<Merged, RecordError> {
+    let log = Log::read(options.log)?;
+    let times = log.times(options)?;
+    let recorded = Recorded::read(&mcap_of(options.recording))?;
+    let columns: Columns = log
+        .names
+        .iter()
+        .map(|name| (name.clone(), Kind::Text, true))
+        .zip(&log.numeric)
+        .map(|((name, kind, optional), numeric)| {
+            (name, if *numeric { Kind::Double } else { kind }, optional)
+        })
+        .chain(ADDED.map(|(name, kind)| (name.to_owned(), kind, true)))
+        .collect();
+    let mut output = Output::with_columns(options.out, columns)?;
+    let mut merged = Merged::default();
+    let (mut errors_s, mut errors_n) = (Vec::new(), Vec::new());
+    for (row, utc_ns) in log.rows.iter().zip(times) {
+        let mut cells: Vec<Cell> = row.clone();
+        merged.rows += 1;
+        match joined(&recorded, utc_ns, options.log_error_s) {
+            None => {
+                merged.outside += 1;
+                cells.extend(ADDED[1..].iter().map(|_| Cell::Null));
+            }
+            Some(join) => {
+                merged.joined += 1;
+                merged.distance_max_s = merged.distance_max_s.max(join.distance_s);
+                errors_s.extend(join.error_s);
+                errors_n.extend(join.error_n);
+                cells.extend(join.cells);
+            }
+        }
+        cells.push(Cell::Int64(utc_ns as i64));
+        output.push(cells)?;
+    }
+    output.finish(&std::collections::BTreeMap::new())?;
+    errors_s.sort_by(f64::total_cmp);
+    errors_n.sort_by(f64::total_cmp);
+    merged.error_max_s = errors_s.last().copied();
+    merged.error_median_s = errors_s.get(errors_s.len() / 2).copied();
+    merged.error_median_n = errors_n.get(errors_n.len() / 2).copied();
+    if merged.joined == 0 {
+        merged.warnings.push(format!(
+            "no row of {} is within the recording: check the time column and `--shift`",
+            options.log.display()
+        ));
+    }
+    Ok(merged)
+}
+
+/// What a row of the log gets.
+struct Join {
+    cells: Vec<Cell>,
+    distance_s: f64,
+    error_s: Option<f64>,
+    error_n: Option<f64>,
+}
+
+fn joined(recorded: &Recorded, utc_ns: u64, log_error_s: f64) -> Option<Join> {
+    let (cycle, distance_s) = recorded.cycles.at(utc_ns)?;
+    let times = recorded.clocks.of_utc(utc_ns);
+    let error_s = recorded
+        .clocks
+        .at(times.board_s * 1e6)
+        .map(|estimate| estimate.uncertainty_ns * 1e-9 + log_error_s)
+        .filter(|error| error.is_finite());
+    let error_n = error_s.map(|error_s| error_s * recorded.cycles.slope(utc_ns, 6..9));
+    let phase = recorded
+        .phases
+        .iter()
+        .rfind(|(at, _)| *at <= utc_ns)
+        .map_or(Cell::Null, |(_, phase)| Cell::Text(phase.clone()));
+    let optional = |value: Option<f64>| value.map_or(Cell::Null, Cell::Double);
+    let mut cells = vec![
+        Cell::Int64(utc_ns as i64),
+        Cell::Double(times.host_s),
+        Cell::Double(times.board_s),
+        phase,
+    ];
+    cells.extend(cycle[..9].iter().map(|value| Cell::Double(*value)));
+    let units: Vec<_> = recorded.units.iter().map(|unit| unit.at(utc_ns)).collect();
+    for part in 0..2 {
+        cells.extend(
+            units
+                .iter()
+                .map(|unit| optional(unit.map(|(values, _)| values[part]))),
+        );
+    }
+    cells.extend([
+        Cell::Double(distance_s),
+        optional(error_s),
+        optional(error_n),
+    ]);
+    // `log_utc` comes after these, also where nothing was joined.
+    Some(Join {
+        cells,
+        distance_s,
+        error_s,
+        error_n,
+    })
+}
+
+/// A robot's log.
+struct Log {
+    names: Vec<String>,
+    /// Whether a column holds numbers.
+    numeric: Vec<bool>,
+    rows: Vec<Vec<Cell>>,
+    path: String,
+}
+
+impl Log {
+    fn read(path: &Path) -> Result<Self, RecordError> {
+        let parquet = path.extension().is_some_and(|ext| ext == "parquet");
+        let (names, texts) = if parquet {
+            parquet_rows(path)?
+        } else {
+            csv_rows(path)?
+        };
+        let numeric: Vec<bool> = (0..names.len())
+            .map(|k| {
+                texts
+                    .iter()
+                    .all(|row| row[k].trim().is_empty() || row[k].trim().parse::<f64>().is_ok())
+            })
+            .collect();
+        let rows = texts
+            .into_iter()
+            .map(|row| {
+                row.into_iter()
+                    .zip(&numeric)
+                    .map(|(text, numeric)| match text.trim() {
+                        "" => Cell::Null,
+                        number if *numeric => number.parse().map_or(Cell::Null, Cell::Double),
+                        _ => Cell::Text(text),
+                    })
+                    .collect()
+            })
+            .collect();
+        Ok(Self {
+            names,
+            numeric,
+            rows,
+            path: path.display().to_string(),
+        })
+    }
+
+    fn column(&self, name: &str) -> Result<usize, RecordError> {
+        self.names
+            .iter()
+            .position(|n| n == name)
+            .ok_or_else(|| RecordError {
+                path: self.path.clone(),
+                cause: format!(
+                    "it has no column `{name}`; its columns: {}",
+                    self.names.join(", ")
+                ),
+                advice: "name the column with the time",
+            })
+    }
+
+    /// UTC of each row, ns since 1970.
+    fn times(&self, options: &Merge<'_>) -> Result<Vec<u64>, RecordError> {
+        let shift_ns = (options.shift_s * 1e9) as i64;
+        let columns: Vec<usize> = options
+            .time
+            .split('+')
+            .map(|name| self.column(name.trim()))
+            .collect::<Result<_, _>>()?;
+        self.rows
+            .iter()
+            .enumerate()
+            .map(|(n, row)| {
+                let cells: Vec<&Cell> = columns.iter().map(|k| &row[*k]).collect();
+                utc_ns(&cells)
+                    .and_then(|ns| u64::try_from(ns + shift_ns).ok())
+                    .ok_or_else(|| RecordError {
+                        path: self.path.clone(),
+                        cause: format!(
+                            "row {} has no time in `{}` that is a UTC of this century: {:?}",
+                            n + 1,
+                            options.time,
+                            cells
+                        ),
+                        advice: "give UTC or ROS time (s, ms, us or ns since 1970, or RFC 3339); a time since the start of the log can't be joined",
+                    })
+            })
+            .collect()
+    }
+}
+
+/// UTC of a cell, or of seconds and nanoseconds, ns since 1970.
+fn utc_ns(cells: &[&Cell]) -> Option<i64> {
+    /// 2000 and 2100, s since 1970.
+    const CENTURY: std::ops::Range<f64> = 946_684_800.0..4_102_444_800.0;
+    match cells {
+        [Cell::Double(secs), Cell::Double(nsecs)] if CENTURY.contains(secs) => {
+            Some(*secs as i64 * 1_000_000_000 + *nsecs as i64)
+        }
+        [Cell::Double(value)] => [1e9, 1e6, 1e3, 1.0]
+            .iter()
+            .find(|scale| CENTURY.contains(&(value * *scale * 1e-9)))
+            .map(|scale| {
+                // A double of seconds is good to 0.2 us: whole seconds and the rest apart.
+                let per_second = 1e9 / scale;
+                let whole = (value / per_second).floor();
+                whole as i64 * 1_000_000_000 + ((value - whole * per_second) * scale).round() as i64
+            }),
+        [Cell::Text(text)] => {
+            let time = humantime::parse_rfc3339_weak(text.trim()).ok()?;
+            let passed = time.duration_since(std::time::UNIX_EPOCH).ok()?;
+            i64::try_from(passed.as_nanos()).ok()
+        }
+        _ => None,
+    }
+}
+
+type Texts = (Vec<String>, Vec<Vec<String>>);
+
+fn csv_rows(path: &Path) -> Result<Texts, RecordError> {
+    let unreadable = |error: csv::Error| RecordError {
+        path: path.display().to_string(),
+        cause: error.to_string(),
+        advice: "give a CSV file with a header line, or Parquet",
+    };
+    let mut reader = csv::Reader::from_path(path).map_err(unreadable)?;
+    let names = reader.headers().map_err(unreadable)?;
+    let names = names.iter().map(|name| name.trim().to_owned()).collect();
+    let rows = reader
+        .records()
+        .map(|record| Ok(record?.iter().map(str::to_owned).collect()))
+        .collect::<Result<_, csv::Error>>()
+        .map_err(unreadable)?;
+    Ok((names, rows))
+}
+
+fn parquet_rows(path: &Path) -> Result<Texts, RecordError> {
+    let unreadable = |error: &dyn std::fmt::Display| RecordError {
+        path: path.display().to_string(),
+        cause: error.to_string(),
+        advice: "give a Parquet file with flat columns, or CSV",
+    };
+    let file = std::fs::File::open(path).map_err(|error| unreadable(&error))?;
+    let reader = SerializedFileReader::new(file).map_err(|error| unreadable(&error))?;
+    let schema = reader.metadata().file_metadata().schema_descr();
+    let names = schema
+        .columns()
+        .iter()
+        .map(|column| column.name().to_owned())
+        .collect();
+    let mut rows = Vec::new();
+    for row in reader
+        .get_row_iter(None)
+        .map_err(|error| unreadable(&error))?
+    {
+        let row = row.map_err(|error| unreadable(&error))?;
+        rows.push(
+            row.get_column_iter()
+                .map(|(_, field)| text_of(field))
+                .collect(),
+        );
+    }
+    Ok((names, rows))
+}
+
+/// A value as text; a number with all of its digits.
+fn text_of(field: &Field) -> String {
+    match field {
+        Field::Null => String::new(),
+        Field::Str(text) => text.clone(),
+        Field::Double(value) => format!("{value:?}"),
+        Field::Float(value) => format!("{value:?}"),
+        Field::TimestampMillis(value) | Field::TimestampMicros(value) => value.to_string(),
+        other => other.to_string(),
+    }
+}

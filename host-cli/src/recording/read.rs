@@ -1,0 +1,191 @@
+//! Reading a recording's MCAP file from start to end, complete or cut off in the middle.
+
+use super::{RecordError, MCAP_FILE};
+use mcap::records::Record;
+use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
+use std::collections::{BTreeMap, HashMap};
+use std::fs::File;
+use std::io::Read;
+use std::path::{Path, PathBuf};
+
+/// Longest record that is believed, bytes: a chunk is below 2 MB.
+const RECORD_MAX: usize = 256 << 20;
+
+/// Something in the file.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Entry {
+    /// A message.
+    Message {
+        /// Its topic.
+        topic: String,
+        /// UTC of the event, ns since 1970.
+        log_time: u64,
+        /// JSON.
+        data: Vec<u8>,
+    },
+    /// A metadata record.
+    Metadata {
+        /// Name.
+        name: String,
+        /// Pairs.
+        pairs: BTreeMap<String, String>,
+    },
+    /// An attachment.
+    Attachment {
+        /// Name.
+        name: String,
+        /// Bytes.
+        data: Vec<u8>,
+    },
+}
+
+/// How the file ends.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum End {
+    /// It was not read to the end yet.
+    Unknown,
+    /// With its footer.
+    Complete,
+    /// In the middle: the recording was killed, or the disk was full. What came before was read.
+    CutOff,
+    /// It is damaged: why. What came before was read.
+    Damaged(String),
+}
+
+/// Reads entries one after the other.
+pub struct Reader {
+    file: File,
+    path: PathBuf,
+    reader: LinearReader,
+    topics: HashMap<u16, String>,
+    end: End,
+    footer: bool,
+}
+
+impl std::fmt::Debug for Reader {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Reader")
+            .field("path", &self.path)
+            .field("end", &self.end)
+            .finish_non_exhaustive()
+    }
+}
+
+/// The MCAP file of a recording that is named by file or folder.
+#[must_use]
+pub fn mcap_of(path: &Path) -> PathBuf {
+    if path.is_dir() {
+        path.join(MCAP_FILE)
+    } else {
+        path.to_owned()
+    }
+}
+
+impl Reader {
+    /// Opens a file.
+    ///
+    /// # Errors
+    /// It can't be opened.
+    pub fn open(path: &Path) -> Result<Self, RecordError> {
+        let file = File::open(path).map_err(|error| RecordError::unreadable(path, &error))?;
+        let options = LinearReaderOptions::default()
+            .with_prevalidate_chunk_crcs(true)
+            .with_validate_data_section_crc(true)
+            .with_validate_summary_section_crc(true)
+            .with_record_length_limit(RECORD_MAX);
+        Ok(Self {
+            file,
+            path: path.to_owned(),
+            reader: LinearReader::new_with_options(options),
+            topics: HashMap::new(),
+            end: End::Unknown,
+            footer: false,
+        })
+    }
+
+    /// How the file ends, once it was read.
+    #[must_use]
+    pub const fn end(&self) -> &End {
+        &self.end
+    }
+
+    /// The next record that says something.
+    fn advance(&mut self) -> Result<Option<Entry>, mcap::McapError> {
+        while let Some(event) = self.reader.next_event() {
+            match event? {
+                LinearReadEvent::ReadRequest(need) => {
+                    let read = loop {
+                        match self.file.read(self.reader.insert(need)) {
+                            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
+                            other => break other?,
+                        }
+                    };
+                    self.reader.notify_read(read);
+                }
+                LinearReadEvent::Record { data, opcode } => {
+                    let entry = match mcap::parse_record(opcode, data)? {
+                        Record::Channel(channel) => {
+                            self.topics.insert(channel.id, channel.topic);
+                            None
+                        }
+                        Record::Message { header, data } => Some(Entry::Message {
+                            topic: self
+                                .topics
+                                .get(&header.channel_id)
+                                .cloned()
+                                .unwrap_or_default(),
+                            log_time: header.log_time,
+                            data: data.into_owned(),
+                        }),
+                        Record::Metadata(metadata) => Some(Entry::Metadata {
+                            name: metadata.name,
+                            pairs: metadata.metadata,
+                        }),
+                        Record::Attachment { header, data, .. } => Some(Entry::Attachment {
+                            name: header.name,
+                            data: data.into_owned(),
+                        }),
+                        Record::Footer(_) => {
+                            self.footer = true;
+                            None
+                        }
+                        _ => None,
+                    };
+                    if entry.is_some() {
+                        return Ok(entry);
+                    }
+                }
+            }
+        }
+        Ok(None)
+    }
+}
+
+impl Iterator for Reader {
+    type Item = Entry;
+
+    fn next(&mut self) -> Option<Entry> {
+        if self.end != End::Unknown {
+            return None;
+        }
+        match self.advance() {
+            Ok(Some(entry)) => Some(entry),
+            Ok(None) => {
+                self.end = if self.footer {
+                    End::Complete
+                } else {
+                    End::CutOff
+                };
+                None
+            }
+            Err(mcap::McapError::UnexpectedEof) => {
+                self.end = End::CutOff;
+                None
+            }
+            Err(error) => {
+                self.end = End::Damaged(error.to_string());
+                None
+            }
+        }
+    }
+}

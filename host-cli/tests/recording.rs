@@ -1,0 +1,321 @@
+//! Recordings of the program itself: killed, terminated, on a full disk, read by others.
+#![cfg(all(feature = "record", unix))]
+
+use host_cli::recording::check::check;
+use host_cli::recording::read::{End, Entry, Reader};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use tempfile::TempDir;
+
+fn forcectl(folder: &Path, arguments: &str) -> Command {
+    let mut command = Command::new(env!("CARGO_BIN_EXE_forcectl"));
+    command
+        .args(arguments.split_whitespace())
+        .current_dir(folder)
+        .stdin(Stdio::null())
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .env("FORCECTL_RUNTIME_DIR", folder.join("run"))
+        .env("FORCECTL_STATE_DIR", folder.join("state"));
+    command
+}
+
+fn folder() -> TempDir {
+    tempfile::tempdir().expect("a temporary folder")
+}
+
+/// A run that lasts, once its recording holds some chunks.
+fn recording(folder: &Path) -> Child {
+    let mut command = forcectl(
+        folder,
+        "set-force 0 1 0 --link fast --duration 3600 --record rec",
+    );
+    let child = command.spawn().expect("forcectl runs");
+    let mcap = folder.join("rec/run.mcap");
+    while std::fs::metadata(&mcap).map_or(0, |file| file.len()) < 100_000 {
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    }
+    child
+}
+
+fn signal(child: &Child, name: &str) {
+    let sent = Command::new("kill")
+        .args(["-s", name, &child.id().to_string()])
+        .status();
+    assert!(sent.expect("kill runs").success());
+}
+
+/// Samples in a file, and how it ends.
+fn read(path: &Path) -> (u64, End) {
+    let mut reader = Reader::open(path).expect("opens");
+    let samples = reader
+        .by_ref()
+        .filter(|entry| matches!(entry, Entry::Message { topic, .. } if topic == "/sample"))
+        .count();
+    (samples as u64, reader.end().clone())
+}
+
+fn run(folder: &Path, arguments: &str) -> (Option<i32>, String, String) {
+    let output = forcectl(folder, arguments).output().expect("forcectl runs");
+    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
+    (
+        output.status.code(),
+        text(&output.stdout),
+        text(&output.stderr),
+    )
+}
+
+/// Python with these modules: that of `FORCE_PYTHON`, else `python3`. Where one is missing, the test says so and does nothing.
+fn python(modules: &str) -> Option<PathBuf> {
+    let python = std::env::var_os("FORCE_PYTHON").map_or_else(|| "python3".into(), PathBuf::from);
+    let found = Command::new(&python)
+        .args(["-c", &format!("import {modules}")])
+        .stderr(Stdio::null())
+        .status();
+    let there = found.is_ok_and(|status| status.success());
+    if !there {
+        println!("skipped: {} has not all of {modules}", python.display());
+    }
+    there.then_some(python)
+}
+
+#[test]
+fn a_killed_run_leaves_all_but_its_last_chunk_to_every_reader() {
+    let folder = folder();
+    let mut child = recording(folder.path());
+    let mcap = folder.path().join("rec/run.mcap");
+    let (before, _) = read(&mcap);
+    child.kill().expect("killed");
+    child.wait().expect("ends");
+    let (samples, end) = read(&mcap);
+    assert_eq!(end, End::CutOff);
+    assert!(samples >= before && before > 0, "{samples} {before}");
+    assert!(folder.path().join("rec/configuration.json").is_file());
+    // The public reader of the crate `mcap`: all of it, then the error of the missing end.
+    let bytes = std::fs::read(&mcap).expect("is there");
+    let messages: Vec<_> = mcap::MessageStream::new(&bytes).expect("opens").collect();
+    let good = messages
+        .iter()
+        .flatten()
+        .filter(|message| message.channel.topic == "/sample")
+        .count();
+    assert_eq!(good as u64, samples);
+    // That of PyPI.
+    if let Some(python) = python("mcap, lz4") {
+        let script = "
+import sys
+from mcap.stream_reader import StreamReader
+from mcap.records import Channel, Message
+topics, samples = {}, 0
+try:
+    for record in StreamReader(open(sys.argv[1], 'rb')).records:
+        if isinstance(record, Channel): topics[record.id] = record.topic
+        if isinstance(record, Message): samples += topics[record.channel_id] == '/sample'
+except Exception as error:
+    print(type(error).__name__, file=sys.stderr)
+print(samples)
+";
+        let output = Command::new(python)
+            .args(["-c", script])
+            .arg(&mcap)
+            .output()
+            .expect("python runs");
+        let said = String::from_utf8_lossy(&output.stdout);
+        assert_eq!(said.trim(), samples.to_string(), "{output:?}");
+    }
+    // Parquet afterwards, and what the check says.
+    let (code, out, err) = run(folder.path(), "recording export rec");
+    assert_eq!(code, Some(6), "{out}{err}");
+    assert!(
+        out.contains(&format!("samples.parquet: {samples} rows")),
+        "{out}"
+    );
+    let checked = check(&folder.path().join("rec")).expect("reads");
+    assert_eq!(checked.end, "cut off");
+    let (code, out, err) = run(folder.path(), "recording check rec");
+    assert_eq!(code, Some(6), "{out}{err}");
+    assert!(out.contains("cut off"), "{out}");
+    // The folder holds rows: it is not used again.
+    let (code, _, err) = run(
+        folder.path(),
+        "set-force 0 1 0 --link fast --duration 1 --record rec",
+    );
+    assert_eq!(code, Some(7), "{err}");
+    assert!(err.contains("another folder"), "{err}");
+}
+
+#[test]
+fn a_signal_completes_every_file_and_a_second_one_keeps_the_chunks() {
+    for names in [&["TERM"][..], &["HUP"], &["TERM", "TERM"]] {
+        let folder = folder();
+        let mut child = recording(folder.path());
+        for name in names {
+            signal(&child, name);
+        }
+        child.wait().expect("ends");
+        let (samples, end) = read(&folder.path().join("rec/run.mcap"));
+        assert!(samples > 0, "{names:?}");
+        if names.len() == 1 {
+            assert_eq!(end, End::Complete, "{names:?}");
+            let (code, out, err) = run(folder.path(), "recording check rec");
+            assert_eq!(code, Some(0), "{out}{err}");
+            assert!(out.contains("Nothing is missing"), "{out}");
+        }
+    }
+}
+
+#[test]
+fn a_full_disk_ends_neither_the_run_nor_what_was_recorded() {
+    let folder = folder();
+    // A limit on the size of a file that acts as a full disk does: the write is refused.
+    let line = format!(
+        "trap '' XFSZ; ulimit -f 600; exec {} set-force 0 1 0 --link fast --duration 60 --out out --record rec",
+        env!("CARGO_BIN_EXE_forcectl")
+    );
+    let output = Command::new("bash")
+        .args(["-c", &line])
+        .current_dir(folder.path())
+        .env("FORCECTL_RUNTIME_DIR", folder.path().join("run"))
+        .env("FORCECTL_STATE_DIR", folder.path().join("state"))
+        .output()
+        .expect("bash runs");
+    let (out, err) = (
+        String::from_utf8_lossy(&output.stdout).into_owned(),
+        String::from_utf8_lossy(&output.stderr).into_owned(),
+    );
+    assert_eq!(output.status.code(), Some(7), "{out}{err}");
+    assert!(
+        out.contains("force at the tip, N"),
+        "the run went on: {out}"
+    );
+    assert!(err.contains("run.mcap"), "{err}");
+    assert!(folder.path().join("out/set-force.json").is_file());
+    let (samples, end) = read(&folder.path().join("rec/run.mcap"));
+    assert_eq!(end, End::CutOff);
+    assert!(samples > 0);
+    // Where there is room, the Parquet files can be written later.
+    let (code, out, err) = run(folder.path(), "recording export rec --out later");
+    assert_eq!(code, Some(6), "{out}{err}");
+    assert!(folder.path().join("later/samples.parquet").is_file());
+}
+
+#[test]
+fn a_log_is_joined_by_time_with_the_error_of_the_join() {
+    let folder = folder();
+    let (code, out, err) = run(
+        folder.path(),
+        "set-force 0 1.5 0 --link fast --duration 4 --record rec",
+    );
+    assert!(matches!(code, Some(0 | 6)), "{out}{err}");
+    let checked = check(&folder.path().join("rec")).expect("reads");
+    let holding = checked
+        .phases
+        .iter()
+        .find(|phase| phase.phase == "holding")
+        .expect("was held");
+    // A robot's log at 50 Hz: half of it before the recording.
+    let mut log = "secs,nsecs,q1,note\n".to_owned();
+    for n in 0..200 {
+        let t_s = holding.start_utc_s + 0.02 * f64::from(n) - 2.0;
+        let before = if n < 100 { 3600.0 } else { 0.0 };
+        let secs = (t_s - before).floor();
+        let nsecs = ((t_s - before - secs) * 1e9).floor();
+        log += &format!("{secs},{nsecs},{},x\n", 0.1 * f64::from(n));
+    }
+    std::fs::write(folder.path().join("robot.csv"), log).expect("written");
+    let (code, out, err) = run(
+        folder.path(),
+        "recording merge rec --log robot.csv --time secs+nsecs --out joined.parquet --json",
+    );
+    assert_eq!(code, Some(0), "{out}{err}");
+    let merged: serde_json::Value = serde_json::from_str(&out).expect("JSON");
+    assert_eq!(merged["joined"], 100, "{out}");
+    assert_eq!(merged["outside"], 100, "{out}");
+    let error_s = merged["error_max_s"].as_f64().expect("is known");
+    assert!(error_s > 0.0 && error_s < 2e-3, "{error_s}");
+    // Another column of time.
+    let (code, _, err) = run(
+        folder.path(),
+        "recording merge rec --log robot.csv --time q1 --out joined.parquet",
+    );
+    assert_eq!(code, Some(7), "{err}");
+    assert!(err.contains("row 1 has no time"), "{err}");
+}
+
+/// The commands of a fence of docs/recordings.md after a marker.
+fn fenced(marker: &str) -> String {
+    let page = std::fs::read_to_string(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/recordings.md"),
+    )
+    .expect("the page is there");
+    let after = page.split_once(marker).expect("the marker is there").1;
+    let code = after.split_once("```python\n").expect("a fence").1;
+    code.split_once("```").expect("its end").0.to_owned()
+}
+
+#[test]
+fn the_ten_lines_of_pandas_in_the_documents_plot_a_run() {
+    let script = fenced("<!-- test: plot -->");
+    assert!(script.trim().lines().count() <= 10, "{script}");
+    let Some(python) = python("pandas, pyarrow, matplotlib") else {
+        return;
+    };
+    let folder = folder();
+    let (code, out, err) = run(
+        folder.path(),
+        "set-force 0 1.5 0 --link fast --duration 2 --record recording",
+    );
+    assert!(matches!(code, Some(0 | 6)), "{out}{err}");
+    let output = Command::new(python)
+        .args(["-c", &script])
+        .current_dir(folder.path())
+        .env("MPLBACKEND", "Agg")
+        .env("MPLCONFIGDIR", folder.path().join("matplotlib"))
+        .output()
+        .expect("python runs");
+    assert!(output.status.success(), "{output:?}");
+    let picture = std::fs::read(folder.path().join("run.png")).expect("is there");
+    assert!(picture.starts_with(b"\x89PNG"));
+}
+
+#[test]
+fn the_documents_list_every_column_with_its_unit() {
+    let page = std::fs::read_to_string(
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/recordings.md"),
+    )
+    .expect("the page is there");
+    let page: Vec<&str> = page.lines().collect();
+    let mut rows = 0;
+    for table in host_cli::recording::TABLES {
+        let title = format!("### `{}`, topic `{}`", table.file, table.topic);
+        let start = page.iter().position(|line| *line == title);
+        let start = start.unwrap_or_else(|| panic!("docs/recordings.md lacks: {title}"));
+        for field in table.fields {
+            let names: Vec<String> = field.columns().map(|name| format!("`{name}`")).collect();
+            let name = match names.as_slice() {
+                [one] => one.clone(),
+                several => format!("{} to {}", several[0], several[several.len() - 1]),
+            };
+            let missing = if field.optional {
+                "; may be missing"
+            } else {
+                ""
+            };
+            let row = format!(
+                "| {name} | {} | {} | {}{missing} |",
+                field.unit,
+                field.kind.name(),
+                field.meaning
+            );
+            assert!(
+                page[start..].contains(&row.as_str()),
+                "docs/recordings.md lacks, below {title}:\n{row}"
+            );
+            rows += 1;
+        }
+    }
+    let in_page = page
+        .iter()
+        .filter(|line| line.starts_with("| `") && line.matches(" | ").count() == 3);
+    assert_eq!(in_page.count(), rows, "rows of columns that are not there");
+}
