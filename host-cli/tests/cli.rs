@@ -94,7 +94,7 @@ fn rig_files(folder: &Path) {
 
 /// A minimal call of each command that is not refused for its arguments, and the options that it has beside those of
 /// every command.
-const COMMANDS: [(&str, &[&str]); 20] = [
+const COMMANDS: [(&str, &[&str]); 24] = [
     (
         "set-force 0 1 0",
         &[
@@ -130,6 +130,18 @@ const COMMANDS: [(&str, &[&str]); 20] = [
         ],
     ),
     ("zero", &["--link", "--rig", "--direct", "--replace"]),
+    (
+        "calibrate show",
+        &[
+            "--link", "--rig", "--direct", "--seed", "--plant", "--paced",
+        ],
+    ),
+    (
+        "workspace --rig good.toml",
+        &[
+            "--link", "--rig", "--direct", "--seed", "--plant", "--paced", "--out",
+        ],
+    ),
     (
         "rig",
         &[
@@ -187,6 +199,8 @@ const COMMANDS: [(&str, &[&str]); 20] = [
             "--duration",
         ],
     ),
+    ("recording check samples", &[]),
+    ("experiment check none.toml", &["--print"]),
     (
         "residual --data logs --model none.toml --out found",
         &["--data", "--model", "--out", "--apply", "--increment"],

@@ -369,7 +369,7 @@ impl Data {
         line!(text, "# Report: {}\n", experiment.name);
         line!(
             text,
-            "`forcectl experiment` has written this page: {} of {} trials of {} min, seed {}, {} rows at {} Hz, {} attempts kept and \
+            "`forcectl experiment report` has written this page: {} of {} trials of {} min, seed {}, {} rows at {} Hz, {} attempts kept and \
              not used.\n",
             card.good().len(),
             experiment.trials,
