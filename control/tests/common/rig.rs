@@ -131,6 +131,33 @@ impl Rig {
 
     /// One plant step; `seen` gets unit, code and the unit's controller output of each sample.
     pub fn advance(&mut self, mut seen: impl FnMut(usize, AdcCode, &Output)) {
+        for sample in self.sample() {
+            let unit = &mut self.units[sample.unit];
+            let input = Input {
+                adc_code: sample.code,
+                encoder_counts: sample.counts,
+                at: Micros((self.step * STEP_US) as u32),
+                setpoint: Setpoint {
+                    tension: Newton::from_un((unit.setpoint_n * 1e6) as i32),
+                    inv_cos: sample.inv_cos,
+                },
+                drive: unit.drive,
+            };
+            unit.output = Controller::step(&unit.config, &mut unit.state, input);
+            let volts = f64::from(unit.output.dac.steps()) * 10.0 / 32_768.0;
+            seen(sample.unit, sample.code, &unit.output);
+            // 0.2 ms from DRDY to the DAC.
+            self.apply(sample.unit, volts, 4);
+        }
+    }
+
+    /// Lets an amplifier have a voltage so many plant steps from now.
+    pub fn apply(&mut self, unit: usize, volts: f64, after_steps: u64) {
+        self.units[unit].pending = Some((self.step + after_steps, volts));
+    }
+
+    /// One plant step; returns the samples that are ready after it.
+    pub fn sample(&mut self) -> Vec<Sample> {
         self.step += 1;
         let now = self.step;
         for (i, unit) in self.units.iter_mut().enumerate() {
@@ -142,6 +169,7 @@ impl Rig {
             }
         }
         self.plant.advance_to(now * STEP_US * 1_000);
+        let mut samples = Vec::new();
         for (i, unit) in self.units.iter_mut().enumerate() {
             let bridge = self.plant.bridge_v_per_v(i);
             let c = &mut unit.converter;
@@ -167,34 +195,34 @@ impl Rig {
                     code += if spikes.unit() < 0.5 { size } else { -size } as i32;
                 }
             }
-            let code = AdcCode::new(code);
             let cos = self.plant.cell_force_n(i) / self.plant.tension_n(i);
             let inv_cos = if cos.is_finite() {
                 (65_536.0 / cos) as i32
             } else {
                 65_536
             };
-            let input = Input {
-                adc_code: code,
-                encoder_counts: EncoderCounts(self.plant.encoder_counts(i)),
-                at: Micros((now * STEP_US) as u32),
-                setpoint: Setpoint {
-                    tension: Newton::from_un((unit.setpoint_n * 1e6) as i32),
-                    inv_cos: InvCos::from_q16(inv_cos),
-                },
-                drive: unit.drive,
-            };
-            unit.output = Controller::step(&unit.config, &mut unit.state, input);
-            let volts = f64::from(unit.output.dac.steps()) * 10.0 / 32_768.0;
-            // 0.2 ms from DRDY to the DAC.
-            unit.pending = Some((now + 4, volts));
-            seen(i, code, &unit.output);
+            samples.push(Sample {
+                unit: i,
+                code: AdcCode::new(code),
+                counts: EncoderCounts(self.plant.encoder_counts(i)),
+                inv_cos: InvCos::from_q16(inv_cos),
+            });
         }
+        samples
     }
 
     pub fn time_s(&self) -> f64 {
         (self.step * STEP_US) as f64 * 1e-6
     }
+}
+
+/// A conversion and what goes with it.
+#[derive(Debug, Clone, Copy)]
+pub struct Sample {
+    pub unit: usize,
+    pub code: AdcCode,
+    pub counts: EncoderCounts,
+    pub inv_cos: InvCos,
 }
 
 /// Root mean square and largest tension error per unit over `seconds` while the tip moves, after a settling

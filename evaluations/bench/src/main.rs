@@ -4,6 +4,7 @@
 //! allocation's solve, of a stop over the service and of the emulation's speed; they depend on the machine.
 
 mod computation;
+mod controllers;
 mod figures;
 mod holding;
 mod page;
@@ -12,12 +13,13 @@ mod sample_path;
 mod stopping;
 
 use computation::{allocation, fixed_point};
+use controllers::controllers;
 use figures::Figures;
 use holding::holding;
 use page::page;
 use sample_path::sample_path;
 use serde_json::{Map, Value};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use stopping::stopping;
 
@@ -82,6 +84,7 @@ fn bench(arguments: &Arguments) -> Result<(), String> {
     sample_path(&mut figures, if arguments.quick { 20 } else { 600 })?;
     fixed_point(&mut figures)?;
     holding(&mut figures)?;
+    let comparison = controllers(&mut figures);
     stopping(&mut figures)?;
     allocation(&mut figures, if arguments.quick { 5_000 } else { 100_000 })?;
     let mut object = Map::new();
@@ -96,8 +99,14 @@ fn bench(arguments: &Arguments) -> Result<(), String> {
     write(&arguments.out, json + "\n")?;
     println!("written to {}", arguments.out.display());
     if let Some(path) = &arguments.markdown {
-        write(path, page(&figures, arguments.quick))?;
+        let picture = Path::new("images/reversal.svg");
+        let text =
+            page(&figures, arguments.quick) + &comparison.section(&picture.to_string_lossy());
+        write(path, text)?;
         println!("written to {}", path.display());
+        let picture = path.with_file_name("").join(picture);
+        write(&picture, comparison.picture())?;
+        println!("written to {}", picture.display());
     }
     Ok(())
 }

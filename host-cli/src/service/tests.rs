@@ -13,7 +13,7 @@ use crate::run::{
 use crate::session::Session;
 use stats_alloc::{StatsAlloc, INSTRUMENTED_SYSTEM};
 use std::alloc::System;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use wire::Command;
@@ -27,6 +27,7 @@ struct Paced {
     bit_errors: BitErrors,
     commands: Arc<Mutex<Vec<Command>>>,
     plugged: Arc<AtomicBool>,
+    no_further: Arc<AtomicU64>,
 }
 
 /// How many commands the tests look at. A day of setpoints must not count as the service's memory.
@@ -73,6 +74,10 @@ impl RigLink for Paced {
                 cause: "unplugged".to_owned(),
             });
         }
+        // Not seconds ahead of an observer that the machine gives no time.
+        while self.board.now_ns > self.no_further.load(Ordering::SeqCst) {
+            std::thread::sleep(Duration::from_micros(100));
+        }
         let to_board = self.bit_errors.damage(to_board);
         let mut exchange = self.board.exchange(&to_board, duration)?;
         exchange.from_board = self.bit_errors.damage(&exchange.from_board);
@@ -99,6 +104,8 @@ struct Rig {
     stop: Arc<AtomicBool>,
     commands: Arc<Mutex<Vec<Command>>>,
     plugged: Arc<AtomicBool>,
+    /// Link time that must not be passed yet, ns.
+    no_further: Arc<AtomicU64>,
     thread: Option<std::thread::JoinHandle<bool>>,
 }
 
@@ -113,6 +120,8 @@ impl Rig {
         let stop = Arc::new(AtomicBool::new(false));
         let commands = Arc::new(Mutex::new(Vec::new()));
         let plugged = Arc::new(AtomicBool::new(true));
+        let no_further = Arc::new(AtomicU64::new(u64::MAX));
+        let limit = no_further.clone();
         let (ready, is_ready) = std::sync::mpsc::channel();
         let (at, flag, log, plug) = (
             path.clone(),
@@ -138,6 +147,7 @@ impl Rig {
                     factor: if soak_hours().is_some() { 1e6 } else { 3.0 },
                     commands: log.clone(),
                     plugged: plug.clone(),
+                    no_further: limit.clone(),
                 }) as Box<dyn RigLink>
             };
             let link = make(prepared);
@@ -166,6 +176,7 @@ impl Rig {
             stop,
             commands,
             plugged,
+            no_further,
             thread: Some(thread),
         }
     }
@@ -198,6 +209,7 @@ impl Rig {
     }
 
     fn end(&mut self) -> bool {
+        self.no_further.store(u64::MAX, Ordering::SeqCst);
         self.stop.store(true, Ordering::SeqCst);
         self.thread
             .take()
@@ -502,6 +514,9 @@ fn bytes_in_use() -> usize {
     stats.bytes_allocated - stats.bytes_deallocated
 }
 
+/// How far the link's time may be ahead of what an observer has read, ns: less than what waits for a client at most (8 s).
+const MAX_LEAD_NS: u64 = 3_000_000_000;
+
 /// How much the memory in use may grow over the test, bytes.
 const MAX_GROWTH: usize = 1 << 18;
 
@@ -525,14 +540,18 @@ fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
     let mut least = [usize::MAX; 10];
     loop {
         // An observer for half a second of the link's time, and a client that says nothing.
+        let until = |now_ns: u64| rig.no_further.store(now_ns + MAX_LEAD_NS, Ordering::SeqCst);
+        until(holder.status().unwrap().now_ns);
         let quiet = rig.client("quiet");
         let mut link = ServiceLink::observer(rig.client("observer")).unwrap();
         let mut session = Session::connect(&mut link).unwrap();
         for _ in 0..50 {
             session.advance(Duration::from_millis(10)).unwrap();
             samples += session.drain().samples.len();
+            until(session.now_ns());
         }
         assert_eq!(session.counters().frames_lost, 0, "client {clients}");
+        rig.no_further.store(u64::MAX, Ordering::SeqCst);
         drop(quiet);
         clients += 2;
         let status = holder.status().unwrap();

@@ -57,7 +57,7 @@ pub(crate) struct FakeBoard {
     /// Board fault that is latched.
     pub(crate) fault: Option<(Fault, u32)>,
     pub(crate) unit_faults: [Option<(Fault, u32)>; UNITS],
-    now_ns: u64,
+    pub(crate) now_ns: u64,
     epoch_ns: u64,
     resets: u32,
     decoder: Decoder,
