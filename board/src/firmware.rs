@@ -162,7 +162,7 @@ impl Board {
     #[inline(never)]
     pub fn samples(&mut self) {
         crash_record::set_stage(Stage::Samples);
-        let waiting = self.events.len().min(usize::from(u8::MAX)) as u8;
+        let waiting = self.events.waiting().min(usize::from(u8::MAX)) as u8;
         self.clock.figures.queue_high_water = self.clock.figures.queue_high_water.max(waiting);
         for _ in 0..EVENTS_PER_PASS {
             let Some(event) = self.events.dequeue() else {

@@ -47,7 +47,7 @@ impl Events {
 
     /// Number of events that wait.
     #[must_use]
-    pub fn len(&self) -> usize {
+    pub fn waiting(&self) -> usize {
         if self.0.capacity() == NO_ROOM {
             0
         } else {

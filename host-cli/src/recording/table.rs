@@ -312,7 +312,7 @@ macro_rules! table {
             #[doc = "The same time by the board's clock, s."]
             pub board_s: f64,
             $(
-                #[doc = concat!($meaning, " [", $unit, "]")]
+                #[doc = concat!($meaning, " (", $unit, ")")]
                 #[serde(skip_serializing_if = "crate::recording::table::Absent::is_absent")]
                 pub $field: $type,
             )*

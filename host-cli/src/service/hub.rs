@@ -537,6 +537,12 @@ impl Hub {
             // The board has forgotten the hello: it was reset, also where its clock does not show it.
             self.note_reset();
         }
+        if pending.command == Command::Stop && response == Response::Done {
+            // The next status says so; until then nobody may be told that the rig is driven.
+            if let Some(status) = &mut self.status {
+                status.state = SystemState::Fault as u8;
+            }
+        }
         match pending.origin {
             Origin::Frame(id, seq) => self.reply_to(id, seq, response),
             Origin::Call(id, request) => self.call_replied(id, request, &pending.command, response),
