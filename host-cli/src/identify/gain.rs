@@ -43,7 +43,7 @@ pub struct Gain {
 }
 
 impl Gain {
-    /// Of pairs of runs; `None` without a pair, or with an error that is no number above zero.
+    /// Of pairs of runs; `None` without a pair, or where the error is zero, infinite or NaN.
     #[must_use]
     pub fn of(pairs: &[Pair]) -> Option<Self> {
         let used = pairs.get(..pairs.len().min(MOST_PAIRS))?;
