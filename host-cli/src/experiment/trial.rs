@@ -20,7 +20,7 @@ use crate::link::RigLink;
 use crate::recording::{Metadata, Recorder};
 use crate::rigfile::RigFile;
 use crate::run::{ramp_down_and_disarm, ready_board, Observer, Phase, Prepared, RunError, Zeroing};
-use crate::session::{explain_fault, Received, Session, PERIOD};
+use crate::session::{Received, Session, PERIOD};
 use emulator_link::Truth as PlantTruth;
 use nalgebra::Vector3;
 use robot::arm::Truth as ArmTruth;
@@ -38,8 +38,6 @@ const PRETENSION_S: f64 = 1.5;
 const ROBOT_START_S: f64 = 1.5;
 /// How long the first state of the robot may take, s.
 const FIRST_STATE_S: f64 = 5.0;
-/// Measurements older than this don't count, us.
-const MAX_SAMPLE_AGE_US: u64 = 30_000;
 
 /// Watches an experiment.
 pub trait Watcher {
@@ -419,16 +417,10 @@ impl Run<'_> {
         let tip_m = self
             .newest
             .ok_or_else(|| End::Stopped("the robot's tip is not known".to_owned()))?;
-        let newest = session.tension_n();
-        let now_us = (newest.iter().flatten().map(|(_, at)| *at).max()).unwrap_or(0);
         let input = Input {
             dt_s: PERIOD.as_secs_f64(),
             tip_m,
-            tension_n: newest.map(|tension| {
-                tension
-                    .filter(|(_, at)| at + MAX_SAMPLE_AGE_US >= now_us)
-                    .map(|(tension, _)| tension)
-            }),
+            tension_n: session.recent_tension_n(),
             available: prepared.available,
             commanded_n: if t_s >= 0.0 {
                 self.setup.trial.profile.at(t_s)
@@ -495,7 +487,10 @@ impl Run<'_> {
                 "at {t_s:.2} s: {event}; the cables were ramped down and the rig disarmed"
             )));
         }
-        faults(&received, session)
+        match session.fault_in(&received) {
+            Some(fault) => Err(End::Stopped(fault)),
+            None => Ok(()),
+        }
     }
 
     /// Samples into the joiner, the plant's truth into its queue.
@@ -528,27 +523,4 @@ const fn session_is_virtual(experiment: &Experiment) -> bool {
 
 fn tip_of(state: &RobotState) -> Option<Vector3<f64>> {
     state.tip.as_ref().map(|tip| tip.position_m.into())
-}
-
-/// A fault of a unit or of the board ends the trial.
-fn faults(received: &Received, session: &Session<'_>) -> Result<(), End> {
-    if let Some(fault) = received.faults.first() {
-        let unit = usize::from(fault.unit);
-        let who = if unit < UNITS {
-            format!("unit {}: ", unit + 1)
-        } else {
-            String::new()
-        };
-        return Err(End::Stopped(format!(
-            "{who}{}",
-            explain_fault(fault.code, fault.detail)
-        )));
-    }
-    match session.status().filter(|status| status.fault != 0) {
-        Some(status) => Err(End::Stopped(explain_fault(
-            status.fault,
-            status.fault_detail,
-        ))),
-        None => Ok(()),
-    }
 }

@@ -8,7 +8,7 @@ use super::utc::UtcClock;
 use crate::clock::{Bin, BoardClock, Estimate, Reading};
 use crate::force::metrics::Step;
 use crate::rigfile::board_crc;
-use crate::session::{explain_fault, Received};
+use crate::session::{explain_report, Received};
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use serde::Serialize;
@@ -258,13 +258,7 @@ impl Writer {
             self.shared.samples.fetch_add(1, Ordering::Relaxed);
         }
         for fault in &received.faults {
-            let who = if usize::from(fault.unit) < UNITS {
-                format!("unit {}: ", fault.unit + 1)
-            } else {
-                String::new()
-            };
-            let text = format!("{who}{}", explain_fault(fault.code, fault.detail));
-            self.event(ERROR, "fault", &text);
+            self.event(ERROR, "fault", &explain_report(fault));
         }
         if let Some(status) = &received.status {
             self.board_counts = Some((

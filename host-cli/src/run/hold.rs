@@ -25,9 +25,6 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use wire::message::{FaultReport, Status};
 use wire::{Command, UNITS};
 
-/// Measurements older than this don't count, in microseconds: a few sample periods.
-const MAX_SAMPLE_AGE_US: u64 = 30_000;
-
 /// A run that is being held, and what it has collected so far.
 pub(super) struct Hold<'a> {
     rig: &'a RigFile,
@@ -190,21 +187,10 @@ impl<'a> Hold<'a> {
         let tip_m = self
             .pose
             .tip_m(session.pose().map(|pose| pose.position_m.into()))?;
-        let newest = session.tension_n();
-        let now_us = newest
-            .iter()
-            .flatten()
-            .map(|(_, at)| *at)
-            .max()
-            .unwrap_or(0);
         Ok(Input {
             dt_s: PERIOD.as_secs_f64(),
             tip_m,
-            tension_n: newest.map(|tension| {
-                tension
-                    .filter(|(_, at)| at + MAX_SAMPLE_AGE_US >= now_us)
-                    .map(|(tension, _)| tension)
-            }),
+            tension_n: session.recent_tension_n(),
             available: self.available,
             commanded_n: if t_s >= 0.0 {
                 self.options.commanded_n

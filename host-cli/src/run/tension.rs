@@ -6,14 +6,12 @@ use crate::force::controller::{ControlError, Controller, Input};
 use crate::force::pose::PoseSource;
 use crate::link::RigLink;
 use crate::rigfile::RigFile;
-use crate::session::{explain_fault, Session, PERIOD};
+use crate::session::{Session, PERIOD};
 use nalgebra::Vector3;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use wire::{Command, UNITS};
 
-/// Measurements older than this don't count, in microseconds.
-const MAX_SAMPLE_AGE_US: u64 = 30_000;
 /// Time after arming until tensions count as held, s.
 const SETTLE_S: f64 = 1.0;
 
@@ -142,7 +140,7 @@ fn hold(
             return Ok(sums.outcome(held_s, interrupted));
         }
         let tip_m = pose.tip_m(session.pose().map(|pose| pose.position_m.into()))?;
-        let measured = recent(session);
+        let measured = session.recent_tension_n();
         let setpoints = match options.tension_n {
             Some(tension_n) => controller.setpoints_for(tip_m, available, tension_n)?,
             None => {
@@ -161,23 +159,8 @@ fn hold(
         session.advance(PERIOD)?;
         let received = session.drain();
         observer.received(&received);
-        if let Some(fault) = received.faults.first() {
-            let unit = usize::from(fault.unit);
-            let who = if unit < UNITS {
-                format!("unit {}: ", unit + 1)
-            } else {
-                String::new()
-            };
-            return Err(RunError::Fault(format!(
-                "{who}{}",
-                explain_fault(fault.code, fault.detail)
-            )));
-        }
-        if let Some(status) = session.status().filter(|status| status.fault != 0) {
-            return Err(RunError::Fault(explain_fault(
-                status.fault,
-                status.fault_detail,
-            )));
+        if let Some(fault) = session.fault_in(&received) {
+            return Err(RunError::Fault(fault));
         }
         let elapsed_s = (session.now_ns() - start_ns) as f64 * 1e-9;
         if elapsed_s < SETTLE_S {
@@ -193,22 +176,6 @@ fn hold(
         let fraction = options.duration_s.map_or(0.0, |duration| held_s / duration);
         observer.progress(Phase::HoldTensions, fraction);
     }
-}
-
-/// Tensions that are recent enough, N.
-fn recent(session: &Session<'_>) -> [Option<f64>; UNITS] {
-    let newest = session.tension_n();
-    let now_us = newest
-        .iter()
-        .flatten()
-        .map(|(_, at)| *at)
-        .max()
-        .unwrap_or(0);
-    newest.map(|tension| {
-        tension
-            .filter(|(_, at)| at + MAX_SAMPLE_AGE_US >= now_us)
-            .map(|(tension, _)| tension)
-    })
 }
 
 impl Sums {

@@ -2,8 +2,8 @@
 
 use control::config::FIELDS;
 use control::{Fault, MotorState, SystemState};
-use wire::message::{CommandError, CrashRecord};
-use wire::Command;
+use wire::message::{CommandError, CrashRecord, FaultReport};
+use wire::{Command, UNITS};
 
 /// Name of a command in messages.
 #[must_use]
@@ -42,6 +42,17 @@ pub fn motor_state_name(number: u8) -> String {
         || format!("unknown state {number}"),
         |s| s.name().to_owned(),
     )
+}
+
+/// A reported fault in one line: the unit, where it is one's, and [`explain_fault`].
+#[must_use]
+pub fn explain_report(fault: &FaultReport) -> String {
+    let text = explain_fault(fault.code, fault.detail);
+    if usize::from(fault.unit) < UNITS {
+        format!("unit {}: {text}", fault.unit + 1)
+    } else {
+        text
+    }
 }
 
 /// A fault in one line: number, name, meaning, way out.

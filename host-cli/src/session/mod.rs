@@ -23,8 +23,8 @@ mod timekeeping;
 
 pub use error::SessionError;
 pub use explain::{
-    command_name, explain_crash_record, explain_fault, explain_refusal, motor_state_name,
-    system_state_name,
+    command_name, explain_crash_record, explain_fault, explain_refusal, explain_report,
+    motor_state_name, system_state_name,
 };
 pub use gaps::Gaps;
 
@@ -40,6 +40,8 @@ use wire::{Decoder, UNITS};
 pub const PERIOD: Duration = Duration::from_millis(10);
 /// For how long the board may hold setpoints, in milliseconds: nine lost frames in a row are survived.
 pub const SETPOINTS_VALID_MS: u16 = 100;
+/// A tension older than this, counted from the newest of all units, is not used, us: a few sample periods.
+const MAX_SAMPLE_AGE_US: u64 = 30_000;
 /// A board that sends nothing for this long is gone: its status comes every 50 ms.
 pub const SILENCE_TIMEOUT: Duration = Duration::from_millis(400);
 
@@ -195,6 +197,29 @@ impl<'l> Session<'l> {
     #[must_use]
     pub fn tension_n(&self) -> [Option<(f64, u64)>; UNITS] {
         self.tension_n
+    }
+
+    /// Newest cable tension of each unit in N; `None` where it is more than 30 ms older than the newest of all.
+    #[must_use]
+    pub fn recent_tension_n(&self) -> [Option<f64>; UNITS] {
+        let newest_us = self.tension_n.iter().flatten().map(|(_, at)| *at).max();
+        let oldest_us = newest_us.unwrap_or(0).saturating_sub(MAX_SAMPLE_AGE_US);
+        self.tension_n.map(|tension| {
+            tension
+                .filter(|(_, at)| *at >= oldest_us)
+                .map(|(tension, _)| tension)
+        })
+    }
+
+    /// The first fault among what was received, else the one that the board's status names, in words.
+    #[must_use]
+    pub fn fault_in(&self, received: &Received) -> Option<String> {
+        let reported = received.faults.first().map(explain_report);
+        let latched = || {
+            let status = self.status().filter(|status| status.fault != 0)?;
+            Some(explain_fault(status.fault, status.fault_detail))
+        };
+        reported.or_else(latched)
     }
 
     /// The link, for what is not part of the protocol.
