@@ -1,0 +1,46 @@
+//! What every model of the contact force does: learn from sequences, then turn rows into forces, one at a time and causally.
+
+use crate::sequence::Sequence;
+
+/// Why a model could not be trained, stored or read.
+#[derive(Debug, thiserror::Error)]
+pub enum ModelError {
+    /// The training data can't be used; the text says why and what to do.
+    #[error("{0}")]
+    Data(String),
+    /// A stored model can't be read; the text says where and why.
+    #[error("{0}")]
+    Stored(String),
+}
+
+/// What a training reports while it goes on.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Progress {
+    /// Share of the work that is done, 0 to 1.
+    pub done: f64,
+    /// One line for people: epoch, loss, time left.
+    pub text: String,
+}
+
+/// A trained model.
+pub trait Model: Send {
+    /// Force of every row of a sequence, N: `rows * targets` values.
+    ///
+    /// Row `k` depends on the rows up to `k` alone. Rows before a model's window is full use what there is.
+    fn predict(&self, sequence: &Sequence) -> Vec<f32>;
+
+    /// Number of trained parameters.
+    fn parameters(&self) -> usize;
+
+    /// An estimator for a live stream: one row in, one force out.
+    fn stepper(&self) -> Box<dyn Stepper + '_>;
+}
+
+/// A model on a live stream.
+pub trait Stepper {
+    /// Takes the inputs of the next row, SI units, and writes the force, N.
+    fn step(&mut self, input: &[f32], force: &mut [f32]);
+
+    /// Forgets the past: the next row begins a sequence.
+    fn reset(&mut self);
+}
