@@ -109,6 +109,7 @@ impl Machine {
     /// fault writes 0 V behind it.
     pub fn check(&mut self, pending: &mut PendingSample, fx: &mut impl Effects) {
         let (unit, at, output) = (pending.unit, pending.at, pending.output);
+        let others_drive = self.system.drives();
         let Some(slot) = self.units.get_mut(usize::from(unit)) else {
             return;
         };
@@ -126,7 +127,8 @@ impl Machine {
             slot.let_go.driven(pending.encoder_counts, output.tension);
         } else {
             slot.let_go.switched_off(at);
-            slot.let_go.released(output.tension);
+            slot.let_go
+                .released(at, pending.encoder_counts, output.tension, others_drive);
         }
         pending.tip_force_mn = self.tip.sample(usize::from(unit), output.tension);
         if slot.zero.is_some() {

@@ -36,8 +36,10 @@ pub const EXPECTED: &[Expected] = &[
     one(I::Silent(2), F::SensorSilent, 20),
     one(I::Extra(3), F::SensorFast, 150),
     one(I::Frozen(4), F::SensorFrozen, 40),
-    one(I::Offset(0, -7.0), F::TensionNegative, 80),
+    one(I::Offset(0, -6.0), F::TensionNegative, 80),
     one(I::AmplifierOff(0), F::Implausible, 150),
+    // The amplifier suddenly gives half as much again: the reel speeds up before the load cell's filter has followed.
+    one(I::AmplifierGain(4, 1.5), F::Implausible, 20),
     one(I::Offset(0, 3.0), F::CommandAtLimit, 700),
     one(I::ReadsFail(1), F::SensorReads, 20),
     one(I::BusHeld, F::BusStuck, 12),
@@ -74,6 +76,14 @@ pub const EXPECTED: &[Expected] = &[
         // From 3 to 10 N, more than friction lets a resting reel swing.
         second: Some((I::SetpointRange(0, 10_000_000), 100)),
         fault: Some(F::EncoderStill),
+        within_ms: 800,
+        power_off: false,
+    },
+    Expected {
+        // The cell drifts to 2.4 N too much, which the whole band permits; the robot's motion makes the reel slide.
+        first: I::Drift(5, 3.4),
+        second: Some((I::RobotMoves, 250)),
+        fault: Some(F::Implausible),
         within_ms: 800,
         power_off: false,
     },

