@@ -74,10 +74,13 @@ impl RigLink for Paced {
                 cause: "unplugged".to_owned(),
             });
         }
-        // Not seconds ahead of an observer that the machine gives no time.
-        while self.board.now_ns > self.no_further.load(Ordering::SeqCst) {
+        // Not seconds ahead of an observer that the machine gives no time: time stands still, the service goes on.
+        let duration = if self.board.now_ns > self.no_further.load(Ordering::SeqCst) {
             std::thread::sleep(Duration::from_micros(100));
-        }
+            Duration::ZERO
+        } else {
+            duration
+        };
         let to_board = self.bit_errors.damage(to_board);
         let mut exchange = self.board.exchange(&to_board, duration)?;
         exchange.from_board = self.bit_errors.damage(&exchange.from_board);
