@@ -23,6 +23,7 @@ FAULTS = {"E-stop": 1, "setpoints expired": 2, "host stop": 3, "I2C bus stuck": 
           "watchdog reset": 8, "over-tension": 32, "sensor silent": 33, "bring-up failed": 36,
           "ADC saturated": 37, "sensor reads": 41}
 NOMINAL_SCALE_PN = 6_850_000
+NOMINAL_TRAVEL_NM = -4_229
 HERE = os.path.dirname(os.path.abspath(__file__))
 
 
@@ -121,6 +122,8 @@ class ForceBoard:
             config = self.request("GetConfig", body)["config"]
             config["enabled"] = True
             config["scale_pn_per_count"] = NOMINAL_SCALE_PN
+            # As the rig file has it: the counters count down while a reel winds in.
+            config["travel_nm_per_count"] = NOMINAL_TRAVEL_NM
             for name, value in changes.items():
                 config[name] = int(value)
             self.request("StageConfig", body + wire._encode_config(config))

@@ -40,6 +40,7 @@ mutants! {
     "tip-limit-doubled": "control/src/tip.rs", "self.over = if size > self.limit_n" => "self.over = if size > 2.0 * self.limit_n";
     "sensor-silent-off": "control/src/supervisor.rs", "silent_us: 12_500" => "silent_us: 12_500_000";
     "sensor-fast-off": "control/src/supervisor.rs", "min_us: 2_900" => "min_us: 290";
+    "sensor-slow-off": "control/src/supervisor.rs", "max_us: 3_370" => "max_us: 33_700";
     "expiry-ignored": "control/src/supervisor.rs", ".is_some_and(|(at, valid_us)| now.since(at) > valid_us)" => ".is_some_and(|(at, _)| now.since(at) > 2_000_000_000)";
     "encoder-watch-off": "control/src/supervisor.rs", "pub const STILL_SWING: Newton = Newton::from_un(6_000_000);" => "pub const STILL_SWING: Newton = Newton::from_un(60_000_000);";
     "encoder-noise-off": "board/src/machine/supervision.rs", "const ENCODER_NOISE_EVENTS: u8 = 5;" => "const ENCODER_NOISE_EVENTS: u8 = 255;";

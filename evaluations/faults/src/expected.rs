@@ -39,6 +39,7 @@ pub const EXPECTED: &[Expected] = &[
     one(I::Offset(1, 18.0), F::OverTension, 40),
     one(I::Silent(2), F::SensorSilent, 20),
     one(I::Extra(3), F::SensorFast, 150),
+    one(I::Period(3, 1.15), F::SensorSlow, 150),
     one(I::Frozen(4), F::SensorFrozen, 40),
     one(I::Offset(0, -6.0), F::TensionNegative, 80),
     one(I::AmplifierOff(0), F::Implausible, 150),

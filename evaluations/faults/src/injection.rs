@@ -68,6 +68,8 @@ pub enum Injection {
     Missing(usize, u32),
     /// Every conversion is seen twice.
     Extra(usize),
+    /// The converter's period is this many times its own; not drawn, for the expected faults only.
+    Period(usize, f64),
     /// Spikes of this many newtons, one conversion in ten.
     Spikes(usize, f64),
     /// Noise of this many newtons SD.
@@ -164,6 +166,7 @@ impl Injection {
             | I::Silent(_)
             | I::Missing(..)
             | I::Extra(_)
+            | I::Period(..)
             | I::Spikes(..)
             | I::Noise(..) => Category::Sensor,
             I::CodeBit(..)
