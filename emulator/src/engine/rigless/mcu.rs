@@ -1,5 +1,5 @@
 //! The controller: the engine's STM32H743 with the board on its pins and a watchdog, a holdable I2C bus and a
-//! USB core in the slots that need another model than the engine's.
+//! USB core with a host in the slots that need another model than the engine's.
 //!
 //! The STM32H753 of the Nucleo differs from the H743 by its crypto processors only, which nothing here uses.
 
@@ -8,7 +8,7 @@ use super::iwdg::Iwdg;
 use super::listener::{self, Listener};
 use super::peers::{DacBus, HostLine, Shared};
 use super::port::QuietPort;
-use super::usb::IdleUsb;
+use super::usb::{Block, Replacement, SharedUsb};
 use crate::board::Drive;
 use crate::devices::dac7731::Mode;
 use crate::wiring::{self, Pin, PORTS};
@@ -57,7 +57,9 @@ pub struct RigMcu {
     board: Shared,
     i2c: HeldI2c,
     iwdg: Iwdg,
-    usb: IdleUsb,
+    usb: SharedUsb,
+    usb_blocks: [Block; 3],
+    usb_slots: Replacement,
     /// Strobes and data bus of the counters.
     quiet: [QuietPort; 2],
     /// The readers of requests.
@@ -81,7 +83,7 @@ enum Answering {
     Part,
     I2c,
     Iwdg,
-    Usb,
+    Usb(usize),
     Quiet(usize),
     Listener(usize),
 }
@@ -97,11 +99,11 @@ struct Slots {
 impl Store for RigMcu {}
 
 impl RigMcu {
-    /// The part out of power-on with `board` around it.
+    /// The part out of power-on with `board` around it and `usb`'s host at the socket.
     ///
     /// # Errors
     /// The engine's description of the part is not the one this module was written for.
-    pub fn new(board: Shared) -> Result<Self, Error> {
+    pub fn new(board: Shared, usb: SharedUsb) -> Result<Self, Error> {
         let mut part = Stm32h743::new()?;
         part.rcc.attach_crystals(HSE_HZ, 0);
         part.set_supply(SUPPLY_MV);
@@ -116,7 +118,10 @@ impl RigMcu {
         let mut answering = vec![Answering::Part; bus.slots().len()];
         answering[bus.slot("I2C1")?] = Answering::I2c;
         answering[bus.slot("IWDG")?] = Answering::Iwdg;
-        answering[bus.slot("OTG2_HS_GLOBAL")?] = Answering::Usb;
+        let usb_slots = Replacement::new(bus)?;
+        for (nth, slot) in usb_slots.slots().into_iter().enumerate() {
+            answering[slot] = Answering::Usb(nth);
+        }
         for (nth, port) in QUIET.into_iter().enumerate() {
             answering[ports[port]] = Answering::Quiet(nth);
         }
@@ -132,7 +137,9 @@ impl RigMcu {
         let mut mcu = Self {
             i2c: HeldI2c::new(&board),
             iwdg: Iwdg::default(),
-            usb: IdleUsb,
+            usb_blocks: Block::all(&usb),
+            usb,
+            usb_slots,
             quiet: Default::default(),
             listeners,
             part,
@@ -144,6 +151,7 @@ impl RigMcu {
             brown_out: false,
             functions_checked: false,
         };
+        mcu.usb_slots.exchange(mcu.part.bus_mut());
         mcu.check()?;
         mcu.sync(VirtualNanos(0));
         Ok(mcu)
@@ -351,7 +359,10 @@ impl Mcu for RigMcu {
     }
 
     fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
+        self.usb_slots.exchange(self.part.bus_mut());
         self.part.reset(at, cause);
+        self.usb_slots.exchange(self.part.bus_mut());
+        self.usb.reset();
         rigless::device::Device::reset(&mut self.i2c);
         rigless::device::Device::reset(&mut self.iwdg);
         self.listeners = fresh_listeners(&self.board);
@@ -381,6 +392,11 @@ impl Mcu for RigMcu {
             (drives, board.next_event(), waiting)
         };
         self.carry(now, drives, next);
+        if self.usb.take_touched() {
+            let slot = self.usb_slots.slots()[0];
+            let (_, mut context) = self.part.bus_mut().drive(now, slot);
+            self.usb_blocks[0].advance(&mut context);
+        }
         if waiting {
             let slot = self.slots.usart3;
             if let (bus, Some(model)) = self.part.split(slot) {
@@ -395,7 +411,7 @@ impl Mcu for RigMcu {
             Answering::Part => return self.part.split(slot),
             Answering::I2c => &mut self.i2c,
             Answering::Iwdg => &mut self.iwdg,
-            Answering::Usb => &mut self.usb,
+            Answering::Usb(nth) => &mut self.usb_blocks[nth],
             Answering::Quiet(nth) => &mut self.quiet[nth],
             Answering::Listener(nth) => &mut self.listeners[nth],
         };
