@@ -13,6 +13,7 @@
 use super::pac::{self, interrupt, OTG2_HS_GLOBAL};
 use super::startup;
 use super::usart::{Consumer, Producer, Queue};
+use super::usb_class::Corrections;
 use crate::clocks;
 use core::sync::atomic::{AtomicBool, Ordering};
 use synopsys_usb_otg::{UsbBus, UsbPeripheral};
@@ -81,7 +82,10 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
         .manufacturer("force rig")
         .product("force board")
         .serial_number("1");
-    let Ok(builder) = UsbDeviceBuilder::new(bus, ID).strings(&[strings]) else {
+    let builder = UsbDeviceBuilder::new(bus, ID)
+        .self_powered(true)
+        .strings(&[strings]);
+    let Ok(builder) = builder else {
         return (None, producer);
     };
     let device = builder.device_class(usbd_serial::USB_CLASS_CDC).build();
@@ -122,8 +126,14 @@ fn core_answers() -> bool {
 impl Usb {
     /// Transfers at most one packet in each direction. Passes on the received bytes.
     pub fn serve(&mut self, mut take: impl FnMut(u8)) {
-        self.device.poll(&mut [&mut self.port]);
-        if !self.trimmed && self.device.state() != UsbDeviceState::Default {
+        self.device
+            .poll(&mut [&mut Corrections, &mut self.port]);
+        // Frames come from a host that gave an address. A suspended bus, or one without a cable, has none.
+        let framed = matches!(
+            self.device.state(),
+            UsbDeviceState::Addressed | UsbDeviceState::Configured
+        );
+        if !self.trimmed && framed {
             self.trimmed = true;
             startup::trim_usb_clock();
         }

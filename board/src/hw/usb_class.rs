@@ -1,0 +1,96 @@
+//! What the crates for USB and CDC-ACM leave out of the two specifications: asked before them, at every control request.
+//!
+//! * `usbd-serial` describes a port that takes no class requests (bmCapabilities 0) though it takes them. A host may
+//!   then never send SET_CONTROL_LINE_STATE, and without DTR nothing is streamed. The configuration descriptor here says
+//!   it (PSTN 1.2 table 4).
+//! * `synopsys-usb-otg` ends a halt without setting the data PID to DATA0 (USB 2.0 section 9.4.5), and SET_CONFIGURATION
+//!   has to do the same for all endpoints (section 9.1.1.5). A host that did it on its side takes the next packet for a
+//!   repeated one and drops it; so does the core with the host's.
+//!
+//! Owner: the superloop alone, as the rest of USB.
+
+use super::pac::OTG2_HS_DEVICE;
+use usb_device::bus::UsbBus;
+use usb_device::class_prelude::{ControlIn, ControlOut, UsbClass};
+use usb_device::control::{Recipient, Request, RequestType};
+
+/// Notification endpoint. The endpoints are numbered as `usbd-serial` allocates them.
+const NOTIFICATION: u8 = 0x81;
+/// Bulk endpoint to the host.
+const BULK_IN: u8 = 0x82;
+/// Bulk endpoint from the host.
+const BULK_OUT: u8 = 0x01;
+
+/// wValue of GET_DESCRIPTOR for the only configuration.
+const CONFIGURATION_0: u16 = 0x0200;
+
+/// The configuration: an association of the communications and the data interface (USB 2.0 section 9.6, CDC 1.2 section
+/// 5.2.3, PSTN 1.2 section 5.3).
+static CONFIGURATION: [u8; 75] = [
+    // Configuration 1: 75 bytes, two interfaces, self-powered, nothing drawn from the bus.
+    9, 2, 75, 0, 2, 1, 0, 0xC0, 0, //
+    // Interface association: interfaces 0 and 1 are one ACM function.
+    8, 0x0B, 0, 2, 2, 2, 0, 0, //
+    // Interface 0: communications, abstract control model, one endpoint.
+    9, 4, 0, 0, 1, 2, 2, 0, 0, //
+    // Header: CDC 1.20.
+    5, 0x24, 0, 0x20, 0x01, //
+    // Abstract control management: D1, line coding and control line state.
+    4, 0x24, 2, 0b0010, //
+    // Union: interface 0 controls interface 1.
+    5, 0x24, 6, 0, 1, //
+    // Call management: none, data on interface 1.
+    5, 0x24, 1, 0, 1, //
+    // Notifications: interrupt, 8 bytes, 255 ms.
+    7, 5, NOTIFICATION, 3, 8, 0, 255, //
+    // Interface 1: data, two endpoints.
+    9, 4, 1, 0, 2, 0x0A, 0, 0, 0, //
+    7, 5, BULK_IN, 2, 64, 0, 0, //
+    7, 5, BULK_OUT, 2, 64, 0, 0,
+];
+
+/// See the module's page.
+pub struct Corrections;
+
+impl<B: UsbBus> UsbClass<B> for Corrections {
+    fn control_in(&mut self, transfer: ControlIn<B>) {
+        let request = transfer.request();
+        if request.request_type == RequestType::Standard
+            && request.recipient == Recipient::Device
+            && request.request == Request::GET_DESCRIPTOR
+            && request.value == CONFIGURATION_0
+        {
+            // Fails only where no request waits for an answer.
+            let _ = transfer.accept_with_static(&CONFIGURATION);
+        }
+    }
+
+    /// Accepts nothing: the requests are carried out by `usb-device`.
+    fn control_out(&mut self, transfer: ControlOut<B>) {
+        let request = transfer.request();
+        if request.request_type != RequestType::Standard {
+            return;
+        }
+        match (request.recipient, request.request) {
+            (Recipient::Device, Request::SET_CONFIGURATION) => {
+                [NOTIFICATION, BULK_IN, BULK_OUT].map(start_with_data0);
+            }
+            (Recipient::Endpoint, Request::CLEAR_FEATURE) => {
+                start_with_data0((request.index & 0x8F) as u8);
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Sets the data PID of an endpoint to DATA0 (section 57.14.53, SD0PID).
+fn start_with_data0(endpoint: u8) {
+    // SAFETY: the superloop is the only user of the core, and this runs inside its poll.
+    let device = unsafe { &*OTG2_HS_DEVICE::PTR };
+    match endpoint {
+        NOTIFICATION => device.diep1().ctl().modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
+        BULK_IN => device.diep2().ctl().modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
+        BULK_OUT => device.doep1().ctl().modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
+        _ => {}
+    }
+}
