@@ -13,11 +13,12 @@
 use super::pac::{self, interrupt, OTG2_HS_GLOBAL};
 use super::startup;
 use super::usart::{Consumer, Producer, Queue};
-use super::usb_class::Corrections;
+use super::usb_class::{self, Corrections};
 use crate::clocks;
 use core::sync::atomic::{AtomicBool, Ordering};
 use synopsys_usb_otg::{UsbBus, UsbPeripheral};
 use usb_device::bus::UsbBusAllocator;
+use usb_device::class::UsbClass;
 use usb_device::device::{
     StringDescriptors, UsbDevice, UsbDeviceBuilder, UsbDeviceState, UsbVidPid,
 };
@@ -61,6 +62,8 @@ pub struct Usb {
     port: SerialPort<'static, Bus>,
     queue: Consumer,
     trimmed: bool,
+    /// DTR at the last poll.
+    opened: bool,
 }
 
 /// The queue's end for frames; the link itself where the core answers.
@@ -96,6 +99,7 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
             port,
             queue: QUEUE.stream_consumer(),
             trimmed: false,
+            opened: false,
         }),
         producer,
     )
@@ -137,7 +141,14 @@ impl Usb {
             self.trimmed = true;
             startup::trim_usb_clock();
         }
-        let open = self.device.state() == UsbDeviceState::Configured && self.port.dtr();
+        let opened = self.port.dtr();
+        if self.opened && !opened {
+            // What is left was meant for the program that closed the port: the next one starts with a whole frame.
+            UsbClass::reset(&mut self.port);
+            usb_class::discard_packet();
+        }
+        self.opened = opened;
+        let open = self.device.state() == UsbDeviceState::Configured && opened;
         let mut packet = [0; 64];
         if let Ok(length) = self.port.read(&mut packet) {
             packet.iter().take(length).for_each(|byte| take(*byte));

@@ -9,10 +9,11 @@
 //!
 //! Owner: the superloop alone, as the rest of USB.
 
-use super::pac::OTG2_HS_DEVICE;
+use super::pac::{OTG2_HS_DEVICE, OTG2_HS_GLOBAL};
+use super::startup;
 use usb_device::bus::UsbBus;
+use usb_device::class_prelude::control::{Recipient, Request, RequestType};
 use usb_device::class_prelude::{ControlIn, ControlOut, UsbClass};
-use usb_device::control::{Recipient, Request, RequestType};
 
 /// Notification endpoint. The endpoints are numbered as `usbd-serial` allocates them.
 const NOTIFICATION: u8 = 0x81;
@@ -83,9 +84,29 @@ impl<B: UsbBus> UsbClass<B> for Corrections {
     }
 }
 
+/// Takes the packet for the host back that waits at the bulk endpoint (section 57.15.6, "IN endpoint disable"): NAK,
+/// disable, flush. The waits are bounded; a core that does not follow keeps the packet, and the host gets it.
+pub fn discard_packet() {
+    const READS: u32 = 100;
+    // SAFETY: as above.
+    let (core, device) = unsafe { (&*OTG2_HS_GLOBAL::PTR, &*OTG2_HS_DEVICE::PTR) };
+    let endpoint = device.diep2().ctl();
+    if endpoint.read().epena().bit_is_clear() {
+        return;
+    }
+    endpoint.modify(|_, w| w.snak().set_bit());
+    endpoint.modify(|_, w| w.epdis().set_bit());
+    if startup::wait_for(READS, || endpoint.read().epena().bit_is_clear()) {
+        // SAFETY: the number of a FIFO that exists.
+        core.grstctl()
+            .modify(|_, w| unsafe { w.txfnum().bits(BULK_IN & 0xF) }.txfflsh().set_bit());
+        startup::wait_for(READS, || core.grstctl().read().txfflsh().bit_is_clear());
+    }
+}
+
 /// Sets the data PID of an endpoint to DATA0 (section 57.14.53, SD0PID).
 fn start_with_data0(endpoint: u8) {
-    // SAFETY: the superloop is the only user of the core, and this runs inside its poll.
+    // SAFETY: the superloop is the only user of the core, and this runs in it.
     let device = unsafe { &*OTG2_HS_DEVICE::PTR };
     match endpoint {
         NOTIFICATION => device.diep1().ctl().modify(|_, w| w.sd0pid_sevnfrm().set_bit()),

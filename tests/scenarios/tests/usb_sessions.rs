@@ -104,6 +104,30 @@ fn a_suspended_bus_stops_the_motors_and_goes_on_after_resume() {
     assert_eq!(log.iter().filter(|(_, what)| what == "configured").count(), 1, "{log:?}");
 }
 
+#[test]
+fn a_port_that_is_opened_again_starts_with_a_whole_frame() {
+    let mut rig = UsbRig::open(75);
+    for pause_ms in [3, 50, 400, 1_700] {
+        let mut stand = Stand::connect(&mut rig);
+        stand.ask(&wire::Command::Stream { decimation: 1 });
+        stand.run(0.3);
+        let counters = stand.session.counters();
+        assert_eq!(
+            (counters.frames_lost, counters.frames_bad, counters.frames_unknown),
+            (0, 0, 0),
+            "before {pause_ms} ms"
+        );
+        drop(stand);
+        rig.usb(|host, _| host.set_open(false));
+        rig.wait_state(State::Configured, 50);
+        rig.run(pause_ms);
+        // A closed port has no reader: what the operating system had is gone with it.
+        rig.usb(|host, _| drop(host.take_read()));
+        rig.usb(|host, _| host.set_open(true));
+        rig.wait_state(State::Open, 50);
+    }
+}
+
 /// Time from DRDY to the output, in microseconds: median, 99th percentile, largest.
 fn path_us(latencies: &[Latency]) -> [f64; 3] {
     let us: Vec<f64> = latencies
