@@ -22,8 +22,8 @@ const BULK_IN: u8 = 0x82;
 /// Bulk endpoint from the host.
 const BULK_OUT: u8 = 0x01;
 
-/// wValue of GET_DESCRIPTOR for the only configuration.
-const CONFIGURATION_0: u16 = 0x0200;
+/// Descriptor type of a configuration (USB 2.0 table 9-5).
+const CONFIGURATION_TYPE: u16 = 2;
 
 /// The configuration: an association of the communications and the data interface (USB 2.0 section 9.6, CDC 1.2 section
 /// 5.2.3, PSTN 1.2 section 5.3).
@@ -59,10 +59,14 @@ impl<B: UsbBus> UsbClass<B> for Corrections {
         if request.request_type == RequestType::Standard
             && request.recipient == Recipient::Device
             && request.request == Request::GET_DESCRIPTOR
-            && request.value == CONFIGURATION_0
+            && request.value >> 8 == CONFIGURATION_TYPE
         {
-            // Fails only where no request waits for an answer.
-            let _ = transfer.accept_with_static(&CONFIGURATION);
+            // Either fails only where no request waits for an answer. There is one configuration; `usb-device` would give it
+            // for every number.
+            let _ = match request.value & 0xFF {
+                0 => transfer.accept_with_static(&CONFIGURATION),
+                _ => transfer.reject(),
+            };
         }
     }
 

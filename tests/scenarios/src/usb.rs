@@ -1,7 +1,7 @@
 //! The embedded rig in this process, reached by its USB port, with the USB host and the serial line at hand.
 
-use emulator::{Options, Rig};
-use emulator_link::{Injection, Report};
+use emulator::{Options, Rig, RigError};
+use emulator_link::{Advanced, Injection, Report};
 use emulator_usb::host::{Outcome, Request, State};
 use emulator_usb::{Core, Host};
 use host_cli::link::embedded::ELF_VARIABLE;
@@ -17,13 +17,24 @@ pub const MS: u64 = 1_000_000;
 /// See the module's page.
 pub struct UsbRig {
     rig: Rig,
-    /// The far end of USART3.
-    pub serial: SerialEnd,
+    /// The link that carries a session through [`RigLink`].
+    pub session: Link,
+    /// The far end of the other link.
+    pub other: End,
 }
 
-/// What the far end of the serial line sends and has received.
+/// The board's links.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Link {
+    /// The USB port.
+    Usb,
+    /// USART3.
+    Serial,
+}
+
+/// What the far end of a link sends and has received.
 #[derive(Default)]
-pub struct SerialEnd {
+pub struct End {
     to_board: Vec<u8>,
     decoder: Decoder,
     next_seq: Option<u16>,
@@ -39,7 +50,7 @@ pub struct SerialEnd {
     pub responses: Vec<Response>,
 }
 
-impl SerialEnd {
+impl End {
     /// Sends a command.
     ///
     /// # Panics
@@ -96,7 +107,8 @@ impl UsbRig {
         let rig = Rig::boot(&elf, options).unwrap_or_else(|error| panic!("{error}"));
         Self {
             rig,
-            serial: SerialEnd::default(),
+            session: Link::Usb,
+            other: End::default(),
         }
     }
 
@@ -128,13 +140,27 @@ impl UsbRig {
     /// Where the engine stops.
     pub fn run(&mut self, ms: u64) {
         for _ in 0..ms {
-            let to_board = std::mem::take(&mut self.serial.to_board);
-            let advanced = self
-                .rig
-                .advance(MS, &to_board)
-                .unwrap_or_else(|error| panic!("{error}"));
-            self.serial.take(&advanced.from_board);
+            self.step(&[], MS).unwrap_or_else(|error| panic!("{error}"));
         }
+    }
+
+    /// Lets time pass. `to_board` goes by the session's link; the bytes that come back by it are in the result.
+    fn step(&mut self, to_board: &[u8], duration_ns: u64) -> Result<Advanced, RigError> {
+        let to_other = std::mem::take(&mut self.other.to_board);
+        let (by_usb, by_serial) = match self.session {
+            Link::Usb => (to_board, to_other.as_slice()),
+            Link::Serial => (to_other.as_slice(), to_board),
+        };
+        self.rig.usb(|host, _| host.write(by_usb));
+        let mut advanced = self.rig.advance(duration_ns, by_serial)?;
+        match self.session {
+            Link::Usb => self.other.take(&std::mem::take(&mut advanced.from_board)),
+            Link::Serial => {
+                let bytes = self.usb(|host, _| host.take_read());
+                self.other.take(&bytes);
+            }
+        }
+        Ok(advanced)
     }
 
     /// Waits for a state of the host.
@@ -193,19 +219,14 @@ impl RigLink for UsbRig {
     }
 
     fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError> {
-        self.usb(|host, _| host.write(to_board));
-        let to_serial = std::mem::take(&mut self.serial.to_board);
         let duration_ns = u64::try_from(duration.as_nanos()).unwrap_or(u64::MAX);
-        let advanced = self
-            .rig
-            .advance(duration_ns, &to_serial)
+        let mut advanced = self
+            .step(to_board, duration_ns)
             .map_err(|error| LinkError::Refused(error.to_string()))?;
-        self.serial.take(&advanced.from_board);
-        let from_board = self.usb(|host, _| host.take_read());
-        Ok(Exchange {
-            from_board,
-            ..advanced.into()
-        })
+        if self.session == Link::Usb {
+            advanced.from_board = self.usb(|host, _| host.take_read());
+        }
+        Ok(advanced.into())
     }
 
     fn booted_here(&self) -> bool {

@@ -140,7 +140,6 @@ fn bulk_out(rig: &mut UsbRig) -> u8 {
 #[test]
 fn a_cleared_halt_starts_with_data0() {
     let mut rig = UsbRig::open(66);
-    rig.serial.stream_all();
     let hello = wire::Command::GetStatus;
     let mut frame = [0; wire::MAX_FRAME];
     for round in 0..6 {
