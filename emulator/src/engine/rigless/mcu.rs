@@ -12,11 +12,11 @@ use super::usb::{Block, Replacement, SharedUsb};
 use crate::board::Drive;
 use crate::devices::dac7731::Mode;
 use crate::wiring::{self, Pin, PORTS};
-use rigless::device::{ErasedDevice, Level, ResetCause};
+use rigless::device::{ErasedDevice, Level, RegisterFile, ResetCause};
 use rigless::emulator::{Access, AccessKind};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
-use rigless::soc::stm32h743::generated::{gpioa, rcc, spi1};
+use rigless::soc::stm32h743::generated::{gpioa, pwr, rcc, spi1};
 use rigless::soc::stm32h743::peripherals::gpio::{Gpio, Pin as PortPin, PORTS as PORT_NAMES};
 use rigless::soc::stm32h743::peripherals::rcc::Rcc;
 use rigless::soc::stm32h743::Stm32h743;
@@ -36,6 +36,8 @@ const SPI1_CR1: u64 = SPI1_BASE;
 const SPI1_CFG2: u64 = SPI1_BASE + 0x0C;
 const SPI1_TXDR: u64 = SPI1_BASE + 0x20;
 const RCC_CR: u64 = 0x5802_4400;
+/// DCTL of the USB core: a write with SDIS cleared connects it.
+const USB_DCTL: u64 = 0x4008_0804;
 
 const MODER: u64 = 0x00;
 const OTYPER: u64 = 0x04;
@@ -93,6 +95,7 @@ struct Slots {
     usart3: usize,
     spi1: usize,
     rcc: usize,
+    pwr: usize,
     ports: [usize; PORTS],
 }
 
@@ -132,6 +135,7 @@ impl RigMcu {
             usart3: bus.slot("USART3")?,
             spi1: bus.slot("SPI1")?,
             rcc: bus.slot("RCC")?,
+            pwr: bus.slot("PWR")?,
             ports,
         };
         let mut mcu = Self {
@@ -214,6 +218,7 @@ impl RigMcu {
                 }
                 SPI1_CR1 | SPI1_CFG2 => self.spi_set(),
                 RCC_CR => self.hse_switched(access.virtual_time),
+                USB_DCTL => self.check_usb(),
                 _ => {}
             }
         }
@@ -304,6 +309,16 @@ impl RigMcu {
         self.board.lock().spi_set(mode, driven.then_some(mode.cpol));
     }
 
+    /// A USB core without its clock or supply is dead on the part; the engine does not look.
+    fn check_usb(&mut self) {
+        let bus = self.part.bus();
+        let [clocks, power] = [self.slots.rcc, self.slots.pwr].map(|nth| bus.slots()[nth].registers());
+        if let Some(what) = usb_needs(clocks, power) {
+            self.board.lock().complain("OTG2_HS", what.to_owned());
+        }
+        self.check_functions();
+    }
+
     /// Pins in a wrong alternate function would carry nothing on the part; the engine does not look.
     fn check_functions(&mut self) {
         if self.functions_checked {
@@ -321,6 +336,23 @@ impl RigMcu {
                 );
             }
         }
+    }
+}
+
+/// What is missing for a USB core that is about to connect.
+fn usb_needs(clocks: &RegisterFile, power: &RegisterFile) -> Option<&'static str> {
+    let sleep = clocks.get(rcc::Register::Ahb1lpenr);
+    let kernel = rcc::d2ccip2r::USBSEL.get(clocks.get(rcc::Register::D2ccip2r));
+    if !pwr::cr3::USB33DEN.is_set(power.get(pwr::Register::Cr3)) {
+        Some("PWR_CR3.USB33DEN is clear: the transceiver has no supply (RM0433 section 6.4.5)")
+    } else if kernel != 3 || !rcc::cr::RC48ON.is_set(clocks.get(rcc::Register::Cr)) {
+        Some("RCC_D2CCIP2R.USBSEL is not HSI48, or HSI48 is off: 48 MHz come from there on this board (section 8.5.8)")
+    } else if rcc::ahb1lpenr::USB2OTGHSULPILPEN.is_set(sleep)
+        || !rcc::ahb1lpenr::USB2OTGHSLPEN.is_set(sleep)
+    {
+        Some("RCC_AHB1LPENR: USB2OTGHSLPEN set and USB2OTGHSULPILPEN clear, or the core stands still in every WFI (section 8.7.48)")
+    } else {
+        None
     }
 }
 

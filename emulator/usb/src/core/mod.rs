@@ -11,6 +11,7 @@
 //! | EPDIS takes effect when NAK is in force | 57.15.6, "IN endpoint disable" |
 //! | A bus reset deactivates all endpoints but 0. It leaves EPENA, the FIFOs, DAD and data PIDs of enabled endpoints alone | 57.14.53 (USBAEP); NuttX pull request 4505: endpoints stay enabled over a disconnection |
 //! | A new address is valid from the status stage of SET_ADDRESS on, though DAD is written before it | 57.15.6, "SetAddress" |
+//! | A packet is written to its FIFO without another access between its words | ChibiOS, libopencm3 issue 531, embassy pull request 2823 |
 //! | STALL of endpoint 0 is cleared by SETUP; a data PID is set by SD0PID and SD1PID only | 57.14.53 |
 //!
 //! Not modelled: DMA, high speed, isochronous transfers, LPM, remote wake-up, host mode, the ULPI interface. An access to
@@ -56,6 +57,8 @@ pub struct Core {
     address_waits: bool,
     /// A SETUP packet came and the entry that ends its stage is still to be written.
     setup_stage: bool,
+    /// FIFO that holds a part of its packet: the application is in the middle of writing it.
+    filling: Option<u32>,
     complaints: Vec<(String, String)>,
 }
 
@@ -82,6 +85,7 @@ impl Core {
             address: 0,
             address_waits: false,
             setup_stage: false,
+            filling: None,
             complaints: Vec::new(),
         };
         core.reset_registers();
@@ -116,6 +120,7 @@ impl Core {
         self.address = 0;
         self.address_waits = false;
         self.setup_stage = false;
+        self.filling = None;
         self.receive.clear();
         self.transmit.iter_mut().for_each(TransmitFifo::clear);
     }
@@ -180,6 +185,7 @@ impl Core {
 
     /// Reads the register at `offset` from the core's base.
     pub fn read(&mut self, offset: u32) -> u32 {
+        self.interrupts_filling(offset, false);
         match offset {
             GRXSTSP => {
                 let (entry, lost) = self.receive.pop();
@@ -250,6 +256,7 @@ impl Core {
 
     /// Writes the register at `offset` from the core's base.
     pub fn write(&mut self, offset: u32, value: u32) {
+        self.interrupts_filling(offset, true);
         match offset {
             GRSTCTL => self.reset_written(value),
             GINTSTS => self.latched &= !(value & GINTSTS_CLEARED),
@@ -383,7 +390,22 @@ impl Core {
         if self.transmit[fifo].words() >= self.fifo_depth(fifo) {
             return self.complain("FIFO", format!("transmit FIFO {fifo} overflows"));
         }
+        let needed = endpoint.bytes_left(number as usize).div_ceil(4);
         self.transmit[fifo].push(word);
+        self.filling = (self.transmit[fifo].words() < needed).then_some(number);
+    }
+
+    /// An access to anything else while a packet is being written corrupts it (ES of several parts; ChibiOS, libopencm3 issue
+    /// 531, embassy pull request 2823).
+    fn interrupts_filling(&mut self, offset: u32, write: bool) {
+        let Some(number) = self.filling else {
+            return;
+        };
+        if !write || offset != FIFO + FIFO_SPACING * number {
+            self.filling = None;
+            let what = format!("access to {offset:#06x} while a packet is written to endpoint {number}");
+            self.complain("FIFO", what);
+        }
     }
 }
 

@@ -327,6 +327,11 @@ fn suspend_and_resume_show_in_status_and_interrupts() {
 fn what_a_driver_must_not_do_is_reported() {
     let mut core = ready();
     core.write(ctl(DIEP, 2), bit::USBAEP | bit::CNAK | bit::SNAK);
+    core.write(DIEP + 0x40 + EP_TSIZ, 1 << 19 | 8);
+    core.write(FIFO + 2 * FIFO_SPACING, 0);
+    core.read(GINTSTS);
+    core.write(DIEP + 0x40 + EP_TSIZ, 0);
+    core.write(GRSTCTL, bit::TXFFLSH | 0x10 << 6);
     core.out(0, 2, false, &[1, 2, 3]);
     core.read(GRXSTSP);
     core.read(GRXSTSP);
@@ -343,6 +348,7 @@ fn what_a_driver_must_not_do_is_reported() {
         .collect();
     let words = [
         "CNAK and SNAK",
+        "while a packet is written",
         "unread",
         "read beyond",
         "receive FIFO",
