@@ -112,10 +112,10 @@ pub fn discard_packet() {
 fn start_with_data0(endpoint: u8) {
     // SAFETY: the superloop is the only user of the core, and this runs in it.
     let device = unsafe { &*OTG2_HS_DEVICE::PTR };
-    match endpoint {
+    let _ = match endpoint {
         NOTIFICATION => device.diep1().ctl().modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
         BULK_IN => device.diep2().ctl().modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
         BULK_OUT => device.doep1().ctl().modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
-        _ => {}
-    }
+        _ => 0,
+    };
 }
