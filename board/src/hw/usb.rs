@@ -91,7 +91,9 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
     let Ok(builder) = builder else {
         return (None, producer);
     };
-    let device = builder.device_class(usbd_serial::USB_CLASS_CDC).build();
+    let mut device = builder.device_class(usbd_serial::USB_CLASS_CDC).build();
+    // The builder's setting is for the descriptor alone; this one answers GET_STATUS.
+    device.set_self_powered(true);
     startup::unmask(pac::Interrupt::OTG_FS);
     (
         Some(Usb {
@@ -132,6 +134,7 @@ impl Usb {
     pub fn serve(&mut self, mut take: impl FnMut(u8)) {
         self.device
             .poll(&mut [&mut Corrections, &mut self.port]);
+        usb_class::refuse_unexpected_data(self.device.bus());
         // Frames come from a host that gave an address. A suspended bus, or one without a cable, has none.
         let framed = matches!(
             self.device.state(),

@@ -7,13 +7,18 @@
 //!   has to do the same for all endpoints (section 9.1.1.5). A host that did it on its side takes the next packet for a
 //!   repeated one and drops it; so does the core with the host's.
 //!
+//! * `usb-device` leaves data at endpoint 0 that it did not expect in the driver's buffer (a data stage longer than its 128 bytes, a
+//!   status stage that is not empty). The buffer stays full, the receive FIFO behind it too, and USB is dead until the
+//!   controller is reset. Such data are taken and the transfer is refused.
+//!
 //! Owner: the superloop alone, as the rest of USB.
 
 use super::pac::{OTG2_HS_DEVICE, OTG2_HS_GLOBAL};
 use super::startup;
 use usb_device::bus::UsbBus;
 use usb_device::class_prelude::control::{Recipient, Request, RequestType};
-use usb_device::class_prelude::{ControlIn, ControlOut, UsbClass};
+use usb_device::class_prelude::{ControlIn, ControlOut, EndpointAddress, UsbClass};
+use usb_device::UsbDirection;
 
 /// Notification endpoint. The endpoints are numbered as `usbd-serial` allocates them.
 const NOTIFICATION: u8 = 0x81;
@@ -78,13 +83,26 @@ impl<B: UsbBus> UsbClass<B> for Corrections {
         }
         match (request.recipient, request.request) {
             (Recipient::Device, Request::SET_CONFIGURATION) => {
-                [NOTIFICATION, BULK_IN, BULK_OUT].map(start_with_data0);
+                [NOTIFICATION, BULK_IN, BULK_OUT]
+                    .into_iter()
+                    .for_each(start_with_data0);
             }
             (Recipient::Endpoint, Request::CLEAR_FEATURE) => {
                 start_with_data0((request.index & 0x8F) as u8);
             }
             _ => {}
         }
+    }
+}
+
+/// Takes what is left at endpoint 0 after a poll, and stalls the transfer: everything that was expected is taken by then. The
+/// next SETUP ends the stall.
+pub fn refuse_unexpected_data(bus: &impl UsbBus) {
+    let [from_host, to_host] = [UsbDirection::Out, UsbDirection::In]
+        .map(|direction| EndpointAddress::from_parts(0, direction));
+    if bus.read(from_host, &mut [0; 64]).is_ok() {
+        bus.set_stalled(from_host, true);
+        bus.set_stalled(to_host, true);
     }
 }
 

@@ -96,12 +96,11 @@ impl Host {
     fn perform(&mut self, core: &mut Core, transaction: Transaction) {
         match transaction {
             Transaction::Control => {
-                let max_packet = self.max_packet_0();
                 let address = self.address;
                 let ended = self
                     .transfer
                     .as_mut()
-                    .and_then(|transfer| transfer.transact(core, address, max_packet));
+                    .and_then(|transfer| transfer.transact(core, address));
                 if let Some(outcome) = ended {
                     self.finish(core, outcome);
                 }

@@ -109,6 +109,8 @@ pub(super) struct Transfer {
     asked: bool,
     silent: u8,
     deadline: u64,
+    /// Largest packet of endpoint 0.
+    max_packet: usize,
 }
 
 impl Transfer {
@@ -123,10 +125,12 @@ impl Transfer {
             asked: false,
             silent: 0,
             deadline: 0,
+            max_packet: 8,
         }
     }
 
-    pub fn begin(&mut self, now: u64) {
+    pub fn begin(&mut self, now: u64, max_packet: usize) {
+        self.max_packet = max_packet;
         self.deadline = now + PATIENCE_NS;
     }
 
@@ -136,7 +140,7 @@ impl Transfer {
 
     /// Payload of the next packet to the device.
     fn chunk(&self) -> &[u8] {
-        let end = (self.sent + 64).min(self.request.data.len());
+        let end = (self.sent + self.max_packet).min(self.request.data.len());
         &self.request.data[self.sent..end]
     }
 
@@ -145,7 +149,7 @@ impl Transfer {
         match self.stage {
             Stage::Setup => 8,
             Stage::DataOut => self.chunk().len(),
-            Stage::DataIn => usize::from(self.request.length).min(64),
+            Stage::DataIn => usize::from(self.request.length).min(self.max_packet),
             Stage::StatusIn | Stage::StatusOut => 0,
         }
     }
@@ -176,7 +180,7 @@ impl Transfer {
     }
 
     /// Executes the next transaction; the end of the transfer, if it was the last one.
-    pub fn transact(&mut self, core: &mut Core, address: u8, max_packet: usize) -> Option<Outcome> {
+    pub fn transact(&mut self, core: &mut Core, address: u8) -> Option<Outcome> {
         self.asked = true;
         match self.stage {
             Stage::Setup => match core.setup(address, self.request.setup()) {
@@ -190,7 +194,7 @@ impl Transfer {
                 }
                 _ => self.silence(),
             },
-            Stage::DataIn => self.data_in(core, address, max_packet),
+            Stage::DataIn => self.data_in(core, address),
             Stage::DataOut => self.data_out(core, address),
             Stage::StatusIn => match core.in_token(address, 0) {
                 InResponse::Data { bytes, data1 } => {
@@ -218,7 +222,7 @@ impl Transfer {
         }
     }
 
-    fn data_in(&mut self, core: &mut Core, address: u8, max_packet: usize) -> Option<Outcome> {
+    fn data_in(&mut self, core: &mut Core, address: u8) -> Option<Outcome> {
         match core.in_token(address, 0) {
             InResponse::Data { data1, bytes } => {
                 core.acknowledged(0, bytes.len());
@@ -243,7 +247,7 @@ impl Transfer {
                 {
                     return Some(Outcome::Abandoned);
                 }
-                if bytes.len() < max_packet || self.received.len() == length {
+                if bytes.len() < self.max_packet || self.received.len() == length {
                     self.enter(Stage::StatusOut);
                 }
                 None

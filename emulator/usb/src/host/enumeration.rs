@@ -153,13 +153,14 @@ impl Host {
         if self.transfer.is_some() {
             return;
         }
+        let max_packet = self.max_packet_0();
         let next = if let Some(enumeration) = &self.enumeration {
             Some(Transfer::new(0, enumeration.request()))
         } else {
             self.port_request().or_else(|| self.waiting.pop_front())
         };
         self.transfer = next.map(|mut transfer| {
-            transfer.begin(self.now);
+            transfer.begin(self.now, max_packet);
             transfer
         });
     }
