@@ -74,9 +74,10 @@ impl RigLink for Paced {
                 cause: "unplugged".to_owned(),
             });
         }
-        // Not seconds ahead of an observer that the machine gives no time: time stands still, the service goes on.
+        // Not seconds ahead of an observer that the machine gives no time: time stands still, the service goes on. Each
+        // cycle is a tick for the observer to read, so they come at the pace of a real link.
         let duration = if self.board.now_ns > self.no_further.load(Ordering::SeqCst) {
-            std::thread::sleep(Duration::from_micros(100));
+            std::thread::sleep(duration);
             Duration::ZERO
         } else {
             duration
@@ -582,7 +583,14 @@ fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
             session.advance(Duration::from_millis(10)).unwrap();
             samples += session.drain().samples.len();
         }
-        assert_eq!(session.counters().frames_lost, 0, "client {clients}");
+        let counters = session.counters();
+        assert_eq!(
+            (counters.frames_lost, counters.frames_bad),
+            (0, 0),
+            "client {clients}, at {} ns: {counters:?}, {:?}",
+            session.now_ns(),
+            holder.status().unwrap()
+        );
         rig.no_further.store(u64::MAX, Ordering::SeqCst);
         drop(quiet);
         clients += 2;
