@@ -132,8 +132,7 @@ fn core_answers() -> bool {
 impl Usb {
     /// Transfers at most one packet in each direction. Passes on the received bytes.
     pub fn serve(&mut self, mut take: impl FnMut(u8)) {
-        self.device
-            .poll(&mut [&mut Corrections, &mut self.port]);
+        self.device.poll(&mut [&mut Corrections, &mut self.port]);
         usb_class::refuse_unexpected_data(self.device.bus());
         // Frames come from a host that gave an address. A suspended bus, or one without a cable, has none.
         let framed = matches!(

@@ -34,25 +34,89 @@ const CONFIGURATION_TYPE: u16 = 2;
 /// 5.2.3, PSTN 1.2 section 5.3).
 static CONFIGURATION: [u8; 75] = [
     // Configuration 1: 75 bytes, two interfaces, self-powered, nothing drawn from the bus.
-    9, 2, 75, 0, 2, 1, 0, 0xC0, 0, //
+    9,
+    2,
+    75,
+    0,
+    2,
+    1,
+    0,
+    0xC0,
+    0, //
     // Interface association: interfaces 0 and 1 are one ACM function.
-    8, 0x0B, 0, 2, 2, 2, 0, 0, //
+    8,
+    0x0B,
+    0,
+    2,
+    2,
+    2,
+    0,
+    0, //
     // Interface 0: communications, abstract control model, one endpoint.
-    9, 4, 0, 0, 1, 2, 2, 0, 0, //
+    9,
+    4,
+    0,
+    0,
+    1,
+    2,
+    2,
+    0,
+    0, //
     // Header: CDC 1.20.
-    5, 0x24, 0, 0x20, 0x01, //
+    5,
+    0x24,
+    0,
+    0x20,
+    0x01, //
     // Abstract control management: D1, line coding and control line state.
-    4, 0x24, 2, 0b0010, //
+    4,
+    0x24,
+    2,
+    0b0010, //
     // Union: interface 0 controls interface 1.
-    5, 0x24, 6, 0, 1, //
+    5,
+    0x24,
+    6,
+    0,
+    1, //
     // Call management: none, data on interface 1.
-    5, 0x24, 1, 0, 1, //
+    5,
+    0x24,
+    1,
+    0,
+    1, //
     // Notifications: interrupt, 8 bytes, 255 ms.
-    7, 5, NOTIFICATION, 3, 8, 0, 255, //
+    7,
+    5,
+    NOTIFICATION,
+    3,
+    8,
+    0,
+    255, //
     // Interface 1: data, two endpoints.
-    9, 4, 1, 0, 2, 0x0A, 0, 0, 0, //
-    7, 5, BULK_IN, 2, 64, 0, 0, //
-    7, 5, BULK_OUT, 2, 64, 0, 0,
+    9,
+    4,
+    1,
+    0,
+    2,
+    0x0A,
+    0,
+    0,
+    0, //
+    7,
+    5,
+    BULK_IN,
+    2,
+    64,
+    0,
+    0, //
+    7,
+    5,
+    BULK_OUT,
+    2,
+    64,
+    0,
+    0,
 ];
 
 /// See the module's page.
@@ -120,8 +184,11 @@ pub fn discard_packet() {
     endpoint.modify(|_, w| w.epdis().set_bit());
     if startup::wait_for(READS, || endpoint.read().epena().bit_is_clear()) {
         // SAFETY: the number of a FIFO that exists.
-        core.grstctl()
-            .modify(|_, w| unsafe { w.txfnum().bits(BULK_IN & 0xF) }.txfflsh().set_bit());
+        core.grstctl().modify(|_, w| {
+            unsafe { w.txfnum().bits(BULK_IN & 0xF) }
+                .txfflsh()
+                .set_bit()
+        });
         startup::wait_for(READS, || core.grstctl().read().txfflsh().bit_is_clear());
     }
 }
@@ -131,9 +198,18 @@ fn start_with_data0(endpoint: u8) {
     // SAFETY: the superloop is the only user of the core, and this runs in it.
     let device = unsafe { &*OTG2_HS_DEVICE::PTR };
     let _ = match endpoint {
-        NOTIFICATION => device.diep1().ctl().modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
-        BULK_IN => device.diep2().ctl().modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
-        BULK_OUT => device.doep1().ctl().modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
+        NOTIFICATION => device
+            .diep1()
+            .ctl()
+            .modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
+        BULK_IN => device
+            .diep2()
+            .ctl()
+            .modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
+        BULK_OUT => device
+            .doep1()
+            .ctl()
+            .modify(|_, w| w.sd0pid_sevnfrm().set_bit()),
         _ => 0,
     };
 }

@@ -196,7 +196,13 @@ impl UsbRig {
     /// Reads a descriptor.
     pub fn descriptor(&mut self, kind: u8, index: u8, length: u16) -> Outcome {
         let value = u16::from(kind) << 8 | u16::from(index);
-        self.control(Request::read(0, 6, value, if kind == 3 { 0x409 } else { 0 }, length))
+        self.control(Request::read(
+            0,
+            6,
+            value,
+            if kind == 3 { 0x409 } else { 0 },
+            length,
+        ))
     }
 
     /// The rig's figures; the latencies since the last call.

@@ -30,9 +30,15 @@ fn a_host_enumerates_the_board_and_opens_its_port() {
     let words: Vec<&str> = log.iter().map(|(_, what)| what.as_str()).collect();
     assert_eq!(words, ["attached", "configured", "port open"]);
     check_device(&device.device).unwrap_or_else(|mistakes| panic!("{mistakes}"));
-    let port = check_configuration(&device.configuration).unwrap_or_else(|mistakes| panic!("{mistakes}"));
+    let port =
+        check_configuration(&device.configuration).unwrap_or_else(|mistakes| panic!("{mistakes}"));
     // PSTN 1.2 table 4, D1: the device takes SET_LINE_CODING and SET_CONTROL_LINE_STATE, so it has to say so.
-    assert_eq!(port.capabilities & 2, 2, "bmCapabilities {:#04x}", port.capabilities);
+    assert_eq!(
+        port.capabilities & 2,
+        2,
+        "bmCapabilities {:#04x}",
+        port.capabilities
+    );
     // The board has its own supply (docs/wiring.md); the bus feeds nothing but VDD33USB's detector.
     assert_eq!(device.configuration[7] & 0x40, 0x40, "bmAttributes");
     assert_eq!(device.text(1).as_deref(), Some("force rig"));
@@ -46,7 +52,10 @@ fn descriptors_come_in_the_length_that_is_asked_for() {
     let Outcome::Done(whole) = rig.descriptor(2, 0, 255) else {
         panic!("no configuration descriptor");
     };
-    assert_eq!(usize::from(u16::from_le_bytes([whole[2], whole[3]])), whole.len());
+    assert_eq!(
+        usize::from(u16::from_le_bytes([whole[2], whole[3]])),
+        whole.len()
+    );
     for length in [1, 8, 9, 18, 63, 64, 65, whole.len() as u16, 512] {
         let Outcome::Done(part) = rig.descriptor(2, 0, length) else {
             panic!("{length} bytes of the configuration descriptor");
@@ -121,17 +130,35 @@ fn transfers_that_the_host_abandons_leave_nothing_behind() {
 fn every_standard_request_of_chapter_9_is_answered() {
     let mut rig = UsbRig::open(65);
     // GET_STATUS of device (self-powered), interface and an endpoint; GET_CONFIGURATION; GET_INTERFACE.
-    assert_eq!(rig.control(Request::read(0, 0, 0, 0, 2)), Outcome::Done(vec![1, 0]));
-    assert_eq!(rig.control(Request::read(1, 0, 0, 0, 2)), Outcome::Done(vec![0, 0]));
-    assert_eq!(rig.control(Request::read(0, 8, 0, 0, 1)), Outcome::Done(vec![1]));
-    assert_eq!(rig.control(Request::read(1, 10, 0, 1, 1)), Outcome::Done(vec![0]));
+    assert_eq!(
+        rig.control(Request::read(0, 0, 0, 0, 2)),
+        Outcome::Done(vec![1, 0])
+    );
+    assert_eq!(
+        rig.control(Request::read(1, 0, 0, 0, 2)),
+        Outcome::Done(vec![0, 0])
+    );
+    assert_eq!(
+        rig.control(Request::read(0, 8, 0, 0, 1)),
+        Outcome::Done(vec![1])
+    );
+    assert_eq!(
+        rig.control(Request::read(1, 10, 0, 1, 1)),
+        Outcome::Done(vec![0])
+    );
     let bulk = bulk_in(&mut rig);
     // Halt and its end: the status shows it, the pipe stalls.
     let halt = |request: u8| Request::write(2, request, 0, u16::from(bulk), &[]);
     assert_eq!(rig.control(halt(3)), Outcome::Done(vec![]));
-    assert_eq!(rig.control(Request::read(2, 0, 0, bulk.into(), 2)), Outcome::Done(vec![1, 0]));
+    assert_eq!(
+        rig.control(Request::read(2, 0, 0, bulk.into(), 2)),
+        Outcome::Done(vec![1, 0])
+    );
     assert_eq!(rig.control(halt(1)), Outcome::Done(vec![]));
-    assert_eq!(rig.control(Request::read(2, 0, 0, bulk.into(), 2)), Outcome::Done(vec![0, 0]));
+    assert_eq!(
+        rig.control(Request::read(2, 0, 0, bulk.into(), 2)),
+        Outcome::Done(vec![0, 0])
+    );
     is_sound(&mut rig);
 }
 
@@ -157,20 +184,29 @@ fn a_cleared_halt_starts_with_data0() {
     for round in 0..6 {
         // An odd number of packets moves the PID to DATA1.
         let length = wire::encode(
-            &wire::HostFrame { seq: round, command: hello.clone() },
+            &wire::HostFrame {
+                seq: round,
+                command: hello.clone(),
+            },
             &mut frame,
         )
         .unwrap();
         rig.usb(|host, _| host.write_packet(&frame[..length]));
         rig.run(20);
         for address in [bulk_in(&mut rig), bulk_out(&mut rig)] {
-            assert_eq!(rig.control(Request::write(2, 1, 0, address.into(), &[])), Outcome::Done(vec![]));
+            assert_eq!(
+                rig.control(Request::write(2, 1, 0, address.into(), &[])),
+                Outcome::Done(vec![])
+            );
         }
         rig.run(20);
     }
     let counts = rig.usb(|host, _| host.counts());
     assert!(counts.packets_in > 5, "{counts:?}");
-    assert_eq!(counts.repeated_in, 0, "packets with the PID of the one before: {counts:?}");
+    assert_eq!(
+        counts.repeated_in, 0,
+        "packets with the PID of the one before: {counts:?}"
+    );
     // Each request was answered: none was taken for a repetition.
     assert_eq!(counts.packets_out, 6);
     let answers = replies(&mut rig);
@@ -187,18 +223,27 @@ fn a_repeated_set_configuration_starts_with_data0() {
         let length = wire::encode(&wire::HostFrame { seq, command }, &mut frame).unwrap();
         rig.usb(|host, _| host.write_packet(&frame[..length]));
         rig.run(20);
-        assert_eq!(rig.control(Request::write(0, 9, 1, 0, &[])), Outcome::Done(vec![]));
+        assert_eq!(
+            rig.control(Request::write(0, 9, 1, 0, &[])),
+            Outcome::Done(vec![])
+        );
         rig.run(20);
     }
     let counts = rig.usb(|host, _| host.counts());
-    assert_eq!((counts.repeated_in, replies(&mut rig)), (0, 5), "{counts:?}");
+    assert_eq!(
+        (counts.repeated_in, replies(&mut rig)),
+        (0, 5),
+        "{counts:?}"
+    );
 }
 
 /// Responses among the bytes that came by USB.
 fn replies(rig: &mut UsbRig) -> usize {
     let mut decoder = wire::Decoder::new();
     let bytes = rig.usb(|host, _| host.take_read());
-    let frames = bytes.into_iter().filter_map(|byte| decoder.push(byte).ok().flatten());
+    let frames = bytes
+        .into_iter()
+        .filter_map(|byte| decoder.push(byte).ok().flatten());
     frames
         .filter(|frame: &wire::BoardFrame| matches!(frame.message, wire::BoardMessage::Reply(_)))
         .count()
@@ -211,7 +256,14 @@ fn packets_of_any_length_are_one_stream_of_bytes() {
     let mut expected = 0;
     for (seq, cut) in [1, 2, 3, 5, 8, 13, 63, 64].into_iter().enumerate() {
         let command = wire::Command::GetStatus;
-        let length = wire::encode(&wire::HostFrame { seq: seq as u16, command }, &mut frame).unwrap();
+        let length = wire::encode(
+            &wire::HostFrame {
+                seq: seq as u16,
+                command,
+            },
+            &mut frame,
+        )
+        .unwrap();
         rig.usb(|host, _| {
             // Packets of length zero between the pieces carry nothing.
             host.write_packet(&[]);

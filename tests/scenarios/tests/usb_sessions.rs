@@ -16,13 +16,15 @@ const TENSION_N: f64 = 3.0;
 fn forcectl(line: &str) -> (Option<i32>, String) {
     let rig = PathBuf::from(std::env::var_os("FORCE_RIG_BIN").expect("FORCE_RIG_BIN is set"));
     let folder = tempfile::tempdir().expect("a temporary folder");
-    let output = Process::new(rig.with_file_name(format!("forcectl{}", std::env::consts::EXE_SUFFIX)))
-        .args(line.split_whitespace())
-        .current_dir(folder.path())
-        .stdin(Stdio::null())
-        .output()
-        .expect("forcectl runs");
-    let text = [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
+    let output =
+        Process::new(rig.with_file_name(format!("forcectl{}", std::env::consts::EXE_SUFFIX)))
+            .args(line.split_whitespace())
+            .current_dir(folder.path())
+            .stdin(Stdio::null())
+            .output()
+            .expect("forcectl runs");
+    let text =
+        [output.stdout, output.stderr].map(|bytes| String::from_utf8_lossy(&bytes).into_owned());
     (output.status.code(), text.concat())
 }
 
@@ -37,13 +39,19 @@ fn forcectl_holds_a_force_over_usb() {
 fn forcectl_says_that_the_cable_was_pulled() {
     let (code, text) = forcectl("set-force 0 2.5 0 --duration 5 --usb --inject usb-out@2s");
     assert_ne!(code, Some(0), "{text}");
-    assert!(text.contains("USB port went away") && text.contains("0 V by itself"), "{text}");
+    assert!(
+        text.contains("USB port went away") && text.contains("0 V by itself"),
+        "{text}"
+    );
     assert!(!text.contains("panicked"), "{text}");
 }
 
 /// Time in milliseconds from the first row on until all outputs stand at 0 V for good.
 fn zero_after_ms(truth: &[Truth]) -> usize {
-    truth.iter().rposition(|row| !all_at_zero(row)).map_or(0, |last| last + 1)
+    truth
+        .iter()
+        .rposition(|row| !all_at_zero(row))
+        .map_or(0, |last| last + 1)
 }
 
 #[test]
@@ -73,10 +81,18 @@ fn a_pulled_cable_stops_the_motors_and_a_new_session_holds_again() {
     stand.run(1.0);
     let last = stand.truth().pop().expect("rows");
     for (unit, tension) in last.tension_n.iter().enumerate() {
-        assert!((tension - TENSION_N).abs() < 0.3, "unit {}: {tension} N", unit + 1);
+        assert!(
+            (tension - TENSION_N).abs() < 0.3,
+            "unit {}: {tension} N",
+            unit + 1
+        );
     }
     let counters = stand.session.counters();
-    assert_eq!((counters.frames_lost, counters.frames_bad), (0, 0), "stale bytes in the new session");
+    assert_eq!(
+        (counters.frames_lost, counters.frames_bad),
+        (0, 0),
+        "stale bytes in the new session"
+    );
 }
 
 #[test]
@@ -101,7 +117,11 @@ fn a_suspended_bus_stops_the_motors_and_goes_on_after_resume() {
     assert!(status.fault != 0, "the expired setpoints are reported");
     drop(stand);
     let log = rig.usb(|host, _| host.log().to_vec());
-    assert_eq!(log.iter().filter(|(_, what)| what == "configured").count(), 1, "{log:?}");
+    assert_eq!(
+        log.iter().filter(|(_, what)| what == "configured").count(),
+        1,
+        "{log:?}"
+    );
 }
 
 #[test]
@@ -113,7 +133,11 @@ fn a_port_that_is_opened_again_starts_with_a_whole_frame() {
         stand.run(0.3);
         let counters = stand.session.counters();
         assert_eq!(
-            (counters.frames_lost, counters.frames_bad, counters.frames_unknown),
+            (
+                counters.frames_lost,
+                counters.frames_bad,
+                counters.frames_unknown
+            ),
             (0, 0, 0),
             "before {pause_ms} ms"
         );
@@ -162,9 +186,17 @@ fn both_links_stream_every_sample_and_nothing_is_lost() {
     let status = stand.status();
     assert_eq!(status.frames_dropped, 0);
     drop(stand);
-    println!("DRDY to DAC in us (median, p99, largest): USB {alone:.1?}, USB and USART3 {both:.1?}");
-    println!("{made} conversions, {streamed} samples by USB, {} by USART3", rig.other.samples);
-    assert!(streamed.abs_diff(made) <= 60, "{streamed} of {made} samples by USB");
+    println!(
+        "DRDY to DAC in us (median, p99, largest): USB {alone:.1?}, USB and USART3 {both:.1?}"
+    );
+    println!(
+        "{made} conversions, {streamed} samples by USB, {} by USART3",
+        rig.other.samples
+    );
+    assert!(
+        streamed.abs_diff(made) <= 60,
+        "{streamed} of {made} samples by USB"
+    );
     assert_eq!((rig.other.lost, rig.other.bad), (0, 0));
     assert!(rig.other.samples > made, "USART3 streams since the start");
     for (with, without) in both.iter().zip(alone) {
@@ -188,14 +220,25 @@ fn a_host_that_stops_reading_is_not_noticed_by_the_sample_path() {
         let missed = stand.status().units.map(|unit| unit.missed);
         stand.run(3.0);
         figures.push(path_us(&stand.report().latencies));
-        assert_eq!(stand.status().units.map(|unit| unit.missed), missed, "reads: {reads}");
+        assert_eq!(
+            stand.status().units.map(|unit| unit.missed),
+            missed,
+            "reads: {reads}"
+        );
         let rows = stand.truth();
         let held = rows.last().expect("rows").tension_n;
-        assert!(held.iter().all(|tension| (tension - TENSION_N).abs() < 0.3), "{held:?}");
+        assert!(
+            held.iter().all(|tension| (tension - TENSION_N).abs() < 0.3),
+            "{held:?}"
+        );
     }
     println!("DRDY to DAC in us (median, p99, largest): host reads, does not, reads again: {figures:.1?}");
     let counters = stand.session.counters();
-    assert_eq!((counters.frames_lost, counters.frames_bad), (0, 0), "USART3 goes on");
+    assert_eq!(
+        (counters.frames_lost, counters.frames_bad),
+        (0, 0),
+        "USART3 goes on"
+    );
     drop(stand);
     for (with, without) in figures[1].iter().zip(figures[0]) {
         assert!(*with < without + 10.0, "{figures:?}");

@@ -312,7 +312,8 @@ impl RigMcu {
     /// A USB core without its clock or supply is dead on the part; the engine does not look.
     fn check_usb(&mut self) {
         let bus = self.part.bus();
-        let [clocks, power] = [self.slots.rcc, self.slots.pwr].map(|nth| bus.slots()[nth].registers());
+        let [clocks, power] =
+            [self.slots.rcc, self.slots.pwr].map(|nth| bus.slots()[nth].registers());
         if let Some(what) = usb_needs(clocks, power) {
             self.board.lock().complain("OTG2_HS", what.to_owned());
         }

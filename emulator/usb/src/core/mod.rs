@@ -403,7 +403,8 @@ impl Core {
         };
         if !write || offset != FIFO + FIFO_SPACING * number {
             self.filling = None;
-            let what = format!("access to {offset:#06x} while a packet is written to endpoint {number}");
+            let what =
+                format!("access to {offset:#06x} while a packet is written to endpoint {number}");
             self.complain("FIFO", what);
         }
     }
