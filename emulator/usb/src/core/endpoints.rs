@@ -55,7 +55,8 @@ impl Endpoint {
             }
         }
         let wants_disabled = value & bit::EPDIS != 0;
-        if wants_disabled && self.enabled && !(number == 0 && !is_in) {
+        // OUT endpoint 0 cannot be disabled (57.14.60).
+        if wants_disabled && self.enabled && (number != 0 || is_in) {
             self.disabling = true;
         }
         if value & bit::EPENA != 0 && !wants_disabled {
