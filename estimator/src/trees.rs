@@ -5,6 +5,7 @@ use crate::motion::{LowPass, Moment};
 use crate::physics::{settle_rows, Observer, Physics, Seen};
 use crate::sequence::Sequence;
 use forust_ml::{GradientBooster, Matrix};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -156,6 +157,10 @@ struct Features {
     row: Vec<f64>,
 }
 
+/// Tip speed below which the estimate is averaged over a longer time, m/s. There the motors hardly slide, and a single row tells little.
+const SLOW_M_PER_S: f64 = 0.002;
+/// Time constant of that average for a tip that stands, s.
+const STANDING_S: f64 = 1.0;
 /// Time constants of the slow features, s.
 const SLOW_S: [f64; 2] = [0.3, 1.0];
 
@@ -308,6 +313,7 @@ impl Model for Boosted {
             model: self,
             observer: self.physics.observer(),
             features: Features::new(self.correct, self.physics.step_s()),
+            held: Vec::new(),
         })
     }
 }
@@ -316,6 +322,8 @@ struct BoostedStepper<'a> {
     model: &'a Boosted,
     observer: Observer<'a>,
     features: Features,
+    /// The averaged estimate, N; empty before the first row.
+    held: Vec<f64>,
 }
 
 impl Stepper for BoostedStepper<'_> {
@@ -335,6 +343,7 @@ impl Stepper for BoostedStepper<'_> {
 
     fn reset(&mut self) {
         self.observer.forget();
+        self.held.clear();
         self.features = Features::new(self.model.correct, self.model.physics.step_s());
     }
 }

@@ -223,3 +223,90 @@ impl Data {
         sequences.iter().map(|s| s.rows() as f64 * s.step_s).sum::<f64>() / 60.0
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::experiment::table::Table;
+    use robot::kinematics::{forward, to_crtk};
+
+    /// Three seconds of a moving arm at 100 Hz.
+    fn rows(names: &[&str]) -> Table {
+        let mut table = Table::new(names.iter().map(|n| (*n).to_owned()).collect());
+        for k in 0..300 {
+            let t = f64::from(k) * 0.01;
+            let q = [0.7 + 0.3 * t.sin(), 1.4 + 0.3 * (0.7 * t).cos(), 0.38 + 0.03 * (1.3 * t).sin()];
+            let tip = to_crtk(forward(&[q[0], q[1], q[2], 0.0, 0.0, 0.0]).position_m);
+            let row: Vec<f64> = names
+                .iter()
+                .map(|name| match *name {
+                    "t_s" => t,
+                    "joint_position_1" => q[0],
+                    "joint_position_2" => q[1],
+                    "joint_position_3" => q[2],
+                    "tip_x_m" => tip.x,
+                    "tip_y_m" => tip.y,
+                    "tip_z_m" => tip.z,
+                    "quality" => 1.0,
+                    "trial" => 2.0,
+                    _ => 0.5,
+                })
+                .collect();
+            table.push(&row);
+        }
+        table
+    }
+
+    const NAMES: [&str; 18] = [
+        "t_s", "joint_position_1", "joint_position_2", "joint_position_3", "joint_velocity_1", "joint_velocity_2",
+        "joint_velocity_3", "joint_effort_1", "joint_effort_2", "joint_effort_3", "force_x_n", "force_y_n", "force_z_n",
+        "tip_x_m", "tip_y_m", "tip_z_m", "quality", "trial",
+    ];
+
+    #[test]
+    fn a_dataset_folder_tells_robot_axis_and_age_of_the_label() {
+        let folder = tempfile::tempdir().unwrap();
+        let inner = folder.path().join("dataset");
+        std::fs::create_dir(&inner).unwrap();
+        rows(&NAMES).write(&inner.join("trial-02.parquet"), 0, &[]).unwrap();
+        let card = serde_json::json!({
+            "experiment": {"seed": 3, "robot": {"kind": "virtual", "seed": null}, "force": {"kind": "one_axis", "axis": [0.0, 1.0, 0.0]}},
+            "trials": [{"figures": {"force_age_s": 0.001, "sync_error_s": 1e-6}}, {"figures": {"force_age_s": 0.002, "sync_error_s": 1e-6}}],
+        });
+        std::fs::write(inner.join("card.json"), card.to_string()).unwrap();
+        let data = load(folder.path(), &Mapping::default(), 50.0, true).unwrap();
+        assert_eq!((data.robot.as_str(), data.axes.as_slice()), ("virtual seed 3", [1].as_slice()));
+        assert_eq!((data.trials(), data.sequences[0].rows()), (vec![2], 150));
+        assert!((data.sampling.unwrap().force_age_s - 0.002).abs() < 1e-12);
+        assert_eq!(data.sources[0].sha256.len(), 64);
+        let error = load(folder.path(), &Mapping::default(), 30.0, true).unwrap_err().to_string();
+        assert!(error.contains("trial-02.parquet") && error.contains("30.00 Hz"), "{error}");
+    }
+
+    #[test]
+    fn any_log_is_read_by_a_mapping_and_mistakes_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = folder.path().join("day.csv");
+        let table = rows(&NAMES);
+        let mut text = NAMES.join(",").replace("joint_effort_2", "elbow_nmm") + "\n";
+        for k in 0..table.rows() {
+            let cells: Vec<String> = NAMES.iter().map(|n| table.column(n).unwrap()[k].to_string()).collect();
+            text += &(cells.join(",") + "\n");
+        }
+        std::fs::write(&log, &text).unwrap();
+        let error = load(&log, &Mapping::default(), 50.0, true).unwrap_err().to_string();
+        assert!(error.contains("day.csv") && error.contains("`joint_effort_2`"), "{error}");
+        let map = folder.path().join("map.toml");
+        let named = |column: &str| format!("{{ column = \"{column}\" }}");
+        let effort = format!("{}, {{ column = \"elbow_nmm\", factor = 0.001 }}, {}", named("joint_effort_1"), named("joint_effort_3"));
+        std::fs::write(&map, format!("robot = \"mine\"\neffort = [{effort}]\n")).unwrap();
+        let data = load(&log, &mapping(&map).unwrap(), 100.0, true).unwrap();
+        assert_eq!(data.robot, "mine");
+        assert!((data.sequences[0].input_row(0)[7] - 0.0005).abs() < 1e-9);
+        std::fs::write(&map, "efort = []\n").unwrap();
+        assert!(mapping(&map).unwrap_err().to_string().contains("efort"));
+        // A cell that is no number, in the fifth row.
+        std::fs::write(&log, text.replacen("0.04,", "broken,", 1)).unwrap();
+        assert!(load(&log, &mapping(&map).unwrap_or_default(), 50.0, true).is_err());
+    }
+}
