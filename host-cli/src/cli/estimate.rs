@@ -155,7 +155,8 @@ fn refused(error: impl ToString) -> Failure {
 
 /// Reads a model file.
 fn model(path: &Path) -> Result<Estimator> {
-    let text = std::fs::read_to_string(path).map_err(|error| refused(format!("{}: {error}", path.display())))?;
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| refused(format!("{}: {error}", path.display())))?;
     Estimator::from_json(&text).map_err(|error| refused(format!("{}: {error}", path.display())))
 }
 
@@ -174,9 +175,17 @@ impl Estimate {
 impl DataArgs {
     fn load(&self, path: &Path) -> Result<Data> {
         if !(1.0..=1000.0).contains(&self.rate) {
-            return Err(refused(format!("--rate {}: allowed are 1 to 1000 Hz", self.rate)));
+            return Err(refused(format!(
+                "--rate {}: allowed are 1 to 1000 Hz",
+                self.rate
+            )));
         }
-        Ok(load::load(path, &mapping(self.mapping.as_ref())?, self.rate, true)?)
+        Ok(load::load(
+            path,
+            &mapping(self.mapping.as_ref())?,
+            self.rate,
+            true,
+        )?)
     }
 }
 
@@ -187,7 +196,11 @@ impl Train {
         let rows: Vec<&Sequence> = data.of(&training);
         let settings = Training {
             kind: self.model,
-            axes: if self.all_axes { vec![0, 1, 2] } else { data.axes.clone() },
+            axes: if self.all_axes {
+                vec![0, 1, 2]
+            } else {
+                data.axes.clone()
+            },
             base: data.base,
             robot: data.robot.clone(),
             trees: TreesConfig {
@@ -197,7 +210,10 @@ impl Train {
             intervals: !self.no_intervals,
         };
         let began = Instant::now();
-        let trained = Estimator::train(&settings, &rows, &mut |p: &Progress| context.output.note(&p.text)).map_err(refused)?;
+        let trained = Estimator::train(&settings, &rows, &mut |p: &Progress| {
+            context.output.note(&p.text)
+        })
+        .map_err(refused)?;
         let run = Run {
             training,
             test,
@@ -208,13 +224,27 @@ impl Train {
         let evaluation = (!unseen.is_empty()).then(|| evaluate::evaluate(&trained, &unseen).0);
         // From here on Ctrl-C must not leave a model without its card.
         let _controlled_stop = context.interrupt.controlled_stop();
-        let text = trained.to_json().map_err(|error| Failure::new(exit::FILE, error))?;
+        let text = trained
+            .to_json()
+            .map_err(|error| Failure::new(exit::FILE, error))?;
         std::fs::write(&self.out, text).map_err(|error| Failure::file(&self.out, &error))?;
         let sha = sha256_of(&self.out).map_err(|error| Failure::new(exit::FILE, error))?;
         let card = ModelCard::new(&trained, sha, &data, &run, evaluation);
-        let written = card.write(&self.out).map_err(|error| Failure::file(&self.out, &error))?;
-        let mut text = card.markdown().lines().take_while(|l| !l.starts_with("## ")).collect::<Vec<_>>().join("\n");
-        row!(text, "\nmodel {}, card {}", self.out.display(), written.display());
+        let written = card
+            .write(&self.out)
+            .map_err(|error| Failure::file(&self.out, &error))?;
+        let mut text = card
+            .markdown()
+            .lines()
+            .take_while(|l| !l.starts_with("## "))
+            .collect::<Vec<_>>()
+            .join("\n");
+        row!(
+            text,
+            "\nmodel {}, card {}",
+            self.out.display(),
+            written.display()
+        );
         Ok(Reply::new(text, json!(card)))
     }
 }
@@ -223,7 +253,10 @@ impl Train {
 fn split(data: &Data, test: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
     let all = data.trials();
     if let Some(wrong) = test.iter().find(|t| !all.contains(t)) {
-        return Err(refused(format!("--test {wrong}: {} has the trials {all:?}", data.name)));
+        return Err(refused(format!(
+            "--test {wrong}: {} has the trials {all:?}",
+            data.name
+        )));
     }
     let test: Vec<usize> = if test.is_empty() {
         let count = (all.len() * 2).div_ceil(9).min(all.len() - 1);
@@ -233,7 +266,9 @@ fn split(data: &Data, test: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
     };
     let training: Vec<usize> = all.into_iter().filter(|t| !test.contains(t)).collect();
     if training.is_empty() {
-        return Err(refused("no trial is left for training; the split is between trials, never within one"));
+        return Err(refused(
+            "no trial is left for training; the split is between trials, never within one",
+        ));
     }
     Ok((training, test))
 }
@@ -241,9 +276,18 @@ fn split(data: &Data, test: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
 impl Eval {
     fn run(&self, _context: &Context) -> Result<Reply> {
         let estimator = model(&self.model)?;
-        let data = load::load(&self.data, &mapping(self.mapping.as_ref())?, 1.0 / estimator.step_s, true)?;
+        let data = load::load(
+            &self.data,
+            &mapping(self.mapping.as_ref())?,
+            1.0 / estimator.step_s,
+            true,
+        )?;
         check_robot(&estimator, &data.robot, self.any_robot)?;
-        let trials = if self.trials.is_empty() { self.unseen(&data) } else { self.trials.clone() };
+        let trials = if self.trials.is_empty() {
+            self.unseen(&data)
+        } else {
+            self.trials.clone()
+        };
         let sequences = data.of(&trials);
         if sequences.is_empty() {
             return Err(refused(format!(
@@ -255,19 +299,55 @@ impl Eval {
         let (evaluation, _) = evaluate::evaluate(&estimator, &sequences);
         let mut text = String::new();
         let f = &evaluation.figures;
-        let half = f.mae_half_n.map_or_else(String::new, |h| format!(" +- {h:.3}"));
-        row!(text, "model {} on {}, trials {:?}, {} rows", estimator.kind.name(), data.name, evaluation.trials, f.rows);
-        row!(text, "MAE            {:.3}{half} N (95 % over trials)", f.mae_n);
-        row!(text, "RMSE           {:.3} N, NRMSE {:.2} %", f.rmse_n, 100.0 * f.nrmse);
-        row!(text, "turning round  {:.3} N, sliding {:.3} N", evaluation.mae_reversing_n, evaluation.mae_sliding_n);
+        let half = f
+            .mae_half_n
+            .map_or_else(String::new, |h| format!(" +- {h:.3}"));
+        row!(
+            text,
+            "model {} on {}, trials {:?}, {} rows",
+            estimator.kind.name(),
+            data.name,
+            evaluation.trials,
+            f.rows
+        );
+        row!(
+            text,
+            "MAE            {:.3}{half} N (95 % over trials)",
+            f.mae_n
+        );
+        row!(
+            text,
+            "RMSE           {:.3} N, NRMSE {:.2} %",
+            f.rmse_n,
+            100.0 * f.nrmse
+        );
+        row!(
+            text,
+            "turning round  {:.3} N, sliding {:.3} N",
+            evaluation.mae_reversing_n,
+            evaluation.mae_sliding_n
+        );
         if let Some(covered) = evaluation.covered {
             row!(text, "90 % interval  covers {:.1} %", 100.0 * covered);
         }
-        row!(text, "step           {:.1} us median, {:.1} us p99", evaluation.step.median_us, evaluation.step.p99_us);
+        row!(
+            text,
+            "step           {:.1} us median, {:.1} us p99",
+            evaluation.step.median_us,
+            evaluation.step.p99_us
+        );
         row!(text, "speed below, mm/s   MAE, N   rows   covered, %");
         for bin in &evaluation.by_speed {
-            let covered = bin.covered.map_or_else(|| "-".to_owned(), |c| format!("{:.1}", 100.0 * c));
-            row!(text, "{:>17.1}   {:>6.3}   {:>6}   {covered}", bin.below_m_per_s * 1e3, bin.mae_n, bin.rows);
+            let covered = bin
+                .covered
+                .map_or_else(|| "-".to_owned(), |c| format!("{:.1}", 100.0 * c));
+            row!(
+                text,
+                "{:>17.1}   {:>6.3}   {:>6}   {covered}",
+                bin.below_m_per_s * 1e3,
+                bin.mae_n,
+                bin.rows
+            );
         }
         Ok(Reply::new(text, json!(evaluation)))
     }
@@ -278,8 +358,16 @@ impl Eval {
         let Some(card) = card.and_then(|text| serde_json::from_str::<ModelCard>(&text).ok()) else {
             return data.trials();
         };
-        let known: Vec<&str> = card.sources.iter().filter(|s| s.trials.iter().any(|t| card.training_trials.contains(t))).map(|s| s.sha256.as_str()).collect();
-        let fresh = data.sources.iter().filter(|s| !known.contains(&s.sha256.as_str()));
+        let known: Vec<&str> = card
+            .sources
+            .iter()
+            .filter(|s| s.trials.iter().any(|t| card.training_trials.contains(t)))
+            .map(|s| s.sha256.as_str())
+            .collect();
+        let fresh = data
+            .sources
+            .iter()
+            .filter(|s| !known.contains(&s.sha256.as_str()));
         let mut trials: Vec<usize> = fresh.flat_map(|s| s.trials.iter().copied()).collect();
         trials.sort_unstable();
         trials.dedup();
@@ -305,15 +393,26 @@ impl ReportArgs {
         for set in &self.also {
             also.push((set.name.clone(), self.read.load(&set.folder)?));
         }
-        let three_axes = self.three_axes.as_ref().map(|dir| self.read.load(dir)).transpose()?;
+        let three_axes = self
+            .three_axes
+            .as_ref()
+            .map(|dir| self.read.load(dir))
+            .transpose()?;
         let (training, test) = split(&data, &[])?;
         let settings = report::Settings {
             training,
             test,
             seed: self.seed,
         };
-        let written = report::write(&self.into, &data, &also, three_axes.as_ref(), &settings, &mut |text| context.output.note(text))
-            .map_err(refused)?;
+        let written = report::write(
+            &self.into,
+            &data,
+            &also,
+            three_axes.as_ref(),
+            &settings,
+            &mut |text| context.output.note(text),
+        )
+        .map_err(refused)?;
         Ok(Reply::new(written.text.clone(), json!(written.results)))
     }
 }

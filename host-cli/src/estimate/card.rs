@@ -55,7 +55,9 @@ pub struct ModelCard {
 }
 
 const AXES: [&str; 3] = ["force_x_n", "force_y_n", "force_z_n"];
-const UNITS: [&str; 9] = ["rad", "rad", "m", "rad/s", "rad/s", "m/s", "N·m", "N·m", "N"];
+const UNITS: [&str; 9] = [
+    "rad", "rad", "m", "rad/s", "rad/s", "m/s", "N·m", "N·m", "N",
+];
 
 /// What a training was.
 #[derive(Debug, Clone, PartialEq)]
@@ -73,7 +75,13 @@ pub struct Run {
 impl ModelCard {
     /// The card of a trained model.
     #[must_use]
-    pub fn new(estimator: &Estimator, model_sha256: String, data: &Data, run: &Run, evaluation: Option<Evaluation>) -> Self {
+    pub fn new(
+        estimator: &Estimator,
+        model_sha256: String,
+        data: &Data,
+        run: &Run,
+        evaluation: Option<Evaluation>,
+    ) -> Self {
         let training = data.of(&run.training);
         let mut ranges = vec![[f32::INFINITY, f32::NEG_INFINITY]; UNITS.len()];
         for row in training.iter().flat_map(|s| s.input.chunks_exact(s.inputs)) {
@@ -133,12 +141,30 @@ impl ModelCard {
             // A String takes every line.
             let _ = writeln!(text, "{l}");
         };
-        let list = |trials: &[usize]| trials.iter().map(ToString::to_string).collect::<Vec<_>>().join(", ");
+        let list = |trials: &[usize]| {
+            trials
+                .iter()
+                .map(ToString::to_string)
+                .collect::<Vec<_>>()
+                .join(", ")
+        };
         line(format!("# Model card: {}\n", self.model));
-        line(format!("Written by {}. Model file SHA-256 {}.\n", self.program, self.model_sha256));
+        line(format!(
+            "Written by {}. Model file SHA-256 {}.\n",
+            self.program, self.model_sha256
+        ));
         line(format!("- **Robot**: {}", self.robot));
-        line(format!("- **Inputs**, {} rows per second: {}", self.rate_hz, self.inputs.join(", ")));
-        line(format!("- **Output**: {}; {}; frame: {}", self.outputs.join(", "), self.sign, self.frame));
+        line(format!(
+            "- **Inputs**, {} rows per second: {}",
+            self.rate_hz,
+            self.inputs.join(", ")
+        ));
+        line(format!(
+            "- **Output**: {}; {}; frame: {}",
+            self.outputs.join(", "),
+            self.sign,
+            self.frame
+        ));
         line(format!(
             "- **Training**: trials {} ({:.1} min) of {}; seed {}; {} parameters; {:.1} s",
             list(&self.training_trials),
@@ -156,7 +182,10 @@ impl ModelCard {
             ));
         }
         if let Some(e) = &self.evaluation {
-            let half = e.figures.mae_half_n.map_or_else(String::new, |h| format!(" ± {h:.3} N (95 %, over trials)"));
+            let half = e
+                .figures
+                .mae_half_n
+                .map_or_else(String::new, |h| format!(" ± {h:.3} N (95 %, over trials)"));
             line(format!(
                 "- **Test**, trials {}: MAE {:.3} N{half}, RMSE {:.3} N, NRMSE {:.2} %; step {:.1} us (median), {:.1} us (p99)",
                 list(&self.test_trials),
@@ -168,22 +197,39 @@ impl ModelCard {
             ));
             line("\n| tip speed below, mm/s | MAE, N | rows | covered | half width, N |\n| --- | --- | --- | --- | --- |".to_owned());
             for bin in &e.by_speed {
-                let covered = bin.covered.map_or_else(|| "-".to_owned(), |c| format!("{:.1} %", 100.0 * c));
-                let width = bin.half_width_n.map_or_else(|| "-".to_owned(), |w| format!("{w:.3}"));
-                line(format!("| {:.1} | {:.3} | {} | {covered} | {width} |", bin.below_m_per_s * 1e3, bin.mae_n, bin.rows));
+                let covered = bin
+                    .covered
+                    .map_or_else(|| "-".to_owned(), |c| format!("{:.1} %", 100.0 * c));
+                let width = bin
+                    .half_width_n
+                    .map_or_else(|| "-".to_owned(), |w| format!("{w:.3}"));
+                line(format!(
+                    "| {:.1} | {:.3} | {} | {covered} | {width} |",
+                    bin.below_m_per_s * 1e3,
+                    bin.mae_n,
+                    bin.rows
+                ));
             }
         }
         line("\n## Limits\n".to_owned());
         for limit in &self.limits {
             line(format!("- {limit}"));
         }
-        line("\n## Ranges in training\n\n| input | smallest | largest |\n| --- | --- | --- |".to_owned());
+        line(
+            "\n## Ranges in training\n\n| input | smallest | largest |\n| --- | --- | --- |"
+                .to_owned(),
+        );
         for (name, range) in self.inputs.iter().zip(&self.ranges) {
             line(format!("| {name} | {:.4} | {:.4} |", range[0], range[1]));
         }
         line("\n## Files\n\n| file | trials | SHA-256 |\n| --- | --- | --- |".to_owned());
         for source in &self.sources {
-            line(format!("| {} | {} | {} |", source.file, list(&source.trials), source.sha256));
+            line(format!(
+                "| {} | {} | {} |",
+                source.file,
+                list(&source.trials),
+                source.sha256
+            ));
         }
         text
     }

@@ -1,7 +1,9 @@
 //! Figures of a model on trials that it has not seen.
 
 use estimator::estimator::Estimator;
-use estimator::metrics::{self, by_bin, compare, speed_bin, speed_edges, Figures, Rows, StepTime, SPEED_BINS};
+use estimator::metrics::{
+    self, by_bin, compare, speed_bin, speed_edges, Figures, Rows, StepTime, SPEED_BINS,
+};
 use estimator::sequence::Sequence;
 use serde::{Deserialize, Serialize};
 
@@ -47,12 +49,24 @@ pub struct Evaluation {
 /// Evaluates on sequences. The first 10 s of each are left out.
 #[must_use]
 pub fn evaluate(estimator: &Estimator, sequences: &[&Sequence]) -> (Evaluation, Vec<Rows>) {
-    let trials = compare(estimator.model(), &estimator.base, &estimator.axes, sequences);
-    let widths = estimator.interval.as_ref().map(|interval| widths(interval, sequences));
+    let trials = compare(
+        estimator.model(),
+        &estimator.base,
+        &estimator.axes,
+        sequences,
+    );
+    let widths = estimator
+        .interval
+        .as_ref()
+        .map(|interval| widths(interval, sequences));
     let edges = speed_edges(&trials);
     let bin = |rows: &Rows, k: usize| speed_bin(&edges, rows.speed[k]);
     let errors = by_bin(&trials, SPEED_BINS, bin);
-    let within = |t: usize, k: usize| widths.as_ref().is_some_and(|w| trials[t].error[k].abs() <= w[t][k]);
+    let within = |t: usize, k: usize| {
+        widths
+            .as_ref()
+            .is_some_and(|w| trials[t].error[k].abs() <= w[t][k])
+    };
     let mut inside = [(0_usize, 0.0_f64); SPEED_BINS];
     let mut covered_by_trial = Vec::new();
     for (t, rows) in trials.iter().enumerate() {
@@ -68,24 +82,41 @@ pub fn evaluate(estimator: &Estimator, sequences: &[&Sequence]) -> (Evaluation, 
         covered_by_trial.push(covered as f64 / rows.error.len().max(1) as f64);
     }
     let figures = metrics::figures(&trials);
-    let by_speed = errors.iter().zip(edges).zip(inside).map(|(((mae_n, rows), edge), (covered, width))| SpeedBin {
-        below_m_per_s: edge,
-        mae_n: *mae_n,
-        rows: *rows,
-        covered: widths.as_ref().map(|_| covered as f64 / (*rows).max(1) as f64),
-        half_width_n: widths.as_ref().map(|_| width / (*rows).max(1) as f64),
-    });
+    let by_speed =
+        errors
+            .iter()
+            .zip(edges)
+            .zip(inside)
+            .map(|(((mae_n, rows), edge), (covered, width))| SpeedBin {
+                below_m_per_s: edge,
+                mae_n: *mae_n,
+                rows: *rows,
+                covered: widths
+                    .as_ref()
+                    .map(|_| covered as f64 / (*rows).max(1) as f64),
+                half_width_n: widths.as_ref().map(|_| width / (*rows).max(1) as f64),
+            });
     let reversal = by_bin(&trials, 2, |rows, k| usize::from(rows.reversing[k]));
-    let step = sequences.first().map_or(StepTime { median_us: f64::NAN, p99_us: f64::NAN }, |s| {
-        metrics::step_time(estimator.model(), s, estimator.axes.len(), TIMED_ROWS)
-    });
+    let step = sequences.first().map_or(
+        StepTime {
+            median_us: f64::NAN,
+            p99_us: f64::NAN,
+        },
+        |s| metrics::step_time(estimator.model(), s, estimator.axes.len(), TIMED_ROWS),
+    );
     let evaluation = Evaluation {
         trials: trials.iter().map(|t| t.trial).collect(),
         by_speed: by_speed.collect(),
         mae_reversing_n: reversal[1].0,
         mae_sliding_n: reversal[0].0,
-        covered: widths.as_ref().map(|_| inside.iter().map(|(n, _)| n).sum::<usize>() as f64 / figures.rows.max(1) as f64),
-        covered_by_trial: if widths.is_some() { covered_by_trial } else { Vec::new() },
+        covered: widths.as_ref().map(|_| {
+            inside.iter().map(|(n, _)| n).sum::<usize>() as f64 / figures.rows.max(1) as f64
+        }),
+        covered_by_trial: if widths.is_some() {
+            covered_by_trial
+        } else {
+            Vec::new()
+        },
         figures,
         step,
     };

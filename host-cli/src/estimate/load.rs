@@ -75,15 +75,27 @@ fn table(path: &Path) -> Result<Table, LoadError> {
     if path.extension().is_some_and(|e| e == "parquet") {
         return Table::read(path).map_err(|error| LoadError(error.to_string()));
     }
-    let mut reader = csv::ReaderBuilder::new().trim(csv::Trim::All).from_path(path).map_err(|e| failed(path, e))?;
-    let names: Vec<String> = reader.headers().map_err(|e| failed(path, e))?.iter().map(str::to_owned).collect();
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_path(path)
+        .map_err(|e| failed(path, e))?;
+    let names: Vec<String> = reader
+        .headers()
+        .map_err(|e| failed(path, e))?
+        .iter()
+        .map(str::to_owned)
+        .collect();
     let mut table = Table::new(names);
     let mut row = Vec::new();
     for record in reader.records() {
         let record = record.map_err(|e| failed(path, e))?;
         row.clear();
         // Text is no number: it is refused where the column is used.
-        row.extend(record.iter().map(|cell| cell.parse::<f64>().unwrap_or(f64::NAN)));
+        row.extend(
+            record
+                .iter()
+                .map(|cell| cell.parse::<f64>().unwrap_or(f64::NAN)),
+        );
         table.push(&row);
     }
     Ok(table)
@@ -104,7 +116,11 @@ fn files(path: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>), LoadError> {
         return Ok((vec![path.to_owned()], None));
     }
     let inner = path.join("dataset");
-    let folder = if inner.is_dir() { inner } else { path.to_owned() };
+    let folder = if inner.is_dir() {
+        inner
+    } else {
+        path.to_owned()
+    };
     let entries = std::fs::read_dir(&folder).map_err(|e| failed(&folder, e))?;
     let mut found: Vec<PathBuf> = entries
         .filter_map(|entry| entry.ok().map(|e| e.path()))
@@ -122,7 +138,12 @@ fn files(path: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>), LoadError> {
 ///
 /// # Errors
 /// [`LoadError`]: what is refused is listed in [`estimator::data`].
-pub fn load(path: &Path, mapping: &Mapping, rate_hz: f64, with_force: bool) -> Result<Data, LoadError> {
+pub fn load(
+    path: &Path,
+    mapping: &Mapping,
+    rate_hz: f64,
+    with_force: bool,
+) -> Result<Data, LoadError> {
     let (files, card) = files(path)?;
     let card: Option<serde_json::Value> = match card {
         Some(card) => {
@@ -135,14 +156,23 @@ pub fn load(path: &Path, mapping: &Mapping, rate_hz: f64, with_force: bool) -> R
     let mut sources = Vec::new();
     for (number, file) in files.iter().enumerate() {
         let table = table(file)?;
-        let mut part = data::read(&file.display().to_string(), &table, mapping, rate_hz, with_force).map_err(|e| LoadError(e.to_string()))?;
+        let mut part = data::read(
+            &file.display().to_string(),
+            &table,
+            mapping,
+            rate_hz,
+            with_force,
+        )
+        .map_err(|e| LoadError(e.to_string()))?;
         if mapping.trial.is_none() {
             part.sequences.iter_mut().for_each(|s| s.trial = number + 1);
         }
         let mut trials: Vec<usize> = part.sequences.iter().map(|s| s.trial).collect();
         trials.dedup();
         sources.push(Source {
-            file: file.file_name().map_or_else(String::new, |n| n.to_string_lossy().into_owned()),
+            file: file
+                .file_name()
+                .map_or_else(String::new, |n| n.to_string_lossy().into_owned()),
             sha256: sha256_of(file).map_err(|e| LoadError(e.to_string()))?,
             trials,
             rows_not_usable: part.unusable,
@@ -152,12 +182,23 @@ pub fn load(path: &Path, mapping: &Mapping, rate_hz: f64, with_force: bool) -> R
     let base = data::base(&parts).map_err(|error| failed(path, error))?;
     let file_rate_hz = parts.first().map_or(rate_hz, |p| p.rate_hz);
     let mut sequences: Vec<Sequence> = parts.into_iter().flat_map(|p| p.sequences).collect();
-    sequences.sort_by(|a, b| (a.trial, a.start_s).partial_cmp(&(b.trial, b.start_s)).unwrap_or(std::cmp::Ordering::Equal));
+    sequences.sort_by(|a, b| {
+        (a.trial, a.start_s)
+            .partial_cmp(&(b.trial, b.start_s))
+            .unwrap_or(std::cmp::Ordering::Equal)
+    });
     Ok(Data {
         name: path.display().to_string(),
-        robot: if mapping.robot.is_empty() { card.as_ref().map_or_else(|| "unnamed".to_owned(), robot_of) } else { mapping.robot.clone() },
+        robot: if mapping.robot.is_empty() {
+            card.as_ref().map_or_else(|| "unnamed".to_owned(), robot_of)
+        } else {
+            mapping.robot.clone()
+        },
         sampling: card.as_ref().and_then(sampling_of),
-        axes: card.as_ref().and_then(axis_of).map_or_else(|| vec![0, 1, 2], |axis| vec![axis]),
+        axes: card
+            .as_ref()
+            .and_then(axis_of)
+            .map_or_else(|| vec![0, 1, 2], |axis| vec![axis]),
         sources,
         sequences,
         base,
@@ -171,12 +212,21 @@ fn robot_of(card: &serde_json::Value) -> String {
     let robot = &experiment["robot"];
     let kind = robot["kind"].as_str().unwrap_or("robot");
     let which = if kind == "virtual" {
-        let seed = robot["seed"].as_u64().or_else(|| experiment["seed"].as_u64());
+        let seed = robot["seed"]
+            .as_u64()
+            .or_else(|| experiment["seed"].as_u64());
         let arm = &robot["arm"];
-        let payload = arm["payload_kg"].as_f64().filter(|kg| *kg > 0.0).map_or_else(String::new, |kg| format!(", payload {kg} kg"));
+        let payload = arm["payload_kg"]
+            .as_f64()
+            .filter(|kg| *kg > 0.0)
+            .map_or_else(String::new, |kg| format!(", payload {kg} kg"));
         format!("seed {}{payload}", seed.unwrap_or_default())
     } else {
-        robot["namespace"].as_str().or_else(|| robot["listen"].as_str()).unwrap_or("").to_owned()
+        robot["namespace"]
+            .as_str()
+            .or_else(|| robot["listen"].as_str())
+            .unwrap_or("")
+            .to_owned()
     };
     format!("{kind} {which}").trim().to_owned()
 }
@@ -187,14 +237,23 @@ fn axis_of(card: &serde_json::Value) -> Option<usize> {
     if force["kind"] != "one_axis" {
         return None;
     }
-    let axis: Vec<f64> = force["axis"].as_array()?.iter().filter_map(serde_json::Value::as_f64).collect();
+    let axis: Vec<f64> = force["axis"]
+        .as_array()?
+        .iter()
+        .filter_map(serde_json::Value::as_f64)
+        .collect();
     (0..axis.len().min(3)).max_by(|a, b| axis[*a].abs().total_cmp(&axis[*b].abs()))
 }
 
 fn sampling_of(card: &serde_json::Value) -> Option<Sampling> {
     let largest = |key: &str| {
-        let values = card["trials"].as_array()?.iter().filter_map(|t| t["figures"][key].as_f64());
-        values.fold(None, |most: Option<f64>, v| Some(most.map_or(v, |m| m.max(v))))
+        let values = card["trials"]
+            .as_array()?
+            .iter()
+            .filter_map(|t| t["figures"][key].as_f64());
+        values.fold(None, |most: Option<f64>, v| {
+            Some(most.map_or(v, |m| m.max(v)))
+        })
     };
     Some(Sampling {
         force_age_s: largest("force_age_s")?,
@@ -214,13 +273,20 @@ impl Data {
     /// Stretches of these trials.
     #[must_use]
     pub fn of(&self, trials: &[usize]) -> Vec<&Sequence> {
-        self.sequences.iter().filter(|s| trials.contains(&s.trial)).collect()
+        self.sequences
+            .iter()
+            .filter(|s| trials.contains(&s.trial))
+            .collect()
     }
 
     /// Minutes of rows.
     #[must_use]
     pub fn minutes(sequences: &[&Sequence]) -> f64 {
-        sequences.iter().map(|s| s.rows() as f64 * s.step_s).sum::<f64>() / 60.0
+        sequences
+            .iter()
+            .map(|s| s.rows() as f64 * s.step_s)
+            .sum::<f64>()
+            / 60.0
     }
 }
 
@@ -235,7 +301,11 @@ mod tests {
         let mut table = Table::new(names.iter().map(|n| (*n).to_owned()).collect());
         for k in 0..300 {
             let t = f64::from(k) * 0.01;
-            let q = [0.7 + 0.3 * t.sin(), 1.4 + 0.3 * (0.7 * t).cos(), 0.38 + 0.03 * (1.3 * t).sin()];
+            let q = [
+                0.7 + 0.3 * t.sin(),
+                1.4 + 0.3 * (0.7 * t).cos(),
+                0.38 + 0.03 * (1.3 * t).sin(),
+            ];
             let tip = to_crtk(forward(&[q[0], q[1], q[2], 0.0, 0.0, 0.0]).position_m);
             let row: Vec<f64> = names
                 .iter()
@@ -258,9 +328,24 @@ mod tests {
     }
 
     const NAMES: [&str; 18] = [
-        "t_s", "joint_position_1", "joint_position_2", "joint_position_3", "joint_velocity_1", "joint_velocity_2",
-        "joint_velocity_3", "joint_effort_1", "joint_effort_2", "joint_effort_3", "force_x_n", "force_y_n", "force_z_n",
-        "tip_x_m", "tip_y_m", "tip_z_m", "quality", "trial",
+        "t_s",
+        "joint_position_1",
+        "joint_position_2",
+        "joint_position_3",
+        "joint_velocity_1",
+        "joint_velocity_2",
+        "joint_velocity_3",
+        "joint_effort_1",
+        "joint_effort_2",
+        "joint_effort_3",
+        "force_x_n",
+        "force_y_n",
+        "force_z_n",
+        "tip_x_m",
+        "tip_y_m",
+        "tip_z_m",
+        "quality",
+        "trial",
     ];
 
     #[test]
@@ -268,19 +353,29 @@ mod tests {
         let folder = tempfile::tempdir().unwrap();
         let inner = folder.path().join("dataset");
         std::fs::create_dir(&inner).unwrap();
-        rows(&NAMES).write(&inner.join("trial-02.parquet"), 0, &[]).unwrap();
+        rows(&NAMES)
+            .write(&inner.join("trial-02.parquet"), 0, &[])
+            .unwrap();
         let card = serde_json::json!({
             "experiment": {"seed": 3, "robot": {"kind": "virtual", "seed": null}, "force": {"kind": "one_axis", "axis": [0.0, 1.0, 0.0]}},
             "trials": [{"figures": {"force_age_s": 0.001, "sync_error_s": 1e-6}}, {"figures": {"force_age_s": 0.002, "sync_error_s": 1e-6}}],
         });
         std::fs::write(inner.join("card.json"), card.to_string()).unwrap();
         let data = load(folder.path(), &Mapping::default(), 50.0, true).unwrap();
-        assert_eq!((data.robot.as_str(), data.axes.as_slice()), ("virtual seed 3", [1].as_slice()));
+        assert_eq!(
+            (data.robot.as_str(), data.axes.as_slice()),
+            ("virtual seed 3", [1].as_slice())
+        );
         assert_eq!((data.trials(), data.sequences[0].rows()), (vec![2], 150));
         assert!((data.sampling.unwrap().force_age_s - 0.002).abs() < 1e-12);
         assert_eq!(data.sources[0].sha256.len(), 64);
-        let error = load(folder.path(), &Mapping::default(), 30.0, true).unwrap_err().to_string();
-        assert!(error.contains("trial-02.parquet") && error.contains("30.00 Hz"), "{error}");
+        let error = load(folder.path(), &Mapping::default(), 30.0, true)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("trial-02.parquet") && error.contains("30.00 Hz"),
+            "{error}"
+        );
     }
 
     #[test]
@@ -290,15 +385,27 @@ mod tests {
         let table = rows(&NAMES);
         let mut text = NAMES.join(",").replace("joint_effort_2", "elbow_nmm") + "\n";
         for k in 0..table.rows() {
-            let cells: Vec<String> = NAMES.iter().map(|n| table.column(n).unwrap()[k].to_string()).collect();
+            let cells: Vec<String> = NAMES
+                .iter()
+                .map(|n| table.column(n).unwrap()[k].to_string())
+                .collect();
             text += &(cells.join(",") + "\n");
         }
         std::fs::write(&log, &text).unwrap();
-        let error = load(&log, &Mapping::default(), 50.0, true).unwrap_err().to_string();
-        assert!(error.contains("day.csv") && error.contains("`joint_effort_2`"), "{error}");
+        let error = load(&log, &Mapping::default(), 50.0, true)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("day.csv") && error.contains("`joint_effort_2`"),
+            "{error}"
+        );
         let map = folder.path().join("map.toml");
         let named = |column: &str| format!("{{ column = \"{column}\" }}");
-        let effort = format!("{}, {{ column = \"elbow_nmm\", factor = 0.001 }}, {}", named("joint_effort_1"), named("joint_effort_3"));
+        let effort = format!(
+            "{}, {{ column = \"elbow_nmm\", factor = 0.001 }}, {}",
+            named("joint_effort_1"),
+            named("joint_effort_3")
+        );
         std::fs::write(&map, format!("robot = \"mine\"\neffort = [{effort}]\n")).unwrap();
         let data = load(&log, &mapping(&map).unwrap(), 100.0, true).unwrap();
         assert_eq!(data.robot, "mine");

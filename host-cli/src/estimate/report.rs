@@ -139,7 +139,11 @@ fn training(data: &Data, kind: Kind, seed: u64, intervals: bool) -> Training {
 }
 
 /// Trains with intervals, and once without for the time.
-fn result(settings: &Training, rows: &[&Sequence], test: &[&Sequence]) -> Result<(ModelResult, Vec<Rows>, Estimator), ReportError> {
+fn result(
+    settings: &Training,
+    rows: &[&Sequence],
+    test: &[&Sequence],
+) -> Result<(ModelResult, Vec<Rows>, Estimator), ReportError> {
     let began = Instant::now();
     let plain = Training {
         intervals: false,
@@ -178,7 +182,8 @@ pub fn write(
     let mut shipped = None;
     for kind in Kind::ALL {
         say(&format!("model `{}`", kind.name()));
-        let (result, trials, estimator) = result(&training(data, kind, settings.seed, true), &rows, &test)?;
+        let (result, trials, estimator) =
+            result(&training(data, kind, settings.seed, true), &rows, &test)?;
         models.push(result);
         compared.push((kind.name().to_owned(), trials));
         shipped = Some(estimator);
@@ -195,7 +200,13 @@ pub fn write(
     }
     say("choice of minutes");
     let mut chosen = vec![study::chosen(&hybrid, &rows, &test, CHOICE, settings.seed)?];
-    chosen.extend(study::learning_curve(&hybrid, &rows, &test, &[CHOICE[2]], settings.seed + 1)?);
+    chosen.extend(study::learning_curve(
+        &hybrid,
+        &rows,
+        &test,
+        &[CHOICE[2]],
+        settings.seed + 1,
+    )?);
     let mut elsewhere = Vec::new();
     if let Some(estimator) = &shipped {
         for (name, other) in also {
@@ -229,7 +240,10 @@ pub fn write(
     draw(into, &results, &compared)?;
     let text = tables(&results);
     save(&into.join("figures.md"), &text)?;
-    save(&into.join("figures.json"), &(serde_json::to_string_pretty(&results)? + "\n"))?;
+    save(
+        &into.join("figures.json"),
+        &(serde_json::to_string_pretty(&results)? + "\n"),
+    )?;
     Ok(Written { results, text })
 }
 
@@ -249,42 +263,120 @@ fn save(path: &Path, text: &str) -> Result<(), ReportError> {
 /// Models that the pictures of errors show: those that try.
 const SHOWN: [&str; 4] = ["linear", "trees", "physics", "hybrid"];
 
-fn draw(into: &Path, results: &Results, compared: &[(String, Vec<Rows>)]) -> Result<(), ReportError> {
-    let shown = || compared.iter().filter(|(name, _)| SHOWN.contains(&name.as_str()));
+fn draw(
+    into: &Path,
+    results: &Results,
+    compared: &[(String, Vec<Rows>)],
+) -> Result<(), ReportError> {
+    let shown = || {
+        compared
+            .iter()
+            .filter(|(name, _)| SHOWN.contains(&name.as_str()))
+    };
     let step_s = 1.0 / results.rate_hz;
     let first: Vec<(String, &Rows)> = shown()
         .filter(|(name, _)| name != "trees")
         .filter_map(|(name, trials)| Some((name.clone(), trials.first()?)))
         .collect();
-    save(&into.join("prediction.svg"), &pictures::prediction("Prediction against truth, an unseen trial", &first, step_s, 100.0, 240.0).to_svg())?;
-    let boxes: Vec<(String, &[Rows])> = compared.iter().map(|(name, trials)| (name.clone(), trials.as_slice())).collect();
-    save(&into.join("errors.svg"), &pictures::boxes("Errors of each model on unseen trials", &boxes).to_svg())?;
+    save(
+        &into.join("prediction.svg"),
+        &pictures::prediction(
+            "Prediction against truth, an unseen trial",
+            &first,
+            step_s,
+            100.0,
+            240.0,
+        )
+        .to_svg(),
+    )?;
+    let boxes: Vec<(String, &[Rows])> = compared
+        .iter()
+        .map(|(name, trials)| (name.clone(), trials.as_slice()))
+        .collect();
+    save(
+        &into.join("errors.svg"),
+        &pictures::boxes("Errors of each model on unseen trials", &boxes).to_svg(),
+    )?;
     let speeds: Vec<(String, Vec<f64>)> = (results.models.iter())
         .filter(|m| SHOWN.contains(&m.model.as_str()))
-        .map(|m| (m.model.clone(), m.evaluation.by_speed.iter().map(|b| b.mae_n).collect()))
+        .map(|m| {
+            (
+                m.model.clone(),
+                m.evaluation.by_speed.iter().map(|b| b.mae_n).collect(),
+            )
+        })
         .collect();
-    let below: Vec<f64> = results.models.first().map_or_else(Vec::new, |m| m.evaluation.by_speed.iter().map(|b| b.below_m_per_s).collect());
-    save(&into.join("speed.svg"), &pictures::by_speed("Error by speed of the tip, unseen trials", &below, &speeds).to_svg())?;
+    let below: Vec<f64> = results.models.first().map_or_else(Vec::new, |m| {
+        m.evaluation
+            .by_speed
+            .iter()
+            .map(|b| b.below_m_per_s)
+            .collect()
+    });
+    save(
+        &into.join("speed.svg"),
+        &pictures::by_speed("Error by speed of the tip, unseen trials", &below, &speeds).to_svg(),
+    )?;
     let mut curves: Vec<(String, Vec<(f64, f64)>)> = (results.learning.iter())
-        .map(|(name, points)| (name.clone(), points.iter().map(|p| (p.minutes, p.figures.mae_n)).collect()))
+        .map(|(name, points)| {
+            (
+                name.clone(),
+                points
+                    .iter()
+                    .map(|p| (p.minutes, p.figures.mae_n))
+                    .collect(),
+            )
+        })
         .collect();
     if let Some(chosen) = results.chosen.first() {
-        curves.push(("chosen".to_owned(), vec![(chosen.minutes, chosen.figures.mae_n)]));
+        curves.push((
+            "chosen".to_owned(),
+            vec![(chosen.minutes, chosen.figures.mae_n)],
+        ));
     }
-    save(&into.join("learning.svg"), &pictures::curves("Error against training data", "minutes of training", "mean absolute error, N", &curves).to_svg())?;
+    save(
+        &into.join("learning.svg"),
+        &pictures::curves(
+            "Error against training data",
+            "minutes of training",
+            "mean absolute error, N",
+            &curves,
+        )
+        .to_svg(),
+    )?;
     let Some((_, shipped)) = compared.last() else {
         return Ok(());
     };
     let degrees = |v: f64| v.to_degrees();
     let places: [Place<'_>; 6] = [
-        ("shoulder, degrees", "elbow, degrees", &|r, k| (degrees(r.joints[k][0]), degrees(r.joints[k][1]))),
-        ("shoulder, degrees", "insertion, mm", &|r, k| (degrees(r.joints[k][0]), 1e3 * r.joints[k][2])),
-        ("tip x0, mm", "tip y0, mm", &|r, k| (1e3 * r.tips[k][0], 1e3 * r.tips[k][1])),
-        ("shoulder, degrees/s", "elbow, degrees/s", &|r, k| (degrees(r.rates[k][0]), degrees(r.rates[k][1]))),
-        ("shoulder, degrees/s", "insertion, mm/s", &|r, k| (degrees(r.rates[k][0]), 1e3 * r.rates[k][2])),
-        ("tip x0, mm", "tip z0, mm", &|r, k| (1e3 * r.tips[k][0], 1e3 * r.tips[k][2])),
+        ("shoulder, degrees", "elbow, degrees", &|r, k| {
+            (degrees(r.joints[k][0]), degrees(r.joints[k][1]))
+        }),
+        ("shoulder, degrees", "insertion, mm", &|r, k| {
+            (degrees(r.joints[k][0]), 1e3 * r.joints[k][2])
+        }),
+        ("tip x0, mm", "tip y0, mm", &|r, k| {
+            (1e3 * r.tips[k][0], 1e3 * r.tips[k][1])
+        }),
+        ("shoulder, degrees/s", "elbow, degrees/s", &|r, k| {
+            (degrees(r.rates[k][0]), degrees(r.rates[k][1]))
+        }),
+        ("shoulder, degrees/s", "insertion, mm/s", &|r, k| {
+            (degrees(r.rates[k][0]), 1e3 * r.rates[k][2])
+        }),
+        ("tip x0, mm", "tip z0, mm", &|r, k| {
+            (1e3 * r.tips[k][0], 1e3 * r.tips[k][2])
+        }),
     ];
-    save(&into.join("maps.svg"), &pictures::error_maps("Mean absolute error of the shipped model over joints, joint velocities and workspace", shipped, &places).to_svg())
+    save(
+        &into.join("maps.svg"),
+        &pictures::error_maps(
+            "Mean absolute error of the shipped model over joints, joint velocities and workspace",
+            shipped,
+            &places,
+        )
+        .to_svg(),
+    )
 }
 
 fn interval(half: Option<f64>) -> String {
@@ -297,7 +389,10 @@ fn percent(share: Option<f64>) -> String {
 
 fn models_table(text: &mut String, models: &[ModelResult]) {
     line!(text, "| model | MAE, N | RMSE, N | NRMSE, % | parameters | training, s | step, us: median | p99 | 90 % interval covers, % |");
-    line!(text, "| --- | --- | --- | --- | --- | --- | --- | --- | --- |");
+    line!(
+        text,
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+    );
     for m in models {
         let (e, f) = (&m.evaluation, &m.evaluation.figures);
         line!(
@@ -328,25 +423,77 @@ pub fn tables(r: &Results) -> String {
     models_table(&mut text, &r.models);
     line!(text, "\n## By speed of the tip\n");
     if let Some(first) = r.models.first() {
-        let heads: Vec<String> = first.evaluation.by_speed.iter().map(|b| format!("below {:.1} mm/s", 1e3 * b.below_m_per_s)).collect();
-        line!(text, "| model, MAE in N | {} | slowest per overall | turning round | sliding |", heads.join(" | "));
+        let heads: Vec<String> = first
+            .evaluation
+            .by_speed
+            .iter()
+            .map(|b| format!("below {:.1} mm/s", 1e3 * b.below_m_per_s))
+            .collect();
+        line!(
+            text,
+            "| model, MAE in N | {} | slowest per overall | turning round | sliding |",
+            heads.join(" | ")
+        );
         line!(text, "| --- |{}", " --- |".repeat(heads.len() + 3));
-        let rows: Vec<String> = first.evaluation.by_speed.iter().map(|b| b.rows.to_string()).collect();
+        let rows: Vec<String> = first
+            .evaluation
+            .by_speed
+            .iter()
+            .map(|b| b.rows.to_string())
+            .collect();
         line!(text, "| rows | {} | | | |", rows.join(" | "));
     }
     for m in &r.models {
         let e = &m.evaluation;
-        let bins: Vec<String> = e.by_speed.iter().map(|b| format!("{:.3}", b.mae_n)).collect();
+        let bins: Vec<String> = e
+            .by_speed
+            .iter()
+            .map(|b| format!("{:.3}", b.mae_n))
+            .collect();
         let ratio = e.by_speed.first().map_or(f64::NAN, |b| b.mae_n) / e.figures.mae_n;
-        line!(text, "| {} | {} | {ratio:.2} | {:.3} | {:.3} |", m.model, bins.join(" | "), e.mae_reversing_n, e.mae_sliding_n);
+        line!(
+            text,
+            "| {} | {} | {ratio:.2} | {:.3} | {:.3} |",
+            m.model,
+            bins.join(" | "),
+            e.mae_reversing_n,
+            e.mae_sliding_n
+        );
     }
-    line!(text, "\n## Intervals: coverage of 90 % intervals, and mean half width\n");
-    for m in r.models.iter().filter(|m| m.model == "physics" || m.model == "hybrid") {
-        let by_trial: Vec<String> = m.evaluation.covered_by_trial.iter().map(|c| format!("{:.1}", 100.0 * c)).collect();
-        line!(text, "{}: {} % of all rows; by trial {} %.\n", m.model, percent(m.evaluation.covered), by_trial.join(", "));
-        line!(text, "| speed below, mm/s | covers, % | half width, N |\n| --- | --- | --- |");
+    line!(
+        text,
+        "\n## Intervals: coverage of 90 % intervals, and mean half width\n"
+    );
+    for m in r
+        .models
+        .iter()
+        .filter(|m| m.model == "physics" || m.model == "hybrid")
+    {
+        let by_trial: Vec<String> = m
+            .evaluation
+            .covered_by_trial
+            .iter()
+            .map(|c| format!("{:.1}", 100.0 * c))
+            .collect();
+        line!(
+            text,
+            "{}: {} % of all rows; by trial {} %.\n",
+            m.model,
+            percent(m.evaluation.covered),
+            by_trial.join(", ")
+        );
+        line!(
+            text,
+            "| speed below, mm/s | covers, % | half width, N |\n| --- | --- | --- |"
+        );
         for b in &m.evaluation.by_speed {
-            line!(text, "| {:.1} | {} | {:.3} |", 1e3 * b.below_m_per_s, percent(b.covered), b.half_width_n.unwrap_or(f64::NAN));
+            line!(
+                text,
+                "| {:.1} | {} | {:.3} |",
+                1e3 * b.below_m_per_s,
+                percent(b.covered),
+                b.half_width_n.unwrap_or(f64::NAN)
+            );
         }
         line!(text, "");
     }
@@ -355,30 +502,67 @@ pub fn tables(r: &Results) -> String {
 }
 
 fn studies(text: &mut String, r: &Results) {
-    line!(text, "## Without a group of inputs: the shipped model, trained anew\n");
+    line!(
+        text,
+        "## Without a group of inputs: the shipped model, trained anew\n"
+    );
     line!(text, "| held at its mean | MAE, N |\n| --- | --- |");
     for p in &r.ablation {
-        line!(text, "| {} | {:.3}{} |", p.name, p.figures.mae_n, interval(p.figures.mae_half_n));
+        line!(
+            text,
+            "| {} | {:.3}{} |",
+            p.name,
+            p.figures.mae_n,
+            interval(p.figures.mae_half_n)
+        );
     }
     line!(text, "\n## Minutes of training\n");
     line!(text, "| model | minutes | MAE, N |\n| --- | --- | --- |");
     for (name, points) in &r.learning {
         for p in points {
-            line!(text, "| {name}, {} | {:.0} | {:.3}{} |", p.name, p.minutes, p.figures.mae_n, interval(p.figures.mae_half_n));
+            line!(
+                text,
+                "| {name}, {} | {:.0} | {:.3}{} |",
+                p.name,
+                p.minutes,
+                p.figures.mae_n,
+                interval(p.figures.mae_half_n)
+            );
         }
     }
     for p in &r.chosen {
-        line!(text, "| hybrid, {} | {:.0} | {:.3}{} |", p.name, p.minutes, p.figures.mae_n, interval(p.figures.mae_half_n));
+        line!(
+            text,
+            "| hybrid, {} | {:.0} | {:.3}{} |",
+            p.name,
+            p.minutes,
+            p.figures.mae_n,
+            interval(p.figures.mae_half_n)
+        );
     }
     if !r.elsewhere.is_empty() {
-        line!(text, "\n## The shipped model on other data, not trained anew\n");
+        line!(
+            text,
+            "\n## The shipped model on other data, not trained anew\n"
+        );
         line!(text, "| data | MAE, N | RMSE, N | rows | 90 % interval covers, % |\n| --- | --- | --- | --- | --- |");
         for (name, e) in &r.elsewhere {
-            line!(text, "| {name} | {:.3}{} | {:.3} | {} | {} |", e.figures.mae_n, interval(e.figures.mae_half_n), e.figures.rmse_n, e.figures.rows, percent(e.covered));
+            line!(
+                text,
+                "| {name} | {:.3}{} | {:.3} | {} | {} |",
+                e.figures.mae_n,
+                interval(e.figures.mae_half_n),
+                e.figures.rmse_n,
+                e.figures.rows,
+                percent(e.covered)
+            );
         }
     }
     if !r.three_axes.is_empty() {
-        line!(text, "\n## Three-dimensional forces: length of the error vector\n");
+        line!(
+            text,
+            "\n## Three-dimensional forces: length of the error vector\n"
+        );
         models_table(text, &r.three_axes);
     }
 }

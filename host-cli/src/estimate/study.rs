@@ -35,7 +35,12 @@ pub struct Point {
 ///
 /// # Errors
 /// Too few rows.
-pub fn point(name: &str, settings: &Training, training: &[&Sequence], test: &[&Sequence]) -> Result<(Point, Estimator), ModelError> {
+pub fn point(
+    name: &str,
+    settings: &Training,
+    training: &[&Sequence],
+    test: &[&Sequence],
+) -> Result<(Point, Estimator), ModelError> {
     let estimator = Estimator::train(settings, training, &mut |_| {})?;
     let trials = compare(estimator.model(), &estimator.base, &estimator.axes, test);
     let point = Point {
@@ -64,7 +69,11 @@ fn without(sequences: &[&Sequence], columns: &[usize], mean: &[f32]) -> Vec<Sequ
 ///
 /// # Errors
 /// Too few rows.
-pub fn ablation(settings: &Training, training: &[&Sequence], test: &[&Sequence]) -> Result<Vec<Point>, ModelError> {
+pub fn ablation(
+    settings: &Training,
+    training: &[&Sequence],
+    test: &[&Sequence],
+) -> Result<Vec<Point>, ModelError> {
     let inputs = training.first().map_or(0, |s| s.inputs);
     let rows: usize = training.iter().map(|s| s.rows()).sum();
     let mut mean = vec![0.0_f64; inputs];
@@ -76,7 +85,10 @@ pub fn ablation(settings: &Training, training: &[&Sequence], test: &[&Sequence])
     let mean: Vec<f32> = mean.into_iter().map(|m| m as f32).collect();
     let mut points = Vec::new();
     for (name, columns) in GROUPS {
-        let (training, test) = (without(training, columns, &mean), without(test, columns, &mean));
+        let (training, test) = (
+            without(training, columns, &mean),
+            without(test, columns, &mean),
+        );
         let training: Vec<&Sequence> = training.iter().collect();
         let test: Vec<&Sequence> = test.iter().collect();
         points.push(point(name, settings, &training, &test)?.0);
@@ -116,7 +128,13 @@ fn shuffled(count: usize, seed: u64) -> Vec<usize> {
 ///
 /// # Errors
 /// Too few rows.
-pub fn learning_curve(settings: &Training, training: &[&Sequence], test: &[&Sequence], minutes: &[usize], seed: u64) -> Result<Vec<Point>, ModelError> {
+pub fn learning_curve(
+    settings: &Training,
+    training: &[&Sequence],
+    test: &[&Sequence],
+    minutes: &[usize],
+    seed: u64,
+) -> Result<Vec<Point>, ModelError> {
     let pool = stretches(training);
     let order = shuffled(pool.len(), seed);
     let mut points = Vec::new();
@@ -133,7 +151,13 @@ pub fn learning_curve(settings: &Training, training: &[&Sequence], test: &[&Sequ
 ///
 /// # Errors
 /// Too few rows.
-pub fn chosen(settings: &Training, training: &[&Sequence], test: &[&Sequence], counts: [usize; 3], seed: u64) -> Result<Point, ModelError> {
+pub fn chosen(
+    settings: &Training,
+    training: &[&Sequence],
+    test: &[&Sequence],
+    counts: [usize; 3],
+    seed: u64,
+) -> Result<Point, ModelError> {
     let [first, step, last] = counts;
     let pool = stretches(training);
     let mut order = shuffled(pool.len(), seed);
@@ -156,7 +180,11 @@ pub fn chosen(settings: &Training, training: &[&Sequence], test: &[&Sequence], c
         };
         let mut widths: Vec<(f64, usize)> = order.iter().map(|i| (width(i), *i)).collect();
         widths.sort_by(|a, b| b.0.total_cmp(&a.0));
-        let more: Vec<usize> = widths.iter().take(step.min(last - taken.len())).map(|(_, i)| *i).collect();
+        let more: Vec<usize> = widths
+            .iter()
+            .take(step.min(last - taken.len()))
+            .map(|(_, i)| *i)
+            .collect();
         order.retain(|i| !more.contains(i));
         taken.extend(more);
     }

@@ -25,7 +25,12 @@ pub struct Live {
     /// Model file
     model: PathBuf,
     /// Log to read in place of a robot: each row in turn, as fast as it goes
-    #[arg(long, value_name = "FILE", required_unless_present = "robot", conflicts_with = "robot")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        required_unless_present = "robot",
+        conflicts_with = "robot"
+    )]
     replay: Option<PathBuf>,
     /// File with the `[robot]` table that names the source of states
     #[arg(long, value_name = "FILE")]
@@ -60,7 +65,10 @@ impl<'a> Stream<'a> {
         Self {
             estimator,
             stepper: estimator.model().stepper(),
-            width: estimator.interval.as_ref().map(|i| i.live(estimator.step_s)),
+            width: estimator
+                .interval
+                .as_ref()
+                .map(|i| i.live(estimator.step_s)),
             force: vec![0.0; estimator.axes.len()],
             times_us: Vec::new(),
         }
@@ -90,7 +98,10 @@ impl<'a> Stream<'a> {
         self.times_us.sort_by(f64::total_cmp);
         let at = |share: f64| {
             let last = self.times_us.len().saturating_sub(1);
-            self.times_us.get(((self.times_us.len() as f64 * share) as usize).min(last)).copied().unwrap_or(0.0)
+            self.times_us
+                .get(((self.times_us.len() as f64 * share) as usize).min(last))
+                .copied()
+                .unwrap_or(0.0)
         };
         let (rows, median, p99) = (self.times_us.len(), at(0.5), at(0.99));
         Reply::new(
@@ -112,7 +123,12 @@ impl Live {
     }
 
     fn replay(&self, context: &Context, estimator: &Estimator, log: &Path) -> Result<Reply> {
-        let data = load::load(log, &mapping(self.mapping.as_ref())?, 1.0 / estimator.step_s, false)?;
+        let data = load::load(
+            log,
+            &mapping(self.mapping.as_ref())?,
+            1.0 / estimator.step_s,
+            false,
+        )?;
         // A log alone names no robot; a folder with a data card, or a mapping, does.
         if data.robot != "unnamed" {
             check_robot(estimator, &data.robot, self.any_robot)?;
@@ -120,10 +136,17 @@ impl Live {
         let mut stream = Stream::new(estimator);
         for sequence in &data.sequences {
             stream.stepper.reset();
-            stream.width = estimator.interval.as_ref().map(|i| i.live(estimator.step_s));
+            stream.width = estimator
+                .interval
+                .as_ref()
+                .map(|i| i.live(estimator.step_s));
             for k in 0..sequence.rows() {
                 let time_s = sequence.start_s + k as f64 * sequence.step_s;
-                if context.interrupt.requested() || self.duration.is_some_and(|d| k as f64 * sequence.step_s >= d) {
+                if context.interrupt.requested()
+                    || self
+                        .duration
+                        .is_some_and(|d| k as f64 * sequence.step_s >= d)
+                {
                     break;
                 }
                 let width = stream.step(sequence.input_row(k));
@@ -153,17 +176,28 @@ impl Live {
         // Stamp of the row that is due: rows are those of the training's rate, as near as the robot's states come to it.
         let mut due: Option<i64> = None;
         let _controlled_stop = context.interrupt.controlled_stop();
-        while !context.interrupt.requested() && self.duration.is_none_or(|d| began.elapsed().as_secs_f64() < d) {
+        while !context.interrupt.requested()
+            && self
+                .duration
+                .is_none_or(|d| began.elapsed().as_secs_f64() < d)
+        {
             let now_ns = i64::try_from(began.elapsed().as_nanos()).unwrap_or(i64::MAX);
-            let poll = source.poll(now_ns).map_err(|error| Failure::new(exit::LINK, error))?;
+            let poll = source
+                .poll(now_ns)
+                .map_err(|error| Failure::new(exit::LINK, error))?;
             for event in &poll.events {
                 context.output.note(&event.to_string());
             }
             if poll.stop().is_some() && due.is_some() {
                 // What the friction's state was before the break is not what it is after it.
-                context.output.note("the stream of states broke off: the estimate begins anew");
+                context
+                    .output
+                    .note("the stream of states broke off: the estimate begins anew");
                 stream.stepper.reset();
-                stream.width = estimator.interval.as_ref().map(|i| i.live(estimator.step_s));
+                stream.width = estimator
+                    .interval
+                    .as_ref()
+                    .map(|i| i.live(estimator.step_s));
                 due = None;
             }
             for state in &poll.states {
@@ -171,8 +205,10 @@ impl Live {
                 if due.is_some_and(|due| t_ns < due - step_ns / 4) {
                     continue;
                 }
-                due = Some(due.map_or(t_ns, |d| if t_ns - d > step_ns { t_ns } else { d }) + step_ns);
-                let input = inputs(state).map_err(|why| Failure::new(exit::LINK, format!("{}: {why}", source.name())))?;
+                due =
+                    Some(due.map_or(t_ns, |d| if t_ns - d > step_ns { t_ns } else { d }) + step_ns);
+                let input = inputs(state)
+                    .map_err(|why| Failure::new(exit::LINK, format!("{}: {why}", source.name())))?;
                 let width = stream.step(&input);
                 let published = source.publish_estimate(&tip_force(estimator, &stream.force));
                 published.map_err(|error| Failure::new(exit::LINK, error))?;
@@ -188,21 +224,42 @@ impl Live {
 
 /// `[robot]` of a TOML file.
 fn robot_table(file: &Path) -> Result<SourceConfig> {
-    let text = std::fs::read_to_string(file).map_err(|error| refused(format!("{}: {error}", file.display())))?;
-    let mut table: toml::Table = toml::from_str(&text).map_err(|error| refused(format!("{}: {error}", file.display())))?;
-    let robot = table.remove("robot").ok_or_else(|| refused(format!("{}: there is no [robot] table", file.display())))?;
-    robot.try_into().map_err(|error| refused(format!("{}: [robot] {error}", file.display())))
+    let text = std::fs::read_to_string(file)
+        .map_err(|error| refused(format!("{}: {error}", file.display())))?;
+    let mut table: toml::Table =
+        toml::from_str(&text).map_err(|error| refused(format!("{}: {error}", file.display())))?;
+    let robot = table
+        .remove("robot")
+        .ok_or_else(|| refused(format!("{}: there is no [robot] table", file.display())))?;
+    robot
+        .try_into()
+        .map_err(|error| refused(format!("{}: [robot] {error}", file.display())))
 }
 
 /// A state as the row of a model.
 fn inputs(state: &RobotState) -> std::result::Result<[f32; INPUTS], &'static str> {
-    let joints = state.joints.as_ref().ok_or("the robot publishes no joints")?;
-    let velocity = joints.velocity.as_ref().ok_or("the robot publishes no joint velocities")?;
-    let effort = joints.effort.as_ref().ok_or("the robot publishes no joint efforts (on a Raven they are in /ravenstate alone)")?;
+    let joints = state
+        .joints
+        .as_ref()
+        .ok_or("the robot publishes no joints")?;
+    let velocity = joints
+        .velocity
+        .as_ref()
+        .ok_or("the robot publishes no joint velocities")?;
+    let effort = joints
+        .effort
+        .as_ref()
+        .ok_or("the robot publishes no joint efforts (on a Raven they are in /ravenstate alone)")?;
     let mut row = [0.0; INPUTS];
-    for (n, values) in [&joints.position, velocity, &effort.value].into_iter().enumerate() {
+    for (n, values) in [&joints.position, velocity, &effort.value]
+        .into_iter()
+        .enumerate()
+    {
         for i in 0..3 {
-            row[3 * n + i] = *values.get(i).ok_or("the robot has fewer than three joints")? as f32;
+            row[3 * n + i] = *values
+                .get(i)
+                .ok_or("the robot has fewer than three joints")?
+                as f32;
         }
     }
     Ok(row)
