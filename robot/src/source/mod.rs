@@ -82,6 +82,16 @@ pub trait Source: Send {
         let _ = (applied, setpoint);
         Ok(())
     }
+
+    /// Tells the robot's side a contact force that a model estimates (`measured_cf_estimated` beside CRTK's `measured_cf`).
+    /// Sources without a way back do nothing.
+    ///
+    /// # Errors
+    /// The source is gone and stays so.
+    fn publish_estimate(&mut self, estimated: &TipForce) -> Result<(), SourceError> {
+        let _ = estimated;
+        Ok(())
+    }
 }
 
 /// Why a source can't be opened or has gone.

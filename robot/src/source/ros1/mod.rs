@@ -1,7 +1,7 @@
 //! A robot on ROS 1: CRTK topics or the Raven's `ravenstate` in, the rig's force out.
 //!
 //! We subscribe `measured_js`, `setpoint_js`, `measured_cp`, `measured_cv`, `measured_cf` and `operating_state` below the robot's
-//! namespace (or one `ravenstate`), publish `measured_cf` and `setpoint_cf` below our own, and take `servo_cf` there. All
+//! namespace (or one `ravenstate`), publish `measured_cf`, `setpoint_cf` and an estimator's `measured_cf_estimated` below our own, and take `servo_cf` there. All
 //! forces that we publish act *on the tool* and say so: their frame_id is `<frame>/force_on_tool`. The other nodes, a bag
 //! recorder among them, need nothing of ours.
 //!
@@ -40,6 +40,7 @@ pub struct Ros1 {
     publishers: Arc<Mutex<Vec<String>>>,
     measured_cf: Publisher<m::WrenchStamped>,
     setpoint_cf: Publisher<m::WrenchStamped>,
+    estimated_cf: Publisher<m::WrenchStamped>,
     node: NodeHandle,
     runtime: Runtime,
     sequence: u32,
@@ -86,7 +87,7 @@ impl Ros1 {
         let started = runtime.block_on(async {
             tokio::time::timeout(PATIENCE, start(config, &master, sender)).await
         });
-        let (node, measured_cf, setpoint_cf) = started
+        let (node, [measured_cf, setpoint_cf, estimated_cf]) = started
             .map_err(|_| ros(format!("no answer within {} s", PATIENCE.as_secs())))?
             .map_err(ros)?;
         let topic = state_topic(config);
@@ -96,6 +97,7 @@ impl Ros1 {
             publishers,
             measured_cf,
             setpoint_cf,
+            estimated_cf,
             node,
             runtime,
             sequence: 0,
@@ -158,11 +160,7 @@ fn cp_namespace(config: &Ros1Config) -> &str {
     config.cp_namespace.as_deref().unwrap_or(&config.namespace)
 }
 
-type Started = (
-    NodeHandle,
-    Publisher<m::WrenchStamped>,
-    Publisher<m::WrenchStamped>,
-);
+type Started = (NodeHandle, [Publisher<m::WrenchStamped>; 3]);
 
 /// Node, subscriptions and publishers.
 async fn start(config: &Ros1Config, master: &str, to: Outlet) -> Result<Started, String> {
@@ -192,7 +190,8 @@ async fn start(config: &Ros1Config, master: &str, to: Outlet) -> Result<Started,
     };
     let measured_cf = advertise(own("measured_cf")).await?;
     let setpoint_cf = advertise(own("setpoint_cf")).await?;
-    Ok((node, measured_cf, setpoint_cf))
+    let estimated_cf = advertise(own("measured_cf_estimated")).await?;
+    Ok((node, [measured_cf, setpoint_cf, estimated_cf]))
 }
 
 async fn subscribe_crtk(node: &NodeHandle, config: &Ros1Config, to: &Outlet) -> Result<(), String> {
@@ -325,6 +324,16 @@ impl Source for Ros1 {
             self.measured_cf.publish(&applied).await?;
             self.setpoint_cf.publish(&setpoint).await
         });
+        sent.map_err(|error| SourceError::Ros {
+            master: self.master.clone(),
+            why: error.to_string(),
+        })
+    }
+
+    fn publish_estimate(&mut self, estimated: &TipForce) -> Result<(), SourceError> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let estimated = self.wrench(estimated);
+        let sent = self.runtime.block_on(self.estimated_cf.publish(&estimated));
         sent.map_err(|error| SourceError::Ros {
             master: self.master.clone(),
             why: error.to_string(),
