@@ -9,7 +9,6 @@ use super::Context;
 use clap::Args;
 use control::SystemState;
 use host_cli::calibrate::base;
-use host_cli::calibrate::store::Store;
 use host_cli::link::{self, EmbeddedOptions, RigLink};
 use host_cli::rigfile::{LinkChoice, RigFile};
 use host_cli::run::{ZeroStore, Zeroing};
@@ -482,19 +481,12 @@ impl Connection {
     /// The rig with its stored calibration in place of the rig file's numbers, where there is one. Call it after
     /// [`Connection::load`].
     pub fn calibrated(&self, rig: RigFile, context: &Context) -> Result<RigFile> {
-        // A state folder that is not known keeps nothing.
-        let Ok(store) = Store::of_rig(&rig.name, self.seed(&rig)) else {
-            return Ok(rig);
-        };
-        let Some(record) = store.current()? else {
-            return Ok(rig);
-        };
-        context.output.note(&format!(
-            "calibration of {}, {}",
-            record.date,
-            record.hash.get(..19).unwrap_or(&record.hash)
-        ));
-        Ok(base::overlay(&rig, &record))
+        let seed = self.seed(&rig);
+        let rig = base::in_force(rig, seed)?;
+        if let Some(words) = base::words(&rig) {
+            context.output.note(&words);
+        }
+        Ok(rig)
     }
 
     /// Path of the rig file, where one was given.
