@@ -74,9 +74,10 @@ impl RigLink for Paced {
                 cause: "unplugged".to_owned(),
             });
         }
-        // Not seconds ahead of an observer that the machine gives no time: time stands still, the service goes on.
+        // Not seconds ahead of an observer that the machine gives no time: time stands still, the service goes on. Each
+        // cycle is a tick for the observer to read, so they come at the pace of a real link.
         let duration = if self.board.now_ns > self.no_further.load(Ordering::SeqCst) {
-            std::thread::sleep(Duration::from_micros(100));
+            std::thread::sleep(duration);
             Duration::ZERO
         } else {
             duration
@@ -97,6 +98,31 @@ impl RigLink for Paced {
 
     fn controls(&mut self) -> Option<&mut dyn RigControls> {
         self.board.controls()
+    }
+}
+
+/// An observer's link. While it is in use, the rig's time gets ahead of what it has read by [`MAX_LEAD_NS`] at most.
+struct Leash {
+    link: ServiceLink,
+    now_ns: u64,
+    no_further: Arc<AtomicU64>,
+}
+
+impl RigLink for Leash {
+    fn name(&self) -> String {
+        self.link.name()
+    }
+
+    fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError> {
+        let limit = self.now_ns + duration.as_nanos() as u64 + MAX_LEAD_NS;
+        self.no_further.store(limit, Ordering::SeqCst);
+        let exchange = self.link.exchange(to_board, duration)?;
+        self.now_ns = exchange.now_ns;
+        Ok(exchange)
+    }
+
+    fn controls(&mut self) -> Option<&mut dyn RigControls> {
+        self.link.controls()
     }
 }
 
@@ -543,17 +569,28 @@ fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
     let mut least = [usize::MAX; 10];
     loop {
         // An observer for half a second of the link's time, and a client that says nothing.
-        let until = |now_ns: u64| rig.no_further.store(now_ns + MAX_LEAD_NS, Ordering::SeqCst);
-        until(holder.status().unwrap().now_ns);
         let quiet = rig.client("quiet");
-        let mut link = ServiceLink::observer(rig.client("observer")).unwrap();
+        let client = rig.client("observer");
+        let now_ns = holder.status().unwrap().now_ns;
+        rig.no_further.store(now_ns + MAX_LEAD_NS, Ordering::SeqCst);
+        let mut link = Leash {
+            link: ServiceLink::observer(client).unwrap(),
+            now_ns,
+            no_further: rig.no_further.clone(),
+        };
         let mut session = Session::connect(&mut link).unwrap();
         for _ in 0..50 {
             session.advance(Duration::from_millis(10)).unwrap();
             samples += session.drain().samples.len();
-            until(session.now_ns());
         }
-        assert_eq!(session.counters().frames_lost, 0, "client {clients}");
+        let counters = session.counters();
+        assert_eq!(
+            (counters.frames_lost, counters.frames_bad),
+            (0, 0),
+            "client {clients}, at {} ns: {counters:?}, {:?}",
+            session.now_ns(),
+            holder.status().unwrap()
+        );
         rig.no_further.store(u64::MAX, Ordering::SeqCst);
         drop(quiet);
         clients += 2;
