@@ -1,8 +1,8 @@
 //! Sensorless estimation of the contact force: from joint positions, velocities and efforts of a
 //! cable-driven robot to the force on its tool.
 //!
-//! [`data`] turns logs into sequences, [`sequence`] is what every model reads, [`model`] what every model does. [`estimator`] is
-//! a model with all that belongs to it, [`metrics`] how good it is, [`interval`] how sure.
+//! [`data`] turns logs into sequences, [`sequence`] is what every model reads, [`model`] what every model does, [`network`] the
+//! neural ones. [`estimator`] is a model with all that belongs to it, [`metrics`] how good it is, [`interval`] how sure.
 
 pub mod baseline;
 pub mod data;
@@ -12,6 +12,7 @@ pub mod interval;
 pub mod metrics;
 pub mod model;
 pub mod motion;
+pub mod network;
 pub mod physics;
 pub mod ridge;
 pub mod sequence;
