@@ -4,8 +4,8 @@ use board::machine::{config_crc, Health, COMMANDER_SILENT_US, FIRST_SAMPLE_MS};
 use board::telemetry::{Batcher, Outstanding, FLUSH_US};
 use control::{AdcCode, Config, DacCode, EncoderCounts, Fault, Micros, MotorState, SystemState};
 use wire::message::{
-    flags, CommandError, CrashRecord, FilterChoice, Response, Ripple, Sample, UnitConfig,
-    UnitSetpoint, BATCH, RIPPLES,
+    flags, CellCorrection, CommandError, CrashRecord, FilterChoice, Response, Ripple, Sample,
+    UnitConfig, UnitSetpoint, BATCH, RIPPLES,
 };
 use wire::{Command, ABI_VERSION, SCHEMA_HASH, UNITS};
 
@@ -185,11 +185,16 @@ fn the_checksum_covers_the_longest_configuration() {
         over_tension_un: n,
         viscous_q16: n,
         ripples: [ripple; RIPPLES],
+        cell: CellCorrection {
+            curve_nn_per_n2: n,
+            creep_q16: n,
+            creep_ms: n,
+        },
     };
     let crc = config_crc(&[longest; UNITS]);
     assert_ne!(crc, 0, "the encoding did not fit");
     let mut other = [longest; UNITS];
-    other[5].ripples[1].amplitude_load_q16 = i32::MAX;
+    other[5].cell.creep_ms = i32::MAX;
     assert_ne!(config_crc(&other), crc);
 }
 

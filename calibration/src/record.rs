@@ -2,7 +2,7 @@
 //! and a hash over all of it.
 //!
 //! ```toml
-//! schema = 1
+//! schema = 2
 //! hash = "sha256:..."
 //! date = "2026-03-14"
 //! rig = "raven-left"
@@ -24,8 +24,11 @@ use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-/// Version of the keys.
-pub const SCHEMA: u32 = 1;
+/// Version of the keys. Version 2 has the creep of a cell, the uncertainty of its curve, and serial numbers of unit and motor;
+/// a record of version 1 is read as one of cells that do not creep.
+pub const SCHEMA: u32 = 2;
+/// The oldest version that is read.
+pub const OLDEST_SCHEMA: u32 = 1;
 
 /// The calibration of a rig.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -65,6 +68,12 @@ pub struct Record {
 pub struct UnitRecord {
     /// Unit, from 1.
     pub number: u8,
+    /// Serial number of the unit as a whole; empty where there is none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub unit_serial: String,
+    /// Serial number of the motor; empty where there is none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub motor_serial: String,
     /// Serial number of the load cell; empty where there is none.
     pub cell_serial: String,
     /// Serial number of the converter module; empty where there is none.
@@ -84,6 +93,18 @@ pub struct UnitRecord {
     pub n_per_code_sd: f64,
     /// Quadratic term, N per code^2; 0 for a straight cell.
     pub n_per_code2: f64,
+    /// Its standard uncertainty, N per code^2.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub n_per_code2_sd: f64,
+    /// Share of a lasting load by which the reading grows; 0 for a cell that does not creep.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub creep: f64,
+    /// Its standard uncertainty.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub creep_sd: f64,
+    /// Time constant of the creep, s; 0 without creep.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub creep_s: f64,
     /// Zero at the last power-up, codes.
     pub zero_codes: f64,
     /// Its standard error, codes.
@@ -100,6 +121,11 @@ pub struct UnitRecord {
     pub axis: [f64; 3],
     /// Covariance of `[exit_m, axis]`, upper triangle by rows, 21 numbers: m^2, m, 1.
     pub covariance: Vec<f64>,
+}
+
+// What is 0 is left out of the text and of the hash, so that a record of version 1 keeps its own.
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 /// Covariance between the exit points of two units.
@@ -136,7 +162,7 @@ pub enum RecordError {
         problem: String,
     },
     /// Another version of the keys.
-    #[error("{at}: `schema` is {found}; this program reads {SCHEMA}")]
+    #[error("{at}: `schema` is {found}; this program reads {OLDEST_SCHEMA} to {SCHEMA}: read the record with the forcectl that wrote it, or calibrate again")]
     Schema {
         /// Where.
         at: Location,
@@ -161,7 +187,7 @@ impl Record {
     pub fn read(file: &str, text: &str) -> Result<Self, RecordError> {
         let record: Self = toml::from_str(text).map_err(|e| syntax(file, text, &e))?;
         let lines = Lines { file, text };
-        if record.schema != SCHEMA {
+        if !(OLDEST_SCHEMA..=SCHEMA).contains(&record.schema) {
             return Err(RecordError::Schema {
                 at: lines.at(None, "schema"),
                 found: record.schema,
@@ -269,6 +295,7 @@ impl Record {
             for (key, value) in [
                 ("n_per_code", unit.n_per_code),
                 ("n_per_code2", unit.n_per_code2),
+                ("creep", unit.creep),
                 ("zero_codes", unit.zero_codes),
                 ("mounting_n", unit.mounting_n),
             ] {
@@ -278,6 +305,9 @@ impl Record {
             }
             for (key, value) in [
                 ("n_per_code_sd", unit.n_per_code_sd),
+                ("n_per_code2_sd", unit.n_per_code2_sd),
+                ("creep_sd", unit.creep_sd),
+                ("creep_s", unit.creep_s),
                 ("zero_sd_codes", unit.zero_sd_codes),
                 ("mounting_sd_n", unit.mounting_sd_n),
                 ("power_up_step_n", unit.power_up_step_n),
@@ -289,6 +319,13 @@ impl Record {
                         "is a standard deviation: finite and 0 or above",
                     );
                 }
+            }
+            if unit.creep != 0.0 && unit.creep_s == 0.0 {
+                return fail(
+                    Some(i),
+                    "creep_s",
+                    "is missing: a cell that creeps has a time constant",
+                );
             }
             if unit.n_per_code == 0.0 {
                 return fail(
@@ -436,16 +473,9 @@ impl Record {
                 ] {
                     text(format!("unit {number} {key}"), a, b);
                 }
-                text(
-                    format!("unit {number} cell_serial"),
-                    &old.cell_serial,
-                    &new.cell_serial,
-                );
-                text(
-                    format!("unit {number} converter_serial"),
-                    &old.converter_serial,
-                    &new.converter_serial,
-                );
+                for ((key, a), (_, b)) in old.serials().into_iter().zip(new.serials()) {
+                    text(format!("unit {number} {key}"), a, b);
+                }
             }
         }
         for number in now.keys().filter(|n| !before.contains_key(n)) {
@@ -488,7 +518,18 @@ fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord) -> Vec<Difference> 
         "n_per_code2",
         old.n_per_code2.to_string(),
         new.n_per_code2.to_string(),
-        None,
+        apart(
+            old.n_per_code2,
+            new.n_per_code2,
+            old.n_per_code2_sd,
+            new.n_per_code2_sd,
+        ),
+    );
+    push(
+        "creep",
+        old.creep.to_string(),
+        new.creep.to_string(),
+        apart(old.creep, new.creep, old.creep_sd, new.creep_sd),
     );
     // A zero moves by a step at each power-up: that is the scale of its change.
     let step = |u: &UnitRecord| {
@@ -514,6 +555,7 @@ fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord) -> Vec<Difference> 
     );
     for (key, a, b) in [
         ("n_per_code_sd", old.n_per_code_sd, new.n_per_code_sd),
+        ("creep_s", old.creep_s, new.creep_s),
         ("zero_sd_codes", old.zero_sd_codes, new.zero_sd_codes),
         ("mounting_sd_n", old.mounting_sd_n, new.mounting_sd_n),
         ("power_up_step_n", old.power_up_step_n, new.power_up_step_n),
@@ -565,6 +607,17 @@ pub struct Difference {
 }
 
 impl UnitRecord {
+    /// Serial numbers with their keys; empty where there is none.
+    #[must_use]
+    pub fn serials(&self) -> [(&'static str, &str); 4] {
+        [
+            ("unit_serial", &self.unit_serial),
+            ("motor_serial", &self.motor_serial),
+            ("cell_serial", &self.cell_serial),
+            ("converter_serial", &self.converter_serial),
+        ]
+    }
+
     /// Covariance of `[exit_m, axis]`; 0 where the list has not 21 numbers.
     #[must_use]
     pub fn covariance_matrix(&self) -> SMatrix<f64, 6, 6> {
@@ -717,6 +770,8 @@ mod tests {
             .map(|(i, (exit, axis))| {
                 let mut unit = UnitRecord {
                     number: i as u8 + 1,
+                    unit_serial: String::new(),
+                    motor_serial: String::new(),
                     cell_serial: format!("SBA-{i:04}"),
                     converter_serial: String::new(),
                     gain_date: "2026-03-14".into(),
@@ -725,6 +780,10 @@ mod tests {
                     n_per_code: 6.85e-6 * (1.0 + 0.01 * i as f64),
                     n_per_code_sd: 2.1e-9,
                     n_per_code2: 0.0,
+                    n_per_code2_sd: 0.0,
+                    creep: 0.0,
+                    creep_sd: 0.0,
+                    creep_s: 0.0,
                     zero_codes: 12_345.678_9,
                     zero_sd_codes: 31.0,
                     mounting_n: 1.0 / 3.0,
@@ -777,6 +836,27 @@ mod tests {
     }
 
     #[test]
+    fn a_record_of_the_first_version_is_read_as_it_was_written() {
+        // The first version had the same keys without creep, and the hash over them.
+        let mut first = record();
+        first.schema = 1;
+        first.hash = first.content_hash();
+        let text = toml::to_string(&first).unwrap();
+        assert!(text.starts_with("schema = 1\n") && !text.contains("creep"));
+        let read = Record::read("c.toml", &text).unwrap();
+        assert_eq!(read.units[0].creep, 0.0);
+        let mut crept = read;
+        crept.units[0].creep = 0.01;
+        assert!(crept.write().is_err(), "creep without a time constant");
+        crept.units[0].creep_s = 60.0;
+        let now = Record::read("c.toml", &crept.write().unwrap()).unwrap();
+        assert_eq!((now.schema, now.units[0].creep), (SCHEMA, 0.01));
+        assert_ne!(now.content_hash(), first.hash);
+        let differences = now.diff(&first);
+        assert!(differences.iter().any(|d| d.key == "unit 1 creep"));
+    }
+
+    #[test]
     fn an_edit_by_hand_is_seen() {
         let text = record().write().unwrap();
         let edited = text.replacen("zero_codes = 12345.6789", "zero_codes = 12345.6788", 1);
@@ -817,7 +897,7 @@ mod tests {
                 line_of("zero_sd_codes"),
                 "zero_sd",
             ),
-            ("schema = 1", "schema = 2", 1, "schema"),
+            ("schema = 2", "schema = 3", 1, "schema"),
             (
                 "date = \"2026-03-14\"",
                 "date = \"2026-02-30\"",

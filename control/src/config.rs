@@ -3,12 +3,13 @@
 //!
 //! Nothing here runs in the sample path, so conversions use `f64` (from libm) and divisions freely.
 
+use crate::cell::CellConfig;
 use crate::convert;
 use crate::filter::FilterConfig;
 use crate::limits::Rate;
 use crate::units::{rounded, AdcCode, Newton};
 use crate::NOMINAL_SPS;
-use wire::message::{FilterChoice, Ripple, UnitConfig, RIPPLES};
+use wire::message::{CellCorrection, FilterChoice, Ripple, UnitConfig, RIPPLES};
 
 /// A number of the configuration, its range, and why the range is what it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -103,6 +104,14 @@ fields! {
     RIPPLE_AMPLITUDE = 25, "ripples.amplitude_un", 0 ..= 3_000_000, "0 to 3 N: more is a broken reel and not a ripple";
     /// A ripple's amplitude per setpoint.
     RIPPLE_LOAD = 25, "ripples.amplitude_load_q16", 0 ..= 13_107, "0 to 0.2 N per N: a reel 2 mm out of round";
+    /// A load cell's curve.
+    CELL_CURVE = 26, "cell.curve_nn_per_n2", -20_000_000 ..= 20_000_000,
+        "0.02 N per N^2 in size: 20 % at 10 N; with more, the conversion would turn back within its 20 N";
+    /// A load cell's creep.
+    CELL_CREEP = 26, "cell.creep_q16", -13_107 ..= 13_107, "0.2 in size: 400 times what a load cell of class C3 may creep";
+    /// Time constant of a load cell's creep.
+    CELL_CREEP_TIME = 26, "cell.creep_ms", 500 ..= 3_600_000,
+        "0.5 s, below which the loop's own dynamics are, to 1 h, after which a zero is due";
 }
 
 /// A number that is out of its range.
@@ -130,8 +139,6 @@ impl core::fmt::Display for OutOfRange {
 
 impl core::error::Error for OutOfRange {}
 
-/// Fraction bits of [`Config::scale`].
-pub(crate) const SCALE_SHIFT: u32 = 30;
 /// Fraction bits of `ki` per microsecond.
 pub(crate) const KI_SHIFT: u32 = 42;
 /// How much slower the setpoint may change than the command: 1/8. The command must outrun the setpoint, or
@@ -142,9 +149,7 @@ pub const SETPOINT_SLEW_SHIFT: u32 = 3;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Config {
     wire: UnitConfig,
-    /// Force steps per ADC count, times 2^30: 37 bits, which with 25 bits of code make 62.
-    pub(crate) scale: i64,
-    pub(crate) zero: i32,
+    pub(crate) cell: CellConfig,
     pub(crate) filter: FilterConfig,
     pub(crate) spike_limit: i32,
     pub(crate) kp_q16: i32,
@@ -205,6 +210,7 @@ impl Config {
                 amplitude_un: 0,
                 amplitude_load_q16: 0,
             }; RIPPLES],
+            cell: CellCorrection::NONE,
         }
     }
 
@@ -255,16 +261,17 @@ impl Config {
             within(field::RIPPLE_AMPLITUDE, ripple.amplitude_un)?;
             within(field::RIPPLE_LOAD, ripple.amplitude_load_q16)?;
         }
+        within(field::CELL_CURVE, w.cell.curve_nn_per_n2)?;
+        within(field::CELL_CREEP, w.cell.creep_q16)?;
+        within(field::CELL_CREEP_TIME, w.cell.creep_ms)?;
 
         let step = f64::from(1u32 << Newton::FRAC_BITS);
-        let scale = f64::from(w.scale_pn_per_count) * 1e-12 * step * f64::from(1u32 << SCALE_SHIFT);
         let ki = f64::from(w.ki_q16) / 65_536.0;
         let damping = f64::from(w.damping_q16) / 65_536.0;
         let rate = f64::from(NOMINAL_SPS);
         Ok(Self {
             wire: *w,
-            scale: libm::round(scale) as i64,
-            zero: w.zero_code,
+            cell: CellConfig::new(w.scale_pn_per_count, w.zero_code, &w.cell),
             filter: FilterConfig::new(w.filter),
             spike_limit: Newton::from_un(w.spike_limit_un).to_bits(),
             kp_q16: w.kp_q16,
@@ -317,7 +324,7 @@ impl Config {
     #[must_use]
     pub const fn with_zero(mut self, zero: AdcCode) -> Self {
         self.wire.zero_code = zero.get();
-        self.zero = zero.get();
+        self.cell.zero = zero.get();
         self.sealed()
     }
 
@@ -330,9 +337,12 @@ impl Config {
     /// bit that changes changes it.
     const fn sum(&self) -> u32 {
         let words = [
-            self.scale as u32,
-            (self.scale >> 32) as u32,
-            self.zero as u32,
+            self.cell.scale as u32,
+            (self.cell.scale >> 32) as u32,
+            self.cell.zero as u32,
+            self.cell.curve as u32,
+            self.cell.creep_q16 as u32,
+            self.cell.creep_rate as u32,
             self.spike_limit as u32,
             self.kp_q16 as u32,
             self.ki_us as u32,
@@ -375,7 +385,7 @@ impl Config {
 #[cfg(feature = "injection")]
 impl Config {
     /// Bits that [`Config::flip`] knows.
-    pub const BITS: u32 = 13 * 32 + 64 + 64;
+    pub const BITS: u32 = 16 * 32 + 64 + 64;
 
     /// Flips a bit of what was computed from the wire's numbers, as a fault of the memory does. Bits from
     /// [`Config::BITS`] on begin again.
@@ -384,7 +394,7 @@ impl Config {
         let mask = 1 << (bit % 32);
         let newton = |value: &mut Newton| *value = Newton::from_bits(value.to_bits() ^ mask);
         match bit / 32 {
-            0 => self.zero ^= mask,
+            0 => self.cell.zero ^= mask,
             1 => self.spike_limit ^= mask,
             2 => self.kp_q16 ^= mask,
             3 => self.ki_us ^= mask,
@@ -397,8 +407,11 @@ impl Config {
             10 => newton(&mut self.plausible),
             11 => newton(&mut self.over_tension),
             12 => self.zero_deviation ^= mask as u32,
-            13 | 14 => self.scale ^= 1 << (bit - 13 * 32),
-            _ => self.slew = self.slew.flipped(bit - 15 * 32),
+            13 => self.cell.curve ^= mask,
+            14 => self.cell.creep_q16 ^= mask,
+            15 => self.cell.creep_rate ^= mask,
+            16 | 17 => self.cell.scale ^= 1 << (bit - 16 * 32),
+            _ => self.slew = self.slew.flipped(bit - 18 * 32),
         }
     }
 }
@@ -412,8 +425,7 @@ impl Default for Config {
         // configuration without gains and force is still a safe one.
         Self::from_wire(&wire).unwrap_or(Self {
             wire,
-            scale: 0,
-            zero: 0,
+            cell: CellConfig::NONE,
             filter: FilterConfig::new(FilterChoice::MovingAverage(1)),
             spike_limit: 0,
             kp_q16: 0,

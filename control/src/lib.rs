@@ -7,6 +7,7 @@
 //! | question | module |
 //! | --- | --- |
 //! | what do the numbers mean | [`units`], [`convert`] |
+//! | from a load cell's code to its force | [`cell`] |
 //! | what can be configured, within which ranges | [`config`] |
 //! | one sample of one unit | [`mod@unit`], made of [`filter`], [`friction`], [`pid`], [`limits`] |
 //! | zeroing | [`zero`] |
@@ -42,6 +43,7 @@
     clippy::panic
 )]
 
+pub mod cell;
 pub mod config;
 pub mod convert;
 pub mod faults;

@@ -1,14 +1,15 @@
 //! One sample of one unit: load code in, DAC code out, every term on the way.
 //!
 //! ```text
-//! code ─ zero, scale ─ spike gate ─ filter ─ 1/cos ─▶ tension ─┐
-//! setpoint ─ slew ───────────────────────────────┬─▶ error ─ P, I ─┐
-//! counts ─ travel ─┬─ direction ─ friction model ◀┘  feedforward ──┤
-//!                  └─ high pass ─ damping ─────────────────────────┤
-//!                                     slack brake, slew, limits ◀──┘─▶ command ─▶ DAC code
+//! code ─ zero, scale ─ spike gate ─ curve, creep ─ filter ─ 1/cos ─▶ tension ─┐
+//! setpoint ─ slew ──────────────────────────────┬─▶ error ─ P, I ─┐
+//! counts ─ travel ─┬─ direction ─ friction model ◀┘ feedforward ──┤
+//!                  └─ high pass ─ damping ────────────────────────┤
+//!                     slack brake, slew, limits ◀─────────────────┘─▶ command ─▶ DAC code
 //! ```
 
-use crate::config::{Config, SCALE_SHIFT};
+use crate::cell::Creep;
+use crate::config::Config;
 use crate::convert;
 use crate::faults::Fault;
 use crate::filter::{Filter, SpikeGate};
@@ -153,6 +154,7 @@ impl Output {
 pub struct State {
     last: Option<(EncoderCounts, Micros)>,
     gate: SpikeGate,
+    creep: Creep,
     filter: Filter,
     tension: Newton,
     estimator: DirectionEstimator,
@@ -172,9 +174,18 @@ pub struct State {
 }
 
 impl State {
-    /// Forgets everything.
+    /// Forgets everything but what the load cell has crept, which goes on whatever the controller does.
     pub fn reset(&mut self) {
-        *self = Self::default();
+        *self = Self {
+            creep: self.creep,
+            ..Self::default()
+        };
+    }
+
+    /// The zero of this unit for a mean code under no load: less what the cell has crept, which goes away.
+    #[must_use]
+    pub fn relaxed_zero(&self, config: &Config, mean: AdcCode) -> AdcCode {
+        self.creep.relaxed(&config.cell, mean)
     }
 
     /// A new configuration is in force: the next sample sets the integral so that the command goes on
@@ -205,10 +216,17 @@ impl Controller {
     pub fn step(config: &Config, state: &mut State, input: Input) -> Output {
         let mut flags = 0;
 
-        // Load cell.
-        let adc_counts = i64::from(input.adc_code.get()) - i64::from(config.zero);
-        let force = Newton::from_wide_shifted(adc_counts * config.scale, SCALE_SHIFT);
-        let (gated, spike) = state.gate.step(config.spike_limit, force);
+        // Load cell; the time is that of its creep as well.
+        let (last_counts, dt) = match state.last {
+            Some((encoder_counts, at)) => (encoder_counts, input.at.since(at)),
+            None => (input.encoder_counts, NOMINAL_PERIOD_US),
+        };
+        state.last = Some((input.encoder_counts, input.at));
+        let dt_us = dt.clamp(DT_RANGE_US.0, DT_RANGE_US.1);
+        let straight = config.cell.straight(input.adc_code);
+        let (uncorrected, spike) = state.gate.step(config.spike_limit, straight);
+        let curved = config.cell.curved(uncorrected);
+        let gated = state.creep.step(&config.cell, curved, dt_us);
         let filtered = state.filter.step(&config.filter, gated);
         let tension = times_inv_cos(filtered, input.setpoint.inv_cos);
         let rise = tension.saturating_sub(state.tension);
@@ -218,12 +236,6 @@ impl Controller {
         }
 
         // Time and travel.
-        let (last_counts, dt) = match state.last {
-            Some((encoder_counts, at)) => (encoder_counts, input.at.since(at)),
-            None => (input.encoder_counts, NOMINAL_PERIOD_US),
-        };
-        state.last = Some((input.encoder_counts, input.at));
-        let dt_us = dt.clamp(DT_RANGE_US.0, DT_RANGE_US.1);
         if dt >= NOMINAL_PERIOD_US + NOMINAL_PERIOD_US / 2 {
             flags |= flags::MISSED;
         }
@@ -245,7 +257,9 @@ impl Controller {
 
         // Before the filter, which would delay a sudden pull by milliseconds.
         let direct = times_inv_cos(gated, input.setpoint.inv_cos);
-        let fault = state.watch(config, &input, direct, tension, travel_nm);
+        // A wrong correction of the cell must not hide a pull.
+        let strongest = direct.max(times_inv_cos(uncorrected, input.setpoint.inv_cos));
+        let fault = state.watch(config, &input, strongest, tension, travel_nm);
         let mut output = Output {
             tension,
             direct,
@@ -350,12 +364,12 @@ impl State {
         &mut self,
         config: &Config,
         input: &Input,
-        direct: Newton,
+        strongest: Newton,
         tension: Newton,
         travel_nm: i32,
     ) -> Option<(Fault, u32)> {
         let count = |seen: u8, now: bool| if now { seen.saturating_add(1) } else { 0 };
-        self.over = count(self.over, direct > config.over_tension);
+        self.over = count(self.over, strongest > config.over_tension);
         self.saturated = count(self.saturated, input.adc_code.is_saturated());
         self.slack_nm = if tension > SLACK_TENSION || input.drive == Drive::Off {
             0
@@ -365,7 +379,10 @@ impl State {
         if self.saturated >= TRIP_SAMPLES {
             Some((Fault::AdcSaturated, input.adc_code.get() as u32))
         } else if self.over >= TRIP_SAMPLES {
-            Some((Fault::OverTension, (direct.to_un() / 1_000).unsigned_abs()))
+            Some((
+                Fault::OverTension,
+                (strongest.to_un() / 1_000).unsigned_abs(),
+            ))
         } else if self.slack_nm > LOST_TRAVEL_NM {
             Some((Fault::CableLost, self.slack_nm.unsigned_abs() / 1_000))
         } else {

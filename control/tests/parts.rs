@@ -84,6 +84,12 @@ fn set(config: &mut UnitConfig, field: &Field, value: i32) {
             "ripples.amplitude_load_q16" => config.ripples[1].amplitude_load_q16 = value,
             other => panic!("no field {other}"),
         },
+        26 => match field.name {
+            "cell.curve_nn_per_n2" => config.cell.curve_nn_per_n2 = value,
+            "cell.creep_q16" => config.cell.creep_q16 = value,
+            "cell.creep_ms" => config.cell.creep_ms = value,
+            other => panic!("no field {other}"),
+        },
         other => panic!("no field {other}"),
     }
 }

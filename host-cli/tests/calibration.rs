@@ -68,6 +68,9 @@ fn every_command_of_the_guide_does_what_it_says() {
     }
     for expected in [
         "station `B` moved by about",
+        "went away when the cable was paid out",
+        "SBA-0713",
+        "times as long (",
         "entered 50 g, but the code is that of",
         "read back and compared",
         "in force on the board",
@@ -120,16 +123,16 @@ fn a_session_by_hand_goes_on_where_it_was_broken_off() {
     let said = text(&output);
     assert_eq!(output.status.code(), Some(130), "{said}");
     assert!(
-        said.contains("reading 1 of 8: take all weights off"),
+        said.contains("reading 1 of 10: take all weights off"),
         "{said}"
     );
     assert!(said.contains("hang 100 g"), "{said}");
-    assert!(said.contains("stopped after 2 of 8 readings"), "{said}");
-    let output = call(&"\n".repeat(6), &[]);
+    assert!(said.contains("stopped after 2 of 10 readings"), "{said}");
+    let output = call(&"\n".repeat(8), &[]);
     let said = text(&output);
     assert_eq!(output.status.code(), Some(0), "{said}");
     assert!(
-        said.contains("2 of 8 readings are kept from before"),
+        said.contains("2 of 10 readings are kept from before"),
         "{said}"
     );
     assert!(said.contains("version 0001"), "{said}");

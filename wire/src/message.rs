@@ -198,6 +198,30 @@ pub struct UnitConfig {
     pub viscous_q16: i32,
     /// Forces that repeat with the reel's angle, compensated by the feedforward.
     pub ripples: [Ripple; RIPPLES],
+    /// What the load cell's conversion takes out besides zero and scale.
+    pub cell: CellCorrection,
+}
+
+/// Curve and creep of a load cell, taken out of its readings. A straight reading `x` (code less zero, times scale) becomes
+/// `x + curve x^2`; from that the creep `s` is taken, which follows the load that is left, `l`:
+/// `ds/dt = (creep l - s) / time constant`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, Schema)]
+pub struct CellCorrection {
+    /// Curve, nanonewton per square newton of straight reading; 0: none.
+    pub curve_nn_per_n2: i32,
+    /// Share of a lasting load by which the reading grows, times 65,536; 0: none.
+    pub creep_q16: i32,
+    /// Time constant of that in milliseconds.
+    pub creep_ms: i32,
+}
+
+impl CellCorrection {
+    /// A straight cell without creep.
+    pub const NONE: Self = Self {
+        curve_nn_per_n2: 0,
+        creep_q16: 0,
+        creep_ms: 60_000,
+    };
 }
 
 /// A force on the cable that repeats with the reel's angle (eccentric reel, gear mesh, cogging):

@@ -60,6 +60,7 @@ fn config() -> UnitConfig {
         over_tension_un: 20_000_000,
         viscous_q16: 0,
         ripples: [Ripple::default(); RIPPLES],
+        cell: CellCorrection::NONE,
     }
 }
 

@@ -367,9 +367,9 @@ impl Machine {
     }
 }
 
-/// Longest encoding of a [`UnitConfig`]: 22 numbers and two ripples of four numbers with at most 5 bytes each, two
-/// flags of one byte, a filter of at most 4 bytes.
-const MAX_CONFIG_BYTES: usize = (22 + 8) * 5 + 2 + 4;
+/// Longest encoding of a [`UnitConfig`]: 22 numbers, two ripples of four numbers and a cell's three with at most 5
+/// bytes each, two flags of one byte, a filter of at most 4 bytes.
+const MAX_CONFIG_BYTES: usize = (22 + 8 + 3) * 5 + 2 + 4;
 
 /// CRC-32 over configurations: each as postcard encodes it, one after the other, unit 1 first.
 #[must_use]

@@ -168,6 +168,7 @@ impl Machine {
             Progress::Collecting(_) => {}
             Progress::Done(zero) => {
                 slot.zero = None;
+                let zero = slot.control.relaxed_zero(&slot.config, zero);
                 slot.config = slot.config.with_zero(zero);
                 // A configuration that waits for its commit must not restore the old zero.
                 slot.staged = slot.staged.map(|staged| staged.with_zero(zero));

@@ -7,8 +7,11 @@
 //! # Model
 //!
 //! ```text
-//! code = zero + b F + [k F^2] + [z_T dT] + [b_T dT F] + [z_t t] + error,   F = m g
+//! code = zero + b (F + s) + [k (F + s)^2] + [z_T dT] + [b_T dT F] + [z_t t] + error,   F = m g
 //! ```
+//!
+//! `s` is the creep, where the series can tell it: see [`creep`]. What a conversion needs, the force over the code:
+//! [`conversion`].
 //!
 //! Terms in brackets are taken in one after the other while one of them is significant (two-sided t test, 1 %
 //! shared out over the candidates). The error of a reading has three parts: its standard error, a repeatability that
@@ -17,11 +20,14 @@
 //! readings with one weight correlated; generalised least squares allows for it. The error of g is common to
 //! everything and is added at the end.
 
+pub mod conversion;
+pub mod creep;
 pub mod entries;
 pub mod figures;
 
 use crate::input::{InputError, Location, Table};
 use crate::{stats, STANDARD_GRAVITY_M_PER_S2};
+use creep::CreepTerm;
 use entries::WrongEntry;
 use nalgebra::{DMatrix, DVector};
 use std::collections::BTreeMap;
@@ -51,24 +57,28 @@ pub struct Reading {
     pub standard_error_codes: f64,
     /// Which way the load was reached, where known.
     pub direction: Option<Direction>,
-    /// Time since the first reading, s, where known.
+    /// Middle of the reading, s from some start, where known.
     pub time_s: Option<f64>,
+    /// When the load came on, s from the same start, where known.
+    pub since_s: Option<f64>,
     /// Temperature of the cell, degrees Celsius, where a sensor gives it.
     pub temperature_c: Option<f64>,
 }
 
 /// Columns that a table of readings may have.
-const COLUMNS: [&str; 6] = [
+const COLUMNS: [&str; 7] = [
     "weight_g",
     "code",
     "standard_error",
     "direction",
     "time_s",
+    "since_s",
     "temperature_c",
 ];
 
 /// Reads a table with the columns `weight_g`, `code`, `standard_error` (codes) and, where known, `direction`
-/// (`loading` or `unloading`), `time_s`, `temperature_c`. `file` is the name that errors give.
+/// (`loading` or `unloading`), `time_s`,
+/// `since_s`, `temperature_c`. `file` is the name that errors give.
 ///
 /// # Errors
 /// [`InputError`] with the line of the first cell that can't be used: weights from 0 to 3,000 g, codes of 24 bits,
@@ -81,6 +91,7 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
     let error = table.column("standard_error")?;
     let direction = table.find("direction");
     let time = table.find("time_s");
+    let since = table.find("since_s");
     let temperature = table.find("temperature_c");
     table
         .rows()
@@ -114,6 +125,7 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
                 standard_error_codes,
                 direction,
                 time_s: table.optional_number(row, time)?,
+                since_s: table.optional_number(row, since)?,
                 temperature_c: table.optional_number(row, temperature)?,
             })
         })
@@ -166,6 +178,31 @@ pub enum Term {
     SlopeTemperature,
     /// Drift of the zero, codes per s.
     ZeroTime,
+    /// Creep, codes per N of crept load.
+    Creep,
+}
+
+/// The terms of a fit beside zero and slope, and what they depend on that is not linear.
+#[derive(Debug, Clone, Default)]
+struct Model {
+    terms: Vec<Term>,
+    /// Time constant of the creep, s.
+    tau_s: f64,
+    /// Whether the fit has a column for an error of that, so that the covariances allow for it.
+    tau_free: bool,
+    /// Share of the creep, as far as it is known: the curve bends what has crept as well.
+    share: f64,
+}
+
+impl Model {
+    fn has(&self, term: Term) -> bool {
+        self.terms.contains(&term)
+    }
+
+    /// Coefficients of the fit.
+    fn columns(&self) -> usize {
+        2 + self.terms.len() + usize::from(self.tau_free)
+    }
 }
 
 /// A coefficient with its standard error and the p-value of its being zero.
@@ -190,7 +227,7 @@ pub struct Gain {
     pub n_per_code_half_95: f64,
     /// Relative standard uncertainties of the scale: from the readings, from the weights, from gravity.
     pub relative_parts: UncertaintyParts,
-    /// Code of the empty cell, at mean temperature and time 0.
+    /// Code of the empty cell, at mean temperature and the time of the first reading.
     pub zero_code: f64,
     /// Standard error of [`Self::zero_code`].
     pub zero_code_se: f64,
@@ -198,6 +235,8 @@ pub struct Gain {
     pub codes_per_n: f64,
     /// Terms taken in beside zero and slope.
     pub terms: BTreeMap<Term, Coefficient>,
+    /// Creep, where the readings tell it and it is significant.
+    pub creep: Option<CreepTerm>,
     /// Repeatability beyond the readings' own standard errors, codes (standard deviation).
     pub repeatability_codes: f64,
     /// Chi-square of the residuals with the readings' own standard errors and the weights' errors only.
@@ -309,62 +348,139 @@ const TERM_LEVEL: f64 = 0.01;
 pub fn fit(readings: &[Reading], options: &Options) -> Result<Gain, GainError> {
     let used = usable(readings, options)?;
     let wrong = entries::find(&used, options);
-    if !wrong.is_empty() && !only_curved(&used, options) {
+    if !wrong.is_empty() && !only_shaped(&used, options) {
         return Err(GainError::WrongEntries(wrong));
     }
     let candidates = candidates(&used);
-    let mut terms: Vec<Term> = Vec::new();
-    let mut best = solve(&used, options, &terms)?;
+    let mut model = Model::default();
+    let mut best = solve(&used, options, &model)?;
     loop {
-        let mut chosen: Option<(f64, Term, Solution)> = None;
-        for &term in candidates.iter().filter(|t| !terms.contains(t)) {
-            let mut more = terms.clone();
-            more.push(term);
-            let Ok(solution) = solve(&used, options, &more) else {
+        let mut chosen: Option<(f64, Model, Solution)> = None;
+        for &term in candidates.iter().filter(|t| !model.has(**t)) {
+            let Some((more, solution)) = with(term, &used, options, &model, &best) else {
                 continue;
             };
-            let p = solution.coefficient(1 + more.len()).p;
+            let searched = if term == Term::Creep {
+                creep::SEARCHED
+            } else {
+                1.0
+            };
+            let p = searched * solution.coefficient(1 + more.terms.len()).p;
             let better = chosen.as_ref().is_none_or(|(least, ..)| p < *least);
             if p < TERM_LEVEL / candidates.len() as f64 && better {
-                chosen = Some((p, term, solution));
+                chosen = Some((p, more, solution));
             }
         }
         match chosen {
-            Some((_, term, solution)) => {
-                terms.push(term);
-                best = solution;
-            }
+            Some((_, more, solution)) => (model, best) = (more, solution),
             None => break,
         }
     }
-    finish(&used, options, &terms, &best)
+    if model.has(Term::Creep) {
+        // Every interval allows for the time constant, which was searched.
+        let free = Model {
+            tau_free: true,
+            ..model.clone()
+        };
+        if let Ok(solution) = solve(&used, options, &free) {
+            (model, best) = (free, solution);
+        }
+    }
+    finish(&used, options, &model, &best)
 }
 
-/// Largest part of the range that a curve may take before the readings count as wrong rather than the cell as curved.
-const LARGEST_CURVE: f64 = 0.05;
+/// The model with one term more, fitted. `before`: the fit without it.
+fn with(
+    term: Term,
+    used: &[Reading],
+    options: &Options,
+    model: &Model,
+    before: &Solution,
+) -> Option<(Model, Solution)> {
+    let mut more = model.clone();
+    more.terms.push(term);
+    if !more.has(Term::Creep) {
+        let solution = solve(used, options, &more).ok()?;
+        return Some((more, solution));
+    }
+    // Time constant and share depend on each other through the curve.
+    let mut repeatability = before.repeatability;
+    let mut slope = before.beta[1];
+    let mut found = None;
+    for _ in 0..3 {
+        let covariance =
+            own_variance(used, repeatability) + weight_covariance(used, options, slope);
+        let inverse = covariance.cholesky()?.inverse();
+        more.tau_s = creep::search(used, options, &more, &inverse)?;
+        more.share = creep::share(used, options, &more, &inverse)?;
+        let solution = solve(used, options, &more).ok()?;
+        (repeatability, slope) = (solution.repeatability, solution.beta[1]);
+        found = Some(solution);
+    }
+    found.map(|solution| (more, solution))
+}
 
-/// Whether readings that leave the line leave it because the cell is curved: with the curve taken off, none is wrong.
+/// Largest part of the range that a curve may take before the readings count as wrong rather than the cell as curved; with
+/// this many different weights, which show a curve as such, and with fewer.
+const LARGEST_CURVE: (usize, f64, f64) = (6, 0.25, 0.05);
+/// Largest part of the range that creep may take.
+const LARGEST_CREEP: f64 = 0.25;
+
+/// Whether readings that leave the line leave it because the cell is curved or creeps: with that taken off, none is wrong.
 /// A wrong entry can't pass for a curve: it bends the curve away from all others.
-fn only_curved(used: &[Reading], options: &Options) -> bool {
-    let Ok(curved) = solve(used, options, &[Term::Quadratic]) else {
+fn only_shaped(used: &[Reading], options: &Options) -> bool {
+    let Ok(mut best) = solve(used, options, &Model::default()) else {
         return false;
     };
-    let bend = |r: &Reading| curved.beta[2] * force_n(r.weight_g, options).powi(2);
-    let most = used.iter().map(|r| bend(r).abs()).fold(0.0, f64::max);
-    let range = used
-        .iter()
-        .map(|r| (curved.beta[1] * force_n(r.weight_g, options)).abs())
-        .fold(0.0, f64::max);
-    let straight: Vec<Reading> = used
-        .iter()
-        .map(|r| Reading {
-            code: r.code - bend(r),
-            ..r.clone()
-        })
-        .collect();
-    most <= LARGEST_CURVE * range
-        && different_weights(used) >= 4
-        && entries::find(&straight, options).is_empty()
+    let (enough, large, small) = LARGEST_CURVE;
+    let weights = different_weights(used);
+    let shapes = [
+        (weights >= 4).then_some(Term::Quadratic),
+        creep::can_tell(used).then_some(Term::Creep),
+    ];
+    // The curve alone, creep alone, both.
+    for chosen in [&shapes[..1], &shapes[1..], &shapes[..]] {
+        let mut model = Model::default();
+        let mut fits = false;
+        for &term in chosen.iter().flatten() {
+            let Some((more, solution)) = with(term, used, options, &model, &best) else {
+                fits = false;
+                break;
+            };
+            (model, best, fits) = (more, solution, true);
+        }
+        if !fits {
+            continue;
+        }
+        let x = design(used, options, &model);
+        let part = |term: Term, row: usize| {
+            let at = model.terms.iter().position(|t| *t == term);
+            at.map_or(0.0, |at| best.beta[2 + at] * x[(row, 2 + at)])
+        };
+        let range = (0..used.len())
+            .map(|row| (best.beta[1] * x[(row, 1)]).abs())
+            .fold(0.0, f64::max);
+        let most = |term: Term| {
+            let parts = (0..used.len()).map(|row| part(term, row).abs());
+            parts.fold(0.0, f64::max) / range
+        };
+        let curve = if weights >= enough { large } else { small };
+        let straight: Vec<Reading> = used
+            .iter()
+            .enumerate()
+            .map(|(row, r)| Reading {
+                code: r.code - part(Term::Quadratic, row) - part(Term::Creep, row),
+                ..r.clone()
+            })
+            .collect();
+        if most(Term::Quadratic) <= curve
+            && most(Term::Creep) <= LARGEST_CREEP
+            && entries::find(&straight, options).is_empty()
+        {
+            return true;
+        }
+    }
+    false
 }
 
 /// The readings with corrections made and lines left out, or what can't be used.
@@ -431,6 +547,7 @@ fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Reading>, GainE
         )?;
         for (what, value) in [
             ("the time", reading.time_s),
+            ("the time of the load", reading.since_s),
             ("the temperature", reading.temperature_c),
         ] {
             check(what, value.unwrap_or(0.0), true, "it has to be finite")?;
@@ -475,6 +592,9 @@ fn candidates(used: &[Reading]) -> Vec<Term> {
     if used.len() >= 8 && range(|r| r.time_s) > 0.0 {
         terms.push(Term::ZeroTime);
     }
+    if creep::can_tell(used) {
+        terms.push(Term::Creep);
+    }
     terms
 }
 
@@ -517,28 +637,43 @@ fn mean_temperature(used: &[Reading]) -> Option<f64> {
     values.map(|v| v.iter().sum::<f64>() / v.len() as f64)
 }
 
-fn design(used: &[Reading], options: &Options, terms: &[Term]) -> DMatrix<f64> {
+fn design(used: &[Reading], options: &Options, model: &Model) -> DMatrix<f64> {
     let reference = mean_temperature(used).unwrap_or(0.0);
-    DMatrix::from_fn(used.len(), 2 + terms.len(), |row, column| {
+    let start = used.first().and_then(|r| r.time_s).unwrap_or(0.0);
+    let crept = if model.has(Term::Creep) {
+        creep::course(used, options, model.tau_s)
+    } else {
+        vec![0.0; used.len()]
+    };
+    let by_log_tau = if model.tau_free {
+        creep::course_by_log_tau(used, options, model.tau_s)
+    } else {
+        Vec::new()
+    };
+    DMatrix::from_fn(used.len(), model.columns(), |row, column| {
+        if column == 2 + model.terms.len() {
+            return by_log_tau[row];
+        }
         let r = &used[row];
         let force = force_n(r.weight_g, options);
         let warmer = r.temperature_c.map_or(0.0, |t| t - reference);
         match column {
             0 => 1.0,
             1 => force,
-            _ => match terms[column - 2] {
-                Term::Quadratic => force * force,
+            _ => match model.terms[column - 2] {
+                Term::Quadratic => (force + model.share * crept[row]).powi(2),
                 Term::ZeroTemperature => warmer,
                 Term::SlopeTemperature => warmer * force,
-                Term::ZeroTime => r.time_s.unwrap_or(0.0),
+                Term::ZeroTime => r.time_s.unwrap_or(start) - start,
+                Term::Creep => crept[row],
             },
         }
     })
 }
 
-fn solve(used: &[Reading], options: &Options, terms: &[Term]) -> Result<Solution, GainError> {
+fn solve(used: &[Reading], options: &Options, model: &Model) -> Result<Solution, GainError> {
     let n = used.len();
-    let x = design(used, options, terms);
+    let x = design(used, options, model);
     let too_few = || GainError::TooFew {
         readings: n,
         weights: different_weights(used),
@@ -601,6 +736,14 @@ fn weight_covariance(used: &[Reading], options: &Options, codes_per_n: f64) -> D
     })
 }
 
+/// Covariance of the codes from the readings' own errors, codes^2.
+fn own_variance(used: &[Reading], repeatability: f64) -> DMatrix<f64> {
+    let variances = used
+        .iter()
+        .map(|r| r.standard_error_codes.powi(2) + repeatability * repeatability);
+    DMatrix::from_diagonal(&DVector::from_iterator(used.len(), variances))
+}
+
 fn gls(
     used: &[Reading],
     x: &DMatrix<f64>,
@@ -609,11 +752,7 @@ fn gls(
     repeatability: f64,
 ) -> Option<Solution> {
     let n = used.len();
-    let own = DMatrix::from_diagonal(&DVector::from_iterator(
-        n,
-        used.iter()
-            .map(|r| r.standard_error_codes.powi(2) + repeatability * repeatability),
-    ));
+    let own = own_variance(used, repeatability);
     let inverse = (&own + from_weights).cholesky()?.inverse();
     let xtw = x.transpose() * &inverse;
     let covariance = (&xtw * x).cholesky()?.inverse();
@@ -635,7 +774,7 @@ fn gls(
 fn finish(
     used: &[Reading],
     options: &Options,
-    terms: &[Term],
+    model: &Model,
     solution: &Solution,
 ) -> Result<Gain, GainError> {
     let slope = solution.beta[1];
@@ -679,7 +818,26 @@ fn finish(
         zero_code: solution.beta[0],
         zero_code_se: solution.covariance[(0, 0)].sqrt(),
         codes_per_n: slope,
-        terms: terms
+        creep: model.terms.iter().position(|t| *t == Term::Creep).map(|i| {
+            let found = solution.coefficient(2 + i);
+            let by_log_tau = if model.tau_free {
+                solution.covariance[(2 + model.terms.len(), 2 + model.terms.len())].sqrt()
+            } else {
+                f64::INFINITY
+            };
+            // A factor of a thousand says that nothing is known.
+            let spread = (1.96 * by_log_tau / found.value).abs().exp().min(1e3);
+            CreepTerm {
+                share: found.value / slope,
+                // The weight that stays has an error of its own.
+                share_se: (found.standard_error / slope)
+                    .hypot(found.value / slope * options.weight_limit_relative / 3f64.sqrt()),
+                time_s: model.tau_s,
+                time_95_s: (model.tau_s / spread, model.tau_s * spread),
+            }
+        }),
+        terms: model
+            .terms
             .iter()
             .enumerate()
             .map(|(i, &term)| (term, solution.coefficient(2 + i)))

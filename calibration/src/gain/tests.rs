@@ -39,6 +39,7 @@ fn series(
                 standard_error_codes: noise,
                 direction: Some(direction),
                 time_s: Some(line as f64 * 20.0),
+                since_s: None,
                 temperature_c: None,
             });
         }
@@ -325,6 +326,7 @@ proptest! {
                 standard_error_codes: *se,
                 direction: None,
                 time_s: None,
+                since_s: None,
                 temperature_c: None,
             })
             .collect();
@@ -356,4 +358,103 @@ fn a_strongly_curved_cell_is_no_list_of_wrong_entries() {
         fit(&wrong, &options()),
         Err(GainError::WrongEntries(_))
     ));
+}
+
+/// A series of two rounds and a hold on a cell that is curved by `curve` (1/N) and creeps by `share` in `tau_s`.
+fn creeping(seed: u64, curve: f64, share: f64, tau_s: f64, hold: usize) -> Vec<Reading> {
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let errors: Vec<f64> = WEIGHTS_G
+        .iter()
+        .map(|_| rng.random_range(-1.0..1.0) * 1e-3)
+        .collect();
+    let round = (0..7).chain((0..7).rev());
+    let mut loads: Vec<Option<usize>> = round.clone().chain(round).map(Some).collect();
+    loads.insert(0, None);
+    loads.extend(std::iter::repeat_n(Some(6), hold));
+    loads.extend(std::iter::repeat_n(None, hold));
+    let (mut crept, mut since) = (0.0, 0.0);
+    let mut out: Vec<Reading> = Vec::new();
+    for (i, &load) in loads.iter().enumerate() {
+        let weight_g = load.map_or(0.0, |w| WEIGHTS_G[w]);
+        let force = load.map_or(0.0, |w| {
+            1e-3 * weight_g * (1.0 + errors[w]) * STANDARD_GRAVITY_M_PER_S2
+        });
+        let start = 2.0 * i as f64;
+        if out.last().is_some_and(|r| r.weight_g != weight_g) {
+            since = start;
+        }
+        // Read 1.5 s after the change, in the middle of a second.
+        let pass =
+            |crept: f64, time: f64| crept + (share * force - crept) * (1.0 - (-time / tau_s).exp());
+        let seen = force + pass(crept, 1.5);
+        crept = pass(crept, 2.0);
+        let code = ZERO + CODES_PER_N * (seen + curve * seen * seen) + 60.0 * normal(&mut rng);
+        out.push(Reading {
+            at: Location {
+                file: "weights.csv".into(),
+                line: i + 2,
+            },
+            weight_g,
+            code,
+            standard_error_codes: 60.0,
+            direction: None,
+            time_s: Some(start + 1.5),
+            since_s: Some(since),
+            temperature_c: None,
+        });
+    }
+    out
+}
+
+#[test]
+fn curve_and_creep_are_found_together_with_intervals() {
+    for (curve, share, tau) in [(0.0, 0.09, 6.0), (0.01, 0.06, 10.0), (-0.004, 0.004, 20.0)] {
+        let (mut shares, mut times) = (0, 0);
+        for seed in 0..10 {
+            let gain = fit(&creeping(seed, curve, share, tau, 15), &options()).unwrap();
+            let creep = gain.creep.expect("creep is significant");
+            shares += u32::from((creep.share - share).abs() < 1.96 * creep.share_se);
+            times += u32::from((creep.time_95_s.0..=creep.time_95_s.1).contains(&tau));
+            assert_eq!(gain.terms.contains_key(&Term::Quadratic), curve != 0.0);
+            // What the conversion makes of codes without creep, up to the largest weight.
+            let found = gain.conversion();
+            for force in [1.0, 5.0, 9.5] {
+                let code = CODES_PER_N * (force + curve * force * force);
+                let made = found.n_per_code * code + found.n_per_code2 * code * code;
+                assert!((made - force).abs() < 0.015, "{force} N is made {made} N");
+            }
+        }
+        // Binomial(10, 0.95): below 7 once in 10^3, and the seeds are fixed.
+        assert!(shares >= 7 && times >= 7, "{shares} {times} of 10");
+    }
+}
+
+#[test]
+fn a_cell_that_does_not_creep_gets_none_and_hysteresis_is_no_creep() {
+    let found = (0..16)
+        .filter(|seed| {
+            fit(&creeping(*seed, 0.0, 0.0, 6.0, 15), &options())
+                .unwrap()
+                .creep
+                .is_some()
+        })
+        .count();
+    assert!(found <= 2, "{found} of 16");
+    // Without a load that stays, a difference between up and down is not called creep.
+    let loop_of = |force: f64, direction: Direction, _: f64| {
+        let more = f64::from(u8::from(direction == Direction::Unloading));
+        ZERO + CODES_PER_N * (force + 0.002 * more * force * (9.9 - force))
+    };
+    let gain = fit(&series(1, 0.0, 20.0, loop_of), &options()).unwrap();
+    assert!(gain.creep.is_none() && figures::shape(&gain).hysteresis.is_some());
+}
+
+#[test]
+fn a_wrong_entry_on_a_creeping_cell_is_still_named() {
+    let mut readings = creeping(3, 0.005, 0.06, 6.0, 15);
+    readings[5].weight_g = 500.0;
+    let Err(GainError::WrongEntries(wrong)) = fit(&readings, &options()) else {
+        panic!("a wrong entry was averaged in");
+    };
+    assert!(wrong.iter().any(|w| w.at.line == 7), "{wrong:?}");
 }

@@ -26,12 +26,15 @@
 //! | --- | --- |
 //! | `exit_point.rs` | exit point of one unit |
 //! | `axis.rs` | gain and axis of one load cell |
+//! | `advice.rs` | how much longer or further the robot has to move |
 //! | `moved.rs` | whether the rig has moved since its calibration |
 
+mod advice;
 mod axis;
 mod exit_point;
 mod moved;
 
+pub use advice::Needs;
 pub use axis::{axis, AxisEstimate};
 pub use exit_point::{exit_point, Direction, ExitEstimate};
 pub use moved::{moved, Moved, MovedVerdict};

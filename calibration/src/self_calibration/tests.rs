@@ -256,3 +256,26 @@ fn bad_input_is_an_error() {
         }
     );
 }
+
+/// What the advice promises is what a run of that length or of that motion gives.
+#[test]
+fn a_run_that_follows_the_advice_is_good_enough() {
+    let prior = Prior::default();
+    let center = Vector3::from(CENTER_M);
+    let limit = 0.001;
+    let worst = |count: usize, reach: f64| {
+        let samples = run(4, 2, count, [reach; 3], &prior, Vector3::zeros());
+        exit_point(&samples, &prior, None).unwrap()
+    };
+    let short = worst(600, 0.05);
+    let needs = short.needs(limit, &center);
+    assert!(needs.along_cable > 0.95 && needs.longer > 4.0, "{needs:?}");
+    let longer = worst((600.0 * needs.longer) as usize, 0.05);
+    let further = worst(600, 0.05 * needs.further);
+    for found in [longer, further] {
+        let sd = found.directions[2].sd_m;
+        assert!((0.7 * limit..1.3 * limit).contains(&sd), "{sd}");
+    }
+    let enough = worst(600, 0.05 * needs.further).needs(0.01, &center);
+    assert_eq!((enough.longer, enough.further), (1.0, 1.0));
+}

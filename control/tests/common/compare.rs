@@ -4,7 +4,7 @@
 use crate::reference::Reference;
 use control::unit::{Drive, Setpoint};
 use control::{AdcCode, Config, Controller, EncoderCounts, Input, InvCos, Micros, Newton, State};
-use wire::message::{FilterChoice, Ripple, UnitConfig};
+use wire::message::{CellCorrection, FilterChoice, Ripple, UnitConfig};
 
 /// 64-bit LCG, upper bits.
 pub struct Random(pub u64);
@@ -81,6 +81,11 @@ pub fn config(r: &mut Random) -> UnitConfig {
             amplitude_un: (1e6 * maybe(r, 0.01, 3.0)) as i32,
             amplitude_load_q16: (65_536.0 * maybe(r, 1e-3, 0.2)) as i32,
         }),
+        cell: CellCorrection {
+            curve_nn_per_n2: (sign(r) * 1e9 * maybe(r, 1e-5, 0.02)) as i32,
+            creep_q16: (sign(r) * 65_536.0 * maybe(r, 1e-4, 0.2)) as i32,
+            creep_ms: r.scale(500.0, 3.6e6) as i32,
+        },
     }
 }
 

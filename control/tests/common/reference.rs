@@ -31,6 +31,7 @@ pub struct Answer {
 pub struct Reference {
     wire: UnitConfig,
     gate: Option<(f64, f64)>,
+    crept: f64,
     held: u32,
     rejected: f64,
     history: Vec<f64>,
@@ -64,6 +65,7 @@ impl Reference {
         Self {
             wire,
             gate: None,
+            crept: 0.0,
             held: 0,
             rejected: 0.0,
             history: Vec::new(),
@@ -141,6 +143,19 @@ impl Reference {
         }
     }
 
+    /// The cell's curve and creep taken out of a straight reading.
+    fn without_creep(&mut self, x: f64, dt_us: f64) -> f64 {
+        let cell = self.wire.cell;
+        let reading = x + f64::from(cell.curve_nn_per_n2) * 1e-9 * x.clamp(-20.0, 20.0).powi(2);
+        if self.wire.zero_code == 0 {
+            return reading;
+        }
+        let load = reading - self.crept;
+        self.crept +=
+            dt_us / (1e3 * f64::from(cell.creep_ms)) * (q16(cell.creep_q16) * load - self.crept);
+        load
+    }
+
     fn friction(&self, tension: f64, counts: i64) -> f64 {
         if !self.wire.friction_feedforward {
             return tension;
@@ -179,18 +194,19 @@ impl Reference {
         let mut margin = f64::INFINITY;
         let code = input.adc_code.get();
         let force = f64::from(code - w.zero_code) * f64::from(w.scale_pn_per_count) * 1e-12;
-        let gated = self.spike_gate(force, &mut margin);
-        let inv_cos = q16(input.setpoint.inv_cos.q16());
-        let tension = self.filter(gated) * inv_cos;
-        let rise = tension - self.tension;
-        self.tension = tension;
-
+        let straight = self.spike_gate(force, &mut margin);
         let (from, dt) = match self.last {
             Some((counts, at)) => (counts, f64::from(input.at.0.wrapping_sub(at))),
             None => (input.encoder_counts.0, PERIOD_US),
         };
         self.last = Some((input.encoder_counts.0, input.at.0));
         let dt_us = dt.clamp(1_000.0, 12_500.0);
+        let gated = self.without_creep(straight, dt_us);
+        let inv_cos = q16(input.setpoint.inv_cos.q16());
+        let tension = self.filter(gated) * inv_cos;
+        let rise = tension - self.tension;
+        self.tension = tension;
+
         // Periods that the differences span.
         let spans = if dt_us < 4_687.0 {
             1.0
@@ -227,7 +243,7 @@ impl Reference {
         self.direction = (self.direction + change.clamp(-1.0, 1.0)).clamp(-1.0, 1.0);
 
         // Trips.
-        let direct = gated * inv_cos;
+        let direct = gated.max(straight) * inv_cos;
         let over = micro(w.over_tension_un);
         margin = margin.min((direct - over).abs());
         self.over = if direct > over { self.over + 1 } else { 0 };

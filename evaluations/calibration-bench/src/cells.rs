@@ -125,6 +125,7 @@ fn series(cell: &Cell, weights: &[f64], gravity: f64, rng: &mut ChaCha8Rng) -> V
                 standard_error_codes: se_n / cell.n_per_code,
                 direction: Some(direction),
                 time_s: None,
+                since_s: None,
                 temperature_c: None,
             });
         }
@@ -169,6 +170,63 @@ pub struct PowerUpFigures {
     pub mounting: (usize, usize),
     /// The same of the converter's own offset.
     pub converter: (usize, usize),
+}
+
+/// What the pay-out test does: two readings of one power-up, the second with the cable paid out.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct PayOutFigures {
+    /// Slack cables that were refused, of how many.
+    pub slack: (usize, usize),
+    /// Cables that pull with 0.7 to 1.0 N that were accepted, of how many.
+    pub preloaded: (usize, usize),
+    /// The same of cables that pull with 0.03 to 0.1 N.
+    pub faint: (usize, usize),
+}
+
+/// The pay-out test on the cells of [`cells`]: 3 s before, 10 s after. A cable stretches by 0.05 to 0.2 mm/N, 3 mm or more are paid
+/// out, and a slack cell still creeps and drifts by up to 5 mN from one reading to the next.
+#[must_use]
+pub fn pay_outs(draws: u64) -> PayOutFigures {
+    let mut out = PayOutFigures::default();
+    let limits = Limits {
+        nominal_n_per_code: 6.85e-6,
+        ..Limits::default()
+    };
+    for draw in 0..6 * draws {
+        let mut rng = ChaCha8Rng::seed_from_u64(0x9A70_0000 + draw);
+        let n_per_code = rng.random_range(6.2e-6..7.3e-6);
+        let cell = Cell {
+            n_per_code,
+            noise_sd_n: rng.random_range(0.0017..0.005),
+            zero_code: rng.random_range(-5.0..5.0) / n_per_code,
+        };
+        let mm_per_n = rng.random_range(0.05..0.2);
+        let drift_n = rng.random_range(-0.005..0.005);
+        let mut slack_after = |pull_n: f64| -> Option<bool> {
+            let left_n = (pull_n - 1e3 * zero::LEAST_TRAVEL_M / mm_per_n).max(0.0);
+            let at = |force_n: f64| Cell {
+                zero_code: cell.zero_code + force_n / n_per_code,
+                ..cell
+            };
+            let before = stream(&at(pull_n), &mut rng).0;
+            let after = stream(&at(left_n + drift_n), &mut rng).0;
+            let before = zero::measure(&before[..960], &limits).ok()?;
+            let after = zero::measure(&after, &limits).ok()?;
+            Some(zero::pay_out(&before, &after, n_per_code).slack)
+        };
+        let count = |figure: &mut (usize, usize), slack: Option<bool>, wrong: bool| {
+            if let Some(slack) = slack {
+                figure.0 += usize::from(slack == wrong);
+                figure.1 += 1;
+            }
+        };
+        count(&mut out.slack, slack_after(0.0), false);
+        let mut pull = ChaCha8Rng::seed_from_u64(0x9A71_0000 + draw);
+        let (strong, faint) = (pull.random_range(0.7..1.0), pull.random_range(0.03..0.1));
+        count(&mut out.preloaded, slack_after(strong), true);
+        count(&mut out.faint, slack_after(faint), true);
+    }
+    out
 }
 
 /// Standard deviation of a unit's axis about each perpendicular as surveyed, rad.
@@ -239,13 +297,12 @@ pub fn power_ups(draws: u64) -> PowerUpFigures {
                     se_n,
                     mounting_n: parts.mounting_n,
                 };
-                let prior = POWER_UP_MISS_N / 3f64.sqrt();
                 if !history.entries().is_empty() {
                     out.slack += 1;
-                    let verdict = history.judge(&entry(zero_n), prior, POWER_UP_LIMIT_SD);
+                    let verdict = history.judge(&entry(zero_n), POWER_UP_MISS_N, POWER_UP_LIMIT_SD);
                     out.slack_refused += usize::from(!verdict.is_accepted());
                     let pulled = zero_n + rng.random_range(0.7..1.0);
-                    let verdict = history.judge(&entry(pulled), prior, POWER_UP_LIMIT_SD);
+                    let verdict = history.judge(&entry(pulled), POWER_UP_MISS_N, POWER_UP_LIMIT_SD);
                     let count = if history.entries().len() < LEARNT {
                         &mut out.preloaded_early
                     } else {

@@ -1,6 +1,8 @@
 //! The figures as a page in Markdown.
 
-use crate::cells::{self, PowerUpFigures, LEARNT, POWER_UP_LIMIT_SD, POWER_UP_MISS_N};
+use crate::cells::{
+    self, PayOutFigures, PowerUpFigures, LEARNT, POWER_UP_LIMIT_SD, POWER_UP_MISS_N,
+};
 use crate::surveys::{Estimator, GeometryFigures, Layout};
 use crate::tally::Tally;
 use crate::{forces, runs, surveys};
@@ -16,6 +18,20 @@ pub const POSITION_LIMIT_M: f64 = 4e-4;
 pub const AXIS_LIMIT_DEG: f64 = 0.5;
 /// Limit of an exit point from self-calibration alone, m.
 pub const SELF_LIMIT_M: f64 = 2e-3;
+
+/// Poses of the runs lie within this distance of the centre, m.
+const REACH_M: f64 = 0.07;
+/// Reaches that are compared, m.
+const REACHES_M: [f64; 5] = [0.03, 0.05, 0.07, 0.1, 0.14];
+/// Lengths of a run that are compared, s.
+const LENGTHS_S: [usize; 4] = [20, 100, 300, 1000];
+/// Samples that count a second: neighbouring ones have like errors (host-cli/src/calibrate/moving.rs).
+const SAMPLES_A_SECOND: usize = 5;
+/// Open chains that are compared: holes of a plate and its radius, m.
+const CHAIN_HOLES: [u8; 5] = [3, 4, 6, 8, 12];
+const CHAIN_RADII_M: [f64; 3] = [0.15, 0.2, 0.25];
+/// Touches of each point in them.
+const CHAIN_TOUCHES: usize = 20;
 
 /// A layout that is tried: its name, plate radius in m, holes of a plate, closed, touches.
 const LAYOUTS: [(&str, f64, u8, bool, usize); 6] = [
@@ -34,6 +50,7 @@ pub fn draw(draws: u64, progress: &mut dyn FnMut(&str)) -> String {
     progress("gains and zeros");
     let cells = cells::cells(draws);
     let power_ups = cells::power_ups(draws);
+    let pay_outs = cells::pay_outs(draws);
     let mut found: Vec<(usize, GeometryFigures)> = Vec::new();
     for (i, &(name, plate_radius_m, holes, closed, repeats)) in LAYOUTS.iter().enumerate() {
         progress(&format!("survey: {name}, {repeats} touches"));
@@ -50,16 +67,22 @@ pub fn draw(draws: u64, progress: &mut dyn FnMut(&str)) -> String {
     let mut moving = Vec::new();
     for poses in [400, 3000, 10_000] {
         progress(&format!("self-calibration: {poses} poses"));
-        moving.push((poses, runs::runs(draws, poses, best)));
+        moving.push((poses, runs::runs(draws, poses, REACH_M, best)));
     }
+    progress("self-calibration: how long, how far");
+    let lengths = lengths(draws.div_ceil(10), best);
+    progress("open chains");
+    let chains = chains(draws.div_ceil(10));
     progress("force at the tip");
     let force = forces::forces(draws, &cells, best);
 
     head(&mut out, draws);
     goals(&mut out, &cells, best, &moving);
-    cell_tables(&mut out, &cells, &power_ups, draws);
+    cell_tables(&mut out, &cells, (&power_ups, &pay_outs), draws);
     geometry_table(&mut out, &found, draws);
+    chain_table(&mut out, &chains);
     run_table(&mut out, &moving);
+    length_table(&mut out, &lengths, draws.div_ceil(10));
     force_table(&mut out, &force);
     out
 }
@@ -138,7 +161,7 @@ fn goals(
 fn cell_tables(
     out: &mut String,
     cells: &cells::CellFigures,
-    power_ups: &PowerUpFigures,
+    (power_ups, pay_outs): (&PowerUpFigures, &PayOutFigures),
     draws: u64,
 ) {
     let _ = write!(
@@ -180,11 +203,15 @@ fn cell_tables(
         "\nSeries without a wrong entry in which an entry was called wrong: {} of {}. Zeros refused: {} of {}.\n\n\
 Power-ups: units at any mounting angle (axis known to 0.003 rad, mass of motor and rack 0.5 kg known to 5 g), 12 power-ups each, in each of\n\
 which the converter's own calibration misses the zero by up to {POWER_UP_MISS_N} N. A zero further than {POWER_UP_LIMIT_SD} standard deviations from the ones\n\
-before is refused.\n\n\
+before, or outside of what they leave possible with such misses, is refused. *Pay-out test*: read before and after 3 mm of the cable are\n\
+paid out (`calibrate zero --pay-out`); it needs no earlier power-up.\n\n\
 | | |\n| --- | ---: |\n\
 | zeros of slack cables refused | {} |\n\
 | zeros of cables that pull with 0.7 to 1.0 N accepted, fewer than {LEARNT} power-ups before | {} |\n\
 | the same, from the {LEARNT}th power-up on | {} |\n\
+| pay-out test: slack cables refused | {} |\n\
+| pay-out test: cables that pull with 0.7 to 1.0 N accepted | {} |\n\
+| pay-out test: cables that pull with 0.03 to 0.1 N accepted | {} |\n\
 | coverage of the part of the mounting angle | {} |\n\
 | coverage of the converter's own offset | {} |\n\n",
         cells.false_names,
@@ -194,6 +221,9 @@ before is refused.\n\n\
         ratio((power_ups.slack_refused, power_ups.slack)),
         ratio(power_ups.preloaded_early),
         ratio(power_ups.preloaded),
+        ratio(pay_outs.slack),
+        ratio(pay_outs.preloaded),
+        ratio(pay_outs.faint),
         ratio(power_ups.mounting),
         ratio(power_ups.converter),
     );
@@ -295,6 +325,85 @@ reel known to 0.1 %, stretch to 0.05 mm/N. *Joined*: with the closed survey of 1
             1e3 * fused.p95(),
             percent(fused.coverage()),
         );
+    }
+    out.push('\n');
+}
+
+/// Part of draws with all six exit points within 2 mm, by length of the run (rows) and reach of the motion.
+fn lengths(draws: u64, surveys: &GeometryFigures) -> Vec<Vec<f64>> {
+    LENGTHS_S
+        .iter()
+        .map(|seconds| {
+            REACHES_M
+                .iter()
+                .map(|reach_m| {
+                    let samples = SAMPLES_A_SECOND * seconds;
+                    let (alone, _) = runs::runs(draws, samples, *reach_m, surveys);
+                    alone.draws_within(SELF_LIMIT_M)
+                })
+                .collect()
+        })
+        .collect()
+}
+
+fn length_table(out: &mut String, lengths: &[Vec<f64>], draws: u64) {
+    let reaches: Vec<String> = REACHES_M
+        .iter()
+        .map(|r| format!("{:.0} mm", 1e3 * r))
+        .collect();
+    let _ = write!(
+        out,
+        "How long and how far the robot has to move: part of {draws} draws with all six exit points within 2 mm, by the reach of the poses to\n\
+every side. One sample in 0.2 s counts, since errors of neighbouring ones are alike.\n\n\
+| run | {} |\n| --- |{}\n",
+        reaches.join(" | "),
+        " ---: |".repeat(reaches.len())
+    );
+    for (seconds, row) in LENGTHS_S.iter().zip(lengths) {
+        let cells: Vec<String> = row.iter().map(|part| percent(*part)).collect();
+        let _ = writeln!(out, "| {seconds} s | {} |", cells.join(" | "));
+    }
+    out.push('\n');
+}
+
+/// Part of draws with all six exit points within 0.4 mm by an open chain, by holes of a plate (rows) and its radius.
+fn chains(draws: u64) -> Vec<Vec<f64>> {
+    CHAIN_HOLES
+        .iter()
+        .map(|&holes| {
+            CHAIN_RADII_M
+                .iter()
+                .map(|&plate_radius_m| {
+                    let layout = Layout {
+                        plate_radius_m,
+                        holes,
+                        closed: false,
+                        repeats: CHAIN_TOUCHES,
+                    };
+                    let found = surveys::surveys(draws, layout, false);
+                    found.joint.position.draws_within(POSITION_LIMIT_M)
+                })
+                .collect()
+        })
+        .collect()
+}
+
+fn chain_table(out: &mut String, chains: &[Vec<f64>]) {
+    let radii: Vec<String> = CHAIN_RADII_M
+        .iter()
+        .map(|r| format!("plates of {:.0} mm", 1e3 * r))
+        .collect();
+    let _ = write!(
+        out,
+        "What an open chain needs: part of draws with all six exit points within 0.4 mm, {CHAIN_TOUCHES} touches, by the holes of each plate\n\
+and their distance from its middle. The joint estimate is used, which is as good as the bound.\n\n\
+| holes of a plate | {} |\n| --- |{}\n",
+        radii.join(" | "),
+        " ---: |".repeat(radii.len())
+    );
+    for (holes, row) in CHAIN_HOLES.iter().zip(chains) {
+        let cells: Vec<String> = row.iter().map(|part| percent(*part)).collect();
+        let _ = writeln!(out, "| {holes} | {} |", cells.join(" | "));
     }
     out.push('\n');
 }

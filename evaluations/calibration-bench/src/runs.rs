@@ -10,9 +10,9 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rayon::prelude::*;
 
-/// Exit points from runs of `samples` poses within 70 mm of the centre, alone and joined with a survey: distances from the
+/// Exit points from runs of `samples` poses within `reach_m` of the centre, alone and joined with a survey: distances from the
 /// truth, m; intervals are ellipsoids of 95 %.
-pub fn runs(draws: u64, samples: usize, surveys: &GeometryFigures) -> (Tally, Tally) {
+pub fn runs(draws: u64, samples: usize, reach_m: f64, surveys: &GeometryFigures) -> (Tally, Tally) {
     let prior = Prior::default();
     let limit = stats::chi_square_quantile(0.95, 3);
     let holds = |error: &Vector3<f64>, covariance: &Matrix3<f64>| {
@@ -33,7 +33,7 @@ pub fn runs(draws: u64, samples: usize, surveys: &GeometryFigures) -> (Tally, Ta
             }
             for unit in 0..6 {
                 let exit = Vector3::from(scene::UNITS[unit].0);
-                let samples = run(&exit, samples, &prior, &mut rng);
+                let samples = run(&exit, samples, reach_m, &prior, &mut rng);
                 let Ok(found) = self_calibration::exit_point(&samples, &prior, None) else {
                     alone.add(f64::INFINITY);
                     alone.interval(false);
@@ -64,13 +64,19 @@ pub fn runs(draws: u64, samples: usize, surveys: &GeometryFigures) -> (Tally, Ta
     )
 }
 
-fn run(exit: &Vector3<f64>, count: usize, prior: &Prior, rng: &mut ChaCha8Rng) -> Vec<Sample> {
+fn run(
+    exit: &Vector3<f64>,
+    count: usize,
+    reach_m: f64,
+    prior: &Prior,
+    rng: &mut ChaCha8Rng,
+) -> Vec<Sample> {
     let scale = prior.scale_sd * gauss(rng);
     let compliance = prior.compliance_sd_m_per_n * gauss(rng);
     let mut samples = Vec::new();
     while samples.len() < count {
-        let offset = Vector3::from_fn(|_, _| rng.random_range(-0.07..0.07));
-        if offset.norm() > 0.07 {
+        let offset = Vector3::from_fn(|_, _| rng.random_range(-reach_m..reach_m));
+        if offset.norm() > reach_m {
             continue;
         }
         let tip = Vector3::from(CENTER_M) + offset;

@@ -61,7 +61,7 @@ fn geometry_runs_and_tip_force_are_within_their_limits() {
     assert!((0.85..1.15).contains(&ratio), "{ratio}");
     assert!(chain.position.rms() > 1.1 * joint.position.rms());
 
-    let (alone, fused) = runs::runs(draws, 6000, &figures);
+    let (alone, fused) = runs::runs(draws, 6000, 0.07, &figures);
     assert!(alone.within(2e-3) >= 0.95, "{}", alone.within(2e-3));
     assert!(covers(&alone, draws), "{}", alone.coverage());
     assert!(covers(&fused, draws), "{}", fused.coverage());
@@ -75,9 +75,15 @@ fn geometry_runs_and_tip_force_are_within_their_limits() {
 #[test]
 fn a_preloaded_cable_is_told_from_a_power_up() {
     let found = cells::power_ups(40);
-    // Expected: 0.2 % and 9 % (docs/calibration/figures.md).
+    // docs/calibration/figures.md has the expected parts.
     assert!(found.slack_refused * 100 < found.slack, "{found:?}");
-    assert!(found.preloaded.0 * 6 < found.preloaded.1, "{found:?}");
+    assert!(found.preloaded.0 * 20 < found.preloaded.1, "{found:?}");
+    let paid_out = cells::pay_outs(20);
+    assert_eq!(
+        (paid_out.slack.0, paid_out.preloaded.0),
+        (0, 0),
+        "{paid_out:?}"
+    );
     for (hits, of) in [found.mounting, found.converter] {
         // Errors of axis and mass are common to the power-ups of a unit: 240 independent units.
         let part = hits as f64 / of as f64;

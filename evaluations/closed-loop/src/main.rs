@@ -5,8 +5,9 @@
 //! its own and hands that file to the rig; its analysis sees the recorded session and nothing else. Only then is
 //! what it reports compared with the truth.
 //!
-//! `cargo xtask closed-loop [--seeds 1..10] [--drive-duration 40] [--duration 16] [--size 1] [--markdown FILE]`
+//! `cargo xtask closed-loop [--seeds 1..10] [--drive-duration 40] [--duration 16] [--size 1] [--cells] [--markdown FILE]`
 
+mod cells;
 mod effect;
 mod options;
 mod page;
@@ -14,7 +15,7 @@ mod run;
 mod table;
 
 use effect::truth;
-use options::{options, HELP};
+use options::{options, Options, HELP};
 use page::{names, page};
 use run::run;
 use std::path::Path;
@@ -29,10 +30,13 @@ fn main() -> ExitCode {
             return ExitCode::SUCCESS;
         }
         Err(why) => {
-            eprintln!("closed-loop: {why}");
+            eprintln!("closed-loop: {why}\n\n{HELP}");
             return ExitCode::from(2);
         }
     };
+    if options.cells {
+        return cells(&options);
+    }
     let mut rows = String::new();
     let mut kinds = Kinds::default();
     let mut failed = false;
@@ -63,6 +67,24 @@ fn main() -> ExitCode {
         ExitCode::FAILURE
     } else {
         ExitCode::SUCCESS
+    }
+}
+
+/// Weights on the rigs whose cells are curved or creep.
+fn cells(options: &Options) -> ExitCode {
+    let done = cells::page(options).and_then(|page| match &options.markdown {
+        Some(path) => write(path, &page),
+        None => {
+            print!("{page}");
+            Ok(())
+        }
+    });
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(why) => {
+            eprintln!("closed-loop: {why}");
+            ExitCode::FAILURE
+        }
     }
 }
 

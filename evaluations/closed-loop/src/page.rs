@@ -14,12 +14,13 @@ const NOTES: [(Kind, Cost, &str); 5] = [
     (
         Kind::Creep,
         Cost::Left,
-        "*Creep* is an error of the measurement. The loop holds what the cells say; the remedy is a calibration, not a setting.",
+        "*Creep* is an error of the measurement. The loop holds what the cells say; weights measure it and the board takes it out \
+         ([figures](../calibration/cells.md)).",
     ),
     (
         Kind::CellCurve,
         Cost::Left,
-        "A *curve of the cells* is an error of the measurement as well: calibrate with several weights.",
+        "A *curve of the cells* is an error of the measurement as well, with the same remedy.",
     ),
     (
         Kind::Viscous,
@@ -124,6 +125,7 @@ mod tests {
             out: PathBuf::new(),
             markdown: None,
             reuse: false,
+            cells: false,
         };
         let kinds = Kinds {
             better: vec![Kind::Ripple, Kind::LoadFriction],

@@ -127,6 +127,7 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, Stri
         .args(["--duration", &options.hold])
         .arg("--out")
         .arg(&report)
+        .env("FORCECTL_STATE_DIR", folder.join("state"))
         .output()
         .map_err(|e| format!("{}: {e}", options.forcectl.display()))?;
     // 6: done, and nothing changed. That is a result.
@@ -146,12 +147,13 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, Stri
         .arg(&plain)
         .arg("--out")
         .arg(&control)
+        .env("FORCECTL_STATE_DIR", folder.join("state"))
         .output()
         .map_err(|e| format!("{}: {e}", options.forcectl.display()))?;
     findings(truth, &json, &control)
 }
 
-fn json(path: &Path) -> Result<Value, String> {
+pub fn json(path: &Path) -> Result<Value, String> {
     let fault = |e: &dyn std::fmt::Display| format!("{}: {e}", path.display());
     let text = std::fs::read_to_string(path).map_err(|e| fault(&e))?;
     serde_json::from_str(&text).map_err(|e| fault(&e))

@@ -9,7 +9,7 @@ use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use serde::Serialize;
 use wire::UNITS;
 
-use super::base::{straight_scale, BOARD_ZERO_SD_N};
+use super::base::{conversion, BOARD_ZERO_SD_N};
 
 /// Uncertainty of the force at the tip. All of it one standard deviation, unless it says otherwise.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -129,7 +129,7 @@ pub fn of_tensions(
                 axis: unit.axis.into(),
                 tension_n: on * tension_n[i],
                 gain_relative_sd: (unit.n_per_code_sd / unit.n_per_code.abs())
-                    .hypot(straight_scale(unit).1),
+                    .hypot(conversion(unit).left_relative_sd),
                 zero_sd_n: on * cell_zero.max(BOARD_ZERO_SD_N),
                 held_sd_n: on * held_n[i],
             }

@@ -3,7 +3,9 @@
 //! A [`Record`] has an entry for every unit, measured or not. What was not measured is the rig file's, with the
 //! uncertainty of a nominal value, and has no date. Only what has a date replaces the rig file's numbers.
 
-use crate::rigfile::RigFile;
+use super::store::Store;
+use super::{CalibrateError, Result};
+use crate::rigfile::{CellSettings, RigFile};
 use calibration::record::{Record, UnitRecord, SCHEMA};
 use calibration::STANDARD_GRAVITY_M_PER_S2;
 use nalgebra::{Matrix3, SMatrix};
@@ -28,6 +30,8 @@ pub fn nominal(rig: &RigFile, date: &str) -> Record {
             let axis = unit.axis.normalize();
             let mut out = UnitRecord {
                 number: unit.number,
+                unit_serial: String::new(),
+                motor_serial: String::new(),
                 cell_serial: String::new(),
                 converter_serial: String::new(),
                 gain_date: String::new(),
@@ -36,6 +40,10 @@ pub fn nominal(rig: &RigFile, date: &str) -> Record {
                 n_per_code: unit.scale_n_per_count,
                 n_per_code_sd: NOMINAL_SCALE_SD * unit.scale_n_per_count.abs(),
                 n_per_code2: 0.0,
+                n_per_code2_sd: 0.0,
+                creep: 0.0,
+                creep_sd: 0.0,
+                creep_s: 0.0,
                 zero_codes: unit.checks.zero_code,
                 zero_sd_codes: BOARD_ZERO_SD_N / unit.scale_n_per_count.abs(),
                 mounting_n: 0.0,
@@ -74,7 +82,11 @@ pub fn nominal(rig: &RigFile, date: &str) -> Record {
 ///
 /// # Errors
 /// The stored record is of another rig.
-pub fn continued(rig: &RigFile, stored: Option<Record>, date: &str) -> Result<Record, String> {
+pub fn continued(
+    rig: &RigFile,
+    stored: Option<Record>,
+    date: &str,
+) -> std::result::Result<Record, String> {
     let fresh = nominal(rig, date);
     let Some(mut record) = stored else {
         return Ok(fresh);
@@ -102,14 +114,116 @@ pub fn continued(rig: &RigFile, stored: Option<Record>, date: &str) -> Result<Re
 /// Middle of the tensions of the thesis (2 to 12 N), N, and their standard deviation about it where all are equally likely.
 const TENSIONS_N: (f64, f64) = (7.0, 2.9);
 
-/// The straight scale that stands for a unit's curve, N per code, and what the curve leaves of it (relative standard
-/// deviation over the tensions). The board's conversion has no quadratic term: a curved cell gets the chord at 7 N, whose
-/// error is a part of that of the slope at no load.
+/// A correction that changes the force by less than this at most is not sent to the board, N: the goal for a zero.
+pub const LEAST_GAIN_N: f64 = 0.005;
+/// Largest force on a cell in use, N.
+const LARGEST_N: f64 = 12.0;
+
+/// What the board's conversion of a unit is to be.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Conversion {
+    /// Scale, N per code.
+    pub n_per_code: f64,
+    /// Curve and creep.
+    pub cell: CellSettings,
+    /// What curve and creep that are not corrected, or not known well, leave of the force (relative standard deviation over
+    /// the tensions).
+    pub left_relative_sd: f64,
+    /// Largest change of the force by the curve and by the creep that were measured, N, and whether the board corrects them.
+    pub curve: Correction,
+    /// The same for the creep.
+    pub creep: Correction,
+}
+
+/// What a correction is worth.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Correction {
+    /// Largest change of the force by it, N.
+    pub worth_n: f64,
+    /// Standard uncertainty of that, N.
+    pub sd_n: f64,
+    /// Whether it pays: worth more than [`LEAST_GAIN_N`] and than two of its standard uncertainties.
+    pub pays: bool,
+}
+
+impl Correction {
+    fn new(worth_n: f64, sd_n: f64) -> Self {
+        Self {
+            worth_n,
+            sd_n,
+            pays: worth_n > LEAST_GAIN_N.max(2.0 * sd_n),
+        }
+    }
+}
+
+/// The conversion of a unit. A curve that pays is corrected; for one that does not, the chord at 7 N stands, whose error is a
+/// part of that of the slope at no load. Creep that pays is corrected.
 #[must_use]
-pub fn straight_scale(unit: &UnitRecord) -> (f64, f64) {
-    let per_code = unit.n_per_code2 / unit.n_per_code;
-    let scale = unit.n_per_code + per_code * TENSIONS_N.0;
-    (scale, (per_code * TENSIONS_N.1 / unit.n_per_code).abs())
+pub fn conversion(unit: &UnitRecord) -> Conversion {
+    let scale = unit.n_per_code;
+    // Both per N of straight reading.
+    let bend = unit.n_per_code2 / (scale * scale);
+    let bend_sd = unit.n_per_code2_sd / (scale * scale);
+    // The chord is wrong by bend F (F - 7 N).
+    let lever = LARGEST_N * (LARGEST_N - TENSIONS_N.0);
+    let curve = Correction::new(bend.abs() * lever, bend_sd * lever);
+    let creep = Correction::new(unit.creep.abs() * LARGEST_N, unit.creep_sd * LARGEST_N);
+    let mut cell = CellSettings::default();
+    let mut n_per_code = scale;
+    let left_curve = if curve.pays {
+        cell.curve_per_n = bend;
+        bend_sd * TENSIONS_N.1
+    } else {
+        n_per_code += unit.n_per_code2 / scale * TENSIONS_N.0;
+        bend.abs() * TENSIONS_N.1
+    };
+    let left_creep = if creep.pays {
+        cell.creep = unit.creep;
+        cell.creep_s = unit.creep_s;
+        unit.creep_sd
+    } else {
+        unit.creep.abs()
+    };
+    Conversion {
+        n_per_code,
+        cell,
+        left_relative_sd: left_curve.hypot(left_creep),
+        curve,
+        creep,
+    }
+}
+
+/// The rig as every command and every job of the service uses it: with its stored calibration in place of the rig file's
+/// numbers, where there is one. The one place for this rule. `seed`: that of an emulated rig, which is another rig for each.
+///
+/// # Errors
+/// The stored calibration is there and can't be used.
+pub fn in_force(rig: RigFile, seed: Option<u64>) -> Result<RigFile> {
+    // Without a folder for it, nothing was ever stored.
+    let Ok(store) = Store::of_rig(&rig.name, seed) else {
+        return Ok(rig);
+    };
+    let Some(record) = store.current()? else {
+        return Ok(rig);
+    };
+    if record.rig != rig.name {
+        return Err(CalibrateError::refused(format!(
+            "the stored calibration in {} is of rig `{}`, and the rig file is of `{}`",
+            store.folder().display(),
+            record.rig,
+            rig.name
+        )));
+    }
+    Ok(overlay(&rig, &record))
+}
+
+/// The calibration in force, in words; `None` where the rig file's numbers are.
+#[must_use]
+pub fn words(rig: &RigFile) -> Option<String> {
+    rig.calibration.as_ref().map(|record| {
+        let hash = record.hash.get(..19).unwrap_or(&record.hash);
+        format!("calibration of {}, {hash}", record.date)
+    })
 }
 
 /// The rig with what was measured in place of the rig file's numbers.
@@ -121,7 +235,9 @@ pub fn overlay(rig: &RigFile, record: &Record) -> RigFile {
             continue;
         };
         if !found.gain_date.is_empty() {
-            unit.scale_n_per_count = straight_scale(found).0;
+            let conversion = conversion(found);
+            unit.scale_n_per_count = conversion.n_per_code;
+            unit.cell = conversion.cell;
         }
         if !found.geometry_date.is_empty() {
             unit.exit_m = found.exit_m.into();
@@ -159,11 +275,29 @@ mod tests {
             rig.units[2].scale_n_per_count
         );
         assert_ne!(now.hash(), rig.hash());
-        // F = 7e-6 c - 1e-14 c^2: 7 N at about 1.01e6 codes.
+        // F = 7e-6 c - 1e-14 c^2: 12 N are 12 * 5 * 2.04e-4 N off the chord at 7 N.
         record.units[1].n_per_code2 = -1e-14;
-        let (scale, left) = straight_scale(&record.units[1]);
-        assert!((scale * 1.01e6 - (7e-6 * 1.01e6 - 1e-14 * 1.01e6f64.powi(2))).abs() < 1e-2);
-        assert!((left - 1e-14 * 2.9 / 7e-6 / 7e-6).abs() < 1e-9);
+        let bend = 1e-14 / 7e-6 / 7e-6;
+        let found = conversion(&record.units[1]);
+        assert!(found.curve.pays && (found.curve.worth_n - 60.0 * bend).abs() < 1e-9);
+        assert_eq!(found.n_per_code, 7e-6);
+        assert!((found.cell.curve_per_n + bend).abs() < 1e-12);
+        assert_eq!(overlay(&rig, &record).units[1].cell, found.cell);
+        // A curve that is not known well is not corrected: the chord stands, 7 N at about 1.01e6 codes.
+        record.units[1].n_per_code2_sd = 6e-15;
+        let found = conversion(&record.units[1]);
+        assert!(!found.curve.pays && found.cell.is_none());
+        let chord = 7e-6 * 1.01e6 - 1e-14 * 1.01e6f64.powi(2);
+        assert!((found.n_per_code * 1.01e6 - chord).abs() < 1e-2);
+        assert!((found.left_relative_sd - 2.9 * bend).abs() < 1e-9);
+        record.units[1].creep = 0.02;
+        record.units[1].creep_sd = 0.001;
+        record.units[1].creep_s = 30.0;
+        let found = conversion(&record.units[1]);
+        assert_eq!((found.cell.creep, found.cell.creep_s), (0.02, 30.0));
+        record.units[1].creep = 0.0003;
+        assert!(!conversion(&record.units[1]).creep.pays);
+        record.units[1].creep = 0.0;
         assert_eq!(
             overlay(&rig, &nominal(&rig, "2026-11-22")).hash(),
             rig.hash()

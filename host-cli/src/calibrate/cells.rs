@@ -91,6 +91,22 @@ pub fn codes(
     Ok(out)
 }
 
+/// Positions of the encoders, counts; `None` where a unit sends no sample.
+///
+/// # Errors
+/// The link.
+pub fn encoders(session: &mut Session<'_>) -> Result<[Option<i32>; UNITS]> {
+    let _ = session.drain();
+    session.advance(STEP)?;
+    let mut out = [None; UNITS];
+    for timed in session.drain().samples {
+        if let Some(newest) = out.get_mut(usize::from(timed.sample.unit)) {
+            *newest = Some(timed.sample.encoder_counts);
+        }
+    }
+    Ok(out)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -11,6 +11,7 @@
 //! | exit points and axes from a digitizer | [`points`] |
 //! | the same from a moving tip | [`moving`] |
 //! | who stands in for weights and digitizer on an emulated rig | [`standin`] |
+//! | which parts is a calibration of | [`serials`] |
 //! | how well is the force at the tip known | [`applied`] |
 //! | which forces are feasible where | [`workspace`] |
 //! | pictures | [`picture`] |
@@ -21,6 +22,7 @@ pub mod cells;
 pub mod moving;
 pub mod picture;
 pub mod points;
+pub mod serials;
 pub mod standin;
 pub mod store;
 pub mod weights;

@@ -165,6 +165,72 @@ pub fn evaluate(samples: &[Vec<Sample>; UNITS], record: &Record, prior: &Prior) 
     })
 }
 
+/// Residual of a unit's cable length over a part of the tip's motion.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Part {
+    /// Unit, from 1.
+    pub unit: u8,
+    /// Which part, `+x` to `-z`: where the tip is furthest from the middle of its motion.
+    pub side: &'static str,
+    /// Mean of predicted less measured length, m.
+    pub residual_m: f64,
+    /// Standard deviation to be expected of it, m.
+    pub sd_m: f64,
+}
+
+/// Residuals of the run's own estimate, unit by unit and side by side of the motion: a side that stands out tells of an error of
+/// the robot's pose, a cable that touches, or a reel that is out of round.
+#[must_use]
+pub fn residuals(samples: &[Vec<Sample>; UNITS], run: &Run, prior: &Prior) -> Vec<Part> {
+    const SIDES: [&str; 6] = ["+x", "-x", "+y", "-y", "+z", "-z"];
+    let sd_m = prior.travel_sd_m.hypot(prior.tip_sd_m);
+    let mut out = Vec::new();
+    for found in &run.units {
+        let samples = samples.get(usize::from(found.unit) - 1);
+        let samples: Vec<&Sample> = samples.into_iter().flatten().step_by(EVERY).collect();
+        let count = samples.len().max(1) as f64;
+        let middle = samples.iter().map(|s| s.tip_m).sum::<Vector3<f64>>() / count;
+        let mut sums = [(0.0, 0usize); 6];
+        for s in samples {
+            let offset = s.tip_m - middle;
+            let axis = offset.iamax();
+            let side = 2 * axis + usize::from(offset[axis] < 0.0);
+            let fit = &found.alone;
+            let measured = fit.length_m
+                + (1.0 + fit.scale) * s.travel_m
+                + fit.compliance_m_per_n * s.tension_n;
+            sums[side].0 += (fit.exit_m - s.tip_m).norm() - measured;
+            sums[side].1 += 1;
+        }
+        for (side, (sum, count)) in SIDES.into_iter().zip(sums) {
+            if count > 0 {
+                out.push(Part {
+                    unit: found.unit,
+                    side,
+                    residual_m: sum / count as f64,
+                    sd_m: sd_m / (count as f64).sqrt(),
+                });
+            }
+        }
+    }
+    out
+}
+
+/// Middle of the tip's motion and its standard deviation in the direction of the least motion, m; `None` without samples.
+#[must_use]
+pub fn motion(samples: &[Vec<Sample>; UNITS]) -> Option<(Vector3<f64>, f64)> {
+    let samples = samples.iter().find(|s| !s.is_empty())?;
+    let count = samples.len() as f64;
+    let middle = samples.iter().map(|s| s.tip_m).sum::<Vector3<f64>>() / count;
+    let mut scatter = Matrix3::zeros();
+    for s in samples {
+        let d = s.tip_m - middle;
+        scatter += d * d.transpose();
+    }
+    let least = scatter.symmetric_eigenvalues().min().max(0.0);
+    Some((middle, (least / count).sqrt()))
+}
+
 /// Puts the joined exit points into the record. The axes stay.
 pub fn apply(record: &mut Record, run: &Run) {
     let date = record.date.clone();
@@ -247,6 +313,12 @@ mod tests {
         .unwrap();
         assert_eq!(run.moved.verdict, MovedVerdict::Unmoved);
         assert!(run.not.is_empty());
+        let samples = run_of(&exits, &rig.workspace.center_m);
+        let parts = residuals(&samples, &run, &Prior::default());
+        assert_eq!(parts.len(), 36);
+        assert!(parts.iter().all(|p| p.residual_m.abs() < 3e-4), "{parts:?}");
+        let (middle, least) = motion(&samples).unwrap();
+        assert!((middle - rig.workspace.center_m).norm() < 5e-3 && (0.03..0.06).contains(&least));
         let mut joined = record.clone();
         apply(&mut joined, &run);
         joined.write().unwrap();

@@ -35,6 +35,8 @@ pub enum Mistake {
     Weight(f64, f64),
     /// This station is bumped by so many mm after its first points: `bump=B:3`.
     Bump(String, f64),
+    /// The cable of this unit pulls with so many N until it is paid out: `preload=3:0.8`.
+    Preload(u8, f64),
 }
 
 impl FromStr for Mistake {
@@ -42,7 +44,7 @@ impl FromStr for Mistake {
 
     fn from_str(text: &str) -> Result<Self, String> {
         let wrong = || {
-            format!("`{text}` is no mistake of a stand-in; known are weight=ASKED:HUNG (g, as in weight=50:500) and bump=STATION:MM (as in bump=B:3)")
+            format!("`{text}` is no mistake of a stand-in; known are weight=ASKED:HUNG (g, as in weight=50:500), bump=STATION:MM (as in bump=B:3) and preload=UNIT:N (as in preload=3:0.8)")
         };
         let (kind, rest) = text.split_once('=').ok_or_else(wrong)?;
         let (first, second) = rest.split_once(':').ok_or_else(wrong)?;
@@ -54,6 +56,10 @@ impl FromStr for Mistake {
         };
         match kind {
             "weight" => Ok(Self::Weight(number(first)?, number(second)?)),
+            "preload" => match (first.parse(), number(second)?) {
+                (Ok(unit @ 1..=6), n) if n <= 12.0 => Ok(Self::Preload(unit, n)),
+                _ => Err(wrong()),
+            },
             "bump" if !first.is_empty() => Ok(Self::Bump(first.to_owned(), number(second)?)),
             _ => Err(wrong()),
         }
@@ -77,7 +83,7 @@ impl Weights {
                 .iter()
                 .filter_map(|m| match m {
                     Mistake::Weight(asked, hung) => Some((*asked, *hung)),
-                    Mistake::Bump(..) => None,
+                    Mistake::Bump(..) | Mistake::Preload(..) => None,
                 })
                 .collect(),
         }
@@ -245,12 +251,15 @@ mod tests {
     fn mistakes_are_read_and_made_once() {
         assert_eq!("weight=50:500".parse(), Ok(Mistake::Weight(50.0, 500.0)));
         assert_eq!("bump=B:3".parse(), Ok(Mistake::Bump("B".into(), 3.0)));
+        assert_eq!("preload=3:0.8".parse(), Ok(Mistake::Preload(3, 0.8)));
         for bad in [
             "weight=50",
             "bump=:3",
             "x=1:2",
             "weight=a:2",
             "weight=50:-1",
+            "preload=7:1",
+            "preload=3:40",
             "",
         ] {
             let told = bad.parse::<Mistake>().unwrap_err();

@@ -207,6 +207,29 @@ impl Draft {
             .map_or(0, |text| text.lines().count().saturating_sub(1)))
     }
 
+    /// The number in a column (from 0) of the last row; `None` where there is none.
+    ///
+    /// # Errors
+    /// The file can't be read.
+    pub fn last_number(&self, column: usize) -> Result<Option<f64>> {
+        let text = self.text()?.unwrap_or_default();
+        let last = text.lines().skip(1).last();
+        Ok(last.and_then(|row| row.split(',').nth(column)?.trim().parse().ok()))
+    }
+
+    /// How long ago the last row was added, s; 0 for a draft that is empty.
+    ///
+    /// # Errors
+    /// The file can't be looked at.
+    pub fn age_s(&self) -> Result<f64> {
+        match std::fs::metadata(&self.path).and_then(|data| data.modified()) {
+            // A clock that was set back gives no age.
+            Ok(written) => Ok(written.elapsed().map_or(0.0, |age| age.as_secs_f64())),
+            Err(error) if error.kind() == ErrorKind::NotFound => Ok(0.0),
+            Err(error) => Err(CalibrateError::file(&self.path, error)),
+        }
+    }
+
     /// Adds a row; the file gets its header first.
     ///
     /// # Errors
@@ -319,6 +342,8 @@ mod tests {
         draft.undo().unwrap();
         assert_eq!(draft.text().unwrap().unwrap(), "a,b\n1,2\n3,4\n");
         assert_eq!(draft.rows().unwrap(), 2);
+        assert_eq!(draft.last_number(1).unwrap(), Some(4.0));
+        assert_eq!(draft.last_number(7).unwrap(), None);
         let kept = draft.finish("0001").unwrap();
         assert!(kept.ends_with("readings/0001-gain-unit3.csv"));
         assert_eq!(draft.text().unwrap(), None);

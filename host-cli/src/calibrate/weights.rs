@@ -2,13 +2,13 @@
 
 use super::store::Draft;
 use super::{CalibrateError, Result};
-use calibration::gain::{self, figures, Direction, Gain, GainError, Options, Reading, Term};
+use calibration::gain::{self, figures, Direction, Gain, GainError, Options, Reading};
 use calibration::record::{Record, UnitRecord};
 use calibration::zero::{self, Limits};
 use std::time::Duration;
 
 /// Header of the readings; `calibration::gain::read` takes it.
-pub const HEADER: &str = "weight_g,code,standard_error,direction,time_s";
+pub const HEADER: &str = "weight_g,code,standard_error,direction,time_s,since_s";
 /// Time until cell and converter have settled after a weight was hung.
 pub const SETTLE: Duration = Duration::from_millis(1000);
 /// Time over which a weight is read.
@@ -21,24 +21,33 @@ pub struct Load {
     pub weight_g: f64,
     /// Whether it is reached by putting weight on or taking it off.
     pub direction: Option<Direction>,
+    /// Read once more while it stays: nothing is to be done for it.
+    pub stays: bool,
 }
 
-/// Loads of so many rounds up and down. The empty cell stands at both ends of each round.
+/// Time from one reading to the next of a load that stays.
+pub const HOLD_STEP: Duration = Duration::from_millis(2000);
+
+/// Loads of so many rounds up and down. The empty cell stands at both ends of each round. Then the largest weight is left on
+/// for a time, and off for as long: that shows creep.
 #[must_use]
-pub fn plan(weights_g: &[f64], rounds: usize) -> Vec<Load> {
+pub fn plan(weights_g: &[f64], rounds: usize, creep: Duration) -> Vec<Load> {
     let mut sorted = weights_g.to_vec();
     sorted.sort_by(f64::total_cmp);
     let up = |weight_g: &f64| Load {
         weight_g: *weight_g,
         direction: Some(Direction::Loading),
+        stays: false,
     };
     let down = |weight_g: &f64| Load {
         weight_g: *weight_g,
         direction: Some(Direction::Unloading),
+        stays: false,
     };
     let empty = Load {
         weight_g: 0.0,
         direction: None,
+        stays: false,
     };
     let mut out = vec![empty];
     for _ in 0..rounds {
@@ -46,19 +55,32 @@ pub fn plan(weights_g: &[f64], rounds: usize) -> Vec<Load> {
         out.extend(sorted.iter().rev().map(down));
         out.push(empty);
     }
+    let steps = (creep.as_secs_f64() / HOLD_STEP.as_secs_f64()).ceil() as usize;
+    if let Some(largest) = sorted.last().map(up).filter(|_| steps > 0) {
+        for first in [largest, empty] {
+            // How a load that stays was reached says nothing any more.
+            let again = Load {
+                direction: None,
+                stays: true,
+                ..first
+            };
+            out.push(first);
+            out.extend(std::iter::repeat_n(again, steps));
+        }
+    }
     out
 }
 
 /// Mean code and its standard error of a stream under one load.
 ///
 /// # Errors
-/// The stream gives none: it drifts, is noisy, or stands still. Limits are those of a swinging weight that has to come to
-/// rest: 20 mN of drift, 50 mN of noise.
-pub fn mean(codes: &[i32], nominal_n_per_code: f64) -> Result<(f64, f64)> {
+/// The stream gives none: it drifts by more than `drift_n` (N), is noisy, or stands still. The limit of the noise is that of
+/// a swinging weight that has to come to rest: 50 mN.
+pub fn mean(codes: &[i32], nominal_n_per_code: f64, drift_n: f64) -> Result<(f64, f64)> {
     let limits = Limits {
         nominal_n_per_code: nominal_n_per_code.abs(),
         noise_n: 0.05,
-        drift_n: 0.02,
+        drift_n,
         standard_error_n: 0.01,
         ..Limits::default()
     };
@@ -66,11 +88,23 @@ pub fn mean(codes: &[i32], nominal_n_per_code: f64) -> Result<(f64, f64)> {
     Ok((found.mean_codes, found.mean_se_codes))
 }
 
-/// Adds a reading to a draft. `time_s`: since the first reading.
+/// How far a reading may drift while it is taken, N: what a weight that comes to rest does, and where creep is looked for,
+/// what a cell does that creeps by a fifth of its load (g) in 6 s.
+#[must_use]
+pub fn drift_limit_n(largest_g: f64, creep: bool) -> f64 {
+    let creeps = if creep {
+        0.03e-3 * largest_g * 9.81
+    } else {
+        0.0
+    };
+    0.02 + creeps
+}
+
+/// Adds a reading to a draft. `at_s`: when it was read and since when the load was on, from the start of the series.
 ///
 /// # Errors
 /// The file can't be written.
-pub fn keep(draft: &Draft, load: &Load, mean: (f64, f64), time_s: f64) -> Result<()> {
+pub fn keep(draft: &Draft, load: &Load, mean: (f64, f64), at_s: (f64, f64)) -> Result<()> {
     let direction = match load.direction {
         Some(Direction::Loading) => "loading",
         Some(Direction::Unloading) => "unloading",
@@ -79,8 +113,8 @@ pub fn keep(draft: &Draft, load: &Load, mean: (f64, f64), time_s: f64) -> Result
     draft.add(
         HEADER,
         &format!(
-            "{},{:.3},{:.4},{direction},{time_s:.1}",
-            load.weight_g, mean.0, mean.1
+            "{},{:.3},{:.4},{direction},{:.1},{:.1}",
+            load.weight_g, mean.0, mean.1, at_s.0, at_s.1
         ),
     )
 }
@@ -116,15 +150,6 @@ pub fn fit(file: &str, text: &str, options: &Options) -> Result<Fitted> {
     })
 }
 
-/// Curvature of a fit, N per code^2; 0 for a straight cell.
-#[must_use]
-pub fn curvature(gain: &Gain) -> f64 {
-    // code = b F + k F^2, so F = code / b - k code^2 / b^3 to second order.
-    gain.terms
-        .get(&Term::Quadratic)
-        .map_or(0.0, |k| -k.value / gain.codes_per_n.powi(3))
-}
-
 /// Puts a gain into the record.
 ///
 /// # Errors
@@ -140,9 +165,14 @@ pub fn apply(record: &mut Record, unit: u8, gain: &Gain, options: &Options) -> R
         .iter_mut()
         .find(|u| u.number == unit)
         .ok_or_else(|| CalibrateError::refused(format!("there is no unit {unit}")))?;
-    found.n_per_code = gain.n_per_code;
-    found.n_per_code_sd = parts.readings * gain.n_per_code.abs();
-    found.n_per_code2 = curvature(gain);
+    let conversion = gain.conversion();
+    found.n_per_code = conversion.n_per_code;
+    found.n_per_code_sd = parts.readings * conversion.n_per_code.abs();
+    found.n_per_code2 = conversion.n_per_code2;
+    found.n_per_code2_sd = conversion.n_per_code2_sd;
+    (found.creep, found.creep_sd, found.creep_s) = gain
+        .creep
+        .map_or((0.0, 0.0, 0.0), |c| (c.share, c.share_se, c.time_s));
     found.gain_date = date;
     Ok(())
 }
@@ -157,7 +187,7 @@ mod tests {
     /// Readings of a cell of 7e-6 N per code, with line `wrong` entered as another weight.
     fn table(wrong: Option<(usize, f64)>) -> String {
         let mut text = format!("{HEADER}\n");
-        for (i, load) in plan(&gain::WEIGHTS_G, 2).iter().enumerate() {
+        for (i, load) in plan(&gain::WEIGHTS_G, 2, Duration::ZERO).iter().enumerate() {
             let noise = [30.0, -20.0, 10.0, -35.0][i % 4];
             let code = 1000.0 + load.weight_g * 9.80665e-3 / 7e-6 + noise;
             let weight = match wrong {
@@ -171,7 +201,7 @@ mod tests {
 
     #[test]
     fn a_series_goes_up_and_down_and_its_gain_enters_the_record() {
-        let loads = plan(&[100.0, 10.0], 2);
+        let loads = plan(&[100.0, 10.0], 2, Duration::ZERO);
         let weights: Vec<f64> = loads.iter().map(|l| l.weight_g).collect();
         assert_eq!(
             weights,
@@ -215,35 +245,42 @@ mod tests {
         assert!(fails(&format!("{HEADER}\n10,1000,30,,\n")).contains("at least 3 readings"));
         // A quadratic cell keeps its curve.
         let mut text = format!("{HEADER}\n");
-        for load in plan(&gain::WEIGHTS_G, 2) {
+        for load in plan(&gain::WEIGHTS_G, 2, Duration::ZERO) {
             let force = load.weight_g * 9.80665e-3;
             let code = (force + 2e-3 * force * force) / 7e-6;
             text.push_str(&format!("{},{code},20,,\n", load.weight_g));
         }
         let curved = fit("w.csv", &text, &Options::default()).unwrap();
-        let k = curvature(&curved.gain);
-        let code = 5.0 / 7e-6;
-        // F = c s - 2e-3 (c s)^2 with s = 7e-6.
-        assert!((k * code * code + 2e-3 * 25.0).abs() < 5e-3, "{k:e}");
+        let found = curved.gain.conversion();
+        let code = (5.0 + 2e-3 * 25.0) / 7e-6;
+        let force = found.n_per_code * code + found.n_per_code2 * code * code;
+        assert!((force - 5.0).abs() < 1e-3, "{found:?}");
+        assert!(found.n_per_code2_sd < -0.05 * found.n_per_code2);
     }
 
     #[test]
     fn what_is_kept_can_be_fitted() {
         let folder = tempfile::tempdir().unwrap();
         let draft = Store::at(folder.path()).draft("gain-unit1");
-        let loads = plan(&gain::WEIGHTS_G, 2);
+        let loads = plan(&gain::WEIGHTS_G, 2, Duration::ZERO);
         for (i, load) in loads.iter().enumerate() {
             let code = 500.0 + load.weight_g * 9.80665e-3 / 6.5e-6 + [9.0, -12.0, 4.0][i % 3];
-            keep(&draft, load, (code, 15.0), 2.0 * i as f64).unwrap();
+            keep(
+                &draft,
+                load,
+                (code, 15.0),
+                (2.0 * i as f64, 2.0 * i as f64 - 1.5),
+            )
+            .unwrap();
         }
         let text = draft.text().unwrap().unwrap();
         let found = fit("draft", &text, &Options::default()).unwrap();
         assert_eq!(found.readings, loads.len());
         assert!(found.shape.hysteresis.is_some());
         let mut codes: Vec<i32> = (0..320).map(|i| 1000 + (i * 37) % 21).collect();
-        let (mean_code, se) = mean(&codes, 6.85e-6).unwrap();
+        let (mean_code, se) = mean(&codes, 6.85e-6, 0.02).unwrap();
         assert!((mean_code - 1010.0).abs() < 1.0 && se > 0.0);
         codes.truncate(10);
-        assert!(mean(&codes, 6.85e-6).is_err());
+        assert!(mean(&codes, 6.85e-6, 0.02).is_err());
     }
 }

@@ -4,12 +4,15 @@ use super::store::Store;
 use super::{CalibrateError, Result};
 use calibration::input::Table;
 use calibration::record::Record;
-use calibration::zero::{self, History, Limits, Mounting, Parts, PowerUp, Verdict, Zero};
+use calibration::zero::{
+    self, History, Limits, Mounting, Parts, PayOut, PowerUp, Verdict, Zero, LEAST_TRAVEL_M,
+};
 use nalgebra::{Matrix3, Vector3};
 
-/// How far a calibration of the converter can miss the zero, N, as a standard deviation: up to 0.3 N, equally likely
-/// (device facts, NAU7802: 0.5 to 1 % of a 3 kg cell's range).
-pub const POWER_UP_SD_N: f64 = 0.3 / 1.732_050_8;
+/// How far a calibration of the converter can miss the zero, N (device facts, NAU7802: 0.5 to 1 % of a 3 kg cell's range).
+pub const POWER_UP_MISS_N: f64 = 0.3;
+/// The same as a standard deviation, N: all misses up to it are equally likely.
+pub const POWER_UP_SD_N: f64 = POWER_UP_MISS_N / 1.732_050_8;
 /// Zeros further than this many standard deviations from the earlier ones are refused (docs/calibration/figures.md).
 pub const LIMIT_SD: f64 = 3.0;
 /// Mass of motor and rack, kg (thesis 3.5.1), and how well it is known.
@@ -95,7 +98,7 @@ pub fn evaluate(
                 .map(|(_, entry)| *entry)
                 .collect(),
         );
-        let verdict = past.judge(&entry, POWER_UP_SD_N, LIMIT_SD);
+        let verdict = past.judge(&entry, POWER_UP_MISS_N, LIMIT_SD);
         if !verdict.is_accepted() && !options.replace {
             wrong.push(refusal(*number, &verdict));
             continue;
@@ -115,6 +118,66 @@ pub fn evaluate(
             parts,
             verdict,
         });
+    }
+    if wrong.is_empty() {
+        Ok(found)
+    } else {
+        Err(CalibrateError::refused(wrong.join("\n")))
+    }
+}
+
+/// A cable before and after some of it was paid out by hand.
+#[derive(Debug, Clone, PartialEq)]
+pub struct PaidOut {
+    /// Unit, from 1.
+    pub unit: u8,
+    /// Codes before and after.
+    pub codes: [Vec<i32>; 2],
+    /// Cable paid out between them, m; `None` where nobody turned the reel (a stand-in).
+    pub travel_m: Option<f64>,
+}
+
+/// Compares the readings before and after the cables were paid out: none may change.
+///
+/// # Errors
+/// A reel that was not turned, a stream that gives no zero, a cable that pulled; all of them are named.
+pub fn check_paid_out(cables: &[PaidOut], record: &Record) -> Result<Vec<(u8, PayOut)>> {
+    let mut found = Vec::new();
+    let mut wrong = Vec::new();
+    for cable in cables {
+        let number = cable.unit;
+        let Some(unit) = record.units.iter().find(|u| u.number == number) else {
+            continue;
+        };
+        if let Some(travel_m) = cable.travel_m.filter(|t| *t < LEAST_TRAVEL_M) {
+            wrong.push(format!(
+                "unit {number}: {:.1} mm of cable were paid out by its encoder, and {:.0} mm are needed; turn the reel further, or check the encoder",
+                1e3 * travel_m,
+                1e3 * LEAST_TRAVEL_M
+            ));
+            continue;
+        }
+        let limits = Limits {
+            nominal_n_per_code: unit.n_per_code.abs(),
+            ..Limits::default()
+        };
+        let [before, after] = &cable.codes;
+        match (
+            zero::measure(before, &limits),
+            zero::measure(after, &limits),
+        ) {
+            (Ok(before), Ok(after)) => {
+                let result = zero::pay_out(&before, &after, unit.n_per_code);
+                if !result.slack {
+                    wrong.push(format!(
+                        "unit {number}: {:.3} N went away when the cable was paid out: it pulled before. Pay out more, see that nothing holds the cable, and measure again",
+                        result.pull_n
+                    ));
+                }
+                found.push((number, result));
+            }
+            (Err(why), _) | (_, Err(why)) => wrong.push(format!("unit {number}: {why}")),
+        }
     }
     if wrong.is_empty() {
         Ok(found)
@@ -229,6 +292,31 @@ mod tests {
             motor_kg: MOTOR_KG,
             down: -Vector3::z(),
         }
+    }
+
+    #[test]
+    fn a_cable_that_pulled_before_it_was_paid_out_is_named() {
+        let record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        let cable = |unit, before, travel_m| PaidOut {
+            unit,
+            codes: [stream(before), stream(20_000)],
+            travel_m,
+        };
+        let slack = [cable(1, 20_100, Some(0.01)), cable(2, 19_900, None)];
+        let found = check_paid_out(&slack, &record).unwrap();
+        assert!(found.len() == 2 && found.iter().all(|(_, f)| f.slack));
+        // 0.2 N on unit 3, which the history of a few power-ups would not see, and a reel that nobody turned.
+        let pulled = [
+            cable(1, 20_000, Some(0.01)),
+            cable(3, 20_000 + 29_200, Some(0.01)),
+            cable(4, 20_000, Some(0.001)),
+        ];
+        let told = check_paid_out(&pulled, &record).unwrap_err().to_string();
+        assert!(
+            told.contains("unit 3: 0.2") && told.contains("unit 4: 1.0 mm"),
+            "{told}"
+        );
+        assert!(!told.contains("unit 1"), "{told}");
     }
 
     #[test]

@@ -9,7 +9,6 @@ use super::Context;
 use clap::Args;
 use control::SystemState;
 use host_cli::calibrate::base;
-use host_cli::calibrate::store::Store;
 use host_cli::link::{self, EmbeddedOptions, RigLink};
 use host_cli::rigfile::{LinkChoice, RigFile};
 use host_cli::run::{ZeroStore, Zeroing};
@@ -66,6 +65,9 @@ pub struct New {
     /// Limit the embedded rig to real time
     #[arg(long)]
     pub paced: bool,
+    /// Reach the embedded rig by its USB port instead of its serial line
+    #[arg(long)]
+    pub usb: bool,
 }
 
 /// Which rig, and how it is reached.
@@ -99,7 +101,7 @@ pub enum Role {
 
 impl New {
     fn any(&self) -> bool {
-        self.seed.is_some() || self.plant.is_some() || self.paced
+        self.seed.is_some() || self.plant.is_some() || self.paced || self.usb
     }
 }
 
@@ -123,6 +125,7 @@ impl Existing {
                 ("--seed", new.seed.is_some()),
                 ("--plant", new.plant.is_some()),
                 ("--paced", new.paced),
+                ("--usb", new.usb),
             ],
         )?;
         self.only_embedded(&given, embedded)?;
@@ -251,7 +254,7 @@ impl Existing {
         }
         // A rig that is kept is emulated, but was started with its own seed and physics.
         let kept = matches!(choice, LinkChoice::Kept(_));
-        let at_start = ["--seed", "--plant", "--paced"];
+        let at_start = ["--seed", "--plant", "--paced", "--usb"];
         let wrong = options
             .iter()
             .find(|(name, given)| *given && (!kept || at_start.contains(name)));
@@ -305,6 +308,7 @@ impl Existing {
                 seed: new.seed,
                 paced: new.paced,
                 plant: new.plant.clone(),
+                usb: new.usb,
             },
         )?;
         if matches!(choice, LinkChoice::Embedded | LinkChoice::Fast) {
@@ -477,19 +481,12 @@ impl Connection {
     /// The rig with its stored calibration in place of the rig file's numbers, where there is one. Call it after
     /// [`Connection::load`].
     pub fn calibrated(&self, rig: RigFile, context: &Context) -> Result<RigFile> {
-        // A state folder that is not known keeps nothing.
-        let Ok(store) = Store::of_rig(&rig.name, self.seed(&rig)) else {
-            return Ok(rig);
-        };
-        let Some(record) = store.current()? else {
-            return Ok(rig);
-        };
-        context.output.note(&format!(
-            "calibration of {}, {}",
-            record.date,
-            record.hash.get(..19).unwrap_or(&record.hash)
-        ));
-        Ok(base::overlay(&rig, &record))
+        let seed = self.seed(&rig);
+        let rig = base::in_force(rig, seed)?;
+        if let Some(words) = base::words(&rig) {
+            context.output.note(&words);
+        }
+        Ok(rig)
     }
 
     /// Path of the rig file, where one was given.

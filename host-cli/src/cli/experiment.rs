@@ -4,6 +4,7 @@ use super::exit::{self, Failure, Reply, Result};
 use super::output::Output;
 use super::{values, Context};
 use clap::{Args, Subcommand};
+use host_cli::calibrate::base;
 use host_cli::experiment::{
     self, paths, plan, report, Attempt, Experiment, ExperimentError, Folder, Options, Shard,
     Status, Summary, Watcher, THESIS,
@@ -139,6 +140,16 @@ impl Run {
         };
         let rig = experiment.load_rig().map_err(ExperimentError::from)?;
         let link = self.link.clone().unwrap_or_else(|| rig.link.clone());
+        // A trial on an emulated rig has a seed of its own: another rig, of which nothing is stored.
+        let emulated = matches!(link, LinkChoice::Embedded | LinkChoice::Fast);
+        let rig = if emulated {
+            rig
+        } else {
+            base::in_force(rig, None)?
+        };
+        if let Some(words) = base::words(&rig) {
+            context.output.note(&words);
+        }
         let _controlled_stop = context.interrupt.controlled_stop();
         let options = Options {
             shard: self.trial,

@@ -33,6 +33,14 @@ pub fn seconds(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A duration in seconds, 0.1 to 86400, or 0 for none.
+pub fn seconds_or_zero(text: &str) -> Result<f64, String> {
+    if matches!(text, "0" | "0s" | "0.0") {
+        return Ok(0.0);
+    }
+    seconds(text).map_err(|error| format!("{error}, or 0 for none"))
+}
+
 /// The seed of the embedded rig.
 pub fn seed(text: &str) -> Result<u64, String> {
     text.parse()
@@ -75,6 +83,8 @@ mod tests {
         assert_eq!(newton("-2.5"), Ok(-2.5));
         assert_eq!(seconds("2s"), Ok(2.0));
         assert_eq!(seconds("0.1"), Ok(0.1));
+        assert_eq!(seconds_or_zero("0"), Ok(0.0));
+        assert!(seconds_or_zero("0.01").is_err_and(|error| error.contains("or 0 for none")));
         for (error, words) in [
             (
                 newton("much"),

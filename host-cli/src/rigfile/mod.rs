@@ -16,8 +16,8 @@ mod settings;
 pub use link_pose::{LinkChoice, PoseChoice};
 pub use problem::{Problem, RigFileError};
 pub use settings::{
-    AllocationSettings, ControllerSettings, Filter, Reference, RippleSettings, UnitChecks,
-    UnitSettings, Workspace, TIP_FORCE_LIMIT_N,
+    AllocationSettings, CellSettings, ControllerSettings, Filter, Reference, RippleSettings,
+    UnitChecks, UnitSettings, Workspace, TIP_FORCE_LIMIT_N,
 };
 
 use nalgebra::Vector3;

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 use serde::Serialize;
-use wire::message::{BoardConfig, FilterChoice, Ripple, UnitConfig, RIPPLES};
+use wire::message::{BoardConfig, CellCorrection, FilterChoice, Ripple, UnitConfig, RIPPLES};
 
 /// Where the tip works.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -138,6 +138,46 @@ pub struct UnitSettings {
     /// Ripples over the reel's angle that the feedforward compensates.
     #[serde(skip_serializing_if = "are_none")]
     pub ripples: [RippleSettings; RIPPLES],
+    /// Curve and creep of the load cell that the board takes out.
+    #[serde(skip_serializing_if = "CellSettings::is_none")]
+    pub cell: CellSettings,
+}
+
+/// Curve and creep of a load cell ([`wire::message::CellCorrection`]).
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct CellSettings {
+    /// Curve, N per N^2 of straight reading; 0: none.
+    pub curve_per_n: f64,
+    /// Share of a lasting load by which the reading grows; 0: none.
+    pub creep: f64,
+    /// Time constant of that, s.
+    pub creep_s: f64,
+}
+
+impl Default for CellSettings {
+    fn default() -> Self {
+        Self {
+            curve_per_n: 0.0,
+            creep: 0.0,
+            creep_s: f64::from(CellCorrection::NONE.creep_ms) * 1e-3,
+        }
+    }
+}
+
+impl CellSettings {
+    /// Whether it does nothing.
+    #[must_use]
+    pub fn is_none(&self) -> bool {
+        self.curve_per_n == 0.0 && self.creep == 0.0
+    }
+
+    fn to_wire(self) -> CellCorrection {
+        CellCorrection {
+            curve_nn_per_n2: (self.curve_per_n * 1e9).round() as i32,
+            creep_q16: q16(self.creep),
+            creep_ms: (self.creep_s * 1e3).round() as i32,
+        }
+    }
 }
 
 /// What the board checks a unit's load cell and motor against.
@@ -274,6 +314,7 @@ impl UnitSettings {
             ripples: self
                 .ripples
                 .map(|ripple| ripple.to_wire(self.travel_m_per_count)),
+            cell: self.cell.to_wire(),
         }
     }
 

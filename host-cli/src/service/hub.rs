@@ -17,6 +17,7 @@ use super::job;
 use super::protocol::{notification, Event, Request, Tick};
 use super::server::Opener;
 use super::terminal::Terminal;
+use crate::calibrate::base;
 use crate::link::{Exchange, LinkError, RigLink};
 use crate::rigfile::RigFile;
 use crate::session::{explain_fault, system_state_name, Gaps, PERIOD, SILENCE_TIMEOUT};
@@ -180,7 +181,11 @@ impl Hub {
     ) -> Self {
         let seed = link.controls().map(|controls| controls.seed());
         let (file, text) = &setup.rig_file;
-        let gatherer = Gatherer::new(RigFile::parse(file, text).ok().as_ref());
+        // A calibration that can't be read is named to whoever drives; the view then has the rig file's numbers.
+        let rig = RigFile::parse(file, text)
+            .ok()
+            .map(|rig| base::in_force(rig.clone(), seed).unwrap_or(rig));
+        let gatherer = Gatherer::new(rig.as_ref());
         let mut clients = BTreeMap::new();
         if let Some(terminal) = &terminal {
             clients.insert(TERMINAL, Client::terminal(terminal.path()));

@@ -6,6 +6,7 @@ use super::client::{Client, ServiceLink};
 use super::connection;
 use super::hub::{ClientId, Inbound};
 use super::protocol::{ForceParams, HoldParams};
+use crate::calibrate::base;
 use crate::rigfile::RigFile;
 use crate::run::{
     hold_tensions, set_force, NoopObserver, Options, TensionOptions, ZeroStore, Zeroing,
@@ -132,7 +133,9 @@ fn run(
     let (file, text) = &order.rig_file;
     let rig = RigFile::parse(file, text).map_err(|error| words(&error))?;
     let client = Client::over(stream, &rig.name, name, None).map_err(|error| words(&error))?;
-    let store = store(&rig, client.welcome().seed);
+    let seed = client.welcome().seed;
+    let rig = base::in_force(rig, seed).map_err(|error| words(&error))?;
+    let store = store(&rig, seed);
     let mut link = ServiceLink::commander(client).map_err(|error| words(&error))?;
     match &order.kind {
         Kind::Hold(hold) => {

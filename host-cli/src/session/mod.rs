@@ -230,6 +230,12 @@ impl<'l> Session<'l> {
         self.link
     }
 
+    /// The samples since the last [`Session::drain`], which keeps them for it.
+    #[must_use]
+    pub fn undrained_samples(&self) -> &[TimedSample] {
+        &self.received.samples
+    }
+
     /// Everything that arrived since the last call.
     pub fn drain(&mut self) -> Received {
         Received {

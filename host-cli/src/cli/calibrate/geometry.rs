@@ -1,15 +1,14 @@
 //! `calibrate geometry`: exit points and axes from a digitizer.
 
-use super::super::connection::Connection;
 use super::super::exit::{self, Failure, Reply, Result};
 use super::super::Context;
 use super::guide::{self, Answer};
-use super::{picture, read, Bench};
+use super::{picture, read, Bench, ByHand};
 use calibration::geometry::Survey;
 use clap::Args;
 use host_cli::calibrate::picture::{bars, Bar};
 use host_cli::calibrate::points;
-use host_cli::calibrate::standin::{Digitizer, Mistake};
+use host_cli::calibrate::standin::Digitizer;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
@@ -33,20 +32,8 @@ pub struct Geometry {
     /// Times that each point is touched from each station in a guided session
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u8).range(1..=50))]
     touches: u8,
-    /// Begin anew instead of going on with what is kept of a session that was broken off
-    #[arg(long)]
-    restart: bool,
-    /// Ask nothing: with --points, or on an emulated rig, where a stand-in touches the points
-    #[arg(long)]
-    yes: bool,
-    /// Mistake of the stand-in, as in bump=B:3 (station B is bumped by 3 mm)
-    #[arg(long, value_name = "MISTAKE")]
-    inject: Vec<Mistake>,
-    /// Folder for the picture of the residuals
-    #[arg(long, value_name = "DIR", default_value = "forcectl-out")]
-    out: PathBuf,
     #[command(flatten)]
-    connection: Connection,
+    by_hand: ByHand,
 }
 
 impl Geometry {
@@ -63,18 +50,14 @@ impl Geometry {
                 ));
             }
         }
-        let mut bench = Bench::load(&self.connection, context)?;
-        let seed = self.connection.seed(&bench.rig);
-        let mut digitizer = match seed {
-            Some(seed) => Some(self.standin(seed)?),
-            None if !self.inject.is_empty() => {
-                return Err(Failure::new(
-                    exit::USAGE,
-                    "--inject works with an emulated rig only",
-                ))
-            }
-            None => None,
-        };
+        let connection = &self.by_hand.connection;
+        let mut bench = Bench::load(connection, context)?;
+        let seed = connection.seed(&bench.rig);
+        if self.points.is_none() {
+            let file = ("--points", "touches the points of a real rig");
+            self.by_hand.check(seed.is_some(), file)?;
+        }
+        let mut digitizer = seed.map(|seed| self.standin(seed)).transpose()?;
         let base = match (&self.base, &digitizer) {
             (Some(path), _) => read(path)?,
             (None, Some(digitizer)) => ("base holes of the emulated rig".to_owned(), digitizer.base_csv()),
@@ -102,7 +85,7 @@ impl Geometry {
             bench.store.draft("geometry").finish(&kept.version)?;
         }
         let svg = self.residuals(&survey);
-        let path = picture(&self.out, "calibrate-geometry.svg", &svg)?;
+        let path = picture(&self.by_hand.out, "calibrate-geometry.svg", &svg)?;
         context
             .output
             .note(&format!("residuals: {}", path.display()));
@@ -112,7 +95,7 @@ impl Geometry {
     fn standin(&self, seed: u64) -> Result<Digitizer> {
         let mut digitizer =
             Digitizer::new(seed, None).map_err(|why| Failure::new(exit::USAGE, why))?;
-        for mistake in &self.inject {
+        for mistake in &self.by_hand.inject {
             digitizer.inject(mistake);
         }
         Ok(digitizer)
@@ -126,14 +109,9 @@ impl Geometry {
         digitizer: &mut Option<Digitizer>,
         context: &Context,
     ) -> Result<(String, String)> {
-        if self.yes && digitizer.is_none() {
-            return Err(Failure::new(
-                exit::USAGE,
-                "--yes needs --points FILE here: nobody touches the points of a real rig unattended",
-            ));
-        }
+        let yes = self.by_hand.yes;
         let draft = bench.store.draft("geometry");
-        if self.restart || self.yes {
+        if self.by_hand.restart || yes {
             draft.discard()?;
         }
         let reference = calibration::geometry::read_reference("base", base, 0.0)
@@ -152,7 +130,7 @@ impl Geometry {
         while done < plan.len() {
             let (station, label) = &plan[done];
             let typed = match digitizer {
-                Some(digitizer) if self.yes => digitizer.touch(station, label),
+                Some(digitizer) if yes => digitizer.touch(station, label),
                 _ => None,
             };
             let typed = match typed {

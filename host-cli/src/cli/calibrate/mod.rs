@@ -2,27 +2,70 @@
 //!
 //! | file | what it holds |
 //! | --- | --- |
-//! | `cells.rs` | `zero`, `gain` |
+//! | `zero.rs` | `zero` |
+//! | `gain.rs` | `gain` |
 //! | `geometry.rs` | `geometry` |
 //! | `moving.rs` | `self`, `verify` |
 //! | `records.rs` | `show`, `diff`, `push` |
+//! | `series.rs` | the readings of `gain` |
+//! | `serials.rs` | `serials` |
 //! | `guide.rs` | questions to the user |
 
-mod cells;
+mod gain;
 mod geometry;
 mod guide;
 mod moving;
 mod records;
+mod serials;
+mod series;
+mod zero;
 
 use super::connection::Connection;
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::{Args, Subcommand};
+use emulator_link::Injection;
+use host_cli::calibrate::standin::Mistake;
 use host_cli::calibrate::store::{Kept, Store};
 use host_cli::calibrate::{self as library, base, CalibrateError};
 use host_cli::rigfile::RigFile;
 use host_cli::session::Session;
 use std::path::{Path, PathBuf};
+
+/// Options of the steps that a user does by hand, reading by reading or point by point.
+#[derive(Debug, Args)]
+struct ByHand {
+    /// Begin anew instead of going on with what is kept of a step that was broken off
+    #[arg(long)]
+    restart: bool,
+    /// Ask nothing: with a file of readings or points, or on an emulated rig, where a stand-in does what the user does
+    #[arg(long)]
+    yes: bool,
+    /// Mistake of the stand-in: weight=50:500 (500 g is hung for 50 g, once), bump=B:3 (station B is bumped by 3 mm); repeatable
+    #[arg(long, value_name = "MISTAKE")]
+    inject: Vec<Mistake>,
+    /// Folder for the pictures of the residuals
+    #[arg(long, value_name = "DIR", default_value = "forcectl-out")]
+    out: PathBuf,
+    #[command(flatten)]
+    connection: Connection,
+}
+
+impl ByHand {
+    /// Refuses what only a stand-in can do on a rig without one. `file`: the option that gives the readings from a file, and who
+    /// would have to be there without it.
+    fn check(&self, emulated: bool, file: (&str, &str)) -> Result<()> {
+        let (option, nobody) = file;
+        let wrong = match (emulated, self.yes, self.inject.is_empty()) {
+            (true, _, _) | (false, false, true) => return Ok(()),
+            (false, true, _) => {
+                format!("--yes needs {option} FILE here: nobody {nobody} unattended")
+            }
+            (false, false, false) => "--inject works with an emulated rig only".to_owned(),
+        };
+        Err(Failure::new(exit::USAGE, wrong))
+    }
+}
 
 /// Below the help of the command.
 pub const HELP: &str = "\
@@ -42,10 +85,10 @@ pub struct Calibrate {
 #[derive(Debug, Subcommand)]
 enum Step {
     /// Take the zeros with slack cables, and compare them with earlier power-ups
-    Zero(cells::Zero),
+    Zero(zero::Zero),
     /// Find newtons per code from weights
     #[command(allow_negative_numbers = true)]
-    Gain(cells::Gain),
+    Gain(gain::Gain),
     /// Find exit points and load-cell axes from points of a digitizer
     Geometry(geometry::Geometry),
     /// Find exit points from a run with the robot moving, and whether the rig was moved
@@ -53,6 +96,8 @@ enum Step {
     Moving(moving::Moving),
     /// Hold forces, and compare what the calibration predicts with what is measured
     Verify(moving::Verify),
+    /// Set and show the serial numbers of units, motors, cells and converters
+    Serials(serials::Command),
     /// Show a calibration
     Show(records::Show),
     /// Compare two calibrations
@@ -70,6 +115,7 @@ impl Calibrate {
             Step::Geometry(step) => step.run(context),
             Step::Moving(step) => step.run(context),
             Step::Verify(step) => step.run(context),
+            Step::Serials(step) => step.run(context),
             Step::Show(step) => step.run(context),
             Step::Diff(step) => step.run(context),
             Step::Push(step) => step.run(context),
@@ -155,6 +201,16 @@ fn push(session: &mut Session<'_>, rig: &RigFile, zeros: &[(u8, i32)]) -> Result
         ));
     }
     Ok(now.iter().filter(|config| config.enabled).count())
+}
+
+/// Pulls on the cells of a group of an emulated rig.
+fn hang(session: &mut Session<'_>, group: &[u8], force_n: f64) -> Result<()> {
+    if let Some(controls) = session.link().controls() {
+        for unit in group {
+            controls.inject(Injection::PullCable(*unit, force_n))?;
+        }
+    }
+    Ok(())
 }
 
 /// Writes a picture into the folder for output.

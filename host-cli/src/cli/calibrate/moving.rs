@@ -6,7 +6,7 @@ use super::super::values;
 use super::super::watch::Watch;
 use super::super::Context;
 use super::{picture, Bench};
-use calibration::self_calibration::{MovedVerdict, Prior};
+use calibration::self_calibration::{MovedVerdict, Prior, Sample};
 use clap::Args;
 use host_cli::calibrate::moving::{self, Collector, Run};
 use host_cli::calibrate::picture::{bars, Bar};
@@ -29,6 +29,12 @@ pub struct Moving {
     /// Join the run with the stored exit points, and store the result
     #[arg(long)]
     store: bool,
+    /// Standard deviation in every direction that the advice on the motion aims at, mm
+    #[arg(long, value_name = "MM", default_value_t = 2.0)]
+    aim: f64,
+    /// Folder for the picture of the residuals
+    #[arg(long, value_name = "DIR", default_value = "forcectl-out")]
+    out: PathBuf,
     #[command(flatten)]
     connection: Connection,
 }
@@ -38,6 +44,9 @@ impl Moving {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         if !(self.tip_sd.is_finite() && (0.0..100.0).contains(&self.tip_sd)) {
             return Err(Failure::new(exit::USAGE, "--tip-sd has to be 0 to 100 mm"));
+        }
+        if !(self.aim.is_finite() && (0.01..=100.0).contains(&self.aim)) {
+            return Err(Failure::new(exit::USAGE, "--aim has to be 0.01 to 100 mm"));
         }
         let mut bench = Bench::load(&self.connection, context)?;
         let rig = bench.calibrated();
@@ -61,6 +70,13 @@ impl Moving {
         };
         let found = moving::evaluate(&samples, &bench.record, &prior)?;
         let mut text = table(&bench, &found);
+        let advice = self.advice(&samples, &found);
+        row!(text, "{advice}");
+        let svg = residual_bars(&moving::residuals(&samples, &found, &prior));
+        let path = picture(&self.out, "calibrate-self.svg", &svg)?;
+        context
+            .output
+            .note(&format!("residuals: {}", path.display()));
         let unmoved = found.moved.verdict == MovedVerdict::Unmoved;
         let mut version = None;
         if self.store && !unmoved {
@@ -88,9 +104,59 @@ impl Moving {
             .collect();
         Ok(Reply::new(
             text,
-            json!({"units": units, "moved": !unmoved, "moved_p": found.moved.p, "version": version}),
+            json!({"units": units, "moved": !unmoved, "moved_p": found.moved.p, "version": version, "advice": advice}),
         ))
     }
+
+    /// Which motion would tell all exit points as well as `--aim` says.
+    fn advice(&self, samples: &[Vec<Sample>; wire::UNITS], found: &Run) -> String {
+        let Some((middle, least_m)) = moving::motion(samples) else {
+            return String::new();
+        };
+        let of = |u: &moving::UnitRun| (u.unit, u.alone.needs(1e-3 * self.aim, &middle));
+        let worst = found
+            .units
+            .iter()
+            .map(of)
+            .max_by(|a, b| a.1.longer.total_cmp(&b.1.longer));
+        let Some((unit, needs)) = worst else {
+            return String::new();
+        };
+        if needs.longer <= 1.0 {
+            return format!("this run alone tells every exit point to {} mm", self.aim);
+        }
+        let where_ = if needs.along_cable > 0.7 {
+            "along its cable, which only motion across the cable tells"
+        } else {
+            "across its cable"
+        };
+        format!(
+            "for {} mm in every direction: {:.1} times the motion in all directions (standard deviation {:.0} mm instead of {:.0} mm), or {:.0} times as long ({:.0} s) with this motion; unit {unit} is known worst, {where_}",
+            self.aim,
+            needs.further,
+            1e3 * least_m * needs.further,
+            1e3 * least_m,
+            needs.longer,
+            needs.longer * self.duration
+        )
+    }
+}
+
+fn residual_bars(parts: &[moving::Part]) -> String {
+    let rows: Vec<Bar> = parts
+        .iter()
+        .map(|part| Bar {
+            label: format!("unit {}, tip at {}", part.unit, part.side),
+            value: 1e3 * part.residual_m,
+            sd: 1e3 * part.sd_m,
+        })
+        .collect();
+    bars(
+        "cable length predicted less measured, by the side of the motion",
+        "mm",
+        &rows,
+    )
+    .to_svg()
 }
 
 fn table(bench: &Bench, found: &Run) -> String {

@@ -5,14 +5,12 @@
 pub fn without_setting(name: &str) -> Option<&'static str> {
     Some(match name {
         "creep" => {
-            "take the zero at the load and temperature of the experiment, hold a new load for some time constants before \
-             measuring, and calibrate with the load on as long as in use; a load cell of a better creep class (OIML R 60) \
-             removes it"
+            "`forcectl calibrate gain` measures the creep with weights, and the board then takes it out; without weights, hold a \
+             new load for some time constants before measuring; a load cell of a better creep class (OIML R 60) removes it"
         }
         "quadratic" | "kink" => {
-            "calibrate the load cell with weights over the whole range that is used (`forcectl calibrate`), so that the \
-             scale holds at the loads in use; a kink points to a second load path: a cable or a screw that touches above \
-             that load"
+            "`forcectl calibrate gain` with weights over the whole range that is used measures a curve, and the board then takes \
+             it out; a kink points to a second load path: a cable or a screw that touches above that load"
         }
         "backlash" => {
             "keep every cable above its lowest tension so that the play stays closed on one side, and repair it: pinion \

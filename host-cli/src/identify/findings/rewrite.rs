@@ -4,6 +4,7 @@
 //! error.
 
 use super::KEYS;
+use crate::calibrate::base::overlay;
 use crate::rigfile::{RigFile, UnitSettings};
 use toml_edit::{DocumentMut, Item, TableLike, Value};
 use wire::UNITS;
@@ -49,10 +50,23 @@ pub fn rewrite(
             set_key(&mut document, key.name, &old, &new).map_err(|why| failed(&why))?;
         }
     }
-    let text = with_line_ends_of(text, document.to_string());
+    let before = text;
+    let text = with_line_ends_of(before, document.to_string());
     let parsed = RigFile::parse(name, &text).map_err(|error| failed(&error))?;
-    let mut intended = rig.clone();
-    intended.units = *units;
+    // The numbers in use may be those of a stored calibration, which the file has not.
+    let mut intended = RigFile::parse(name, before).map_err(|error| failed(&error))?;
+    let in_use = match &rig.calibration {
+        Some(record) => overlay(&intended, record),
+        None => intended.clone(),
+    };
+    if in_use != *rig {
+        return Err(failed(&"it is not the file of this rig"));
+    }
+    for (unit, new) in intended.units.iter_mut().zip(units) {
+        for key in &KEYS {
+            (key.set)(unit, (key.get)(new));
+        }
+    }
     if parsed != intended {
         return Err(failed(
             &"reading it again gives other settings than intended",
@@ -256,6 +270,24 @@ mod tests {
     }
 
     #[test]
+    fn a_stored_calibration_stays_out_of_the_file() {
+        let file = RigFile::built_in().unwrap();
+        let mut record = crate::calibrate::base::nominal(&file, "2026-11-22");
+        record.units[1].gain_date = "2026-11-22".to_owned();
+        record.units[1].n_per_code = 7e-6;
+        let rig = overlay(&file, &record);
+        let mut units = rig.units;
+        units[1].coulomb_n = 1.3;
+        let new = rewrite("rig", DEFAULT_TEXT, &rig, &units).unwrap();
+        let parsed = RigFile::parse("rig", &new.text).unwrap();
+        assert_eq!(parsed.units[1].coulomb_n, 1.3);
+        assert_eq!(
+            parsed.units[1].scale_n_per_count,
+            file.units[1].scale_n_per_count
+        );
+    }
+
+    #[test]
     fn only_the_value_of_a_line_changes() {
         let new = rewritten(DEFAULT_TEXT, |_, unit| unit.dac_codes_per_n = 300.5);
         assert_eq!(
@@ -407,7 +439,7 @@ mod tests {
         let other = DEFAULT_TEXT.replacen("coulomb_n = 0.909", "coulomb_n = 0.5", 1);
         for (text, words) in [
             (&DEFAULT_TEXT[..cut], "number = 6"),
-            (&other, "other settings than intended"),
+            (&other, "not the file of this rig"),
             ("kp = [", "can't be edited"),
             ("", "no list of units"),
         ] {

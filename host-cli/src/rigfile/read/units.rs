@@ -2,7 +2,7 @@
 
 use super::check::{check_geometry, check_limits};
 use super::section::Section;
-use crate::rigfile::{Filter, RippleSettings, UnitChecks, UnitSettings, Workspace};
+use crate::rigfile::{CellSettings, Filter, RippleSettings, UnitChecks, UnitSettings, Workspace};
 use nalgebra::Vector3;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -153,6 +153,7 @@ fn stand_in(number: u8) -> UnitSettings {
         viscous_n_s_per_m: 0.0,
         checks: UnitChecks::default(),
         ripples: Default::default(),
+        cell: CellSettings::default(),
     }
 }
 
@@ -239,6 +240,7 @@ fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
             .value,
         checks: read_checks(section),
         ripples: core::array::from_fn(|n| read_ripple(section, n)),
+        cell: read_cell(section),
     };
     check_limits(
         section,
@@ -261,6 +263,17 @@ fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
         check_geometry(section, &unit, axis.at, exit.at, workspace);
     }
     unit
+}
+
+/// Curve and creep of the load cell; none unless given.
+fn read_cell(section: &Section<'_, '_>) -> CellSettings {
+    let default = CellSettings::default();
+    let n = |key, range, or| section.optional(key, range, or).value;
+    CellSettings {
+        curve_per_n: n("cell_curve_per_n", -0.02..=0.02, default.curve_per_n),
+        creep: n("cell_creep", -0.2..=0.2, default.creep),
+        creep_s: n("cell_creep_s", 0.5..=3600.0, default.creep_s),
+    }
 }
 
 fn read_checks(section: &Section<'_, '_>) -> UnitChecks {

@@ -13,6 +13,12 @@
 //! mains), so the variance is multiplied by the integrated autocorrelation time of the residuals, summed by Geyer's
 //! initial positive sequence (*Statistical Science* 7 (1992) 473).
 
+mod history;
+mod pay_out;
+
+pub use history::{History, PowerUp, Verdict, PRIOR_POWER_UPS};
+pub use pay_out::{pay_out, PayOut, LEAST_TRAVEL_M};
+
 use crate::stats;
 use nalgebra::{Matrix3, Vector3};
 
@@ -344,136 +350,6 @@ pub fn split(zero: &Zero, n_per_code: (f64, f64), mounting: &Mounting) -> Parts 
     }
 }
 
-/// Zeros of one unit over its power-ups, oldest first. Between two power-ups the mounting part is the same, so
-/// that the change is the converter's.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct History {
-    entries: Vec<PowerUp>,
-}
-
-/// The zero at one power-up.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct PowerUp {
-    /// Zero, N.
-    pub zero_n: f64,
-    /// Its standard error, N.
-    pub se_n: f64,
-    /// Mounting part, N, as [`split`] gives it.
-    pub mounting_n: f64,
-}
-
-/// How a new zero compares with the earlier ones.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Verdict {
-    /// There is nothing to compare with.
-    First,
-    /// Within what power-ups of this unit do.
-    Plausible {
-        /// Distance from the expected zero in standard deviations.
-        z: f64,
-    },
-    /// Higher than power-ups explain: the cable may be preloaded by about this force.
-    Preloaded {
-        /// Force above the expected zero, N.
-        excess_n: f64,
-        /// Distance in standard deviations.
-        z: f64,
-    },
-    /// Lower than power-ups explain: the unit may have been turned, or the cell damaged.
-    Moved {
-        /// Force below the expected zero, N, negative.
-        change_n: f64,
-        /// Distance in standard deviations.
-        z: f64,
-    },
-}
-
-impl Verdict {
-    /// Whether the zero may be stored.
-    #[must_use]
-    pub fn is_accepted(&self) -> bool {
-        matches!(self, Self::First | Self::Plausible { .. })
-    }
-}
-
-impl History {
-    /// From earlier power-ups, oldest first.
-    #[must_use]
-    pub fn new(entries: Vec<PowerUp>) -> Self {
-        Self { entries }
-    }
-
-    /// Adds one that was accepted.
-    pub fn push(&mut self, entry: PowerUp) {
-        self.entries.push(entry);
-    }
-
-    /// The entries, oldest first.
-    #[must_use]
-    pub fn entries(&self) -> &[PowerUp] {
-        &self.entries
-    }
-
-    /// The converter's offset that a further power-up is expected to show, N, and the standard deviation of one power-up's
-    /// offset about it, N. The latter is pulled towards `prior_n` as if that had been seen in [`PRIOR_POWER_UPS`] power-ups.
-    /// `None` without an entry.
-    #[must_use]
-    pub fn expected_n(&self, prior_n: f64) -> Option<(f64, f64)> {
-        let recent = &self.entries[self.entries.len().saturating_sub(RECENT)..];
-        if recent.is_empty() {
-            return None;
-        }
-        let count = recent.len() as f64;
-        let mean = recent.iter().map(converter_n).sum::<f64>() / count;
-        let squares: f64 = recent
-            .iter()
-            .map(|entry| (converter_n(entry) - mean).powi(2))
-            .sum();
-        let variance =
-            (PRIOR_POWER_UPS * prior_n * prior_n + squares) / (PRIOR_POWER_UPS + count - 1.0);
-        Some((mean, variance.sqrt()))
-    }
-
-    /// Compares a new zero with the earlier ones: its distance in standard deviations, against `limit_sd`.
-    ///
-    /// Each power-up's calibration misses the same offset of the bridge anew and independently (device facts, NAU7802), so
-    /// the mean of the earlier ones is what to expect. The miss is bounded: 3 standard deviations of a uniform
-    /// distribution lie beyond its end. `prior_n` is the standard deviation of a miss to expect of a unit without a history.
-    #[must_use]
-    pub fn judge(&self, new: &PowerUp, prior_n: f64, limit_sd: f64) -> Verdict {
-        let Some((expected, spread)) = self.expected_n(prior_n) else {
-            return Verdict::First;
-        };
-        let change = converter_n(new) - expected;
-        let count = self.entries.len().min(RECENT) as f64;
-        let sd = (spread * spread * (1.0 + 1.0 / count) + new.se_n * new.se_n).sqrt();
-        let z = change / sd;
-        // Written so that NaN is not plausible.
-        if z.abs() <= limit_sd {
-            Verdict::Plausible { z }
-        } else if z < 0.0 {
-            Verdict::Moved {
-                change_n: change,
-                z,
-            }
-        } else {
-            Verdict::Preloaded {
-                excess_n: change,
-                z,
-            }
-        }
-    }
-}
-
-/// Power-ups that count as seen with the expected spread.
-pub const PRIOR_POWER_UPS: f64 = 3.0;
-/// The last so many power-ups are looked at: older ones may be of before a drift of the bridge.
-const RECENT: usize = 20;
-
-fn converter_n(entry: &PowerUp) -> f64 {
-    entry.zero_n - entry.mounting_n
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -587,36 +463,5 @@ mod tests {
         // Mass: 0.01 kg * 7.845; axis: 0.5 * 9.80665 * 0.005 * sin(angle) = 0.6.
         let want = (0.078_453f64.powi(2) + (0.5 * 9.80665 * 0.005 * 0.6f64).powi(2)).sqrt();
         assert!((parts.mounting_sd_n - want).abs() < 1e-4);
-    }
-
-    #[test]
-    fn a_preloaded_cable_is_not_taken_for_a_zero() {
-        let at = |zero_n| PowerUp {
-            zero_n,
-            se_n: 0.001,
-            mounting_n: 2.0,
-        };
-        let history = History::new(vec![at(2.10), at(2.12), at(2.09), at(2.11)]);
-        assert!(history.judge(&at(2.14), 0.05, 4.0).is_accepted());
-        assert!(matches!(
-            history.judge(&at(4.1), 0.05, 4.0),
-            Verdict::Preloaded { excess_n, .. } if (excess_n - 1.995).abs() < 1e-9
-        ));
-        assert!(matches!(
-            history.judge(&at(1.1), 0.05, 4.0),
-            Verdict::Moved { .. }
-        ));
-        assert!(!history.judge(&at(f64::NAN), 0.05, 4.0).is_accepted());
-        assert_eq!(
-            History::default().judge(&at(9.0), 0.05, 4.0),
-            Verdict::First
-        );
-        // A unit that was turned knows its new mounting part; the converter's offset has not moved.
-        let turned = PowerUp {
-            zero_n: 1.11,
-            se_n: 0.001,
-            mounting_n: 1.0,
-        };
-        assert!(history.judge(&turned, 0.05, 4.0).is_accepted());
     }
 }

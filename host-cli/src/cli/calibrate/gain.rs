@@ -1,0 +1,295 @@
+//! `calibrate gain`.
+
+use super::super::exit::{self, Failure, Reply, Result};
+use super::super::Context;
+use super::series::{Plan, Series};
+use super::{picture, push, read, Bench, ByHand};
+use calibration::gain::{Gain as Fit, Options, Term, WEIGHTS_G};
+use calibration::STANDARD_GRAVITY_M_PER_S2;
+use clap::Args;
+use host_cli::calibrate::picture::{bars, Bar};
+use host_cli::calibrate::standin::Weights;
+use host_cli::calibrate::weights::{self, Fitted};
+use host_cli::calibrate::{base, cells, serials};
+use host_cli::session::Session;
+use serde_json::json;
+use std::fmt::Write as _;
+use std::path::PathBuf;
+use std::time::Duration;
+
+/// Arguments of `calibrate gain`.
+#[derive(Debug, Args)]
+pub struct Gain {
+    /// Units to calibrate [default: all that are enabled]
+    #[arg(long, value_name = "N", num_args = 1..)]
+    unit: Vec<u8>,
+    /// Readings of one unit (CSV: weight_g, code, standard_error, ...) instead of reading the rig; `-`: standard input
+    #[arg(long, value_name = "FILE")]
+    readings: Option<PathBuf>,
+    /// Serial number of the cell that is weighed: has to be that of the store, or is entered where the store has none
+    #[arg(long, value_name = "SERIAL", value_parser = serials::parse)]
+    cell: Option<String>,
+    /// Weights that are hung, g
+    #[arg(long, value_name = "GRAM", num_args = 1.., default_values_t = WEIGHTS_G)]
+    weights: Vec<f64>,
+    /// Times that the weights are put on and taken off
+    #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=20))]
+    rounds: u8,
+    /// Time for which the largest weight is left on at the end, and off again, to see creep; 0: not at all
+    #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = super::super::values::seconds_or_zero)]
+    creep: f64,
+    /// Local acceleration of gravity, m/s^2
+    #[arg(long, value_name = "G", default_value_t = STANDARD_GRAVITY_M_PER_S2)]
+    gravity: f64,
+    /// Relative standard uncertainty of it
+    #[arg(long, value_name = "PART", default_value_t = 0.001)]
+    gravity_sd: f64,
+    /// Largest relative error of the weights
+    #[arg(long, value_name = "PART", default_value_t = 0.001)]
+    tolerance: f64,
+    /// Correct the weight of a line of the readings, as in 5=50; repeatable
+    #[arg(long, value_name = "LINE=GRAM", value_parser = correction)]
+    correct: Vec<(usize, f64)>,
+    /// Leave out a line of the readings; repeatable
+    #[arg(long, value_name = "LINE")]
+    leave_out: Vec<usize>,
+    #[command(flatten)]
+    by_hand: ByHand,
+}
+
+fn correction(text: &str) -> std::result::Result<(usize, f64), String> {
+    let parsed = text
+        .split_once('=')
+        .and_then(|(line, gram)| Some((line.parse().ok()?, gram.parse().ok()?)));
+    parsed.ok_or_else(|| format!("`{text}` is not LINE=GRAM, for example 5=50"))
+}
+
+impl Gain {
+    /// Runs the command.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        let connection = &self.by_hand.connection;
+        let mut bench = Bench::load(connection, context)?;
+        let enabled = bench.rig.units.iter().filter(|unit| unit.enabled);
+        let units: Vec<u8> = if self.unit.is_empty() {
+            enabled.map(|unit| unit.number).collect()
+        } else {
+            self.unit.clone()
+        };
+        if let Some(wrong) = units
+            .iter()
+            .find(|u| !bench.rig.units.iter().any(|unit| unit.number == **u))
+        {
+            return Err(Failure::new(
+                exit::USAGE,
+                format!("there is no unit {wrong}"),
+            ));
+        }
+        if let Some(serial) = &self.cell {
+            let [unit] = units[..] else {
+                return Err(Failure::new(
+                    exit::USAGE,
+                    "--cell is the serial number of one cell: name its unit with --unit N",
+                ));
+            };
+            serials::check_cell(&mut bench.record, unit, serial)?;
+        }
+        if let Some(path) = &self.readings {
+            let [unit] = units[..] else {
+                return Err(Failure::new(
+                    exit::USAGE,
+                    "--readings has the readings of one unit: name it with --unit N",
+                ));
+            };
+            let (name, text) = read(path)?;
+            let fitted = self.fit(&bench, unit, &name, &text)?;
+            return self.finish(&mut bench, vec![(unit, fitted)], false, context);
+        }
+        let _controlled_stop = context.interrupt.controlled_stop();
+        let rig = bench.calibrated();
+        let mut link = connection.open(&rig, context)?;
+        let mut session = Session::connect(link.as_mut())?;
+        cells::prepare(&mut session, &rig)?;
+        let seed = session.link().controls().map(|controls| controls.seed());
+        let file = ("--readings", "hangs weights on a real rig");
+        self.by_hand.check(seed.is_some(), file)?;
+        let mut standin = seed.map(|seed| Weights::new(seed, &self.by_hand.inject));
+        let groups: Vec<Vec<u8>> = if self.by_hand.yes {
+            vec![units.clone()]
+        } else {
+            units.iter().map(|unit| vec![*unit]).collect()
+        };
+        for group in &groups {
+            Series::begin(&self.plan(), &bench, group, &mut session, context)?.run(
+                &mut session,
+                &mut standin,
+                context,
+            )?;
+        }
+        let mut fitted = Vec::new();
+        for unit in units {
+            let draft = bench.store.draft(&format!("gain-unit{unit}"));
+            let text = draft.text()?.unwrap_or_default();
+            let name = draft.path().display().to_string();
+            fitted.push((unit, self.fit(&bench, unit, &name, &text)?));
+        }
+        let reply = self.finish(&mut bench, fitted, true, context)?;
+        push(&mut session, &bench.calibrated(), &[])?;
+        Ok(reply)
+    }
+
+    /// What is to be read, and how.
+    fn plan(&self) -> Plan {
+        let hold = Duration::from_secs_f64(self.creep);
+        let largest_g = self.weights.iter().copied().fold(0.0, f64::max);
+        Plan {
+            loads: weights::plan(&self.weights, usize::from(self.rounds), hold),
+            drift_n: weights::drift_limit_n(largest_g, self.creep > 0.0),
+            yes: self.by_hand.yes,
+            restart: self.by_hand.restart,
+        }
+    }
+
+    fn options(&self, bench: &Bench, unit: u8) -> Options {
+        let nominal = bench.rig.units.iter().find(|u| u.number == unit);
+        let mut weights_g = WEIGHTS_G.to_vec();
+        weights_g.extend(self.weights.iter().filter(|w| !WEIGHTS_G.contains(w)));
+        Options {
+            gravity_m_per_s2: self.gravity,
+            gravity_relative_sd: self.gravity_sd,
+            weight_limit_relative: self.tolerance,
+            weights_g,
+            nominal_n_per_code: nominal.map(|unit| unit.scale_n_per_count.abs()),
+            left_out: self.leave_out.clone(),
+            corrections_g: self.correct.iter().copied().collect(),
+        }
+    }
+
+    fn fit(&self, bench: &Bench, unit: u8, name: &str, text: &str) -> Result<Fitted> {
+        Ok(weights::fit(name, text, &self.options(bench, unit))?)
+    }
+
+    /// Stores gains, writes their pictures and prints them.
+    fn finish(
+        &self,
+        bench: &mut Bench,
+        fitted: Vec<(u8, Fitted)>,
+        drafted: bool,
+        context: &Context,
+    ) -> Result<Reply> {
+        let before = bench.record.clone();
+        for (unit, found) in &fitted {
+            let options = self.options(bench, *unit);
+            weights::apply(&mut bench.record, *unit, &found.gain, &options)?;
+        }
+        let kept = bench.keep(context)?;
+        let mut text = "unit      N per code    +- 95 %   readings   weights   gravity   linearity   hysteresis   change\n".to_owned();
+        let mut rows = Vec::new();
+        for (unit, found) in &fitted {
+            let g = &found.gain;
+            let old = before
+                .units
+                .iter()
+                .find(|u| u.number == *unit)
+                .map_or(f64::NAN, |u| u.n_per_code);
+            let change = 100.0 * (g.n_per_code / old - 1.0);
+            let hysteresis = found.shape.hysteresis.map(|h| 1e3 * h.largest_n);
+            row!(
+                text,
+                "{unit:>4} {:>15.6e} {:>8.3} % {:>8.3} % {:>7.3} % {:>7.3} % {:>8.1} mN {:>9} mN {change:>+7.2} %",
+                g.n_per_code,
+                100.0 * g.n_per_code_half_95 / g.n_per_code.abs(),
+                100.0 * g.relative_parts.readings,
+                100.0 * g.relative_parts.weights,
+                100.0 * g.relative_parts.gravity,
+                1e3 * found.shape.linearity_n,
+                hysteresis.map_or_else(|| "-".to_owned(), |h| format!("{h:.1}")),
+            );
+            let in_force = conversion_of(bench, *unit);
+            describe_conversion(&mut text, g, &in_force);
+            for (term, c) in &g.terms {
+                row!(
+                    text,
+                    "       {term:?}: {:.4e} +- {:.1e} (p {:.1e})",
+                    c.value,
+                    c.standard_error,
+                    c.p
+                );
+            }
+            if drafted {
+                bench
+                    .store
+                    .draft(&format!("gain-unit{unit}"))
+                    .finish(&kept.version)?;
+            }
+            let svg = residual_picture(*unit, found);
+            let path = picture(
+                &self.by_hand.out,
+                &format!("calibrate-gain-unit{unit}.svg"),
+                &svg,
+            )?;
+            context
+                .output
+                .note(&format!("residuals: {}", path.display()));
+            rows.push(json!({"unit": unit, "n_per_code": g.n_per_code, "n_per_code_half_95": g.n_per_code_half_95,
+                "n_per_code2": g.conversion().n_per_code2, "creep": g.creep.map(|c| c.share),
+                "creep_s": g.creep.map(|c| c.time_s), "curve_on_board": in_force.curve.pays, "creep_on_board": in_force.creep.pays,
+                "linearity_n": found.shape.linearity_n,
+                "hysteresis_n": found.shape.hysteresis.map(|h| h.largest_n), "readings": found.readings}));
+        }
+        row!(text, "version {}", kept.version);
+        Ok(Reply::new(
+            text,
+            json!({"version": kept.version, "gains": rows}),
+        ))
+    }
+}
+
+fn conversion_of(bench: &Bench, unit: u8) -> base::Conversion {
+    let unit = bench.record.units.iter().find(|u| u.number == unit);
+    base::conversion(unit.unwrap_or(&bench.record.units[0]))
+}
+
+/// What the board's conversion takes from a curve and creep that were found, and what it is worth.
+fn describe_conversion(text: &mut String, gain: &Fit, found: &base::Conversion) {
+    let mut line = |what: String, part: base::Correction| {
+        let verdict = if part.pays {
+            "the board corrects it"
+        } else {
+            "it does not pay, and the board does not correct it"
+        };
+        row!(
+            text,
+            "       {what}: up to {:.1} +- {:.1} mN; {verdict}",
+            1e3 * part.worth_n,
+            1e3 * part.sd_n
+        );
+    };
+    if gain.terms.contains_key(&Term::Quadratic) {
+        line("curve, against a straight scale".to_owned(), found.curve);
+    }
+    if let Some(creep) = gain.creep {
+        let (low, high) = creep.time_95_s;
+        let what = format!(
+            "creep of {:.2} +- {:.2} % in {:.1} s (95 %: {low:.1} to {high:.1} s)",
+            100.0 * creep.share,
+            196.0 * creep.share_se,
+            creep.time_s
+        );
+        line(what, found.creep);
+    }
+}
+
+fn residual_picture(unit: u8, found: &Fitted) -> String {
+    let rows: Vec<Bar> = found
+        .gain
+        .residuals
+        .iter()
+        .map(|r| Bar {
+            label: format!("line {}: {:.3} N", r.at.line, r.force_n),
+            value: 1e3 * r.residual_n,
+            sd: 1e3 * r.sd_n,
+        })
+        .collect();
+    let title = format!("unit {unit}: measured less fitted, on a band of two standard deviations");
+    bars(&title, "mN", &rows).to_svg()
+}

@@ -1,0 +1,304 @@
+//! The readings of `calibrate gain`: weight after weight, kept one by one, so that a break loses nothing.
+
+use super::super::exit::Result;
+use super::super::progress::Progress;
+use super::super::Context;
+use super::guide::{self, Answer};
+use super::{hang, Bench};
+use host_cli::calibrate::standin::Weights;
+use host_cli::calibrate::store::Draft;
+use host_cli::calibrate::weights::{self, Load};
+use host_cli::calibrate::{cells, CalibrateError};
+use host_cli::session::Session;
+use std::sync::atomic::AtomicBool;
+use std::sync::Arc;
+use std::time::Duration;
+use wire::UNITS;
+
+/// What is to be read, and how.
+pub(super) struct Plan {
+    /// The loads in their order.
+    pub loads: Vec<Load>,
+    /// How far a reading may drift, N.
+    pub drift_n: f64,
+    /// A stand-in hangs the weights, and nobody is asked.
+    pub yes: bool,
+    /// What is kept of an earlier series does not count.
+    pub restart: bool,
+}
+
+/// The series of one group of units that is going on.
+pub(super) struct Series<'p> {
+    plan: &'p Plan,
+    bench: &'p Bench,
+    group: &'p [u8],
+    who: String,
+    drafts: Vec<Draft>,
+    stop: Arc<AtomicBool>,
+    /// Rows that are kept.
+    done: usize,
+    /// The weight may not hang although it is to stay: the series goes on within a hold, or a reading failed.
+    hang_again: bool,
+    /// Since when the load is on, s.
+    since_s: f64,
+    /// Time of the series when this part of it began, s, and the link's time then, ns.
+    begun: (f64, u64),
+}
+
+/// What the user wants.
+enum Next {
+    /// Read the load.
+    Read,
+    /// Ask again.
+    Ask,
+}
+
+impl<'p> Series<'p> {
+    /// Goes on where a series that was broken off stopped.
+    pub fn begin(
+        plan: &'p Plan,
+        bench: &'p Bench,
+        group: &'p [u8],
+        session: &mut Session<'_>,
+        context: &Context,
+    ) -> Result<Self> {
+        let drafts: Vec<_> = group
+            .iter()
+            .map(|unit| bench.store.draft(&format!("gain-unit{unit}")))
+            .collect();
+        if plan.restart {
+            drafts.iter().try_for_each(Draft::discard)?;
+        }
+        let mut done = usize::MAX;
+        for draft in &drafts {
+            done = done.min(draft.rows()?);
+        }
+        let begun_s = begun_s(&drafts)?;
+        let series = Self {
+            plan,
+            bench,
+            group,
+            who: who(bench, group),
+            drafts,
+            stop: context.interrupt.flag(),
+            done,
+            hang_again: true,
+            since_s: begun_s,
+            begun: (begun_s, session.now_ns()),
+        };
+        if done > 0 {
+            context.output.note(&format!(
+                "{}: {} of {} readings are kept from before; going on (--restart begins anew)",
+                series.who,
+                series.asked(done),
+                series.asked(usize::MAX)
+            ));
+        }
+        Ok(series)
+    }
+
+    /// Readings that the user was asked for among the first rows: a load that stays is read without a question.
+    fn asked(&self, rows: usize) -> usize {
+        let loads = self.plan.loads.iter().take(rows);
+        loads.filter(|load| !load.stays).count()
+    }
+
+    fn now_s(&self, session: &Session<'_>) -> f64 {
+        let (begun_s, begun_ns) = self.begun;
+        begun_s + 1e-9 * session.now_ns().saturating_sub(begun_ns) as f64
+    }
+
+    /// Takes the readings that are left.
+    pub fn run(
+        mut self,
+        session: &mut Session<'_>,
+        standin: &mut Option<Weights>,
+        context: &Context,
+    ) -> Result<()> {
+        let mut progress = Progress::new(&context.output);
+        let ended = self.read_all(session, standin, context, &mut progress);
+        progress.done();
+        if standin.is_some() {
+            hang(session, self.group, 0.0)?;
+        }
+        ended
+    }
+
+    fn read_all(
+        &mut self,
+        session: &mut Session<'_>,
+        standin: &mut Option<Weights>,
+        context: &Context,
+        progress: &mut Progress,
+    ) -> Result<()> {
+        while let Some(&load) = self.plan.loads.get(self.done) {
+            if !load.stays || std::mem::take(&mut self.hang_again) {
+                if let Next::Ask = self.ask(&load, context)? {
+                    continue;
+                }
+                self.hang_again = false;
+                // A real link's time stands while the user is asked.
+                session
+                    .advance(Duration::from_millis(10))
+                    .map_err(CalibrateError::from)?;
+                self.since_s = self.now_s(session);
+                if let Some(standin) = standin {
+                    hang(session, self.group, standin.force_n(load.weight_g))?;
+                }
+            }
+            let part = self.done as f64 / self.plan.loads.len() as f64;
+            match self.take(session, &mut || progress.at("weighing", part)) {
+                Ok(means) => self.keep(session, &load, &means)?,
+                Err(CalibrateError::Refused(why)) if !self.plan.yes => {
+                    self.hang_again = true;
+                    progress.beside(|output| {
+                        output.error(&format!("{why}\nlet the weight come to rest and try again"));
+                    });
+                }
+                Err(error) => return Err(error.into()),
+            }
+        }
+        Ok(())
+    }
+
+    /// Asks for a load.
+    fn ask(&mut self, load: &Load, context: &Context) -> Result<Next> {
+        if self.plan.yes {
+            return Ok(Next::Read);
+        }
+        let (done, of) = (self.asked(self.done), self.asked(usize::MAX));
+        match guide::ask(&instruction(&self.who, load, done, of))? {
+            Answer::Undo => {
+                self.undo()?;
+                Ok(Next::Ask)
+            }
+            Answer::Quit => Err(guide::broken_off(done, of, "readings")),
+            Answer::Go(typed) => match confirms(&typed, load.weight_g) {
+                Ok(()) => Ok(Next::Read),
+                Err(why) => {
+                    context.output.error(&why);
+                    // The next question is for the same load.
+                    self.hang_again = true;
+                    Ok(Next::Ask)
+                }
+            },
+        }
+    }
+
+    /// Takes the last reading back, and those of a hold with the one that began it.
+    fn undo(&mut self) -> Result<()> {
+        self.hang_again = true;
+        while self.done > 0 {
+            self.drafts.iter().try_for_each(Draft::undo)?;
+            self.done -= 1;
+            if !self.plan.loads[self.done].stays {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn keep(&mut self, session: &Session<'_>, load: &Load, means: &[(f64, f64)]) -> Result<()> {
+        let at_s = self.now_s(session) - 0.5 * weights::READ.as_secs_f64();
+        for (draft, mean) in self.drafts.iter().zip(means) {
+            // A group that was broken off between two of its files.
+            if draft.rows()? == self.done {
+                weights::keep(draft, load, *mean, (at_s, self.since_s))?;
+            }
+        }
+        self.done += 1;
+        Ok(())
+    }
+
+    /// Mean codes of the group after it has settled.
+    fn take(
+        &self,
+        session: &mut Session<'_>,
+        tick: &mut dyn FnMut(),
+    ) -> host_cli::calibrate::Result<Vec<(f64, f64)>> {
+        let mut quiet = |_: f64| {};
+        cells::codes(session, weights::SETTLE, &self.stop, &mut quiet)?;
+        tick();
+        let codes: [Vec<i32>; UNITS] =
+            cells::codes(session, weights::READ, &self.stop, &mut quiet)?;
+        let rig = &self.bench.rig;
+        self.group
+            .iter()
+            .map(|unit| {
+                let at = rig.units.iter().position(|u| u.number == *unit);
+                let at = at.unwrap_or_default();
+                let scale = rig.units[at].scale_n_per_count;
+                weights::mean(&codes[at], scale, self.plan.drift_n).map_err(|error| match error {
+                    CalibrateError::Refused(why) => {
+                        CalibrateError::Refused(format!("unit {unit}: {why}"))
+                    }
+                    other => other,
+                })
+            })
+            .collect()
+    }
+}
+
+/// The group in words, with the serial number of its cell.
+fn who(bench: &Bench, group: &[u8]) -> String {
+    let [unit] = group else {
+        return "all units".to_owned();
+    };
+    let found = bench.record.units.iter().find(|u| u.number == *unit);
+    match found.map(|u| u.cell_serial.as_str()) {
+        Some(serial) if !serial.is_empty() => format!("unit {unit} (cell {serial})"),
+        _ => format!("unit {unit}"),
+    }
+}
+
+/// Time at which a series goes on, s: 0, or after the last reading that is kept and the time since it was written.
+fn begun_s(drafts: &[Draft]) -> Result<f64> {
+    let mut latest = 0.0f64;
+    for draft in drafts {
+        latest = latest.max(draft.last_number(TIME_COLUMN)?.unwrap_or(0.0) + draft.age_s()?);
+    }
+    Ok(latest)
+}
+
+/// Place of the time in a row of [`weights::HEADER`].
+const TIME_COLUMN: usize = 4;
+
+fn instruction(who: &str, load: &Load, done: usize, of: usize) -> String {
+    let what = if load.weight_g == 0.0 {
+        "take all weights off".to_owned()
+    } else {
+        format!("hang {} g", load.weight_g)
+    };
+    format!(
+        "{who}, reading {} of {of}: {what}, let it come to rest, then press Enter (u: undo the last reading, q: stop here)",
+        done + 1
+    )
+}
+
+/// Whether what was typed says that the weight hangs: nothing, or its number.
+fn confirms(typed: &str, weight_g: f64) -> std::result::Result<(), String> {
+    let number = typed.trim_end_matches('g').trim_end();
+    if typed.is_empty() || number.parse() == Ok(weight_g) {
+        return Ok(());
+    }
+    Err(if number.parse::<f64>().is_ok() {
+        format!("`{typed}` was typed, and {weight_g} g are asked for; hang them and press Enter, or u to take the last reading back")
+    } else {
+        format!("`{typed}` is no answer here; press Enter once {weight_g} g hang, u to take the last reading back, q to stop")
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::confirms;
+
+    #[test]
+    fn only_the_weight_that_is_asked_for_confirms() {
+        for typed in ["", "50", "50g", "50 g", "50.0"] {
+            assert_eq!(confirms(typed, 50.0), Ok(()), "{typed}");
+        }
+        for (typed, word) in [("500", "50 g are asked for"), ("yes", "no answer here")] {
+            assert!(confirms(typed, 50.0).is_err_and(|why| why.contains(word)));
+        }
+    }
+}
