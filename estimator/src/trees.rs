@@ -331,13 +331,22 @@ impl Stepper for BoostedStepper<'_> {
         let axes = self.model.physics.axes();
         let (moment, seen) = self.observer.take(input);
         let row = self.features.step(moment, seen, axes);
+        let speed = (seen.levers.transpose() * Vector3::from(moment.rate)).norm();
+        let step_s = self.model.physics.step_s();
+        let memory_s = STANDING_S * (-(speed / SLOW_M_PER_S).powi(2)).exp();
+        let share = step_s / (step_s + memory_s);
         for (k, (out, axis)) in force.iter_mut().zip(axes).enumerate() {
             let known = if self.model.correct {
                 seen.force[*axis]
             } else {
                 0.0
             };
-            *out = (known + self.model.forest.value(k, row)) as f32;
+            let fresh = known + self.model.forest.value(k, row);
+            if self.held.len() <= k {
+                self.held.push(fresh);
+            }
+            self.held[k] += share * (fresh - self.held[k]);
+            *out = self.held[k] as f32;
         }
     }
 
