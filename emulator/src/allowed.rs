@@ -15,13 +15,11 @@ pub struct Allowed {
 }
 
 /// The list.
-pub const ALLOWED: &[Allowed] = &[
-    Allowed {
-        place: "CRS.",
-        what: "no model",
-        reason: "clock recovery trims HSI48 by the USB host's frames; the emulated HSI48 is exact",
-    },
-];
+pub const ALLOWED: &[Allowed] = &[Allowed {
+    place: "CRS.",
+    what: "no model",
+    reason: "clock recovery trims HSI48 by the USB host's frames; the emulated HSI48 is exact",
+}];
 
 /// The reason why `event` is let pass, if it is.
 #[must_use]

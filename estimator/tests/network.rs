@@ -1,4 +1,5 @@
 //! Networks learn what a line can't, give the same forces in every form, and refuse what they can't use.
+#![cfg(feature = "networks")]
 
 use estimator::{
     model::{Model, ModelError},

@@ -2,6 +2,7 @@
 //!
 //! Needs Python with `onnxruntime` and `numpy`: that of `FORCE_PYTHON`, else `python3`. Without them the test says so and
 //! checks nothing.
+#![cfg(feature = "networks")]
 
 use std::{
     path::PathBuf,

@@ -385,8 +385,7 @@ fn a_recording_is_analysed_with_the_model_file_that_init_writes() {
         0,
         &["coulomb"],
     );
-    let report: serde_json::Value =
-        serde_json::from_str(&bench.read("found/report.json")).unwrap();
+    let report: serde_json::Value = serde_json::from_str(&bench.read("found/report.json")).unwrap();
     assert_eq!(report["effects"][0]["name"], "coulomb");
     // The plant's: 0.909 N and 0.154 of a tension of 2 to 4.6 N.
     let friction = -report["effects"][0]["params"]["friction"].as_f64().unwrap();

@@ -27,9 +27,9 @@ mod connection;
 mod disarm;
 #[cfg(test)]
 mod documented;
-mod exit;
 #[cfg(feature = "estimate")]
 mod estimate;
+mod exit;
 #[cfg(feature = "record")]
 mod experiment;
 mod explain;

@@ -354,7 +354,7 @@ mod tests {
         let inner = folder.path().join("dataset");
         std::fs::create_dir(&inner).unwrap();
         rows(&NAMES)
-            .write(&inner.join("trial-02.parquet"), 0, &[])
+            .write(&inner.join("trial-02.parquet"), &[])
             .unwrap();
         let card = serde_json::json!({
             "experiment": {"seed": 3, "robot": {"kind": "virtual", "seed": null}, "force": {"kind": "one_axis", "axis": [0.0, 1.0, 0.0]}},
