@@ -5,6 +5,7 @@ use crate::motion::{LowPass, Moment};
 use crate::physics::{settle_rows, Observer, Physics, Seen};
 use crate::sequence::Sequence;
 use forust_ml::{GradientBooster, Matrix};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
