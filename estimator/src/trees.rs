@@ -158,7 +158,7 @@ struct Features {
 }
 
 /// Tip speed below which the estimate is averaged over a longer time, m/s. There the motors hardly slide, and a single row tells little.
-const SLOW_M_PER_S: f64 = 0.002;
+const SLOW_M_PER_S: f64 = 0.003;
 /// Time constant of that average for a tip that stands, s.
 const STANDING_S: f64 = 1.0;
 /// Time constants of the slow features, s.

@@ -3,7 +3,7 @@
 mod common;
 
 use common::trial;
-use estimator::estimator::{Estimator, Kind, Training};
+use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::geometry::Base;
 use estimator::metrics::{compare, figures};
 use estimator::model::Progress;
@@ -33,6 +33,7 @@ fn training(kind: Kind) -> Training {
             leaf_rows: 20.0,
             ..TreesConfig::default()
         },
+        networks: NetworkLimits::default(),
         intervals: false,
     }
 }
