@@ -275,7 +275,7 @@ pub fn read<'a>(
         }
         // About a thousand, counted in rows that are taken: a stretch may begin at any row.
         taken += 1;
-        if !tip.is_empty() && (taken - 1) % (rows / every / 1_000).max(1) == 0 {
+        if !tip.is_empty() && (taken - 1).is_multiple_of((rows / every / 1_000).max(1)) {
             check(file, row, &time, tip.iter())?;
             part.tips.push((
                 core::array::from_fn(|i| inputs[i].at(row)),

@@ -148,6 +148,9 @@ pub struct StoredBoosted {
     forest: Vec<String>,
 }
 
+/// Rows of features, and a list of targets for each component, of one sequence.
+type Grown = (Vec<Vec<f64>>, Vec<Vec<f64>>);
+
 /// Features of a row.
 #[derive(Debug, Clone)]
 struct Features {
@@ -223,7 +226,7 @@ impl Boosted {
         let total: usize = sequences.iter().map(|s| s.rows()).sum();
         let every = total.div_ceil(config.rows.max(1)).max(1);
         let axes = physics.axes().to_vec();
-        let parts: Vec<(Vec<Vec<f64>>, Vec<Vec<f64>>)> = sequences
+        let parts: Vec<Grown> = sequences
             .par_iter()
             .map(|sequence| {
                 let (mut rows, mut targets) = (Vec::new(), vec![Vec::new(); axes.len()]);
