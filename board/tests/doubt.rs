@@ -172,6 +172,31 @@ fn a_motor_that_does_not_let_go_loses_its_power() {
     }
 }
 
+/// Words that reach the wrong DAC pull a cable that has let go already.
+#[test]
+fn a_faulted_unit_that_is_pulled_again_loses_its_power() {
+    for (later_n, stuck) in [(4.0, true), (1.5, false)] {
+        let mut bench = held(6_000_000);
+        let run = |bench: &mut Bench, ms: u32| {
+            for _ in 0..ms / 5 {
+                bench.setpoints(6_000_000);
+                bench.run(5);
+            }
+        };
+        bench.cell_n[3] = Some(-3.0);
+        run(&mut bench, 60);
+        assert_ne!(fault(&bench, 3), 0);
+        bench.cell_n[3] = Some(0.5);
+        run(&mut bench, 200);
+        assert!(!bench.machine.withholds_alive());
+        bench.cell_n[3] = Some(later_n);
+        run(&mut bench, 40);
+        assert!(!bench.machine.withholds_alive(), "too early");
+        run(&mut bench, 100);
+        assert_eq!(bench.machine.withholds_alive(), stuck, "{later_n} N");
+    }
+}
+
 #[test]
 fn a_cable_that_lets_go_is_no_fault() {
     let mut bench = held(6_000_000);

@@ -212,7 +212,7 @@ faults! {
         detail: "size of the tension in millinewton";
     /// The measured tension does not fit the command.
     Implausible = 45, Unit, "tension implausible",
-        meaning: "The measured tension is outside the friction model's band around the command, and the reel does not move as the difference would make it: the load cell reads wrong, the amplifier is off, or friction is far from the configured one.",
+        meaning: "The measured tension is outside the friction model's band around the command, and the reel does not move as the difference would make it; or the reel speeds up against a rising tension. The load cell reads wrong, the amplifier gives less or more than commanded, or friction is far from the configured one.",
         way_out: "Compare the load cell with a known weight, check the amplifier and its supply, and find friction with forcectl identify. plausible_n in the rig file is the permitted difference. Then clear and arm.",
         detail: "difference in millinewton; bit 31: more tension than the command makes";
     /// The command stands at its limit.

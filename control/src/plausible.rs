@@ -7,6 +7,8 @@
 //! | | the tension with zero | [`Fault::TensionNegative`] |
 //! | | the command with its limits, over time | [`Fault::CommandAtLimit`] |
 //! | | the tension with the friction model's band around the command, and the reel's motion with the difference | [`Fault::Implausible`] |
+//! | | the tension of a sliding reel with the edge of the band on that side | [`Fault::Implausible`] |
+//! | | the speed that the reel gains while the tension rises, with what the command can give | [`Fault::Implausible`] |
 //! | [`LetGo`] | the tension and the encoder before and after 0 V | [`Fault::OutputStuck`] |
 //!
 //! # The band, and why motion counts
@@ -16,6 +18,17 @@
 //! adds up the difference past [`UnitConfig::plausible_un`](wire::message::UnitConfig::plausible_un) and subtracts the
 //! momentum that the reel has gained. A cable that was slack, or a robot that pulls, moves the reel: nothing is left. A
 //! load cell that lies, or an amplifier that does not act, leaves the whole difference.
+//!
+//! A reel that slides has the friction of one direction only, so the tension is known better: it is at one edge of the band.
+//! There [`SLIDING_SHARE_Q8`] of the permitted difference is enough, and [`SLIDING_IMPULSE`]. This finds a slow drift of a load
+//! cell, which keeps inside the whole band until the cable is slack.
+//!
+//! # More pull than the command
+//!
+//! A reel that speeds up against a cable whose tension rises above its setpoint is driven by more force than its command
+//! gives: a robot that comes closer lowers the tension, one that goes away turns the reel the other way. [`Surge`] compares
+//! the momentum of four samples with the force that the command can explain. It acts within 10 ms of a jump of the
+//! amplifier's gain, before the load cell's filter has followed.
 
 use crate::config::Config;
 use crate::faults::Fault;
@@ -48,6 +61,31 @@ pub const IMPULSE: Newton = Newton::from_un(50_000_000);
 /// 0.51 kg / (3.125 ms)^2 = 5.22e-5 N a nanometre, times 2^22 steps and 256.
 const MOMENTUM_Q8: i64 = 56_075;
 
+/// Part of the permitted difference that a sliding reel may have from its edge of the band, times 256: 5/8, 1.6 N of 2.5 N.
+pub const SLIDING_SHARE_Q8: i64 = 160;
+
+/// Sum of the difference past that which makes a fault, in newton times samples: 0.5 N for 20 samples, 62 ms.
+pub const SLIDING_IMPULSE: Newton = Newton::from_un(10_000_000);
+
+/// Mean travel of a sample from which a reel counts as sliding, in nanometres: 1 mm/s. Less may be presliding.
+const SLIDING_NM: i32 = 3_125;
+
+/// Travel of a sample that enters the mean at most, in nanometres: 1 m/s.
+const SLIDING_CLAMP_NM: i32 = 3_125_000;
+
+/// How fast the mean of the travel follows, 1/8 a sample (25 ms).
+const SLIDING_SHIFT: u32 = 3;
+
+/// Momentum without an explanation that makes a fault, in newton times samples: 2 are 6 mN s, or 12 mm/s of a reel of 0.51 kg.
+/// The robot accelerates a reel by 3 mm/s in this time (the emulated trajectories), and the tension then falls.
+pub const SURGE: Newton = Newton::from_un(2_000_000);
+
+/// Tension above the setpoint from which a gain of speed counts as a surge.
+const SURGE_ERROR: Newton = Newton::from_un(500_000);
+
+/// Samples over which [`Surge`] compares, 12.5 ms: the settling time of the converter's filter.
+const SURGE_SAMPLES: usize = 4;
+
 /// How fast the command's envelopes follow it, 1/8 a sample (25 ms): the measured tension follows the command by the
 /// converter's 6 ms, the filter's 2 ms and a quarter of the cable's swing, 7 ms.
 const ENVELOPE_SHIFT: u32 = 3;
@@ -65,6 +103,47 @@ pub struct Watch {
     drives: bool,
     below: Difference,
     above: Difference,
+    /// Mean travel of a sample, in nanometres times 8.
+    sliding_nm_x8: i32,
+    sliding_below: Difference,
+    sliding_above: Difference,
+    surge: Surge,
+}
+
+/// The last samples' travel, and the force that explains a gain of speed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Surge {
+    /// The oldest first.
+    samples: [(i32, Newton); SURGE_SAMPLES],
+    filled: u8,
+    /// Samples for which a gain of speed without an explanation still counts: the load cell's filter shows the tension later.
+    remembered: u8,
+}
+
+impl Surge {
+    /// Adds a sample: its travel in nanometres, winding in positive, and the net force that the command can give in this
+    /// direction. Whether the reel has just gained more momentum than that explains.
+    fn add(&mut self, travel_nm: i32, force: Newton) -> bool {
+        let (before_nm, _) = self.samples[0];
+        self.samples.rotate_left(1);
+        self.samples[SURGE_SAMPLES - 1] = (travel_nm, force);
+        if usize::from(self.filled) < SURGE_SAMPLES {
+            self.filled += 1;
+            return false;
+        }
+        let explained = self
+            .samples
+            .iter()
+            .fold(Newton::ZERO, |sum, (_, force)| sum.saturating_add(*force));
+        let gained = i64::from(travel_nm) - i64::from(before_nm);
+        let momentum = Newton::from_wide((gained * MOMENTUM_Q8) >> 8);
+        self.remembered = if momentum.saturating_sub(explained) > SURGE {
+            SURGE_SAMPLES as u8
+        } else {
+            self.remembered.saturating_sub(1)
+        };
+        self.remembered > 0
+    }
 }
 
 /// A difference in one direction, added up.
@@ -77,8 +156,8 @@ struct Difference {
 }
 
 impl Difference {
-    /// Adds a sample's excess, and returns it where the reel's motion does not explain the sum.
-    fn add(&mut self, excess: Newton, travel_nm: i32) -> Option<Newton> {
+    /// Adds a sample's excess, and returns it where the sum is above `limit` and the reel's motion does not explain it.
+    fn add(&mut self, excess: Newton, travel_nm: i32, limit: Newton) -> Option<Newton> {
         if excess <= Newton::ZERO {
             *self = Self {
                 sum: 0,
@@ -89,7 +168,7 @@ impl Difference {
         self.sum = self.sum.saturating_add(i64::from(excess.to_bits()));
         let gained = i64::from(travel_nm) - i64::from(self.began_nm);
         let momentum = (gained.max(0) * MOMENTUM_Q8) >> 8;
-        (self.sum - momentum > i64::from(IMPULSE.to_bits())).then_some(excess)
+        (self.sum - momentum > i64::from(limit.to_bits())).then_some(excess)
     }
 }
 
@@ -127,6 +206,8 @@ impl Watch {
         self.negative(output)
             .or_else(|| self.limited(drive, output))
             .or_else(|| self.band(config, output))
+            .or_else(|| self.sliding(config, output))
+            .or_else(|| self.surges(config, drive, output))
     }
 
     fn frozen(&mut self, code: AdcCode) -> Option<(Fault, u32)> {
@@ -167,16 +248,75 @@ impl Watch {
             .saturating_add(config.plausible);
         let below = least.saturating_sub(output.direct);
         let above = output.direct.saturating_sub(most);
-        if let Some(excess) = self.below.add(below, output.travel_nm) {
+        if let Some(excess) = self.below.add(below, output.travel_nm, IMPULSE) {
             let difference = excess.saturating_add(config.plausible);
             return Some((Fault::Implausible, milli(difference)));
         }
         self.above
-            .add(above, output.travel_nm.saturating_neg())
+            .add(above, output.travel_nm.saturating_neg(), IMPULSE)
             .map(|excess| {
                 let difference = excess.saturating_add(config.plausible);
                 (Fault::Implausible, milli(difference) | 1 << 31)
             })
+    }
+
+    /// The edge of the band on the side to which the reel slides.
+    fn sliding(&mut self, config: &Config, output: &Output) -> Option<(Fault, u32)> {
+        let travel_nm = output.travel_nm.clamp(-SLIDING_CLAMP_NM, SLIDING_CLAMP_NM);
+        self.sliding_nm_x8 += travel_nm - (self.sliding_nm_x8 >> SLIDING_SHIFT);
+        let mean_nm = self.sliding_nm_x8 >> SLIDING_SHIFT;
+        let edge = |command| {
+            if mean_nm > 0 {
+                config.friction.least(command)
+            } else {
+                config.friction.most(command)
+            }
+        };
+        if mean_nm.abs() < SLIDING_NM {
+            self.sliding_below = Difference::default();
+            self.sliding_above = Difference::default();
+            return None;
+        }
+        let plausible = i64::from(config.plausible.to_bits());
+        let permitted = Newton::from_wide((plausible * SLIDING_SHARE_Q8) >> 8);
+        let below = edge(self.low)
+            .saturating_sub(permitted)
+            .saturating_sub(output.direct);
+        let above = output
+            .direct
+            .saturating_sub(edge(self.high).saturating_add(permitted));
+        if let Some(excess) = self
+            .sliding_below
+            .add(below, output.travel_nm, SLIDING_IMPULSE)
+        {
+            let difference = excess.saturating_add(permitted);
+            return Some((Fault::Implausible, milli(difference)));
+        }
+        self.sliding_above
+            .add(above, output.travel_nm.saturating_neg(), SLIDING_IMPULSE)
+            .map(|excess| {
+                let difference = excess.saturating_add(permitted);
+                (Fault::Implausible, milli(difference) | 1 << 31)
+            })
+    }
+
+    /// More speed than the command explains, while the tension rises above the setpoint.
+    fn surges(&mut self, config: &Config, drive: Drive, output: &Output) -> Option<(Fault, u32)> {
+        // The travel of a longer time than a sample's is no speed.
+        if drive != Drive::Follow || output.flags & flags::MISSED != 0 {
+            self.surge = Surge::default();
+            return None;
+        }
+        let force = config
+            .friction
+            .least(self.high)
+            .saturating_sub(output.direct)
+            .max(Newton::ZERO);
+        let surged = self.surge.add(output.travel_nm, force);
+        let error = output.direct.saturating_sub(output.setpoint);
+        // A jump that the spike gate holds back shows in no error yet.
+        (surged && (error > SURGE_ERROR || output.flags & flags::SPIKE != 0))
+            .then(|| (Fault::Implausible, milli(error) | 1 << 31))
     }
 
     /// The lowest command rises and the highest falls towards the present one.
@@ -214,8 +354,9 @@ const HELD: Newton = Newton::from_un(2_000_000);
 /// of 24 N/mm gives back between 2 and 1.1 N.
 const LET_GO_COUNTS: u64 = 5;
 
-/// Time after 0 V in which a cable must let go, in microseconds.
-pub const LET_GO_US: u32 = 150_000;
+/// Time after 0 V in which a cable must let go, in microseconds: three times what the converter's filter (12.5 ms), the unit's
+/// filter and the cable (6 ms on the emulated rig) take.
+pub const LET_GO_US: u32 = 75_000;
 
 /// Watches whether a cable lets go after its motor was switched to 0 V. Evidence is the tension where the load cell
 /// measures, and otherwise the encoder: a cable that relaxes turns the reel.
@@ -252,13 +393,26 @@ impl LetGo {
         }
     }
 
-    /// A sample of a unit that is not driven.
-    pub fn released(&mut self, tension: Newton) {
+    /// A sample of a unit that is not driven. `others_drive`: motors of the board are driven, so a word that reaches the wrong
+    /// DAC can pull this cable again after it let go. A robot cannot: a reel at 0 V pays out at less than [`LET_GO`].
+    pub fn released(
+        &mut self,
+        now: Micros,
+        counts: EncoderCounts,
+        tension: Newton,
+        others_drive: bool,
+    ) {
         if let Some(waiting) = &mut self.waiting {
             waiting.tension = Some(tension);
             if tension < LET_GO {
                 self.waiting = None;
             }
+        } else if others_drive && tension >= HELD {
+            self.waiting = Some(Waiting {
+                since: now,
+                at: counts,
+                tension: Some(tension),
+            });
         }
     }
 

@@ -2,11 +2,13 @@
 
 use crate::board::Board;
 use crate::engine::rigless::peers::Shared;
+use crate::engine::rigless::usb::SharedUsb;
 use crate::engine::rigless::RiglessEngine;
 use crate::engine::{Engine, EngineError, Memory, Progress, Trap};
 use crate::image::{Image, ImageError};
 use crate::rtt;
 use emulator_link::{Advanced, Injection, RegisterEvent, Report, Truth};
+use emulator_usb::{Core, Host};
 use plant::{ConfigError, Plant, PlantConfig};
 use std::fmt;
 use std::path::Path;
@@ -69,6 +71,7 @@ struct Gathered {
 pub struct Rig {
     engine: Box<dyn Engine>,
     board: Shared,
+    usb: SharedUsb,
     progress: Progress,
     rtt_block: Option<u32>,
     rtt: Vec<u8>,
@@ -93,10 +96,12 @@ impl Rig {
     pub fn boot_image(image: &Image, options: Options) -> Result<Self, RigError> {
         let plant = Plant::new(options.plant, options.seed).map_err(RigError::Plant)?;
         let board = Shared::new(Board::new(plant, options.seed).map_err(RigError::Refused)?);
-        let engine = Box::new(RiglessEngine::boot(image, &board)?);
+        let usb = SharedUsb::default();
+        let engine = Box::new(RiglessEngine::boot(image, &board, &usb)?);
         Ok(Self {
             engine,
             board,
+            usb,
             progress: Progress::default(),
             rtt_block: image.rtt,
             rtt: Vec::new(),
@@ -173,6 +178,11 @@ impl Rig {
         }
     }
 
+    /// The host at the board's USB socket and the core that it talks to. The host acts as virtual time passes.
+    pub fn usb<R>(&mut self, act: impl FnOnce(&mut Host, &mut Core) -> R) -> R {
+        self.usb.with(act)
+    }
+
     /// What the firmware has put into RTT channel 0 since the last call (defmt's encoding is the firmware's).
     pub fn take_rtt(&mut self) -> Vec<u8> {
         std::mem::take(&mut self.rtt)
@@ -207,6 +217,18 @@ impl Rig {
                 }
                 Ok(())
             }
+            Injection::PlugUsb(plugged) => {
+                self.usb.with(|host, core| host.set_cable(core, plugged));
+                Ok(())
+            }
+            Injection::SuspendUsb(on) => {
+                self.usb.with(|host, core| host.set_suspended(core, on));
+                Ok(())
+            }
+            Injection::ReadUsb(on) => {
+                self.usb.with(|host, _| host.set_reading(on));
+                Ok(())
+            }
             other => (self.board.lock().inject(other)).map_err(RigError::Refused),
         }
     }
@@ -232,6 +254,20 @@ impl Rig {
             what: what.to_owned(),
             count,
         }));
+        let misuse = self.usb.with(|_, core| core.take_complaints());
+        for (place, what) in misuse {
+            match register_events
+                .iter_mut()
+                .find(|event| event.place == place && event.what == what)
+            {
+                Some(event) => event.count += 1,
+                None => register_events.push(RegisterEvent {
+                    place,
+                    what,
+                    count: 1,
+                }),
+            }
+        }
         register_events.sort();
         let (conversions, conversions_read) = board.conversions();
         let now_ns = self.progress.now_ns;

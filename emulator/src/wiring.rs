@@ -85,14 +85,21 @@ pub const DAC_CS: [Pin; UNITS] = [
 /// E-stop loop: high = closed.
 pub const E_STOP: Pin = pin('G', 8);
 
+/// USB data lines.
+pub const USB_DM: Pin = pin('A', 11);
+/// See [`USB_DM`].
+pub const USB_DP: Pin = pin('A', 12);
+
 /// Pins in an alternate function, with its number and what for.
-pub const FUNCTIONS: [(Pin, u8, &str); 6] = [
+pub const FUNCTIONS: [(Pin, u8, &str); 8] = [
     (DAC_SCK, 5, "SPI1_SCK"),
     (DAC_MOSI, 5, "SPI1_MOSI"),
     (I2C_SCL, 4, "I2C1_SCL"),
     (I2C_SDA, 4, "I2C1_SDA"),
     (VCP_TX, 7, "USART3_TX"),
     (VCP_RX, 7, "USART3_RX"),
+    (USB_DM, 10, "OTG_HS D-"),
+    (USB_DP, 10, "OTG_HS D+"),
 ];
 
 /// Level of each line of a port that nothing drives, as the motor control board's resistors set it: the
@@ -155,6 +162,8 @@ mod tests {
             ("DAC_LDAC".into(), DAC_LDAC),
             ("DAC_RST".into(), DAC_RST),
             ("E_STOP".into(), E_STOP),
+            ("USB_DM".into(), USB_DM),
+            ("USB_DP".into(), USB_DP),
         ];
         for n in 0..UNITS {
             ours.push((format!("DRDY{}", n + 1), DRDY[n]));

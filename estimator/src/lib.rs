@@ -1,7 +1,20 @@
 //! Sensorless estimation of the contact force: from joint positions, velocities and efforts of a
 //! cable-driven robot to the force on its tool.
 //!
-//! [`sequence`] holds what every model reads, [`model`] what every model does.
+//! [`data`] turns logs into sequences, [`sequence`] is what every model reads, [`model`] what every model does, `network` the
+//! neural ones. [`estimator`] is a model with all that belongs to it, [`metrics`] how good it is, [`interval`] how sure.
 
+pub mod baseline;
+pub mod data;
+pub mod estimator;
+pub mod geometry;
+pub mod interval;
+pub mod metrics;
 pub mod model;
+pub mod motion;
+#[cfg(feature = "networks")]
+pub mod network;
+pub mod physics;
+pub mod ridge;
 pub mod sequence;
+pub mod trees;

@@ -44,3 +44,16 @@ pub trait Stepper {
     /// Forgets the past: the next row begins a sequence.
     fn reset(&mut self);
 }
+
+/// Forces of a sequence by steps from its start: `rows * targets` values.
+pub fn by_steps(
+    mut stepper: Box<dyn Stepper + '_>,
+    sequence: &Sequence,
+    targets: usize,
+) -> Vec<f32> {
+    let mut out = vec![0.0; sequence.rows() * targets];
+    for (k, force) in out.chunks_exact_mut(targets).enumerate() {
+        stepper.step(sequence.input_row(k), force);
+    }
+    out
+}

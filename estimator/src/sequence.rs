@@ -47,4 +47,23 @@ impl Sequence {
     pub fn target_row(&self, row: usize) -> &[f32] {
         &self.target[row * self.targets..(row + 1) * self.targets]
     }
+
+    /// The same rows with these components of the target alone.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such component.
+    #[must_use]
+    pub fn with_axes(&self, axes: &[usize]) -> Self {
+        let target = self
+            .target
+            .chunks_exact(self.targets)
+            .flat_map(|row| axes.iter().map(|a| row[*a]))
+            .collect();
+        Self {
+            target,
+            targets: axes.len(),
+            ..self.clone()
+        }
+    }
 }

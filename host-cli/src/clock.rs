@@ -11,6 +11,10 @@
 //! are true and the drift changes by no more than [`DRIFT_CHANGE_PER_S`]. The shortest delays of the window decide, as in the
 //! minimum filter of PTP and NTP; the two-sided form is the convex-hull method (Duda et al. 1987).
 
+mod one_way;
+
+pub use one_way::OneWayClock;
+
 use std::collections::VecDeque;
 
 /// Largest drift of the board's clock against the host's. A board without its HSE input runs on the HSI: 1 % (docs/wiring.md).
@@ -91,16 +95,37 @@ impl Estimate {
 }
 
 /// Collects readings and estimates offset and drift.
-#[derive(Debug, Clone, Default)]
+#[derive(Debug, Clone)]
 pub struct BoardClock {
     bins: VecDeque<Bin>,
     open: Bin,
     open_until_us: u64,
     /// Bins older than this before the newest are dropped, us; `None`: all are kept.
     memory_us: Option<u64>,
+    /// Largest drift that is looked at.
+    drift_max: f64,
+}
+
+impl Default for BoardClock {
+    fn default() -> Self {
+        Self {
+            bins: VecDeque::new(),
+            open: Bin::default(),
+            open_until_us: 0,
+            memory_us: None,
+            drift_max: DRIFT_MAX,
+        }
+    }
 }
 
 impl BoardClock {
+    /// For clocks that drift by less against each other than a board's without its crystal.
+    #[must_use]
+    pub fn with_drift_max(mut self, drift_max: f64) -> Self {
+        self.drift_max = drift_max;
+        self
+    }
+
     /// For use while readings come: keeps the last window.
     #[must_use]
     pub fn live() -> Self {
@@ -175,6 +200,7 @@ impl BoardClock {
             lower: Vec::new(),
             upper: Vec::new(),
             reach_s: 0.0,
+            drift_max: self.drift_max,
         };
         // Bins are in order of time.
         let first = self.bins.partition_point(|bin| {
@@ -242,6 +268,8 @@ struct Window {
     upper: Vec<(f64, f64)>,
     /// Largest distance in time, s.
     reach_s: f64,
+    /// Largest drift that is looked at.
+    drift_max: f64,
 }
 
 impl Window {
@@ -287,15 +315,15 @@ impl Window {
         if self.lower.is_empty() {
             return Some(self.one_sided());
         }
-        let best = largest(-DRIFT_MAX, DRIFT_MAX, |drift| self.room(drift));
+        let best = largest(-self.drift_max, self.drift_max, |drift| self.room(drift));
         let room = self.room(best);
         let contradiction_ns = (-room).max(0.0);
         // With a contradiction the set is one line; what it violates goes into the uncertainty.
         let (first, last) = if room > 0.0 {
             let possible = |drift: f64| self.room(drift) >= 0.0;
             (
-                boundary(best, -DRIFT_MAX, possible),
-                boundary(best, DRIFT_MAX, possible),
+                boundary(best, -self.drift_max, possible),
+                boundary(best, self.drift_max, possible),
             )
         } else {
             (best, best)
@@ -320,7 +348,7 @@ impl Window {
             offset_ns: self.reference_ns as f64 + self.highest(0.0),
             uncertainty_ns: f64::INFINITY,
             drift: 0.0,
-            drift_uncertainty: DRIFT_MAX,
+            drift_uncertainty: self.drift_max,
             contradiction_ns: 0.0,
         }
     }

@@ -3,7 +3,7 @@
 use emulator_link::{Injection, UNITS};
 
 /// The words, for help texts.
-pub const HELP: &str = "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop, estop-release, spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, open-bridge=UNIT, frozen-code=UNIT, wrong-sign=UNIT, stuck-dac=UNIT, amplifier-off=UNIT, hang; each with @TIME (seconds after the force is commanded, or `start` for power-on), as in unplug=3@2s";
+pub const HELP: &str = "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop, estop-release, spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, open-bridge=UNIT, frozen-code=UNIT, wrong-sign=UNIT, stuck-dac=UNIT, amplifier-off=UNIT, hang, usb-out, usb-in, usb-suspend, usb-resume (a rig started with --usb); each with @TIME (seconds after the force is commanded, or `start` for power-on), as in unplug=3@2s";
 
 /// Reads one injection and its time in seconds after the force is commanded (`-inf`: at power-on).
 ///
@@ -64,6 +64,10 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
         "stuck-dac" => Injection::StuckDac(unit()?, true),
         "amplifier-off" => Injection::AmplifierOff(unit()?, true),
         "hang" => Injection::HangLoop,
+        "usb-out" => Injection::PlugUsb(false),
+        "usb-in" => Injection::PlugUsb(true),
+        "usb-suspend" => Injection::SuspendUsb(true),
+        "usb-resume" => Injection::SuspendUsb(false),
         _ => return Err(wrong("unknown")),
     };
     Ok((at_s, injection))
@@ -84,6 +88,10 @@ pub fn describe(injection: &Injection) -> Option<String> {
         Injection::FreezeEncoder(unit, true) => format!("freeze-encoder={unit}"),
         Injection::FreezeEncoder(unit, false) => format!("thaw-encoder={unit}"),
         Injection::HangLoop => "hang".to_owned(),
+        Injection::PlugUsb(false) => "usb-out".to_owned(),
+        Injection::PlugUsb(true) => "usb-in".to_owned(),
+        Injection::SuspendUsb(true) => "usb-suspend".to_owned(),
+        Injection::SuspendUsb(false) => "usb-resume".to_owned(),
         Injection::OpenBridge(unit, true) => format!("open-bridge={unit}"),
         Injection::FrozenCode(unit, true) => format!("frozen-code={unit}"),
         Injection::WrongSign(unit, true) => format!("wrong-sign={unit}"),
@@ -141,6 +149,10 @@ mod tests {
             "freeze-encoder=4",
             "thaw-encoder=4",
             "hang",
+            "usb-out",
+            "usb-in",
+            "usb-suspend",
+            "usb-resume",
         ] {
             let (_, injection) = parse(&format!("{words}@start")).unwrap();
             assert_eq!(describe(&injection).as_deref(), Some(words));

@@ -16,6 +16,7 @@
 //! | how good was it | [`force::metrics`], [`plot`] |
 //! | what does the rig lack in its rig file | [`identify`](mod@crate::identify), [`findings`](mod@crate::identify::findings) |
 //! | a day in the lab: trials, datasets | [`experiment`](mod@crate::experiment) |
+//! | which force acts on the tool, from the robot's state alone | [`estimate`](mod@crate::estimate) |
 //! | what is kept of it | [`recording`](mod@crate::recording) |
 //!
 //! SI units throughout; the wire's integers end at [`session`].
@@ -24,6 +25,8 @@
 
 pub mod calibrate;
 pub mod clock;
+#[cfg(feature = "estimate")]
+pub mod estimate;
 #[cfg(feature = "record")]
 pub mod experiment;
 pub mod force;

@@ -364,3 +364,30 @@ fn check_data_are_evaluated_and_must_exist() {
         &["--check none.csv", "does not exist"],
     );
 }
+
+/// The model file for recordings fits what forcectl records, and finds the friction of the cables there.
+#[cfg(feature = "record")]
+#[test]
+fn a_recording_is_analysed_with_the_model_file_that_init_writes() {
+    let bench = Folder::new();
+    bench.expect(
+        "set-force 0 2.5 0 --link fast --duration 40 --record rec",
+        0,
+        &["recording"],
+    );
+    bench.expect(
+        "residual --data rec --model MODEL.toml --init",
+        0,
+        &["--data rec/samples.parquet --model MODEL.toml"],
+    );
+    bench.expect(
+        "residual --data rec/samples.parquet --model MODEL.toml --out found",
+        0,
+        &["coulomb"],
+    );
+    let report: serde_json::Value = serde_json::from_str(&bench.read("found/report.json")).unwrap();
+    assert_eq!(report["effects"][0]["name"], "coulomb");
+    // The plant's: 0.909 N and 0.154 of a tension of 2 to 4.6 N.
+    let friction = -report["effects"][0]["params"]["friction"].as_f64().unwrap();
+    assert!((0.9..1.6).contains(&friction), "{friction} N");
+}

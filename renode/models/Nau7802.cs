@@ -178,13 +178,19 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 if(conversionReady)
                 {
                     conversionReady = false;
-                    rig.NoteRead(unit);
+                    answered = true;
                     UpdateReadyPin();
                 }
                 return (byte)(latched >> 16);
             case Result + 1:
                 return (byte)(latched >> 8);
             case Result + 2:
+                if(answered)
+                {
+                    // Only now: a word for the DAC that was sent meanwhile cannot come from this result.
+                    answered = false;
+                    rig.NoteRead(unit);
+                }
                 return (byte)latched;
             case Adc:
                 return (registers[Pga] & 0x80) == 0 ? registers[address] : (byte)0;
@@ -397,6 +403,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private bool calibrationFails;
         private bool converting;
         private bool conversionReady;
+        private bool answered;
         private int settling;
         private int result;
         private int latched;

@@ -260,16 +260,24 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             machine.SystemBus.WriteByte(address, (byte)(machine.SystemBus.ReadByte(address) ^ 1 << bit));
         }
 
-        /// Latencies from DRDY to the updated DAC output since the start, in ns: smallest, median, largest.
-        public string LatencyNs(int unit)
+        /// Latencies of a unit from DRDY to the updated DAC output since ForgetTrips, in ns.
+        public string LatenciesNs(int unit)
         {
-            var all = new List<ulong>();
+            var all = new List<string>();
             foreach(var trip in Trips[Index(unit)])
             {
-                all.Add(trip.UpdateNs - trip.ReadyNs);
+                all.Add((trip.UpdateNs - trip.ReadyNs).ToString());
             }
-            all.Sort();
-            return all.Count == 0 ? "none" : all[0] + " " + all[all.Count / 2] + " " + all[all.Count - 1];
+            return string.Join(" ", all);
+        }
+
+        /// Begins a new measurement of LatenciesNs.
+        public void ForgetTrips()
+        {
+            foreach(var trips in Trips)
+            {
+                trips.Clear();
+            }
         }
 
         /// True cable tension in N.

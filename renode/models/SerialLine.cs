@@ -1,4 +1,4 @@
-// The far end of USART3: bytes to the board arrive at its baud rate, bytes from the board are stored without loss.
+// The far end of USART3: bytes to the board arrive at its baud rate, bytes from the board are stored until they are taken.
 
 using System;
 using System.Collections.Generic;
@@ -120,11 +120,19 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             lock(fromBoard)
             {
+                if(fromBoard.Count >= Most)
+                {
+                    // An interactive run, where nothing takes them.
+                    fromBoard.RemoveRange(0, Most / 2);
+                }
                 fromBoard.Add(value);
             }
         }
 
         private bool busy;
+
+        /// 40 s of the line at 2 Mbaud.
+        private const int Most = 1 << 23;
 
         private readonly IUART uart;
         private readonly VirtualTime time;

@@ -5,72 +5,17 @@
 //! python3-sensor-msgs` installs them.
 #![cfg(feature = "ros1")]
 
+use common::{ros, Process, Ros, PATIENCE};
 use robot::crtk::AdapterConfig;
 use robot::source::ros1::Ros1;
 use robot::source::{Poll, Ros1Config, Source};
 use robot::state::{Acts, Frame, Meaning, TipForce};
 use robot::watch::{Event, WatchConfig};
-use std::net::{TcpListener, TcpStream};
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::process::Stdio;
 use std::time::{Duration, Instant};
 
-/// Programs that the test needs.
-const TOOLS: [&str; 3] = ["/usr/bin/roscore", "/usr/bin/rostopic", "/usr/bin/rosbag"];
-/// How long to wait for something that must come. It is no measure of anything.
-const PATIENCE: Duration = Duration::from_secs(60);
-
-/// A process in a group of its own, ended with the test.
-struct Process(Child);
-
-impl Drop for Process {
-    fn drop(&mut self) {
-        signal(&self.0, "-KILL");
-        let _ = self.0.wait();
-    }
-}
-
-fn signal(child: &Child, signal: &str) {
-    let group = format!("-{}", child.id());
-    let _ = Command::new("kill").args([signal, "--", &group]).status();
-}
-
-struct Ros {
-    port: u16,
-    folder: tempfile::TempDir,
-}
-
-impl Ros {
-    fn command(&self, program: &str, arguments: &[&str]) -> Command {
-        use std::os::unix::process::CommandExt;
-        let mut command = Command::new(format!("/usr/bin/{program}"));
-        command
-            .args(arguments)
-            .env("PATH", "/usr/bin:/bin")
-            .env("ROS_MASTER_URI", self.master())
-            .env("ROS_IP", "127.0.0.1")
-            .env("ROS_LOG_DIR", self.folder.path())
-            .env("ROS_HOME", self.folder.path())
-            .current_dir(self.folder.path())
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(Stdio::null())
-            .process_group(0);
-        command
-    }
-
-    fn start(&self, program: &str, arguments: &[&str]) -> Process {
-        Process(self.command(program, arguments).spawn().expect(program))
-    }
-
-    fn publish(&self, topic: &str, kind: &str, text: &str) -> Process {
-        self.start("rostopic", &["pub", "-s", "-r", "50", topic, kind, text])
-    }
-
-    fn master(&self) -> String {
-        format!("http://127.0.0.1:{}", self.port)
-    }
-}
+#[path = "common/ros.rs"]
+mod common;
 
 /// A source, polled on the host's clock, with everything that came so far.
 struct Listener {
@@ -123,26 +68,8 @@ fn force(y: f64) -> TipForce {
     }
 }
 
-fn ros() -> Option<(Ros, Process)> {
-    if let Some(missing) = TOOLS.iter().find(|tool| !Path::new(tool).exists()) {
-        println!("skipped: {missing} is not installed");
-        return None;
-    }
-    let port = TcpListener::bind("127.0.0.1:0")
-        .and_then(|socket| socket.local_addr())
-        .expect("a free port")
-        .port();
-    let ros = Ros {
-        port,
-        folder: tempfile::tempdir().expect("a folder"),
-    };
-    let core = ros.start("roscore", &["-p", &port.to_string()]);
-    let limit = Instant::now() + PATIENCE;
-    while TcpStream::connect(("127.0.0.1", port)).is_err() {
-        assert!(Instant::now() < limit, "roscore does not come up");
-        std::thread::sleep(Duration::from_millis(50));
-    }
-    Some((ros, core))
+fn publish(ros: &Ros, topic: &str, kind: &str, text: &str) -> Process {
+    ros.start("rostopic", &["pub", "-s", "-r", "50", topic, kind, text])
 }
 
 fn listener(ros: &Ros) -> Listener {
@@ -174,8 +101,8 @@ fn listener(ros: &Ros) -> Listener {
 fn a_robot_on_debians_ros() {
     let Some((ros, _core)) = ros() else { return };
     let mut listener = listener(&ros);
-    let joints = ros.publish("/arm/measured_js", "sensor_msgs/JointState", JOINTS);
-    let _pose = ros.publish("/arm/measured_cp", "geometry_msgs/PoseStamped", POSE);
+    let joints = publish(&ros, "/arm/measured_js", "sensor_msgs/JointState", JOINTS);
+    let _pose = publish(&ros, "/arm/measured_cp", "geometry_msgs/PoseStamped", POSE);
 
     // rostopic takes its time to start: a silence before the first state is no fault of the source.
     listener.until("the first state", |l| !l.all.states.is_empty());
@@ -201,7 +128,7 @@ fn a_robot_on_debians_ros() {
     a_request_reaches_us(&ros, &mut listener);
 
     // A second publisher of the same topic.
-    let second = ros.publish("/arm/measured_js", "sensor_msgs/JointState", JOINTS);
+    let second = publish(&ros, "/arm/measured_js", "sensor_msgs/JointState", JOINTS);
     listener.until("two publishers", |l| {
         l.all
             .events
@@ -245,8 +172,7 @@ fn our_force_reaches_a_bag(ros: &Ros, listener: &mut Listener) {
         // Well past the header and a chunk of messages.
         published > 300 && active.exists()
     });
-    signal(&recorder.0, "-INT");
-    let _ = recorder.0.wait();
+    recorder.interrupt();
     let info = ros
         .command("rosbag", &["info", path])
         .stdout(Stdio::piped())
@@ -277,7 +203,8 @@ fn our_force_reaches_a_bag(ros: &Ros, listener: &mut Listener) {
 
 /// A force that is asked for over servo_cf.
 fn a_request_reaches_us(ros: &Ros, listener: &mut Listener) {
-    let _commander = ros.publish(
+    let _commander = publish(
+        ros,
         "/cable_rig/spatial/servo_cf",
         "geometry_msgs/WrenchStamped",
         "{header: auto, wrench: {force: {x: 0.5, y: 1.5, z: -0.5}}}",
@@ -296,7 +223,7 @@ fn a_pose_of_nan_on_debians_ros() {
     let Some((ros, _core)) = ros() else { return };
     let mut listener = listener(&ros);
     let bad = JOINTS.replace("[0.5, 1.5, 0.4]", "[0.5, .nan, 0.4]");
-    let _joints = ros.publish("/arm/measured_js", "sensor_msgs/JointState", &bad);
+    let _joints = publish(&ros, "/arm/measured_js", "sensor_msgs/JointState", &bad);
     listener.until("an event", |l| {
         l.all.events.iter().any(|e| matches!(e, Event::Invalid(_)))
     });

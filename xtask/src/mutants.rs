@@ -34,10 +34,13 @@ mutants! {
     "negative-limit-times-ten": "control/src/plausible.rs", "Newton::from_un(-1_000_000)" => "Newton::from_un(-10_000_000)";
     "command-at-limit-off": "control/src/plausible.rs", "pub const LIMIT_SAMPLES: u8 = 64;" => "pub const LIMIT_SAMPLES: u8 = 255;";
     "impulse-limit-times-eight": "control/src/plausible.rs", "Newton::from_un(50_000_000)" => "Newton::from_un(400_000_000)";
+    "sliding-off": "control/src/plausible.rs", "mean_nm.abs() < SLIDING_NM" => "mean_nm.abs() < i32::MAX";
+    "surge-off": "control/src/plausible.rs", "(surged && (" => "(surged && false && (";
     "let-go-off": "control/src/plausible.rs", "waited > LET_GO_US && waited < u32::MAX / 2" => "waited > LET_GO_US && waited < 0";
     "tip-limit-doubled": "control/src/tip.rs", "self.over = if size > self.limit_n" => "self.over = if size > 2.0 * self.limit_n";
     "sensor-silent-off": "control/src/supervisor.rs", "silent_us: 12_500" => "silent_us: 12_500_000";
     "sensor-fast-off": "control/src/supervisor.rs", "min_us: 2_900" => "min_us: 290";
+    "sensor-slow-off": "control/src/supervisor.rs", "max_us: 3_370" => "max_us: 33_700";
     "expiry-ignored": "control/src/supervisor.rs", ".is_some_and(|(at, valid_us)| now.since(at) > valid_us)" => ".is_some_and(|(at, _)| now.since(at) > 2_000_000_000)";
     "encoder-watch-off": "control/src/supervisor.rs", "pub const STILL_SWING: Newton = Newton::from_un(6_000_000);" => "pub const STILL_SWING: Newton = Newton::from_un(60_000_000);";
     "encoder-noise-off": "board/src/machine/supervision.rs", "const ENCODER_NOISE_EVENTS: u8 = 5;" => "const ENCODER_NOISE_EVENTS: u8 = 255;";

@@ -32,7 +32,7 @@ struct Step {
 }
 
 /// Cheap checks first; what later steps need before them.
-const STEPS: [Step; 17] = [
+const STEPS: [Step; 18] = [
     Step {
         name: "lock",
         title: "Cargo.lock fits the manifests",
@@ -102,6 +102,11 @@ const STEPS: [Step; 17] = [
         name: "ros1",
         title: "robot on ROS 1: Debian's roscore, rostopic and rosbag",
         run: ros1,
+    },
+    Step {
+        name: "ros2",
+        title: "robot on ROS 2: another DDS (skips itself without it)",
+        run: ros2,
     },
     Step {
         name: "clippy",
@@ -490,7 +495,24 @@ fn ros1(suite: &mut Suite) -> Result<Outcome> {
         )));
     }
     let mut command = suite.cargo("test");
-    command.args(["--package", "robot", "--features", "ros1", "--test", "ros1"]);
+    command.args(["--package", "robot", "--package", "host-cli"]);
+    command.args(["--features", "ros1", "--test", "ros1"]);
+    suite.tests(&mut command)
+}
+
+fn ros2(suite: &mut Suite) -> Result<Outcome> {
+    let python = std::env::var("ROS2_TEST_PYTHON").unwrap_or_else(|_| "python3".to_owned());
+    let has_dds = process::command(&python, Sees::CompilerAndFlags)
+        .args(["-c", "import cyclonedds"])
+        .stderr(Stdio::null())
+        .status();
+    if !has_dds.is_ok_and(|status| status.success()) {
+        return Ok(Outcome::Skipped(format!(
+            "{python} has no cyclonedds (pip install cyclonedds; ROS2_TEST_PYTHON names another Python)"
+        )));
+    }
+    let mut command = suite.cargo("test");
+    command.args(["--package", "robot", "--features", "ros2", "--test", "ros2"]);
     suite.tests(&mut command)
 }
 

@@ -28,6 +28,7 @@ mod tick;
 pub mod time;
 pub mod usart;
 pub mod usb;
+pub mod usb_class;
 pub mod watchdog;
 
 pub use stm32h7::stm32h753 as pac;

@@ -13,10 +13,12 @@
 use super::pac::{self, interrupt, OTG2_HS_GLOBAL};
 use super::startup;
 use super::usart::{Consumer, Producer, Queue};
+use super::usb_class::{self, Corrections};
 use crate::clocks;
 use core::sync::atomic::{AtomicBool, Ordering};
 use synopsys_usb_otg::{UsbBus, UsbPeripheral};
 use usb_device::bus::UsbBusAllocator;
+use usb_device::class::UsbClass;
 use usb_device::device::{
     StringDescriptors, UsbDevice, UsbDeviceBuilder, UsbDeviceState, UsbVidPid,
 };
@@ -60,6 +62,8 @@ pub struct Usb {
     port: SerialPort<'static, Bus>,
     queue: Consumer,
     trimmed: bool,
+    /// DTR at the last poll.
+    opened: bool,
 }
 
 /// The queue's end for frames; the link itself where the core answers.
@@ -81,10 +85,15 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
         .manufacturer("force rig")
         .product("force board")
         .serial_number("1");
-    let Ok(builder) = UsbDeviceBuilder::new(bus, ID).strings(&[strings]) else {
+    let builder = UsbDeviceBuilder::new(bus, ID)
+        .self_powered(true)
+        .strings(&[strings]);
+    let Ok(builder) = builder else {
         return (None, producer);
     };
-    let device = builder.device_class(usbd_serial::USB_CLASS_CDC).build();
+    let mut device = builder.device_class(usbd_serial::USB_CLASS_CDC).build();
+    // The builder's setting is for the descriptor alone; this one answers GET_STATUS.
+    device.set_self_powered(true);
     startup::unmask(pac::Interrupt::OTG_FS);
     (
         Some(Usb {
@@ -92,6 +101,7 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
             port,
             queue: QUEUE.stream_consumer(),
             trimmed: false,
+            opened: false,
         }),
         producer,
     )
@@ -122,12 +132,25 @@ fn core_answers() -> bool {
 impl Usb {
     /// Transfers at most one packet in each direction. Passes on the received bytes.
     pub fn serve(&mut self, mut take: impl FnMut(u8)) {
-        self.device.poll(&mut [&mut self.port]);
-        if !self.trimmed && self.device.state() != UsbDeviceState::Default {
+        self.device.poll(&mut [&mut Corrections, &mut self.port]);
+        usb_class::refuse_unexpected_data(self.device.bus());
+        // Frames come from a host that gave an address. A suspended bus, or one without a cable, has none.
+        let framed = matches!(
+            self.device.state(),
+            UsbDeviceState::Addressed | UsbDeviceState::Configured
+        );
+        if !self.trimmed && framed {
             self.trimmed = true;
             startup::trim_usb_clock();
         }
-        let open = self.device.state() == UsbDeviceState::Configured && self.port.dtr();
+        let opened = self.port.dtr();
+        if self.opened && !opened {
+            // What is left was meant for the program that closed the port: the next one starts with a whole frame.
+            UsbClass::reset(&mut self.port);
+            usb_class::discard_packet();
+        }
+        self.opened = opened;
+        let open = self.device.state() == UsbDeviceState::Configured && opened;
         let mut packet = [0; 64];
         if let Ok(length) = self.port.read(&mut packet) {
             packet.iter().take(length).for_each(|byte| take(*byte));

@@ -17,6 +17,8 @@ pub struct PendingSample {
     drive: Drive,
     tip_force_mn: u16,
     output: Output,
+    /// The output was computed from a configuration that is whole.
+    measured: bool,
 }
 
 impl PendingSample {
@@ -63,6 +65,10 @@ impl Machine {
         if !slot.config.is_sealed() {
             // The output follows from numbers that are wrong: none.
             self.fault_board_once(Fault::ConfigCrc, u32::from(unit) + 1, at, fx);
+            // Nor can the tension tell whether the cable lets go: the encoder has to.
+            if let Some(slot) = self.units.get_mut(usize::from(unit)) {
+                slot.let_go.blind();
+            }
             let pending = PendingSample {
                 unit,
                 adc_code,
@@ -97,6 +103,7 @@ impl Machine {
             drive,
             tip_force_mn: 0,
             output,
+            measured: true,
         };
         if let Some((fault, detail)) = output.fault {
             self.fault_unit(unit, fault, detail, at, fx);
@@ -109,7 +116,12 @@ impl Machine {
     /// fault writes 0 V behind it.
     pub fn check(&mut self, pending: &mut PendingSample, fx: &mut impl Effects) {
         let (unit, at, output) = (pending.unit, pending.at, pending.output);
-        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
+        let others_drive = self.system.drives();
+        let Some(slot) = self
+            .units
+            .get_mut(usize::from(unit))
+            .filter(|_| pending.measured)
+        else {
             return;
         };
         if output.flags & flags::SPIKE != 0 {
@@ -126,7 +138,8 @@ impl Machine {
             slot.let_go.driven(pending.encoder_counts, output.tension);
         } else {
             slot.let_go.switched_off(at);
-            slot.let_go.released(output.tension);
+            slot.let_go
+                .released(at, pending.encoder_counts, output.tension, others_drive);
         }
         pending.tip_force_mn = self.tip.sample(usize::from(unit), output.tension);
         if slot.zero.is_some() {

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 
 /// Version of this link; both ends compare it in [`Response::Ready`].
-pub const LINK_VERSION: u32 = 4;
+pub const LINK_VERSION: u32 = 5;
 
 /// Number of force units of the rig.
 pub const UNITS: usize = 6;
@@ -31,11 +31,12 @@ pub enum Request {
         version: u32,
     },
     /// Put `to_board` on the board's receive line at its baud rate, then let `duration_ns` of virtual
-    /// time pass; answered by [`Response::Advanced`].
+    /// time pass; answered by [`Response::Advanced`]. A rig that was started with `--usb` sends the bytes through its
+    /// USB socket instead; when the host there loses the device, the answer is [`Response::Unplugged`] once.
     Advance {
         /// Virtual time to pass, in nanoseconds.
         duration_ns: u64,
-        /// Bytes for the board's USART3.
+        /// Bytes for the board's USART3, or its USB port.
         to_board: Vec<u8>,
     },
     /// Start or stop the robot's random path (it ramps in and out smoothly); answered by [`Response::Done`].
@@ -122,6 +123,12 @@ pub enum Injection {
     OverflowStack,
     /// Flip one bit of a peripheral's register, as a write of the core: address of the word, bit.
     FlipRegister(u32, u8),
+    /// Plug the USB cable in (`true`), or pull it.
+    PlugUsb(bool),
+    /// The USB host suspends the bus (`true`), or resumes it.
+    SuspendUsb(bool),
+    /// The USB host reads what the board sends (`true`), or stops reading.
+    ReadUsb(bool),
 }
 
 /// Response of the rig.
@@ -144,6 +151,9 @@ pub enum Response {
     Report(Box<Report>),
     /// The request could not be carried out; the rig goes on.
     Failed(String),
+    /// Virtual time has passed, and the board's USB device left the bus meanwhile: the host's port is gone until it is
+    /// enumerated again.
+    Unplugged,
 }
 
 /// What happened while virtual time passed.
@@ -151,7 +161,7 @@ pub enum Response {
 pub struct Advanced {
     /// Virtual time since power-on, in nanoseconds.
     pub now_ns: u64,
-    /// Bytes that the board's USART3 sent.
+    /// Bytes that the board's USART3 sent, or its USB port.
     pub from_board: Vec<u8>,
     /// The robot's pose as its own controller reports it.
     pub pose: Pose,

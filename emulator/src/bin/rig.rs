@@ -2,8 +2,9 @@
 //!
 //! Requests come on standard input, responses go to standard output, messages for people to standard error.
 
-use emulator::{allowed, Options, Rig};
-use emulator_link::{receive, send, Report, Request, Response, LINK_VERSION};
+use emulator::{allowed, Options, Rig, RigError};
+use emulator_link::{receive, send, Advanced, Report, Request, Response, LINK_VERSION};
+use emulator_usb::host::State;
 use plant::PlantConfig;
 use std::io::{self, BufReader, BufWriter, ErrorKind, Write};
 use std::path::PathBuf;
@@ -11,11 +12,12 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 const USAGE: &str = "\
-usage: rig --elf FILE [--seed N] [--plant FILE.toml] [--paced] [--quiet] [--rtt FILE] [--free SECONDS]
+usage: rig --elf FILE [--seed N] [--plant FILE.toml] [--usb] [--paced] [--quiet] [--rtt FILE] [--free SECONDS]
 
   --elf FILE       firmware image (ELF) to boot
   --seed N         seed of everything random (default 1)
   --plant FILE     plant configuration in TOML (default: the rig of the thesis)
+  --usb            the link's bytes go through the board's USB socket, not through USART3
   --paced          no faster than real time
   --quiet          no progress on standard error
   --rtt FILE       write the firmware's RTT channel 0 to FILE, as it comes
@@ -27,6 +29,7 @@ struct Arguments {
     elf: PathBuf,
     seed: u64,
     plant: Option<PathBuf>,
+    usb: bool,
     paced: bool,
     quiet: bool,
     rtt: Option<PathBuf>,
@@ -40,6 +43,7 @@ fn arguments() -> Result<Option<Arguments>, String> {
         elf: PathBuf::new(),
         seed: 1,
         plant: None,
+        usb: false,
         paced: false,
         quiet: false,
         rtt: None,
@@ -70,6 +74,7 @@ fn arguments() -> Result<Option<Arguments>, String> {
                 found.free_s =
                     Some(seconds.ok_or_else(|| format!("--free {text}: not a number of seconds"))?);
             }
+            "--usb" => found.usb = true,
             "--paced" => found.paced = true,
             "--quiet" => found.quiet = true,
             "--help" | "-h" => return Ok(None),
@@ -140,6 +145,9 @@ fn run() -> Result<(), String> {
     if !arguments.quiet {
         eprintln!("rig: {} on {}", arguments.elf.display(), rig.machine());
     }
+    if arguments.usb {
+        rig.usb(|host, core| host.set_cable(core, true));
+    }
     let mut log =
         match &arguments.rtt {
             Some(path) => Some(std::fs::File::create(path).map_err(|error| {
@@ -162,7 +170,12 @@ fn run() -> Result<(), String> {
     if let Some(seconds) = arguments.free_s {
         return free_run(&mut rig, seconds, &mut limit, &mut keep_rtt);
     }
-    serve(&mut rig, &mut limit, &mut keep_rtt)
+    let mut line = if arguments.usb {
+        Line::Usb { open: false }
+    } else {
+        Line::Serial
+    };
+    serve(&mut rig, &mut line, &mut limit, &mut keep_rtt)
 }
 
 type KeepRtt<'a> = &'a mut dyn FnMut(&mut Rig) -> Result<(), String>;
@@ -243,7 +256,45 @@ fn print_report(report: &Report, sent: usize) {
     }
 }
 
-fn serve(rig: &mut Rig, limit: &mut RealTimeLimit, keep_rtt: KeepRtt<'_>) -> Result<(), String> {
+/// Which of the board's links carries the bytes.
+enum Line {
+    Serial,
+    /// USB; whether the host had the port open after the last exchange.
+    Usb {
+        open: bool,
+    },
+}
+
+impl Line {
+    fn advance(
+        &mut self,
+        rig: &mut Rig,
+        duration_ns: u64,
+        to_board: &[u8],
+    ) -> Result<Response, RigError> {
+        let Self::Usb { open } = self else {
+            return rig.advance(duration_ns, to_board).map(Response::Advanced);
+        };
+        rig.usb(|host, _| host.write(to_board));
+        let advanced = rig.advance(duration_ns, &[])?;
+        let (from_board, state) = rig.usb(|host, _| (host.take_read(), host.state()));
+        let was_open = std::mem::replace(open, matches!(state, State::Open | State::Suspended));
+        if was_open && !*open {
+            return Ok(Response::Unplugged);
+        }
+        Ok(Response::Advanced(Advanced {
+            from_board,
+            ..advanced
+        }))
+    }
+}
+
+fn serve(
+    rig: &mut Rig,
+    line: &mut Line,
+    limit: &mut RealTimeLimit,
+    keep_rtt: KeepRtt<'_>,
+) -> Result<(), String> {
     let mut from = BufReader::new(io::stdin().lock());
     let mut to = BufWriter::new(io::stdout().lock());
     loop {
@@ -254,7 +305,7 @@ fn serve(rig: &mut Rig, limit: &mut RealTimeLimit, keep_rtt: KeepRtt<'_>) -> Res
             Err(error) => return Err(format!("request: {error}")),
         };
         let quit = request == Request::Quit;
-        let response = answer(rig, request);
+        let response = answer(rig, line, request);
         keep_rtt(rig)?;
         if let Response::Advanced(advanced) = &response {
             limit.wait(advanced.now_ns);
@@ -266,7 +317,7 @@ fn serve(rig: &mut Rig, limit: &mut RealTimeLimit, keep_rtt: KeepRtt<'_>) -> Res
     }
 }
 
-fn answer(rig: &mut Rig, request: Request) -> Response {
+fn answer(rig: &mut Rig, line: &mut Line, request: Request) -> Response {
     let done = match request {
         Request::Hello { version } => {
             if version != LINK_VERSION {
@@ -283,7 +334,7 @@ fn answer(rig: &mut Rig, request: Request) -> Response {
         Request::Advance {
             duration_ns,
             to_board,
-        } => rig.advance(duration_ns, &to_board).map(Response::Advanced),
+        } => line.advance(rig, duration_ns, &to_board),
         Request::Robot { moving } => {
             rig.set_robot_moving(moving);
             Ok(Response::Done)

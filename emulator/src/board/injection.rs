@@ -113,7 +113,10 @@ impl Board {
             | Injection::LoseClock(_)
             | Injection::BrownOut
             | Injection::OverflowStack
-            | Injection::FlipRegister(..) => {
+            | Injection::FlipRegister(..)
+            | Injection::PlugUsb(_)
+            | Injection::SuspendUsb(_)
+            | Injection::ReadUsb(_) => {
                 return Err("this injection belongs to the engine".to_owned());
             }
         }

@@ -3,6 +3,7 @@
 
 use crate::case::{run, Bases};
 use crate::injection::{Injection as I, Plan};
+use crate::outcome::TENSION_N;
 use control::Fault as F;
 
 /// What must come of an injection, or of two.
@@ -17,6 +18,8 @@ pub struct Expected {
     pub within_ms: u32,
     /// Whether the amplifiers must have lost their power at the end.
     pub power_off: bool,
+    /// Largest tension that any cable may reach, N; the campaign's own limit where nothing tighter is expected.
+    pub at_most_n: f64,
 }
 
 const fn one(first: I, fault: F, within_ms: u32) -> Expected {
@@ -26,6 +29,7 @@ const fn one(first: I, fault: F, within_ms: u32) -> Expected {
         fault: Some(fault),
         within_ms,
         power_off: false,
+        at_most_n: TENSION_N,
     }
 }
 
@@ -35,9 +39,12 @@ pub const EXPECTED: &[Expected] = &[
     one(I::Offset(1, 18.0), F::OverTension, 40),
     one(I::Silent(2), F::SensorSilent, 20),
     one(I::Extra(3), F::SensorFast, 150),
+    one(I::Period(3, 1.15), F::SensorSlow, 150),
     one(I::Frozen(4), F::SensorFrozen, 40),
-    one(I::Offset(0, -7.0), F::TensionNegative, 80),
+    one(I::Offset(0, -6.0), F::TensionNegative, 80),
     one(I::AmplifierOff(0), F::Implausible, 150),
+    // The amplifier suddenly gives half as much again: the reel speeds up before the load cell's filter has followed.
+    one(I::AmplifierGain(4, 1.5), F::Implausible, 20),
     one(I::Offset(0, 3.0), F::CommandAtLimit, 700),
     one(I::ReadsFail(1), F::SensorReads, 20),
     one(I::BusHeld, F::BusStuck, 12),
@@ -61,6 +68,7 @@ pub const EXPECTED: &[Expected] = &[
         fault: Some(F::DacLink),
         within_ms: 2,
         power_off: true,
+        at_most_n: TENSION_N,
     },
     Expected {
         first: I::DacStuck(3),
@@ -68,6 +76,7 @@ pub const EXPECTED: &[Expected] = &[
         fault: Some(F::HostStop),
         within_ms: 8,
         power_off: true,
+        at_most_n: TENSION_N,
     },
     Expected {
         first: I::EncoderFrozen(0),
@@ -76,6 +85,42 @@ pub const EXPECTED: &[Expected] = &[
         fault: Some(F::EncoderStill),
         within_ms: 800,
         power_off: false,
+        at_most_n: TENSION_N,
+    },
+    Expected {
+        // The cell drifts to 2.4 N too much, which the whole band permits; the robot's motion makes the reel slide.
+        first: I::Drift(5, 3.4),
+        second: Some((I::RobotMoves, 250)),
+        fault: Some(F::Implausible),
+        within_ms: 800,
+        power_off: false,
+        at_most_n: TENSION_N,
+    },
+    // Without the encoder only the whole band is left, and the limit of the command bounds the pull until then.
+    Expected {
+        first: I::EncoderFrozen(0),
+        second: Some((I::AmplifierOff(0), 5)),
+        fault: Some(F::Implausible),
+        within_ms: 150,
+        power_off: false,
+        at_most_n: TENSION_N,
+    },
+    Expected {
+        first: I::EncoderFrozen(2),
+        second: Some((I::OpenBridge(2), 5)),
+        fault: Some(F::Implausible),
+        within_ms: 100,
+        power_off: false,
+        at_most_n: 9.5,
+    },
+    // Damage of the memory behind a stuck DAC: the tension cannot tell any more whether the cable lets go.
+    Expected {
+        first: I::DacStuck(4),
+        second: Some((I::ConfigBit(4, 27), 190)),
+        fault: Some(F::ConfigCrc),
+        within_ms: 200,
+        power_off: true,
+        at_most_n: TENSION_N,
     },
     Expected {
         first: I::StatusElsewhere,
@@ -83,6 +128,7 @@ pub const EXPECTED: &[Expected] = &[
         fault: None,
         within_ms: 0,
         power_off: false,
+        at_most_n: TENSION_N,
     },
 ];
 
@@ -115,6 +161,12 @@ pub fn check(bases: &Bases) -> Result<(), String> {
             .is_some_and(|ms| ms > expected.within_ms)
         {
             return wrong(format!("{} ms were expected", expected.within_ms));
+        }
+        if outcome.tension_n > expected.at_most_n {
+            return wrong(format!(
+                "{} N at most were expected, not {} N",
+                expected.at_most_n, outcome.tension_n
+            ));
         }
         if expected.power_off && outcome.powered {
             return wrong("the amplifiers still have power".to_owned());

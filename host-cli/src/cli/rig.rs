@@ -26,6 +26,9 @@ pub struct Rig {
     /// Physics of the rig (TOML) [default: the rig of the thesis]
     #[arg(long, value_name = "FILE")]
     plant: Option<PathBuf>,
+    /// Reach the board by its USB port instead of its serial line
+    #[arg(long)]
+    usb: bool,
     /// Cause a fault at power-on, for example unplug=3@start; repeatable. `forcectl inject` causes them later
     #[arg(long, value_name = "WHAT@start", value_parser = host_cli::inject::parse, allow_hyphen_values = true)]
     inject: Vec<(f64, Injection)>,
@@ -52,6 +55,7 @@ impl Rig {
             seed: self.seed,
             paced: true,
             plant: self.plant.clone(),
+            usb: self.usb,
         };
         let mut link = link::open(&LinkChoice::Embedded, &options)?;
         if let Some(controls) = link.controls() {

@@ -141,6 +141,13 @@ impl<'a> Card<'a> {
                 .unwrap_or("not declared")
         );
         line!(text, "- **Truth**: the folder `truth/`, where there is one, holds what the plant truly did. No estimator may read it.");
+        if !e.path.is_board() {
+            line!(
+                text,
+                "- **Control path**: the host's loops through the Raven's software, transport {} ms, not the board's",
+                e.transport_ms()
+            );
+        }
         line!(text, "- **Split**: between trials, never within one.");
         line!(
             text,

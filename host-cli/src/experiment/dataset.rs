@@ -5,6 +5,8 @@
 //! the cables' directions at the tip that the robot reports. What the plant truly does goes into another table.
 
 use crate::force::controller::{problem, Cables};
+pub use crate::recording::table::Column;
+use crate::recording::table::ColumnTable;
 use crate::rigfile::RigFile;
 use crate::session::TimedSample;
 use nalgebra::Vector3;
@@ -24,97 +26,152 @@ const LONGEST_GAP_S: f64 = 0.05;
 /// A state waits for the samples after it for at most this, s.
 const LONGEST_WAIT_S: f64 = 0.25;
 
-/// A column: name, unit, what it is.
-pub type Column = (&'static str, &'static str, &'static str);
+/// A column for each joint: shoulder and elbow in one unit, the insertion in another.
+macro_rules! joints {
+    ($name:literal, $turning:literal, $sliding:literal, $what:literal) => {
+        [
+            (concat!($name, "_1"), $turning, concat!("shoulder, ", $what)),
+            (concat!($name, "_2"), $turning, concat!("elbow, ", $what)),
+            (
+                concat!($name, "_3"),
+                $sliding,
+                concat!("insertion, ", $what),
+            ),
+        ]
+    };
+}
+
+/// A column for each axis of the rig's frame.
+macro_rules! axes {
+    ($before:literal, $after:literal, $unit:literal, $what:literal) => {
+        [
+            (concat!($before, "x", $after), $unit, concat!($what, ", x")),
+            (concat!($before, "y", $after), $unit, concat!($what, ", y")),
+            (concat!($before, "z", $after), $unit, concat!($what, ", z")),
+        ]
+    };
+}
+
+/// A column for each unit.
+macro_rules! tensions {
+    ($name:literal, $what:literal) => {
+        [
+            (concat!($name, "_1_n"), "N", concat!("cable 1, ", $what)),
+            (concat!($name, "_2_n"), "N", concat!("cable 2, ", $what)),
+            (concat!($name, "_3_n"), "N", concat!("cable 3, ", $what)),
+            (concat!($name, "_4_n"), "N", concat!("cable 4, ", $what)),
+            (concat!($name, "_5_n"), "N", concat!("cable 5, ", $what)),
+            (concat!($name, "_6_n"), "N", concat!("cable 6, ", $what)),
+        ]
+    };
+}
+
+/// The columns of all parts, in order; `N` must be their count.
+const fn joined<const N: usize>(parts: &[&[Column]]) -> [Column; N] {
+    let mut all = [("", "", ""); N];
+    let (mut part, mut at) = (0, 0);
+    while part < parts.len() {
+        let mut column = 0;
+        while column < parts[part].len() {
+            all[at] = parts[part][column];
+            (at, column) = (at + 1, column + 1);
+        }
+        part += 1;
+    }
+    assert!(at == N, "count of the columns");
+    all
+}
 
 /// Columns of the dataset.
-pub const COLUMNS: [Column; 37] = [
-    ("t_s", "s", "time since the force profile's start, on the board's clock"),
-    ("board_time_s", "s", "the same instant since the board's power-on"),
-    ("robot_time_s", "s", "the robot's own stamp, on its own clock"),
-    ("joint_position_1", "rad", "shoulder, from the encoders"),
-    ("joint_position_2", "rad", "elbow, from the encoders"),
-    ("joint_position_3", "m", "insertion, from the encoders"),
-    ("joint_velocity_1", "rad/s", "shoulder, as the robot publishes it"),
-    ("joint_velocity_2", "rad/s", "elbow, as the robot publishes it"),
-    ("joint_velocity_3", "m/s", "insertion, as the robot publishes it"),
-    ("joint_effort_1", "N·m", "shoulder, torque of the drive at the joint; the data card says whether commanded or measured"),
-    ("joint_effort_2", "N·m", "elbow, as above"),
-    ("joint_effort_3", "N", "insertion, force of the drive, as above"),
-    ("joint_setpoint_1", "rad", "set point of the shoulder"),
-    ("joint_setpoint_2", "rad", "set point of the elbow"),
-    ("joint_setpoint_3", "m", "set point of the insertion"),
-    ("tip_x_m", "m", "tip as the robot reports it, rig frame"),
-    ("tip_y_m", "m", "tip, y"),
-    ("tip_z_m", "m", "tip, z"),
-    ("force_x_n", "N", "force on the tool by the cables, rig frame, from the load cells: the label"),
-    ("force_y_n", "N", "force on the tool, y"),
-    ("force_z_n", "N", "force on the tool, z"),
-    ("force_commanded_x_n", "N", "commanded force on the tool, rig frame"),
-    ("force_commanded_y_n", "N", "commanded force, y"),
-    ("force_commanded_z_n", "N", "commanded force, z"),
-    ("tension_1_n", "N", "tension of cable 1, interpolated; missing for a unit that is not used"),
-    ("tension_2_n", "N", "tension of cable 2"),
-    ("tension_3_n", "N", "tension of cable 3"),
-    ("tension_4_n", "N", "tension of cable 4"),
-    ("tension_5_n", "N", "tension of cable 5"),
-    ("tension_6_n", "N", "tension of cable 6"),
-    ("force_age_s", "s", "distance in time from the row to the nearest load-cell sample, the largest of the used units"),
-    ("sync_error_s", "s", "uncertainty of the time between robot and board"),
-    ("saturated", "1", "1: a unit's command was at its limit in the control cycle of this row"),
-    ("operating_state", "1", "CRTK: 0 disabled, 1 enabled, 2 paused, 3 fault; missing where the robot tells none"),
-    ("quality", "1", "1: the row can be used; 0: a value that it needs is missing"),
-    ("trial", "1", "number of the trial"),
-    ("attempt", "1", "number of the attempt at it"),
-];
+pub const COLUMNS: [Column; 37] = joined(&[
+    &[
+        ("t_s", "s", "time since the force profile's start, on the board's clock"),
+        ("board_time_s", "s", "the same instant since the board's power-on"),
+        ("robot_time_s", "s", "the robot's own stamp, on its own clock"),
+    ],
+    &joints!("joint_position", "rad", "m", "from the encoders"),
+    &joints!("joint_velocity", "rad/s", "m/s", "as the robot publishes it"),
+    &joints!(
+        "joint_effort",
+        "N·m",
+        "N",
+        "torque or force of the drive at the joint; the data card says whether commanded or measured"
+    ),
+    &joints!("joint_setpoint", "rad", "m", "set point"),
+    &axes!("tip_", "_m", "m", "tip as the robot reports it, rig frame"),
+    &axes!(
+        "force_",
+        "_n",
+        "N",
+        "the label: force on the tool by the cables, rig frame, from the load cells"
+    ),
+    &axes!(
+        "force_commanded_",
+        "_n",
+        "N",
+        "commanded force on the tool, rig frame"
+    ),
+    &tensions!(
+        "tension",
+        "tension, interpolated; missing for a unit that is not used"
+    ),
+    &[
+        ("force_age_s", "s", "distance in time from the row to the nearest load-cell sample, the largest of the used units"),
+        ("sync_error_s", "s", "uncertainty of the time between robot and board"),
+        ("saturated", "1", "1: a unit's command was at its limit in the control cycle of this row"),
+        ("operating_state", "1", "CRTK: 0 disabled, 1 enabled, 2 paused, 3 fault; missing where the robot tells none"),
+        ("quality", "1", "1: the row can be used; 0: a value that it needs is missing"),
+        ("trial", "1", "number of the trial"),
+        ("attempt", "1", "number of the attempt at it"),
+    ],
+]);
+
+/// Index of `board_time_s` in [`COLUMNS`].
+pub(super) const BOARD_TIME: usize = 1;
 
 /// Columns of the truth, which exists for a virtual rig only.
-pub const TRUTH_COLUMNS: [Column; 28] = [
-    ("t_s", "s", "as in the dataset: same rows, same order"),
-    (
-        "true_force_x_n",
+pub const TRUTH_COLUMNS: [Column; 28] = joined(&[
+    &[("t_s", "s", "as in the dataset: same rows, same order")],
+    &axes!(
+        "true_force_",
+        "_n",
         "N",
-        "force on the tool in the plant, rig frame",
+        "force on the tool in the plant, rig frame"
     ),
-    ("true_force_y_n", "N", "y"),
-    ("true_force_z_n", "N", "z"),
-    ("true_contact_effort_1", "N·m", "that force at the shoulder"),
-    ("true_contact_effort_2", "N·m", "at the elbow"),
-    ("true_contact_effort_3", "N", "at the insertion"),
-    (
-        "true_joint_position_1",
-        "rad",
-        "link position of the shoulder",
-    ),
-    ("true_joint_position_2", "rad", "elbow"),
-    ("true_joint_position_3", "m", "insertion"),
-    (
-        "true_joint_velocity_1",
+    &joints!("true_contact_effort", "N·m", "N", "that force at the joint"),
+    &joints!("true_joint_position", "rad", "m", "position of the link"),
+    &joints!(
+        "true_joint_velocity",
         "rad/s",
-        "link velocity of the shoulder",
+        "m/s",
+        "velocity of the link"
     ),
-    ("true_joint_velocity_2", "rad/s", "elbow"),
-    ("true_joint_velocity_3", "m/s", "insertion"),
-    (
-        "true_motor_friction_1",
+    &joints!(
+        "true_motor_friction",
         "N·m",
-        "friction at the motors, in the joints' units",
+        "N",
+        "friction at the motor, in the joint's unit"
     ),
-    ("true_motor_friction_2", "N·m", "elbow"),
-    ("true_motor_friction_3", "N", "insertion"),
-    ("true_link_friction_1", "N·m", "friction at the links"),
-    ("true_link_friction_2", "N·m", "elbow"),
-    ("true_link_friction_3", "N", "insertion"),
-    ("true_tip_x_m", "m", "tip, rig frame"),
-    ("true_tip_y_m", "m", "y"),
-    ("true_tip_z_m", "m", "z"),
-    ("true_tension_1_n", "N", "tension of cable 1"),
-    ("true_tension_2_n", "N", "cable 2"),
-    ("true_tension_3_n", "N", "cable 3"),
-    ("true_tension_4_n", "N", "cable 4"),
-    ("true_tension_5_n", "N", "cable 5"),
-    ("true_tension_6_n", "N", "cable 6"),
-];
+    &joints!("true_link_friction", "N·m", "N", "friction at the link"),
+    &axes!("true_tip_", "_m", "m", "tip, rig frame"),
+    &tensions!("true_tension", "tension in the plant"),
+]);
+
+/// The rows in a trial's recording.
+pub const ROWS: ColumnTable = ColumnTable {
+    topic: "/robot",
+    schema_name: "force_rig.RobotState",
+    row: "a state of the robot with the force at its time: a row of the dataset",
+    columns: &COLUMNS,
+};
+
+/// Their truth.
+pub const TRUTH: ColumnTable = ColumnTable {
+    topic: "/truth",
+    schema_name: "force_rig.Truth",
+    row: "what the plant truly did, for each row of /robot; no estimator may read it",
+    columns: &TRUTH_COLUMNS,
+};
 
 /// An empty table with these columns.
 #[must_use]

@@ -3,7 +3,7 @@
 use crate::link::RigLink;
 use robot::arm::Truth as ArmTruth;
 use robot::source::{Fed, Poll, Source, SourceConfig, SourceError};
-use robot::state::{Mount, RobotState};
+use robot::state::{Mount, RobotState, TipForce};
 use robot::trajectory::Trajectory;
 
 /// Changes what the virtual arm publishes: what a test makes go wrong.
@@ -101,10 +101,15 @@ impl Feed {
         }
     }
 
-    /// Whether its states are on the board's clock.
-    #[must_use]
-    pub const fn shares_the_clock(&self) -> bool {
-        matches!(self, Self::Virtual { .. })
+    /// Tells the robot's side the applied force and the one that is aimed at.
+    ///
+    /// # Errors
+    /// The source is gone.
+    pub fn publish(&mut self, applied: &TipForce, setpoint: &TipForce) -> Result<(), SourceError> {
+        match self {
+            Self::Virtual { .. } => Ok(()),
+            Self::Outside(source) => source.publish(applied, setpoint),
+        }
     }
 
     /// Name in messages.

@@ -50,6 +50,12 @@ pub struct Experiment {
     /// Whether every sample of the load cells is recorded beside the dataset.
     #[serde(default)]
     pub record_samples: bool,
+    /// Where the tension loops run.
+    #[serde(default, skip_serializing_if = "ControlPath::is_board")]
+    pub path: ControlPath,
+    /// With `path = "raven"`: delay of samples and torques on their way together, ms.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub transport_ms: Option<u32>,
     /// Rig file; relative to this file. The built-in one where it is left out.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub rig: Option<PathBuf>,
@@ -64,6 +70,28 @@ pub struct Experiment {
     #[serde(default)]
     pub gates: Gates,
 }
+
+/// Where the tension loops run: the thesis's two control paths (docs/control-paths.md).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum ControlPath {
+    /// On the board (thesis 3.6.2).
+    #[default]
+    Board,
+    /// On the host; torques in whole N·mm through the Raven's software, the board is a sensor board (thesis 3.6.1).
+    Raven,
+}
+
+impl ControlPath {
+    /// Whether it is the board's.
+    #[must_use]
+    pub fn is_board(&self) -> bool {
+        *self == Self::Board
+    }
+}
+
+/// Delay of the transport where the file gives none, ms: an estimate, docs/control-paths.md has others.
+const TRANSPORT_MS: u32 = 1;
 
 const fn default_rate() -> f64 {
     100.0
@@ -239,6 +267,12 @@ impl Experiment {
         self.minutes * 60.0
     }
 
+    /// Delay of samples and torques with `path = "raven"`, ms.
+    #[must_use]
+    pub fn transport_ms(&self) -> u32 {
+        self.transport_ms.unwrap_or(TRANSPORT_MS)
+    }
+
     /// The same experiment as one trial of one minute.
     #[must_use]
     pub fn quick(&self) -> Self {
@@ -305,6 +339,13 @@ impl Experiment {
         }
         within("attempts", f64::from(self.attempts), 1.0, 20.0)?;
         self.check_force()?;
+        match (self.path, self.transport_ms) {
+            (ControlPath::Board, Some(_)) => {
+                return Err("transport_ms: it belongs to path = \"raven\"".to_owned())
+            }
+            (_, Some(ms)) => within("transport_ms", f64::from(ms), 0.0, 100.0)?,
+            (_, None) => {}
+        }
         if matches!(self.robot, SourceConfig::Virtual(_)) && self.trajectories.is_empty() {
             return Err("[[trajectory]] is missing: the virtual arm needs at least one".to_owned());
         }
@@ -407,6 +448,13 @@ mod tests {
             ("largest_n = 4.5", "largest_n = -1.0", "largest_n = -1"),
             ("kind = \"virtual\"", "kind = \"martian\"", "martian"),
             ("seed = 1", "sead = 1", "sead"),
+            ("seed = 1", "seed = 1\npath = \"robot\"", "robot"),
+            ("seed = 1", "seed = 1\ntransport_ms = 3", "transport_ms"),
+            (
+                "seed = 1",
+                "seed = 1\npath = \"raven\"\ntransport_ms = 300",
+                "transport_ms = 300",
+            ),
             (
                 "slowest_n_per_s = 0.1",
                 "slowest_n_per_s = 9.0",

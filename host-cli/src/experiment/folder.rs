@@ -3,19 +3,21 @@
 //! | path | what |
 //! | --- | --- |
 //! | `experiment.toml`, `rig.json` | what was asked for, in force for every trial |
+//! | `trials/trial-01/lock` | which process runs the trial |
 //! | `trials/trial-01/attempt-1/` | `result.json`; rows of an attempt that failed; recording of the samples |
 //! | `dataset/trial-01.parquet` | rows of the good attempt; `card.json` and `README.md`: the data card |
 //! | `truth/trial-01.parquet` | what the plant truly did, row by row; a virtual rig only. No estimator reads it |
 //! | `report/` | `README.md` and pictures |
 //!
-//! An attempt without `result.json` was broken off: its parts become one file, it is marked, and the trial is repeated. Trials
+//! An attempt without `result.json` was broken off: the rows in its recording become a file, it is marked, and the trial is repeated. Trials
 //! share no file, so shards can run at the same time.
 
-use super::dataset::{table, Column, Joiner, COLUMNS, TRUTH_COLUMNS};
+use super::dataset::{table, Column, Joiner, COLUMNS, ROWS, TRUTH, TRUTH_COLUMNS};
 use super::figures::{Figures, GateResult};
 use super::file::{hex, Experiment};
 use super::table::{failed, Table};
 use super::ExperimentError;
+use crate::recording::read::{mcap_of, Entry, Reader};
 use serde::{Deserialize, Serialize};
 use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
@@ -247,14 +249,16 @@ impl Folder {
             .take_while(|folder| folder.path.is_dir())
     }
 
+    /// The folder of a trial's attempts.
+    #[must_use]
+    pub fn trial(&self, trial: usize) -> PathBuf {
+        self.root.join("trials").join(format!("trial-{trial:02}"))
+    }
+
     /// The folder of an attempt.
     #[must_use]
     pub fn attempt(&self, trial: usize, attempt: u32) -> AttemptFolder {
-        let path = self
-            .root
-            .join("trials")
-            .join(format!("trial-{trial:02}"))
-            .join(format!("attempt-{attempt}"));
+        let path = self.trial(trial).join(format!("attempt-{attempt}"));
         AttemptFolder {
             root: self.root.clone(),
             path,
@@ -298,20 +302,14 @@ impl AttemptFolder {
         self.path.join("recording")
     }
 
-    /// File of a part of `rows` or `truth`.
-    #[must_use]
-    pub fn part(&self, what: &str, number: usize) -> PathBuf {
-        self.path.join(format!("{what}-part-{number:04}.parquet"))
-    }
-
     fn whole(&self, what: &str) -> PathBuf {
         self.path.join(format!("{what}.parquet"))
     }
 
-    /// Writes the rows and their truth as whole files, and removes the parts.
+    /// Writes the rows and their truth as whole files.
     ///
     /// # Errors
-    /// A file can't be written; the parts stay then.
+    /// A file can't be written.
     pub fn write_rows(&self, joiner: &Joiner, has_truth: bool) -> Result<(), ExperimentError> {
         self.write_tables(&joiner.rows, has_truth.then_some(&joiner.truth))
     }
@@ -323,7 +321,6 @@ impl AttemptFolder {
         };
         rows.write(
             &self.whole("rows"),
-            0,
             &[
                 ("units", describe(&COLUMNS)),
                 ("page", "docs/dataset.md".to_owned()),
@@ -332,7 +329,6 @@ impl AttemptFolder {
         if let Some(truth) = truth {
             truth.write(
                 &self.whole("truth"),
-                0,
                 &[
                     ("units", describe(&TRUTH_COLUMNS)),
                     (
@@ -342,32 +338,35 @@ impl AttemptFolder {
                 ],
             )?;
         }
-        self.remove_parts();
         Ok(())
     }
 
-    fn remove_parts(&self) {
-        for what in ["rows", "truth"] {
-            for number in 0.. {
-                if std::fs::remove_file(self.part(what, number)).is_err() {
-                    break;
+    /// The rows and the truth that the recording of an attempt holds which was broken off.
+    fn recorded(&self) -> (Table, Table) {
+        let (mut rows, mut truth) = (table(&COLUMNS), table(&TRUTH_COLUMNS));
+        // Killed before the recording began: there are none.
+        let Ok(entries) = Reader::open(&mcap_of(&self.recording())) else {
+            return (rows, truth);
+        };
+        for entry in entries {
+            let Entry::Message { topic, data, .. } = entry else {
+                continue;
+            };
+            for (kind, table) in [(ROWS, &mut rows), (TRUTH, &mut truth)] {
+                if topic == kind.topic {
+                    table.extend(kind.values(&data));
                 }
             }
         }
-    }
-
-    /// The parts of an attempt that was broken off, as one table.
-    fn parts(&self, what: &str, columns: &[Column]) -> Result<Table, ExperimentError> {
-        let mut whole = table(columns);
-        for number in 0.. {
-            let path = self.part(what, number);
-            if !path.is_file() {
-                break;
-            }
-            let part = Table::read(&path)?;
-            whole.append(&part).map_err(|why| failed(&path, why))?;
-        }
-        Ok(whole)
+        // The last chunk may end between a row and its truth.
+        let common = if truth.rows() > 0 {
+            rows.rows().min(truth.rows())
+        } else {
+            rows.rows()
+        };
+        rows.truncate(common);
+        truth.truncate(common);
+        (rows, truth)
     }
 
     /// The result, where there is one.
@@ -384,11 +383,10 @@ impl AttemptFolder {
         Ok(Some(attempt))
     }
 
-    /// Marks an attempt as broken off; its parts become one file.
+    /// Marks an attempt as broken off; what its recording holds becomes a file.
     fn mark(&self, experiment: &Experiment) -> Result<Attempt, ExperimentError> {
-        let rows = self.parts("rows", &COLUMNS)?;
+        let (rows, truth) = self.recorded();
         if rows.rows() > 0 {
-            let truth = self.parts("truth", &TRUTH_COLUMNS)?;
             self.write_tables(&rows, (truth.rows() > 0).then_some(&truth))?;
         }
         let attempt = Attempt {
@@ -396,8 +394,7 @@ impl AttemptFolder {
             attempt: self.attempt,
             status: Status::BrokenOff,
             reason: Some(
-                "the program ended before the trial did; rows are kept up to 10 s before"
-                    .to_owned(),
+                "the program ended before the trial did; rows are kept up to 1 s before".to_owned(),
             ),
             experiment_hash: experiment.hash(),
             rig_hash: String::new(),

@@ -4,10 +4,11 @@
 //! | --- | --- |
 //! | what is asked for | `file` |
 //! | which path and force has a trial; can the rig do them | `plan`, `profile`, `pull` |
-//! | one trial | `trial`, with `feed` the robot's states and `sync` two clocks |
+//! | both control paths: the loop on the host; a comparison | `raven`, `paths` |
+//! | one trial | `trial`, with `feed` the robot's states |
 //! | rows from states and samples | `dataset`, `table` |
 //! | is a trial good | `figures` |
-//! | all trials, shards, resuming | `sequence`, `folder` |
+//! | all trials, shards, resuming; one process a trial | `sequence`, `folder`, `lock` |
 //! | data card, report, pictures | `card`, `report`, `pictures` |
 //!
 //! docs/experiment.md tells how to run one, docs/dataset.md what a dataset holds.
@@ -18,14 +19,15 @@ pub mod feed;
 pub mod figures;
 pub mod file;
 pub mod folder;
+pub mod lock;
 pub mod paths;
 pub mod pictures;
 pub mod plan;
 pub mod profile;
 pub mod pull;
+pub mod raven;
 pub mod report;
 pub mod sequence;
-pub mod sync;
 pub mod table;
 pub mod trial;
 

@@ -1,32 +1,22 @@
 //! Both control paths of the thesis on one plant: the dedicated board (3.6.2), and the Raven's software (3.6.1).
 //!
-//! `raven`: the board is a sensor board with its motors off. Its samples go to the host; when all six units have a new one,
-//! the host computes six torques with the board's own control law, rounds them to whole N·mm, as the Raven's software takes
-//! them, and sends them. They reach the amplifiers after the transport's delay, with the next cycle of the Raven's 1 kHz loop.
+//! `raven`: the loop on the host (`raven`).
 //!
 //! `board`: the same control law on the board, one unit at a time, with the DAC's resolution.
 //!
 //! Plant, noise, robot path, force controller and gains are the same; tensions are the plant's.
 
+use super::raven::{RavenLoop, RAVEN_CYCLE, REEL_RADIUS_M};
 use crate::force::controller::{ControlError, Controller as ForceController, Input as ForceInput};
-use crate::link::{fast::FastRig, LinkError};
+use crate::link::fast::FastRig;
 use crate::rigfile::RigFile;
 use crate::run::{ready_board, NoopObserver, Prepared, RunError, Zeroing};
 use crate::session::{Received, Session, TimedSample};
-use control::unit::{Controller, Drive, Input, Setpoint, State};
-use control::{AdcCode, Config, EncoderCounts, Micros};
 use nalgebra::Vector3;
 use serde::Serialize;
-use std::collections::VecDeque;
 use std::sync::atomic::AtomicBool;
-use std::time::Duration;
-use wire::message::UnitSetpoint;
 use wire::{Command, UNITS};
 
-/// Radius of the cable reel, m (thesis 3.6.1): a torque of 1 N·mm is 0.1 N.
-const REEL_RADIUS_M: f64 = 0.01;
-/// Cycle of the Raven's control loop.
-const RAVEN_CYCLE: Duration = Duration::from_millis(1);
 /// Cycles of the force controller, in cycles of the Raven's loop.
 const FORCE_EVERY: u64 = 10;
 /// Time for tensioning and for the robot's start before the force is commanded, s.
@@ -117,7 +107,7 @@ struct Hold<'a> {
     commanded_n: Vector3<f64>,
     prepared: &'a Prepared,
     force: ForceController,
-    raven: Raven,
+    raven: RavenLoop,
     tension_n: [f64; UNITS],
     latencies_us: Vec<f64>,
     tension_square: [f64; UNITS],
@@ -137,7 +127,7 @@ impl<'a> Hold<'a> {
             commanded_n,
             prepared,
             force: ForceController::new(rig).map_err(ControlError::from)?,
-            raven: Raven::new(rig, prepared)?,
+            raven: RavenLoop::new(rig, &prepared.configs)?,
             tension_n: [0.0; UNITS],
             latencies_us: Vec::new(),
             tension_square: [0.0; UNITS],
@@ -210,7 +200,7 @@ impl<'a> Hold<'a> {
         if self.path == Path::Board {
             session.set_setpoints(Some(output.setpoints));
         } else {
-            self.raven.setpoints = output.setpoints;
+            self.raven.set(output.setpoints);
         }
         Ok(())
     }
@@ -251,104 +241,6 @@ impl<'a> Hold<'a> {
             stopped,
         }
     }
-}
-
-/// The loop on the host, and the Raven's software behind it.
-struct Raven {
-    configs: [Config; UNITS],
-    states: [State; UNITS],
-    setpoints: [UnitSetpoint; UNITS],
-    /// The newest sample of each unit that no set has used.
-    fresh: [Option<TimedSample>; UNITS],
-    /// Torques on their way: when they arrive (ns), V at the amplifiers, times of their samples.
-    underway: VecDeque<(u64, [f64; UNITS], [u64; UNITS])>,
-    volts_per_n: [f64; UNITS],
-}
-
-impl Raven {
-    fn new(rig: &RigFile, prepared: &Prepared) -> Result<Self, RunError> {
-        let mut configs = Vec::new();
-        for wire in &prepared.configs {
-            configs.push(Config::from_wire(wire).map_err(|error| {
-                RunError::Argument(format!("the configuration in force is refused: {error:?}"))
-            })?);
-        }
-        let configs = <[Config; UNITS]>::try_from(configs)
-            .map_err(|_| RunError::Argument("six units are expected".to_owned()))?;
-        Ok(Self {
-            configs,
-            states: Default::default(),
-            setpoints: [UnitSetpoint {
-                tension_un: 0,
-                inv_cos_q16: 65_536,
-                direction_q14: [0; 3],
-            }; UNITS],
-            fresh: [None; UNITS],
-            underway: VecDeque::new(),
-            // The DAC's range is +-10 V for 65,536 codes.
-            volts_per_n: rig.units.map(|unit| unit.dac_codes_per_n * 20.0 / 65_536.0),
-        })
-    }
-
-    /// A cycle of the Raven's loop: what has arrived goes to the amplifiers; returns the latencies, us.
-    fn cycle(
-        &mut self,
-        session: &mut Session<'_>,
-        samples: &[TimedSample],
-        transport_ms: u32,
-    ) -> Result<Vec<f64>, LinkError> {
-        let now_ns = session.now_ns();
-        for timed in samples {
-            let unit = usize::from(timed.sample.unit);
-            if let Some(slot) = self.fresh.get_mut(unit) {
-                *slot = Some(*timed);
-            }
-            if self.fresh.iter().all(Option::is_some) {
-                let due = now_ns + u64::from(transport_ms) * 1_000_000;
-                let (volts, times) = self.torques();
-                self.underway.push_back((due, volts, times));
-            }
-        }
-        let mut latencies = Vec::new();
-        while let Some((_, volts, times)) = self.underway.pop_front_if(|(due, ..)| *due <= now_ns) {
-            if let Some(controls) = session.link().controls() {
-                controls.drive_outside(Some(volts))?;
-            }
-            latencies = times
-                .map(|t_us| now_ns as f64 * 1e-3 - t_us as f64)
-                .to_vec();
-        }
-        Ok(latencies)
-    }
-
-    /// Six torques in whole N·mm from the six samples, as V at the amplifiers.
-    fn torques(&mut self) -> ([f64; UNITS], [u64; UNITS]) {
-        let fresh = std::mem::take(&mut self.fresh);
-        let mut volts = [0.0; UNITS];
-        let mut times = [0; UNITS];
-        for (unit, timed) in fresh.iter().enumerate() {
-            let Some(timed) = timed else { continue };
-            let config = &self.configs[unit];
-            let setpoint = Setpoint::from_wire(config, &self.setpoints[unit]).unwrap_or_default();
-            let input = Input {
-                adc_code: AdcCode::new(timed.sample.adc_code),
-                encoder_counts: EncoderCounts(timed.sample.encoder_counts.into()),
-                at: Micros(timed.t_us as u32),
-                setpoint,
-                drive: Drive::Follow,
-            };
-            let output = Controller::step(config, &mut self.states[unit], input);
-            let command_n = f64::from(output.command.to_bits()) / f64::from(1 << 22);
-            volts[unit] = whole_n_mm(command_n) * 1e-3 / REEL_RADIUS_M * self.volts_per_n[unit];
-            times[unit] = timed.t_us;
-        }
-        (volts, times)
-    }
-}
-
-/// The torque for a cable force as the Raven's software takes it: whole N·mm.
-fn whole_n_mm(command_n: f64) -> f64 {
-    (command_n * REEL_RADIUS_M * 1e3).round()
 }
 
 /// The table of several paths, Markdown.
@@ -398,13 +290,5 @@ mod tests {
         assert!(raven.worst_tension_rms_n() > board.worst_tension_rms_n());
         // It does pull: a path that commanded nothing would be off by all of 2 N.
         assert!(raven.worst_tension_rms_n() < 1.0, "{raven:?}");
-    }
-
-    #[test]
-    fn torques_are_whole_newton_millimetres() {
-        assert_eq!(
-            [0.04, 0.05, 2.349, -1.01].map(whole_n_mm),
-            [0.0, 1.0, 23.0, -10.0]
-        );
     }
 }

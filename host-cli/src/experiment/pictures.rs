@@ -43,7 +43,7 @@ impl Axis {
 }
 
 /// Range of finite values, a little wider; never empty.
-fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
+pub(crate) fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
     let (low, high) = values
         .filter(|v| v.is_finite())
         .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
@@ -60,26 +60,26 @@ fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
 }
 
 /// Where a panel's inside lies, and its ranges.
-struct Frame {
-    left: f32,
-    top: f32,
-    width: f32,
-    height: f32,
-    x: (f64, f64),
-    y: (f64, f64),
+pub(crate) struct Frame {
+    pub(crate) left: f32,
+    pub(crate) top: f32,
+    pub(crate) width: f32,
+    pub(crate) height: f32,
+    pub(crate) x: (f64, f64),
+    pub(crate) y: (f64, f64),
 }
 
 impl Frame {
-    fn at_x(&self, v: f64) -> f32 {
+    pub(crate) fn at_x(&self, v: f64) -> f32 {
         self.left + ((v - self.x.0) / (self.x.1 - self.x.0)) as f32 * self.width
     }
 
-    fn at_y(&self, v: f64) -> f32 {
+    pub(crate) fn at_y(&self, v: f64) -> f32 {
         self.top + self.height - ((v - self.y.0) / (self.y.1 - self.y.0)) as f32 * self.height
     }
 
     /// Lines, ticks and words around the inside.
-    fn draw(&self, scene: &mut Scene, title: &str, x_words: &str, with_y: bool) {
+    pub(crate) fn draw(&self, scene: &mut Scene, title: &str, x_words: &str, with_y: bool) {
         let (right, bottom) = (self.left + self.width, self.top + self.height);
         let corners = [
             (self.left, self.top),
@@ -131,7 +131,7 @@ impl Frame {
 }
 
 /// White to dark blue.
-fn shade(part: f64) -> Color {
+pub(crate) fn shade(part: f64) -> Color {
     let mix = |from: f64, to: f64| (from + (to - from) * part.clamp(0.0, 1.0)).round() as u8;
     Color(mix(222.0, 8.0), mix(235.0, 48.0), mix(247.0, 107.0))
 }

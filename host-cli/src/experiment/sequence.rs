@@ -4,6 +4,7 @@ use super::feed::Tamper;
 use super::figures::judge;
 use super::file::Experiment;
 use super::folder::{Attempt, AttemptFolder, Folder, Status};
+use super::lock::TrialLock;
 use super::plan::{self, derive, Trial};
 use super::trial::{run_trial, Ending, Setup, Shown, Watcher};
 use super::ExperimentError;
@@ -131,6 +132,10 @@ pub(crate) fn run_tampered(
     ));
     let used = (experiment.prepare_rig(rig)).map_err(plan::PlanError::Rig)?;
     let folder = Folder::create(root, experiment, rig)?;
+    // All of them before anything is marked: whoever has a trial without a result may still be at it.
+    let _locks = (trials.iter())
+        .map(|trial| TrialLock::take(&folder, *trial))
+        .collect::<Result<Vec<_>, _>>()?;
     let mut before = BTreeMap::new();
     for trial in &trials {
         let attempts = folder.claim_attempts(experiment, *trial)?;

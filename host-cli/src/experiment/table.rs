@@ -62,6 +62,15 @@ impl Table {
         }
     }
 
+    /// A row, a value for each column.
+    ///
+    /// # Panics
+    /// There is no such row.
+    #[must_use]
+    pub fn row(&self, row: usize) -> Vec<f64> {
+        self.columns.iter().map(|column| column[row]).collect()
+    }
+
     /// Number of rows.
     #[must_use]
     pub fn rows(&self) -> usize {
@@ -75,33 +84,25 @@ impl Table {
         self.columns.get(index).map(Vec::as_slice)
     }
 
-    /// Adds the rows of a table with the same columns.
-    ///
-    /// # Errors
-    /// The columns differ.
-    pub fn append(&mut self, other: &Self) -> Result<(), String> {
-        if self.names != other.names {
-            return Err(format!(
-                "columns {:?} and {:?} differ",
-                self.names, other.names
-            ));
+    /// Adds rows.
+    pub fn extend(&mut self, rows: impl IntoIterator<Item = Vec<f64>>) {
+        for row in rows {
+            self.push(&row);
         }
-        for (column, more) in self.columns.iter_mut().zip(&other.columns) {
-            column.extend_from_slice(more);
-        }
-        Ok(())
     }
 
-    /// Writes rows `from..` to a file: first beside it, then under its name, so that there is never half a file.
+    /// Keeps the first `rows` rows.
+    pub fn truncate(&mut self, rows: usize) {
+        for column in &mut self.columns {
+            column.truncate(rows);
+        }
+    }
+
+    /// Writes the rows to a file: first beside it, then under its name, so that there is never half a file.
     ///
     /// # Errors
     /// [`TableError`].
-    pub fn write(
-        &self,
-        path: &Path,
-        from: usize,
-        metadata: &[(&str, String)],
-    ) -> Result<(), TableError> {
+    pub fn write(&self, path: &Path, metadata: &[(&str, String)]) -> Result<(), TableError> {
         let beside = path.with_extension("parquet.part");
         let write = || -> Result<(), Box<dyn std::error::Error>> {
             let fields: String = (self.names.iter())
@@ -118,7 +119,7 @@ impl Table {
                 .build();
             let file = File::create(&beside)?;
             let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
-            let mut start = from.min(self.rows());
+            let mut start = 0;
             while start < self.rows() {
                 let end = (start + GROUP).min(self.rows());
                 let mut group = writer.next_row_group()?;
@@ -204,17 +205,12 @@ mod tests {
             let b = if n % 3 == 0 { f64::NAN } else { f64::from(n) };
             table.push(&[f64::from(n) * 0.5, b]);
         }
-        table
-            .write(&path, 0, &[("key", "value".to_owned())])
-            .unwrap();
+        table.write(&path, &[("key", "value".to_owned())]).unwrap();
         let back = Table::read(&path).unwrap();
         assert_eq!(back.rows(), 70_000);
         assert_eq!(back.column("a"), table.column("a"));
         let b = back.column("b").unwrap();
         assert!(b[69_999].is_nan() && b[69_998] == 69_998.0);
-        // The end alone.
-        table.write(&path, 69_990, &[]).unwrap();
-        assert_eq!(Table::read(&path).unwrap().rows(), 10);
         let error = Table::read(&folder.path().join("none")).unwrap_err();
         assert!(
             error.to_string().contains("none: cannot be read"),

@@ -203,6 +203,52 @@ fn a_trial_outside_its_gates_is_kept_and_repeated_and_stays_left_to_do() {
     );
 }
 
+/// Records rows and their truth as a trial does, and cuts the file off in its last chunk.
+fn leave_recording(attempt: &folder::AttemptFolder, rows: &Table, truth: &Table) {
+    use super::dataset::{BOARD_TIME, ROWS, TRUTH};
+    use crate::recording::{Metadata, Recorder, CHUNK_PERIOD, MCAP_FILE};
+    let metadata = Metadata::new(&RigFile::built_in().unwrap(), true)
+        .without_samples()
+        .with_columns(&[ROWS, TRUTH]);
+    let mut recorder = Recorder::create(&attempt.recording(), &metadata).unwrap();
+    let file = attempt.recording().join(MCAP_FILE);
+    for row in 0..rows.rows() {
+        let values = rows.row(row);
+        let board_s = values[BOARD_TIME];
+        recorder.columns(ROWS.topic, board_s, values);
+        recorder.columns(TRUTH.topic, board_s, truth.row(row));
+        if row == rows.rows() / 2 {
+            // A chunk is on the disk.
+            let before = std::fs::metadata(&file).unwrap().len();
+            for _ in 0..1000 {
+                std::thread::sleep(CHUNK_PERIOD / 10);
+                if std::fs::metadata(&file).unwrap().len() > before + 1000 {
+                    break;
+                }
+            }
+        }
+    }
+    drop(recorder);
+    let whole = std::fs::read(&file).unwrap();
+    let opcode_of_chunk = |at: &usize| whole[*at] == 6;
+    // The last chunk ends somewhere in the last records; the summary behind it goes as well.
+    let chunks = records(&whole);
+    let last = chunks.iter().rfind(|at| opcode_of_chunk(at)).unwrap();
+    std::fs::write(&file, &whole[..last + 100]).unwrap();
+}
+
+/// Where the records of an MCAP file begin: after the magic, each with an opcode and a length of 8 bytes.
+fn records(file: &[u8]) -> Vec<usize> {
+    let mut at = 8;
+    let mut found = Vec::new();
+    while at + 9 <= file.len() - 8 {
+        found.push(at);
+        let length = u64::from_le_bytes(file[at + 1..at + 9].try_into().unwrap());
+        at += 9 + length as usize;
+    }
+    found
+}
+
 #[test]
 fn an_experiment_goes_on_where_it_was_broken_off_and_shards_share_the_folder() {
     let folder = tempfile::tempdir().unwrap();
@@ -218,12 +264,13 @@ fn an_experiment_goes_on_where_it_was_broken_off_and_shards_share_the_folder() {
     };
     let summary = run_with(&experiment, root, &second, &mut |_, _| None);
     assert_eq!((summary.good.clone(), summary.left), (vec![2], vec![1, 3]));
-    // What a killed program leaves of trial 1: parts and no result.
+    // What a killed program leaves of trial 1: a recording without its end, and no result.
     let (open, _) = Folder::open(root).unwrap();
     let rows = Table::read(&open.dataset(2)).unwrap();
+    let truth = Table::read(&open.truth(2)).unwrap();
     let attempt = open.attempt(1, 1);
     attempt.begin().unwrap();
-    rows.write(&attempt.part("rows", 0), 100, &[]).unwrap();
+    leave_recording(&attempt, &rows, &truth);
     // Whoever only looks leaves it alone: it may be in progress.
     assert_eq!(open.good(&experiment).unwrap().len(), 1);
     assert!(!attempt.path().join("result.json").exists());
@@ -242,8 +289,25 @@ fn an_experiment_goes_on_where_it_was_broken_off_and_shards_share_the_folder() {
     let kept = open.attempts(1).unwrap();
     let status: Vec<Status> = kept.iter().map(|a| a.status).collect();
     assert_eq!(status, [Status::BrokenOff, Status::Good]);
-    let part = Table::read(&attempt.path().join("rows.parquet")).unwrap();
-    assert_eq!(part.rows(), rows.rows() - 100);
+    for (name, whole) in [("rows.parquet", &rows), ("truth.parquet", &truth)] {
+        let part = Table::read(&attempt.path().join(name)).unwrap();
+        // All chunks but the one in which the program was killed.
+        assert!(
+            part.rows() > 50 && part.rows() < whole.rows(),
+            "{name}: {}",
+            part.rows()
+        );
+        for column in whole.names() {
+            let (part, whole) = (part.column(column).unwrap(), whole.column(column).unwrap());
+            let same = part
+                .iter()
+                .zip(whole)
+                .all(|(a, b)| a == b || (a.is_nan() && b.is_nan()));
+            assert!(same, "{column}");
+        }
+    }
+    // With the rows in their own files, a recording that nobody asked for is gone.
+    assert!(!open.attempt(1, 2).recording().exists());
     // Another experiment does not fit into this folder.
     let other = Experiment {
         seed: 2,
@@ -281,6 +345,85 @@ fn an_experiment_goes_on_where_it_was_broken_off_and_shards_share_the_folder() {
     assert_eq!(card["attempts_not_used"][0]["status"], "broken_off");
     let file = &card["trials"][0]["files"]["dataset/trial-01.parquet"];
     assert_eq!(*file, folder::sha256_of(&open.dataset(1)).unwrap());
+}
+
+#[test]
+fn a_trial_that_another_process_runs_is_refused_and_left_as_it_is() {
+    let temporary = tempfile::tempdir().unwrap();
+    let root = temporary.path();
+    let experiment = Experiment {
+        trials: 2,
+        ..short(3.0)
+    };
+    let rig = RigFile::built_in().unwrap();
+    let folder = Folder::create(root, &experiment, &rig).unwrap();
+    let attempt = folder.attempt(2, 1);
+    attempt.begin().unwrap();
+    let other = lock::TrialLock::take(&folder, 2).unwrap();
+    let again = Options {
+        resume: true,
+        ..Options::default()
+    };
+    let refused = run(&experiment, &rig, root, &again, &mut NoopWatcher).unwrap_err();
+    let words = format!("process {}", std::process::id());
+    assert!(
+        refused.to_string().contains("trial 2") && refused.to_string().contains(&words),
+        "{refused}"
+    );
+    assert!(!attempt.path().join("result.json").exists(), "not marked");
+    assert!(!folder.attempt(1, 1).path().exists(), "nothing was begun");
+    // The other shard is free meanwhile, and this one when the other process has ended.
+    let first = Options {
+        shard: "1/2".parse().unwrap(),
+        ..again.clone()
+    };
+    assert_eq!(
+        run_with(&experiment, root, &first, &mut |_, _| None).good,
+        [1]
+    );
+    drop(other);
+    assert_eq!(
+        run_with(&experiment, root, &again, &mut |_, _| None).good,
+        [1, 2]
+    );
+}
+
+#[test]
+fn the_raven_s_path_pulls_with_the_board_s_motors_off() {
+    use crate::recording::read::{mcap_of, Entry, Reader};
+    let temporary = tempfile::tempdir().unwrap();
+    let mut experiment = short(6.0);
+    experiment.path = file::ControlPath::Raven;
+    experiment.record_samples = true;
+    // The path is coarser than the board's gate.
+    experiment.gates.tracking_rms_n = 1.0;
+    let summary = run_with(
+        &experiment,
+        temporary.path(),
+        &Options::default(),
+        &mut |_, _| None,
+    );
+    assert_eq!(summary.good, [1], "{:?}", summary.attempts);
+    let folder = Folder::open(temporary.path()).unwrap().0;
+    let truth = Table::read(&folder.truth(1)).unwrap();
+    for unit in [3, 4] {
+        let tension = truth.column(&format!("true_tension_{unit}_n")).unwrap();
+        let mean = tension.iter().sum::<f64>() / tension.len() as f64;
+        assert!(mean > 1.5, "cable {unit}: {mean}");
+    }
+    // 32768 is 0 V.
+    let mut samples = 0;
+    for entry in Reader::open(&mcap_of(&folder.attempt(1, 1).recording())).unwrap() {
+        match entry {
+            Entry::Message { topic, data, .. } if topic == "/sample" => {
+                let sample: serde_json::Value = serde_json::from_slice(&data).unwrap();
+                assert_eq!(sample["dac_code"], 32_768, "{sample}");
+                samples += 1;
+            }
+            _ => {}
+        }
+    }
+    assert!(samples > 1000, "{samples}");
 }
 
 #[test]

@@ -71,6 +71,7 @@ pub struct EmbeddedRig {
     log: Arc<Mutex<VecDeque<String>>>,
     log_reader: std::thread::JoinHandle<()>,
     machine: String,
+    usb: bool,
     seed: u64,
     response_timeout: Duration,
 }
@@ -97,6 +98,9 @@ impl EmbeddedRig {
         }
         if let Some(plant) = &options.plant {
             command.arg("--plant").arg(plant);
+        }
+        if options.usb {
+            command.arg("--usb");
         }
         if options.paced {
             command.arg("--paced");
@@ -149,6 +153,7 @@ impl EmbeddedRig {
             log,
             log_reader,
             machine: String::new(),
+            usb: options.usb,
             seed: 0,
             response_timeout,
         };
@@ -185,6 +190,11 @@ impl EmbeddedRig {
         };
         match sent.and_then(|()| self.response(limit)) {
             Ok(Response::Failed(why)) => Err(LinkError::Refused(why)),
+            Ok(Response::Unplugged) => Err(LinkError::Lost {
+                name: "the embedded rig's USB port".to_owned(),
+                cause: "the board left the bus; plug it in again (`usb-in`) and start anew"
+                    .to_owned(),
+            }),
             Ok(response) => Ok(response),
             Err(error) => Err(self.lost(&error)),
         }
@@ -253,13 +263,15 @@ fn unexpected(response: &Response) -> LinkError {
         Response::Done => "done",
         Response::Report(_) => "a report",
         Response::Failed(_) => "failed",
+        Response::Unplugged => "unplugged",
     };
     LinkError::Refused(format!("it sent the response `{what}` to another request"))
 }
 
 impl RigLink for EmbeddedRig {
     fn name(&self) -> String {
-        format!("embedded rig, {}, seed {}", self.machine, self.seed)
+        let usb = if self.usb { " by USB" } else { "" };
+        format!("embedded rig{usb}, {}, seed {}", self.machine, self.seed)
     }
 
     fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError> {

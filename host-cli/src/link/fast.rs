@@ -26,6 +26,11 @@ impl FastRig {
     /// [`LinkError::Setup`] where the plant's file can't be read or holds what the physics can't take.
     pub fn open(options: &EmbeddedOptions) -> Result<Self, LinkError> {
         let setup = |error: &dyn std::fmt::Display| LinkError::Setup(error.to_string());
+        if options.usb {
+            return Err(setup(
+                &"the rig without the emulated controller has no USB core: omit --usb, or use --link embedded",
+            ));
+        }
         let plant = match &options.plant {
             None => PlantConfig::default(),
             Some(path) => {

@@ -147,6 +147,8 @@ pub struct EmbeddedOptions {
     pub paced: bool,
     /// Configuration of the plant (TOML); `None`: the rig of the thesis.
     pub plant: Option<std::path::PathBuf>,
+    /// The board's USB port instead of its serial line.
+    pub usb: bool,
 }
 
 /// Opens a link.

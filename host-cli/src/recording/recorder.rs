@@ -3,7 +3,7 @@
 use super::parquet;
 use super::rows::phase_name;
 use super::sink::Storage;
-use super::table::Utc;
+use super::table::{ColumnTable, Utc};
 use super::writer::{configuration_pairs, Writer};
 use super::{folder, RecordError, MCAP_FILE};
 use crate::calibrate::applied::Steady;
@@ -35,6 +35,10 @@ pub struct Metadata {
     pub utc_start: Utc,
     /// Whether a run may wait for the disk where 40 s of rows wait already: where the rig's time is the run's own to stop.
     pub waits: bool,
+    /// Whether load-cell samples and control cycles are recorded.
+    pub samples: bool,
+    /// Tables that the run adds.
+    pub columns: Vec<ColumnTable>,
     /// Anything else: trial, seed, who, what for.
     pub notes: BTreeMap<String, String>,
 }
@@ -50,6 +54,8 @@ impl Metadata {
             rig: rig.clone(),
             emulated,
             waits: emulated,
+            samples: true,
+            columns: Vec::new(),
             utc_start: Utc::from_ns(now_ns),
             notes: BTreeMap::new(),
         }
@@ -59,6 +65,20 @@ impl Metadata {
     #[must_use]
     pub fn never_waits(mut self) -> Self {
         self.waits = false;
+        self
+    }
+
+    /// Records neither load-cell samples nor control cycles.
+    #[must_use]
+    pub fn without_samples(mut self) -> Self {
+        self.samples = false;
+        self
+    }
+
+    /// Adds tables of numbers.
+    #[must_use]
+    pub fn with_columns(mut self, tables: &[ColumnTable]) -> Self {
+        self.columns.extend_from_slice(tables);
         self
     }
 
@@ -111,6 +131,8 @@ pub(super) enum Item {
     Phase(&'static str),
     Configured(Box<[UnitConfig; UNITS]>),
     Notice(String),
+    /// A row of a table of numbers: its topic, board time (s) and values.
+    Columns(&'static str, f64, Vec<f64>),
     Metadata(String, BTreeMap<String, String>),
 }
 
@@ -321,9 +343,20 @@ impl Recorder {
 
     /// What arrived: samples, faults, readings of the clock.
     pub fn received(&mut self, received: &Received) {
-        let mut received = received.clone();
-        // A thousand rows a second that cycles hold at their own rate.
-        received.truth = Vec::new();
+        // The truth is a thousand rows a second that cycles hold at their own rate.
+        let samples = if self.metadata.samples {
+            received.samples.clone()
+        } else {
+            Vec::new()
+        };
+        let received = Received {
+            samples,
+            truth: Vec::new(),
+            faults: received.faults.clone(),
+            readings: received.readings.clone(),
+            status: received.status.clone(),
+            ..*received
+        };
         let samples = received.samples.len() as u64;
         if !self.may(Item::Received(Box::new(received))) {
             self.shared.drop_samples(samples);
@@ -338,7 +371,17 @@ impl Recorder {
     /// The same before what arrived in it was handed over, with its host time, ns.
     pub fn cycle_at(&mut self, step: &Step, host_ns: u64) {
         self.steady.add(step);
+        if !self.metadata.samples {
+            return;
+        }
         if !self.may(Item::Cycle(Box::new(*step), host_ns)) {
+            self.shared.drop_cycles(1);
+        }
+    }
+
+    /// A row of a table of [`Metadata::columns`] that was at a board time, s.
+    pub fn columns(&mut self, topic: &'static str, board_s: f64, values: Vec<f64>) {
+        if !self.may(Item::Columns(topic, board_s, values)) {
             self.shared.drop_cycles(1);
         }
     }
@@ -453,6 +496,16 @@ impl Recorder {
             dropped_cycles,
             failures,
         }
+    }
+
+    /// Ends the recording and removes it: what it held is safe elsewhere.
+    ///
+    /// # Errors
+    /// A file can't be removed.
+    pub fn discard(mut self) -> Result<(), RecordError> {
+        self.close();
+        std::fs::remove_dir_all(&self.folder)
+            .map_err(|error| RecordError::new(&self.folder, &error))
     }
 
     /// Writes `configuration.json`: at the start, so that it is there whatever happens, and with the zeros at the end.

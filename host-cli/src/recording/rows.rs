@@ -1,6 +1,6 @@
 //! The tables of a recording: samples, control cycles, the two clocks, counters, events.
 
-use super::table::{table, Utc};
+use super::table::{row, table, Utc};
 use crate::force::metrics::Step;
 use crate::run::Phase;
 use crate::session::TimedSample;
@@ -12,7 +12,6 @@ use wire::UNITS;
 table! {
     /// A sample of a unit: raw codes, and the same in SI units by the configuration that the row names.
     SampleRow { "/sample", "force_rig.Sample", "samples.parquet", "one sample of one unit; the times are those of its DRDY edge" }
-    phase: String, "", "phase of the run";
     configuration: i32, "", "index of the configuration that the row was converted with";
     unit: i32, "", "unit, from 1";
     adc_code: i32, "", "code of the load cell's converter";
@@ -35,7 +34,6 @@ table! {
 table! {
     /// A cycle of the host's controller.
     CycleRow { "/cycle", "force_rig.Cycle", "cycles.parquet", "one cycle of the host's controller (100 Hz); the times are those of its end" }
-    phase: String, "", "phase of the run";
     configuration: i32, "", "index of the configuration in force";
     since_command_s: f64, "s", "time since the force was commanded, host clock; negative before";
     tip_m: [f64; 3], "m", "tip of the robot, robot base frame";
@@ -50,7 +48,6 @@ table! {
 table! {
     /// The clocks against each other, and the bounds that they were estimated from.
     ClockRow { "/clock", "force_rig.Clock", "clock.parquet", "the clocks of host and board against each other, four times a second" }
-    phase: String, "", "phase of the run";
     offset_s: f64, "s", "host time minus board time";
     offset_uncertainty_s: Option<f64>, "s", "largest error of the offset; missing before the first answered request";
     drift_ppm: f64, "ppm", "change of the offset per board time";
@@ -66,7 +63,6 @@ table! {
 table! {
     /// What was received and lost so far.
     CounterRow { "/counters", "force_rig.Counters", "counters.parquet", "what was received and lost since the link was opened or the board's boot, once a second" }
-    phase: String, "", "phase of the run";
     frames: u64, "", "good telemetry frames since the link was opened";
     frames_lost: u64, "", "frames that never arrived since the link was opened";
     frames_bad: u64, "", "frames that arrived damaged since the link was opened";
@@ -80,14 +76,13 @@ table! {
 
 table! {
     /// An event, in Foxglove's form of a log message.
-    EventRow { "/log", "foxglove.Log", "events.parquet", "phases, configurations, faults, notices, losses" }
+    EventRow { "/log", "foxglove.Log", "events.parquet", "phases, configurations, faults, notices, losses; the phase is that from this event on" }
     timestamp: Utc, "", "the same as `utc`, by the name that Foxglove expects";
     level: i32, "", "2: information, 3: warning, 4: error (foxglove.Log)";
     name: String, "", "kind: phase, configuration, fault, notice, drops, clock";
     message: String, "", "what happened";
     file: String, "", "empty (foxglove.Log)";
     line: i32, "", "0 (foxglove.Log)";
-    phase: String, "", "phase of the run from this event on";
 }
 
 /// Name of a phase in a recording.
@@ -150,11 +145,7 @@ impl SampleRow {
                 )
             });
         let tenth_mn = |value: i32| f64::from(value) * 1e-4;
-        Self {
-            utc: at.times.utc,
-            host_s: at.times.host_s,
-            board_s: at.times.board_s,
-            phase: at.phase.to_owned(),
+        row!(SampleRow, at, {
             configuration: at.configuration,
             unit: i32::from(s.unit) + 1,
             adc_code: s.adc_code,
@@ -172,18 +163,14 @@ impl SampleRow {
             d_n: tenth_mn(s.d),
             ff_n: tenth_mn(s.ff),
             tip_force_n: f64::from(s.tip_force_mn) * 1e-3,
-        }
+        })
     }
 }
 
 impl CycleRow {
     /// From a cycle.
     pub(super) fn new(at: At<'_>, step: &Step) -> Self {
-        Self {
-            utc: at.times.utc,
-            host_s: at.times.host_s,
-            board_s: at.times.board_s,
-            phase: at.phase.to_owned(),
+        row!(CycleRow, at, {
             configuration: at.configuration,
             since_command_s: step.t_s,
             tip_m: step.tip_m.into(),
@@ -193,7 +180,7 @@ impl CycleRow {
             tension_setpoint_n: step.tension_setpoint_n,
             measured_tension_n: step.measured_tension_n,
             true_tension_n: step.true_tension_n,
-        }
+        })
     }
 }
 

@@ -272,6 +272,64 @@ impl Table {
     }
 }
 
+/// A column of numbers: name, unit, what it is.
+pub type Column = (&'static str, &'static str, &'static str);
+
+/// A table of numbers that a run adds to those of a recording, for example its robot's states.
+#[derive(Debug, Clone, Copy)]
+pub struct ColumnTable {
+    /// Topic.
+    pub topic: &'static str,
+    /// Name of the schema.
+    pub schema_name: &'static str,
+    /// What a row is.
+    pub row: &'static str,
+    /// Columns; the time `utc` is not among them.
+    pub columns: &'static [Column],
+}
+
+impl ColumnTable {
+    /// JSON schema of its messages. A number that is not there is left out.
+    #[must_use]
+    pub fn json_schema(&self) -> Json {
+        let mut properties = serde_json::Map::from_iter([("utc".to_owned(), Utc::schema())]);
+        properties.extend(self.columns.iter().map(|(name, unit, meaning)| {
+            let schema = json!({"type": "number", "description": format!("{meaning}, {unit}")});
+            ((*name).to_owned(), schema)
+        }));
+        json!({
+            "$schema": "https://json-schema.org/draft/2020-12/schema",
+            "title": self.schema_name,
+            "description": self.row,
+            "type": "object",
+            "additionalProperties": false,
+            "required": ["utc"],
+            "properties": properties,
+        })
+    }
+
+    /// A message; `values` has one for each column, NaN where there is none.
+    #[must_use]
+    pub fn message(&self, utc: Utc, values: &[f64]) -> Json {
+        let mut fields = serde_json::Map::from_iter([("utc".to_owned(), json!(utc))]);
+        for ((name, ..), value) in self.columns.iter().zip(values) {
+            // Not a number and the infinite ones have no JSON.
+            if let Some(number) = serde_json::Number::from_f64(*value) {
+                fields.insert((*name).to_owned(), number.into());
+            }
+        }
+        fields.into()
+    }
+
+    /// The values of a message, NaN where there is none; `None` where it is no message of this table.
+    #[must_use]
+    pub fn values(&self, message: &[u8]) -> Option<Vec<f64>> {
+        let fields: serde_json::Map<String, Json> = serde_json::from_slice(message).ok()?;
+        let value = |name| fields.get(name).and_then(Json::as_f64).unwrap_or(f64::NAN);
+        Some(self.columns.iter().map(|(name, ..)| value(*name)).collect())
+    }
+}
+
 /// A row of a table.
 pub trait Row: Serialize + for<'de> Deserialize<'de> {
     /// Its table.
@@ -295,7 +353,7 @@ pub struct Times {
     pub board_s: f64,
 }
 
-/// Declares a table with its row. Every row begins with the three clocks.
+/// Declares a table with its row. Every row begins with the three clocks and the phase.
 macro_rules! table {
     (
         $(#[$meta:meta])*
@@ -311,6 +369,8 @@ macro_rules! table {
             pub host_s: f64,
             #[doc = "The same time by the board's clock, s."]
             pub board_s: f64,
+            #[doc = "Phase of the run."]
+            pub phase: String,
             $(
                 #[doc = concat!($meaning, " (", $unit, ")")]
                 #[serde(skip_serializing_if = "crate::recording::table::Absent::is_absent")]
@@ -328,6 +388,7 @@ macro_rules! table {
                     $crate::recording::table::field::<$crate::recording::table::Utc>("utc", "", "time in UTC"),
                     $crate::recording::table::field::<f64>("host_s", "s", "the same time by the host's monotonic clock, from when the link was opened"),
                     $crate::recording::table::field::<f64>("board_s", "s", "the same time by the board's clock, from its boot"),
+                    $crate::recording::table::field::<String>("phase", "", "phase of the run"),
                     $( $crate::recording::table::field::<$type>(stringify!($field), $unit, $meaning), )*
                 ],
             };
@@ -338,6 +399,7 @@ macro_rules! table {
                 self.utc.cells(&mut out);
                 self.host_s.cells(&mut out);
                 self.board_s.cells(&mut out);
+                self.phase.cells(&mut out);
                 $( self.$field.cells(&mut out); )*
                 out
             }
@@ -355,6 +417,21 @@ macro_rules! table {
     };
 }
 pub(super) use table;
+
+/// A row of a table that was at a time ([`super::rows::At`]): its own fields; clocks and phase come from there.
+macro_rules! row {
+    ($row:ident, $at:expr, { $($field:ident: $value:expr),* $(,)? }) => {{
+        let at = $at;
+        $row {
+            utc: at.times.utc,
+            host_s: at.times.host_s,
+            board_s: at.times.board_s,
+            phase: at.phase.to_owned(),
+            $($field: $value),*
+        }
+    }};
+}
+pub(super) use row;
 
 /// A field of a type.
 #[must_use]

@@ -3,7 +3,7 @@
 use super::recorder::{Item, Metadata, Shared};
 use super::rows::{At, ClockRow, CounterRow, CycleRow, EventRow, SampleRow, TipPose, OBSERVING};
 use super::sink::{Sink, Storage};
-use super::table::{Row, Times, Utc};
+use super::table::{row, ColumnTable, Row, Times, Utc};
 use super::utc::UtcClock;
 use crate::clock::{Bin, BoardClock, Estimate, Reading};
 use crate::force::metrics::Step;
@@ -46,6 +46,7 @@ struct Topic {
 pub(super) struct Writer {
     mcap: mcap::Writer<NoSeek<Sink>>,
     topics: BTreeMap<&'static str, Topic>,
+    columns: Vec<ColumnTable>,
     backlog: Arc<AtomicU64>,
     shared: Arc<Shared>,
     clock: BoardClock,
@@ -97,6 +98,10 @@ impl Writer {
             let schema = table.json_schema().to_string();
             add(table.topic, table.schema_name, schema)?;
         }
+        for table in &metadata.columns {
+            let schema = table.json_schema().to_string();
+            add(table.topic, table.schema_name, schema)?;
+        }
         add(
             TipPose::TOPIC,
             TipPose::SCHEMA_NAME,
@@ -116,6 +121,7 @@ impl Writer {
         let mut writer = Self {
             mcap,
             topics,
+            columns: metadata.columns.clone(),
             backlog,
             shared,
             clock: BoardClock::live(),
@@ -197,6 +203,7 @@ impl Writer {
             }
             Item::Configured(configs) => self.configured(&configs),
             Item::Notice(text) => self.event(WARNING, "notice", &text),
+            Item::Columns(topic, board_s, values) => self.columns(topic, board_s, &values),
             Item::Metadata(name, pairs) => self.metadata(&name, pairs),
         }
     }
@@ -295,21 +302,11 @@ impl Writer {
             u64::try_from(host_ns).unwrap_or(0)
         };
         let finite = |ns: f64| ns.is_finite().then_some(ns * 1e-9);
-        let Times {
-            utc,
-            host_s,
-            board_s,
-        } = self
-            .at(
-                self.host_of(estimate.board_us),
-                estimate.board_us as f64 * 1e-6,
-            )
-            .times;
-        self.write_row(&ClockRow {
-            utc,
-            host_s,
-            board_s,
-            phase: self.phase.to_owned(),
+        let at = self.at(
+            self.host_of(estimate.board_us),
+            estimate.board_us as f64 * 1e-6,
+        );
+        let row = row!(ClockRow, at, {
             offset_s: estimate.offset_ns * 1e-9,
             offset_uncertainty_s: finite(estimate.uncertainty_ns),
             drift_ppm: estimate.drift * 1e6,
@@ -321,21 +318,13 @@ impl Writer {
             arrival_board_us: bin.upper.map(|bound| bound.board_us),
             arrival_host_ns: bin.upper.map(host_of),
         });
+        self.write_row(&row);
     }
 
     fn write_counters(&mut self, received: &Received) {
-        let Times {
-            utc,
-            host_s,
-            board_s,
-        } = self.now();
         let (samples, cycles) = self.shared.dropped();
         let counters = received.counters;
-        self.write_row(&CounterRow {
-            utc,
-            host_s,
-            board_s,
-            phase: self.phase.to_owned(),
+        let row = row!(CounterRow, self.now(), {
             frames: counters.frames,
             frames_lost: counters.frames_lost,
             frames_bad: counters.frames_bad,
@@ -346,38 +335,37 @@ impl Writer {
             recorder_dropped_samples: samples,
             recorder_dropped_cycles: cycles,
         });
+        self.write_row(&row);
     }
 
     fn cycle(&mut self, step: &Step) {
-        let times = self.now();
-        let row = CycleRow::new(self.with(times), step);
+        let row = CycleRow::new(self.now(), step);
         self.write_row(&row);
-        self.write(
-            TipPose::TOPIC,
-            times.utc,
-            &TipPose::new(times.utc, row.tip_m),
-        );
+        self.write(TipPose::TOPIC, row.utc, &TipPose::new(row.utc, row.tip_m));
         self.shared.cycles.fetch_add(1, Ordering::Relaxed);
     }
 
+    fn columns(&mut self, topic: &'static str, board_s: f64, values: &[f64]) {
+        let Some(table) = self.columns.iter().find(|table| table.topic == topic) else {
+            return;
+        };
+        let host_ns = self.host_of((board_s * 1e6) as u64);
+        let utc = self.at(host_ns, board_s).times.utc;
+        let message = table.message(utc, values);
+        self.write(topic, utc, &message);
+    }
+
     fn event(&mut self, level: i32, name: &str, message: &str) {
-        let Times {
-            utc,
-            host_s,
-            board_s,
-        } = self.now();
-        self.write_row(&EventRow {
-            utc,
-            host_s,
-            board_s,
-            timestamp: utc,
-            level,
+        let at = self.now();
+        let row = row!(EventRow, at, {
+            timestamp: at.times.utc,
+            level: level,
             name: name.to_owned(),
             message: message.to_owned(),
             file: String::new(),
             line: 0,
-            phase: self.phase.to_owned(),
         });
+        self.write_row(&row);
     }
 
     /// Records that something was dropped, where it happened.
@@ -406,25 +394,21 @@ impl Writer {
             .map_or(self.host_ns as f64, |estimate| estimate.host_ns(board_us))
     }
 
-    fn now(&self) -> Times {
+    fn now(&self) -> At<'static> {
         let host_ns = self.host_ns as f64;
         let board_us = self
             .estimate
             .map_or(0.0, |estimate| estimate.board_us(host_ns));
-        self.at(host_ns, board_us * 1e-6).times
+        self.at(host_ns, board_us * 1e-6)
     }
 
-    fn at(&self, host_ns: f64, board_s: f64) -> At<'_> {
-        self.with(Times {
-            utc: Utc::from_ns(self.utc.of(host_ns)),
-            host_s: host_ns * 1e-9,
-            board_s,
-        })
-    }
-
-    fn with(&self, times: Times) -> At<'static> {
+    fn at(&self, host_ns: f64, board_s: f64) -> At<'static> {
         At {
-            times,
+            times: Times {
+                utc: Utc::from_ns(self.utc.of(host_ns)),
+                host_s: host_ns * 1e-9,
+                board_s,
+            },
             phase: self.phase,
             configuration: self.configuration,
         }

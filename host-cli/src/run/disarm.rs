@@ -1,6 +1,6 @@
 //! The end of a run: tensions ramp down, then the board disarms.
 
-use crate::session::{explain_fault, system_state_name, Session, SessionError, PERIOD};
+use crate::session::{explain_fault, system_state_name, Patience, Session, SessionError, PERIOD};
 use control::SystemState;
 use std::time::Duration;
 use wire::Command;
@@ -18,7 +18,7 @@ const DISARM_TIMEOUT: Duration = Duration::from_secs(3);
 pub(crate) fn ramp_down_and_disarm(session: &mut Session<'_>) -> Result<(), SessionError> {
     session.command(&Command::Disarm)?;
     session.set_setpoints(None);
-    let start_ns = session.now_ns();
+    let mut patience = Patience::new(DISARM_TIMEOUT, session.now_ns());
     loop {
         let status = session.get_status()?;
         if SystemState::from_u8(status.state).is_some_and(|state| !state.drives()) {
@@ -30,7 +30,7 @@ pub(crate) fn ramp_down_and_disarm(session: &mut Session<'_>) -> Result<(), Sess
             }
             break;
         }
-        if Duration::from_nanos(session.now_ns() - start_ns) > DISARM_TIMEOUT {
+        if patience.is_over(session.now_ns(), Some(status.t_us)) {
             return Err(SessionError::TooLong(format!(
                 "disarming is not over after {} s (state `{}`); see `forcectl status`",
                 DISARM_TIMEOUT.as_secs(),

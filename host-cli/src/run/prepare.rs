@@ -9,7 +9,7 @@ use super::{
 };
 use crate::link::{LinkError, RigLink};
 use crate::rigfile::{board_crc, RigFile};
-use crate::session::{explain_fault, system_state_name, Session, SessionError, PERIOD};
+use crate::session::{explain_fault, system_state_name, Patience, Session, SessionError, PERIOD};
 use control::{MotorState, SystemState};
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -249,6 +249,7 @@ pub(super) fn wait_ready(
     observer: &mut dyn Observer,
 ) -> Result<Status, RunError> {
     let start = session.now_ns();
+    let mut patience = Patience::new(timeout, start);
     // A status that was on its way before the command took effect must not count.
     session.advance(PERIOD)?;
     loop {
@@ -267,7 +268,7 @@ pub(super) fn wait_ready(
             return Ok(status);
         }
         let waited = Duration::from_nanos(session.now_ns() - start);
-        if waited > timeout {
+        if patience.is_over(session.now_ns(), Some(status.t_us)) {
             return Err(SessionError::TooLong(format!(
                 "{} is not over after {} s (state `{}`); see `forcectl status`",
                 phase.describe(),

@@ -6,6 +6,7 @@
 //! | a command and its response | `request` |
 //! | bytes to samples, faults and status; time | `receive` |
 //! | when the board read its clock | `timekeeping` |
+//! | how long a step may take, by the board's clock | `patience` |
 //! | numbers in words | `explain` |
 //! | what can go wrong | `error` |
 //!
@@ -17,6 +18,7 @@ mod error;
 mod explain;
 mod gaps;
 mod handshake;
+mod patience;
 mod receive;
 mod request;
 mod timekeeping;
@@ -27,6 +29,7 @@ pub use explain::{
     motor_state_name, system_state_name,
 };
 pub use gaps::Gaps;
+pub use patience::Patience;
 
 use crate::clock::Reading;
 use crate::link::RigLink;
@@ -225,6 +228,12 @@ impl<'l> Session<'l> {
     /// The link, for what is not part of the protocol.
     pub fn link(&mut self) -> &mut dyn RigLink {
         self.link
+    }
+
+    /// The samples since the last [`Session::drain`], which keeps them for it.
+    #[must_use]
+    pub fn undrained_samples(&self) -> &[TimedSample] {
+        &self.received.samples
     }
 
     /// Everything that arrived since the last call.

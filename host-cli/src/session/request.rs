@@ -1,8 +1,8 @@
 //! Requests: a command goes out, its response comes back, several times where frames get lost.
 
 use super::{
-    command_name, explain_fault, explain_refusal, system_state_name, Session, SessionError, PERIOD,
-    SETPOINTS_VALID_MS,
+    command_name, explain_fault, explain_refusal, system_state_name, Patience, Session,
+    SessionError, PERIOD, SETPOINTS_VALID_MS,
 };
 use std::time::Duration;
 use wire::message::{BoardConfig, CommandError, Response, Status, UnitConfig};
@@ -175,7 +175,7 @@ impl Session<'_> {
         what: &str,
         done: impl Fn(&Status) -> bool,
     ) -> Result<Status, SessionError> {
-        let deadline = self.now_ns + timeout.as_nanos() as u64;
+        let mut patience = Patience::new(timeout, self.now_ns);
         // What is there already may be older than the command that is waited for.
         self.status = None;
         loop {
@@ -191,7 +191,7 @@ impl Session<'_> {
                     )));
                 }
             }
-            if self.now_ns >= deadline {
+            if patience.is_over(self.now_ns, self.status.as_ref().map(|status| status.t_us)) {
                 let state = self.status.as_ref().map_or_else(
                     || "no status".to_owned(),
                     |s| format!("state `{}`", system_state_name(s.state)),

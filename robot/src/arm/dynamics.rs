@@ -40,6 +40,8 @@ pub struct Body {
     sin_cos_75: (f64, f64),
     sin_cos_128: (f64, f64),
     mass_kg: [f64; 3],
+    /// Point mass at the tip, kg.
+    payload_kg: f64,
     extra: [f64; 3],
 }
 
@@ -51,6 +53,7 @@ impl Body {
             sin_cos_75: (75.0 * DEG).sin_cos(),
             sin_cos_128: (128.0 * DEG).sin_cos(),
             mass_kg: MASS_KG,
+            payload_kg: 0.0,
             extra: [0.0; 3],
         };
         let home = [30.0 * DEG, 90.0 * DEG, 0.4];
@@ -58,6 +61,25 @@ impl Body {
         body.extra = core::array::from_fn(|i| HOME_INERTIA[i] - points[(i, i)]);
         body.mass_kg = mass_kg;
         body
+    }
+
+    /// The same body with a point mass at its tip, kg.
+    #[must_use]
+    pub fn with_payload(mut self, payload_kg: f64) -> Self {
+        self.payload_kg = payload_kg;
+        self
+    }
+
+    /// Masses with their places: the links' and the payload, each with the link that it moves with.
+    fn points(&self, g: &Geometry) -> [(usize, Vector3<f64>, f64); 4] {
+        let [first, second, third] = g.com_m;
+        let [m1, m2, m3] = self.mass_kg;
+        [
+            (0, first, m1),
+            (1, second, m2),
+            (2, third, m3),
+            (2, g.tip_m, self.payload_kg),
+        ]
     }
 
     /// Tip and insertion axis alone: what the tip needs at every step.
@@ -125,9 +147,9 @@ impl Body {
     #[must_use]
     pub fn inertia(&self, g: &Geometry) -> Matrix3<f64> {
         let mut inertia = Matrix3::from_diagonal(&Vector3::from(self.extra));
-        for link in 0..3 {
-            let j = Self::columns(g, g.com_m[link], link);
-            inertia += j.transpose() * j * self.mass_kg[link];
+        for (link, place, mass_kg) in self.points(g) {
+            let j = Self::columns(g, place, link);
+            inertia += j.transpose() * j * mass_kg;
         }
         inertia
     }
@@ -136,9 +158,9 @@ impl Body {
     #[must_use]
     pub fn gravity(&self, g: &Geometry) -> Vector3<f64> {
         let mut torque = Vector3::zeros();
-        for link in 0..3 {
-            let j = Self::columns(g, g.com_m[link], link);
-            torque += j.row(0).transpose() * (self.mass_kg[link] * GRAVITY);
+        for (link, place, mass_kg) in self.points(g) {
+            let j = Self::columns(g, place, link);
+            torque += j.row(0).transpose() * (mass_kg * GRAVITY);
         }
         torque
     }
@@ -146,8 +168,8 @@ impl Body {
     /// Potential energy, J.
     #[must_use]
     pub fn potential_j(&self, g: &Geometry) -> f64 {
-        (0..3)
-            .map(|link| self.mass_kg[link] * GRAVITY * g.com_m[link].x)
+        (self.points(g).iter())
+            .map(|(_, place, mass_kg)| mass_kg * GRAVITY * place.x)
             .sum()
     }
 
@@ -157,9 +179,8 @@ impl Body {
         let (w1, w2) = (g.axis[0] * v[0], g.axis[1] * v[1]);
         let turning = w1.cross(&w2);
         let mut torque = Vector3::zeros();
-        for link in 0..3 {
+        for (link, p, mass_kg) in self.points(g) {
             let w = if link == 0 { w1 } else { w1 + w2 };
-            let p = g.com_m[link];
             let mut acceleration = w.cross(&w.cross(&p));
             if link >= 1 {
                 acceleration += turning.cross(&p);
@@ -168,7 +189,7 @@ impl Body {
                 acceleration += w.cross(&(g.axis[2] * v[2])) * 2.0;
             }
             let j = Self::columns(g, p, link);
-            torque += j.transpose() * acceleration * self.mass_kg[link];
+            torque += j.transpose() * acceleration * mass_kg;
         }
         torque
     }
@@ -235,9 +256,18 @@ mod tests {
     }
 
     #[test]
+    fn a_payload_weighs_at_the_tip() {
+        let (bare, loaded) = (body(), body().with_payload(0.05));
+        let g = bare.geometry([0.6, 1.4, 0.36]);
+        let more = loaded.gravity(&g) - bare.gravity(&g);
+        let weight = Vector3::new(-0.05 * GRAVITY, 0.0, 0.0);
+        assert!((more + Body::tip_jacobian(&g).tr_mul(&weight)).norm() < 1e-12);
+    }
+
+    #[test]
     fn velocity_terms_are_those_of_lagranges_equation() {
         // d/dt(M v) - 1/2 grad(v' M v), by differences.
-        let body = body();
+        let body = body().with_payload(0.1);
         let inertia = |q: [f64; 3]| body.inertia(&body.geometry(q));
         let h = 1e-6;
         for n in 0..20 {

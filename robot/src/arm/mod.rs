@@ -49,10 +49,19 @@ pub struct ArmConfig {
     pub start: [f64; 3],
     /// Width of the parameters' scatter: 1 the documented ranges, 0 the nominal arm.
     pub scatter: f64,
+    /// Point mass at the tip that the arm's own gravity model does not know, kg: another tool, or something held.
+    #[serde(skip_serializing_if = "is_zero")]
+    // A file without it has the hash that it always had.
+    pub payload_kg: f64,
     /// Gains of the arm's software.
     pub gains: Gains,
     /// Time in which the pace of a trajectory ramps in and out, s.
     pub ramp_s: f64,
+}
+
+#[allow(clippy::trivially_copy_pass_by_ref)] // serde gives a reference
+fn is_zero(value: &f64) -> bool {
+    *value == 0.0
 }
 
 const DEG: f64 = std::f64::consts::PI / 180.0;
@@ -68,6 +77,7 @@ impl Default for ArmConfig {
             },
             start,
             scatter: 1.0,
+            payload_kg: 0.0,
             gains: Gains::default(),
             ramp_s: 1.0,
         }
@@ -175,7 +185,8 @@ impl VirtualArm {
         let parameters = Parameters::draw(seed, config.scatter);
         let body = Body::new(core::array::from_fn(|i| {
             MASS_KG[i] * parameters.mass_factor[i]
-        }));
+        }))
+        .with_payload(config.payload_kg);
         let q = config.start;
         let geometry = body.geometry(q);
         let gravity = body.gravity(&geometry);
@@ -474,6 +485,7 @@ fn check(config: &ArmConfig) -> Result<(), ArmError> {
     .map_err(ArmError::Start)?;
     for (name, value, min, max) in [
         ("scatter", config.scatter, 0.0, 1.0),
+        ("payload_kg", config.payload_kg, 0.0, 1.0),
         ("ramp_s", config.ramp_s, 0.0, 60.0),
     ] {
         if !(min..=max).contains(&value) {

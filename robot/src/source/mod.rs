@@ -4,9 +4,11 @@
 //! | --- | --- | --- |
 //! | `virtual` | the virtual arm of the fast rig; whoever runs the rig feeds its states | `fed.rs` |
 //! | `crtk-ros1` | a robot with CRTK topics, or the Raven's `ravenstate`, over ROS 1 (feature `ros1`) | `ros1/` |
-//! | `crtk-ros2` | a robot with CRTK topics over ROS 2; not built in yet | |
+//! | `crtk-ros2` | a robot with CRTK topics over ROS 2 (feature `ros2`) | `ros2/` |
 //! | `udp` | JSON datagrams | `udp.rs` |
 //! | `static` | a clamped tip | `fixed.rs` |
+//!
+//! `geometry.rs` and `intake.rs` are what both ROS sources have in common.
 //!
 //! Every source passes its states through a [`Watch`]: what comes out of [`Source::poll`] can be used, and what is not in
 //! order comes out as an [`Event`]. A caller that gets an event that [`Event::stops`] brings the rig to its safe state.
@@ -22,8 +24,14 @@
 
 mod fed;
 mod fixed;
+#[cfg(any(feature = "ros1", feature = "ros2"))]
+mod geometry;
+#[cfg(any(feature = "ros1", feature = "ros2"))]
+mod intake;
 #[cfg(feature = "ros1")]
 pub mod ros1;
+#[cfg(feature = "ros2")]
+pub mod ros2;
 mod udp;
 
 pub use fed::Fed;
@@ -31,7 +39,7 @@ pub use fixed::Fixed;
 pub use udp::Udp;
 
 use crate::crtk::AdapterConfig;
-use crate::state::{Frame, Mount, RobotState, StateError, TipForce};
+use crate::state::{Clock, Frame, Mount, RobotState, Stamp, StateError, TipForce};
 use crate::watch::{Event, Watch, WatchConfig};
 use serde::{Deserialize, Serialize};
 
@@ -74,6 +82,16 @@ pub trait Source: Send {
         let _ = (applied, setpoint);
         Ok(())
     }
+
+    /// Tells the robot's side a contact force that a model estimates (`measured_cf_estimated` beside CRTK's `measured_cf`).
+    /// Sources without a way back do nothing.
+    ///
+    /// # Errors
+    /// The source is gone and stays so.
+    fn publish_estimate(&mut self, estimated: &TipForce) -> Result<(), SourceError> {
+        let _ = estimated;
+        Ok(())
+    }
 }
 
 /// Why a source can't be opened or has gone.
@@ -105,6 +123,14 @@ pub enum SourceError {
         kind: &'static str,
         /// What to do.
         how: &'static str,
+    },
+    /// ROS 2 refuses.
+    #[error("ROS 2 domain {domain}: {why}; check `domain`, `namespace` and `node` in [robot] and the network of this computer")]
+    Ros2 {
+        /// Domain.
+        domain: u16,
+        /// What happened.
+        why: String,
     },
     /// ROS is not there, or refuses.
     #[error("ROS 1 at {master}: {why}; is `roscore` running, and do ROS_MASTER_URI and ROS_IP fit both computers?")]
@@ -194,13 +220,43 @@ impl Default for Ros1Config {
 }
 
 /// ROS 2.
-#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ros2Config {
-    /// DDS domain.
-    pub domain: u16,
-    /// Namespace of the robot.
+    /// DDS domain; `None`: the environment variable ROS_DOMAIN_ID, else 0.
+    pub domain: Option<u16>,
+    /// Name of our node.
+    pub node: String,
+    /// Namespace of the robot's `measured_js`.
     pub namespace: String,
+    /// Namespace of its `measured_cp`, where that is another one.
+    pub cp_namespace: Option<String>,
+    /// Whether `measured_cp` is a TransformStamped, as in CRTK before 01/2022.
+    pub cp_is_transform: bool,
+    /// Namespace below which we publish `measured_cf`, `setpoint_cf` and take `servo_cf`.
+    pub publish: String,
+    /// What the messages don't say.
+    pub adapter: AdapterConfig,
+    /// Where the robot's frame stands in the rig's.
+    pub mount: Mount,
+    /// What is tolerated.
+    pub watch: WatchConfig,
+}
+
+impl Default for Ros2Config {
+    fn default() -> Self {
+        Self {
+            domain: None,
+            node: "force_rig".to_owned(),
+            namespace: "/PSM1".to_owned(),
+            cp_namespace: None,
+            cp_is_transform: false,
+            publish: "/cable_rig/spatial".to_owned(),
+            adapter: AdapterConfig::default(),
+            mount: Mount::default(),
+            watch: WatchConfig::default(),
+        }
+    }
 }
 
 /// JSON datagrams: see [`Udp`].
@@ -246,11 +302,21 @@ pub fn open(config: &SourceConfig) -> Result<Box<dyn Source>, SourceError> {
         SourceConfig::Udp(c) => Ok(Box::new(Udp::listen(c)?)),
         SourceConfig::Static(c) => Ok(Box::new(Fixed::new(c)?)),
         SourceConfig::CrtkRos1(c) => open_ros1(c),
-        SourceConfig::CrtkRos2(_) => Err(SourceError::NotBuilt {
-            kind: "crtk-ros2",
-            how: "use crtk-ros1, or udp with a small bridge",
-        }),
+        SourceConfig::CrtkRos2(c) => open_ros2(c),
     }
+}
+
+#[cfg(feature = "ros2")]
+fn open_ros2(config: &Ros2Config) -> Result<Box<dyn Source>, SourceError> {
+    Ok(Box::new(ros2::Ros2::open(config)?))
+}
+
+#[cfg(not(feature = "ros2"))]
+fn open_ros2(_: &Ros2Config) -> Result<Box<dyn Source>, SourceError> {
+    Err(SourceError::NotBuilt {
+        kind: "crtk-ros2",
+        how: "build with `--features ros2`",
+    })
 }
 
 #[cfg(feature = "ros1")]
@@ -264,6 +330,15 @@ fn open_ros1(_: &Ros1Config) -> Result<Box<dyn Source>, SourceError> {
         kind: "crtk-ros1",
         how: "build with `--features ros1`",
     })
+}
+
+/// When a message came that a thread of a source took at `came`: on the caller's clock, which showed `now_ns` at `polled`.
+fn arrival(now_ns: i64, polled: std::time::Instant, came: std::time::Instant) -> Stamp {
+    let ago = polled.saturating_duration_since(came).as_nanos();
+    Stamp {
+        clock: Clock::HostMonotonic,
+        t_ns: now_ns.saturating_sub(i64::try_from(ago).unwrap_or(i64::MAX)),
+    }
 }
 
 /// Puts what a source received through its watch: good states in the rig's frame, events for the rest.

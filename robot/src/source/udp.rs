@@ -10,20 +10,24 @@
 //! senders are two publishers. A line feed at the end is allowed. Numbers that JSON does not have (NaN) make a datagram
 //! invalid, as does anything that is not of this shape; both are events.
 
-use super::{sift, Poll, Source, SourceError, UdpConfig};
+use super::{arrival, sift, Poll, Source, SourceError, UdpConfig};
 use crate::state::{Clock, Effort, JointState, Meaning, RobotState, Stamp, StateError, TipState};
 use crate::watch::Watch;
 use serde::Deserialize;
-use std::net::UdpSocket;
-use std::sync::Arc;
+use std::net::{SocketAddr, UdpSocket};
+use std::sync::mpsc::{sync_channel, Receiver, SyncSender};
+use std::sync::{Arc, Weak};
+use std::time::{Duration, Instant};
 
 /// Longest datagram, bytes.
 const DATAGRAM: usize = 8_192;
-/// Datagrams of one poll: more would keep the caller from its cycle.
-const PER_POLL: usize = 1_000;
+/// Datagrams that wait for a poll at most: more would keep the caller from its cycle.
+const QUEUE: usize = 1_000;
+/// After this time without a datagram the thread looks whether it is still needed.
+const PATIENCE: Duration = Duration::from_millis(200);
 
 #[derive(Deserialize)]
-struct Datagram {
+struct Message {
     stamp_s: Option<f64>,
     seq: Option<u64>,
     measured_cp: Option<Cp>,
@@ -50,62 +54,76 @@ struct Js {
 #[derive(Debug)]
 pub struct Udp {
     config: UdpConfig,
-    socket: UdpSocket,
+    address: SocketAddr,
+    incoming: Receiver<Datagram>,
+    /// Dropped with the source: the thread ends then.
+    _alive: Arc<()>,
     watch: Watch,
 }
 
+/// A datagram, its sender, and when it came.
+#[derive(Debug)]
+struct Datagram {
+    came: Instant,
+    from: SocketAddr,
+    bytes: Vec<u8>,
+}
+
 impl Udp {
-    /// Opens the socket.
+    /// Opens the socket. A thread takes the datagrams, so that each has the time at which it came.
     ///
     /// # Errors
     /// [`SourceError::Listen`], [`SourceError::Mount`].
     pub fn listen(config: &UdpConfig) -> Result<Self, SourceError> {
         config.mount.check().map_err(SourceError::Mount)?;
+        let alive = Arc::new(());
+        let weak = Arc::downgrade(&alive);
+        let (to, incoming) = sync_channel(QUEUE);
         let open = || {
             let socket = UdpSocket::bind(&config.listen)?;
-            socket.set_nonblocking(true)?;
-            Ok(socket)
+            socket.set_read_timeout(Some(PATIENCE))?;
+            let address = socket.local_addr()?;
+            std::thread::Builder::new()
+                .name("robot states over UDP".to_owned())
+                .spawn(move || receive(&socket, &weak, &to))?;
+            Ok(address)
         };
+        let address = open().map_err(|cause| SourceError::Listen {
+            listen: config.listen.clone(),
+            cause,
+        })?;
         Ok(Self {
-            socket: open().map_err(|cause| SourceError::Listen {
-                listen: config.listen.clone(),
-                cause,
-            })?,
+            address,
+            incoming,
+            _alive: alive,
             watch: Watch::new(config.watch.clone()),
             config: config.clone(),
         })
     }
 
     /// The address that is listened on.
-    ///
-    /// # Errors
-    /// The operating system's.
-    pub fn address(&self) -> std::io::Result<std::net::SocketAddr> {
-        self.socket.local_addr()
+    #[must_use]
+    pub const fn address(&self) -> SocketAddr {
+        self.address
     }
 
-    fn state(&self, bytes: &[u8], publisher: &str, now_ns: i64) -> Result<RobotState, StateError> {
-        let datagram: Datagram =
-            serde_json::from_slice(bytes).map_err(|error| StateError::Format(error.to_string()))?;
+    fn state(&self, datagram: &Datagram, received: Stamp) -> Result<RobotState, StateError> {
+        let publisher = datagram.from.to_string();
+        let datagram: Message = serde_json::from_slice(&datagram.bytes)
+            .map_err(|error| StateError::Format(error.to_string()))?;
         let stamp = match datagram.stamp_s {
             Some(stamp_s) if stamp_s.is_finite() => Stamp {
                 clock: Clock::RobotUtc,
                 t_ns: (stamp_s * 1e9) as i64,
             },
-            _ => Stamp {
-                clock: Clock::HostMonotonic,
-                t_ns: now_ns,
-            },
+            _ => received.clone(),
         };
         let some = |list: Vec<f64>| (!list.is_empty()).then_some(list);
         Ok(RobotState {
             publisher: Arc::from(publisher),
             sequence: datagram.seq,
             stamp,
-            received: Some(Stamp {
-                clock: Clock::HostMonotonic,
-                t_ns: now_ns,
-            }),
+            received: Some(received),
             joints: datagram.measured_js.map(|js| JointState {
                 names: js.name.into(),
                 position: js.position,
@@ -135,14 +153,27 @@ impl Source for Udp {
     }
 
     fn poll(&mut self, now_ns: i64) -> Result<Poll, SourceError> {
-        let mut bytes = [0; DATAGRAM];
+        let polled = Instant::now();
         let mut received = Vec::new();
-        for _ in 0..PER_POLL {
-            let Ok((length, from)) = self.socket.recv_from(&mut bytes) else {
-                break;
-            };
-            received.push(self.state(&bytes[..length], &from.to_string(), now_ns));
+        for datagram in self.incoming.try_iter().take(QUEUE) {
+            received.push(self.state(&datagram, arrival(now_ns, polled, datagram.came)));
         }
         Ok(sift(received, &mut self.watch, &self.config.mount, now_ns))
+    }
+}
+
+/// Passes datagrams on until the source is gone. Where nobody polls, the newest ones are dropped.
+fn receive(socket: &UdpSocket, alive: &Weak<()>, to: &SyncSender<Datagram>) {
+    let mut bytes = [0; DATAGRAM];
+    while alive.strong_count() > 0 {
+        // A time-out, or an error of a datagram that we never sent (ICMP): there may be more.
+        let Ok((length, from)) = socket.recv_from(&mut bytes) else {
+            continue;
+        };
+        let _ = to.try_send(Datagram {
+            came: Instant::now(),
+            from,
+            bytes: bytes[..length].to_vec(),
+        });
     }
 }

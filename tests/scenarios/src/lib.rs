@@ -1,1 +1,4 @@
-//! Scenarios with the real firmware image in the embedded rig; they are in `tests/`.
+//! Scenarios with the real firmware image in the embedded rig; see `tests/`. What they share is here.
+
+pub mod descriptors;
+pub mod usb;

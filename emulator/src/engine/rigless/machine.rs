@@ -2,6 +2,7 @@
 
 use super::mcu::RigMcu;
 use super::peers::Shared;
+use super::usb::SharedUsb;
 use rigless::cpu::armv7m::windows;
 use rigless::machine::{armv7m, Board, Target};
 use rigless::mcu::{Mcu, Operate};
@@ -60,9 +61,9 @@ impl RigMachine {
     ///
     /// # Errors
     /// As [`RigMcu::new`].
-    pub fn new(board: Shared) -> Result<Self, Error> {
+    pub fn new(board: Shared, usb: SharedUsb) -> Result<Self, Error> {
         Ok(Self {
-            mcu: RigMcu::new(board)?,
+            mcu: RigMcu::new(board, usb)?,
         })
     }
 

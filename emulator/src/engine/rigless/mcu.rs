@@ -1,5 +1,5 @@
 //! The controller: the engine's STM32H743 with the board on its pins and a watchdog, a holdable I2C bus and a
-//! USB core in the slots that need another model than the engine's.
+//! USB core with a host in the slots that need another model than the engine's.
 //!
 //! The STM32H753 of the Nucleo differs from the H743 by its crypto processors only, which nothing here uses.
 
@@ -8,15 +8,15 @@ use super::iwdg::Iwdg;
 use super::listener::{self, Listener};
 use super::peers::{DacBus, HostLine, Shared};
 use super::port::QuietPort;
-use super::usb::IdleUsb;
+use super::usb::{Block, Replacement, SharedUsb};
 use crate::board::Drive;
 use crate::devices::dac7731::Mode;
 use crate::wiring::{self, Pin, PORTS};
-use rigless::device::{ErasedDevice, Level, ResetCause};
+use rigless::device::{ErasedDevice, Level, RegisterFile, ResetCause};
 use rigless::emulator::{Access, AccessKind};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
-use rigless::soc::stm32h743::generated::{gpioa, rcc, spi1};
+use rigless::soc::stm32h743::generated::{gpioa, pwr, rcc, spi1};
 use rigless::soc::stm32h743::peripherals::gpio::{Gpio, Pin as PortPin, PORTS as PORT_NAMES};
 use rigless::soc::stm32h743::peripherals::rcc::Rcc;
 use rigless::soc::stm32h743::Stm32h743;
@@ -36,6 +36,8 @@ const SPI1_CR1: u64 = SPI1_BASE;
 const SPI1_CFG2: u64 = SPI1_BASE + 0x0C;
 const SPI1_TXDR: u64 = SPI1_BASE + 0x20;
 const RCC_CR: u64 = 0x5802_4400;
+/// DCTL of the USB core: a write with SDIS cleared connects it.
+const USB_DCTL: u64 = 0x4008_0804;
 
 const MODER: u64 = 0x00;
 const OTYPER: u64 = 0x04;
@@ -57,7 +59,9 @@ pub struct RigMcu {
     board: Shared,
     i2c: HeldI2c,
     iwdg: Iwdg,
-    usb: IdleUsb,
+    usb: SharedUsb,
+    usb_blocks: [Block; 3],
+    usb_slots: Replacement,
     /// Strobes and data bus of the counters.
     quiet: [QuietPort; 2],
     /// The readers of requests.
@@ -81,7 +85,7 @@ enum Answering {
     Part,
     I2c,
     Iwdg,
-    Usb,
+    Usb(usize),
     Quiet(usize),
     Listener(usize),
 }
@@ -91,17 +95,18 @@ struct Slots {
     usart3: usize,
     spi1: usize,
     rcc: usize,
+    pwr: usize,
     ports: [usize; PORTS],
 }
 
 impl Store for RigMcu {}
 
 impl RigMcu {
-    /// The part out of power-on with `board` around it.
+    /// The part out of power-on with `board` around it and `usb`'s host at the socket.
     ///
     /// # Errors
     /// The engine's description of the part is not the one this module was written for.
-    pub fn new(board: Shared) -> Result<Self, Error> {
+    pub fn new(board: Shared, usb: SharedUsb) -> Result<Self, Error> {
         let mut part = Stm32h743::new()?;
         part.rcc.attach_crystals(HSE_HZ, 0);
         part.set_supply(SUPPLY_MV);
@@ -116,7 +121,10 @@ impl RigMcu {
         let mut answering = vec![Answering::Part; bus.slots().len()];
         answering[bus.slot("I2C1")?] = Answering::I2c;
         answering[bus.slot("IWDG")?] = Answering::Iwdg;
-        answering[bus.slot("OTG2_HS_GLOBAL")?] = Answering::Usb;
+        let usb_slots = Replacement::new(bus)?;
+        for (nth, slot) in usb_slots.slots().into_iter().enumerate() {
+            answering[slot] = Answering::Usb(nth);
+        }
         for (nth, port) in QUIET.into_iter().enumerate() {
             answering[ports[port]] = Answering::Quiet(nth);
         }
@@ -127,12 +135,15 @@ impl RigMcu {
             usart3: bus.slot("USART3")?,
             spi1: bus.slot("SPI1")?,
             rcc: bus.slot("RCC")?,
+            pwr: bus.slot("PWR")?,
             ports,
         };
         let mut mcu = Self {
             i2c: HeldI2c::new(&board),
             iwdg: Iwdg::default(),
-            usb: IdleUsb,
+            usb_blocks: Block::all(&usb),
+            usb,
+            usb_slots,
             quiet: Default::default(),
             listeners,
             part,
@@ -144,6 +155,7 @@ impl RigMcu {
             brown_out: false,
             functions_checked: false,
         };
+        mcu.usb_slots.exchange(mcu.part.bus_mut());
         mcu.check()?;
         mcu.sync(VirtualNanos(0));
         Ok(mcu)
@@ -206,6 +218,7 @@ impl RigMcu {
                 }
                 SPI1_CR1 | SPI1_CFG2 => self.spi_set(),
                 RCC_CR => self.hse_switched(access.virtual_time),
+                USB_DCTL => self.check_usb(),
                 _ => {}
             }
         }
@@ -296,6 +309,17 @@ impl RigMcu {
         self.board.lock().spi_set(mode, driven.then_some(mode.cpol));
     }
 
+    /// A USB core without its clock or supply is dead on the part; the engine does not look.
+    fn check_usb(&mut self) {
+        let bus = self.part.bus();
+        let [clocks, power] =
+            [self.slots.rcc, self.slots.pwr].map(|nth| bus.slots()[nth].registers());
+        if let Some(what) = usb_needs(clocks, power) {
+            self.board.lock().complain("OTG2_HS", what.to_owned());
+        }
+        self.check_functions();
+    }
+
     /// Pins in a wrong alternate function would carry nothing on the part; the engine does not look.
     fn check_functions(&mut self) {
         if self.functions_checked {
@@ -313,6 +337,23 @@ impl RigMcu {
                 );
             }
         }
+    }
+}
+
+/// What is missing for a USB core that is about to connect.
+fn usb_needs(clocks: &RegisterFile, power: &RegisterFile) -> Option<&'static str> {
+    let sleep = clocks.get(rcc::Register::Ahb1lpenr);
+    let kernel = rcc::d2ccip2r::USBSEL.get(clocks.get(rcc::Register::D2ccip2r));
+    if !pwr::cr3::USB33DEN.is_set(power.get(pwr::Register::Cr3)) {
+        Some("PWR_CR3.USB33DEN is clear: the transceiver has no supply (RM0433 section 6.4.5)")
+    } else if kernel != 3 || !rcc::cr::RC48ON.is_set(clocks.get(rcc::Register::Cr)) {
+        Some("RCC_D2CCIP2R.USBSEL is not HSI48, or HSI48 is off: 48 MHz come from there on this board (section 8.5.8)")
+    } else if rcc::ahb1lpenr::USB2OTGHSULPILPEN.is_set(sleep)
+        || !rcc::ahb1lpenr::USB2OTGHSLPEN.is_set(sleep)
+    {
+        Some("RCC_AHB1LPENR: USB2OTGHSLPEN set and USB2OTGHSULPILPEN clear, or the core stands still in every WFI (section 8.7.48)")
+    } else {
+        None
     }
 }
 
@@ -351,7 +392,10 @@ impl Mcu for RigMcu {
     }
 
     fn reset(&mut self, at: VirtualNanos, cause: ResetCause) {
+        self.usb_slots.exchange(self.part.bus_mut());
         self.part.reset(at, cause);
+        self.usb_slots.exchange(self.part.bus_mut());
+        self.usb.reset();
         rigless::device::Device::reset(&mut self.i2c);
         rigless::device::Device::reset(&mut self.iwdg);
         self.listeners = fresh_listeners(&self.board);
@@ -381,6 +425,11 @@ impl Mcu for RigMcu {
             (drives, board.next_event(), waiting)
         };
         self.carry(now, drives, next);
+        if self.usb.take_touched() {
+            let slot = self.usb_slots.slots()[0];
+            let (_, mut context) = self.part.bus_mut().drive(now, slot);
+            self.usb_blocks[0].advance(&mut context);
+        }
         if waiting {
             let slot = self.slots.usart3;
             if let (bus, Some(model)) = self.part.split(slot) {
@@ -395,7 +444,7 @@ impl Mcu for RigMcu {
             Answering::Part => return self.part.split(slot),
             Answering::I2c => &mut self.i2c,
             Answering::Iwdg => &mut self.iwdg,
-            Answering::Usb => &mut self.usb,
+            Answering::Usb(nth) => &mut self.usb_blocks[nth],
             Answering::Quiet(nth) => &mut self.quiet[nth],
             Answering::Listener(nth) => &mut self.listeners[nth],
         };

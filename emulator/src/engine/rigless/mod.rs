@@ -13,7 +13,7 @@ mod mcu;
 pub mod peers;
 mod port;
 mod trap;
-mod usb;
+pub mod usb;
 
 use super::{AtRow, Engine, EngineError, Memory, Progress, Trap};
 use crate::image::{Image, FLASH_BASE};
@@ -27,6 +27,7 @@ use rigless::soc::{Fault, Width};
 use rigless::time::VirtualNanos;
 use std::sync::mpsc::{channel, Receiver, Sender};
 use std::thread::JoinHandle;
+use usb::SharedUsb;
 
 /// `b .`: a branch to itself.
 const HANG: u16 = 0xE7FE;
@@ -81,10 +82,10 @@ impl RiglessEngine {
     ///
     /// # Errors
     /// The engine refuses the image or the part's description.
-    pub fn boot(image: &Image, board: &Shared) -> Result<Self, EngineError> {
+    pub fn boot(image: &Image, board: &Shared, usb: &SharedUsb) -> Result<Self, EngineError> {
         let placed = Placed::new(&image.path, image.bytes.clone(), None)
             .map_err(|error| EngineError(error.to_string()))?;
-        let machine = RigMachine::new(board.clone()).map_err(|error| {
+        let machine = RigMachine::new(board.clone(), usb.clone()).map_err(|error| {
             EngineError(format!(
                 "the engine's STM32H743 is not the expected one: {error}"
             ))

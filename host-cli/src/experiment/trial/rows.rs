@@ -1,26 +1,18 @@
-//! The rows of a trial: which states become one, their parts on the disk, their files at the end.
+//! The rows of a trial: which states become one, their way to the recorder, their files at the end.
 
-use super::super::dataset::Waiting;
-use super::super::feed::Feed;
+use super::super::dataset::{Waiting, BOARD_TIME, ROWS, TRUTH};
 use super::super::ExperimentError;
 use super::{Run, Shown};
+use crate::recording::Finished;
 use emulator_link::Truth as PlantTruth;
 use robot::arm::Truth as ArmTruth;
 use robot::state::RobotState;
 use std::collections::VecDeque;
 
-/// Seconds of rows that go into one part.
-const PART_S: f64 = 10.0;
-/// Resolution of the board's time stamps, s: all that is between two ends of one virtual clock.
-const BOARD_TICK_S: f64 = 1e-6;
-
 impl Run<'_> {
     /// A state becomes a row, where one is due.
-    pub(super) fn row(&mut self, state: &RobotState, feed: &Feed, now_ns: u64) {
-        let stamp_s = state.stamp.t_ns as f64 * 1e-9;
-        if !feed.shares_the_clock() {
-            self.robot_clock.note(stamp_s, now_ns as f64 * 1e-9);
-        }
+    pub(super) fn row(&mut self, state: &RobotState, now_ns: u64) {
+        self.log.clocks.robot(state, now_ns);
         let Some(joiner) = &mut self.joiner else {
             return;
         };
@@ -29,18 +21,10 @@ impl Run<'_> {
         if self.last_bucket == Some(bucket) {
             return;
         }
-        let (link_s, board_s, sync_error_s) = if feed.shares_the_clock() {
-            (stamp_s, stamp_s, BOARD_TICK_S)
-        } else {
-            match (self.robot_clock.offset_s(), self.board_clock.offset_s()) {
-                (Some((to_link, e1)), Some((board_to_link, e2))) => {
-                    let link_s = stamp_s + to_link;
-                    (link_s, link_s - board_to_link, e1 + e2)
-                }
-                _ => return,
-            }
+        let Some(when) = self.log.clocks.when(state) else {
+            return;
         };
-        let t_s = link_s - self.commanded_since_ns.unwrap_or(0) as f64 * 1e-9;
+        let t_s = when.link_s - self.commanded_since_ns.unwrap_or(0) as f64 * 1e-9;
         if t_s < 0.0 {
             return;
         }
@@ -58,35 +42,29 @@ impl Run<'_> {
         let truth = truth_row(&mut self.plant, &mut self.arm, state.stamp.t_ns);
         joiner.state(Waiting {
             state: state.clone(),
-            board_s,
-            sync_error_s,
+            board_s: when.board_s,
+            sync_error_s: when.error_s,
             commanded_n: self.setup.trial.profile.at(t_s),
             saturated: self.saturated,
             truth,
         });
     }
 
-    /// Writes the rows since the last part, where they are enough.
-    pub(super) fn write_part(&mut self) {
-        let Some(joiner) = &self.joiner else { return };
-        let rows = joiner.rows.rows();
-        if ((rows - self.written) as f64) < PART_S * self.setup.experiment.rate_hz {
+    /// Hands the rows since the last call to the recorder.
+    pub(super) fn record_rows(&mut self) {
+        let (Some(joiner), Some(recorder)) = (&self.joiner, &mut self.log.recorder) else {
             return;
-        }
-        let folder = self.setup.folder;
-        let write = || {
-            joiner
-                .rows
-                .write(&folder.part("rows", self.parts), self.written, &[])?;
-            joiner
-                .truth
-                .write(&folder.part("truth", self.parts), self.written, &[])
         };
-        if let Err(error) = write() {
-            self.file_error = Some(error.into());
+        for row in self.recorded..joiner.rows.rows() {
+            let rows = joiner.rows.row(row);
+            let board_s = rows[BOARD_TIME];
+            recorder.columns(ROWS.topic, board_s, rows);
+            if self.log.clocks.shared() {
+                // The virtual arm's: row by row.
+                recorder.columns(TRUTH.topic, board_s, joiner.truth.row(row));
+            }
         }
-        self.written = rows;
-        self.parts += 1;
+        self.recorded = joiner.rows.rows();
     }
 
     /// Writes the files, whatever has happened.
@@ -102,19 +80,28 @@ impl Run<'_> {
                 error.get_or_insert(failure);
             }
         }
+        self.record_rows();
         if let Some(recorder) = self.log.recorder.take() {
-            let finished = recorder.finish();
-            let dropped = finished.dropped_samples + finished.dropped_cycles;
-            self.shown.counts.record_error = finished
-                .complete()
-                .err()
-                .map(|failure| failure.to_string())
-                .or((dropped > 0).then(|| {
-                    format!("the recording lacks {dropped} rows: the disk was too slow or full")
-                }));
+            if self.setup.experiment.record_samples || error.is_some() {
+                self.shown.counts.record_error = problem_of(recorder.finish());
+            } else if let Err(failure) = recorder.discard() {
+                // The rows are in their own file.
+                self.log.watcher.notice(&failure.to_string());
+            }
         }
         error.map_or(Ok(self.shown), Err)
     }
+}
+
+/// What is wrong with a recording.
+fn problem_of(finished: Finished) -> Option<String> {
+    let dropped = finished.dropped_samples + finished.dropped_cycles;
+    finished
+        .complete()
+        .err()
+        .map(|failure| failure.to_string())
+        .or((dropped > 0)
+            .then(|| format!("the recording lacks {dropped} rows: the disk was too slow or full")))
 }
 
 /// The truth at a stamp, its columns after `t_s`; `None` where it is not known.

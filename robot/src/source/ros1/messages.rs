@@ -1,6 +1,7 @@
 //! The ROS 1 messages that are used, as they are on the wire. Names, types and MD5 sums are those of std_msgs, geometry_msgs,
 //! sensor_msgs, crtk_msgs and raven_2; the definitions are their public interface.
 
+pub use super::super::geometry::{Pair, Pose};
 use roslibrust::{MessageDescriptor, RosMessageType};
 use serde::{Deserialize, Serialize};
 
@@ -26,42 +27,6 @@ pub struct Header {
     pub frame_id: String,
 }
 
-/// geometry_msgs/Vector3 and Point.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Vector3 {
-    pub x: f64,
-    pub y: f64,
-    pub z: f64,
-}
-
-impl From<Vector3> for [f64; 3] {
-    fn from(v: Vector3) -> Self {
-        [v.x, v.y, v.z]
-    }
-}
-
-impl From<[f64; 3]> for Vector3 {
-    fn from([x, y, z]: [f64; 3]) -> Self {
-        Self { x, y, z }
-    }
-}
-
-/// geometry_msgs/Quaternion.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Quaternion {
-    pub x: f64,
-    pub y: f64,
-    pub z: f64,
-    pub w: f64,
-}
-
-/// geometry_msgs/Pose, and geometry_msgs/Transform, which has the same layout.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Pose {
-    pub position: Vector3,
-    pub orientation: Quaternion,
-}
-
 /// geometry_msgs/PoseStamped.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct PoseStamped {
@@ -75,13 +40,6 @@ pub struct TransformStamped {
     pub header: Header,
     pub child_frame_id: String,
     pub transform: Pose,
-}
-
-/// The linear and angular part of a geometry_msgs/Twist, the force and torque of a Wrench.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
-pub struct Pair {
-    pub linear: Vector3,
-    pub angular: Vector3,
 }
 
 /// geometry_msgs/TwistStamped.

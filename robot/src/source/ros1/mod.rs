@@ -1,7 +1,7 @@
 //! A robot on ROS 1: CRTK topics or the Raven's `ravenstate` in, the rig's force out.
 //!
 //! We subscribe `measured_js`, `setpoint_js`, `measured_cp`, `measured_cv`, `measured_cf` and `operating_state` below the robot's
-//! namespace (or one `ravenstate`), publish `measured_cf` and `setpoint_cf` below our own, and take `servo_cf` there. All
+//! namespace (or one `ravenstate`), publish `measured_cf`, `setpoint_cf` and an estimator's `measured_cf_estimated` below our own, and take `servo_cf` there. All
 //! forces that we publish act *on the tool* and say so: their frame_id is `<frame>/force_on_tool`. The other nodes, a bag
 //! recorder among them, need nothing of ours.
 //!
@@ -11,17 +11,17 @@
 mod master;
 mod messages;
 
-use super::{sift, Poll, Ros1Config, Source, SourceError};
-use crate::crtk::{Adapter, Header, Joints, Pair, Pose, Topic};
+use super::intake::{Incoming, Intake, Outlet};
+use super::{Poll, Ros1Config, Source, SourceError};
+use crate::crtk::{Header, Joints, Topic};
 use crate::ravenstate::{self, Ravenstate, Version};
-use crate::state::{Acts, Clock, Meaning, RobotState, Stamp, StateError, TipForce};
-use crate::watch::{Event, Watch};
+use crate::state::TipForce;
+use crate::watch::Event;
 use messages as m;
 use roslibrust::ros1::{NodeHandle, Publisher};
 use roslibrust::RosMessageType;
-use std::sync::mpsc::{channel, Receiver, Sender};
 use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::runtime::Runtime;
 
 /// Messages of a topic that wait at most: a second at 1 kHz.
@@ -31,29 +31,18 @@ const LOOK: Duration = Duration::from_millis(500);
 /// For the master's answers at the start.
 const PATIENCE: Duration = Duration::from_secs(5);
 
-/// What the subscriptions bring.
-enum Incoming {
-    Crtk(Header, Topic),
-    Raven(Box<Ravenstate>),
-    Request(m::WrenchStamped),
-    /// Messages that were dropped because nobody polled, or that could not be read.
-    Bad(String),
-}
-
 /// See the module's page.
 pub struct Ros1 {
     config: Ros1Config,
     master: String,
-    // Dropped last to first: the node before its runtime.
-    incoming: Receiver<Incoming>,
+    // Dropped first to last: the node before its runtime.
+    intake: Intake,
     publishers: Arc<Mutex<Vec<String>>>,
     measured_cf: Publisher<m::WrenchStamped>,
     setpoint_cf: Publisher<m::WrenchStamped>,
+    estimated_cf: Publisher<m::WrenchStamped>,
     node: NodeHandle,
     runtime: Runtime,
-    adapter: Adapter,
-    raven: ravenstate::Adapter,
-    watch: Watch,
     sequence: u32,
     reported_two: bool,
 }
@@ -87,30 +76,30 @@ impl Ros1 {
             .enable_all()
             .build()
             .map_err(|error| ros(error.to_string()))?;
-        let (sender, incoming) = channel();
+        let raven = ravenstate::Adapter::gold(
+            Version::V2023,
+            config.ravenstate_slot.into(),
+            &state_topic(config),
+        );
+        let (sender, intake) =
+            Intake::new(&config.adapter, Some(raven), config.mount, &config.watch);
         let publishers = Arc::new(Mutex::new(Vec::new()));
         let started = runtime.block_on(async {
             tokio::time::timeout(PATIENCE, start(config, &master, sender)).await
         });
-        let (node, measured_cf, setpoint_cf) = started
+        let (node, [measured_cf, setpoint_cf, estimated_cf]) = started
             .map_err(|_| ros(format!("no answer within {} s", PATIENCE.as_secs())))?
             .map_err(ros)?;
         let topic = state_topic(config);
         look(master.clone(), config.node.clone(), topic, &publishers);
         Ok(Self {
-            incoming,
+            intake,
             publishers,
             measured_cf,
             setpoint_cf,
+            estimated_cf,
             node,
             runtime,
-            adapter: Adapter::new(config.adapter.clone()),
-            raven: ravenstate::Adapter::gold(
-                Version::V2023,
-                config.ravenstate_slot.into(),
-                &state_topic(config),
-            ),
-            watch: Watch::new(config.watch.clone()),
             sequence: 0,
             reported_two: false,
             config: config.clone(),
@@ -139,14 +128,11 @@ impl Ros1 {
         }
     }
 
-    fn wrench(&mut self, force: &TipForce) -> m::WrenchStamped {
-        let force = self.config.mount.force_from_rig(
-            &force.acting(Acts::OnTool),
-            self.config.adapter.frame.clone(),
-        );
+    fn wrench(&self, force: &TipForce) -> m::WrenchStamped {
         let now = SystemTime::now()
             .duration_since(UNIX_EPOCH)
             .unwrap_or_default();
+        let (frame_id, wrench) = self.intake.wrench(force);
         m::WrenchStamped {
             header: m::Header {
                 seq: self.sequence,
@@ -154,12 +140,9 @@ impl Ros1 {
                     secs: now.as_secs() as u32,
                     nsecs: now.subsec_nanos(),
                 },
-                frame_id: format!("{}/force_on_tool", force.frame),
+                frame_id,
             },
-            wrench: m::Pair {
-                linear: force.force_n.into(),
-                angular: force.torque_n_m.unwrap_or_default().into(),
-            },
+            wrench,
         }
     }
 }
@@ -177,14 +160,10 @@ fn cp_namespace(config: &Ros1Config) -> &str {
     config.cp_namespace.as_deref().unwrap_or(&config.namespace)
 }
 
-type Started = (
-    NodeHandle,
-    Publisher<m::WrenchStamped>,
-    Publisher<m::WrenchStamped>,
-);
+type Started = (NodeHandle, [Publisher<m::WrenchStamped>; 3]);
 
 /// Node, subscriptions and publishers.
-async fn start(config: &Ros1Config, master: &str, to: Sender<Incoming>) -> Result<Started, String> {
+async fn start(config: &Ros1Config, master: &str, to: Outlet) -> Result<Started, String> {
     let node = NodeHandle::new(master, &config.node)
         .await
         .map_err(|error| error.to_string())?;
@@ -197,7 +176,10 @@ async fn start(config: &Ros1Config, master: &str, to: Sender<Incoming>) -> Resul
         subscribe_crtk(&node, config, &to).await?;
     }
     let own = |topic: &str| format!("{}/{topic}", config.publish);
-    subscribe(&node, &own("servo_cf"), &to, Incoming::Request).await?;
+    subscribe(&node, &own("servo_cf"), &to, |message: m::WrenchStamped| {
+        Incoming::Request(message.wrench)
+    })
+    .await?;
     let advertise = |topic: String| {
         let node = node.clone();
         async move {
@@ -208,75 +190,79 @@ async fn start(config: &Ros1Config, master: &str, to: Sender<Incoming>) -> Resul
     };
     let measured_cf = advertise(own("measured_cf")).await?;
     let setpoint_cf = advertise(own("setpoint_cf")).await?;
-    Ok((node, measured_cf, setpoint_cf))
+    let estimated_cf = advertise(own("measured_cf_estimated")).await?;
+    Ok((node, [measured_cf, setpoint_cf, estimated_cf]))
 }
 
-async fn subscribe_crtk(
-    node: &NodeHandle,
-    config: &Ros1Config,
-    to: &Sender<Incoming>,
-) -> Result<(), String> {
+async fn subscribe_crtk(node: &NodeHandle, config: &Ros1Config, to: &Outlet) -> Result<(), String> {
+    let by = Subscriber {
+        node,
+        to,
+        publisher: state_topic(config).into(),
+    };
     let topic = |name: &str| format!("{}/{name}", config.namespace);
     let cp = |name: &str| format!("{}/{name}", cp_namespace(config));
-    subscribe(node, &topic("measured_js"), to, |message: m::JointState| {
-        Incoming::Crtk(header(&message.header), Topic::MeasuredJs(joints(message)))
+    by.crtk(&topic("measured_js"), |m: m::JointState| {
+        (header(&m.header), Topic::MeasuredJs(joints(m)))
     })
     .await?;
-    subscribe(node, &topic("setpoint_js"), to, |message: m::JointState| {
-        Incoming::Crtk(header(&message.header), Topic::SetpointJs(joints(message)))
+    by.crtk(&topic("setpoint_js"), |m: m::JointState| {
+        (header(&m.header), Topic::SetpointJs(joints(m)))
     })
     .await?;
     if config.cp_is_transform {
-        subscribe(
-            node,
-            &cp("measured_cp"),
-            to,
-            |message: m::TransformStamped| {
-                let pose = pose(&message.transform);
-                Incoming::Crtk(header(&message.header), Topic::MeasuredCp(pose))
-            },
-        )
+        by.crtk(&cp("measured_cp"), |m: m::TransformStamped| {
+            (header(&m.header), Topic::MeasuredCp(m.transform.into()))
+        })
         .await?;
     } else {
-        subscribe(node, &cp("measured_cp"), to, |message: m::PoseStamped| {
-            let pose = pose(&message.pose);
-            Incoming::Crtk(header(&message.header), Topic::MeasuredCp(pose))
+        by.crtk(&cp("measured_cp"), |m: m::PoseStamped| {
+            (header(&m.header), Topic::MeasuredCp(m.pose.into()))
         })
         .await?;
     }
-    subscribe(node, &cp("measured_cv"), to, |message: m::TwistStamped| {
-        Incoming::Crtk(
-            header(&message.header),
-            Topic::MeasuredCv(pair(&message.twist)),
-        )
+    by.crtk(&cp("measured_cv"), |m: m::TwistStamped| {
+        (header(&m.header), Topic::MeasuredCv(m.twist.into()))
     })
     .await?;
-    subscribe(node, &cp("measured_cf"), to, |message: m::WrenchStamped| {
-        Incoming::Crtk(
-            header(&message.header),
-            Topic::MeasuredCf(pair(&message.wrench)),
-        )
+    by.crtk(&cp("measured_cf"), |m: m::WrenchStamped| {
+        (header(&m.header), Topic::MeasuredCf(m.wrench.into()))
     })
     .await?;
-    subscribe(
-        node,
-        &topic("operating_state"),
-        to,
-        |message: m::OperatingState| {
-            Incoming::Crtk(
-                header(&message.header),
-                Topic::OperatingState(message.state, message.is_homed, message.is_busy),
-            )
-        },
-    )
+    by.crtk(&topic("operating_state"), |m: m::OperatingState| {
+        let operating = Topic::OperatingState(m.state, m.is_homed, m.is_busy);
+        (header(&m.header), operating)
+    })
     .await
+}
+
+/// Subscribes topics of the robot.
+struct Subscriber<'a> {
+    node: &'a NodeHandle,
+    to: &'a Outlet,
+    publisher: Arc<str>,
+}
+
+impl Subscriber<'_> {
+    async fn crtk<T: RosMessageType>(
+        &self,
+        topic: &str,
+        convert: fn(T) -> (Header, Topic),
+    ) -> Result<(), String> {
+        let publisher = Arc::clone(&self.publisher);
+        subscribe::<T>(self.node, topic, self.to, move |message| {
+            let (header, topic) = convert(message);
+            Incoming::Crtk(Arc::clone(&publisher), header, topic)
+        })
+        .await
+    }
 }
 
 /// Passes the messages of a topic on until either side is gone.
 async fn subscribe<T: RosMessageType>(
     node: &NodeHandle,
     topic: &str,
-    to: &Sender<Incoming>,
+    to: &Outlet,
     convert: impl Fn(T) -> Incoming + Send + 'static,
 ) -> Result<(), String> {
     let mut subscriber = node
@@ -290,7 +276,7 @@ async fn subscribe<T: RosMessageType>(
                 Ok(message) => convert(message),
                 Err(error) => Incoming::Bad(format!("{topic}: {error}")),
             };
-            if to.send(incoming).is_err() {
+            if to.send((Instant::now(), incoming)).is_err() {
                 break;
             }
         }
@@ -318,49 +304,9 @@ impl Source for Ros1 {
     }
 
     fn poll(&mut self, now_ns: i64) -> Result<Poll, SourceError> {
-        let mut states: Vec<Result<RobotState, StateError>> = Vec::new();
-        let mut requests = Vec::new();
-        let publisher: Arc<str> = state_topic(&self.config).into();
-        while let Ok(incoming) = self.incoming.try_recv() {
-            match incoming {
-                Incoming::Crtk(header, topic) => {
-                    states.extend(self.adapter.take(&publisher, &header, topic).transpose());
-                }
-                Incoming::Raven(message) => states.push(Ok(self.raven.state(&message))),
-                Incoming::Request(message) => {
-                    let request = TipForce {
-                        frame: self.config.adapter.frame.clone(),
-                        acts: Acts::OnTool,
-                        meaning: Meaning::Requested,
-                        force_n: message.wrench.linear.into(),
-                        torque_n_m: Some(message.wrench.angular.into()),
-                    };
-                    if request.force_n.iter().all(|v| v.is_finite()) {
-                        requests.push(self.config.mount.force_in_rig(&request));
-                    } else {
-                        states.push(Err(StateError::Format(format!(
-                            "servo_cf asks for {:?} N",
-                            request.force_n
-                        ))));
-                    }
-                }
-                Incoming::Bad(why) => states.push(Err(StateError::Format(why))),
-            }
-        }
         let two = self.two_publishers();
-        if two.is_some() || self.reported_two {
-            // Nobody knows whose states these are.
-            states.retain(Result::is_err);
-        }
-        for state in states.iter_mut().flatten() {
-            state.received = Some(Stamp {
-                clock: Clock::HostMonotonic,
-                t_ns: now_ns,
-            });
-        }
-        let mut poll = sift(states, &mut self.watch, &self.config.mount, now_ns);
+        let mut poll = self.intake.poll(now_ns, !self.reported_two);
         poll.events.extend(two);
-        poll.requests = requests;
         if self.node.is_ok() {
             Ok(poll)
         } else {
@@ -383,6 +329,16 @@ impl Source for Ros1 {
             why: error.to_string(),
         })
     }
+
+    fn publish_estimate(&mut self, estimated: &TipForce) -> Result<(), SourceError> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let estimated = self.wrench(estimated);
+        let sent = self.runtime.block_on(self.estimated_cf.publish(&estimated));
+        sent.map_err(|error| SourceError::Ros {
+            master: self.master.clone(),
+            why: error.to_string(),
+        })
+    }
 }
 
 fn header(header: &m::Header) -> Header {
@@ -399,21 +355,6 @@ fn joints(message: m::JointState) -> Joints {
         position: message.position,
         velocity: message.velocity,
         effort: message.effort,
-    }
-}
-
-fn pose(pose: &m::Pose) -> Pose {
-    let q = pose.orientation;
-    Pose {
-        position_m: pose.position.into(),
-        orientation_xyzw: [q.x, q.y, q.z, q.w],
-    }
-}
-
-fn pair(pair: &m::Pair) -> Pair {
-    Pair {
-        linear: pair.linear.into(),
-        angular: pair.angular.into(),
     }
 }
 

@@ -1,0 +1,358 @@
+//! A model with all that belongs to it: what it was trained on, rate, axes, robot, intervals. Trained, stored, read, run.
+
+use crate::baseline::{Constant, Linear};
+use crate::geometry::Base;
+use crate::interval::{HeldOut, Interval};
+use crate::model::{Model, ModelError, Progress};
+use crate::physics::Physics;
+use crate::sequence::Sequence;
+use crate::trees::{Boosted, StoredBoosted, TreesConfig};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeSet;
+
+/// Layout of the file. Another one is refused.
+pub const SCHEMA: u32 = 1;
+
+/// Which model.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Kind {
+    /// No force.
+    Zero,
+    /// Mean of the training.
+    Mean,
+    /// Linear in filtered inputs.
+    Linear,
+    /// Torque balance with identified friction, and an observer.
+    Physics,
+    /// Gradient-boosted trees on the motion.
+    Trees,
+    /// The physical model and trees on what it leaves: the shipped model.
+    Hybrid,
+}
+
+impl Kind {
+    /// All, from the least to the most.
+    pub const ALL: [Self; 6] = [
+        Self::Zero,
+        Self::Mean,
+        Self::Linear,
+        Self::Trees,
+        Self::Physics,
+        Self::Hybrid,
+    ];
+
+    /// Name in commands and files.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Zero => "zero",
+            Self::Mean => "mean",
+            Self::Linear => "linear",
+            Self::Physics => "physics",
+            Self::Trees => "trees",
+            Self::Hybrid => "hybrid",
+        }
+    }
+
+    /// From its name.
+    #[must_use]
+    pub fn of(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+}
+
+/// What a training needs beside its rows.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Training {
+    /// Model.
+    pub kind: Kind,
+    /// Components of the force that are estimated: 0 x, 1 y, 2 z.
+    pub axes: Vec<usize>,
+    /// Where the robot's base stands.
+    pub base: Base,
+    /// Name of the robot.
+    pub robot: String,
+    /// Trees.
+    pub trees: TreesConfig,
+    /// Whether intervals are calibrated: the model is trained once more for each fold of trials.
+    pub intervals: bool,
+}
+
+/// Most folds of trials for intervals.
+const FOLDS: usize = 4;
+
+/// See the module's page.
+#[derive(Debug)]
+pub struct Estimator {
+    /// Model.
+    pub kind: Kind,
+    /// Robot.
+    pub robot: String,
+    /// Components.
+    pub axes: Vec<usize>,
+    /// Time between rows, s.
+    pub step_s: f64,
+    /// Robot's base.
+    pub base: Base,
+    /// Intervals, where they were calibrated.
+    pub interval: Option<Interval>,
+    model: Body,
+}
+
+enum Body {
+    Constant(Constant),
+    Linear(Linear),
+    Physics(Box<Physics>),
+    Boosted(Box<Boosted>),
+}
+
+impl std::fmt::Debug for Body {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str("Body")
+    }
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+enum StoredBody {
+    Constant(Constant),
+    Linear(Linear),
+    Physics(Box<Physics>),
+    Boosted(Box<StoredBoosted>),
+}
+
+#[derive(Debug, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Stored {
+    schema: u32,
+    kind: Kind,
+    robot: String,
+    axes: Vec<usize>,
+    step_s: f64,
+    base: Base,
+    interval: Option<Interval>,
+    model: StoredBody,
+}
+
+/// Sequences whose targets are these components alone.
+fn selected(sequences: &[&Sequence], axes: &[usize]) -> Vec<Sequence> {
+    sequences.iter().map(|s| s.with_axes(axes)).collect()
+}
+
+fn body(training: &Training, sequences: &[&Sequence]) -> Result<Body, ModelError> {
+    let physics = || Physics::train(training.base, sequences, &training.axes);
+    Ok(match training.kind {
+        Kind::Zero => Body::Constant(Constant::zero(training.axes.len())),
+        Kind::Mean | Kind::Linear => {
+            let selected = selected(sequences, &training.axes);
+            let refs: Vec<&Sequence> = selected.iter().collect();
+            if training.kind == Kind::Mean {
+                Body::Constant(Constant::mean(&refs)?)
+            } else {
+                Body::Linear(Linear::train(&refs)?)
+            }
+        }
+        Kind::Physics => Body::Physics(Box::new(physics()?)),
+        Kind::Trees => Body::Boosted(Box::new(Boosted::train(
+            physics()?,
+            false,
+            &training.trees,
+            sequences,
+        )?)),
+        Kind::Hybrid => Body::Boosted(Box::new(Boosted::train(
+            physics()?,
+            true,
+            &training.trees,
+            sequences,
+        )?)),
+    })
+}
+
+impl Body {
+    fn model(&self) -> &dyn Model {
+        match self {
+            Self::Constant(m) => m,
+            Self::Linear(m) => m,
+            Self::Physics(m) => m.as_ref(),
+            Self::Boosted(m) => m.as_ref(),
+        }
+    }
+}
+
+impl Estimator {
+    /// Trains on sequences with the force's three components as targets.
+    ///
+    /// # Errors
+    /// [`ModelError::Data`]: too few rows or trials, an axis that does not exist.
+    pub fn train(
+        training: &Training,
+        sequences: &[&Sequence],
+        progress: &mut dyn FnMut(&Progress),
+    ) -> Result<Self, ModelError> {
+        let Some(first) = sequences.first() else {
+            return Err(ModelError::Data("no training rows".to_owned()));
+        };
+        if training.axes.is_empty() || training.axes.iter().any(|a| *a > 2) {
+            return Err(ModelError::Data(
+                "axes of the force are 0 (x), 1 (y), 2 (z)".to_owned(),
+            ));
+        }
+        let mut say = |done: f64, text: String| progress(&Progress { done, text });
+        say(
+            0.0,
+            format!(
+                "training `{}` on {} stretches",
+                training.kind.name(),
+                sequences.len()
+            ),
+        );
+        let model = body(training, sequences)?;
+        let mut estimator = Self {
+            kind: training.kind,
+            robot: training.robot.clone(),
+            axes: training.axes.clone(),
+            step_s: first.step_s,
+            base: training.base,
+            interval: None,
+            model,
+        };
+        if training.intervals {
+            estimator.interval = Some(calibrated(training, sequences, &mut say)?);
+        }
+        say(1.0, "done".to_owned());
+        Ok(estimator)
+    }
+
+    /// Calibrates intervals on folds of the training: the model is trained once more for each.
+    ///
+    /// # Errors
+    /// Fewer than two trials.
+    pub fn calibrate(
+        &mut self,
+        training: &Training,
+        sequences: &[&Sequence],
+    ) -> Result<(), ModelError> {
+        self.interval = Some(calibrated(training, sequences, &mut |_, _| {})?);
+        Ok(())
+    }
+
+    /// The model.
+    #[must_use]
+    pub fn model(&self) -> &dyn Model {
+        self.model.model()
+    }
+
+    /// As JSON.
+    ///
+    /// # Errors
+    /// [`ModelError::Stored`].
+    pub fn to_json(&self) -> Result<String, ModelError> {
+        let model = match &self.model {
+            Body::Constant(m) => StoredBody::Constant(m.clone()),
+            Body::Linear(m) => StoredBody::Linear(m.clone()),
+            Body::Physics(m) => StoredBody::Physics(m.clone()),
+            Body::Boosted(m) => StoredBody::Boosted(Box::new(m.stored()?)),
+        };
+        let stored = Stored {
+            schema: SCHEMA,
+            kind: self.kind,
+            robot: self.robot.clone(),
+            axes: self.axes.clone(),
+            step_s: self.step_s,
+            base: self.base,
+            interval: self.interval.clone(),
+            model,
+        };
+        serde_json::to_string(&stored)
+            .map_err(|error| ModelError::Stored(format!("the model cannot be written: {error}")))
+    }
+
+    /// From JSON.
+    ///
+    /// # Errors
+    /// [`ModelError::Stored`]: no such file, or of another version.
+    pub fn from_json(text: &str) -> Result<Self, ModelError> {
+        #[derive(Deserialize)]
+        struct Schema {
+            schema: u32,
+        }
+        let bad = |error: serde_json::Error| {
+            ModelError::Stored(format!(
+                "this is no model file of `forcectl estimate train`: {error}"
+            ))
+        };
+        let schema = serde_json::from_str::<Schema>(text).map_err(bad)?.schema;
+        if schema != SCHEMA {
+            return Err(ModelError::Stored(format!(
+                "the model file has layout {schema}, this program reads layout {SCHEMA}: train the model again"
+            )));
+        }
+        let stored: Stored = serde_json::from_str(text).map_err(bad)?;
+        if !(1e-4..=1.0).contains(&stored.step_s)
+            || stored.axes.is_empty()
+            || stored.axes.iter().any(|a| *a > 2)
+        {
+            return Err(ModelError::Stored(
+                "the model file's rate or axes are impossible: train the model again".to_owned(),
+            ));
+        }
+        let model = match stored.model {
+            StoredBody::Constant(m) => Body::Constant(m),
+            StoredBody::Linear(m) => Body::Linear(m),
+            StoredBody::Physics(m) => Body::Physics(m),
+            StoredBody::Boosted(m) => Body::Boosted(Box::new(Boosted::read(&m)?)),
+        };
+        Ok(Self {
+            kind: stored.kind,
+            robot: stored.robot,
+            axes: stored.axes,
+            step_s: stored.step_s,
+            base: stored.base,
+            interval: stored.interval,
+            model,
+        })
+    }
+}
+
+/// Intervals from folds of trials, each estimated by a model that has not seen it.
+fn calibrated(
+    training: &Training,
+    sequences: &[&Sequence],
+    say: &mut impl FnMut(f64, String),
+) -> Result<Interval, ModelError> {
+    let trials: Vec<usize> = sequences
+        .iter()
+        .map(|s| s.trial)
+        .collect::<BTreeSet<_>>()
+        .into_iter()
+        .collect();
+    let folds = trials.len().min(FOLDS);
+    if folds < 2 {
+        return Err(ModelError::Data(
+            "intervals need at least two training trials, because one is held out at a time; give more trials or --no-intervals".to_owned(),
+        ));
+    }
+    let mut held_out = Vec::new();
+    for fold in 0..folds {
+        say(
+            (fold + 1) as f64 / (folds + 1) as f64,
+            format!("intervals: fold {} of {folds}", fold + 1),
+        );
+        let held = |s: &Sequence| {
+            trials
+                .iter()
+                .position(|t| *t == s.trial)
+                .is_some_and(|p| p % folds == fold)
+        };
+        let rest: Vec<&Sequence> = sequences.iter().copied().filter(|s| !held(s)).collect();
+        let body = body(training, &rest)?;
+        for sequence in sequences.iter().filter(|s| held(s)) {
+            held_out.push(HeldOut {
+                sequence,
+                predicted: body.model().predict(sequence),
+            });
+        }
+    }
+    Interval::fit(&held_out, training.base, &training.axes)
+}

@@ -1,0 +1,272 @@
+//! How good estimates are: errors with intervals over trials, by speed, near reversals, and what a step costs.
+
+use crate::geometry::Base;
+use crate::model::{Model, Stepper};
+use crate::motion::{Motion, LEVELS};
+use crate::physics::settle_rows;
+use crate::sequence::Sequence;
+use serde::{Deserialize, Serialize};
+use std::time::Instant;
+
+/// Bins of speed.
+pub const SPEED_BINS: usize = 6;
+
+/// Estimate against truth of one trial's rows.
+#[derive(Debug, Clone, Default)]
+pub struct Rows {
+    /// Trial.
+    pub trial: usize,
+    /// Error of each row: the length of the error vector, or the error along the axis with its sign, N.
+    pub error: Vec<f64>,
+    /// Estimate, the first component, N.
+    pub estimate: Vec<f64>,
+    /// Label, the first component, N.
+    pub label: Vec<f64>,
+    /// Speed of the tip, m/s.
+    pub speed: Vec<f64>,
+    /// Whether a motor or a link is bent back: a reversal is not yet run through.
+    pub reversing: Vec<bool>,
+    /// Joints, rad, rad, m.
+    pub joints: Vec<[f64; 3]>,
+    /// Joint velocities, per second.
+    pub rates: Vec<[f64; 3]>,
+    /// Tip in frame 0, m.
+    pub tips: Vec<[f64; 3]>,
+}
+
+/// Figures over rows.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Figures {
+    /// Mean absolute error, N.
+    pub mae_n: f64,
+    /// Half width of the 95 % interval of the mean over trials, N; NaN with one trial is written as null.
+    pub mae_half_n: Option<f64>,
+    /// Root mean square error, N.
+    pub rmse_n: f64,
+    /// RMSE per range of the label.
+    pub nrmse: f64,
+    /// Rows.
+    pub rows: usize,
+    /// Trials.
+    pub trials: usize,
+}
+
+/// Two-sided 95 % points of Student's t for 1 to 10 degrees of freedom.
+const T95: [f64; 10] = [
+    12.706, 4.303, 3.182, 2.776, 2.571, 2.447, 2.365, 2.306, 2.262, 2.228,
+];
+
+/// Half width of the 95 % interval of a mean: the trials are the independent draws, not the rows.
+#[must_use]
+pub fn half_width(values: &[f64]) -> Option<f64> {
+    let n = values.len();
+    if n < 2 {
+        return None;
+    }
+    let mean = values.iter().sum::<f64>() / n as f64;
+    let variance = values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1) as f64;
+    let t = T95.get(n - 2).copied().unwrap_or(1.96);
+    Some(t * (variance / n as f64).sqrt())
+}
+
+/// Predicts sequences and compares. The first 10 s of a sequence are left out: no model with a memory knows its state there.
+#[must_use]
+pub fn compare(
+    model: &dyn Model,
+    base: &Base,
+    axes: &[usize],
+    sequences: &[&Sequence],
+) -> Vec<Rows> {
+    let mut trials: Vec<Rows> = Vec::new();
+    for sequence in sequences {
+        let predicted = model.predict(sequence);
+        if trials
+            .last()
+            .is_none_or(|rows| rows.trial != sequence.trial)
+        {
+            trials.push(Rows {
+                trial: sequence.trial,
+                ..Rows::default()
+            });
+        }
+        if let Some(rows) = trials.last_mut() {
+            add(rows, sequence, &predicted, base, axes);
+        }
+    }
+    trials
+}
+
+fn add(rows: &mut Rows, sequence: &Sequence, predicted: &[f32], base: &Base, axes: &[usize]) {
+    let mut motion = Motion::new(sequence.step_s);
+    let settle = settle_rows(sequence.step_s);
+    for k in 0..sequence.rows() {
+        let moment = *motion.step(sequence.input_row(k));
+        if k < settle {
+            continue;
+        }
+        let label = sequence.target_row(k);
+        let error = |a: usize| f64::from(predicted[k * axes.len() + a]) - f64::from(label[axes[a]]);
+        rows.error.push(if axes.len() == 1 {
+            error(0)
+        } else {
+            (0..axes.len())
+                .map(|a| error(a).powi(2))
+                .sum::<f64>()
+                .sqrt()
+        });
+        rows.estimate.push(f64::from(predicted[k * axes.len()]));
+        rows.label.push(f64::from(label[axes[0]]));
+        let tip = base.jacobian(moment.joints) * nalgebra::Vector3::from(moment.joint_rate);
+        rows.speed.push(tip.norm());
+        rows.reversing
+            .push((0..3).any(|i| moment.motor_stop(i, LEVELS - 1).abs() < 0.99));
+        rows.joints.push(moment.joints);
+        rows.rates.push(moment.joint_rate);
+        rows.tips
+            .push(crate::geometry::tip_in_0(moment.joints).into());
+    }
+}
+
+/// Figures over all rows of all trials.
+#[must_use]
+pub fn figures(trials: &[Rows]) -> Figures {
+    let mean = |rows: &Rows| {
+        rows.error.iter().map(|e| e.abs()).sum::<f64>() / rows.error.len().max(1) as f64
+    };
+    let all = || trials.iter().flat_map(|t| &t.error);
+    let n = all().count().max(1) as f64;
+    let rmse_n = (all().map(|e| e * e).sum::<f64>() / n).sqrt();
+    let labels = || trials.iter().flat_map(|t| &t.label);
+    let range = labels().fold(f64::NEG_INFINITY, |a, b| a.max(*b))
+        - labels().fold(f64::INFINITY, |a, b| a.min(*b));
+    Figures {
+        mae_n: all().map(|e| e.abs()).sum::<f64>() / n,
+        mae_half_n: half_width(&trials.iter().map(mean).collect::<Vec<_>>()),
+        rmse_n,
+        nrmse: rmse_n / range,
+        rows: n as usize,
+        trials: trials.len(),
+    }
+}
+
+/// Upper ends of six bins of equal width from 0 to the speed that 99.5 % of the rows stay below (the last bin is open), m/s.
+#[must_use]
+pub fn speed_edges(trials: &[Rows]) -> [f64; SPEED_BINS] {
+    let mut speeds: Vec<f64> = trials
+        .iter()
+        .flat_map(|t| t.speed.iter().copied())
+        .collect();
+    speeds.sort_by(f64::total_cmp);
+    let top = speeds
+        .get(
+            speeds
+                .len()
+                .saturating_sub(1)
+                .min(speeds.len() * 995 / 1000),
+        )
+        .copied()
+        .unwrap_or(1.0);
+    core::array::from_fn(|i| top * (i + 1) as f64 / SPEED_BINS as f64)
+}
+
+/// Bin of a speed.
+#[must_use]
+pub fn speed_bin(edges: &[f64; SPEED_BINS], speed: f64) -> usize {
+    edges
+        .iter()
+        .position(|edge| speed < *edge)
+        .unwrap_or(SPEED_BINS - 1)
+}
+
+/// Mean absolute error by something that puts rows into bins: error in N and rows.
+#[must_use]
+pub fn by_bin(
+    trials: &[Rows],
+    bins: usize,
+    bin: impl Fn(&Rows, usize) -> usize,
+) -> Vec<(f64, usize)> {
+    let mut sums = vec![(0.0, 0); bins];
+    for trial in trials {
+        for (k, error) in trial.error.iter().enumerate() {
+            let (sum, rows) = &mut sums[bin(trial, k)];
+            *sum += error.abs();
+            *rows += 1;
+        }
+    }
+    sums.into_iter()
+        .map(|(sum, rows)| (sum / rows.max(1) as f64, rows))
+        .collect()
+}
+
+/// Time of a step with one row, us.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct StepTime {
+    /// Median.
+    pub median_us: f64,
+    /// 99th percentile.
+    pub p99_us: f64,
+}
+
+/// Measures steps on up to `rows` rows.
+#[must_use]
+pub fn step_time(model: &dyn Model, sequence: &Sequence, targets: usize, rows: usize) -> StepTime {
+    let mut stepper: Box<dyn Stepper + '_> = model.stepper();
+    let mut force = vec![0.0; targets];
+    let mut times: Vec<f64> = (0..sequence.rows().min(rows))
+        .map(|k| {
+            let began = Instant::now();
+            stepper.step(sequence.input_row(k), &mut force);
+            began.elapsed().as_secs_f64() * 1e6
+        })
+        .collect();
+    times.sort_by(f64::total_cmp);
+    let at = |share: f64| {
+        times
+            .get(((times.len() as f64 * share) as usize).min(times.len().saturating_sub(1)))
+            .copied()
+            .unwrap_or(f64::NAN)
+    };
+    StepTime {
+        median_us: at(0.5),
+        p99_us: at(0.99),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_interval_is_over_trials() {
+        // Two trials of means 1 and 3: sd 1.414, t 12.706.
+        let half = half_width(&[1.0, 3.0]).unwrap();
+        assert!((half - 12.706).abs() < 1e-9, "{half}");
+        assert_eq!(half_width(&[1.0]), None);
+    }
+
+    #[test]
+    fn figures_weigh_rows_and_bins_are_of_equal_width() {
+        let trial = |trial, error: Vec<f64>| Rows {
+            trial,
+            label: error.iter().enumerate().map(|(k, _)| k as f64).collect(),
+            speed: error
+                .iter()
+                .enumerate()
+                .map(|(k, _)| k as f64 * 0.001)
+                .collect(),
+            error,
+            ..Rows::default()
+        };
+        let trials = [trial(1, vec![1.0; 300]), trial(2, vec![-2.0; 100])];
+        let f = figures(&trials);
+        assert!((f.mae_n - 1.25).abs() < 1e-12 && f.rows == 400);
+        assert!((f.rmse_n - (700.0_f64 / 400.0).sqrt()).abs() < 1e-12);
+        assert!((f.nrmse - f.rmse_n / 299.0).abs() < 1e-12);
+        let edges = speed_edges(&trials);
+        assert!((edges[0] * 6.0 - edges[5]).abs() < 1e-12);
+        assert_eq!(speed_bin(&edges, 1e9), 5);
+        assert_eq!(speed_bin(&edges, 0.0), 0);
+        let bins = by_bin(&trials, 2, |t, _| t.trial - 1);
+        assert_eq!(bins, vec![(1.0, 300), (2.0, 100)]);
+    }
+}

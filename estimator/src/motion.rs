@@ -1,0 +1,297 @@
+//! What the motion of the joints tells about friction: the state that rows of positions, velocities and efforts leave behind.
+//!
+//! Friction depends on where a contact has been, not on where it is. A contact that has just turned round is bent elastically
+//! (presliding) until it slides. A *stop operator* with threshold r follows the position, but never by more than r: its value
+//! over r runs from -1 to 1 within a travel of 2 r after a reversal. A bank of them with different thresholds spans every
+//! hysteresis of this kind (Prandtl, Ishlinskii); how much of each there is, a fit finds.
+//!
+//! All filters are causal. A first-order filter with time constant T delays a slow signal by T.
+
+use robot::kinematics::COUPLING;
+
+/// Inputs of a row: positions, velocities, efforts of the first three joints.
+pub const INPUTS: usize = 9;
+/// Names of the inputs, as the dataset's columns have them.
+pub const INPUT_NAMES: [&str; INPUTS] = [
+    "joint_position_1",
+    "joint_position_2",
+    "joint_position_3",
+    "joint_velocity_1",
+    "joint_velocity_2",
+    "joint_velocity_3",
+    "joint_effort_1",
+    "joint_effort_2",
+    "joint_effort_3",
+];
+/// Thresholds of the stop operators: rad, rad, m. From twice a count of the encoder to the travel in which the arm's own
+/// position controller builds up the torque of full friction.
+pub const THRESHOLDS: [[f64; LEVELS]; 3] = [
+    [1e-4, 2e-4, 4e-4, 8e-4, 1.6e-3, 3.2e-3],
+    [1e-4, 2e-4, 4e-4, 8e-4, 1.6e-3, 3.2e-3],
+    [1.5e-5, 3e-5, 6e-5, 1.2e-4, 2.5e-4, 5e-4],
+];
+/// Thresholds of a joint.
+pub const LEVELS: usize = 6;
+/// Stop operators: of three motors and of two links. The shoulder's link moves with its motor.
+pub const STOPS: usize = 5 * LEVELS;
+/// Time constant of the filters of efforts, velocities and stop operators, s. All have the same delay, so they stay in step.
+pub const FILTER_S: f64 = 0.05;
+/// Time over which velocities are taken from positions, s.
+const RATE_S: f64 = 0.1;
+/// Time constants of the slow references, s.
+const SLOW_S: [f64; 2] = [0.5, 2.0];
+/// Speeds at which the excess of breakaway fades, per joint: rad/s, rad/s, m/s.
+pub const FADE: [[f64; 3]; 3] = [[0.003, 0.01, 0.03], [0.003, 0.01, 0.03], [3e-4, 1e-3, 3e-3]];
+
+/// A first-order low-pass filter that begins at its first value.
+#[derive(Debug, Clone, Copy)]
+pub struct LowPass {
+    share: f64,
+    value: Option<f64>,
+}
+
+impl LowPass {
+    /// A filter with time constant `time_s` for rows of `step_s`.
+    #[must_use]
+    pub fn new(time_s: f64, step_s: f64) -> Self {
+        Self {
+            share: step_s / (time_s + step_s),
+            value: None,
+        }
+    }
+
+    /// Takes a value, gives the filtered one.
+    pub fn step(&mut self, x: f64) -> f64 {
+        let value = self
+            .value
+            .map_or(x, |before| before + self.share * (x - before));
+        self.value = Some(value);
+        value
+    }
+}
+
+/// A stop operator.
+#[derive(Debug, Clone, Copy)]
+struct Stop {
+    threshold: f64,
+    bent: f64,
+    at: Option<f64>,
+}
+
+impl Stop {
+    const fn new(threshold: f64) -> Self {
+        Self {
+            threshold,
+            bent: 0.0,
+            at: None,
+        }
+    }
+
+    fn step(&mut self, x: f64) -> f64 {
+        let travel = self.at.map_or(0.0, |at| x - at);
+        self.at = Some(x);
+        self.bent = (self.bent + travel).clamp(-self.threshold, self.threshold);
+        self.bent / self.threshold
+    }
+}
+
+/// What is known at a row.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Moment {
+    /// Joint positions: rad, rad, m.
+    pub joints: [f64; 3],
+    /// Travel of the motors in the joints' units.
+    pub motors: [f64; 3],
+    /// Torque of the motors in the joints' units, filtered: N·m, N·m, N.
+    pub torque: [f64; 3],
+    /// Published velocity of the motors, filtered like the torque: rad/s, rad/s, m/s.
+    pub speed: [f64; 3],
+    /// Velocity of the motors from positions over 0.1 s.
+    pub rate: [f64; 3],
+    /// Velocity of the joints from positions over 0.1 s.
+    pub joint_rate: [f64; 3],
+    /// Stop operators, filtered, -1 to 1: motors 1 to 3, then links 2 and 3, each from the smallest threshold.
+    pub stops: [f64; STOPS],
+    /// Torque less its slow references, N·m, N·m, N.
+    pub torque_change: [[f64; 3]; 2],
+    /// Motor travel less its slow references, rad, rad, m.
+    pub travel_change: [[f64; 3]; 2],
+}
+
+impl Moment {
+    /// Stop operator of a motor.
+    #[must_use]
+    pub const fn motor_stop(&self, joint: usize, level: usize) -> f64 {
+        self.stops[joint * LEVELS + level]
+    }
+}
+
+/// The state that rows leave behind.
+#[derive(Debug, Clone)]
+pub struct Motion {
+    step_s: f64,
+    torque: [LowPass; 3],
+    speed: [LowPass; 3],
+    stops: Vec<(Stop, LowPass)>,
+    slow_torque: [[LowPass; 3]; 2],
+    slow_travel: [[LowPass; 3]; 2],
+    /// Positions of the last rows, a ring: motors, joints.
+    past: Vec<([f64; 3], [f64; 3])>,
+    next: usize,
+    moment: Moment,
+}
+
+/// Velocities and positions of joints at the motors, in the joints' units: C q.
+#[must_use]
+pub fn at_motors(q: [f64; 3]) -> [f64; 3] {
+    core::array::from_fn(|i| (0..3).map(|k| COUPLING[i][k] * q[k]).sum())
+}
+
+/// Torques at the joints as torques at the motors, in the joints' units: the transpose of C, inverted.
+#[must_use]
+pub fn torques_at_motors(joint: [f64; 3]) -> [f64; 3] {
+    let third = joint[2];
+    let second = joint[1] - COUPLING[2][1] * third;
+    [
+        joint[0] - COUPLING[1][0] * second - COUPLING[2][0] * third,
+        second,
+        third,
+    ]
+}
+
+impl Motion {
+    /// No past, for rows of `step_s`.
+    #[must_use]
+    pub fn new(step_s: f64) -> Self {
+        let low = |time_s| LowPass::new(time_s, step_s);
+        let banks = [0, 1, 2, 1, 2];
+        Self {
+            step_s,
+            torque: [low(FILTER_S); 3],
+            speed: [low(FILTER_S); 3],
+            stops: banks
+                .iter()
+                .flat_map(|joint| THRESHOLDS[*joint])
+                .map(|threshold| (Stop::new(threshold), low(FILTER_S)))
+                .collect(),
+            slow_torque: SLOW_S.map(|time_s| [low(time_s); 3]),
+            slow_travel: SLOW_S.map(|time_s| [low(time_s); 3]),
+            past: Vec::with_capacity(rate_rows(step_s)),
+            next: 0,
+            moment: Moment::default(),
+        }
+    }
+
+    /// Forgets the past.
+    pub fn reset(&mut self) {
+        *self = Self::new(self.step_s);
+    }
+
+    /// Takes a row of [`INPUTS`] values: rad, rad, m; per second; N·m, N·m, N.
+    pub fn step(&mut self, input: &[f32]) -> &Moment {
+        let three = |from: usize| core::array::from_fn(|i| f64::from(input[from + i]));
+        let joints: [f64; 3] = three(0);
+        let motors = at_motors(joints);
+        let speed = at_motors(three(3));
+        let torque = torques_at_motors(three(6));
+        let m = &mut self.moment;
+        m.joints = joints;
+        m.motors = motors;
+        let (before, time_s) = if self.past.len() < rate_rows(self.step_s) {
+            self.past.push((motors, joints));
+            (self.past[0], self.step_s * (self.past.len() - 1) as f64)
+        } else {
+            let oldest = std::mem::replace(&mut self.past[self.next], (motors, joints));
+            self.next = (self.next + 1) % self.past.len();
+            (oldest, self.step_s * self.past.len() as f64)
+        };
+        for i in 0..3 {
+            m.torque[i] = self.torque[i].step(torque[i]);
+            m.speed[i] = self.speed[i].step(speed[i]);
+            if time_s > 0.0 {
+                m.rate[i] = (motors[i] - before.0[i]) / time_s;
+                m.joint_rate[i] = (joints[i] - before.1[i]) / time_s;
+            }
+            for s in 0..SLOW_S.len() {
+                m.torque_change[s][i] = m.torque[i] - self.slow_torque[s][i].step(m.torque[i]);
+                m.travel_change[s][i] = motors[i] - self.slow_travel[s][i].step(motors[i]);
+            }
+        }
+        let at = [motors[0], motors[1], motors[2], joints[1], joints[2]];
+        for (k, (stop, low)) in self.stops.iter_mut().enumerate() {
+            m.stops[k] = low.step(stop.step(at[k / LEVELS]));
+        }
+        &self.moment
+    }
+}
+
+/// Rows of the ring from which velocities are taken.
+fn rate_rows(step_s: f64) -> usize {
+    ((RATE_S / step_s).round() as usize).max(1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn row(q: f64, effort: f64) -> [f32; INPUTS] {
+        let (q, effort) = (q as f32, effort as f32);
+        [q, 1.0, 0.4, 0.0, 0.0, 0.0, effort, 0.0, 0.0]
+    }
+
+    #[test]
+    fn a_stop_follows_for_twice_its_threshold_after_a_reversal() {
+        let mut stop = Stop::new(0.5);
+        let values: Vec<f64> = [0.0, 0.4, 2.0, 1.6, 1.0, -3.0]
+            .into_iter()
+            .map(|x| stop.step(x))
+            .collect();
+        assert_eq!(values[1], 0.8);
+        assert_eq!(values[2], 1.0);
+        assert!((values[3] - 0.2).abs() < 1e-12);
+        assert!((values[4] + 1.0).abs() < 1e-12);
+        assert_eq!(values[5], -1.0);
+    }
+
+    #[test]
+    fn velocities_are_those_of_the_positions() {
+        let mut motion = Motion::new(0.02);
+        let mut last = Moment::default();
+        for n in 0..100 {
+            last = *motion.step(&row(0.3 + 1e-3 * f64::from(n), 0.0));
+        }
+        assert!(
+            (last.joint_rate[0] - 0.05).abs() < 1e-5,
+            "{:?}",
+            last.joint_rate
+        );
+        // The second motor turns with the shoulder too.
+        assert!((last.rate[1] - 0.05 * COUPLING[1][0]).abs() < 1e-5);
+        assert!(last.motor_stop(0, 5) > 0.99);
+    }
+
+    #[test]
+    fn torques_at_motors_undo_what_the_cables_do() {
+        let motor = [0.3, -0.7, 4.0];
+        let joint: [f64; 3] =
+            core::array::from_fn(|k| (0..3).map(|i| COUPLING[i][k] * motor[i]).sum());
+        for (got, expected) in torques_at_motors(joint).into_iter().zip(motor) {
+            assert!((got - expected).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn the_state_is_causal_and_forgets() {
+        let rows: Vec<[f32; INPUTS]> = (0..60)
+            .map(|n| row(0.5 + 0.01 * (f64::from(n) * 0.2).sin(), f64::from(n % 7)))
+            .collect();
+        let mut whole = Motion::new(0.02);
+        let early: Vec<Moment> = rows.iter().map(|r| *whole.step(r)).collect();
+        whole.reset();
+        let mut again = Moment::default();
+        for r in &rows[..30] {
+            again = *whole.step(r);
+        }
+        assert_eq!(format!("{again:?}"), format!("{:?}", early[29]));
+    }
+}

@@ -1,0 +1,372 @@
+//! The physical model: torque balance of each motor, with identified gravity and friction, and a recursive estimate of the force.
+//!
+//! A motor's torque is what gravity, friction and the contact need:
+//!
+//! ```text
+//! torque = gravity(q) + friction(motion, load) - levers(q) * force          per motor, in the joint's unit
+//! ```
+//!
+//! Gravity and friction are linear in what is identified: gravity in products of the joints' sines and cosines, friction in stop
+//! operators (presliding and Coulomb friction with their true hysteresis), their products with the motors' load
+//! (load-dependent friction) and with functions that fade with speed (Stribeck), and velocity (viscous friction). Inertia is left
+//! out: at the speeds of the protocol it is below 2 mN·m.
+//!
+//! What the balance lacks is the contact. It is the first-order disturbance observer of De Luca's kind: filtered torque less
+//! filtered model. Each motor then gives one equation for the force; they are weighted by the inverse of their residual variance,
+//! which depends on the motor's speed, and summed with an exponential memory. In a dead zone a motor's weight is small and the
+//! other motors, the memory, and at last the prior hold the estimate.
+
+use crate::geometry::Base;
+use crate::model::{Model, ModelError, Stepper};
+use crate::motion::{Moment, Motion, FADE, LEVELS, STOPS};
+use crate::ridge::{Ridge, Sums};
+use crate::sequence::Sequence;
+use nalgebra::{Matrix3, Vector3};
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+/// Rows at the start of a sequence that no fit uses, s: the stop operators do not yet know their state.
+pub const SETTLE_S: f64 = 10.0;
+/// Time constant of the memory, s. Shorter is noisier, longer lags: a force that changes by 0.3 N/s is 0.06 N late.
+pub const MEMORY_S: f64 = 0.2;
+/// Bins of speed for the residual variance of a motor.
+const BINS: usize = 8;
+/// Stop operator that stands for the direction of sliding in products.
+const MIDDLE: usize = 2;
+/// Regressors of gravity.
+const GRAVITY: usize = 14;
+/// Regressors of a motor.
+pub const REGRESSORS: usize = GRAVITY + 2 + STOPS + 6 + 3 + 3;
+
+/// The model.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Physics {
+    step_s: f64,
+    base: Base,
+    motors: [Ridge; 3],
+    /// Variance of a motor's balance, by speed.
+    noise: [Noise; 3],
+    /// Inverse of the second moments of the force in training, 1/N².
+    prior: [[f64; 3]; 3],
+    /// Components that are given out: 0 x, 1 y, 2 z.
+    axes: Vec<usize>,
+}
+
+/// Variance by speed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Noise {
+    /// Upper ends of the bins but the last.
+    edges: Vec<f64>,
+    variance: Vec<f64>,
+}
+
+impl Noise {
+    fn fit(mut pairs: Vec<(f64, f64)>) -> Self {
+        pairs.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let size = pairs.len().div_ceil(BINS).max(1);
+        let chunks: Vec<&[(f64, f64)]> = pairs.chunks(size).collect();
+        let variance = chunks
+            .iter()
+            .map(|c| c.iter().map(|(_, e)| e * e).sum::<f64>() / c.len() as f64);
+        Self {
+            variance: variance.map(|v| v.max(1e-12)).collect(),
+            edges: chunks.iter().skip(1).map(|c| c[0].0).collect(),
+        }
+    }
+
+    fn variance(&self, speed: f64) -> f64 {
+        self.variance[self.edges.partition_point(|edge| *edge <= speed)]
+    }
+}
+
+/// Regressors of the balance of motor `i`.
+pub fn regressors(m: &Moment, i: usize, row: &mut Vec<f64>) {
+    row.clear();
+    let (s1, c1) = m.joints[0].sin_cos();
+    let (s2, c2) = m.joints[1].sin_cos();
+    let q3 = m.joints[2];
+    row.extend([s1, c1, s2, c2, s1 * s2, s1 * c2, c1 * s2, c1 * c2]);
+    row.extend([
+        q3 * s1 * s2,
+        q3 * s1 * c2,
+        q3 * c1 * s2,
+        q3 * c1 * c2,
+        q3 * s1,
+        q3 * c1,
+    ]);
+    row.extend([m.speed[i], m.rate[i]]);
+    row.extend(m.stops);
+    let direction = m.motor_stop(i, MIDDLE);
+    for torque in m.torque {
+        row.extend([direction * torque.abs(), direction * torque]);
+    }
+    row.extend(FADE[i].map(|speed| direction * (-m.rate[i].abs() / speed).exp()));
+    row.extend(m.torque.map(f64::abs));
+}
+
+/// Rows that fits and figures leave out at the start of a sequence: [`SETTLE_S`].
+#[must_use]
+pub fn settle_rows(step_s: f64) -> usize {
+    (SETTLE_S / step_s).round() as usize
+}
+
+fn force_of(target: &[f32]) -> Vector3<f64> {
+    Vector3::from_fn(|k, _| target.get(k).map_or(0.0, |v| f64::from(*v)))
+}
+
+/// Visits every settled row of the sequences, one thread a sequence: state, levers, filtered force.
+fn visit<T: Send>(
+    base: &Base,
+    sequences: &[&Sequence],
+    start: impl Fn() -> T + Sync,
+    row: impl Fn(&mut T, &Moment, &Vector3<f64>) + Sync,
+) -> Vec<T> {
+    sequences
+        .par_iter()
+        .map(|sequence| {
+            let mut out = start();
+            let mut motion = Motion::new(sequence.step_s);
+            // The contact is filtered as the torque is, or the balance would mix two times.
+            let mut filters =
+                [crate::motion::LowPass::new(crate::motion::FILTER_S, sequence.step_s); 3];
+            let settle = settle_rows(sequence.step_s);
+            for k in 0..sequence.rows() {
+                let moment = motion.step(sequence.input_row(k));
+                let contact = base.at_motors(moment.joints) * force_of(sequence.target_row(k));
+                let contact = Vector3::from_fn(|i, _| filters[i].step(contact[i]));
+                if k >= settle {
+                    row(&mut out, moment, &contact);
+                }
+            }
+            out
+        })
+        .collect()
+}
+
+impl Physics {
+    /// Identifies gravity and friction from sequences with the force's three components as targets.
+    ///
+    /// # Errors
+    /// Too few rows, or targets that are no vector.
+    pub fn train(base: Base, sequences: &[&Sequence], axes: &[usize]) -> Result<Self, ModelError> {
+        let Some(first) = sequences.first() else {
+            return Err(ModelError::Data("no training rows".to_owned()));
+        };
+        if sequences.iter().any(|s| s.targets != 3) {
+            return Err(ModelError::Data(
+                "the physical model needs the force's three components as targets".to_owned(),
+            ));
+        }
+        let fresh = || [(); 3].map(|()| Sums::new(REGRESSORS, 1));
+        let sums = visit(
+            &base,
+            sequences,
+            || (fresh(), Vec::new()),
+            |(sums, row), moment, contact| {
+                for (i, sum) in sums.iter_mut().enumerate() {
+                    regressors(moment, i, row);
+                    sum.push(row, &[moment.torque[i] + contact[i]]);
+                }
+            },
+        );
+        let mut total = fresh();
+        for (part, _) in sums {
+            let mut part = part.into_iter();
+            total = total.map(|sum| {
+                part.next()
+                    .map_or_else(|| Sums::new(REGRESSORS, 1), |p| sum.merge(p))
+            });
+        }
+        let mut motors = Vec::new();
+        for sum in total {
+            motors.push(sum.solve().ok_or_else(|| {
+                ModelError::Data(format!(
+                    "too few rows for the physical model: it needs more than {REGRESSORS} rows after the first {SETTLE_S} s of each unbroken stretch"
+                ))
+            })?);
+        }
+        let motors: [Ridge; 3] = motors
+            .try_into()
+            .map_err(|_| ModelError::Data("three motors".to_owned()))?;
+        let pairs = visit(
+            &base,
+            sequences,
+            || ([(); 3].map(|()| Vec::new()), Vec::new(), 0_usize),
+            |(pairs, row, n), moment, contact| {
+                *n += 1;
+                // Every fifth row: neighbours tell the same.
+                if *n % 5 == 0 {
+                    for i in 0..3 {
+                        regressors(moment, i, row);
+                        let error = motors[i].value(0, row) - moment.torque[i] - contact[i];
+                        pairs[i].push((moment.rate[i].abs(), error));
+                    }
+                }
+            },
+        );
+        let mut noise: [Vec<(f64, f64)>; 3] = Default::default();
+        for (part, _, _) in pairs {
+            for (all, more) in noise.iter_mut().zip(part) {
+                all.extend(more);
+            }
+        }
+        Ok(Self {
+            step_s: first.step_s,
+            base,
+            motors,
+            noise: noise.map(Noise::fit),
+            prior: prior(sequences),
+            axes: axes.to_vec(),
+        })
+    }
+
+    /// Time between rows, s.
+    #[must_use]
+    pub const fn step_s(&self) -> f64 {
+        self.step_s
+    }
+
+    /// Where the robot's base stands.
+    #[must_use]
+    pub const fn base(&self) -> &Base {
+        &self.base
+    }
+
+    /// Components that are given out.
+    #[must_use]
+    pub fn axes(&self) -> &[usize] {
+        &self.axes
+    }
+
+    /// Number of identified numbers.
+    #[must_use]
+    pub fn count(&self) -> usize {
+        self.motors.iter().map(Ridge::parameters).sum::<usize>()
+            + self.noise.iter().map(|n| n.variance.len()).sum::<usize>()
+            + 6
+    }
+
+    /// An observer.
+    #[must_use]
+    pub fn observer(&self) -> Observer<'_> {
+        Observer {
+            model: self,
+            motion: Motion::new(self.step_s),
+            keep: (-self.step_s / MEMORY_S).exp(),
+            information: Matrix3::zeros(),
+            evidence: Vector3::zeros(),
+            row: Vec::with_capacity(REGRESSORS),
+            seen: Seen::default(),
+        }
+    }
+}
+
+/// Inverse of the second moments of the force.
+fn prior(sequences: &[&Sequence]) -> [[f64; 3]; 3] {
+    let (mut moments, mut rows) = (Matrix3::zeros(), 0.0);
+    for sequence in sequences {
+        for k in (0..sequence.rows()).step_by(10) {
+            let force = force_of(sequence.target_row(k));
+            moments += force * force.transpose();
+            rows += 1.0;
+        }
+    }
+    // 0.01 N of spread at least: a component that is always zero stays invertible.
+    let moments = moments / f64::max(rows, 1.0) + Matrix3::identity() * 1e-4;
+    let inverse = moments.try_inverse().unwrap_or_else(Matrix3::identity);
+    core::array::from_fn(|i| core::array::from_fn(|j| inverse[(i, j)]))
+}
+
+/// What the observer knows at a row.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Seen {
+    /// Force on the tool, N.
+    pub force: Vector3<f64>,
+    /// What each motor's balance lacks: contact at the motors, in the joints' units.
+    pub contact: [f64; 3],
+    /// Standard deviation of each balance.
+    pub deviation: [f64; 3],
+    /// Levers: contact at the motors per force.
+    pub levers: Matrix3<f64>,
+    /// Standard deviation of the components by the weights, N.
+    pub spread: Vector3<f64>,
+}
+
+/// The model on a stream.
+#[derive(Debug, Clone)]
+pub struct Observer<'a> {
+    model: &'a Physics,
+    motion: Motion,
+    keep: f64,
+    information: Matrix3<f64>,
+    evidence: Vector3<f64>,
+    row: Vec<f64>,
+    seen: Seen,
+}
+
+impl Observer<'_> {
+    /// Takes a row of inputs.
+    pub fn take(&mut self, input: &[f32]) -> (&Moment, &Seen) {
+        let moment = self.motion.step(input);
+        let levers = self.model.base.at_motors(moment.joints);
+        let (mut information, mut evidence) = (Matrix3::zeros(), Vector3::zeros());
+        for i in 0..3 {
+            regressors(moment, i, &mut self.row);
+            let contact = self.model.motors[i].value(0, &self.row) - moment.torque[i];
+            let variance = self.model.noise[i].variance(moment.rate[i].abs());
+            let lever = levers.row(i).transpose();
+            information += lever * lever.transpose() / variance;
+            evidence += lever * (contact / variance);
+            self.seen.contact[i] = contact;
+            self.seen.deviation[i] = variance.sqrt();
+        }
+        let fresh = 1.0 - self.keep;
+        self.information = self.information * self.keep + information * fresh;
+        self.evidence = self.evidence * self.keep + evidence * fresh;
+        let prior = Matrix3::from_fn(|i, j| self.model.prior[i][j]);
+        // Positive definite: the prior is.
+        if let Some(covariance) = (self.information + prior).try_inverse() {
+            self.seen.force = covariance * self.evidence;
+            self.seen.spread = covariance.diagonal().map(|v| v.max(0.0).sqrt());
+        }
+        self.seen.levers = levers;
+        (moment, &self.seen)
+    }
+
+    /// Forgets the past.
+    pub fn forget(&mut self) {
+        self.motion.reset();
+        self.information = Matrix3::zeros();
+        self.evidence = Vector3::zeros();
+    }
+}
+
+impl Stepper for Observer<'_> {
+    fn step(&mut self, input: &[f32], force: &mut [f32]) {
+        let axes = &self.model.axes;
+        let (_, seen) = self.take(input);
+        for (out, axis) in force.iter_mut().zip(axes) {
+            *out = seen.force[*axis] as f32;
+        }
+    }
+
+    fn reset(&mut self) {
+        self.forget();
+    }
+}
+
+impl Model for Physics {
+    fn predict(&self, sequence: &Sequence) -> Vec<f32> {
+        crate::model::by_steps(self.stepper(), sequence, self.axes.len())
+    }
+
+    fn parameters(&self) -> usize {
+        self.count()
+    }
+
+    fn stepper(&self) -> Box<dyn Stepper + '_> {
+        Box::new(self.observer())
+    }
+}
+
+const _: () = assert!(MIDDLE < LEVELS);

@@ -1,0 +1,418 @@
+//! `forcectl estimate`: contact force from the state of a robot, without a force sensor.
+
+mod live;
+
+use super::exit::{self, Failure, Reply, Result};
+use super::Context;
+use clap::{Args, Subcommand};
+use estimator::data::Mapping;
+use estimator::estimator::{Estimator, Kind, Training};
+use estimator::model::Progress;
+use estimator::sequence::Sequence;
+use estimator::trees::TreesConfig;
+use host_cli::estimate::card::{ModelCard, Run};
+use host_cli::estimate::{self, evaluate, load, report, Data};
+use host_cli::experiment::folder::sha256_of;
+use serde_json::json;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+/// Below the help of the command.
+pub const HELP: &str = "\
+Examples:
+  forcectl estimate train lab-day --model hybrid --out arm.model    trains, tests on the last trials, writes model and card
+  forcectl estimate eval arm.model other-day                        figures on trials that the model has not seen
+  forcectl estimate run arm.model --replay log.parquet              force of each row of a log
+  forcectl estimate run arm.model --robot my.toml                   live, from the source that [robot] of the file names
+  forcectl estimate report lab-day --into docs                      all models, tables and pictures
+
+docs/estimation.md explains the models and what they reach.
+
+Exit codes: 0 done; 2 arguments, data or model are refused, with file and column; 4 the robot's source cannot be opened;
+7 a file cannot be written.";
+
+/// Arguments of `estimate`.
+#[derive(Debug, Args)]
+pub struct Estimate {
+    #[command(subcommand)]
+    command: Sub,
+}
+
+#[derive(Debug, Subcommand)]
+enum Sub {
+    /// Train a model and write it with its card
+    Train(Train),
+    /// Figures of a model on data
+    Eval(Eval),
+    /// Estimate live, or row by row from a log
+    Run(live::Live),
+    /// Train and compare all models, and write the tables and pictures
+    Report(ReportArgs),
+}
+
+/// How data are read.
+#[derive(Debug, Args)]
+struct DataArgs {
+    /// Rows per second; the data's rate is a multiple of it
+    #[arg(long, value_name = "HZ", default_value = "50")]
+    rate: f64,
+    /// Mapping file (TOML) for logs other than an experiment's dataset: columns, factors to SI units
+    #[arg(long, value_name = "FILE")]
+    mapping: Option<PathBuf>,
+}
+
+/// Arguments of `estimate train`.
+#[derive(Debug, Args)]
+struct Train {
+    /// Folder of an experiment or of logs, or a log
+    data: PathBuf,
+    /// Model: zero, mean, linear, trees, physics or hybrid
+    #[arg(long, value_name = "NAME", default_value = "hybrid", value_parser = kind)]
+    model: Kind,
+    /// Model file to write; its card lies beside it
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Trials for testing, as in 8,9 [default: the last two of nine, as in the thesis]
+    #[arg(long, value_name = "N,N", value_delimiter = ',')]
+    test: Vec<usize>,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+    /// No intervals: a quarter of the time
+    #[arg(long)]
+    no_intervals: bool,
+    /// Estimate all three components, also where the experiment pulls along one axis
+    #[arg(long)]
+    all_axes: bool,
+    #[command(flatten)]
+    read: DataArgs,
+}
+
+/// Arguments of `estimate eval`.
+#[derive(Debug, Args)]
+struct Eval {
+    /// Model file
+    model: PathBuf,
+    /// Folder of an experiment or of logs, or a log
+    data: PathBuf,
+    /// Trials [default: those that the model was not trained on]
+    #[arg(long, value_name = "N,N", value_delimiter = ',')]
+    trials: Vec<usize>,
+    /// Use the model although it was trained on another robot
+    #[arg(long)]
+    any_robot: bool,
+    /// Mapping file (TOML)
+    #[arg(long, value_name = "FILE")]
+    mapping: Option<PathBuf>,
+}
+
+/// Arguments of `estimate report`.
+#[derive(Debug, Args)]
+struct ReportArgs {
+    /// Folder of an experiment
+    data: PathBuf,
+    /// Folder for tables and pictures
+    #[arg(long, value_name = "DIR")]
+    into: PathBuf,
+    /// Other data on which the shipped model is tried, as NAME=FOLDER
+    #[arg(long, value_name = "NAME=DIR")]
+    also: Vec<report::Also>,
+    /// Data of three-dimensional forces
+    #[arg(long, value_name = "DIR")]
+    three_axes: Option<PathBuf>,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+    #[command(flatten)]
+    read: DataArgs,
+}
+
+fn kind(name: &str) -> std::result::Result<Kind, String> {
+    Kind::of(name).ok_or_else(|| {
+        let names: Vec<&str> = Kind::ALL.iter().map(|k| k.name()).collect();
+        format!("there is no model `{name}`; there are {}", names.join(", "))
+    })
+}
+
+impl From<estimate::LoadError> for Failure {
+    fn from(error: estimate::LoadError) -> Self {
+        Self::new(exit::USAGE, error)
+    }
+}
+
+/// The mapping file, or the dataset's columns.
+fn mapping(file: Option<&PathBuf>) -> Result<Mapping> {
+    Ok(match file {
+        Some(file) => load::mapping(file)?,
+        None => Mapping::default(),
+    })
+}
+
+fn refused(error: impl ToString) -> Failure {
+    Failure::new(exit::USAGE, error)
+}
+
+/// Reads a model file.
+fn model(path: &Path) -> Result<Estimator> {
+    let text = std::fs::read_to_string(path)
+        .map_err(|error| refused(format!("{}: {error}", path.display())))?;
+    Estimator::from_json(&text).map_err(|error| refused(format!("{}: {error}", path.display())))
+}
+
+impl Estimate {
+    /// Runs the command.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        match &self.command {
+            Sub::Train(command) => command.run(context),
+            Sub::Eval(command) => command.run(context),
+            Sub::Run(command) => command.run(context),
+            Sub::Report(command) => command.run(context),
+        }
+    }
+}
+
+impl DataArgs {
+    fn load(&self, path: &Path) -> Result<Data> {
+        if !(1.0..=1000.0).contains(&self.rate) {
+            return Err(refused(format!(
+                "--rate {}: allowed are 1 to 1000 Hz",
+                self.rate
+            )));
+        }
+        Ok(load::load(
+            path,
+            &mapping(self.mapping.as_ref())?,
+            self.rate,
+            true,
+        )?)
+    }
+}
+
+impl Train {
+    fn run(&self, context: &Context) -> Result<Reply> {
+        let data = self.read.load(&self.data)?;
+        let (training, test) = split(&data, &self.test)?;
+        let rows: Vec<&Sequence> = data.of(&training);
+        let settings = Training {
+            kind: self.model,
+            axes: if self.all_axes {
+                vec![0, 1, 2]
+            } else {
+                data.axes.clone()
+            },
+            base: data.base,
+            robot: data.robot.clone(),
+            trees: TreesConfig {
+                seed: self.seed,
+                ..TreesConfig::default()
+            },
+            intervals: !self.no_intervals,
+        };
+        let began = Instant::now();
+        let trained = Estimator::train(&settings, &rows, &mut |p: &Progress| {
+            context.output.note(&p.text)
+        })
+        .map_err(refused)?;
+        let run = Run {
+            training,
+            test,
+            seed: self.seed,
+            training_s: began.elapsed().as_secs_f64(),
+        };
+        let unseen = data.of(&run.test);
+        let evaluation = (!unseen.is_empty()).then(|| evaluate::evaluate(&trained, &unseen).0);
+        // From here on Ctrl-C must not leave a model without its card.
+        let _controlled_stop = context.interrupt.controlled_stop();
+        let text = trained
+            .to_json()
+            .map_err(|error| Failure::new(exit::FILE, error))?;
+        std::fs::write(&self.out, text).map_err(|error| Failure::file(&self.out, &error))?;
+        let sha = sha256_of(&self.out).map_err(|error| Failure::new(exit::FILE, error))?;
+        let card = ModelCard::new(&trained, sha, &data, &run, evaluation);
+        let written = card
+            .write(&self.out)
+            .map_err(|error| Failure::file(&self.out, &error))?;
+        let mut text = card
+            .markdown()
+            .lines()
+            .take_while(|l| !l.starts_with("## "))
+            .collect::<Vec<_>>()
+            .join("\n");
+        row!(
+            text,
+            "\nmodel {}, card {}",
+            self.out.display(),
+            written.display()
+        );
+        Ok(Reply::new(text, json!(card)))
+    }
+}
+
+/// Trials for training and for testing.
+fn split(data: &Data, test: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
+    let all = data.trials();
+    if let Some(wrong) = test.iter().find(|t| !all.contains(t)) {
+        return Err(refused(format!(
+            "--test {wrong}: {} has the trials {all:?}",
+            data.name
+        )));
+    }
+    let test: Vec<usize> = if test.is_empty() {
+        let count = (all.len() * 2).div_ceil(9).min(all.len() - 1);
+        all[all.len() - count..].to_vec()
+    } else {
+        test.to_vec()
+    };
+    let training: Vec<usize> = all.into_iter().filter(|t| !test.contains(t)).collect();
+    if training.is_empty() {
+        return Err(refused(
+            "no trial is left for training; the split is between trials, never within one",
+        ));
+    }
+    Ok((training, test))
+}
+
+impl Eval {
+    fn run(&self, _context: &Context) -> Result<Reply> {
+        let estimator = model(&self.model)?;
+        let data = load::load(
+            &self.data,
+            &mapping(self.mapping.as_ref())?,
+            1.0 / estimator.step_s,
+            true,
+        )?;
+        check_robot(&estimator, &data.robot, self.any_robot)?;
+        let trials = if self.trials.is_empty() {
+            self.unseen(&data)
+        } else {
+            self.trials.clone()
+        };
+        let sequences = data.of(&trials);
+        if sequences.is_empty() {
+            return Err(refused(format!(
+                "{}: no trial is left to evaluate (it has {:?}); name some with --trials",
+                data.name,
+                data.trials()
+            )));
+        }
+        let (evaluation, _) = evaluate::evaluate(&estimator, &sequences);
+        let mut text = String::new();
+        let f = &evaluation.figures;
+        let half = f
+            .mae_half_n
+            .map_or_else(String::new, |h| format!(" +- {h:.3}"));
+        row!(
+            text,
+            "model {} on {}, trials {:?}, {} rows",
+            estimator.kind.name(),
+            data.name,
+            evaluation.trials,
+            f.rows
+        );
+        row!(
+            text,
+            "MAE            {:.3}{half} N (95 % over trials)",
+            f.mae_n
+        );
+        row!(
+            text,
+            "RMSE           {:.3} N, NRMSE {:.2} %",
+            f.rmse_n,
+            100.0 * f.nrmse
+        );
+        row!(
+            text,
+            "turning round  {:.3} N, sliding {:.3} N",
+            evaluation.mae_reversing_n,
+            evaluation.mae_sliding_n
+        );
+        if let Some(covered) = evaluation.covered {
+            row!(text, "90 % interval  covers {:.1} %", 100.0 * covered);
+        }
+        row!(
+            text,
+            "step           {:.1} us median, {:.1} us p99",
+            evaluation.step.median_us,
+            evaluation.step.p99_us
+        );
+        row!(text, "speed below, mm/s   MAE, N   rows   covered, %");
+        for bin in &evaluation.by_speed {
+            let covered = bin
+                .covered
+                .map_or_else(|| "-".to_owned(), |c| format!("{:.1}", 100.0 * c));
+            row!(
+                text,
+                "{:>17.1}   {:>6.3}   {:>6}   {covered}",
+                bin.below_m_per_s * 1e3,
+                bin.mae_n,
+                bin.rows
+            );
+        }
+        Ok(Reply::new(text, json!(evaluation)))
+    }
+
+    /// Trials that the model's card does not list as training of these same files.
+    fn unseen(&self, data: &Data) -> Vec<usize> {
+        let card = std::fs::read_to_string(self.model.with_extension("card.json")).ok();
+        let Some(card) = card.and_then(|text| serde_json::from_str::<ModelCard>(&text).ok()) else {
+            return data.trials();
+        };
+        let known: Vec<&str> = card
+            .sources
+            .iter()
+            .filter(|s| s.trials.iter().any(|t| card.training_trials.contains(t)))
+            .map(|s| s.sha256.as_str())
+            .collect();
+        let fresh = data
+            .sources
+            .iter()
+            .filter(|s| !known.contains(&s.sha256.as_str()));
+        let mut trials: Vec<usize> = fresh.flat_map(|s| s.trials.iter().copied()).collect();
+        trials.sort_unstable();
+        trials.dedup();
+        trials
+    }
+}
+
+/// Refuses a model of another robot.
+fn check_robot(estimator: &Estimator, robot: &str, any: bool) -> Result<()> {
+    if any || estimator.robot == robot {
+        return Ok(());
+    }
+    Err(refused(format!(
+        "the model was trained on the robot `{}`, these data are of `{robot}`: friction differs from robot to robot. Train on this robot, or see the error with --any-robot",
+        estimator.robot
+    )))
+}
+
+impl ReportArgs {
+    fn run(&self, context: &Context) -> Result<Reply> {
+        let data = self.read.load(&self.data)?;
+        let mut also = Vec::new();
+        for set in &self.also {
+            also.push((set.name.clone(), self.read.load(&set.folder)?));
+        }
+        let three_axes = self
+            .three_axes
+            .as_ref()
+            .map(|dir| self.read.load(dir))
+            .transpose()?;
+        let (training, test) = split(&data, &[])?;
+        let settings = report::Settings {
+            training,
+            test,
+            seed: self.seed,
+        };
+        let written = report::write(
+            &self.into,
+            &data,
+            &also,
+            three_axes.as_ref(),
+            &settings,
+            &mut |text| context.output.note(text),
+        )
+        .map_err(refused)?;
+        Ok(Reply::new(written.text.clone(), json!(written.results)))
+    }
+}

@@ -1,0 +1,281 @@
+//! `forcectl estimate run`: a force for each row, as the rows come.
+
+use super::{check_robot, mapping, model, refused};
+use crate::cli::exit::{self, Failure, Reply, Result};
+use crate::cli::Context;
+use clap::Args;
+use estimator::estimator::Estimator;
+use estimator::interval::Live as Width;
+use estimator::model::Stepper;
+use estimator::motion::INPUTS;
+use host_cli::estimate::load;
+use nalgebra::Vector3;
+use robot::source::{self, SourceConfig};
+use robot::state::{Acts, Frame, Meaning, RobotState, TipForce};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+/// Between two looks at the source.
+const LOOK: Duration = Duration::from_millis(1);
+
+/// Arguments of `estimate run`.
+#[derive(Debug, Args)]
+pub struct Live {
+    /// Model file
+    model: PathBuf,
+    /// Log to read in place of a robot: each row in turn, as fast as it goes
+    #[arg(
+        long,
+        value_name = "FILE",
+        required_unless_present = "robot",
+        conflicts_with = "robot"
+    )]
+    replay: Option<PathBuf>,
+    /// File with the `[robot]` table that names the source of states
+    #[arg(long, value_name = "FILE")]
+    robot: Option<PathBuf>,
+    /// Print every N-th row
+    #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u32).range(1..))]
+    every: u32,
+    /// End after this time of rows, s
+    #[arg(long, value_name = "SECONDS")]
+    duration: Option<f64>,
+    /// Use the model although it was trained on another robot
+    #[arg(long)]
+    any_robot: bool,
+    /// Mapping file (TOML) of the log
+    #[arg(long, value_name = "FILE", requires = "replay")]
+    mapping: Option<PathBuf>,
+}
+
+const AXES: [&str; 3] = ["x", "y", "z"];
+
+/// The model on a stream, with what is printed of it.
+struct Stream<'a> {
+    estimator: &'a Estimator,
+    stepper: Box<dyn Stepper + 'a>,
+    width: Option<Width<'a>>,
+    force: Vec<f32>,
+    times_us: Vec<f64>,
+}
+
+impl<'a> Stream<'a> {
+    fn new(estimator: &'a Estimator) -> Self {
+        Self {
+            estimator,
+            stepper: estimator.model().stepper(),
+            width: estimator
+                .interval
+                .as_ref()
+                .map(|i| i.live(estimator.step_s)),
+            force: vec![0.0; estimator.axes.len()],
+            times_us: Vec::new(),
+        }
+    }
+
+    /// Takes a row; force, N, and the half width of its interval, N.
+    fn step(&mut self, input: &[f32]) -> Option<f64> {
+        let began = Instant::now();
+        self.stepper.step(input, &mut self.force);
+        let width = self.width.as_mut().map(|w| w.step(input));
+        self.times_us.push(began.elapsed().as_secs_f64() * 1e6);
+        width
+    }
+
+    fn line(&self, time_s: f64, width: Option<f64>) -> String {
+        let mut line = format!("{time_s:10.3}");
+        for (axis, force) in self.estimator.axes.iter().zip(&self.force) {
+            line += &format!("  {} {force:7.3} N", AXES[*axis]);
+        }
+        if let Some(width) = width {
+            line += &format!("  +- {width:.3}");
+        }
+        line
+    }
+
+    fn done(mut self) -> Reply {
+        self.times_us.sort_by(f64::total_cmp);
+        let at = |share: f64| {
+            let last = self.times_us.len().saturating_sub(1);
+            self.times_us
+                .get(((self.times_us.len() as f64 * share) as usize).min(last))
+                .copied()
+                .unwrap_or(0.0)
+        };
+        let (rows, median, p99) = (self.times_us.len(), at(0.5), at(0.99));
+        Reply::new(
+            format!("{rows} rows; a step takes {median:.1} us (median), {p99:.1} us (p99)\n"),
+            json!({"rows": rows, "median_us": median, "p99_us": p99}),
+        )
+    }
+}
+
+impl Live {
+    /// Runs the command.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        let estimator = model(&self.model)?;
+        match (&self.replay, &self.robot) {
+            (Some(log), _) => self.replay(context, &estimator, log),
+            (None, Some(file)) => self.live(context, &estimator, file),
+            (None, None) => Err(refused("give --replay FILE or --robot FILE")),
+        }
+    }
+
+    fn replay(&self, context: &Context, estimator: &Estimator, log: &Path) -> Result<Reply> {
+        let data = load::load(
+            log,
+            &mapping(self.mapping.as_ref())?,
+            1.0 / estimator.step_s,
+            false,
+        )?;
+        // A log alone names no robot; a folder with a data card, or a mapping, does.
+        if data.robot != "unnamed" {
+            check_robot(estimator, &data.robot, self.any_robot)?;
+        }
+        let mut stream = Stream::new(estimator);
+        for sequence in &data.sequences {
+            stream.stepper.reset();
+            stream.width = estimator
+                .interval
+                .as_ref()
+                .map(|i| i.live(estimator.step_s));
+            for k in 0..sequence.rows() {
+                let time_s = sequence.start_s + k as f64 * sequence.step_s;
+                if context.interrupt.requested()
+                    || self
+                        .duration
+                        .is_some_and(|d| k as f64 * sequence.step_s >= d)
+                {
+                    break;
+                }
+                let width = stream.step(sequence.input_row(k));
+                if k % self.every as usize == 0 && !context.output.json() {
+                    context.output.line(&stream.line(time_s, width));
+                }
+            }
+        }
+        Ok(stream.done())
+    }
+
+    fn live(&self, context: &Context, estimator: &Estimator, file: &Path) -> Result<Reply> {
+        let config = robot_table(file)?;
+        let name = match &config {
+            SourceConfig::Virtual(_) => {
+                return Err(refused("the virtual arm lives inside a run of `forcectl experiment run`; estimate from its dataset with --replay"));
+            }
+            SourceConfig::CrtkRos1(c) => format!("crtk-ros1 {}", c.namespace),
+            SourceConfig::Udp(c) => format!("udp {}", c.listen),
+            SourceConfig::CrtkRos2(_) | SourceConfig::Static(_) => String::new(),
+        };
+        check_robot(estimator, &name, self.any_robot)?;
+        let mut source = source::open(&config).map_err(|error| Failure::new(exit::LINK, error))?;
+        let mut stream = Stream::new(estimator);
+        let began = Instant::now();
+        let step_ns = (estimator.step_s * 1e9) as i64;
+        // Stamp of the row that is due: rows are those of the training's rate, as near as the robot's states come to it.
+        let mut due: Option<i64> = None;
+        let _controlled_stop = context.interrupt.controlled_stop();
+        while !context.interrupt.requested()
+            && self
+                .duration
+                .is_none_or(|d| began.elapsed().as_secs_f64() < d)
+        {
+            let now_ns = i64::try_from(began.elapsed().as_nanos()).unwrap_or(i64::MAX);
+            let poll = source
+                .poll(now_ns)
+                .map_err(|error| Failure::new(exit::LINK, error))?;
+            for event in &poll.events {
+                context.output.note(&event.to_string());
+            }
+            if poll.stop().is_some() && due.is_some() {
+                // What the friction's state was before the break is not what it is after it.
+                context
+                    .output
+                    .note("the stream of states broke off: the estimate begins anew");
+                stream.stepper.reset();
+                stream.width = estimator
+                    .interval
+                    .as_ref()
+                    .map(|i| i.live(estimator.step_s));
+                due = None;
+            }
+            for state in &poll.states {
+                let t_ns = state.stamp.t_ns;
+                if due.is_some_and(|due| t_ns < due - step_ns / 4) {
+                    continue;
+                }
+                due =
+                    Some(due.map_or(t_ns, |d| if t_ns - d > step_ns { t_ns } else { d }) + step_ns);
+                let input = inputs(state)
+                    .map_err(|why| Failure::new(exit::LINK, format!("{}: {why}", source.name())))?;
+                let width = stream.step(&input);
+                let published = source.publish_estimate(&tip_force(estimator, &stream.force));
+                published.map_err(|error| Failure::new(exit::LINK, error))?;
+                if stream.times_us.len() % self.every as usize == 0 && !context.output.json() {
+                    context.output.line(&stream.line(t_ns as f64 * 1e-9, width));
+                }
+            }
+            std::thread::sleep(LOOK);
+        }
+        Ok(stream.done())
+    }
+}
+
+/// `[robot]` of a TOML file.
+fn robot_table(file: &Path) -> Result<SourceConfig> {
+    let text = std::fs::read_to_string(file)
+        .map_err(|error| refused(format!("{}: {error}", file.display())))?;
+    let mut table: toml::Table =
+        toml::from_str(&text).map_err(|error| refused(format!("{}: {error}", file.display())))?;
+    let robot = table
+        .remove("robot")
+        .ok_or_else(|| refused(format!("{}: there is no [robot] table", file.display())))?;
+    robot
+        .try_into()
+        .map_err(|error| refused(format!("{}: [robot] {error}", file.display())))
+}
+
+/// A state as the row of a model.
+fn inputs(state: &RobotState) -> std::result::Result<[f32; INPUTS], &'static str> {
+    let joints = state
+        .joints
+        .as_ref()
+        .ok_or("the robot publishes no joints")?;
+    let velocity = joints
+        .velocity
+        .as_ref()
+        .ok_or("the robot publishes no joint velocities")?;
+    let effort = joints
+        .effort
+        .as_ref()
+        .ok_or("the robot publishes no joint efforts (on a Raven they are in /ravenstate alone)")?;
+    let mut row = [0.0; INPUTS];
+    for (n, values) in [&joints.position, velocity, &effort.value]
+        .into_iter()
+        .enumerate()
+    {
+        for i in 0..3 {
+            row[3 * n + i] = *values
+                .get(i)
+                .ok_or("the robot has fewer than three joints")?
+                as f32;
+        }
+    }
+    Ok(row)
+}
+
+/// The force as CRTK knows forces.
+fn tip_force(estimator: &Estimator, force: &[f32]) -> TipForce {
+    let mut vector = Vector3::zeros();
+    for (axis, value) in estimator.axes.iter().zip(force) {
+        vector[*axis] = f64::from(*value);
+    }
+    TipForce {
+        frame: Frame::Rig,
+        acts: Acts::OnTool,
+        meaning: Meaning::Estimated,
+        force_n: vector.into(),
+        torque_n_m: None,
+    }
+}

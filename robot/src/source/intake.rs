@@ -1,0 +1,117 @@
+//! What a ROS client's thread brings, and how it becomes a [`Poll`]: the same for ROS 1 and ROS 2.
+
+use super::geometry::Pair;
+use super::{arrival, sift, Poll};
+use crate::crtk::{self, Adapter, AdapterConfig, Header, Topic};
+use crate::ravenstate::{self, Ravenstate};
+use crate::state::{Acts, Frame, Meaning, Mount, RobotState, StateError, TipForce};
+use crate::watch::{Watch, WatchConfig};
+use std::sync::mpsc::{channel, Receiver, Sender};
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What the subscriptions bring.
+pub(super) enum Incoming {
+    /// A message of one of the robot's topics, with its publisher.
+    Crtk(Arc<str>, Header, Topic),
+    /// The Raven's own message.
+    #[cfg_attr(not(feature = "ros1"), allow(dead_code))] // it exists in ROS 1 only
+    Raven(Box<Ravenstate>),
+    /// `servo_cf`.
+    Request(Pair),
+    /// Messages that were dropped because nobody polled, or that could not be read.
+    Bad(String),
+}
+
+/// Takes what came, with its time.
+pub(super) type Outlet = Sender<(Instant, Incoming)>;
+
+/// The other end: adapters, mount and watch.
+pub(super) struct Intake {
+    incoming: Receiver<(Instant, Incoming)>,
+    adapter: Adapter,
+    raven: Option<ravenstate::Adapter>,
+    frame: Frame,
+    mount: Mount,
+    watch: Watch,
+}
+
+impl Intake {
+    /// An intake, and what fills it.
+    pub fn new(
+        adapter: &AdapterConfig,
+        raven: Option<ravenstate::Adapter>,
+        mount: Mount,
+        watch: &WatchConfig,
+    ) -> (Outlet, Self) {
+        let (outlet, incoming) = channel();
+        let intake = Self {
+            incoming,
+            frame: adapter.frame.clone(),
+            adapter: Adapter::new(adapter.clone()),
+            raven,
+            mount,
+            watch: Watch::new(watch.clone()),
+        };
+        (outlet, intake)
+    }
+
+    /// What has come. Without `trusted` nobody knows whose states these are, and they are left out.
+    pub fn poll(&mut self, now_ns: i64, trusted: bool) -> Poll {
+        let polled = Instant::now();
+        let mut states: Vec<Result<RobotState, StateError>> = Vec::new();
+        let mut requests = Vec::new();
+        while let Ok((came, incoming)) = self.incoming.try_recv() {
+            let received = Some(arrival(now_ns, polled, came));
+            let at = |state: RobotState| RobotState { received, ..state };
+            match incoming {
+                Incoming::Crtk(publisher, header, topic) => {
+                    let state = self.adapter.take(&publisher, &header, topic).transpose();
+                    states.extend(state.map(|state| state.map(at)));
+                }
+                Incoming::Raven(message) => {
+                    let raven = self.raven.as_ref();
+                    states.extend(raven.map(|raven| Ok(at(raven.state(&message)))));
+                }
+                Incoming::Request(wrench) => match self.request(&wrench.into()) {
+                    Ok(request) => requests.push(request),
+                    Err(error) => states.push(Err(error)),
+                },
+                Incoming::Bad(why) => states.push(Err(StateError::Format(why))),
+            }
+        }
+        if !trusted {
+            states.retain(Result::is_err);
+        }
+        let mut poll = sift(states, &mut self.watch, &self.mount, now_ns);
+        poll.requests = requests;
+        poll
+    }
+
+    /// A force that is asked for: on the tool, in the frame of the robot's poses.
+    fn request(&self, wrench: &crtk::Pair) -> Result<TipForce, StateError> {
+        let request = TipForce {
+            frame: self.frame.clone(),
+            acts: Acts::OnTool,
+            meaning: Meaning::Requested,
+            force_n: wrench.linear,
+            torque_n_m: Some(wrench.angular),
+        };
+        if wrench.linear.iter().all(|v| v.is_finite()) {
+            Ok(self.mount.force_in_rig(&request))
+        } else {
+            let asked = wrench.linear;
+            Err(StateError::Format(format!("servo_cf asks for {asked:?} N")))
+        }
+    }
+
+    /// A force as we publish it: name of the frame, force and torque *on the tool*.
+    pub fn wrench(&self, force: &TipForce) -> (String, Pair) {
+        let force = (self.mount).force_from_rig(&force.acting(Acts::OnTool), self.frame.clone());
+        let wrench = Pair {
+            linear: force.force_n.into(),
+            angular: force.torque_n_m.unwrap_or_default().into(),
+        };
+        (format!("{}/force_on_tool", force.frame), wrench)
+    }
+}
