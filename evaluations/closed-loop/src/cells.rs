@@ -28,7 +28,7 @@ fn in_the_cells(seed: u64) -> bool {
     matches!(kind_of(seed), Kind::Creep | Kind::CellCurve)
 }
 
-/// The page docs/calibration/cells.md.
+/// The page, as Markdown.
 ///
 /// # Errors
 /// A command failed.
