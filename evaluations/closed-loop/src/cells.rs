@@ -138,7 +138,7 @@ fn rig(
             .env("FORCECTL_STATE_DIR", folder.join("state"))
             .output()
             .map_err(|e| format!("{}: {e}", options.forcectl.display()))?;
-        // 6: done, and the force was not held as commanded. That is a result.
+        // 6: the force was held, and not as well as asked. That is what this page shows.
         if matches!(output.status.code(), Some(0 | 6)) {
             return std::fs::write(out.join("reply.json"), &output.stdout).map_err(fault);
         }
