@@ -336,7 +336,7 @@ fn an_effect_reaches_only_the_units_it_lists() {
 /// A calibration weight goes through the cell: its curve and its creep are in the reading.
 #[test]
 fn a_weight_on_the_cell_is_read_with_curve_and_creep() {
-    let mut config = gauge(0.0, 0.0);
+    let mut config = gauge(1e-5, 1e-5);
     config
         .effects
         .push(effect("kind = \"cell_quadratic\"\nper_n = 0.01"));
