@@ -176,13 +176,18 @@ impl Policy {
         Ok(policy)
     }
 
+    /// Whether a package may be used. One that has a licence file and names no licence in its manifest needs an exception, which
+    /// says what the file is.
     fn accepts(&self, package: &Package) -> bool {
+        let mut exceptions = self
+            .exceptions
+            .iter()
+            .filter(|(name, _)| *name == package.name);
+        if package.licence.is_empty() {
+            return exceptions.next().is_some();
+        }
         satisfied(&package.licence, &|id| {
-            self.allow.contains(id)
-                || self
-                    .exceptions
-                    .iter()
-                    .any(|(name, licence)| *name == package.name && licence == id)
+            self.allow.contains(id) || exceptions.clone().any(|(_, licence)| licence == id)
         })
     }
 }
@@ -336,5 +341,14 @@ allow = [
             faults(&policy, &packages),
             ["the exception of MPL-2.0 for serialport is not needed"]
         );
+    }
+    #[test]
+    fn a_package_with_a_licence_file_alone_needs_an_exception() {
+        let text = DENY.replace("serialport", "unnamed");
+        let policy = Policy::parse(&text).unwrap();
+        let mut packages = BTreeSet::from([package("unnamed v2.0.0|")]);
+        assert!(faults(&policy, &packages).is_empty());
+        packages.insert(package("unknown v1.0.0|"));
+        assert_eq!(faults(&policy, &packages), ["unknown 1.0.0: no licence"]);
     }
 }

@@ -224,6 +224,13 @@ impl Plant {
         &self.units[unit].parameters
     }
 
+    /// Hangs a weight of so many newtons on a unit's cell, along its axis, in place of the one before; 0 takes it off.
+    pub fn hang_on_cell(&mut self, unit: usize, newtons: f64) {
+        if let Some(unit) = self.units.get_mut(unit) {
+            unit.hang(newtons);
+        }
+    }
+
     /// Cable tension, N, never negative.
     pub fn tension_n(&self, unit: usize) -> f64 {
         self.units[unit].tension_n()

@@ -208,6 +208,8 @@ pub(crate) struct Unit {
     flexure_m: f64,
     flexure_m_per_s: f64,
     creep_n: Vec<f64>,
+    /// Pull on the cell from outside, along its axis, N: a weight that hangs there.
+    external_n: f64,
 }
 
 impl Unit {
@@ -266,6 +268,7 @@ impl Unit {
             cosine,
             flexure_m,
             flexure_m_per_s: 0.0,
+            external_n: 0.0,
         };
         // A cell that hung there for long has crept under the assembly's weight.
         let weight = unit.parameters.assembly_weight_n;
@@ -347,7 +350,7 @@ impl Unit {
             - c.cell_damping_n_s_per_m * self.flexure_m_per_s;
         self.flexure_m_per_s += force * c.cell_h_per_kg;
         self.flexure_m += h * self.flexure_m_per_s;
-        let load = c.cell_stiffness_n_per_m * self.flexure_m;
+        let load = self.cell_load_n(c);
         for (state, creep) in self.creep_n.iter_mut().zip(&self.modifiers.creep) {
             *state += h / creep.time_constant_s * (creep.fraction * load - *state);
         }
@@ -427,9 +430,15 @@ impl Unit {
         (c.counts_per_m * self.wound_m + self.parameters.encoder_phase_counts).floor() as i64
     }
 
-    /// Everything that the flexure carries, N: cable along the axis, weight and inertia of the assembly.
+    /// Everything that the cell carries, N: cable along the axis, weight and inertia of the assembly, and what hangs on it. The
+    /// last without a swing: a weight that is at rest.
     pub fn cell_load_n(&self, c: &Shared) -> f64 {
-        c.cell_stiffness_n_per_m * self.flexure_m
+        c.cell_stiffness_n_per_m * self.flexure_m + self.external_n
+    }
+
+    /// Hangs a weight of so many newtons on the cell, along its axis, in place of the one before.
+    pub fn hang(&mut self, newtons: f64) {
+        self.external_n = newtons;
     }
 
     pub fn temperature_rise_k(&self, time_s: f64) -> f64 {

@@ -332,3 +332,30 @@ fn an_effect_reaches_only_the_units_it_lists() {
         assert_eq!(same, unit != 1 && unit != 4, "unit {unit}");
     }
 }
+
+/// A calibration weight goes through the cell: its curve and its creep are in the reading.
+#[test]
+fn a_weight_on_the_cell_is_read_with_curve_and_creep() {
+    let mut config = gauge(1e-5, 1e-5);
+    config
+        .effects
+        .push(effect("kind = \"cell_quadratic\"\nper_n = 0.01"));
+    config.effects.push(effect(
+        "kind = \"creep\"\nfraction = 0.1\ntime_constant_s = 0.5",
+    ));
+    let mut plant = Plant::new(config, 3).unwrap();
+    plant.advance_to(1_000_000_000);
+    let per_n = plant.parameters(0).bridge_per_n;
+    let empty = plant.bridge_v_per_v(0);
+    // Motor and rack hang there already.
+    let weight = plant.parameters(0).assembly_weight_n * 1.1;
+    plant.hang_on_cell(0, 5.0);
+    let at = |load: f64| load + 0.01 * load * load;
+    let read = |plant: &Plant| (plant.bridge_v_per_v(0) - empty) / per_n;
+    assert!((read(&plant) - (at(weight + 5.0) - at(weight))).abs() < 0.02);
+    plant.advance_to(6_000_000_000);
+    assert!((read(&plant) - (at(weight + 5.5) - at(weight))).abs() < 0.02);
+    plant.hang_on_cell(0, 0.0);
+    plant.advance_to(12_000_000_000);
+    assert!(read(&plant).abs() < 0.01);
+}

@@ -40,6 +40,7 @@ impl Board {
                 }
                 self.advance_plant(now);
                 self.pull_n[unit] = newtons;
+                self.plant.hang_on_cell(unit, newtons);
             }
             Injection::FreezeEncoder(number, frozen) => {
                 let unit = unit(number)?;

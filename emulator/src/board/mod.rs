@@ -214,11 +214,8 @@ impl Board {
     fn advance_plant(&mut self, t_ns: u64) {
         while self.history.next_ns() <= t_ns {
             self.plant.advance_to(self.history.next_ns());
-            let row = std::array::from_fn(|unit| {
-                // By the cell's own sensitivity: a known pull is a weight to calibrate with.
-                let per_n = self.plant.parameters(unit).bridge_per_n;
-                self.plant.bridge_v_per_v(unit) + self.pull_n[unit] * per_n
-            });
+            // A known pull is a weight to calibrate with: it hangs on the plant's cell.
+            let row = std::array::from_fn(|unit| self.plant.bridge_v_per_v(unit));
             self.history.push(row);
             self.turn_counters();
         }

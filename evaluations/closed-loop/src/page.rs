@@ -15,7 +15,7 @@ const NOTES: [(Kind, Cost, &str); 5] = [
         Kind::Creep,
         Cost::Left,
         "*Creep* is an error of the measurement. The loop holds what the cells say; weights measure it and the board takes it out \
-         ([figures](../calibration/cells.md)).",
+         ([guide](../calibration.md)).",
     ),
     (
         Kind::CellCurve,

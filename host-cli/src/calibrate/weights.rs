@@ -194,7 +194,7 @@ mod tests {
                 Some((line, weight)) if line == i + 2 => weight,
                 _ => load.weight_g,
             };
-            text.push_str(&format!("{weight},{code},30,,\n"));
+            text.push_str(&format!("{weight},{code},30,,,\n"));
         }
         text
     }
@@ -239,16 +239,16 @@ mod tests {
         assert!(fit("w.csv", &table(Some((5, 500.0))), &corrected).is_ok());
         assert!(fails("").contains("w.csv: the file is empty"));
         assert!(
-            fails(&format!("{HEADER}\n10,1e3,30,,\n20,abc,30,,\n")).starts_with("w.csv:3: `abc`")
+            fails(&format!("{HEADER}\n10,1e3,30,,,\n20,abc,30,,,\n")).starts_with("w.csv:3: `abc`")
         );
-        assert!(fails(&format!("{HEADER}\n10,NaN,30,,\n")).starts_with("w.csv:2: `NaN`"));
-        assert!(fails(&format!("{HEADER}\n10,1000,30,,\n")).contains("at least 3 readings"));
+        assert!(fails(&format!("{HEADER}\n10,NaN,30,,,\n")).starts_with("w.csv:2: `NaN`"));
+        assert!(fails(&format!("{HEADER}\n10,1000,30,,,\n")).contains("at least 3 readings"));
         // A quadratic cell keeps its curve.
         let mut text = format!("{HEADER}\n");
         for load in plan(&gain::WEIGHTS_G, 2, Duration::ZERO) {
             let force = load.weight_g * 9.80665e-3;
             let code = (force + 2e-3 * force * force) / 7e-6;
-            text.push_str(&format!("{},{code},20,,\n", load.weight_g));
+            text.push_str(&format!("{},{code},20,,,\n", load.weight_g));
         }
         let curved = fit("w.csv", &text, &Options::default()).unwrap();
         let found = curved.gain.conversion();

@@ -270,7 +270,7 @@ fn describe_conversion(text: &mut String, gain: &Fit, found: &base::Conversion) 
     if let Some(creep) = gain.creep {
         let (low, high) = creep.time_95_s;
         let what = format!(
-            "creep of {:.2} +- {:.2} % in {:.1} s (95 %: {low:.1} to {high:.1} s)",
+            "creep of {:.2} +- {:.2} % in {:.2} s (95 %: {low:.2} to {high:.2} s)",
             100.0 * creep.share,
             196.0 * creep.share_se,
             creep.time_s

@@ -8,7 +8,7 @@ use super::guide::{self, Answer};
 use super::{hang, push, Bench};
 use clap::Args;
 use host_cli::calibrate::standin::Mistake;
-use host_cli::calibrate::{cells, zeros};
+use host_cli::calibrate::{cells, weights, zeros, CalibrateError};
 use host_cli::session::Session;
 use nalgebra::Vector3;
 use serde_json::json;
@@ -137,12 +137,17 @@ impl Zero {
         Ok(())
     }
 
-    /// Pulls on the cables that are to pull, or lets them go.
+    /// Pulls on the cables that are to pull, or lets them go, and waits until the cells have settled.
     fn preload(&self, session: &mut Session<'_>, part: f64) -> Result<()> {
-        self.inject.iter().try_for_each(|mistake| match mistake {
-            Mistake::Preload(unit, force_n) => hang(session, &[*unit], part * force_n),
-            _ => Ok(()),
-        })
+        for mistake in &self.inject {
+            if let Mistake::Preload(unit, force_n) = mistake {
+                hang(session, &[*unit], part * force_n)?;
+                session
+                    .advance(weights::SETTLE)
+                    .map_err(CalibrateError::from)?;
+            }
+        }
+        Ok(())
     }
 }
 
