@@ -220,6 +220,7 @@ pub fn read<'a>(
         unusable: 0,
     };
     let every = every as usize;
+    let mut taken = 0_usize;
     let mut open: Option<Sequence> = None;
     // Row of the stretch's start, so that every n-th row is counted from there.
     let mut began = 0;
@@ -272,7 +273,9 @@ pub fn read<'a>(
                 .target
                 .extend(force.iter().map(|c| c.at(row) as f32));
         }
-        if !tip.is_empty() && row % (rows / 1_000).max(1) == 0 {
+        // About a thousand, counted in rows that are taken: a stretch may begin at any row.
+        taken += 1;
+        if !tip.is_empty() && (taken - 1).is_multiple_of((rows / every / 1_000).max(1)) {
             check(file, row, &time, tip.iter())?;
             part.tips.push((
                 core::array::from_fn(|i| inputs[i].at(row)),
@@ -434,6 +437,11 @@ mod tests {
         let part = read_at(&log, 50.0).unwrap();
         assert_eq!(part.sequences.len(), 2);
         assert_eq!(part.unusable, 1);
+        // The first stretch begins at an even row, the second at an odd one; tips come from both.
+        assert_eq!(
+            part.tips.len(),
+            part.sequences.iter().map(Sequence::rows).sum::<usize>()
+        );
         assert_eq!(
             (part.sequences[0].rows(), part.sequences[0].trial),
             (250, 4)

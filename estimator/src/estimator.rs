@@ -29,10 +29,28 @@ pub enum Kind {
     Trees,
     /// The physical model and trees on what it leaves: the shipped model.
     Hybrid,
+    /// The thesis's perceptron.
+    Mlp,
+    /// The thesis's gated recurrent units.
+    Gru,
+    /// The thesis's long short-term memory.
+    Lstm,
+    /// A small causal convolution.
+    Convolution,
+    /// Small gated recurrent units whose state goes on.
+    CarriedGru,
 }
 
 impl Kind {
-    /// All, from the least to the most.
+    /// The neural networks. They need the feature `networks`.
+    pub const NETWORKS: [Self; 5] = [
+        Self::Mlp,
+        Self::Gru,
+        Self::Lstm,
+        Self::Convolution,
+        Self::CarriedGru,
+    ];
+    /// All others, from the least to the most.
     pub const ALL: [Self; 6] = [
         Self::Zero,
         Self::Mean,
@@ -52,13 +70,21 @@ impl Kind {
             Self::Physics => "physics",
             Self::Trees => "trees",
             Self::Hybrid => "hybrid",
+            Self::Mlp => "mlp",
+            Self::Gru => "gru",
+            Self::Lstm => "lstm",
+            Self::Convolution => "convolution",
+            Self::CarriedGru => "carried-gru",
         }
     }
 
     /// From its name.
     #[must_use]
     pub fn of(name: &str) -> Option<Self> {
-        Self::ALL.into_iter().find(|kind| kind.name() == name)
+        Self::ALL
+            .into_iter()
+            .chain(Self::NETWORKS)
+            .find(|kind| kind.name() == name)
     }
 }
 
@@ -75,12 +101,26 @@ pub struct Training {
     pub robot: String,
     /// Trees.
     pub trees: TreesConfig,
+    /// Networks.
+    pub networks: NetworkLimits,
     /// Whether intervals are calibrated: the model is trained once more for each fold of trials.
     pub intervals: bool,
 }
 
-/// Most folds of trials for intervals.
-const FOLDS: usize = 4;
+/// How long networks are trained. Their layers, rates and batches are those of the thesis, or of the small networks.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct NetworkLimits {
+    /// Passes through the training rows; `None`: those of the settings (50 in the thesis).
+    pub epochs: Option<usize>,
+    /// Time after which no update begins, s.
+    pub limit_s: Option<f64>,
+    /// Whether an NVIDIA GPU trains them. Needs the feature `cuda`.
+    pub gpu: bool,
+}
+
+/// Most folds of trials for intervals: with up to this many trials each is held out alone, so that a fold's model has nearly
+/// the training of the whole one.
+const FOLDS: usize = 8;
 
 /// See the module's page.
 #[derive(Debug)]
@@ -105,6 +145,8 @@ enum Body {
     Linear(Linear),
     Physics(Box<Physics>),
     Boosted(Box<Boosted>),
+    #[cfg(feature = "networks")]
+    Neural(Box<crate::neural::Neural>),
 }
 
 impl std::fmt::Debug for Body {
@@ -120,6 +162,7 @@ enum StoredBody {
     Linear(Linear),
     Physics(Box<Physics>),
     Boosted(Box<StoredBoosted>),
+    Neural(serde_json::Value),
 }
 
 #[derive(Debug, Serialize, Deserialize)]
@@ -140,7 +183,53 @@ fn selected(sequences: &[&Sequence], axes: &[usize]) -> Vec<Sequence> {
     sequences.iter().map(|s| s.with_axes(axes)).collect()
 }
 
-fn body(training: &Training, sequences: &[&Sequence]) -> Result<Body, ModelError> {
+#[cfg(feature = "networks")]
+fn neural(
+    training: &Training,
+    sequences: &[&Sequence],
+    progress: &mut dyn FnMut(&Progress),
+) -> Result<Body, ModelError> {
+    use crate::network::{Backend, Config, Kind as Net};
+    let kind = match training.kind {
+        Kind::Gru => Net::Gru,
+        Kind::Lstm => Net::Lstm,
+        Kind::Convolution => Net::Convolution,
+        Kind::CarriedGru => Net::CarriedGru,
+        _ => Net::Mlp,
+    };
+    let thesis = Config::thesis(kind);
+    let limits = &training.networks;
+    let config = Config {
+        epochs: limits.epochs.unwrap_or(thesis.epochs),
+        limit_s: limits.limit_s,
+        seed: training.trees.seed,
+        backend: if limits.gpu {
+            Backend::Cuda
+        } else {
+            Backend::Cpu
+        },
+        ..thesis
+    };
+    let neural =
+        crate::neural::Neural::train(&config, training.base, &training.axes, sequences, progress)?;
+    Ok(Body::Neural(Box::new(neural)))
+}
+
+#[cfg(not(feature = "networks"))]
+fn neural(_: &Training, _: &[&Sequence], _: &mut dyn FnMut(&Progress)) -> Result<Body, ModelError> {
+    Err(ModelError::Data(NOT_BUILT.to_owned()))
+}
+
+/// What to do without the feature.
+#[cfg(not(feature = "networks"))]
+const NOT_BUILT: &str =
+    "this program was built without neural networks: build it with `--features networks`";
+
+fn body(
+    training: &Training,
+    sequences: &[&Sequence],
+    progress: &mut dyn FnMut(&Progress),
+) -> Result<Body, ModelError> {
     let physics = || Physics::train(training.base, sequences, &training.axes);
     Ok(match training.kind {
         Kind::Zero => Body::Constant(Constant::zero(training.axes.len())),
@@ -166,6 +255,9 @@ fn body(training: &Training, sequences: &[&Sequence]) -> Result<Body, ModelError
             &training.trees,
             sequences,
         )?)),
+        Kind::Mlp | Kind::Gru | Kind::Lstm | Kind::Convolution | Kind::CarriedGru => {
+            neural(training, sequences, progress)?
+        }
     })
 }
 
@@ -176,6 +268,8 @@ impl Body {
             Self::Linear(m) => m,
             Self::Physics(m) => m.as_ref(),
             Self::Boosted(m) => m.as_ref(),
+            #[cfg(feature = "networks")]
+            Self::Neural(m) => m.as_ref(),
         }
     }
 }
@@ -198,16 +292,15 @@ impl Estimator {
                 "axes of the force are 0 (x), 1 (y), 2 (z)".to_owned(),
             ));
         }
-        let mut say = |done: f64, text: String| progress(&Progress { done, text });
-        say(
-            0.0,
-            format!(
+        progress(&Progress {
+            done: 0.0,
+            text: format!(
                 "training `{}` on {} stretches",
                 training.kind.name(),
                 sequences.len()
             ),
-        );
-        let model = body(training, sequences)?;
+        });
+        let model = body(training, sequences, progress)?;
         let mut estimator = Self {
             kind: training.kind,
             robot: training.robot.clone(),
@@ -218,9 +311,8 @@ impl Estimator {
             model,
         };
         if training.intervals {
-            estimator.interval = Some(calibrated(training, sequences, &mut say)?);
+            estimator.interval = Some(calibrated(training, sequences, progress)?);
         }
-        say(1.0, "done".to_owned());
         Ok(estimator)
     }
 
@@ -233,7 +325,7 @@ impl Estimator {
         training: &Training,
         sequences: &[&Sequence],
     ) -> Result<(), ModelError> {
-        self.interval = Some(calibrated(training, sequences, &mut |_, _| {})?);
+        self.interval = Some(calibrated(training, sequences, &mut |_| {})?);
         Ok(())
     }
 
@@ -241,6 +333,22 @@ impl Estimator {
     #[must_use]
     pub fn model(&self) -> &dyn Model {
         self.model.model()
+    }
+
+    /// Writes a network as ONNX: its own inputs (see the module `neural`) to forces, both in SI units.
+    ///
+    /// # Errors
+    /// It is no network, or the file can't be written.
+    pub fn write_onnx(&self, path: &std::path::Path) -> Result<(), ModelError> {
+        #[cfg(feature = "networks")]
+        if let Body::Neural(neural) = &self.model {
+            return neural.network().write_onnx(path);
+        }
+        Err(ModelError::Data(format!(
+            "{}: the model `{}` is no neural network; ONNX is for networks alone",
+            path.display(),
+            self.kind.name()
+        )))
     }
 
     /// As JSON.
@@ -253,6 +361,8 @@ impl Estimator {
             Body::Linear(m) => StoredBody::Linear(m.clone()),
             Body::Physics(m) => StoredBody::Physics(m.clone()),
             Body::Boosted(m) => StoredBody::Boosted(Box::new(m.stored()?)),
+            #[cfg(feature = "networks")]
+            Body::Neural(m) => StoredBody::Neural(serde_json::json!(m.stored())),
         };
         let stored = Stored {
             schema: SCHEMA,
@@ -302,6 +412,14 @@ impl Estimator {
             StoredBody::Linear(m) => Body::Linear(m),
             StoredBody::Physics(m) => Body::Physics(m),
             StoredBody::Boosted(m) => Body::Boosted(Box::new(Boosted::read(&m)?)),
+            #[cfg(feature = "networks")]
+            StoredBody::Neural(value) => {
+                let inner = serde_json::from_value(value).map_err(bad)?;
+                let neural = crate::neural::Neural::read(&inner, stored.base, stored.step_s)?;
+                Body::Neural(Box::new(neural))
+            }
+            #[cfg(not(feature = "networks"))]
+            StoredBody::Neural(_) => return Err(ModelError::Stored(NOT_BUILT.to_owned())),
         };
         Ok(Self {
             kind: stored.kind,
@@ -319,7 +437,7 @@ impl Estimator {
 fn calibrated(
     training: &Training,
     sequences: &[&Sequence],
-    say: &mut impl FnMut(f64, String),
+    progress: &mut dyn FnMut(&Progress),
 ) -> Result<Interval, ModelError> {
     let trials: Vec<usize> = sequences
         .iter()
@@ -335,10 +453,10 @@ fn calibrated(
     }
     let mut held_out = Vec::new();
     for fold in 0..folds {
-        say(
-            (fold + 1) as f64 / (folds + 1) as f64,
-            format!("intervals: fold {} of {folds}", fold + 1),
-        );
+        progress(&Progress {
+            done: (fold + 1) as f64 / (folds + 1) as f64,
+            text: format!("intervals: fold {} of {folds}", fold + 1),
+        });
         let held = |s: &Sequence| {
             trials
                 .iter()
@@ -346,7 +464,7 @@ fn calibrated(
                 .is_some_and(|p| p % folds == fold)
         };
         let rest: Vec<&Sequence> = sequences.iter().copied().filter(|s| !held(s)).collect();
-        let body = body(training, &rest)?;
+        let body = body(training, &rest, progress)?;
         for sequence in sequences.iter().filter(|s| held(s)) {
             held_out.push(HeldOut {
                 sequence,

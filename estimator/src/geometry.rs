@@ -4,7 +4,7 @@
 //! rows: the rotation that carries the tip of the kinematics to the tip that the robot reports (Kabsch).
 
 use crate::motion::torques_at_motors;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 use robot::kinematics::{forward, position_jacobian};
 use serde::{Deserialize, Serialize};
 
@@ -58,7 +58,8 @@ impl Base {
             .zip(&reported)
             .map(|(a, b)| (b - to) * (a - from).transpose())
             .sum();
-        let svd = products.svd(true, true);
+        // As a matrix of any size: nalgebra's own way for 3 x 3 matrices loses a direction of some.
+        let svd = DMatrix::from_fn(3, 3, |i, j| products[(i, j)]).svd(true, true);
         let (Some(u), Some(vt)) = (svd.u, svd.v_t) else {
             return Err(BaseError::Still);
         };
@@ -66,6 +67,10 @@ impl Base {
         if svd.singular_values[1] < n * 1e-6 {
             return Err(BaseError::Still);
         }
+        let (u, vt) = (
+            Matrix3::from_fn(|i, j| u[(i, j)]),
+            Matrix3::from_fn(|i, j| vt[(i, j)]),
+        );
         let sign = (u * vt).determinant().signum();
         let rotation = u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * vt;
         let square: f64 = tips
@@ -142,6 +147,27 @@ mod tests {
     fn the_base_is_found_from_reported_tips() {
         let base = Base::fit(&pairs(1.0)).unwrap();
         assert!((base.matrix() - Base::default().matrix()).norm() < 1e-9);
+    }
+
+    #[test]
+    fn the_base_is_found_from_any_path() {
+        for seed in 0..300_u32 {
+            let phase = |k: u32| f64::from(seed * 7 + k * 13) * 0.61;
+            let pairs: Vec<_> = (0..400)
+                .map(|n| {
+                    let t = f64::from(n) * 0.05;
+                    let q = [
+                        0.7 + 0.3 * (t + phase(0)).sin(),
+                        1.4 + 0.3 * (0.73 * t + phase(1)).cos(),
+                        0.38 + 0.03 * (1.31 * t + phase(2)).sin(),
+                    ];
+                    (q, to_crtk(tip_in_0(q)).into())
+                })
+                .collect();
+            let base = Base::fit(&pairs).unwrap();
+            let error = (base.matrix() - Base::default().matrix()).norm();
+            assert!(error < 1e-9, "seed {seed}: {error}");
+        }
     }
 
     #[test]

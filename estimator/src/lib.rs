@@ -14,6 +14,8 @@ pub mod model;
 pub mod motion;
 #[cfg(feature = "networks")]
 pub mod network;
+#[cfg(feature = "networks")]
+pub mod neural;
 pub mod physics;
 pub mod ridge;
 pub mod sequence;

@@ -5,6 +5,7 @@ use crate::motion::{LowPass, Moment};
 use crate::physics::{settle_rows, Observer, Physics, Seen};
 use crate::sequence::Sequence;
 use forust_ml::{GradientBooster, Matrix};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -147,6 +148,9 @@ pub struct StoredBoosted {
     forest: Vec<String>,
 }
 
+/// Rows of features, and a list of targets for each component, of one sequence.
+type Grown = (Vec<Vec<f64>>, Vec<Vec<f64>>);
+
 /// Features of a row.
 #[derive(Debug, Clone)]
 struct Features {
@@ -157,7 +161,7 @@ struct Features {
 }
 
 /// Tip speed below which the estimate is averaged over a longer time, m/s. There the motors hardly slide, and a single row tells little.
-const SLOW_M_PER_S: f64 = 0.002;
+const SLOW_M_PER_S: f64 = 0.003;
 /// Time constant of that average for a tip that stands, s.
 const STANDING_S: f64 = 1.0;
 /// Time constants of the slow features, s.
@@ -222,7 +226,7 @@ impl Boosted {
         let total: usize = sequences.iter().map(|s| s.rows()).sum();
         let every = total.div_ceil(config.rows.max(1)).max(1);
         let axes = physics.axes().to_vec();
-        let parts: Vec<(Vec<Vec<f64>>, Vec<Vec<f64>>)> = sequences
+        let parts: Vec<Grown> = sequences
             .par_iter()
             .map(|sequence| {
                 let (mut rows, mut targets) = (Vec::new(), vec![Vec::new(); axes.len()]);
@@ -330,13 +334,22 @@ impl Stepper for BoostedStepper<'_> {
         let axes = self.model.physics.axes();
         let (moment, seen) = self.observer.take(input);
         let row = self.features.step(moment, seen, axes);
+        let speed = (seen.levers.transpose() * Vector3::from(moment.rate)).norm();
+        let step_s = self.model.physics.step_s();
+        let memory_s = STANDING_S * (-(speed / SLOW_M_PER_S).powi(2)).exp();
+        let share = step_s / (step_s + memory_s);
         for (k, (out, axis)) in force.iter_mut().zip(axes).enumerate() {
             let known = if self.model.correct {
                 seen.force[*axis]
             } else {
                 0.0
             };
-            *out = (known + self.model.forest.value(k, row)) as f32;
+            let fresh = known + self.model.forest.value(k, row);
+            if self.held.len() <= k {
+                self.held.push(fresh);
+            }
+            self.held[k] += share * (fresh - self.held[k]);
+            *out = self.held[k] as f32;
         }
     }
 

@@ -6,7 +6,7 @@ use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::{Args, Subcommand};
 use estimator::data::Mapping;
-use estimator::estimator::{Estimator, Kind, Training};
+use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::model::Progress;
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
@@ -47,6 +47,8 @@ enum Sub {
     Eval(Eval),
     /// Estimate live, or row by row from a log
     Run(live::Live),
+    /// Write a network as ONNX
+    Export(Export),
     /// Train and compare all models, and write the tables and pictures
     Report(ReportArgs),
 }
@@ -67,7 +69,7 @@ struct DataArgs {
 struct Train {
     /// Folder of an experiment or of logs, or a log
     data: PathBuf,
-    /// Model: zero, mean, linear, trees, physics or hybrid
+    /// Model: zero, mean, linear, trees, physics or hybrid; with `--features networks` also mlp, gru, lstm, convolution, carried-gru
     #[arg(long, value_name = "NAME", default_value = "hybrid", value_parser = kind)]
     model: Kind,
     /// Model file to write; its card lies beside it
@@ -79,7 +81,16 @@ struct Train {
     /// Seed of everything random
     #[arg(long, value_name = "N", default_value = "1")]
     seed: u64,
-    /// No intervals: a quarter of the time
+    /// Passes of a network through the training rows [default: 50, as in the thesis]
+    #[arg(long, value_name = "N")]
+    epochs: Option<usize>,
+    /// Time after which a network's training ends, s
+    #[arg(long, value_name = "SECONDS", value_parser = crate::cli::values::seconds)]
+    limit: Option<f64>,
+    /// Train a network on an NVIDIA GPU (built with `--features cuda`)
+    #[arg(long)]
+    gpu: bool,
+    /// No intervals: the model is trained once, not once more for each trial
     #[arg(long)]
     no_intervals: bool,
     /// Estimate all three components, also where the experiment pulls along one axis
@@ -107,6 +118,24 @@ struct Eval {
     mapping: Option<PathBuf>,
 }
 
+/// Arguments of `estimate export`.
+#[derive(Debug, Args)]
+struct Export {
+    /// Model file of a network
+    model: PathBuf,
+    /// ONNX file to write
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+}
+
+impl Export {
+    fn run(&self) -> Result<Reply> {
+        model(&self.model)?.write_onnx(&self.out).map_err(refused)?;
+        let text = format!("{} written\n", self.out.display());
+        Ok(Reply::new(text, json!({"file": self.out})))
+    }
+}
+
 /// Arguments of `estimate report`.
 #[derive(Debug, Args)]
 struct ReportArgs {
@@ -118,6 +147,9 @@ struct ReportArgs {
     /// Other data on which the shipped model is tried, as NAME=FOLDER
     #[arg(long, value_name = "NAME=DIR")]
     also: Vec<report::Also>,
+    /// Model files to show beside, for example of networks; trained on the same trials
+    #[arg(long, value_name = "FILE")]
+    with: Vec<PathBuf>,
     /// Data of three-dimensional forces
     #[arg(long, value_name = "DIR")]
     three_axes: Option<PathBuf>,
@@ -130,7 +162,11 @@ struct ReportArgs {
 
 fn kind(name: &str) -> std::result::Result<Kind, String> {
     Kind::of(name).ok_or_else(|| {
-        let names: Vec<&str> = Kind::ALL.iter().map(|k| k.name()).collect();
+        let names: Vec<&str> = Kind::ALL
+            .iter()
+            .chain(&Kind::NETWORKS)
+            .map(|k| k.name())
+            .collect();
         format!("there is no model `{name}`; there are {}", names.join(", "))
     })
 }
@@ -167,6 +203,7 @@ impl Estimate {
             Sub::Train(command) => command.run(context),
             Sub::Eval(command) => command.run(context),
             Sub::Run(command) => command.run(context),
+            Sub::Export(command) => command.run(),
             Sub::Report(command) => command.run(context),
         }
     }
@@ -206,6 +243,11 @@ impl Train {
             trees: TreesConfig {
                 seed: self.seed,
                 ..TreesConfig::default()
+            },
+            networks: NetworkLimits {
+                epochs: self.epochs,
+                limit_s: self.limit,
+                gpu: self.gpu,
             },
             intervals: !self.no_intervals,
         };
@@ -399,10 +441,15 @@ impl ReportArgs {
             .map(|dir| self.read.load(dir))
             .transpose()?;
         let (training, test) = split(&data, &[])?;
+        let mut trained = Vec::new();
+        for path in &self.with {
+            trained.push(beside(path, &data, &training)?);
+        }
         let settings = report::Settings {
             training,
             test,
             seed: self.seed,
+            trained,
         };
         let written = report::write(
             &self.into,
@@ -415,4 +462,27 @@ impl ReportArgs {
         .map_err(refused)?;
         Ok(Reply::new(written.text.clone(), json!(written.results)))
     }
+}
+
+/// A model that was trained before, and the time of its training. Its training must be that of the report, or the table would
+/// compare models that know different trials.
+fn beside(path: &Path, data: &Data, training: &[usize]) -> Result<(Estimator, f64)> {
+    let estimator = model(path)?;
+    check_robot(&estimator, &data.robot, false)?;
+    let card = path.with_extension("card.json");
+    let text = std::fs::read_to_string(&card)
+        .map_err(|error| refused(format!("{}: {error}", card.display())))?;
+    let card: ModelCard = serde_json::from_str(&text)
+        .map_err(|error| refused(format!("{}: {error}", card.display())))?;
+    let same = card.training_trials == training && card.sources == data.sources;
+    if !same {
+        return Err(refused(format!(
+            "{}: it was trained on the trials {:?} of {}; the report trains on {training:?} of {}",
+            path.display(),
+            card.training_trials,
+            card.data,
+            data.name
+        )));
+    }
+    Ok((estimator, card.training_s))
 }

@@ -270,7 +270,7 @@ mod tests {
     use super::*;
 
     fn rows() -> Rows {
-        let n = 5_000;
+        let n = 20_000;
         Rows {
             trial: 1,
             error: (0..n).map(|k| f64::from(k % 10) - 4.5).collect(),
@@ -279,7 +279,7 @@ mod tests {
             speed: vec![0.001; n as usize],
             reversing: vec![false; n as usize],
             joints: (0..n)
-                .map(|k| [f64::from(k % 100), f64::from(k / 100), 0.0])
+                .map(|k| [f64::from(k % 100), f64::from(k / 400), 0.0])
                 .collect(),
             rates: vec![[0.0; 3]; n as usize],
             tips: vec![[0.0; 3]; n as usize],

@@ -4,7 +4,7 @@ use super::evaluate::{evaluate, Evaluation};
 use super::load::Data;
 use super::pictures::{self, Place};
 use super::study::{self, Point};
-use estimator::estimator::{Estimator, Kind, Training};
+use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::metrics::Rows;
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
@@ -26,8 +26,8 @@ const MINUTES: [usize; 6] = [5, 10, 20, 40, 80, 140];
 /// Minutes of the active choice: at first, at a time, at last.
 const CHOICE: [usize; 3] = [12, 16, 60];
 
-/// Which trials, which seed.
-#[derive(Debug, Clone, PartialEq, Eq)]
+/// Which trials, which seed, which models beside those that the report trains.
+#[derive(Debug)]
 pub struct Settings {
     /// Trials for training.
     pub training: Vec<usize>,
@@ -35,6 +35,8 @@ pub struct Settings {
     pub test: Vec<usize>,
     /// Seed of everything random.
     pub seed: u64,
+    /// Models that were trained before, with the time of their training, s.
+    pub trained: Vec<(Estimator, f64)>,
 }
 
 /// Other data with a name.
@@ -134,6 +136,7 @@ fn training(data: &Data, kind: Kind, seed: u64, intervals: bool) -> Training {
             seed,
             ..TreesConfig::default()
         },
+        networks: NetworkLimits::default(),
         intervals,
     }
 }
@@ -180,6 +183,16 @@ pub fn write(
     let mut models = Vec::new();
     let mut compared: Vec<(String, Vec<Rows>)> = Vec::new();
     let mut shipped = None;
+    for (estimator, training_s) in &settings.trained {
+        let (evaluation, trials) = evaluate(estimator, &test);
+        models.push(ModelResult {
+            model: estimator.kind.name().to_owned(),
+            parameters: estimator.model().parameters(),
+            training_s: *training_s,
+            evaluation,
+        });
+        compared.push((estimator.kind.name().to_owned(), trials));
+    }
     for kind in Kind::ALL {
         say(&format!("model `{}`", kind.name()));
         let (result, trials, estimator) =
@@ -261,7 +274,7 @@ fn save(path: &Path, text: &str) -> Result<(), ReportError> {
 }
 
 /// Models that the pictures of errors show: those that try.
-const SHOWN: [&str; 4] = ["linear", "trees", "physics", "hybrid"];
+const SHOWN: [&str; 6] = ["mlp", "gru", "lstm", "linear", "physics", "hybrid"];
 
 fn draw(
     into: &Path,
@@ -275,7 +288,7 @@ fn draw(
     };
     let step_s = 1.0 / results.rate_hz;
     let first: Vec<(String, &Rows)> = shown()
-        .filter(|(name, _)| name != "trees")
+        .filter(|(name, _)| name != "linear")
         .filter_map(|(name, trials)| Some((name.clone(), trials.first()?)))
         .collect();
     save(
