@@ -212,7 +212,8 @@ impl Live {
                 let width = stream.step(&input);
                 let published = source.publish_estimate(&tip_force(estimator, &stream.force));
                 published.map_err(|error| Failure::new(exit::LINK, error))?;
-                if stream.times_us.len() % self.every as usize == 0 && !context.output.json() {
+                let rows = stream.times_us.len();
+                if rows.is_multiple_of(self.every as usize) && !context.output.json() {
                     context.output.line(&stream.line(t_ns as f64 * 1e-9, width));
                 }
             }
