@@ -94,7 +94,7 @@ fn rig_files(folder: &Path) {
 
 /// A minimal call of each command that is not refused for its arguments, and the options that it has beside those of
 /// every command.
-const COMMANDS: [(&str, &[&str]); 24] = [
+const COMMANDS: [(&str, &[&str]); 25] = [
     (
         "set-force 0 1 0",
         &[
@@ -201,6 +201,7 @@ const COMMANDS: [(&str, &[&str]); 24] = [
     ),
     ("recording check samples", &[]),
     ("experiment check none.toml", &["--print"]),
+    ("estimate export none.model --out found", &["--out"]),
     (
         "residual --data logs --model none.toml --out found",
         &["--data", "--model", "--out", "--apply", "--increment"],
