@@ -120,7 +120,7 @@ pub const EXPECTED: &[Expected] = &[
         fault: Some(F::Implausible),
         within_ms: 100,
         power_off: true,
-        at_most_n: TENSION_N,
+        at_most_n: 9.0,
     },
     // Damage of the memory behind a stuck DAC: the tension cannot tell any more whether the cable lets go.
     Expected {
