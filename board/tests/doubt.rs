@@ -3,7 +3,8 @@
 mod common;
 use common::Bench;
 
-use control::plausible::{FROZEN_SAMPLES, LET_GO_US, LIMIT_SAMPLES, NEGATIVE_SAMPLES};
+use control::let_go::LET_GO_US;
+use control::plausible::{FROZEN_SAMPLES, LIMIT_SAMPLES, NEGATIVE_SAMPLES};
 use control::{Config, EncoderCounts, Fault, SystemState};
 use wire::message::{CommandError, Response};
 use wire::Command;
@@ -195,6 +196,90 @@ fn a_faulted_unit_that_is_pulled_again_loses_its_power() {
         run(&mut bench, 100);
         assert_eq!(bench.machine.withholds_alive(), stuck, "{later_n} N");
     }
+}
+
+/// The same, seen by the encoder alone: a reel at 0 V that speeds up is driven.
+#[test]
+fn a_reel_that_speeds_up_at_0_v_loses_the_power_at_once() {
+    // Counts of the first sample, and how many more each sample has: 3 ms of 8 N are 35. 15 counts a sample are 21 mm/s.
+    for (first, more, driven) in [(0, 35, true), (15, 0, false)] {
+        let mut bench = held(6_000_000);
+        bench.cell_n[3] = Some(-3.0);
+        hold(&mut bench, 6_000_000, 60);
+        assert_ne!(fault(&bench, 3), 0);
+        bench.cell_n[3] = Some(0.5);
+        hold(&mut bench, 6_000_000, 100);
+        for sample in 0..10 {
+            bench.wound[3] += first + more * sample;
+            bench.setpoints(6_000_000);
+            bench.run(3);
+            if driven && sample >= 3 {
+                assert!(bench.machine.withholds_alive(), "{sample}");
+                assert!(bench.all_at_zero());
+            }
+        }
+        assert_eq!(bench.machine.withholds_alive(), driven, "{first} {more}");
+    }
+}
+
+/// A reel that winds in when its unit faults goes on for a moment, and gets slower.
+#[test]
+fn a_reel_that_coasts_is_no_fault() {
+    let mut bench = held(6_000_000);
+    bench.cell_n[3] = Some(-3.0);
+    let mut speed = 60;
+    for _ in 0..30 {
+        bench.wound[3] += speed;
+        bench.setpoints(6_000_000);
+        bench.run(3);
+        if fault(&bench, 3) != 0 {
+            bench.cell_n[3] = Some(0.5);
+            speed = (speed - 5).max(0);
+        }
+    }
+    assert_eq!(speed, 0);
+    assert!(!bench.machine.withholds_alive());
+}
+
+/// With every motor at 0 V a reel may be turned by hand.
+#[test]
+fn a_reel_turned_by_hand_is_no_fault() {
+    let mut bench = held(6_000_000);
+    bench.done(Command::Stop);
+    bench.run(500);
+    for sample in 0..20 {
+        bench.wound[3] += 35 * sample;
+        bench.run(3);
+    }
+    assert!(!bench.machine.withholds_alive());
+}
+
+#[test]
+fn a_reel_without_a_load_cell_that_speeds_up_loses_the_power() {
+    let mut bench = held(6_000_000);
+    bench.streaming[2] = false;
+    hold(&mut bench, 6_000_000, 40);
+    assert_eq!(fault(&bench, 2), Fault::SensorSilent.code());
+    let mut counts = bench.encoder[2] - 40;
+    let mut speed = 0;
+    for ms in 0..75 {
+        if ms % 5 == 0 {
+            bench.setpoints(6_000_000);
+        }
+        bench.run(1);
+        if bench.machine.withholds_alive() {
+            break;
+        }
+        assert_ne!(bench.machine.wants_encoders() & 0b100, 0, "{ms}");
+        bench.machine.encoder(2, EncoderCounts(counts));
+        if ms >= 60 {
+            // 4 N: 8 mm/s more each millisecond.
+            speed += 2;
+            counts += speed;
+        }
+        assert!(ms < 74, "still powered");
+    }
+    assert!(counts > bench.encoder[2] - 40, "it rested");
 }
 
 #[test]

@@ -302,6 +302,12 @@ impl Config {
         &self.wire
     }
 
+    /// Cable a count of the encoder, in nanometres; negative where the counts fall while winding in.
+    #[must_use]
+    pub const fn nm_per_count(&self) -> i32 {
+        self.travel_nm
+    }
+
     /// Whether this unit takes part.
     #[must_use]
     pub const fn enabled(&self) -> bool {

@@ -131,9 +131,9 @@ faults! {
         detail: "number of the counter, from 1";
     /// 0 V has no effect.
     OutputStuck = 15, Board, "0 V has no effect",
-        meaning: "A motor was switched to 0 V, and its cable did not let go: the DAC, its select wire or the amplifier does not follow. The alive line is withheld, so that the PLC removes the amplifiers' power.",
+        meaning: "A motor was switched to 0 V, and its cable did not let go or its reel wound in faster than before: the DAC, its select wire or the amplifier does not follow. The alive line is withheld, so that the PLC removes the amplifiers' power.",
         way_out: "Switch the amplifiers' supply off. Check the DAC's select wire, its supply and the amplifier. Then clear.",
-        detail: "bits 31 to 24: unit, from 1; bits 23 to 0: tension that is left, in millinewton (0xFFFFFF: its load cell does not measure)";
+        detail: "bits 31 to 24: unit, from 1; bits 23 to 0: tension that is left, in millinewton (0xFFFFFF: its load cell does not measure, or the reel's speed showed it)";
     /// Force at the tip above its limit.
     TipForce = 16, Board, "tip force above its limit",
         meaning: "The cables pulled harder at the robot's tip than the configured limit, as the board computes it from its own load cells and the cable directions of the last setpoints.",

@@ -157,8 +157,8 @@ impl Model {
 /// Part of the friction between winding in and paying out that the feedforward takes over, times 65,536: 0.9.
 ///
 /// The rest is left to the integral. A reversal that is compensated too early or by too much pulls the cable the wrong way,
-/// which costs more than one that is compensated too little. Tried on the plant with its presliding distance, breakaway, cable and
-/// friction changed both ways: docs/control.md.
+/// which costs more than one that is compensated too little. Found with the example `tension_loop` on the plant with its presliding
+/// distance, breakaway, cable and friction changed both ways, which `control/tests/tension_loop.rs` holds.
 pub const REVERSAL_SHARE_Q16: i64 = 58_982;
 
 /// Largest viscous friction that is compensated: 3 N, twice what the reel's dry friction is at 4 N.

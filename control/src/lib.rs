@@ -13,6 +13,7 @@
 //! | zeroing | [`zero`] |
 //! | when may a motor pull | [`state`], [`motor`], [`system`], [`supervisor`] |
 //! | can the load cell and the motor be believed | [`plausible`] |
+//! | has 0 V an effect | [`let_go`] |
 //! | how hard do the cables pull at the tip | [`tip`] |
 //! | what went wrong and how to clear it | [`faults`] |
 //! | where do the cables point (not in the sample path) | [`geometry`] |
@@ -50,6 +51,7 @@ pub mod faults;
 pub mod filter;
 pub mod friction;
 pub mod geometry;
+pub mod let_go;
 pub mod limits;
 pub mod motor;
 pub mod pid;

@@ -9,7 +9,8 @@
 //! | | the tension with the friction model's band around the command, and the reel's motion with the difference | [`Fault::Implausible`] |
 //! | | the tension of a sliding reel with the edge of the band on that side | [`Fault::Implausible`] |
 //! | | the speed that the reel gains while the tension rises, with what the command can give | [`Fault::Implausible`] |
-//! | [`LetGo`] | the tension and the encoder before and after 0 V | [`Fault::OutputStuck`] |
+//!
+//! Whether 0 V has an effect: [`crate::let_go`].
 //!
 //! # The band, and why motion counts
 //!
@@ -33,7 +34,7 @@
 use crate::config::Config;
 use crate::faults::Fault;
 use crate::unit::{Drive, Output};
-use crate::units::{AdcCode, EncoderCounts, Micros, Newton};
+use crate::units::{AdcCode, Newton};
 use wire::message::flags;
 
 /// Equal codes in a row that make a fault. Noise is hundreds of counts (device-facts: 1.5 mN are 215), so that two equal
@@ -340,130 +341,6 @@ const fn count(seen: u8, now: bool) -> u8 {
 }
 
 /// Size in millinewton, rounded.
-const fn milli(force: Newton) -> u32 {
+pub(crate) const fn milli(force: Newton) -> u32 {
     (force.to_un() / 1_000).unsigned_abs()
-}
-
-/// Tension that a cable must come down to after 0 V: what the friction of a reel at rest holds, 1.1 N, and a margin.
-pub const LET_GO: Newton = Newton::from_un(1_700_000);
-
-/// Tension from which letting go is told from holding on.
-const HELD: Newton = Newton::from_un(2_000_000);
-
-/// Encoder counts that a reel pays out at least when a cable of [`HELD`] lets go: 5 are 21 um, half of what a stiff cable
-/// of 24 N/mm gives back between 2 and 1.1 N.
-const LET_GO_COUNTS: u64 = 5;
-
-/// Time after 0 V in which a cable must let go, in microseconds: three times what the converter's filter (12.5 ms), the unit's
-/// filter and the cable (6 ms on the emulated rig) take.
-pub const LET_GO_US: u32 = 75_000;
-
-/// Watches whether a cable lets go after its motor was switched to 0 V. Evidence is the tension where the load cell
-/// measures, and otherwise the encoder: a cable that relaxes turns the reel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct LetGo {
-    waiting: Option<Waiting>,
-    last: Option<(EncoderCounts, Newton)>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-struct Waiting {
-    since: Micros,
-    at: EncoderCounts,
-    tension: Option<Newton>,
-}
-
-impl LetGo {
-    /// A sample of a unit that is driven.
-    pub fn driven(&mut self, counts: EncoderCounts, tension: Newton) {
-        self.last = Some((counts, tension));
-        self.waiting = None;
-    }
-
-    /// 0 V was written. Starts the watch where the unit was driven with enough tension to see it go.
-    pub fn switched_off(&mut self, now: Micros) {
-        if let Some((at, tension)) = self.last.take() {
-            if tension >= HELD {
-                self.waiting = Some(Waiting {
-                    since: now,
-                    at,
-                    tension: None,
-                });
-            }
-        }
-    }
-
-    /// A sample of a unit that is not driven. `others_drive`: motors of the board are driven, so a word that reaches the wrong
-    /// DAC can pull this cable again after it let go. A robot cannot: a reel at 0 V pays out at less than [`LET_GO`].
-    pub fn released(
-        &mut self,
-        now: Micros,
-        counts: EncoderCounts,
-        tension: Newton,
-        others_drive: bool,
-    ) {
-        if let Some(waiting) = &mut self.waiting {
-            waiting.tension = Some(tension);
-            if tension < LET_GO {
-                self.waiting = None;
-            }
-        } else if others_drive && tension >= HELD {
-            self.waiting = Some(Waiting {
-                since: now,
-                at: counts,
-                tension: Some(tension),
-            });
-        }
-    }
-
-    /// The load cell does not measure any more.
-    pub fn blind(&mut self) {
-        if let Some(waiting) = &mut self.waiting {
-            waiting.tension = None;
-        }
-    }
-
-    /// Whether the encoder is needed: the watch runs without a load cell.
-    #[must_use]
-    pub const fn needs_encoder(&self) -> bool {
-        matches!(self.waiting, Some(Waiting { tension: None, .. }))
-    }
-
-    /// The encoder of a unit whose load cell does not measure.
-    pub fn turned(&mut self, counts: EncoderCounts) {
-        if self
-            .waiting
-            .is_some_and(|waiting| counts.0.abs_diff(waiting.at.0) >= LET_GO_COUNTS)
-            && self.needs_encoder()
-        {
-            self.waiting = None;
-        }
-    }
-
-    /// The tension that is left once the time is over; `None` in it: not measured.
-    #[must_use]
-    pub fn overdue(&self, now: Micros) -> Option<Option<Newton>> {
-        let waiting = self.waiting?;
-        // A sample newer than `now` (an interrupt came between) wraps to a huge time.
-        let waited = now.since(waiting.since);
-        (waited > LET_GO_US && waited < u32::MAX / 2).then_some(waiting.tension)
-    }
-
-    /// Whether the cable has not let go, with this tension now.
-    #[must_use]
-    pub fn holds(&self, tension: Newton) -> bool {
-        self.waiting.is_some() && tension >= LET_GO
-    }
-
-    /// Ends the watch.
-    pub fn forget(&mut self) {
-        *self = Self::default();
-    }
-
-    /// Detail of [`Fault::OutputStuck`] for this unit (from 0).
-    #[must_use]
-    pub fn detail(unit: u8, left: Option<Newton>) -> u32 {
-        let left = left.map_or(0xFF_FFFF, |tension| milli(tension).min(0xFF_FFFE));
-        (u32::from(unit) + 1) << 24 | left
-    }
 }

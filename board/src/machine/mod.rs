@@ -21,8 +21,9 @@ mod supervision;
 pub use sampling::PendingSample;
 
 use control::faults::Latch;
+use control::let_go::LetGo;
 use control::motor;
-use control::plausible::{LetGo, Watch};
+use control::plausible::Watch;
 use control::supervisor::{EncoderWatch, Expiry, Rate};
 use control::system::{self, Denied, Request};
 use control::tip::TipGuard;

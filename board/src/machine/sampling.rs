@@ -1,6 +1,7 @@
 //! The sample path: one sample of one unit through its controller, and the telemetry of it.
 
 use super::{Effects, Machine};
+use control::let_go::Released;
 use control::unit::{Controller, Drive};
 use control::zero::Progress;
 use control::{AdcCode, DacCode, EncoderCounts, Fault, Input, Micros, MotorState, Output};
@@ -138,8 +139,14 @@ impl Machine {
             slot.let_go.driven(pending.encoder_counts, output.tension);
         } else {
             slot.let_go.switched_off(at);
-            slot.let_go
-                .released(at, pending.encoder_counts, output.tension, others_drive);
+            let whole = output.flags & flags::MISSED == 0;
+            let released = Released {
+                counts: pending.encoder_counts,
+                travel_nm: whole.then_some(output.travel_nm),
+                tension: output.tension,
+                others_drive,
+            };
+            slot.let_go.released(at, released);
         }
         pending.tip_force_mn = self.tip.sample(usize::from(unit), output.tension);
         if slot.zero.is_some() {
@@ -147,6 +154,9 @@ impl Machine {
         }
         if let Some((fault, detail)) = doubt {
             self.fault_unit(unit, fault, detail, at, fx);
+        }
+        if !drives {
+            self.watch_let_go(unit, at, fx);
         }
         if let Some(force_mn) = self.tip.exceeded().filter(|_| self.system.drives()) {
             self.fault_board(Fault::TipForce, force_mn, at, fx);

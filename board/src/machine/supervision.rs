@@ -5,7 +5,7 @@
 
 use super::{board_crc, Effects, Health, Machine, FIRST_SAMPLE_MS, MAX_FAILED_READS, MAX_PASS_US};
 use crate::bus;
-use control::plausible::LetGo;
+use control::let_go::LetGo;
 use control::supervisor::{RateLimits, Verdict};
 use control::system::Request;
 use control::{EncoderCounts, Fault, Micros, SystemState};
@@ -196,18 +196,18 @@ impl Machine {
     pub fn wants_encoders(&self) -> u8 {
         (0..)
             .zip(&self.units)
-            .filter(|(_, unit)| unit.let_go.needs_encoder())
+            .filter(|(_, unit)| unit.let_go.needs_encoder(self.system.drives()))
             .fold(0, |mask, (n, _)| mask | 1 << n)
     }
 
-    /// Position of an encoder of [`Self::wants_encoders`].
+    /// Position of an encoder of [`Self::wants_encoders`], each millisecond.
     pub fn encoder(&mut self, unit: u8, counts: EncoderCounts) {
         if let Some(slot) = self.units.get_mut(usize::from(unit)) {
-            slot.let_go.turned(counts);
+            slot.let_go.turned(counts, slot.config.nm_per_count());
         }
     }
 
-    fn watch_let_go(&mut self, n: u8, now: Micros, fx: &mut impl Effects) {
+    pub(super) fn watch_let_go(&mut self, n: u8, now: Micros, fx: &mut impl Effects) {
         let left = self.units[usize::from(n)].let_go.overdue(now);
         if let Some(left) = left.filter(|_| !self.withheld) {
             self.fault_board(Fault::OutputStuck, LetGo::detail(n, left), now, fx);

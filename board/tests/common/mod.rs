@@ -75,6 +75,8 @@ pub struct Bench {
     pub last: [DacCode; UNITS],
     /// Encoder position of each unit's last sample.
     pub encoder: [i64; UNITS],
+    /// Encoder counts that a reel has wound in besides what its command makes of the cable.
+    pub wound: [i64; UNITS],
 }
 
 impl Bench {
@@ -92,6 +94,7 @@ impl Bench {
             directions: BALANCED,
             last: [DacCode::ZERO_VOLT; UNITS],
             encoder: [0; UNITS],
+            wound: [0; UNITS],
         }
     }
 
@@ -146,7 +149,7 @@ impl Bench {
 
     /// Encoder position of a unit: a cable of 24 N/mm and 4,229 nm a count.
     fn counts(&self, unit: usize) -> i64 {
-        (f64::from(self.last[unit].steps()) / 282.22 * 1.018 * 9.85) as i64
+        (f64::from(self.last[unit].steps()) / 282.22 * 1.018 * 9.85) as i64 + self.wound[unit]
     }
 
     pub fn sample(&mut self, unit: usize) -> Sample {

@@ -113,6 +113,15 @@ pub const EXPECTED: &[Expected] = &[
         power_off: false,
         at_most_n: 9.5,
     },
+    // Another unit's words pull a cable at 0 V whose load cell shows too little of it: the reel speeds up.
+    Expected {
+        first: I::Sensitivity(1, 0.18),
+        second: Some((I::DacSelect(3, 1), 194)),
+        fault: Some(F::Implausible),
+        within_ms: 100,
+        power_off: true,
+        at_most_n: 9.0,
+    },
     // Damage of the memory behind a stuck DAC: the tension cannot tell any more whether the cable lets go.
     Expected {
         first: I::DacStuck(4),

@@ -125,23 +125,85 @@ pub fn oracle_comparison(cases: u32, seed: u64) -> Result<OracleReport, Allocati
     Ok(report)
 }
 
-/// Wall-clock time of a solve: median and largest of `cases` feasible cases in the nominal kind of rig.
+/// Wall-clock times of solves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct SolveTimes {
+    /// Half of the solves take no longer.
+    pub median: Duration,
+    /// 99.9 % of the solves take no longer.
+    pub p999: Duration,
+    /// The longest.
+    pub longest: Duration,
+}
+
+impl SolveTimes {
+    fn of(mut times: Vec<Duration>) -> Self {
+        times.sort_unstable();
+        let at = |share: f64| {
+            let last = times.len().saturating_sub(1);
+            times
+                .get((last as f64 * share) as usize)
+                .copied()
+                .unwrap_or_default()
+        };
+        Self {
+            median: at(0.5),
+            p999: at(0.999),
+            longest: at(1.0),
+        }
+    }
+}
+
+/// Times of the solves of a control loop, as [`crate::force::controller::Controller`] has them: the tip moves on a circle of
+/// 50 mm and the force turns with it, at 100 Hz, and each solve knows the active set of the one before.
 ///
 /// # Errors
 /// [`AllocationError`] where a case can't be solved at all.
-pub fn solve_time(cases: u32, seed: u64) -> Result<(Duration, Duration), AllocationError> {
+pub fn cycle_times(cycles: u32, seed: u64) -> Result<SolveTimes, AllocationError> {
+    let mut allocator = Allocator::warm()?;
+    let exits = exits(&mut Random::new(seed), 0.05);
+    let problems = (0..cycles).map(|cycle| path_problem(&exits, f64::from(cycle) * PATH_STEP_RAD));
+    times(&mut allocator, problems)
+}
+
+/// Times of solves without a solution before them, of random cases with forces within reach and not.
+///
+/// # Errors
+/// [`AllocationError`] where a case can't be solved at all.
+pub fn cold_times(cases: u32, seed: u64) -> Result<SolveTimes, AllocationError> {
     let mut allocator = Allocator::new()?;
     let mut random = Random::new(seed);
-    let mut times = Vec::with_capacity(cases as usize);
-    for _ in 0..cases {
-        let problem = random_problem(&mut random);
+    let problems = (0..cases).map(|_| random_problem(&mut random));
+    times(&mut allocator, problems)
+}
+
+fn times(
+    allocator: &mut Allocator,
+    problems: impl Iterator<Item = Problem>,
+) -> Result<SolveTimes, AllocationError> {
+    let times = problems.map(|problem| {
         let start = Instant::now();
         std::hint::black_box(allocator.tensions(std::hint::black_box(&problem))?);
-        times.push(start.elapsed());
+        Ok(start.elapsed())
+    });
+    Ok(SolveTimes::of(times.collect::<Result<_, _>>()?))
+}
+
+/// Angle between two problems of a path: a circle in 400 steps, 4 s at 100 Hz.
+const PATH_STEP_RAD: f64 = std::f64::consts::TAU / 400.0;
+
+/// A problem on a path: the tip on a circle of 50 mm, the force turning with it.
+fn path_problem(exits: &[Vector3<f64>; UNITS], angle_rad: f64) -> Problem {
+    let (sin, cos) = angle_rad.sin_cos();
+    let tip_m = Vector3::new(0.05 * cos, 0.05 * sin, 0.02 * sin);
+    Problem {
+        directions: directions(exits, tip_m),
+        force_n: Vector3::new(2.5 * sin, 2.5 * cos, 1.0 * (2.0 * angle_rad).sin()),
+        lower_n: [2.0; UNITS],
+        upper_n: [12.0; UNITS],
+        reference_n: [2.0; UNITS],
+        tie_break: 1e-4,
     }
-    times.sort_unstable();
-    let median = times.get(times.len() / 2).copied().unwrap_or_default();
-    Ok((median, times.last().copied().unwrap_or_default()))
 }
 
 /// Largest change of any tension between neighbours of a 400-step path, in N.
@@ -170,17 +232,7 @@ pub fn path_steps(seed: u64) -> Result<PathSteps, AllocationError> {
     };
     let mut before: Option<([f64; UNITS], [f64; UNITS])> = None;
     for step in 0..=400 {
-        let angle = f64::from(step) / 400.0 * std::f64::consts::TAU;
-        let (sin, cos) = angle.sin_cos();
-        let tip_m = Vector3::new(0.05 * cos, 0.05 * sin, 0.02 * sin);
-        let problem = Problem {
-            directions: directions(&exits, tip_m),
-            force_n: Vector3::new(2.5 * sin, 2.5 * cos, 1.0 * (2.0 * angle).sin()),
-            lower_n: [2.0; UNITS],
-            upper_n: [12.0; UNITS],
-            reference_n: [2.0; UNITS],
-            tie_break: 1e-4,
-        };
+        let problem = path_problem(&exits, f64::from(step) * PATH_STEP_RAD);
         let (tied, _) = allocator.tensions(&problem)?;
         let start = core::array::from_fn(|_| random.between(2.0, 12.0));
         let untied = thesis::solve(&problem, start);

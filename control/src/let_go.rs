@@ -1,0 +1,209 @@
+//! Whether 0 V has an effect on a motor. A DAC may be stuck, its select wire broken, or the words of another unit reach it.
+//!
+//! | evidence | what it compares | time |
+//! | --- | --- | --- |
+//! | the cable lets go | tension before and after 0 V; without a load cell, whether the reel has paid out | [`LET_GO_US`] |
+//! | the cable is pulled again | a tension that comes back while other motors are driven | [`LET_GO_US`] |
+//! | the reel speeds up | speed of winding in with the least since 0 V | two samples, 6 ms |
+//!
+//! The last one needs no load cell that can be believed. At 0 V nothing drives a reel inwards: friction and the cable both brake
+//! it. A reel that winds in faster than before is driven by its motor.
+
+use crate::friction::travel;
+use crate::plausible::milli;
+use crate::units::{EncoderCounts, Micros, Newton};
+
+/// Tension that a cable must come down to after 0 V: what the friction of a reel at rest holds, 1.1 N, and a margin.
+pub const LET_GO: Newton = Newton::from_un(1_700_000);
+
+/// Tension from which letting go is told from holding on.
+const HELD: Newton = Newton::from_un(2_000_000);
+
+/// Encoder counts that a reel pays out at least when a cable of [`HELD`] lets go: 5 are 21 um, half of what a stiff cable
+/// of 24 N/mm gives back between 2 and 1.1 N.
+const LET_GO_COUNTS: u64 = 5;
+
+/// Time after 0 V in which a cable must let go, in microseconds: three times what the converter's filter (12.5 ms), the unit's
+/// filter and the cable (6 ms on the emulated rig) take.
+pub const LET_GO_US: u32 = 75_000;
+
+/// Gain of speed, winding in, that no reel at 0 V has, in nanometres a nominal sample: 25 mm/s. The springs of a presliding
+/// contact give back 9 mm/s at most (0.9 N over 50 um, 0.5 kg).
+pub const DRIVEN_NM: i32 = 78_125;
+
+/// Travels after 0 V that are not compared: the word acts within the first, and the mean speed of an interval lags by half.
+const SETTLING_TRAVELS: u8 = 2;
+
+/// Calls of [`LetGo::turned`], a millisecond apart, that make a travel of a nominal sample.
+const TURNS_PER_TRAVEL: u8 = 3;
+
+/// A sample of a unit that is not driven.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Released {
+    /// Encoder position.
+    pub counts: EncoderCounts,
+    /// Travel since the last sample in nanometres, winding in positive; `None` where samples were missed in between.
+    pub travel_nm: Option<i32>,
+    /// Filtered cable tension.
+    pub tension: Newton,
+    /// Other motors of the board are driven.
+    pub others_drive: bool,
+}
+
+/// Watches whether a cable lets go after its motor was switched to 0 V, and whether the motor stays without force.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct LetGo {
+    waiting: Option<Waiting>,
+    last: Option<(EncoderCounts, Newton)>,
+    /// The load cell does not measure.
+    blind: bool,
+    reel: Reel,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Waiting {
+    since: Micros,
+    at: EncoderCounts,
+    tension: Option<Newton>,
+}
+
+/// The reel of a motor at 0 V.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Reel {
+    /// Travels since 0 V, up to [`SETTLING_TRAVELS`].
+    travels: u8,
+    /// Least speed of winding in since then, nanometres a sample.
+    slowest_nm: i32,
+    /// It has gained more speed than a reel at 0 V can.
+    driven: bool,
+    /// Without a load cell: where the present travel began, and calls since.
+    began: Option<EncoderCounts>,
+    turns: u8,
+}
+
+impl Reel {
+    fn add(&mut self, travel_nm: i32) {
+        let speed_nm = travel_nm.max(0);
+        if self.travels < SETTLING_TRAVELS {
+            self.travels += 1;
+            self.slowest_nm = speed_nm;
+        } else {
+            self.slowest_nm = self.slowest_nm.min(speed_nm);
+            self.driven |= speed_nm - self.slowest_nm > DRIVEN_NM;
+        }
+    }
+}
+
+impl LetGo {
+    /// A sample of a unit that is driven.
+    pub fn driven(&mut self, counts: EncoderCounts, tension: Newton) {
+        *self = Self {
+            last: Some((counts, tension)),
+            ..Self::default()
+        };
+    }
+
+    /// 0 V was written. Starts the watch where the unit was driven with enough tension to see it go.
+    pub fn switched_off(&mut self, now: Micros) {
+        if let Some((at, tension)) = self.last.take() {
+            self.reel = Reel::default();
+            if tension >= HELD {
+                self.waiting = Some(Waiting {
+                    since: now,
+                    at,
+                    tension: None,
+                });
+            }
+        }
+    }
+
+    /// A sample of a unit that is not driven. While other motors are driven, a word that reaches the wrong DAC can pull this cable
+    /// again after it let go. A robot cannot: a reel at 0 V pays out at less than [`LET_GO`].
+    pub fn released(&mut self, now: Micros, sample: Released) {
+        self.blind = false;
+        if let Some(waiting) = &mut self.waiting {
+            waiting.tension = Some(sample.tension);
+            if sample.tension < LET_GO {
+                self.waiting = None;
+            }
+        } else if sample.others_drive && sample.tension >= HELD {
+            self.waiting = Some(Waiting {
+                since: now,
+                at: sample.counts,
+                tension: Some(sample.tension),
+            });
+        }
+        // With every motor at 0 V somebody may turn a reel by hand.
+        if !sample.others_drive && self.waiting.is_none() {
+            self.reel = Reel::default();
+        } else if let Some(travel_nm) = sample.travel_nm {
+            self.reel.add(travel_nm);
+        }
+    }
+
+    /// The load cell does not measure any more.
+    pub fn blind(&mut self) {
+        self.blind = true;
+        if let Some(waiting) = &mut self.waiting {
+            waiting.tension = None;
+        }
+    }
+
+    /// Whether the encoder is needed, each millisecond: the watch runs without a load cell.
+    #[must_use]
+    pub const fn needs_encoder(&self, others_drive: bool) -> bool {
+        matches!(self.waiting, Some(Waiting { tension: None, .. })) || self.blind && others_drive
+    }
+
+    /// The encoder of a unit whose load cell does not measure, a millisecond after the last call.
+    pub fn turned(&mut self, counts: EncoderCounts, nm_per_count: i32) {
+        if self.waiting.is_some_and(|waiting| {
+            waiting.tension.is_none() && counts.0.abs_diff(waiting.at.0) >= LET_GO_COUNTS
+        }) {
+            self.waiting = None;
+        }
+        let Some(began) = self.reel.began else {
+            self.reel.began = Some(counts);
+            return;
+        };
+        self.reel.turns += 1;
+        if self.reel.turns >= TURNS_PER_TRAVEL {
+            self.reel.turns = 0;
+            self.reel.began = Some(counts);
+            self.reel.add(travel(began, counts, nm_per_count));
+        }
+    }
+
+    /// The tension, once a cable should have let go and has not, or a reel at 0 V is driven; `None` in it: not measured.
+    #[must_use]
+    pub fn overdue(&self, now: Micros) -> Option<Option<Newton>> {
+        if self.reel.driven {
+            return Some(self.waiting.and_then(|waiting| waiting.tension));
+        }
+        let waiting = self.waiting?;
+        // A sample newer than `now` (an interrupt came between) wraps to a huge time.
+        let waited = now.since(waiting.since);
+        (waited > LET_GO_US && waited < u32::MAX / 2).then_some(waiting.tension)
+    }
+
+    /// Whether the cable has not let go, with this tension now.
+    #[must_use]
+    pub fn holds(&self, tension: Newton) -> bool {
+        self.waiting.is_some() && tension >= LET_GO
+    }
+
+    /// Ends the watch.
+    pub fn forget(&mut self) {
+        *self = Self {
+            blind: self.blind,
+            ..Self::default()
+        };
+    }
+
+    /// Detail of [`Fault::OutputStuck`](crate::Fault::OutputStuck) for this unit (from 0).
+    #[must_use]
+    pub fn detail(unit: u8, left: Option<Newton>) -> u32 {
+        let left = left.map_or(0xFF_FFFF, |tension| milli(tension).min(0xFF_FFFE));
+        (u32::from(unit) + 1) << 24 | left
+    }
+}
