@@ -47,7 +47,7 @@ Encoder Stands Still
     Board State Should Be    running
 
 Configuration Changed In Memory
-    # A number of the configuration that the sample path does not use: only the checksum covers it.
+    # A number of the configuration that the sample path does not use: only the check of every second covers it.
     Power Up Board
     Advance    300
     Connect

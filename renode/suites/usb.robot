@@ -107,3 +107,13 @@ A Bus Reset At Any Time Ends In An Open Port
     Connect
     ${repeated}=    Number    usbHost Repeated
     Should Be Equal As Integers    ${repeated}    0
+
+Set Force Through The Real Controller Over USB
+    Power Up Board
+    ${figures}=    Run Forcectl    set-force    0    2.5    0    --duration    2    --usb
+    Should Be Equal As Integers    ${figures}[samples_lost]    0
+    Should Be Equal As Integers    ${figures}[link_counters][frames_bad]    0
+    Should Be Empty    ${figures}[faults]
+    Should Be True    ${figures}[metrics][tip_force_rms_n] < 0.2
+    Should Be True    abs(${figures}[metrics][applied_n][1] - 2.5) < 0.1
+    Output Should Be Zero

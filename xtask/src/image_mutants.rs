@@ -79,8 +79,8 @@ rows! {
     "sensor-fast-off": "control/src/supervisor.rs",
         "min_us: 2_900" => "min_us: 290",
         Renode "detections" "Converter Too Fast";
-    "configuration-crc-ignored": "board/src/machine/supervision.rs",
-        "if crc != self.config_crc ||" => "if false ||",
+    "configuration-check-off": "board/src/machine/supervision.rs",
+        "self.config_check_ms += 1;" => "self.config_check_ms += 0;",
         Renode "detections" "Configuration Changed In Memory";
     "flush-after-nack-removed": "board/src/hw/sensors.rs",
         "                i2c.isr().write(|w| w.txe().set_bit());\n" => "",
