@@ -66,7 +66,7 @@ rows! {
         Rig "streaming" "a_sample_moves_its_motor_in_a_fifth_of_a_millisecond";
     "watchdog-fed-from-systick": "board/src/hw/tick.rs",
         "    time::set_tick();" => "    time::set_tick();\n    unsafe { (0x5800_4800 as *mut u32).write_volatile(0xAAAA) };",
-        Rig "faults" "a_hung_loop_is_reset_by_the_watchdog_and_reported";
+        Renode "detections" "Watchdog Resets Within Its Time While Interrupts Go On";
     "watchdog-slow": "board/src/clocks.rs",
         "pub const IWDG_PR: u8 = 0;" => "pub const IWDG_PR: u8 = 4;",
         Rig "faults" "a_hung_loop_is_reset_by_the_watchdog_and_reported";
