@@ -51,25 +51,25 @@ rows! {
         Rig "faults" "a_lost_encoder_is_noticed_by_what_the_tension_does";
     "saturation-off": "control/src/unit.rs",
         "self.saturated >= TRIP_SAMPLES" => "self.saturated == u8::MAX",
-        Rig "faults" "a_converter_at_its_end_is_saturated_and_not_over_tension";
+        Renode "detections" "ADC Saturated";
     "dac-link-ignored": "board/src/machine/supervision.rs",
         "if let Some(status) = health.dac_error {" => "if let Some(status) = health.dac_error.filter(|_| false) {",
-        Rig "core_faults" "an_spi_that_stops_is_a_fault_of_the_dac_link";
+        Renode "detections" "The DAC Link Stops";
     "frame-crc-off": "wire/src/frame.rs",
         "if crc32(payload) != u32::from_le_bytes(*crc) {" => "if crc32(payload) == 0 && *crc == [1; 4] {",
-        Rig "protocol" "a_frame_with_a_wrong_checksum_is_dropped";
+        Renode "detections" "A Frame With A Wrong Checksum Is Dropped";
     "sda-alternate-function": "board/src/pins.rs",
         "\"I2C_SDA\", OpenDrain(4)" => "\"I2C_SDA\", OpenDrain(6)",
-        Rig "streaming" "six_units_stream_and_nothing_is_lost";
+        Renode "sensors" "Six Units Stream At Their Own Rates";
     "mosi-alternate-function": "board/src/pins.rs",
         "\"DAC_MOSI\", Alternate(5)" => "\"DAC_MOSI\", Alternate(6)",
-        Rig "streaming" "a_sample_moves_its_motor_in_a_fifth_of_a_millisecond";
+        Renode "sensors" "Cables Come To Their Setpoint";
     "watchdog-fed-from-systick": "board/src/hw/tick.rs",
         "    time::set_tick();" => "    time::set_tick();\n    unsafe { (0x5800_4800 as *mut u32).write_volatile(0xAAAA) };",
         Renode "detections" "Watchdog Resets Within Its Time While Interrupts Go On";
     "watchdog-slow": "board/src/clocks.rs",
         "pub const IWDG_PR: u8 = 0;" => "pub const IWDG_PR: u8 = 4;",
-        Rig "faults" "a_hung_loop_is_reset_by_the_watchdog_and_reported";
+        Renode "detections" "Watchdog Resets Within Its Time While Interrupts Go On";
     "calibration-skipped": "drivers/src/nau7802/bringup/mod.rs",
         "Stage::CycleStart => Stage::CalibrationStart," => "Stage::CycleStart => Stage::CycleStop,",
         Renode "detections" "Converters Are Calibrated";
