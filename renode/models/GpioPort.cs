@@ -67,6 +67,13 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             UpdatePads(1u << pin);
         }
 
+        /// Whether the pin belongs to this alternate function.
+        public bool Carries(int pin, int function)
+        {
+            var selected = ReadDoubleWord(pin < 8 ? 0x20 : 0x24) >> 4 * (pin % 8) & 15;
+            return Mode(pin) == AlternateMode && selected == function;
+        }
+
         /// Whether the core drives the pin.
         public bool IsOutput(int pin)
         {
@@ -191,6 +198,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private const int Pins = 16;
         private const uint OutputMode = 1;
+        private const uint AlternateMode = 2;
         private const uint AnalogMode = 3;
     }
 }

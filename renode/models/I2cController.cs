@@ -25,10 +25,15 @@ namespace Antmicro.Renode.Peripherals.ForceRig
     [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
     public class I2cController : RegisterBlock
     {
-        public I2cController(IMachine machine, Rcc rcc, II2cTarget bus)
+        /// `port`, `scl`, `sda`, `function`: the pads, and the alternate function that connects them.
+        public I2cController(IMachine machine, Rcc rcc, II2cTarget bus, GpioPort port, int scl, int sda, int function)
         {
             this.rcc = rcc;
             this.bus = bus;
+            this.port = port;
+            this.scl = scl;
+            this.sda = sda;
+            this.function = function;
             time = new VirtualTime(machine);
             EventInterrupt = new GPIO();
             ErrorInterrupt = new GPIO();
@@ -101,6 +106,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 if((value & TransmitEmpty) != 0)
                 {
                     status |= TransmitEmpty;
+                    UpdateInterrupts();
                 }
                 break;
             case 0x1C:
@@ -119,6 +125,20 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         public GPIO EventInterrupt { get; private set; }
 
         public GPIO ErrorInterrupt { get; private set; }
+
+        /// The bus-error flag rises; the transfer goes on, as on the part (ES0392 2.19.4).
+        public void RaiseBusError()
+        {
+            status |= BusError;
+            UpdateInterrupts();
+        }
+
+        /// Another controller wins the bus in the next address phase.
+        public bool LoseArbitration { get; set; }
+
+        /// TXIS rises as soon as TXDR is empty, while the byte before is on the wire. The manual's figure 544 shows it after the
+        /// acknowledge; drivers of the manufacturer expect both (they flush TXDR after a NACK).
+        public bool EarlyTransmitRequest { get; set; }
 
         private bool Enabled { get { return (control1 & 1) != 0; } }
 
@@ -149,6 +169,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 bus.Stop();
             }
             onBus = false;
+            sending = false;
+            stretching = false;
             status = TransmitEmpty;
             control2 &= ~(StartBit | StopBit | NackBit);
             remaining = 0;
@@ -194,6 +216,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 this.Log(LogLevel.Info, "START waits: SDA is held low");
                 return;
             }
+            if((status & TransmitEmpty) == 0)
+            {
+                this.Log(LogLevel.Warning, "TXDR holds a byte of the transaction before: it goes out in this one");
+            }
             remaining = control2 >> 16 & 255;
             var reading = (control2 & ReadBit) != 0;
             var address = (int)(control2 >> 1 & 127);
@@ -201,7 +227,19 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             After(10, delegate
             {
                 control2 &= ~StartBit;
+                if(LoseArbitration)
+                {
+                    LoseBus();
+                    return;
+                }
                 onBus = true;
+                if(!port.Carries(scl, function) || !port.Carries(sda, function))
+                {
+                    // Nobody hears the address, and SDA reads high.
+                    this.Log(LogLevel.Warning, "SCL or SDA is not connected: MODER and AFR of its pad");
+                    Refused();
+                    return;
+                }
                 if(!bus.Start(address, reading))
                 {
                     Refused();
@@ -209,6 +247,19 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 }
                 Continue();
             });
+        }
+
+        /// The controller leaves the bus to the other one, whose transfer takes 20 bits more (RM0433 47.4.17).
+        private void LoseBus()
+        {
+            LoseArbitration = false;
+            status |= ArbitrationLost;
+            status &= ~(TransmitInterrupt | TransferComplete | ReloadComplete);
+            After(20, delegate
+            {
+                status &= ~Busy;
+            });
+            UpdateInterrupts();
         }
 
         private void Refused()
@@ -241,56 +292,95 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
                 ReceiveNext();
             }
+            else if((status & TransmitEmpty) == 0)
+            {
+                Shift();
+            }
             else
             {
-                status |= TransmitInterrupt | TransmitEmpty;
+                status |= TransmitInterrupt;
             }
             UpdateInterrupts();
         }
 
+        /// A byte arrives in the shift register. Where RXDR is still full SCL is stretched until it was read.
         private void ReceiveNext()
         {
             After(9, delegate
             {
-                received = bus.Read();
-                remaining--;
-                status |= ReceiveFull;
-                if(remaining == 0)
+                arrived = bus.Read();
+                if((status & ReceiveFull) != 0)
                 {
-                    Continue();
+                    stretching = true;
+                    return;
                 }
-                UpdateInterrupts();
+                Arrive();
             });
+        }
+
+        private void Arrive()
+        {
+            received = arrived;
+            remaining--;
+            status |= ReceiveFull;
+            if(remaining == 0)
+            {
+                Continue();
+            }
+            else
+            {
+                ReceiveNext();
+            }
+            UpdateInterrupts();
         }
 
         private uint ReadData()
         {
+            var value = received;
             if((status & ReceiveFull) != 0)
             {
                 status &= ~ReceiveFull;
-                if(remaining > 0)
+                if(stretching)
                 {
-                    // SCL was stretched until the byte was taken.
-                    ReceiveNext();
+                    stretching = false;
+                    Arrive();
                 }
                 UpdateInterrupts();
             }
-            return received;
+            return value;
         }
 
         private void WriteData(byte value)
         {
-            transmit = value;
-            if((status & TransmitInterrupt) == 0)
+            if((status & TransmitEmpty) == 0)
             {
+                this.Log(LogLevel.Warning, "TXDR written while TXE=0: lost (RM0433 47.7.11)");
                 return;
             }
+            transmit = value;
             status &= ~(TransmitInterrupt | TransmitEmpty);
+            if(onBus && !sending && (control2 & ReadBit) == 0 && remaining > 0)
+            {
+                Shift();
+            }
             UpdateInterrupts();
+        }
+
+        /// The byte in TXDR moves into the shift register and out.
+        private void Shift()
+        {
+            var value = (byte)transmit;
+            sending = true;
+            status |= TransmitEmpty;
+            status &= ~TransmitInterrupt;
+            if(EarlyTransmitRequest && remaining > 1)
+            {
+                status |= TransmitInterrupt;
+            }
             After(9, delegate
             {
+                sending = false;
                 remaining--;
-                status |= TransmitEmpty;
                 if(!bus.Write(value))
                 {
                     Refused();
@@ -347,11 +437,18 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private uint remaining;
         private uint transmit;
         private byte received;
+        private byte arrived;
         private bool onBus;
+        private bool sending;
+        private bool stretching;
         private ulong step;
 
         private readonly Rcc rcc;
         private readonly II2cTarget bus;
+        private readonly GpioPort port;
+        private readonly int scl;
+        private readonly int sda;
+        private readonly int function;
         private readonly VirtualTime time;
 
         private const uint ReadBit = 1u << 10;
@@ -368,6 +465,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private const uint StopDetected = 1u << 5;
         private const uint TransferComplete = 1u << 6;
         private const uint ReloadComplete = 1u << 7;
+        private const uint BusError = 1u << 8;
+        private const uint ArbitrationLost = 1u << 9;
         private const uint Errors = 0x3F00;
         private const uint Busy = 1u << 15;
         private const uint Clearable = 0x3F38;

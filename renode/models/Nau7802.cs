@@ -25,7 +25,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 random = rig.Stream((ulong)(100 + this.unit));
                 // The RC oscillator: 3 % either way (data sheet 7.4).
                 oscillator = 1.0 + 0.03 * (2.0 * random.Uniform() - 1.0);
-                zeroCounts = 0.0;
+                LoseCalibration();
             };
         }
 
@@ -48,6 +48,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         public bool Write(byte value)
         {
+            if(NackBytes > 0)
+            {
+                NackBytes--;
+                return false;
+            }
             if(pointerNext)
             {
                 pointer = value & 0x7F;
@@ -100,6 +105,16 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// Does not acknowledge its address, while conversions go on.
         public bool Nacks { get; set; }
 
+        /// So many of the next bytes written to it are not acknowledged, while its address is.
+        public int NackBytes { get; set; }
+
+        /// Factor on the rate of its oscillator.
+        public double RateFactor
+        {
+            get { return rateFactor; }
+            set { rateFactor = value; }
+        }
+
         /// An excitation wire is open: the bridge gives nothing, whatever the force.
         public bool OpenBridge { get; set; }
 
@@ -115,6 +130,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// Last conversion.
         public int Code { get { return result; } }
 
+        /// Last conversion without noise and without error of the zero.
+        public int IdealCode { get; private set; }
+
         /// Time of one conversion in us, with this part's own oscillator.
         public double PeriodUs { get { return PeriodNs / 1000.0; } }
 
@@ -126,7 +144,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
                 var code = registers[Control2] >> 4 & 7;
                 var rate = code < 4 ? 10 << code : 320;
-                return 1e9 / (rate * oscillator);
+                return 1e9 / (rate * oscillator * rateFactor);
             }
         }
 
@@ -149,6 +167,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             // Gain registers: 1.0.
             registers[0x07] = 0x80;
             registers[0x0E] = 0x80;
+            LoseCalibration();
             calibrationFails = false;
             calibrating = false;
             result = 0;
@@ -321,6 +340,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
                 bridge = -bridge;
             }
+            IdealCode = (int)Math.Round(bridge * Gain * 16777216.0);
             var code = bridge * Gain * 16777216.0 + NoiseCounts() + zeroCounts + Spike;
             Spike = 0;
             if((registers[Control2] & 0x80) != 0)
@@ -340,6 +360,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             rig.NoteReady(unit, at, result);
             conversionReady = true;
             UpdateReadyPin();
+        }
+
+        /// The input's own offset, either way: an assumption, for the data sheet gives no figure. At gain 128 it is 0.3 N to 0.6 N.
+        private void LoseCalibration()
+        {
+            zeroCounts = (random.Uniform() < 0.5 ? -1.0 : 1.0) * RawOffsetCounts * (1.0 + random.Uniform());
         }
 
         private void Calibrate()
@@ -413,6 +439,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private double conversionEnd;
         private double oscillator = 1.0;
         private double zeroCounts;
+        private double rateFactor = 1.0;
         private ulong poweredUpAt;
         private ulong epoch;
         private Random64 random = new Random64(1);
@@ -440,5 +467,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private const ulong PowerUpNs = 200000;
         private const ulong CalibrationNs = 344000000;
         private const double ZeroScatterCounts = 600.0;
+        private const double RawOffsetCounts = 45000.0;
     }
 }

@@ -41,7 +41,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 // Before the supply is configured ACTVOSRDY stays 0 (RM0433 6.4.1, "Run* mode").
                 return actualScale | (ready && supplyWritten ? ReadyBit : 0);
             case 0x0C:
-                return control3;
+                // VDD33USB is supplied: USB33RDY follows USB33DEN.
+                return control3 & ~(1u << 26) | (control3 & 1u << 24) << 2;
             case 0x18:
                 return d3Control | (ready ? ReadyBit : 0);
             case 0x20:

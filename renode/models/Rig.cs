@@ -241,18 +241,36 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             lost[Index(unit)] -= counts;
         }
 
-        /// Puts a branch to itself under the core, as a loop that hangs would be; interrupts go on.
-        /// It lasts until the next reset.
+        /// Puts a branch to itself at the entry of the superloop's stage `samples`, which runs with interrupts enabled: they go
+        /// on. It lasts until the next reset.
         public void HangLoop()
         {
-            foreach(var cpu in machine.SystemBus.GetCPUs())
+            Patch(0xE7FE);
+        }
+
+        /// The superloop's stage `samples` returns at once, until the next reset.
+        public void SkipSamples()
+        {
+            // BX LR.
+            Patch(0x4770);
+        }
+
+        /// Addresses in RAM where a word of this value stands, for FlipBit.
+        public string FindWord(uint value)
+        {
+            var found = new List<string>();
+            foreach(var memory in new[] { Tuple.Create(0x20000000UL, 0x20000), Tuple.Create(0x24000000UL, 0x80000) })
             {
-                var pc = cpu.PC.RawValue & ~1UL;
-                hungAt = pc;
-                hungCode = machine.SystemBus.ReadWord(pc);
-                machine.SystemBus.WriteWord(pc, 0xE7FE);
-                return;
+                var bytes = machine.SystemBus.ReadBytes(memory.Item1, memory.Item2);
+                for(var at = 0; at + 4 <= bytes.Length; at += 4)
+                {
+                    if(BitConverter.ToUInt32(bytes, at) == value)
+                    {
+                        found.Add("0x" + (memory.Item1 + (ulong)at).ToString("X"));
+                    }
+                }
             }
+            return string.Join(" ", found);
         }
 
         public void FlipBit(ulong address, int bit)
@@ -267,6 +285,17 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             foreach(var trip in Trips[Index(unit)])
             {
                 all.Add((trip.UpdateNs - trip.ReadyNs).ToString());
+            }
+            return string.Join(" ", all);
+        }
+
+        /// As LatenciesNs, each behind the code of its conversion and a colon.
+        public string CodesAndLatenciesNs(int unit)
+        {
+            var all = new List<string>();
+            foreach(var trip in Trips[Index(unit)])
+            {
+                all.Add(trip.Code + ":" + (trip.UpdateNs - trip.ReadyNs));
             }
             return string.Join(" ", all);
         }
@@ -357,6 +386,37 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
         }
 
+        private void Patch(ushort instruction)
+        {
+            var at = SamplesEntry;
+            hungAt = at;
+            hungCode = machine.SystemBus.ReadWord(at);
+            machine.SystemBus.WriteWord(at, instruction);
+        }
+
+        /// Entry of `Board::samples`, which keeps its own symbol (board/src/firmware.rs).
+        private ulong SamplesEntry
+        {
+            get
+            {
+                for(var at = FlashStart; at < FlashStart + FlashSize; at += 2)
+                {
+                    string name;
+                    Symbol symbol;
+                    if(!machine.SystemBus.TryFindSymbolAt(at, out name, out symbol))
+                    {
+                        continue;
+                    }
+                    if(name != null && name.Contains("Board") && name.Contains("samples"))
+                    {
+                        return symbol.Start.RawValue & ~1UL;
+                    }
+                    at = Math.Max(at, (symbol.End.RawValue & ~1UL) - 2);
+                }
+                throw new RecoverableException("the image has no symbol `Board::samples`");
+            }
+        }
+
         private void Unhang()
         {
             if(hungAt != null)
@@ -383,6 +443,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private readonly int[] codes = new int[Units];
         private readonly bool[] answering = new bool[Units];
 
+        private const ulong FlashStart = 0x08000000;
+        private const ulong FlashSize = 0x100000;
         private const ulong RowNs = 1000000;
         private const int MostTrips = 200000;
     }

@@ -2,6 +2,8 @@
 // line of text. Virtual time passes only inside of `advance`.
 //
 //   advance NS HEX     bytes to the board, then time; answer: advanced NOW RESETS HEX and the rows of truth
+//   usb                the cable is plugged in, and bytes go by USB from here on; `unplugged` is the answer of an advance in
+//                      which the host lost the device
 //   robot 0|1          inject NAME ARGUMENTS...          report          quit
 //
 // Every answer is one line; what cannot be done is answered by `failed` and the reason.
@@ -21,11 +23,13 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 {
     public class RigServer : IPeripheral
     {
-        public RigServer(IMachine machine, Rig rig, SerialLine serial, Tca9548a mux, Plc plc,
+        public RigServer(IMachine machine, Rig rig, SerialLine serial, UsbHost usbHost, I2cController i2c, Tca9548a mux, Plc plc,
             Nau7802 cell1, Nau7802 cell2, Nau7802 cell3, Nau7802 cell4, Nau7802 cell5, Nau7802 cell6)
         {
             this.rig = rig;
             this.serial = serial;
+            this.usbHost = usbHost;
+            this.i2c = i2c;
             this.mux = mux;
             this.plc = plc;
             cells = new[] { cell1, cell2, cell3, cell4, cell5, cell6 };
@@ -95,6 +99,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
             case "advance":
                 return Advance(ulong.Parse(words[1]), words.Length > 2 ? words[2] : "");
+            case "usb":
+                byUsb = true;
+                usbHost.Plug(true);
+                return "done";
             case "robot":
                 rig.MoveRobot(words[1] == "1");
                 return "done";
@@ -112,7 +120,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             if(digits.Length > 0)
             {
-                serial.Send(digits);
+                if(byUsb)
+                {
+                    usbHost.Send(digits);
+                }
+                else
+                {
+                    serial.Send(digits);
+                }
             }
             if(nanoseconds > 0)
             {
@@ -120,8 +135,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
             var text = new StringBuilder();
             var rows = rig.TakeRows();
+            var wasOpen = portOpen;
+            portOpen = usbHost.State == "open" || usbHost.State == "suspended";
+            if(byUsb && wasOpen && !portOpen)
+            {
+                return "unplugged";
+            }
             text.Append("advanced ").Append(rig.Now).Append(' ').Append(rig.Resets).Append(' ');
-            var bytes = serial.TakeBytes();
+            var bytes = byUsb ? usbHost.TakeBytes() : serial.TakeBytes();
             text.Append(bytes.Length == 0 ? "-" : SerialLine.ToHex(bytes));
             Append(text, rig.Truth());
             text.Append(' ').Append(rows.Length);
@@ -185,6 +206,18 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             case "wrong-sign":
                 cells[Rig.Index(unit)].WrongSign = words[3] == "1";
                 break;
+            case "plug-usb":
+                usbHost.Plug(words[2] == "1");
+                break;
+            case "suspend-usb":
+                usbHost.SuspendBus(words[2] == "1");
+                break;
+            case "read-usb":
+                usbHost.Reading = words[2] == "1";
+                break;
+            case "bus-error":
+                i2c.RaiseBusError();
+                break;
             case "hang":
                 rig.HangLoop();
                 break;
@@ -219,7 +252,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         }
 
         private readonly Rig rig;
+        private bool byUsb;
+        private bool portOpen;
+
         private readonly SerialLine serial;
+        private readonly UsbHost usbHost;
+        private readonly I2cController i2c;
         private readonly Tca9548a mux;
         private readonly Plc plc;
         private readonly Nau7802[] cells;

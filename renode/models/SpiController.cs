@@ -19,9 +19,16 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
     public class SpiController : RegisterBlock, IWordPeripheral, IBytePeripheral
     {
-        public SpiController(IMachine machine, Rcc rcc, ISpiTarget target)
+        /// `clockPort`, `clock`, `dataPort`, `data`, `function`: the pads of SCK and MOSI, and the alternate function that
+        /// connects them.
+        public SpiController(IMachine machine, Rcc rcc, ISpiTarget target, GpioPort clockPort, int clock, GpioPort dataPort, int data, int function)
         {
             this.rcc = rcc;
+            this.clockPort = clockPort;
+            this.clock = clock;
+            this.dataPort = dataPort;
+            this.data = data;
+            this.function = function;
             this.target = target;
             time = new VirtualTime(machine);
             IRQ = new GPIO();
@@ -278,8 +285,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                     return;
                 }
                 shifting = false;
-                target.Frame((configuration2 & LsbFirst) != 0 ? Reverse(word, bits) : word, bits,
-                    (configuration2 & 1u << 25) != 0, (configuration2 & 1u << 24) != 0);
+                Put((configuration2 & LsbFirst) != 0 ? Reverse(word, bits) : word, bits);
                 if(!IsTransmitOnly)
                 {
                     if(received.Count < FifoFrames)
@@ -300,6 +306,22 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 Shift();
                 UpdateInterrupt();
             });
+        }
+
+        /// A pad in another function leaves its wire alone: no clock, or no data.
+        private void Put(uint word, int bits)
+        {
+            if(!clockPort.Carries(clock, function))
+            {
+                this.Log(LogLevel.Warning, "SCK is not connected: MODER and AFR of its pad");
+                return;
+            }
+            if(!dataPort.Carries(data, function))
+            {
+                this.Log(LogLevel.Warning, "MOSI is not connected: MODER and AFR of its pad");
+                word = 0;
+            }
+            target.Frame(word, bits, (configuration2 & 1u << 25) != 0, (configuration2 & 1u << 24) != 0);
         }
 
         private uint Receive()
@@ -348,6 +370,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private readonly Queue<uint> received = new Queue<uint>();
         private readonly Rcc rcc;
         private readonly ISpiTarget target;
+        private readonly GpioPort clockPort;
+        private readonly int clock;
+        private readonly GpioPort dataPort;
+        private readonly int data;
+        private readonly int function;
         private readonly VirtualTime time;
 
         private const uint StartTransfer = 1u << 9;

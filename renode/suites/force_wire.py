@@ -223,10 +223,11 @@ def decode_board_frame(stuffed):
     return frame
 
 
-def encode_command(seq, name, body=b""):
-    """One frame with its closing zero."""
+def encode_command(seq, name, body=b"", damaged=False):
+    """One frame with its closing zero. `damaged`: one bit of its checksum is wrong."""
     data = unsigned(seq) + unsigned(COMMANDS.index(name)) + body
-    return cobs_encode(data + struct.pack("<I", binascii.crc32(data))) + b"\0"
+    crc = binascii.crc32(data) ^ (1 << 12 if damaged else 0)
+    return cobs_encode(data + struct.pack("<I", crc)) + b"\0"
 
 
 class Decoder:

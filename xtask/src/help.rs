@@ -84,6 +84,12 @@ pub const ENTRIES: &[Entry] = &[
         page: "  --install  fetch Renode's portable package first\n\nOther options go to Renode's program renode-test.\n",
     },
     Entry {
+        name: "mutants",
+        arguments: "[--renode] [NAME...]",
+        summary: "change one place of the firmware at a time and run the test that must find it",
+        page: "Runs the tests on the embedded rig; a test that passes lets its mutant live.\n\n  --renode  the mutants whose test is a suite of Renode\n",
+    },
+    Entry {
         name: "agree",
         arguments: "[OPTIONS]",
         summary: "run one scenario on the embedded rig and on Renode, and compare sample by sample",

@@ -9,6 +9,7 @@ mod experiment;
 mod firmware;
 mod flash;
 mod help;
+mod image_mutants;
 mod inspect;
 mod install;
 mod licences;
@@ -112,6 +113,7 @@ fn dispatch() -> Result<u8, Stop> {
         "forcectl" => Ok(rig::forcectl(&workspace, &rest(parser)?)?),
         "test" | "ci" => run_tests(&workspace, parser),
         "renode-test" => run_renode_tests(&workspace, parser),
+        "mutants" => run_mutants(&workspace, parser),
         "agree" => {
             let renode = renode::require(&workspace)?;
             build_image(&workspace)?;
@@ -271,6 +273,21 @@ fn run_renode_tests(workspace: &Workspace, parser: Parser) -> Result<u8, Stop> {
     let tally = renode::run(workspace, &renode, &arguments)?;
     println!("{tally}");
     Ok(u8::from(tally.failed > 0))
+}
+
+fn run_mutants(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
+    let (mut machine, mut names) = (image_mutants::Machine::Rig, Vec::new());
+    while let Some(argument) = parser.next()? {
+        match argument {
+            Arg::Long("renode") => machine = image_mutants::Machine::Renode,
+            Arg::Value(name) => names.push(name.to_string_lossy().into_owned()),
+            other => return Err(other.unexpected().into()),
+        }
+    }
+    let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
+    Ok(u8::from(!image_mutants::run(
+        workspace, &arm, machine, &names,
+    )?))
 }
 
 /// The remaining arguments, unchanged, for another program.

@@ -13,11 +13,32 @@ use crate::report::{say, Failure, Result};
 use crate::workspace::Workspace;
 
 /// A change of one place in one file.
-struct Mutant {
-    name: &'static str,
-    file: &'static str,
-    from: &'static str,
-    to: &'static str,
+pub(crate) struct Mutant {
+    pub(crate) name: &'static str,
+    pub(crate) file: &'static str,
+    pub(crate) from: &'static str,
+    pub(crate) to: &'static str,
+}
+
+impl Mutant {
+    /// Changes the copy in `folder`, acts, and restores the copy.
+    ///
+    /// # Errors
+    /// Where the place is not found once, or the file can't be written.
+    pub(crate) fn applied<T>(&self, folder: &Path, act: impl FnOnce() -> Result<T>) -> Result<T> {
+        let path = folder.join(self.file);
+        let original = read(&path)?;
+        if original.matches(self.from).count() != 1 {
+            return Err(Failure::new(format!(
+                "mutant {}: `{}` is not once in {}",
+                self.name, self.from, self.file
+            )));
+        }
+        write(&path, &original.replacen(self.from, self.to, 1))?;
+        let outcome = act();
+        write(&path, &original)?;
+        outcome
+    }
 }
 
 macro_rules! mutants {
@@ -93,17 +114,7 @@ pub fn run(workspace: &Workspace, names: &[String]) -> Result<bool> {
     println!("| mutant | killed by |\n| --- | --- |");
     let mut survived = 0;
     for mutant in &chosen {
-        let path = folder.join(mutant.file);
-        let original = read(&path)?;
-        if original.matches(mutant.from).count() != 1 {
-            return Err(Failure::new(format!(
-                "mutant {}: `{}` is not once in {}",
-                mutant.name, mutant.from, mutant.file
-            )));
-        }
-        write(&path, &original.replacen(mutant.from, mutant.to, 1))?;
-        let verdict = campaign(workspace, &folder);
-        write(&path, &original)?;
+        let verdict = mutant.applied(&folder, || campaign(workspace, &folder));
         match verdict? {
             Verdict::Wrong(why) => println!("| {} | {why} |", mutant.name),
             Verdict::Fine => {
@@ -153,7 +164,7 @@ fn campaign(workspace: &Workspace, folder: &Path) -> Result<Verdict> {
 }
 
 /// Copies the sources, with a workspace of these parts only.
-fn copy_workspace(workspace: &Workspace, folder: &Path) -> Result<()> {
+pub(crate) fn copy_workspace(workspace: &Workspace, folder: &Path) -> Result<()> {
     let root = workspace.root();
     for part in PARTS {
         copy(&root.join(part), &folder.join(part))?;

@@ -219,6 +219,19 @@ fn with_python(renode: &Renode, mut command: Command) -> Command {
 /// # Errors
 /// When something can't be built, or the runner leaves no result.
 pub fn run(workspace: &Workspace, renode: &Renode, arguments: &[OsString]) -> Result<Tally> {
+    run_image(workspace, renode, &workspace.firmware_elf(), arguments)
+}
+
+/// As [`run`], with this image.
+///
+/// # Errors
+/// As [`run`].
+pub fn run_image(
+    workspace: &Workspace,
+    renode: &Renode,
+    elf: &Path,
+    arguments: &[OsString],
+) -> Result<Tally> {
     build_programs(workspace)?;
     let results = workspace.target().join("renode-test");
     // An old result must not be taken for this run's.
@@ -247,7 +260,7 @@ pub fn run(workspace: &Workspace, renode: &Renode, arguments: &[OsString]) -> Re
         .args(&chosen)
         .arg("--results-dir")
         .arg(&results)
-        .args(variable("ELF", &workspace.firmware_elf()))
+        .args(variable("ELF", elf))
         .args(variable("PLANT", &plant_library(workspace)))
         .args(variable("FORCECTL", &workspace.release_program("forcectl")))
         .args(variable(

@@ -28,6 +28,11 @@ impl Workspace {
         Self { root, target }
     }
 
+    /// Another folder with a copy of the sources, and where to build it.
+    pub fn of_copy(root: PathBuf, target: PathBuf) -> Self {
+        Self { root, target }
+    }
+
     /// The folder with the workspace's `Cargo.toml`.
     pub fn root(&self) -> &Path {
         &self.root

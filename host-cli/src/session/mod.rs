@@ -45,7 +45,7 @@ pub const PERIOD: Duration = Duration::from_millis(10);
 pub const SETPOINTS_VALID_MS: u16 = 100;
 /// A tension older than this, counted from the newest of all units, is not used, us: a few sample periods.
 const MAX_SAMPLE_AGE_US: u64 = 30_000;
-/// A board that sends nothing for this long is gone: its status comes every 50 ms.
+/// A board that sends nothing for this long of its own time is gone: its status comes every 50 ms.
 pub const SILENCE_TIMEOUT: Duration = Duration::from_millis(400);
 
 /// A sample with its place in time.
@@ -116,6 +116,7 @@ pub struct Session<'l> {
     /// UTC at `now_ns`, ns since 1970.
     utc_ns: u64,
     last_frame_ns: u64,
+    pace: patience::Pace,
     timekeeping: Timekeeping,
     setpoints: Option<[UnitSetpoint; UNITS]>,
     setpoints_due_ns: u64,
@@ -157,6 +158,7 @@ impl<'l> Session<'l> {
             now_ns: 0,
             utc_ns: 0,
             last_frame_ns: 0,
+            pace: patience::Pace::default(),
             timekeeping: Timekeeping::default(),
             setpoints: None,
             setpoints_due_ns: 0,

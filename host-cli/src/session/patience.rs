@@ -47,9 +47,82 @@ impl Patience {
     }
 }
 
+/// How much slower than the host's clock the board's clock goes. A real board's goes as fast.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Pace {
+    /// Host's nanoseconds and board's microseconds at the start of the measurement under way.
+    since: Option<(u64, u64)>,
+    factor: f64,
+}
+
+impl Default for Pace {
+    fn default() -> Self {
+        Self {
+            since: None,
+            factor: 1.0,
+        }
+    }
+}
+
+impl Pace {
+    /// Time on the host's clock that a measurement takes at least: some frames of a board at a tenth of real time.
+    const LEAST_NS: u64 = 500_000_000;
+
+    /// A frame with the board's time has come.
+    pub(super) fn frame(&mut self, now_ns: u64, board_us: u64) {
+        let Some((since_ns, since_us)) = self.since else {
+            self.since = Some((now_ns, board_us));
+            return;
+        };
+        if board_us < since_us {
+            // Another start of the board.
+            self.since = Some((now_ns, board_us));
+            return;
+        }
+        let host_ns = now_ns.saturating_sub(since_ns);
+        if host_ns >= Self::LEAST_NS {
+            let board_ns = (board_us - since_us).max(1) * 1_000;
+            self.factor = (host_ns as f64 / board_ns as f64).clamp(1.0, MOST as f64);
+            self.since = Some((now_ns, board_us));
+        }
+    }
+
+    /// What `of` the board's time takes on the host's clock.
+    pub(super) fn on_host(&self, of: Duration) -> Duration {
+        of.mul_f64(self.factor)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_pace_is_that_of_the_slower_clock() {
+        let limit = Duration::from_millis(400);
+        let mut pace = Pace::default();
+        assert_eq!(pace.on_host(limit), limit);
+        // A sixth of real time.
+        for n in 0..20 {
+            pace.frame(n * 300_000_000, n * 50_000);
+        }
+        assert_eq!(pace.on_host(limit), 6 * limit);
+        // The board stands still: at most MOST.
+        for n in 20..30 {
+            pace.frame(n * 300_000_000, 1_000_000);
+        }
+        assert_eq!(pace.on_host(limit), MOST as u32 * limit);
+        // Another start of the board says nothing of its clock.
+        let mut fresh = Pace::default();
+        fresh.frame(0, 5_000_000);
+        fresh.frame(600_000_000, 1);
+        assert_eq!(fresh.on_host(limit), limit);
+        // A board on a desk, and one whose clock is ahead.
+        for n in 30..50 {
+            pace.frame(n * 300_000_000, n * 320_000);
+        }
+        assert_eq!(pace.on_host(limit), limit);
+    }
 
     const S: u64 = 1_000_000_000;
 

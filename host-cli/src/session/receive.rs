@@ -21,7 +21,8 @@ impl Session<'_> {
             if self.reset_seen {
                 return Err(self.after_reset());
             }
-            if self.now_ns.saturating_sub(self.last_frame_ns) > SILENCE_TIMEOUT.as_nanos() as u64 {
+            let limit = self.pace.on_host(SILENCE_TIMEOUT);
+            if self.now_ns.saturating_sub(self.last_frame_ns) > limit.as_nanos() as u64 {
                 return Err(SessionError::NoAnswer { command: "status" });
             }
         }
@@ -126,6 +127,7 @@ impl Session<'_> {
         }
         let now = before.saturating_add_signed(i64::from(step));
         self.board_us = Some(now.max(before));
+        self.pace.frame(self.now_ns, now);
         now
     }
 }

@@ -55,7 +55,7 @@ impl Session<'_> {
         self.reply = None;
         let seq = self.queue(command.clone());
         let mut waited = Duration::ZERO;
-        while waited < timeout {
+        while waited < self.pace.on_host(timeout) {
             self.exchange(POLL_PERIOD)?;
             waited += POLL_PERIOD;
             if let Some((number, response)) = self.reply.take() {

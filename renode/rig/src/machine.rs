@@ -65,6 +65,13 @@ impl Machine {
             .strip_prefix("ready ")
             .and_then(|s| s.trim().parse().ok())
             .ok_or_else(|| format!("who connects is no RigServer: `{}`", hello.trim()))?;
+        if arguments.usb {
+            writeln!(machine.to, "usb").map_err(|e| format!("Renode is gone: {e}"))?;
+            let answer = machine.line()?;
+            if answer.trim() != "done" {
+                return Err(format!("Renode has no USB: `{}`", answer.trim()));
+            }
+        }
         Ok(machine)
     }
 

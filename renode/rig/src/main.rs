@@ -22,11 +22,12 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 
 const USAGE: &str = "\
-usage: renode-rig --elf FILE [--seed N] [--plant FILE.toml]
+usage: renode-rig --elf FILE [--seed N] [--plant FILE.toml] [--usb]
 
   --elf FILE       firmware image (ELF) to boot
   --seed N         seed of everything random (default 1)
   --plant FILE     plant configuration in TOML (default: the rig of the thesis)
+  --usb            the link's bytes go through the board's USB socket, not through USART3
   --paced, --quiet accepted as by the embedded rig's program, without effect
   -h, --help       print this
 
@@ -41,6 +42,8 @@ pub struct Arguments {
     pub seed: u64,
     /// Configuration of the plant.
     pub plant: Option<PathBuf>,
+    /// The link's bytes go through the USB socket.
+    pub usb: bool,
 }
 
 /// `None`: `--help` was given.
@@ -48,6 +51,7 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
     let mut elf = None;
     let mut seed = 1;
     let mut plant = None;
+    let mut usb = false;
     while let Some(word) = words.next() {
         let mut value = || {
             words
@@ -63,6 +67,7 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
                     .map_err(|_| format!("--seed {text}: not a whole number from 0"))?;
             }
             "--plant" => plant = Some(value()?.into()),
+            "--usb" => usb = true,
             // Renode in lock-step is never faster than its partner; there is nothing to pace.
             "--paced" | "--quiet" => {}
             "-h" | "--help" => return Ok(None),
@@ -70,7 +75,12 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
         }
     }
     let elf = elf.ok_or_else(|| format!("--elf is missing\n{USAGE}"))?;
-    Ok(Some(Arguments { elf, seed, plant }))
+    Ok(Some(Arguments {
+        elf,
+        seed,
+        plant,
+        usb,
+    }))
 }
 
 fn main() -> ExitCode {
@@ -134,11 +144,13 @@ mod tests {
 
     #[test]
     fn the_embedded_rigs_arguments_are_understood() {
-        let a = parse(&["--elf", "a", "--seed", "7", "--plant", "p.toml", "--paced"])
-            .unwrap()
-            .unwrap();
+        let a = parse(&[
+            "--elf", "a", "--seed", "7", "--plant", "p.toml", "--paced", "--usb",
+        ])
+        .unwrap()
+        .unwrap();
         assert_eq!(a.elf, PathBuf::from("a"));
-        assert_eq!(a.seed, 7);
+        assert_eq!((a.seed, a.usb), (7, true));
         assert_eq!(a.plant, Some(PathBuf::from("p.toml")));
     }
 

@@ -37,6 +37,10 @@ fn injection_words(injection: &Injection) -> String {
         Injection::OpenBridge(unit, on) => format!("open-bridge {unit} {}", u8::from(on)),
         Injection::FrozenCode(unit, on) => format!("frozen-code {unit} {}", u8::from(on)),
         Injection::WrongSign(unit, on) => format!("wrong-sign {unit} {}", u8::from(on)),
+        Injection::PlugUsb(plugged) => format!("plug-usb {}", u8::from(plugged)),
+        Injection::SuspendUsb(on) => format!("suspend-usb {}", u8::from(on)),
+        Injection::ReadUsb(on) => format!("read-usb {}", u8::from(on)),
+        Injection::BusError => "bus-error 0".to_owned(),
         // The models of Renode do not have these; RigServer refuses the word.
         other => format!("{other:?}"),
     }
@@ -50,6 +54,7 @@ pub fn response(line: &str) -> Result<Response, String> {
     let mut words = Words(line.split_whitespace());
     match words.next()? {
         "done" => Ok(Response::Done),
+        "unplugged" => Ok(Response::Unplugged),
         "failed" => Ok(Response::Failed(
             line.trim_start_matches("failed").trim().to_owned(),
         )),
@@ -182,6 +187,10 @@ mod tests {
             request(&Request::Inject(Injection::PullCable(3, -2.5))).unwrap(),
             "inject pull 3 -2.5"
         );
+        assert_eq!(
+            request(&Request::Inject(Injection::PlugUsb(false))).unwrap(),
+            "inject plug-usb 0"
+        );
         assert_eq!(request(&Request::Quit), None);
     }
 
@@ -217,6 +226,7 @@ mod tests {
 
     #[test]
     fn damaged_answers_are_errors_and_refusals_stay_refusals() {
+        assert_eq!(response("unplugged").unwrap(), Response::Unplugged);
         assert!(response("").is_err());
         assert!(response("advanced 1").is_err());
         assert!(response("advanced 1 0 xyz").is_err());

@@ -109,3 +109,38 @@ fn what_the_devices_drive_reaches_the_pin_of_the_table() {
     }
     assert_eq!(inputs["plc EStop"], pins["E_STOP"]);
 }
+
+/// Properties of a peripheral in the platform description.
+fn properties(owner: &str) -> HashMap<String, String> {
+    read("../force_board.repl")
+        .lines()
+        .skip_while(|line| !line.starts_with(&format!("{owner}:")))
+        .skip(1)
+        .take_while(|line| line.starts_with(' '))
+        .filter_map(|line| line.split_once(": "))
+        .map(|(name, value)| (name.trim().to_owned(), value.trim().to_owned()))
+        .collect()
+}
+
+#[test]
+fn the_buses_have_the_pads_and_the_alternate_function_of_the_table() {
+    let pins = table();
+    for (owner, port, pin, function, signal) in [
+        ("i2c", "port", "scl", 4, "I2C_SCL"),
+        ("i2c", "port", "sda", 4, "I2C_SDA"),
+        ("spi1", "clockPort", "clock", 5, "DAC_SCK"),
+        ("spi1", "dataPort", "data", 5, "DAC_MOSI"),
+    ] {
+        let found = properties(owner);
+        let (letter, number) = pins[signal];
+        assert_eq!(found[port], format!("port{letter}"), "{signal}");
+        assert_eq!(found[pin], number.to_string(), "{signal}");
+        assert_eq!(found["function"], function.to_string(), "{signal}");
+        let row = read("../../docs/wiring.md")
+            .lines()
+            .find(|line| line.contains(&format!("| {signal} |")))
+            .unwrap()
+            .to_owned();
+        assert!(row.contains(&format!("AF{function} ")), "{row}");
+    }
+}
