@@ -77,6 +77,8 @@ pub struct RigMcu {
     brown_out: bool,
     /// Whether the pins in alternate functions were found right since they were last configured.
     functions_checked: bool,
+    /// The firmware has set the USB core up, so that its pins matter.
+    usb_set: bool,
 }
 
 /// Whose model answers for a slot.
@@ -154,6 +156,7 @@ impl RigMcu {
             clock_stopped: false,
             brown_out: false,
             functions_checked: false,
+            usb_set: false,
         };
         mcu.usb_slots.exchange(mcu.part.bus_mut());
         mcu.check()?;
@@ -317,6 +320,10 @@ impl RigMcu {
         if let Some(what) = usb_needs(clocks, power) {
             self.board.lock().complain("OTG2_HS", what.to_owned());
         }
+        if !self.usb_set {
+            self.usb_set = true;
+            self.functions_checked = false;
+        }
         self.check_functions();
     }
 
@@ -327,6 +334,9 @@ impl RigMcu {
         }
         self.functions_checked = true;
         for (pin, expected, signal) in wiring::FUNCTIONS {
+            if !self.usb_set && [wiring::USB_DM, wiring::USB_DP].contains(&pin) {
+                continue;
+            }
             let registers = self.part.bus().slots()[self.slots.ports[pin.port]].registers();
             let port_pin = PortPin::new(pin.pin).expect("a port has sixteen pins");
             let found = Gpio::function(port_pin, registers);
@@ -411,6 +421,7 @@ impl Mcu for RigMcu {
         // The events went with the old bus.
         self.scheduled = None;
         self.functions_checked = false;
+        self.usb_set = false;
         self.sync(at);
     }
 
