@@ -15,8 +15,8 @@ const OTHER_TOOL: f64 = 4.5;
 const PUBLISHED: f64 = 4.42;
 
 /// Text between generated parts.
-const HEAD: &str = include_str!("page/head.md");
-const TAIL: &str = include_str!("page/tail.md");
+const HEAD: &str = include_str!("page/head.txt");
+const TAIL: &str = include_str!("page/tail.txt");
 
 /// The page.
 #[must_use]

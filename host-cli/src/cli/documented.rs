@@ -41,6 +41,8 @@ fn call(text: &str) -> Option<&str> {
 fn calls(place: &str, page: &str) -> Vec<Line> {
     let mut found = Vec::new();
     let mut fenced = false;
+    // A call that goes on in the next line of the block.
+    let mut begun = String::new();
     for (number, line) in page.lines().enumerate() {
         let mut push = |text: &str, to_type| {
             found.push(Line {
@@ -54,7 +56,12 @@ fn calls(place: &str, page: &str) -> Vec<Line> {
         } else if fenced || line.starts_with("    ") {
             // A comment of the shell is not part of the call.
             let code = line.split(" #").next().unwrap_or(line);
-            if let Some(rest) = call(code) {
+            if let Some(part) = code.trim_end().strip_suffix('\\') {
+                begun.push_str(part);
+                continue;
+            }
+            let code = std::mem::take(&mut begun) + code;
+            if let Some(rest) = call(&code) {
                 push(rest, true);
             }
         } else {
@@ -68,8 +75,11 @@ fn calls(place: &str, page: &str) -> Vec<Line> {
     found
 }
 
-/// Words that stand for something else: `N`, `FILE`, `ARGS...`.
+/// Words that stand for something else: `N`, `FILE`, `ARGS...`, a variable of the shell.
 fn is_placeholder(word: &str) -> bool {
+    if word.contains('$') {
+        return true;
+    }
     let letters = word.trim_end_matches('.');
     !letters.is_empty() && letters.chars().all(|c| c.is_ascii_uppercase())
 }
@@ -81,15 +91,20 @@ fn named_only(error: &clap::Error) -> bool {
 
 /// What is wrong with a call; `None`: nothing.
 fn mistake(line: &Line) -> Option<String> {
-    let words: Vec<&str> = line
-        .text
-        .split_whitespace()
-        .take_while(|word| !["|", ">", "<", "&&", "..."].contains(word))
+    let Some(words) = shlex::split(&line.text) else {
+        return Some(format!(
+            "{}: forcectl{}\nthe quotes are not in pairs",
+            line.place, line.text
+        ));
+    };
+    let words: Vec<String> = words
+        .into_iter()
+        .take_while(|word| !["|", ">", "<", "&&", "..."].contains(&word.as_str()))
         .collect();
     if words.is_empty() || words.iter().any(|word| is_placeholder(word)) {
         return None;
     }
-    let error = Cli::try_parse_from(std::iter::once("forcectl").chain(words)).err()?;
+    let error = Cli::try_parse_from(std::iter::once("forcectl".to_owned()).chain(words)).err()?;
     match error.kind() {
         ErrorKind::DisplayHelp | ErrorKind::DisplayVersion => None,
         ErrorKind::MissingRequiredArgument if !line.to_type => None,
@@ -133,9 +148,14 @@ fn documented_calls_are_understood() {
 fn calls_are_found_and_wrong_ones_told() {
     let page = "Type `forcectl status --rig usb` or `cargo forcectl explain N`, not `forcectl::x`.\n\
                 `forcectl residual --apply` too.\n```sh\ncargo forcectl set-force 0 1 0 --for 3 # old\n```\n    \
-                forcectl residual --apply x\n";
+                forcectl residual --apply x\n\n    forcectl completions bash \\\n      --no-such-option\n    forcectl \
+                explain \"33\"\n";
     let lines = calls("page", page);
-    assert_eq!(lines.len(), 5, "{lines:#?}");
+    assert_eq!(lines.len(), 7, "{lines:#?}");
     let wrong: Vec<bool> = lines.iter().map(|line| mistake(line).is_some()).collect();
-    assert_eq!(wrong, [true, false, false, true, true], "{lines:#?}");
+    assert_eq!(
+        wrong,
+        [true, false, false, true, true, true, false],
+        "{lines:#?}"
+    );
 }
