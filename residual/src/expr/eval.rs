@@ -1,6 +1,6 @@
 //! Evaluation on every row of a frame.
 
-use super::{memory, Expr, Func};
+use super::{memory, trigonometry, Expr, Func};
 use crate::error::Error;
 use crate::frame::Frame;
 use std::borrow::Cow;
@@ -23,6 +23,18 @@ impl<'a> Value<'a> {
             Value::Rows(Cow::Borrowed(v)) => Value::owned(v.iter().map(|x| f(*x)).collect()),
             Value::Rows(Cow::Owned(mut v)) => {
                 v.iter_mut().for_each(|x| *x = f(*x));
+                Value::owned(v)
+            }
+        }
+    }
+
+    /// The same function for one number, and for many at once in place.
+    fn all(self, one: impl Fn(f64) -> f64, many: impl Fn(&mut [f64])) -> Value<'a> {
+        match self {
+            Value::One(x) => Value::One(one(x)),
+            Value::Rows(v) => {
+                let mut v = v.into_owned();
+                many(&mut v);
                 Value::owned(v)
             }
         }
@@ -146,8 +158,8 @@ impl Expr {
             Func::Sqrt => x.map(f64::sqrt),
             Func::Exp => x.map(f64::exp),
             Func::Log => x.map(f64::ln),
-            Func::Sin => x.map(f64::sin),
-            Func::Cos => x.map(f64::cos),
+            Func::Sin => x.all(f64::sin, trigonometry::sines),
+            Func::Cos => x.all(f64::cos, trigonometry::cosines),
             Func::Tan => x.map(f64::tan),
             Func::Tanh => x.map(f64::tanh),
             Func::Atan => x.map(f64::atan),

@@ -14,6 +14,7 @@ mod eval;
 mod function;
 mod memory;
 mod parse;
+mod trigonometry;
 
 pub use function::Func;
 

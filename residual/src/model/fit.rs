@@ -211,7 +211,7 @@ impl Fit {
             local = terms.local.iter().copied().zip(sizes).collect();
         }
         let sums = raw.on(p, &columns, &residual);
-        let scores = Scores::new(p, &sums);
+        let scores = Scores::new(p, &sums, &p.flips);
         Ok(Fit {
             view,
             projector,

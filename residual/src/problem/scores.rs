@@ -14,10 +14,10 @@ pub(crate) struct Scores {
 }
 
 impl Scores {
-    /// Leave-one-fold-out errors for the real residual and every decoy.
-    pub fn new(p: &Problem, s: &Sums) -> Scores {
-        let (q, folds, nb) = (s.q, p.folds, p.blocks.len());
-        let targets = p.flips.len() + 1;
+    /// Leave-one-fold-out errors for the real residual and every decoy, given by its signs.
+    pub fn new(p: &Problem, s: &Sums, decoys: &[Vec<f64>]) -> Scores {
+        let (q, folds) = (s.q, p.folds);
+        let targets = decoys.len() + 1;
         let mut g = vec![vec![0.0; q * q]; folds];
         for (k, b) in p.blocks.iter().enumerate() {
             g[b.fold]
@@ -47,9 +47,9 @@ impl Scores {
         for j in 0..targets {
             b.fill(0.0);
             yy.fill(0.0);
-            for k in 0..nb {
-                let sign = if j == 0 { 1.0 } else { p.flips[j - 1][k] };
-                let f = p.blocks[k].fold;
+            for (k, block) in p.blocks.iter().enumerate() {
+                let sign = if j == 0 { 1.0 } else { decoys[j - 1][k] };
+                let f = block.fold;
                 yy[f] += s.rhs(k, sign, &mut b[f * q..(f + 1) * q]);
             }
             tb.fill(0.0);
@@ -73,8 +73,8 @@ impl Scores {
 
     /// Errors of coefficients that every sequence has for itself: each half of its blocks (odd,
     /// even) is predicted from the other half, so a phase of its own brings no gain by itself.
-    pub fn local(p: &Problem, s: &Sums) -> Scores {
-        let (q, targets) = (s.q, p.flips.len() + 1);
+    pub fn local(p: &Problem, s: &Sums, decoys: &[Vec<f64>]) -> Scores {
+        let (q, targets) = (s.q, decoys.len() + 1);
         let mut out = Scores {
             folds: 1,
             train: vec![],
@@ -95,7 +95,7 @@ impl Scores {
                 let mut yy = [0.0; 2];
                 for (i, k) in run.clone().enumerate() {
                     let half = i % 2;
-                    let sign = if j == 0 { 1.0 } else { p.flips[j - 1][k] };
+                    let sign = if j == 0 { 1.0 } else { decoys[j - 1][k] };
                     g[half]
                         .iter_mut()
                         .zip(&s.g[k * q * q..])

@@ -1,11 +1,11 @@
 //! Candidates: the forms on offer, each with its best parameter and what it achieves.
 
-use super::grid::{bracket, neighbourhood, vertex, FINE};
+use super::grid::{bracket, neighbourhood, vertex, FINE, ROUGH};
 use super::significance::{acts_in_few, p_value, steady_where_it_acts, t_statistic};
 use super::Scan;
 use crate::effects::{Context, EffectRef, Variant, CATALOGUE};
 use crate::model::Chosen;
-use crate::problem::{profile, Scores};
+use crate::problem::{profile, Block, Scores};
 use rayon::prelude::*;
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::Arc;
@@ -97,10 +97,17 @@ impl Candidate {
     }
 }
 
-/// Values of the nonlinear parameter of one form that were tried, with their scores.
+/// One value of the nonlinear parameter of a form.
+struct Tried {
+    psi: f64,
+    scores: Scores,
+    /// Held-out squared error by block; empty where it is computed for the chosen values alone.
+    losses: Vec<f64>,
+}
+
+/// Values of the nonlinear parameter of one form that were tried.
 struct Points {
-    /// Parameter and scores.
-    tried: Vec<(f64, Scores)>,
+    tried: Vec<Tried>,
     /// Held-out squared error by target (0: the residual itself, then decoys).
     held: Vec<f64>,
     /// Index of the value that each fold chose on its training groups.
@@ -108,7 +115,7 @@ struct Points {
 }
 
 impl Points {
-    fn new(tried: Vec<(f64, Scores)>) -> Points {
+    fn new(tried: Vec<Tried>) -> Points {
         let mut out = Points {
             tried,
             held: vec![],
@@ -119,7 +126,7 @@ impl Points {
     }
 
     fn choose(&mut self) {
-        let refs: Vec<&Scores> = self.tried.iter().map(|p| &p.1).collect();
+        let refs: Vec<&Scores> = self.tried.iter().map(|p| &p.scores).collect();
         (self.held, self.choice) = profile(&refs);
     }
 
@@ -127,8 +134,23 @@ impl Points {
     fn best(&self) -> Option<f64> {
         self.tried
             .iter()
-            .min_by(|a, b| a.1.train_total().total_cmp(&b.1.train_total()))
-            .map(|p| p.0)
+            .min_by(|a, b| a.scores.train_total().total_cmp(&b.scores.train_total()))
+            .map(|p| p.psi)
+    }
+
+    /// Held-out squared error by block when each fold uses its own choice, from what was kept. A form whose coefficients every
+    /// sequence has for itself has one choice, `psi`.
+    fn losses(&self, blocks: &[Block], local: bool, psi: f64) -> Vec<f64> {
+        let one = self.tried.iter().find(|t| t.psi == psi);
+        let of = |k: usize, block: &Block| {
+            let tried = if local {
+                one
+            } else {
+                self.tried.get(self.choice[block.fold])
+            };
+            tried.map_or(f64::NAN, |t| t.losses[k])
+        };
+        blocks.iter().enumerate().map(|(k, b)| of(k, b)).collect()
     }
 }
 
@@ -159,41 +181,45 @@ impl Scan<'_> {
                 (Some(p), _) => p.grid.clone(),
             })
             .collect();
-        // On all rows after a screening each value comes up once: to keep its columns would only fill the memory.
-        self.tried(offers, &grids, focus.is_none())
+        self.tried(offers, &grids, focus.is_some())
             .into_par_iter()
             .enumerate()
             .filter_map(|(i, tried)| self.candidate(&offers[i], &grids[i], tried, focus.is_some()))
             .collect()
     }
 
-    /// Scores of every form at every value of its grid.
+    /// Scores of every form at every value of its grid. After screening (`focused`) the values are few, and each comes up
+    /// once: their errors by block are kept, their columns are not.
     fn tried<O: Origin>(
         &self,
         offers: &[Offer<O>],
         grids: &[Vec<f64>],
-        keep: bool,
-    ) -> Vec<Vec<(f64, Scores)>> {
+        focused: bool,
+    ) -> Vec<Vec<Tried>> {
         let jobs: Vec<(usize, f64)> = grids
             .iter()
             .enumerate()
             .flat_map(|(i, g)| g.iter().map(move |x| (i, *x)))
             .collect();
         let done = AtomicUsize::new(0);
-        let scored: Vec<Option<Scores>> = jobs
+        let scored: Vec<Option<(Scores, Vec<f64>)>> = jobs
             .par_iter()
             .map(|(i, psi)| {
-                let scores = self.score(&(offers[*i].variant.build)(*psi), keep);
+                let scores = self.score(&(offers[*i].variant.build)(*psi), !focused, focused);
                 if let Some(report) = &self.problem.ticker {
                     report(done.fetch_add(1, Ordering::Relaxed) + 1, jobs.len());
                 }
                 scores
             })
             .collect();
-        let mut out: Vec<Vec<(f64, Scores)>> = offers.iter().map(|_| vec![]).collect();
+        let mut out: Vec<Vec<Tried>> = offers.iter().map(|_| vec![]).collect();
         for ((i, psi), s) in jobs.iter().zip(scored) {
-            if let Some(s) = s {
-                out[*i].push((*psi, s));
+            if let Some((scores, losses)) = s {
+                out[*i].push(Tried {
+                    psi: *psi,
+                    scores,
+                    losses,
+                });
             }
         }
         out
@@ -205,7 +231,7 @@ impl Scan<'_> {
         &self,
         offer: &Offer<O>,
         grid: &[f64],
-        tried: Vec<(f64, Scores)>,
+        tried: Vec<Tried>,
         focused: bool,
     ) -> Option<Candidate<O>> {
         let variant = &offer.variant;
@@ -247,13 +273,14 @@ impl Scan<'_> {
             .collect();
         let (mut t, mut steady, mut losses) = (0.0, false, vec![]);
         let mut local_in_time = false;
-        if gain > 0.25 * material {
-            let psis: Vec<f64> = if local {
-                vec![psi]
+        if gain > 0.25 * material && !self.screening {
+            losses = if focused {
+                points.losses(&self.problem.blocks, local, psi)
             } else {
-                points.choice.iter().map(|c| points.tried[*c].0).collect()
+                let chosen = points.choice.iter().map(|c| points.tried[*c].psi);
+                let psis = if local { vec![psi] } else { chosen.collect() };
+                self.losses(variant, &psis)
             };
-            losses = self.losses(variant, &psis);
             let before = self.base_losses(local);
             t = t_statistic(&before, &losses);
             steady = t >= 2.5 || steady_where_it_acts(&before, &losses);
@@ -280,13 +307,17 @@ impl Scan<'_> {
         let at: Vec<(f64, f64)> = points
             .tried
             .iter()
-            .map(|(psi, scores)| (*psi, scores.train_total()))
+            .map(|t| (t.psi, t.scores.train_total()))
             .collect();
         let Some(psi) = vertex(&at) else {
             return;
         };
-        if let Some(s) = self.score(&(variant.build)(psi), false) {
-            points.tried.push((psi, s));
+        if let Some((scores, losses)) = self.score(&(variant.build)(psi), false, true) {
+            points.tried.push(Tried {
+                psi,
+                scores,
+                losses,
+            });
             points.choose();
         }
     }
@@ -296,10 +327,15 @@ impl Scan<'_> {
         let at = points.best()?;
         let resolution = variant.psi.as_ref().and_then(|p| p.resolution);
         let (lo, hi) = resolution.map_or_else(|| bracket(grid, at), |d| (at - d, at + d));
-        let psi = self.refine(variant, lo, hi, FINE);
+        let steps = if self.screening { ROUGH } else { FINE };
+        let psi = self.refine(variant, lo, hi, steps);
         for psi in [psi, psi + 0.15 * (at - psi), psi - 0.15 * (at - psi)] {
-            if let Some(s) = self.score(&(variant.build)(psi), false) {
-                points.tried.push((psi, s));
+            if let Some((scores, losses)) = self.score(&(variant.build)(psi), false, false) {
+                points.tried.push(Tried {
+                    psi,
+                    scores,
+                    losses,
+                });
             }
         }
         points.choose();

@@ -6,6 +6,9 @@ use crate::effects::{Psi, Variant};
 /// Steps of a golden-section search that find an optimum to a 2000th of the interval.
 pub(crate) const FINE: usize = 16;
 
+/// Steps that find it to a 30th, enough for a scan on all rows to begin there.
+pub(super) const ROUGH: usize = 7;
+
 /// Values around `at`: a seventh of a grid step apart.
 pub(super) fn neighbourhood(p: &Psi, at: f64) -> Vec<f64> {
     let k = p.grid.partition_point(|g| *g < at);

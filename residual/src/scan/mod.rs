@@ -34,6 +34,9 @@ pub(crate) struct Scan<'a> {
     pub load: &'a str,
     pub model: &'a Model,
     pub fit: &'a Fit,
+    /// Whether it only ranks the forms, on fewer rows: without decoys, with parameters to a part of a grid step. The forms
+    /// that come first are scanned on all rows.
+    pub screening: bool,
 }
 
 /// Sums of products of a model with a form applied.
@@ -52,6 +55,7 @@ impl<'a> Scan<'a> {
             load,
             model: &on.model,
             fit: &on.fit,
+            screening: false,
         }
     }
 
@@ -176,14 +180,25 @@ impl<'a> Scan<'a> {
         })
     }
 
-    /// Errors of the residual and of every decoy with a build applied.
-    fn score(&self, build: &Build, keep: bool) -> Option<Scores> {
+    /// Errors of the residual and of every decoy with a build applied, and the held-out squared error by block if
+    /// `by_block`, else nothing.
+    fn score(&self, build: &Build, keep: bool, by_block: bool) -> Option<(Scores, Vec<f64>)> {
+        let p = self.problem;
         let Applied { sums, local } = self.sums(build, keep).ok()?;
-        Some(if local {
-            Scores::local(self.problem, &sums)
+        let decoys: &[Vec<f64>] = if self.screening { &[] } else { &p.flips };
+        let mut losses = vec![f64::NAN; if by_block { p.blocks.len() } else { 0 }];
+        let scores = if local {
+            if by_block {
+                sums.hold_out_halves(p, &mut losses);
+            }
+            Scores::local(p, &sums, decoys)
         } else {
-            Scores::new(self.problem, &sums)
-        })
+            if by_block {
+                sums.hold_out(p, &|_| true, &mut losses);
+            }
+            Scores::new(p, &sums, decoys)
+        };
+        Some((scores, losses))
     }
 
     /// In-sample squared error with a build (cheaper than scores: no decoys).
@@ -193,7 +208,9 @@ impl<'a> Scan<'a> {
                 let (x, _) = sums.fit(None);
                 (0..sums.yy.len()).map(|k| sums.block_error(k, &x)).sum()
             }
-            Ok(Applied { sums, local: true }) => Scores::local(self.problem, &sums).train_total(),
+            Ok(Applied { sums, local: true }) => {
+                Scores::local(self.problem, &sums, &[]).train_total()
+            }
             Err(_) => f64::INFINITY,
         }
     }

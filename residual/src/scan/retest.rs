@@ -23,14 +23,14 @@ impl Scan<'_> {
             .collect();
         let columns: Vec<&[f64]> = self.fit.x.iter().map(|c| c.as_slice()).collect();
         let sums = Sums::new(self.problem, &columns, &residual, None, None);
-        let scores = Scores::new(self.problem, &sums);
+        let scores = Scores::new(self.problem, &sums, &self.problem.flips);
         let fit = self.fit.on(residual, sums, scores);
         let after = Scan { fit: &fit, ..*self };
         let mut grid = c.variant.psi.as_ref().map_or(vec![], |p| p.grid.clone());
         grid.push(c.psi);
         let points: Vec<Scores> = grid
             .par_iter()
-            .filter_map(|psi| after.score(&(c.variant.build)(*psi), true))
+            .filter_map(|psi| Some(after.score(&(c.variant.build)(*psi), true, false)?.0))
             .collect();
         let base = c.base * self.problem.y.len() as f64 / rows.max(1) as f64;
         let refs: Vec<&Scores> = points.iter().collect();

@@ -234,6 +234,7 @@ impl<'a> Search<'a> {
                 let small = Scan {
                     problem: thin,
                     fit: &fit,
+                    screening: true,
                     ..self.scan_on(on)
                 };
                 let mut first = small.candidates(&offers(self, &small.context()), None);
