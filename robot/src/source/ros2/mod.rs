@@ -104,18 +104,31 @@ impl Ros2 {
     }
 }
 
+/// Highest domain: its ports, 7400 + 250 domain and up to 250 more, must be below 65536 (DDSI-RTPS 2.5 section 9.6.2.3).
+const LAST_DOMAIN: u16 = 232;
+
 /// The domain: of the configuration, else of ROS_DOMAIN_ID, else 0.
 fn domain(config: &Ros2Config) -> Result<u16, SourceError> {
     if let Some(domain) = config.domain {
-        return Ok(domain);
+        return if domain <= LAST_DOMAIN {
+            Ok(domain)
+        } else {
+            Err(SourceError::Config {
+                key: "domain",
+                why: format!("{domain} is no number from 0 to {LAST_DOMAIN}"),
+            })
+        };
     }
     let Ok(text) = std::env::var("ROS_DOMAIN_ID") else {
         return Ok(0);
     };
-    text.trim().parse().map_err(|_| SourceError::Config {
-        key: "domain",
-        why: format!("ROS_DOMAIN_ID is `{text}`, which is no number from 0 to 232"),
-    })
+    let number = text.trim().parse().ok();
+    number
+        .filter(|domain| *domain <= LAST_DOMAIN)
+        .ok_or_else(|| SourceError::Config {
+            key: "domain",
+            why: format!("ROS_DOMAIN_ID is `{text}`, which is no number from 0 to {LAST_DOMAIN}"),
+        })
 }
 
 /// A subscription, whatever its type: passes on what has come.
