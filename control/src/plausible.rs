@@ -27,7 +27,7 @@
 //! # More pull than the command
 //!
 //! A reel that speeds up against a cable whose tension rises above its setpoint is driven by more force than its command
-//! gives: a robot that comes closer lowers the tension, one that goes away turns the reel the other way. [`Surge`] compares
+//! gives: a robot that comes closer lowers the tension, one that goes away turns the reel the other way. `Surge` compares
 //! the momentum of four samples with the force that the command can explain. It acts within 10 ms of a jump of the
 //! amplifier's gain, before the load cell's filter has followed.
 

@@ -8,6 +8,7 @@ use estimator::{
 };
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use std::f64::consts::{PI, TAU};
 
 const KINDS: [Kind; 5] = [
     Kind::Mlp,
@@ -26,8 +27,8 @@ fn sequence(trial: usize, rows: usize) -> Sequence {
             [
                 random.random_range(0.5..0.8),
                 random.random_range(0.9..1.3),
-                random.random_range(0.0..6.28),
-                random.random_range(0.0..6.28),
+                random.random_range(0.0..TAU),
+                random.random_range(0.0..TAU),
             ]
         })
         .collect();
@@ -36,8 +37,7 @@ fn sequence(trial: usize, rows: usize) -> Sequence {
         let time = row as f64 * 0.02;
         let values: Vec<f64> = (waves.iter())
             .map(|[slow, fast, phase, other]| {
-                0.6 * (slow * 6.28 * time / 2.0 + phase).sin()
-                    + 0.6 * (fast * 6.28 * time / 2.0 + other).sin()
+                0.6 * (slow * PI * time + phase).sin() + 0.6 * (fast * PI * time + other).sin()
             })
             .collect();
         if values[0].abs() > 0.5 {

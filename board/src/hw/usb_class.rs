@@ -183,8 +183,8 @@ pub fn discard_packet() {
     endpoint.modify(|_, w| w.snak().set_bit());
     endpoint.modify(|_, w| w.epdis().set_bit());
     if startup::wait_for(READS, || endpoint.read().epena().bit_is_clear()) {
-        // SAFETY: the number of a FIFO that exists.
         core.grstctl().modify(|_, w| {
+            // SAFETY: the number of a FIFO that exists.
             unsafe { w.txfnum().bits(BULK_IN & 0xF) }
                 .txfflsh()
                 .set_bit()

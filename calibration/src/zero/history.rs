@@ -14,7 +14,7 @@ pub struct PowerUp {
     pub zero_n: f64,
     /// Its standard error, N.
     pub se_n: f64,
-    /// Mounting part, N, as [`split`] gives it.
+    /// Mounting part, N, as [`split`](super::split) gives it.
     pub mounting_n: f64,
 }
 

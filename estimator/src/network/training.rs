@@ -426,7 +426,10 @@ impl Trainer {
         progress: &mut dyn FnMut(&Progress),
     ) -> Result<(), ModelError> {
         pass.add(loss);
-        if standing.update % (standing.updates / 20).max(1) == 0 {
+        if standing
+            .update
+            .is_multiple_of((standing.updates / 20).max(1))
+        {
             let mean = pass.mean()?;
             self.report(standing, mean, None, progress);
         }
