@@ -4,8 +4,12 @@
 //! `s = share G(tau)`, where `G` follows from the loads and their times alone: linear in the share, so that only the time
 //! constant has to be searched. Hysteresis looks alike where each load is read once; a load that is read while it stays
 //! tells them apart, so creep is looked for only in a series with such a hold.
+//!
+//! The time at which a load came on has an error. A change from `F0` to `F1` that comes by `e` later moves `s` at a time `t`
+//! after it by `share e (F0 - F1)/tau exp(-t/tau)`: an error that the readings after the change share.
 
-use super::{design, force_n, Model, Options, Reading, Term};
+use super::least_squares::{design, force_n, Model};
+use super::{Options, Reading, Term};
 use nalgebra::{DMatrix, DVector};
 
 /// Readings of one load in a row that make a hold.
@@ -44,27 +48,102 @@ pub(super) fn can_tell(used: &[Reading]) -> bool {
     timed && held
 }
 
+/// A change of the load within a series.
+struct Change {
+    /// The first reading after it.
+    reading: usize,
+    /// When, s, and the standard error of that, s.
+    at: (f64, f64),
+    /// Whether that was seen, and not guessed.
+    seen: bool,
+    /// The load before and after it, N.
+    load: (f64, f64),
+}
+
+/// The changes of the load, in the order of the readings.
+fn changes(used: &[Reading], options: &Options) -> Vec<Change> {
+    let mut out = Vec::new();
+    for (i, pair) in used.windows(2).enumerate() {
+        let load = (
+            force_n(pair[0].weight_g, options),
+            force_n(pair[1].weight_g, options),
+        );
+        if load.0 == load.1 {
+            continue;
+        }
+        let from = pair[0].time_s.unwrap_or(0.0);
+        let to = pair[1].time_s.unwrap_or(from).max(from);
+        let at = match pair[1].since_s {
+            Some(since) => (
+                since.clamp(from, to),
+                pair[1].since_sd_s.unwrap_or(options.load_time_sd_s),
+            ),
+            // Where nothing else is known, any time between the two readings is as likely as another.
+            None => (0.5 * (from + to), (to - from) / 12f64.sqrt()),
+        };
+        out.push(Change {
+            reading: i + 1,
+            at,
+            seen: pair[1].since_s.is_some(),
+            load,
+        });
+    }
+    out
+}
+
 /// `G(tau)` of each reading, N: the creep of a cell whose share is 1. The cell starts relaxed at the first reading.
 pub(super) fn course(used: &[Reading], options: &Options, tau_s: f64) -> Vec<f64> {
     let mut crept = 0.0;
     let mut at = used.first().and_then(|r| r.time_s).unwrap_or(0.0);
     let mut load = used.first().map_or(0.0, |r| force_n(r.weight_g, options));
+    let mut changes = changes(used, options).into_iter().peekable();
     let mut out = Vec::with_capacity(used.len());
-    for reading in used {
-        let time = reading.time_s.unwrap_or(at);
-        let next = force_n(reading.weight_g, options);
-        if next != load {
-            // Where nothing else is known, the weight was changed half way between two readings.
-            let change = reading.since_s.unwrap_or(0.5 * (at + time));
-            let change = change.clamp(at, time.max(at));
-            crept = passed(crept, load, (change - at) / tau_s);
-            (at, load) = (change, next);
+    for (i, reading) in used.iter().enumerate() {
+        if let Some(change) = changes.next_if(|change| change.reading == i) {
+            let when = change.at.0.max(at);
+            crept = passed(crept, load, (when - at) / tau_s);
+            (at, load) = (when, change.load.1);
         }
-        crept = passed(crept, load, (time - at).max(0.0) / tau_s);
-        at = at.max(time);
+        let time = reading.time_s.unwrap_or(at).max(at);
+        crept = passed(crept, load, (time - at) / tau_s);
+        at = time;
         out.push(crept);
     }
     out
+}
+
+/// Covariance of the codes from the errors of the times at which the loads came on, codes^2. Times that were seen have errors
+/// of their own. Guessed ones have one error in common: who hangs weights does it at the same pace each time.
+pub(super) fn time_covariance(
+    used: &[Reading],
+    options: &Options,
+    model: &Model,
+    codes_per_n: f64,
+) -> DMatrix<f64> {
+    let n = used.len();
+    let mut out = DMatrix::zeros(n, n);
+    if model.share == 0.0 {
+        // Not known yet, and neither is the time constant.
+        return out;
+    }
+    let mut guessed = DVector::zeros(n);
+    for change in changes(used, options) {
+        let (at_s, sd_s) = change.at;
+        let moved =
+            model.share * codes_per_n * sd_s * (change.load.0 - change.load.1) / model.tau_s;
+        let error = DVector::from_fn(n, |i, _| match used[i].time_s {
+            Some(time_s) if i >= change.reading => {
+                moved * (-(time_s - at_s).max(0.0) / model.tau_s).exp()
+            }
+            _ => 0.0,
+        });
+        if change.seen {
+            out += &error * error.transpose();
+        } else {
+            guessed += error;
+        }
+    }
+    out + &guessed * guessed.transpose()
 }
 
 /// What has crept after so many time constants under a load, N.

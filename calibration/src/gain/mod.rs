@@ -17,120 +17,32 @@
 //! shared out over the candidates). The error of a reading has three parts: its standard error, a repeatability that
 //! all readings share and that the readings themselves give (Paule and Mandel, *J. Res. NBS* 87 (1982) 377), and the
 //! error of the weight, which is the same each time this weight is put on. The last part makes the errors of
-//! readings with one weight correlated; generalised least squares allows for it. The error of g is common to
+//! readings with one weight correlated; generalised least squares allows for it. Where a cell creeps, the time at which a load
+//! came on has an error too ([`creep`]): it is the same in all readings after it. The error of g is common to
 //! everything and is added at the end.
 
 pub mod conversion;
 pub mod creep;
 pub mod entries;
+mod error;
 pub mod figures;
+mod least_squares;
+mod reading;
 
-use crate::input::{InputError, Location, Table};
+pub use error::GainError;
+pub use reading::{read, Direction, Reading};
+
+use crate::input::Location;
 use crate::{stats, STANDARD_GRAVITY_M_PER_S2};
 use creep::CreepTerm;
-use entries::WrongEntry;
-use nalgebra::{DMatrix, DVector};
+use least_squares::{
+    design, force_n, mean_temperature, own_covariance, solve, weight_covariance, Model, Solution,
+};
+use reading::{different_weights, usable};
 use std::collections::BTreeMap;
 
 /// The weights of the thesis, g.
 pub const WEIGHTS_G: [f64; 7] = [10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0];
-
-/// Whether a weight was put on or taken off to come to this load.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Direction {
-    /// The load went up.
-    Loading,
-    /// The load went down.
-    Unloading,
-}
-
-/// One reading: the mean code under one weight.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Reading {
-    /// Where it was entered.
-    pub at: Location,
-    /// Weight as entered, g; 0 for the empty cell.
-    pub weight_g: f64,
-    /// Mean code.
-    pub code: f64,
-    /// Standard error of the mean code, autocorrelation included; see [`crate::zero::measure`].
-    pub standard_error_codes: f64,
-    /// Which way the load was reached, where known.
-    pub direction: Option<Direction>,
-    /// Middle of the reading, s from some start, where known.
-    pub time_s: Option<f64>,
-    /// When the load came on, s from the same start, where known.
-    pub since_s: Option<f64>,
-    /// Temperature of the cell, degrees Celsius, where a sensor gives it.
-    pub temperature_c: Option<f64>,
-}
-
-/// Columns that a table of readings may have.
-const COLUMNS: [&str; 7] = [
-    "weight_g",
-    "code",
-    "standard_error",
-    "direction",
-    "time_s",
-    "since_s",
-    "temperature_c",
-];
-
-/// Reads a table with the columns `weight_g`, `code`, `standard_error` (codes) and, where known, `direction`
-/// (`loading` or `unloading`), `time_s`,
-/// `since_s`, `temperature_c`. `file` is the name that errors give.
-///
-/// # Errors
-/// [`InputError`] with the line of the first cell that can't be used: weights from 0 to 3,000 g, codes of 24 bits,
-/// standard errors above 0.
-pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
-    let table = Table::parse(file, text)?;
-    table.check_columns(&COLUMNS)?;
-    let weight = table.column("weight_g")?;
-    let code = table.column("code")?;
-    let error = table.column("standard_error")?;
-    let direction = table.find("direction");
-    let time = table.find("time_s");
-    let since = table.find("since_s");
-    let temperature = table.find("temperature_c");
-    table
-        .rows()
-        .iter()
-        .map(|row| {
-            let weight_g = table.number(row, weight)?;
-            if !(0.0..=3000.0).contains(&weight_g) {
-                return Err(table.bad_value(row, weight, "a weight is 0 to 3000 g"));
-            }
-            let mean = table.number(row, code)?;
-            if mean.abs() > f64::from(1 << 23) {
-                return Err(table.bad_value(row, code, "a code has 24 bits: -8388608 to 8388607"));
-            }
-            let standard_error_codes = table.number(row, error)?;
-            if standard_error_codes <= 0.0 {
-                return Err(table.bad_value(row, error, "a standard error is above 0"));
-            }
-            let direction = match direction.map(|c| (c, table.text(row, c).to_lowercase())) {
-                None => None,
-                Some((_, text)) if text.is_empty() => None,
-                Some((_, text)) if text == "loading" => Some(Direction::Loading),
-                Some((_, text)) if text == "unloading" => Some(Direction::Unloading),
-                Some((c, _)) => {
-                    return Err(table.bad_value(row, c, "a direction is `loading` or `unloading`"))
-                }
-            };
-            Ok(Reading {
-                at: row.at.clone(),
-                weight_g,
-                code: mean,
-                standard_error_codes,
-                direction,
-                time_s: table.optional_number(row, time)?,
-                since_s: table.optional_number(row, since)?,
-                temperature_c: table.optional_number(row, temperature)?,
-            })
-        })
-        .collect()
-}
 
 /// What [`fit`] has to know besides the readings.
 #[derive(Debug, Clone, PartialEq)]
@@ -143,6 +55,9 @@ pub struct Options {
     /// Limit of the weights' relative error: +-0.001 for +-0.1 %, equally likely within (standard uncertainty
     /// limit / sqrt 3, GUM 4.3.7). Errors of different weights are independent.
     pub weight_limit_relative: f64,
+    /// Standard error of the time at which a load came on, s, for readings that do not give their own. A weight that is put
+    /// on by hand takes some tenths of a second. It counts where a cell creeps.
+    pub load_time_sd_s: f64,
     /// Weights that may have been meant, g: see [`entries`].
     pub weights_g: Vec<f64>,
     /// Nominal scale, N per code; a scale further than a factor of two from it is refused. `None` accepts any.
@@ -159,6 +74,7 @@ impl Default for Options {
             gravity_m_per_s2: STANDARD_GRAVITY_M_PER_S2,
             gravity_relative_sd: 0.001,
             weight_limit_relative: 0.001,
+            load_time_sd_s: 0.1,
             weights_g: WEIGHTS_G.to_vec(),
             nominal_n_per_code: Some(6.85e-6),
             left_out: Vec::new(),
@@ -180,29 +96,6 @@ pub enum Term {
     ZeroTime,
     /// Creep, codes per N of crept load.
     Creep,
-}
-
-/// The terms of a fit beside zero and slope, and what they depend on that is not linear.
-#[derive(Debug, Clone, Default)]
-struct Model {
-    terms: Vec<Term>,
-    /// Time constant of the creep, s.
-    tau_s: f64,
-    /// Whether the fit has a column for an error of that, so that the covariances allow for it.
-    tau_free: bool,
-    /// Share of the creep, as far as it is known: the curve bends what has crept as well.
-    share: f64,
-}
-
-impl Model {
-    fn has(&self, term: Term) -> bool {
-        self.terms.contains(&term)
-    }
-
-    /// Coefficients of the fit.
-    fn columns(&self) -> usize {
-        2 + self.terms.len() + usize::from(self.tau_free)
-    }
 }
 
 /// A coefficient with its standard error and the p-value of its being zero.
@@ -277,66 +170,6 @@ pub struct Residual {
     pub sd_n: f64,
 }
 
-/// Why readings give no gain.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum GainError {
-    /// Too few readings or different weights.
-    #[error("{readings} usable readings with {weights} different weights give no gain; at least 3 readings with 3 weights (0 g counts) are needed")]
-    TooFew {
-        /// Readings used.
-        readings: usize,
-        /// Different weights.
-        weights: usize,
-    },
-    /// A number that can't be used.
-    #[error("{at}: {what} is {value}; {advice}")]
-    BadReading {
-        /// Where the reading was entered.
-        at: Location,
-        /// Which number.
-        what: &'static str,
-        /// Its value.
-        value: f64,
-        /// What is allowed.
-        advice: &'static str,
-    },
-    /// An option that can't be used.
-    #[error("{name} is {value}; {advice}")]
-    BadOption {
-        /// The field of [`Options`].
-        name: &'static str,
-        /// Its value.
-        value: f64,
-        /// What is allowed.
-        advice: &'static str,
-    },
-    /// A line to leave out or to correct that no reading has.
-    #[error("no reading stands in line {line}, which is to be left out or corrected")]
-    NoSuchLine {
-        /// The line.
-        line: usize,
-    },
-    /// Readings that don't belong to the weight they are entered with.
-    #[error("{}", entries::describe(.0))]
-    WrongEntries(Vec<WrongEntry>),
-    /// A scale that no cell of this kind has.
-    #[error("the scale would be {n_per_code:.3e} N per code, more than a factor of two from the nominal {nominal:.3e}; are the weights in gram, is the gain of the converter right?")]
-    ImplausibleScale {
-        /// The scale found, N per code.
-        n_per_code: f64,
-        /// The nominal one, N per code.
-        nominal: f64,
-    },
-    /// The code does not follow the load.
-    #[error("the code does not depend on the load (slope {codes_per_n:.1} codes per N, standard error {se:.1}); check the bridge's wiring and that the weights hang on the cell")]
-    NoSlope {
-        /// The slope, codes per N.
-        codes_per_n: f64,
-        /// Its standard error, codes per N.
-        se: f64,
-    },
-}
-
 /// Level at which a further term is taken in, shared out over the candidates.
 const TERM_LEVEL: f64 = 0.01;
 
@@ -408,8 +241,8 @@ fn with(
     let mut slope = before.beta[1];
     let mut found = None;
     for _ in 0..3 {
-        let covariance =
-            own_variance(used, repeatability) + weight_covariance(used, options, slope);
+        let covariance = own_covariance(used, options, &more, slope, repeatability)
+            + weight_covariance(used, options, slope);
         let inverse = covariance.cholesky()?.inverse();
         more.tau_s = creep::search(used, options, &more, &inverse)?;
         more.share = creep::share(used, options, &more, &inverse)?;
@@ -465,11 +298,14 @@ fn only_shaped(used: &[Reading], options: &Options) -> bool {
             parts.fold(0.0, f64::max) / range
         };
         let curve = if weights >= enough { large } else { small };
+        let own = own_covariance(used, options, &model, best.beta[1], 0.0);
         let straight: Vec<Reading> = used
             .iter()
             .enumerate()
             .map(|(row, r)| Reading {
                 code: r.code - part(Term::Quadratic, row) - part(Term::Creep, row),
+                // What a creeping cell reads is as uncertain as the times of its loads.
+                standard_error_codes: own[(row, row)].sqrt(),
                 ..r.clone()
             })
             .collect();
@@ -481,94 +317,6 @@ fn only_shaped(used: &[Reading], options: &Options) -> bool {
         }
     }
     false
-}
-
-/// The readings with corrections made and lines left out, or what can't be used.
-fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Reading>, GainError> {
-    let bad = |name, value, advice| GainError::BadOption {
-        name,
-        value,
-        advice,
-    };
-    let g = options.gravity_m_per_s2;
-    if !(9.7..=9.9).contains(&g) {
-        return Err(bad("gravity_m_per_s2", g, "on Earth it is 9.76 to 9.84"));
-    }
-    for (name, value) in [
-        ("gravity_relative_sd", options.gravity_relative_sd),
-        ("weight_limit_relative", options.weight_limit_relative),
-    ] {
-        if !(0.0..0.1).contains(&value) {
-            return Err(bad(
-                name,
-                value,
-                "it is relative, 0 to 0.1 (0.1 % is 0.001)",
-            ));
-        }
-    }
-    for &line in options.left_out.iter().chain(options.corrections_g.keys()) {
-        if !readings.iter().any(|r| r.at.line == line) {
-            return Err(GainError::NoSuchLine { line });
-        }
-    }
-    let mut used = Vec::new();
-    for reading in readings {
-        if options.left_out.contains(&reading.at.line) {
-            continue;
-        }
-        let mut reading = reading.clone();
-        if let Some(&weight) = options.corrections_g.get(&reading.at.line) {
-            reading.weight_g = weight;
-        }
-        let check = |what, value: f64, ok: bool, advice| {
-            if ok && value.is_finite() {
-                Ok(())
-            } else {
-                Err(GainError::BadReading {
-                    at: reading.at.clone(),
-                    what,
-                    value,
-                    advice,
-                })
-            }
-        };
-        check(
-            "the weight",
-            reading.weight_g,
-            reading.weight_g >= 0.0,
-            "it has to be finite and not negative",
-        )?;
-        check("the code", reading.code, true, "it has to be finite")?;
-        check(
-            "the standard error",
-            reading.standard_error_codes,
-            reading.standard_error_codes > 0.0,
-            "it has to be finite and above 0",
-        )?;
-        for (what, value) in [
-            ("the time", reading.time_s),
-            ("the time of the load", reading.since_s),
-            ("the temperature", reading.temperature_c),
-        ] {
-            check(what, value.unwrap_or(0.0), true, "it has to be finite")?;
-        }
-        used.push(reading);
-    }
-    let weights = different_weights(&used);
-    if used.len() < 3 || weights < 3 {
-        return Err(GainError::TooFew {
-            readings: used.len(),
-            weights,
-        });
-    }
-    Ok(used)
-}
-
-fn different_weights(readings: &[Reading]) -> usize {
-    let mut weights: Vec<f64> = readings.iter().map(|r| r.weight_g).collect();
-    weights.sort_by(f64::total_cmp);
-    weights.dedup();
-    weights.len()
 }
 
 /// Further terms that these readings can tell.
@@ -596,179 +344,6 @@ fn candidates(used: &[Reading]) -> Vec<Term> {
         terms.push(Term::Creep);
     }
     terms
-}
-
-/// One generalised least-squares fit. Columns: zero, slope, then the terms.
-struct Solution {
-    beta: DVector<f64>,
-    covariance: DMatrix<f64>,
-    /// Part of `covariance` that comes from the readings, not from the weights.
-    from_readings: DMatrix<f64>,
-    residuals: DVector<f64>,
-    repeatability: f64,
-    chi_square: f64,
-    dof: usize,
-}
-
-impl Solution {
-    /// Degrees of freedom of coefficient `i`: infinite as far as it comes from the weights, whose tolerance is given
-    /// (Welch and Satterthwaite, GUM G.4).
-    fn effective_dof(&self, i: usize) -> f64 {
-        let (all, own) = (self.covariance[(i, i)], self.from_readings[(i, i)]);
-        self.dof as f64 * (all / own).powi(2)
-    }
-
-    fn coefficient(&self, i: usize) -> Coefficient {
-        let standard_error = self.covariance[(i, i)].sqrt();
-        Coefficient {
-            value: self.beta[i],
-            standard_error,
-            p: stats::student_two_sided(self.beta[i] / standard_error, self.effective_dof(i)),
-        }
-    }
-}
-
-fn force_n(weight_g: f64, options: &Options) -> f64 {
-    1e-3 * weight_g * options.gravity_m_per_s2
-}
-
-fn mean_temperature(used: &[Reading]) -> Option<f64> {
-    let values: Option<Vec<f64>> = used.iter().map(|r| r.temperature_c).collect();
-    values.map(|v| v.iter().sum::<f64>() / v.len() as f64)
-}
-
-fn design(used: &[Reading], options: &Options, model: &Model) -> DMatrix<f64> {
-    let reference = mean_temperature(used).unwrap_or(0.0);
-    let start = used.first().and_then(|r| r.time_s).unwrap_or(0.0);
-    let crept = if model.has(Term::Creep) {
-        creep::course(used, options, model.tau_s)
-    } else {
-        vec![0.0; used.len()]
-    };
-    let by_log_tau = if model.tau_free {
-        creep::course_by_log_tau(used, options, model.tau_s)
-    } else {
-        Vec::new()
-    };
-    DMatrix::from_fn(used.len(), model.columns(), |row, column| {
-        if column == 2 + model.terms.len() {
-            return by_log_tau[row];
-        }
-        let r = &used[row];
-        let force = force_n(r.weight_g, options);
-        let warmer = r.temperature_c.map_or(0.0, |t| t - reference);
-        match column {
-            0 => 1.0,
-            1 => force,
-            _ => match model.terms[column - 2] {
-                Term::Quadratic => (force + model.share * crept[row]).powi(2),
-                Term::ZeroTemperature => warmer,
-                Term::SlopeTemperature => warmer * force,
-                Term::ZeroTime => r.time_s.unwrap_or(start) - start,
-                Term::Creep => crept[row],
-            },
-        }
-    })
-}
-
-fn solve(used: &[Reading], options: &Options, model: &Model) -> Result<Solution, GainError> {
-    let n = used.len();
-    let x = design(used, options, model);
-    let too_few = || GainError::TooFew {
-        readings: n,
-        weights: different_weights(used),
-    };
-    if n <= x.ncols() {
-        return Err(too_few());
-    }
-    let y = DVector::from_iterator(n, used.iter().map(|r| r.code));
-    // The weights' errors in codes need the slope; a slope without them is right to far better than needed.
-    let mut slope = {
-        let weights =
-            DVector::from_iterator(n, used.iter().map(|r| r.standard_error_codes.powi(-2)));
-        let xtw = x.transpose() * DMatrix::from_diagonal(&weights);
-        let beta = (&xtw * &x)
-            .cholesky()
-            .ok_or_else(too_few)?
-            .solve(&(&xtw * &y));
-        beta[1]
-    };
-    let dof = n - x.ncols();
-    let mut last = None;
-    for _ in 0..2 {
-        let from_weights = weight_covariance(used, options, slope);
-        let at = |repeatability: f64| gls(used, &x, &y, &from_weights, repeatability);
-        let own = at(0.0).ok_or_else(too_few)?;
-        let chi_square = own.chi_square;
-        let mut solution = own;
-        if chi_square > dof as f64 {
-            // Paule and Mandel: the repeatability at which chi-square is what it should be.
-            let (mut low, mut high) = (0.0, 1.0);
-            while at(high).is_some_and(|s| s.chi_square > dof as f64) && high < 1e9 {
-                high *= 4.0;
-            }
-            for _ in 0..50 {
-                let middle = 0.5 * (low + high);
-                if at(middle).is_some_and(|s| s.chi_square > dof as f64) {
-                    low = middle;
-                } else {
-                    high = middle;
-                }
-            }
-            solution = at(high).ok_or_else(too_few)?;
-        }
-        solution.chi_square = chi_square;
-        slope = solution.beta[1];
-        last = Some(solution);
-    }
-    last.ok_or_else(too_few)
-}
-
-/// Covariance of the codes from the errors of the weights, codes^2.
-fn weight_covariance(used: &[Reading], options: &Options, codes_per_n: f64) -> DMatrix<f64> {
-    let relative = options.weight_limit_relative / 3f64.sqrt();
-    DMatrix::from_fn(used.len(), used.len(), |i, j| {
-        if used[i].weight_g == used[j].weight_g {
-            (relative * codes_per_n * force_n(used[i].weight_g, options)).powi(2)
-        } else {
-            0.0
-        }
-    })
-}
-
-/// Covariance of the codes from the readings' own errors, codes^2.
-fn own_variance(used: &[Reading], repeatability: f64) -> DMatrix<f64> {
-    let variances = used
-        .iter()
-        .map(|r| r.standard_error_codes.powi(2) + repeatability * repeatability);
-    DMatrix::from_diagonal(&DVector::from_iterator(used.len(), variances))
-}
-
-fn gls(
-    used: &[Reading],
-    x: &DMatrix<f64>,
-    y: &DVector<f64>,
-    from_weights: &DMatrix<f64>,
-    repeatability: f64,
-) -> Option<Solution> {
-    let n = used.len();
-    let own = own_variance(used, repeatability);
-    let inverse = (&own + from_weights).cholesky()?.inverse();
-    let xtw = x.transpose() * &inverse;
-    let covariance = (&xtw * x).cholesky()?.inverse();
-    let estimator = &covariance * &xtw;
-    let beta = &estimator * y;
-    let residuals = y - x * &beta;
-    let chi_square = (residuals.transpose() * &inverse * &residuals)[0];
-    Some(Solution {
-        beta,
-        from_readings: &estimator * own * estimator.transpose(),
-        covariance,
-        residuals,
-        repeatability,
-        chi_square,
-        dof: n - x.ncols(),
-    })
 }
 
 fn finish(

@@ -40,6 +40,7 @@ fn series(
                 direction: Some(direction),
                 time_s: Some(line as f64 * 20.0),
                 since_s: None,
+                since_sd_s: None,
                 temperature_c: None,
             });
         }
@@ -327,6 +328,7 @@ proptest! {
                 direction: None,
                 time_s: None,
                 since_s: None,
+                since_sd_s: None,
                 temperature_c: None,
             })
             .collect();
@@ -400,6 +402,7 @@ fn creeping(seed: u64, curve: f64, share: f64, tau_s: f64, hold: usize) -> Vec<R
             direction: None,
             time_s: Some(start + 1.5),
             since_s: Some(since),
+            since_sd_s: None,
             temperature_c: None,
         });
     }
@@ -427,6 +430,59 @@ fn curve_and_creep_are_found_together_with_intervals() {
         // Binomial(10, 0.95): below 7 once in 10^3, and the seeds are fixed.
         assert!(shares >= 7 && times >= 7, "{shares} {times} of 10");
     }
+}
+
+#[test]
+fn intervals_allow_for_errors_of_the_times() {
+    let (share, tau, late_s) = (0.06, 6.0, 0.3);
+    let covered = |load_time_sd_s: f64| {
+        let options = Options {
+            load_time_sd_s,
+            ..options()
+        };
+        let hits = (0..40).filter(|seed| {
+            let mut readings = creeping(*seed, 0.0, share, tau, 15);
+            let mut rng = ChaCha8Rng::seed_from_u64(1000 + seed);
+            let mut known: Option<(f64, f64)> = None;
+            for reading in &mut readings {
+                // One error for all readings of one load.
+                let since = reading.since_s.unwrap();
+                if known.is_none_or(|(of, _)| of != since) {
+                    known = Some((since, since + late_s * normal(&mut rng)));
+                }
+                reading.since_s = known.map(|(_, measured)| measured);
+            }
+            // Times that are wrong may also look like wrong entries.
+            let Ok(gain) = fit(&readings, &options) else {
+                return false;
+            };
+            let creep = gain.creep.unwrap();
+            (creep.share - share).abs() < 1.96 * creep.share_se
+                && (creep.time_95_s.0..=creep.time_95_s.1).contains(&tau)
+        });
+        hits.count()
+    };
+    // Both intervals at once: 90 % of 40 if they were independent. The seeds are fixed.
+    let (with, without) = (covered(late_s), covered(0.0));
+    assert!(with >= 32 && without < 28, "{with} and {without} of 40");
+}
+
+#[test]
+fn a_time_that_is_not_known_lies_anywhere_between_two_readings() {
+    let mut readings = creeping(1, 0.0, 0.06, 6.0, 15);
+    let known = fit(&readings, &options()).unwrap().creep.unwrap();
+    for reading in &mut readings {
+        reading.since_s = None;
+    }
+    let unknown = fit(&readings, &options()).unwrap().creep.unwrap();
+    assert!(
+        unknown.share_se > 1.5 * known.share_se,
+        "{known:?} {unknown:?}"
+    );
+    assert!(
+        (unknown.share - 0.06).abs() < 3.0 * unknown.share_se,
+        "{unknown:?}"
+    );
 }
 
 #[test]

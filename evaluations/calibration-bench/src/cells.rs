@@ -126,6 +126,7 @@ fn series(cell: &Cell, weights: &[f64], gravity: f64, rng: &mut ChaCha8Rng) -> V
                 direction: Some(direction),
                 time_s: None,
                 since_s: None,
+                since_sd_s: None,
                 temperature_c: None,
             });
         }

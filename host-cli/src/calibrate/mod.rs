@@ -7,7 +7,7 @@
 //! | where are calibrations kept, which versions are there | [`store`] |
 //! | what is a rig's calibration before anything was measured; how does it enter the rig file's settings | [`base`] |
 //! | codes of the load cells; zeros | [`cells`], [`zeros`] |
-//! | gains from weights | [`weights`] |
+//! | gains from weights; when a weight was hung | [`weights`], [`load_time`] |
 //! | exit points and axes from a digitizer | [`points`] |
 //! | the same from a moving tip | [`moving`] |
 //! | who stands in for weights and digitizer on an emulated rig | [`standin`] |
@@ -19,6 +19,7 @@
 pub mod applied;
 pub mod base;
 pub mod cells;
+pub mod load_time;
 pub mod moving;
 pub mod picture;
 pub mod points;

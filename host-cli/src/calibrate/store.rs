@@ -233,8 +233,15 @@ impl Draft {
     /// Adds a row; the file gets its header first.
     ///
     /// # Errors
-    /// The file can't be written.
+    /// The file can't be written, or was begun with another header.
     pub fn add(&self, header: &str, row: &str) -> Result<()> {
+        let kept = self.text()?.unwrap_or_default();
+        if kept.lines().next().is_some_and(|line| line != header) {
+            return Err(CalibrateError::refused(format!(
+                "{} was begun by another version of forcectl and has other columns; --restart begins anew",
+                self.path.display()
+            )));
+        }
         let write = || {
             if let Some(folder) = self.path.parent() {
                 std::fs::create_dir_all(folder)?;

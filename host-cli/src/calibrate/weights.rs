@@ -1,14 +1,16 @@
 //! Gains from weights: in which order they are hung, the readings as they are kept, and the fit.
 
+use super::load_time::CameOn;
 use super::store::Draft;
 use super::{CalibrateError, Result};
 use calibration::gain::{self, figures, Direction, Gain, GainError, Options, Reading};
 use calibration::record::{Record, UnitRecord};
+use calibration::stats;
 use calibration::zero::{self, Limits};
 use std::time::Duration;
 
 /// Header of the readings; `calibration::gain::read` takes it.
-pub const HEADER: &str = "weight_g,code,standard_error,direction,time_s,since_s";
+pub const HEADER: &str = "weight_g,code,standard_error,direction,time_s,since_s,since_sd_s";
 /// Time until cell and converter have settled after a weight was hung.
 pub const SETTLE: Duration = Duration::from_millis(1000);
 /// Time over which a weight is read.
@@ -71,12 +73,23 @@ pub fn plan(weights_g: &[f64], rounds: usize, creep: Duration) -> Vec<Load> {
     out
 }
 
+/// The codes under one load.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mean {
+    /// Mean code.
+    pub code: f64,
+    /// Its standard error, codes.
+    pub standard_error: f64,
+    /// Standard deviation of a single code.
+    pub sd: f64,
+}
+
 /// Mean code and its standard error of a stream under one load.
 ///
 /// # Errors
 /// The stream gives none: it drifts by more than `drift_n` (N), is noisy, or stands still. The limit of the noise is that of
 /// a swinging weight that has to come to rest: 50 mN.
-pub fn mean(codes: &[i32], nominal_n_per_code: f64, drift_n: f64) -> Result<(f64, f64)> {
+pub fn mean(codes: &[i32], nominal_n_per_code: f64, drift_n: f64) -> Result<Mean> {
     let limits = Limits {
         nominal_n_per_code: nominal_n_per_code.abs(),
         noise_n: 0.05,
@@ -85,7 +98,12 @@ pub fn mean(codes: &[i32], nominal_n_per_code: f64, drift_n: f64) -> Result<(f64
         ..Limits::default()
     };
     let found = zero::measure(codes, &limits).map_err(CalibrateError::refused)?;
-    Ok((found.mean_codes, found.mean_se_codes))
+    let all: Vec<f64> = codes.iter().map(|code| f64::from(*code)).collect();
+    Ok(Mean {
+        code: found.mean_codes,
+        standard_error: found.mean_se_codes,
+        sd: stats::robust_sd(&all),
+    })
 }
 
 /// How far a reading may drift while it is taken, N: what a weight that comes to rest does, and where creep is looked for,
@@ -100,22 +118,30 @@ pub fn drift_limit_n(largest_g: f64, creep: bool) -> f64 {
     0.02 + creeps
 }
 
-/// Adds a reading to a draft. `at_s`: when it was read and since when the load was on, from the start of the series.
+/// Adds a reading to a draft. `at_s`: when it was read, s from the start of the series; `since`: when the load came on.
 ///
 /// # Errors
-/// The file can't be written.
-pub fn keep(draft: &Draft, load: &Load, mean: (f64, f64), at_s: (f64, f64)) -> Result<()> {
+/// The file can't be written, or holds other columns.
+pub fn keep(
+    draft: &Draft,
+    load: &Load,
+    mean: &Mean,
+    at_s: f64,
+    since: Option<CameOn>,
+) -> Result<()> {
     let direction = match load.direction {
         Some(Direction::Loading) => "loading",
         Some(Direction::Unloading) => "unloading",
         None => "",
     };
+    let since = since.map_or_else(
+        || ",".to_owned(),
+        |since| format!("{:.3},{:.3}", since.at_s, since.sd_s),
+    );
+    let (weight_g, code, standard_error) = (load.weight_g, mean.code, mean.standard_error);
     draft.add(
         HEADER,
-        &format!(
-            "{},{:.3},{:.4},{direction},{:.1},{:.1}",
-            load.weight_g, mean.0, mean.1, at_s.0, at_s.1
-        ),
+        &format!("{weight_g},{code:.3},{standard_error:.4},{direction},{at_s:.3},{since}"),
     )
 }
 
@@ -194,7 +220,7 @@ mod tests {
                 Some((line, weight)) if line == i + 2 => weight,
                 _ => load.weight_g,
             };
-            text.push_str(&format!("{weight},{code},30,,,\n"));
+            text.push_str(&format!("{weight},{code},30,,,,\n"));
         }
         text
     }
@@ -238,17 +264,16 @@ mod tests {
         };
         assert!(fit("w.csv", &table(Some((5, 500.0))), &corrected).is_ok());
         assert!(fails("").contains("w.csv: the file is empty"));
-        assert!(
-            fails(&format!("{HEADER}\n10,1e3,30,,,\n20,abc,30,,,\n")).starts_with("w.csv:3: `abc`")
-        );
-        assert!(fails(&format!("{HEADER}\n10,NaN,30,,,\n")).starts_with("w.csv:2: `NaN`"));
-        assert!(fails(&format!("{HEADER}\n10,1000,30,,,\n")).contains("at least 3 readings"));
+        assert!(fails(&format!("{HEADER}\n10,1e3,30,,,,\n20,abc,30,,,,\n"))
+            .starts_with("w.csv:3: `abc`"));
+        assert!(fails(&format!("{HEADER}\n10,NaN,30,,,,\n")).starts_with("w.csv:2: `NaN`"));
+        assert!(fails(&format!("{HEADER}\n10,1000,30,,,,\n")).contains("at least 3 readings"));
         // A quadratic cell keeps its curve.
         let mut text = format!("{HEADER}\n");
         for load in plan(&gain::WEIGHTS_G, 2, Duration::ZERO) {
             let force = load.weight_g * 9.80665e-3;
             let code = (force + 2e-3 * force * force) / 7e-6;
-            text.push_str(&format!("{},{code},20,,,\n", load.weight_g));
+            text.push_str(&format!("{},{code},20,,,,\n", load.weight_g));
         }
         let curved = fit("w.csv", &text, &Options::default()).unwrap();
         let found = curved.gain.conversion();
@@ -265,21 +290,27 @@ mod tests {
         let loads = plan(&gain::WEIGHTS_G, 2, Duration::ZERO);
         for (i, load) in loads.iter().enumerate() {
             let code = 500.0 + load.weight_g * 9.80665e-3 / 6.5e-6 + [9.0, -12.0, 4.0][i % 3];
-            keep(
-                &draft,
-                load,
-                (code, 15.0),
-                (2.0 * i as f64, 2.0 * i as f64 - 1.5),
-            )
-            .unwrap();
+            let mean = Mean {
+                code,
+                standard_error: 15.0,
+                sd: 200.0,
+            };
+            let at_s = 2.0 * i as f64;
+            // One that was not seen.
+            let since = (i != 4).then_some(CameOn {
+                at_s: at_s - 1.5,
+                sd_s: 0.02,
+            });
+            keep(&draft, load, &mean, at_s, since).unwrap();
         }
         let text = draft.text().unwrap().unwrap();
         let found = fit("draft", &text, &Options::default()).unwrap();
         assert_eq!(found.readings, loads.len());
         assert!(found.shape.hysteresis.is_some());
         let mut codes: Vec<i32> = (0..320).map(|i| 1000 + (i * 37) % 21).collect();
-        let (mean_code, se) = mean(&codes, 6.85e-6, 0.02).unwrap();
-        assert!((mean_code - 1010.0).abs() < 1.0 && se > 0.0);
+        let found = mean(&codes, 6.85e-6, 0.02).unwrap();
+        assert!((found.code - 1010.0).abs() < 1.0 && found.standard_error > 0.0);
+        assert!((3.0..12.0).contains(&found.sd), "{found:?}");
         codes.truncate(10);
         assert!(mean(&codes, 6.85e-6, 0.02).is_err());
     }

@@ -161,6 +161,7 @@ impl Gain {
             nominal_n_per_code: nominal.map(|unit| unit.scale_n_per_count.abs()),
             left_out: self.leave_out.clone(),
             corrections_g: self.correct.iter().copied().collect(),
+            ..Options::default()
         }
     }
 

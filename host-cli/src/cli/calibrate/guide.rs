@@ -3,6 +3,7 @@
 use super::super::exit::{self, Failure, Result};
 use super::super::output;
 use std::io::BufRead;
+use std::sync::mpsc::{self, TryRecvError};
 
 /// What the user says.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -18,9 +19,33 @@ pub enum Answer {
 /// Asks, and waits for a line on standard input. The end of the input is a stop.
 pub fn ask(prompt: &str) -> Result<Answer> {
     output::to_stderr(prompt);
+    read_answer()
+}
+
+/// The same, and `step` is called again and again until the answer is there.
+///
+/// # Errors
+/// Those of [`ask`], and the first of `step`.
+pub fn ask_while(prompt: &str, step: &mut dyn FnMut() -> Result<()>) -> Result<Answer> {
+    output::to_stderr(prompt);
+    let (sender, receiver) = mpsc::channel();
+    // After an error of `step` the thread goes on waiting for a line; it ends with the program.
+    std::thread::spawn(move || {
+        // Nobody listens any more when the question was broken off.
+        let _ = sender.send(read_answer());
+    });
+    loop {
+        match receiver.try_recv() {
+            Ok(answer) => return answer,
+            Err(TryRecvError::Empty) => step()?,
+            Err(TryRecvError::Disconnected) => return Ok(Answer::Quit),
+        }
+    }
+}
+
+fn read_answer() -> Result<Answer> {
     let mut line = String::new();
-    let read = std::io::stdin().lock().read_line(&mut line);
-    match read {
+    match std::io::stdin().lock().read_line(&mut line) {
         Ok(0) => Ok(Answer::Quit),
         Ok(_) => Ok(answer(&line)),
         Err(error) => Err(Failure::new(

@@ -5,12 +5,14 @@ use super::super::progress::Progress;
 use super::super::Context;
 use super::guide::{self, Answer};
 use super::{hang, Bench};
+use host_cli::calibrate::load_time::{self, CameOn, Watch};
 use host_cli::calibrate::standin::Weights;
 use host_cli::calibrate::store::Draft;
-use host_cli::calibrate::weights::{self, Load};
+use host_cli::calibrate::weights::{self, Load, Mean};
 use host_cli::calibrate::{cells, CalibrateError};
+use host_cli::run::RunError;
 use host_cli::session::Session;
-use std::sync::atomic::AtomicBool;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
 use wire::UNITS;
@@ -39,8 +41,12 @@ pub(super) struct Series<'p> {
     done: usize,
     /// The weight may not hang although it is to stay: the series goes on within a hold, or a reading failed.
     hang_again: bool,
-    /// Since when the load is on, s.
-    since_s: f64,
+    /// Since when the load is on; `None` where that was not seen.
+    since: Option<CameOn>,
+    /// Codes since the last reading that is kept.
+    watches: Vec<(u8, Watch)>,
+    /// Codes of that reading; `None` where the weight may have been changed since.
+    before: Option<Vec<Mean>>,
     /// Time of the series when this part of it began, s, and the link's time then, ns.
     begun: (f64, u64),
 }
@@ -83,7 +89,9 @@ impl<'p> Series<'p> {
             stop: context.interrupt.flag(),
             done,
             hang_again: true,
-            since_s: begun_s,
+            since: None,
+            watches: group.iter().map(|unit| (*unit, Watch::default())).collect(),
+            before: None,
             begun: (begun_s, session.now_ns()),
         };
         if done > 0 {
@@ -103,9 +111,10 @@ impl<'p> Series<'p> {
         loads.filter(|load| !load.stays).count()
     }
 
-    fn now_s(&self, session: &Session<'_>) -> f64 {
+    /// Time of the series, s, of a time of the link, ns.
+    fn time_s(&self, link_ns: u64) -> f64 {
         let (begun_s, begun_ns) = self.begun;
-        begun_s + 1e-9 * session.now_ns().saturating_sub(begun_ns) as f64
+        begun_s + 1e-9 * link_ns.saturating_sub(begun_ns) as f64
     }
 
     /// Takes the readings that are left.
@@ -133,22 +142,26 @@ impl<'p> Series<'p> {
     ) -> Result<()> {
         while let Some(&load) = self.plan.loads.get(self.done) {
             if !load.stays || std::mem::take(&mut self.hang_again) {
-                if let Next::Ask = self.ask(&load, context)? {
+                if let Next::Ask = self.ask(&load, session, context)? {
                     continue;
                 }
                 self.hang_again = false;
-                // A real link's time stands while the user is asked.
-                session
-                    .advance(Duration::from_millis(10))
-                    .map_err(CalibrateError::from)?;
-                self.since_s = self.now_s(session);
                 if let Some(standin) = standin {
+                    self.since = Some(CameOn {
+                        at_s: self.time_s(session.now_ns()),
+                        sd_s: 0.0,
+                    });
                     hang(session, self.group, standin.force_n(load.weight_g))?;
                 }
             }
             let part = self.done as f64 / self.plan.loads.len() as f64;
             match self.take(session, &mut || progress.at("weighing", part)) {
-                Ok(means) => self.keep(session, &load, &means)?,
+                Ok(means) => {
+                    if standin.is_none() {
+                        self.see_change(&load, &means);
+                    }
+                    self.keep(session, &load, means)?;
+                }
                 Err(CalibrateError::Refused(why)) if !self.plan.yes => {
                     self.hang_again = true;
                     progress.beside(|output| {
@@ -161,13 +174,30 @@ impl<'p> Series<'p> {
         Ok(())
     }
 
-    /// Asks for a load.
-    fn ask(&mut self, load: &Load, context: &Context) -> Result<Next> {
+    /// Asks for a load, and watches the cells until the answer.
+    fn ask(&mut self, load: &Load, session: &mut Session<'_>, context: &Context) -> Result<Next> {
         if self.plan.yes {
             return Ok(Next::Read);
         }
         let (done, of) = (self.asked(self.done), self.asked(usize::MAX));
-        match guide::ask(&instruction(&self.who, load, done, of))? {
+        let prompt = instruction(&self.who, load, done, of);
+        let emulated = session.link().controls().is_some();
+        let mut watches = std::mem::take(&mut self.watches);
+        let answer = guide::ask_while(&prompt, &mut || {
+            if self.stop.load(Ordering::Relaxed) {
+                return Err(CalibrateError::from(RunError::Interrupted).into());
+            }
+            if emulated {
+                // Its stand-in hangs the weight after the answer; until then its time stands.
+                std::thread::sleep(Duration::from_millis(20));
+                return Ok(());
+            }
+            Ok(load_time::step(session, &mut watches, |ns| {
+                self.time_s(ns)
+            })?)
+        });
+        self.watches = watches;
+        match answer? {
             Answer::Undo => {
                 self.undo()?;
                 Ok(Next::Ask)
@@ -188,6 +218,8 @@ impl<'p> Series<'p> {
     /// Takes the last reading back, and those of a hold with the one that began it.
     fn undo(&mut self) -> Result<()> {
         self.hang_again = true;
+        self.before = None;
+        self.forget_watched();
         while self.done > 0 {
             self.drafts.iter().try_for_each(Draft::undo)?;
             self.done -= 1;
@@ -198,15 +230,44 @@ impl<'p> Series<'p> {
         Ok(())
     }
 
-    fn keep(&mut self, session: &Session<'_>, load: &Load, means: &[(f64, f64)]) -> Result<()> {
-        let at_s = self.now_s(session) - 0.5 * weights::READ.as_secs_f64();
-        for (draft, mean) in self.drafts.iter().zip(means) {
+    fn forget_watched(&mut self) {
+        for (_, watch) in &mut self.watches {
+            *watch = Watch::default();
+        }
+    }
+
+    /// When the load came on that was just read. By hand, a group is one unit.
+    fn see_change(&mut self, load: &Load, means: &[Mean]) {
+        let last = self
+            .done
+            .checked_sub(1)
+            .and_then(|i| self.plan.loads.get(i));
+        let same = last.is_some_and(|last| last.weight_g == load.weight_g);
+        let (Some((_, watch)), Some(after)) = (self.watches.first(), means.first()) else {
+            return;
+        };
+        let before = match &self.before {
+            Some(before) => before.first().map(|mean| mean.code),
+            None => watch.first_code(),
+        };
+        let seen = before.and_then(|before| watch.came_on(before, after.code, after.sd));
+        // The same weight once more: it is on since it came on first.
+        if seen.is_some() || !same {
+            self.since = seen;
+        }
+    }
+
+    fn keep(&mut self, session: &Session<'_>, load: &Load, means: Vec<Mean>) -> Result<()> {
+        let at_s = self.time_s(session.now_ns()) - 0.5 * weights::READ.as_secs_f64();
+        for (draft, mean) in self.drafts.iter().zip(&means) {
             // A group that was broken off between two of its files.
             if draft.rows()? == self.done {
-                weights::keep(draft, load, *mean, (at_s, self.since_s))?;
+                weights::keep(draft, load, mean, at_s, self.since)?;
             }
         }
         self.done += 1;
+        self.before = Some(means);
+        self.forget_watched();
         Ok(())
     }
 
@@ -215,7 +276,7 @@ impl<'p> Series<'p> {
         &self,
         session: &mut Session<'_>,
         tick: &mut dyn FnMut(),
-    ) -> host_cli::calibrate::Result<Vec<(f64, f64)>> {
+    ) -> host_cli::calibrate::Result<Vec<Mean>> {
         let mut quiet = |_: f64| {};
         cells::codes(session, weights::SETTLE, &self.stop, &mut quiet)?;
         tick();

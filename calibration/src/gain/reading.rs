@@ -1,0 +1,207 @@
+//! The readings of a series of weights, and what can't be used among them.
+
+use super::{GainError, Options};
+use crate::input::{InputError, Location, Table};
+
+/// Whether a weight was put on or taken off to come to this load.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Direction {
+    /// The load went up.
+    Loading,
+    /// The load went down.
+    Unloading,
+}
+
+/// One reading: the mean code under one weight.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Reading {
+    /// Where it was entered.
+    pub at: Location,
+    /// Weight as entered, g; 0 for the empty cell.
+    pub weight_g: f64,
+    /// Mean code.
+    pub code: f64,
+    /// Standard error of the mean code, autocorrelation included; see [`crate::zero::measure`].
+    pub standard_error_codes: f64,
+    /// Which way the load was reached, where known.
+    pub direction: Option<Direction>,
+    /// Middle of the reading, s from some start, where known.
+    pub time_s: Option<f64>,
+    /// When the load came on, s from the same start, where known.
+    pub since_s: Option<f64>,
+    /// Standard error of [`Self::since_s`], s, where known; else [`Options::load_time_sd_s`] stands for it.
+    pub since_sd_s: Option<f64>,
+    /// Temperature of the cell, degrees Celsius, where a sensor gives it.
+    pub temperature_c: Option<f64>,
+}
+
+/// Columns that a table of readings may have.
+const COLUMNS: [&str; 8] = [
+    "weight_g",
+    "code",
+    "standard_error",
+    "direction",
+    "time_s",
+    "since_s",
+    "since_sd_s",
+    "temperature_c",
+];
+
+/// Reads a table with the columns `weight_g`, `code`, `standard_error` (codes) and, where known, `direction`
+/// (`loading` or `unloading`), `time_s`, `since_s`, `since_sd_s`, `temperature_c`. `file` is the name that errors give.
+///
+/// # Errors
+/// [`InputError`] with the line of the first cell that can't be used: weights from 0 to 3,000 g, codes of 24 bits,
+/// standard errors above 0, standard errors of times not below 0.
+pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
+    let table = Table::parse(file, text)?;
+    table.check_columns(&COLUMNS)?;
+    let weight = table.column("weight_g")?;
+    let code = table.column("code")?;
+    let error = table.column("standard_error")?;
+    let direction = table.find("direction");
+    let time = table.find("time_s");
+    let since = table.find("since_s");
+    let since_sd = table.find("since_sd_s");
+    let temperature = table.find("temperature_c");
+    table
+        .rows()
+        .iter()
+        .map(|row| {
+            let weight_g = table.number(row, weight)?;
+            if !(0.0..=3000.0).contains(&weight_g) {
+                return Err(table.bad_value(row, weight, "a weight is 0 to 3000 g"));
+            }
+            let mean = table.number(row, code)?;
+            if mean.abs() > f64::from(1 << 23) {
+                return Err(table.bad_value(row, code, "a code has 24 bits: -8388608 to 8388607"));
+            }
+            let standard_error_codes = table.number(row, error)?;
+            if standard_error_codes <= 0.0 {
+                return Err(table.bad_value(row, error, "a standard error is above 0"));
+            }
+            let direction = match direction.map(|c| (c, table.text(row, c).to_lowercase())) {
+                None => None,
+                Some((_, text)) if text.is_empty() => None,
+                Some((_, text)) if text == "loading" => Some(Direction::Loading),
+                Some((_, text)) if text == "unloading" => Some(Direction::Unloading),
+                Some((c, _)) => {
+                    return Err(table.bad_value(row, c, "a direction is `loading` or `unloading`"))
+                }
+            };
+            let since_sd_s = table.optional_number(row, since_sd)?;
+            if let Some(column) = since_sd.filter(|_| since_sd_s.is_some_and(|sd| sd < 0.0)) {
+                return Err(table.bad_value(
+                    row,
+                    column,
+                    "a standard error of a time is 0 or above",
+                ));
+            }
+            Ok(Reading {
+                at: row.at.clone(),
+                weight_g,
+                code: mean,
+                standard_error_codes,
+                direction,
+                time_s: table.optional_number(row, time)?,
+                since_s: table.optional_number(row, since)?,
+                since_sd_s,
+                temperature_c: table.optional_number(row, temperature)?,
+            })
+        })
+        .collect()
+}
+
+/// The readings with corrections made and lines left out, or what can't be used.
+pub(super) fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Reading>, GainError> {
+    let bad = |name, value, advice| GainError::BadOption {
+        name,
+        value,
+        advice,
+    };
+    let g = options.gravity_m_per_s2;
+    if !(9.7..=9.9).contains(&g) {
+        return Err(bad("gravity_m_per_s2", g, "on Earth it is 9.76 to 9.84"));
+    }
+    for (name, value) in [
+        ("gravity_relative_sd", options.gravity_relative_sd),
+        ("weight_limit_relative", options.weight_limit_relative),
+    ] {
+        if !(0.0..0.1).contains(&value) {
+            return Err(bad(
+                name,
+                value,
+                "it is relative, 0 to 0.1 (0.1 % is 0.001)",
+            ));
+        }
+    }
+    if !(0.0..=60.0).contains(&options.load_time_sd_s) {
+        let advice = "a standard error of a time is 0 to 60 s";
+        return Err(bad("load_time_sd_s", options.load_time_sd_s, advice));
+    }
+    for &line in options.left_out.iter().chain(options.corrections_g.keys()) {
+        if !readings.iter().any(|r| r.at.line == line) {
+            return Err(GainError::NoSuchLine { line });
+        }
+    }
+    let mut used = Vec::new();
+    for reading in readings {
+        if options.left_out.contains(&reading.at.line) {
+            continue;
+        }
+        let mut reading = reading.clone();
+        if let Some(&weight) = options.corrections_g.get(&reading.at.line) {
+            reading.weight_g = weight;
+        }
+        let check = |what, value: f64, ok: bool, advice| {
+            if ok && value.is_finite() {
+                Ok(())
+            } else {
+                Err(GainError::BadReading {
+                    at: reading.at.clone(),
+                    what,
+                    value,
+                    advice,
+                })
+            }
+        };
+        check(
+            "the weight",
+            reading.weight_g,
+            reading.weight_g >= 0.0,
+            "it has to be finite and not negative",
+        )?;
+        check("the code", reading.code, true, "it has to be finite")?;
+        check(
+            "the standard error",
+            reading.standard_error_codes,
+            reading.standard_error_codes > 0.0,
+            "it has to be finite and above 0",
+        )?;
+        for (what, value) in [
+            ("the time", reading.time_s),
+            ("the time of the load", reading.since_s),
+            ("the standard error of that time", reading.since_sd_s),
+            ("the temperature", reading.temperature_c),
+        ] {
+            check(what, value.unwrap_or(0.0), true, "it has to be finite")?;
+        }
+        used.push(reading);
+    }
+    let weights = different_weights(&used);
+    if used.len() < 3 || weights < 3 {
+        return Err(GainError::TooFew {
+            readings: used.len(),
+            weights,
+        });
+    }
+    Ok(used)
+}
+
+/// How many different weights there are, the empty cell counted.
+pub(super) fn different_weights(readings: &[Reading]) -> usize {
+    let mut weights: Vec<f64> = readings.iter().map(|r| r.weight_g).collect();
+    weights.sort_by(f64::total_cmp);
+    weights.dedup();
+    weights.len()
+}
