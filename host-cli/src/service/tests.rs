@@ -18,6 +18,9 @@ use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 use wire::Command;
 
+/// Longest wait for what has to come. A limit of patience, not of speed: the machine may be busy.
+const PATIENCE: Duration = Duration::from_secs(60);
+
 /// A board in memory whose time passes as fast as it can be computed; while nothing happens, at most three times as fast as on the
 /// clock on the wall.
 struct Paced {
@@ -223,10 +226,10 @@ impl Rig {
         commands.iter().filter(|c| *c == command).count()
     }
 
-    /// Waits for a state of the board, 5 s at most.
+    /// Waits for a state of the board.
     fn wait_for(&self, state: &str) {
         let mut client = self.client("a test");
-        let until = Instant::now() + Duration::from_secs(5);
+        let until = Instant::now() + PATIENCE;
         loop {
             let now = client.status().unwrap().state;
             if now == state {
@@ -350,13 +353,12 @@ fn a_commander_that_goes_away_has_the_rig_disarmed() {
     rig.wait_for("ready");
     assert_eq!(rig.got(&Command::Disarm), 1);
     let mut texts = String::new();
-    while let Some(Notification::Event(event)) = client.next(Duration::from_millis(100)).unwrap() {
-        texts += &event.text;
+    while !(texts.contains("killed") && texts.contains("is gone; the rig is disarmed")) {
+        match client.next(PATIENCE).unwrap() {
+            Some(Notification::Event(event)) => texts += &event.text,
+            other => panic!("{other:?} after {texts}"),
+        }
     }
-    assert!(
-        texts.contains("killed") && texts.contains("is gone; the rig is disarmed"),
-        "{texts}"
-    );
 }
 
 #[test]
@@ -392,7 +394,7 @@ fn a_program_without_this_library_commands_a_force() {
         force_n: [0.0, 2.0, 0.0],
         duration_s: 2.0,
     });
-    let outcome = client.call_within(force, Duration::from_secs(30)).unwrap();
+    let outcome = client.call_within(force, PATIENCE).unwrap();
     let y = outcome["metrics"]["applied_n"][1].as_f64().unwrap();
     assert!((y - 2.0).abs() < 0.1, "{y}");
     let (mut near, mut measured_near, mut named, mut last) = (0, 0, 0, None);
@@ -467,7 +469,7 @@ fn a_link_that_comes_back_is_used_again() {
             ..Topics::default()
         }))
         .unwrap();
-    let told = watching.next(Duration::from_secs(5)).unwrap();
+    let told = watching.next(PATIENCE).unwrap();
     let Some(Notification::Telemetry(told)) = told else {
         panic!("{told:?}");
     };
@@ -516,7 +518,7 @@ fn a_client_that_does_not_read_is_no_burden() {
         let asked = Instant::now();
         client.call(Call::Stop).unwrap();
         // Not a limit of speed: a service that waits for the lazy client never answers.
-        assert!(asked.elapsed() < Duration::from_secs(5));
+        assert!(asked.elapsed() < PATIENCE);
     }
     drop(lazy);
 }
@@ -611,12 +613,15 @@ fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
     }
     let status = holder.status().unwrap();
     // Those that left are gone; the job of the service and this client remain.
-    std::thread::sleep(Duration::from_millis(200));
-    assert!(
-        holder.status().unwrap().clients.len() <= 2,
-        "{:?}",
-        status.clients
-    );
+    let until = Instant::now() + PATIENCE;
+    loop {
+        let clients = holder.status().unwrap().clients;
+        if clients.len() <= 2 {
+            break;
+        }
+        assert!(Instant::now() < until, "{clients:?}");
+        std::thread::sleep(Duration::from_millis(20));
+    }
     assert_eq!(status.frames_bad, 0);
     assert_eq!(
         status_of(&status).frames_dropped,
