@@ -183,8 +183,8 @@ fn found(gains: &Value, kind: Kind) -> (usize, f64) {
         .filter(|unit| unit[flag].as_bool() == Some(true))
         .filter_map(|unit| match kind {
             Kind::Creep => unit["creep"].as_f64(),
-            // The cell's own curve, reading over load, has the other sign of the conversion's.
-            _ => Some(-unit["n_per_code2"].as_f64()? / unit["n_per_code"].as_f64()?.powi(2)),
+            // The curve of the reading over the load, as the truth states it.
+            _ => unit["curve_per_n"].as_f64(),
         })
         .collect();
     values.sort_by(f64::total_cmp);
@@ -210,9 +210,9 @@ mod tests {
     #[test]
     fn a_row_has_what_was_found_and_both_rigs() {
         let gains = json!({"gains": [
-            {"n_per_code": 2.0, "n_per_code2": -0.04, "curve_on_board": true, "creep_on_board": false},
-            {"n_per_code": 2.0, "n_per_code2": -0.08, "curve_on_board": true, "creep_on_board": false},
-            {"n_per_code": 2.0, "n_per_code2": -9.0, "curve_on_board": false, "creep_on_board": false},
+            {"curve_per_n": 0.01, "curve_on_board": true, "creep_on_board": false},
+            {"curve_per_n": 0.02, "curve_on_board": true, "creep_on_board": false},
+            {"curve_per_n": 9.0, "curve_on_board": false, "creep_on_board": false},
         ]});
         assert_eq!(found(&gains, Kind::CellCurve), (2, 0.02));
         assert_eq!(found(&gains, Kind::Creep), (0, 0.0));

@@ -232,7 +232,8 @@ impl Gain {
                 .output
                 .note(&format!("residuals: {}", path.display()));
             rows.push(json!({"unit": unit, "n_per_code": g.n_per_code, "n_per_code_half_95": g.n_per_code_half_95,
-                "n_per_code2": g.conversion().n_per_code2, "creep": g.creep.map(|c| c.share),
+                "n_per_code2": g.conversion().n_per_code2,
+                "curve_per_n": g.terms.get(&Term::Quadratic).map(|curve| curve.value / g.codes_per_n), "creep": g.creep.map(|c| c.share),
                 "creep_s": g.creep.map(|c| c.time_s), "curve_on_board": in_force.curve.pays, "creep_on_board": in_force.creep.pays,
                 "linearity_n": found.shape.linearity_n,
                 "hysteresis_n": found.shape.hysteresis.map(|h| h.largest_n), "readings": found.readings}));
