@@ -112,10 +112,10 @@ impl Watch {
 mod tests {
     use super::*;
     use crate::calibrate::cells;
-    use crate::inject::Injection;
     use crate::link::fake::{Behavior, FakeBoard};
     use crate::link::RigLink;
     use crate::rigfile::RigFile;
+    use emulator_link::Injection;
     use plant::PlantConfig;
 
     /// Codes of a course over time, 320 a second, with noise of 20 codes.
