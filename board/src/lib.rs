@@ -12,6 +12,7 @@ pub mod clocks;
 pub mod hw;
 pub mod machine;
 pub mod pins;
+pub mod register_table;
 pub mod telemetry;
 
 /// The part's name for probe-rs.
