@@ -5,6 +5,7 @@ use board::bus::Event;
 use board::clocks;
 use board::hw::counters::Counters;
 use board::hw::crash_record::{self, Stage};
+use board::hw::registers::Registers;
 use board::hw::usart::Usart;
 use board::hw::usb::Usb;
 use board::hw::watchdog::{Part, Watchdog};
@@ -38,6 +39,7 @@ pub struct Board {
     counts: [EncoderCounts; UNITS],
     outstanding: Outstanding,
     watchdog: Watchdog,
+    registers: Registers,
     links: [Link; LINKS],
     usb: Option<Usb>,
     usart: Usart,
@@ -134,6 +136,8 @@ impl Board {
             counts: [EncoderCounts::default(); UNITS],
             outstanding: Outstanding::default(),
             watchdog,
+            // Everything is set up.
+            registers: Registers::start(silicon),
             links: [Link::new(usb_queue), Link::new(usart_queue)],
             usb,
             usart,
@@ -230,6 +234,7 @@ impl Board {
         }
         crash_record::set_stage(Stage::Supervisor);
         let now = time::now();
+        let register_changed = self.registers.check(&mut self.usart);
         let dac_error = dac::take_error();
         let health = Health {
             estop_closed: gpio::read(pins::E_STOP),
@@ -237,6 +242,7 @@ impl Board {
             longest_pass_us: core::mem::take(&mut self.clock.longest_pass),
             events_lost: sensors::events_lost(),
             dac_error,
+            register_changed,
         };
         let blind = self.machine.wants_encoders();
         for unit in (0..UNITS as u8).filter(|unit| blind & (1 << unit) != 0) {

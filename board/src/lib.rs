@@ -5,6 +5,11 @@
 //! The hardware half (PAC, interrupts, `unsafe`) is in `hw` and exists on the target only.
 #![cfg_attr(target_os = "none", no_std)]
 
+/// The atomic types of [`shared`]; its test has others.
+mod atomics {
+    pub use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
+}
+
 pub mod bus;
 pub mod clocks;
 #[cfg(target_os = "none")]
@@ -12,6 +17,8 @@ pub mod clocks;
 pub mod hw;
 pub mod machine;
 pub mod pins;
+pub mod register_table;
+pub mod shared;
 pub mod telemetry;
 
 /// The part's name for probe-rs.

@@ -533,6 +533,13 @@ fn errors_of_the_board_itself_are_faults() {
             },
             Fault::DacLink,
         ),
+        (
+            Health {
+                register_changed: Some(0x4001_300C),
+                ..Health::default()
+            },
+            Fault::RegisterChanged,
+        ),
     ];
     for (health, fault) in cases {
         let mut bench = Bench::armed();
@@ -545,6 +552,31 @@ fn errors_of_the_board_itself_are_faults() {
         bench.sample(0);
         assert_eq!(bench.last[0], DacCode::ZERO_VOLT);
     }
+}
+
+/// A register that cannot be put right keeps its fault.
+#[test]
+fn a_changed_register_is_cleared_only_once_it_has_its_value_again() {
+    let mut bench = Bench::armed();
+    let changed = Health {
+        estop_closed: true,
+        register_changed: Some(0x5802_4428),
+        ..Health::default()
+    };
+    bench.machine.tick(bench.now, changed, &mut bench.board);
+    let status = bench.status();
+    assert_eq!(status.fault, Fault::RegisterChanged.code());
+    assert_eq!(status.fault_detail, 0x5802_4428);
+    let refused = Response::Rejected(CommandError::Faulted(Fault::RegisterChanged.code()));
+    assert_eq!(bench.ask(0, Command::ClearFaults), Some(refused));
+    let right = Health {
+        register_changed: None,
+        ..changed
+    };
+    bench.machine.tick(bench.now, right, &mut bench.board);
+    assert_eq!(bench.status().fault, Fault::RegisterChanged.code());
+    assert_eq!(bench.ask(0, Command::ClearFaults), Some(Response::Done));
+    assert_eq!(bench.status().fault, 0);
 }
 
 #[test]

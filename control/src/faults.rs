@@ -144,6 +144,11 @@ faults! {
         meaning: "The 8 MHz clock from the ST-Link stopped while the board ran. The board restarted and runs on its internal oscillator.",
         way_out: "Check the ST-Link's supply and its clock output (MCO), reset the board, then clear.",
         detail: "RCC_CIFR when it was noticed (RM0433 8.7.20)";
+    /// A register of the controller changed by itself.
+    RegisterChanged = 18, Board, "register changed",
+        meaning: "A configuration register of the controller (clock, pin, SPI, I2C, DMA, timer, interrupt) no longer has the value that start-up gave it, so outputs and measurements could be wrong. The DACs' RST line holds all motors at 0 V.",
+        way_out: "Wait a tenth of a second and clear: pins and SPI have been set up again. If the fault stays, reset the board. If it comes back, check the controller's supply, grounds and shields, and report the detail.",
+        detail: "address of the register (RM0433 2.3)";
 
     /// Over-tension.
     OverTension = 32, Unit, "over-tension",

@@ -67,6 +67,10 @@ pub struct Image {
     pub rtt: Option<u32>,
     /// Memory of the crash record, where the image has one.
     pub crash_record: Option<std::ops::Range<u32>>,
+    /// Memory of the stack, where the image names it (`_stack_end` to `_stack_start`, which it grows down from).
+    pub stack: Option<std::ops::Range<u32>>,
+    /// Memory of the variables, where the image names it (`__sdata` to `__ebss`).
+    pub variables: Option<std::ops::Range<u32>>,
     /// Addresses of all `WFI` instructions.
     pub sleeps: Vec<u32>,
 }
@@ -100,10 +104,18 @@ impl Image {
             ));
         }
         check_vectors(path, &bytes)?;
-        let rtt = file
-            .symbols()
-            .find(|symbol| symbol.name() == Ok("_SEGGER_RTT"))
-            .and_then(|symbol| u32::try_from(symbol.address()).ok());
+        let address = |name: &str| {
+            file.symbols()
+                .find(|symbol| symbol.name() == Ok(name))
+                .and_then(|symbol| u32::try_from(symbol.address()).ok())
+        };
+        let between = |from: &str, to: &str| {
+            let range = address(from)?..address(to)?;
+            (!range.is_empty()).then_some(range)
+        };
+        let rtt = address("_SEGGER_RTT");
+        let stack = between("_stack_end", "_stack_start");
+        let variables = between("__sdata", "__ebss");
         let crash_record = file
             .symbols()
             .find(|symbol| {
@@ -121,6 +133,8 @@ impl Image {
             path: path.into(),
             rtt,
             crash_record,
+            stack,
+            variables,
             sleeps,
             bytes,
         })

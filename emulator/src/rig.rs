@@ -4,19 +4,23 @@ use crate::board::Board;
 use crate::engine::rigless::peers::Shared;
 use crate::engine::rigless::usb::SharedUsb;
 use crate::engine::rigless::RiglessEngine;
-use crate::engine::{Engine, EngineError, Memory, Progress, Trap};
+use crate::engine::{CoreBit, Engine, EngineError, Memory, Progress, Trap};
 use crate::image::{Image, ImageError};
 use crate::rtt;
-use emulator_link::{Advanced, Injection, RegisterEvent, Report, Truth};
+use emulator_link::{Advanced, Injection, RegisterEvent, Report, StackUse, Truth};
 use emulator_usb::{Core, Host};
 use plant::{ConfigError, Plant, PlantConfig};
 use std::fmt;
+use std::ops::Range;
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 /// Spacing of the rows of truth, in nanoseconds.
 const ROW_NS: u64 = 1_000_000;
+
+/// Fills the stack before the first instruction.
+const PAINT: [u8; 4] = [0xA5; 4];
 
 /// How a rig is put together.
 #[derive(Debug, Clone, Default)]
@@ -74,6 +78,7 @@ pub struct Rig {
     usb: SharedUsb,
     progress: Progress,
     rtt_block: Option<u32>,
+    stack: Option<Range<u32>>,
     rtt: Vec<u8>,
     wall_ns: u64,
     seed: u64,
@@ -97,13 +102,18 @@ impl Rig {
         let plant = Plant::new(options.plant, options.seed).map_err(RigError::Plant)?;
         let board = Shared::new(Board::new(plant, options.seed).map_err(RigError::Refused)?);
         let usb = SharedUsb::default();
-        let engine = Box::new(RiglessEngine::boot(image, &board, &usb)?);
+        let mut engine = Box::new(RiglessEngine::boot(image, &board, &usb)?);
+        if let Some(stack) = &image.stack {
+            let words = stack.len() / PAINT.len();
+            engine.write_memory(stack.start, &PAINT.repeat(words))?;
+        }
         Ok(Self {
             engine,
             board,
             usb,
             progress: Progress::default(),
             rtt_block: image.rtt,
+            stack: image.stack.clone(),
             rtt: Vec::new(),
             wall_ns: 0,
             seed: options.seed,
@@ -210,6 +220,13 @@ impl Rig {
             Injection::FlipRegister(address, bit) => Ok(self.engine.flip_register(address, bit)?),
             Injection::BrownOut => Ok(self.engine.brown_out()?),
             Injection::OverflowStack => Ok(self.engine.trap(Trap::Overflow)?),
+            Injection::FlipCore(exception, register, bit) => {
+                Ok(self.engine.trap(Trap::Flip(CoreBit {
+                    exception,
+                    register,
+                    bit,
+                }))?)
+            }
             Injection::LoseClock(on) => {
                 self.board.lock().set_clock_lost(on);
                 if on {
@@ -241,12 +258,30 @@ impl Rig {
         Ok(self.engine.read_memory(address, length)?)
     }
 
+    /// The stack since power-on.
+    fn stack_use(&mut self) -> Result<Option<StackUse>, RigError> {
+        let Some(stack) = &self.stack else {
+            return Ok(None);
+        };
+        let words = stack.len() / PAINT.len();
+        let memory = (self.engine).read_memory(stack.start, words * PAINT.len())?;
+        let untouched = memory
+            .chunks(PAINT.len())
+            .take_while(|word| **word == PAINT)
+            .count();
+        Ok(Some(StackUse {
+            used_bytes: ((words - untouched) * PAINT.len()) as u32,
+            size_bytes: stack.len() as u32,
+        }))
+    }
+
     /// The figures so far; the latencies since the last call.
     ///
     /// # Errors
     /// The engine cannot go on.
     pub fn report(&mut self) -> Result<Report, RigError> {
         let mut register_events = self.engine.register_events()?;
+        let stack = self.stack_use()?;
         let mut board = self.board.lock();
         let complaints = board.complaints();
         register_events.extend(complaints.iter().map(|(place, what, count)| RegisterEvent {
@@ -285,6 +320,7 @@ impl Rig {
             conversions_read,
             alive_hz: board.alive_hz(),
             register_events,
+            stack,
         })
     }
 }

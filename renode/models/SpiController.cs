@@ -157,6 +157,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         public GPIO IRQ { get; private set; }
 
+        /// CSTART begins nothing: a defect of the controller that leaves its registers as they are.
+        public bool Stopped { get; set; }
+
         private int FrameBits { get { return (int)(configuration1 & 31) + 1; } }
 
         private bool IsOn { get { return (control1 & 1) != 0; } }
@@ -230,7 +233,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
                 loaded = 0;
             }
-            if((value & StartTransfer) != 0 && (before & StartTransfer) == 0)
+            if((value & StartTransfer) != 0 && (before & StartTransfer) == 0 && !Stopped)
             {
                 if(!IsOn || (configuration2 & Master) == 0)
                 {

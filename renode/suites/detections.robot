@@ -117,11 +117,19 @@ A Stage That Does Not Run Is Found By The Watchdog
 
 The DAC Link Stops
     Armed Board
-    # SPI1_CFG2 without MASTER: no word leaves the controller any more.
-    Execute Command    sysbus WriteDoubleWord 0x4001300C 0
+    # No word leaves the controller any more.
+    Execute Command    spi1 Stopped true
     Advance    5
     Output Should Be Zero
     Board Fault Should Be    DAC bus fault
+
+A Register That Changes Is A Fault
+    Armed Board
+    # SPI1_CFG2 without MASTER.
+    Execute Command    sysbus WriteDoubleWord 0x4001300C 0
+    Advance    5
+    Output Should Be Zero
+    Board Fault Should Be    register changed
 
 A Frame With A Wrong Checksum Is Dropped
     Power Up Board

@@ -103,7 +103,7 @@ pub const ENTRIES: &[Entry] = &[
     },
     Entry {
         name: "faults",
-        arguments: "[OPTIONS] | --mutants [NAME...]",
+        arguments: "[OPTIONS] | --image [OPTIONS] | --mutants [NAME...]",
         summary: "inject thousands of faults into the firmware's core on the plant, and print what came of them",
         page: include_str!("../../evaluations/faults/src/help.txt"),
     },
@@ -117,7 +117,7 @@ pub const ENTRIES: &[Entry] = &[
         name: "fuzz",
         arguments: "[OPTIONS]",
         summary: "feed damaged frames, rig files, model files, expressions and logs to what reads them",
-        page: "  --cases N  cases of each test (default 20000; 300 in `cargo xtask test`)\n  --seed S   seed (default 1)\n",
+        page: "  --cases N  cases of each test (default 20000; 300 in `cargo xtask test`)\n  --seed S   seed (default 1)\n  --minutes N  each test for N minutes, one seed after the other, and the number of its cases\n",
     },
     Entry {
         name: "residual-bench",

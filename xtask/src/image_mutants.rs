@@ -49,6 +49,30 @@ rows! {
     "encoder-watch-off": "control/src/supervisor.rs",
         "pub const STILL_SWING: Newton = Newton::from_un(6_000_000);" => "pub const STILL_SWING: Newton = Newton::from_un(60_000_000);",
         Rig "faults" "a_lost_encoder_is_noticed_by_what_the_tension_does";
+    "register-watch-off": "board/src/firmware.rs",
+        "let register_changed = self.registers.check(&mut self.usart);" => "let register_changed = None;\n        let _ = &mut self.registers;",
+        Rig "flips" "a_known_register_that_changes_is_a_fault";
+    "register-watch-of-spi-off": "board/src/hw/registers.rs",
+        "        self.add_always(at!(spi.cfg2()), ALL);\n" => "",
+        Rig "flips" "a_known_register_that_changes_is_a_fault";
+    "spi-not-set-up-again": "board/src/hw/registers.rs",
+        "        dac::restart();\n" => "",
+        Rig "flips" "a_known_register_that_changes_is_a_fault";
+    "saturation-off": "control/src/unit.rs",
+        "self.saturated >= TRIP_SAMPLES" => "self.saturated == u8::MAX",
+        Rig "detections" "a_converter_at_the_end_of_its_range_stops_its_unit";
+    "dac-link-ignored": "board/src/machine/supervision.rs",
+        "if let Some(status) = health.dac_error {" => "if let Some(status) = health.dac_error.filter(|_| false) {",
+        Rig "detections" "a_spi_that_stops_takes_the_motors_to_zero_and_the_power_away";
+    "frame-crc-off": "wire/src/frame.rs",
+        "if crc32(payload) != u32::from_le_bytes(*crc) {" => "if crc32(payload) == 0 && *crc == [1; 4] {",
+        Rig "detections" "a_frame_with_a_wrong_checksum_is_dropped_and_counted";
+    "watchdog-fed-from-systick": "board/src/hw/tick.rs",
+        "    time::set_tick();" => "    time::set_tick();\n    unsafe { (0x5800_4800 as *mut u32).write_volatile(0xAAAA) };",
+        Rig "detections" "the_watchdog_resets_within_its_time_while_interrupts_go_on";
+    "watchdog-slow": "board/src/clocks.rs",
+        "pub const IWDG_PR: u8 = 0;" => "pub const IWDG_PR: u8 = 4;",
+        Rig "detections" "the_watchdog_resets_within_its_time_while_interrupts_go_on";
     "saturation-off": "control/src/unit.rs",
         "self.saturated >= TRIP_SAMPLES" => "self.saturated == u8::MAX",
         Renode "detections" "ADC Saturated";

@@ -239,21 +239,30 @@ const FUZZ_CASES: &str = "20000";
 
 fn run_fuzz(workspace: &Workspace, mut parser: Parser) -> Result<u8, Stop> {
     let (mut cases, mut seed) = (FUZZ_CASES.to_owned(), "1".to_owned());
+    let mut minutes = 0;
     while let Some(argument) = parser.next()? {
         match argument {
             Arg::Long("cases") => cases = parser.value()?.parse::<u32>()?.to_string(),
             Arg::Long("seed") => seed = parser.value()?.parse::<u32>()?.to_string(),
+            Arg::Long("minutes") => minutes = parser.value()?.parse::<u32>()?,
             other => return Err(other.unexpected().into()),
         }
     }
-    process::run(
-        process::cargo(process::Sees::CompilerAndFlags)
-            .current_dir(workspace.root())
-            .args(["test", "--package", "fuzz", "--target-dir"])
-            .arg(workspace.target())
-            .env("FORCE_FUZZ_CASES", cases)
-            .env("FORCE_FUZZ_SEED", seed),
-    )?;
+    let mut command = process::cargo(process::Sees::CompilerAndFlags);
+    command
+        .current_dir(workspace.root())
+        .args(["test", "--package", "fuzz", "--target-dir"])
+        .arg(workspace.target())
+        .env("FORCE_FUZZ_CASES", cases)
+        .env("FORCE_FUZZ_SEED", seed);
+    if minutes > 0 {
+        // One target after the other, each for so long; its number of cases is what it prints.
+        command
+            .env("FORCE_FUZZ_MINUTES", minutes.to_string())
+            .args(["--test", "frames", "--test", "files"])
+            .args(["--", "--nocapture", "--test-threads=1"]);
+    }
+    process::run(&mut command)?;
     Ok(0)
 }
 

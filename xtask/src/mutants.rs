@@ -70,6 +70,7 @@ mutants! {
     "loop-overrun-doubled": "board/src/machine/mod.rs", "pub const MAX_PASS_US: u32 = 1_500;" => "pub const MAX_PASS_US: u32 = 3_000;";
     "queue-overflow-ignored": "board/src/machine/supervision.rs", "if health.events_lost != self.events_lost {" => "if false {";
     "dac-link-ignored": "board/src/machine/supervision.rs", "if let Some(status) = health.dac_error {" => "if let Some(status) = health.dac_error.filter(|_| false) {";
+    "register-change-ignored": "board/src/machine/supervision.rs", "if let Some(address) = health.register_changed {" => "if let Some(address) = health.register_changed.filter(|_| false) {";
     "failed-reads-ignored": "board/src/machine/mod.rs", "pub const MAX_FAILED_READS: u8 = 4;" => "pub const MAX_FAILED_READS: u8 = 255;";
     "alive-never-withheld": "board/src/machine/mod.rs", "        ) || self.withheld\n            || !self.configured" => "        ) && false";
     "stop-refused-elsewhere": "board/src/machine/commands.rs", "            Command::Stop => {" => "            Command::Stop if self.commander.is_some_and(|(commander, _)| commander == link) => {";

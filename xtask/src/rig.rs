@@ -16,6 +16,8 @@ use crate::workspace::Workspace;
 pub const ELF_VARIABLE: &str = "FORCE_FIRMWARE_ELF";
 /// Tells a program where the embedded rig is.
 pub const RIG_VARIABLE: &str = "FORCE_RIG_BIN";
+/// Tells the scenarios how many bytes of stack the image's machine code can take.
+pub const STACK_VARIABLE: &str = "FORCE_STACK_BOUND";
 
 /// A cargo command for the packages around the embedded rig.
 ///
@@ -206,7 +208,8 @@ pub fn calibration_bench(workspace: &Workspace, arguments: &[OsString]) -> Resul
     hand_over(command)
 }
 
-/// Builds and runs the fault campaign, into `target/faults`, or its mutants. It needs neither firmware nor embedded rig.
+/// Builds and runs the fault campaign, into `target/faults`, or its mutants, which need neither firmware nor embedded rig; or the
+/// flips of the running image, which need both.
 ///
 /// # Errors
 /// When it can't be built or started.
@@ -218,6 +221,9 @@ pub fn faults(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     if let Some(at) = words.iter().position(|word| word == "--mutants") {
         let killed = mutants::run(workspace, &words[at + 1..])?;
         return Ok(u8::from(!killed));
+    }
+    if words.iter().any(|word| word == "--image") {
+        return image_faults(workspace, arguments);
     }
     let program = build_host_program(workspace, "faults", "faults")?;
     let mut command = Command::new(program);
@@ -236,6 +242,19 @@ pub fn faults(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
             .arg(folder.join(format!("seed-{seed}.jsonl")));
     }
     command.args(arguments);
+    hand_over(command)
+}
+
+/// Builds and runs the flips of single bits in the running image.
+fn image_faults(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
+    let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
+    firmware::build(workspace, &arm)?;
+    build(workspace, &["rig", "forcectl", "image-faults"])?;
+    let mut command = Command::new(workspace.release_program("image-faults"));
+    command
+        .args(arguments)
+        .env(ELF_VARIABLE, workspace.firmware_elf())
+        .env(RIG_VARIABLE, workspace.release_program("rig"));
     hand_over(command)
 }
 

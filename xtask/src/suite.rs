@@ -483,7 +483,11 @@ fn emulated(suite: &mut Suite) -> Result<Outcome> {
         .args(["--no-fail-fast", "--package", "emulator"])
         .args(["--package", "scenarios"])
         .env(rig::ELF_VARIABLE, workspace.firmware_elf())
-        .env(rig::RIG_VARIABLE, workspace.release_program("rig"));
+        .env(rig::RIG_VARIABLE, workspace.release_program("rig"))
+        .env(
+            rig::STACK_VARIABLE,
+            inspect::stack_bound(workspace)?.to_string(),
+        );
     suite.tests(&mut command)
 }
 

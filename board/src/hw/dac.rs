@@ -49,9 +49,8 @@ fn spi1() -> &'static pac::spi1::RegisterBlock {
     unsafe { &*SPI1::PTR }
 }
 
-/// Sets SPI1 up, loads 0 V into all six DACs while their RST is still low, releases it, and loads 0 V again.
-pub fn start() {
-    let spi = spi1();
+/// Writes SPI1's mode; SPE must be 0.
+fn configure(spi: &pac::spi1::RegisterBlock) {
     // SSI before MASTER: with software chip select and SSI = 0 a master sees itself deselected, which is
     // a mode fault that switches it off again (section 50.4.10). CFG1 and CFG2 with SPE = 0.
     spi.cr1().write(|w| w.ssi().slave_not_selected());
@@ -73,6 +72,11 @@ pub fn start() {
             .second_edge();
         w.lsbfrst().msbfirst().sp().motorola().afcntr().controlled()
     });
+}
+
+/// Sets SPI1 up, loads 0 V into all six DACs while their RST is still low, releases it, and loads 0 V again.
+pub fn start() {
+    configure(spi1());
     STATE.install(Dacs {
         slots: [None; UNITS],
         sending: None,
@@ -140,21 +144,28 @@ pub fn release() {
     load_zero();
 }
 
+/// Sets SPI1 up again after one of its registers or pins had changed. The word that was on its way is dropped, and all words
+/// are 0 V until new ones come. The caller holds RST low.
+pub fn restart() {
+    STATE.masked(|dacs| {
+        dacs.abort();
+        // A mode fault holds MASTER and SPE at 0 until it is cleared (section 50.4.10).
+        // SAFETY: the flags' bits of section 50.11.7; writing 1 clears them.
+        spi1().ifcr().write(|w| unsafe { w.bits(0xFF8) });
+        configure(spi1());
+    });
+}
+
 /// Called by SysTick every millisecond: aborts a late word.
 pub fn tick() {
     // SAFETY: SysTick has level SAMPLE_PATH and is not within another handler of it.
     unsafe {
         STATE.in_interrupt(|dacs| {
-            if let Some((unit, since)) = dacs.sending {
+            if let Some((_, since)) = dacs.sending {
                 if time::now().wrapping_sub(since) > clocks::DAC_DEADLINE_US {
                     gpio::write(pins::DAC_RST, false);
                     dacs.error = Some(spi1().sr().read().bits());
-                    spi1().ier().write(|w| w.eotie().disabled());
-                    spi1().cr1().modify(|_, w| w.spe().disabled());
-                    select(unit, true);
-                    dacs.sending = None;
-                    dacs.slots = [None; UNITS];
-                    dacs.last = [DacCode::ZERO_VOLT.0; UNITS];
+                    dacs.abort();
                 }
             } else {
                 dacs.again = (1 << UNITS) - 1;
@@ -172,6 +183,17 @@ fn select(unit: usize, high: bool) {
 }
 
 impl Dacs {
+    /// Switches SPI1 off and forgets every word.
+    fn abort(&mut self) {
+        spi1().ier().write(|w| w.eotie().disabled());
+        spi1().cr1().modify(|_, w| w.spe().disabled());
+        if let Some((unit, _)) = self.sending.take() {
+            select(unit, true);
+        }
+        self.slots = [None; UNITS];
+        self.last = [DacCode::ZERO_VOLT.0; UNITS];
+    }
+
     /// A unit whose word is to be sent again, and the word.
     fn next_again(&mut self) -> Option<(usize, u16)> {
         let unit = (0..UNITS).find(|unit| self.again & (1 << unit) != 0)?;

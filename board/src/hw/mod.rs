@@ -11,6 +11,7 @@
 //! | [`counters`] | the counters' parallel bus | |
 //! | [`usart`] | USART3, DMA1 streams 0 and 1 | DMA_STR0 |
 //! | [`usb`] | USB OTG FS, CRS | OTG_FS |
+//! | [`registers`] | nothing: compares the registers that all others have set up | |
 //! | [`watchdog`] | IWDG, the alive line | |
 //! | [`crash_record`] | the crash record in memory that survives a reset | |
 //!
@@ -22,6 +23,7 @@ pub mod counters;
 pub mod crash_record;
 pub mod dac;
 pub mod gpio;
+pub mod registers;
 pub mod sensors;
 pub mod startup;
 mod tick;

@@ -1,7 +1,7 @@
 //! The load-cell converters: DRDY edges, the I2C controller, and the bus scheduler that joins them.
 //!
 //! Owner: the interrupts of level `SAMPLE_PATH`, which share the state below without locks. Thread mode
-//! takes events from a queue and sets bits in two atomic masks, so it never masks an interrupt here.
+//! takes events from a queue and sets bits in an atomic word, so it never masks an interrupt here.
 //!
 //! * EXTI0 to 4, EXTI9_5: rising edge of a DRDY line. Ignored where the line is low again: a conversion holds it high until
 //!   its result is read, so a short pulse is noise. Otherwise records the time, passes the unit to the scheduler and wakes the
@@ -25,7 +25,8 @@ use super::{gpio, pac, startup, time, SamplePath};
 use crate::bus::{Bus, Event, Sink, Transfer, TransferError, Work};
 use crate::clocks;
 use crate::pins;
-use core::sync::atomic::{AtomicBool, AtomicU32, AtomicU8, Ordering};
+use crate::shared::{Requests, Setting, Word};
+use core::sync::atomic::{AtomicBool, AtomicU32};
 use heapless::spsc;
 use pac::interrupt;
 
@@ -67,24 +68,20 @@ const NO_ROOM: usize = usize::MAX;
 
 static STATE: SamplePath<Sensors> = SamplePath::empty();
 /// Units to start and units to stop with the next tick.
-static START: AtomicU8 = AtomicU8::new(0);
-static STOP: AtomicU8 = AtomicU8::new(0);
+static REQUESTS: Requests = Requests::of(AtomicU32::new(0));
 /// Whether register pointers are written ahead of the samples.
-static POINTER_AHEAD: AtomicBool = AtomicBool::new(true);
+static POINTER_AHEAD: Setting = Setting::of(AtomicBool::new(true));
 /// Events dropped because the queue was full.
-static LOST: AtomicU32 = AtomicU32::new(0);
+static LOST: Word = Word::of(AtomicU32::new(0));
 /// Board time when the E-stop loop opened last.
-static ESTOP_OPENED: AtomicU32 = AtomicU32::new(0);
+static ESTOP_OPENED: Word = Word::of(AtomicU32::new(0));
 
 struct Queue(spsc::Producer<'static, Event>);
 
 impl Sink for Queue {
     fn event(&mut self, event: Event) {
         if self.0.capacity() == NO_ROOM || self.0.enqueue(event).is_err() {
-            LOST.store(
-                LOST.load(Ordering::Relaxed).wrapping_add(1),
-                Ordering::Relaxed,
-            );
+            LOST.count();
         }
     }
 }
@@ -193,29 +190,27 @@ pub fn start(syscfg: &SYSCFG, exti: &EXTI) -> Events {
 
 /// Requests the bring-up of a unit's converter. It begins within a millisecond.
 pub fn start_sensor(unit: u8) {
-    STOP.fetch_and(!(1 << unit), Ordering::Relaxed);
-    START.fetch_or(1 << unit, Ordering::Relaxed);
+    REQUESTS.start(unit);
 }
 
 /// Requests that a unit's converter is no longer serviced. Takes effect within a millisecond.
 pub fn stop_sensor(unit: u8) {
-    START.fetch_and(!(1 << unit), Ordering::Relaxed);
-    STOP.fetch_or(1 << unit, Ordering::Relaxed);
+    REQUESTS.stop(unit);
 }
 
 /// Whether register pointers are written ahead of the samples. Takes effect within a millisecond.
 pub fn set_pointer_ahead(ahead: bool) {
-    POINTER_AHEAD.store(ahead, Ordering::Relaxed);
+    POINTER_AHEAD.set(ahead);
 }
 
 /// Events lost since boot because the superloop did not take them.
 pub fn events_lost() -> u32 {
-    LOST.load(Ordering::Relaxed)
+    LOST.get()
 }
 
 /// Board time when the E-stop loop opened last.
 pub fn estop_opened_at() -> u32 {
-    ESTOP_OPENED.load(Ordering::Relaxed)
+    ESTOP_OPENED.get()
 }
 
 const DRDY_LINES: u32 = 0x3F;
@@ -251,8 +246,7 @@ pub fn tick() {
     // SAFETY: SysTick has level SAMPLE_PATH and is not within another handler of it.
     unsafe {
         with(|sensors, now| {
-            let start = START.swap(0, Ordering::Relaxed);
-            let stop = STOP.swap(0, Ordering::Relaxed);
+            let (start, stop) = REQUESTS.take();
             for unit in 0..wire::UNITS as u8 {
                 if stop & (1 << unit) != 0 {
                     sensors.bus.stop(unit);
@@ -261,9 +255,7 @@ pub fn tick() {
                     sensors.bus.start(unit, now);
                 }
             }
-            sensors
-                .bus
-                .set_pointer_ahead(POINTER_AHEAD.load(Ordering::Relaxed));
+            sensors.bus.set_pointer_ahead(POINTER_AHEAD.get());
             let levels = gpio::registers(pins::DRDY[0].port).idr().read().bits() & DRDY_LINES;
             sensors.bus.tick(now, levels as u8, &mut sensors.queue);
         });
@@ -466,7 +458,7 @@ fn EXTI9_5() {
     if pending & ESTOP_LINE != 0 {
         // SAFETY: as in `edge`.
         exti().cpupr1().write(|w| unsafe { w.bits(ESTOP_LINE) });
-        ESTOP_OPENED.store(time::now(), Ordering::Relaxed);
+        ESTOP_OPENED.set(time::now());
     }
     if pending & (1 << 5) != 0 {
         // SAFETY: a handler of level SAMPLE_PATH.

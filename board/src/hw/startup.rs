@@ -43,12 +43,14 @@ pub fn revision(dbgmcu: &pac::DBGMCU) -> u16 {
 /// Revision Y can return wrong data from AXI SRAM under some access patterns (ES0392 2.2.9, "Reading from AXI SRAM may lead
 /// to data read corruption"): READ_ISS_OVERRIDE of the SRAM's AXI target, at 0x5100_8108, prevents it.
 pub fn axi_read_fix(silicon: u16) {
-    const AXI_TARG7_FN_MOD: *mut u32 = 0x5100_8108 as *mut u32;
     if clocks::has_axi_read_defect(silicon) {
-        // SAFETY: a register of the AXI interconnect (section 2.5.11) that nothing else uses.
-        unsafe { AXI_TARG7_FN_MOD.write_volatile(1) };
+        // SAFETY: a register of the AXI interconnect (section 2.5.11) that nothing else writes.
+        unsafe { (AXI_TARG7_FN_MOD as *mut u32).write_volatile(1) };
     }
 }
+
+/// Address of the register of [`axi_read_fix`].
+pub const AXI_TARG7_FN_MOD: u32 = 0x5100_8108;
 
 /// Supply and clocks. Clears RCC_RSR for the next boot.
 pub fn clocks(rcc: &RCC, pwr: &PWR, flash: &FLASH) -> Clocks {
@@ -206,25 +208,30 @@ pub fn debug(dbgmcu: &pac::DBGMCU) {
     dbgmcu.apb4fz1().modify(|_, w| w.dbg_wdglsd1().set_bit());
 }
 
+/// Interrupts of level [`priority::SAMPLE_PATH`], besides SysTick.
+pub const SAMPLE_PATH: [pac::Interrupt; 10] = [
+    pac::Interrupt::EXTI0,
+    pac::Interrupt::EXTI1,
+    pac::Interrupt::EXTI2,
+    pac::Interrupt::EXTI3,
+    pac::Interrupt::EXTI4,
+    pac::Interrupt::EXTI9_5,
+    pac::Interrupt::I2C1_EV,
+    pac::Interrupt::I2C1_ER,
+    pac::Interrupt::TIM2,
+    pac::Interrupt::SPI1,
+];
+
+/// Interrupts of level [`priority::LINKS`].
+pub const LINKS: [pac::Interrupt; 2] = [pac::Interrupt::DMA_STR0, pac::Interrupt::OTG_FS];
+
 /// Priorities of [`crate::clocks::priority`]. Interrupts are unmasked by the modules that own them.
 pub fn priorities(nvic: &mut NVIC, scb: &mut SCB) {
-    use pac::Interrupt as I;
-    for interrupt in [
-        I::EXTI0,
-        I::EXTI1,
-        I::EXTI2,
-        I::EXTI3,
-        I::EXTI4,
-        I::EXTI9_5,
-        I::I2C1_EV,
-        I::I2C1_ER,
-        I::TIM2,
-        I::SPI1,
-    ] {
+    for interrupt in SAMPLE_PATH {
         // SAFETY: priorities only; no critical section rests on them yet.
         unsafe { nvic.set_priority(interrupt, priority::SAMPLE_PATH) };
     }
-    for interrupt in [I::DMA_STR0, I::OTG_FS] {
+    for interrupt in LINKS {
         // SAFETY: as above.
         unsafe { nvic.set_priority(interrupt, priority::LINKS) };
     }

@@ -7,10 +7,11 @@
 
 use super::pac::TIM2;
 use crate::clocks;
-use core::sync::atomic::{AtomicBool, Ordering};
+use crate::shared::Tick;
+use core::sync::atomic::AtomicBool;
 use cortex_m::peripheral::{syst::SystClkSource, SYST};
 
-static TICK: AtomicBool = AtomicBool::new(false);
+static TICK: Tick = Tick::of(AtomicBool::new(false));
 
 fn tim2() -> &'static crate::hw::pac::tim2::RegisterBlock {
     // SAFETY: registers at a fixed address. CNT is read-only here; the rest is written by `start`
@@ -64,15 +65,15 @@ pub fn clear_alarm() {
 
 /// Whether a millisecond has begun since the last [`take_tick`].
 pub fn tick_waits() -> bool {
-    TICK.load(Ordering::Relaxed)
+    TICK.waits()
 }
 
 /// Whether a millisecond has begun since the last call.
 pub fn take_tick() -> bool {
-    TICK.load(Ordering::Relaxed) && TICK.swap(false, Ordering::Relaxed)
+    TICK.take()
 }
 
 /// Sets the flag of [`take_tick`]. Called by the SysTick handler.
 pub(super) fn set_tick() {
-    TICK.store(true, Ordering::Relaxed);
+    TICK.set();
 }

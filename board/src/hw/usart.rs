@@ -69,6 +69,7 @@ const REQUEST_TX: u8 = 46;
 /// The superloop's end.
 pub struct Usart {
     taken: usize,
+    trbuff: u32,
     /// Bytes left in the receiving stream at its last progress, and its time.
     progress: (u16, u32),
 }
@@ -114,34 +115,11 @@ pub fn start(usart: &USART3, dmamux: &DMAMUX1, silicon: u16) -> (Usart, Producer
     // SAFETY: address of this peripheral's transmit data register.
     send.par()
         .write(|w| unsafe { w.bits(usart.tdr().as_ptr() as u32) });
-    let receive = dma().st(1);
-    // SAFETY: address of this peripheral's receive data register.
-    receive
-        .par()
-        .write(|w| unsafe { w.bits(usart.rdr().as_ptr() as u32) });
-    // SAFETY: AXI SRAM, RING bytes that nothing else writes.
-    receive
-        .m0ar()
-        .write(|w| unsafe { w.bits(RECEIVED.0.get() as u32) });
-    receive.ndtr().write(|w| w.ndt().set(RING as u16));
-    receive.cr().write(|w| {
-        w.dir()
-            .peripheral_to_memory()
-            .minc()
-            .incremented()
-            .circ()
-            .enabled()
-            .pl()
-            .high()
-    });
-    // SAFETY: one bit of the control register, which this register description lacks (section 15.5.5).
-    receive
-        .cr()
-        .modify(|r, w| unsafe { w.bits(r.bits() | trbuff) });
-    receive.cr().modify(|_, w| w.en().enabled());
+    start_receiver(trbuff);
     startup::unmask(pac::Interrupt::DMA_STR0);
     let usart = Usart {
         taken: 0,
+        trbuff,
         progress: (0, 0),
     };
     (usart, SENT.stream_producer())
@@ -182,6 +160,15 @@ impl Usart {
         self.restart_if_stalled(now);
     }
 
+    /// Sets the receiving stream up again after one of its registers had changed. What was in the ring is lost: the frame's
+    /// CRC shows it.
+    pub fn restart_receiver(&mut self) {
+        stop(1);
+        clear_flags(1);
+        start_receiver(self.trbuff);
+        self.taken = 0;
+    }
+
     /// Restarts the receiving stream if a byte waits in the receiver's FIFO and the stream does not take it.
     fn restart_if_stalled(&mut self, now: u32) {
         let stream = dma().st(1);
@@ -200,6 +187,35 @@ impl Usart {
             stream.cr().modify(|_, w| w.en().enabled());
         }
     }
+}
+
+/// Sets the receiving stream up from the beginning of the ring, and enables it; EN must be 0.
+fn start_receiver(trbuff: u32) {
+    let receive = dma().st(1);
+    // SAFETY: an address only.
+    let rdr = unsafe { (*USART3::PTR).rdr().as_ptr() };
+    // SAFETY: address of this peripheral's receive data register.
+    receive.par().write(|w| unsafe { w.bits(rdr as u32) });
+    // SAFETY: AXI SRAM, RING bytes that nothing else writes.
+    receive
+        .m0ar()
+        .write(|w| unsafe { w.bits(RECEIVED.0.get() as u32) });
+    receive.ndtr().write(|w| w.ndt().set(RING as u16));
+    receive.cr().write(|w| {
+        w.dir()
+            .peripheral_to_memory()
+            .minc()
+            .incremented()
+            .circ()
+            .enabled()
+            .pl()
+            .high()
+    });
+    // SAFETY: one bit of the control register, which this register description lacks (section 15.5.5).
+    receive
+        .cr()
+        .modify(|r, w| unsafe { w.bits(r.bits() | trbuff) });
+    receive.cr().modify(|_, w| w.en().enabled());
 }
 
 /// Disables a stream and waits until it is (section 15.3.18).

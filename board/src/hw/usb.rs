@@ -15,7 +15,8 @@ use super::startup;
 use super::usart::{Consumer, Producer, Queue};
 use super::usb_class::{self, Corrections};
 use crate::clocks;
-use core::sync::atomic::{AtomicBool, Ordering};
+use crate::shared::Call;
+use core::sync::atomic::AtomicBool;
 use synopsys_usb_otg::{UsbBus, UsbPeripheral};
 use usb_device::bus::UsbBusAllocator;
 use usb_device::class::UsbClass;
@@ -26,7 +27,7 @@ use usbd_serial::SerialPort;
 
 static QUEUE: Queue = Queue::new();
 /// The core has an event.
-static CALLING: AtomicBool = AtomicBool::new(false);
+static CALLING: Call = Call::of(AtomicBool::new(false));
 
 /// The test VID/PID pair of pid.codes: replace it before handing boards to others.
 const ID: UsbVidPid = UsbVidPid(0x1209, 0x0001);
@@ -167,18 +168,16 @@ impl Usb {
             // Would block: the next poll continues.
             let _ = self.port.flush();
         }
-        CALLING.store(false, Ordering::Relaxed);
-        startup::unmask(pac::Interrupt::OTG_FS);
+        CALLING.served(|| startup::unmask(pac::Interrupt::OTG_FS));
     }
 }
 
 /// Whether the core has an event.
 pub fn calls() -> bool {
-    CALLING.load(Ordering::Relaxed)
+    CALLING.waits()
 }
 
 #[interrupt]
 fn OTG_FS() {
-    cortex_m::peripheral::NVIC::mask(pac::Interrupt::OTG_FS);
-    CALLING.store(true, Ordering::Relaxed);
+    CALLING.raise(|| cortex_m::peripheral::NVIC::mask(pac::Interrupt::OTG_FS));
 }

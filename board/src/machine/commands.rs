@@ -221,6 +221,7 @@ impl Machine {
 
     fn clear_faults(&mut self, fx: &mut impl Effects) -> Result<(), CommandError> {
         let estop_open = !self.estop_closed;
+        let register_changed = self.register_changed;
         let still_held = self
             .units
             .iter()
@@ -230,6 +231,7 @@ impl Machine {
             // Detected once at boot: a counter that does not respond needs a repair and a restart.
             Fault::CounterBus => true,
             Fault::OutputStuck => still_held,
+            Fault::RegisterChanged => register_changed,
             _ => false,
         });
         if !board {

@@ -79,6 +79,8 @@ pub struct Health {
     pub events_lost: u32,
     /// SPI1_SR if a DAC word did not complete.
     pub dac_error: Option<u32>,
+    /// Address of a register of the controller that does not have its value.
+    pub register_changed: Option<u32>,
 }
 
 /// Counters of one link.
@@ -176,6 +178,7 @@ pub struct Machine {
     board_crc: u32,
     config_check_ms: u32,
     events_lost: u32,
+    register_changed: bool,
     recoveries: u16,
     /// Links with an accepted Hello.
     open: [bool; LINKS],
@@ -215,6 +218,7 @@ impl Machine {
             board_crc: board_crc(&BoardConfig::default()),
             config_check_ms: 0,
             events_lost: 0,
+            register_changed: false,
             recoveries: 0,
             open: [false; LINKS],
             commander: None,

@@ -167,6 +167,10 @@ impl Machine {
         if let Some(status) = health.dac_error {
             self.fault_board_once(Fault::DacLink, status, now, fx);
         }
+        self.register_changed = health.register_changed.is_some();
+        if let Some(address) = health.register_changed {
+            self.fault_board_once(Fault::RegisterChanged, address, now, fx);
+        }
         self.check_config(now, fx);
     }
 

@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 
 /// Version of this link; both ends compare it in [`Response::Ready`].
-pub const LINK_VERSION: u32 = 5;
+pub const LINK_VERSION: u32 = 6;
 
 /// Number of force units of the rig.
 pub const UNITS: usize = 6;
@@ -129,6 +129,11 @@ pub enum Injection {
     SuspendUsb(bool),
     /// The USB host reads what the board sends (`true`), or stops reading.
     ReadUsb(bool),
+    /// The SPI controller of the DACs stops (`true`): a word that is begun never ends. Its registers keep their values.
+    StopSpi(bool),
+    /// Flip one bit of a core register of the code that the next exception of this number interrupts: exception (15 is
+    /// SysTick, 16 + n interrupt n), register (0 to 12, 13 SP, 14 LR, 15 PC, 16 xPSR), bit.
+    FlipCore(u8, u8, u8),
 }
 
 /// Response of the rig.
@@ -222,6 +227,18 @@ pub struct Report {
     pub alive_hz: f64,
     /// Register accesses that the emulated part refused or did not know, each once, with a count.
     pub register_events: Vec<RegisterEvent>,
+    /// The stack since power-on, where the image names its stack.
+    pub stack: Option<StackUse>,
+}
+
+/// How deep the stack was at most. Before the first instruction the rig fills the whole stack with a pattern; what has lost it was
+/// used. Room that a function reserves below that and never writes does not show.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StackUse {
+    /// Bytes from the stack's top to the deepest word that was written.
+    pub used_bytes: u32,
+    /// Bytes of the stack.
+    pub size_bytes: u32,
 }
 
 /// The way of one sample from the DRDY edge to the motor, as virtual times in nanoseconds.

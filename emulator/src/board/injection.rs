@@ -108,12 +108,14 @@ impl Board {
             Injection::LoseDrdy(number, edges) => self.lose_drdy[unit(number)?] = edges,
             Injection::BusError => self.bus_error = true,
             Injection::StallUsart => self.stall = true,
+            Injection::StopSpi(on) => self.spi_stopped = on,
             Injection::HangLoop
             | Injection::FlipBit(..)
             | Injection::LoseClock(_)
             | Injection::BrownOut
             | Injection::OverflowStack
             | Injection::FlipRegister(..)
+            | Injection::FlipCore(..)
             | Injection::PlugUsb(_)
             | Injection::SuspendUsb(_)
             | Injection::ReadUsb(_) => {
@@ -134,6 +136,12 @@ impl Board {
     #[must_use]
     pub const fn is_clock_lost(&self) -> bool {
         self.clock_lost
+    }
+
+    /// Whether the SPI controller has stopped.
+    #[must_use]
+    pub const fn is_spi_stopped(&self) -> bool {
+        self.spi_stopped
     }
 
     /// Whether a bus error without a cause is due now; the call takes it.

@@ -99,6 +99,8 @@ pub struct Board {
     /// The ST-Link's clock stands still.
     clock_lost: bool,
     stall: bool,
+    /// The SPI controller of the DACs has stopped.
+    spi_stopped: bool,
     to_board: VecDeque<u8>,
     from_board: Vec<u8>,
     line: Line,
@@ -156,6 +158,7 @@ impl Board {
             bus_error: false,
             clock_lost: false,
             stall: false,
+            spi_stopped: false,
             to_board: VecDeque::new(),
             from_board: Vec::new(),
             line: Line::default(),

@@ -43,13 +43,26 @@ pub trait Memory {
 /// runs, so that a row costs no change of threads.
 pub type AtRow = Box<dyn FnMut(u64, &mut dyn Memory) + Send>;
 
-/// Code that takes the place of the SysTick handler until the next reset.
+/// Code that takes the place of an exception's handler until the next reset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Trap {
     /// Raises the NMI, for which the engine has no line, and waits in a loop: the failed clock.
     Nmi,
     /// Leaves the stack and faults there: where a stack that overflows ends.
     Overflow,
+    /// Flips one bit of a register of the interrupted code, once, and goes on in the handler.
+    Flip(CoreBit),
+}
+
+/// A bit of a core register, at the next exception of a number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct CoreBit {
+    /// Number of the exception: 15 is SysTick, 16 + n interrupt n.
+    pub exception: u8,
+    /// 0 to 12, 13 SP, 14 LR, 15 PC, 16 xPSR.
+    pub register: u8,
+    /// 0 to 31.
+    pub bit: u8,
 }
 
 /// Something that runs the firmware.
@@ -76,7 +89,7 @@ pub trait Engine: Send {
     /// The image never sleeps.
     fn hang(&mut self) -> Result<(), EngineError>;
 
-    /// Lets the next SysTick run into `trap`; a reset restores the image.
+    /// Lets the next SysTick, or the exception that it names, run into `trap`; a reset restores the image.
     ///
     /// # Errors
     /// The image cannot be changed.

@@ -88,6 +88,11 @@ impl<'l> Stand<'l> {
 
     /// Ready, zeroed, armed, every cable at `tension_n` for a second.
     pub fn armed(link: &'l mut dyn RigLink, tension_n: f64) -> Self {
+        Self::armed_for(link, tension_n, 1.0)
+    }
+
+    /// Ready, zeroed, armed, every cable at `tension_n` for so many seconds; 0.4 are enough to come there.
+    pub fn armed_for(link: &'l mut dyn RigLink, tension_n: f64, seconds: f64) -> Self {
         let mut stand = Self::ready(link);
         stand.ask(&Command::Zero { units: 0b11_1111 });
         stand.run(0.1);
@@ -96,7 +101,7 @@ impl<'l> Stand<'l> {
         });
         stand.ask(&Command::Arm);
         stand.hold([tension_n; UNITS]);
-        stand.run(1.0);
+        stand.run(seconds);
         stand
     }
 

@@ -1,18 +1,18 @@
 //! One case: an armed rig, one injection or two, and a watch on the truth.
 
 use crate::injection::{Injection, Plan};
-use crate::outcome::{Hazard, Outcome, MOTION_M, PULL_MS, PULL_N, SLACK_MS, SLACK_N, TENSION_N};
+use crate::outcome::Outcome;
 use crate::rig::Rig;
+use crate::watch::{View, Watch};
 use control::{MotorState, SystemState};
-use wire::UNITS;
 
 /// Armed rigs that cases begin from, each with its own plant and tensions.
 pub const BASES: u64 = 8;
 
 /// How long a case is watched after its last injection, in milliseconds.
-const WATCH_MS: u32 = 700;
+pub const WATCH_MS: u32 = 700;
 /// How much longer where a hazard came and no fault yet: a sensor that drifts is noticed when its error is large enough.
-const AFTER_HAZARD_MS: u32 = 500;
+pub const AFTER_HAZARD_MS: u32 = 500;
 
 /// The armed rigs, from which each case takes a copy.
 pub struct Bases(Vec<Rig>);
@@ -32,81 +32,20 @@ impl Bases {
     }
 }
 
-/// What the watch remembers.
-#[derive(Default)]
-struct Watch {
-    slack_ms: [u32; UNITS],
-    pull_ms: [u32; UNITS],
-    began_m: [f64; UNITS],
-    hazards: Vec<(Hazard, u32)>,
-    fault: u16,
-    detected_ms: Option<u32>,
-    safe_ms: Option<u32>,
-    tension_n: f64,
-}
-
-impl Watch {
-    fn hazard(&mut self, hazard: Hazard, ms: u32) {
-        if self.hazards.iter().all(|(known, _)| *known != hazard) {
-            self.hazards.push((hazard, ms));
-        }
-    }
-
-    /// A hazard came, and no fault yet.
-    fn awaits_a_fault(&self) -> bool {
-        self.fault == 0 && !self.hazards.is_empty()
-    }
-
-    /// A millisecond of the rig.
-    fn look(&mut self, rig: &Rig, ms: u32) {
-        let status = rig.status();
-        let armed = SystemState::from_u8(status.state).is_some_and(SystemState::drives);
-        let mut safe = true;
-        for unit in 0..UNITS {
-            let state = &status.units[unit];
-            let running = armed && state.state == MotorState::Running as u8;
-            let tension_n = rig.tension_n(unit);
-            self.tension_n = self.tension_n.max(tension_n);
-            if tension_n > TENSION_N {
-                self.hazard(Hazard::Tension, ms);
-            }
-            self.slack_ms[unit] = if running && rig.power() && tension_n < SLACK_N {
-                self.slack_ms[unit] + 1
-            } else {
-                0
-            };
-            if self.slack_ms[unit] > SLACK_MS {
-                self.hazard(Hazard::Slack, ms);
-            }
-            let may_pull = armed
-                && (running || state.state == MotorState::Stopping as u8)
-                && status.fault == 0;
-            let pulls = rig.pull_n(unit) > PULL_N;
-            self.pull_ms[unit] = if pulls && !may_pull {
-                self.pull_ms[unit] + 1
-            } else {
-                0
-            };
-            if self.pull_ms[unit] > PULL_MS {
-                self.hazard(Hazard::Pull, ms);
-            }
-            if rig.wound_m(unit) - self.began_m[unit] > MOTION_M {
-                self.hazard(Hazard::Motion, ms);
-            }
-            safe &= may_pull || !pulls;
-        }
-        let first = status.units.iter().map(|unit| unit.fault).find(|f| *f != 0);
-        if self.fault == 0 {
-            self.fault = if status.fault != 0 {
-                status.fault
-            } else {
-                first.unwrap_or(0)
-            };
-            self.detected_ms = (self.fault != 0).then_some(ms);
-        }
-        if self.fault != 0 && self.safe_ms.is_none() && safe {
-            self.safe_ms = Some(ms);
-        }
+/// The rig as the watch looks at it.
+fn view(rig: &Rig) -> View {
+    let status = rig.status();
+    let in_state = |unit: usize, state: MotorState| status.units[unit].state == state as u8;
+    View {
+        armed: SystemState::from_u8(status.state).is_some_and(SystemState::drives),
+        running: std::array::from_fn(|unit| in_state(unit, MotorState::Running)),
+        stopping: std::array::from_fn(|unit| in_state(unit, MotorState::Stopping)),
+        board_fault: status.fault,
+        unit_fault: std::array::from_fn(|unit| status.units[unit].fault),
+        power: rig.power(),
+        tension_n: std::array::from_fn(|unit| rig.tension_n(unit)),
+        pull_n: std::array::from_fn(|unit| rig.pull_n(unit)),
+        wound_m: std::array::from_fn(|unit| rig.wound_m(unit)),
     }
 }
 
@@ -127,10 +66,7 @@ pub fn run(bases: &Bases, number: u64, plan: Plan) -> Outcome {
 /// Runs a case on an armed rig.
 #[must_use]
 pub fn run_on(mut rig: Rig, number: u64, plan: Plan) -> Outcome {
-    let mut watch = Watch {
-        began_m: std::array::from_fn(|unit| rig.wound_m(unit)),
-        ..Watch::default()
-    };
+    let mut watch = Watch::new(std::array::from_fn(|unit| rig.wound_m(unit)));
     rig.inject(plan.first);
     let second_at = plan.second.map_or(0, |(_, ms)| ms);
     // Two different things of one kind would fight over one place; the second is what counts then.
@@ -144,7 +80,7 @@ pub fn run_on(mut rig: Rig, number: u64, plan: Plan) -> Outcome {
             rig.inject(what);
         }
         rig.run_ms(1);
-        watch.look(&rig, ms + 1);
+        watch.look(&view(&rig), ms + 1);
     }
     Outcome {
         number,

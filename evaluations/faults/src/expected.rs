@@ -57,6 +57,7 @@ pub const EXPECTED: &[Expected] = &[
     one(I::ConfigBit(4, 15 * 32 + 40), F::ConfigCrc, 1_010),
     one(I::Overrun(2_000), F::LoopOverrun, 2),
     one(I::EventsLost, F::QueueOverflow, 2),
+    one(I::RegisterChanged, F::RegisterChanged, 2),
     one(I::EStop, F::EStop, 3),
     one(I::Hang, F::WatchdogReset, 60),
     one(I::FrameBit(77, u32::MAX), F::SetpointsExpired, 110),

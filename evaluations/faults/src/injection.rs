@@ -140,6 +140,8 @@ pub enum Injection {
     Overrun(u32),
     /// Events are lost.
     EventsLost,
+    /// A register of the controller differs; not drawn, for the expected faults only.
+    RegisterChanged,
     /// A reset of the controller without a cause that it knows.
     Reset,
     /// This bit of what was computed from a unit's configuration is inverted.
@@ -194,7 +196,9 @@ impl Injection {
             | I::HostSlow(_)
             | I::StopElsewhere
             | I::StatusElsewhere => Category::Host,
-            I::Hang | I::Overrun(_) | I::EventsLost | I::Reset => Category::Loop,
+            I::Hang | I::Overrun(_) | I::EventsLost | I::RegisterChanged | I::Reset => {
+                Category::Loop
+            }
             I::ConfigBit(..) => Category::Memory,
             I::RobotMoves | I::EStop => Category::Plant,
         }

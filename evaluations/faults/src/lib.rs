@@ -11,6 +11,7 @@
 //! | [`injection`] | what can be broken, and how is it drawn from a seed |
 //! | [`case`] | one run: prepare, inject, watch |
 //! | [`expected`] | which fault must an injection cause |
+//! | [`watch`] | what does the truth show in each millisecond |
 //! | [`outcome`] | what counts as detected, harmless, hazard |
 //! | [`campaign`] | many cases: parallel, in shards, resumed, merged |
 //! | [`table`] | the summary |
@@ -24,3 +25,4 @@ pub mod outcome;
 pub mod random;
 pub mod rig;
 pub mod table;
+pub mod watch;

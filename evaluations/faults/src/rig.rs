@@ -725,6 +725,7 @@ impl Rig {
             longest_pass_us: overrun.unwrap_or(30),
             events_lost: self.events_lost,
             dac_error: self.is(Injection::DacLink).then_some(0x1002),
+            register_changed: self.is(Injection::RegisterChanged).then_some(0x4001_300C),
         };
         self.machine.tick(now, health, &mut self.asked);
         self.carry_out();

@@ -1,12 +1,14 @@
 //! Damages input: what the tests of this package feed to decoders and parsers. Everything comes from a seed, so a failure is
 //! the same in every run, and proptest makes it small.
 //!
-//! `FORCE_FUZZ_CASES` sets the number of cases of each test, `FORCE_FUZZ_SEED` another seed; `cargo xtask fuzz` sets both.
+//! `FORCE_FUZZ_CASES` sets the number of cases of each test, `FORCE_FUZZ_SEED` another seed. With `FORCE_FUZZ_MINUTES` each test goes
+//! on with one seed after the other for so long. `cargo xtask fuzz` sets them.
 
 use proptest::collection::vec;
 use proptest::prelude::{any, Strategy};
 use proptest::test_runner::{Config, RngAlgorithm, TestError, TestRng, TestRunner};
 use std::fmt::Debug;
+use std::time::{Duration, Instant};
 
 /// Cases of a test in `cargo xtask test`.
 const CASES: u32 = 300;
@@ -97,12 +99,47 @@ fn number(variable: &str, default: u32) -> u32 {
     }
 }
 
-/// Runs `test` on the cases that `strategy` draws; a panic within it is a failure, and the smallest input that causes it is
-/// shown. `cost`: how many times as long as a short case one takes.
+/// Runs [`check_seed`] with the seed, or, where minutes are set, with one seed after the other until they have passed; then prints how
+/// many cases there were.
 ///
 /// # Panics
 /// On the first input that `test` does not survive.
 pub fn check<S: Strategy>(cost: u32, strategy: S, test: impl Fn(S::Value))
+where
+    S::Value: Debug,
+{
+    let seed = number("FORCE_FUZZ_SEED", 1);
+    let minutes = number("FORCE_FUZZ_MINUTES", 0);
+    let end = Instant::now() + Duration::from_secs(60 * u64::from(minutes));
+    let (mut cases, mut seeds) = (0, 0);
+    loop {
+        cases += u64::from(check_seed(cost, seed.wrapping_add(seeds), &strategy, &test));
+        seeds += 1;
+        if Instant::now() >= end {
+            break;
+        }
+    }
+    if minutes > 0 {
+        let thread = std::thread::current();
+        let name = thread.name().unwrap_or("a test");
+        println!(
+            "{name}: {cases} cases, seeds {seed} to {}",
+            seed.wrapping_add(seeds - 1)
+        );
+    }
+}
+
+/// Runs `test` on the cases that `strategy` draws; a panic within it is a failure, and the smallest input that causes it is
+/// shown. `cost`: how many times as long as a short case one takes. Returns the number of cases.
+///
+/// # Panics
+/// On the first input that `test` does not survive.
+fn check_seed<S: Strategy>(
+    cost: u32,
+    seed_number: u32,
+    strategy: &S,
+    test: impl Fn(S::Value),
+) -> u32
 where
     S::Value: Debug,
 {
@@ -112,14 +149,15 @@ where
         ..Config::default()
     };
     let mut seed = [0; 32];
-    seed[..4].copy_from_slice(&number("FORCE_FUZZ_SEED", 1).to_le_bytes());
+    seed[..4].copy_from_slice(&seed_number.to_le_bytes());
     let rng = TestRng::from_seed(RngAlgorithm::ChaCha, &seed);
-    let outcome = TestRunner::new_with_rng(config, rng).run(&strategy, |value| {
+    let cases = config.cases;
+    let outcome = TestRunner::new_with_rng(config, rng).run(strategy, |value| {
         test(value);
         Ok(())
     });
     match outcome {
-        Ok(()) => {}
+        Ok(()) => cases,
         Err(TestError::Fail(why, input)) => panic!("{why}\nsmallest input: {input:?}"),
         Err(TestError::Abort(why)) => panic!("no case could be drawn: {why}"),
     }

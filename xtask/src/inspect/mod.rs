@@ -40,12 +40,27 @@ const PANIC: &str = "rust_begin_unwind";
 /// # Errors
 /// A panic can be reached from the sample path, the stack is too small, or the image lacks what this looks for.
 pub fn run(workspace: &Workspace) -> Result<()> {
+    print!("{}", report(&image(workspace)?)?);
+    Ok(())
+}
+
+/// The most bytes of stack that the image can take.
+///
+/// # Errors
+/// The image can't be read, or lacks what this looks for.
+pub fn stack_bound(workspace: &Workspace) -> Result<u32> {
+    let calls = image(workspace)?;
+    let panic = address(&calls, PANIC)?;
+    let (levels, _) = levels(&calls, panic)?;
+    Ok(levels.iter().map(|(_, bytes)| bytes).sum())
+}
+
+fn image(workspace: &Workspace) -> Result<Calls> {
     let path = workspace.firmware_elf();
     let bytes = fs::read(&path).map_err(|error| {
         Failure::new(format!("{} can't be read: {error}", workspace.show(&path)))
     })?;
-    print!("{}", report(&Calls::read(&bytes)?)?);
-    Ok(())
+    Calls::read(&bytes)
 }
 
 fn address(calls: &Calls, name: &str) -> Result<u32> {
@@ -81,7 +96,8 @@ fn report(calls: &Calls) -> Result<String> {
     Ok(text)
 }
 
-fn stack_report(calls: &Calls, panic: u32) -> Result<String> {
+/// The stack of each level, and the functions that can call each other.
+fn levels(calls: &Calls, panic: u32) -> Result<([(&'static str, u32); 4], Vec<u32>)> {
     let mut depths = Depths::new(calls, panic);
     let mut deepest = |names: &[&str]| -> Result<u32> {
         let roots = addresses(calls, names)?;
@@ -98,6 +114,11 @@ fn stack_report(calls: &Calls, panic: u32) -> Result<String> {
         ),
         ("NMI", EXCEPTION + deepest(&["NonMaskableInt"])?),
     ];
+    Ok((levels, depths.recursive))
+}
+
+fn stack_report(calls: &Calls, panic: u32) -> Result<String> {
+    let (levels, recursive) = levels(calls, panic)?;
     let edge = |name: &str| {
         (calls.symbol(name)).ok_or_else(|| Failure::new(format!("the image has no symbol {name}")))
     };
@@ -114,11 +135,11 @@ fn stack_report(calls: &Calls, panic: u32) -> Result<String> {
         grouped(sum.into()),
         grouped(room.into())
     );
-    if let Some(first) = depths.recursive.first() {
+    if let Some(first) = recursive.first() {
         let _ = writeln!(
             text,
             "{} functions can call each other and count once each: {} and others",
-            depths.recursive.len(),
+            recursive.len(),
             calls.name(*first)
         );
     }

@@ -1,13 +1,16 @@
-//! What the engine's DMA leaves out: a stream that serves a USART needs TRBUFF, and can lock up without it.
+//! What the engine's models leave out: a stream that serves a USART needs TRBUFF, and can lock up without it; an SPI
+//! controller that stops.
 //!
 //! RM0433 rev 9 section 15.5.5 and ES0392 rev 15 2.20.4: without bufferable transfers a concurrent transfer can leave the
 //! stream locked. The sheet gives no condition, so this guard takes the strict view: a stream without TRBUFF whose
 //! channel of the multiplexer carries a USART's request is not enabled. A stall that is injected
-//! ([`Injection::StallUsart`](emulator_link::Injection::StallUsart)) locks the stream until it is disabled.
+//! ([`Injection::StallUsart`](emulator_link::Injection::StallUsart)) locks the stream until it is disabled. While SPI1 is stopped
+//! ([`Injection::StopSpi`](emulator_link::Injection::StopSpi)), CSTART begins nothing.
 
 use super::peers::Shared;
 use rigless::device::{Level, RequestChange};
 use rigless::soc::stm32h743::generated::dma1::Register as Dma;
+use rigless::soc::stm32h743::generated::spi1::Register as Spi;
 use std::sync::atomic::{AtomicU8, Ordering};
 use std::sync::Arc;
 
@@ -16,6 +19,8 @@ const STREAMS: usize = 8;
 const ROWS: usize = Dma::S1cr as usize - Dma::S0cr as usize;
 const ENABLE: u64 = 1;
 const TRBUFF: u64 = 1 << 20;
+/// CSTART of SPI1_CR1 (RM0433 rev 9 section 50.11.1).
+const CSTART: u64 = 1 << 9;
 /// DMAMUX1's input for USART3's transmitter (RM0433 rev 9 table 124).
 const USART3_TX: u8 = 46;
 
@@ -41,6 +46,8 @@ pub enum Guard {
         /// Streams that are locked, with the request that waits.
         locked: [Option<Option<RequestChange>>; STREAMS],
     },
+    /// SPI1: begins nothing while it is stopped. The board knows whether it is.
+    Spi(Shared),
 }
 
 /// What becomes of a register write.
@@ -74,6 +81,11 @@ impl Guard {
             Self::Multiplexer(routes) => {
                 if let Some(route) = routes.get(row) {
                     route.store((value & 0x7F) as u8, Ordering::Relaxed);
+                }
+            }
+            Self::Spi(board) => {
+                if row == Spi::Cr1 as usize && board.lock().is_spi_stopped() {
+                    guarded.value &= !CSTART;
                 }
             }
             Self::Controller { routes, locked, .. } => {
@@ -133,6 +145,18 @@ fn control_register(row: usize) -> Option<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_stopped_spi_begins_nothing() {
+        let plant = plant::Plant::new(plant::PlantConfig::default(), 1).unwrap();
+        let board = Shared::new(crate::board::Board::new(plant, 1).unwrap());
+        let mut spi = Guard::Spi(board.clone());
+        let row = Spi::Cr1 as usize;
+        assert_eq!(spi.write(row, CSTART | 1).value, CSTART | 1);
+        (board.lock().inject(emulator_link::Injection::StopSpi(true))).unwrap();
+        assert_eq!(spi.write(row, CSTART | 1).value, 1);
+        assert_eq!(spi.write(Spi::Txdr as usize, CSTART).value, CSTART);
+    }
 
     #[test]
     fn a_usart_stream_without_trbuff_is_refused() {

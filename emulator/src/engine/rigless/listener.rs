@@ -12,7 +12,7 @@ use rigless::device::{
     DeviceContext, ErasedDevice, InterruptChange, Level, RegisterFile, RequestChange,
 };
 use rigless::emulator::InterruptLine;
-use rigless::soc::stm32h743::generated::{dma1, SYSCFG};
+use rigless::soc::stm32h743::generated::{dma1, spi1, SYSCFG};
 use rigless::soc::stm32h743::peripherals::adc::{Adc, AdcCommon, Block, Converter};
 use rigless::soc::stm32h743::peripherals::bdma::Bdma;
 use rigless::soc::stm32h743::peripherals::dma::{Dma, DMA1_FIRST_CHANNEL, DMA2_FIRST_CHANNEL};
@@ -177,6 +177,7 @@ pub fn fresh(peer: (&'static str, impl Peer + 'static), board: &Shared) -> Vec<L
         listener.guard = match listener.instance {
             "DMAMUX1" => Some(Guard::Multiplexer(routes.clone())),
             "DMA1" => Some(Guard::controller(routes.clone(), board.clone())),
+            "SPI1" => Some(Guard::Spi(board.clone())),
             _ => None,
         };
     }
@@ -216,6 +217,10 @@ impl ErasedDevice for Listener {
             context.tell("SxCR", reason);
             // The register file holds what the core wrote already.
             registers.set(dma1::Register::ALL[row], guarded.value);
+        }
+        if guarded.value != value && self.instance == "SPI1" {
+            // A start that did nothing is not under way.
+            registers.set(spi1::Register::Cr1, guarded.value);
         }
         self.model.write(row, guarded.value, registers, context);
         if let Some(request) = guarded.released {
