@@ -5,7 +5,7 @@
 //! The hardware half (PAC, interrupts, `unsafe`) is in `hw` and exists on the target only.
 #![cfg_attr(target_os = "none", no_std)]
 
-/// The atomic types of [`shared`]; its test has others.
+/// The atomic types of `shared`; its test has others.
 mod atomics {
     pub use core::sync::atomic::{AtomicBool, AtomicU32, Ordering};
 }

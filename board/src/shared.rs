@@ -1,6 +1,6 @@
 //! What an interrupt and the superloop share without a lock: flags, requests, counts. One word each, and each with one rule.
 //!
-//! [`crate::atomics`] gives the atomic types: the processor's in the firmware, loom's in `tests/shared.rs`, which runs every
+//! `crate::atomics` gives the atomic types: the processor's in the firmware, loom's in `tests/shared.rs`, which runs every
 //! interleaving of both sides. loom lets both sides run at once; an interrupt is a case of that. What the two sides share under a
 //! lock (interrupts masked) is not here: `hw::SamplePath`, the sender of `hw::usart`.
 

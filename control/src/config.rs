@@ -391,7 +391,9 @@ impl Config {
 #[cfg(feature = "injection")]
 impl Config {
     /// Bits that [`Config::flip`] knows.
-    pub const BITS: u32 = 16 * 32 + 64 + 64;
+    pub const BITS: u32 = Self::SLEW_BIT + 64;
+    /// The first of them that belongs to the slew rate, which no sample's check covers.
+    pub const SLEW_BIT: u32 = 18 * 32;
 
     /// Flips a bit of what was computed from the wire's numbers, as a fault of the memory does. Bits from
     /// [`Config::BITS`] on begin again.
@@ -417,7 +419,7 @@ impl Config {
             14 => self.cell.creep_q16 ^= mask,
             15 => self.cell.creep_rate ^= mask,
             16 | 17 => self.cell.scale ^= 1 << (bit - 16 * 32),
-            _ => self.slew = self.slew.flipped(bit - 18 * 32),
+            _ => self.slew = self.slew.flipped(bit - Self::SLEW_BIT),
         }
     }
 }

@@ -4,7 +4,7 @@
 use crate::case::{run, Bases};
 use crate::injection::{Injection as I, Plan};
 use crate::outcome::TENSION_N;
-use control::Fault as F;
+use control::{Config, Fault as F};
 
 /// What must come of an injection, or of two.
 pub struct Expected {
@@ -54,7 +54,7 @@ pub const EXPECTED: &[Expected] = &[
     one(I::StopElsewhere, F::HostStop, 2),
     // The scale of the DAC, which the next sample needs; the slew rate, which nothing but the check of each second sees.
     one(I::ConfigBit(2, 7 * 32 + 28), F::ConfigCrc, 5),
-    one(I::ConfigBit(4, 15 * 32 + 40), F::ConfigCrc, 1_010),
+    one(I::ConfigBit(4, Config::SLEW_BIT + 40), F::ConfigCrc, 1_010),
     one(I::Overrun(2_000), F::LoopOverrun, 2),
     one(I::EventsLost, F::QueueOverflow, 2),
     one(I::RegisterChanged, F::RegisterChanged, 2),

@@ -99,7 +99,7 @@ fn number(variable: &str, default: u32) -> u32 {
     }
 }
 
-/// Runs [`check_seed`] with the seed, or, where minutes are set, with one seed after the other until they have passed; then prints how
+/// Runs `test` on the cases that `strategy` draws from the seed, or, where minutes are set, from one seed after the other; then prints how
 /// many cases there were.
 ///
 /// # Panics

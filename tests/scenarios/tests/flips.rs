@@ -32,7 +32,7 @@ const PUT_RIGHT: [u32; 4] = [SPI1_CFG2, 0x4001_3008, 0x5802_1408, 0x5802_1800];
 const EACH_TICK: [u32; 2] = [SPI1_CFG2, 0x4001_3008];
 
 /// Cases of the campaign that `cargo xtask test` runs, and how long each is watched: longer than a turn of the watch on the registers.
-const DRAWN: u64 = 16;
+const DRAWN: u64 = 12;
 const WATCH_MS: u32 = 120;
 
 /// Each of them is the board's fault within a turn of the watch. A register that the board puts right is cleared; one that it cannot

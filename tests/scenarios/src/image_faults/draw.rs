@@ -244,7 +244,7 @@ mod tests {
                         assert!(memory.variables.contains(&at) || memory.stack.contains(&at));
                         assert!(bit < 8);
                     }
-                    Injection::FlipRegister(at, bit) => assert!(at % 4 == 0 && bit < 32),
+                    Injection::FlipRegister(at, bit) => assert!(at.is_multiple_of(4) && bit < 32),
                     Injection::FlipCore(_, register, bit) => assert!(register <= 16 && bit < 32),
                     other => panic!("{other:?}"),
                 }
