@@ -39,12 +39,12 @@ pub struct Rows {
 pub struct Figures {
     /// Mean absolute error, N.
     pub mae_n: f64,
-    /// Half width of the 95 % interval of the mean over trials, N; NaN with one trial is written as null.
+    /// Half width of the 95 % interval of the mean over trials, N. `None` with one trial.
     pub mae_half_n: Option<f64>,
     /// Root mean square error, N.
     pub rmse_n: f64,
-    /// RMSE per range of the label.
-    pub nrmse: f64,
+    /// RMSE per range of the label. `None` where the label has no range.
+    pub nrmse: Option<f64>,
     /// Rows.
     pub rows: usize,
     /// Trials.
@@ -69,7 +69,8 @@ pub fn half_width(values: &[f64]) -> Option<f64> {
     Some(t * (variance / n as f64).sqrt())
 }
 
-/// Predicts sequences and compares. The first 10 s of a sequence are left out: no model with a memory knows its state there.
+/// Predicts sequences and compares. The first 10 s of a sequence are left out: no model with a memory knows its state there. A
+/// trial of which nothing is left is not listed.
 #[must_use]
 pub fn compare(
     model: &dyn Model,
@@ -93,6 +94,7 @@ pub fn compare(
             add(rows, sequence, &predicted, base, axes);
         }
     }
+    trials.retain(|rows| !rows.error.is_empty());
     trials
 }
 
@@ -143,8 +145,8 @@ pub fn figures(trials: &[Rows]) -> Figures {
         mae_n: all().map(|e| e.abs()).sum::<f64>() / n,
         mae_half_n: half_width(&trials.iter().map(mean).collect::<Vec<_>>()),
         rmse_n,
-        nrmse: rmse_n / range,
-        rows: n as usize,
+        nrmse: (range > 0.0).then(|| rmse_n / range),
+        rows: all().count(),
         trials: trials.len(),
     }
 }
@@ -245,6 +247,19 @@ mod tests {
     }
 
     #[test]
+    fn a_label_without_a_range_has_no_relative_error() {
+        let still = Rows {
+            trial: 1,
+            error: vec![0.5; 10],
+            label: vec![0.0; 10],
+            ..Rows::default()
+        };
+        let f = figures(&[still]);
+        assert_eq!((f.nrmse, f.mae_n, f.rows), (None, 0.5, 10));
+        assert_eq!(figures(&[]).rows, 0);
+    }
+
+    #[test]
     fn figures_weigh_rows_and_bins_are_of_equal_width() {
         let trial = |trial, error: Vec<f64>| Rows {
             trial,
@@ -261,7 +276,7 @@ mod tests {
         let f = figures(&trials);
         assert!((f.mae_n - 1.25).abs() < 1e-12 && f.rows == 400);
         assert!((f.rmse_n - (700.0_f64 / 400.0).sqrt()).abs() < 1e-12);
-        assert!((f.nrmse - f.rmse_n / 299.0).abs() < 1e-12);
+        assert!((f.nrmse.unwrap() - f.rmse_n / 299.0).abs() < 1e-12);
         let edges = speed_edges(&trials);
         assert!((edges[0] * 6.0 - edges[5]).abs() < 1e-12);
         assert_eq!(speed_bin(&edges, 1e9), 5);

@@ -10,7 +10,7 @@ use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::model::Progress;
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
-use host_cli::estimate::card::{ModelCard, Run};
+use host_cli::estimate::card::{percent, ModelCard, Run};
 use host_cli::estimate::{self, evaluate, load, report, Data};
 use host_cli::experiment::folder::sha256_of;
 use serde_json::json;
@@ -263,7 +263,11 @@ impl Train {
             training_s: began.elapsed().as_secs_f64(),
         };
         let unseen = data.of(&run.test);
-        let evaluation = (!unseen.is_empty()).then(|| evaluate::evaluate(&trained, &unseen).0);
+        let evaluation = if unseen.is_empty() {
+            None
+        } else {
+            Some(evaluate::evaluate(&trained, &unseen).map_err(refused)?.0)
+        };
         // From here on Ctrl-C must not leave a model without its card.
         let _controlled_stop = context.interrupt.controlled_stop();
         let text = trained
@@ -326,7 +330,7 @@ impl Eval {
         )?;
         check_robot(&estimator, &data.robot, self.any_robot)?;
         let trials = if self.trials.is_empty() {
-            self.unseen(&data)
+            self.unseen(&data)?
         } else {
             self.trials.clone()
         };
@@ -338,7 +342,7 @@ impl Eval {
                 data.trials()
             )));
         }
-        let (evaluation, _) = evaluate::evaluate(&estimator, &sequences);
+        let (evaluation, _) = evaluate::evaluate(&estimator, &sequences).map_err(refused)?;
         let mut text = String::new();
         let f = &evaluation.figures;
         let half = f
@@ -359,9 +363,9 @@ impl Eval {
         );
         row!(
             text,
-            "RMSE           {:.3} N, NRMSE {:.2} %",
+            "RMSE           {:.3} N, NRMSE {}",
             f.rmse_n,
-            100.0 * f.nrmse
+            percent(f.nrmse)
         );
         row!(
             text,
@@ -395,11 +399,9 @@ impl Eval {
     }
 
     /// Trials that the model's card does not list as training of these same files.
-    fn unseen(&self, data: &Data) -> Vec<usize> {
-        let card = std::fs::read_to_string(self.model.with_extension("card.json")).ok();
-        let Some(card) = card.and_then(|text| serde_json::from_str::<ModelCard>(&text).ok()) else {
-            return data.trials();
-        };
+    fn unseen(&self, data: &Data) -> Result<Vec<usize>> {
+        let card = ModelCard::read(&self.model)
+            .map_err(|error| refused(format!("{error}, or name unseen trials with --trials")))?;
         let known: Vec<&str> = card
             .sources
             .iter()
@@ -413,7 +415,7 @@ impl Eval {
         let mut trials: Vec<usize> = fresh.flat_map(|s| s.trials.iter().copied()).collect();
         trials.sort_unstable();
         trials.dedup();
-        trials
+        Ok(trials)
     }
 }
 
@@ -469,11 +471,7 @@ impl ReportArgs {
 fn beside(path: &Path, data: &Data, training: &[usize]) -> Result<(Estimator, f64)> {
     let estimator = model(path)?;
     check_robot(&estimator, &data.robot, false)?;
-    let card = path.with_extension("card.json");
-    let text = std::fs::read_to_string(&card)
-        .map_err(|error| refused(format!("{}: {error}", card.display())))?;
-    let card: ModelCard = serde_json::from_str(&text)
-        .map_err(|error| refused(format!("{}: {error}", card.display())))?;
+    let card = ModelCard::read(path)?;
     let same = card.training_trials == training && card.sources == data.sources;
     if !same {
         return Err(refused(format!(

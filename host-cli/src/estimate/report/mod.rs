@@ -157,7 +157,7 @@ fn result(
     if settings.intervals {
         estimator.calibrate(settings, rows)?;
     }
-    let (evaluation, trials) = evaluate(&estimator, test);
+    let (evaluation, trials) = evaluate(&estimator, test)?;
     let result = ModelResult {
         model: settings.kind.name().to_owned(),
         parameters: estimator.model().parameters(),
@@ -184,7 +184,7 @@ pub fn write(
     let mut compared: Vec<(String, Vec<Rows>)> = Vec::new();
     let mut shipped = None;
     for (estimator, training_s) in &settings.trained {
-        let (evaluation, trials) = evaluate(estimator, &test);
+        let (evaluation, trials) = evaluate(estimator, &test)?;
         models.push(ModelResult {
             model: estimator.kind.name().to_owned(),
             parameters: estimator.model().parameters(),
@@ -225,7 +225,7 @@ pub fn write(
         for (name, other) in also {
             say(&format!("other data: {name}"));
             let sequences: Vec<&Sequence> = other.sequences.iter().collect();
-            elsewhere.push((name.clone(), evaluate(estimator, &sequences).0));
+            elsewhere.push((name.clone(), evaluate(estimator, &sequences)?.0));
         }
     }
     let mut in_space = Vec::new();
@@ -401,7 +401,7 @@ fn percent(share: Option<f64>) -> String {
 }
 
 fn models_table(text: &mut String, models: &[ModelResult]) {
-    line!(text, "| model | MAE, N | RMSE, N | NRMSE, % | parameters | training, s | step, us: median | p99 | 90 % interval covers, % |");
+    line!(text, "| model | MAE, N | RMSE, N | NRMSE | parameters | training, s | step, us: median | p99 | 90 % interval covers, % |");
     line!(
         text,
         "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
@@ -410,12 +410,12 @@ fn models_table(text: &mut String, models: &[ModelResult]) {
         let (e, f) = (&m.evaluation, &m.evaluation.figures);
         line!(
             text,
-            "| {} | {:.3}{} | {:.3} | {:.2} | {} | {:.1} | {:.1} | {:.1} | {} |",
+            "| {} | {:.3}{} | {:.3} | {} | {} | {:.1} | {:.1} | {:.1} | {} |",
             m.model,
             f.mae_n,
             interval(f.mae_half_n),
             f.rmse_n,
-            100.0 * f.nrmse,
+            super::card::percent(f.nrmse),
             m.parameters,
             m.training_s,
             e.step.median_us,
