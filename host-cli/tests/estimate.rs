@@ -1,4 +1,4 @@
-//! `forcectl estimate` as a program: what a model's card decides.
+//! `forcectl estimate` as a program: what a model's card decides, logs that lack columns.
 
 #![cfg(feature = "estimate")]
 
@@ -163,4 +163,70 @@ fn a_force_without_a_range_leaves_a_card_that_can_be_read() {
     let (code, _, err) = forcectl(folder, &["estimate", "eval", "z.model", "short"]);
     assert_eq!(code, Some(2));
     assert!(err.contains("no row is left to test on"), "{err}");
+}
+
+#[test]
+fn a_log_without_an_effort_is_refused_or_has_a_model_of_its_own() {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    day(&folder.join("whole"), 3.0, &[]);
+    day(&folder.join("less"), 3.0, &["joint_effort_1"]);
+    let train = |data: &'static str, out: &'static str| {
+        vec![
+            "estimate",
+            "train",
+            data,
+            "--model",
+            "linear",
+            "--no-intervals",
+            "--out",
+            out,
+        ]
+    };
+    let (code, _, err) = forcectl(folder, &train("less", "less.model"));
+    assert_eq!(code, Some(2));
+    assert!(
+        err.contains("`joint_effort_1`") && err.contains("absent = true"),
+        "{err}"
+    );
+    std::fs::write(
+        folder.join("less.toml"),
+        "effort = [{ absent = true }, { column = \"joint_effort_2\" }, { column = \"joint_effort_3\" }]\n",
+    )
+    .unwrap();
+    let with = ["--mapping", "less.toml"];
+    let (code, out, err) = forcectl(folder, &[&train("less", "less.model")[..], &with].concat());
+    assert_eq!(code, Some(0), "{err}");
+    assert!(out.contains("joint_effort_1 (absent)"), "{out}");
+
+    // On logs with and without the column the model gives the same figures: it does not look at it.
+    let mae = |arguments: &[&str]| {
+        let (code, out, err) = forcectl(folder, arguments);
+        assert_eq!(code, Some(0), "{err}");
+        let line = out
+            .lines()
+            .find(|l| l.starts_with("MAE"))
+            .map(str::to_owned);
+        line.expect("a figure")
+    };
+    let on = |data: &'static str| vec!["estimate", "eval", "less.model", data, "--trials", "3"];
+    assert_eq!(mae(&on("whole")), mae(&[&on("less")[..], &with].concat()));
+
+    // A model of all inputs has no use for a log that lacks one.
+    let (code, _, err) = forcectl(folder, &train("whole", "whole.model"));
+    assert_eq!(code, Some(0), "{err}");
+    let eval = [
+        "estimate",
+        "eval",
+        "whole.model",
+        "less",
+        "--mapping",
+        "less.toml",
+    ];
+    let (code, _, err) = forcectl(folder, &eval);
+    assert_eq!(code, Some(2));
+    assert!(
+        err.contains("joint_effort_1") && err.contains("which these data lack"),
+        "{err}"
+    );
 }

@@ -250,6 +250,7 @@ impl Train {
                 gpu: self.gpu,
             },
             intervals: !self.no_intervals,
+            absent: data.absent.clone(),
         };
         let began = Instant::now();
         let trained = Estimator::train(&settings, &rows, &mut |p: &Progress| {
@@ -322,13 +323,14 @@ fn split(data: &Data, test: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
 impl Eval {
     fn run(&self, _context: &Context) -> Result<Reply> {
         let estimator = model(&self.model)?;
-        let data = load::load(
+        let mut data = load::load(
             &self.data,
             &mapping(self.mapping.as_ref())?,
             1.0 / estimator.step_s,
             true,
         )?;
         check_robot(&estimator, &data.robot, self.any_robot)?;
+        data.fit_inputs(&estimator).map_err(refused)?;
         let trials = if self.trials.is_empty() {
             self.unseen(&data)?
         } else {
@@ -472,7 +474,9 @@ fn beside(path: &Path, data: &Data, training: &[usize]) -> Result<(Estimator, f6
     let estimator = model(path)?;
     check_robot(&estimator, &data.robot, false)?;
     let card = ModelCard::read(path)?;
-    let same = card.training_trials == training && card.sources == data.sources;
+    let same = card.training_trials == training
+        && card.sources == data.sources
+        && estimator.absent == data.absent;
     if !same {
         return Err(refused(format!(
             "{}: it was trained on the trials {:?} of {}; the report trains on {training:?} of {}",

@@ -95,14 +95,20 @@ impl ModelCard {
                 *range = [range[0].min(*v), range[1].max(*v)];
             }
         }
-        let with_unit = |(name, unit): (&&str, &&str)| format!("{name} ({unit})");
+        let with_unit = |(input, (name, unit)): (usize, (&&str, &&str))| {
+            if estimator.absent.contains(&input) {
+                format!("{name} (absent)")
+            } else {
+                format!("{name} ({unit})")
+            }
+        };
         Self {
             model: estimator.kind.name().to_owned(),
             model_sha256,
             program: format!("forcectl {}", env!("CARGO_PKG_VERSION")),
             robot: estimator.robot.clone(),
             rate_hz: 1.0 / estimator.step_s,
-            inputs: estimator::motion::INPUT_NAMES.iter().zip(&UNITS).map(with_unit).collect(),
+            inputs: estimator::motion::INPUT_NAMES.iter().zip(&UNITS).enumerate().map(with_unit).collect(),
             outputs: estimator.axes.iter().map(|a| format!("{} (N)", AXES[*a])).collect(),
             frame: "that of the training data's force: the rig's robot base frame for an experiment".to_owned(),
             sign: "force on the tool".to_owned(),

@@ -138,6 +138,7 @@ fn training(data: &Data, kind: Kind, seed: u64, intervals: bool) -> Training {
         },
         networks: NetworkLimits::default(),
         intervals,
+        absent: data.absent.clone(),
     }
 }
 
