@@ -69,6 +69,38 @@ pub fn half_width(values: &[f64]) -> Option<f64> {
     Some(t * (variance / n as f64).sqrt())
 }
 
+/// A difference of two models' mean absolute errors, paired over trials.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Difference {
+    /// Mean over trials, N.
+    pub mean_n: f64,
+    /// Half width of its 95 % interval, N. `None` with one trial.
+    pub half_n: Option<f64>,
+}
+
+/// Mean absolute error of each trial, N.
+#[must_use]
+pub fn by_trial(trials: &[Rows]) -> Vec<f64> {
+    let mean = |rows: &Rows| {
+        rows.error.iter().map(|e| e.abs()).sum::<f64>() / rows.error.len().max(1) as f64
+    };
+    trials.iter().map(mean).collect()
+}
+
+/// `a` less `b`, both by trial and of the same trials. What is hard for both models in a trial cancels. `None` without trials, or
+/// with other numbers of trials.
+#[must_use]
+pub fn paired(a: &[f64], b: &[f64]) -> Option<Difference> {
+    if a.is_empty() || a.len() != b.len() {
+        return None;
+    }
+    let differences: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+    Some(Difference {
+        mean_n: differences.iter().sum::<f64>() / differences.len() as f64,
+        half_n: half_width(&differences),
+    })
+}
+
 /// Predicts sequences and compares. The first 10 s of a sequence are left out: no model with a memory knows its state there. A
 /// trial of which nothing is left is not listed.
 #[must_use]
@@ -132,9 +164,6 @@ fn add(rows: &mut Rows, sequence: &Sequence, predicted: &[f32], base: &Base, axe
 /// Figures over all rows of all trials.
 #[must_use]
 pub fn figures(trials: &[Rows]) -> Figures {
-    let mean = |rows: &Rows| {
-        rows.error.iter().map(|e| e.abs()).sum::<f64>() / rows.error.len().max(1) as f64
-    };
     let all = || trials.iter().flat_map(|t| &t.error);
     let n = all().count().max(1) as f64;
     let rmse_n = (all().map(|e| e * e).sum::<f64>() / n).sqrt();
@@ -143,7 +172,7 @@ pub fn figures(trials: &[Rows]) -> Figures {
         - labels().fold(f64::INFINITY, |a, b| a.min(*b));
     Figures {
         mae_n: all().map(|e| e.abs()).sum::<f64>() / n,
-        mae_half_n: half_width(&trials.iter().map(mean).collect::<Vec<_>>()),
+        mae_half_n: half_width(&by_trial(trials)),
         rmse_n,
         nrmse: (range > 0.0).then(|| rmse_n / range),
         rows: all().count(),
@@ -244,6 +273,17 @@ mod tests {
         let half = half_width(&[1.0, 3.0]).unwrap();
         assert!((half - 12.706).abs() < 1e-9, "{half}");
         assert_eq!(half_width(&[1.0]), None);
+    }
+
+    #[test]
+    fn differences_are_paired_over_trials() {
+        // Trials differ by 1 N, the models by 0.1 N in each: the interval is of the second.
+        let difference = paired(&[1.1, 2.1, 3.13], &[1.0, 2.0, 3.0]).unwrap();
+        assert!((difference.mean_n - 0.11).abs() < 1e-12);
+        let half = 4.303 * (0.0003_f64 / 3.0).sqrt();
+        assert!((difference.half_n.unwrap() - half).abs() < 1e-9);
+        assert_eq!(paired(&[1.0], &[1.0, 2.0]), None);
+        assert_eq!(paired(&[2.0], &[1.5]).unwrap().half_n, None);
     }
 
     #[test]

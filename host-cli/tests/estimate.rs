@@ -1,4 +1,4 @@
-//! `forcectl estimate` as a program: what a model's card decides, logs that lack columns.
+//! `forcectl estimate` as a program: what a model's card decides, logs that lack columns, the report from end to end.
 
 #![cfg(feature = "estimate")]
 
@@ -229,4 +229,56 @@ fn a_log_without_an_effort_is_refused_or_has_a_model_of_its_own() {
         err.contains("joint_effort_1") && err.contains("which these data lack"),
         "{err}"
     );
+}
+
+#[test]
+fn a_report_goes_through_all_input_groups() {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    day(&folder.join("day"), 3.0, &[]);
+    log(&folder.join("more"), 7, 30, 3.0, &[]);
+    let report = [
+        "estimate",
+        "report",
+        "day",
+        "--into",
+        "page",
+        "--unseen",
+        "more",
+        "--also",
+        "itself=more",
+        "--group-minutes",
+        "1",
+        // Fewer rows: the models are poor, the way through all of them is the same.
+        "--rate",
+        "10",
+    ];
+    let (code, out, err) = forcectl(folder, &report);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(
+        err.contains("model `hybrid`") && err.contains("input groups"),
+        "{err}"
+    );
+    let page = std::fs::read_to_string(folder.join("page/figures.md")).unwrap();
+    assert_eq!(page.trim(), out.trim());
+    for words in [
+        "| all positions | ",
+        "| shipped model: MAE at most 0.25 N | ",
+        "and the 1 trials of `more`",
+        "| itself | hybrid | ",
+        "| 60 chosen minutes match 160 random ones | not tried | - |",
+    ] {
+        assert!(page.contains(words), "{words}: {page}");
+    }
+    for picture in ["prediction", "trajectory", "errors", "speed", "maps"] {
+        let path = folder.join(format!("page/{picture}.svg"));
+        assert!(path.is_file(), "{picture}");
+    }
+    // The same trials again are no unseen ones.
+    let again = [
+        "estimate", "report", "day", "--into", "page", "--unseen", "day",
+    ];
+    let (code, _, err) = forcectl(folder, &again);
+    assert_eq!(code, Some(2));
+    assert!(err.contains("is a file of day too"), "{err}");
 }

@@ -1,6 +1,7 @@
 //! `forcectl estimate`: contact force from the state of a robot, without a force sensor.
 
 mod live;
+mod report;
 
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
@@ -11,7 +12,7 @@ use estimator::model::Progress;
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
 use host_cli::estimate::card::{percent, ModelCard, Run};
-use host_cli::estimate::{self, evaluate, load, report, Data};
+use host_cli::estimate::{self, evaluate, load, Data};
 use host_cli::experiment::folder::sha256_of;
 use serde_json::json;
 use std::fmt::Write as _;
@@ -50,7 +51,7 @@ enum Sub {
     /// Write a network as ONNX
     Export(Export),
     /// Train and compare all models, and write the tables and pictures
-    Report(ReportArgs),
+    Report(report::Report),
 }
 
 /// How data are read.
@@ -134,30 +135,6 @@ impl Export {
         let text = format!("{} written\n", self.out.display());
         Ok(Reply::new(text, json!({"file": self.out})))
     }
-}
-
-/// Arguments of `estimate report`.
-#[derive(Debug, Args)]
-struct ReportArgs {
-    /// Folder of an experiment
-    data: PathBuf,
-    /// Folder for tables and pictures
-    #[arg(long, value_name = "DIR")]
-    into: PathBuf,
-    /// Other data on which the shipped model is tried, as NAME=FOLDER
-    #[arg(long, value_name = "NAME=DIR")]
-    also: Vec<report::Also>,
-    /// Model files to show beside, for example of networks; trained on the same trials
-    #[arg(long, value_name = "FILE")]
-    with: Vec<PathBuf>,
-    /// Data of three-dimensional forces
-    #[arg(long, value_name = "DIR")]
-    three_axes: Option<PathBuf>,
-    /// Seed of everything random
-    #[arg(long, value_name = "N", default_value = "1")]
-    seed: u64,
-    #[command(flatten)]
-    read: DataArgs,
 }
 
 fn kind(name: &str) -> std::result::Result<Kind, String> {
@@ -430,61 +407,4 @@ fn check_robot(estimator: &Estimator, robot: &str, any: bool) -> Result<()> {
         "the model was trained on the robot `{}`, these data are of `{robot}`: friction differs from robot to robot. Train on this robot, or see the error with --any-robot",
         estimator.robot
     )))
-}
-
-impl ReportArgs {
-    fn run(&self, context: &Context) -> Result<Reply> {
-        let data = self.read.load(&self.data)?;
-        let mut also = Vec::new();
-        for set in &self.also {
-            also.push((set.name.clone(), self.read.load(&set.folder)?));
-        }
-        let three_axes = self
-            .three_axes
-            .as_ref()
-            .map(|dir| self.read.load(dir))
-            .transpose()?;
-        let (training, test) = split(&data, &[])?;
-        let mut trained = Vec::new();
-        for path in &self.with {
-            trained.push(beside(path, &data, &training)?);
-        }
-        let settings = report::Settings {
-            training,
-            test,
-            seed: self.seed,
-            trained,
-        };
-        let written = report::write(
-            &self.into,
-            &data,
-            &also,
-            three_axes.as_ref(),
-            &settings,
-            &mut |text| context.output.note(text),
-        )
-        .map_err(refused)?;
-        Ok(Reply::new(written.text.clone(), json!(written.results)))
-    }
-}
-
-/// A model that was trained before, and the time of its training. Its training must be that of the report, or the table would
-/// compare models that know different trials.
-fn beside(path: &Path, data: &Data, training: &[usize]) -> Result<(Estimator, f64)> {
-    let estimator = model(path)?;
-    check_robot(&estimator, &data.robot, false)?;
-    let card = ModelCard::read(path)?;
-    let same = card.training_trials == training
-        && card.sources == data.sources
-        && estimator.absent == data.absent;
-    if !same {
-        return Err(refused(format!(
-            "{}: it was trained on the trials {:?} of {}; the report trains on {training:?} of {}",
-            path.display(),
-            card.training_trials,
-            card.data,
-            data.name
-        )));
-    }
-    Ok((estimator, card.training_s))
 }

@@ -1,30 +1,50 @@
 //! All models side by side, with tables and pictures: `docs/estimation/` is one run of this.
+//!
+//! Here is the sequence of trainings; `goals.rs` compares with what is asked for, `tables.rs` writes Markdown, `draw.rs` the pictures.
+//! Tables are written after each part, so a report that is broken off leaves what it has found.
+
+mod draw;
+mod goals;
+mod tables;
+
+pub use goals::Goal;
+pub use tables::tables;
 
 use super::evaluate::{evaluate, Evaluation};
 use super::load::Data;
-use super::pictures::{self, Place};
-use super::study::{self, Point};
+use super::study::{Choice, Point, Study};
 use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
-use estimator::metrics::Rows;
+use estimator::metrics::{by_trial, paired, Difference, Rows};
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
 use serde::{Deserialize, Serialize};
-use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 use std::str::FromStr;
 use std::time::Instant;
 
-macro_rules! line {
-    ($text:expr, $($arg:tt)*) => {{
-        // A String takes every line.
-        let _ = writeln!($text, $($arg)*);
-    }};
-}
-
 /// Minutes of the learning curve.
 const MINUTES: [usize; 6] = [5, 10, 20, 40, 80, 140];
-/// Minutes of the active choice: at first, at a time, at last.
-const CHOICE: [usize; 3] = [12, 16, 60];
+/// Choice of minutes: 60 chosen against 60 and 160 random ones, three draws of each.
+const CHOICE: Choice = Choice {
+    first: 12,
+    step: 16,
+    last: 60,
+    more: 160,
+    draws: 3,
+};
+
+/// Data of a report.
+#[derive(Debug)]
+pub struct Inputs<'a> {
+    /// The experiment that trains and tests.
+    pub data: &'a Data,
+    /// More trials of the same robot; all models are tested on them too.
+    pub unseen: Option<&'a Data>,
+    /// Other data on which the models are tried, by name.
+    pub also: &'a [(String, Data)],
+    /// Forces in three dimensions; the last trial is the test.
+    pub three_axes: Option<&'a Data>,
+}
 
 /// Which trials, which seed, which models beside those that the report trains.
 #[derive(Debug)]
@@ -37,6 +57,8 @@ pub struct Settings {
     pub seed: u64,
     /// Models that were trained before, with the time of their training, s.
     pub trained: Vec<(Estimator, f64)>,
+    /// Minutes of training of the study of input groups at most.
+    pub group_minutes: Option<f64>,
 }
 
 /// Other data with a name.
@@ -71,10 +93,23 @@ pub struct ModelResult {
     pub training_s: f64,
     /// Figures on the test trials.
     pub evaluation: Evaluation,
+    /// Mean absolute error of each test trial, N.
+    pub by_trial: Vec<f64>,
+    /// Error less that of the shipped model.
+    pub difference: Option<Difference>,
+}
+
+/// Models on other data.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Elsewhere {
+    /// Name of the data.
+    pub name: String,
+    /// No force, the physical model, the shipped one.
+    pub models: Vec<(String, Evaluation)>,
 }
 
 /// All figures.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Results {
     /// Data.
     pub data: String,
@@ -82,6 +117,8 @@ pub struct Results {
     pub training: Vec<usize>,
     /// Trials for testing.
     pub test: Vec<usize>,
+    /// Data of more trials for testing, and their number.
+    pub unseen: Option<(String, usize)>,
     /// Rows per second.
     pub rate_hz: f64,
     /// Models.
@@ -90,12 +127,14 @@ pub struct Results {
     pub ablation: Vec<Point>,
     /// Minutes drawn at random: the physical and the shipped model.
     pub learning: Vec<(String, Vec<Point>)>,
-    /// Minutes chosen by predicted error: the shipped model.
-    pub chosen: Vec<Point>,
-    /// The shipped model on other data, by name.
-    pub elsewhere: Vec<(String, Evaluation)>,
-    /// Forces in three dimensions: the physical and the shipped model.
+    /// Minutes chosen by predicted error, and random ones: the shipped model.
+    pub choice: Vec<Point>,
+    /// On other data, not trained anew.
+    pub elsewhere: Vec<Elsewhere>,
+    /// Forces in three dimensions.
     pub three_axes: Vec<ModelResult>,
+    /// What was asked for and what was reached.
+    pub goals: Vec<Goal>,
 }
 
 /// What was written.
@@ -110,7 +149,7 @@ pub struct Written {
 /// Why there is no report.
 #[derive(Debug, thiserror::Error)]
 pub enum ReportError {
-    /// A model can't be trained.
+    /// A model can't be trained or tested.
     #[error(transparent)]
     Model(#[from] estimator::model::ModelError),
     /// A file can't be written.
@@ -142,12 +181,26 @@ fn training(data: &Data, kind: Kind, seed: u64, intervals: bool) -> Training {
     }
 }
 
-/// Trains with intervals, and once without for the time.
-fn result(
-    settings: &Training,
-    rows: &[&Sequence],
+/// A trained model on the test trials.
+fn tested(
+    estimator: &Estimator,
+    training_s: f64,
     test: &[&Sequence],
-) -> Result<(ModelResult, Vec<Rows>, Estimator), ReportError> {
+) -> Result<(ModelResult, Vec<Rows>), ReportError> {
+    let (evaluation, trials) = evaluate(estimator, test)?;
+    let result = ModelResult {
+        model: estimator.kind.name().to_owned(),
+        parameters: estimator.model().parameters(),
+        training_s,
+        evaluation,
+        by_trial: by_trial(&trials),
+        difference: None,
+    };
+    Ok((result, trials))
+}
+
+/// Trains, and calibrates intervals apart from the time.
+fn trained(settings: &Training, rows: &[&Sequence]) -> Result<(Estimator, f64), ReportError> {
     let began = Instant::now();
     let plain = Training {
         intervals: false,
@@ -158,14 +211,29 @@ fn result(
     if settings.intervals {
         estimator.calibrate(settings, rows)?;
     }
-    let (evaluation, trials) = evaluate(&estimator, test)?;
-    let result = ModelResult {
-        model: settings.kind.name().to_owned(),
-        parameters: estimator.model().parameters(),
-        training_s,
-        evaluation,
+    Ok((estimator, training_s))
+}
+
+/// Differences to the last model, the shipped one.
+fn compare_with_last(models: &mut [ModelResult]) {
+    let Some(reference) = models.last().map(|m| m.by_trial.clone()) else {
+        return;
     };
-    Ok((result, trials, estimator))
+    for model in models {
+        model.difference = paired(&model.by_trial, &reference);
+    }
+}
+
+/// A report under way.
+struct Report<'a> {
+    into: &'a Path,
+    inputs: &'a Inputs<'a>,
+    settings: &'a Settings,
+    say: &'a mut dyn FnMut(&str),
+    began: Instant,
+    results: Results,
+    /// Numbered anew: trials of other folders have the same numbers.
+    more: Vec<Sequence>,
 }
 
 /// Trains and compares all models; writes tables and pictures to `into`.
@@ -174,91 +242,195 @@ fn result(
 /// [`ReportError`].
 pub fn write(
     into: &Path,
-    data: &Data,
-    also: &[(String, Data)],
-    three_axes: Option<&Data>,
+    inputs: &Inputs<'_>,
     settings: &Settings,
     say: &mut dyn FnMut(&str),
 ) -> Result<Written, ReportError> {
-    let (rows, test) = (data.of(&settings.training), data.of(&settings.test));
-    let mut models = Vec::new();
-    let mut compared: Vec<(String, Vec<Rows>)> = Vec::new();
-    let mut shipped = None;
-    for (estimator, training_s) in &settings.trained {
-        let (evaluation, trials) = evaluate(estimator, &test)?;
-        models.push(ModelResult {
-            model: estimator.kind.name().to_owned(),
-            parameters: estimator.model().parameters(),
-            training_s: *training_s,
-            evaluation,
-        });
-        compared.push((estimator.kind.name().to_owned(), trials));
+    let last = inputs.data.trials().last().copied().unwrap_or(0);
+    let more = inputs.unseen.map_or_else(Vec::new, |unseen| {
+        let mut more = unseen.sequences.clone();
+        more.iter_mut().for_each(|s| s.trial += last);
+        more
+    });
+    let report = Report {
+        into,
+        inputs,
+        settings,
+        say,
+        began: Instant::now(),
+        results: Results {
+            data: inputs.data.name.clone(),
+            training: settings.training.clone(),
+            test: settings.test.clone(),
+            unseen: inputs.unseen.map(|u| (u.name.clone(), u.trials().len())),
+            rate_hz: (inputs.data.sequences.first()).map_or(0.0, |s| 1.0 / s.step_s),
+            ..Results::default()
+        },
+        more,
+    };
+    report.run()
+}
+
+impl Report<'_> {
+    fn run(mut self) -> Result<Written, ReportError> {
+        let more = std::mem::take(&mut self.more);
+        let more: Vec<&Sequence> = more.iter().collect();
+        let data = self.inputs.data;
+        let rows = data.of(&self.settings.training);
+        let seed = self.settings.seed;
+        let mut test = data.of(&self.settings.test);
+        test.extend(&more);
+        let (shipped, physics) = self.models(&rows, &test)?;
+        self.elsewhere(&shipped, &physics)?;
+        self.three_axes()?;
+
+        let hybrid = training(data, Kind::Hybrid, seed, false);
+        let quick = training(data, Kind::Physics, seed, false);
+        self.note("minutes of training");
+        for settings in [&quick, &hybrid] {
+            let points = self
+                .study(settings, &rows, &test)
+                .learning_curve(&MINUTES, seed)?;
+            if !points.is_empty() {
+                let name = settings.kind.name().to_owned();
+                self.results.learning.push((name, points));
+            }
+        }
+        self.keep()?;
+        self.note("choice of minutes");
+        // With more trials to test on, all trials of the data can be chosen from.
+        let all: Vec<&Sequence> = data.sequences.iter().collect();
+        let (pool, unseen) = if more.is_empty() {
+            (&rows, &test)
+        } else {
+            (&all, &more)
+        };
+        self.results.choice = self.study(&hybrid, pool, unseen).choice(&CHOICE, seed)?;
+        self.keep()?;
+        self.note("input groups");
+        let minutes = self.settings.group_minutes;
+        self.results.ablation = self.study(&hybrid, &rows, &test).ablation(minutes)?;
+        let text = self.keep()?;
+        self.note("done");
+        Ok(Written {
+            results: self.results,
+            text,
+        })
     }
-    for kind in Kind::ALL {
-        say(&format!("model `{}`", kind.name()));
-        let (result, trials, estimator) =
-            result(&training(data, kind, settings.seed, true), &rows, &test)?;
-        models.push(result);
-        compared.push((kind.name().to_owned(), trials));
-        shipped = Some(estimator);
+
+    fn note(&mut self, text: &str) {
+        let minutes = self.began.elapsed().as_secs_f64() / 60.0;
+        (self.say)(&format!("[{minutes:5.1} min] {text}"));
     }
-    let hybrid = training(data, Kind::Hybrid, settings.seed, false);
-    let physics = training(data, Kind::Physics, settings.seed, false);
-    say("input groups");
-    let ablation = study::ablation(&hybrid, &rows, &test)?;
-    say("minutes of data");
-    let mut learning = Vec::new();
-    for settings_of in [&physics, &hybrid] {
-        let points = study::learning_curve(settings_of, &rows, &test, &MINUTES, settings.seed)?;
-        learning.push((settings_of.kind.name().to_owned(), points));
-    }
-    say("choice of minutes");
-    let mut chosen = vec![study::chosen(&hybrid, &rows, &test, CHOICE, settings.seed)?];
-    chosen.extend(study::learning_curve(
-        &hybrid,
-        &rows,
-        &test,
-        &[CHOICE[2]],
-        settings.seed + 1,
-    )?);
-    let mut elsewhere = Vec::new();
-    if let Some(estimator) = &shipped {
-        for (name, other) in also {
-            say(&format!("other data: {name}"));
-            let sequences: Vec<&Sequence> = other.sequences.iter().collect();
-            elsewhere.push((name.clone(), evaluate(estimator, &sequences)?.0));
+
+    fn study<'a>(
+        &'a mut self,
+        settings: &'a Training,
+        training: &'a [&'a Sequence],
+        test: &'a [&'a Sequence],
+    ) -> Study<'a> {
+        Study {
+            settings,
+            training,
+            test,
+            say: &mut *self.say,
         }
     }
-    let mut in_space = Vec::new();
-    if let Some(other) = three_axes {
-        say("three-dimensional forces");
+
+    /// All models on the test trials, with the pictures of them; the shipped and the physical one.
+    fn models(
+        &mut self,
+        rows: &[&Sequence],
+        test: &[&Sequence],
+    ) -> Result<(Estimator, Estimator), ReportError> {
+        let mut compared: Vec<(String, Vec<Rows>)> = Vec::new();
+        for (estimator, training_s) in &self.settings.trained {
+            self.note(&format!(
+                "model `{}`, trained before",
+                estimator.kind.name()
+            ));
+            let (result, trials) = tested(estimator, *training_s, test)?;
+            self.found(result, trials, &mut compared);
+        }
+        let mut kept = Vec::new();
+        for kind in Kind::ALL {
+            self.note(&format!("model `{}`", kind.name()));
+            let intervals = matches!(kind, Kind::Physics | Kind::Hybrid);
+            let settings = training(self.inputs.data, kind, self.settings.seed, intervals);
+            let (estimator, training_s) = trained(&settings, rows)?;
+            let (result, trials) = tested(&estimator, training_s, test)?;
+            self.found(result, trials, &mut compared);
+            kept.push(estimator);
+        }
+        compare_with_last(&mut self.results.models);
+        self.keep()?;
+        draw::models(self.into, &self.results, &compared)?;
+        // The last two of `Kind::ALL`.
+        let (Some(shipped), Some(physics)) = (kept.pop(), kept.pop()) else {
+            unreachable!("all kinds were trained")
+        };
+        Ok((shipped, physics))
+    }
+
+    fn found(
+        &mut self,
+        result: ModelResult,
+        trials: Vec<Rows>,
+        compared: &mut Vec<(String, Vec<Rows>)>,
+    ) {
+        let mae = result.evaluation.figures.mae_n;
+        (self.say)(&format!("  `{}`: MAE {mae:.3} N", result.model));
+        compared.push((result.model.clone(), trials));
+        self.results.models.push(result);
+    }
+
+    fn elsewhere(&mut self, shipped: &Estimator, physics: &Estimator) -> Result<(), ReportError> {
+        for (name, other) in self.inputs.also {
+            self.note(&format!("other data: {name}"));
+            let sequences: Vec<&Sequence> = other.sequences.iter().collect();
+            let none = training(self.inputs.data, Kind::Zero, self.settings.seed, false);
+            let none = Estimator::train(&none, &sequences, &mut |_| {})?;
+            let mut models = Vec::new();
+            for estimator in [&none, physics, shipped] {
+                let evaluation = evaluate(estimator, &sequences)?.0;
+                models.push((estimator.kind.name().to_owned(), evaluation));
+            }
+            self.results.elsewhere.push(Elsewhere {
+                name: name.clone(),
+                models,
+            });
+        }
+        self.keep().map(|_| ())
+    }
+
+    fn three_axes(&mut self) -> Result<(), ReportError> {
+        let Some(other) = self.inputs.three_axes else {
+            return Ok(());
+        };
         let trials = other.trials();
         let last = trials.len().saturating_sub(1);
         let (rows, test) = (other.of(&trials[..last]), other.of(&trials[last..]));
         for kind in [Kind::Zero, Kind::Linear, Kind::Physics, Kind::Hybrid] {
-            in_space.push(result(&training(other, kind, settings.seed, false), &rows, &test)?.0);
+            self.note(&format!("three-dimensional forces: `{}`", kind.name()));
+            let settings = training(other, kind, self.settings.seed, false);
+            let (estimator, training_s) = trained(&settings, &rows)?;
+            let result = tested(&estimator, training_s, &test)?.0;
+            self.results.three_axes.push(result);
         }
+        compare_with_last(&mut self.results.three_axes);
+        self.keep().map(|_| ())
     }
-    let results = Results {
-        data: data.name.clone(),
-        training: settings.training.clone(),
-        test: settings.test.clone(),
-        rate_hz: test.first().map_or(f64::NAN, |s| 1.0 / s.step_s),
-        models,
-        ablation,
-        learning,
-        chosen,
-        elsewhere,
-        three_axes: in_space,
-    };
-    draw(into, &results, &compared)?;
-    let text = tables(&results);
-    save(&into.join("figures.md"), &text)?;
-    save(
-        &into.join("figures.json"),
-        &(serde_json::to_string_pretty(&results)? + "\n"),
-    )?;
-    Ok(Written { results, text })
+
+    /// Writes what there is.
+    fn keep(&mut self) -> Result<String, ReportError> {
+        self.results.goals = goals::goals(&self.results);
+        let text = tables(&self.results);
+        save(&self.into.join("figures.md"), &text)?;
+        let json = serde_json::to_string_pretty(&self.results)? + "\n";
+        save(&self.into.join("figures.json"), &json)?;
+        draw::learning(self.into, &self.results)?;
+        Ok(text)
+    }
 }
 
 fn save(path: &Path, text: &str) -> Result<(), ReportError> {
@@ -272,311 +444,4 @@ fn save(path: &Path, text: &str) -> Result<(), ReportError> {
         path: path.display().to_string(),
         cause,
     })
-}
-
-/// Models that the pictures of errors show: those that try.
-const SHOWN: [&str; 6] = ["mlp", "gru", "lstm", "linear", "physics", "hybrid"];
-
-fn draw(
-    into: &Path,
-    results: &Results,
-    compared: &[(String, Vec<Rows>)],
-) -> Result<(), ReportError> {
-    let shown = || {
-        compared
-            .iter()
-            .filter(|(name, _)| SHOWN.contains(&name.as_str()))
-    };
-    let step_s = 1.0 / results.rate_hz;
-    let first: Vec<(String, &Rows)> = shown()
-        .filter(|(name, _)| name != "linear")
-        .filter_map(|(name, trials)| Some((name.clone(), trials.first()?)))
-        .collect();
-    save(
-        &into.join("prediction.svg"),
-        &pictures::prediction(
-            "Prediction against truth, an unseen trial",
-            &first,
-            step_s,
-            100.0,
-            240.0,
-        )
-        .to_svg(),
-    )?;
-    let boxes: Vec<(String, &[Rows])> = compared
-        .iter()
-        .map(|(name, trials)| (name.clone(), trials.as_slice()))
-        .collect();
-    save(
-        &into.join("errors.svg"),
-        &pictures::boxes("Errors of each model on unseen trials", &boxes).to_svg(),
-    )?;
-    let speeds: Vec<(String, Vec<f64>)> = (results.models.iter())
-        .filter(|m| SHOWN.contains(&m.model.as_str()))
-        .map(|m| {
-            (
-                m.model.clone(),
-                m.evaluation.by_speed.iter().map(|b| b.mae_n).collect(),
-            )
-        })
-        .collect();
-    let below: Vec<f64> = results.models.first().map_or_else(Vec::new, |m| {
-        m.evaluation
-            .by_speed
-            .iter()
-            .map(|b| b.below_m_per_s)
-            .collect()
-    });
-    save(
-        &into.join("speed.svg"),
-        &pictures::by_speed("Error by speed of the tip, unseen trials", &below, &speeds).to_svg(),
-    )?;
-    let mut curves: Vec<(String, Vec<(f64, f64)>)> = (results.learning.iter())
-        .map(|(name, points)| {
-            (
-                name.clone(),
-                points
-                    .iter()
-                    .map(|p| (p.minutes, p.figures.mae_n))
-                    .collect(),
-            )
-        })
-        .collect();
-    if let Some(chosen) = results.chosen.first() {
-        curves.push((
-            "chosen".to_owned(),
-            vec![(chosen.minutes, chosen.figures.mae_n)],
-        ));
-    }
-    save(
-        &into.join("learning.svg"),
-        &pictures::curves(
-            "Error against training data",
-            "minutes of training",
-            "mean absolute error, N",
-            &curves,
-        )
-        .to_svg(),
-    )?;
-    let Some((_, shipped)) = compared.last() else {
-        return Ok(());
-    };
-    let degrees = |v: f64| v.to_degrees();
-    let places: [Place<'_>; 6] = [
-        ("shoulder, degrees", "elbow, degrees", &|r, k| {
-            (degrees(r.joints[k][0]), degrees(r.joints[k][1]))
-        }),
-        ("shoulder, degrees", "insertion, mm", &|r, k| {
-            (degrees(r.joints[k][0]), 1e3 * r.joints[k][2])
-        }),
-        ("tip x0, mm", "tip y0, mm", &|r, k| {
-            (1e3 * r.tips[k][0], 1e3 * r.tips[k][1])
-        }),
-        ("shoulder, degrees/s", "elbow, degrees/s", &|r, k| {
-            (degrees(r.rates[k][0]), degrees(r.rates[k][1]))
-        }),
-        ("shoulder, degrees/s", "insertion, mm/s", &|r, k| {
-            (degrees(r.rates[k][0]), 1e3 * r.rates[k][2])
-        }),
-        ("tip x0, mm", "tip z0, mm", &|r, k| {
-            (1e3 * r.tips[k][0], 1e3 * r.tips[k][2])
-        }),
-    ];
-    save(
-        &into.join("maps.svg"),
-        &pictures::error_maps(
-            "Mean absolute error of the shipped model over joints, joint velocities and workspace",
-            shipped,
-            &places,
-        )
-        .to_svg(),
-    )
-}
-
-fn interval(half: Option<f64>) -> String {
-    half.map_or_else(String::new, |h| format!(" ± {h:.3}"))
-}
-
-fn percent(share: Option<f64>) -> String {
-    share.map_or_else(|| "-".to_owned(), |s| format!("{:.1}", 100.0 * s))
-}
-
-fn models_table(text: &mut String, models: &[ModelResult]) {
-    line!(text, "| model | MAE, N | RMSE, N | NRMSE | parameters | training, s | step, us: median | p99 | 90 % interval covers, % |");
-    line!(
-        text,
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |"
-    );
-    for m in models {
-        let (e, f) = (&m.evaluation, &m.evaluation.figures);
-        line!(
-            text,
-            "| {} | {:.3}{} | {:.3} | {} | {} | {:.1} | {:.1} | {:.1} | {} |",
-            m.model,
-            f.mae_n,
-            interval(f.mae_half_n),
-            f.rmse_n,
-            super::card::percent(f.nrmse),
-            m.parameters,
-            m.training_s,
-            e.step.median_us,
-            e.step.p99_us,
-            percent(e.covered)
-        );
-    }
-}
-
-/// Tables in Markdown.
-#[must_use]
-pub fn tables(r: &Results) -> String {
-    let mut text = String::new();
-    line!(text, "# Figures of the estimators\n");
-    line!(text, "`forcectl estimate report` has written this page. Training on the trials {:?}, test on the trials {:?}, {} rows per second.", r.training, r.test, r.rate_hz);
-    line!(text, "MAE with the 95 % interval over test trials. Times are of the machine that wrote this page.\n");
-    line!(text, "## Models\n");
-    models_table(&mut text, &r.models);
-    line!(text, "\n## By speed of the tip\n");
-    if let Some(first) = r.models.first() {
-        let heads: Vec<String> = first
-            .evaluation
-            .by_speed
-            .iter()
-            .map(|b| format!("below {:.1} mm/s", 1e3 * b.below_m_per_s))
-            .collect();
-        line!(
-            text,
-            "| model, MAE in N | {} | slowest per overall | turning round | sliding |",
-            heads.join(" | ")
-        );
-        line!(text, "| --- |{}", " --- |".repeat(heads.len() + 3));
-        let rows: Vec<String> = first
-            .evaluation
-            .by_speed
-            .iter()
-            .map(|b| b.rows.to_string())
-            .collect();
-        line!(text, "| rows | {} | | | |", rows.join(" | "));
-    }
-    for m in &r.models {
-        let e = &m.evaluation;
-        let bins: Vec<String> = e
-            .by_speed
-            .iter()
-            .map(|b| format!("{:.3}", b.mae_n))
-            .collect();
-        let ratio = e.by_speed.first().map_or(f64::NAN, |b| b.mae_n) / e.figures.mae_n;
-        line!(
-            text,
-            "| {} | {} | {ratio:.2} | {:.3} | {:.3} |",
-            m.model,
-            bins.join(" | "),
-            e.mae_reversing_n,
-            e.mae_sliding_n
-        );
-    }
-    line!(
-        text,
-        "\n## Intervals: coverage of 90 % intervals, and mean half width\n"
-    );
-    for m in r
-        .models
-        .iter()
-        .filter(|m| m.model == "physics" || m.model == "hybrid")
-    {
-        let by_trial: Vec<String> = m
-            .evaluation
-            .covered_by_trial
-            .iter()
-            .map(|c| format!("{:.1}", 100.0 * c))
-            .collect();
-        line!(
-            text,
-            "{}: {} % of all rows; by trial {} %.\n",
-            m.model,
-            percent(m.evaluation.covered),
-            by_trial.join(", ")
-        );
-        line!(
-            text,
-            "| speed below, mm/s | covers, % | half width, N |\n| --- | --- | --- |"
-        );
-        for b in &m.evaluation.by_speed {
-            line!(
-                text,
-                "| {:.1} | {} | {:.3} |",
-                1e3 * b.below_m_per_s,
-                percent(b.covered),
-                b.half_width_n.unwrap_or(f64::NAN)
-            );
-        }
-        line!(text, "");
-    }
-    studies(&mut text, r);
-    text
-}
-
-fn studies(text: &mut String, r: &Results) {
-    line!(
-        text,
-        "## Without a group of inputs: the shipped model, trained anew\n"
-    );
-    line!(text, "| held at its mean | MAE, N |\n| --- | --- |");
-    for p in &r.ablation {
-        line!(
-            text,
-            "| {} | {:.3}{} |",
-            p.name,
-            p.figures.mae_n,
-            interval(p.figures.mae_half_n)
-        );
-    }
-    line!(text, "\n## Minutes of training\n");
-    line!(text, "| model | minutes | MAE, N |\n| --- | --- | --- |");
-    for (name, points) in &r.learning {
-        for p in points {
-            line!(
-                text,
-                "| {name}, {} | {:.0} | {:.3}{} |",
-                p.name,
-                p.minutes,
-                p.figures.mae_n,
-                interval(p.figures.mae_half_n)
-            );
-        }
-    }
-    for p in &r.chosen {
-        line!(
-            text,
-            "| hybrid, {} | {:.0} | {:.3}{} |",
-            p.name,
-            p.minutes,
-            p.figures.mae_n,
-            interval(p.figures.mae_half_n)
-        );
-    }
-    if !r.elsewhere.is_empty() {
-        line!(
-            text,
-            "\n## The shipped model on other data, not trained anew\n"
-        );
-        line!(text, "| data | MAE, N | RMSE, N | rows | 90 % interval covers, % |\n| --- | --- | --- | --- | --- |");
-        for (name, e) in &r.elsewhere {
-            line!(
-                text,
-                "| {name} | {:.3}{} | {:.3} | {} | {} |",
-                e.figures.mae_n,
-                interval(e.figures.mae_half_n),
-                e.figures.rmse_n,
-                e.figures.rows,
-                percent(e.covered)
-            );
-        }
-    }
-    if !r.three_axes.is_empty() {
-        line!(
-            text,
-            "\n## Three-dimensional forces: length of the error vector\n"
-        );
-        models_table(text, &r.three_axes);
-    }
 }
