@@ -4,9 +4,10 @@
 //! rate, fewer rows than a second.
 
 use crate::geometry::Base;
-use crate::motion::{INPUTS, INPUT_NAMES};
+pub use crate::mapping::{Mapping, Source};
+use crate::motion::INPUTS;
+pub use crate::refusal::DataError;
 use crate::sequence::Sequence;
-use serde::{Deserialize, Serialize};
 
 /// Columns of a log by name.
 pub trait Columns {
@@ -14,126 +15,6 @@ pub trait Columns {
     fn column(&self, name: &str) -> Option<&[f64]>;
     /// Names of all columns, for messages.
     fn names(&self) -> Vec<String>;
-}
-
-/// Where in a log the model's inputs are: column names, factors to SI units. The default is the dataset of an experiment.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct Mapping {
-    /// Column of the time, and factor to s.
-    pub time: Source,
-    /// Positions of the first three joints: to rad, rad, m.
-    pub position: [Source; 3],
-    /// Velocities: to rad/s, rad/s, m/s.
-    pub velocity: [Source; 3],
-    /// Efforts of the drives at the joints: to N·m, N·m, N.
-    pub effort: [Source; 3],
-    /// Force on the tool: to N. With the factor -1 for a log of the force by the tool.
-    pub force: [Source; 3],
-    /// Tip as the robot reports it: to m. `None`: the frame of the force is the robot's CRTK frame.
-    pub tip: Option<[Source; 3]>,
-    /// Column that is 1 where a row can be used; `None`: every row can be.
-    pub usable: Option<String>,
-    /// Column with the number of the trial; `None`: each file is a trial.
-    pub trial: Option<String>,
-    /// Name of the robot. A model is refused for data of another robot.
-    pub robot: String,
-}
-
-/// A column and its factor to SI units.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub struct Source {
-    /// Name of the column.
-    pub column: String,
-    /// Factor to the SI unit.
-    #[serde(default = "one")]
-    pub factor: f64,
-}
-
-const fn one() -> f64 {
-    1.0
-}
-
-fn source(name: &str) -> Source {
-    Source {
-        column: name.to_owned(),
-        factor: 1.0,
-    }
-}
-
-impl Default for Mapping {
-    fn default() -> Self {
-        let input = |from: usize| core::array::from_fn(|i| source(INPUT_NAMES[from + i]));
-        Self {
-            time: source("t_s"),
-            position: input(0),
-            velocity: input(3),
-            effort: input(6),
-            force: ["force_x_n", "force_y_n", "force_z_n"].map(source),
-            tip: Some(["tip_x_m", "tip_y_m", "tip_z_m"].map(source)),
-            usable: Some("quality".to_owned()),
-            trial: Some("trial".to_owned()),
-            robot: String::new(),
-        }
-    }
-}
-
-/// Why a log can't be used.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum DataError {
-    /// A column is missing.
-    #[error("{file}: there is no column `{column}` (for {role}); the file has {has}. Name the right column in a mapping file (--mapping)")]
-    Missing {
-        /// File.
-        file: String,
-        /// Column.
-        column: String,
-        /// What it is for.
-        role: String,
-        /// Columns that are there.
-        has: String,
-    },
-    /// A value is no number.
-    #[error("{file}: column `{column}` is {value} in row {row} (t = {time_s} s), which is marked as usable; mark such rows unusable or leave them out")]
-    NotANumber {
-        /// File.
-        file: String,
-        /// Column.
-        column: String,
-        /// What is there.
-        value: f64,
-        /// Row from 1.
-        row: usize,
-        /// Time, s.
-        time_s: f64,
-    },
-    /// Another rate.
-    #[error("{file}: its rows are {found_hz:.2} Hz (column `{column}`), which is no multiple of the model's {wanted_hz:.2} Hz; record at such a rate, or train a model at this one (--rate)")]
-    Rate {
-        /// File.
-        file: String,
-        /// Column of the time.
-        column: String,
-        /// Rate of the file, Hz.
-        found_hz: f64,
-        /// Wanted, Hz.
-        wanted_hz: f64,
-    },
-    /// Nothing usable.
-    #[error("{file}: no stretch of usable rows is longer than a second")]
-    Empty {
-        /// File.
-        file: String,
-    },
-    /// Time does not go on.
-    #[error("{file}: the time in column `{column}` does not increase")]
-    Time {
-        /// File.
-        file: String,
-        /// Column.
-        column: String,
-    },
 }
 
 /// Rows of one file that can be used.
@@ -147,6 +28,35 @@ pub struct Part {
     pub rate_hz: f64,
     /// Rows that were left out because they are not usable.
     pub unusable: usize,
+    /// Inputs that the log lacks, by their place in [`crate::motion::INPUT_NAMES`]. They are 0 in every row.
+    pub absent: Vec<usize>,
+}
+
+/// What a log without a column can do instead.
+const SPARE: &str =
+    ", or write `{ absent = true }` for it there: a model is then trained without this input";
+const ALL_USABLE: &str = ", or write `usable = \"\"` there: every row is taken";
+const FILE_IS_TRIAL: &str = ", or write `trial = \"\"` there: each file is a trial";
+
+/// Inputs that a mapping calls absent.
+///
+/// # Errors
+/// All efforts are.
+fn absent(file: &str, mapping: &Mapping) -> Result<Vec<usize>, DataError> {
+    let groups = mapping.velocity.iter().chain(&mapping.effort);
+    let absent: Vec<usize> = groups
+        .enumerate()
+        .filter(|(_, source)| source.absent)
+        .map(|(n, _)| 3 + n)
+        .collect();
+    if (6..INPUTS).all(|input| absent.contains(&input)) {
+        return Err(DataError::Needed {
+            file: file.to_owned(),
+            role: "the effort of every joint".to_owned(),
+            why: "without any effort nothing tells the force: log the motor torques, or currents with a factor".to_owned(),
+        });
+    }
+    Ok(absent)
 }
 
 /// Reads a log: rows at `rate_hz`, which divides the log's rate. `with_force`: the label is needed.
@@ -160,47 +70,58 @@ pub fn read<'a>(
     rate_hz: f64,
     with_force: bool,
 ) -> Result<Part, DataError> {
-    let find = |role: &str, column: &str| {
+    let find = |role: &str, column: &str, instead: &'static str| {
         log.column(column).ok_or_else(|| DataError::Missing {
             file: file.to_owned(),
             column: column.to_owned(),
             role: role.to_owned(),
             has: log.names().join(", "),
+            instead,
         })
     };
-    let three = |role: &str, sources: &'a [Source; 3]| -> Result<Vec<Column<'a>>, DataError> {
-        let mut columns = Vec::with_capacity(3);
-        for s in sources {
-            columns.push(Column::new(&s.column, find(role, &s.column)?, s.factor));
+    let one = |role: &str, s: &'a Source, spare: bool| -> Result<Column<'a>, DataError> {
+        let role = role.to_owned();
+        let file = file.to_owned();
+        match (s.absent, spare) {
+            (true, true) => Ok(Column::new(&s.column, None, 0.0)),
+            (true, false) => Err(DataError::Needed {
+                file,
+                role,
+                why: "every model needs it; only velocities and efforts can be absent".to_owned(),
+            }),
+            (false, _) if s.column.is_empty() => Err(DataError::Unnamed { file, role }),
+            (false, _) => Ok(Column::new(
+                &s.column,
+                Some(find(&role, &s.column, if spare { SPARE } else { "" })?),
+                s.factor,
+            )),
         }
-        Ok(columns)
     };
-    let time = Column::new(
-        &mapping.time.column,
-        find("the time", &mapping.time.column)?,
-        mapping.time.factor,
-    );
-    let mut inputs = three("a joint's position", &mapping.position)?;
-    inputs.extend(three("a joint's velocity", &mapping.velocity)?);
-    inputs.extend(three("a joint's effort", &mapping.effort)?);
+    let three = |role: &str, sources: &'a [Source; 3], spare: bool| {
+        let columns = sources.iter().map(|s| one(role, s, spare));
+        columns.collect::<Result<Vec<Column<'a>>, DataError>>()
+    };
+    let absent = absent(file, mapping)?;
+    let time = one("the time", &mapping.time, false)?;
+    let mut inputs = three("a joint's position", &mapping.position, false)?;
+    inputs.extend(three("a joint's velocity", &mapping.velocity, true)?);
+    inputs.extend(three("a joint's effort", &mapping.effort, true)?);
     let force = if with_force {
-        three("the force on the tool", &mapping.force)?
+        three("the force on the tool", &mapping.force, false)?
     } else {
         Vec::new()
     };
-    let tip = match &mapping.tip {
-        Some(tip) => three("the reported tip", tip)?,
+    let tip = match mapping.tip() {
+        Some(tip) => three("the reported tip", tip, false)?,
         None => Vec::new(),
     };
     let usable = mapping
-        .usable
-        .as_ref()
-        .map(|c| find("whether a row is usable", c))
+        .usable()
+        .map(|c| find("whether a row is usable", c, ALL_USABLE))
         .transpose()?;
     let trial = mapping
-        .trial
-        .as_ref()
-        .map(|c| find("the trial", c))
+        .trial()
+        .map(|c| find("the trial", c, FILE_IS_TRIAL))
         .transpose()?;
     let found_s = step_s(file, &time)?;
     let every = (1.0 / (rate_hz * found_s)).round();
@@ -212,12 +133,13 @@ pub fn read<'a>(
             wanted_hz: rate_hz,
         });
     }
-    let rows = time.values.len();
+    let rows = time.rows();
     let mut part = Part {
         sequences: Vec::new(),
         tips: Vec::new(),
         rate_hz: 1.0 / found_s,
         unusable: 0,
+        absent,
     };
     let every = every as usize;
     let mut taken = 0_usize;
@@ -294,12 +216,13 @@ pub fn read<'a>(
 
 struct Column<'a> {
     name: &'a str,
-    values: &'a [f64],
+    /// `None`: the log has no such column; its value is 0.
+    values: Option<&'a [f64]>,
     factor: f64,
 }
 
 impl<'a> Column<'a> {
-    const fn new(name: &'a str, values: &'a [f64], factor: f64) -> Self {
+    const fn new(name: &'a str, values: Option<&'a [f64]>, factor: f64) -> Self {
         Self {
             name,
             values,
@@ -308,7 +231,15 @@ impl<'a> Column<'a> {
     }
 
     fn at(&self, row: usize) -> f64 {
-        self.values[row] * self.factor
+        self.raw(row) * self.factor
+    }
+
+    fn raw(&self, row: usize) -> f64 {
+        self.values.map_or(0.0, |values| values[row])
+    }
+
+    fn rows(&self) -> usize {
+        self.values.map_or(0, <[f64]>::len)
     }
 }
 
@@ -325,7 +256,7 @@ fn check<'a>(
             return Err(DataError::NotANumber {
                 file: file.to_owned(),
                 column: column.name.to_owned(),
-                value: column.values[row],
+                value: column.raw(row),
                 row: row + 1,
                 time_s: time.at(row),
             });
@@ -345,7 +276,7 @@ fn close(part: &mut Part, sequence: Option<Sequence>) {
 
 /// Median step of the time, s.
 fn step_s(file: &str, time: &Column<'_>) -> Result<f64, DataError> {
-    let mut steps: Vec<f64> = (1..time.values.len())
+    let mut steps: Vec<f64> = (1..time.rows())
         .map(|k| time.at(k) - time.at(k - 1))
         .filter(|s| s.is_finite())
         .collect();
@@ -409,7 +340,7 @@ mod tests {
             .chain(&mapping.velocity)
             .chain(&mapping.effort)
             .chain(&mapping.force);
-        for (n, source) in all.chain(mapping.tip.iter().flatten()).enumerate() {
+        for (n, source) in all.chain(&mapping.tip).enumerate() {
             columns.push((
                 source.column.clone(),
                 (0..rows).map(|k| (n * 10_000 + k) as f64).collect(),
@@ -463,7 +394,15 @@ mod tests {
         let mut large = log(1_000);
         set(&mut large, "force_y_n", 3, 1e300);
         for (log, words) in [
-            (&missing, vec!["a.parquet", "`joint_effort_2`", "--mapping"]),
+            (
+                &missing,
+                vec![
+                    "a.parquet",
+                    "`joint_effort_2`",
+                    "--mapping",
+                    "absent = true",
+                ],
+            ),
             (&nan, vec!["a.parquet", "`joint_velocity_3`", "row 8"]),
             (&large, vec!["`force_y_n`", "row 4"]),
         ] {
@@ -484,6 +423,64 @@ mod tests {
     }
 
     #[test]
+    fn an_absent_input_is_zero_and_named_and_what_every_model_needs_is_refused() {
+        let mut other = log(400);
+        other.0.retain(|(n, _)| n != "joint_effort_1");
+        let absent = Source {
+            column: String::new(),
+            factor: 1.0,
+            absent: true,
+        };
+        let mut mapping = Mapping::default();
+        mapping.effort[0] = absent.clone();
+        let part = read("c.csv", &other, &mapping, 100.0, true).unwrap();
+        assert_eq!(part.absent, [6]);
+        assert_eq!(
+            part.sequences[0].input_row(5)[5..8],
+            [50_005.0, 0.0, 70_005.0]
+        );
+
+        let refused = |mapping: &Mapping| {
+            let error = read("c.csv", &other, mapping, 100.0, true).unwrap_err();
+            error.to_string()
+        };
+        let mut none = mapping.clone();
+        none.effort = [absent.clone(), absent.clone(), absent.clone()];
+        assert!(refused(&none).contains("the effort of every joint is absent"));
+        let mut blind = mapping.clone();
+        blind.position[1] = absent.clone();
+        let error = refused(&blind);
+        assert!(
+            error.contains("c.csv") && error.contains("a joint's position is absent"),
+            "{error}"
+        );
+        // A log of one trial without marks and tips.
+        let mut bare = mapping.clone();
+        (bare.usable, bare.trial) = (String::new(), String::new());
+        bare.tip = [absent.clone(), absent.clone(), absent.clone()];
+        let mut plain = log(400);
+        plain
+            .0
+            .retain(|(n, _)| n != "quality" && n != "trial" && !n.starts_with("tip_"));
+        for word in ["`usable = \"\"`", "`trial = \"\"`"] {
+            let mut named = mapping.clone();
+            named.tip = bare.tip.clone();
+            if word.contains("trial") {
+                named.usable = String::new();
+            }
+            let error = read("d.csv", &plain, &named, 100.0, true)
+                .unwrap_err()
+                .to_string();
+            assert!(error.contains(word), "{error}");
+        }
+        let part = read("d.csv", &plain, &bare, 100.0, true).unwrap();
+        assert_eq!((part.sequences[0].rows(), part.tips.len()), (400, 0));
+        let mut unnamed = mapping.clone();
+        unnamed.velocity[2].column.clear();
+        assert!(refused(&unnamed).contains("names no column for a joint's velocity"));
+    }
+
+    #[test]
     fn a_mapping_brings_other_names_and_units() {
         let mut other = log(400);
         for (name, values) in &mut other.0 {
@@ -496,6 +493,7 @@ mod tests {
         mapping.position[0] = Source {
             column: "shoulder_deg".to_owned(),
             factor: std::f64::consts::PI / 180.0,
+            absent: false,
         };
         let part = read("b.csv", &other, &mapping, 100.0, true).unwrap();
         assert!((part.sequences[0].input_row(0)[0] - std::f32::consts::PI).abs() < 1e-6);

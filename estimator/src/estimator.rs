@@ -3,7 +3,9 @@
 use crate::baseline::{Constant, Linear};
 use crate::geometry::Base;
 use crate::interval::{HeldOut, Interval};
+pub use crate::kind::Kind;
 use crate::model::{Model, ModelError, Progress};
+use crate::motion::{INPUTS, INPUT_NAMES};
 use crate::physics::Physics;
 use crate::sequence::Sequence;
 use crate::trees::{Boosted, StoredBoosted, TreesConfig};
@@ -12,81 +14,6 @@ use std::collections::BTreeSet;
 
 /// Layout of the file. Another one is refused.
 pub const SCHEMA: u32 = 1;
-
-/// Which model.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub enum Kind {
-    /// No force.
-    Zero,
-    /// Mean of the training.
-    Mean,
-    /// Linear in filtered inputs.
-    Linear,
-    /// Torque balance with identified friction, and an observer.
-    Physics,
-    /// Gradient-boosted trees on the motion.
-    Trees,
-    /// The physical model and trees on what it leaves: the shipped model.
-    Hybrid,
-    /// The thesis's perceptron.
-    Mlp,
-    /// The thesis's gated recurrent units.
-    Gru,
-    /// The thesis's long short-term memory.
-    Lstm,
-    /// A small causal convolution.
-    Convolution,
-    /// Small gated recurrent units whose state goes on.
-    CarriedGru,
-}
-
-impl Kind {
-    /// The neural networks. They need the feature `networks`.
-    pub const NETWORKS: [Self; 5] = [
-        Self::Mlp,
-        Self::Gru,
-        Self::Lstm,
-        Self::Convolution,
-        Self::CarriedGru,
-    ];
-    /// All others, from the least to the most.
-    pub const ALL: [Self; 6] = [
-        Self::Zero,
-        Self::Mean,
-        Self::Linear,
-        Self::Trees,
-        Self::Physics,
-        Self::Hybrid,
-    ];
-
-    /// Name in commands and files.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::Zero => "zero",
-            Self::Mean => "mean",
-            Self::Linear => "linear",
-            Self::Physics => "physics",
-            Self::Trees => "trees",
-            Self::Hybrid => "hybrid",
-            Self::Mlp => "mlp",
-            Self::Gru => "gru",
-            Self::Lstm => "lstm",
-            Self::Convolution => "convolution",
-            Self::CarriedGru => "carried-gru",
-        }
-    }
-
-    /// From its name.
-    #[must_use]
-    pub fn of(name: &str) -> Option<Self> {
-        Self::ALL
-            .into_iter()
-            .chain(Self::NETWORKS)
-            .find(|kind| kind.name() == name)
-    }
-}
 
 /// What a training needs beside its rows.
 #[derive(Debug, Clone, PartialEq)]
@@ -105,6 +32,8 @@ pub struct Training {
     pub networks: NetworkLimits,
     /// Whether intervals are calibrated: the model is trained once more for each fold of trials.
     pub intervals: bool,
+    /// Inputs that the log lacks, by their place in [`crate::motion::INPUT_NAMES`]; they are 0 in the sequences.
+    pub absent: Vec<usize>,
 }
 
 /// How long networks are trained. Their layers, rates and batches are those of the thesis, or of the small networks.
@@ -137,7 +66,24 @@ pub struct Estimator {
     pub base: Base,
     /// Intervals, where they were calibrated.
     pub interval: Option<Interval>,
+    /// Inputs without which it was trained, by their place in [`crate::motion::INPUT_NAMES`].
+    pub absent: Vec<usize>,
     model: Body,
+}
+
+/// Inputs that a model does not know. See [`Estimator::fit_inputs`].
+#[derive(Debug, Clone)]
+pub struct Hold(Vec<usize>);
+
+impl Hold {
+    /// Sets them to 0 in rows of [`INPUTS`] values.
+    pub fn apply(&self, rows: &mut [f32]) {
+        for row in rows.chunks_exact_mut(INPUTS) {
+            for input in &self.0 {
+                row[*input] = 0.0;
+            }
+        }
+    }
 }
 
 enum Body {
@@ -175,6 +121,8 @@ struct Stored {
     step_s: f64,
     base: Base,
     interval: Option<Interval>,
+    #[serde(default)]
+    absent: Vec<usize>,
     model: StoredBody,
 }
 
@@ -308,6 +256,7 @@ impl Estimator {
             step_s: first.step_s,
             base: training.base,
             interval: None,
+            absent: training.absent.clone(),
             model,
         };
         if training.intervals {
@@ -333,6 +282,25 @@ impl Estimator {
     #[must_use]
     pub fn model(&self) -> &dyn Model {
         self.model.model()
+    }
+
+    /// Brings rows of inputs to those of the training: what the model was trained without is 0. `absent`: inputs that the rows lack.
+    ///
+    /// # Errors
+    /// [`ModelError::Data`]: the rows lack an input that the model was trained with.
+    pub fn fit_inputs(&self, absent: &[usize]) -> Result<Hold, ModelError> {
+        let missing: Vec<&str> = absent
+            .iter()
+            .filter(|input| !self.absent.contains(input))
+            .map(|input| INPUT_NAMES[*input])
+            .collect();
+        if missing.is_empty() {
+            return Ok(Hold(self.absent.clone()));
+        }
+        Err(ModelError::Data(format!(
+            "the model was trained with {}, which these data lack: train a model without (the same `absent = true` in the mapping file of the training)",
+            missing.join(", ")
+        )))
     }
 
     /// Writes a network as ONNX: its own inputs (see the module `neural`) to forces, both in SI units.
@@ -372,6 +340,7 @@ impl Estimator {
             step_s: self.step_s,
             base: self.base,
             interval: self.interval.clone(),
+            absent: self.absent.clone(),
             model,
         };
         serde_json::to_string(&stored)
@@ -402,9 +371,11 @@ impl Estimator {
         if !(1e-4..=1.0).contains(&stored.step_s)
             || stored.axes.is_empty()
             || stored.axes.iter().any(|a| *a > 2)
+            || stored.absent.iter().any(|i| *i >= INPUTS)
         {
             return Err(ModelError::Stored(
-                "the model file's rate or axes are impossible: train the model again".to_owned(),
+                "the model file's rate, axes or inputs are impossible: train the model again"
+                    .to_owned(),
             ));
         }
         let model = match stored.model {
@@ -428,6 +399,7 @@ impl Estimator {
             step_s: stored.step_s,
             base: stored.base,
             interval: stored.interval,
+            absent: stored.absent,
             model,
         })
     }

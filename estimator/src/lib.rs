@@ -9,6 +9,8 @@ pub mod data;
 pub mod estimator;
 pub mod geometry;
 pub mod interval;
+pub mod kind;
+pub mod mapping;
 pub mod metrics;
 pub mod model;
 pub mod motion;
@@ -17,6 +19,7 @@ pub mod network;
 #[cfg(feature = "networks")]
 pub mod neural;
 pub mod physics;
+pub mod refusal;
 pub mod ridge;
 pub mod sequence;
 pub mod trees;

@@ -39,12 +39,12 @@ pub struct Rows {
 pub struct Figures {
     /// Mean absolute error, N.
     pub mae_n: f64,
-    /// Half width of the 95 % interval of the mean over trials, N; NaN with one trial is written as null.
+    /// Half width of the 95 % interval of the mean over trials, N. `None` with one trial.
     pub mae_half_n: Option<f64>,
     /// Root mean square error, N.
     pub rmse_n: f64,
-    /// RMSE per range of the label.
-    pub nrmse: f64,
+    /// RMSE per range of the label. `None` where the label has no range.
+    pub nrmse: Option<f64>,
     /// Rows.
     pub rows: usize,
     /// Trials.
@@ -69,7 +69,40 @@ pub fn half_width(values: &[f64]) -> Option<f64> {
     Some(t * (variance / n as f64).sqrt())
 }
 
-/// Predicts sequences and compares. The first 10 s of a sequence are left out: no model with a memory knows its state there.
+/// A difference of two models' mean absolute errors, paired over trials.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Difference {
+    /// Mean over trials, N.
+    pub mean_n: f64,
+    /// Half width of its 95 % interval, N. `None` with one trial.
+    pub half_n: Option<f64>,
+}
+
+/// Mean absolute error of each trial, N.
+#[must_use]
+pub fn by_trial(trials: &[Rows]) -> Vec<f64> {
+    let mean = |rows: &Rows| {
+        rows.error.iter().map(|e| e.abs()).sum::<f64>() / rows.error.len().max(1) as f64
+    };
+    trials.iter().map(mean).collect()
+}
+
+/// `a` less `b`, both by trial and of the same trials. What is hard for both models in a trial cancels. `None` without trials, or
+/// with other numbers of trials.
+#[must_use]
+pub fn paired(a: &[f64], b: &[f64]) -> Option<Difference> {
+    if a.is_empty() || a.len() != b.len() {
+        return None;
+    }
+    let differences: Vec<f64> = a.iter().zip(b).map(|(a, b)| a - b).collect();
+    Some(Difference {
+        mean_n: differences.iter().sum::<f64>() / differences.len() as f64,
+        half_n: half_width(&differences),
+    })
+}
+
+/// Predicts sequences and compares. The first 10 s of a sequence are left out: no model with a memory knows its state there. A
+/// trial of which nothing is left is not listed.
 #[must_use]
 pub fn compare(
     model: &dyn Model,
@@ -93,6 +126,7 @@ pub fn compare(
             add(rows, sequence, &predicted, base, axes);
         }
     }
+    trials.retain(|rows| !rows.error.is_empty());
     trials
 }
 
@@ -130,9 +164,6 @@ fn add(rows: &mut Rows, sequence: &Sequence, predicted: &[f32], base: &Base, axe
 /// Figures over all rows of all trials.
 #[must_use]
 pub fn figures(trials: &[Rows]) -> Figures {
-    let mean = |rows: &Rows| {
-        rows.error.iter().map(|e| e.abs()).sum::<f64>() / rows.error.len().max(1) as f64
-    };
     let all = || trials.iter().flat_map(|t| &t.error);
     let n = all().count().max(1) as f64;
     let rmse_n = (all().map(|e| e * e).sum::<f64>() / n).sqrt();
@@ -141,10 +172,10 @@ pub fn figures(trials: &[Rows]) -> Figures {
         - labels().fold(f64::INFINITY, |a, b| a.min(*b));
     Figures {
         mae_n: all().map(|e| e.abs()).sum::<f64>() / n,
-        mae_half_n: half_width(&trials.iter().map(mean).collect::<Vec<_>>()),
+        mae_half_n: half_width(&by_trial(trials)),
         rmse_n,
-        nrmse: rmse_n / range,
-        rows: n as usize,
+        nrmse: (range > 0.0).then(|| rmse_n / range),
+        rows: all().count(),
         trials: trials.len(),
     }
 }
@@ -245,6 +276,30 @@ mod tests {
     }
 
     #[test]
+    fn differences_are_paired_over_trials() {
+        // Trials differ by 1 N, the models by 0.1 N in each: the interval is of the second.
+        let difference = paired(&[1.1, 2.1, 3.13], &[1.0, 2.0, 3.0]).unwrap();
+        assert!((difference.mean_n - 0.11).abs() < 1e-12);
+        let half = 4.303 * (0.0003_f64 / 3.0).sqrt();
+        assert!((difference.half_n.unwrap() - half).abs() < 1e-9);
+        assert_eq!(paired(&[1.0], &[1.0, 2.0]), None);
+        assert_eq!(paired(&[2.0], &[1.5]).unwrap().half_n, None);
+    }
+
+    #[test]
+    fn a_label_without_a_range_has_no_relative_error() {
+        let still = Rows {
+            trial: 1,
+            error: vec![0.5; 10],
+            label: vec![0.0; 10],
+            ..Rows::default()
+        };
+        let f = figures(&[still]);
+        assert_eq!((f.nrmse, f.mae_n, f.rows), (None, 0.5, 10));
+        assert_eq!(figures(&[]).rows, 0);
+    }
+
+    #[test]
     fn figures_weigh_rows_and_bins_are_of_equal_width() {
         let trial = |trial, error: Vec<f64>| Rows {
             trial,
@@ -261,7 +316,7 @@ mod tests {
         let f = figures(&trials);
         assert!((f.mae_n - 1.25).abs() < 1e-12 && f.rows == 400);
         assert!((f.rmse_n - (700.0_f64 / 400.0).sqrt()).abs() < 1e-12);
-        assert!((f.nrmse - f.rmse_n / 299.0).abs() < 1e-12);
+        assert!((f.nrmse.unwrap() - f.rmse_n / 299.0).abs() < 1e-12);
         let edges = speed_edges(&trials);
         assert!((edges[0] * 6.0 - edges[5]).abs() < 1e-12);
         assert_eq!(speed_bin(&edges, 1e9), 5);

@@ -5,6 +5,9 @@ use serde::{Deserialize, Serialize};
 
 /// Penalty per row on the standardised coefficients. It keeps nearly collinear regressors finite and biases by less than 1e-3.
 const PENALTY: f64 = 1e-6;
+/// Deviation per mean below which a regressor counts as constant. A variance from sums has an error of some 1e-16 of the squared
+/// mean, so a constant seems to have a deviation of up to some 1e-8 of its value.
+const CONSTANT: f64 = 1e-6;
 /// Rows that are multiplied at once.
 const BLOCK: usize = 512;
 
@@ -86,7 +89,7 @@ impl Sums {
         let scale = DVector::from_fn(n, |i, _| {
             let sd = covariance[(i, i)].max(0.0).sqrt();
             // A constant regressor is the intercept's.
-            if sd > 1e-9 * (1.0 + mean[i].abs()) {
+            if sd > f64::max(1e-9, CONSTANT * mean[i].abs()) {
                 1.0 / sd
             } else {
                 0.0
@@ -178,6 +181,26 @@ mod tests {
             assert!(error.abs() < 1e-5, "{error}");
         }
         assert_eq!(ridge.parameters(), 4);
+    }
+
+    /// Sums of a constant leave a variance that is not quite zero. Taken for a spread, it correlates with anything.
+    #[test]
+    fn constants_are_told_from_their_rounding() {
+        let constants = [0.743_145_3, 0.669_130_6, -0.497_260_9, 0.380_1, 17.3, 1e4];
+        let mut sums = Sums::new(constants.len() + 1, 1);
+        let mut row = [0.0; 7];
+        row[1..].copy_from_slice(&constants);
+        for n in 0..20_000 {
+            row[0] = (f64::from(n) * 0.37).sin();
+            sums.push(&row, &[2.0 - 3.0 * row[0]]);
+        }
+        let ridge = sums.solve().expect("more rows than regressors");
+        for x in [-1.0, 0.3] {
+            row[0] = x;
+            let error = ridge.value(0, &row) - (2.0 - 3.0 * x);
+            assert!(error.abs() < 1e-4, "{error}");
+        }
+        assert!(ridge.weights[1..].iter().all(|w| *w == 0.0), "{ridge:?}");
     }
 
     #[test]

@@ -35,6 +35,7 @@ fn training(kind: Kind) -> Training {
         },
         networks: NetworkLimits::default(),
         intervals: false,
+        absent: Vec::new(),
     }
 }
 

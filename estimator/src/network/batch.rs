@@ -74,7 +74,6 @@ pub(super) fn predict_rows(network: &Network, rows: &Rows, ends: &[At]) -> Vec<f
             .collect();
         let mut run = Run {
             dropout: &mut dropout,
-            running: &mut [],
             states: &mut states,
             all: false,
         };

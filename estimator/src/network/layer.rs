@@ -184,8 +184,6 @@ impl Dropout {
 pub(super) struct Run<'a> {
     /// Zeros in training.
     pub dropout: &'a mut Dropout,
-    /// Running statistics of each normalisation, changed in training.
-    pub running: &'a mut [[Tensor<2>; 2]],
     /// State of each recurrent layer before the first frame, `[batch, units]`; after the run that after the last one.
     pub states: &'a mut [Tensor<2>],
     /// Whether every frame has an output, or the last one alone.
@@ -202,7 +200,7 @@ pub(super) fn forward(
     mut frames: Vec<Tensor<2>>,
     run: &mut Run,
 ) -> Tensor<2> {
-    let (mut recurrent, mut normal) = (0, 0);
+    let mut recurrent = 0;
     let last = layers.len() - 1;
     for (at, (layer, weights)) in layers.iter().zip(weights).enumerate() {
         if layer.memory() > 0 {
@@ -231,10 +229,7 @@ pub(super) fn forward(
         let output = match layer {
             Layer::Dense(dense) => dense.forward(weights, input),
             Layer::Convolution(layer) => layer.forward(weights, input),
-            _ => {
-                normal += 1;
-                BatchNorm::train(weights, input, &mut run.running[normal - 1])
-            }
+            _ => BatchNorm::train(weights, input),
         };
         // After a recurrent layer the thesis has none; a normalised layer has it after the normalisation.
         let normalised_next = matches!(layers.get(at + 1), Some(Layer::BatchNorm(_)));

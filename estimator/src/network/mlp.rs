@@ -11,9 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::{layer::Layer, matrix::Matrix, Config};
 
 /// Added to a variance before its root is taken: the value of Keras.
-const EPSILON: f64 = 1e-3;
-/// Share of the past in the running statistics at each update: the value of Keras.
-const MOMENTUM: f64 = 0.99;
+pub(super) const EPSILON: f64 = 1e-3;
 
 /// A dense layer: `input * weight + bias`, then ReLU where it says so.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,9 +31,9 @@ pub struct BatchNorm {
     pub gamma: Matrix,
     /// Offset, trained.
     pub beta: Matrix,
-    /// Running mean of the training batches.
+    /// Mean over training rows; see the module `normal`.
     pub mean: Matrix,
-    /// Running variance of the training batches.
+    /// Variance over training rows.
     pub variance: Matrix,
 }
 
@@ -105,19 +103,10 @@ impl BatchNorm {
         }
     }
 
-    /// The layer on a batch in training, and the running statistics after it.
-    pub(super) fn train(
-        weights: &[Tensor<2>],
-        input: Tensor<2>,
-        running: &mut [Tensor<2>; 2],
-    ) -> Tensor<2> {
+    /// The layer on a batch in training: normalised by the statistics of the batch.
+    pub(super) fn train(weights: &[Tensor<2>], input: Tensor<2>) -> Tensor<2> {
         let row = |tensor: &Tensor<2>| tensor.clone().squeeze_dim::<1>(0);
-        let normal = batch_norm_train(input, row(&weights[0]), row(&weights[1]), EPSILON);
-        for (running, batch) in running.iter_mut().zip([normal.mean, normal.variance]) {
-            let batch = batch.inner().unsqueeze::<2>();
-            *running = running.clone().mul_scalar(MOMENTUM) + batch.mul_scalar(1.0 - MOMENTUM);
-        }
-        relu(normal.output)
+        relu(batch_norm_train(input, row(&weights[0]), row(&weights[1]), EPSILON).output)
     }
 
     /// The dense layer before it with this normalisation inside: the same outputs with one layer less.

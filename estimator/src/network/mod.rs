@@ -6,6 +6,7 @@
 //! | [`layer`], [`matrix`] | what the layers have in common; plain weights |
 //! | `data` | normalised sequences, windows and streams |
 //! | `batch`, `training` | rows and weights as tensors, predictions; the training loop |
+//! | `normal` | statistics of batch normalisations |
 //! | `runner` | the forward pass in plain Rust |
 //! | `store`, `onnx` | the model file and the ONNX export |
 //!
@@ -19,6 +20,7 @@ pub mod layer;
 pub mod lstm;
 pub mod matrix;
 pub mod mlp;
+mod normal;
 mod onnx;
 mod runner;
 mod store;

@@ -17,7 +17,7 @@ use super::{
     data::{self, At, Rows, Scaling},
     gru,
     layer::{forward, Dropout, Layer, Run},
-    lstm, mlp, Config, Epoch, Kind, Loss, Network, Reads,
+    lstm, mlp, normal, Config, Epoch, Kind, Loss, Network, Reads,
 };
 use crate::{
     model::{Model, ModelError, Progress},
@@ -97,7 +97,6 @@ struct Trainer {
     rows: Rows,
     device: Device,
     parameters: Option<Parameters>,
-    running: Vec<[Tensor<2>; 2]>,
     optimiser: ModuleOptimizer,
     dropout: Dropout,
     random: ChaCha8Rng,
@@ -119,14 +118,6 @@ impl Trainer {
         let values = values
             .map(|part| Param::from_tensor(tensor(&part, &device)))
             .collect();
-        let running = (network.layers.iter())
-            .filter_map(|layer| match layer {
-                Layer::BatchNorm(norm) => Some(
-                    [&norm.mean, &norm.variance].map(|row| tensor(row, &device.clone().inner())),
-                ),
-                _ => None,
-            })
-            .collect();
         let recurrent = network.layers.iter().any(|layer| layer.memory() > 0);
         let optimiser = AdamConfig::new()
             // The value of Keras.
@@ -141,7 +132,6 @@ impl Trainer {
             rows,
             device,
             parameters: Some(Parameters { values }),
-            running,
             optimiser,
             dropout,
             random,
@@ -314,7 +304,6 @@ impl Trainer {
         let weights = self.weights(&parameters);
         let mut run = Run {
             dropout: &mut self.dropout,
-            running: &mut self.running,
             states,
             all,
         };
@@ -331,7 +320,6 @@ impl Trainer {
         let weights = self.weights(&parameters);
         let mut run = Run {
             dropout: &mut self.dropout,
-            running: &mut self.running,
             states,
             all: false,
         };
@@ -360,22 +348,25 @@ impl Trainer {
             .collect()
     }
 
-    /// Brings the weights from the device into the network.
+    /// Brings the weights from the device into the network, with the statistics that belong to them.
     fn take_weights(&mut self) {
         let parameters = self
             .parameters
             .as_ref()
             .expect("put back after each update");
         let mut values = parameters.values.iter().map(|value| matrix(value.val()));
-        let mut running = self.running.iter();
         for layer in &mut self.network.layers {
             let count = layer.parts().len();
             layer.set_parts(&values.by_ref().take(count).collect::<Vec<_>>());
-            if let Layer::BatchNorm(norm) = layer {
-                let [mean, variance] = running.next().expect("one a normalisation").clone();
-                (norm.mean, norm.variance) = (matrix(mean), matrix(variance));
-            }
         }
+        let Network {
+            layers,
+            config,
+            inputs,
+            ..
+        } = &mut self.network;
+        let device = self.device.clone().inner();
+        normal::settle(layers, &self.rows, config, *inputs, &device);
     }
 
     /// Mean absolute error on the validation rows, N.

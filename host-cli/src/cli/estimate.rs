@@ -1,6 +1,7 @@
 //! `forcectl estimate`: contact force from the state of a robot, without a force sensor.
 
 mod live;
+mod report;
 
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
@@ -10,8 +11,8 @@ use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::model::Progress;
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
-use host_cli::estimate::card::{ModelCard, Run};
-use host_cli::estimate::{self, evaluate, load, report, Data};
+use host_cli::estimate::card::{percent, ModelCard, Run};
+use host_cli::estimate::{self, evaluate, load, Data};
 use host_cli::experiment::folder::sha256_of;
 use serde_json::json;
 use std::fmt::Write as _;
@@ -50,7 +51,7 @@ enum Sub {
     /// Write a network as ONNX
     Export(Export),
     /// Train and compare all models, and write the tables and pictures
-    Report(ReportArgs),
+    Report(report::Report),
 }
 
 /// How data are read.
@@ -134,30 +135,6 @@ impl Export {
         let text = format!("{} written\n", self.out.display());
         Ok(Reply::new(text, json!({"file": self.out})))
     }
-}
-
-/// Arguments of `estimate report`.
-#[derive(Debug, Args)]
-struct ReportArgs {
-    /// Folder of an experiment
-    data: PathBuf,
-    /// Folder for tables and pictures
-    #[arg(long, value_name = "DIR")]
-    into: PathBuf,
-    /// Other data on which the shipped model is tried, as NAME=FOLDER
-    #[arg(long, value_name = "NAME=DIR")]
-    also: Vec<report::Also>,
-    /// Model files to show beside, for example of networks; trained on the same trials
-    #[arg(long, value_name = "FILE")]
-    with: Vec<PathBuf>,
-    /// Data of three-dimensional forces
-    #[arg(long, value_name = "DIR")]
-    three_axes: Option<PathBuf>,
-    /// Seed of everything random
-    #[arg(long, value_name = "N", default_value = "1")]
-    seed: u64,
-    #[command(flatten)]
-    read: DataArgs,
 }
 
 fn kind(name: &str) -> std::result::Result<Kind, String> {
@@ -250,6 +227,7 @@ impl Train {
                 gpu: self.gpu,
             },
             intervals: !self.no_intervals,
+            absent: data.absent.clone(),
         };
         let began = Instant::now();
         let trained = Estimator::train(&settings, &rows, &mut |p: &Progress| {
@@ -263,7 +241,11 @@ impl Train {
             training_s: began.elapsed().as_secs_f64(),
         };
         let unseen = data.of(&run.test);
-        let evaluation = (!unseen.is_empty()).then(|| evaluate::evaluate(&trained, &unseen).0);
+        let evaluation = if unseen.is_empty() {
+            None
+        } else {
+            Some(evaluate::evaluate(&trained, &unseen).map_err(refused)?.0)
+        };
         // From here on Ctrl-C must not leave a model without its card.
         let _controlled_stop = context.interrupt.controlled_stop();
         let text = trained
@@ -318,15 +300,16 @@ fn split(data: &Data, test: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
 impl Eval {
     fn run(&self, _context: &Context) -> Result<Reply> {
         let estimator = model(&self.model)?;
-        let data = load::load(
+        let mut data = load::load(
             &self.data,
             &mapping(self.mapping.as_ref())?,
             1.0 / estimator.step_s,
             true,
         )?;
         check_robot(&estimator, &data.robot, self.any_robot)?;
+        data.fit_inputs(&estimator).map_err(refused)?;
         let trials = if self.trials.is_empty() {
-            self.unseen(&data)
+            self.unseen(&data)?
         } else {
             self.trials.clone()
         };
@@ -338,7 +321,7 @@ impl Eval {
                 data.trials()
             )));
         }
-        let (evaluation, _) = evaluate::evaluate(&estimator, &sequences);
+        let (evaluation, _) = evaluate::evaluate(&estimator, &sequences).map_err(refused)?;
         let mut text = String::new();
         let f = &evaluation.figures;
         let half = f
@@ -359,9 +342,9 @@ impl Eval {
         );
         row!(
             text,
-            "RMSE           {:.3} N, NRMSE {:.2} %",
+            "RMSE           {:.3} N, NRMSE {}",
             f.rmse_n,
-            100.0 * f.nrmse
+            percent(f.nrmse)
         );
         row!(
             text,
@@ -395,11 +378,9 @@ impl Eval {
     }
 
     /// Trials that the model's card does not list as training of these same files.
-    fn unseen(&self, data: &Data) -> Vec<usize> {
-        let card = std::fs::read_to_string(self.model.with_extension("card.json")).ok();
-        let Some(card) = card.and_then(|text| serde_json::from_str::<ModelCard>(&text).ok()) else {
-            return data.trials();
-        };
+    fn unseen(&self, data: &Data) -> Result<Vec<usize>> {
+        let card = ModelCard::read(&self.model)
+            .map_err(|error| refused(format!("{error}, or name unseen trials with --trials")))?;
         let known: Vec<&str> = card
             .sources
             .iter()
@@ -413,7 +394,7 @@ impl Eval {
         let mut trials: Vec<usize> = fresh.flat_map(|s| s.trials.iter().copied()).collect();
         trials.sort_unstable();
         trials.dedup();
-        trials
+        Ok(trials)
     }
 }
 
@@ -426,63 +407,4 @@ fn check_robot(estimator: &Estimator, robot: &str, any: bool) -> Result<()> {
         "the model was trained on the robot `{}`, these data are of `{robot}`: friction differs from robot to robot. Train on this robot, or see the error with --any-robot",
         estimator.robot
     )))
-}
-
-impl ReportArgs {
-    fn run(&self, context: &Context) -> Result<Reply> {
-        let data = self.read.load(&self.data)?;
-        let mut also = Vec::new();
-        for set in &self.also {
-            also.push((set.name.clone(), self.read.load(&set.folder)?));
-        }
-        let three_axes = self
-            .three_axes
-            .as_ref()
-            .map(|dir| self.read.load(dir))
-            .transpose()?;
-        let (training, test) = split(&data, &[])?;
-        let mut trained = Vec::new();
-        for path in &self.with {
-            trained.push(beside(path, &data, &training)?);
-        }
-        let settings = report::Settings {
-            training,
-            test,
-            seed: self.seed,
-            trained,
-        };
-        let written = report::write(
-            &self.into,
-            &data,
-            &also,
-            three_axes.as_ref(),
-            &settings,
-            &mut |text| context.output.note(text),
-        )
-        .map_err(refused)?;
-        Ok(Reply::new(written.text.clone(), json!(written.results)))
-    }
-}
-
-/// A model that was trained before, and the time of its training. Its training must be that of the report, or the table would
-/// compare models that know different trials.
-fn beside(path: &Path, data: &Data, training: &[usize]) -> Result<(Estimator, f64)> {
-    let estimator = model(path)?;
-    check_robot(&estimator, &data.robot, false)?;
-    let card = path.with_extension("card.json");
-    let text = std::fs::read_to_string(&card)
-        .map_err(|error| refused(format!("{}: {error}", card.display())))?;
-    let card: ModelCard = serde_json::from_str(&text)
-        .map_err(|error| refused(format!("{}: {error}", card.display())))?;
-    let same = card.training_trials == training && card.sources == data.sources;
-    if !same {
-        return Err(refused(format!(
-            "{}: it was trained on the trials {:?} of {}; the report trains on {training:?} of {}",
-            path.display(),
-            card.training_trials,
-            card.data,
-            data.name
-        )));
-    }
-    Ok((estimator, card.training_s))
 }

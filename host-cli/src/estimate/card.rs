@@ -1,7 +1,7 @@
 //! The card of a model: what it was trained on, what it reached, what it is not for. It lies beside the model file.
 
 use super::evaluate::Evaluation;
-use super::load::{Data, Sampling, Source};
+use super::load::{Data, LoadError, Sampling, Source};
 use estimator::estimator::Estimator;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
@@ -59,6 +59,12 @@ const UNITS: [&str; 9] = [
     "rad", "rad", "m", "rad/s", "rad/s", "m/s", "N·m", "N·m", "N",
 ];
 
+/// A share in percent, or that there is none.
+#[must_use]
+pub fn percent(share: Option<f64>) -> String {
+    share.map_or_else(|| "-".to_owned(), |s| format!("{:.2} %", 100.0 * s))
+}
+
 /// What a training was.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Run {
@@ -89,14 +95,20 @@ impl ModelCard {
                 *range = [range[0].min(*v), range[1].max(*v)];
             }
         }
-        let with_unit = |(name, unit): (&&str, &&str)| format!("{name} ({unit})");
+        let with_unit = |(input, (name, unit)): (usize, (&&str, &&str))| {
+            if estimator.absent.contains(&input) {
+                format!("{name} (absent)")
+            } else {
+                format!("{name} ({unit})")
+            }
+        };
         Self {
             model: estimator.kind.name().to_owned(),
             model_sha256,
             program: format!("forcectl {}", env!("CARGO_PKG_VERSION")),
             robot: estimator.robot.clone(),
             rate_hz: 1.0 / estimator.step_s,
-            inputs: estimator::motion::INPUT_NAMES.iter().zip(&UNITS).map(with_unit).collect(),
+            inputs: estimator::motion::INPUT_NAMES.iter().zip(&UNITS).enumerate().map(with_unit).collect(),
             outputs: estimator.axes.iter().map(|a| format!("{} (N)", AXES[*a])).collect(),
             frame: "that of the training data's force: the rig's robot base frame for an experiment".to_owned(),
             sign: "force on the tool".to_owned(),
@@ -124,13 +136,35 @@ impl ModelCard {
     /// Writes the card beside the model, as JSON and as Markdown; returns the Markdown's path.
     ///
     /// # Errors
-    /// A file can't be written.
+    /// A file can't be written, or a figure is no finite number: such a card could not be read back.
     pub fn write(&self, model: &Path) -> std::io::Result<PathBuf> {
         let json = serde_json::to_string_pretty(self).map_err(std::io::Error::other)?;
+        serde_json::from_str::<Self>(&json).map_err(|error| {
+            std::io::Error::other(format!(
+                "a figure of the model card is no finite number ({error}); check the range of the data"
+            ))
+        })?;
         std::fs::write(model.with_extension("card.json"), json + "\n")?;
         let path = model.with_extension("card.md");
         std::fs::write(&path, self.markdown())?;
         Ok(path)
+    }
+
+    /// Reads the card beside a model file.
+    ///
+    /// # Errors
+    /// There is none, or it is no card of this program's version; the text says what to do.
+    pub fn read(model: &Path) -> Result<Self, LoadError> {
+        let path = model.with_extension("card.json");
+        let bad = |cause: String| {
+            LoadError(format!(
+                "{}: {cause}; the card tells on which trials the model was trained. Put it beside the model, or train the model again",
+                path.display()
+            ))
+        };
+        let text = std::fs::read_to_string(&path).map_err(|error| bad(error.to_string()))?;
+        serde_json::from_str(&text)
+            .map_err(|error| bad(format!("it cannot be read as a model card: {error}")))
     }
 
     /// As Markdown.
@@ -187,11 +221,11 @@ impl ModelCard {
                 .mae_half_n
                 .map_or_else(String::new, |h| format!(" ± {h:.3} N (95 %, over trials)"));
             line(format!(
-                "- **Test**, trials {}: MAE {:.3} N{half}, RMSE {:.3} N, NRMSE {:.2} %; step {:.1} us (median), {:.1} us (p99)",
+                "- **Test**, trials {}: MAE {:.3} N{half}, RMSE {:.3} N, NRMSE {}; step {:.1} us (median), {:.1} us (p99)",
                 list(&self.test_trials),
                 e.figures.mae_n,
                 e.figures.rmse_n,
-                100.0 * e.figures.nrmse,
+                percent(e.figures.nrmse),
                 e.step.median_us,
                 e.step.p99_us
             ));

@@ -4,6 +4,7 @@ use estimator::estimator::Estimator;
 use estimator::metrics::{
     self, by_bin, compare, speed_bin, speed_edges, Figures, Rows, StepTime, SPEED_BINS,
 };
+use estimator::model::ModelError;
 use estimator::sequence::Sequence;
 use serde::{Deserialize, Serialize};
 
@@ -47,14 +48,26 @@ pub struct Evaluation {
 }
 
 /// Evaluates on sequences. The first 10 s of each are left out.
-#[must_use]
-pub fn evaluate(estimator: &Estimator, sequences: &[&Sequence]) -> (Evaluation, Vec<Rows>) {
+///
+/// # Errors
+/// [`ModelError::Data`]: no sequence is longer than that.
+pub fn evaluate(
+    estimator: &Estimator,
+    sequences: &[&Sequence],
+) -> Result<(Evaluation, Vec<Rows>), ModelError> {
     let trials = compare(
         estimator.model(),
         &estimator.base,
         &estimator.axes,
         sequences,
     );
+    let (Some(longest), false) = (sequences.iter().max_by_key(|s| s.rows()), trials.is_empty())
+    else {
+        return Err(ModelError::Data(format!(
+            "no row is left to test on: the first {} s of each unbroken stretch are left out, because no model with a memory knows its state there; give longer stretches",
+            estimator::physics::SETTLE_S
+        )));
+    };
     let widths = estimator
         .interval
         .as_ref()
@@ -97,13 +110,7 @@ pub fn evaluate(estimator: &Estimator, sequences: &[&Sequence]) -> (Evaluation, 
                 half_width_n: widths.as_ref().map(|_| width / (*rows).max(1) as f64),
             });
     let reversal = by_bin(&trials, 2, |rows, k| usize::from(rows.reversing[k]));
-    let step = sequences.first().map_or(
-        StepTime {
-            median_us: f64::NAN,
-            p99_us: f64::NAN,
-        },
-        |s| metrics::step_time(estimator.model(), s, estimator.axes.len(), TIMED_ROWS),
-    );
+    let step = metrics::step_time(estimator.model(), longest, estimator.axes.len(), TIMED_ROWS);
     let evaluation = Evaluation {
         trials: trials.iter().map(|t| t.trial).collect(),
         by_speed: by_speed.collect(),
@@ -120,7 +127,7 @@ pub fn evaluate(estimator: &Estimator, sequences: &[&Sequence]) -> (Evaluation, 
         figures,
         step,
     };
-    (evaluation, trials)
+    Ok((evaluation, trials))
 }
 
 /// Half widths of the rows that [`compare`] keeps, by trial.
@@ -134,5 +141,8 @@ fn widths(interval: &estimator::interval::Interval, sequences: &[&Sequence]) -> 
             _ => out.push((sequence.trial, kept)),
         }
     }
-    out.into_iter().map(|(_, widths)| widths).collect()
+    out.into_iter()
+        .map(|(_, widths)| widths)
+        .filter(|widths| !widths.is_empty())
+        .collect()
 }

@@ -3,7 +3,9 @@
 use crate::experiment::folder::sha256_of;
 use crate::experiment::table::Table;
 use estimator::data::{self, Columns, Mapping, Part};
+use estimator::estimator::Estimator;
 use estimator::geometry::Base;
+use estimator::model::ModelError;
 use estimator::sequence::Sequence;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -58,6 +60,8 @@ pub struct Data {
     pub sampling: Option<Sampling>,
     /// Component along which the experiment pulls, where it is one; else all three.
     pub axes: Vec<usize>,
+    /// Inputs that the files lack, by their place in [`estimator::motion::INPUT_NAMES`]; they are 0 in the sequences.
+    pub absent: Vec<usize>,
 }
 
 impl Columns for Table {
@@ -164,7 +168,7 @@ pub fn load(
             with_force,
         )
         .map_err(|e| LoadError(e.to_string()))?;
-        if mapping.trial.is_none() {
+        if mapping.trial().is_none() {
             part.sequences.iter_mut().for_each(|s| s.trial = number + 1);
         }
         let mut trials: Vec<usize> = part.sequences.iter().map(|s| s.trial).collect();
@@ -180,6 +184,7 @@ pub fn load(
         parts.push(part);
     }
     let base = data::base(&parts).map_err(|error| failed(path, error))?;
+    let absent = parts.first().map_or_else(Vec::new, |p| p.absent.clone());
     let file_rate_hz = parts.first().map_or(rate_hz, |p| p.rate_hz);
     let mut sequences: Vec<Sequence> = parts.into_iter().flat_map(|p| p.sequences).collect();
     sequences.sort_by(|a, b| {
@@ -203,6 +208,7 @@ pub fn load(
         sequences,
         base,
         file_rate_hz,
+        absent,
     })
 }
 
@@ -268,6 +274,18 @@ impl Data {
         let mut trials: Vec<usize> = self.sequences.iter().map(|s| s.trial).collect();
         trials.dedup();
         trials
+    }
+
+    /// Brings the inputs to those of a model.
+    ///
+    /// # Errors
+    /// The files lack an input that the model was trained with.
+    pub fn fit_inputs(&mut self, estimator: &Estimator) -> Result<(), ModelError> {
+        let hold = estimator.fit_inputs(&self.absent)?;
+        self.sequences
+            .iter_mut()
+            .for_each(|s| hold.apply(&mut s.input));
+        Ok(())
     }
 
     /// Stretches of these trials.

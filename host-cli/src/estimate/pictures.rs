@@ -2,7 +2,7 @@
 
 use crate::experiment::pictures::{range, shade, Frame};
 use crate::plot::scene::{Anchor, Color, Scene};
-use crate::plot::{BLACK, COLORS, GRAY};
+use crate::plot::{BLACK, GRAY};
 use estimator::metrics::Rows;
 
 /// Most points of a curve.
@@ -19,6 +19,17 @@ const CELLS: usize = 24;
 const SIDE: f32 = 230.0;
 /// Rows in a cell of a map at least; fewer say nothing.
 const CELL_ROWS: usize = 20;
+/// Colors of the models, told apart by people with any colour vision (Okabe and Ito), then gray and brown.
+const PALETTE: [Color; 8] = [
+    Color(0x00, 0x72, 0xB2),
+    Color(0xD5, 0x5E, 0x00),
+    Color(0x00, 0x9E, 0x73),
+    Color(0xCC, 0x79, 0xA7),
+    Color(0xE6, 0x9F, 0x00),
+    Color(0x56, 0xB4, 0xE9),
+    Color(0x88, 0x88, 0x88),
+    Color(0x8C, 0x56, 0x4B),
+];
 /// Color of the label's curve.
 const LABEL: Color = Color(0x22, 0x22, 0x22);
 
@@ -77,7 +88,7 @@ pub fn prediction(
             .collect()
     };
     for (n, (name, rows)) in models.iter().enumerate() {
-        let color = COLORS[n % COLORS.len()];
+        let color = PALETTE[n % PALETTE.len()];
         scene.line(&points(&rows.estimate, &frame), 1.2, color, false);
         legend(&mut scene, n + 1, name, color);
     }
@@ -86,6 +97,81 @@ pub fn prediction(
     frame.draw(
         &mut scene,
         "force on the tool, N",
+        "time in the trial, s",
+        true,
+    );
+    scene
+}
+
+/// Error of each model over `seconds` of a trial from `from_s`, mean of each second, below the joints' path.
+#[must_use]
+pub fn over_trajectory(
+    title: &str,
+    models: &[(String, &Rows)],
+    step_s: f64,
+    from_s: f64,
+    seconds: f64,
+) -> Scene {
+    let mut scene = Scene::new(LEFT + WIDE + LEGEND, 2.0 * (TOP + HIGH) + BELOW);
+    scene.text(LEFT, 22.0, title, Anchor::Start, true, BLACK);
+    let Some((_, first)) = models.first() else {
+        return scene;
+    };
+    let from = ((from_s / step_s) as usize).min(first.error.len());
+    let to = (from + (seconds / step_s) as usize).min(first.error.len());
+    let second = ((1.0 / step_s).round() as usize).max(1);
+    let starts: Vec<usize> = (from..to).step_by(second).collect();
+    let x = (
+        from as f64 * step_s,
+        (to as f64 * step_s).max(from as f64 * step_s + 1.0),
+    );
+    let frame = |top: f32, y: (f64, f64)| Frame {
+        left: LEFT,
+        top,
+        width: WIDE,
+        height: HIGH,
+        x,
+        y,
+    };
+    let middle = |start: usize| (start + second / 2) as f64 * step_s;
+    // Joints in shares of their range in this trial, so that one axis holds angles and a length.
+    let names = ["shoulder", "elbow", "insertion"];
+    let upper = frame(TOP, (0.0, 1.0));
+    for (joint, name) in names.into_iter().enumerate() {
+        let (low, high) = range(first.joints.iter().map(|q| q[joint]));
+        let line: Vec<(f32, f32)> = (starts.iter())
+            .map(|start| {
+                let share = (first.joints[*start][joint] - low) / (high - low);
+                (upper.at_x(*start as f64 * step_s), upper.at_y(share))
+            })
+            .collect();
+        scene.line(&line, 1.4, PALETTE[joint % PALETTE.len()], false);
+        legend(&mut scene, joint, name, PALETTE[joint % PALETTE.len()]);
+    }
+    upper.draw(&mut scene, "joint, share of its range", "", true);
+    let errors: Vec<Vec<f64>> = (models.iter())
+        .map(|(_, rows)| {
+            let mean = |start: &usize| {
+                let part = &rows.error[*start..(start + second).min(rows.error.len())];
+                part.iter().map(|e| e.abs()).sum::<f64>() / part.len().max(1) as f64
+            };
+            starts.iter().map(mean).collect()
+        })
+        .collect();
+    let most = errors.iter().flatten().copied().fold(1e-9, f64::max);
+    let lower = frame(2.0 * TOP + HIGH, (0.0, 1.05 * most));
+    for (n, ((name, _), errors)) in models.iter().zip(&errors).enumerate() {
+        let line: Vec<(f32, f32)> = (starts.iter().zip(errors))
+            .map(|(start, error)| (lower.at_x(middle(*start)), lower.at_y(*error)))
+            .collect();
+        let color = PALETTE[n % PALETTE.len()];
+        scene.line(&line, 1.2, color, false);
+        // Below the names of the joints.
+        legend(&mut scene, n + 20, name, color);
+    }
+    lower.draw(
+        &mut scene,
+        "absolute error, N",
         "time in the trial, s",
         true,
     );
@@ -135,7 +221,7 @@ pub fn boxes(title: &str, models: &[(String, &[Rows])]) -> Scene {
     for (n, ((name, _), m)) in models.iter().zip(&marks).enumerate() {
         let x = frame.at_x(n as f64 + 0.5);
         let y = m.map(|v| frame.at_y(v));
-        let color = COLORS[n % COLORS.len()];
+        let color = PALETTE[n % PALETTE.len()];
         scene.line(&[(x, y[0]), (x, y[4])], 1.4, color, false);
         scene.rectangle(x - 18.0, y[3], 36.0, (y[1] - y[3]).max(1.0), color);
         scene.line(
@@ -162,7 +248,7 @@ pub fn by_speed(title: &str, below_m_per_s: &[f64], models: &[(String, Vec<f64>)
     frame.x = (0.0, width_mm * below_m_per_s.len().max(1) as f64);
     let bar = 0.8 * width_mm / models.len().max(1) as f64;
     for (n, (name, errors)) in models.iter().enumerate() {
-        let color = COLORS[n % COLORS.len()];
+        let color = PALETTE[n % PALETTE.len()];
         for (bin, error) in errors.iter().enumerate() {
             let from = width_mm * bin as f64 + 0.1 * width_mm + bar * n as f64;
             let (x, y) = (frame.at_x(from), frame.at_y(*error));
@@ -192,7 +278,7 @@ pub fn curves(
     frame.x = range(points().map(|p| p.0));
     frame.y = (0.0, 1.05 * points().map(|p| p.1).fold(1e-9, f64::max));
     for (n, (name, points)) in models.iter().enumerate() {
-        let color = COLORS[n % COLORS.len()];
+        let color = PALETTE[n % PALETTE.len()];
         let line: Vec<(f32, f32)> = points
             .iter()
             .map(|(x, y)| (frame.at_x(*x), frame.at_y(*y)))
@@ -292,6 +378,7 @@ mod tests {
         let trials = [rows.clone()];
         let svgs = [
             prediction("p", &[("hybrid".to_owned(), &rows)], 0.02, 0.0, 100.0).to_svg(),
+            over_trajectory("t", &[("hybrid".to_owned(), &rows)], 0.02, 0.0, 100.0).to_svg(),
             boxes("b", &[("hybrid".to_owned(), &trials)]).to_svg(),
             by_speed(
                 "s",

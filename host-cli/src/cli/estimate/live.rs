@@ -123,7 +123,7 @@ impl Live {
     }
 
     fn replay(&self, context: &Context, estimator: &Estimator, log: &Path) -> Result<Reply> {
-        let data = load::load(
+        let mut data = load::load(
             log,
             &mapping(self.mapping.as_ref())?,
             1.0 / estimator.step_s,
@@ -133,6 +133,7 @@ impl Live {
         if data.robot != "unnamed" {
             check_robot(estimator, &data.robot, self.any_robot)?;
         }
+        data.fit_inputs(estimator).map_err(refused)?;
         let mut stream = Stream::new(estimator);
         for sequence in &data.sequences {
             stream.stepper.reset();
@@ -207,7 +208,7 @@ impl Live {
                 }
                 due =
                     Some(due.map_or(t_ns, |d| if t_ns - d > step_ns { t_ns } else { d }) + step_ns);
-                let input = inputs(state)
+                let input = inputs(state, &estimator.absent)
                     .map_err(|why| Failure::new(exit::LINK, format!("{}: {why}", source.name())))?;
                 let width = stream.step(&input);
                 let published = source.publish_estimate(&tip_force(estimator, &stream.force));
@@ -237,27 +238,34 @@ fn robot_table(file: &Path) -> Result<SourceConfig> {
         .map_err(|error| refused(format!("{}: [robot] {error}", file.display())))
 }
 
-/// A state as the row of a model.
-fn inputs(state: &RobotState) -> std::result::Result<[f32; INPUTS], &'static str> {
+/// A state as the row of a model. Inputs without which the model was trained are 0; a robot need not publish them.
+fn inputs(
+    state: &RobotState,
+    absent: &[usize],
+) -> std::result::Result<[f32; INPUTS], &'static str> {
     let joints = state
         .joints
         .as_ref()
         .ok_or("the robot publishes no joints")?;
-    let velocity = joints
-        .velocity
-        .as_ref()
-        .ok_or("the robot publishes no joint velocities")?;
-    let effort = joints
-        .effort
-        .as_ref()
-        .ok_or("the robot publishes no joint efforts (on a Raven they are in /ravenstate alone)")?;
+    let groups = [
+        (Some(&joints.position), "the robot publishes no joints"),
+        (
+            joints.velocity.as_ref(),
+            "the robot publishes no joint velocities",
+        ),
+        (
+            joints.effort.as_ref().map(|effort| &effort.value),
+            "the robot publishes no joint efforts (on a Raven they are in /ravenstate alone)",
+        ),
+    ];
     let mut row = [0.0; INPUTS];
-    for (n, values) in [&joints.position, velocity, &effort.value]
-        .into_iter()
-        .enumerate()
-    {
+    for (n, (values, none)) in groups.into_iter().enumerate() {
         for i in 0..3 {
+            if absent.contains(&(3 * n + i)) {
+                continue;
+            }
             row[3 * n + i] = *values
+                .ok_or(none)?
                 .get(i)
                 .ok_or("the robot has fewer than three joints")?
                 as f32;

@@ -1,0 +1,78 @@
+//! Why a log can't be used: file, column, and what to do.
+
+/// Why a log can't be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum DataError {
+    /// A column is missing.
+    #[error("{file}: there is no column `{column}` (for {role}); the file has {has}. Name the right column in a mapping file (--mapping){instead}")]
+    Missing {
+        /// File.
+        file: String,
+        /// Column.
+        column: String,
+        /// What it is for.
+        role: String,
+        /// Columns that are there.
+        has: String,
+        /// What else can be done, beginning with a comma; empty where there is nothing else.
+        instead: &'static str,
+    },
+    /// A mapping says that something is absent without which there is no model.
+    #[error("{file}: the mapping file says that {role} is absent; {why}")]
+    Needed {
+        /// File.
+        file: String,
+        /// What it is for.
+        role: String,
+        /// Why it is needed, and what to do.
+        why: String,
+    },
+    /// A mapping names no column.
+    #[error("{file}: the mapping file names no column for {role}; give `column`, or `absent = true` for a velocity or an effort")]
+    Unnamed {
+        /// File.
+        file: String,
+        /// What it is for.
+        role: String,
+    },
+    /// A value is no number.
+    #[error("{file}: column `{column}` is {value} in row {row} (t = {time_s} s), which is marked as usable; mark such rows unusable or leave them out")]
+    NotANumber {
+        /// File.
+        file: String,
+        /// Column.
+        column: String,
+        /// What is there.
+        value: f64,
+        /// Row from 1.
+        row: usize,
+        /// Time, s.
+        time_s: f64,
+    },
+    /// Another rate.
+    #[error("{file}: its rows are {found_hz:.2} Hz (column `{column}`), which is no multiple of the model's {wanted_hz:.2} Hz; record at such a rate, or train a model at this one (--rate)")]
+    Rate {
+        /// File.
+        file: String,
+        /// Column of the time.
+        column: String,
+        /// Rate of the file, Hz.
+        found_hz: f64,
+        /// Wanted, Hz.
+        wanted_hz: f64,
+    },
+    /// Nothing usable.
+    #[error("{file}: no stretch of usable rows is longer than a second")]
+    Empty {
+        /// File.
+        file: String,
+    },
+    /// Time does not go on.
+    #[error("{file}: the time in column `{column}` does not increase")]
+    Time {
+        /// File.
+        file: String,
+        /// Column.
+        column: String,
+    },
+}

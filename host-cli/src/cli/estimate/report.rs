@@ -1,0 +1,124 @@
+//! `forcectl estimate report`: all models side by side.
+
+use super::{check_robot, model, refused, split, DataArgs};
+use crate::cli::exit::{Reply, Result};
+use crate::cli::Context;
+use clap::Args;
+use estimator::estimator::Estimator;
+use host_cli::estimate::card::ModelCard;
+use host_cli::estimate::{load, report, Data};
+use serde_json::json;
+use std::path::{Path, PathBuf};
+
+/// Arguments of `estimate report`.
+#[derive(Debug, Args)]
+pub struct Report {
+    /// Folder of an experiment
+    data: PathBuf,
+    /// Folder for tables and pictures
+    #[arg(long, value_name = "DIR")]
+    into: PathBuf,
+    /// More trials of the same robot: all models are tested on them too
+    #[arg(long, value_name = "DIR")]
+    unseen: Option<PathBuf>,
+    /// Other data on which the shipped model is tried, as NAME=FOLDER
+    #[arg(long, value_name = "NAME=DIR")]
+    also: Vec<report::Also>,
+    /// Model files to show beside, for example of networks; trained on the same trials
+    #[arg(long, value_name = "FILE")]
+    with: Vec<PathBuf>,
+    /// Data of three-dimensional forces
+    #[arg(long, value_name = "DIR")]
+    three_axes: Option<PathBuf>,
+    /// Minutes of training of the study of input groups [default: all]
+    #[arg(long, value_name = "M", value_parser = clap::value_parser!(u32).range(1..))]
+    group_minutes: Option<u32>,
+    /// Seed of everything random
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
+    #[command(flatten)]
+    read: DataArgs,
+}
+
+impl Report {
+    /// Runs the command.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        let data = self.read.load(&self.data)?;
+        let mut also = Vec::new();
+        for set in &self.also {
+            also.push((set.name.clone(), self.read.load(&set.folder)?));
+        }
+        let three_axes = self
+            .three_axes
+            .as_ref()
+            .map(|dir| self.read.load(dir))
+            .transpose()?;
+        let (training, test) = split(&data, &[])?;
+        let mut trained = Vec::new();
+        for path in &self.with {
+            trained.push(beside(path, &data, &training)?);
+        }
+        let unseen = match &self.unseen {
+            Some(dir) => Some(self.same_robot(dir, &data)?),
+            None => None,
+        };
+        let settings = report::Settings {
+            training,
+            test,
+            seed: self.seed,
+            trained,
+            group_minutes: self.group_minutes.map(f64::from),
+        };
+        let inputs = report::Inputs {
+            data: &data,
+            unseen: unseen.as_ref(),
+            also: &also,
+            three_axes: three_axes.as_ref(),
+        };
+        let written = report::write(&self.into, &inputs, &settings, &mut |text| {
+            context.output.note(text)
+        })
+        .map_err(refused)?;
+        Ok(Reply::new(written.text.clone(), json!(written.results)))
+    }
+
+    /// More trials of the robot of `data`, none of them the same.
+    fn same_robot(&self, dir: &Path, data: &Data) -> Result<Data> {
+        let more = self.read.load(dir)?;
+        if more.robot != data.robot || more.axes != data.axes {
+            return Err(refused(format!(
+                "--unseen {}: it is of the robot `{}`, components {:?}; {} is of `{}`, components {:?}. Give other robots with --also",
+                more.name, more.robot, more.axes, data.name, data.robot, data.axes
+            )));
+        }
+        let known = |s: &load::Source| data.sources.iter().any(|k| k.sha256 == s.sha256);
+        if let Some(same) = more.sources.iter().find(|s| known(s)) {
+            return Err(refused(format!(
+                "--unseen {}: {} is a file of {} too",
+                more.name, same.file, data.name
+            )));
+        }
+        Ok(more)
+    }
+}
+
+/// A model that was trained before, and the time of its training. Its training must be that of the report, or the table would
+/// compare models that know different trials.
+fn beside(path: &Path, data: &Data, training: &[usize]) -> Result<(Estimator, f64)> {
+    let estimator = model(path)?;
+    check_robot(&estimator, &data.robot, false)?;
+    let card = ModelCard::read(path)?;
+    let same = card.training_trials == training
+        && card.sources == data.sources
+        && estimator.absent == data.absent;
+    if !same {
+        return Err(refused(format!(
+            "{}: it was trained on the trials {:?} of {}; the report trains on {training:?} of {}",
+            path.display(),
+            card.training_trials,
+            card.data,
+            data.name
+        )));
+    }
+    Ok((estimator, card.training_s))
+}
