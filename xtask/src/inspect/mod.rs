@@ -96,8 +96,11 @@ fn report(calls: &Calls) -> Result<String> {
     Ok(text)
 }
 
+/// Stack of each level that can interrupt the one before it: its name, and bytes at most.
+type Levels = [(&'static str, u32); 4];
+
 /// The stack of each level, and the functions that can call each other.
-fn levels(calls: &Calls, panic: u32) -> Result<([(&'static str, u32); 4], Vec<u32>)> {
+fn levels(calls: &Calls, panic: u32) -> Result<(Levels, Vec<u32>)> {
     let mut depths = Depths::new(calls, panic);
     let mut deepest = |names: &[&str]| -> Result<u32> {
         let roots = addresses(calls, names)?;
