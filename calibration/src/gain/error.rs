@@ -29,7 +29,7 @@ pub enum GainError {
     /// An option that can't be used.
     #[error("{name} is {value}; {advice}")]
     BadOption {
-        /// The field of [`Options`].
+        /// The field of [`Options`](super::Options).
         name: &'static str,
         /// Its value.
         value: f64,
