@@ -8,7 +8,7 @@
 //! The time at which a load came on has an error. A change from `F0` to `F1` that comes by `e` later moves `s` at a time `t`
 //! after it by `share e (F0 - F1)/tau exp(-t/tau)`: an error that the readings after the change share.
 
-use super::least_squares::{design, force_n, Model};
+use super::least_squares::{design, force_n, Model, Solution};
 use super::{Options, Reading, Term};
 use nalgebra::{DMatrix, DVector};
 
@@ -20,6 +20,9 @@ const STEPS: usize = 30;
 const SHORTEST_S: f64 = 0.5;
 /// Chance levels by which the search over time constants multiplies a p-value: about the number of different shapes in it.
 pub(super) const SEARCHED: f64 = 8.0;
+
+/// Chance level at which creep stays once its time constant is free: the usual one, as it was found at a stricter one before.
+const STAYS: f64 = 0.05;
 
 /// How a cell creeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,6 +49,12 @@ pub(super) fn can_tell(used: &[Reading]) -> bool {
         .windows(HOLD)
         .any(|run| run[0].weight_g > 0.0 && run.iter().all(|r| r.weight_g == run[0].weight_g));
     timed && held
+}
+
+/// Whether the share of the creep differs from 0 in a fit with a free time constant.
+pub(super) fn is_significant(model: &Model, solution: &Solution) -> bool {
+    let at = model.terms.iter().position(|term| *term == Term::Creep);
+    at.is_some_and(|at| solution.coefficient(2 + at).p < STAYS)
 }
 
 /// A change of the load within a series.

@@ -184,13 +184,40 @@ pub fn fit(readings: &[Reading], options: &Options) -> Result<Gain, GainError> {
     if !wrong.is_empty() && !only_shaped(&used, options) {
         return Err(GainError::WrongEntries(wrong));
     }
-    let candidates = candidates(&used);
+    let mut candidates = candidates(&used);
+    let (mut model, mut best) = select(&used, options, &candidates)?;
+    if model.has(Term::Creep) {
+        // Every interval allows for the time constant, which was searched.
+        let free = Model {
+            tau_free: true,
+            ..model.clone()
+        };
+        match solve(&used, options, &free) {
+            Ok(solution) if creep::is_significant(&free, &solution) => {
+                (model, best) = (free, solution);
+            }
+            // Creep that a free time constant takes the significance from would only widen the interval of the gain.
+            _ => {
+                candidates.retain(|term| *term != Term::Creep);
+                (model, best) = select(&used, options, &candidates)?;
+            }
+        }
+    }
+    finish(&used, options, &model, &best)
+}
+
+/// The model with the terms that are significant, taken in one after the other, and its fit.
+fn select(
+    used: &[Reading],
+    options: &Options,
+    candidates: &[Term],
+) -> Result<(Model, Solution), GainError> {
     let mut model = Model::default();
-    let mut best = solve(&used, options, &model)?;
+    let mut best = solve(used, options, &model)?;
     loop {
         let mut chosen: Option<(f64, Model, Solution)> = None;
         for &term in candidates.iter().filter(|t| !model.has(**t)) {
-            let Some((more, solution)) = with(term, &used, options, &model, &best) else {
+            let Some((more, solution)) = with(term, used, options, &model, &best) else {
                 continue;
             };
             let searched = if term == Term::Creep {
@@ -206,20 +233,9 @@ pub fn fit(readings: &[Reading], options: &Options) -> Result<Gain, GainError> {
         }
         match chosen {
             Some((_, more, solution)) => (model, best) = (more, solution),
-            None => break,
+            None => return Ok((model, best)),
         }
     }
-    if model.has(Term::Creep) {
-        // Every interval allows for the time constant, which was searched.
-        let free = Model {
-            tau_free: true,
-            ..model.clone()
-        };
-        if let Ok(solution) = solve(&used, options, &free) {
-            (model, best) = (free, solution);
-        }
-    }
-    finish(&used, options, &model, &best)
 }
 
 /// The model with one term more, fitted. `before`: the fit without it.
