@@ -258,6 +258,9 @@ impl Board {
                 .encoder_noise(self.encoder_checked, flags, Micros(now), &mut self.reports);
         }
         let state = self.machine.system();
+        if self.machine.holds_dacs() && !dac::is_held() {
+            gpio::hold_dacs_at_zero();
+        }
         if dac::is_held() && dac_error.is_none() && state != SystemState::Fault {
             dac::release();
         }

@@ -504,6 +504,35 @@ fn an_edge_that_was_never_seen_is_found_by_its_level() {
     assert!(samples.iter().any(|(_, missed)| *missed > 0));
 }
 
+/// A line stays high while its result is read. A dip in it looks like an edge, and its level says that a result is there.
+#[test]
+fn a_dip_in_a_high_line_is_no_conversion() {
+    let mut bench = Bench::streaming();
+    let (mut dips, mut beside) = (0, 0);
+    for _ in 0..10_000 {
+        bench.run(20);
+        for unit in 0..UNITS {
+            if bench.chips[unit].drdy {
+                dips += 1;
+                bench.bus.drdy(unit as u8, bench.now, &mut bench.received);
+                bench.work();
+            }
+        }
+        beside += usize::from(bench.chips.iter().any(|chip| chip.drdy));
+    }
+    assert!(dips > 500 && beside > 500, "{dips} {beside}");
+    for unit in 0..6 {
+        bench.gapless(unit);
+        let edges = |event: &&Event| matches!(event, Event::Edge { unit: of } if *of == unit);
+        let edges = bench.received.0.iter().filter(edges).count();
+        let samples = bench.samples(unit).len();
+        assert!(
+            edges.abs_diff(samples) <= 1,
+            "{edges} edges, {samples} samples"
+        );
+    }
+}
+
 #[test]
 fn an_unread_conversion_is_counted() {
     let mut bench = Bench::streaming();

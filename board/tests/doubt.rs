@@ -201,8 +201,8 @@ fn a_faulted_unit_that_is_pulled_again_loses_its_power() {
 /// The same, seen by the encoder alone: a reel at 0 V that speeds up is driven.
 #[test]
 fn a_reel_that_speeds_up_at_0_v_loses_the_power_at_once() {
-    // Counts of the first sample, and how many more each sample has: 3 ms of 8 N are 35. 15 counts a sample are 21 mm/s.
-    for (first, more, driven) in [(0, 35, true), (15, 0, false)] {
+    // Counts of the first sample, and how many more each sample has: 3 ms of 8 N are 35. Paid out are 15 a sample, 21 mm/s.
+    for (first, more, driven) in [(0, 35, true), (-15, 0, false)] {
         let mut bench = held(6_000_000);
         bench.cell_n[3] = Some(-3.0);
         hold(&mut bench, 6_000_000, 60);
@@ -239,6 +239,71 @@ fn a_reel_that_coasts_is_no_fault() {
     }
     assert_eq!(speed, 0);
     assert!(!bench.machine.withholds_alive());
+}
+
+/// The output is stuck, and nobody repaired it: with the clear the power comes back, and the motor pulls again.
+#[test]
+fn an_output_that_is_still_stuck_after_a_clear_loses_its_power_again() {
+    let mut bench = held(6_000_000);
+    bench.cell_n[3] = Some(6.0);
+    bench.done(Command::Stop);
+    bench.run(200);
+    assert!(bench.machine.withholds_alive() && bench.machine.holds_dacs());
+    // The PLC took the power: the cable goes slack.
+    bench.cell_n[3] = Some(0.5);
+    bench.wound[3] -= 800;
+    bench.run(50);
+    bench.done(Command::ClearFaults);
+    bench.run(5);
+    assert!(!bench.machine.withholds_alive() && !bench.machine.holds_dacs());
+    // The reel winds in, and the load cell's filters show it later.
+    for _ in 0..5 {
+        bench.wound[3] += 160;
+        bench.run(3);
+    }
+    bench.run(9);
+    bench.cell_n[3] = Some(6.0);
+    bench.run(LET_GO_US / 1_000 + 20);
+    assert!(bench.machine.withholds_alive() && bench.machine.holds_dacs());
+    assert_eq!(bench.status().fault, Fault::OutputStuck.code());
+    // A weight that is hung on a cable, or a robot that moves away, makes the reel pay out: no fault.
+    let mut bench = held(6_000_000);
+    bench.done(Command::Stop);
+    bench.run(500);
+    bench.cell_n[3] = Some(6.0);
+    for _ in 0..100 {
+        bench.wound[3] -= 20;
+        bench.run(3);
+    }
+    assert!(!bench.machine.withholds_alive());
+}
+
+/// The load cell reads too little and the output is stuck: only the encoder can tell that the cable is still held.
+#[test]
+fn a_stuck_output_behind_a_load_cell_that_reads_low_loses_its_power() {
+    // Counts a millisecond that the robot makes the reel wind in.
+    for wound in [0, 1] {
+        let mut bench = held(6_000_000);
+        bench.stuck[3] = true;
+        bench.cell_n[3] = Some(0.0);
+        hold(&mut bench, 6_000_000, 100);
+        assert_ne!(fault(&bench, 3), 0);
+        for _ in 0..30 {
+            bench.setpoints(6_000_000);
+            for _ in 0..5 {
+                bench.wound[3] += wound;
+                bench.run(1);
+            }
+        }
+        assert!(bench.machine.withholds_alive(), "{wound}");
+    }
+    // The output follows: the others continue.
+    let mut bench = held(6_000_000);
+    bench.cell_n[3] = Some(0.0);
+    hold(&mut bench, 6_000_000, 300);
+    assert_ne!(fault(&bench, 3), 0);
+    assert!(!bench.machine.withholds_alive());
+    assert_eq!(bench.machine.system(), SystemState::Running);
 }
 
 /// With every motor at 0 V a reel may be turned by hand.

@@ -308,6 +308,12 @@ impl Config {
         self.travel_nm
     }
 
+    /// The least tension that `command` can make ([`friction::Model::least`](crate::friction::Model::least)).
+    #[must_use]
+    pub const fn least_tension(&self, command: Newton) -> Newton {
+        self.friction.least(command)
+    }
+
     /// Whether this unit takes part.
     #[must_use]
     pub const fn enabled(&self) -> bool {

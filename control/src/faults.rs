@@ -88,7 +88,7 @@ faults! {
     BusStuck = 6, Board, "I2C bus stuck",
         meaning: "The sensor bus is still blocked after every recovery step (nine clocks, multiplexer reset): no unit can be measured.",
         way_out: "Check SCL and SDA for a short, unplug the sensor modules one by one to find the one that holds the bus, power-cycle it, then clear.",
-        detail: "recoveries tried; bit 31: SDA held low, bit 30: SCL held low";
+        detail: "recoveries tried; bit 31: SDA held low (else SCL, or no slave answers)";
     /// Multiplexer silent.
     MuxSilent = 7, Board, "multiplexer silent",
         meaning: "The TCA9548A at 0x70 does not answer or reads back another channel than was written.",
@@ -131,7 +131,7 @@ faults! {
         detail: "number of the counter, from 1";
     /// 0 V has no effect.
     OutputStuck = 15, Board, "0 V has no effect",
-        meaning: "A motor was switched to 0 V, and its cable did not let go or its reel wound in faster than before: the DAC, its select wire or the amplifier does not follow. The alive line is withheld, so that the PLC removes the amplifiers' power.",
+        meaning: "A motor was switched to 0 V, and its cable did not let go, or its reel wound in: the DAC, its select wire or the amplifier does not follow. All DACs are held at 0 V by RST, and the alive line is withheld, so that the PLC removes the amplifiers' power. A motor that had no force before (its amplifier is off) and a reel that is wound in by hand against 2 N look the same.",
         way_out: "Switch the amplifiers' supply off. Check the DAC's select wire, its supply and the amplifier. Then clear.",
         detail: "bits 31 to 24: unit, from 1; bits 23 to 0: tension that is left, in millinewton (0xFFFFFF: its load cell does not measure, or the reel's speed showed it)";
     /// Force at the tip above its limit.

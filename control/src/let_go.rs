@@ -3,11 +3,15 @@
 //! | evidence | what it compares | time |
 //! | --- | --- | --- |
 //! | the cable lets go | tension before and after 0 V; without a load cell, whether the reel has paid out | [`LET_GO_US`] |
-//! | the cable is pulled again | a tension that comes back while other motors are driven | [`LET_GO_US`] |
+//! | the cable is pulled again | a tension that comes back while other motors are driven, or with a reel that winds in | [`LET_GO_US`] |
 //! | the reel speeds up | speed of winding in with the least since 0 V | two samples, 6 ms |
+//! | the reel winds in | without a load cell: travel from where it had paid out furthest | [`COASTING_MS`], then at once |
 //!
-//! The last one needs no load cell that can be believed. At 0 V nothing drives a reel inwards: friction and the cable both brake
-//! it. A reel that winds in faster than before is driven by its motor.
+//! The last two need no load cell that can be believed. At 0 V nothing drives a reel inwards: friction and the cable both brake
+//! it. A reel that winds in faster than before, or on and on, is driven by its motor.
+//!
+//! A load cell that reads too little says at once that the cable has let go. After a fault that puts it in doubt the encoder has to
+//! show it. Where the motor had no force before (its amplifier is off) nothing shows it either: that counts as not let go.
 
 use crate::friction::travel;
 use crate::plausible::milli;
@@ -21,7 +25,20 @@ const HELD: Newton = Newton::from_un(2_000_000);
 
 /// Encoder counts that a reel pays out at least when a cable of [`HELD`] lets go: 5 are 21 um, half of what a stiff cable
 /// of 24 N/mm gives back between 2 and 1.1 N.
-const LET_GO_COUNTS: u64 = 5;
+const LET_GO_COUNTS: i32 = 5;
+
+/// Cable wound in, in nanometres, while the tension stays at [`HELD`] or above, that a motor at 0 V does not take up: ten counts.
+/// A weight that is hung on a cable or a robot that moves away lets the reel pay out; a hand that turns it does wind in.
+const PULLED_NM: i32 = 42_000;
+
+/// How fast cable that was wound in below [`HELD`] is forgotten: 1/16 a sample, 50 ms.
+const WOUND_IN_SHIFT: u32 = 4;
+
+/// Time after 0 V in which a reel that was winding in comes to rest, in milliseconds: from 50 mm/s at 2 m/s^2.
+pub const COASTING_MS: u8 = 30;
+
+/// Cable that no reel at 0 V winds in after that, in nanometres: twice what a presliding contact springs back (50 um).
+const WOUND_IN_NM: i32 = 100_000;
 
 /// Time after 0 V in which a cable must let go, in microseconds: three times what the converter's filter (12.5 ms), the unit's
 /// filter and the cable (6 ms on the emulated rig) take.
@@ -42,8 +59,10 @@ const TURNS_PER_TRAVEL: u8 = 3;
 pub struct Released {
     /// Encoder position.
     pub counts: EncoderCounts,
-    /// Travel since the last sample in nanometres, winding in positive; `None` where samples were missed in between.
-    pub travel_nm: Option<i32>,
+    /// Travel since the last sample in nanometres, winding in positive.
+    pub travel_nm: i32,
+    /// Samples were missed in between.
+    pub missed: bool,
     /// Filtered cable tension.
     pub tension: Newton,
     /// Other motors of the board are driven.
@@ -57,6 +76,10 @@ pub struct LetGo {
     last: Option<(EncoderCounts, Newton)>,
     /// The load cell does not measure.
     blind: bool,
+    /// It measures, and not the tension.
+    doubted: bool,
+    /// Cable wound in since the tension was below [`HELD`], and shortly before, nanometres.
+    wound_in_nm: i32,
     reel: Reel,
 }
 
@@ -65,6 +88,8 @@ struct Waiting {
     since: Micros,
     at: EncoderCounts,
     tension: Option<Newton>,
+    /// It began with a tension that came back: a load cell that reads too little did not begin it, and may end it.
+    again: bool,
 }
 
 /// The reel of a motor at 0 V.
@@ -79,6 +104,9 @@ struct Reel {
     /// Without a load cell: where the present travel began, and calls since.
     began: Option<EncoderCounts>,
     turns: u8,
+    /// Without a load cell: calls, up to [`COASTING_MS`], and where it had paid out furthest after them.
+    coasting: u8,
+    outermost: EncoderCounts,
 }
 
 impl Reel {
@@ -92,13 +120,28 @@ impl Reel {
             self.driven |= speed_nm - self.slowest_nm > DRIVEN_NM;
         }
     }
+
+    /// A call of [`LetGo::turned`].
+    fn at(&mut self, counts: EncoderCounts, nm_per_count: i32) {
+        if self.coasting < COASTING_MS {
+            self.coasting += 1;
+            self.outermost = counts;
+            return;
+        }
+        let wound_in_nm = travel(self.outermost, counts, nm_per_count);
+        if wound_in_nm < 0 {
+            self.outermost = counts;
+        }
+        self.driven |= wound_in_nm > WOUND_IN_NM;
+    }
 }
 
 impl LetGo {
-    /// A sample of a unit that is driven.
-    pub fn driven(&mut self, counts: EncoderCounts, tension: Newton) {
+    /// A sample of a unit that is driven. `least`: the least tension that its command can make, so that a load cell that reads too
+    /// little does not end the watch before it begins.
+    pub fn driven(&mut self, counts: EncoderCounts, tension: Newton, least: Newton) {
         *self = Self {
-            last: Some((counts, tension)),
+            last: Some((counts, tension.max(least))),
             ..Self::default()
         };
     }
@@ -112,32 +155,46 @@ impl LetGo {
                     since: now,
                     at,
                     tension: None,
+                    again: false,
                 });
             }
         }
     }
 
     /// A sample of a unit that is not driven. While other motors are driven, a word that reaches the wrong DAC can pull this cable
-    /// again after it let go. A robot cannot: a reel at 0 V pays out at less than [`LET_GO`].
+    /// again after it let go. A robot cannot: a reel at 0 V pays out at less than [`LET_GO`]. With every motor at 0 V an output that
+    /// is stuck pulls when the power comes back: that winds the reel in.
     pub fn released(&mut self, now: Micros, sample: Released) {
-        self.blind = false;
+        let believed = !self.doubted;
+        self.blind &= !believed;
+        // The load cell's filters show a pull some 15 ms after the reel has made it.
+        let kept_nm = if sample.tension < HELD {
+            self.wound_in_nm.max(0) - (self.wound_in_nm.max(0) >> WOUND_IN_SHIFT)
+        } else {
+            self.wound_in_nm
+        };
+        self.wound_in_nm = kept_nm.saturating_add(sample.travel_nm);
+        let pulled = sample.others_drive || self.wound_in_nm > PULLED_NM;
         if let Some(waiting) = &mut self.waiting {
-            waiting.tension = Some(sample.tension);
-            if sample.tension < LET_GO {
-                self.waiting = None;
+            if believed || waiting.again {
+                waiting.tension = Some(sample.tension);
+                if sample.tension < LET_GO {
+                    self.waiting = None;
+                }
             }
-        } else if sample.others_drive && sample.tension >= HELD {
+        } else if pulled && sample.tension >= HELD {
             self.waiting = Some(Waiting {
                 since: now,
                 at: sample.counts,
                 tension: Some(sample.tension),
+                again: true,
             });
         }
         // With every motor at 0 V somebody may turn a reel by hand.
         if !sample.others_drive && self.waiting.is_none() {
             self.reel = Reel::default();
-        } else if let Some(travel_nm) = sample.travel_nm {
-            self.reel.add(travel_nm);
+        } else if believed && !sample.missed {
+            self.reel.add(sample.travel_nm);
         }
     }
 
@@ -149,19 +206,30 @@ impl LetGo {
         }
     }
 
+    /// The load cell measures something else than the tension.
+    pub fn doubt(&mut self) {
+        self.doubted = true;
+        if let Some(waiting) = &mut self.waiting {
+            waiting.tension = None;
+        }
+    }
+
     /// Whether the encoder is needed, each millisecond: the watch runs without a load cell.
     #[must_use]
     pub const fn needs_encoder(&self, others_drive: bool) -> bool {
-        matches!(self.waiting, Some(Waiting { tension: None, .. })) || self.blind && others_drive
+        (self.blind || self.doubted) && (self.waiting.is_some() || others_drive)
     }
 
     /// The encoder of a unit whose load cell does not measure, a millisecond after the last call.
     pub fn turned(&mut self, counts: EncoderCounts, nm_per_count: i32) {
+        // Only paying out is letting go: a robot that moves towards the unit can let a stuck motor wind in.
+        let let_go_nm = -LET_GO_COUNTS * nm_per_count.saturating_abs();
         if self.waiting.is_some_and(|waiting| {
-            waiting.tension.is_none() && counts.0.abs_diff(waiting.at.0) >= LET_GO_COUNTS
+            !waiting.again && travel(waiting.at, counts, nm_per_count) <= let_go_nm
         }) {
             self.waiting = None;
         }
+        self.reel.at(counts, nm_per_count);
         let Some(began) = self.reel.began else {
             self.reel.began = Some(counts);
             return;

@@ -58,6 +58,7 @@ mutants! {
     "sliding-off": "control/src/plausible.rs", "mean_nm.abs() < SLIDING_NM" => "mean_nm.abs() < i32::MAX";
     "surge-off": "control/src/plausible.rs", "(surged && (" => "(surged && false && (";
     "let-go-off": "control/src/let_go.rs", "waited > LET_GO_US && waited < u32::MAX / 2" => "waited > LET_GO_US && waited < 0";
+    "doubt-ignored": "control/src/let_go.rs", "self.doubted = true;" => "self.doubted = false;";
     "reel-at-zero-off": "control/src/let_go.rs", "speed_nm - self.slowest_nm > DRIVEN_NM" => "speed_nm - self.slowest_nm > i32::MAX - 1";
     "tip-limit-doubled": "control/src/tip.rs", "self.over = if size > self.limit_n" => "self.over = if size > 2.0 * self.limit_n";
     "sensor-silent-off": "control/src/supervisor.rs", "silent_us: 12_500" => "silent_us: 12_500_000";

@@ -184,6 +184,11 @@ impl Bus {
             if slot.ready.is_some() && interval < period / 2 {
                 return; // the tick has already reported this edge
             }
+            // The line stays high until its result is read: a dip in it looks like an edge. The next true edge after one that the tick
+            // reported late is no earlier than 0.4 periods.
+            if interval < period / 4 {
+                return;
+            }
             // Edges in this interval, this one included; a shift-free rounding of interval / period.
             let mut edges = 0;
             let mut rest = interval + period / 2;

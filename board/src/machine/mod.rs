@@ -266,6 +266,12 @@ impl Machine {
             || !self.configured
     }
 
+    /// Whether the DACs' RST is to be low: a DAC that gets no words, as its select wire is broken, is at 0 V then all the same.
+    #[must_use]
+    pub const fn holds_dacs(&self) -> bool {
+        self.withheld
+    }
+
     /// Whether the bus may write register pointers ahead of the samples ([`BoardConfig::pointer_ahead`]).
     #[must_use]
     pub const fn pointer_ahead(&self) -> bool {

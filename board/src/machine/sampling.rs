@@ -135,14 +135,17 @@ impl Machine {
         let doubt = slot
             .plausible
             .sample(&slot.config, pending.drive, pending.adc_code, &output);
-        if drives {
-            slot.let_go.driven(pending.encoder_counts, output.tension);
+        // A sample that found a fault has switched its motor off already.
+        if drives && output.fault.is_none() {
+            let least = slot.config.least_tension(output.command);
+            slot.let_go
+                .driven(pending.encoder_counts, output.tension, least);
         } else {
             slot.let_go.switched_off(at);
-            let whole = output.flags & flags::MISSED == 0;
             let released = Released {
                 counts: pending.encoder_counts,
-                travel_nm: whole.then_some(output.travel_nm),
+                travel_nm: output.travel_nm,
+                missed: output.flags & flags::MISSED != 0,
                 tension: output.tension,
                 others_drive,
             };

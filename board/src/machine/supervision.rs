@@ -126,6 +126,18 @@ impl Machine {
         slot.zero = None;
         fx.zero_output(unit);
         slot.let_go.switched_off(now);
+        // After these faults the load cell cannot tell whether the cable lets go. A swing that the encoder does not show may be
+        // the load cell's.
+        if matches!(
+            fault,
+            Fault::AdcSaturated
+                | Fault::EncoderStill
+                | Fault::TensionNegative
+                | Fault::Implausible
+                | Fault::CommandAtLimit
+        ) {
+            slot.let_go.doubt();
+        }
         // After these faults the state of the converter is unknown. After all others it continues to measure for
         // telemetry.
         if matches!(

@@ -77,6 +77,8 @@ pub struct Bench {
     pub encoder: [i64; UNITS],
     /// Encoder counts that a reel has wound in besides what its command makes of the cable.
     pub wound: [i64; UNITS],
+    /// Outputs that keep what they have.
+    pub stuck: [bool; UNITS],
 }
 
 impl Bench {
@@ -95,6 +97,7 @@ impl Bench {
             last: [DacCode::ZERO_VOLT; UNITS],
             encoder: [0; UNITS],
             wound: [0; UNITS],
+            stuck: [false; UNITS],
         }
     }
 
@@ -133,6 +136,12 @@ impl Bench {
                 dac_error: self.dac_error,
                 ..Health::default()
             };
+            // Encoders of units that do not stream are the test's.
+            let wanted = self.machine.wants_encoders();
+            for unit in (0..UNITS).filter(|&n| self.streaming[n] && wanted & (1 << n) != 0) {
+                let counts = EncoderCounts(self.counts(unit));
+                self.machine.encoder(unit as u8, counts);
+            }
             self.machine.tick(self.now, health, &mut self.board);
             for unit in core::mem::take(&mut self.board.started) {
                 self.streaming[usize::from(unit)] = true;
@@ -170,11 +179,15 @@ impl Bench {
             0,
             &mut self.board,
         );
+        let before = self.last[unit];
         self.last[unit] = dac;
         let zeroed = self.board.zeroed.len();
         self.machine.check(&mut pending, &mut self.board);
         if self.board.zeroed[zeroed..].contains(&(unit as u8)) {
             self.last[unit] = DacCode::ZERO_VOLT;
+        }
+        if self.stuck[unit] {
+            self.last[unit] = before;
         }
         pending.describe()
     }

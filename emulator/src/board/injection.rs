@@ -100,9 +100,9 @@ impl Board {
             Injection::DrdyGlitch(number) => {
                 let unit = unit(number)?;
                 // Short against everything the controller does: the level is gone when it looks.
-                if self.drdy[unit] == Some(false) {
-                    self.pending.push((wiring::DRDY[unit], Some(true)));
-                    self.pending.push((wiring::DRDY[unit], Some(false)));
+                if let Some(level) = self.drdy[unit] {
+                    self.pending.push((wiring::DRDY[unit], Some(!level)));
+                    self.pending.push((wiring::DRDY[unit], Some(level)));
                 }
             }
             Injection::LoseDrdy(number, edges) => self.lose_drdy[unit(number)?] = edges,

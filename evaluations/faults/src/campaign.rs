@@ -1,13 +1,16 @@
 //! Many cases: in parallel, in shards, resumed where they stopped, merged from files.
 //!
-//! A file has one outcome a line, in JSON. Case n of a seed is the same in every run, so files of shards, and of runs that
-//! were cut off, add up to one campaign.
+//! A file has one outcome a line, in JSON, below a line that says what they are of. Case n of a seed is the same in every run of
+//! the same program, so files of shards, and of runs that were cut off, add up to one campaign. Outcomes of an older program do
+//! not count: they are put aside.
 
 use crate::case::{run_on, Bases};
 use crate::injection::Plan;
 use crate::outcome::Outcome;
+use serde::{Deserialize, Serialize};
 use std::collections::{BTreeMap, BTreeSet};
 use std::fs::{File, OpenOptions};
+use std::hash::{DefaultHasher, Hasher};
 use std::io::{self, BufRead, BufReader, Write};
 use std::path::Path;
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -17,6 +20,35 @@ use std::time::Instant;
 /// Current limit that docs/bring-up.md has the amplifiers set to, A: 0.9 A are 17.4 N, just above the force limit of 16 N.
 /// With the amplifier's own 6 A a wrong word can pull with 116 N.
 pub const CURRENT_LIMIT_A: f64 = 0.9;
+
+/// What the outcomes of a file are of: its first line.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Origin {
+    /// Hash of the program, firmware's core included.
+    program: String,
+    seed: u64,
+    current_limit_a: f64,
+}
+
+impl Origin {
+    fn of(campaign: &Campaign) -> io::Result<Self> {
+        let mut hasher = DefaultHasher::new();
+        hasher.write(&std::fs::read(std::env::current_exe()?)?);
+        Ok(Self {
+            program: format!("{:016x}", hasher.finish()),
+            seed: campaign.seed,
+            current_limit_a: campaign.current_limit_a,
+        })
+    }
+
+    /// That of a file; `None` where it has none.
+    fn read(file: &Path) -> io::Result<Option<Self>> {
+        let first = BufReader::new(File::open(file)?).lines().next();
+        Ok(first
+            .transpose()?
+            .and_then(|line| serde_json::from_str(&line).ok()))
+    }
+}
 
 /// What to run.
 #[derive(Debug, Clone, Copy)]
@@ -46,15 +78,16 @@ impl Campaign {
     /// Runs what `file` lacks and appends to it; reports progress to standard error.
     ///
     /// # Errors
-    /// The file cannot be read or written.
+    /// The file cannot be read or written, or is of another seed or current limit.
     pub fn run(&self, file: &Path) -> io::Result<()> {
-        let done = if file.exists() {
-            read(file)?.into_keys().collect()
-        } else {
-            BTreeSet::new()
-        };
+        let origin = Origin::of(self)?;
+        let done = self.done(file, &origin)?;
         let open = self.open(&done);
-        let out = Mutex::new(OpenOptions::new().create(true).append(true).open(file)?);
+        let mut out = OpenOptions::new().create(true).append(true).open(file)?;
+        if out.metadata()?.len() == 0 {
+            writeln!(out, "{}", serde_json::to_string(&origin)?)?;
+        }
+        let out = Mutex::new(out);
         if open.is_empty() {
             return Ok(());
         }
@@ -82,6 +115,33 @@ impl Campaign {
         match failed.into_inner() {
             Ok(Some(error)) => Err(error),
             _ => Ok(()),
+        }
+    }
+}
+
+impl Campaign {
+    /// Cases that `file` has of this program. A file of another program is put aside.
+    fn done(&self, file: &Path, origin: &Origin) -> io::Result<BTreeSet<u64>> {
+        if !file.exists() {
+            return Ok(BTreeSet::new());
+        }
+        match Origin::read(file)? {
+            Some(found) if found == *origin => Ok(read(file)?.into_keys().collect()),
+            Some(found) if found.program == origin.program => Err(io::Error::other(format!(
+                "has the outcomes of seed {} at {} A; give another --out",
+                found.seed, found.current_limit_a
+            ))),
+            _ => {
+                let mut old = file.as_os_str().to_owned();
+                old.push(".old");
+                std::fs::rename(file, &old)?;
+                eprintln!(
+                    "faults: {} is of another build of the program: beginning anew, it is kept as {}",
+                    file.display(),
+                    old.display()
+                );
+                Ok(BTreeSet::new())
+            }
         }
     }
 }

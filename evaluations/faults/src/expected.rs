@@ -123,6 +123,15 @@ pub const EXPECTED: &[Expected] = &[
         power_off: true,
         at_most_n: 9.0,
     },
+    // A load cell that begins to read too little behind a stuck DAC says that the cable has let go.
+    Expected {
+        first: I::DacStuck(3),
+        second: Some((I::OpenBridge(3), 5)),
+        fault: Some(F::EncoderStill),
+        within_ms: 150,
+        power_off: true,
+        at_most_n: TENSION_N,
+    },
     // Damage of the memory behind a stuck DAC: the tension cannot tell any more whether the cable lets go.
     Expected {
         first: I::DacStuck(4),

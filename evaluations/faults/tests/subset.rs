@@ -47,6 +47,38 @@ fn shards_add_up_and_what_is_done_is_not_run_again() {
     assert_eq!(shard(0).open(&done).first(), Some(&9));
 }
 
+/// What is done counts for the same program and seed only.
+#[test]
+fn outcomes_of_another_program_or_seed_are_not_taken_over() {
+    let folder = std::env::temp_dir().join(format!("faults-{}", std::process::id()));
+    std::fs::create_dir_all(&folder).unwrap();
+    let file = folder.join("seed-1.jsonl");
+    let campaign = |seed, cases| Campaign {
+        seed,
+        cases,
+        shard: (0, 1),
+        jobs: 1,
+        current_limit_a: CURRENT_LIMIT_A,
+    };
+    campaign(1, 2).run(&file).unwrap();
+    let first = std::fs::read_to_string(&file).unwrap();
+    assert_eq!(first.lines().count(), 3);
+    // The same goes on, another seed is refused.
+    campaign(1, 3).run(&file).unwrap();
+    let more = std::fs::read_to_string(&file).unwrap();
+    assert!(more.starts_with(&first) && more.lines().count() == 4);
+    let told = campaign(2, 3).run(&file).unwrap_err().to_string();
+    assert!(told.contains("seed 1"), "{told}");
+    // Another build: its outcomes are put aside.
+    let (line, rest) = more.split_once('\n').unwrap();
+    let other = line.replacen("\"program\":\"", "\"program\":\"x", 1);
+    std::fs::write(&file, format!("{other}\n{rest}")).unwrap();
+    campaign(1, 1).run(&file).unwrap();
+    assert_eq!(std::fs::read_to_string(&file).unwrap().lines().count(), 2);
+    assert!(folder.join("seed-1.jsonl.old").exists());
+    std::fs::remove_dir_all(&folder).unwrap();
+}
+
 #[test]
 fn a_plan_is_the_same_in_every_run_and_all_categories_are_drawn() {
     let drawn: BTreeSet<Category> = (0..30).map(|n| Plan::draw(5, n).first.category()).collect();

@@ -300,6 +300,8 @@ fn a_lost_encoder_is_noticed_by_what_the_tension_does() {
     stand.truth();
     stand.run(0.2);
     assert!(stand.truth().iter().all(|row| row.dac_v[4].abs() < ZERO_V));
+    // The swing may have been the load cell's: nothing tells whether the cable has let go.
+    assert_eq!(stand.status().fault, Fault::OutputStuck.code());
 }
 
 #[test]

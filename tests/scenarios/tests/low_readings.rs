@@ -9,8 +9,8 @@ use wire::Command;
 const HAZARD_N: f64 = 13.0;
 
 /// Injects at 6 N on every cable; unit 3 must fault with one of `codes`, its true tension must never pass the hazard, and
-/// its output must be at 0 V once the fault is latched.
-fn unit_3_stops(seed: u64, injection: Injection, then_n: f64, codes: &[Fault]) {
+/// its output must be at 0 V once the fault is latched. Returns the state of the board 0.2 s later.
+fn unit_3_stops(seed: u64, injection: Injection, then_n: f64, codes: &[Fault]) -> SystemState {
     let mut link = rig(seed);
     let mut stand = Stand::armed(&mut link, 6.0);
     stand.truth();
@@ -25,7 +25,15 @@ fn unit_3_stops(seed: u64, injection: Injection, then_n: f64, codes: &[Fault]) {
     stand.run(0.2);
     let rows = stand.truth();
     assert!(rows.iter().all(|row| row.dac_v[2].abs() < ZERO_V));
-    assert_eq!(stand.status().state, SystemState::Running as u8);
+    let status = stand.status();
+    if status.state == SystemState::Running as u8 {
+        SystemState::Running
+    } else {
+        assert_eq!(status.fault, Fault::OutputStuck.code());
+        assert!(status.alive_withheld);
+        assert!(stand.truth().last().is_some_and(|row| !row.amplifier_on));
+        SystemState::Fault
+    }
 }
 
 #[test]
@@ -35,25 +43,46 @@ fn an_open_excitation_wire() {
         Fault::TensionNegative,
         Fault::CommandAtLimit,
     ];
-    unit_3_stops(61, Injection::OpenBridge(3, true), 6.0, &codes);
+    let state = unit_3_stops(61, Injection::OpenBridge(3, true), 6.0, &codes);
+    assert_eq!(state, SystemState::Running);
 }
 
 #[test]
 fn a_frozen_code() {
     let codes = [Fault::SensorFrozen];
-    unit_3_stops(62, Injection::FrozenCode(3, true), 9.0, &codes);
+    let state = unit_3_stops(62, Injection::FrozenCode(3, true), 9.0, &codes);
+    assert_eq!(state, SystemState::Running);
 }
 
 #[test]
 fn exchanged_signal_wires() {
     let codes = [Fault::TensionNegative, Fault::Implausible];
-    unit_3_stops(63, Injection::WrongSign(3, true), 6.0, &codes);
+    let state = unit_3_stops(63, Injection::WrongSign(3, true), 6.0, &codes);
+    assert_eq!(state, SystemState::Running);
 }
 
+/// A motor without force lets no cable go when it is switched to 0 V. Nothing that is measured tells it from a load cell that reads
+/// too little in front of a stuck output, unless the reel still pays out: the others continue then, or all stop.
 #[test]
 fn an_amplifier_that_is_off() {
     let codes = [Fault::Implausible, Fault::CommandAtLimit];
     unit_3_stops(64, Injection::AmplifierOff(3, true), 6.0, &codes);
+}
+
+/// The load cell reads too little and the output is stuck: the cell says that the cable has let go.
+#[test]
+fn a_stuck_dac_behind_a_load_cell_that_reads_low_loses_the_power() {
+    let mut link = rig(69);
+    let mut stand = Stand::armed(&mut link, 6.0);
+    stand.inject(Injection::StuckDac(4, true));
+    stand.inject(Injection::OpenBridge(4, true));
+    stand.truth();
+    stand.run(0.6);
+    let rows = stand.truth();
+    assert!(rows[0].dac_v[3] > 0.1, "the injection does nothing");
+    assert!(rows.last().is_some_and(|row| !row.amplifier_on));
+    let most = rows.iter().map(|row| row.tension_n[3]).fold(0.0, f64::max);
+    assert!(most < HAZARD_N, "{most:.1} N");
 }
 
 #[test]
@@ -86,9 +115,17 @@ fn a_stuck_dac_loses_the_amplifiers_power() {
     assert!(rows.last().expect("rows").tension_n[3] < 2.0);
     let status = stand.status();
     assert!(status.alive_withheld);
+    // Not repaired: with the clear the motor pulls again, and loses its power again.
+    stand.session.set_setpoints(None);
+    stand.ask(&Command::ClearFaults);
+    stand.truth();
+    stand.run(0.6);
+    let rows = stand.truth();
+    assert!(rows.iter().any(|row| row.amplifier_on));
+    assert!(rows.last().is_some_and(|row| !row.amplifier_on));
+    assert_eq!(stand.status().fault, Fault::OutputStuck.code());
     // Repaired: the power comes back with the clear, and nothing is driven.
     stand.inject(Injection::StuckDac(4, false));
-    stand.session.set_setpoints(None);
     stand.ask(&Command::ClearFaults);
     stand.truth();
     stand.run(0.3);
