@@ -266,6 +266,15 @@ fn an_output_that_is_still_stuck_after_a_clear_loses_its_power_again() {
     bench.run(LET_GO_US / 1_000 + 20);
     assert!(bench.machine.withholds_alive() && bench.machine.holds_dacs());
     assert_eq!(bench.status().fault, Fault::OutputStuck.code());
+    // Other electronics drive the motors of a board that only measures.
+    let mut bench = Bench::ready();
+    for _ in 0..5 {
+        bench.wound[3] += 160;
+        bench.run(3);
+    }
+    bench.cell_n[3] = Some(6.0);
+    bench.run(200);
+    assert!(!bench.machine.withholds_alive());
     // A weight that is hung on a cable, or a robot that moves away, makes the reel pay out: no fault.
     let mut bench = held(6_000_000);
     bench.done(Command::Stop);

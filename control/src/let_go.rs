@@ -78,6 +78,8 @@ pub struct LetGo {
     blind: bool,
     /// It measures, and not the tension.
     doubted: bool,
+    /// It was driven since the configuration was put in force.
+    was_driven: bool,
     /// Cable wound in since the tension was below [`HELD`], and shortly before, nanometres.
     wound_in_nm: i32,
     reel: Reel,
@@ -142,6 +144,7 @@ impl LetGo {
     pub fn driven(&mut self, counts: EncoderCounts, tension: Newton, least: Newton) {
         *self = Self {
             last: Some((counts, tension.max(least))),
+            was_driven: true,
             ..Self::default()
         };
     }
@@ -163,7 +166,8 @@ impl LetGo {
 
     /// A sample of a unit that is not driven. While other motors are driven, a word that reaches the wrong DAC can pull this cable
     /// again after it let go. A robot cannot: a reel at 0 V pays out at less than [`LET_GO`]. With every motor at 0 V an output that
-    /// is stuck pulls when the power comes back: that winds the reel in.
+    /// is stuck pulls when the power comes back, or one that fails now: that winds the reel in. It counts once the unit was driven with this
+    /// configuration: other electronics may drive the motors of a board that only measures.
     pub fn released(&mut self, now: Micros, sample: Released) {
         let believed = !self.doubted;
         self.blind &= !believed;
@@ -174,7 +178,7 @@ impl LetGo {
             self.wound_in_nm
         };
         self.wound_in_nm = kept_nm.saturating_add(sample.travel_nm);
-        let pulled = sample.others_drive || self.wound_in_nm > PULLED_NM;
+        let pulled = sample.others_drive || self.was_driven && self.wound_in_nm > PULLED_NM;
         if let Some(waiting) = &mut self.waiting {
             if believed || waiting.again {
                 waiting.tension = Some(sample.tension);
@@ -264,8 +268,14 @@ impl LetGo {
     pub fn forget(&mut self) {
         *self = Self {
             blind: self.blind,
+            was_driven: self.was_driven,
             ..Self::default()
         };
+    }
+
+    /// A configuration was put in force.
+    pub fn configured(&mut self) {
+        self.was_driven = false;
     }
 
     /// Detail of [`Fault::OutputStuck`](crate::Fault::OutputStuck) for this unit (from 0).

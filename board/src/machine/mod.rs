@@ -367,6 +367,7 @@ impl Machine {
                 unit.config = config;
                 unit.control.config_changed();
             }
+            unit.let_go.configured();
         }
         self.config_crc = self.crc();
     }
