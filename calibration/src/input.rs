@@ -70,7 +70,7 @@ pub enum InputError {
         want: usize,
     },
     /// A cell that has to hold a finite number and doesn't.
-    #[error("{at}: `{text}` in column `{column}` is not a finite number")]
+    #[error("{at}: `{text}` in column `{column}` is not a finite number{}", decimal_comma(.text))]
     NotANumber {
         /// The row.
         at: Location,
@@ -99,6 +99,16 @@ pub enum InputError {
         /// What is wrong.
         problem: String,
     },
+}
+
+/// What to do about a number with a decimal comma; empty for any other text.
+fn decimal_comma(text: &str) -> &'static str {
+    let is_number = |text: String| text.parse::<f64>().is_ok_and(f64::is_finite);
+    if text.contains(',') && is_number(text.replacen(',', ".", 1)) {
+        "; write a point for the decimal comma"
+    } else {
+        ""
+    }
 }
 
 /// A table of text cells with the line of each row.
@@ -310,6 +320,19 @@ mod tests {
 
     #[test]
     fn empty_texts_and_bad_rows_are_named() {
+        let table = Table::parse("f", "a;b\n1,5;1,2,3\n").unwrap();
+        let told = |column| {
+            table
+                .number(&table.rows()[0], column)
+                .unwrap_err()
+                .to_string()
+        };
+        assert!(
+            told(0).ends_with("write a point for the decimal comma"),
+            "{}",
+            told(0)
+        );
+        assert!(told(1).ends_with("is not a finite number"), "{}", told(1));
         assert!(matches!(
             Table::parse("f", "\n# only\n"),
             Err(InputError::Empty { .. })

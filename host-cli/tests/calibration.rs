@@ -157,3 +157,42 @@ fn a_session_by_hand_goes_on_where_it_was_broken_off() {
         text(&versions)
     );
 }
+
+#[test]
+fn values_that_can_not_be_are_refused_and_nothing_is_stored() {
+    let folder = tempfile::tempdir().unwrap();
+    let latin = folder.path().join("latin.csv");
+    std::fs::write(&latin, b"weight_g,code,standard_error\n10,1,3 \xb5\n").unwrap();
+    let comma = folder.path().join("comma.csv");
+    std::fs::write(&comma, "weight_g;code;standard_error\n10;1,5;3\n").unwrap();
+    let readings = |path: &Path| {
+        let path = path.to_str().unwrap().to_owned();
+        ["gain", "--unit", "2", "--readings", &path].map(str::to_owned)
+    };
+    let words = |line: &str| -> Vec<String> { line.split(' ').map(str::to_owned).collect() };
+    for (call, expected) in [
+        (words("verify --duration 0.5"), "give at least 2 s"),
+        (words("geometry --yes --digitizer-sd 0.0002"), "mm, not m?"),
+        (words("gain --weights 0 --yes"), "`0` is not a weight"),
+        (words("gain --weights nan --yes"), "`nan` is not a weight"),
+        (words("zero --replace 9 --yes"), "no unit 9 is enabled"),
+        (readings(&latin).to_vec(), "save it as CSV UTF-8"),
+        (readings(&comma).to_vec(), "write a point"),
+    ] {
+        let mut command = forcectl(folder.path());
+        command.arg("calibrate").args(&call);
+        let output = command.args(["--link", "fast"]).output().unwrap();
+        let said = text(&output);
+        assert_eq!(output.status.code(), Some(2), "{call:?}: {said}");
+        assert!(said.contains(expected), "{call:?}: {said}");
+    }
+    let use_none = forcectl(folder.path())
+        .args(["calibrate", "use", "1", "--link", "fast"])
+        .output()
+        .unwrap();
+    let said = text(&use_none);
+    assert!(
+        said.contains("0001.toml") && !use_none.status.success(),
+        "{said}"
+    );
+}

@@ -6,10 +6,12 @@
 //! while the right readings outnumber those wrong in one way, and a wrong entry at the largest weight can't draw the
 //! line to itself. Then, for each reading, the likelihood of its code under the weight entered, under a decimal slip of
 //! it, under each other weight of the set (and none), and under no weight at all (any code equally likely), with the
-//! prior probabilities below. A reading is named when the weight entered is less likely than the rest together.
+//! prior probabilities below. The scatter that the readings show is allowed for: a poor repeatability makes no wrong
+//! entries. A reading is named when the weight entered is less likely than the rest together.
 
 use super::{Options, Reading};
 use crate::input::Location;
+use crate::stats;
 
 /// Prior probability that an entry is a decimal slip, up and down together.
 const SLIP: f64 = 0.004;
@@ -20,6 +22,9 @@ const NO_WEIGHT: f64 = 0.002;
 /// Standard deviation allowed for curvature, hysteresis and creep while looking for wrong entries, part of the range of
 /// codes.
 const SHAPE: f64 = 1e-3;
+/// Least standard deviation allowed for repeatability while looking for wrong entries, N: with a small set of weights, what a
+/// hand does to the cell is more than the part [`SHAPE`] of the range.
+const REPEATABILITY_N: f64 = 0.003;
 /// Where the squared residual of a reading stops to count.
 const CUT: f64 = 9.0;
 
@@ -63,16 +68,51 @@ pub fn find(readings: &[Reading], options: &Options) -> Vec<WrongEntry> {
     let Some((zero, codes_per_g)) = consensus(readings, options, range) else {
         return Vec::new();
     };
+    let scatter = scatter(readings, zero, codes_per_g);
     readings
         .iter()
-        .filter_map(|r| judge(r, options, zero, codes_per_g, range))
+        .filter_map(|r| judge(r, options, (zero, codes_per_g), (range, scatter)))
         .collect()
+}
+
+/// How much the readings scatter for other reasons than their standard errors, codes.
+///
+/// About the line, or among the readings of one weight where that is less: a cell that is curved leaves the line by the same
+/// each time, and its wrong entries are to be seen all the same.
+fn scatter(readings: &[Reading], zero: f64, codes_per_g: f64) -> f64 {
+    let residual = |r: &Reading| r.code - zero - codes_per_g * r.weight_g;
+    let sizes = |values: &[f64]| values.iter().map(|v| v.abs()).collect::<Vec<f64>>();
+    let about_line: Vec<f64> = readings.iter().map(residual).collect();
+    let mut scatter = stats::MAD_TO_SD * stats::median(&sizes(&about_line));
+    let mut among: Vec<f64> = Vec::new();
+    for (i, r) in readings.iter().enumerate() {
+        let same: Vec<f64> = readings
+            .iter()
+            .filter(|other| other.weight_g == r.weight_g)
+            .map(residual)
+            .collect();
+        let count = same.len() as f64;
+        if same.len() > 1 {
+            // The middle is that of the same few readings, which makes them look too near to it.
+            let free = (count / (count - 1.0)).sqrt();
+            among.push(free * (about_line[i] - stats::median(&same)));
+        }
+    }
+    if 2 * among.len() >= readings.len() {
+        scatter = scatter.min(stats::MAD_TO_SD * stats::median(&sizes(&among)));
+    }
+    scatter
 }
 
 /// Standard deviation of a code about the line, codes.
 fn sd(reading: &Reading, weight_g: f64, options: &Options, codes_per_g: f64, range: f64) -> f64 {
     let tolerance = options.weight_limit_relative / 3f64.sqrt() * weight_g * codes_per_g;
-    (reading.standard_error_codes.powi(2) + tolerance * tolerance + (SHAPE * range).powi(2)).sqrt()
+    let repeatability = REPEATABILITY_N * codes_per_g / (1e-3 * options.gravity_m_per_s2);
+    (reading.standard_error_codes.powi(2)
+        + tolerance * tolerance
+        + repeatability * repeatability
+        + (SHAPE * range).powi(2))
+    .sqrt()
 }
 
 /// Zero code and codes per gram of the line that most readings agree with.
@@ -135,16 +175,18 @@ fn consensus(readings: &[Reading], options: &Options, range: f64) -> Option<(f64
     }
 }
 
+/// `line`: zero code and codes per gram. `spread`: range of the codes, and their [`scatter`].
 fn judge(
     reading: &Reading,
     options: &Options,
-    zero: f64,
-    codes_per_g: f64,
-    range: f64,
+    line: (f64, f64),
+    spread: (f64, f64),
 ) -> Option<WrongEntry> {
+    let (zero, codes_per_g) = line;
+    let (range, scatter) = spread;
     let entered = reading.weight_g;
     let log_likelihood = |weight: f64| {
-        let sd = sd(reading, weight, options, codes_per_g, range);
+        let sd = sd(reading, weight, options, codes_per_g, range).hypot(scatter);
         let z = (reading.code - zero - codes_per_g * weight) / sd;
         -0.5 * z * z - sd.ln() - 0.5 * (2.0 * std::f64::consts::PI).ln()
     };

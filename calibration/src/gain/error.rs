@@ -26,6 +26,14 @@ pub enum GainError {
         /// What is allowed.
         advice: &'static str,
     },
+    /// A row that is there twice.
+    #[error("{at}: line {} is a copy of line {of}; leave it out", .at.line)]
+    Copied {
+        /// The second of the two rows.
+        at: Location,
+        /// Line of the first one.
+        of: usize,
+    },
     /// An option that can't be used.
     #[error("{name} is {value}; {advice}")]
     BadOption {

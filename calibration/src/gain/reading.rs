@@ -1,7 +1,7 @@
 //! The readings of a series of weights, and what can't be used among them.
 
 use super::{GainError, Options};
-use crate::input::{InputError, Location, Table};
+use crate::input::{InputError, Location, Row, Table};
 
 /// Whether a weight was put on or taken off to come to this load.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -52,7 +52,7 @@ const COLUMNS: [&str; 8] = [
 ///
 /// # Errors
 /// [`InputError`] with the line of the first cell that can't be used: weights from 0 to 3,000 g, codes of 24 bits,
-/// standard errors above 0, standard errors of times not below 0.
+/// standard errors above 0, standard errors of times not below 0, temperatures in all lines or in none.
 pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
     let table = Table::parse(file, text)?;
     table.check_columns(&COLUMNS)?;
@@ -64,6 +64,16 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
     let since = table.find("since_s");
     let since_sd = table.find("since_sd_s");
     let temperature = table.find("temperature_c");
+    if let Some(column) = temperature {
+        let blank = |row: &&Row| table.text(row, column).is_empty();
+        // The temperature would count for no reading at all then, without a word.
+        if let Some(row) = table.rows().iter().find(blank) {
+            if !table.rows().iter().all(|row| blank(&row)) {
+                let problem = "other lines have a temperature; fill it in, or leave the column out";
+                return Err(table.bad_value(row, column, problem));
+            }
+        }
+    }
     table
         .rows()
         .iter()
@@ -188,6 +198,7 @@ pub(super) fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Read
         }
         used.push(reading);
     }
+    no_copies(&used)?;
     let weights = different_weights(&used);
     if used.len() < 3 || weights < 3 {
         return Err(GainError::TooFew {
@@ -196,6 +207,31 @@ pub(super) fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Read
         });
     }
     Ok(used)
+}
+
+/// Refuses rows that are there twice: they would count as readings of their own and make the interval too narrow.
+fn no_copies(readings: &[Reading]) -> Result<(), GainError> {
+    for (i, reading) in readings.iter().enumerate() {
+        let is_copy = |earlier: &&Reading| {
+            let same = earlier.weight_g == reading.weight_g && earlier.code == reading.code;
+            same && match (earlier.time_s, reading.time_s) {
+                (Some(a), Some(b)) => a == b,
+                // Without times: two means with all their digits equal. A whole number may come back by chance.
+                (None, None) => {
+                    reading.code.fract() != 0.0
+                        && earlier.standard_error_codes == reading.standard_error_codes
+                }
+                _ => false,
+            }
+        };
+        if let Some(of) = readings[..i].iter().find(is_copy) {
+            return Err(GainError::Copied {
+                at: reading.at.clone(),
+                of: of.at.line,
+            });
+        }
+    }
+    Ok(())
 }
 
 /// How many different weights there are, the empty cell counted.

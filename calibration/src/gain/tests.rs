@@ -149,6 +149,85 @@ fn a_touched_cell_is_named_as_no_weight() {
 }
 
 #[test]
+fn a_small_set_on_a_cell_of_poor_repeatability_is_no_list_of_wrong_entries() {
+    // 10 to 100 g, twice up and down, 2 mN from one time to the next.
+    let small = |seed| -> Vec<Reading> {
+        let mut readings = series(seed, 1e-3, 0.002 * CODES_PER_N, straight);
+        readings.retain(|r| r.weight_g <= 100.0);
+        for reading in &mut readings {
+            reading.standard_error_codes = 12.0;
+        }
+        readings
+    };
+    for seed in 0..100 {
+        let mut readings = small(seed);
+        let right = fit(&readings, &options());
+        assert!(right.is_ok(), "seed {seed}: {right:?}");
+        let at = readings.iter().position(|r| r.weight_g == 100.0).unwrap();
+        readings[at].weight_g = 50.0;
+        let Err(GainError::WrongEntries(wrong)) = fit(&readings, &options()) else {
+            panic!("seed {seed}: 50 for 100 was averaged in");
+        };
+        assert_eq!(
+            (wrong.len(), wrong[0].at.line, wrong[0].likely_g),
+            (1, readings[at].at.line, Some(100.0)),
+            "seed {seed}"
+        );
+    }
+}
+
+#[test]
+fn a_slip_between_two_small_weights_is_named_on_a_curved_cell() {
+    let bent =
+        |force: f64, _: Direction, _: f64| ZERO + CODES_PER_N * (force + 2e-3 * force * force);
+    for seed in 0..20 {
+        let mut readings = series(seed, 1e-4, 30.0, bent);
+        assert!(fit(&readings, &options()).is_ok());
+        assert_eq!(readings[0].weight_g, 10.0);
+        readings[0].weight_g = 20.0;
+        let Err(GainError::WrongEntries(wrong)) = fit(&readings, &options()) else {
+            panic!("seed {seed}: 20 for 10 was averaged in");
+        };
+        assert!(wrong.iter().any(|w| w.at.line == 2), "{wrong:?}");
+    }
+}
+
+#[test]
+fn rows_that_were_pasted_twice_are_named() {
+    let (_, body) = SHORT_SERIES.split_once('\n').unwrap();
+    let fails = |text: &str| {
+        let readings = read("w.csv", text).unwrap();
+        fit(&readings, &options()).unwrap_err().to_string()
+    };
+    let twice = format!("{SHORT_SERIES}{body}");
+    assert_eq!(
+        fails(&twice),
+        "w.csv:24: line 24 is a copy of line 2; leave it out"
+    );
+    // Without times, the digits of the mean tell.
+    let short: Vec<String> = body
+        .lines()
+        .map(|line| line.split(',').take(3).collect::<Vec<_>>().join(",") + "\n")
+        .collect();
+    let bare = format!("weight_g,code,standard_error\n{}", short.concat());
+    assert!(fit(&read("w.csv", &bare).unwrap(), &options()).is_ok());
+    let told = fails(&format!("{bare}{}", short[4]));
+    assert!(told.contains("line 24 is a copy of line 6"), "{told}");
+    // Lines that are left out are no copies, and whole codes may come back by chance.
+    let left_out = Options {
+        left_out: (24..=45).collect(),
+        ..options()
+    };
+    assert!(fit(&read("w.csv", &twice).unwrap(), &left_out).is_ok());
+    let whole = "weight_g,code,standard_error\n0,100,9\n0,100,9\n500,730000,9\n1000,1460000,9\n";
+    let fitted = fit(&read("w.csv", whole).unwrap(), &options());
+    assert!(
+        !matches!(fitted, Err(GainError::Copied { .. })),
+        "{fitted:?}"
+    );
+}
+
+#[test]
 fn clean_series_raise_no_alarm() {
     let alarms = (0..500)
         .filter(|&seed| fit(&series(seed, 1e-3, 60.0, straight), &options()).is_err())
@@ -257,6 +336,9 @@ fn bad_input_is_an_error_with_its_place() {
         message("weight_g,code,standard_error,direction\n5,1,1,up\n")
             .contains("`loading` or `unloading`")
     );
+    let blank = "weight_g,code,standard_error,temperature_c\n50,1,1,22.1\n50,2,1,\n";
+    assert!(message(blank).starts_with("w.csv:3: ``") && message(blank).contains("fill it in"));
+    assert!(read("w.csv", &blank.replace("22.1", "")).is_ok());
     let few = read(
         "w.csv",
         "weight_g,code,standard_error\n50,100,3\n50,101,3\n",

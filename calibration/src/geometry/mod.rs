@@ -163,6 +163,16 @@ pub enum GeometryError {
         /// The unit.
         unit: u8,
     },
+    /// Points of a cell that give no axis: nearly on a line, or too near to each other.
+    #[error("the cell points {labels} of unit {unit} give its axis to +-{sd_deg:.0} degrees only: they lie nearly on a line or too near to each other; measure them further apart")]
+    VagueAxis {
+        /// The unit.
+        unit: u8,
+        /// The points.
+        labels: String,
+        /// Standard deviation of the axis in its worst direction, degrees.
+        sd_deg: f64,
+    },
     /// The normal equations are singular.
     #[error("the points do not determine all stations; measure more common points")]
     Undetermined,
@@ -244,6 +254,32 @@ pub fn cramer_rao(
         options.digitizer_sd_m,
     )?;
     Ok(units_of(&items, &solution, options)?.0)
+}
+
+/// Whether points that do not fit the reference fit it once each is mirrored: two axes of the table are exchanged, or one has
+/// the wrong sign.
+#[must_use]
+pub fn is_mirrored(readings: &[PointReading], reference: &Reference, options: &Options) -> bool {
+    let sd = options.digitizer_sd_m;
+    let mirrored: Vec<PointReading> = readings
+        .iter()
+        .cloned()
+        .map(|mut reading| {
+            reading.position_m.z = -reading.position_m.z;
+            reading
+        })
+        .collect();
+    let p = || {
+        check(options)?;
+        let items = Items::new(&mirrored, reference)?;
+        let network = Network::new(&items);
+        let solution = network.solve(network.initial(sd)?, sd)?;
+        Ok::<f64, GeometryError>(stats::chi_square_survival(
+            solution.chi_square,
+            solution.degrees_of_freedom,
+        ))
+    };
+    p().is_ok_and(|p| p >= options.alarm_level)
 }
 
 fn check(options: &Options) -> Result<(), GeometryError> {

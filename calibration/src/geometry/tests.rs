@@ -37,6 +37,61 @@ fn without_noise_the_truth_comes_back() {
     }
 }
 
+#[test]
+fn cell_points_that_are_nearly_on_a_line_give_no_axis() {
+    let mut scene = scene(3);
+    let at = |scene: &Scene, point| scene.points_m[&Label::Cell { unit: 4, point }];
+    let (a, b) = (at(&scene, 1), at(&scene, 2));
+    // A tenth of a millimetre off the middle of the two others: half of the digitizer's standard deviation.
+    let off = (b - a).cross(&Vector3::new(0.3, 0.8, -0.5)).normalize();
+    let third = 0.5 * (a + b) + off * 1e-4;
+    scene
+        .points_m
+        .insert(Label::Cell { unit: 4, point: 3 }, third);
+    for seed in 0..10 {
+        let found = survey(&scene.measure(seed, 3, SD), &scene.reference, &options());
+        let Err(GeometryError::VagueAxis {
+            unit: 4, sd_deg, ..
+        }) = found
+        else {
+            panic!("seed {seed}: {:?}", found.map(|s| s.units[3].axis_sd_rad()));
+        };
+        assert!(sd_deg > 5.7, "{sd_deg}");
+    }
+    let told = survey(&scene.measure(1, 3, SD), &scene.reference, &options())
+        .unwrap_err()
+        .to_string();
+    assert!(
+        told.contains("unit4_cell1, unit4_cell2, unit4_cell3 of unit 4")
+            && told.contains("further apart"),
+        "{told}"
+    );
+}
+
+#[test]
+fn a_mirrored_table_is_told_from_one_with_a_fault() {
+    let scene = scene(3);
+    let good = scene.measure(5, 2, SD);
+    assert!(!is_mirrored(&good, &scene.reference, &options()));
+    let mut exchanged = good.clone();
+    for reading in &mut exchanged {
+        reading.position_m.swap_rows(0, 1);
+    }
+    assert!(survey(&exchanged, &scene.reference, &options()).is_err());
+    assert!(is_mirrored(&exchanged, &scene.reference, &options()));
+    let mut negated = good.clone();
+    for reading in &mut negated {
+        reading.position_m.y = -reading.position_m.y;
+    }
+    assert!(is_mirrored(&negated, &scene.reference, &options()));
+    // One station of several is a fault of its own.
+    let mut part = good;
+    for reading in part.iter_mut().filter(|r| r.station == "B") {
+        reading.position_m.x = -reading.position_m.x;
+    }
+    assert!(!is_mirrored(&part, &scene.reference, &options()));
+}
+
 /// Normalised squared errors over many surveys: their mean has to be the degrees of freedom, for the joint estimate and the
 /// chain; and the joint estimate is better than the chain and not better than its bound.
 #[test]

@@ -8,6 +8,9 @@ use super::points::Label;
 use super::GeometryError;
 use nalgebra::{DMatrix, Matrix3, SMatrix, SymmetricEigen, Vector3};
 
+/// Standard deviation of an axis above which its linear covariance, and so the axis, means nothing, rad.
+const LARGEST_AXIS_SD_RAD: f64 = 0.1;
+
 /// Where a unit is and how its load cell looks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UnitGeometry {
@@ -83,7 +86,7 @@ pub(super) fn normal_jacobian(
 /// Units whose four points are there, with the covariance of all of them together (six rows a unit, in order).
 ///
 /// `position` gives a point in the base frame, `covariance` that of two points. A unit that has some of its points
-/// only is an error.
+/// only is an error, and so is one whose cell points lie so close to a line that they give no axis.
 pub(super) fn assemble(
     labels: &[Label],
     position: impl Fn(&Label) -> Option<Vector3<f64>>,
@@ -152,6 +155,20 @@ pub(super) fn assemble(
             if i == j {
                 units[i].covariance = block;
             }
+        }
+    }
+    for unit in &units {
+        let sd_rad = unit.axis_sd_rad();
+        if sd_rad.is_nan() || sd_rad > LARGEST_AXIS_SD_RAD {
+            return Err(GeometryError::VagueAxis {
+                unit: unit.unit,
+                labels: points_of(unit.unit)[1..]
+                    .iter()
+                    .map(Label::to_string)
+                    .collect::<Vec<_>>()
+                    .join(", "),
+                sd_deg: sd_rad.to_degrees(),
+            });
         }
     }
     Ok((units, all))

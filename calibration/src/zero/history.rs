@@ -18,6 +18,18 @@ pub struct PowerUp {
     pub mounting_n: f64,
 }
 
+/// Two zeros that agree within so many of their combined standard errors are of one power-up.
+const SAME_POWER_UP_SE: f64 = 5.0;
+
+impl PowerUp {
+    /// Whether both zeros are of one power-up: the converter calibrates itself anew at each, and two calibrations rarely come
+    /// as near to each other as two measurements of one.
+    #[must_use]
+    pub fn is_of_the_same_power_up(&self, other: &Self) -> bool {
+        (self.zero_n - other.zero_n).abs() <= SAME_POWER_UP_SE * self.se_n.hypot(other.se_n)
+    }
+}
+
 /// How a new zero compares with the earlier ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Verdict {
@@ -62,6 +74,19 @@ impl History {
     /// Adds one that was accepted.
     pub fn push(&mut self, entry: PowerUp) {
         self.entries.push(entry);
+    }
+
+    /// Adds one that was accepted; a zero of the same power-up as the last one takes its place. Returns whether it did.
+    pub fn add(&mut self, entry: PowerUp) -> bool {
+        let repeats = self
+            .entries
+            .last()
+            .is_some_and(|last| last.is_of_the_same_power_up(&entry));
+        if repeats {
+            self.entries.pop();
+        }
+        self.entries.push(entry);
+        repeats
     }
 
     /// The entries, oldest first.
@@ -177,6 +202,25 @@ mod tests {
             mounting_n: 1.0,
         };
         assert!(history.judge(&turned, 0.1, 4.0).is_accepted());
+    }
+
+    #[test]
+    fn a_zero_measured_again_is_no_further_power_up() {
+        let at = |zero_n| PowerUp {
+            zero_n,
+            se_n: 0.0001,
+            mounting_n: 2.0,
+        };
+        let mut history = History::default();
+        assert!(!history.add(at(2.1)));
+        // 0.5 mN away, with 0.14 mN for both together.
+        assert!(history.add(at(2.1005)));
+        assert_eq!(history.entries(), [at(2.1005)]);
+        assert!(!history.add(at(2.102)));
+        // The last one only: an earlier power-up does not come back.
+        assert!(!history.add(at(2.1005)));
+        assert!(!history.add(at(f64::NAN)));
+        assert_eq!(history.entries().len(), 4);
     }
 
     #[test]

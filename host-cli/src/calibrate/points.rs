@@ -4,6 +4,7 @@ use super::{CalibrateError, Result};
 use crate::rigfile::RigFile;
 use calibration::geometry::{self, GeometryError, Options, Survey};
 use calibration::record::Record;
+use nalgebra::Vector3;
 
 /// Header of the points; `calibration::geometry::read_points` takes it.
 pub const HEADER: &str = "label,x_mm,y_mm,z_mm,station";
@@ -90,8 +91,15 @@ pub fn survey(
         ..Options::default()
     };
     geometry::survey(&readings, &reference, &options).map_err(|error| match error {
+        // Each fault that is found in a mirrored table has a false name.
+        GeometryError::Faults(_) if geometry::is_mirrored(&readings, &reference, &options) => {
+            CalibrateError::refused(format!(
+                "{0}: the whole table is mirrored against {1}: the points fit together once one axis is turned round. Two columns are exchanged, or one has the wrong sign, in all lines of {0} (or of {1}); correct them",
+                points.0, base.0
+            ))
+        }
         GeometryError::Faults(_) => CalibrateError::refused(format!(
-            "{}: the points do not fit together\n{error}",
+            "{}: the points do not fit together\n{error}\nto leave out line N: --leave-out N",
             points.0
         )),
         GeometryError::NotFinite { .. } | GeometryError::UnknownHole { .. } => {
@@ -99,6 +107,82 @@ pub fn survey(
         }
         other => CalibrateError::refused(format!("{}: {other}", points.0)),
     })
+}
+
+/// A table of points without the lines that the user leaves out. They stay as blank lines: the others keep their numbers.
+///
+/// # Errors
+/// A line that no point stands in.
+pub fn without_lines(file: &str, text: &str, left_out: &[usize]) -> Result<String> {
+    let mut lines: Vec<&str> = text.lines().collect();
+    let is_row = |line: &str| !line.trim().is_empty() && !line.trim_start().starts_with('#');
+    let header = lines.iter().position(|line| is_row(line)).unwrap_or(0);
+    let rows: Vec<bool> = lines.iter().map(|line| is_row(line)).collect();
+    for &line in left_out {
+        let at = line.wrapping_sub(1);
+        if at <= header || !rows.get(at).is_some_and(|row| *row) {
+            return Err(CalibrateError::input(format!(
+                "{file}: no point stands in line {line}, which is to be left out"
+            )));
+        }
+        lines[at] = "";
+    }
+    Ok(lines.join("\n") + "\n")
+}
+
+/// Largest change of an exit point that is taken without a question, m: no unit is touched up by that much.
+const SMALL_CHANGE_M: f64 = 0.05;
+/// An exit point that is by this factor nearer to where another unit was is that unit's.
+const NEARER: f64 = 3.0;
+
+/// How far the exit point of each unit of a survey is from where the record has it, m.
+#[must_use]
+pub fn changes_m(record: &Record, survey: &Survey) -> Vec<(u8, f64)> {
+    let changes = survey.units.iter().filter_map(|found| {
+        let old = record.units.iter().find(|u| u.number == found.unit)?;
+        Some((
+            found.unit,
+            (found.exit_m - Vector3::from(old.exit_m)).norm(),
+        ))
+    });
+    changes.collect()
+}
+
+/// Compares the exit points with those of the record: labels of two units that are exchanged everywhere fit together.
+///
+/// # Errors
+/// A unit that stands where another one was; all of them are named.
+pub fn check_units(record: &Record, survey: &Survey) -> Result<()> {
+    let mut wrong = Vec::new();
+    for (number, change_m) in changes_m(record, survey) {
+        let Some(found) = survey.units.iter().find(|unit| unit.unit == number) else {
+            continue;
+        };
+        let others = record.units.iter().filter(|unit| unit.number != number);
+        let nearest = others
+            .map(|unit| {
+                (
+                    unit.number,
+                    (found.exit_m - Vector3::from(unit.exit_m)).norm(),
+                )
+            })
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let Some((other, distance_m)) = nearest else {
+            continue;
+        };
+        if change_m > SMALL_CHANGE_M && NEARER * distance_m < change_m {
+            wrong.push(format!(
+                "unit {number}: its exit point is {:.0} mm from where it was, and {:.0} mm from where unit {other} was: these are probably the points of unit {other}; correct the labels, or --replace if the units were exchanged",
+                1e3 * change_m,
+                1e3 * distance_m
+            ));
+        }
+    }
+    if wrong.is_empty() {
+        Ok(())
+    } else {
+        Err(CalibrateError::refused(wrong.join("\n")))
+    }
 }
 
 /// Puts a survey into the record. Units that it has not seen keep what they have.
@@ -223,6 +307,97 @@ mod tests {
             row(" 1.5; -2,3\t", "base_1", "A").unwrap(),
             "base_1,1.5,-2,3,A"
         );
+    }
+
+    #[test]
+    fn points_of_two_units_under_each_others_labels_are_named() {
+        let rig = RigFile::built_in().unwrap();
+        let (points, base_csv) = digitized(None, 1);
+        let find = |points: &str| {
+            survey(("p.csv", points), ("b.csv", &base_csv), &rig, 2e-4, 0.0).unwrap()
+        };
+        let mut record = base::nominal(&rig, "2026-11-22");
+        let found = find(&points);
+        // The rig file has each exit within some millimetres.
+        check_units(&record, &found).unwrap();
+        apply(&mut record, &found).unwrap();
+        assert!(changes_m(&record, &found).iter().all(|(_, m)| *m == 0.0));
+        let exchanged = points
+            .replace("unit3_", "unitX_")
+            .replace("unit4_", "unit3_")
+            .replace("unitX_", "unit4_");
+        let exchanged = find(&exchanged);
+        let told = check_units(&record, &exchanged).unwrap_err().to_string();
+        assert!(
+            told.contains("unit 3:")
+                && told.contains("probably the points of unit 4; correct the labels, or --replace")
+                && told.contains("probably the points of unit 3"),
+            "{told}"
+        );
+        assert!(!told.contains("unit 1:"), "{told}");
+        // A unit that was moved to a new place stands where none was.
+        record.units[0].exit_m[0] += 0.08;
+        check_units(&record, &found).unwrap();
+        let moved = changes_m(&record, &found)[0];
+        assert!(moved.0 == 1 && (moved.1 - 0.08).abs() < 1e-12, "{moved:?}");
+    }
+
+    #[test]
+    fn a_mirrored_table_is_told_as_a_whole() {
+        let rig = RigFile::built_in().unwrap();
+        let (points, base_csv) = digitized(None, 1);
+        let exchanged: Vec<String> = points
+            .lines()
+            .map(|line| {
+                let mut cells: Vec<&str> = line.split(',').collect();
+                if cells[0] != "label" {
+                    cells.swap(1, 2);
+                }
+                cells.join(",")
+            })
+            .collect();
+        let exchanged = exchanged.join("\n");
+        let told = survey(("p.csv", &exchanged), ("b.csv", &base_csv), &rig, 2e-4, 0.0)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            told.contains("p.csv: the whole table is mirrored"),
+            "{told}"
+        );
+        assert!(!told.contains("p.csv:2"), "{told}");
+    }
+
+    #[test]
+    fn a_bad_touch_is_left_out_and_the_others_keep_their_lines() {
+        let rig = RigFile::built_in().unwrap();
+        let (points, base_csv) = digitized(None, 2);
+        let mut lines: Vec<String> = points.lines().map(str::to_owned).collect();
+        let mut cells: Vec<String> = lines[20].split(',').map(str::to_owned).collect();
+        cells[1] = (cells[1].parse::<f64>().unwrap() + 40.0).to_string();
+        lines[20] = cells.join(",");
+        let text = lines.join("\n");
+        let find = |text: &str| survey(("p.csv", text), ("b.csv", &base_csv), &rig, 2e-4, 0.0);
+        let told = find(&text).unwrap_err().to_string();
+        assert!(
+            told.contains("p.csv:21") && told.contains("--leave-out N"),
+            "{told}"
+        );
+        let mended = without_lines("p.csv", &text, &[21]).unwrap();
+        let found = find(&mended).unwrap();
+        assert!(found.residuals.iter().all(|r| r.at.line != 21));
+        assert!(found.residuals.iter().any(|r| r.at.line == 22));
+        let last = text.lines().count();
+        for line in [0, 1, last + 1] {
+            let told = without_lines("p.csv", &text, &[line])
+                .unwrap_err()
+                .to_string();
+            assert!(
+                told.contains(&format!("no point stands in line {line},")),
+                "{told}"
+            );
+        }
+        assert!(without_lines("p.csv", &text, &[21, 21]).is_ok());
+        assert!(without_lines("p.csv", &mended, &[21]).is_err());
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! Gain and zero are those of a cell with its converter. A unit that gets another cell has no gain until it was weighed again.
 
 use super::base::nominal;
+use super::store::Store;
 use super::{CalibrateError, Result};
 use crate::rigfile::RigFile;
 use calibration::record::{Record, UnitRecord};
@@ -112,6 +113,38 @@ pub fn set(
     )])
 }
 
+/// Discards the readings of a gain that is not finished where the cell or converter was exchanged after they were taken.
+/// `before`: the record before [`set`]. Returns that in words.
+///
+/// # Errors
+/// The file can't be removed.
+pub fn discard_readings(
+    store: &Store,
+    before: &Record,
+    after: &Record,
+    unit: u8,
+) -> Result<Option<String>> {
+    let parts = |record: &Record| {
+        let unit = record.units.iter().find(|u| u.number == unit);
+        unit.map(|u| [u.cell_serial.clone(), u.converter_serial.clone()])
+    };
+    let (Some(old), Some(new)) = (parts(before), parts(after)) else {
+        return Ok(None);
+    };
+    let exchanged = old
+        .iter()
+        .zip(&new)
+        .any(|(old, new)| !old.is_empty() && old != new);
+    let draft = store.draft(&format!("gain-unit{unit}"));
+    if !exchanged || draft.text()?.is_none() {
+        return Ok(None);
+    }
+    draft.discard()?;
+    Ok(Some(format!(
+        "unit {unit}: the readings of a gain that was not finished are of the old parts and were discarded"
+    )))
+}
+
 /// Takes out what was measured with a cell that is not there any more.
 fn without_cell(unit: &mut UnitRecord, nominal: &UnitRecord) {
     unit.gain_date.clear();
@@ -198,6 +231,32 @@ mod tests {
         assert!(unit.gain_date.is_empty() && unit.creep == 0.0);
         assert_eq!(unit.n_per_code, rig.units[2].scale_n_per_count);
         record.write().unwrap();
+    }
+
+    #[test]
+    fn readings_of_a_cell_do_not_outlive_its_exchange() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let rig = RigFile::built_in().unwrap();
+        let mut record = nominal(&rig, "2026-11-22");
+        for unit in [3, 4] {
+            let draft = store.draft(&format!("gain-unit{unit}"));
+            draft.add("weight_g", "10").unwrap();
+        }
+        let mut exchange = |serial: &str| {
+            let before = record.clone();
+            set(&mut record, &rig, 3, &cell(serial), true).unwrap();
+            discard_readings(&store, &before, &record, 3).unwrap()
+        };
+        // The number that the cell had all the time is entered, and entered once more.
+        assert_eq!(exchange("SBA-1"), None);
+        assert_eq!(exchange("SBA-1"), None);
+        assert_eq!(store.draft("gain-unit3").rows().unwrap(), 1);
+        // No gain was finished with the old cell: the readings go all the same.
+        assert!(exchange("SBA-2").unwrap().contains("were discarded"));
+        assert_eq!(store.draft("gain-unit3").text().unwrap(), None);
+        assert_eq!(exchange("SBA-3"), None);
+        assert_eq!(store.draft("gain-unit4").rows().unwrap(), 1);
     }
 
     #[test]

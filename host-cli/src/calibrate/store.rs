@@ -66,14 +66,30 @@ impl Store {
     /// The calibration in force; `None` where the rig has none.
     ///
     /// # Errors
-    /// The file is there and can't be used.
+    /// The file is there and can't be used; the message names the last version that can.
     pub fn current(&self) -> Result<Option<Record>> {
         let path = self.folder.join("current.toml");
         match std::fs::read_to_string(&path) {
-            Ok(text) => read(&path, &text).map(Some),
+            Ok(text) => match Record::read(&path.display().to_string(), &text) {
+                Ok(record) => Ok(Some(record)),
+                Err(error) => Err(CalibrateError::input(format!("{error}{}", self.way_out()))),
+            },
             Err(error) if error.kind() == ErrorKind::NotFound => Ok(None),
-            Err(error) => Err(CalibrateError::file(&path, error)),
+            Err(error) => {
+                let cause = format!("{error}{}", self.way_out());
+                Err(CalibrateError::file(&path, cause))
+            }
         }
+    }
+
+    /// What to do about a damaged `current.toml`.
+    fn way_out(&self) -> String {
+        let versions = self.versions().unwrap_or_default();
+        let good = versions.iter().rev().find(|v| self.version(v).is_ok());
+        let number = good.and_then(|version| version.parse::<u32>().ok());
+        number.map_or_else(String::new, |number| {
+            format!("; `forcectl calibrate use {number}` puts the last good version in force")
+        })
     }
 
     /// Numbers of the calibrations that are kept, oldest first.
@@ -134,6 +150,22 @@ impl Store {
         replace(&path, &text)?;
         replace(&self.folder.join("current.toml"), &text)?;
         Ok(Kept { version, path })
+    }
+
+    /// Puts an older version of the rig `rig` in force again, as a new version. It does not look at the one that is in force,
+    /// which may be damaged.
+    ///
+    /// # Errors
+    /// There is no such version, it can't be used or is of another rig, or a file can't be written.
+    pub fn reinstate(&self, version: &str, rig: &str) -> Result<(Kept, Record)> {
+        let record = self.version(version)?;
+        if record.rig != rig {
+            return Err(CalibrateError::refused(format!(
+                "version {version} is of rig `{}`, and this rig is `{rig}`; `forcectl calibrate show --versions` lists what is kept",
+                record.rig
+            )));
+        }
+        Ok((self.keep(&record)?, record))
     }
 
     /// The draft of a step, `gain-unit3`.
@@ -331,10 +363,27 @@ mod tests {
             error.contains("current.toml:") && error.contains("hash"),
             "{error}"
         );
+        // The damaged file is not needed to put a good version in force.
+        assert!(error.contains("`forcectl calibrate use 2`"), "{error}");
+        let second = store.folder().join("versions/0002.toml");
+        let kept_text = std::fs::read_to_string(&second).unwrap();
+        std::fs::write(&second, "no record").unwrap();
+        let error = store.current().unwrap_err().to_string();
+        assert!(error.contains("`forcectl calibrate use 1`"), "{error}");
+        std::fs::write(&current, b"\xff\xfe").unwrap();
+        let error = store.current().unwrap_err().to_string();
+        assert!(error.contains("`forcectl calibrate use 1`"), "{error}");
+        std::fs::write(&second, kept_text).unwrap();
+        let again = store.reinstate("1", &rig.name).unwrap();
+        assert_eq!(again.0.version, "0003");
+        assert_eq!(store.current().unwrap().unwrap(), old);
+        assert!(store.reinstate("7", &rig.name).is_err());
+        let error = store.reinstate("1", "another").unwrap_err().to_string();
+        assert!(error.contains("of rig `"), "{error}");
         let mut bad = new;
         bad.units[2].n_per_code = f64::NAN;
         assert!(store.keep(&bad).is_err());
-        assert_eq!(store.versions().unwrap().len(), 2);
+        assert_eq!(store.versions().unwrap().len(), 3);
     }
 
     #[test]

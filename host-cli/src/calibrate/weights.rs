@@ -162,11 +162,14 @@ pub struct Fitted {
 /// Text that can't be read, with file and line; a wrong entry, named; too few readings, an implausible scale.
 pub fn fit(file: &str, text: &str, options: &Options) -> Result<Fitted> {
     let readings: Vec<Reading> = gain::read(file, text).map_err(CalibrateError::input)?;
-    let gain = gain::fit(&readings, options).map_err(|error| match error {
+    let gain = gain::fit(&readings, options).map_err(|error| match &error {
         GainError::WrongEntries(_) => CalibrateError::refused(format!(
             "{error}\nto correct line N: --correct N=GRAM; to leave it out: --leave-out N"
         )),
-        GainError::BadReading { .. } => CalibrateError::input(error),
+        GainError::BadReading { .. } => CalibrateError::input(&error),
+        GainError::Copied { at, .. } => {
+            CalibrateError::input(format!("{error}: --leave-out {}", at.line))
+        }
         other => CalibrateError::refused(format!("{file}: {other}")),
     })?;
     Ok(Fitted {
@@ -176,16 +179,134 @@ pub fn fit(file: &str, text: &str, options: &Options) -> Result<Fitted> {
     })
 }
 
-/// Puts a gain into the record.
+/// Gains that differ from the stored one by more than so many standard deviations of both are of another cell.
+const CHANGE_SD: f64 = 4.0;
+/// And by more than this, relative: smaller changes are the weights', the hand's and the temperature's.
+const CHANGE_PART: f64 = 0.005;
+/// Force at which gains are compared, N: the middle of what the weights cover. A curve may be in one of two gains only.
+const COMPARED_AT_N: f64 = 5.0;
+
+/// How far a new gain is from the stored one of a unit, measured with the same acceleration of gravity: relative, and in
+/// standard deviations of both. `None` where the unit's gain was not measured.
+fn change(
+    record: &Record,
+    unit: &UnitRecord,
+    gain: &Gain,
+    options: &Options,
+) -> Option<(f64, f64)> {
+    if unit.gain_date.is_empty() {
+        return None;
+    }
+    let new = gain.conversion();
+    let code = COMPARED_AT_N / new.n_per_code;
+    let force_n = |linear: f64, square: f64| (linear + square * code) * code;
+    let gravity = options.gravity_m_per_s2 / record.gravity_m_per_s2;
+    let old_n = gravity * force_n(unit.n_per_code, unit.n_per_code2);
+    let part = force_n(new.n_per_code, new.n_per_code2) / old_n - 1.0;
+    let old_sd = (unit.n_per_code_sd / unit.n_per_code).hypot(record.common_gain_relative_sd);
+    let sd = old_sd.hypot(gain.n_per_code_sd / gain.n_per_code);
+    Some((part, part.abs() / sd))
+}
+
+/// Compares gains (unit, gain) with the stored ones. The readings of another unit, or of another cell, are not to take the
+/// place of a gain without a word.
+///
+/// # Errors
+/// A gain that is not that of the unit's cell; all of them are named, and a unit whose stored gain fits.
+pub fn check_changes(record: &Record, found: &[(u8, &Gain)], options: &Options) -> Result<()> {
+    let mut wrong = Vec::new();
+    for (number, gain) in found {
+        let own = record.units.iter().find(|unit| unit.number == *number);
+        let Some((part, sigmas)) = own.and_then(|unit| change(record, unit, gain, options)) else {
+            continue;
+        };
+        if sigmas <= CHANGE_SD || part.abs() <= CHANGE_PART {
+            continue;
+        }
+        let fits = record
+            .units
+            .iter()
+            .filter(|unit| unit.number != *number)
+            .filter_map(|unit| Some((unit.number, change(record, unit, gain, options)?.1)))
+            .filter(|(_, sigmas)| *sigmas <= CHANGE_SD)
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let other = fits.map_or_else(String::new, |(other, _)| {
+            format!(
+                "; the stored gain of unit {other} fits them: are they readings of unit {other}?"
+            )
+        });
+        wrong.push(format!(
+            "unit {number}: these readings change its gain by {:+.2} % ({sigmas:.0} standard deviations of both){other}\nif the cell was exchanged: `forcectl calibrate serials --unit {number} --cell SERIAL --replace`; --replace accepts the gain",
+            100.0 * part
+        ));
+    }
+    if wrong.is_empty() {
+        Ok(())
+    } else {
+        Err(CalibrateError::refused(wrong.join("\n")))
+    }
+}
+
+/// Puts gains (unit, gain) that were measured with one set of weights in one place into the record. Returns what that changed
+/// besides, in words.
+///
+/// Gravity and the error that all gains share stand once in a record. Where measured gains of other units stay, those are
+/// carried over to the new gravity, and the larger of the two errors holds for all.
 ///
 /// # Errors
 /// The record has no such unit.
-pub fn apply(record: &mut Record, unit: u8, gain: &Gain, options: &Options) -> Result<()> {
-    let date = record.date.clone();
+pub fn apply(record: &mut Record, found: &[(u8, &Gain)], options: &Options) -> Result<Vec<String>> {
+    // One set of weights and one place for all units of the run.
+    let shared = |gain: &Gain| {
+        gain.relative_parts
+            .weights
+            .hypot(gain.relative_parts.gravity)
+    };
+    let mut common = found
+        .iter()
+        .map(|(_, gain)| shared(gain))
+        .fold(0.0, f64::max);
+    let old_gravity = record.gravity_m_per_s2;
+    let ratio = options.gravity_m_per_s2 / old_gravity;
+    let mut carried = Vec::new();
+    for unit in &mut record.units {
+        let stays = found.iter().all(|(number, _)| *number != unit.number);
+        if stays && !unit.gain_date.is_empty() {
+            // Its force per code was found with the weights' masses and the old acceleration.
+            for value in [
+                &mut unit.n_per_code,
+                &mut unit.n_per_code_sd,
+                &mut unit.n_per_code2,
+                &mut unit.n_per_code2_sd,
+            ] {
+                *value *= ratio;
+            }
+            carried.push(unit.number.to_string());
+        }
+    }
+    let mut notes = Vec::new();
+    if !carried.is_empty() {
+        common = common.max(record.common_gain_relative_sd);
+        if ratio != 1.0 {
+            notes.push(format!(
+                "gravity is {} m/s^2 and was {old_gravity}: the gains of unit {}, which are not of this run, are multiplied by {ratio:.6}",
+                options.gravity_m_per_s2,
+                carried.join(", ")
+            ));
+        }
+    }
     record.gravity_m_per_s2 = options.gravity_m_per_s2;
+    record.common_gain_relative_sd = common;
+    for (unit, gain) in found {
+        enter(record, *unit, gain)?;
+    }
+    Ok(notes)
+}
+
+/// Puts the gain of one unit in.
+fn enter(record: &mut Record, unit: u8, gain: &Gain) -> Result<()> {
+    let date = record.date.clone();
     let parts = gain.relative_parts;
-    // One set of weights and one place for all units.
-    record.common_gain_relative_sd = parts.weights.hypot(parts.gravity);
     let found: &mut UnitRecord = record
         .units
         .iter_mut()
@@ -209,13 +330,18 @@ mod tests {
     use crate::calibrate::base;
     use crate::calibrate::store::Store;
     use crate::rigfile::RigFile;
+    use calibration::STANDARD_GRAVITY_M_PER_S2;
 
     /// Readings of a cell of 7e-6 N per code, with line `wrong` entered as another weight.
     fn table(wrong: Option<(usize, f64)>) -> String {
+        table_of(7e-6, wrong)
+    }
+
+    fn table_of(n_per_code: f64, wrong: Option<(usize, f64)>) -> String {
         let mut text = format!("{HEADER}\n");
         for (i, load) in plan(&gain::WEIGHTS_G, 2, Duration::ZERO).iter().enumerate() {
             let noise = [30.0, -20.0, 10.0, -35.0][i % 4];
-            let code = 1000.0 + load.weight_g * 9.80665e-3 / 7e-6 + noise;
+            let code = 1000.0 + load.weight_g * 9.80665e-3 / n_per_code + noise + 1e-3 * i as f64;
             let weight = match wrong {
                 Some((line, weight)) if line == i + 2 => weight,
                 _ => load.weight_g,
@@ -237,10 +363,85 @@ mod tests {
         let found = fit("w.csv", &table(None), &options).unwrap();
         assert!((found.gain.n_per_code / 7e-6 - 1.0).abs() < 5e-4);
         let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
-        apply(&mut record, 4, &found.gain, &options).unwrap();
+        let notes = apply(&mut record, &[(4, &found.gain)], &options).unwrap();
+        assert!(notes.is_empty(), "{notes:?}");
         assert_eq!(record.units[3].gain_date, "2026-11-22");
         assert!(record.common_gain_relative_sd >= 0.001);
-        assert!(apply(&mut record, 9, &found.gain, &options).is_err());
+        assert!(apply(&mut record.clone(), &[(9, &found.gain)], &options).is_err());
+        record.write().unwrap();
+    }
+
+    #[test]
+    fn readings_of_another_unit_do_not_take_the_place_of_a_gain() {
+        let options = Options::default();
+        let gain = |scale| fit("w.csv", &table_of(scale, None), &options).unwrap().gain;
+        let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        let (three, four) = (gain(7e-6), gain(6.8e-6));
+        // Nothing was measured: anything is taken.
+        check_changes(&record, &[(3, &three), (4, &four)], &options).unwrap();
+        apply(&mut record, &[(3, &three), (4, &four)], &options).unwrap();
+        let told = check_changes(&record, &[(3, &four)], &options)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            told.contains("unit 3: these readings change its gain by -2.8")
+                && told.contains("stored gain of unit 4 fits")
+                && told.contains("serials --unit 3 --cell SERIAL --replace"),
+            "{told}"
+        );
+        // A cell that no unit has.
+        let told = check_changes(&record, &[(3, &gain(6.9e-6))], &options)
+            .unwrap_err()
+            .to_string();
+        assert!(told.contains("-1.4") && !told.contains("fits"), "{told}");
+        // What a cell does from year to year, and the same cell in another place.
+        check_changes(&record, &[(3, &gain(7.02e-6))], &options).unwrap();
+        let elsewhere = Options {
+            gravity_m_per_s2: 9.75,
+            ..Options::default()
+        };
+        let moved = fit("w.csv", &table_of(7e-6, None), &elsewhere)
+            .unwrap()
+            .gain;
+        assert!((moved.n_per_code / three.n_per_code - 0.9942).abs() < 1e-4);
+        check_changes(&record, &[(3, &moved)], &elsewhere).unwrap();
+    }
+
+    #[test]
+    fn a_unit_weighed_alone_leaves_the_others_as_well_known_as_they_are() {
+        let rough = Options::default();
+        let fine = Options {
+            gravity_m_per_s2: 9.7807,
+            gravity_relative_sd: 2e-5,
+            weight_limit_relative: 1e-4,
+            ..Options::default()
+        };
+        let gain = |options: &Options| fit("w.csv", &table(None), options).unwrap().gain;
+        let (first, again) = (gain(&rough), gain(&fine));
+        let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        apply(&mut record, &[(1, &first), (2, &first)], &rough).unwrap();
+        let before = record.clone();
+        let notes = apply(&mut record, &[(2, &again)], &fine).unwrap();
+        assert!(
+            notes.len() == 1 && notes[0].contains("gains of unit 1, which"),
+            "{notes:?}"
+        );
+        let ratio = 9.7807 / STANDARD_GRAVITY_M_PER_S2;
+        let (old, new) = (&before.units[0], &record.units[0]);
+        assert!((new.n_per_code / old.n_per_code / ratio - 1.0).abs() < 1e-12);
+        assert!((new.n_per_code_sd / old.n_per_code_sd / ratio - 1.0).abs() < 1e-12);
+        // Unit 3 was never weighed.
+        assert_eq!(before.units[2].n_per_code, record.units[2].n_per_code);
+        // The weights of unit 1 are still those of the first run.
+        assert_eq!(
+            record.common_gain_relative_sd,
+            before.common_gain_relative_sd
+        );
+        assert_eq!(record.gravity_m_per_s2, 9.7807);
+        // All that are measured in one run: its own error, and nothing is carried over.
+        let notes = apply(&mut record, &[(1, &again), (2, &again)], &fine).unwrap();
+        assert!(notes.is_empty(), "{notes:?}");
+        assert!(record.common_gain_relative_sd < 1e-4);
         record.write().unwrap();
     }
 
@@ -270,9 +471,9 @@ mod tests {
         assert!(fails(&format!("{HEADER}\n10,1000,30,,,,\n")).contains("at least 3 readings"));
         // A quadratic cell keeps its curve.
         let mut text = format!("{HEADER}\n");
-        for load in plan(&gain::WEIGHTS_G, 2, Duration::ZERO) {
+        for (i, load) in plan(&gain::WEIGHTS_G, 2, Duration::ZERO).iter().enumerate() {
             let force = load.weight_g * 9.80665e-3;
-            let code = (force + 2e-3 * force * force) / 7e-6;
+            let code = (force + 2e-3 * force * force) / 7e-6 + 1e-3 * i as f64;
             text.push_str(&format!("{},{code},20,,,,\n", load.weight_g));
         }
         let curved = fit("w.csv", &text, &Options::default()).unwrap();

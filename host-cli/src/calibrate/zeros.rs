@@ -33,11 +33,22 @@ pub struct Found {
     pub verdict: Verdict,
 }
 
+/// A zero of an earlier power-up, as the store has it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Past {
+    /// Unit, from 1.
+    pub unit: u8,
+    /// Date, `YYYY-MM-DD`; empty where the file has none.
+    pub date: String,
+    /// The zero.
+    pub entry: PowerUp,
+}
+
 /// What to keep to.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Accept zeros that are far from the earlier ones.
-    pub replace: bool,
+    /// Units whose zeros are accepted however far they are from the earlier ones, which are forgotten.
+    pub replace: Vec<u8>,
     /// Mass of motor and rack and its standard uncertainty, kg.
     pub motor_kg: (f64, f64),
     /// Direction of gravity in the base frame.
@@ -51,7 +62,7 @@ pub struct Options {
 pub fn evaluate(
     codes: &[(u8, Vec<i32>)],
     record: &mut Record,
-    history: &[(u8, PowerUp)],
+    history: &[Past],
     options: &Options,
 ) -> Result<Vec<Found>> {
     let mut found = Vec::new();
@@ -94,16 +105,18 @@ pub fn evaluate(
         let mut past = History::new(
             history
                 .iter()
-                .filter(|(unit, _)| unit == number)
-                .map(|(_, entry)| *entry)
+                .filter(|past| past.unit == *number)
+                .map(|past| past.entry)
                 .collect(),
         );
         let verdict = past.judge(&entry, POWER_UP_MISS_N, LIMIT_SD);
-        if !verdict.is_accepted() && !options.replace {
+        if options.replace.contains(number) {
+            past = History::default();
+        } else if !verdict.is_accepted() {
             wrong.push(refusal(*number, &verdict));
             continue;
         }
-        past.push(entry);
+        past.add(entry);
         unit.zero_codes = measured.at_end_codes;
         unit.zero_sd_codes = measured.at_end_se_codes;
         unit.mounting_n = parts.mounting_n;
@@ -189,10 +202,10 @@ pub fn check_paid_out(cables: &[PaidOut], record: &Record) -> Result<Vec<(u8, Pa
 fn refusal(unit: u8, verdict: &Verdict) -> String {
     match verdict {
         Verdict::Preloaded { excess_n, z } => format!(
-            "unit {unit}: the zero is {excess_n:+.3} N from the earlier ones ({z:.1} standard deviations): the cable pulls. Let it hang slack and measure again; with a new cell or a turned unit, --replace"
+            "unit {unit}: the zero is {excess_n:+.3} N from the earlier ones ({z:.1} standard deviations): the cable pulls. Let it hang slack and measure again; with a new cell or a turned unit, `forcectl calibrate zero --replace {unit}`"
         ),
         Verdict::Moved { change_n, z } => format!(
-            "unit {unit}: the zero is {change_n:+.3} N from the earlier ones ({z:.1} standard deviations): the unit was turned, or the cell is damaged. If it was turned, calibrate geometry first; --replace accepts the zero"
+            "unit {unit}: the zero is {change_n:+.3} N from the earlier ones ({z:.1} standard deviations): the unit was turned, or the cell is damaged. If it was turned, calibrate geometry first; `forcectl calibrate zero --replace {unit}` accepts the zero"
         ),
         Verdict::First | Verdict::Plausible { .. } => String::new(),
     }
@@ -202,14 +215,14 @@ fn refusal(unit: u8, verdict: &Verdict) -> String {
 ///
 /// # Errors
 /// The file is there and can't be used; the message names the line.
-pub fn history(store: &Store) -> Result<Vec<(u8, PowerUp)>> {
+pub fn history(store: &Store) -> Result<Vec<Past>> {
     let path = store.power_ups();
     let text = match std::fs::read_to_string(&path) {
         Ok(text) => text,
         Err(error) if error.kind() == std::io::ErrorKind::NotFound => return Ok(Vec::new()),
         Err(error) => return Err(CalibrateError::file(&path, error)),
     };
-    let read = || -> std::result::Result<Vec<(u8, PowerUp)>, calibration::input::InputError> {
+    let read = || -> std::result::Result<Vec<Past>, calibration::input::InputError> {
         let table = Table::parse(&path.display().to_string(), &text)?;
         let column = |name| table.column(name);
         let (unit, zero, se, mounting) = (
@@ -218,40 +231,44 @@ pub fn history(store: &Store) -> Result<Vec<(u8, PowerUp)>> {
             column("se_n")?,
             column("mounting_n")?,
         );
+        let date = table.find("date");
         table
             .rows()
             .iter()
             .map(|row| {
-                Ok((
-                    table.number(row, unit)? as u8,
-                    PowerUp {
+                Ok(Past {
+                    unit: table.number(row, unit)? as u8,
+                    date: date.map_or("", |date| table.text(row, date)).to_owned(),
+                    entry: PowerUp {
                         zero_n: table.number(row, zero)?,
                         se_n: table.number(row, se)?,
                         mounting_n: table.number(row, mounting)?,
                     },
-                ))
+                })
             })
             .collect()
     };
     read().map_err(CalibrateError::input)
 }
 
-/// Adds zeros to the store's file of power-ups. `fresh` (after `--replace`) drops what these units had before.
+/// Adds zeros to the store's file of power-ups. A zero of the same power-up as the unit's last one takes its place, so that
+/// measuring twice teaches nothing about power-ups. `fresh` has the units (of `--replace`) whose earlier ones are dropped.
 ///
 /// # Errors
 /// The file can't be written.
 pub fn remember(
     store: &Store,
-    earlier: &[(u8, PowerUp)],
+    earlier: &[Past],
     found: &[Found],
     record: &Record,
-    fresh: bool,
+    fresh: &[u8],
 ) -> Result<()> {
-    let mut text = format!("{HEADER}\n");
-    let replaced = |unit: u8| fresh && found.iter().any(|f| f.unit == unit);
-    for (unit, entry) in earlier.iter().filter(|(unit, _)| !replaced(*unit)) {
-        text.push_str(&row(*unit, "", entry));
-    }
+    let replaced = |unit: u8| fresh.contains(&unit) && found.iter().any(|f| f.unit == unit);
+    let mut all: Vec<Past> = earlier
+        .iter()
+        .filter(|past| !replaced(past.unit))
+        .cloned()
+        .collect();
     for f in found {
         if let Some(unit) = record.units.iter().find(|u| u.number == f.unit) {
             let entry = PowerUp {
@@ -259,17 +276,26 @@ pub fn remember(
                 se_n: unit.n_per_code.abs() * unit.zero_sd_codes,
                 mounting_n: unit.mounting_n,
             };
-            text.push_str(&row(f.unit, &record.date, &entry));
+            if let Some(last) = all.iter().rposition(|past| past.unit == f.unit) {
+                if all[last].entry.is_of_the_same_power_up(&entry) {
+                    all.remove(last);
+                }
+            }
+            all.push(Past {
+                unit: f.unit,
+                date: record.date.clone(),
+                entry,
+            });
         }
     }
+    let mut text = format!("{HEADER}\n");
+    for Past { unit, date, entry } in &all {
+        text.push_str(&format!(
+            "{unit},{date},{},{},{}\n",
+            entry.zero_n, entry.se_n, entry.mounting_n
+        ));
+    }
     super::store::replace(&store.power_ups(), &text)
-}
-
-fn row(unit: u8, date: &str, entry: &PowerUp) -> String {
-    format!(
-        "{unit},{date},{},{},{}\n",
-        entry.zero_n, entry.se_n, entry.mounting_n
-    )
 }
 
 #[cfg(test)]
@@ -288,7 +314,7 @@ mod tests {
 
     fn options() -> Options {
         Options {
-            replace: false,
+            replace: Vec::new(),
             motor_kg: MOTOR_KG,
             down: -Vector3::z(),
         }
@@ -334,7 +360,7 @@ mod tests {
         let first = first.unwrap();
         assert!((record.units[0].zero_codes - 20_000.0).abs() < 40.0);
         assert_eq!(record.units[1].zero_date, "2026-11-22");
-        remember(&store, &[], &first, &record, false).unwrap();
+        remember(&store, &[], &first, &record, &[]).unwrap();
         let past = history(&store).unwrap();
         assert_eq!(past.len(), 2);
         // 0.9 N more on unit 1.
@@ -345,16 +371,48 @@ mod tests {
             error.to_string().contains("unit 1: the zero is +0.8"),
             "{error}"
         );
+        assert!(error.to_string().contains("--replace 1`"), "{error}");
         assert_eq!(record.units[0], before.units[0]);
-        let accept = Options {
-            replace: true,
+        // What is accepted for another unit is not for this one.
+        let accept = |unit| Options {
+            replace: vec![unit],
             ..options()
         };
-        let again = evaluate(&pulled, &mut record, &past, &accept).unwrap();
-        remember(&store, &past, &again, &record, true).unwrap();
-        assert_eq!(history(&store).unwrap().len(), 2);
+        assert!(evaluate(&pulled, &mut record.clone(), &past, &accept(2)).is_err());
+        record.date = "2026-11-23".to_owned();
+        let again = evaluate(&pulled, &mut record, &past, &accept(1)).unwrap();
+        // One power-up is known of unit 1, and two of unit 2.
+        assert!((record.units[0].power_up_step_n - POWER_UP_SD_N).abs() < 1e-12);
+        remember(&store, &past, &again, &record, &[1]).unwrap();
+        let kept = history(&store).unwrap();
+        let of = |unit| -> Vec<&str> {
+            let of = kept.iter().filter(|past| past.unit == unit);
+            of.map(|past| past.date.as_str()).collect()
+        };
+        assert_eq!(of(1), ["2026-11-23"]);
+        assert_eq!(of(2), ["2026-11-22", "2026-11-23"]);
         std::fs::write(store.power_ups(), "unit,zero_n,se_n,mounting_n\n1,x,0,0\n").unwrap();
         let error = history(&store).unwrap_err().to_string();
         assert!(error.contains("power-ups.csv:2"), "{error}");
+    }
+
+    #[test]
+    fn a_zero_taken_twice_in_one_power_up_counts_once() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        // Ten codes are 0.07 mN, and the standard error of a zero is about as much.
+        for (day, middle, power_ups) in [(22, 20_000, 1), (23, 20_010, 1), (24, 9_000, 2)] {
+            record.date = format!("2026-11-{day}");
+            let past = history(&store).unwrap();
+            let codes = [(1, stream(middle))];
+            let found = evaluate(&codes, &mut record, &past, &options()).unwrap();
+            remember(&store, &past, &found, &record, &[]).unwrap();
+            let kept = history(&store).unwrap();
+            assert_eq!(kept.len(), power_ups, "{kept:?}");
+            assert_eq!(kept[power_ups - 1].date, record.date);
+        }
+        // The first power-up keeps the date of its last measurement.
+        assert_eq!(history(&store).unwrap()[0].date, "2026-11-23");
     }
 }

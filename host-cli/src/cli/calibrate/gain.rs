@@ -30,7 +30,7 @@ pub struct Gain {
     #[arg(long, value_name = "SERIAL", value_parser = serials::parse)]
     cell: Option<String>,
     /// Weights that are hung, g
-    #[arg(long, value_name = "GRAM", num_args = 1.., default_values_t = WEIGHTS_G)]
+    #[arg(long, value_name = "GRAM", num_args = 1.., default_values_t = WEIGHTS_G, value_parser = weight)]
     weights: Vec<f64>,
     /// Times that the weights are put on and taken off
     #[arg(long, value_name = "N", default_value_t = 2, value_parser = clap::value_parser!(u8).range(1..=20))]
@@ -47,6 +47,9 @@ pub struct Gain {
     /// Largest relative error of the weights
     #[arg(long, value_name = "PART", default_value_t = 0.001)]
     tolerance: f64,
+    /// Accept gains that are far from the stored ones: units or cells were exchanged
+    #[arg(long)]
+    replace: bool,
     /// Correct the weight of a line of the readings, as in 5=50; repeatable
     #[arg(long, value_name = "LINE=GRAM", value_parser = correction)]
     correct: Vec<(usize, f64)>,
@@ -62,6 +65,14 @@ fn correction(text: &str) -> std::result::Result<(usize, f64), String> {
         .split_once('=')
         .and_then(|(line, gram)| Some((line.parse().ok()?, gram.parse().ok()?)));
     parsed.ok_or_else(|| format!("`{text}` is not LINE=GRAM, for example 5=50"))
+}
+
+/// A weight that can be hung, g.
+fn weight(text: &str) -> std::result::Result<f64, String> {
+    let parsed = text.parse().ok().filter(|g: &f64| *g > 0.0 && *g <= 3000.0);
+    parsed.ok_or_else(|| {
+        format!("`{text}` is not a weight; give gram, above 0 and up to 3000, for example 50")
+    })
 }
 
 impl Gain {
@@ -178,9 +189,16 @@ impl Gain {
         context: &Context,
     ) -> Result<Reply> {
         let before = bench.record.clone();
-        for (unit, found) in &fitted {
-            let options = self.options(bench, *unit);
-            weights::apply(&mut bench.record, *unit, &found.gain, &options)?;
+        let gains: Vec<(u8, &Fit)> = fitted.iter().map(|(u, found)| (*u, &found.gain)).collect();
+        // Gravity is the same for all units.
+        if let Some((first, _)) = gains.first() {
+            let options = self.options(bench, *first);
+            if !self.replace {
+                weights::check_changes(&bench.record, &gains, &options)?;
+            }
+            for note in weights::apply(&mut bench.record, &gains, &options)? {
+                context.output.note(&note);
+            }
         }
         let kept = bench.keep(context)?;
         let mut text = "unit      N per code    +- 95 %   readings   weights   gravity   linearity   hysteresis   change\n".to_owned();

@@ -32,9 +32,18 @@ pub struct Geometry {
     /// Times that each point is touched from each station in a guided session
     #[arg(long, value_name = "N", default_value_t = 10, value_parser = clap::value_parser!(u8).range(1..=50))]
     touches: u8,
+    /// Leave out a line of the points; repeatable
+    #[arg(long, value_name = "LINE")]
+    leave_out: Vec<usize>,
+    /// Accept units that stand where another one was: they were exchanged
+    #[arg(long)]
+    replace: bool,
     #[command(flatten)]
     by_hand: ByHand,
 }
+
+/// No digitizer is better than this, mm: what is below it was given in another unit.
+const LEAST_DIGITIZER_SD_MM: f64 = 0.02;
 
 impl Geometry {
     /// Runs the command. It opens no link: the geometry needs no board.
@@ -49,6 +58,15 @@ impl Geometry {
                     format!("{name} has to be above 0 and below 10 mm"),
                 ));
             }
+        }
+        if self.digitizer_sd < LEAST_DIGITIZER_SD_MM {
+            return Err(Failure::new(
+                exit::USAGE,
+                format!(
+                    "--digitizer-sd {}: no digitizer is better than {LEAST_DIGITIZER_SD_MM} mm; is it in mm, not m?",
+                    self.digitizer_sd
+                ),
+            ));
         }
         let connection = &self.by_hand.connection;
         let mut bench = Bench::load(connection, context)?;
@@ -72,6 +90,11 @@ impl Geometry {
             Some(path) => read(path)?,
             None => self.session(&bench, &base.1, &mut digitizer, context)?,
         };
+        let text = if self.leave_out.is_empty() {
+            text
+        } else {
+            points::without_lines(&name, &text, &self.leave_out)?
+        };
         let survey = points::survey(
             (&name, &text),
             (&base.0, &base.1),
@@ -79,6 +102,10 @@ impl Geometry {
             1e-3 * self.digitizer_sd,
             1e-3 * self.hole_sd,
         )?;
+        if !self.replace {
+            points::check_units(&bench.record, &survey)?;
+        }
+        let changes_m = points::changes_m(&bench.record, &survey);
         points::apply(&mut bench.record, &survey)?;
         let kept = bench.keep(context)?;
         if self.points.is_none() {
@@ -89,7 +116,7 @@ impl Geometry {
         context
             .output
             .note(&format!("residuals: {}", path.display()));
-        Ok(reply(&survey, &kept.version))
+        Ok(reply(&survey, &changes_m, &kept.version))
     }
 
     fn standin(&self, seed: u64) -> Result<Digitizer> {
@@ -127,8 +154,26 @@ impl Geometry {
                 plan.len()
             ));
         }
-        while done < plan.len() {
-            let (station, label) = &plan[done];
+        loop {
+            let Some((station, label)) = plan.get(done) else {
+                if yes {
+                    break;
+                }
+                // A point that was touched wrongly may be the last one.
+                let prompt = format!(
+                    "all {} points are there. Enter: compute; u: undo the last point; q: stop here",
+                    plan.len()
+                );
+                match guide::ask_or(&prompt, Answer::Go(String::new()))? {
+                    Answer::Go(_) => break,
+                    Answer::Undo => {
+                        draft.undo()?;
+                        done = done.saturating_sub(1);
+                        continue;
+                    }
+                    Answer::Quit => return Err(guide::broken_off(done, plan.len(), "points")),
+                }
+            };
             let typed = match digitizer {
                 Some(digitizer) if yes => digitizer.touch(station, label),
                 _ => None,
@@ -198,8 +243,9 @@ impl Geometry {
     }
 }
 
-fn reply(survey: &Survey, version: &str) -> Reply {
-    let mut text = "unit         exit point, mm (+- one standard deviation)         axis, +- deg    chain less joint, mm\n".to_owned();
+/// `changes_m`: how far each exit point is from that of the calibration before, m.
+fn reply(survey: &Survey, changes_m: &[(u8, f64)], version: &str) -> Reply {
+    let mut text = "unit         exit point, mm (+- one standard deviation)         axis, +- deg    chain less joint, mm    from before, mm\n".to_owned();
     let mut rows = Vec::new();
     for unit in &survey.units {
         let covariance = unit.exit_covariance_m2();
@@ -216,18 +262,21 @@ fn reply(survey: &Survey, version: &str) -> Reply {
                 .find(|c| c.unit == unit.unit)
                 .map(|c| 1e3 * (c.exit_m - unit.exit_m).norm())
         });
+        let from_before = changes_m.iter().find(|(number, _)| *number == unit.unit);
+        let from_before = from_before.map(|(_, change_m)| 1e3 * change_m);
         row!(
             text,
-            "{:>4} {} {} {} {:>13.2} {:>20}",
+            "{:>4} {} {} {} {:>13.2} {:>20} {:>18}",
             unit.unit,
             at(0),
             at(1),
             at(2),
             unit.axis_sd_rad().to_degrees(),
-            chain.map_or_else(|| "no chain".to_owned(), |d| format!("{d:.2}"))
+            chain.map_or_else(|| "no chain".to_owned(), |d| format!("{d:.2}")),
+            from_before.map_or_else(|| "-".to_owned(), |d| format!("{d:.2}"))
         );
         rows.push(json!({"unit": unit.unit, "exit_m": unit.exit_m.as_slice(), "axis": unit.axis.as_slice(),
-            "exit_sd_m": unit.exit_sd_m(), "axis_sd_deg": unit.axis_sd_rad().to_degrees(), "chain_less_joint_mm": chain}));
+            "exit_sd_m": unit.exit_sd_m(), "axis_sd_deg": unit.axis_sd_rad().to_degrees(), "chain_less_joint_mm": chain, "from_before_mm": from_before}));
     }
     row!(
         text,

@@ -18,8 +18,13 @@ pub enum Answer {
 
 /// Asks, and waits for a line on standard input. The end of the input is a stop.
 pub fn ask(prompt: &str) -> Result<Answer> {
+    ask_or(prompt, Answer::Quit)
+}
+
+/// The same, and the end of the input is `at_end`.
+pub fn ask_or(prompt: &str, at_end: Answer) -> Result<Answer> {
     output::to_stderr(prompt);
-    read_answer()
+    read_answer(at_end)
 }
 
 /// The same, and `step` is called again and again until the answer is there.
@@ -32,7 +37,7 @@ pub fn ask_while(prompt: &str, step: &mut dyn FnMut() -> Result<()>) -> Result<A
     // After an error of `step` the thread goes on waiting for a line; it ends with the program.
     std::thread::spawn(move || {
         // Nobody listens any more when the question was broken off.
-        let _ = sender.send(read_answer());
+        let _ = sender.send(read_answer(Answer::Quit));
     });
     loop {
         match receiver.try_recv() {
@@ -43,10 +48,10 @@ pub fn ask_while(prompt: &str, step: &mut dyn FnMut() -> Result<()>) -> Result<A
     }
 }
 
-fn read_answer() -> Result<Answer> {
+fn read_answer(at_end: Answer) -> Result<Answer> {
     let mut line = String::new();
     match std::io::stdin().lock().read_line(&mut line) {
-        Ok(0) => Ok(Answer::Quit),
+        Ok(0) => Ok(at_end),
         Ok(_) => Ok(answer(&line)),
         Err(error) => Err(Failure::new(
             exit::USAGE,

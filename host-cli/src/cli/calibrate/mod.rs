@@ -6,7 +6,7 @@
 //! | `gain.rs` | `gain` |
 //! | `geometry.rs` | `geometry` |
 //! | `moving.rs` | `self`, `verify` |
-//! | `records.rs` | `show`, `diff`, `push` |
+//! | `records.rs` | `show`, `diff`, `use`, `push` |
 //! | `series.rs` | the readings of `gain` |
 //! | `serials.rs` | `serials` |
 //! | `guide.rs` | questions to the user |
@@ -102,6 +102,8 @@ enum Step {
     Show(records::Show),
     /// Compare two calibrations
     Diff(records::Diff),
+    /// Put an older version in force again
+    Use(records::Use),
     /// Send the calibration to the board, read it back and compare
     Push(records::Push),
 }
@@ -118,6 +120,7 @@ impl Calibrate {
             Step::Serials(step) => step.run(context),
             Step::Show(step) => step.run(context),
             Step::Diff(step) => step.run(context),
+            Step::Use(step) => step.run(context),
             Step::Push(step) => step.run(context),
         }
     }
@@ -230,6 +233,12 @@ fn read(path: &Path) -> Result<(String, String)> {
     } else {
         std::fs::read_to_string(path)
     };
-    text.map(|text| (name.clone(), text))
-        .map_err(|error| Failure::new(exit::USAGE, format!("{name}: {error}; nothing was stored")))
+    text.map(|text| (name.clone(), text)).map_err(|error| {
+        let why = if error.kind() == std::io::ErrorKind::InvalidData {
+            "the text is not UTF-8; save it as CSV UTF-8".to_owned()
+        } else {
+            error.to_string()
+        };
+        Failure::new(exit::USAGE, format!("{name}: {why}; nothing was stored"))
+    })
 }

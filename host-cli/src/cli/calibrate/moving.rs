@@ -10,6 +10,7 @@ use calibration::self_calibration::{MovedVerdict, Prior, Sample};
 use clap::Args;
 use host_cli::calibrate::moving::{self, Collector, Run};
 use host_cli::calibrate::picture::{bars, Bar};
+use host_cli::force::metrics::STEADY_AFTER_S;
 use host_cli::rigfile::RigFile;
 use host_cli::run::{self, Options, Outcome, ZeroStore, Zeroing};
 use nalgebra::Vector3;
@@ -243,7 +244,18 @@ struct Held {
 impl Verify {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        let least_s = STEADY_AFTER_S + 1.0;
+        if self.duration < least_s {
+            return Err(Failure::new(
+                exit::USAGE,
+                format!(
+                    "--duration {}: the first {STEADY_AFTER_S:.0} s of each force are left out until it is steady; give at least {least_s:.0} s",
+                    self.duration
+                ),
+            ));
+        }
         let bench = Bench::load(&self.connection, context)?;
+        let stored = bench.store.current()?.is_some();
         let rig = bench.calibrated();
         rig.check_force(Vector3::new(self.force, 0.0, 0.0))
             .map_err(|why| Failure::new(exit::USAGE, why))?;
@@ -287,12 +299,13 @@ impl Verify {
             }
         }
         watch.progress.done();
-        self.reply(&rig, &held, lengths.as_ref(), context)
+        self.reply((&rig, stored), &held, lengths.as_ref(), context)
     }
 
+    /// `stored`: whether the rig has a stored calibration.
     fn reply(
         &self,
-        rig: &RigFile,
+        (rig, stored): (&RigFile, bool),
         held: &[Held],
         samples: Option<&[Vec<calibration::self_calibration::Sample>; wire::UNITS]>,
         context: &Context,
@@ -309,7 +322,7 @@ impl Verify {
                 .outcome
                 .steps
                 .iter()
-                .filter(|s| s.t_s >= host_cli::force::metrics::STEADY_AFTER_S)
+                .filter(|s| s.t_s >= STEADY_AFTER_S)
                 .collect();
             let count = steady.len() as f64;
             let measured = steady.iter().map(|s| s.estimated_n).sum::<Vector3<f64>>() / count;
@@ -360,7 +373,7 @@ impl Verify {
                 .collect();
             row!(text, "  unit 1 to {}: {}", cells.len(), cells.join(" "));
         }
-        if held.iter().all(|h| h.outcome.uncertainty.is_none()) {
+        if !stored {
             row!(
                 text,
                 "no calibration of this rig is stored: what the table can't state is not known"

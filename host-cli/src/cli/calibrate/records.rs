@@ -1,4 +1,4 @@
-//! `calibrate show`, `diff` and `push`: the calibrations that are kept.
+//! `calibrate show`, `diff`, `use` and `push`: the calibrations that are kept.
 
 use super::super::connection::Connection;
 use super::super::exit::{self, Failure, Reply, Result};
@@ -141,6 +141,33 @@ impl Diff {
             text = "the two calibrations are equal\n".to_owned();
         }
         Ok(Reply::new(text, json!({ "differences": rows })))
+    }
+}
+
+/// Arguments of `calibrate use`.
+#[derive(Debug, Args)]
+pub struct Use {
+    /// Number of the version to put in force; it is kept as a new version
+    #[arg(value_parser = clap::value_parser!(u32).range(1..))]
+    version: u32,
+    #[command(flatten)]
+    connection: Connection,
+}
+
+impl Use {
+    /// Runs the command. It opens no link, and does not read the calibration in force, which may be damaged.
+    pub fn run(&self, context: &Context) -> Result<Reply> {
+        let rig = self.connection.load(context)?;
+        self.connection.require_rig_file(&rig)?;
+        let store = Store::of_rig(&rig.name, self.connection.seed(&rig))?;
+        let (kept, record) = store.reinstate(&self.version.to_string(), &rig.name)?;
+        Ok(Reply::new(
+            format!(
+                "version {:04} (calibration of {}) is in force as version {}; `forcectl calibrate push` sends it to the board\n",
+                self.version, record.date, kept.version
+            ),
+            json!({"version": kept.version, "from": format!("{:04}", self.version), "date": record.date, "hash": record.hash}),
+        ))
     }
 }
 

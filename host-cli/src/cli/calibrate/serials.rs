@@ -54,8 +54,15 @@ impl Command {
             }
             return Ok(reply(&bench.record, ""));
         };
-        let notes = serials::set(&mut bench.record, &bench.rig, unit, &new, self.replace)?;
+        let before = bench.record.clone();
+        let mut notes = serials::set(&mut bench.record, &bench.rig, unit, &new, self.replace)?;
         let kept = bench.keep(context)?;
+        notes.extend(serials::discard_readings(
+            &bench.store,
+            &before,
+            &bench.record,
+            unit,
+        )?);
         let mut text = String::new();
         for note in notes {
             row!(text, "{note}");

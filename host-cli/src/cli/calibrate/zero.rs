@@ -19,9 +19,9 @@ use wire::UNITS;
 /// Arguments of `calibrate zero`.
 #[derive(Debug, Args)]
 pub struct Zero {
-    /// Accept zeros that are far from those of earlier power-ups: a new cell, a unit that was turned
-    #[arg(long)]
-    replace: bool,
+    /// Accept the zero of these units however far it is from those of earlier power-ups, and forget those: a new cell, a unit that was turned
+    #[arg(long, value_name = "N", num_args = 1..)]
+    replace: Vec<u8>,
     /// Time over which the zeros are measured
     #[arg(long, value_name = "SECONDS", default_value = "10", value_parser = super::super::values::seconds)]
     duration: f64,
@@ -52,6 +52,16 @@ impl Zero {
         }
         let mut bench = Bench::load(&self.connection, context)?;
         let rig = bench.calibrated();
+        let enabled = |number: u8| {
+            let mut units = rig.units.iter();
+            units.any(|unit| unit.enabled && unit.number == number)
+        };
+        if let Some(wrong) = self.replace.iter().find(|unit| !enabled(**unit)) {
+            return Err(Failure::new(
+                exit::USAGE,
+                format!("--replace {wrong}: no unit {wrong} is enabled on this rig"),
+            ));
+        }
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;
         let mut session = Session::connect(link.as_mut())?;
@@ -69,19 +79,19 @@ impl Zero {
             &mut bench.record,
             &earlier,
             &zeros::Options {
-                replace: self.replace,
+                replace: self.replace.clone(),
                 motor_kg: (self.motor_kg, zeros::MOTOR_KG.1),
                 down: -Vector3::z(),
             },
         )?;
         let kept = bench.keep(context)?;
-        zeros::remember(&bench.store, &earlier, &found, &bench.record, self.replace)?;
+        zeros::remember(&bench.store, &earlier, &found, &bench.record, &self.replace)?;
         let in_force: Vec<(u8, i32)> = found
             .iter()
             .map(|f| (f.unit, f.zero.at_end_codes.round() as i32))
             .collect();
         let units = push(&mut session, &bench.calibrated(), &in_force)?;
-        Ok(zero_reply(&found, &kept.version, units))
+        Ok(zero_reply(&found, &self.replace, &kept.version, units))
     }
 
     /// The codes of the slack cells, after the cables were paid out where that is asked for.
@@ -166,7 +176,7 @@ fn read(
     Ok(codes?)
 }
 
-fn zero_reply(found: &[zeros::Found], version: &str, units: usize) -> Reply {
+fn zero_reply(found: &[zeros::Found], replaced: &[u8], version: &str, units: usize) -> Reply {
     let mut text =
         "unit   zero, codes    +-    noise   mounting angle, N       converter, N   power-ups\n"
             .to_owned();
@@ -183,6 +193,7 @@ fn zero_reply(found: &[zeros::Found], version: &str, units: usize) -> Reply {
             f.parts.converter_n,
             f.parts.converter_sd_n,
             match f.verdict {
+                _ if replaced.contains(&f.unit) => "replaced".to_owned(),
                 calibration::zero::Verdict::First => "first".to_owned(),
                 calibration::zero::Verdict::Plausible { z } => format!("as before ({z:+.1} sd)"),
                 _ => "replaced".to_owned(),
