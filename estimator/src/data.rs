@@ -1,7 +1,7 @@
 //! Logs as sequences: columns by name, units, checks, splits by trial.
 //!
-//! What is refused, with file and column: a column that is missing, a value that is no number inside a usable stretch, another
-//! rate, fewer rows than a second.
+//! What is refused, with file and column: a column that is missing, a value or a time that is no number in a usable row, a trial
+//! that is no whole number, another rate, fewer rows than a second.
 
 use crate::geometry::Base;
 pub use crate::mapping::{Mapping, Source};
@@ -148,19 +148,25 @@ pub fn read<'a>(
     let mut began = 0;
     let mut before: Option<(f64, usize)> = None;
     for row in 0..rows {
-        let (t, number) = (
-            time.at(row),
-            trial.map_or(0, |c| {
-                if c[row].is_finite() {
-                    c[row] as usize
-                } else {
-                    0
-                }
-            }),
-        );
+        let t = time.at(row);
         let bad = usable.is_some_and(|c| c[row] != 1.0);
-        let broken = before
-            .is_some_and(|(last, n)| n != number || (t - last - found_s).abs() > 0.5 * found_s);
+        // A row that is not usable may have any trial: it ends a stretch whatever it is.
+        let number = match trial.map(|c| (c[row], number_of(c[row]))) {
+            None => 0,
+            Some((_, Some(number))) => number,
+            Some((_, None)) if bad => 0,
+            Some((value, None)) => {
+                return Err(DataError::Trial {
+                    file: file.to_owned(),
+                    column: mapping.trial.clone(),
+                    value,
+                    row: row + 1,
+                });
+            }
+        };
+        // So written, a time that is no number is a gap: comparisons with it are false.
+        let follows = |last: f64| (t - last - found_s).abs() <= 0.5 * found_s;
+        let broken = before.is_some_and(|(last, n)| n != number || !follows(last));
         if bad || broken {
             close(&mut part, open.take());
         }
@@ -169,7 +175,12 @@ pub fn read<'a>(
             part.unusable += 1;
             continue;
         }
-        check(file, row, &time, inputs.iter().chain(&force))?;
+        check(
+            file,
+            row,
+            &time,
+            std::iter::once(&time).chain(&inputs).chain(&force),
+        )?;
         let sequence = open.get_or_insert_with(|| {
             began = row;
             Sequence {
@@ -212,6 +223,12 @@ pub fn read<'a>(
         });
     }
     Ok(part)
+}
+
+/// A trial's number: whole, and exact as a float.
+fn number_of(value: f64) -> Option<usize> {
+    let whole = value.fract() == 0.0 && (0.0..=9e15).contains(&value);
+    whole.then_some(value as usize)
 }
 
 struct Column<'a> {
@@ -383,6 +400,44 @@ mod tests {
             part.sequences[0].target_row(1),
             [90_002.0, 100_002.0, 110_002.0]
         );
+    }
+
+    #[test]
+    fn a_time_that_is_no_number_is_refused_or_ends_a_stretch() {
+        let mut usable = log(1_000);
+        set(&mut usable, "t_s", 499, f64::NAN);
+        let error = read_at(&usable, 100.0).unwrap_err().to_string();
+        for word in ["a.parquet", "`t_s`", "row 500"] {
+            assert!(error.contains(word), "{error}");
+        }
+        // A gap whose rows are marked and have no time: what follows is no neighbour of what was before.
+        set(&mut usable, "quality", 499, 0.0);
+        let part = read_at(&usable, 100.0).unwrap();
+        let rows: Vec<usize> = part.sequences.iter().map(Sequence::rows).collect();
+        assert_eq!(rows, [499, 500]);
+        assert_eq!(part.sequences[1].start_s, 5.0);
+    }
+
+    #[test]
+    fn a_trial_that_is_no_whole_number_is_refused_where_it_is_used() {
+        for value in [f64::NAN, -1.0, 2.5, f64::INFINITY, 1e300] {
+            let mut named = log(1_000);
+            set(&mut named, "trial", 6, value);
+            let error = read_at(&named, 50.0).unwrap_err().to_string();
+            for word in [
+                "a.parquet",
+                "`trial`",
+                "row 7",
+                "line 8",
+                "`trial = \"\"`",
+                "--mapping",
+            ] {
+                assert!(error.contains(word), "{error}");
+            }
+            set(&mut named, "quality", 6, 0.0);
+            let part = read_at(&named, 50.0).unwrap();
+            assert!(part.sequences.iter().all(|s| s.trial == 4));
+        }
     }
 
     #[test]

@@ -4,7 +4,7 @@ use crate::baseline::{Constant, Linear};
 use crate::geometry::Base;
 use crate::interval::{HeldOut, Interval};
 pub use crate::kind::Kind;
-use crate::model::{Model, ModelError, Progress};
+use crate::model::{Epochs, Model, ModelError, Progress};
 use crate::motion::{INPUTS, INPUT_NAMES};
 use crate::physics::Physics;
 use crate::sequence::Sequence;
@@ -284,6 +284,16 @@ impl Estimator {
         self.model.model()
     }
 
+    /// How far the training of a network went; `None` for the other models.
+    #[must_use]
+    pub fn epochs(&self) -> Option<Epochs> {
+        match &self.model {
+            #[cfg(feature = "networks")]
+            Body::Neural(neural) => Some(neural.network().trained()),
+            _ => None,
+        }
+    }
+
     /// Brings rows of inputs to those of the training: what the model was trained without is 0. `absent`: inputs that the rows lack.
     ///
     /// # Errors
@@ -315,6 +325,30 @@ impl Estimator {
         Err(ModelError::Data(format!(
             "{}: the model `{}` is no neural network; ONNX is for networks alone",
             path.display(),
+            self.kind.name()
+        )))
+    }
+
+    /// What the file of [`Self::write_onnx`] reads and gives, as JSON for a file beside it. The hashes are those of both files.
+    ///
+    /// # Errors
+    /// It is no network.
+    pub fn onnx_card(&self, model_sha256: &str, onnx_sha256: &str) -> Result<String, ModelError> {
+        #[cfg(feature = "networks")]
+        if let Body::Neural(neural) = &self.model {
+            let card = crate::neural::OnnxCard {
+                model: self.kind.name().to_owned(),
+                model_sha256: model_sha256.to_owned(),
+                onnx_sha256: onnx_sha256.to_owned(),
+                robot: self.robot.clone(),
+                ..neural.onnx_card(&self.axes)
+            };
+            return serde_json::to_string_pretty(&card)
+                .map_err(|error| ModelError::Stored(error.to_string()));
+        }
+        let _ = (model_sha256, onnx_sha256);
+        Err(ModelError::Data(format!(
+            "the model `{}` is no neural network; ONNX is for networks alone",
             self.kind.name()
         )))
     }

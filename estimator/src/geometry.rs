@@ -89,6 +89,14 @@ impl Base {
         })
     }
 
+    /// Largest difference of an entry of the rotation.
+    #[must_use]
+    pub fn distance(&self, other: &Self) -> f64 {
+        let entries = |base: &Self| base.rotation.concat();
+        let pairs = entries(self).into_iter().zip(entries(other));
+        pairs.map(|(a, b)| (a - b).abs()).fold(0.0, f64::max)
+    }
+
     fn matrix(&self) -> Matrix3<f64> {
         Matrix3::from_fn(|i, j| self.rotation[i][j])
     }

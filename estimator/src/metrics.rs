@@ -22,6 +22,8 @@ pub struct Rows {
     pub estimate: Vec<f64>,
     /// Label, the first component, N.
     pub label: Vec<f64>,
+    /// Smallest and largest label over all components, N.
+    pub range: Option<[f64; 2]>,
     /// Speed of the tip, m/s.
     pub speed: Vec<f64>,
     /// Whether a motor or a link is bent back: a reversal is not yet run through.
@@ -43,7 +45,7 @@ pub struct Figures {
     pub mae_half_n: Option<f64>,
     /// Root mean square error, N.
     pub rmse_n: f64,
-    /// RMSE per range of the label. `None` where the label has no range.
+    /// RMSE per range of the label: from the smallest to the largest value of any component. `None` where the label has no range.
     pub nrmse: Option<f64>,
     /// Rows.
     pub rows: usize,
@@ -150,6 +152,11 @@ fn add(rows: &mut Rows, sequence: &Sequence, predicted: &[f32], base: &Base, axe
         });
         rows.estimate.push(f64::from(predicted[k * axes.len()]));
         rows.label.push(f64::from(label[axes[0]]));
+        for axis in axes {
+            let value = f64::from(label[*axis]);
+            let [low, high] = rows.range.unwrap_or([value; 2]);
+            rows.range = Some([low.min(value), high.max(value)]);
+        }
         let tip = base.jacobian(moment.joints) * nalgebra::Vector3::from(moment.joint_rate);
         rows.speed.push(tip.norm());
         rows.reversing
@@ -167,9 +174,9 @@ pub fn figures(trials: &[Rows]) -> Figures {
     let all = || trials.iter().flat_map(|t| &t.error);
     let n = all().count().max(1) as f64;
     let rmse_n = (all().map(|e| e * e).sum::<f64>() / n).sqrt();
-    let labels = || trials.iter().flat_map(|t| &t.label);
-    let range = labels().fold(f64::NEG_INFINITY, |a, b| a.max(*b))
-        - labels().fold(f64::INFINITY, |a, b| a.min(*b));
+    let ends = || trials.iter().filter_map(|t| t.range);
+    let range = ends().fold(f64::NEG_INFINITY, |a, [_, high]| a.max(high))
+        - ends().fold(f64::INFINITY, |a, [low, _]| a.min(low));
     Figures {
         mae_n: all().map(|e| e.abs()).sum::<f64>() / n,
         mae_half_n: half_width(&by_trial(trials)),
@@ -267,6 +274,49 @@ pub fn step_time(model: &dyn Model, sequence: &Sequence, targets: usize, rows: u
 mod tests {
     use super::*;
 
+    /// No force, for rows of any inputs.
+    struct Nothing;
+
+    impl Model for Nothing {
+        fn predict(&self, sequence: &Sequence) -> Vec<f32> {
+            vec![0.0; sequence.rows() * 3]
+        }
+
+        fn parameters(&self) -> usize {
+            0
+        }
+
+        fn stepper(&self) -> Box<dyn Stepper + '_> {
+            unreachable!("whole sequences alone")
+        }
+    }
+
+    #[test]
+    fn a_relative_error_is_of_the_range_over_all_components() {
+        let rows = 600;
+        let sequence = Sequence {
+            trial: 1,
+            start_s: 0.0,
+            step_s: 0.02,
+            input: (0..rows)
+                .flat_map(|_| [0.5, 1.2, 0.4, 0.0, 0.0, 0.0, 0.1, 0.1, 0.1])
+                .collect(),
+            inputs: 9,
+            // The first component is the smallest by far.
+            target: (0..rows)
+                .flat_map(|k| {
+                    let sign = if k % 2 == 0 { 1.0 } else { -1.0 };
+                    [0.01 * sign, 3.0 * sign, 0.0]
+                })
+                .collect(),
+            targets: 3,
+        };
+        let trials = compare(&Nothing, &Base::default(), &[0, 1, 2], &[&sequence]);
+        let f = figures(&trials);
+        assert!((f.rmse_n - 3.0).abs() < 1e-3, "{f:?}");
+        assert!((f.nrmse.unwrap() - 0.5).abs() < 1e-3, "{f:?}");
+    }
+
     #[test]
     fn the_interval_is_over_trials() {
         // Two trials of means 1 and 3: sd 1.414, t 12.706.
@@ -291,7 +341,7 @@ mod tests {
         let still = Rows {
             trial: 1,
             error: vec![0.5; 10],
-            label: vec![0.0; 10],
+            range: Some([0.0; 2]),
             ..Rows::default()
         };
         let f = figures(&[still]);
@@ -303,7 +353,7 @@ mod tests {
     fn figures_weigh_rows_and_bins_are_of_equal_width() {
         let trial = |trial, error: Vec<f64>| Rows {
             trial,
-            label: error.iter().enumerate().map(|(k, _)| k as f64).collect(),
+            range: Some([0.0, (error.len() - 1) as f64]),
             speed: error
                 .iter()
                 .enumerate()

@@ -1,6 +1,8 @@
 //! What every model of the contact force does: learn from sequences, then turn rows into forces, one at a time and causally.
 
 use crate::sequence::Sequence;
+use serde::{Deserialize, Serialize};
+use std::fmt;
 
 /// Why a model could not be trained, stored or read.
 #[derive(Debug, thiserror::Error)]
@@ -11,6 +13,25 @@ pub enum ModelError {
     /// A stored model can't be read; the text says where and why.
     #[error("{0}")]
     Stored(String),
+}
+
+/// How far the training of a network went.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Epochs {
+    /// Passes through the training rows. The last one may be a part: 0.4 is a training that ended within its first pass.
+    pub done: f64,
+    /// Passes that were asked for.
+    pub wanted: usize,
+    /// Whether the time limit ended the training before them.
+    pub cut: bool,
+}
+
+impl fmt::Display for Epochs {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        // Two digits, and none after the point for whole passes.
+        let done = (100.0 * self.done).round() / 100.0;
+        write!(f, "{done} of {}", self.wanted)
+    }
 }
 
 /// What a training reports while it goes on.

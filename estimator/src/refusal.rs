@@ -36,7 +36,7 @@ pub enum DataError {
         role: String,
     },
     /// A value is no number.
-    #[error("{file}: column `{column}` is {value} in row {row} (t = {time_s} s), which is marked as usable; mark such rows unusable or leave them out")]
+    #[error("{file}: column `{column}` is {value} in row {row} (line {} of a CSV file, t = {time_s} s), which is marked as usable; mark such rows unusable or leave them out", .row + 1)]
     NotANumber {
         /// File.
         file: String,
@@ -48,6 +48,18 @@ pub enum DataError {
         row: usize,
         /// Time, s.
         time_s: f64,
+    },
+    /// A trial has no number.
+    #[error("{file}: column `{column}` is {value} in row {row} (line {} of a CSV file), which is marked as usable; a trial's number is whole and 0 or more, text is read as NaN. Number the trials, or write `trial = \"\"` in a mapping file (--mapping): each file is then a trial", .row + 1)]
+    Trial {
+        /// File.
+        file: String,
+        /// Column of the trial.
+        column: String,
+        /// What is there.
+        value: f64,
+        /// Row from 1, without the header.
+        row: usize,
     },
     /// Another rate.
     #[error("{file}: its rows are {found_hz:.2} Hz (column `{column}`), which is no multiple of the model's {wanted_hz:.2} Hz; record at such a rate, or train a model at this one (--rate)")]

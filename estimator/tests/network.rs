@@ -431,6 +431,20 @@ fn a_limit_of_time_ends_a_training_with_a_network() {
     };
     let network = trained(&config);
     assert!(network.epochs().len() < 1_000_000);
+    let epochs = network.trained();
+    let begun = network.epochs().len() as f64;
+    assert!(epochs.cut && epochs.wanted == 1_000_000, "{epochs:?}");
+    assert!(
+        epochs.done <= begun && epochs.done > begun - 1.0,
+        "{epochs:?} of {begun}"
+    );
+    let whole = trained(&Config {
+        epochs: 2,
+        ..quick(Kind::Mlp)
+    })
+    .trained();
+    assert_eq!((whole.done, whole.cut), (2.0, false));
+    assert_eq!(whole.to_string(), "2 of 2");
     assert!(network
         .predict(&sequence(6, 10))
         .iter()

@@ -270,6 +270,9 @@ fn a_report_goes_through_all_input_groups() {
     ] {
         assert!(page.contains(words), "{words}: {page}");
     }
+    // The 12 columns of the table of models, and the page's end.
+    assert!(page.contains("| epochs | training, s |"), "{page}");
+    assert!(!page.contains("Unfinished"), "{page}");
     for picture in ["prediction", "trajectory", "errors", "speed", "maps"] {
         let path = folder.join(format!("page/{picture}.svg"));
         assert!(path.is_file(), "{picture}");
@@ -281,4 +284,221 @@ fn a_report_goes_through_all_input_groups() {
     let (code, _, err) = forcectl(folder, &again);
     assert_eq!(code, Some(2));
     assert!(err.contains("is a file of day too"), "{err}");
+}
+
+#[test]
+fn a_report_refuses_before_it_trains() {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    day(&folder.join("day"), 3.0, &[]);
+    for trial in 1..3 {
+        log(&folder.join("two"), trial, 30, 3.0, &[]);
+    }
+    log(&folder.join("one"), 8, 30, 3.0, &[]);
+    let train = |model: &'static str, more: &[&'static str]| {
+        let start = ["estimate", "train", "day", "--model", "linear", "--out"];
+        let arguments = [&start[..], &[model, "--no-intervals"], more].concat();
+        let (code, _, err) = forcectl(folder, &arguments);
+        assert_eq!(code, Some(0), "{err}");
+    };
+    train("fast.model", &[]);
+    train("all.model", &["--rate", "10", "--all-axes"]);
+    std::fs::write(folder.join("file"), "").unwrap();
+    let refused = |data: &str, more: &[&str], exit: i32, words: &[&str]| {
+        let start = ["estimate", "report", data, "--rate", "10"];
+        let (code, _, err) = forcectl(folder, &[&start[..], more].concat());
+        assert_eq!(code, Some(exit), "{err}");
+        for word in words {
+            assert!(err.contains(word), "{word}: {err}");
+        }
+        assert!(!err.contains("model `zero`"), "{err}");
+    };
+    let page = ["--into", "page"];
+    let with = |more: &[&'static str]| [&page[..], more].concat();
+    refused(
+        "day",
+        &["--into", "file/page"],
+        7,
+        &["file/page", "cannot be written"],
+    );
+    refused("two", &page, 2, &["two", "at least 3 trials"]);
+    refused(
+        "day",
+        &with(&["--three-axes", "one"]),
+        2,
+        &["one", "--three-axes needs at least 2 trials"],
+    );
+    refused(
+        "day",
+        &with(&["--with", "fast.model"]),
+        2,
+        &["fast.model", "rate (50.00 Hz, 10.00 Hz)"],
+    );
+    refused(
+        "day",
+        &with(&["--with", "all.model"]),
+        2,
+        &[
+            "all.model",
+            "components of the force ([0, 1, 2], [1]; 0 is x)",
+        ],
+    );
+    // Of 30 s in each of six trials 10 s are left.
+    for trial in 1..9 {
+        log(&folder.join("long"), trial, 30, 3.0, &[]);
+    }
+    refused(
+        "long",
+        &with(&["--group-minutes", "1"]),
+        2,
+        &["--group-minutes 1", "trial 1 of long"],
+    );
+    // Nothing was written, and nothing is left of the probing.
+    assert_eq!(std::fs::read_dir(folder.join("page")).unwrap().count(), 0);
+}
+
+#[test]
+fn a_file_of_a_dataset_is_of_the_robot_of_its_card() {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    day(&folder.join("day"), 3.0, &[]);
+    let train = |model: &'static str, kind: &'static str| {
+        let arguments = [
+            "estimate",
+            "train",
+            "day",
+            "--model",
+            kind,
+            "--no-intervals",
+            "--out",
+            model,
+        ];
+        let (code, _, err) = forcectl(folder, &arguments);
+        assert_eq!(code, Some(0), "{err}");
+    };
+    train("m.1", "linear");
+    train("m.2", "zero");
+    let replay = |log: &str| forcectl(folder, &["estimate", "run", "m.1", "--replay", log]);
+    let (code, out, err) = replay("day/trial-2.csv");
+    assert_eq!(code, Some(0), "{err}");
+    assert!(out.contains("1500 rows, begun anew 0 times"), "{out}");
+    assert!(!err.contains("names the robot"), "{err}");
+
+    // The same log alone, then beside the card of another robot.
+    std::fs::create_dir(folder.join("other")).unwrap();
+    std::fs::copy(folder.join("day/trial-2.csv"), folder.join("other/log.csv")).unwrap();
+    let (code, _, err) = replay("other/log.csv");
+    assert_eq!(code, Some(0), "{err}");
+    assert!(
+        err.contains("names the robot of this log") && err.contains("`virtual seed 1`"),
+        "{err}"
+    );
+    let card = std::fs::read_to_string(folder.join("day/card.json")).unwrap();
+    let card = card.replace("\"seed\": 1", "\"seed\": 2");
+    std::fs::write(folder.join("other/card.json"), card).unwrap();
+    let (code, _, err) = replay("other/log.csv");
+    assert_eq!(code, Some(2));
+    assert!(err.contains("these data are of `virtual seed 2`"), "{err}");
+
+    // Each model has its own card, and takes no other.
+    let eval = ["estimate", "eval", "m.1", "day"];
+    let (code, out, err) = forcectl(folder, &eval);
+    assert_eq!(code, Some(0), "{err}");
+    assert!(out.contains("model linear on day"), "{out}");
+    std::fs::copy(folder.join("m.2.card.json"), folder.join("m.1.card.json")).unwrap();
+    let (code, _, err) = forcectl(folder, &eval);
+    assert_eq!(code, Some(2));
+    assert!(
+        err.contains("m.1.card.json") && err.contains("card of another model file"),
+        "{err}"
+    );
+}
+
+#[test]
+fn trials_without_numbers_and_a_single_trial_are_refused() {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    log(&folder.join("one"), 1, 30, 3.0, &[]);
+    let train = |data: &'static str| {
+        let start = ["estimate", "train", data, "--model", "linear"];
+        forcectl(
+            folder,
+            &[&start[..], &["--no-intervals", "--out", "a.model"]].concat(),
+        )
+    };
+    let (code, _, err) = train("one");
+    assert_eq!(code, Some(2));
+    assert!(
+        err.contains("one") && err.contains("none is left for testing"),
+        "{err}"
+    );
+    // T1 in place of 1.
+    day(&folder.join("text"), 3.0, &[]);
+    let file = folder.join("text/trial-1.csv");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let rows: Vec<String> = (text.lines())
+        .map(|line| {
+            line.strip_suffix(",1")
+                .map_or(line.to_owned(), |l| l.to_owned() + ",T1")
+        })
+        .collect();
+    assert!(rows[1].ends_with(",T1"), "{}", rows[1]);
+    std::fs::write(&file, rows.join("\n") + "\n").unwrap();
+    let (code, _, err) = train("text");
+    assert_eq!(code, Some(2));
+    for word in ["trial-1.csv", "`trial`", "line 2", "`trial = \"\"`"] {
+        assert!(err.contains(word), "{word}: {err}");
+    }
+}
+
+#[test]
+fn an_exported_network_has_a_card_of_its_inputs() {
+    let temporary = tempfile::tempdir().unwrap();
+    let folder = temporary.path();
+    day(&folder.join("day"), 3.0, &[]);
+    let train = [
+        "estimate",
+        "train",
+        "day",
+        "--model",
+        "carried-gru",
+        "--no-intervals",
+        "--rate",
+        "10",
+        "--limit",
+        "0.1",
+        "--epochs",
+        "100000",
+        "--out",
+        "net.model",
+    ];
+    let (code, out, err) = forcectl(folder, &train);
+    if err.contains("built without neural networks") {
+        return;
+    }
+    assert_eq!(code, Some(0), "{err}");
+    assert!(
+        out.contains("of 100000; --limit ended the training"),
+        "{out}"
+    );
+    let before = std::fs::read(folder.join("net.model")).unwrap();
+    let export = |out: &str| forcectl(folder, &["estimate", "export", "net.model", "--out", out]);
+    let (code, _, err) = export("./net.model");
+    assert_eq!(code, Some(2));
+    assert!(err.contains("is the model file and would be lost"), "{err}");
+    assert_eq!(std::fs::read(folder.join("net.model")).unwrap(), before);
+    let (code, _, err) = export("net.onnx");
+    assert_eq!(code, Some(0), "{err}");
+    let card = std::fs::read_to_string(folder.join("net.onnx.card.json")).unwrap();
+    for words in [
+        "\"joint_1\"",
+        "\"torque_force_z\"",
+        "\"rate_hz\": 10.0",
+        "\"window\": 1,",
+        "\"force_y (N)\"",
+        "\"robot\": \"virtual seed 1\"",
+    ] {
+        assert!(card.contains(words), "{words}: {card}");
+    }
+    assert_eq!(card.matches("\"unit\"").count(), 18);
 }

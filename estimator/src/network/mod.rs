@@ -36,7 +36,7 @@ pub use store::load;
 pub use training::train;
 
 use crate::{
-    model::{Model, ModelError, Stepper},
+    model::{Epochs, Model, ModelError, Stepper},
     sequence::Sequence,
 };
 use layer::Layer;
@@ -291,6 +291,9 @@ pub struct Epoch {
     pub loss: f64,
     /// Mean absolute error on the validation rows that were tried, N. Missing where there are none.
     pub validation_mae_n: Option<f64>,
+    /// Share of its updates that were made, where the time limit ended the training in it or after it. Files of before have none.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub part: Option<f64>,
 }
 
 /// A trained network.
@@ -317,6 +320,26 @@ impl Network {
     #[must_use]
     pub fn epochs(&self) -> &[Epoch] {
         &self.epochs
+    }
+
+    /// How far the training went.
+    #[must_use]
+    pub fn trained(&self) -> Epochs {
+        let wanted = self.config.epochs;
+        let few = self.epochs.len() < wanted;
+        let part = self.epochs.last().and_then(|e| e.part);
+        // A file of before does not tell how far the last one went: only those before it were whole for certain.
+        let last = part.unwrap_or(if few { 0.0 } else { 1.0 });
+        let whole = self.epochs.len().saturating_sub(1) as f64;
+        Epochs {
+            done: if self.epochs.is_empty() {
+                0.0
+            } else {
+                whole + last
+            },
+            wanted,
+            cut: few || part.is_some(),
+        }
     }
 
     /// Number of inputs of a row.

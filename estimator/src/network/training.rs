@@ -153,12 +153,19 @@ impl Trainer {
                 Reads::Row | Reads::Window => self.windowed_epoch(epoch, progress)?,
             };
             self.take_weights();
-            let Some(loss) = whole.loss else { break };
+            let Some(loss) = whole.loss else {
+                // The time was over between two passes: the last one was whole, and says so.
+                if let Some(last) = self.network.epochs.last_mut() {
+                    last.part = Some(1.0);
+                }
+                break;
+            };
             let validation_mae_n = self.validate(validation);
             self.network.epochs.push(Epoch {
                 epoch,
                 loss,
                 validation_mae_n,
+                part: whole.cut.then(|| whole.share()),
             });
             self.report(
                 &Standing {
@@ -194,7 +201,7 @@ impl Trainer {
         let config = self.network.config.clone();
         let ends = self.rows.shuffled(config.window, &mut self.random);
         let updates = ends.len().div_ceil(config.batch);
-        let mut pass = Pass::new(&self.device);
+        let mut pass = Pass::new(&self.device, updates);
         for (update, batch) in ends.chunks(config.batch).enumerate() {
             // A normalisation over one row has no variance.
             if config.batch_norm && batch.len() < 2 {
@@ -245,7 +252,7 @@ impl Trainer {
             .streams(config.batch, config.window, &mut self.random);
         let updates = streams[0].len();
         let mut states = self.zero_states(streams.len());
-        let mut pass = Pass::new(&self.device);
+        let mut pass = Pass::new(&self.device, updates);
         for update in 0..updates {
             let standing = Standing {
                 epoch,
@@ -466,6 +473,8 @@ impl Standing {
 struct Pass {
     sum: Tensor<1>,
     updates: usize,
+    /// Updates of a whole pass.
+    of: usize,
     /// Mean loss, when the pass is over. None where no update was made.
     loss: Option<f64>,
     /// Whether the time was over before the data.
@@ -473,10 +482,11 @@ struct Pass {
 }
 
 impl Pass {
-    fn new(device: &Device) -> Self {
+    fn new(device: &Device, of: usize) -> Self {
         Self {
             sum: Tensor::zeros([1], &device.clone().inner()),
             updates: 0,
+            of,
             loss: None,
             cut: false,
         }
@@ -485,6 +495,11 @@ impl Pass {
     fn add(&mut self, loss: Tensor<1>) {
         self.sum = self.sum.clone() + loss;
         self.updates += 1;
+    }
+
+    /// Share of the pass that was made.
+    fn share(&self) -> f64 {
+        self.updates as f64 / self.of.max(1) as f64
     }
 
     fn mean(&self) -> Result<f64, ModelError> {

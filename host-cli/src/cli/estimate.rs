@@ -48,7 +48,7 @@ enum Sub {
     Eval(Eval),
     /// Estimate live, or row by row from a log
     Run(live::Live),
-    /// Write a network as ONNX
+    /// Write a network as ONNX, with a card of its inputs and outputs
     Export(Export),
     /// Train and compare all models, and write the tables and pictures
     Report(report::Report),
@@ -131,10 +131,41 @@ struct Export {
 
 impl Export {
     fn run(&self) -> Result<Reply> {
-        model(&self.model)?.write_onnx(&self.out).map_err(refused)?;
-        let text = format!("{} written\n", self.out.display());
-        Ok(Reply::new(text, json!({"file": self.out})))
+        let estimator = model(&self.model)?;
+        let card = beside_onnx(&self.out);
+        for out in [&self.out, &card] {
+            // The same file by another path too.
+            let same = |a: &Path, b: &Path| {
+                a == b || matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
+            };
+            if same(out, &self.model) {
+                return Err(refused(format!(
+                    "--out {}: {} is the model file and would be lost; name another file",
+                    self.out.display(),
+                    out.display()
+                )));
+            }
+        }
+        estimator.write_onnx(&self.out).map_err(refused)?;
+        let sha = |path: &Path| sha256_of(path).map_err(|error| Failure::new(exit::FILE, error));
+        let text = estimator
+            .onnx_card(&sha(&self.model)?, &sha(&self.out)?)
+            .map_err(refused)?;
+        std::fs::write(&card, text + "\n").map_err(|error| Failure::file(&card, &error))?;
+        let text = format!(
+            "{} written, inputs and outputs in {}\n",
+            self.out.display(),
+            card.display()
+        );
+        Ok(Reply::new(text, json!({"file": self.out, "card": card})))
     }
+}
+
+/// The card of an ONNX file: `.card.json` after its whole name.
+fn beside_onnx(out: &Path) -> PathBuf {
+    let mut name = out.file_name().unwrap_or_default().to_owned();
+    name.push(".card.json");
+    out.with_file_name(name)
 }
 
 fn kind(name: &str) -> std::result::Result<Kind, String> {
@@ -241,11 +272,7 @@ impl Train {
             training_s: began.elapsed().as_secs_f64(),
         };
         let unseen = data.of(&run.test);
-        let evaluation = if unseen.is_empty() {
-            None
-        } else {
-            Some(evaluate::evaluate(&trained, &unseen).map_err(refused)?.0)
-        };
+        let evaluation = evaluate::evaluate(&trained, &unseen).map_err(refused)?.0;
         // From here on Ctrl-C must not leave a model without its card.
         let _controlled_stop = context.interrupt.controlled_stop();
         let text = trained
@@ -253,7 +280,7 @@ impl Train {
             .map_err(|error| Failure::new(exit::FILE, error))?;
         std::fs::write(&self.out, text).map_err(|error| Failure::file(&self.out, &error))?;
         let sha = sha256_of(&self.out).map_err(|error| Failure::new(exit::FILE, error))?;
-        let card = ModelCard::new(&trained, sha, &data, &run, evaluation);
+        let card = ModelCard::new(&trained, sha, &data, &run, Some(evaluation));
         let written = card
             .write(&self.out)
             .map_err(|error| Failure::file(&self.out, &error))?;
@@ -288,6 +315,12 @@ fn split(data: &Data, test: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
     } else {
         test.to_vec()
     };
+    if test.is_empty() {
+        return Err(refused(format!(
+            "{}: there is one trial ({all:?}), and none is left for testing; the split is between trials, never within one. Give more trials, or write `trial = \"\"` in a mapping file (--mapping) where each file is a trial",
+            data.name
+        )));
+    }
     let training: Vec<usize> = all.into_iter().filter(|t| !test.contains(t)).collect();
     if training.is_empty() {
         return Err(refused(

@@ -2,7 +2,9 @@
 
 use super::evaluate::Evaluation;
 use super::load::{Data, LoadError, Sampling, Source};
+use crate::experiment::folder::sha256_of;
 use estimator::estimator::Estimator;
+use estimator::model::Epochs;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -46,6 +48,9 @@ pub struct ModelCard {
     pub parameters: usize,
     /// Time of the training, s; with intervals it holds the trainings of the folds.
     pub training_s: f64,
+    /// How far the training of a network went. Cards of before have none.
+    #[serde(default)]
+    pub epochs: Option<Epochs>,
     /// Figures on the test trials.
     pub evaluation: Option<Evaluation>,
     /// Ranges of the inputs in training. Outside of them the model has seen nothing.
@@ -63,6 +68,17 @@ const UNITS: [&str; 9] = [
 #[must_use]
 pub fn percent(share: Option<f64>) -> String {
     share.map_or_else(|| "-".to_owned(), |s| format!("{:.2} %", 100.0 * s))
+}
+
+/// A file beside a model's: `.model` is left out of its name, any other end stays, since it may be all that tells models apart.
+fn beside(model: &Path, end: &str) -> PathBuf {
+    if model.extension().is_some_and(|e| e == "model") {
+        return model.with_extension(end);
+    }
+    let mut name = model.file_name().unwrap_or_default().to_owned();
+    name.push(".");
+    name.push(end);
+    model.with_file_name(name)
 }
 
 /// What a training was.
@@ -121,6 +137,7 @@ impl ModelCard {
             seed: run.seed,
             parameters: estimator.model().parameters(),
             training_s: run.training_s,
+            epochs: estimator.epochs(),
             evaluation,
             ranges,
             limits: vec![
@@ -144,8 +161,8 @@ impl ModelCard {
                 "a figure of the model card is no finite number ({error}); check the range of the data"
             ))
         })?;
-        std::fs::write(model.with_extension("card.json"), json + "\n")?;
-        let path = model.with_extension("card.md");
+        std::fs::write(beside(model, "card.json"), json + "\n")?;
+        let path = beside(model, "card.md");
         std::fs::write(&path, self.markdown())?;
         Ok(path)
     }
@@ -153,9 +170,9 @@ impl ModelCard {
     /// Reads the card beside a model file.
     ///
     /// # Errors
-    /// There is none, or it is no card of this program's version; the text says what to do.
+    /// There is none, it is no card of this program's version, or that of another model file; the text says what to do.
     pub fn read(model: &Path) -> Result<Self, LoadError> {
-        let path = model.with_extension("card.json");
+        let path = beside(model, "card.json");
         let bad = |cause: String| {
             LoadError(format!(
                 "{}: {cause}; the card tells on which trials the model was trained. Put it beside the model, or train the model again",
@@ -163,8 +180,17 @@ impl ModelCard {
             ))
         };
         let text = std::fs::read_to_string(&path).map_err(|error| bad(error.to_string()))?;
-        serde_json::from_str(&text)
-            .map_err(|error| bad(format!("it cannot be read as a model card: {error}")))
+        let card: Self = serde_json::from_str(&text)
+            .map_err(|error| bad(format!("it cannot be read as a model card: {error}")))?;
+        let sha = sha256_of(model).map_err(|error| bad(error.to_string()))?;
+        if sha != card.model_sha256 {
+            return Err(bad(format!(
+                "it is the card of another model file (SHA-256 {}, {} has {sha})",
+                card.model_sha256,
+                model.display()
+            )));
+        }
+        Ok(card)
     }
 
     /// As Markdown.
@@ -208,6 +234,14 @@ impl ModelCard {
             self.parameters,
             self.training_s
         ));
+        if let Some(epochs) = self.epochs {
+            let cut = if epochs.cut {
+                "; --limit ended the training: a longer one may give another figure"
+            } else {
+                ""
+            };
+            line(format!("- **Epochs**: {epochs}{cut}"));
+        }
         if let Some(s) = &self.sampling {
             line(format!(
                 "- **Label**: sample age at most {:.2} ms, uncertainty of the time between robot and board at most {:.3} ms",
@@ -266,5 +300,19 @@ impl ModelCard {
             ));
         }
         text
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn models_whose_names_differ_in_their_ends_have_cards_of_their_own() {
+        let name = |model: &str| beside(Path::new(model), "card.json").display().to_string();
+        assert_eq!(name("a/arm.model"), "a/arm.card.json");
+        assert_eq!(name("a/m.1"), "a/m.1.card.json");
+        assert_eq!(name("a/m.2"), "a/m.2.card.json");
+        assert_eq!(name("arm"), "arm.card.json");
     }
 }

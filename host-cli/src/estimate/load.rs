@@ -15,6 +15,9 @@ use std::path::{Path, PathBuf};
 #[error("{0}")]
 pub struct LoadError(pub String);
 
+/// Name of a robot that neither a data card nor a mapping names.
+pub const UNNAMED: &str = "unnamed";
+
 fn failed(path: &Path, cause: impl std::fmt::Display) -> LoadError {
     LoadError(format!("{}: {cause}", path.display()))
 }
@@ -58,7 +61,7 @@ pub struct Data {
     pub file_rate_hz: f64,
     /// Time of the label; `None` where the log has no data card.
     pub sampling: Option<Sampling>,
-    /// Component along which the experiment pulls, where it is one; else all three.
+    /// Component along which the experiment pulls, where its card names one; else those whose factor in the mapping is not 0.
     pub axes: Vec<usize>,
     /// Inputs that the files lack, by their place in [`estimator::motion::INPUT_NAMES`]; they are 0 in the sequences.
     pub absent: Vec<usize>,
@@ -117,7 +120,9 @@ pub fn mapping(path: &Path) -> Result<Mapping, LoadError> {
 /// The dataset's files below a folder, or the file itself.
 fn files(path: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>), LoadError> {
     if path.is_file() {
-        return Ok((vec![path.to_owned()], None));
+        // A file of a dataset is of the robot that the card beside it names.
+        let card = path.with_file_name("card.json");
+        return Ok((vec![path.to_owned()], card.is_file().then_some(card)));
     }
     let inner = path.join("dataset");
     let folder = if inner.is_dir() {
@@ -156,8 +161,9 @@ pub fn load(
         }
         None => None,
     };
+    let axes = axes_of(path, card.as_ref(), mapping, with_force)?;
     let mut parts: Vec<Part> = Vec::new();
-    let mut sources = Vec::new();
+    let mut sources: Vec<Source> = Vec::new();
     for (number, file) in files.iter().enumerate() {
         let table = table(file)?;
         let mut part = data::read(
@@ -172,7 +178,19 @@ pub fn load(
             part.sequences.iter_mut().for_each(|s| s.trial = number + 1);
         }
         let mut trials: Vec<usize> = part.sequences.iter().map(|s| s.trial).collect();
+        trials.sort_unstable();
         trials.dedup();
+        // Their rows would be taken for one trial, and a split between trials would be none.
+        let in_earlier = |s: &&Source| s.trials.iter().any(|t| trials.contains(t));
+        if let Some(earlier) = sources.iter().find(in_earlier) {
+            return Err(failed(
+                file,
+                format!(
+                    "it has a trial of {} too ({:?} and {trials:?} by column `{}`); give each trial its own number, or write `trial = \"\"` in a mapping file (--mapping): each file is then a trial",
+                    earlier.file, earlier.trials, mapping.trial
+                ),
+            ));
+        }
         sources.push(Source {
             file: file
                 .file_name()
@@ -195,21 +213,39 @@ pub fn load(
     Ok(Data {
         name: path.display().to_string(),
         robot: if mapping.robot.is_empty() {
-            card.as_ref().map_or_else(|| "unnamed".to_owned(), robot_of)
+            card.as_ref().map_or_else(|| UNNAMED.to_owned(), robot_of)
         } else {
             mapping.robot.clone()
         },
         sampling: card.as_ref().and_then(sampling_of),
-        axes: card
-            .as_ref()
-            .and_then(axis_of)
-            .map_or_else(|| vec![0, 1, 2], |axis| vec![axis]),
+        axes,
         sources,
         sequences,
         base,
         file_rate_hz,
         absent,
     })
+}
+
+/// Components of the force that the data have.
+fn axes_of(
+    path: &Path,
+    card: Option<&serde_json::Value>,
+    mapping: &Mapping,
+    with_force: bool,
+) -> Result<Vec<usize>, LoadError> {
+    if let Some(axis) = card.and_then(axis_of) {
+        return Ok(vec![axis]);
+    }
+    // A component with the factor 0 was not measured: a model would learn that it is always 0.
+    let axes: Vec<usize> = (0..3).filter(|a| mapping.force[*a].factor != 0.0).collect();
+    if axes.is_empty() && with_force {
+        return Err(failed(
+            path,
+            "the mapping file has the factor 0 for all three components of `force`; give the measured one another",
+        ));
+    }
+    Ok(axes)
 }
 
 /// Name of the robot by the data card: where its states came from, and which one.
@@ -387,6 +423,10 @@ mod tests {
         assert_eq!((data.trials(), data.sequences[0].rows()), (vec![2], 150));
         assert!((data.sampling.unwrap().force_age_s - 0.002).abs() < 1e-12);
         assert_eq!(data.sources[0].sha256.len(), 64);
+        // A file of it is of the same robot.
+        let file = inner.join("trial-02.parquet");
+        let one = load(&file, &Mapping::default(), 50.0, true).unwrap();
+        assert_eq!((one.robot, one.axes), (data.robot, data.axes));
         let error = load(folder.path(), &Mapping::default(), 30.0, true)
             .unwrap_err()
             .to_string();
@@ -426,12 +466,47 @@ mod tests {
         );
         std::fs::write(&map, format!("robot = \"mine\"\neffort = [{effort}]\n")).unwrap();
         let data = load(&log, &mapping(&map).unwrap(), 100.0, true).unwrap();
-        assert_eq!(data.robot, "mine");
+        assert_eq!((data.robot.as_str(), data.axes.len()), ("mine", 3));
+        // One component was measured, as in docs/estimation.md.
+        let force = "robot = \"mine\"\ntrial = \"\"\nforce = [{ column = \"force_y_n\", factor = 0.0 }, { column = \"force_y_n\" }, { column = \"force_y_n\", factor = 0.0 }]\n";
+        let one_axis = folder.path().join("one-axis.toml");
+        std::fs::write(&one_axis, format!("{force}effort = [{effort}]\n")).unwrap();
+        let one = load(&log, &mapping(&one_axis).unwrap(), 100.0, true).unwrap();
+        assert_eq!(one.axes, [1]);
+        let mut none = mapping(&one_axis).unwrap();
+        none.force[1].factor = 0.0;
+        let error = load(&log, &none, 100.0, true).unwrap_err().to_string();
+        assert!(
+            error.contains("day.csv") && error.contains("factor 0"),
+            "{error}"
+        );
+        // Two files that hold the same trial.
+        let days = folder.path().join("days");
+        std::fs::create_dir(&days).unwrap();
+        for name in ["a.csv", "b.csv"] {
+            std::fs::copy(&log, days.join(name)).unwrap();
+        }
+        let error = load(&days, &mapping(&map).unwrap(), 50.0, true)
+            .unwrap_err()
+            .to_string();
+        for word in ["b.csv", "a.csv", "`trial`", "`trial = \"\"`"] {
+            assert!(error.contains(word), "{error}");
+        }
+        let both = load(&days, &mapping(&one_axis).unwrap(), 50.0, true).unwrap();
+        assert_eq!(both.trials(), [1, 2]);
+        let data = load(&log, &mapping(&map).unwrap(), 100.0, true).unwrap();
         assert!((data.sequences[0].input_row(0)[7] - 0.0005).abs() < 1e-9);
+        // A time that is no number, in the fifth row: without the word the same file is read.
+        let broken = text.replacen("\n0.04,", "\nbroken,", 1);
+        assert_ne!(broken, text);
+        std::fs::write(&log, broken).unwrap();
+        let error = load(&log, &mapping(&map).unwrap(), 50.0, true)
+            .unwrap_err()
+            .to_string();
+        for word in ["day.csv", "`t_s`", "row 5", "line 6"] {
+            assert!(error.contains(word), "{error}");
+        }
         std::fs::write(&map, "efort = []\n").unwrap();
         assert!(mapping(&map).unwrap_err().to_string().contains("efort"));
-        // A cell that is no number, in the fifth row.
-        std::fs::write(&log, text.replacen("0.04,", "broken,", 1)).unwrap();
-        assert!(load(&log, &mapping(&map).unwrap_or_default(), 50.0, true).is_err());
     }
 }

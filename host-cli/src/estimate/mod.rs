@@ -5,6 +5,7 @@
 pub mod card;
 pub mod evaluate;
 pub mod load;
+pub mod pace;
 pub mod pictures;
 pub mod report;
 pub mod study;

@@ -362,6 +362,7 @@ mod tests {
             error: (0..n).map(|k| f64::from(k % 10) - 4.5).collect(),
             estimate: (0..n).map(|k| f64::from(k).sin()).collect(),
             label: vec![0.0; n as usize],
+            range: Some([0.0; 2]),
             speed: vec![0.001; n as usize],
             reversing: vec![false; n as usize],
             joints: (0..n)

@@ -6,6 +6,7 @@ use estimator::metrics::{by_trial, compare, figures, paired, Difference, Figures
 use estimator::model::ModelError;
 use estimator::sequence::Sequence;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// Groups of inputs: name and columns of a row.
 pub const GROUPS: [(&str, &[usize]); 9] = [
@@ -178,6 +179,9 @@ impl Study<'_> {
 
 /// Name of the row of the chosen minutes.
 pub const CHOSEN: &str = "chosen by predicted error";
+/// The error of chosen minutes may be so much above that of more random ones and still match it, N. It was set before any figure
+/// of the comparison was known.
+pub const CHOICE_MARGIN_N: f64 = 0.005;
 
 /// How minutes are chosen, and what they are compared with.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -273,9 +277,26 @@ fn part(s: &Sequence, from: usize, rows: usize) -> Sequence {
     }
 }
 
+/// The longest stretch of each trial in rows of `minutes` of training in all, s. `None`: no limit.
+#[must_use]
+pub fn longest_beginnings_s(sequences: &[&Sequence], minutes: Option<f64>) -> BTreeMap<usize, f64> {
+    let mut longest: BTreeMap<usize, f64> = BTreeMap::new();
+    let share = share(sequences, minutes);
+    for s in sequences {
+        let seconds = (s.rows() as f64 * share).round() * s.step_s;
+        let most = longest.entry(s.trial).or_default();
+        *most = most.max(seconds);
+    }
+    longest
+}
+
+fn share(sequences: &[&Sequence], minutes: Option<f64>) -> f64 {
+    minutes.map_or(1.0, |m| (m / Data::minutes(sequences).max(1e-9)).min(1.0))
+}
+
 /// The beginnings of the stretches, `minutes` in all, each with its share; all of them where there is no limit.
 fn beginnings(sequences: &[&Sequence], minutes: Option<f64>) -> Vec<Sequence> {
-    let share = minutes.map_or(1.0, |m| (m / Data::minutes(sequences).max(1e-9)).min(1.0));
+    let share = share(sequences, minutes);
     sequences
         .iter()
         .map(|s| part(s, 0, (s.rows() as f64 * share).round() as usize))

@@ -9,6 +9,7 @@ use estimator::interval::Live as Width;
 use estimator::model::Stepper;
 use estimator::motion::INPUTS;
 use host_cli::estimate::load;
+use host_cli::estimate::pace::{Anew, Pace, Take};
 use nalgebra::Vector3;
 use robot::source::{self, SourceConfig};
 use robot::state::{Acts, Frame, Meaning, RobotState, TipForce};
@@ -58,6 +59,8 @@ struct Stream<'a> {
     width: Option<Width<'a>>,
     force: Vec<f32>,
     times_us: Vec<f64>,
+    /// Times that the past was forgotten.
+    anew: usize,
 }
 
 impl<'a> Stream<'a> {
@@ -65,13 +68,23 @@ impl<'a> Stream<'a> {
         Self {
             estimator,
             stepper: estimator.model().stepper(),
-            width: estimator
-                .interval
-                .as_ref()
-                .map(|i| i.live(estimator.step_s)),
+            width: Self::width(estimator),
             force: vec![0.0; estimator.axes.len()],
             times_us: Vec::new(),
+            anew: 0,
         }
+    }
+
+    fn width(estimator: &'a Estimator) -> Option<Width<'a>> {
+        let interval = estimator.interval.as_ref();
+        interval.map(|i| i.live(estimator.step_s))
+    }
+
+    /// Forgets the past: what the friction's state was before a break is not what it is after it.
+    fn reset(&mut self) {
+        self.stepper.reset();
+        self.width = Self::width(self.estimator);
+        self.anew += 1;
     }
 
     /// Takes a row; force, N, and the half width of its interval, N.
@@ -104,9 +117,10 @@ impl<'a> Stream<'a> {
                 .unwrap_or(0.0)
         };
         let (rows, median, p99) = (self.times_us.len(), at(0.5), at(0.99));
+        let anew = self.anew;
         Reply::new(
-            format!("{rows} rows; a step takes {median:.1} us (median), {p99:.1} us (p99)\n"),
-            json!({"rows": rows, "median_us": median, "p99_us": p99}),
+            format!("{rows} rows, begun anew {anew} times; a step takes {median:.1} us (median), {p99:.1} us (p99)\n"),
+            json!({"rows": rows, "begun_anew": anew, "median_us": median, "p99_us": p99}),
         )
     }
 }
@@ -129,18 +143,21 @@ impl Live {
             1.0 / estimator.step_s,
             false,
         )?;
-        // A log alone names no robot; a folder with a data card, or a mapping, does.
-        if data.robot != "unnamed" {
+        // A log alone names no robot; a data card beside it, or a mapping, does.
+        if data.robot == load::UNNAMED && estimator.robot != data.robot {
+            context.output.note(&format!(
+                "{}: neither a data card nor a mapping file names the robot of this log; the model is of `{}`, and on another robot its forces are wrong",
+                data.name, estimator.robot
+            ));
+        } else {
             check_robot(estimator, &data.robot, self.any_robot)?;
         }
         data.fit_inputs(estimator).map_err(refused)?;
         let mut stream = Stream::new(estimator);
-        for sequence in &data.sequences {
-            stream.stepper.reset();
-            stream.width = estimator
-                .interval
-                .as_ref()
-                .map(|i| i.live(estimator.step_s));
+        for (number, sequence) in data.sequences.iter().enumerate() {
+            if number > 0 {
+                stream.reset();
+            }
             for k in 0..sequence.rows() {
                 let time_s = sequence.start_s + k as f64 * sequence.step_s;
                 if context.interrupt.requested()
@@ -173,9 +190,8 @@ impl Live {
         let mut source = source::open(&config).map_err(|error| Failure::new(exit::LINK, error))?;
         let mut stream = Stream::new(estimator);
         let began = Instant::now();
-        let step_ns = (estimator.step_s * 1e9) as i64;
-        // Stamp of the row that is due: rows are those of the training's rate, as near as the robot's states come to it.
-        let mut due: Option<i64> = None;
+        let mut pace = Pace::new(estimator.step_s);
+        let mut gap_noted = false;
         let _controlled_stop = context.interrupt.controlled_stop();
         while !context.interrupt.requested()
             && self
@@ -189,25 +205,28 @@ impl Live {
             for event in &poll.events {
                 context.output.note(&event.to_string());
             }
-            if poll.stop().is_some() && due.is_some() {
-                // What the friction's state was before the break is not what it is after it.
+            if poll.stop().is_some() && pace.goes_on() {
                 context
                     .output
                     .note("the stream of states broke off: the estimate begins anew");
-                stream.stepper.reset();
-                stream.width = estimator
-                    .interval
-                    .as_ref()
-                    .map(|i| i.live(estimator.step_s));
-                due = None;
+                stream.reset();
+                pace.broke_off();
             }
             for state in &poll.states {
                 let t_ns = state.stamp.t_ns;
-                if due.is_some_and(|due| t_ns < due - step_ns / 4) {
-                    continue;
+                match pace.take(t_ns).map_err(refused)? {
+                    Take::Between => continue,
+                    Take::Next => {}
+                    Take::Anew(why) => {
+                        // A gap may come at every row: once is enough.
+                        let gap = matches!(why, Anew::Gap { .. });
+                        if !(gap && gap_noted) {
+                            context.output.note(&why.to_string());
+                        }
+                        gap_noted |= gap;
+                        stream.reset();
+                    }
                 }
-                due =
-                    Some(due.map_or(t_ns, |d| if t_ns - d > step_ns { t_ns } else { d }) + step_ns);
                 let input = inputs(state, &estimator.absent)
                     .map_err(|why| Failure::new(exit::LINK, format!("{}: {why}", source.name())))?;
                 let width = stream.step(&input);

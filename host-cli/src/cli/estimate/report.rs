@@ -1,7 +1,7 @@
 //! `forcectl estimate report`: all models side by side.
 
 use super::{check_robot, model, refused, split, DataArgs};
-use crate::cli::exit::{Reply, Result};
+use crate::cli::exit::{self, Failure, Reply, Result};
 use crate::cli::Context;
 use clap::Args;
 use estimator::estimator::Estimator;
@@ -9,6 +9,9 @@ use host_cli::estimate::card::ModelCard;
 use host_cli::estimate::{load, report, Data};
 use serde_json::json;
 use std::path::{Path, PathBuf};
+
+/// Entries of the rotation to the base may differ so much: it is found from other rows at another rate.
+const SAME_BASE: f64 = 1e-3;
 
 /// Arguments of `estimate report`.
 #[derive(Debug, Args)]
@@ -30,7 +33,7 @@ pub struct Report {
     /// Data of three-dimensional forces
     #[arg(long, value_name = "DIR")]
     three_axes: Option<PathBuf>,
-    /// Minutes of training of the study of input groups [default: all]
+    /// Minutes of training of the study of input groups, from the beginnings of the trials [default: all]
     #[arg(long, value_name = "M", value_parser = clap::value_parser!(u32).range(1..))]
     group_minutes: Option<u32>,
     /// Seed of everything random
@@ -40,9 +43,21 @@ pub struct Report {
     read: DataArgs,
 }
 
+impl From<report::ReportError> for Failure {
+    fn from(error: report::ReportError) -> Self {
+        let code = match &error {
+            report::ReportError::File { .. } => exit::FILE,
+            _ => exit::USAGE,
+        };
+        Self::new(code, error)
+    }
+}
+
 impl Report {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        // First, because it is quick and the rest is not.
+        report::probe(&self.into)?;
         let data = self.read.load(&self.data)?;
         let mut also = Vec::new();
         for set in &self.also {
@@ -77,8 +92,7 @@ impl Report {
         };
         let written = report::write(&self.into, &inputs, &settings, &mut |text| {
             context.output.note(text)
-        })
-        .map_err(refused)?;
+        })?;
         Ok(Reply::new(written.text.clone(), json!(written.results)))
     }
 
@@ -108,17 +122,63 @@ fn beside(path: &Path, data: &Data, training: &[usize]) -> Result<(Estimator, f6
     let estimator = model(path)?;
     check_robot(&estimator, &data.robot, false)?;
     let card = ModelCard::read(path)?;
-    let same = card.training_trials == training
-        && card.sources == data.sources
-        && estimator.absent == data.absent;
-    if !same {
+    let differences = differences(&estimator, &card, data, training);
+    if !differences.is_empty() {
         return Err(refused(format!(
-            "{}: it was trained on the trials {:?} of {}; the report trains on {training:?} of {}",
+            "--with {}: it was not trained as the report trains, so their figures cannot be compared. The model and the report differ in: {}. Train it again on {}",
             path.display(),
-            card.training_trials,
-            card.data,
+            differences.join("; "),
             data.name
         )));
     }
     Ok((estimator, card.training_s))
+}
+
+/// What of a model's training is not that of the report, for people.
+fn differences(
+    estimator: &Estimator,
+    card: &ModelCard,
+    data: &Data,
+    training: &[usize],
+) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut differ = |differs: bool, what: String| {
+        if differs {
+            found.push(what);
+        }
+    };
+    let step_s = data.sequences.first().map_or(0.0, |s| s.step_s);
+    differ(
+        (estimator.step_s - step_s).abs() > 1e-9,
+        format!(
+            "rate ({:.2} Hz, {:.2} Hz)",
+            1.0 / estimator.step_s,
+            1.0 / step_s
+        ),
+    );
+    differ(
+        estimator.axes != data.axes,
+        format!(
+            "components of the force ({:?}, {:?}; 0 is x)",
+            estimator.axes, data.axes
+        ),
+    );
+    let turned = estimator.base.distance(&data.base);
+    differ(
+        turned > SAME_BASE,
+        format!("direction of the robot's base (by {turned:.4})"),
+    );
+    differ(
+        estimator.absent != data.absent,
+        format!("absent inputs ({:?}, {:?})", estimator.absent, data.absent),
+    );
+    differ(
+        card.training_trials != training,
+        format!("trials ({:?}, {training:?})", card.training_trials),
+    );
+    differ(
+        card.sources != data.sources,
+        format!("files ({}, {})", card.data, data.name),
+    );
+    found
 }

@@ -86,12 +86,18 @@ pub(super) fn learning(into: &Path, results: &Results) -> Result<(), ReportError
             (name.clone(), points.collect())
         })
         .collect();
+    let mut title = "Error against training data".to_owned();
     if let Some(chosen) = results.choice.iter().find(|p| p.name == CHOSEN) {
+        // Chosen and random minutes on the same trials, which are not those of the other curves.
+        title += &format!("; squares with * tested on {} alone", results.choice_test);
         let point = (chosen.minutes, chosen.figures.mae_n);
-        curves.push(("hybrid, chosen".to_owned(), vec![point]));
+        curves.push(("* hybrid, chosen".to_owned(), vec![point]));
+        let random = results.choice.iter().filter(|p| p.name != CHOSEN);
+        let random: Vec<(f64, f64)> = random.map(|p| (p.minutes, p.figures.mae_n)).collect();
+        curves.push(("* hybrid, random".to_owned(), random));
     }
     let picture = pictures::curves(
-        "Error against training data",
+        &title,
         "minutes of training",
         "mean absolute error, N",
         &curves,

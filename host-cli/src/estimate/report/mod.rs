@@ -1,11 +1,14 @@
 //! All models side by side, with tables and pictures: `docs/estimation/` is one run of this.
 //!
 //! Here is the sequence of trainings; `goals.rs` compares with what is asked for, `tables.rs` writes Markdown, `draw.rs` the pictures.
-//! Tables are written after each part, so a report that is broken off leaves what it has found.
+//! Tables are written after each model and each part, so a report that is broken off leaves what it has found, marked as unfinished.
 
+mod check;
 mod draw;
 mod goals;
 mod tables;
+
+pub use check::probe;
 
 pub use goals::Goal;
 pub use tables::tables;
@@ -15,6 +18,7 @@ use super::load::Data;
 use super::study::{Choice, Point, Study};
 use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::metrics::{by_trial, paired, Difference, Rows};
+use estimator::model::Epochs;
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
 use serde::{Deserialize, Serialize};
@@ -91,6 +95,9 @@ pub struct ModelResult {
     pub parameters: usize,
     /// Time of the training without intervals, s.
     pub training_s: f64,
+    /// How far the training of a network went.
+    #[serde(default)]
+    pub epochs: Option<Epochs>,
     /// Figures on the test trials.
     pub evaluation: Evaluation,
     /// Mean absolute error of each test trial, N.
@@ -111,6 +118,9 @@ pub struct Elsewhere {
 /// All figures.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Results {
+    /// Whether the report came to its end.
+    #[serde(default)]
+    pub finished: bool,
     /// Data.
     pub data: String,
     /// Trials for training.
@@ -129,6 +139,9 @@ pub struct Results {
     pub learning: Vec<(String, Vec<Point>)>,
     /// Minutes chosen by predicted error, and random ones: the shipped model.
     pub choice: Vec<Point>,
+    /// What the chosen minutes were tested on: fewer trials than the other models.
+    #[serde(default)]
+    pub choice_test: String,
     /// On other data, not trained anew.
     pub elsewhere: Vec<Elsewhere>,
     /// Forces in three dimensions.
@@ -152,8 +165,11 @@ pub enum ReportError {
     /// A model can't be trained or tested.
     #[error(transparent)]
     Model(#[from] estimator::model::ModelError),
+    /// The data do not suffice for all parts.
+    #[error("{0}")]
+    Data(String),
     /// A file can't be written.
-    #[error("{path}: {cause}")]
+    #[error("{path} cannot be written: {cause}")]
     File {
         /// File.
         path: String,
@@ -192,6 +208,7 @@ fn tested(
         model: estimator.kind.name().to_owned(),
         parameters: estimator.model().parameters(),
         training_s,
+        epochs: estimator.epochs(),
         evaluation,
         by_trial: by_trial(&trials),
         difference: None,
@@ -239,13 +256,15 @@ struct Report<'a> {
 /// Trains and compares all models; writes tables and pictures to `into`.
 ///
 /// # Errors
-/// [`ReportError`].
+/// [`ReportError`]. What the data do not suffice for, and a folder that can't be written, are found before anything is trained.
 pub fn write(
     into: &Path,
     inputs: &Inputs<'_>,
     settings: &Settings,
     say: &mut dyn FnMut(&str),
 ) -> Result<Written, ReportError> {
+    probe(into)?;
+    check::data(inputs, settings)?;
     let last = inputs.data.trials().last().copied().unwrap_or(0);
     let more = inputs.unseen.map_or_else(Vec::new, |unseen| {
         let mut more = unseen.sequences.clone();
@@ -295,8 +314,8 @@ impl Report<'_> {
                 let name = settings.kind.name().to_owned();
                 self.results.learning.push((name, points));
             }
+            self.keep()?;
         }
-        self.keep()?;
         self.note("choice of minutes");
         // With more trials to test on, all trials of the data can be chosen from.
         let all: Vec<&Sequence> = data.sequences.iter().collect();
@@ -305,11 +324,16 @@ impl Report<'_> {
         } else {
             (&all, &more)
         };
+        self.results.choice_test = match &self.results.unseen {
+            Some((name, _)) => name.clone(),
+            None => "the test trials".to_owned(),
+        };
         self.results.choice = self.study(&hybrid, pool, unseen).choice(&CHOICE, seed)?;
         self.keep()?;
         self.note("input groups");
         let minutes = self.settings.group_minutes;
         self.results.ablation = self.study(&hybrid, &rows, &test).ablation(minutes)?;
+        self.results.finished = true;
         let text = self.keep()?;
         self.note("done");
         Ok(Written {
@@ -350,7 +374,7 @@ impl Report<'_> {
                 estimator.kind.name()
             ));
             let (result, trials) = tested(estimator, *training_s, test)?;
-            self.found(result, trials, &mut compared);
+            self.found(result, trials, &mut compared)?;
         }
         let mut kept = Vec::new();
         for kind in Kind::ALL {
@@ -359,7 +383,7 @@ impl Report<'_> {
             let settings = training(self.inputs.data, kind, self.settings.seed, intervals);
             let (estimator, training_s) = trained(&settings, rows)?;
             let (result, trials) = tested(&estimator, training_s, test)?;
-            self.found(result, trials, &mut compared);
+            self.found(result, trials, &mut compared)?;
             kept.push(estimator);
         }
         compare_with_last(&mut self.results.models);
@@ -377,11 +401,12 @@ impl Report<'_> {
         result: ModelResult,
         trials: Vec<Rows>,
         compared: &mut Vec<(String, Vec<Rows>)>,
-    ) {
+    ) -> Result<(), ReportError> {
         let mae = result.evaluation.figures.mae_n;
         (self.say)(&format!("  `{}`: MAE {mae:.3} N", result.model));
         compared.push((result.model.clone(), trials));
         self.results.models.push(result);
+        self.keep().map(|_| ())
     }
 
     fn elsewhere(&mut self, shipped: &Estimator, physics: &Estimator) -> Result<(), ReportError> {
@@ -399,8 +424,9 @@ impl Report<'_> {
                 name: name.clone(),
                 models,
             });
+            self.keep()?;
         }
-        self.keep().map(|_| ())
+        Ok(())
     }
 
     fn three_axes(&mut self) -> Result<(), ReportError> {
@@ -416,6 +442,7 @@ impl Report<'_> {
             let (estimator, training_s) = trained(&settings, &rows)?;
             let result = tested(&estimator, training_s, &test)?.0;
             self.results.three_axes.push(result);
+            self.keep()?;
         }
         compare_with_last(&mut self.results.three_axes);
         self.keep().map(|_| ())

@@ -1,7 +1,8 @@
 //! The figures of a report as Markdown.
 
 use super::super::card::percent as percent_2;
-use super::super::study::WHOLE;
+use super::super::study::{CHOICE_MARGIN_N, WHOLE};
+use super::goals::NOT_TRIED;
 use super::{ModelResult, Results};
 use estimator::metrics::Difference;
 use std::fmt::Write as _;
@@ -40,7 +41,8 @@ pub fn tables(r: &Results) -> String {
             let met = match goal.met {
                 Some(true) => "met",
                 Some(false) => "missed",
-                None => "-",
+                None if goal.reached == NOT_TRIED => "-",
+                None => "not decided",
             };
             line!(text, "| {} | {} | {met} |", goal.goal, goal.reached);
         }
@@ -71,6 +73,12 @@ fn head(text: &mut String, r: &Results) {
         format!(" and the {count} trials of `{name}`")
     });
     line!(text, "# Figures of the estimators\n");
+    if !r.finished {
+        line!(
+            text,
+            "**Unfinished: the report was broken off**, or is still being written. What it had found until then:\n"
+        );
+    }
     line!(
         text,
         "`forcectl estimate report` wrote this page. Training: trials {} of `{}`. Test: trials {}{more}. {} rows per second.",
@@ -86,10 +94,10 @@ fn head(text: &mut String, r: &Results) {
 }
 
 fn models_table(text: &mut String, models: &[ModelResult]) {
-    line!(text, "| model | MAE, N | less the last row's, N | RMSE, N | NRMSE | parameters | training, s | step, us: median | p99 | 90 % interval covers, % |");
+    line!(text, "| model | MAE, N | less the last row's, N | RMSE, N | NRMSE | parameters | epochs | training, s | step, us: median | p99 | 90 % interval covers, % |");
     line!(
         text,
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |"
     );
     for (n, m) in models.iter().enumerate() {
         let (e, f) = (&m.evaluation, &m.evaluation.figures);
@@ -98,9 +106,13 @@ fn models_table(text: &mut String, models: &[ModelResult]) {
         } else {
             difference(m.difference)
         };
+        let epochs = m.epochs.map_or_else(
+            || "-".to_owned(),
+            |e| format!("{e}{}", if e.cut { ", cut off" } else { "" }),
+        );
         line!(
             text,
-            "| {} | {:.3}{} | {less} | {:.3} | {} | {} | {:.1} | {:.1} | {:.1} | {} |",
+            "| {} | {:.3}{} | {less} | {:.3} | {} | {} | {epochs} | {:.1} | {:.1} | {:.1} | {} |",
             m.model,
             f.mae_n,
             interval(f.mae_half_n),
@@ -243,8 +255,9 @@ fn studies(text: &mut String, r: &Results) {
     if let Some(first) = r.choice.first() {
         line!(
             text,
-            "## Choice of minutes: the shipped model on {} test trials\n",
-            first.by_trial.len()
+            "## Choice of minutes: the shipped model on {} test trials (`{}`)\n",
+            first.by_trial.len(),
+            r.choice_test
         );
         let most = r.choice.iter().map(|p| p.minutes).fold(0.0, f64::max);
         line!(
@@ -263,6 +276,10 @@ fn studies(text: &mut String, r: &Results) {
             );
         }
         line!(text, "");
+        line!(
+            text,
+            "Chosen minutes match where their error is at most {CHOICE_MARGIN_N} N above that of {most:.0} random ones, with the whole 95 % interval of the difference. The margin was set before the figures were known. The interval is over test trials; how much the draws differ is in the rows.\n"
+        );
     }
     if let Some(first) = r.ablation.first() {
         line!(
@@ -288,5 +305,19 @@ fn studies(text: &mut String, r: &Results) {
                 interval(p.figures.mae_half_n)
             );
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_page_says_whether_it_is_finished() {
+        let mut results = Results::default();
+        let mark = "**Unfinished: the report was broken off**";
+        assert!(tables(&results).contains(mark));
+        results.finished = true;
+        assert!(!tables(&results).contains(mark));
     }
 }
