@@ -136,7 +136,8 @@ impl Surge {
             .samples
             .iter()
             .fold(Newton::ZERO, |sum, (_, force)| sum.saturating_add(*force));
-        let gained = i64::from(travel_nm) - i64::from(before_nm);
+        // A reel that comes to rest after it was pulled out gains none: the tension that the filter has not shown yet did it.
+        let gained = i64::from(travel_nm.max(0)) - i64::from(before_nm.max(0));
         let momentum = Newton::from_wide((gained * MOMENTUM_Q8) >> 8);
         self.remembered = if momentum.saturating_sub(explained) > SURGE {
             SURGE_SAMPLES as u8
