@@ -150,6 +150,8 @@ pub(super) struct Hub {
     gaps: Gaps,
     seq: u16,
     outbox: Vec<u8>,
+    /// Where the setpoints begin that `outbox` ends with, if it does.
+    unsent_setpoints: Option<usize>,
     urgent: Vec<u8>,
     pending: HashMap<u16, Pending>,
     info: Option<BoardInfo>,
@@ -210,6 +212,7 @@ impl Hub {
             seq: 0,
             // A zero ends whatever was on the line before.
             outbox: vec![0],
+            unsent_setpoints: None,
             urgent: Vec::new(),
             pending: HashMap::new(),
             info: None,
@@ -268,6 +271,7 @@ impl Hub {
         self.repeat_when_due();
         let mut bytes = std::mem::take(&mut self.urgent);
         bytes.append(&mut self.outbox);
+        self.unsent_setpoints = None;
         let link = match self.link.as_mut() {
             Some(link) => link,
             None => return Ok(()),
@@ -361,6 +365,7 @@ impl Hub {
         self.pending.clear();
         self.urgent.clear();
         self.outbox = vec![0];
+        self.unsent_setpoints = None;
         self.hello_due_ns = self.now_ns;
     }
 
@@ -423,7 +428,17 @@ impl Hub {
     }
 
     fn send_again(&mut self, mut pending: Pending) {
-        self.seq = self.seq.wrapping_add(1);
+        // Setpoints replace those that have not gone out: a rig slower than its commander's clock must not have a queue of
+        // old ones in front of what matters.
+        let replaced = self
+            .unsent_setpoints
+            .take()
+            .filter(|_| matches!(pending.command, Command::Setpoints { .. }));
+        if let Some(start) = replaced {
+            self.outbox.truncate(start);
+        } else {
+            self.seq = self.seq.wrapping_add(1);
+        }
         let frame = HostFrame {
             seq: self.seq,
             command: pending.command.clone(),
@@ -439,6 +454,9 @@ impl Hub {
                 self.urgent.push(0);
                 self.urgent.extend_from_slice(&out[..length]);
             } else {
+                if matches!(pending.command, Command::Setpoints { .. }) {
+                    self.unsent_setpoints = Some(self.outbox.len());
+                }
                 self.outbox.extend_from_slice(&out[..length]);
             }
         }

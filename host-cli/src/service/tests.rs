@@ -1,6 +1,7 @@
 //! Tests of the service with a board in memory: who may do what, what happens when someone goes away.
 
 use super::client::{Client, Notification, ServiceError, ServiceLink};
+use super::hub::CYCLE;
 use super::protocol::{code, Call, ForceParams, HoldParams, Topics};
 use super::server::{serve, ServeOptions};
 use super::socket::Listening;
@@ -16,7 +17,8 @@ use std::alloc::System;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use wire::Command;
+use wire::message::UnitSetpoint;
+use wire::{Command, HostFrame, UNITS};
 
 /// Longest wait for what has to come. A limit of patience, not of speed: the machine may be busy.
 const PATIENCE: Duration = Duration::from_secs(60);
@@ -415,7 +417,7 @@ fn a_program_without_this_library_commands_a_force() {
     // What is measured, with the zeros of the board and the cables of the rig file, is what pulls.
     assert!(measured_near > 60 && named > 60, "{measured_near} {named}");
     let last = last.unwrap();
-    assert_eq!(last.zeroed, [Some(true); wire::UNITS]);
+    assert_eq!(last.zeroed, [Some(true); UNITS]);
     assert!(last.clients.iter().any(|name| name.contains("a script")));
     // 50 lines a second.
     assert!(near > 60, "{near}");
@@ -474,7 +476,7 @@ fn a_link_that_comes_back_is_used_again() {
         panic!("{told:?}");
     };
     assert_eq!(told.state, "no link");
-    assert_eq!(told.tension_n, [None; wire::UNITS]);
+    assert_eq!(told.tension_n, [None; UNITS]);
     let refused = rig.client("stop").call(Call::Stop).unwrap_err().to_string();
     assert!(refused.contains("is gone"), "{refused}");
     rig.plugged.store(true, Ordering::SeqCst);
@@ -683,6 +685,47 @@ fn a_line_with_a_bit_error_rate_of_1e_3_holds_or_ends_with_a_reason_and_never_do
                 .all(|(unit, most)| unit.tension_un <= most));
         }
     }
+}
+
+#[test]
+fn setpoints_that_wait_are_replaced_and_not_queued() {
+    let rig = Rig::start(Behavior::Good, true);
+    let mut link = rig.commander("a run on a slow rig");
+    let setpoints = |tension_un| Command::Setpoints {
+        valid_ms: 100,
+        units: [UnitSetpoint {
+            tension_un,
+            inv_cos_q16: 65_536,
+            direction_q14: [0; 3],
+        }; UNITS],
+    };
+    let commands = [
+        setpoints(1),
+        setpoints(2),
+        Command::GetBoard,
+        setpoints(3),
+        setpoints(4),
+        setpoints(5),
+    ];
+    let mut bytes = Vec::new();
+    for (seq, command) in commands.into_iter().enumerate() {
+        let mut frame = [0; wire::MAX_FRAME];
+        let seq = seq as u16;
+        let length = wire::encode(&HostFrame { seq, command }, &mut frame).unwrap();
+        bytes.extend_from_slice(&frame[..length]);
+    }
+    link.exchange(&bytes, CYCLE).unwrap();
+    let until = Instant::now() + PATIENCE;
+    while rig.got(&setpoints(5)) == 0 {
+        assert!(Instant::now() < until, "{:?}", rig.commands);
+        link.exchange(&[], CYCLE).unwrap();
+    }
+    let seen = rig.commands.lock().unwrap();
+    let sent = seen
+        .iter()
+        .filter(|c| matches!(c, Command::Setpoints { .. } | Command::GetBoard));
+    let expected = [setpoints(2), Command::GetBoard, setpoints(5)];
+    assert!(sent.eq(&expected), "{seen:?}");
 }
 
 #[test]
