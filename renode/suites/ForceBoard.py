@@ -21,7 +21,7 @@ BOARD_STATES = ["boot", "bring-up", "ready", "zeroing", "running", "stopping", "
 UNIT_STATES = ["offline", "bring-up", "ready", "running", "faulted", "zeroing", "stopping"]
 FAULTS = {"E-stop": 1, "setpoints expired": 2, "host stop": 3, "I2C bus stuck": 6, "mux silent": 7,
           "watchdog reset": 8, "configuration damaged": 11, "DAC bus fault": 13,
-          "register changed": 18, "over-tension": 32, "sensor silent": 33,
+          "0 V has no effect": 15, "register changed": 18, "over-tension": 32, "sensor silent": 33,
           "sensor too slow": 34, "sensor too fast": 35, "bring-up failed": 36, "ADC saturated": 37,
           "sensor reads": 41, "encoder stands still": 42}
 NOMINAL_SCALE_PN = 6_850_000

@@ -45,6 +45,12 @@ Encoder Stands Still
     Unit Fault Should Be    5    encoder stands still
     Output Should Be Zero    5
     Board State Should Be    running
+    # Nothing shows that the cable has let go.
+    Hold For    100
+    Board Fault Should Be    0 V has no effect
+    Output Should Be Zero
+    ${power}=    Execute Command    rig AmplifierOn
+    Should Contain    ${power}    False
 
 Configuration Changed In Memory
     # A number of the configuration that the sample path does not use: only the check of every second covers it.

@@ -10,12 +10,14 @@ use emulator_link::{receive, send, Injection, Request, Response, LINK_VERSION};
 use std::io::{BufReader, BufWriter};
 use std::path::{Path, PathBuf};
 use std::process::{Child, ChildStdin, ChildStdout, ExitCode, Stdio};
-use wire::message::{flags, Command, HostFrame, Sample, UnitSetpoint, DIRECTION_ONE};
+use wire::message::{flags, Command, HostFrame, Sample, UnitConfig, UnitSetpoint, DIRECTION_ONE};
 use wire::{encode, BoardFrame, BoardMessage, Decoder, ABI_VERSION, MAX_FRAME, SCHEMA_HASH, UNITS};
 
 const MS: u64 = 1_000_000;
 /// Friction at a pull of T newtons, both ways: measured law of the rig, in DAC counts.
 const COUNTS_PER_N: f64 = 282.22;
+/// Cable per encoder count, as in the built-in rig file: the counters count down while a reel winds in.
+const TRAVEL_NM: i32 = -4_229;
 
 const USAGE: &str = "\
 usage: agree --elf FILE --rig PROGRAM --renode-rig PROGRAM [--seed N]
@@ -107,7 +109,10 @@ fn scenario(program: &Path, elf: &Path, seed: &str) -> Result<RunLog, String> {
         let unit = u8::try_from(unit).unwrap_or(u8::MAX);
         m.request(&Command::StageConfig {
             unit,
-            config: Config::nominal(),
+            config: UnitConfig {
+                travel_nm_per_count: TRAVEL_NM,
+                ..Config::nominal()
+            },
         })?;
         m.until(560 + 10 * u64::from(unit))?;
     }
