@@ -1,7 +1,7 @@
 //! Logs as sequences: columns by name, units, checks, splits by trial.
 //!
-//! What is refused, with file and column: a column that is missing, a value or a time that is no number in a usable row, a trial
-//! that is no whole number, another rate, fewer rows than a second.
+//! What is refused, with file and column: a column that is missing, a value or a time that is not a number in a usable row, a trial
+//! that is not a whole number, another rate, fewer rows than a second.
 
 use crate::geometry::Base;
 pub use crate::mapping::{Mapping, Source};
@@ -164,7 +164,7 @@ pub fn read<'a>(
                 });
             }
         };
-        // So written, a time that is no number is a gap: comparisons with it are false.
+        // So written, a time that is not a number is a gap: comparisons with it are false.
         let follows = |last: f64| (t - last - found_s).abs() <= 0.5 * found_s;
         let broken = before.is_some_and(|(last, n)| n != number || !follows(last));
         if bad || broken {

@@ -35,7 +35,7 @@ pub enum DataError {
         /// What it is for.
         role: String,
     },
-    /// A value is no number.
+    /// A value is not a number.
     #[error("{file}: column `{column}` is {value} in row {row} (line {} of a CSV file, t = {time_s} s), which is marked as usable; mark such rows unusable or leave them out", .row + 1)]
     NotANumber {
         /// File.

@@ -50,9 +50,8 @@ fn shards_add_up_and_what_is_done_is_not_run_again() {
 /// What is done counts for the same program and seed only.
 #[test]
 fn outcomes_of_another_program_or_seed_are_not_taken_over() {
-    let folder = std::env::temp_dir().join(format!("faults-{}", std::process::id()));
-    std::fs::create_dir_all(&folder).unwrap();
-    let file = folder.join("seed-1.jsonl");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("seed-1.jsonl");
     let campaign = |seed, cases| Campaign {
         seed,
         cases,
@@ -75,8 +74,7 @@ fn outcomes_of_another_program_or_seed_are_not_taken_over() {
     std::fs::write(&file, format!("{other}\n{rest}")).unwrap();
     campaign(1, 1).run(&file).unwrap();
     assert_eq!(std::fs::read_to_string(&file).unwrap().lines().count(), 2);
-    assert!(folder.join("seed-1.jsonl.old").exists());
-    std::fs::remove_dir_all(&folder).unwrap();
+    assert!(folder.path().join("seed-1.jsonl.old").exists());
 }
 
 #[test]

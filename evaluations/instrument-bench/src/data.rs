@@ -187,7 +187,7 @@ fn cells(line: &str) -> Result<[f64; COLUMNS], String> {
             .parse()
             .ok()
             .filter(|value: &f64| value.is_finite())
-            .ok_or_else(|| format!("`{}` in column {} is no number", text.trim(), column + 1))?;
+            .ok_or_else(|| format!("`{}` in column {} is not a number", text.trim(), column + 1))?;
     }
     match parts.count() {
         0 => Ok(cells),

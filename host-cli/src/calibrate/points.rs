@@ -382,8 +382,8 @@ mod tests {
             told.contains("p.csv:21") && told.contains("--leave-out N"),
             "{told}"
         );
-        let mended = without_lines("p.csv", &text, &[21]).unwrap();
-        let found = find(&mended).unwrap();
+        let corrected = without_lines("p.csv", &text, &[21]).unwrap();
+        let found = find(&corrected).unwrap();
         assert!(found.residuals.iter().all(|r| r.at.line != 21));
         assert!(found.residuals.iter().any(|r| r.at.line == 22));
         let last = text.lines().count();
@@ -397,7 +397,7 @@ mod tests {
             );
         }
         assert!(without_lines("p.csv", &text, &[21, 21]).is_ok());
-        assert!(without_lines("p.csv", &mended, &[21]).is_err());
+        assert!(without_lines("p.csv", &corrected, &[21]).is_err());
     }
 
     #[test]

@@ -97,7 +97,7 @@ fn table(path: &Path) -> Result<Table, LoadError> {
     for record in reader.records() {
         let record = record.map_err(|e| failed(path, e))?;
         row.clear();
-        // Text is no number: it is refused where the column is used.
+        // Text is not a number: it is refused where the column is used.
         row.extend(
             record
                 .iter()
@@ -496,7 +496,7 @@ mod tests {
         assert_eq!(both.trials(), [1, 2]);
         let data = load(&log, &mapping(&map).unwrap(), 100.0, true).unwrap();
         assert!((data.sequences[0].input_row(0)[7] - 0.0005).abs() < 1e-9);
-        // A time that is no number, in the fifth row: without the word the same file is read.
+        // A time that is not a number, in the fifth row: without the word the same file is read.
         let broken = text.replacen("\n0.04,", "\nbroken,", 1);
         assert_ne!(broken, text);
         std::fs::write(&log, broken).unwrap();

@@ -2,7 +2,7 @@
 
 use wide::f64x4;
 
-/// Up to here the vector functions reduce an angle to a quarter turn without loss, rad. Beyond it, and for what is no number,
+/// Up to here the vector functions reduce an angle to a quarter turn without loss, rad. Beyond it, and for what is not a number,
 /// the standard library's are used.
 const LARGEST: f64 = 1e7;
 

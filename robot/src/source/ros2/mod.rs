@@ -115,7 +115,7 @@ fn domain(config: &Ros2Config) -> Result<u16, SourceError> {
         } else {
             Err(SourceError::Config {
                 key: "domain",
-                why: format!("{domain} is no number from 0 to {LAST_DOMAIN}"),
+                why: format!("{domain} is not a number from 0 to {LAST_DOMAIN}"),
             })
         };
     }
@@ -127,7 +127,9 @@ fn domain(config: &Ros2Config) -> Result<u16, SourceError> {
         .filter(|domain| *domain <= LAST_DOMAIN)
         .ok_or_else(|| SourceError::Config {
             key: "domain",
-            why: format!("ROS_DOMAIN_ID is `{text}`, which is no number from 0 to {LAST_DOMAIN}"),
+            why: format!(
+                "ROS_DOMAIN_ID is `{text}`, which is not a number from 0 to {LAST_DOMAIN}"
+            ),
         })
 }
 
