@@ -8,6 +8,8 @@ use control::{Config, Fault as F};
 
 /// What must come of an injection, or of two.
 pub struct Expected {
+    /// Start of the case: setpoints and the robot's motion.
+    pub base: u64,
     /// The first.
     pub first: I,
     /// The second, and when, in milliseconds.
@@ -24,6 +26,7 @@ pub struct Expected {
 
 const fn one(first: I, fault: F, within_ms: u32) -> Expected {
     Expected {
+        base: 0,
         first,
         second: None,
         fault: Some(fault),
@@ -64,6 +67,7 @@ pub const EXPECTED: &[Expected] = &[
     one(I::SetpointRange(0, 30_000_000), F::SetpointsExpired, 110),
     one(I::WrongDirections, F::TipForce, 60),
     Expected {
+        base: 0,
         first: I::DacLink,
         second: None,
         fault: Some(F::DacLink),
@@ -72,6 +76,7 @@ pub const EXPECTED: &[Expected] = &[
         at_most_n: TENSION_N,
     },
     Expected {
+        base: 0,
         first: I::DacStuck(3),
         second: Some((I::StopElsewhere, 5)),
         fault: Some(F::HostStop),
@@ -80,6 +85,7 @@ pub const EXPECTED: &[Expected] = &[
         at_most_n: TENSION_N,
     },
     Expected {
+        base: 0,
         first: I::EncoderFrozen(0),
         // From 3 to 10 N, more than friction lets a resting reel swing.
         second: Some((I::SetpointRange(0, 10_000_000), 100)),
@@ -89,6 +95,7 @@ pub const EXPECTED: &[Expected] = &[
         at_most_n: TENSION_N,
     },
     Expected {
+        base: 0,
         // The cell drifts to 2.4 N too much, which the whole band permits; the robot's motion makes the reel slide.
         first: I::Drift(5, 3.4),
         second: Some((I::RobotMoves, 250)),
@@ -99,6 +106,7 @@ pub const EXPECTED: &[Expected] = &[
     },
     // Without the encoder only the whole band is left, and the limit of the command bounds the pull until then.
     Expected {
+        base: 0,
         first: I::EncoderFrozen(0),
         second: Some((I::AmplifierOff(0), 5)),
         fault: Some(F::Implausible),
@@ -107,6 +115,7 @@ pub const EXPECTED: &[Expected] = &[
         at_most_n: TENSION_N,
     },
     Expected {
+        base: 0,
         first: I::EncoderFrozen(2),
         second: Some((I::OpenBridge(2), 5)),
         fault: Some(F::Implausible),
@@ -116,6 +125,7 @@ pub const EXPECTED: &[Expected] = &[
     },
     // Another unit's words pull a cable at 0 V whose load cell shows too little of it: the reel speeds up.
     Expected {
+        base: 0,
         first: I::Sensitivity(1, 0.18),
         second: Some((I::DacSelect(3, 1), 194)),
         fault: Some(F::Implausible),
@@ -123,8 +133,19 @@ pub const EXPECTED: &[Expected] = &[
         power_off: true,
         at_most_n: 9.0,
     },
+    // The same with a load cell that can be believed: the cable that is pulled again shows it too, but only after 75 ms.
+    Expected {
+        base: 1,
+        first: I::Extra(1),
+        second: Some((I::DacSelect(3, 1), 194)),
+        fault: Some(F::SensorFast),
+        within_ms: 150,
+        power_off: true,
+        at_most_n: 9.0,
+    },
     // A load cell that begins to read too little behind a stuck DAC says that the cable has let go.
     Expected {
+        base: 0,
         first: I::DacStuck(3),
         second: Some((I::OpenBridge(3), 5)),
         fault: Some(F::EncoderStill),
@@ -134,6 +155,7 @@ pub const EXPECTED: &[Expected] = &[
     },
     // Damage of the memory behind a stuck DAC: the tension cannot tell any more whether the cable lets go.
     Expected {
+        base: 0,
         first: I::DacStuck(4),
         second: Some((I::ConfigBit(4, 27), 190)),
         fault: Some(F::ConfigCrc),
@@ -142,6 +164,7 @@ pub const EXPECTED: &[Expected] = &[
         at_most_n: TENSION_N,
     },
     Expected {
+        base: 0,
         first: I::StatusElsewhere,
         second: None,
         fault: None,
@@ -158,7 +181,7 @@ pub const EXPECTED: &[Expected] = &[
 pub fn check(bases: &Bases) -> Result<(), String> {
     for expected in EXPECTED {
         let plan = Plan {
-            base: 0,
+            base: expected.base,
             first: expected.first,
             second: expected.second,
         };
