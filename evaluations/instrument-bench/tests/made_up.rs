@@ -162,13 +162,13 @@ fn what_is_not_there_or_broken_is_refused_with_its_place() {
             "01",
             "\n0.100,",
             "\nx,",
-            ":103: `x` in column 1 is no number",
+            ":103: `x` in column 1 is not a number",
         ),
         (
             "02",
             "\n0.100,",
             "\nNaN,",
-            ":103: `NaN` in column 1 is no number",
+            ":103: `NaN` in column 1 is not a number",
         ),
         (
             "03",
