@@ -6,7 +6,7 @@ use crate::effects::Param;
 use crate::error::Error;
 use crate::figures::interval;
 use crate::model::{Chosen, Model, Projector};
-use crate::problem::{Column, Problem, Sums};
+use crate::problem::{half_step, Column, Problem, Sums};
 use crate::scan::bracket;
 use crate::search::Search;
 use crate::stats::{self, Rng};
@@ -79,6 +79,15 @@ pub(crate) fn parameters(
     if own.local {
         own.common_amplitude(&mut params)?;
         return Ok((params, Intervals::new()));
+    }
+    if chosen[index].variant.observed {
+        // It was read off the target, to its resolution.
+        let of = |q: &Param| {
+            let half = half_step(&search.problem.y, q.value);
+            (q.name.clone(), [q.value - half, q.value + half])
+        };
+        let intervals = params.iter().map(of).collect();
+        return Ok((params, intervals));
     }
     let points = own.points(first)?;
     let replicates: Vec<Vec<Vec<Param>>> = STRETCHES
