@@ -24,6 +24,8 @@ FAULTS = {"E-stop": 1, "setpoints expired": 2, "host stop": 3, "I2C bus stuck": 
           "0 V has no effect": 15, "register changed": 18, "over-tension": 32, "sensor silent": 33,
           "sensor too slow": 34, "sensor too fast": 35, "bring-up failed": 36, "ADC saturated": 37,
           "sensor reads": 41, "encoder stands still": 42}
+I2C1 = 0x40005400
+SPI1 = 0x40013000
 NOMINAL_SCALE_PN = 6_850_000
 NOMINAL_TRAVEL_NM = -4_229
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -300,6 +302,100 @@ class ForceBoard:
         for address in found:
             self.run("rig FlipBit %s 4" % address)
 
+    # Registers from outside, with the core halted
+
+    def poke(self, address, value):
+        self.run("sysbus WriteDoubleWord 0x%X 0x%X" % (int(str(address), 0), int(str(value), 0)))
+
+    def peek(self, address):
+        return int(self.run("sysbus ReadDoubleWord 0x%X" % int(str(address), 0)).strip(), 0)
+
+    def halt_core_and_take_i2c1(self):
+        """PB8 and PB9 belong to I2C1, which is on: 64 MHz, 400 kHz but for the filters."""
+        self.run("cpu IsHalted true")
+        self.poke(0x58020400, 0xFFFAFEBF)
+        self.poke(0x58020404, 0x300)
+        self.poke(0x58020424, 0x44)
+        self.poke(I2C1 + 0x10, 0x00002A45)
+        self.poke(I2C1, 1)
+
+    def _i2c_wait(self, mask, what):
+        for _ in range(200):
+            flags = self.peek(I2C1 + 0x18)
+            if flags & mask:
+                return flags
+            self.advance(0.01)
+        raise AssertionError("I2C1: no %s, ISR 0x%X" % (what, flags))
+
+    def _i2c_begin(self, address, read, count, auto_end):
+        self.poke(I2C1 + 0x1C, 0x3F38)
+        self.poke(I2C1 + 0x04, int(str(address), 0) << 1 | read << 10 | 1 << 13 | count << 16 | auto_end << 25)
+
+    def i2c_write(self, address, digits, auto_end=True):
+        """Writes bytes, all of which must be acknowledged."""
+        data = bytes.fromhex(digits)
+        self._i2c_begin(address, False, len(data), auto_end)
+        for byte in data:
+            flags = self._i2c_wait(1 << 1 | 1 << 4, "TXIS")
+            if flags & 1 << 4:
+                raise AssertionError("NACK from %s" % address)
+            self.poke(I2C1 + 0x28, byte)
+        self._i2c_wait(1 << 5 if auto_end else 1 << 6, "end of the transfer")
+
+    def i2c_should_read(self, address, pointer, expected):
+        """Writes the pointer where there is one, then, after a repeated START, reads."""
+        if pointer:
+            self.i2c_write(address, pointer, auto_end=False)
+        count = len(expected) // 2
+        self._i2c_begin(address, True, count, True)
+        got = b""
+        for _ in range(count):
+            flags = self._i2c_wait(1 << 2 | 1 << 4, "RXNE")
+            if flags & 1 << 4:
+                raise AssertionError("NACK from %s" % address)
+            got += bytes([self.peek(I2C1 + 0x24)])
+        self._i2c_wait(1 << 5, "STOPF")
+        if got != bytes.fromhex(expected):
+            raise AssertionError("%s answers %s, expected %s" % (address, got.hex(), expected))
+
+    def i2c_should_not_answer(self, address):
+        self._i2c_begin(address, False, 0, True)
+        flags = self._i2c_wait(1 << 5, "STOPF")
+        if not flags & 1 << 4:
+            raise AssertionError("%s acknowledges" % address)
+
+    def halt_core_and_take_spi1(self):
+        """PA5 and PB5 belong to SPI1, which is master, full duplex, 16 bits, mode 3, clocked by the HSI."""
+        self.run("cpu IsHalted true")
+        self.poke(0x58020000, 0xABFFFBFF)
+        self.poke(0x58020020, 5 << 20)
+        self.poke(0x58020400, 0xFFFFFABF)
+        self.poke(0x58020420, 5 << 20)
+        # CKPER, which is the HSI.
+        self.poke(0x58024450, 4 << 12)
+        self.poke(SPI1, 1 << 12)
+        self.poke(SPI1 + 0x08, 1 << 28 | 15)
+        self.poke(SPI1 + 0x0C, 1 << 22 | 3 << 24 | 1 << 26)
+
+    def spi_exchange(self, word):
+        self.poke(SPI1 + 0x04, 1)
+        self.poke(SPI1, 1 << 12 | 1)
+        self.poke(SPI1 + 0x20, word)
+        self.poke(SPI1, 1 << 12 | 1 << 9 | 1)
+        self.advance(0.1)
+        status = self.peek(SPI1 + 0x14)
+        if not status & 1 << 3:
+            raise AssertionError("SPI1: no EOT, SR 0x%X" % status)
+        answer = self.peek(SPI1 + 0x30)
+        self.poke(SPI1 + 0x18, 0xFF8)
+        self.poke(SPI1, 1 << 12)
+        return answer
+
+    def led_should_be(self, name, state):
+        found = self.run("%sLED State" % name).strip()
+        if found != ("True" if state == "on" else "False"):
+            raise AssertionError("the %s LED is %s" % (name, found))
+
     # Looking at it
 
     def board_state_should_be(self, name):
@@ -337,7 +433,7 @@ class ForceBoard:
                 raise AssertionError("DAC of unit %s stands at 0 V" % unit)
 
     def dac_code(self, unit):
-        return int(self.run("dacs Code %s" % unit).strip(), 0)
+        return int(self.run("dac%s Code" % unit).strip(), 0)
 
     def true_tension(self, unit):
         return float(self.run("rig Tension %s" % unit).strip().replace(",", "."))
