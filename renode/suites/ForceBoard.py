@@ -241,6 +241,11 @@ class ForceBoard:
         self.line = "usbHost"
         self.discard_input()
 
+    def use_serial(self):
+        """From here on the suite talks to the board by USART3."""
+        self.line = "serial"
+        self.discard_input()
+
     def discard_input(self):
         """Forgets what came by now, and a frame that was cut off."""
         self.run("%s Take" % self.line)
@@ -261,15 +266,39 @@ class ForceBoard:
     def descriptor(self, name):
         return list(bytes.fromhex(self.run("usbHost Descriptor \"%s\"" % name).strip()))
 
-    def control_transfer_should_end(self, pattern, kind, request, value, index, length):
-        self.run("usbHost Request %s %s %s %s %s" % (kind, request, value, index, length))
-        for _ in range(50):
+    def control_transfer_should_end(self, pattern, kind, request, value, index, length, data="", abandon=-1):
+        """`data` for the device need not be as long as the `length` in the request. `abandon`: bytes after which the host stops."""
+        self.run("usbHost Request %s %s %s %s %s \"%s\" %s" % (kind, request, value, index, length, data, abandon))
+        for _ in range(100):
             self.advance(2)
             answer = self.run("usbHost Answer").strip()
             if answer:
-                BuiltIn().should_match(answer, pattern)
+                BuiltIn().should_match_regexp(answer, "^(%s)$" % pattern)
+                return answer
+        raise AssertionError("the control transfer %s is not over after 200 ms" % request)
+
+    def send_in_packets(self, command, size):
+        """A command in packets of `size` bytes, with an empty packet before each and at the end. The board must answer."""
+        self.seq = self.seq + 1 & 0xFFFF
+        frame = wire.encode_command(self.seq, command, b"")
+        size = int(size)
+        for at in range(0, len(frame), size):
+            self.run('usbHost SendPacket ""')
+            self.run('usbHost SendPacket "%s"' % frame[at:at + size].hex())
+        self.run('usbHost SendPacket ""')
+        for _ in range(50):
+            self.advance(2)
+            if any(reply["seq"] == self.seq for reply in self.replies):
                 return
-        raise AssertionError("the control transfer %s is not over after 100 ms" % request)
+        raise AssertionError("no response to %s in packets of %d bytes" % (command, size))
+
+    def path_from_drdy_to_dac(self, during):
+        """Median, 99th percentile and largest of the time from DRDY to the output, at the devices, since `Forget Samples`."""
+        all_ns = sorted(int(n) for unit in range(1, wire.UNITS + 1) for n in self.run("rig LatenciesNs %d" % unit).split())
+        path = statistics.median(all_ns) / 1000, all_ns[len(all_ns) * 99 // 100] / 1000, all_ns[-1] / 1000
+        logger.info("DRDY to DAC, %s: %.1f, %.1f, %.1f us (median, 99th percentile, largest of %d)" % ((during,) + path + (len(all_ns),)),
+                    also_console=True)
+        return path
 
     def samples_should_be_complete(self, milliseconds):
         """Since `Forget Samples` every conversion has come, but for the last ones on their way."""
