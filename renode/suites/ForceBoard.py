@@ -50,6 +50,7 @@ class ForceBoard:
         self.tensions = [0.0] * wire.UNITS
         self.holding = False
         self.hello = None
+        self.peer = None
 
     # The emulation
 
@@ -215,6 +216,7 @@ class ForceBoard:
                     out = process.communicate(timeout=900)[0]
                 finally:
                     process.kill()
+                    self.run("server Disconnect")
                 err.seek(0)
                 logger.info(err.read())
         logger.info(out)
@@ -222,6 +224,20 @@ class ForceBoard:
         if "error" in figures:
             raise AssertionError("forcectl: %s" % figures["error"])
         return figures
+
+    def begin_step(self, milliseconds):
+        """Another program moves the emulation, and is in the middle of a step."""
+        with socket.socket() as listener:
+            listener.bind(("127.0.0.1", 0))
+            listener.listen(1)
+            self.run("server Connect %d" % listener.getsockname()[1])
+            self.peer = listener.accept()[0]
+        stream = self.peer.makefile("rw")
+        if not stream.readline().startswith("ready"):
+            raise AssertionError("the server is not ready")
+        stream.write("advance %d\n" % (int(milliseconds) * 1000000))
+        stream.flush()
+        time.sleep(0.4)
 
     def _connect_server(self, port, process):
         for _ in range(100):
