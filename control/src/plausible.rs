@@ -71,8 +71,9 @@ pub const SLIDING_IMPULSE: Newton = Newton::from_un(10_000_000);
 /// Mean travel of a sample from which a reel counts as sliding, in nanometres: 1 mm/s. Less may be presliding.
 const SLIDING_NM: i32 = 3_125;
 
-/// Travel of a sample that enters the mean at most, in nanometres: 1 m/s.
-const SLIDING_CLAMP_NM: i32 = 3_125_000;
+/// Travel of a sample that enters the mean at most, in nanometres: 4 mm/s. So a reel that stops counts as sliding for
+/// 35 ms, however fast it was.
+const SLIDING_CLAMP_NM: i32 = 4 * SLIDING_NM;
 
 /// How fast the mean of the travel follows, 1/8 a sample (25 ms).
 const SLIDING_SHIFT: u32 = 3;
@@ -106,6 +107,8 @@ pub struct Watch {
     above: Difference,
     /// Mean travel of a sample, in nanometres times 8.
     sliding_nm_x8: i32,
+    /// Travel of the last sample in nanometres, clamped.
+    last_nm: i32,
     sliding_below: Difference,
     sliding_above: Difference,
     surge: Surge,
@@ -267,6 +270,9 @@ impl Watch {
         let travel_nm = output.travel_nm.clamp(-SLIDING_CLAMP_NM, SLIDING_CLAMP_NM);
         self.sliding_nm_x8 += travel_nm - (self.sliding_nm_x8 >> SLIDING_SHIFT);
         let mean_nm = self.sliding_nm_x8 >> SLIDING_SHIFT;
+        // Two samples: at the slowest speed that counts, some samples have no step of the encoder.
+        let moves = (travel_nm + self.last_nm).signum() == mean_nm.signum();
+        self.last_nm = travel_nm;
         let edge = |command| {
             if mean_nm > 0 {
                 config.friction.least(command)
@@ -277,6 +283,10 @@ impl Watch {
         if mean_nm.abs() < SLIDING_NM {
             self.sliding_below = Difference::default();
             self.sliding_above = Difference::default();
+            return None;
+        }
+        // A reel that has just come to rest has any tension of the band.
+        if !moves {
             return None;
         }
         let plausible = i64::from(config.plausible.to_bits());

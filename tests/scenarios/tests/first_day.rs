@@ -11,6 +11,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
+/// Time without a word of a command.
 const LIMIT: Duration = Duration::from_secs(900);
 
 fn page() -> String {
@@ -115,11 +116,17 @@ impl Day {
     }
 
     fn wait(&self, what: &str, log: &Path, mut done: impl FnMut(&Self, &str) -> bool) {
-        let until = Instant::now() + LIMIT;
+        let mut until = Instant::now() + LIMIT;
+        let mut seen = 0;
         loop {
             let text = std::fs::read_to_string(log).unwrap_or_default();
             if done(self, &text) {
                 return;
+            }
+            // A command that still reports its progress is slow, not stuck.
+            if text.len() != seen {
+                seen = text.len();
+                until = Instant::now() + LIMIT;
             }
             assert!(Instant::now() < until, "{what}: {text}");
             std::thread::sleep(Duration::from_millis(100));
