@@ -55,7 +55,11 @@ impl Effect for DriftTemperature {
             let text = format!("(temperature - {mid}) * {}", ctx.load);
             out.push(Variant::linear(
                 "of gain",
-                vec![Piece::new("gain_per_degree", ratio("1", &k), text)],
+                vec![
+                    Piece::new("gain_per_degree", ratio("1", &k), text),
+                    // Nor is the temperature of the right gain known.
+                    Piece::new("gain_error_at_mid_range", "1", ctx.load.clone()),
+                ],
             ));
         }
         let grid = Context::log_grid(20.0 * ctx.dt, ctx.span, 8);

@@ -51,6 +51,9 @@ impl Effect for PeriodicAngle {
     }
 }
 
+/// Share of the moving rows that have to turn slowly enough for an order.
+const SLOW_SHARE: f64 = 0.05;
+
 /// An angle that turns far enough to show a ripple.
 struct Angle<'a> {
     ctx: &'a Context<'a>,
@@ -79,7 +82,8 @@ impl<'a> Angle<'a> {
             radians,
             turns,
             turns_of: angle.iter().map(|a| a / TAU).collect(),
-            highest: 400.0f64.min(spectrum::highest_frequency(ctx.problem, &angle) * TAU),
+            highest: 400.0f64
+                .min(spectrum::highest_frequency(ctx.problem, &angle, SLOW_SHARE) * TAU),
         })
     }
 

@@ -4,16 +4,21 @@ use super::Context;
 use crate::problem::Problem;
 use rustfft::{num_complex::Complex, FftPlanner};
 
-/// Highest frequency (cycles per unit of `u`) that rows this far apart can carry: half the inverse
-/// of the median step.
-pub(crate) fn highest_frequency(p: &Problem, u: &[f64]) -> f64 {
+/// Highest frequency (cycles per unit of `u`) that rows this far apart can carry: half the inverse of the step that
+/// `share` of the steps are below. 0.5 is right for steps that are all alike. Where the steps differ, as those of an angle
+/// that turns at changing speed, the small ones carry what is too fast for the median, and no alias fits them.
+pub(crate) fn highest_frequency(p: &Problem, u: &[f64], share: f64) -> f64 {
     let mut steps: Vec<f64> = p
         .blocks
         .iter()
         .flat_map(|b| u[b.range.clone()].windows(2).map(|w| (w[1] - w[0]).abs()))
         .filter(|d| *d > 0.0)
         .collect();
-    crate::stats::median(&mut steps).map_or(0.0, |m| 0.5 / m)
+    if steps.is_empty() {
+        return 0.0;
+    }
+    steps.sort_by(f64::total_cmp);
+    0.5 / crate::stats::quantile_sorted(&steps, share)
 }
 
 /// How often the power of a line exceeds the median around it. The highest of a few hundred random peaks

@@ -27,7 +27,7 @@ impl Effect for Tone {
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let time = ctx.values("time");
-        let highest = spectrum::highest_frequency(ctx.problem, &time);
+        let highest = spectrum::highest_frequency(ctx.problem, &time, 0.5);
         let lowest = (5.0 / ctx.span).min(0.2 * highest);
         let inputs: Vec<Vec<f64>> = ctx
             .velocity
