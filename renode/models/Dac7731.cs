@@ -1,25 +1,22 @@
-// Six TI DAC7731 on one SPI, each with its select; LDAC and RST are common. Strapped to +-10 V and to mid-scale on RST.
+// TI DAC7731 on SPI, with a select of its own; LDAC and RST are common to six. Strapped to +-10 V and to mid-scale on RST.
 
 using Antmicro.Renode.Core;
 using Antmicro.Renode.Logging;
 
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
-    /// Inputs: 0 to 5 CS of units 1 to 6 (active low), 6 LDAC (update on the rising edge), 7 RST (active low).
-    public class Dac7731 : IPeripheral, ISpiTarget, IGPIOReceiver
+    /// Inputs: 0 CS (active low), 1 LDAC (update on the rising edge), 2 RST (active low).
+    public class Dac7731 : ISpiChip, IGPIOReceiver
     {
-        public Dac7731(IMachine machine, Rig rig)
+        /// `unit` from 1.
+        public Dac7731(IMachine machine, Rig rig, int unit)
         {
             this.rig = rig;
+            this.unit = Rig.Index(unit);
             time = new VirtualTime(machine);
-            for(var unit = 0; unit < Rig.Units; unit++)
-            {
-                shift[unit] = input[unit] = output[unit] = MidScale;
-                highSelect[unit] = true;
-            }
         }
 
-        /// A reset of the board does not reach these parts: they hold their outputs.
+        /// A reset of the board does not reach this part: it holds its output.
         public void Reset()
         {
         }
@@ -27,101 +24,104 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         public void Frame(uint word, int bits, bool idleHigh, bool secondEdge)
         {
             clockIdlesHigh = idleHigh;
+            if(highSelect)
+            {
+                return;
+            }
             if(idleHigh != secondEdge)
             {
                 // Data changes on the rising edge, which is the one that this part samples.
                 this.Log(LogLevel.Warning, "SPI mode {0}: the word is sampled on the wrong edge", (idleHigh ? 2 : 0) + (secondEdge ? 1 : 0));
                 word <<= 1;
             }
-            for(var unit = 0; unit < Rig.Units; unit++)
-            {
-                if(!highSelect[unit])
-                {
-                    shift[unit] = shift[unit] << bits | word;
-                    shifted[unit] += bits;
-                }
-            }
+            shift = shift << bits | word;
+            shifted += bits;
+        }
+
+        /// Renode's interface: a byte in mode 3. SDO is not modelled.
+        public byte Transmit(byte data)
+        {
+            Frame(data, 8, true, true);
+            return 0;
+        }
+
+        public void FinishTransmission()
+        {
         }
 
         public void OnGPIO(int number, bool value)
         {
-            if(number < Rig.Units)
+            switch(number)
             {
-                Select(number, value);
-            }
-            else if(number == 6)
-            {
+            case 0:
+                Select(value);
+                break;
+            case 1:
                 if(value && !loadLevel && !inReset)
                 {
                     Update();
                 }
                 loadLevel = value;
-            }
-            else
-            {
+                break;
+            case 2:
                 inReset = !value;
                 if(inReset)
                 {
-                    for(var unit = 0; unit < Rig.Units; unit++)
-                    {
-                        input[unit] = MidScale;
-                        Output(unit, MidScale);
-                    }
+                    input = MidScale;
+                    Output(MidScale);
                 }
+                break;
+            default:
+                this.Log(LogLevel.Error, "input {0} is not there", number);
+                break;
             }
         }
 
-        /// Code at the output of `unit`, from 1.
-        public uint Code(int unit)
-        {
-            return output[Rig.Index(unit)];
-        }
+        /// Code at the output.
+        public uint Code { get { return output; } }
 
-        private void Select(int unit, bool high)
+        private void Select(bool high)
         {
-            if(high && !highSelect[unit])
+            if(high && !highSelect)
             {
                 if(!clockIdlesHigh)
                 {
                     // CS rises while SCLK is low: one more bit is shifted (data sheet, "Serial interface").
-                    shift[unit] <<= 1;
-                    shifted[unit]++;
+                    shift <<= 1;
+                    shifted++;
                 }
-                if(shifted[unit] != 0 && shifted[unit] != 16)
+                if(shifted != 0 && shifted != 16)
                 {
-                    this.Log(LogLevel.Warning, "unit {0}: {1} bits between the edges of CS", unit + 1, shifted[unit]);
+                    this.Log(LogLevel.Warning, "{0} bits between the edges of CS", shifted);
                 }
-                if(shifted[unit] != 0)
+                if(shifted != 0)
                 {
-                    input[unit] = shift[unit] & 0xFFFF;
-                    fresh[unit] = true;
+                    input = shift & 0xFFFF;
+                    fresh = true;
                 }
             }
             else if(!high)
             {
-                shifted[unit] = 0;
+                shifted = 0;
             }
-            highSelect[unit] = high;
+            highSelect = high;
         }
 
         private void Update()
         {
-            for(var unit = 0; unit < Rig.Units; unit++)
+            if(fresh)
             {
-                if(fresh[unit])
-                {
-                    fresh[unit] = false;
-                    Output(unit, input[unit]);
-                    rig.NoteUpdate(unit, input[unit], time.Now);
-                }
+                fresh = false;
+                Output(input);
+                rig.NoteUpdate(unit, input, time.Now);
             }
         }
 
-        private void Output(int unit, uint code)
+        private void Output(uint code)
         {
-            if(output[unit] != code)
+            if(output != code)
             {
-                output[unit] = code;
+                output = code;
                 rig.SetVolts(unit, 10.0 * ((int)code - (int)MidScale) / 32768.0, time.Now);
             }
         }
@@ -129,15 +129,16 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private bool clockIdlesHigh = true;
         private bool loadLevel = true;
         private bool inReset;
+        private bool highSelect = true;
+        private bool fresh;
+        private uint shift = MidScale;
+        private uint input = MidScale;
+        private uint output = MidScale;
+        private int shifted;
 
+        private readonly int unit;
         private readonly Rig rig;
         private readonly VirtualTime time;
-        private readonly uint[] shift = new uint[Rig.Units];
-        private readonly uint[] input = new uint[Rig.Units];
-        private readonly uint[] output = new uint[Rig.Units];
-        private readonly int[] shifted = new int[Rig.Units];
-        private readonly bool[] highSelect = new bool[Rig.Units];
-        private readonly bool[] fresh = new bool[Rig.Units];
 
         private const uint MidScale = 0x8000;
     }

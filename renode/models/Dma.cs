@@ -6,17 +6,17 @@
 using System.Collections.Generic;
 using System.Collections.ObjectModel;
 using Antmicro.Renode.Core;
+using Antmicro.Renode.Core.Structure.Registers;
 using Antmicro.Renode.Logging;
 using Antmicro.Renode.Peripherals.Bus;
 
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
     /// Inputs: the request of each stream, from the multiplexer. Outputs: each stream's interrupt.
-    public class Dma : IDoubleWordPeripheral, IKnownSize, IGPIOReceiver, INumberedGPIOOutput
+    public class Dma : BasicDoubleWordPeripheral, IKnownSize, IGPIOReceiver, INumberedGPIOOutput
     {
-        public Dma(IMachine machine)
+        public Dma(IMachine machine) : base(machine)
         {
-            this.machine = machine;
             var connections = new Dictionary<int, IGPIO>();
             for(var n = 0; n < Streams; n++)
             {
@@ -24,15 +24,17 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 streams[n] = new Stream();
             }
             Connections = new ReadOnlyDictionary<int, IGPIO>(connections);
+            DefineRegisters();
             Reset();
         }
 
-        public void Reset()
+        public override void Reset()
         {
+            base.Reset();
             for(var n = 0; n < Streams; n++)
             {
-                var requested = streams[n].Requested;
-                streams[n] = new Stream { Requested = requested, Fifo = 0x21 };
+                streams[n].Total = streams[n].Done = streams[n].Flags = 0;
+                streams[n].Serving = false;
                 Connections[n].Unset();
             }
         }
@@ -46,102 +48,87 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
         }
 
-        public uint ReadDoubleWord(long offset)
+        public override void WriteDoubleWord(long offset, uint value)
         {
-            if(offset < 8)
-            {
-                var value = 0u;
-                for(var n = 0; n < 4; n++)
-                {
-                    value |= streams[(int)offset + n].Flags << Shift[n];
-                }
-                return value;
-            }
-            var stream = At(offset);
-            if(stream == null)
-            {
-                return 0;
-            }
-            switch((offset - 0x10) % 0x18)
-            {
-            case 0x00:
-                return stream.Control;
-            case 0x04:
-                return stream.Left;
-            case 0x08:
-                return stream.Peripheral;
-            case 0x0C:
-                return stream.Memory;
-            case 0x10:
-                return stream.Memory1;
-            default:
-                return stream.Fifo;
-            }
-        }
-
-        public void WriteDoubleWord(long offset, uint value)
-        {
-            if(offset == 8 || offset == 12)
-            {
-                for(var n = 0; n < 4; n++)
-                {
-                    var index = (int)(offset - 8) + n;
-                    streams[index].Flags &= ~(value >> Shift[n] & 0x3D);
-                    UpdateInterrupt(index);
-                }
-                return;
-            }
-            var stream = At(offset);
-            if(stream == null)
-            {
-                this.Log(LogLevel.Warning, "unhandled write at offset 0x{0:X}, value 0x{1:X}", offset, value);
-                return;
-            }
-            var register = (offset - 0x10) % 0x18;
-            if(register != 0 && (stream.Control & 1) != 0)
+            var at = offset - (long)Registers.S0CR;
+            var stream = at >= 0 && at / StreamBytes < Streams ? streams[at / StreamBytes] : null;
+            if(stream != null && at % StreamBytes != 0 && stream.Enabled.Value)
             {
                 this.Log(LogLevel.Warning, "register at offset 0x{0:X} written while its stream is enabled: ignored", offset);
                 return;
             }
-            switch(register)
-            {
-            case 0x00:
-                WriteControl((int)(offset - 0x10) / 0x18, value);
-                break;
-            case 0x04:
-                stream.Left = value & 0xFFFF;
-                break;
-            case 0x08:
-                stream.Peripheral = value;
-                break;
-            case 0x0C:
-                stream.Memory = value;
-                break;
-            case 0x10:
-                stream.Memory1 = value;
-                break;
-            default:
-                stream.Fifo = value;
-                break;
-            }
+            base.WriteDoubleWord(offset, value);
         }
 
         public long Size { get { return 0x400; } }
 
         public IReadOnlyDictionary<int, IGPIO> Connections { get; private set; }
 
-        private Stream At(long offset)
+        private void DefineRegisters()
         {
-            var index = (offset - 0x10) / 0x18;
-            return offset >= 0x10 && index < Streams ? streams[index] : null;
+            Registers.LISR.DefineMany(this, 2, (register, half) => register
+                .WithValueField(0, 32, FieldMode.Read, valueProviderCallback: _ => Flags(4 * half), name: "FEIF, DMEIF, TEIF, HTIF, TCIF"));
+            Registers.LIFCR.DefineMany(this, 2, (register, half) => register
+                .WithValueField(0, 32, FieldMode.Write, writeCallback: (_, value) => ClearFlags(4 * half, (uint)value), name: "CFEIF, CDMEIF, CTEIF, CHTIF, CTCIF"));
+            Registers.S0CR.DefineMany(this, Streams, (register, n) => register
+                .WithFlag(0, out streams[n].Enabled, name: "EN")
+                .WithFlag(1, out streams[n].DirectModeErrorEnable, name: "DMEIE")
+                .WithFlag(2, out streams[n].FailedEnable, name: "TEIE")
+                .WithFlag(3, out streams[n].HalfEnable, name: "HTIE")
+                .WithFlag(4, out streams[n].CompleteEnable, name: "TCIE")
+                .WithFlag(5, name: "PFCTRL")
+                .WithValueField(6, 2, out streams[n].Direction, name: "DIR")
+                .WithFlag(8, out streams[n].Circular, name: "CIRC")
+                .WithFlag(9, out streams[n].PeripheralGoesOn, name: "PINC")
+                .WithFlag(10, out streams[n].MemoryGoesOn, name: "MINC")
+                .WithValueField(11, 2, out streams[n].Width, name: "PSIZE")
+                .WithValueField(13, 2, name: "MSIZE")
+                .WithFlag(15, name: "PINCOS")
+                .WithValueField(16, 2, name: "PL")
+                .WithFlag(18, out streams[n].DoubleBuffer, name: "DBM")
+                .WithFlag(19, name: "CT")
+                .WithFlag(20, out streams[n].Bufferable, name: "TRBUFF")
+                .WithValueField(21, 2, name: "PBURST")
+                .WithValueField(23, 2, name: "MBURST")
+                .WithWriteCallback((before, _) => ControlWritten(n, (before & 1) != 0)), StreamBytes);
+            Registers.S0NDTR.DefineMany(this, Streams, (register, n) => register
+                .WithValueField(0, 16, out streams[n].Left, name: "NDT"), StreamBytes);
+            Registers.S0PAR.DefineMany(this, Streams, (register, n) => register
+                .WithValueField(0, 32, out streams[n].Peripheral, name: "PAR"), StreamBytes);
+            Registers.S0M0AR.DefineMany(this, Streams, (register, n) => register
+                .WithValueField(0, 32, out streams[n].Memory, name: "M0A"), StreamBytes);
+            Registers.S0M1AR.DefineMany(this, Streams, (register, n) => register
+                .WithValueField(0, 32, name: "M1A"), StreamBytes);
+            Registers.S0FCR.DefineMany(this, Streams, (register, n) => register
+                .WithValueField(0, 2, name: "FTH")
+                .WithFlag(2, name: "DMDIS")
+                .WithValueField(3, 3, FieldMode.Read, name: "FS")
+                .WithFlag(7, name: "FEIE"), StreamBytes, resetValue: 0x21);
         }
 
-        private void WriteControl(int index, uint value)
+        private uint Flags(int first)
+        {
+            var value = 0u;
+            for(var n = 0; n < 4; n++)
+            {
+                value |= streams[first + n].Flags << Shift[n];
+            }
+            return value;
+        }
+
+        private void ClearFlags(int first, uint value)
+        {
+            for(var n = 0; n < 4; n++)
+            {
+                streams[first + n].Flags &= ~(value >> Shift[n] & 0x3D);
+                UpdateInterrupt(first + n);
+            }
+        }
+
+        private void ControlWritten(int index, bool wasOn)
         {
             var stream = streams[index];
-            var wasOn = (stream.Control & 1) != 0;
-            stream.Control = value;
-            if((value & 1) == 0)
+            if(!stream.Enabled.Value)
             {
                 if(wasOn)
                 {
@@ -151,18 +138,18 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
             else if(!wasOn)
             {
-                stream.Total = stream.Left;
+                stream.Total = (uint)stream.Left.Value;
                 stream.Done = 0;
-                if((value >> 6 & 3) > 1 || (value & 1u << 18) != 0)
+                if(stream.Direction.Value > 1 || stream.DoubleBuffer.Value)
                 {
                     this.Log(LogLevel.Warning, "stream {0}: memory to memory and double buffer are not modelled", index);
-                    stream.Control &= ~1u;
+                    stream.Enabled.Value = false;
                 }
-                if(IsUsart(stream.Peripheral) && (value & 1u << 20) == 0)
+                if(IsUsart((uint)stream.Peripheral.Value) && !stream.Bufferable.Value)
                 {
                     // Without bufferable transfers a concurrent transfer can lock the stream (RM0433 15.5.5, ES0392 2.20.4).
                     this.Log(LogLevel.Warning, "stream {0}: a USART's request needs TRBUFF: not enabled", index);
-                    stream.Control &= ~1u;
+                    stream.Enabled.Value = false;
                 }
                 Serve(index);
             }
@@ -177,7 +164,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 return;
             }
             stream.Serving = true;
-            while(stream.Requested && (stream.Control & 1) != 0 && stream.Left > 0)
+            while(stream.Requested && stream.Enabled.Value && stream.Left.Value > 0)
             {
                 Move(index, stream);
             }
@@ -187,18 +174,18 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private void Move(int index, Stream stream)
         {
-            var bytes = 1u << (int)(stream.Control >> 11 & 3);
-            var peripheral = stream.Peripheral + ((stream.Control & 1u << 9) != 0 ? stream.Done * bytes : 0);
-            var memory = stream.Memory + ((stream.Control & 1u << 10) != 0 ? stream.Done * bytes : 0);
+            var bytes = 1u << (int)stream.Width.Value;
+            var peripheral = (uint)stream.Peripheral.Value + (stream.PeripheralGoesOn.Value ? stream.Done * bytes : 0);
+            var memory = (uint)stream.Memory.Value + (stream.MemoryGoesOn.Value ? stream.Done * bytes : 0);
             if(IsTightlyCoupled(memory))
             {
                 // DMA1 has no way to the tightly coupled memories (RM0433 2.1, bus matrix).
                 this.Log(LogLevel.Warning, "stream {0}: address 0x{1:X8} is in tightly coupled memory", index, memory);
                 stream.Flags |= Failed;
-                stream.Control &= ~1u;
+                stream.Enabled.Value = false;
                 return;
             }
-            if((stream.Control >> 6 & 3) == 0)
+            if(stream.Direction.Value == 0)
             {
                 Write(memory, Read(peripheral, bytes), bytes);
             }
@@ -207,22 +194,22 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 Write(peripheral, Read(memory, bytes), bytes);
             }
             stream.Done++;
-            stream.Left--;
-            if(stream.Left == stream.Total / 2)
+            stream.Left.Value--;
+            if(stream.Left.Value == stream.Total / 2)
             {
                 stream.Flags |= Half;
             }
-            if(stream.Left == 0)
+            if(stream.Left.Value == 0)
             {
                 stream.Flags |= Complete;
-                if((stream.Control & 1u << 8) != 0)
+                if(stream.Circular.Value)
                 {
-                    stream.Left = stream.Total;
+                    stream.Left.Value = stream.Total;
                     stream.Done = 0;
                 }
                 else
                 {
-                    stream.Control &= ~1u;
+                    stream.Enabled.Value = false;
                 }
             }
         }
@@ -241,57 +228,81 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private uint Read(uint address, uint bytes)
         {
-            var bus = machine.SystemBus;
-            return bytes == 1 ? bus.ReadByte(address) : bytes == 2 ? bus.ReadWord(address) : bus.ReadDoubleWord(address);
+            return bytes == 1 ? sysbus.ReadByte(address) : bytes == 2 ? sysbus.ReadWord(address) : sysbus.ReadDoubleWord(address);
         }
 
         private void Write(uint address, uint value, uint bytes)
         {
-            var bus = machine.SystemBus;
             if(bytes == 1)
             {
-                bus.WriteByte(address, (byte)value);
+                sysbus.WriteByte(address, (byte)value);
             }
             else if(bytes == 2)
             {
-                bus.WriteWord(address, (ushort)value);
+                sysbus.WriteWord(address, (ushort)value);
             }
             else
             {
-                bus.WriteDoubleWord(address, value);
+                sysbus.WriteDoubleWord(address, value);
             }
         }
 
         private void UpdateInterrupt(int index)
         {
             var stream = streams[index];
-            // DMEIE, TEIE, HTIE, TCIE sit one place below their flags.
-            Connections[index].Set((stream.Flags & stream.Control << 1 & 0x3C) != 0);
+            Connections[index].Set((stream.Flags & DirectModeError) != 0 && stream.DirectModeErrorEnable.Value
+                || (stream.Flags & Failed) != 0 && stream.FailedEnable.Value
+                || (stream.Flags & Half) != 0 && stream.HalfEnable.Value
+                || (stream.Flags & Complete) != 0 && stream.CompleteEnable.Value);
         }
 
-        private readonly IMachine machine;
         private readonly Stream[] streams = new Stream[Streams];
 
         private static readonly int[] Shift = { 0, 6, 16, 22 };
 
         private const int Streams = 8;
+        private const int StreamBytes = 0x18;
+        private const uint DirectModeError = 1u << 2;
         private const uint Failed = 1u << 3;
         private const uint Half = 1u << 4;
         private const uint Complete = 1u << 5;
 
         private sealed class Stream
         {
-            public uint Control;
-            public uint Left;
+            public IFlagRegisterField Enabled;
+            public IFlagRegisterField DirectModeErrorEnable;
+            public IFlagRegisterField FailedEnable;
+            public IFlagRegisterField HalfEnable;
+            public IFlagRegisterField CompleteEnable;
+            public IFlagRegisterField Circular;
+            public IFlagRegisterField PeripheralGoesOn;
+            public IFlagRegisterField MemoryGoesOn;
+            public IFlagRegisterField DoubleBuffer;
+            public IFlagRegisterField Bufferable;
+            public IValueRegisterField Direction;
+            public IValueRegisterField Width;
+            public IValueRegisterField Left;
+            public IValueRegisterField Peripheral;
+            public IValueRegisterField Memory;
             public uint Total;
             public uint Done;
-            public uint Peripheral;
-            public uint Memory;
-            public uint Memory1;
-            public uint Fifo;
             public uint Flags;
             public bool Requested;
             public bool Serving;
+        }
+
+        private enum Registers
+        {
+            LISR = 0x00,
+            HISR = 0x04,
+            LIFCR = 0x08,
+            HIFCR = 0x0C,
+            S0CR = 0x10,
+            S0NDTR = 0x14,
+            S0PAR = 0x18,
+            S0M0AR = 0x1C,
+            S0M1AR = 0x20,
+            S0FCR = 0x24,
         }
     }
 }

@@ -5,51 +5,52 @@
 // lines whose level differs from what was written (I2C recovery) and inputs that read 0 while analog,
 // so a pad here is: mode, latch, what the outside drives, pull; and the level follows.
 
-using System.Collections.Generic;
-using System.Collections.ObjectModel;
 using Antmicro.Renode.Core;
-using Antmicro.Renode.Logging;
+using Antmicro.Renode.Core.Structure.Registers;
 using Antmicro.Renode.Peripherals.Bus;
+using Antmicro.Renode.Peripherals.GPIOPort;
 
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
+    /// Renode's base class of ports lets LEDs and buttons be attached by their pin.
     [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
-    public class GpioPort : RegisterBlock, INumberedGPIOOutput, IGPIOReceiver
+    public class GpioPort : BaseGPIOPort, IDoubleWordPeripheral, IProvidesRegisterCollection<DoubleWordRegisterCollection>, IKnownSize
     {
         /// `modeReset`, `pullReset`: MODER and PUPDR after reset; most ports start analog.
         /// `boardPull`: what the board's own resistors do with an undriven pad, bit n high, else low.
-        public GpioPort(IMachine machine, uint modeReset = 0xFFFFFFFF, uint pullReset = 0, uint boardPull = 0)
+        public GpioPort(IMachine machine, uint modeReset = 0xFFFFFFFF, uint pullReset = 0, uint boardPull = 0) : base(machine, Pins)
         {
-            this.modeReset = modeReset;
-            this.pullReset = pullReset;
             this.boardPull = boardPull;
-            var connections = new Dictionary<int, IGPIO>();
-            for(var pin = 0; pin < Pins; pin++)
-            {
-                connections[pin] = new GPIO();
-            }
-            Connections = new ReadOnlyDictionary<int, IGPIO>(connections);
-            // OSPEEDR, AFRL, AFRH.
-            Keep(0x08);
-            Keep(0x20);
-            Keep(0x24);
+            RegistersCollection = new DoubleWordRegisterCollection(this);
+            DefineRegisters(modeReset, pullReset);
             Reset();
         }
 
+        /// What the outside drives stays as it is.
         public override void Reset()
         {
-            base.Reset();
-            mode = modeReset;
-            pull = pullReset;
-            outputType = 0;
+            RegistersCollection.Reset();
             latch = 0;
             UpdatePads(0xFFFF);
         }
 
-        /// The outside drives a pin: a device's output that is wired here in the platform description.
-        public void OnGPIO(int number, bool value)
+        public uint ReadDoubleWord(long offset)
         {
-            Drive(number, value);
+            return RegistersCollection.Read(offset);
+        }
+
+        public void WriteDoubleWord(long offset, uint value)
+        {
+            RegistersCollection.Write(offset, value);
+        }
+
+        /// The outside drives a pin: a device's output that is wired here in the platform description.
+        public override void OnGPIO(int number, bool value)
+        {
+            if(CheckPinNumber(number))
+            {
+                Drive(number, value);
+            }
         }
 
         public void Drive(int pin, bool level)
@@ -70,78 +71,58 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// Whether the pin belongs to this alternate function.
         public bool Carries(int pin, int function)
         {
-            var selected = ReadDoubleWord(pin < 8 ? 0x20 : 0x24) >> 4 * (pin % 8) & 15;
-            return Mode(pin) == AlternateMode && selected == function;
+            var selected = pin < 8 ? functionsLow[pin].Value : functionsHigh[pin - 8].Value;
+            return modes[pin].Value == Mode.Alternate && (int)selected == function;
         }
 
         /// Whether the core drives the pin.
         public bool IsOutput(int pin)
         {
-            return Mode(pin) == OutputMode;
+            return modes[pin].Value == Mode.Output;
         }
 
-        protected override uint? Read(long offset)
+        public DoubleWordRegisterCollection RegistersCollection { get; private set; }
+
+        public long Size { get { return 0x400; } }
+
+        private void DefineRegisters(uint modeReset, uint pullReset)
         {
-            switch(offset)
-            {
-            case 0x00:
-                return mode;
-            case 0x04:
-                return outputType;
-            case 0x0C:
-                return pull;
-            case 0x10:
-                return levels & ~analog;
-            case 0x14:
-                return latch;
-            case 0x18:
-                return 0;
-            default:
-                return null;
-            }
+            Registers.MODER.Define(this, modeReset)
+                .WithEnumFields<DoubleWordRegister, Mode>(0, 2, Pins, out modes, name: "MODE")
+                .WithWriteCallback((_, __) => UpdatePads(0xFFFF));
+            Registers.OTYPER.Define(this)
+                .WithFlags(0, Pins, out openDrains, name: "OT")
+                .WithReservedBits(16, 16)
+                .WithWriteCallback((_, __) => UpdatePads(0xFFFF));
+            Registers.OSPEEDR.Define(this)
+                .WithValueFields(0, 2, Pins, name: "OSPEED");
+            Registers.PUPDR.Define(this, pullReset)
+                .WithEnumFields<DoubleWordRegister, Pull>(0, 2, Pins, out pulls, name: "PUPD")
+                .WithWriteCallback((_, __) => UpdatePads(0xFFFF));
+            Registers.IDR.Define(this)
+                .WithValueField(0, Pins, FieldMode.Read, valueProviderCallback: _ => levels & ~analog, name: "ID")
+                .WithReservedBits(16, 16);
+            Registers.ODR.Define(this)
+                .WithValueField(0, Pins, valueProviderCallback: _ => latch, writeCallback: (_, value) => SetLatch((uint)value), name: "OD")
+                .WithReservedBits(16, 16);
+            // Where both bits of a pin are written, set has priority (RM0433 11.4.7).
+            Registers.BSRR.Define(this)
+                .WithValueField(0, Pins, FieldMode.Write, name: "BS")
+                .WithValueField(16, Pins, FieldMode.Write, name: "BR")
+                .WithWriteCallback((_, value) => SetLatch(latch & ~(value >> 16) | value & 0xFFFF));
+            Registers.LCKR.Define(this)
+                .WithTag("LCK", 0, 17);
+            Registers.AFRL.Define(this)
+                .WithValueFields(0, 4, 8, out functionsLow, name: "AFR");
+            Registers.AFRH.Define(this)
+                .WithValueFields(0, 4, 8, out functionsHigh, name: "AFR");
         }
-
-        protected override bool Write(long offset, uint value)
-        {
-            switch(offset)
-            {
-            case 0x00:
-                mode = value;
-                UpdatePads(0xFFFF);
-                break;
-            case 0x04:
-                outputType = value;
-                UpdatePads(0xFFFF);
-                break;
-            case 0x0C:
-                pull = value;
-                UpdatePads(0xFFFF);
-                break;
-            case 0x14:
-                SetLatch(value & 0xFFFF);
-                break;
-            case 0x18:
-                // BSRR: where both bits of a pin are written, set has priority (RM0433 11.4.7).
-                SetLatch(latch & ~(value >> 16) | value & 0xFFFF);
-                break;
-            default:
-                return false;
-            }
-            return true;
-        }
-
-        public IReadOnlyDictionary<int, IGPIO> Connections { get; private set; }
 
         private void SetLatch(uint value)
         {
             var changed = latch ^ value;
             latch = value;
             UpdatePads(changed);
-        }
-
-        private uint Mode(int pin)
-        {
-            return mode >> 2 * pin & 3;
         }
 
         private void UpdatePads(uint pins)
@@ -158,12 +139,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private void UpdatePad(int pin)
         {
             var bit = 1u << pin;
-            var isAnalog = Mode(pin) == AnalogMode;
-            analog = isAnalog ? analog | bit : analog & ~bit;
+            var mode = modes[pin].Value;
+            analog = mode == Mode.Analog ? analog | bit : analog & ~bit;
             var written = (latch & bit) != 0;
-            var openDrain = (outputType & bit) != 0;
             bool level;
-            if(Mode(pin) == OutputMode && !(openDrain && written))
+            if(mode == Mode.Output && !(openDrains[pin].Value && written))
             {
                 level = written;
             }
@@ -173,32 +153,56 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
             else
             {
-                var internalPull = isAnalog ? 0 : pull >> 2 * pin & 3;
-                level = internalPull == 1 || internalPull == 0 && (boardPull & bit) != 0;
+                var pull = mode == Mode.Analog ? Pull.None : pulls[pin].Value;
+                level = pull == Pull.Up || pull == Pull.None && (boardPull & bit) != 0;
             }
-            if(level != ((levels & bit) != 0))
-            {
-                levels ^= bit;
-            }
+            levels = level ? levels | bit : levels & ~bit;
             Connections[pin].Set(level);
         }
 
-        private uint mode;
-        private uint outputType;
-        private uint pull;
         private uint latch;
         private uint driven;
         private uint external;
         private uint levels;
         private uint analog;
+        private IEnumRegisterField<Mode>[] modes;
+        private IEnumRegisterField<Pull>[] pulls;
+        private IFlagRegisterField[] openDrains;
+        private IValueRegisterField[] functionsLow;
+        private IValueRegisterField[] functionsHigh;
 
-        private readonly uint modeReset;
-        private readonly uint pullReset;
         private readonly uint boardPull;
 
         private const int Pins = 16;
-        private const uint OutputMode = 1;
-        private const uint AlternateMode = 2;
-        private const uint AnalogMode = 3;
+
+        private enum Mode
+        {
+            Input = 0,
+            Output = 1,
+            Alternate = 2,
+            Analog = 3,
+        }
+
+        private enum Pull
+        {
+            None = 0,
+            Up = 1,
+            Down = 2,
+            Reserved = 3,
+        }
+
+        private enum Registers
+        {
+            MODER = 0x00,
+            OTYPER = 0x04,
+            OSPEEDR = 0x08,
+            PUPDR = 0x0C,
+            IDR = 0x10,
+            ODR = 0x14,
+            BSRR = 0x18,
+            LCKR = 0x1C,
+            AFRL = 0x20,
+            AFRH = 0x24,
+        }
     }
 }

@@ -2,125 +2,63 @@
 //
 // Renode's own model takes no time, never sees a NACK, never reports BUSY and keeps its interrupt up after
 // STOPF was cleared through ICR. The bus scheduler of this firmware depends on all of these.
+//
+// Chips are attached by their addresses: Renode's own, and those of this project, see `I2cBus.cs`.
 
 using Antmicro.Renode.Core;
+using Antmicro.Renode.Core.Structure;
+using Antmicro.Renode.Core.Structure.Registers;
 using Antmicro.Renode.Logging;
 using Antmicro.Renode.Peripherals.Bus;
+using Antmicro.Renode.Peripherals.I2C;
 
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
-    /// A device on the bus. A transaction is: Start, bytes, then Start again or Stop.
-    public interface II2cTarget
-    {
-        /// The address is for this device, and it acknowledges.
-        bool Start(int address, bool read);
-        /// A byte was written; whether the device acknowledges.
-        bool Write(byte value);
-        byte Read();
-        void Stop();
-        /// SDA is held low by a device, so that no transfer can begin.
-        bool HoldsBus { get; }
-    }
-
     [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
-    public class I2cController : RegisterBlock
+    public class I2cController : SimpleContainer<II2CPeripheral>, IDoubleWordPeripheral, IProvidesRegisterCollection<DoubleWordRegisterCollection>, IKnownSize
     {
         /// `port`, `scl`, `sda`, `function`: the pads, and the alternate function that connects them.
-        public I2cController(IMachine machine, Rcc rcc, II2cTarget bus, GpioPort port, int scl, int sda, int function)
+        public I2cController(IMachine machine, Rcc rcc, GpioPort port, int scl, int sda, int function) : base(machine)
         {
             this.rcc = rcc;
-            this.bus = bus;
             this.port = port;
             this.scl = scl;
             this.sda = sda;
             this.function = function;
             time = new VirtualTime(machine);
+            bus = new I2cTransaction(this, ChildCollection);
             EventInterrupt = new GPIO();
             ErrorInterrupt = new GPIO();
-            // OAR1, OAR2, TIMEOUTR.
-            Keep(0x08);
-            Keep(0x0C);
-            Keep(0x14);
+            RegistersCollection = new DoubleWordRegisterCollection(this);
+            DefineRegisters();
             Reset();
         }
 
         public override void Reset()
         {
-            base.Reset();
-            control1 = 0;
-            control2 = 0;
-            timing = 0;
+            RegistersCollection.Reset();
+            transmit = 0;
             Disable();
         }
 
-        protected override uint? Read(long offset)
+        public uint ReadDoubleWord(long offset)
         {
-            switch(offset)
-            {
-            case 0x00:
-                return control1;
-            case 0x04:
-                return control2;
-            case 0x10:
-                return timing;
-            case 0x18:
-                return status;
-            case 0x1C:
-            case 0x20:
-                return 0;
-            case 0x24:
-                return ReadData();
-            case 0x28:
-                return transmit;
-            default:
-                return null;
-            }
+            return RegistersCollection.Read(offset);
         }
 
-        protected override bool Write(long offset, uint value)
+        public void WriteDoubleWord(long offset, uint value)
         {
-            switch(offset)
+            if(offset == (long)Registers.TIMINGR && enabled.Value)
             {
-            case 0x00:
-                var wasEnabled = Enabled;
-                control1 = value;
-                if(wasEnabled && !Enabled)
-                {
-                    Disable();
-                }
-                UpdateInterrupts();
-                break;
-            case 0x04:
-                WriteControl2(value);
-                break;
-            case 0x10:
-                if(Enabled)
-                {
-                    this.Log(LogLevel.Warning, "TIMINGR written while PE=1: ignored (RM0433 47.7.5)");
-                    return true;
-                }
-                timing = value;
-                break;
-            case 0x18:
-                // Only TXE can be written: it flushes the transmit register.
-                if((value & TransmitEmpty) != 0)
-                {
-                    status |= TransmitEmpty;
-                    UpdateInterrupts();
-                }
-                break;
-            case 0x1C:
-                status &= ~(value & Clearable);
-                UpdateInterrupts();
-                break;
-            case 0x28:
-                WriteData((byte)value);
-                break;
-            default:
-                return false;
+                this.Log(LogLevel.Warning, "TIMINGR written while PE=1: ignored (RM0433 47.7.5)");
+                return;
             }
-            return true;
+            RegistersCollection.Write(offset, value);
         }
+
+        public DoubleWordRegisterCollection RegistersCollection { get; private set; }
+
+        public long Size { get { return 0x400; } }
 
         public GPIO EventInterrupt { get; private set; }
 
@@ -129,7 +67,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// The bus-error flag rises; the transfer goes on, as on the part (ES0392 2.19.4).
         public void RaiseBusError()
         {
-            status |= BusError;
+            busError.Value = true;
             UpdateInterrupts();
         }
 
@@ -139,8 +77,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// TXIS rises as soon as TXDR is empty, while the byte before is on the wire. The manual's figure 544 shows it after the
         /// acknowledge; drivers of the manufacturer expect both (they flush TXDR after a NACK).
         public bool EarlyTransmitRequest { get; set; }
-
-        private bool Enabled { get { return (control1 & 1) != 0; } }
 
         /// One SCL period (RM0433 47.4.9, I2C master initialisation): both counted phases, and for each
         /// the synchronisation, which is an edge (190 ns rising, 20 ns falling), two and a half kernel clocks, the analog
@@ -154,12 +90,104 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 {
                     return 1000000;
                 }
-                var prescaler = (timing >> 28) + 1;
-                var counts = ((timing >> 8 & 255) + 1 + (timing & 255) + 1) * prescaler;
-                var digital = control1 >> 8 & 15;
-                var analogNs = (control1 & 1u << 12) == 0 ? 2 * 100UL : 0UL;
-                return (2 * counts + 5 + 4 * digital) * 500000000UL / (ulong)hz + analogNs + 190UL + 20UL;
+                var counts = (sclHigh.Value + 1 + sclLow.Value + 1) * (prescaler.Value + 1);
+                var analogNs = analogFilterOff.Value ? 0UL : 2 * 100UL;
+                return (2 * counts + 5 + 4 * digitalFilter.Value) * 500000000UL / (ulong)hz + analogNs + 190UL + 20UL;
             }
+        }
+
+        private void DefineRegisters()
+        {
+            Registers.CR1.Define(this)
+                .WithFlag(0, out enabled, changeCallback: (_, on) => { if(!on) { Disable(); } }, name: "PE")
+                .WithFlag(1, out transmitInterruptEnable, name: "TXIE")
+                .WithFlag(2, out receiveInterruptEnable, name: "RXIE")
+                .WithTaggedFlag("ADDRIE", 3)
+                .WithFlag(4, out notAcknowledgedInterruptEnable, name: "NACKIE")
+                .WithFlag(5, out stopInterruptEnable, name: "STOPIE")
+                .WithFlag(6, out transferCompleteInterruptEnable, name: "TCIE")
+                .WithFlag(7, out errorInterruptEnable, name: "ERRIE")
+                .WithValueField(8, 4, out digitalFilter, name: "DNF")
+                .WithFlag(12, out analogFilterOff, name: "ANFOFF")
+                .WithReservedBits(13, 1)
+                .WithTaggedFlag("TXDMAEN", 14)
+                .WithTaggedFlag("RXDMAEN", 15)
+                .WithTaggedFlag("SBC", 16)
+                .WithTaggedFlag("NOSTRETCH", 17)
+                .WithTaggedFlag("WUPEN", 18)
+                .WithTaggedFlag("GCEN", 19)
+                .WithTaggedFlag("SMBHEN", 20)
+                .WithTaggedFlag("SMBDEN", 21)
+                .WithTaggedFlag("ALERTEN", 22)
+                .WithTaggedFlag("PECEN", 23)
+                .WithReservedBits(24, 8)
+                .WithWriteCallback((_, __) => UpdateInterrupts());
+            Registers.CR2.Define(this)
+                .WithValueField(0, 10, out address, name: "SADD")
+                .WithFlag(10, out reading, name: "RD_WRN")
+                .WithTaggedFlag("ADD10", 11)
+                .WithTaggedFlag("HEAD10R", 12)
+                // START and STOP can only be set by software (RM0433 47.7.2).
+                .WithFlag(13, out start, FieldMode.Read | FieldMode.Set, name: "START")
+                .WithFlag(14, out stop, FieldMode.Read | FieldMode.Set, name: "STOP")
+                .WithFlag(15, out notAcknowledge, name: "NACK")
+                .WithValueField(16, 8, out bytes, name: "NBYTES")
+                .WithFlag(24, out reload, name: "RELOAD")
+                .WithFlag(25, out autoEnd, name: "AUTOEND")
+                .WithTaggedFlag("PECBYTE", 26)
+                .WithReservedBits(27, 5)
+                .WithWriteCallback((before, _) => ControlWritten((before & 1u << 13) != 0, (before & 1u << 14) != 0));
+            Registers.OAR1.Define(this)
+                .WithValueField(0, 10, name: "OA1")
+                .WithFlag(10, name: "OA1MODE")
+                .WithTaggedFlag("OA1EN", 15);
+            Registers.OAR2.Define(this)
+                .WithValueField(1, 7, name: "OA2")
+                .WithValueField(8, 3, name: "OA2MSK")
+                .WithTaggedFlag("OA2EN", 15);
+            Registers.TIMINGR.Define(this)
+                .WithValueField(0, 8, out sclLow, name: "SCLL")
+                .WithValueField(8, 8, out sclHigh, name: "SCLH")
+                .WithValueField(16, 4, name: "SDADEL")
+                .WithValueField(20, 4, name: "SCLDEL")
+                .WithReservedBits(24, 4)
+                .WithValueField(28, 4, out prescaler, name: "PRESC");
+            Registers.TIMEOUTR.Define(this)
+                .WithValueField(0, 12, name: "TIMEOUTA")
+                .WithFlag(12, name: "TIDLE")
+                .WithTaggedFlag("TIMOUTEN", 15)
+                .WithValueField(16, 12, name: "TIMEOUTB")
+                .WithTaggedFlag("TEXTEN", 31);
+            Registers.ISR.Define(this, 0x1)
+                // Only TXE can be written: it flushes the transmit register.
+                .WithFlag(0, out transmitEmpty, FieldMode.Read | FieldMode.Set, name: "TXE")
+                .WithFlag(1, out transmitRequest, FieldMode.Read, name: "TXIS")
+                .WithFlag(2, out receiveFull, FieldMode.Read, name: "RXNE")
+                .WithTaggedFlag("ADDR", 3)
+                .WithFlag(4, out notAcknowledged, FieldMode.Read, name: "NACKF")
+                .WithFlag(5, out stopDetected, FieldMode.Read, name: "STOPF")
+                .WithFlag(6, out transferComplete, FieldMode.Read, name: "TC")
+                .WithFlag(7, out reloadComplete, FieldMode.Read, name: "TCR")
+                .WithFlag(8, out busError, FieldMode.Read, name: "BERR")
+                .WithFlag(9, out arbitrationLost, FieldMode.Read, name: "ARLO")
+                .WithTag("OVR, PECERR, TIMEOUT, ALERT", 10, 4)
+                .WithFlag(15, out busy, FieldMode.Read, name: "BUSY")
+                .WithTag("DIR, ADDCODE", 16, 8)
+                .WithWriteCallback((_, __) => UpdateInterrupts());
+            Registers.ICR.Define(this)
+                .WithFlag(3, FieldMode.Write, name: "ADDRCF")
+                .WithFlag(4, FieldMode.Write, writeCallback: (_, clear) => notAcknowledged.Value &= !clear, name: "NACKCF")
+                .WithFlag(5, FieldMode.Write, writeCallback: (_, clear) => stopDetected.Value &= !clear, name: "STOPCF")
+                .WithFlag(8, FieldMode.Write, writeCallback: (_, clear) => busError.Value &= !clear, name: "BERRCF")
+                .WithFlag(9, FieldMode.Write, writeCallback: (_, clear) => arbitrationLost.Value &= !clear, name: "ARLOCF")
+                .WithValueField(10, 4, FieldMode.Write, name: "OVRCF, PECCF, TIMOUTCF, ALERTCF")
+                .WithWriteCallback((_, __) => UpdateInterrupts());
+            Registers.PECR.Define(this)
+                .WithValueField(0, 8, FieldMode.Read, name: "PEC");
+            Registers.RXDR.Define(this)
+                .WithValueField(0, 8, FieldMode.Read, valueProviderCallback: _ => ReadData(), name: "RXDATA");
+            Registers.TXDR.Define(this)
+                .WithValueField(0, 8, writeCallback: (_, value) => WriteData((byte)value), valueProviderCallback: _ => transmit, name: "TXDATA");
         }
 
         private void Disable()
@@ -171,36 +199,37 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             onBus = false;
             sending = false;
             stretching = false;
-            status = TransmitEmpty;
-            control2 &= ~(StartBit | StopBit | NackBit);
+            foreach(var flag in new[] { transmitRequest, receiveFull, notAcknowledged, stopDetected, transferComplete, reloadComplete,
+                busError, arbitrationLost, busy, start, stop, notAcknowledge })
+            {
+                flag.Value = false;
+            }
+            transmitEmpty.Value = true;
             remaining = 0;
             step++;
             UpdateInterrupts();
         }
 
-        private void WriteControl2(uint value)
+        private void ControlWritten(bool startWasPending, bool stopWasPending)
         {
-            // START and STOP can only be set by software (RM0433 47.7.2).
-            var pending = control2 & (StartBit | StopBit);
-            control2 = value | pending;
-            if(!Enabled)
+            if(!enabled.Value)
             {
-                control2 &= ~(StartBit | StopBit);
+                start.Value = stop.Value = false;
                 return;
             }
-            if((value & StartBit) != 0 && (pending & StartBit) == 0)
+            if(start.Value && !startWasPending)
             {
                 Begin();
             }
-            else if((value & StopBit) != 0 && (pending & StopBit) == 0)
+            else if(stop.Value && !stopWasPending)
             {
-                status &= ~TransferComplete;
+                transferComplete.Value = false;
                 EndWithStop();
             }
-            else if((status & ReloadComplete) != 0)
+            else if(reloadComplete.Value)
             {
-                status &= ~ReloadComplete;
-                remaining = control2 >> 16 & 255;
+                reloadComplete.Value = false;
+                remaining = (uint)bytes.Value;
                 Continue();
             }
             UpdateInterrupts();
@@ -208,25 +237,25 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private void Begin()
         {
-            status |= Busy;
-            status &= ~(TransferComplete | ReloadComplete);
-            if(bus.HoldsBus)
+            busy.Value = true;
+            transferComplete.Value = reloadComplete.Value = false;
+            if(bus.IsHeld)
             {
                 // SDA low: the controller waits for a free bus, and no flag is set.
                 this.Log(LogLevel.Info, "START waits: SDA is held low");
                 return;
             }
-            if((status & TransmitEmpty) == 0)
+            if(!transmitEmpty.Value)
             {
                 this.Log(LogLevel.Warning, "TXDR holds a byte of the transaction before: it goes out in this one");
             }
-            remaining = control2 >> 16 & 255;
-            var reading = (control2 & ReadBit) != 0;
-            var address = (int)(control2 >> 1 & 127);
+            remaining = (uint)bytes.Value;
+            var isRead = reading.Value;
+            var called = (int)(address.Value >> 1 & 127);
             // START, eight bits and the acknowledge.
             After(10, delegate
             {
-                control2 &= ~StartBit;
+                start.Value = false;
                 if(LoseArbitration)
                 {
                     LoseBus();
@@ -240,7 +269,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                     Refused();
                     return;
                 }
-                if(!bus.Start(address, reading))
+                if(!bus.Start(called, isRead))
                 {
                     Refused();
                     return;
@@ -253,19 +282,19 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private void LoseBus()
         {
             LoseArbitration = false;
-            status |= ArbitrationLost;
-            status &= ~(TransmitInterrupt | TransferComplete | ReloadComplete);
+            arbitrationLost.Value = true;
+            transmitRequest.Value = transferComplete.Value = reloadComplete.Value = false;
             After(20, delegate
             {
-                status &= ~Busy;
+                busy.Value = false;
             });
             UpdateInterrupts();
         }
 
         private void Refused()
         {
-            status |= NotAcknowledged;
-            status &= ~TransmitInterrupt;
+            notAcknowledged.Value = true;
+            transmitRequest.Value = false;
             UpdateInterrupts();
             // A STOP follows on its own after a NACK (RM0433 47.4.9).
             EndWithStop();
@@ -275,30 +304,30 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             if(remaining == 0)
             {
-                if((control2 & ReloadBit) != 0)
+                if(reload.Value)
                 {
-                    status |= ReloadComplete;
+                    reloadComplete.Value = true;
                 }
-                else if((control2 & AutoEndBit) != 0)
+                else if(autoEnd.Value)
                 {
                     EndWithStop();
                 }
                 else
                 {
-                    status |= TransferComplete;
+                    transferComplete.Value = true;
                 }
             }
-            else if((control2 & ReadBit) != 0)
+            else if(reading.Value)
             {
                 ReceiveNext();
             }
-            else if((status & TransmitEmpty) == 0)
+            else if(!transmitEmpty.Value)
             {
                 Shift();
             }
             else
             {
-                status |= TransmitInterrupt;
+                transmitRequest.Value = true;
             }
             UpdateInterrupts();
         }
@@ -308,8 +337,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             After(9, delegate
             {
-                arrived = bus.Read();
-                if((status & ReceiveFull) != 0)
+                arrived = bus.Read((int)remaining);
+                if(receiveFull.Value)
                 {
                     stretching = true;
                     return;
@@ -322,7 +351,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             received = arrived;
             remaining--;
-            status |= ReceiveFull;
+            receiveFull.Value = true;
             if(remaining == 0)
             {
                 Continue();
@@ -337,9 +366,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private uint ReadData()
         {
             var value = received;
-            if((status & ReceiveFull) != 0)
+            if(receiveFull.Value)
             {
-                status &= ~ReceiveFull;
+                receiveFull.Value = false;
                 if(stretching)
                 {
                     stretching = false;
@@ -352,14 +381,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private void WriteData(byte value)
         {
-            if((status & TransmitEmpty) == 0)
+            if(!transmitEmpty.Value)
             {
                 this.Log(LogLevel.Warning, "TXDR written while TXE=0: lost (RM0433 47.7.11)");
                 return;
             }
             transmit = value;
-            status &= ~(TransmitInterrupt | TransmitEmpty);
-            if(onBus && !sending && (control2 & ReadBit) == 0 && remaining > 0)
+            transmitRequest.Value = transmitEmpty.Value = false;
+            if(onBus && !sending && !reading.Value && remaining > 0)
             {
                 Shift();
             }
@@ -369,14 +398,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// The byte in TXDR moves into the shift register and out.
         private void Shift()
         {
-            var value = (byte)transmit;
+            var value = transmit;
             sending = true;
-            status |= TransmitEmpty;
-            status &= ~TransmitInterrupt;
-            if(EarlyTransmitRequest && remaining > 1)
-            {
-                status |= TransmitInterrupt;
-            }
+            transmitEmpty.Value = true;
+            transmitRequest.Value = EarlyTransmitRequest && remaining > 1;
             After(9, delegate
             {
                 sending = false;
@@ -394,9 +419,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             After(1, delegate
             {
-                control2 &= ~(StopBit | StartBit);
-                status |= StopDetected;
-                status &= ~(Busy | TransferComplete | ReloadComplete | TransmitInterrupt);
+                start.Value = stop.Value = false;
+                stopDetected.Value = true;
+                busy.Value = transferComplete.Value = reloadComplete.Value = transmitRequest.Value = false;
                 if(onBus)
                 {
                     onBus = false;
@@ -420,22 +445,16 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private void UpdateInterrupts()
         {
-            var enabled = 0u;
-            enabled |= (control1 & 1u << 1) != 0 ? TransmitInterrupt : 0;
-            enabled |= (control1 & 1u << 2) != 0 ? ReceiveFull : 0;
-            enabled |= (control1 & 1u << 4) != 0 ? NotAcknowledged : 0;
-            enabled |= (control1 & 1u << 5) != 0 ? StopDetected : 0;
-            enabled |= (control1 & 1u << 6) != 0 ? TransferComplete | ReloadComplete : 0;
-            EventInterrupt.Set((status & enabled) != 0);
-            ErrorInterrupt.Set((control1 & 1u << 7) != 0 && (status & Errors) != 0);
+            EventInterrupt.Set(transmitInterruptEnable.Value && transmitRequest.Value
+                || receiveInterruptEnable.Value && receiveFull.Value
+                || notAcknowledgedInterruptEnable.Value && notAcknowledged.Value
+                || stopInterruptEnable.Value && stopDetected.Value
+                || transferCompleteInterruptEnable.Value && (transferComplete.Value || reloadComplete.Value));
+            ErrorInterrupt.Set(errorInterruptEnable.Value && (busError.Value || arbitrationLost.Value));
         }
 
-        private uint control1;
-        private uint control2;
-        private uint timing;
-        private uint status;
         private uint remaining;
-        private uint transmit;
+        private byte transmit;
         private byte received;
         private byte arrived;
         private bool onBus;
@@ -443,32 +462,58 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private bool stretching;
         private ulong step;
 
+        private IFlagRegisterField enabled;
+        private IFlagRegisterField transmitInterruptEnable;
+        private IFlagRegisterField receiveInterruptEnable;
+        private IFlagRegisterField notAcknowledgedInterruptEnable;
+        private IFlagRegisterField stopInterruptEnable;
+        private IFlagRegisterField transferCompleteInterruptEnable;
+        private IFlagRegisterField errorInterruptEnable;
+        private IFlagRegisterField analogFilterOff;
+        private IValueRegisterField digitalFilter;
+        private IValueRegisterField address;
+        private IValueRegisterField bytes;
+        private IFlagRegisterField reading;
+        private IFlagRegisterField start;
+        private IFlagRegisterField stop;
+        private IFlagRegisterField notAcknowledge;
+        private IFlagRegisterField reload;
+        private IFlagRegisterField autoEnd;
+        private IValueRegisterField sclLow;
+        private IValueRegisterField sclHigh;
+        private IValueRegisterField prescaler;
+        private IFlagRegisterField transmitEmpty;
+        private IFlagRegisterField transmitRequest;
+        private IFlagRegisterField receiveFull;
+        private IFlagRegisterField notAcknowledged;
+        private IFlagRegisterField stopDetected;
+        private IFlagRegisterField transferComplete;
+        private IFlagRegisterField reloadComplete;
+        private IFlagRegisterField busError;
+        private IFlagRegisterField arbitrationLost;
+        private IFlagRegisterField busy;
+
         private readonly Rcc rcc;
-        private readonly II2cTarget bus;
         private readonly GpioPort port;
         private readonly int scl;
         private readonly int sda;
         private readonly int function;
+        private readonly I2cTransaction bus;
         private readonly VirtualTime time;
 
-        private const uint ReadBit = 1u << 10;
-        private const uint StartBit = 1u << 13;
-        private const uint StopBit = 1u << 14;
-        private const uint NackBit = 1u << 15;
-        private const uint ReloadBit = 1u << 24;
-        private const uint AutoEndBit = 1u << 25;
-
-        private const uint TransmitEmpty = 1u << 0;
-        private const uint TransmitInterrupt = 1u << 1;
-        private const uint ReceiveFull = 1u << 2;
-        private const uint NotAcknowledged = 1u << 4;
-        private const uint StopDetected = 1u << 5;
-        private const uint TransferComplete = 1u << 6;
-        private const uint ReloadComplete = 1u << 7;
-        private const uint BusError = 1u << 8;
-        private const uint ArbitrationLost = 1u << 9;
-        private const uint Errors = 0x3F00;
-        private const uint Busy = 1u << 15;
-        private const uint Clearable = 0x3F38;
+        private enum Registers
+        {
+            CR1 = 0x00,
+            CR2 = 0x04,
+            OAR1 = 0x08,
+            OAR2 = 0x0C,
+            TIMINGR = 0x10,
+            TIMEOUTR = 0x14,
+            ISR = 0x18,
+            ICR = 0x1C,
+            PECR = 0x20,
+            RXDR = 0x24,
+            TXDR = 0x28,
+        }
     }
 }

@@ -3,92 +3,82 @@
 // Renode's own resets the machine too, but nothing shows the firmware why it was reset.
 
 using Antmicro.Renode.Core;
+using Antmicro.Renode.Core.Structure.Registers;
 using Antmicro.Renode.Logging;
 using Antmicro.Renode.Peripherals.Bus;
 
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
     [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
-    public class Iwdg : RegisterBlock
+    public class Iwdg : BasicDoubleWordPeripheral, IKnownSize
     {
-        public Iwdg(IMachine machine, Rcc rcc)
+        public Iwdg(IMachine machine, Rcc rcc) : base(machine)
         {
-            this.machine = machine;
             this.rcc = rcc;
             time = new VirtualTime(machine);
+            DefineRegisters();
             Reset();
         }
 
         public override void Reset()
         {
             base.Reset();
-            prescaler = 0;
-            reload = 0xFFF;
             unlocked = false;
             started = false;
             refresh++;
         }
 
-        protected override uint? Read(long offset)
+        public override void WriteDoubleWord(long offset, uint value)
         {
-            switch(offset)
+            if((offset == (long)Registers.PR || offset == (long)Registers.RLR) && !unlocked)
             {
-            case 0x00:
-                return 0;
-            case 0x04:
-                return prescaler;
-            case 0x08:
-                return reload;
-            case 0x0C:
-                return time.Now < updatedAt ? 3u : 0u;
-            case 0x10:
-                return 0xFFF;
-            default:
-                return null;
+                this.Log(LogLevel.Warning, "write at offset 0x{0:X} without the key 0x5555", offset);
+                return;
             }
+            base.WriteDoubleWord(offset, value);
         }
 
-        protected override bool Write(long offset, uint value)
+        public long Size { get { return 0x400; } }
+
+        private void DefineRegisters()
         {
-            switch(offset)
+            Registers.KR.Define(this)
+                .WithValueField(0, 16, FieldMode.Write, writeCallback: (_, value) => WriteKey((uint)value), name: "KEY");
+            Registers.PR.Define(this)
+                .WithValueField(0, 3, out prescaler, writeCallback: (_, __) => Cross(), name: "PR");
+            Registers.RLR.Define(this, 0xFFF)
+                .WithValueField(0, 12, out reload, writeCallback: (_, __) => Cross(), name: "RL");
+            Registers.SR.Define(this)
+                .WithFlag(0, FieldMode.Read, valueProviderCallback: _ => IsCrossing, name: "PVU")
+                .WithFlag(1, FieldMode.Read, valueProviderCallback: _ => IsCrossing, name: "RVU")
+                .WithTaggedFlag("WVU", 2);
+            Registers.WINR.Define(this, 0xFFF)
+                .WithTag("WIN", 0, 12);
+        }
+
+        private bool IsCrossing { get { return time.Now < updatedAt; } }
+
+        /// The value crosses into the LSI's domain within five of its periods (RM0433 49.4.4).
+        private void Cross()
+        {
+            updatedAt = time.Now + 5 * LsiPeriodNs;
+        }
+
+        private void WriteKey(uint key)
+        {
+            unlocked = key == 0x5555;
+            started |= key == 0xCCCC;
+            if(started && (key == 0xCCCC || key == 0xAAAA))
             {
-            case 0x00:
-                unlocked = value == 0x5555;
-                started |= value == 0xCCCC;
-                if(started && (value == 0xCCCC || value == 0xAAAA))
-                {
-                    Refresh();
-                }
-                break;
-            case 0x04:
-            case 0x08:
-                if(!unlocked)
-                {
-                    this.Log(LogLevel.Warning, "write at offset 0x{0:X} without the key 0x5555", offset);
-                    return true;
-                }
-                if(offset == 4)
-                {
-                    prescaler = value & 7;
-                }
-                else
-                {
-                    reload = value & 0xFFF;
-                }
-                // The value crosses into the LSI's domain within five of its periods (RM0433 49.4.4).
-                updatedAt = time.Now + 5 * LsiPeriodNs;
-                break;
-            default:
-                return false;
+                Refresh();
             }
-            return true;
         }
 
         private void Refresh()
         {
             var mine = ++refresh;
-            var divider = 4UL << (int)(prescaler > 6 ? 6 : prescaler);
-            time.At(time.Now + (reload + 1) * divider * LsiPeriodNs, delegate
+            var divider = 4UL << (int)(prescaler.Value > 6 ? 6 : prescaler.Value);
+            time.At(time.Now + (reload.Value + 1) * divider * LsiPeriodNs, delegate
             {
                 if(mine != refresh || !started)
                 {
@@ -100,18 +90,26 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             });
         }
 
-        private uint prescaler;
-        private uint reload;
         private bool unlocked;
         private bool started;
         private ulong updatedAt;
         private ulong refresh;
+        private IValueRegisterField prescaler;
+        private IValueRegisterField reload;
 
-        private readonly IMachine machine;
         private readonly Rcc rcc;
         private readonly VirtualTime time;
 
         // LSI: 32 kHz.
         private const ulong LsiPeriodNs = 31250;
+
+        private enum Registers
+        {
+            KR = 0x00,
+            PR = 0x04,
+            RLR = 0x08,
+            SR = 0x0C,
+            WINR = 0x10,
+        }
     }
 }

@@ -7,7 +7,7 @@ using Antmicro.Renode.Logging;
 
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
-    public class Nau7802 : IPeripheral, II2cTarget, ISampler
+    public class Nau7802 : II2cChip, ISampler
     {
         /// `unit` from 1.
         public Nau7802(IMachine machine, Rig rig, int unit)
@@ -34,11 +34,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
         }
 
-        public bool HoldsBus { get { return false; } }
-
-        public bool Start(int address, bool read)
+        public bool Start(bool read)
         {
-            if(address != Address || Unplugged || Nacks)
+            if(Unplugged || Nacks)
             {
                 return false;
             }
@@ -46,7 +44,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             return true;
         }
 
-        public bool Write(byte value)
+        public bool WriteByte(byte value)
         {
             if(NackBytes > 0)
             {
@@ -66,7 +64,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             return true;
         }
 
-        public byte Read()
+        public byte ReadByte()
         {
             var value = ReadRegister(pointer);
             pointer = pointer + 1 & 0x7F;
@@ -74,6 +72,20 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         }
 
         public void Stop()
+        {
+        }
+
+        public void Write(byte[] data)
+        {
+            I2cBlocks.Write(this, data);
+        }
+
+        public byte[] Read(int count)
+        {
+            return I2cBlocks.Read(this, count);
+        }
+
+        public void FinishTransmission()
         {
         }
 
@@ -453,7 +465,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private static readonly double[] Reference = { 4.5, 4.2, 3.9, 3.6, 3.3, 3.0, 2.7, 2.4 };
 
-        private const int Address = 0x2A;
         private const int PowerControl = 0x00;
         private const int Control1 = 0x01;
         private const int Control2 = 0x02;

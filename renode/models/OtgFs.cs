@@ -104,7 +104,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// The pull-up shows a full-speed device: transceiver on, session valid, no soft disconnect (57.14.11, 57.14.36).
         public bool PullUp
         {
-            get { return (configuration.Value & 1u << 16) != 0 && (deviceControl.Value & 2) == 0 && SessionValid; }
+            get { return transceiverOn.Value && !softDisconnect.Value && SessionValid; }
         }
 
         public bool IsSuspended { get { return suspended; } }
@@ -184,7 +184,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
             var words = (data.Length + 3) / 4;
             // Room for SETUP packets and status entries is kept free (57.11.3).
-            var room = ReceivedWords + words + 1 + 13 <= (int)(receiveSize.Value & 0xFFFF);
+            var room = ReceivedWords + words + 1 + 13 <= (int)receiveDepth.Value;
             if(!endpoint.Enabled || endpoint.Nak || !room)
             {
                 return UsbHandshake.Nak;
@@ -272,15 +272,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             get
             {
-                if((otgControl.Value & 1u << 6) != 0)
-                {
-                    return (otgControl.Value & 1u << 7) != 0;
-                }
-                return Vbus && (configuration.Value & 1u << 21) != 0;
+                return sessionOverride.Value ? sessionOverrideValue.Value : Vbus && supplyDetection.Value;
             }
         }
 
-        private int WantedAddress { get { return (int)(deviceConfiguration.Value >> 4 & 0x7F); } }
+        private int WantedAddress { get { return (int)wantedAddress.Value; } }
 
         private int ReceivedWords
         {
@@ -405,29 +401,30 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private int Depth(int fifo)
         {
-            return (int)(transmitSize[fifo].Value >> 16);
+            return (int)transmitDepth[fifo].Value;
         }
 
-        private void WriteReset(uint value)
+        /// The core's state; PHY selection, device speed and power control stay (57.14.5).
+        private void SoftReset()
         {
-            if((value & 1) != 0)
+            latched = 0;
+            FlushReceived();
+            for(var n = 0; n < Endpoints; n++)
             {
-                // Soft reset: the core's state; PHY selection, device speed and power control stay (57.14.5).
-                latched = 0;
-                received.Clear();
-                open.Clear();
-                for(var n = 0; n < Endpoints; n++)
-                {
-                    ins[n].Reset();
-                    outs[n].Reset();
-                    transmit[n].Clear();
-                }
+                ins[n].Reset();
+                outs[n].Reset();
+                transmit[n].Clear();
             }
-            if((value & 1u << 4) != 0)
-            {
-                received.Clear();
-                open.Clear();
-            }
+        }
+
+        private void FlushReceived()
+        {
+            received.Clear();
+            open.Clear();
+        }
+
+        private void ResetWritten(uint value)
+        {
             if((value & 1u << 5) != 0)
             {
                 var which = (int)(value >> 6 & 0x1F);
@@ -442,6 +439,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             RaiseChanged();
         }
 
+        private uint FreeWords(int fifo)
+        {
+            return (uint)Math.Max(0, Depth(fifo) - transmit[fifo].Count);
+        }
+
         private void WriteControl(UsbEndpoint endpoint, uint value)
         {
             if((value & 1u << 26) != 0 && (value & 1u << 27) != 0)
@@ -451,8 +453,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             endpoint.Control = value;
             if(value >> 31 != 0 && endpoint.IsIn)
             {
-                var place = transmitSize[endpoint.FifoNumber].Value;
-                if((place & 0xFFFF) < (receiveSize.Value & 0xFFFF) || (place & 0xFFFF) + (place >> 16) > FifoWords)
+                var start = transmitStart[endpoint.FifoNumber].Value;
+                if(start < receiveDepth.Value || start + transmitDepth[endpoint.FifoNumber].Value > FifoWords)
                 {
                     this.Log(LogLevel.Warning, "transmit FIFO {0} overlaps the receive FIFO or the end of the memory", endpoint.FifoNumber);
                 }
@@ -470,61 +472,129 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private void Update()
         {
-            IRQ.Set((ahb.Value & 1) != 0 && (Status & mask.Value) != 0);
+            IRQ.Set(interruptEnable.Value && (Status & mask.Value) != 0);
         }
 
         private void DefineRegisters()
         {
-            otgControl = Stored(Registers.OtgControl, 0x10000, value => RaiseChanged(), value => value & ~(1u << 19) | 1u << 16 | (SessionValid ? 1u << 19 : 0));
-            Stored(Registers.OtgInterrupt);
-            ahb = Stored(Registers.AhbConfiguration);
-            Stored(Registers.UsbConfiguration, 0x1440);
-            Computed(Registers.Reset, () => 1u << 31, WriteReset);
-            Computed(Registers.Interrupt, () => Status, value => latched &= ~(value & 0xF870FC0A));
-            mask = Stored(Registers.InterruptMask);
-            Computed(Registers.ReceiveStatus, () => received.Count > 0 ? received.Peek().Status : 0, null);
-            Computed(Registers.ReceiveStatusPop, Pop, null);
-            receiveSize = Stored(Registers.ReceiveFifoSize, 0x200);
-            transmitSize[0] = Stored(Registers.TransmitFifo0, 0x02000200);
-            Stored(Registers.NonPeriodicStatus, 0x00080200);
-            configuration = Stored(Registers.CoreConfiguration, 0, value => RaiseChanged());
-            Computed(Registers.CoreId, () => 0x00002300u, null);
-            Computed(Registers.Release, () => 0x4F54330Au, null);
-            Stored(Registers.Lpm);
-            deviceConfiguration = Stored(Registers.DeviceConfiguration, 0x02200000, WriteDeviceConfiguration);
-            deviceControl = Stored(Registers.DeviceControl, 2, value => RaiseChanged());
-            Computed(Registers.DeviceStatus, () => FrameNumber << 8 | 3u << 1 | (suspended ? 1u : 0), null);
-            inMaskAll = Stored(Registers.InMask);
-            outMaskAll = Stored(Registers.OutMask);
-            Computed(Registers.AllEndpoints, () => EndpointInterrupts, null);
-            endpointMask = Stored(Registers.AllEndpointsMask);
-            emptyMask = Stored(Registers.EmptyMask);
-            Stored(Registers.PowerAndClock, 0x200B8000);
-            for(var n = 0; n < Endpoints; n++)
-            {
-                if(n > 0)
-                {
-                    transmitSize[n] = Stored((Registers)(0x100 + 4 * n), (uint)(0x02000200 + 0x200 * n));
-                }
-                DefineEndpoint(ins[n], 0x900 + 0x20 * n);
-                DefineEndpoint(outs[n], 0xB00 + 0x20 * n);
-            }
+            Registers.GOTGCTL.Define(this)
+                .WithFlag(2, name: "VBVALOEN")
+                .WithFlag(3, name: "VBVALOVAL")
+                .WithFlag(4, name: "AVALOEN")
+                .WithFlag(5, name: "AVALOVAL")
+                .WithFlag(6, out sessionOverride, name: "BVALOEN")
+                .WithFlag(7, out sessionOverrideValue, name: "BVALOVAL")
+                .WithTag("HNPRQ, HSHNPEN, DHNPEN, EHEN", 9, 4)
+                .WithFlag(16, FieldMode.Read, valueProviderCallback: _ => true, name: "CIDSTS")
+                .WithFlag(19, FieldMode.Read, valueProviderCallback: _ => SessionValid, name: "BSVLD")
+                .WithFlag(20, name: "OTGVER")
+                .WithWriteCallback((_, __) => RaiseChanged());
+            Registers.GOTGINT.Define(this)
+                .WithValueField(0, 32, name: "SEDET to IDCHNG");
+            Registers.GAHBCFG.Define(this)
+                .WithFlag(0, out interruptEnable, name: "GINTMSK")
+                .WithTag("HBSTLEN, DMAEN", 1, 5)
+                .WithFlag(7, name: "TXFELVL")
+                .WithFlag(8, name: "PTXFELVL");
+            Registers.GUSBCFG.Define(this, 0x1440)
+                .WithValueField(0, 32, name: "TOCAL to FDMOD");
+            Registers.GRSTCTL.Define(this)
+                .WithFlag(0, FieldMode.Write, writeCallback: (_, reset) => { if(reset) { SoftReset(); } }, name: "CSRST")
+                .WithTaggedFlag("PSRST", 1)
+                .WithFlag(4, FieldMode.Write, writeCallback: (_, flush) => { if(flush) { FlushReceived(); } }, name: "RXFFLSH")
+                .WithFlag(5, FieldMode.Write, name: "TXFFLSH")
+                .WithValueField(6, 5, FieldMode.Write, name: "TXFNUM")
+                .WithFlag(31, FieldMode.Read, valueProviderCallback: _ => true, name: "AHBIDL")
+                .WithWriteCallback((_, value) => ResetWritten(value));
+            Registers.GINTSTS.Define(this)
+                .WithValueField(0, 32, writeCallback: (_, value) => latched &= ~((uint)value & 0xF870FC0A), valueProviderCallback: _ => Status,
+                    name: "CMOD to WKUPINT");
+            Registers.GINTMSK.Define(this)
+                .WithValueField(0, 32, out mask, name: "MMISM to WUIM");
+            Registers.GRXSTSR.Define(this)
+                .WithValueField(0, 32, FieldMode.Read, valueProviderCallback: _ => received.Count > 0 ? received.Peek().Status : 0,
+                    name: "EPNUM, BCNT, DPID, PKTSTS");
+            Registers.GRXSTSP.Define(this)
+                .WithValueField(0, 32, FieldMode.Read, valueProviderCallback: _ => Pop(), name: "EPNUM, BCNT, DPID, PKTSTS");
+            Registers.GRXFSIZ.Define(this, 0x200)
+                .WithValueField(0, 16, out receiveDepth, name: "RXFD");
+            Registers.DIEPTXF0.Define(this, 0x02000200)
+                .WithValueField(0, 16, out transmitStart[0], name: "TX0FSA")
+                .WithValueField(16, 16, out transmitDepth[0], name: "TX0FD");
+            Registers.HNPTXSTS.Define(this, 0x00080200)
+                .WithTag("NPTXFSAV, NPTQXSAV, NPTXQTOP", 0, 31);
+            Registers.GCCFG.Define(this)
+                .WithTag("DCDET, PDET, SDET, PS2DET", 0, 4)
+                .WithFlag(16, out transceiverOn, name: "PWRDWN")
+                .WithTag("BCDEN, DCDEN, PDEN, SDEN", 17, 4)
+                .WithFlag(21, out supplyDetection, name: "VBDEN")
+                .WithWriteCallback((_, __) => RaiseChanged());
+            Registers.CID.Define(this)
+                .WithValueField(0, 32, FieldMode.Read, valueProviderCallback: _ => 0x00002300, name: "PRODUCT_ID");
+            Registers.GSNPSID.Define(this)
+                .WithValueField(0, 32, FieldMode.Read, valueProviderCallback: _ => 0x4F54330A, name: "GSNPSID");
+            Registers.GLPMCFG.Define(this)
+                .WithValueField(0, 32, name: "LPMEN to ENBESL");
+            Registers.DIEPTXF1.DefineMany(this, Endpoints - 1, (register, n) => register
+                .WithValueField(0, 16, out transmitStart[n + 1], name: "INEPTXSA")
+                .WithValueField(16, 16, out transmitDepth[n + 1], name: "INEPTXFD"));
+            Registers.DCFG.Define(this, 0x02200000)
+                .WithValueField(0, 2, name: "DSPD")
+                .WithFlag(2, name: "NZLSOHSK")
+                .WithValueField(4, 7, out wantedAddress, writeCallback: (_, __) => AddressWritten(), name: "DAD")
+                .WithValueField(11, 2, name: "PFIVL")
+                .WithFlag(15, name: "ERRATIM")
+                .WithValueField(16, 16, name: "PERSCHIVL");
+            Registers.DCTL.Define(this, 0x2)
+                .WithTaggedFlag("RWUSIG", 0)
+                .WithFlag(1, out softDisconnect, name: "SDIS")
+                .WithTag("GINSTS, GONSTS, TCTL", 2, 5)
+                .WithFlag(7, FieldMode.Write, name: "SGINAK")
+                .WithFlag(8, FieldMode.Write, name: "CGINAK")
+                .WithFlag(9, FieldMode.Write, name: "SGONAK")
+                .WithFlag(10, FieldMode.Write, name: "CGONAK")
+                .WithFlag(11, name: "POPRGDNE")
+                .WithWriteCallback((_, __) => RaiseChanged());
+            Registers.DSTS.Define(this)
+                .WithFlag(0, FieldMode.Read, valueProviderCallback: _ => suspended, name: "SUSPSTS")
+                .WithValueField(1, 2, FieldMode.Read, valueProviderCallback: _ => 3, name: "ENUMSPD")
+                .WithTaggedFlag("EERR", 3)
+                .WithValueField(8, 14, FieldMode.Read, valueProviderCallback: _ => FrameNumber, name: "FNSOF");
+            Registers.DIEPMSK.Define(this)
+                .WithValueField(0, 32, out inMaskAll, name: "XFRCM to NAKM");
+            Registers.DOEPMSK.Define(this)
+                .WithValueField(0, 32, out outMaskAll, name: "XFRCM to NYETMSK");
+            Registers.DAINT.Define(this)
+                .WithValueField(0, 32, FieldMode.Read, valueProviderCallback: _ => EndpointInterrupts, name: "IEPINT, OEPINT");
+            Registers.DAINTMSK.Define(this)
+                .WithValueField(0, 32, out endpointMask, name: "IEPM, OEPM");
+            Registers.DIEPEMPMSK.Define(this)
+                .WithValueField(0, 16, out emptyMask, name: "INEPTXFEM");
+            Registers.PCGCCTL.Define(this, 0x200B8000)
+                .WithValueField(0, 32, name: "STPPCLK to SUSP");
+            DefineEndpoints(ins, Registers.DIEPCTL0, Registers.DIEPINT0, Registers.DIEPTSIZ0, Registers.DIEPDMA0);
+            DefineEndpoints(outs, Registers.DOEPCTL0, Registers.DOEPINT0, Registers.DOEPTSIZ0, Registers.DOEPDMA0);
+            Registers.DTXFSTS0.DefineMany(this, Endpoints, (register, n) => register
+                .WithValueField(0, 16, FieldMode.Read, valueProviderCallback: _ => FreeWords(ins[n].FifoNumber), name: "INEPTFSAV"), EndpointBytes);
         }
 
-        private void DefineEndpoint(UsbEndpoint endpoint, long at)
+        /// The fields of an endpoint depend on each other: `UsbEndpoint` has them.
+        private void DefineEndpoints(UsbEndpoint[] endpoints, Registers control, Registers interrupt, Registers size, Registers memory)
         {
-            Computed((Registers)at, () => endpoint.Control, value => WriteControl(endpoint, value));
-            Computed((Registers)(at + 0x08), () => endpoint.IsIn ? InInterrupt(endpoint.Number) : endpoint.Interrupt,
-                value => endpoint.Interrupt &= ~value);
-            Computed((Registers)(at + 0x10), () => endpoint.Size, value => endpoint.Size = value);
-            Stored((Registers)(at + 0x14));
-            if(endpoint.IsIn)
-            {
-                Computed((Registers)(at + 0x18), () => (uint)Math.Max(0, Depth(endpoint.FifoNumber) - transmit[endpoint.FifoNumber].Count), null);
-            }
+            control.DefineMany(this, Endpoints, (register, n) => register
+                .WithValueField(0, 32, writeCallback: (_, value) => WriteControl(endpoints[n], (uint)value),
+                    valueProviderCallback: _ => endpoints[n].Control, name: "MPSIZ to EPENA"), EndpointBytes);
+            interrupt.DefineMany(this, Endpoints, (register, n) => register
+                .WithValueField(0, 32, writeCallback: (_, value) => endpoints[n].Interrupt &= ~(uint)value,
+                    valueProviderCallback: _ => endpoints[n].IsIn ? InInterrupt(n) : endpoints[n].Interrupt, name: "XFRC to NYET"), EndpointBytes);
+            size.DefineMany(this, Endpoints, (register, n) => register
+                .WithValueField(0, 32, writeCallback: (_, value) => endpoints[n].Size = (uint)value,
+                    valueProviderCallback: _ => endpoints[n].Size, name: "XFRSIZ, PKTCNT"), EndpointBytes);
+            memory.DefineMany(this, Endpoints, (register, n) => register
+                .WithValueField(0, 32, name: "DMAADDR"), EndpointBytes);
         }
 
-        private void WriteDeviceConfiguration(uint value)
+        private void AddressWritten()
         {
             // DAD 0 holds at once; another address waits for the status stage of SET_ADDRESS.
             if(WantedAddress == 0 || !addressWaits)
@@ -534,34 +604,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         }
 
         private uint FrameNumber { get { return (uint)((time.Now - framesFrom) / 1000000UL) & 0x3FFF; } }
-
-        private IValueRegisterField Stored(Registers at, uint afterReset = 0, Action<uint> written = null, Func<uint, uint> read = null)
-        {
-            IValueRegisterField field = null;
-            at.Define(this, afterReset).WithValueField(0, 32, out field,
-                writeCallback: (_, value) =>
-                {
-                    if(written != null)
-                    {
-                        written((uint)value);
-                    }
-                },
-                valueProviderCallback: value => read == null ? value : read((uint)value), name: at.ToString());
-            return field;
-        }
-
-        private void Computed(Registers at, Func<uint> read, Action<uint> write)
-        {
-            at.Define(this).WithValueField(0, 32, write == null ? FieldMode.Read : FieldMode.Read | FieldMode.Write,
-                writeCallback: (_, value) =>
-                {
-                    if(write != null)
-                    {
-                        write((uint)value);
-                    }
-                },
-                valueProviderCallback: _ => read(), name: at.ToString());
-        }
 
         private class Entry
         {
@@ -578,13 +620,15 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private bool setupOpen;
         private ulong framesFrom;
 
-        private IValueRegisterField otgControl;
-        private IValueRegisterField ahb;
+        private IFlagRegisterField sessionOverride;
+        private IFlagRegisterField sessionOverrideValue;
+        private IFlagRegisterField interruptEnable;
+        private IFlagRegisterField transceiverOn;
+        private IFlagRegisterField supplyDetection;
+        private IFlagRegisterField softDisconnect;
         private IValueRegisterField mask;
-        private IValueRegisterField receiveSize;
-        private IValueRegisterField configuration;
-        private IValueRegisterField deviceConfiguration;
-        private IValueRegisterField deviceControl;
+        private IValueRegisterField receiveDepth;
+        private IValueRegisterField wantedAddress;
         private IValueRegisterField inMaskAll;
         private IValueRegisterField outMaskAll;
         private IValueRegisterField endpointMask;
@@ -593,12 +637,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private readonly VirtualTime time;
         private readonly UsbEndpoint[] ins = new UsbEndpoint[Endpoints];
         private readonly UsbEndpoint[] outs = new UsbEndpoint[Endpoints];
-        private readonly IValueRegisterField[] transmitSize = new IValueRegisterField[Endpoints];
+        private readonly IValueRegisterField[] transmitStart = new IValueRegisterField[Endpoints];
+        private readonly IValueRegisterField[] transmitDepth = new IValueRegisterField[Endpoints];
         private readonly Queue<uint>[] transmit = new Queue<uint>[Endpoints];
         private readonly Queue<Entry> received = new Queue<Entry>();
         private readonly Queue<uint> open = new Queue<uint>();
 
         private const int Endpoints = 9;
+        private const int EndpointBytes = 0x20;
         private const int Fifo = 0x1000;
         private const int FifoWords = 1024;
 
@@ -623,31 +669,41 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private enum Registers : long
         {
-            OtgControl = 0x000,
-            OtgInterrupt = 0x004,
-            AhbConfiguration = 0x008,
-            UsbConfiguration = 0x00C,
-            Reset = 0x010,
-            Interrupt = 0x014,
-            InterruptMask = 0x018,
-            ReceiveStatus = 0x01C,
-            ReceiveStatusPop = 0x020,
-            ReceiveFifoSize = 0x024,
-            TransmitFifo0 = 0x028,
-            NonPeriodicStatus = 0x02C,
-            CoreConfiguration = 0x038,
-            CoreId = 0x03C,
-            Release = 0x040,
-            Lpm = 0x054,
-            DeviceConfiguration = 0x800,
-            DeviceControl = 0x804,
-            DeviceStatus = 0x808,
-            InMask = 0x810,
-            OutMask = 0x814,
-            AllEndpoints = 0x818,
-            AllEndpointsMask = 0x81C,
-            EmptyMask = 0x834,
-            PowerAndClock = 0xE00,
+            GOTGCTL = 0x000,
+            GOTGINT = 0x004,
+            GAHBCFG = 0x008,
+            GUSBCFG = 0x00C,
+            GRSTCTL = 0x010,
+            GINTSTS = 0x014,
+            GINTMSK = 0x018,
+            GRXSTSR = 0x01C,
+            GRXSTSP = 0x020,
+            GRXFSIZ = 0x024,
+            DIEPTXF0 = 0x028,
+            HNPTXSTS = 0x02C,
+            GCCFG = 0x038,
+            CID = 0x03C,
+            GSNPSID = 0x040,
+            GLPMCFG = 0x054,
+            DIEPTXF1 = 0x104,
+            DCFG = 0x800,
+            DCTL = 0x804,
+            DSTS = 0x808,
+            DIEPMSK = 0x810,
+            DOEPMSK = 0x814,
+            DAINT = 0x818,
+            DAINTMSK = 0x81C,
+            DIEPEMPMSK = 0x834,
+            DIEPCTL0 = 0x900,
+            DIEPINT0 = 0x908,
+            DIEPTSIZ0 = 0x910,
+            DIEPDMA0 = 0x914,
+            DTXFSTS0 = 0x918,
+            DOEPCTL0 = 0xB00,
+            DOEPINT0 = 0xB08,
+            DOEPTSIZ0 = 0xB10,
+            DOEPDMA0 = 0xB14,
+            PCGCCTL = 0xE00,
         }
     }
 

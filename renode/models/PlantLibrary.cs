@@ -10,6 +10,7 @@ using Antmicro.Renode.Utilities;
 
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
+    /// Another thread may still compute a step while the emulation ends. From then on the plant stands still and gives zeros.
     public sealed class PlantLibrary : IDisposable
     {
         /// Numbers that the truth begins with, before three for each unit.
@@ -53,38 +54,60 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         public void Dispose()
         {
-            if(handle != IntPtr.Zero)
+            lock(guard)
             {
-                free(handle);
-                handle = IntPtr.Zero;
+                if(handle != IntPtr.Zero)
+                {
+                    free(handle);
+                    handle = IntPtr.Zero;
+                }
             }
         }
 
-        public void AdvanceTo(ulong nanoseconds) { advance(handle, nanoseconds); }
+        public void AdvanceTo(ulong nanoseconds) { Use(() => advance(handle, nanoseconds)); }
 
-        public void SetAmplifierVolts(int unit, double value) { volts(handle, (uint)unit, value); }
+        public void SetAmplifierVolts(int unit, double value) { Use(() => volts(handle, (uint)unit, value)); }
 
-        public void SetAmplifierPower(bool on) { power(handle, (byte)(on ? 1 : 0)); }
+        public void SetAmplifierPower(bool on) { Use(() => power(handle, (byte)(on ? 1 : 0))); }
 
-        public void SetRobotMoving(bool moving) { robot(handle, (byte)(moving ? 1 : 0)); }
+        public void SetRobotMoving(bool moving) { Use(() => robot(handle, (byte)(moving ? 1 : 0))); }
 
         /// Bridge output in V per V of excitation.
-        public double Bridge(int unit) { return bridge(handle, (uint)unit); }
+        public double Bridge(int unit) { return Of(() => bridge(handle, (uint)unit)); }
 
-        public long Counts(int unit) { return counts(handle, (uint)unit); }
+        public long Counts(int unit) { return Of(() => counts(handle, (uint)unit)); }
 
         /// Tip position, velocity, force on the tip; then tension, reel speed and current of each unit.
         public double[] Truth()
         {
             var row = new double[TruthRig + TruthUnit * Units];
-            truth(handle, row, (UIntPtr)(uint)row.Length);
+            Use(() => truth(handle, row, (UIntPtr)(uint)row.Length));
             return row;
         }
 
         public int Units { get; private set; }
 
         /// V/V that one newton along a cell's axis is worth, by its own sensitivity.
-        public double BridgePerNewton(int unit) { return perNewton(handle, (uint)unit); }
+        public double BridgePerNewton(int unit) { return Of(() => perNewton(handle, (uint)unit)); }
+
+        private void Use(Action action)
+        {
+            lock(guard)
+            {
+                if(handle != IntPtr.Zero)
+                {
+                    action();
+                }
+            }
+        }
+
+        private T Of<T>(Func<T> function)
+        {
+            lock(guard)
+            {
+                return handle != IntPtr.Zero ? function() : default(T);
+            }
+        }
 
         private static T Bind<T>(IntPtr library, string name)
         {
@@ -92,6 +115,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         }
 
         private IntPtr handle;
+        private readonly object guard = new object();
         private readonly HandleToNone free;
         private readonly HandleUlong advance;
         private readonly HandleUnitDouble volts;

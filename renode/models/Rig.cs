@@ -78,7 +78,6 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             if(plant != null)
             {
                 plant.Dispose();
-                plant = null;
             }
         }
 

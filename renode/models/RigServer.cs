@@ -21,7 +21,7 @@ using Antmicro.Renode.Time;
 
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
-    public class RigServer : IPeripheral
+    public class RigServer : IPeripheral, IDisposable
     {
         public RigServer(IMachine machine, Rig rig, SerialLine serial, UsbHost usbHost, I2cController i2c, Tca9548a mux, Plc plc,
             Nau7802 cell1, Nau7802 cell2, Nau7802 cell3, Nau7802 cell4, Nau7802 cell5, Nau7802 cell6)
@@ -43,53 +43,106 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// `thenExit`: Renode ends with it.
         public void Connect(int port, bool thenExit = false)
         {
-            var client = new TcpClient("127.0.0.1", port) { NoDelay = true };
+            Disconnect();
+            client = new TcpClient("127.0.0.1", port) { NoDelay = true };
             rig.KeepRows = true;
-            var thread = new Thread(() => Serve(client, thenExit)) { IsBackground = true, Name = "rig server" };
+            closing = false;
+            thread = new Thread(() => Serve(client, thenExit)) { IsBackground = true, Name = "rig server" };
             thread.Start();
         }
 
-        private void Serve(TcpClient client, bool thenExit)
+        /// Lets the other program go, and waits until the step that runs is over.
+        public void Disconnect()
         {
-            using(client)
-            using(var stream = client.GetStream())
+            Close();
+            Join();
+            rig.KeepRows = false;
+        }
+
+        /// The emulation ends. A step that runs cannot be waited for: Renode has paused it, and ends it when all machines are gone. It
+        /// finds a plant that stands still (`PlantLibrary`), and its thread touches nothing after it.
+        public void Dispose()
+        {
+            Close();
+            Thread.MemoryBarrier();
+            if(!stepping)
             {
-                var reader = new StreamReader(stream, Encoding.ASCII);
-                var writer = new StreamWriter(stream, Encoding.ASCII) { AutoFlush = true, NewLine = "\n" };
-                writer.WriteLine("ready " + rig.Seed);
-                while(true)
+                Join();
+            }
+        }
+
+        private void Close()
+        {
+            closing = true;
+            if(client != null)
+            {
+                client.Close();
+            }
+        }
+
+        private void Join()
+        {
+            if(thread != null && thread != Thread.CurrentThread)
+            {
+                thread.Join();
+            }
+        }
+
+        private void Serve(TcpClient peer, bool thenExit)
+        {
+            try
+            {
+                using(peer)
+                using(var stream = peer.GetStream())
                 {
-                    string line;
-                    try
-                    {
-                        line = reader.ReadLine();
-                    }
-                    catch(IOException)
-                    {
-                        line = null;
-                    }
-                    if(line == null || line == "quit")
-                    {
-                        break;
-                    }
-                    string answer;
-                    try
-                    {
-                        answer = Answer(line.Split(' '));
-                    }
-                    catch(Exception e)
-                    {
-                        this.Log(LogLevel.Warning, "{0}: {1}", line, e);
-                        answer = "failed " + e.Message.Replace('\n', ' ');
-                    }
-                    writer.WriteLine(answer);
+                    Converse(new StreamReader(stream, Encoding.ASCII), new StreamWriter(stream, Encoding.ASCII) { AutoFlush = true, NewLine = "\n" });
                 }
+            }
+            catch(IOException)
+            {
+                // The other program is gone.
+            }
+            catch(ObjectDisposedException)
+            {
+                // Closed here.
+            }
+            if(closing)
+            {
+                return;
             }
             rig.KeepRows = false;
             this.Log(LogLevel.Info, "the other program has quit");
             if(thenExit)
             {
                 Emulator.Exit();
+            }
+        }
+
+        private void Converse(TextReader reader, TextWriter writer)
+        {
+            writer.WriteLine("ready " + rig.Seed);
+            while(!closing)
+            {
+                var line = reader.ReadLine();
+                if(line == null || line == "quit")
+                {
+                    break;
+                }
+                string answer;
+                try
+                {
+                    answer = Answer(line.Split(' '));
+                }
+                catch(Exception e)
+                {
+                    if(closing)
+                    {
+                        break;
+                    }
+                    this.Log(LogLevel.Warning, "{0}: {1}", line, e);
+                    answer = "failed " + e.Message.Replace('\n', ' ');
+                }
+                writer.WriteLine(answer);
             }
         }
 
@@ -131,7 +184,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
             if(nanoseconds > 0)
             {
-                EmulationManager.Instance.CurrentEmulation.RunFor(TimeInterval.FromTicks(nanoseconds * (TimeInterval.TicksPerSecond / 1000000000UL)));
+                Step(TimeInterval.FromTicks(nanoseconds * (TimeInterval.TicksPerSecond / 1000000000UL)));
             }
             var text = new StringBuilder();
             var rows = rig.TakeRows();
@@ -153,6 +206,28 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 Append(text, row.Volts);
             }
             return text.ToString();
+        }
+
+        private void Step(TimeInterval interval)
+        {
+            stepping = true;
+            // Either this sees `closing`, or `Dispose` sees `stepping`.
+            Thread.MemoryBarrier();
+            try
+            {
+                if(!closing)
+                {
+                    EmulationManager.Instance.CurrentEmulation.RunFor(interval);
+                }
+            }
+            finally
+            {
+                stepping = false;
+            }
+            if(closing)
+            {
+                throw new RecoverableException("the emulation has ended, or the other program was let go");
+            }
         }
 
         private static void Append(StringBuilder text, double[] values)
@@ -252,6 +327,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         }
 
         private readonly Rig rig;
+        private TcpClient client;
+        private Thread thread;
+        private volatile bool closing;
+        private volatile bool stepping;
         private bool byUsb;
         private bool portOpen;
 

@@ -3,26 +3,25 @@
 // Renode's own PCA9548 stores the mask and routes nothing.
 
 using System.Collections.Generic;
+using System.Linq;
 using Antmicro.Renode.Core;
-using Antmicro.Renode.Logging;
+using Antmicro.Renode.Core.Structure;
 
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
+    /// Channels are attached by their numbers, 0 to 7, and chips to the channels.
     /// Inputs: 0 RESET (active low), 1 SCL as the core's pad shows it, for a core that clocks the bus by hand.
-    public class Tca9548a : IPeripheral, II2cTarget, IGPIOReceiver
+    public class Tca9548a : SimpleContainer<I2cSegment>, II2cChip, II2cSwitch, IGPIOReceiver
     {
         /// `port`, `sda`: the pad that a stuck line holds low.
-        public Tca9548a(IMachine machine, GpioPort port, int sda, II2cTarget channel0, II2cTarget channel1, II2cTarget channel2,
-            II2cTarget channel3, II2cTarget channel4, II2cTarget channel5, int address = 0x70)
+        public Tca9548a(IMachine machine, GpioPort port, int sda) : base(machine)
         {
             this.port = port;
             this.sda = sda;
-            this.address = address;
-            channels = new[] { channel0, channel1, channel2, channel3, channel4, channel5 };
         }
 
         /// A reset of the board reaches this part through its pin only.
-        public void Reset()
+        public override void Reset()
         {
         }
 
@@ -55,72 +54,53 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         public bool HoldsBus { get; private set; }
 
-        public bool Start(int called, bool read)
+        public IEnumerable<I2cSegment> Connected
         {
-            if(inReset || Silent)
+            get
             {
-                return false;
+                return inReset || Silent ? Enumerable.Empty<I2cSegment>()
+                    : ChildCollection.Where(channel => (mask >> channel.Key & 1) != 0).Select(channel => channel.Value);
             }
-            forMe = called == address;
-            talking.Clear();
-            var answered = forMe;
-            for(var n = 0; n < channels.Length; n++)
-            {
-                if((mask >> n & 1) != 0 && channels[n].Start(called, read))
-                {
-                    talking.Add(channels[n]);
-                    answered = true;
-                }
-            }
-            if(talking.Count > 1)
-            {
-                this.Log(LogLevel.Warning, "{0} devices answer at 0x{1:X2}: mask 0x{2:X2}", talking.Count, called, mask);
-            }
-            return answered;
         }
 
-        public bool Write(byte value)
+        public bool Start(bool read)
         {
-            if(forMe)
-            {
-                written = value;
-                return true;
-            }
-            var acknowledged = false;
-            foreach(var device in talking)
-            {
-                acknowledged |= device.Write(value);
-            }
-            return acknowledged;
+            return !inReset && !Silent;
         }
 
-        public byte Read()
+        public bool WriteByte(byte value)
         {
-            if(forMe)
-            {
-                return mask;
-            }
-            byte wired = 0xFF;
-            foreach(var device in talking)
-            {
-                wired &= device.Read();
-            }
-            return wired;
+            written = value;
+            return true;
+        }
+
+        public byte ReadByte()
+        {
+            return mask;
         }
 
         public void Stop()
         {
-            foreach(var device in talking)
-            {
-                device.Stop();
-            }
-            talking.Clear();
             if(written != null)
             {
                 mask = written.Value;
                 written = null;
             }
-            forMe = false;
+        }
+
+        public void Write(byte[] data)
+        {
+            I2cBlocks.Write(this, data);
+        }
+
+        public byte[] Read(int count)
+        {
+            return I2cBlocks.Read(this, count);
+        }
+
+        public void FinishTransmission()
+        {
+            Stop();
         }
 
         /// Without supply: no acknowledge, here or behind.
@@ -140,15 +120,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private byte mask;
         private byte? written;
-        private bool forMe;
         private bool inReset;
         private bool shorted;
         private int clocks;
 
-        private readonly int address;
         private readonly int sda;
         private readonly GpioPort port;
-        private readonly II2cTarget[] channels;
-        private readonly List<II2cTarget> talking = new List<II2cTarget>();
     }
 }

@@ -6,6 +6,7 @@
 using System;
 using System.Collections.Generic;
 using Antmicro.Renode.Core;
+using Antmicro.Renode.Core.Structure.Registers;
 using Antmicro.Renode.Logging;
 using Antmicro.Renode.Peripherals.Bus;
 using Antmicro.Renode.Peripherals.UART;
@@ -13,132 +14,42 @@ using Antmicro.Renode.Peripherals.UART;
 namespace Antmicro.Renode.Peripherals.ForceRig
 {
     [AllowedTranslations(AllowedTranslation.ByteToDoubleWord | AllowedTranslation.WordToDoubleWord)]
-    public class Usart : RegisterBlock, IUART
+    public class Usart : BasicDoubleWordPeripheral, IUART, IKnownSize
     {
-        public Usart(IMachine machine, Rcc rcc)
+        public Usart(IMachine machine, Rcc rcc) : base(machine)
         {
             this.rcc = rcc;
             time = new VirtualTime(machine);
             IRQ = new GPIO();
             ReceiveRequest = new GPIO();
             TransmitRequest = new GPIO();
-            // GTPR, RTOR.
-            Keep(0x10);
-            Keep(0x14);
+            DefineRegisters();
             Reset();
         }
 
         public override void Reset()
         {
             base.Reset();
-            control1 = 0;
-            control2 = 0;
-            control3 = 0;
-            divisor = 0;
-            prescaler = 0;
-            flags = TransmitComplete;
-            toSend.Clear();
-            received.Clear();
-            sending = false;
-            epoch++;
+            Clear();
             Update();
         }
 
-        protected override uint? Read(long offset)
+        public override void WriteDoubleWord(long offset, uint value)
         {
-            switch(offset)
-            {
-            case 0x00:
-                return control1;
-            case 0x04:
-                return control2;
-            case 0x08:
-                return control3;
-            case 0x0C:
-                return divisor;
-            case 0x18:
-            case 0x20:
-                return 0;
-            case 0x1C:
-                return Status;
-            case 0x24:
-                return Receive();
-            case 0x28:
-                return 0;
-            case 0x2C:
-                return prescaler;
-            default:
-                return null;
-            }
-        }
-
-        protected override bool Write(long offset, uint value)
-        {
-            switch(offset)
-            {
-            case 0x00:
-                control1 = value;
-                if((value & 0x10001000) != 0 || (value & 1u << 10) != 0)
-                {
-                    this.Log(LogLevel.Warning, "only 8 data bits without parity are modelled");
-                }
-                if(!IsOn)
-                {
-                    toSend.Clear();
-                    received.Clear();
-                    sending = false;
-                    flags = TransmitComplete;
-                    epoch++;
-                }
-                break;
-            case 0x04:
-                control2 = value;
-                break;
-            case 0x08:
-                control3 = value;
-                break;
-            case 0x0C:
-                divisor = value & 0xFFFF;
-                break;
-            case 0x18:
-                if((value & 1u << 3) != 0)
-                {
-                    received.Clear();
-                }
-                if((value & 1u << 4) != 0)
-                {
-                    toSend.Clear();
-                }
-                break;
-            case 0x20:
-                flags &= ~(value & Clearable);
-                break;
-            case 0x28:
-                Send((byte)value);
-                break;
-            case 0x2C:
-                prescaler = value & 15;
-                break;
-            default:
-                return false;
-            }
+            base.WriteDoubleWord(offset, value);
             Update();
-            return true;
         }
 
         /// A byte arrives at the RX pin.
         public void WriteChar(byte value)
         {
-            if(!IsOn || (control1 & ReceiverOn) == 0)
+            if(!IsReceiving)
             {
                 return;
             }
             if(received.Count >= Depth)
             {
-                if((control3 & 1u << 12) == 0)
-                {
-                    flags |= Overrun;
-                }
+                overrun.Value |= !overrunOff.Value;
                 this.Log(LogLevel.Warning, "receiver overrun: a byte is lost");
             }
             else
@@ -150,12 +61,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
                 if(mine == idleWatch)
                 {
-                    flags |= Idle;
+                    idle.Value = true;
                     Update();
                 }
             });
             Update();
         }
+
+        public long Size { get { return 0x400; } }
 
         public event Action<byte> CharReceived;
 
@@ -163,14 +76,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         {
             get
             {
-                if(divisor == 0)
+                var value = (uint)divisor.Value;
+                if(value == 0)
                 {
                     return 0;
                 }
-                var hz = rcc.Usart234578Hz / Prescale[Math.Min(prescaler, 11)];
+                var hz = rcc.Usart234578Hz / Prescale[Math.Min(prescaler.Value, 11)];
                 // OVER8: the low nibble holds three bits, shifted right by one (RM0433 51.5.7).
-                return (control1 & 1u << 15) == 0 ? (uint)(hz / divisor)
-                    : (uint)(2 * hz / (divisor & 0xFFF0 | (divisor & 7) << 1));
+                return !oversample8.Value ? (uint)(hz / value) : (uint)(2 * hz / (value & 0xFFF0 | (value & 7) << 1));
             }
         }
 
@@ -184,37 +97,134 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         public GPIO TransmitRequest { get; private set; }
 
-        private bool IsOn { get { return (control1 & 1) != 0; } }
+        private bool IsReceiving { get { return enabled.Value && receiverOn.Value; } }
 
-        private bool HasFifo { get { return (control1 & 1u << 29) != 0; } }
+        private bool IsTransmitting { get { return enabled.Value && transmitterOn.Value; } }
 
-        private int Depth { get { return HasFifo ? 16 : 1; } }
+        private int Depth { get { return fifo.Value ? 16 : 1; } }
 
         private ulong ByteNs { get { return BaudRate == 0 ? 1000000UL : 10000000000UL / BaudRate; } }
 
-        private uint Status
+        private bool HasReceived { get { return received.Count > 0; } }
+
+        private bool HasRoom { get { return toSend.Count < Depth; } }
+
+        private bool IsTransmitFifoEmpty { get { return fifo.Value && toSend.Count == 0; } }
+
+        private bool IsReceiveFifoFull { get { return fifo.Value && received.Count >= 16; } }
+
+        private bool IsReceiveThreshold { get { return fifo.Value && received.Count >= Threshold(receiveThreshold.Value); } }
+
+        private bool IsTransmitThreshold { get { return fifo.Value && 16 - toSend.Count >= Threshold(transmitThreshold.Value); } }
+
+        private void DefineRegisters()
         {
-            get
-            {
-                var status = flags;
-                status |= received.Count > 0 ? ReceiveNotEmpty : 0;
-                status |= toSend.Count < Depth ? TransmitNotFull : 0;
-                status |= IsOn && (control1 & TransmitterOn) != 0 ? 1u << 21 : 0;
-                status |= IsOn && (control1 & ReceiverOn) != 0 ? 1u << 22 : 0;
-                if(HasFifo)
-                {
-                    status |= toSend.Count == 0 ? 1u << 23 : 0;
-                    status |= received.Count >= 16 ? 1u << 24 : 0;
-                    status |= received.Count >= Threshold(control3 >> 25) ? 1u << 26 : 0;
-                    status |= 16 - toSend.Count >= Threshold(control3 >> 29) ? 1u << 27 : 0;
-                }
-                return status;
-            }
+            Registers.CR1.Define(this)
+                .WithFlag(0, out enabled, writeCallback: (_, on) => { if(!on) { Clear(); } }, name: "UE")
+                .WithFlag(1, name: "UESM")
+                .WithFlag(2, out receiverOn, name: "RE")
+                .WithFlag(3, out transmitterOn, name: "TE")
+                .WithFlag(4, out idleEnable, name: "IDLEIE")
+                .WithFlag(5, out receivedEnable, name: "RXFNEIE")
+                .WithFlag(6, out completeEnable, name: "TCIE")
+                .WithFlag(7, out roomEnable, name: "TXFNFIE")
+                .WithFlag(8, name: "PEIE")
+                .WithFlag(9, name: "PS")
+                .WithTaggedFlag("PCE", 10)
+                .WithFlag(11, name: "WAKE")
+                .WithTaggedFlag("M0", 12)
+                .WithTaggedFlag("MME", 13)
+                .WithFlag(14, name: "CMIE")
+                .WithFlag(15, out oversample8, name: "OVER8")
+                .WithValueField(16, 5, name: "DEDT")
+                .WithValueField(21, 5, name: "DEAT")
+                .WithFlag(26, name: "RTOIE")
+                .WithFlag(27, name: "EOBIE")
+                .WithTaggedFlag("M1", 28)
+                .WithFlag(29, out fifo, name: "FIFOEN")
+                .WithFlag(30, out transmitEmptyEnable, name: "TXFEIE")
+                .WithFlag(31, out receiveFullEnable, name: "RXFFIE");
+            Registers.CR2.Define(this)
+                .WithTag("SLVEN, DIS_NSS", 0, 4)
+                .WithFlag(4, name: "ADDM7")
+                .WithValueField(5, 2, name: "LBDL, LBDIE")
+                .WithValueField(8, 3, name: "LBCL, CPHA, CPOL")
+                .WithTaggedFlag("CLKEN", 11)
+                .WithValueField(12, 2, name: "STOP")
+                .WithTaggedFlag("LINEN", 14)
+                .WithTag("SWAP, RXINV, TXINV, DATAINV, MSBFIRST", 15, 5)
+                .WithTag("ABREN, ABRMOD", 20, 3)
+                .WithTaggedFlag("RTOEN", 23)
+                .WithValueField(24, 8, name: "ADD");
+            Registers.CR3.Define(this)
+                .WithFlag(0, out errorEnable, name: "EIE")
+                .WithTag("IREN, IRLP, HDSEL, NACK, SCEN", 1, 5)
+                .WithFlag(6, out receiveByDma, name: "DMAR")
+                .WithFlag(7, out transmitByDma, name: "DMAT")
+                .WithTag("RTSE, CTSE", 8, 2)
+                .WithFlag(10, name: "CTSIE")
+                .WithFlag(11, name: "ONEBIT")
+                .WithFlag(12, out overrunOff, name: "OVRDIS")
+                .WithFlag(13, name: "DDRE")
+                .WithTag("DEM, DEP", 14, 2)
+                .WithValueField(17, 3, name: "SCARCNT")
+                .WithValueField(20, 3, name: "WUS, WUFIE")
+                .WithFlag(23, out transmitThresholdEnable, name: "TXFTIE")
+                .WithFlag(24, name: "TCBGTIE")
+                .WithValueField(25, 3, out receiveThreshold, name: "RXFTCFG")
+                .WithFlag(28, out receiveThresholdEnable, name: "RXFTIE")
+                .WithValueField(29, 3, out transmitThreshold, name: "TXFTCFG");
+            Registers.BRR.Define(this)
+                .WithValueField(0, 16, out divisor, name: "BRR");
+            Registers.GTPR.Define(this)
+                .WithValueField(0, 16, name: "PSC, GT");
+            Registers.RTOR.Define(this)
+                .WithValueField(0, 32, name: "RTO, BLEN");
+            Registers.RQR.Define(this)
+                .WithTag("ABRRQ, SBKRQ, MMRQ", 0, 3)
+                .WithFlag(3, FieldMode.Write, writeCallback: (_, flush) => { if(flush) { received.Clear(); } }, name: "RXFRQ")
+                .WithFlag(4, FieldMode.Write, writeCallback: (_, flush) => { if(flush) { toSend.Clear(); } }, name: "TXFRQ");
+            Registers.ISR.Define(this)
+                .WithTag("PE, FE, NE", 0, 3)
+                .WithFlag(3, out overrun, FieldMode.Read, name: "ORE")
+                .WithFlag(4, out idle, FieldMode.Read, name: "IDLE")
+                .WithFlag(5, FieldMode.Read, valueProviderCallback: _ => HasReceived, name: "RXFNE")
+                .WithFlag(6, out complete, FieldMode.Read, name: "TC")
+                .WithFlag(7, FieldMode.Read, valueProviderCallback: _ => HasRoom, name: "TXFNF")
+                .WithFlag(21, FieldMode.Read, valueProviderCallback: _ => IsTransmitting, name: "TEACK")
+                .WithFlag(22, FieldMode.Read, valueProviderCallback: _ => IsReceiving, name: "REACK")
+                .WithFlag(23, FieldMode.Read, valueProviderCallback: _ => IsTransmitFifoEmpty, name: "TXFE")
+                .WithFlag(24, FieldMode.Read, valueProviderCallback: _ => IsReceiveFifoFull, name: "RXFF")
+                .WithFlag(26, FieldMode.Read, valueProviderCallback: _ => IsReceiveThreshold, name: "RXFT")
+                .WithFlag(27, FieldMode.Read, valueProviderCallback: _ => IsTransmitThreshold, name: "TXFT");
+            Registers.ICR.Define(this)
+                .WithValueField(0, 3, FieldMode.Write, name: "PECF, FECF, NECF")
+                .WithFlag(3, FieldMode.Write, writeCallback: (_, clear) => overrun.Value &= !clear, name: "ORECF")
+                .WithFlag(4, FieldMode.Write, writeCallback: (_, clear) => idle.Value &= !clear, name: "IDLECF")
+                .WithFlag(5, FieldMode.Write, name: "TXFECF")
+                .WithFlag(6, FieldMode.Write, writeCallback: (_, clear) => complete.Value &= !clear, name: "TCCF")
+                .WithValueField(7, 14, FieldMode.Write, name: "TCBGTCF to WUCF");
+            Registers.RDR.Define(this)
+                .WithValueField(0, 9, FieldMode.Read, valueProviderCallback: _ => Receive(), name: "RDR");
+            Registers.TDR.Define(this)
+                .WithValueField(0, 9, FieldMode.Write, writeCallback: (_, value) => Send((byte)value), name: "TDR");
+            Registers.PRESC.Define(this)
+                .WithValueField(0, 4, out prescaler, name: "PRESCALER");
         }
 
-        private static int Threshold(uint code)
+        private void Clear()
         {
-            switch(code & 7)
+            toSend.Clear();
+            received.Clear();
+            sending = false;
+            overrun.Value = idle.Value = false;
+            complete.Value = true;
+            epoch++;
+        }
+
+        private static int Threshold(ulong code)
+        {
+            switch(code)
             {
             case 0:
                 return 2;
@@ -240,7 +250,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private void Send(byte value)
         {
-            if(!IsOn || (control1 & TransmitterOn) == 0)
+            if(!IsTransmitting)
             {
                 this.Log(LogLevel.Warning, "TDR written while the transmitter is off: lost");
                 return;
@@ -251,7 +261,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 return;
             }
             toSend.Enqueue(value);
-            flags &= ~TransmitComplete;
+            complete.Value = false;
             Shift();
         }
 
@@ -294,38 +304,54 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             else
             {
                 sending = false;
-                flags |= TransmitComplete;
+                complete.Value = true;
                 Update();
             }
         }
 
         private void Update()
         {
-            ReceiveRequest.Set(IsOn && (control3 & 1u << 6) != 0 && received.Count > 0);
-            TransmitRequest.Set(IsOn && (control3 & 1u << 7) != 0 && (control1 & TransmitterOn) != 0 && toSend.Count < Depth);
-            var status = Status;
-            var pending = false;
-            pending |= (control1 & 1u << 4) != 0 && (status & Idle) != 0;
-            pending |= (control1 & 1u << 5) != 0 && (status & (ReceiveNotEmpty | Overrun)) != 0;
-            pending |= (control1 & 1u << 6) != 0 && (status & TransmitComplete) != 0;
-            pending |= (control1 & 1u << 7) != 0 && (status & TransmitNotFull) != 0;
-            pending |= (control1 & 1u << 30) != 0 && (status & 1u << 23) != 0;
-            pending |= (control1 & 1u << 31) != 0 && (status & 1u << 24) != 0;
-            pending |= (control3 & 1u << 28) != 0 && (status & 1u << 26) != 0;
-            pending |= (control3 & 1u << 23) != 0 && (status & 1u << 27) != 0;
-            pending |= (control3 & 1) != 0 && (status & (Overrun | 7)) != 0;
-            IRQ.Set(pending);
+            ReceiveRequest.Set(enabled.Value && receiveByDma.Value && HasReceived);
+            TransmitRequest.Set(IsTransmitting && transmitByDma.Value && HasRoom);
+            IRQ.Set(idleEnable.Value && idle.Value
+                || receivedEnable.Value && (HasReceived || overrun.Value)
+                || completeEnable.Value && complete.Value
+                || roomEnable.Value && HasRoom
+                || transmitEmptyEnable.Value && IsTransmitFifoEmpty
+                || receiveFullEnable.Value && IsReceiveFifoFull
+                || receiveThresholdEnable.Value && IsReceiveThreshold
+                || transmitThresholdEnable.Value && IsTransmitThreshold
+                || errorEnable.Value && overrun.Value);
         }
 
-        private uint control1;
-        private uint control2;
-        private uint control3;
-        private uint divisor;
-        private uint prescaler;
-        private uint flags;
         private bool sending;
         private ulong epoch;
         private ulong idleWatch;
+
+        private IFlagRegisterField enabled;
+        private IFlagRegisterField receiverOn;
+        private IFlagRegisterField transmitterOn;
+        private IFlagRegisterField idleEnable;
+        private IFlagRegisterField receivedEnable;
+        private IFlagRegisterField completeEnable;
+        private IFlagRegisterField roomEnable;
+        private IFlagRegisterField oversample8;
+        private IFlagRegisterField fifo;
+        private IFlagRegisterField transmitEmptyEnable;
+        private IFlagRegisterField receiveFullEnable;
+        private IFlagRegisterField errorEnable;
+        private IFlagRegisterField receiveByDma;
+        private IFlagRegisterField transmitByDma;
+        private IFlagRegisterField overrunOff;
+        private IFlagRegisterField transmitThresholdEnable;
+        private IFlagRegisterField receiveThresholdEnable;
+        private IValueRegisterField receiveThreshold;
+        private IValueRegisterField transmitThreshold;
+        private IValueRegisterField divisor;
+        private IValueRegisterField prescaler;
+        private IFlagRegisterField overrun;
+        private IFlagRegisterField idle;
+        private IFlagRegisterField complete;
 
         private readonly Queue<byte> toSend = new Queue<byte>();
         private readonly Queue<byte> received = new Queue<byte>();
@@ -334,13 +360,20 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private static readonly int[] Prescale = { 1, 2, 4, 6, 8, 10, 12, 16, 32, 64, 128, 256 };
 
-        private const uint ReceiverOn = 1u << 2;
-        private const uint TransmitterOn = 1u << 3;
-        private const uint Overrun = 1u << 3;
-        private const uint Idle = 1u << 4;
-        private const uint ReceiveNotEmpty = 1u << 5;
-        private const uint TransmitComplete = 1u << 6;
-        private const uint TransmitNotFull = 1u << 7;
-        private const uint Clearable = 0x123B5F;
+        private enum Registers
+        {
+            CR1 = 0x00,
+            CR2 = 0x04,
+            CR3 = 0x08,
+            BRR = 0x0C,
+            GTPR = 0x10,
+            RTOR = 0x14,
+            RQR = 0x18,
+            ISR = 0x1C,
+            ICR = 0x20,
+            RDR = 0x24,
+            TDR = 0x28,
+            PRESC = 0x2C,
+        }
     }
 }

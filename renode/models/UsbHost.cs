@@ -118,16 +118,18 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             return bytes;
         }
 
-        /// Queues a control transfer; `Answer` has its outcome when time has passed. `data` as hexadecimal digits.
-        public void Request(int kind, int request, int value, int index, int length, string data = "")
+        /// Queues a control transfer; `Answer` has its outcome when time has passed. `data` as hexadecimal digits; its length need not be
+        /// the `length` of the request. `abandonAfter`: the host stops after so many bytes of the data stage, -1 for never.
+        public void Request(int kind, int request, int value, int index, int length, string data = "", int abandonAfter = -1)
         {
             Answer = "";
             var bytes = SerialLine.FromHex(data);
-            var transfer = new UsbTransfer(kind, request, value, index, length, bytes);
+            var transfer = new UsbTransfer(kind, request, value, index, length, bytes) { AbandonAfter = abandonAfter };
             Add(transfer, done => Answer = done.Outcome + (done.Received.Count > 0 ? " " + SerialLine.ToHex(done.Received.ToArray()) : ""));
         }
 
-        /// Outcome of the last `Request`: "done" with the bytes read, "stalled" or "broken"; empty while it is under way.
+        /// Outcome of the last `Request`: "done" with the bytes read, "stalled", "abandoned", "given up" after 100 ms, or "broken"; empty
+        /// while it is under way.
         public string Answer { get; private set; }
 
         /// A descriptor of the enumeration: "device", "configuration", or "string" with its number. Hexadecimal digits.
@@ -139,6 +141,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         /// Packets from the device whose data PID was that of the packet before: dropped.
         public int Repeated { get; private set; }
+
+        /// Pipes that answered STALL. They rest until CLEAR_FEATURE or SET_CONFIGURATION.
+        public int Stalls { get; private set; }
 
         private void Wake()
         {
@@ -248,7 +253,16 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
             if(current == null && script == null && waiting.Count > 0 && bulkIn != null)
             {
-                current = waiting.Dequeue();
+                var next = waiting.Dequeue();
+                current = next;
+                After(ControlLimitNs, delegate
+                {
+                    if(current == next)
+                    {
+                        next.GiveUp();
+                        Finish();
+                    }
+                });
             }
             waitsControl = false;
             Transact();
@@ -363,8 +377,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             {
                 return;
             }
-            var into = Reading && !waitsIn;
-            var outOf = toDevice.Count > 0 && !waitsOut;
+            var into = Reading && !waitsIn && !bulkIn.Halted;
+            var outOf = toDevice.Count > 0 && !waitsOut && !bulkOut.Halted;
             if(into && (!outOf || !lastIn))
             {
                 Occupy(64, TransactIn);
@@ -397,10 +411,14 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 waitsControl = true;
                 return;
             }
-            if(current.Outcome == null)
+            if(current.Outcome != null)
             {
-                return;
+                Finish();
             }
+        }
+
+        private void Finish()
+        {
             var done = current;
             current = null;
             if(done.Outcome == "done")
@@ -430,12 +448,16 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             }
             if(done.Setup[0] == 0 && done.Setup[1] == 9)
             {
-                bulkIn.Data1 = bulkOut.Data1 = false;
+                bulkIn.Begin();
+                bulkOut.Begin();
             }
             if(done.Setup[0] == 2 && done.Setup[1] == 1)
             {
                 var pipe = (done.Setup[4] & 0x80) != 0 ? bulkIn : bulkOut;
-                pipe.Data1 &= pipe.Number != (done.Setup[4] & 15);
+                if(pipe.Number == (done.Setup[4] & 15))
+                {
+                    pipe.Begin();
+                }
             }
         }
 
@@ -459,6 +481,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             case UsbHandshake.Nak:
                 waitsIn = true;
                 break;
+            case UsbHandshake.Stall:
+                bulkIn.Halted = true;
+                Stalls++;
+                break;
             default:
                 this.Log(LogLevel.Warning, "the IN pipe does not work");
                 State = "failed";
@@ -477,6 +503,10 @@ namespace Antmicro.Renode.Peripherals.ForceRig
                 break;
             case UsbHandshake.Nak:
                 waitsOut = true;
+                break;
+            case UsbHandshake.Stall:
+                bulkOut.Halted = true;
+                Stalls++;
                 break;
             default:
                 this.Log(LogLevel.Warning, "the OUT pipe does not work");
@@ -532,6 +562,12 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             public int Number;
             public int Size;
             public bool Data1;
+            public bool Halted;
+
+            public void Begin()
+            {
+                Data1 = Halted = false;
+            }
         }
 
         private bool cable;
@@ -566,6 +602,8 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private const ulong RecoveryNs = 10000000;
         private const ulong ResumeNs = 20000000;
         private const ulong IdleNs = 3000000;
+        // Shorter than the 500 ms that a device may take for a data packet (section 9.2.6.4): this one has nothing to wait for.
+        private const ulong ControlLimitNs = 100000000;
     }
 
     /// A control transfer: SETUP, data and status stage (USB 2.0 section 8.5.3).
@@ -576,6 +614,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             Setup = new[] { (byte)kind, (byte)request, (byte)value, (byte)(value >> 8), (byte)index, (byte)(index >> 8), (byte)length, (byte)(length >> 8) };
             this.length = length;
             this.data = data;
+            AbandonAfter = -1;
         }
 
         /// Payload of the next transaction in bytes.
@@ -600,13 +639,18 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             byte[] bytes;
             bool pid;
             UsbHandshake answer;
+            if(AbandonAfter >= 0 && stage != Stage.Setup && Math.Max(sent, Received.Count) >= AbandonAfter)
+            {
+                Outcome = "abandoned";
+                return true;
+            }
             switch(stage)
             {
             case Stage.Setup:
                 answer = device.Setup(address, Setup);
                 if(answer == UsbHandshake.Ack)
                 {
-                    stage = length == 0 ? Stage.StatusIn : IsRead ? Stage.DataIn : Stage.DataOut;
+                    stage = IsRead && length > 0 ? Stage.DataIn : data.Length > 0 ? Stage.DataOut : Stage.StatusIn;
                     return true;
                 }
                 break;
@@ -674,8 +718,17 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         public readonly List<byte> Received = new List<byte>();
 
-        /// "done", "stalled", or "broken" and why; null while it is under way.
+        /// "done", "stalled", "abandoned", "given up", or "broken" and why; null while it is under way.
         public string Outcome { get; private set; }
+
+        /// Bytes of the data stage after which the host begins something else; -1 for never.
+        public int AbandonAfter { get; set; }
+
+        /// The device answers NAK for too long.
+        public void GiveUp()
+        {
+            Outcome = "given up";
+        }
 
         public Action<UsbTransfer> Then { get; set; }
 

@@ -24,6 +24,8 @@ FAULTS = {"E-stop": 1, "setpoints expired": 2, "host stop": 3, "I2C bus stuck": 
           "0 V has no effect": 15, "register changed": 18, "over-tension": 32, "sensor silent": 33,
           "sensor too slow": 34, "sensor too fast": 35, "bring-up failed": 36, "ADC saturated": 37,
           "sensor reads": 41, "encoder stands still": 42}
+I2C1 = 0x40005400
+SPI1 = 0x40013000
 NOMINAL_SCALE_PN = 6_850_000
 NOMINAL_TRAVEL_NM = -4_229
 HERE = os.path.dirname(os.path.abspath(__file__))
@@ -48,6 +50,7 @@ class ForceBoard:
         self.tensions = [0.0] * wire.UNITS
         self.holding = False
         self.hello = None
+        self.peer = None
 
     # The emulation
 
@@ -213,6 +216,7 @@ class ForceBoard:
                     out = process.communicate(timeout=900)[0]
                 finally:
                     process.kill()
+                    self.run("server Disconnect")
                 err.seek(0)
                 logger.info(err.read())
         logger.info(out)
@@ -220,6 +224,20 @@ class ForceBoard:
         if "error" in figures:
             raise AssertionError("forcectl: %s" % figures["error"])
         return figures
+
+    def begin_step(self, milliseconds):
+        """Another program moves the emulation, and is in the middle of a step."""
+        with socket.socket() as listener:
+            listener.bind(("127.0.0.1", 0))
+            listener.listen(1)
+            self.run("server Connect %d" % listener.getsockname()[1])
+            self.peer = listener.accept()[0]
+        stream = self.peer.makefile("rw")
+        if not stream.readline().startswith("ready"):
+            raise AssertionError("the server is not ready")
+        stream.write("advance %d\n" % (int(milliseconds) * 1000000))
+        stream.flush()
+        time.sleep(0.4)
 
     def _connect_server(self, port, process):
         for _ in range(100):
@@ -237,6 +255,11 @@ class ForceBoard:
     def use_usb(self):
         """From here on the suite talks to the board by its USB port."""
         self.line = "usbHost"
+        self.discard_input()
+
+    def use_serial(self):
+        """From here on the suite talks to the board by USART3."""
+        self.line = "serial"
         self.discard_input()
 
     def discard_input(self):
@@ -259,15 +282,39 @@ class ForceBoard:
     def descriptor(self, name):
         return list(bytes.fromhex(self.run("usbHost Descriptor \"%s\"" % name).strip()))
 
-    def control_transfer_should_end(self, pattern, kind, request, value, index, length):
-        self.run("usbHost Request %s %s %s %s %s" % (kind, request, value, index, length))
-        for _ in range(50):
+    def control_transfer_should_end(self, pattern, kind, request, value, index, length, data="", abandon=-1):
+        """`data` for the device need not be as long as the `length` in the request. `abandon`: bytes after which the host stops."""
+        self.run("usbHost Request %s %s %s %s %s \"%s\" %s" % (kind, request, value, index, length, data, abandon))
+        for _ in range(100):
             self.advance(2)
             answer = self.run("usbHost Answer").strip()
             if answer:
-                BuiltIn().should_match(answer, pattern)
+                BuiltIn().should_match_regexp(answer, "^(%s)$" % pattern)
+                return answer
+        raise AssertionError("the control transfer %s is not over after 200 ms" % request)
+
+    def send_in_packets(self, command, size):
+        """A command in packets of `size` bytes, with an empty packet before each and at the end. The board must answer."""
+        self.seq = self.seq + 1 & 0xFFFF
+        frame = wire.encode_command(self.seq, command, b"")
+        size = int(size)
+        for at in range(0, len(frame), size):
+            self.run('usbHost SendPacket ""')
+            self.run('usbHost SendPacket "%s"' % frame[at:at + size].hex())
+        self.run('usbHost SendPacket ""')
+        for _ in range(50):
+            self.advance(2)
+            if any(reply["seq"] == self.seq for reply in self.replies):
                 return
-        raise AssertionError("the control transfer %s is not over after 100 ms" % request)
+        raise AssertionError("no response to %s in packets of %d bytes" % (command, size))
+
+    def path_from_drdy_to_dac(self, during):
+        """Median, 99th percentile and largest of the time from DRDY to the output, at the devices, since `Forget Samples`."""
+        all_ns = sorted(int(n) for unit in range(1, wire.UNITS + 1) for n in self.run("rig LatenciesNs %d" % unit).split())
+        path = statistics.median(all_ns) / 1000, all_ns[len(all_ns) * 99 // 100] / 1000, all_ns[-1] / 1000
+        logger.info("DRDY to DAC, %s: %.1f, %.1f, %.1f us (median, 99th percentile, largest of %d)" % ((during,) + path + (len(all_ns),)),
+                    also_console=True)
+        return path
 
     def samples_should_be_complete(self, milliseconds):
         """Since `Forget Samples` every conversion has come, but for the last ones on their way."""
@@ -299,6 +346,100 @@ class ForceBoard:
             raise AssertionError("no word %s in RAM" % value)
         for address in found:
             self.run("rig FlipBit %s 4" % address)
+
+    # Registers from outside, with the core halted
+
+    def poke(self, address, value):
+        self.run("sysbus WriteDoubleWord 0x%X 0x%X" % (int(str(address), 0), int(str(value), 0)))
+
+    def peek(self, address):
+        return int(self.run("sysbus ReadDoubleWord 0x%X" % int(str(address), 0)).strip(), 0)
+
+    def halt_core_and_take_i2c1(self):
+        """PB8 and PB9 belong to I2C1, which is on: 64 MHz, 400 kHz but for the filters."""
+        self.run("cpu IsHalted true")
+        self.poke(0x58020400, 0xFFFAFEBF)
+        self.poke(0x58020404, 0x300)
+        self.poke(0x58020424, 0x44)
+        self.poke(I2C1 + 0x10, 0x00002A45)
+        self.poke(I2C1, 1)
+
+    def _i2c_wait(self, mask, what):
+        for _ in range(200):
+            flags = self.peek(I2C1 + 0x18)
+            if flags & mask:
+                return flags
+            self.advance(0.01)
+        raise AssertionError("I2C1: no %s, ISR 0x%X" % (what, flags))
+
+    def _i2c_begin(self, address, read, count, auto_end):
+        self.poke(I2C1 + 0x1C, 0x3F38)
+        self.poke(I2C1 + 0x04, int(str(address), 0) << 1 | read << 10 | 1 << 13 | count << 16 | auto_end << 25)
+
+    def i2c_write(self, address, digits, auto_end=True):
+        """Writes bytes, all of which must be acknowledged."""
+        data = bytes.fromhex(digits)
+        self._i2c_begin(address, False, len(data), auto_end)
+        for byte in data:
+            flags = self._i2c_wait(1 << 1 | 1 << 4, "TXIS")
+            if flags & 1 << 4:
+                raise AssertionError("NACK from %s" % address)
+            self.poke(I2C1 + 0x28, byte)
+        self._i2c_wait(1 << 5 if auto_end else 1 << 6, "end of the transfer")
+
+    def i2c_should_read(self, address, pointer, expected):
+        """Writes the pointer where there is one, then, after a repeated START, reads."""
+        if pointer:
+            self.i2c_write(address, pointer, auto_end=False)
+        count = len(expected) // 2
+        self._i2c_begin(address, True, count, True)
+        got = b""
+        for _ in range(count):
+            flags = self._i2c_wait(1 << 2 | 1 << 4, "RXNE")
+            if flags & 1 << 4:
+                raise AssertionError("NACK from %s" % address)
+            got += bytes([self.peek(I2C1 + 0x24)])
+        self._i2c_wait(1 << 5, "STOPF")
+        if got != bytes.fromhex(expected):
+            raise AssertionError("%s answers %s, expected %s" % (address, got.hex(), expected))
+
+    def i2c_should_not_answer(self, address):
+        self._i2c_begin(address, False, 0, True)
+        flags = self._i2c_wait(1 << 5, "STOPF")
+        if not flags & 1 << 4:
+            raise AssertionError("%s acknowledges" % address)
+
+    def halt_core_and_take_spi1(self):
+        """PA5 and PB5 belong to SPI1, which is master, full duplex, 16 bits, mode 3, clocked by the HSI."""
+        self.run("cpu IsHalted true")
+        self.poke(0x58020000, 0xABFFFBFF)
+        self.poke(0x58020020, 5 << 20)
+        self.poke(0x58020400, 0xFFFFFABF)
+        self.poke(0x58020420, 5 << 20)
+        # CKPER, which is the HSI.
+        self.poke(0x58024450, 4 << 12)
+        self.poke(SPI1, 1 << 12)
+        self.poke(SPI1 + 0x08, 1 << 28 | 15)
+        self.poke(SPI1 + 0x0C, 1 << 22 | 3 << 24 | 1 << 26)
+
+    def spi_exchange(self, word):
+        self.poke(SPI1 + 0x04, 1)
+        self.poke(SPI1, 1 << 12 | 1)
+        self.poke(SPI1 + 0x20, word)
+        self.poke(SPI1, 1 << 12 | 1 << 9 | 1)
+        self.advance(0.1)
+        status = self.peek(SPI1 + 0x14)
+        if not status & 1 << 3:
+            raise AssertionError("SPI1: no EOT, SR 0x%X" % status)
+        answer = self.peek(SPI1 + 0x30)
+        self.poke(SPI1 + 0x18, 0xFF8)
+        self.poke(SPI1, 1 << 12)
+        return answer
+
+    def led_should_be(self, name, state):
+        found = self.run("%sLED State" % name).strip()
+        if found != ("True" if state == "on" else "False"):
+            raise AssertionError("the %s LED is %s" % (name, found))
 
     # Looking at it
 
@@ -337,7 +478,7 @@ class ForceBoard:
                 raise AssertionError("DAC of unit %s stands at 0 V" % unit)
 
     def dac_code(self, unit):
-        return int(self.run("dacs Code %s" % unit).strip(), 0)
+        return int(self.run("dac%s Code" % unit).strip(), 0)
 
     def true_tension(self, unit):
         return float(self.run("rig Tension %s" % unit).strip().replace(",", "."))

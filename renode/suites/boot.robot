@@ -8,13 +8,13 @@ Clock Tree Agrees With The Board's Report
     Advance    300
     ${hello}=    Connect
     Should Be Equal As Integers    ${hello}[core_hz]    400000000
-    ${core}=    Number    clocks CoreHz
+    ${core}=    Number    rcc CoreHz
     Should Be Equal As Integers    ${core}    400000000
-    ${bus}=    Number    clocks AhbHz
+    ${bus}=    Number    rcc AhbHz
     Should Be Equal As Integers    ${bus}    200000000
-    ${timer}=    Number    clocks Timer1Hz
+    ${timer}=    Number    rcc Timer1Hz
     Should Be Equal As Integers    ${timer}    200000000
-    ${baud}=    Number    uart BaudRate
+    ${baud}=    Number    usart3 BaudRate
     Should Be Equal As Integers    ${baud}    2000000
 
 Outputs Stand At Zero From The First Instruction

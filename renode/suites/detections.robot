@@ -66,7 +66,7 @@ Configuration Changed In Memory
 A Byte That Was Refused Does Not Begin The Next Transaction
     Create Log Tester    0
     Power Up Board
-    Execute Command    i2c EarlyTransmitRequest true
+    Execute Command    i2c1 EarlyTransmitRequest true
     Execute Command    cell3 NackBytes 1
     Advance    300
     Connect
@@ -79,7 +79,7 @@ A Bus Error Is Cleared And Nothing Else
     Armed Board
     ${before}=    Status
     FOR    ${n}    IN RANGE    20
-        Execute Command    i2c RaiseBusError
+        Execute Command    i2c1 RaiseBusError
         Hold For    20
     END
     ${after}=    Status
@@ -90,7 +90,7 @@ A Bus Error Is Cleared And Nothing Else
 Lost Arbitration Is Recovered
     Armed Board
     ${before}=    Status
-    Execute Command    i2c LoseArbitration true
+    Execute Command    i2c1 LoseArbitration true
     # One transaction in 500 us: it is over before the 300 us after which the firmware would give up a transaction.
     Hold For    100
     ${after}=    Status

@@ -79,10 +79,14 @@ Host Falls Silent
 
 Stop Command
     Armed Board
+    LED Should Be    Green    on
+    LED Should Be    Red    off
     Request    Stop
     Advance    5
     Output Should Be Zero
     Board Fault Should Be    host stop
+    LED Should Be    Green    off
+    LED Should Be    Red    on
     ${reply}=    Ask    Arm
     Should Be Equal    ${reply}[response]    Rejected
     Should Be Equal    ${reply}[error]    Faulted

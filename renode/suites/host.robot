@@ -13,3 +13,18 @@ Set Force With The Real Controller
     Should Be True    ${figures}[metrics][tip_force_rms_n] < 0.2
     Should Be True    abs(${figures}[metrics][applied_n][1] - 2.5) < 0.1
     Output Should Be Zero
+
+An Emulation Ends In The Middle Of A Step
+    FOR    ${n}    IN RANGE    6
+        Power Up Board
+        Begin Step    2000
+        Reset Emulation
+    END
+    Power Up Board
+    Begin Step    200
+    Execute Command    server Disconnect
+    # The step came to its end, and the board goes on.
+    Advance    300
+    ${now}=    Now Ms
+    Should Be True    499 < ${now} < 501
+    Connect

@@ -201,7 +201,9 @@ fn effect(
         form_kind: own.variant.form,
         meaning: own.effect.meaning().into(),
         terms: match (own.variant.build)(own.psi) {
-            Build::Add(p) | Build::Local(p) => p.iter().map(|p| p.text.clone()).collect(),
+            Build::Add(p) | Build::Local(p) | Build::Known(p) => {
+                p.iter().map(|p| p.text.clone()).collect()
+            }
             Build::Swap(s) | Build::SwapAll(s) => {
                 s.iter().map(|(n, t)| format!("{n} -> {t}")).collect()
             }

@@ -112,6 +112,17 @@ impl Data {
         )
     }
 
+    /// The same without rows whose target is one of `values`, and without `margin` rows before and after each.
+    pub(crate) fn without_values(&self, values: &[f64], margin: usize) -> Data {
+        let mut out = self.clone();
+        let target = self.frame.column("target").unwrap_or(&[]);
+        for i in (0..target.len()).filter(|i| values.contains(&target[*i])) {
+            let last = (i + margin + 1).min(target.len());
+            out.keep[i.saturating_sub(margin)..last].fill(false);
+        }
+        out
+    }
+
     /// The same without the rows of one fold, which are not fitted and not held out; operators with
     /// memory still run over them.
     pub(crate) fn without_fold(&self, fold: u32) -> Data {

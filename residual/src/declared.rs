@@ -160,6 +160,15 @@ pub(crate) fn load_expression(declared: &Fitted) -> String {
     if parts.iter().any(of_command) {
         parts.retain(of_command);
     }
+    written(&parts)
+}
+
+/// The declared model's whole prediction with its coefficients written in, as an expression.
+pub(crate) fn prediction_expression(declared: &Fitted) -> String {
+    written(&coefficients(declared))
+}
+
+fn written(parts: &[(&WorkTerm, f64)]) -> String {
     let text: Vec<String> = parts
         .iter()
         .map(|(t, a)| Expr::Num(*a).op("*", t.expr.clone()).to_string())

@@ -30,7 +30,9 @@ impl Scan<'_> {
     /// Whether a form is built from the command.
     pub fn built_on_command(&self, variant: &Variant, psi: f64) -> bool {
         let texts: Vec<String> = match (variant.build)(psi) {
-            Build::Add(p) | Build::Local(p) => p.into_iter().map(|p| p.text).collect(),
+            Build::Add(p) | Build::Local(p) | Build::Known(p) => {
+                p.into_iter().map(|p| p.text).collect()
+            }
             Build::Swap(s) | Build::SwapAll(s) => s.into_iter().map(|(n, _)| n).collect(),
         };
         texts

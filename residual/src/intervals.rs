@@ -1,12 +1,12 @@
-//! Parameters of a chosen effect with 95 % intervals by bootstrap over blocks of time. The nonlinear
-//! parameter is chosen anew in every replicate.
+//! Parameters of a chosen effect with 95 % intervals by bootstrap over blocks of time, over stretches of blocks and over
+//! sequences; the widest counts. The nonlinear parameter is chosen anew in every replicate.
 
 use crate::diagnostics::correlation_rows;
 use crate::effects::Param;
 use crate::error::Error;
 use crate::figures::interval;
 use crate::model::{Chosen, Model, Projector};
-use crate::problem::{Column, Problem, Sums};
+use crate::problem::{half_step, Column, Problem, Sums};
 use crate::scan::bracket;
 use crate::search::Search;
 use crate::stats::{self, Rng};
@@ -23,6 +23,10 @@ const STRETCHES: [usize; 2] = [1, 4];
 
 /// Fewest stretches that can be drawn from.
 const FEWEST_STRETCHES: usize = 12;
+
+/// Fewest sequences whose scatter is a measure. What is slower than a stretch (a drift, a temperature) is alike in a whole
+/// sequence, and differs from one to the next.
+const FEWEST_SEQUENCES: usize = 4;
 
 /// Intervals by parameter name.
 pub(crate) type Intervals = BTreeMap<String, [f64; 2]>;
@@ -80,6 +84,15 @@ pub(crate) fn parameters(
         own.common_amplitude(&mut params)?;
         return Ok((params, Intervals::new()));
     }
+    if chosen[index].variant.observed {
+        // It was read off the target, to its resolution.
+        let of = |q: &Param| {
+            let half = half_step(&search.problem.y, q.value);
+            (q.name.clone(), [q.value - half, q.value + half])
+        };
+        let intervals = params.iter().map(of).collect();
+        return Ok((params, intervals));
+    }
     let points = own.points(first)?;
     let replicates: Vec<Vec<Vec<Param>>> = STRETCHES
         .iter()
@@ -87,8 +100,17 @@ pub(crate) fn parameters(
         .filter(|all| all.len() >= FEWEST_STRETCHES || all.len() == search.problem.blocks.len())
         .map(|all| own.replicates(&points, &mine, &all))
         .collect();
+    let whole = stretches(&search.problem, usize::MAX);
+    let reweighted = (whole.len() >= FEWEST_SEQUENCES).then(|| {
+        let draws = reweighted(search, &whole);
+        (whole.len(), own.of_draws(&points, &mine, &draws))
+    });
     let widest = |q: &Param| {
-        let intervals = replicates.iter().map(|r| around(q.value, values_of(q, r)));
+        let drawn = replicates.iter().map(|r| around(q.value, values_of(q, r)));
+        let by_sequence = reweighted
+            .iter()
+            .map(|(count, r)| student(q.value, &values_of(q, r), *count));
+        let intervals = drawn.chain(by_sequence);
         intervals.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])))
     };
     let intervals = params
@@ -124,6 +146,31 @@ fn around(estimate: f64, replicates: Vec<f64>) -> [f64; 2] {
     } else {
         [estimate - half, estimate + half]
     }
+}
+
+/// Weights of blocks by sequence for a Bayesian bootstrap (Rubin 1981): each sequence has an exponential weight. None is left out,
+/// so an effect that acts in one sequence only keeps its parameter.
+fn reweighted(search: &Search, sequences: &[Range<usize>]) -> Vec<Vec<f64>> {
+    let mut rng = Rng::new(search.spec.selection.seed ^ 0xc2);
+    let blocks = search.problem.blocks.len();
+    (0..REPLICATES)
+        .map(|_| {
+            let mut w = vec![0.0; blocks];
+            for range in sequences {
+                w[range.clone()].fill(rng.exponential());
+            }
+            w
+        })
+        .collect()
+}
+
+/// The 95 % interval of an estimate from replicates over `count` sequences: the scatter of a few sequences is itself uncertain,
+/// which Student's distribution allows for.
+fn student(estimate: f64, replicates: &[f64], count: usize) -> [f64; 2] {
+    let n = count as f64;
+    let error = stats::deviation(replicates) * (n / (n - 1.0)).sqrt();
+    let half = stats::student_975(n - 1.0) * error;
+    [estimate - half, estimate + half]
 }
 
 /// Replicates of one parameter. Phases wrap: they are counted from the estimate.
@@ -273,6 +320,11 @@ impl Own<'_> {
                 w
             })
             .collect();
+        self.of_draws(points, mine, &draws)
+    }
+
+    /// The effect's parameters with each of the weights of blocks.
+    fn of_draws(&self, points: &[Point], mine: &[usize], draws: &[Vec<f64>]) -> Vec<Vec<Param>> {
         draws
             .par_iter()
             .map(|w| {
@@ -311,6 +363,43 @@ mod tests {
     fn slow_noise_makes_intervals_wider() {
         let (white, slow) = (width(0.0), width(0.9));
         assert!(slow > 2.0 * white, "{white} {slow}");
+    }
+
+    /// A drift that differs from sequence to sequence only: five sequences say that much and no more.
+    #[test]
+    fn what_differs_from_sequence_to_sequence_makes_intervals_wider() {
+        let width = |drift: f64| {
+            let (runs, rows) = (5, 1000);
+            let mut rng = crate::stats::Rng::new(5);
+            let levels: Vec<f64> = (0..runs).map(|_| 0.5 + drift * rng.normal()).collect();
+            let target = (0..runs * rows)
+                .map(|i| levels[i / rows] + 0.05 * rng.normal())
+                .collect();
+            let time = (0..runs * rows).map(|i| (i % rows) as f64 * 0.01).collect();
+            let command = (0..runs * rows).map(|i| (i as f64 * 0.02).sin()).collect();
+            let model = "roles.time = { column = \"t\", unit = \"s\" }\n\
+                 roles.target = { column = \"y\", unit = \"N\" }\n\
+                 roles.command = { column = \"u\", unit = \"N\" }\n\
+                 [selection]\nonly = [\"offset\"]\n\
+                 [[terms]]\nname = \"gain\"\nexpr = \"command\"\n";
+            let data = Data::from_columns(time, [("command", command), ("target", target)])
+                .sequences((0..runs).map(|run| run * rows..(run + 1) * rows))
+                .build()
+                .unwrap();
+            let spec = crate::spec::Spec::parse(model).unwrap();
+            let report = crate::analyse(&spec, data, &mut ()).unwrap();
+            let [low, high] = report.effects[0].ci["offset"];
+            (high - low, levels.iter().sum::<f64>() / runs as f64, report)
+        };
+        let (same, ..) = width(0.0);
+        let (wide, mean, report) = width(0.1);
+        assert!(wide > 10.0 * same, "{same} {wide}");
+        // Twice Student's quantile for four degrees of freedom times the error of the mean of five levels, about.
+        let [low, high] = report.effects[0].ci["offset"];
+        assert!(
+            low < mean && mean < high && wide > 0.1 && wide < 0.5,
+            "{low} {high} {mean}"
+        );
     }
 
     #[test]

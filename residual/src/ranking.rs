@@ -67,14 +67,25 @@ pub(crate) fn rank(all: &[Candidate], acceptance: &Acceptance) -> Step {
             let mut own: Vec<&Candidate> = all.iter().filter(|c| c.origin.name() == name).collect();
             own.sort_by(|a, b| b.gain.total_cmp(&a.gain));
             let best = own.first().copied()?;
-            Some(simplest(own.into_iter(), best).clone())
+            let observed = own
+                .iter()
+                .find(|c| c.variant.observed && acceptance.accepts(c));
+            let chosen = observed.copied();
+            Some(
+                chosen
+                    .unwrap_or_else(|| simplest(own.into_iter(), best))
+                    .clone(),
+            )
         })
         .collect();
     ranked.sort_by(|a, b| b.gain.total_cmp(&a.gain));
     let good: Vec<usize> = (0..ranked.len())
         .filter(|&i| acceptance.accepts(&ranked[i]))
         .collect();
-    let winner = good.first().and_then(|&best| {
+    // What the target itself shows needs no model, and comes first.
+    let observed = good.iter().copied().find(|i| ranked[*i].variant.observed);
+    let winner = observed.or_else(|| {
+        let best = *good.first()?;
         let simple = simplest(good.iter().map(|i| &ranked[*i]), &ranked[best]);
         ranked.iter().position(|c| std::ptr::eq(c, simple))
     });

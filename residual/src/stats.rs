@@ -60,6 +60,16 @@ pub fn normal_tail(z: f64) -> f64 {
     0.5 * libm::erfc(z / std::f64::consts::SQRT_2)
 }
 
+/// 97.5 % quantile of Student's distribution with `freedom` >= 3 degrees of freedom, to 1 % (Abramowitz and Stegun 26.7.5).
+pub fn student_975(freedom: f64) -> f64 {
+    let z: f64 = 1.959_963_984_540_054;
+    let power = |n| z.powi(n);
+    let first = (power(3) + z) / 4.0;
+    let second = (5.0 * power(5) + 16.0 * power(3) + 3.0 * z) / 96.0;
+    let third = (3.0 * power(7) + 19.0 * power(5) + 17.0 * power(3) - 15.0 * z) / 384.0;
+    z + first / freedom + second / freedom.powi(2) + third / freedom.powi(3)
+}
+
 /// Upper tail of the chi-square distribution (Wilson and Hilferty's cube root).
 pub fn chi2_tail(x: f64, k: f64) -> f64 {
     if x <= 0.0 {
@@ -107,6 +117,11 @@ impl Rng {
         }
     }
 
+    /// Exponential with mean 1.
+    pub fn exponential(&mut self) -> f64 {
+        -(1.0 - self.uniform()).ln()
+    }
+
     /// Standard normal (Box and Muller).
     #[cfg(test)]
     pub fn normal(&mut self) -> f64 {
@@ -141,5 +156,8 @@ mod tests {
         assert!((normal_tail(-1.0) - 0.8413447).abs() < 1e-6);
         assert!((normal_tail(6.0) / 9.865_876_450_376_98e-10 - 1.0).abs() < 1e-12);
         assert!((chi2_tail(31.41, 20.0) - 0.05).abs() < 1e-3);
+        for (freedom, quantile) in [(3.0, 3.182), (5.0, 2.571), (10.0, 2.228), (100.0, 1.984)] {
+            assert!((student_975(freedom) / quantile - 1.0).abs() < 0.01);
+        }
     }
 }

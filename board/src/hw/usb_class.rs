@@ -10,6 +10,8 @@
 //! * `usb-device` leaves data at endpoint 0 that it did not expect in the driver's buffer (a data stage longer than its 128 bytes, a
 //!   status stage that is not empty). The buffer stays full, the receive FIFO behind it too, and USB is dead until the
 //!   controller is reset. Such data are taken and the transfer is refused.
+//! * `usb-device` keeps the place of data that were accepted with `accept_with_static` when the host abandons the transfer, and gives
+//!   them as the answer to the next request. So nothing is accepted that way.
 //!
 //! Owner: the superloop alone, as the rest of USB.
 
@@ -18,7 +20,7 @@ use super::startup;
 use usb_device::bus::UsbBus;
 use usb_device::class_prelude::control::{Recipient, Request, RequestType};
 use usb_device::class_prelude::{ControlIn, ControlOut, EndpointAddress, UsbClass};
-use usb_device::UsbDirection;
+use usb_device::{UsbDirection, UsbError};
 
 /// Notification endpoint. The endpoints are numbered as `usbd-serial` allocates them.
 const NOTIFICATION: u8 = 0x81;
@@ -119,6 +121,14 @@ static CONFIGURATION: [u8; 75] = [
     0,
 ];
 
+fn copy_configuration(buffer: &mut [u8]) -> usb_device::Result<usize> {
+    let place = buffer
+        .get_mut(..CONFIGURATION.len())
+        .ok_or(UsbError::BufferOverflow)?;
+    place.copy_from_slice(&CONFIGURATION);
+    Ok(CONFIGURATION.len())
+}
+
 /// See the module's page.
 pub struct Corrections;
 
@@ -133,7 +143,7 @@ impl<B: UsbBus> UsbClass<B> for Corrections {
             // Either fails only where no request waits for an answer. There is one configuration; `usb-device` would give it
             // for every number.
             let _ = match request.value & 0xFF {
-                0 => transfer.accept_with_static(&CONFIGURATION),
+                0 => transfer.accept(copy_configuration),
                 _ => transfer.reject(),
             };
         }

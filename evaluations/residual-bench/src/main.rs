@@ -5,13 +5,11 @@ use rayon::prelude::*;
 use residual_bench::case::{kind_named, Group, Plan};
 use residual_bench::evaluate::{self, evaluate, Outcome};
 use residual_bench::judge::Class;
+use residual_bench::progress::Progress;
 use residual_bench::table;
-use std::io::Write as _;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::atomic::{AtomicUsize, Ordering};
-use std::sync::Mutex;
-use std::time::{Duration, Instant};
+use std::time::Instant;
 
 /// Columns come and go by the thousand; the system's allocator gives their memory back each time.
 #[global_allocator]
@@ -118,34 +116,6 @@ fn main() -> ExitCode {
     }
 }
 
-/// Prints how far the run is, at most every two seconds.
-struct Progress {
-    started: Instant,
-    done: AtomicUsize,
-    of: usize,
-    printed: Mutex<Instant>,
-}
-
-impl Progress {
-    fn step(&self) {
-        let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
-        let Ok(mut printed) = self.printed.try_lock() else {
-            return;
-        };
-        if done < self.of && printed.elapsed() < Duration::from_secs(2) {
-            return;
-        }
-        *printed = Instant::now();
-        let passed = self.started.elapsed().as_secs_f64();
-        let left = passed / done as f64 * (self.of - done) as f64;
-        eprint!(
-            "\r{done}/{} sets, {passed:.0} s, {left:.0} s to go   ",
-            self.of
-        );
-        let _ = std::io::stderr().flush();
-    }
-}
-
 fn run(options: &Options) -> Result<(), String> {
     let mut cases = options.plan.cases();
     cases.retain(|case| {
@@ -162,12 +132,8 @@ fn run(options: &Options) -> Result<(), String> {
             evaluate::write(case, folder).map_err(|error| format!("{}: {error}", folder.display()))
         });
     }
-    let progress = Progress {
-        started: Instant::now(),
-        done: AtomicUsize::new(0),
-        of: cases.len(),
-        printed: Mutex::new(Instant::now()),
-    };
+    let started = Instant::now();
+    let progress = Progress::new(cases.len());
     let outcomes: Vec<Outcome> = cases
         .par_iter()
         .map(|case| {
@@ -202,7 +168,7 @@ fn run(options: &Options) -> Result<(), String> {
     let cpu: f64 = outcomes.iter().map(|o| o.seconds).sum();
     eprintln!(
         "{:.0} s in all; {:.2} s a set on average while it ran",
-        progress.started.elapsed().as_secs_f64(),
+        started.elapsed().as_secs_f64(),
         cpu / outcomes.len() as f64
     );
     let write = |path: &PathBuf, text: String| {

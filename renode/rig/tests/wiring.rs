@@ -54,12 +54,12 @@ fn platform() -> (HashMap<(Pin, String), u32>, HashMap<String, Pin>) {
         };
         for target in targets.split('|') {
             let (device, to) = target.trim().split_once('@').unwrap();
-            if let Some(port) = owner.strip_prefix("port") {
+            if let Some(port) = owner.strip_prefix("gpioPort") {
                 let port = port.chars().next().unwrap();
                 for (pin, input) in numbers(from).into_iter().zip(numbers(to)) {
                     outputs.insert(((port, pin), device.to_owned()), input);
                 }
-            } else if let Some(port) = device.strip_prefix("port") {
+            } else if let Some(port) = device.strip_prefix("gpioPort") {
                 let port = port.chars().next().unwrap();
                 let name = format!("{owner} {}", from.trim());
                 inputs.insert(name, (port, to.trim().parse().unwrap()));
@@ -72,24 +72,31 @@ fn platform() -> (HashMap<(Pin, String), u32>, HashMap<String, Pin>) {
 #[test]
 fn what_the_core_drives_reaches_the_device_of_the_table() {
     let (pins, (outputs, _)) = (table(), platform());
-    let mut expected: Vec<(String, &str, u32)> = vec![
-        ("ALIVE".into(), "plc", 0),
-        ("MUX_RST".into(), "mux", 0),
-        ("I2C_SCL".into(), "mux", 1),
-        ("DAC_LDAC".into(), "dacs", 6),
-        ("DAC_RST".into(), "dacs", 7),
-        ("CNT_CD".into(), "counters", 8),
-        ("CNT_XY".into(), "counters", 9),
-        ("CNT_RD".into(), "counters", 10),
-        ("CNT_WR".into(), "counters", 11),
-    ];
-    expected.extend((0..6).map(|n| (format!("DAC_CS{}", n + 1), "dacs", n)));
-    expected.extend((0..8).map(|n| (format!("CNT_D{n}"), "counters", n)));
-    expected.extend((0..3).map(|n| (format!("CNT_CS{}", n + 1), "counters", 12 + n)));
+    let mut expected: Vec<(String, String, u32)> = [
+        ("ALIVE", "plc", 0),
+        ("MUX_RST", "mux", 0),
+        ("I2C_SCL", "mux", 1),
+        ("LED_OK", "GreenLED", 0),
+        ("LED_FAULT", "RedLED", 0),
+        ("CNT_CD", "counters", 8),
+        ("CNT_XY", "counters", 9),
+        ("CNT_RD", "counters", 10),
+        ("CNT_WR", "counters", 11),
+    ]
+    .map(|(signal, device, input)| (signal.into(), device.into(), input))
+    .into();
+    for unit in 1..=6 {
+        let dac = format!("dac{unit}");
+        expected.push((format!("DAC_CS{unit}"), dac.clone(), 0));
+        expected.push(("DAC_LDAC".into(), dac.clone(), 1));
+        expected.push(("DAC_RST".into(), dac, 2));
+    }
+    expected.extend((0..8).map(|n| (format!("CNT_D{n}"), "counters".into(), n)));
+    expected.extend((0..3).map(|n| (format!("CNT_CS{}", n + 1), "counters".into(), 12 + n)));
     for (signal, device, input) in expected {
         let pin = pins[&signal];
         assert_eq!(
-            outputs.get(&(pin, device.to_owned())),
+            outputs.get(&(pin, device.clone())),
             Some(&input),
             "{signal} is P{}{} in docs/wiring.md; force_board.repl must wire that pin to {device}@{input}",
             pin.0,
@@ -126,14 +133,14 @@ fn properties(owner: &str) -> HashMap<String, String> {
 fn the_buses_have_the_pads_and_the_alternate_function_of_the_table() {
     let pins = table();
     for (owner, port, pin, function, signal) in [
-        ("i2c", "port", "scl", 4, "I2C_SCL"),
-        ("i2c", "port", "sda", 4, "I2C_SDA"),
+        ("i2c1", "port", "scl", 4, "I2C_SCL"),
+        ("i2c1", "port", "sda", 4, "I2C_SDA"),
         ("spi1", "clockPort", "clock", 5, "DAC_SCK"),
         ("spi1", "dataPort", "data", 5, "DAC_MOSI"),
     ] {
         let found = properties(owner);
         let (letter, number) = pins[signal];
-        assert_eq!(found[port], format!("port{letter}"), "{signal}");
+        assert_eq!(found[port], format!("gpioPort{letter}"), "{signal}");
         assert_eq!(found[pin], number.to_string(), "{signal}");
         assert_eq!(found["function"], function.to_string(), "{signal}");
         let row = read("../../docs/wiring.md")

@@ -25,6 +25,7 @@ impl Effect for Saturation {
         if by_command {
             out.extend(of_the_command(ctx));
         }
+        out.extend(of_the_reading(ctx));
         // A reading is limited, whatever else is declared beside the command.
         if !by_command || ctx.spec.terms.len() > 1 {
             out.extend(of_the_prediction(ctx));
@@ -33,9 +34,10 @@ impl Effect for Saturation {
     }
 }
 
-/// Quantiles of the command at which a limit is looked for.
-const QUANTILES: [f64; 14] = [
-    0.4, 0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91, 0.94, 0.96, 0.98, 0.99,
+/// Quantiles of the command at which a limit is looked for; the last ones for a limit that is seldom reached.
+const QUANTILES: [f64; 17] = [
+    0.4, 0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91, 0.94, 0.96, 0.98, 0.99, 0.994, 0.997,
+    0.999,
 ];
 
 fn limit(name: &'static str, unit: &str, grid: Vec<f64>) -> Psi {
@@ -93,6 +95,31 @@ fn of_the_command(ctx: &Context) -> Vec<Variant> {
     out
 }
 
+/// Limits at which the target visibly stops: an amplifier or a converter at the end of its range. The limit is read off, and
+/// nothing is fitted.
+fn of_the_reading(ctx: &Context) -> Vec<Variant> {
+    let Some(load) = &ctx.problem.unlimited else {
+        return vec![];
+    };
+    let stopped = |label, name, at: Option<f64>, lost: &dyn Fn(f64) -> String| {
+        let text = lost(at?);
+        let psi = Psi {
+            refine: false,
+            ..limit(name, ctx.unit(), vec![at?])
+        };
+        let build = move |_| Build::Known(vec![Piece::new("lost", "1", text.clone())]);
+        Some(Variant::profiled(label, psi, build).observed())
+    };
+    let [least, greatest] = ctx.problem.stops;
+    let above = |at| format!("min(0, {at} - {load})");
+    let below = |at| format!("max(0, {at} - {load})");
+    let all = [
+        stopped("of the reading, above", "upper_limit", greatest, &above),
+        stopped("of the reading, below", "lower_limit", least, &below),
+    ];
+    all.into_iter().flatten().collect()
+}
+
 /// An upper limit of the prediction: of the reading, as far as the declared model goes.
 fn of_the_prediction(ctx: &Context) -> Vec<Variant> {
     let Some((lo, hi)) = ctx.range(&ctx.load) else {
@@ -117,8 +144,75 @@ fn of_the_prediction(ctx: &Context) -> Vec<Variant> {
 
 #[cfg(test)]
 mod tests {
+    use crate::effects::testbench::names;
+    use crate::spec::Spec;
+    use crate::stats::Rng;
+    use crate::{analyse, Data, Report};
+
     #[test]
     fn is_named() {
-        crate::effects::testbench::names("saturation", |s| s.command.min(4.2) - s.command);
+        names("saturation", |s| s.command.min(4.2) - s.command);
+    }
+
+    /// Six runs of which one comes to `limit`, with a gain and an offset to fit; noise of 20 mN before the limit.
+    fn one_run_at(limit: f64) -> Report {
+        let (runs, rows) = (6, 1500);
+        let mut rng = Rng::new(3);
+        let command: Vec<f64> = (0..runs * rows)
+            .map(|i| {
+                let (run, t) = (i / rows, 0.02 * (i % rows) as f64);
+                let top = if run == 4 { 1.6 } else { 1.0 };
+                2.0 + 0.1 * run as f64 + top * (0.9 * t).sin()
+            })
+            .collect();
+        let target = command
+            .iter()
+            .map(|c| (1.04 * c + 0.3 + 0.02 * rng.normal()).min(limit))
+            .collect();
+        let model = r#"
+            roles.time = { column = "t", unit = "s" }
+            roles.target = { column = "y", unit = "N" }
+            roles.command = { column = "u", unit = "N" }
+            [[terms]]
+            name = "gain"
+            expr = "command"
+            [[terms]]
+            name = "offset"
+            expr = "1"
+        "#;
+        let time = (0..runs * rows).map(|i| 0.02 * (i % rows) as f64).collect();
+        let data = Data::from_columns(time, [("command", command), ("target", target)])
+            .sequences((0..runs).map(|run| run * rows..(run + 1) * rows))
+            .build()
+            .expect("the columns are whole");
+        let model = Spec::parse(model).expect("the model is right");
+        analyse(&model, data, &mut ()).expect("the analysis runs")
+    }
+
+    /// One run cannot be held out and predicted from the others, but its reading shows where it stops.
+    #[test]
+    fn a_reading_at_the_end_of_its_range_is_named_in_one_run_of_six() {
+        let report = one_run_at(4.0);
+        let found: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+        assert_eq!(found, ["saturation"], "{}", report.markdown());
+        let effect = &report.effects[0];
+        assert_eq!(effect.form, "of the reading, above");
+        assert_eq!(effect.params["upper_limit"], 4.0);
+        let [low, high] = effect.ci["upper_limit"];
+        assert!(
+            (low..=high).contains(&4.0) && high - low < 0.002,
+            "{low} {high}"
+        );
+        assert!(
+            (report.last.heldout_rmse - 0.02).abs() < 0.002,
+            "{}",
+            report.last.heldout_rmse
+        );
+    }
+
+    #[test]
+    fn a_reading_that_does_not_stop_has_no_limit() {
+        let report = one_run_at(9.0);
+        assert!(report.effects.is_empty(), "{}", report.markdown());
     }
 }

@@ -44,6 +44,8 @@ pub(crate) enum Build {
     Swap(Vec<(String, String)>),
     /// Replaces columns inside declared terms and effects, found so far or later; no new coefficient.
     SwapAll(Vec<(String, String)>),
+    /// Adds terms with the coefficient 1.
+    Known(Vec<Piece>),
 }
 
 /// A nonlinear parameter and where to look for it.
@@ -91,6 +93,8 @@ pub(crate) struct Variant {
     pub derive: Option<Derive>,
     /// A piece that makes dry friction larger by definition: with the other sign it is no such effect.
     pub adds_to_friction: Option<usize>,
+    /// The target itself shows the form, without any model: nothing is fitted, and no decoy has to be surpassed.
+    pub observed: bool,
 }
 
 impl Variant {
@@ -103,6 +107,7 @@ impl Variant {
             build: Box::new(move |_| Build::Add(pieces.clone())),
             derive: None,
             adds_to_friction: None,
+            observed: false,
         }
     }
 
@@ -119,6 +124,7 @@ impl Variant {
             build: Box::new(build),
             derive: None,
             adds_to_friction: None,
+            observed: false,
         }
     }
 
@@ -140,11 +146,17 @@ impl Variant {
         self
     }
 
-    /// Number of terms that the form adds at `psi`.
+    /// Marks the form as one that the target itself shows.
+    pub fn observed(mut self) -> Variant {
+        self.observed = true;
+        self
+    }
+
+    /// Number of terms with a coefficient that the form adds at `psi`.
     pub fn pieces(&self, psi: f64) -> usize {
         match (self.build)(psi) {
             Build::Add(p) | Build::Local(p) => p.len(),
-            Build::Swap(_) | Build::SwapAll(_) => 0,
+            Build::Swap(_) | Build::SwapAll(_) | Build::Known(_) => 0,
         }
     }
 
@@ -162,7 +174,7 @@ impl Variant {
     pub fn params(&self, psi: f64, coef: &[f64]) -> Vec<Param> {
         let pieces = match (self.build)(psi) {
             Build::Add(p) | Build::Local(p) => p,
-            Build::Swap(_) | Build::SwapAll(_) => vec![],
+            Build::Swap(_) | Build::SwapAll(_) | Build::Known(_) => vec![],
         };
         if let (Some(d), Some(p)) = (self.derive, &self.psi) {
             return d(psi, coef, &pieces, p);

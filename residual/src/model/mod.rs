@@ -110,13 +110,13 @@ impl Model {
     /// Adds one effect at `psi`, as choice number `index`.
     pub fn apply(&mut self, build: &Build, index: usize) -> Result<(), Error> {
         match build {
-            Build::Add(pieces) | Build::Local(pieces) => {
+            Build::Add(pieces) | Build::Local(pieces) | Build::Known(pieces) => {
                 for p in pieces {
                     self.terms.push(WorkTerm {
                         name: p.name.clone(),
                         expr: Expr::parse(&p.text)?,
                         unit: p.unit.clone(),
-                        fixed: None,
+                        fixed: matches!(build, Build::Known(_)).then_some(1.0),
                         chosen: Some(index),
                         local: matches!(build, Build::Local(_)),
                     });

@@ -6,11 +6,13 @@
 //! and breaks every lasting relation to the signals. All sums of products are kept per block, so a
 //! decoy costs a few additions per block instead of a pass over the rows.
 
+mod ends;
 mod evaluate;
 mod scores;
 mod sums;
 mod thin;
 
+pub(crate) use ends::half_step;
 use evaluate::Cache;
 pub(crate) use evaluate::{Replaced, View};
 pub(crate) use scores::{profile, Scores};
@@ -42,6 +44,11 @@ pub(crate) struct Problem {
     rows: Option<Vec<usize>>,
     /// Target on kept rows.
     pub y: Vec<f64>,
+    /// Least and greatest value of the target where it visibly stops there, see [`ends::stops`].
+    pub stops: [Option<f64>; 2],
+    /// What the declared model, fitted where the target does not stop, predicts, as an expression; `None` where it stops
+    /// nowhere.
+    pub unlimited: Option<String>,
     pub blocks: Vec<Block>,
     pub folds: usize,
     /// Signs by decoy and block.
@@ -80,6 +87,8 @@ impl Problem {
             plain: Arc::new(View::plain(frame.clone())),
             frame,
             rows,
+            stops: ends::stops(&y),
+            unlimited: None,
             y,
             blocks: vec![],
             folds,

@@ -57,6 +57,8 @@ impl Problem {
         present.dedup();
         (present.len() >= 2).then(|| Problem {
             ticker: self.ticker.clone(),
+            stops: self.stops,
+            unlimited: self.unlimited.clone(),
             ..Problem::new(
                 self.thin_frame(&windows),
                 &keep,

@@ -293,9 +293,13 @@ impl Scan<'_> {
             gain,
             held,
             base: base[0],
-            p: p_value(gain, &decoys),
+            p: if variant.observed {
+                0.0
+            } else {
+                p_value(gain, &decoys)
+            },
             t,
-            steady,
+            steady: steady || variant.observed,
             local_in_time,
             parameters: variant.parameters(psi),
             losses,

@@ -64,8 +64,9 @@ impl<'a> Scan<'a> {
         match build {
             Build::Add(pieces) => self.sums_with(pieces, keep),
             Build::Local(pieces) => self.sums_of(pieces, keep),
-            Build::Swap(pairs) => self.sums_swapped(pairs, false, keep),
-            Build::SwapAll(pairs) => self.sums_swapped(pairs, true, keep),
+            Build::Swap(pairs) => self.sums_swapped(pairs, false, &[], keep),
+            Build::SwapAll(pairs) => self.sums_swapped(pairs, true, &[], keep),
+            Build::Known(pieces) => self.sums_swapped(&[], false, pieces, keep),
         }
     }
 
@@ -120,11 +121,13 @@ impl<'a> Scan<'a> {
         })
     }
 
-    /// Sums of the model's terms with columns replaced: in the declared terms, or `everywhere`.
+    /// Sums of the model's terms with columns replaced, in the declared terms or `everywhere`, and with terms added that have
+    /// the coefficient 1.
     fn sums_swapped(
         &self,
         pairs: &[(String, String)],
         everywhere: bool,
+        added: &[Piece],
         keep: bool,
     ) -> Result<Applied, Error> {
         // A column that is replaced is evaluated once, however many terms use it.
@@ -143,6 +146,10 @@ impl<'a> Scan<'a> {
         let mut part = self.fit.prediction.clone();
         let (mut x, mut at): (Vec<Column>, Vec<_>) = (vec![], vec![]);
         let mut fixed = vec![0.0; self.problem.y.len()];
+        for piece in added {
+            let v = self.problem.eval_text(view, &piece.text, keep)?;
+            fixed.iter_mut().zip(v.iter()).for_each(|(f, v)| *f += v);
+        }
         for t in self.model.terms.iter().filter(|t| !t.local) {
             let names = t.expr.names();
             let touched = (everywhere || t.chosen.is_none())

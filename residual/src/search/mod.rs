@@ -93,6 +93,22 @@ pub(crate) fn without(chosen: &[Chosen], index: usize) -> (Chosen, Vec<Chosen>) 
     (own, rest)
 }
 
+/// Rows before and after one at a stop in which noise may have been cut off as well.
+const CUT_OFF: usize = 10;
+
+/// What the declared model predicts if it is fitted without the rows at which the target stops. With them it would bend
+/// towards the limit. `None` if the target stops nowhere, or too little is left.
+fn unlimited(stops: &[Option<f64>], spec: &Spec, data: &Data) -> Option<String> {
+    let at: Vec<f64> = stops.iter().copied().flatten().collect();
+    if at.is_empty() {
+        return None;
+    }
+    let mut free = data.without_values(&at, CUT_OFF).problem(&spec.selection);
+    free.derive(&Scan::derived(spec));
+    let fitted = fit_declared(&mut free, spec).ok()?;
+    Some(declared::prediction_expression(&fitted))
+}
+
 impl<'a> Search<'a> {
     /// Fits the declared model and prepares the search.
     pub fn new(
@@ -110,6 +126,7 @@ impl<'a> Search<'a> {
         ));
         problem.derive(&Scan::derived(spec));
         let declared = fit_declared(&mut problem, spec)?;
+        problem.unlimited = unlimited(&problem.stops, spec, data);
         let steps = stats::quantum(&problem.y).map_or(0.0, |q| q / 12f64.sqrt() / 4.0);
         Ok(Search {
             load: declared::load_expression(&declared),
@@ -238,10 +255,16 @@ impl<'a> Search<'a> {
                     ..self.scan_on(on)
                 };
                 let mut first = small.candidates(&offers(self, &small.context()), None);
-                first.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+                // What the target itself shows may lie outside of all windows.
+                first.sort_by(|a, b| {
+                    let observed = b.variant.observed.cmp(&a.variant.observed);
+                    observed.then(b.gain.total_cmp(&a.gain))
+                });
                 let tests = first.len();
-                first.truncate(SCREENED);
-                first.retain(|c| c.gain > 0.25 * self.spec.selection.material);
+                let own = first.iter().filter(|c| c.variant.observed).count();
+                first.truncate(SCREENED + own);
+                let least = 0.25 * self.spec.selection.material;
+                first.retain(|c| c.variant.observed || c.gain > least);
                 let short: Vec<Offer<O>> = first.iter().map(Candidate::offer).collect();
                 let at: Vec<f64> = first.iter().map(|c| c.psi).collect();
                 (tests, self.scan_on(on).candidates(&short, Some(&at)))
@@ -295,7 +318,8 @@ impl<'a> Search<'a> {
             return;
         }
         for c in all.iter_mut().filter(|c| {
-            acceptance.material(c.gain) && c.p < 1.0 && scan.built_on_command(&c.variant, c.psi)
+            let open = acceptance.material(c.gain) && c.p < 1.0 && !c.variant.observed;
+            open && scan.built_on_command(&c.variant, c.psi)
         }) {
             if !c.origin.has_witness() && scan.share_on_setpoint(&c.variant, c.psi) < 0.5 {
                 c.p = 1.0;

@@ -120,6 +120,12 @@ fn transfers_that_the_host_abandons_leave_nothing_behind() {
         let mut write = Request::write(CLASS, SET_LINE_CODING, 0, 0, &CODING);
         write.abandon_after = Some(7);
         assert_eq!(rig.control(write), Outcome::Abandoned);
+        // Read to its end right after a descriptor that was not: no byte is the descriptor's.
+        let mut read = Request::read(0, 6, 0x0200, 0, 255);
+        read.abandon_after = Some(0);
+        assert_eq!(rig.control(read), Outcome::Abandoned);
+        let coding = rig.control(Request::read(CLASS, GET_LINE_CODING, 0, 0, 7));
+        assert_eq!(coding, Outcome::Done(CODING.to_vec()));
     }
     is_sound(&mut rig);
     let state = Request::write(CLASS, SET_CONTROL_LINE_STATE, 3, 0, &[]);

@@ -5,6 +5,7 @@ use literature_sets::excitation::Measured;
 use rayon::prelude::*;
 use residual_bench::literature::judge::Class;
 use residual_bench::literature::{evaluate, table, Outcome, Plan};
+use residual_bench::progress::Progress;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
@@ -123,10 +124,16 @@ fn run(options: &Options) -> Result<(), String> {
     if cases.is_empty() {
         return Err("no set fits these options".into());
     }
+    let progress = Progress::new(cases.len());
     let outcomes: Vec<Option<Outcome>> = cases
         .par_iter()
-        .map(|case| evaluate(case, options.excitation.as_ref()))
+        .map(|case| {
+            let outcome = evaluate(case, options.excitation.as_ref());
+            progress.step();
+            outcome
+        })
         .collect::<Result<_, _>>()?;
+    eprintln!();
     let impossible = outcomes.iter().filter(|o| o.is_none()).count();
     let outcomes: Vec<Outcome> = outcomes.into_iter().flatten().collect();
     if options.list {
