@@ -12,8 +12,10 @@ use crate::trees::{Boosted, StoredBoosted, TreesConfig};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// Layout of the file. Another one is refused.
-pub const SCHEMA: u32 = 1;
+/// Layout of the file. Another one is refused, but see [`KEPT`].
+pub const SCHEMA: u32 = 2;
+/// An older layout, in which models without the physical one are the same.
+const KEPT: u32 = 1;
 
 /// What a training needs beside its rows.
 #[derive(Debug, Clone, PartialEq)]
@@ -389,14 +391,19 @@ impl Estimator {
         #[derive(Deserialize)]
         struct Schema {
             schema: u32,
+            #[serde(default)]
+            kind: String,
         }
         let bad = |error: serde_json::Error| {
             ModelError::Stored(format!(
                 "this is no model file of `forcectl estimate train`: {error}"
             ))
         };
-        let schema = serde_json::from_str::<Schema>(text).map_err(bad)?.schema;
-        if schema != SCHEMA {
+        let Schema { schema, kind } = serde_json::from_str(text).map_err(bad)?;
+        let physical = [Kind::Physics, Kind::Trees, Kind::Hybrid]
+            .iter()
+            .any(|k| k.name() == kind);
+        if schema != SCHEMA && (schema != KEPT || physical) {
             return Err(ModelError::Stored(format!(
                 "the model file has layout {schema}, this program reads layout {SCHEMA}: train the model again"
             )));

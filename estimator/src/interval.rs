@@ -46,7 +46,7 @@ fn features(m: &Moment, base: &Base, row: &mut Vec<f64>) {
             row.push(1.0 - m.motor_stop(i, level).abs());
         }
     }
-    for stop in &m.stops[3 * LEVELS..] {
+    for stop in &m.stops[3 * LEVELS..5 * LEVELS] {
         row.push(1.0 - stop.abs());
     }
     row.extend(m.joints);

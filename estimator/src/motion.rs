@@ -32,8 +32,17 @@ pub const THRESHOLDS: [[f64; LEVELS]; 3] = [
 ];
 /// Thresholds of a joint.
 pub const LEVELS: usize = 6;
-/// Stop operators: of three motors and of two links. The shoulder's link moves with its motor.
-pub const STOPS: usize = 5 * LEVELS;
+/// Stop operators: of three motors, of two links, and of the same links with stretched cables. The shoulder's link moves with its motor.
+pub const STOPS: usize = 7 * LEVELS;
+/// Places that stop operators follow: joints whose thresholds they have.
+const BANKS: [usize; 7] = [0, 1, 2, 1, 2, 1, 2];
+/// Stiffness of the cables at the joints, N·m/rad, N·m/rad, N/m (raven2_sim). It need not be exact: with half or twice the elbow's
+/// the residual of its balance was the same within 1 %.
+const CABLE_STIFFNESS: [f64; 3] = [5_700.0, 1_000.0, 18_500.0];
+/// Part of a motor's Coulomb friction that is before its cable, for the stretch alone. It need not be exact either.
+const BEFORE_CABLE: f64 = 0.5;
+/// Stop operator that stands for the direction of that friction.
+const STRETCH_LEVEL: usize = 3;
 /// Time constant of the filters of efforts, velocities and stop operators, s. All have the same delay, so they stay in step.
 pub const FILTER_S: f64 = 0.05;
 /// Time over which velocities are taken from positions, s.
@@ -96,7 +105,7 @@ impl Stop {
 }
 
 /// What is known at a row.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub struct Moment {
     /// Joint positions: rad, rad, m.
     pub joints: [f64; 3],
@@ -110,12 +119,43 @@ pub struct Moment {
     pub rate: [f64; 3],
     /// Velocity of the joints from positions over 0.1 s.
     pub joint_rate: [f64; 3],
-    /// Stop operators, filtered, -1 to 1: motors 1 to 3, then links 2 and 3, each from the smallest threshold.
+    /// Velocity of the motors from one row to the next, filtered like the torque: rad/s, rad/s, m/s.
+    pub flow: [f64; 3],
+    /// Acceleration of the motors, filtered like the torque: rad/s², rad/s², m/s².
+    pub acceleration: [f64; 3],
+    /// Velocity of links 2 and 3 from one row to the next, filtered like the torque, then of the same with stretched cables:
+    /// rad/s, m/s, rad/s, m/s.
+    pub link_flow: [f64; 4],
+    /// Stop operators, filtered, -1 to 1: motors 1 to 3, then links 2 and 3, then these with stretched cables, each from the
+    /// smallest threshold.
     pub stops: [f64; STOPS],
+    /// Rates of the stop operators, filtered, 1/s: zero where a contact slides, its velocity per threshold where it bends.
+    pub stop_rates: [f64; STOPS],
     /// Torque less its slow references, N·m, N·m, N.
     pub torque_change: [[f64; 3]; 2],
     /// Motor travel less its slow references, rad, rad, m.
     pub travel_change: [[f64; 3]; 2],
+}
+
+// By hand: the standard library has no default of so many stop operators.
+impl Default for Moment {
+    fn default() -> Self {
+        Self {
+            joints: [0.0; 3],
+            motors: [0.0; 3],
+            torque: [0.0; 3],
+            speed: [0.0; 3],
+            rate: [0.0; 3],
+            joint_rate: [0.0; 3],
+            flow: [0.0; 3],
+            acceleration: [0.0; 3],
+            link_flow: [0.0; 4],
+            stops: [0.0; STOPS],
+            stop_rates: [0.0; STOPS],
+            torque_change: [[0.0; 3]; 2],
+            travel_change: [[0.0; 3]; 2],
+        }
+    }
 }
 
 impl Moment {
@@ -123,6 +163,32 @@ impl Moment {
     #[must_use]
     pub const fn motor_stop(&self, joint: usize, level: usize) -> f64 {
         self.stops[joint * LEVELS + level]
+    }
+
+    /// Stop operator of link 2 or 3: `link` 0 or 1, with stretched cables 2 or 3.
+    #[must_use]
+    pub const fn link_stop(&self, link: usize, level: usize) -> f64 {
+        self.stops[(3 + link) * LEVELS + level]
+    }
+}
+
+/// A position with filtered velocity and acceleration, both from one row to the next. Differences of a filtered position: so they
+/// have the delay of the filtered torque, and a balance does not mix two times.
+#[derive(Debug, Clone, Copy)]
+struct Track {
+    filter: LowPass,
+    /// Filtered position and velocity at the row before.
+    before: Option<(f64, f64)>,
+}
+
+impl Track {
+    /// Takes a position, gives velocity and acceleration.
+    fn step(&mut self, x: f64, step_s: f64) -> (f64, f64) {
+        let filtered = self.filter.step(x);
+        let (at, velocity) = self.before.unwrap_or((filtered, 0.0));
+        let now = (filtered - at) / step_s;
+        self.before = Some((filtered, now));
+        (now, (now - velocity) / step_s)
     }
 }
 
@@ -133,6 +199,10 @@ pub struct Motion {
     torque: [LowPass; 3],
     speed: [LowPass; 3],
     stops: Vec<(Stop, LowPass)>,
+    /// Positions that the stop operators follow, with their filters.
+    tracks: [Track; 7],
+    /// Coulomb friction at the motors, N·m, N·m, N: for the stretch of the cables.
+    coulomb: [f64; 3],
     slow_torque: [[LowPass; 3]; 2],
     slow_travel: [[LowPass; 3]; 2],
     /// Positions of the last rows, a ring: motors, joints.
@@ -145,6 +215,17 @@ pub struct Motion {
 #[must_use]
 pub fn at_motors(q: [f64; 3]) -> [f64; 3] {
     core::array::from_fn(|i| (0..3).map(|k| COUPLING[i][k] * q[k]).sum())
+}
+
+/// Positions at the motors as positions of the joints, in the joints' units: C, inverted.
+#[must_use]
+pub fn at_joints(motors: [f64; 3]) -> [f64; 3] {
+    let second = motors[1] - COUPLING[1][0] * motors[0];
+    [
+        motors[0],
+        second,
+        motors[2] - COUPLING[2][0] * motors[0] - COUPLING[2][1] * second,
+    ]
 }
 
 /// Torques at the joints as torques at the motors, in the joints' units: the transpose of C, inverted.
@@ -160,20 +241,30 @@ pub fn torques_at_motors(joint: [f64; 3]) -> [f64; 3] {
 }
 
 impl Motion {
-    /// No past, for rows of `step_s`.
+    /// No past, for rows of `step_s`, without friction before the cables.
     #[must_use]
     pub fn new(step_s: f64) -> Self {
+        Self::with_friction(step_s, [0.0; 3])
+    }
+
+    /// No past, for rows of `step_s`, and motors with this Coulomb friction, N·m, N·m, N.
+    #[must_use]
+    pub fn with_friction(step_s: f64, coulomb: [f64; 3]) -> Self {
         let low = |time_s| LowPass::new(time_s, step_s);
-        let banks = [0, 1, 2, 1, 2];
         Self {
             step_s,
             torque: [low(FILTER_S); 3],
             speed: [low(FILTER_S); 3],
-            stops: banks
+            stops: BANKS
                 .iter()
                 .flat_map(|joint| THRESHOLDS[*joint])
                 .map(|threshold| (Stop::new(threshold), low(FILTER_S)))
                 .collect(),
+            tracks: [Track {
+                filter: low(FILTER_S),
+                before: None,
+            }; 7],
+            coulomb,
             slow_torque: SLOW_S.map(|time_s| [low(time_s); 3]),
             slow_travel: SLOW_S.map(|time_s| [low(time_s); 3]),
             past: Vec::with_capacity(rate_rows(step_s)),
@@ -184,7 +275,7 @@ impl Motion {
 
     /// Forgets the past.
     pub fn reset(&mut self) {
-        *self = Self::new(self.step_s);
+        *self = Self::with_friction(self.step_s, self.coulomb);
     }
 
     /// Takes a row of [`INPUTS`] values: rad, rad, m; per second; N·m, N·m, N.
@@ -217,9 +308,33 @@ impl Motion {
                 m.travel_change[s][i] = motors[i] - self.slow_travel[s][i].step(motors[i]);
             }
         }
-        let at = [motors[0], motors[1], motors[2], joints[1], joints[2]];
+        // The cable carries what the motor's friction leaves. The friction's direction is that of the row before.
+        let stretched = at_joints(core::array::from_fn(|i| {
+            let friction = BEFORE_CABLE * self.coulomb[i] * m.stops[i * LEVELS + STRETCH_LEVEL];
+            motors[i] - (m.torque[i] - friction) / CABLE_STIFFNESS[i]
+        }));
+        let at = [
+            motors[0],
+            motors[1],
+            motors[2],
+            joints[1],
+            joints[2],
+            stretched[1],
+            stretched[2],
+        ];
         for (k, (stop, low)) in self.stops.iter_mut().enumerate() {
+            let before = low.value;
             m.stops[k] = low.step(stop.step(at[k / LEVELS]));
+            m.stop_rates[k] = before.map_or(0.0, |b| (m.stops[k] - b) / self.step_s);
+        }
+        for (k, (track, x)) in self.tracks.iter_mut().zip(at).enumerate() {
+            let (velocity, acceleration) = track.step(x, self.step_s);
+            if k < 3 {
+                m.flow[k] = velocity;
+                m.acceleration[k] = acceleration;
+            } else {
+                m.link_flow[k - 3] = velocity;
+            }
         }
         &self.moment
     }
@@ -268,6 +383,66 @@ mod tests {
         // The second motor turns with the shoulder too.
         assert!((last.rate[1] - 0.05 * COUPLING[1][0]).abs() < 1e-5);
         assert!(last.motor_stop(0, 5) > 0.99);
+    }
+
+    #[test]
+    fn velocities_and_accelerations_have_the_delay_of_the_torque() {
+        // Position and effort have the same shape: so do their filtered rates.
+        let (step_s, mut motion) = (0.02, Motion::new(0.02));
+        let shape = |n: u32| 0.3 + 0.1 * (f64::from(n) * 0.05).sin();
+        let mut before = (0.0, 0.0);
+        for n in 0..300 {
+            let m = *motion.step(&row(shape(n), shape(n)));
+            let rate = (m.torque[0] - before.0) / step_s;
+            if n > 1 {
+                assert!((m.flow[0] - rate).abs() < 1e-5, "row {n}: {m:?}");
+                // f32 rows: 1e-8 of the position over the square of the step.
+                let change = (rate - before.1) / step_s;
+                assert!((m.acceleration[0] - change).abs() < 1e-3, "row {n}: {m:?}");
+            }
+            before = (m.torque[0], rate);
+        }
+    }
+
+    #[test]
+    fn rates_of_stops_vanish_where_a_contact_slides() {
+        let mut motion = Motion::new(0.02);
+        let mut at = 0.5;
+        let mut last = Moment::default();
+        for n in 0..400 {
+            // To and fro at 0.01 rad/s.
+            at += if (n / 100) % 2 == 0 { 2e-4 } else { -2e-4 };
+            last = *motion.step(&row(at, 0.0));
+            let bending = n % 100 == 3;
+            if bending && n > 100 {
+                assert!(last.stop_rates[4].abs() > 1.0, "row {n}: {last:?}");
+            }
+        }
+        assert!(last.stop_rates[..LEVELS].iter().all(|r| r.abs() < 1e-3));
+    }
+
+    #[test]
+    fn a_loaded_cable_moves_the_link_and_not_the_motor() {
+        let mut motion = Motion::with_friction(0.02, [0.0, 0.2, 0.0]);
+        let mut row = [0.7, 1.4, 0.38, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+        let mut last = Moment::default();
+        for n in 0..300_u16 {
+            // 2 N·m more within 6 s stretch the elbow's cable by 2 mrad.
+            row[7] = f32::from(n) / 150.0;
+            last = *motion.step(&row);
+        }
+        assert_eq!(last.motor_stop(1, 0), 0.0);
+        assert_eq!(last.link_stop(0, 0), 0.0);
+        assert!(last.link_stop(2, 0) < -0.99, "{last:?}");
+        assert!((last.link_flow[2] + (1.0 / 3.0) / 1000.0).abs() < 2e-5);
+    }
+
+    #[test]
+    fn joints_at_motors_and_back() {
+        let q = [0.6, 1.3, 0.37];
+        for (got, expected) in at_joints(at_motors(q)).into_iter().zip(q) {
+            assert!((got - expected).abs() < 1e-12);
+        }
     }
 
     #[test]

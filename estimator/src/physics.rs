@@ -7,9 +7,12 @@
 //! ```
 //!
 //! Gravity and friction are linear in what is identified: gravity in products of the joints' sines and cosines, friction in stop
-//! operators (presliding and Coulomb friction with their true hysteresis), their products with the motors' load
-//! (load-dependent friction) and with functions that fade with speed (Stribeck), and velocity (viscous friction). Inertia is left
-//! out: at the speeds of the protocol it is below 2 mN·m.
+//! operators (presliding and Coulomb friction with their true hysteresis) of motors and links, their rates (damping of a contact that
+//! bends, as in LuGre), their products with the motors' load (load-dependent friction) and with functions that fade with speed
+//! (Stribeck, motors and links), and velocity (viscous friction). What loads a gear is the torque less the motor's own friction, of which
+//! only the sum with the links' is known beforehand: products with several parts of it let the fit find the part. Links follow their
+//! motors with and without the stretch of the cables. Velocities and accelerations have the filter of the torque: with velocities over
+//! 0.1 s alone, half of the balance's residual was their difference in delay.
 //!
 //! What the balance lacks is the contact. It is the first-order disturbance observer of De Luca's kind: filtered torque less
 //! filtered model. Each motor then gives one equation for the force; they are weighted by the inverse of their residual variance,
@@ -36,7 +39,14 @@ const MIDDLE: usize = 2;
 /// Regressors of gravity.
 const GRAVITY: usize = 14;
 /// Regressors of a motor.
-pub const REGRESSORS: usize = GRAVITY + 2 + STOPS + 6 + 3 + 3;
+pub const REGRESSORS: usize =
+    GRAVITY + 3 + 3 + 3 + 1 + 2 * STOPS + 6 + 3 + 3 + 16 + LEVELS * SHARES.len();
+/// Parts of a motor's Coulomb friction that may lie before its gear's load: which part it is, the fit finds.
+const SHARES: [f64; 4] = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0];
+/// Speeds at which the excess of a link's breakaway fades: rad/s of link 2, m/s of link 3.
+const LINK_FADE: [[f64; 4]; 2] = [[0.001, 0.003, 0.01, 0.03], [1e-4, 3e-4, 1e-3, 3e-3]];
+/// Every so many rows enters the fits: neighbours tell nearly the same.
+const EVERY: usize = 3;
 
 /// The model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -44,6 +54,8 @@ pub struct Physics {
     step_s: f64,
     base: Base,
     motors: [Ridge; 3],
+    /// Coulomb friction that each motor feels, its own and that of the links: N·m, N·m, N.
+    coulomb: [f64; 3],
     /// Variance of a motor's balance, by speed.
     noise: [Noise; 3],
     /// Inverse of the second moments of the force in training, 1/N².
@@ -80,7 +92,8 @@ impl Noise {
 }
 
 /// Regressors of the balance of motor `i`.
-pub fn regressors(m: &Moment, i: usize, row: &mut Vec<f64>) {
+/// `coulomb`: its Coulomb friction, N·m, N·m, N.
+pub fn regressors(m: &Moment, i: usize, coulomb: f64, row: &mut Vec<f64>) {
     row.clear();
     let (s1, c1) = m.joints[0].sin_cos();
     let (s2, c2) = m.joints[1].sin_cos();
@@ -94,14 +107,28 @@ pub fn regressors(m: &Moment, i: usize, row: &mut Vec<f64>) {
         q3 * s1,
         q3 * c1,
     ]);
-    row.extend([m.speed[i], m.rate[i]]);
+    row.extend(m.speed);
+    row.extend(m.flow);
+    row.extend(m.acceleration);
+    row.push(m.rate[i]);
     row.extend(m.stops);
+    row.extend(m.stop_rates);
     let direction = m.motor_stop(i, MIDDLE);
     for torque in m.torque {
         row.extend([direction * torque.abs(), direction * torque]);
     }
     row.extend(FADE[i].map(|speed| direction * (-m.rate[i].abs() / speed).exp()));
     row.extend(m.torque.map(f64::abs));
+    for link in 0..4 {
+        let direction = m.link_stop(link, MIDDLE);
+        let speeds = LINK_FADE[link % 2];
+        row.extend(speeds.map(|speed| direction / (1.0 + (m.link_flow[link] / speed).powi(2))));
+    }
+    // What loads the gear is the torque less the motor's own friction.
+    for share in SHARES {
+        let load = (m.torque[i] - share * coulomb * direction).abs();
+        row.extend((0..LEVELS).map(|level| m.motor_stop(i, level) * load));
+    }
 }
 
 /// Rows that fits and figures leave out at the start of a sequence: [`SETTLE_S`].
@@ -117,6 +144,7 @@ fn force_of(target: &[f32]) -> Vector3<f64> {
 /// Visits every settled row of the sequences, one thread a sequence: state, levers, filtered force.
 fn visit<T: Send>(
     base: &Base,
+    coulomb: [f64; 3],
     sequences: &[&Sequence],
     start: impl Fn() -> T + Sync,
     row: impl Fn(&mut T, &Moment, &Vector3<f64>) + Sync,
@@ -125,7 +153,7 @@ fn visit<T: Send>(
         .par_iter()
         .map(|sequence| {
             let mut out = start();
-            let mut motion = Motion::new(sequence.step_s);
+            let mut motion = Motion::with_friction(sequence.step_s, coulomb);
             // The contact is filtered as the torque is, or the balance would mix two times.
             let mut filters =
                 [crate::motion::LowPass::new(crate::motion::FILTER_S, sequence.step_s); 3];
@@ -143,6 +171,56 @@ fn visit<T: Send>(
         .collect()
 }
 
+/// Regressors of the first fit: gravity, Coulomb and viscous friction.
+const SMALL: usize = GRAVITY + 2;
+
+/// Fits the balance of each motor on every `every`-th settled row.
+fn fit(
+    base: &Base,
+    coulomb: [f64; 3],
+    sequences: &[&Sequence],
+    width: usize,
+    every: usize,
+    regressors: impl Fn(&Moment, usize, &mut Vec<f64>) + Sync,
+) -> Result<[Ridge; 3], ModelError> {
+    let fresh = || [(); 3].map(|()| Sums::new(width, 1));
+    let parts = visit(
+        base,
+        coulomb,
+        sequences,
+        || (fresh(), Vec::new(), 0_usize),
+        |(sums, row, n), moment, contact| {
+            *n += 1;
+            if *n % every == 0 {
+                for (i, sum) in sums.iter_mut().enumerate() {
+                    regressors(moment, i, row);
+                    sum.push(row, &[moment.torque[i] + contact[i]]);
+                }
+            }
+        },
+    );
+    let mut total = fresh();
+    for (part, _, _) in parts {
+        let mut part = part.into_iter();
+        total = total.map(|sum| {
+            part.next()
+                .map_or_else(|| Sums::new(width, 1), |p| sum.merge(p))
+        });
+    }
+    let mut motors = Vec::new();
+    for sum in total {
+        motors.push(sum.solve().ok_or_else(|| {
+            ModelError::Data(format!(
+                "too few rows for the physical model: it needs more than {} rows after the first {SETTLE_S} s of each unbroken stretch",
+                REGRESSORS * EVERY
+            ))
+        })?);
+    }
+    motors
+        .try_into()
+        .map_err(|_| ModelError::Data("three motors".to_owned()))
+}
+
 impl Physics {
     /// Identifies gravity and friction from sequences with the force's three components as targets.
     ///
@@ -157,39 +235,19 @@ impl Physics {
                 "the physical model needs the force's three components as targets".to_owned(),
             ));
         }
-        let fresh = || [(); 3].map(|()| Sums::new(REGRESSORS, 1));
-        let sums = visit(
-            &base,
-            sequences,
-            || (fresh(), Vec::new()),
-            |(sums, row), moment, contact| {
-                for (i, sum) in sums.iter_mut().enumerate() {
-                    regressors(moment, i, row);
-                    sum.push(row, &[moment.torque[i] + contact[i]]);
-                }
-            },
-        );
-        let mut total = fresh();
-        for (part, _) in sums {
-            let mut part = part.into_iter();
-            total = total.map(|sum| {
-                part.next()
-                    .map_or_else(|| Sums::new(REGRESSORS, 1), |p| sum.merge(p))
-            });
-        }
-        let mut motors = Vec::new();
-        for sum in total {
-            motors.push(sum.solve().ok_or_else(|| {
-                ModelError::Data(format!(
-                    "too few rows for the physical model: it needs more than {REGRESSORS} rows after the first {SETTLE_S} s of each unbroken stretch"
-                ))
-            })?);
-        }
-        let motors: [Ridge; 3] = motors
-            .try_into()
-            .map_err(|_| ModelError::Data("three motors".to_owned()))?;
+        // Gravity, Coulomb and viscous friction alone, on a tenth of the rows, tell how large the friction is.
+        let coarse = fit(&base, [0.0; 3], sequences, SMALL, 10, |m, i, row| {
+            regressors(m, i, 0.0, row);
+            row.truncate(GRAVITY);
+            row.extend([m.motor_stop(i, MIDDLE), m.flow[i]]);
+        })?;
+        let coulomb = coarse.map(|motor| motor.weights(0)[GRAVITY].max(0.0));
+        let motors = fit(&base, coulomb, sequences, REGRESSORS, EVERY, |m, i, row| {
+            regressors(m, i, coulomb[i], row);
+        })?;
         let pairs = visit(
             &base,
+            coulomb,
             sequences,
             || ([(); 3].map(|()| Vec::new()), Vec::new(), 0_usize),
             |(pairs, row, n), moment, contact| {
@@ -197,7 +255,7 @@ impl Physics {
                 // Every fifth row: neighbours tell the same.
                 if *n % 5 == 0 {
                     for i in 0..3 {
-                        regressors(moment, i, row);
+                        regressors(moment, i, coulomb[i], row);
                         let error = motors[i].value(0, row) - moment.torque[i] - contact[i];
                         pairs[i].push((moment.rate[i].abs(), error));
                     }
@@ -214,6 +272,7 @@ impl Physics {
             step_s: first.step_s,
             base,
             motors,
+            coulomb,
             noise: noise.map(Noise::fit),
             prior: prior(sequences),
             axes: axes.to_vec(),
@@ -242,6 +301,7 @@ impl Physics {
     #[must_use]
     pub fn count(&self) -> usize {
         self.motors.iter().map(Ridge::parameters).sum::<usize>()
+            + self.coulomb.len()
             + self.noise.iter().map(|n| n.variance.len()).sum::<usize>()
             + 6
     }
@@ -251,7 +311,7 @@ impl Physics {
     pub fn observer(&self) -> Observer<'_> {
         Observer {
             model: self,
-            motion: Motion::new(self.step_s),
+            motion: Motion::with_friction(self.step_s, self.coulomb),
             keep: (-self.step_s / MEMORY_S).exp(),
             information: Matrix3::zeros(),
             evidence: Vector3::zeros(),
@@ -311,7 +371,7 @@ impl Observer<'_> {
         let levers = self.model.base.at_motors(moment.joints);
         let (mut information, mut evidence) = (Matrix3::zeros(), Vector3::zeros());
         for i in 0..3 {
-            regressors(moment, i, &mut self.row);
+            regressors(moment, i, self.model.coulomb[i], &mut self.row);
             let contact = self.model.motors[i].value(0, &self.row) - moment.torque[i];
             let variance = self.model.noise[i].variance(moment.rate[i].abs());
             let lever = levers.row(i).transpose();

@@ -136,8 +136,14 @@ impl Ridge {
     /// Value of a target for a row of regressors.
     #[must_use]
     pub fn value(&self, target: usize, row: &[f64]) -> f64 {
-        let weights = &self.weights[target * self.regressors..(target + 1) * self.regressors];
+        let weights = self.weights(target);
         self.intercept[target] + weights.iter().zip(row).map(|(w, x)| w * x).sum::<f64>()
+    }
+
+    /// Weights of the regressors for a target.
+    #[must_use]
+    pub fn weights(&self, target: usize) -> &[f64] {
+        &self.weights[target * self.regressors..(target + 1) * self.regressors]
     }
 
     /// Number of fitted numbers.

@@ -1,7 +1,7 @@
 //! Gradient-boosted trees (crate `forust-ml`), alone on features of the motion, or on what the physical model leaves.
 
 use crate::model::{by_steps, Model, ModelError, Stepper};
-use crate::motion::{LowPass, Moment};
+use crate::motion::{LowPass, Moment, LEVELS};
 use crate::physics::{settle_rows, Observer, Physics, Seen};
 use crate::sequence::Sequence;
 use forust_ml::{GradientBooster, Matrix};
@@ -183,7 +183,8 @@ impl Features {
         row.extend(m.rate);
         row.extend(m.speed);
         row.extend(m.torque);
-        row.extend(m.stops);
+        // Those with stretched cables are in the physical model's force.
+        row.extend(&m.stops[..5 * LEVELS]);
         for s in 0..2 {
             row.extend(m.torque_change[s]);
             row.extend(m.travel_change[s]);

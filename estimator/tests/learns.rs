@@ -165,4 +165,15 @@ fn refusals_say_what_to_do() {
         .to_string();
     assert!(error.contains("layout 99"), "{error}");
     assert!(Estimator::from_json("no json").is_err());
+    // The physical model had fewer regressors in layout 1; a model without it is the same.
+    let older = |kind: Kind| {
+        let text = train(kind).to_json().unwrap();
+        Estimator::from_json(&text.replace("\"schema\":2", "\"schema\":1"))
+    };
+    let error = older(Kind::Physics).unwrap_err().to_string();
+    assert!(
+        error.contains("layout 1") && error.contains("train the model again"),
+        "{error}"
+    );
+    assert!(older(Kind::Linear).is_ok());
 }
