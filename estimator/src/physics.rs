@@ -45,8 +45,10 @@ pub const REGRESSORS: usize =
 const SHARES: [f64; 4] = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0];
 /// Speeds at which the excess of a link's breakaway fades: rad/s of link 2, m/s of link 3.
 const LINK_FADE: [[f64; 4]; 2] = [[0.001, 0.003, 0.01, 0.03], [1e-4, 3e-4, 1e-3, 3e-3]];
-/// Every so many rows enters the fits: neighbours tell nearly the same.
+/// Every so many rows enters the fits where there are many: neighbours tell nearly the same.
 const EVERY: usize = 3;
+/// Rows for each regressor from which there are many.
+const MANY: usize = 12;
 
 /// The model.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -212,7 +214,7 @@ fn fit(
         motors.push(sum.solve().ok_or_else(|| {
             ModelError::Data(format!(
                 "too few rows for the physical model: it needs more than {} rows after the first {SETTLE_S} s of each unbroken stretch",
-                REGRESSORS * EVERY
+                width * every
             ))
         })?);
     }
@@ -242,7 +244,10 @@ impl Physics {
             row.extend([m.motor_stop(i, MIDDLE), m.flow[i]]);
         })?;
         let coulomb = coarse.map(|motor| motor.weights(0)[GRAVITY].max(0.0));
-        let motors = fit(&base, coulomb, sequences, REGRESSORS, EVERY, |m, i, row| {
+        let settled = |s: &&Sequence| s.rows().saturating_sub(settle_rows(s.step_s));
+        let rows: usize = sequences.iter().map(settled).sum();
+        let every = if rows < MANY * REGRESSORS { 1 } else { EVERY };
+        let motors = fit(&base, coulomb, sequences, REGRESSORS, every, |m, i, row| {
             regressors(m, i, coulomb[i], row);
         })?;
         let pairs = visit(
