@@ -12,7 +12,7 @@ use crate::trees::{Boosted, StoredBoosted, TreesConfig};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
-/// Layout of the file. Another one is refused, but see [`KEPT`].
+/// Layout of the file. Another one is refused, but see `KEPT`.
 pub const SCHEMA: u32 = 2;
 /// An older layout, in which models without the physical one are the same.
 const KEPT: u32 = 1;
