@@ -2,7 +2,7 @@
 
 use object::elf;
 use object::read::elf::{FileHeader, ProgramHeader};
-use object::{Architecture, Object, ObjectSection, ObjectSymbol, SymbolKind};
+use object::{Architecture, Object, ObjectSymbol, SymbolKind};
 use std::fmt;
 use std::path::{Path, PathBuf};
 
@@ -10,9 +10,6 @@ use std::path::{Path, PathBuf};
 pub const FLASH_BASE: u32 = 0x0800_0000;
 /// Size of the flash of the STM32H753ZI.
 pub const FLASH_SIZE: u32 = 2 << 20;
-
-/// `WFI`, 16 bit (ARMv7-M ARM, A7.7.262).
-const WFI: u16 = 0xBF30;
 
 /// Why a file is no firmware for this board.
 #[derive(Debug)]
@@ -71,8 +68,9 @@ pub struct Image {
     pub stack: Option<std::ops::Range<u32>>,
     /// Memory of the variables, where the image names it (`__sdata` to `__ebss`).
     pub variables: Option<std::ops::Range<u32>>,
-    /// Addresses of all `WFI` instructions.
-    pub sleeps: Vec<u32>,
+    /// Entry of `Board::samples`, which each pass of the superloop calls with interrupts enabled and which keeps its own symbol
+    /// (board/src/firmware.rs).
+    pub samples: Option<u32>,
 }
 
 impl Image {
@@ -127,7 +125,15 @@ impl Image {
                 let start = u32::try_from(symbol.address()).ok()?;
                 Some(start..start + u32::try_from(symbol.size()).ok()?)
             });
-        let sleeps = find_sleeps(&file);
+        let samples = file
+            .symbols()
+            .find(|symbol| {
+                let is_samples = |name: &str| name.contains("Board") && name.contains("samples");
+                symbol.kind() == SymbolKind::Text
+                    && symbol.is_definition()
+                    && symbol.name().is_ok_and(is_samples)
+            })
+            .and_then(|symbol| u32::try_from(symbol.address() & !1).ok());
         drop(file);
         Ok(Self {
             path: path.into(),
@@ -135,7 +141,7 @@ impl Image {
             crash_record,
             stack,
             variables,
-            sleeps,
+            samples,
             bytes,
         })
     }
@@ -171,58 +177,6 @@ fn check_vectors(path: &Path, bytes: &[u8]) -> Result<(), ImageError> {
         )));
     }
     Ok(())
-}
-
-/// All `WFI` instructions of the code, found by walking each function's instructions, so that no half of a
-/// longer instruction and no constant is taken for one.
-fn find_sleeps(file: &object::File<'_>) -> Vec<u32> {
-    let mut marks: Vec<(u64, bool)> = Vec::new();
-    for symbol in file.symbols() {
-        match symbol.name() {
-            Ok(name) if name == "$t" || name.starts_with("$t.") => {
-                marks.push((symbol.address(), true));
-            }
-            Ok(name) if name == "$d" || name.starts_with("$d.") => {
-                marks.push((symbol.address(), false));
-            }
-            Ok(_) if symbol.kind() == SymbolKind::Text && symbol.is_definition() => {
-                marks.push((symbol.address() & !1, true));
-            }
-            _ => {}
-        }
-    }
-    marks.sort_unstable();
-    marks.dedup();
-    let mut sleeps = Vec::new();
-    for section in file.sections() {
-        if section.kind() != object::SectionKind::Text {
-            continue;
-        }
-        let Ok(data) = section.data() else { continue };
-        let (start, end) = (section.address(), section.address() + data.len() as u64);
-        for (n, (from, code)) in marks.iter().enumerate() {
-            if !code || !(start..end).contains(from) {
-                continue;
-            }
-            let to = marks[n + 1..]
-                .iter()
-                .find(|(at, _)| at > from)
-                .map_or(end, |(at, _)| (*at).min(end));
-            let mut at = *from;
-            while at + 2 <= to {
-                let offset = (at - start) as usize;
-                let half = u16::from_le_bytes([data[offset], data[offset + 1]]);
-                if half == WFI {
-                    sleeps.extend(u32::try_from(at));
-                }
-                // A first half of 0b11101, 0b11110 or 0b11111 begins a 32-bit instruction (A5.1).
-                at += if half >> 11 >= 0b11101 { 4 } else { 2 };
-            }
-        }
-    }
-    sleeps.sort_unstable();
-    sleeps.dedup();
-    sleeps
 }
 
 #[cfg(test)]

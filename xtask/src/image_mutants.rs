@@ -70,8 +70,8 @@ rows! {
     "watchdog-fed-from-systick": "board/src/hw/tick.rs",
         "    time::set_tick();" => "    time::set_tick();\n    unsafe { (0x5800_4800 as *mut u32).write_volatile(0xAAAA) };",
         Rig "detections" "the_watchdog_resets_within_its_time_while_interrupts_go_on";
-    "watchdog-slow": "board/src/clocks.rs",
-        "pub const IWDG_PR: u8 = 0;" => "pub const IWDG_PR: u8 = 4;",
+    "watchdog-slow": "board/src/hw/watchdog.rs",
+        "w.bits(clocks::IWDG_PR.into())" => "w.bits((clocks::IWDG_PR + 4).into())",
         Rig "detections" "the_watchdog_resets_within_its_time_while_interrupts_go_on";
     "saturation-off": "control/src/unit.rs",
         "self.saturated >= TRIP_SAMPLES" => "self.saturated == u8::MAX",
@@ -91,8 +91,8 @@ rows! {
     "watchdog-fed-from-systick": "board/src/hw/tick.rs",
         "    time::set_tick();" => "    time::set_tick();\n    unsafe { (0x5800_4800 as *mut u32).write_volatile(0xAAAA) };",
         Renode "detections" "Watchdog Resets Within Its Time While Interrupts Go On";
-    "watchdog-slow": "board/src/clocks.rs",
-        "pub const IWDG_PR: u8 = 0;" => "pub const IWDG_PR: u8 = 4;",
+    "watchdog-slow": "board/src/hw/watchdog.rs",
+        "w.bits(clocks::IWDG_PR.into())" => "w.bits((clocks::IWDG_PR + 4).into())",
         Renode "detections" "Watchdog Resets Within Its Time While Interrupts Go On";
     "calibration-skipped": "drivers/src/nau7802/bringup/mod.rs",
         "Stage::CycleStart => Stage::CalibrationStart," => "Stage::CycleStart => Stage::CycleStop,",

@@ -71,7 +71,7 @@ pub enum Injection {
     PullCable(u8, f64),
     /// Disconnect (`true`) or reconnect a unit's encoder: its counts stand still.
     FreezeEncoder(u8, bool),
-    /// Stop the core inside the superloop as a hung loop would: the watchdog has to find it.
+    /// Hang the superloop, with interrupts enabled: the watchdog has to find it.
     HangLoop,
     /// Flip one bit in RAM: address, bit.
     FlipBit(u32, u8),

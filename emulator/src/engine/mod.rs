@@ -83,10 +83,10 @@ pub trait Engine: Send {
         at_row: AtRow,
     ) -> Result<Progress, EngineError>;
 
-    /// Hangs the superloop at its next sleep; interrupts go on. A reset restores it.
+    /// Hangs the superloop when it takes the next samples; interrupts go on. A reset restores it.
     ///
     /// # Errors
-    /// The image never sleeps.
+    /// The image has no symbol of that function.
     fn hang(&mut self) -> Result<(), EngineError>;
 
     /// Lets the next SysTick, or the exception that it names, run into `trap`; a reset restores the image.

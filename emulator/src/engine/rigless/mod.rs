@@ -92,7 +92,7 @@ impl RiglessEngine {
         })?;
         let (commands, orders) = channel();
         let (reports, answers) = channel();
-        let sleeps = image.sleeps.clone();
+        let samples = image.samples;
         let crash_record = image.crash_record.clone();
         let thread = std::thread::Builder::new()
             .name("engine".to_owned())
@@ -102,7 +102,7 @@ impl RiglessEngine {
                 let driver = Turns {
                     orders,
                     reports,
-                    sleeps,
+                    samples,
                     crash_record,
                     patched: Vec::new(),
                     resets: 0,
@@ -255,7 +255,8 @@ fn out_of_step() -> EngineError {
 struct Turns {
     orders: Receiver<Command>,
     reports: Sender<Response>,
-    sleeps: Vec<u32>,
+    /// Where the hang injection acts, see [`Image::samples`](crate::image::Image::samples).
+    samples: Option<u32>,
     /// Memory of the crash record.
     crash_record: Option<std::ops::Range<u32>>,
     /// Instructions replaced by the hang injection, to be put back by a reset.
@@ -266,19 +267,15 @@ struct Turns {
 
 impl Turns {
     fn hang(&mut self, host: &mut dyn Host) -> Result<Vec<u8>, String> {
-        if self.sleeps.is_empty() {
-            return Err(
-                "the image has no WFI instruction to hang at; does its superloop sleep?".to_owned(),
-            );
-        }
+        let at = self.samples.ok_or(
+            "the image has no function `Board::samples` to hang in; was it stripped, or is it another firmware?",
+        )?;
         if self.patched.is_empty() {
-            for &at in &self.sleeps {
-                let before = host
-                    .read(at.into(), Width::W16)
-                    .map_err(|e| e.to_string())?;
-                put(host, at, Width::W16, HANG.into())?;
-                self.patched.push((at, before as u16));
-            }
+            let before = host
+                .read(at.into(), Width::W16)
+                .map_err(|e| e.to_string())?;
+            put(host, at, Width::W16, HANG.into())?;
+            self.patched.push((at, before as u16));
         }
         Ok(Vec::new())
     }
