@@ -8,7 +8,7 @@ use crate::figures::interval;
 use crate::model::{Chosen, Model, Projector};
 use crate::problem::{half_step, Column, Problem, Sums};
 use crate::scan::bracket;
-use crate::search::Search;
+use crate::search::{without, Search};
 use crate::stats::{self, Rng};
 use rayon::prelude::*;
 use std::collections::BTreeMap;
@@ -101,15 +101,18 @@ pub(crate) fn parameters(
         .map(|all| own.replicates(&points, &mine, &all))
         .collect();
     let whole = stretches(&search.problem, usize::MAX);
-    let reweighted = (whole.len() >= FEWEST_SEQUENCES).then(|| {
-        let draws = reweighted(search, &whole);
-        (whole.len(), own.of_draws(&points, &mine, &draws))
-    });
+    let reweighted = (whole.len() >= FEWEST_SEQUENCES)
+        .then(|| -> Result<_, Error> {
+            let draws = reweighted(search, &whole);
+            let fitted = own.fitted(&whole)?;
+            Ok((whole.len(), fitted, own.of_draws(&points, &mine, &draws)))
+        })
+        .transpose()?;
     let widest = |q: &Param| {
         let drawn = replicates.iter().map(|r| around(q.value, values_of(q, r)));
         let by_sequence = reweighted
             .iter()
-            .map(|(count, r)| student(q.value, &values_of(q, r), *count));
+            .map(|(count, fitted, r)| student(q.value, &values_of(q, r), *count, *fitted));
         let intervals = drawn.chain(by_sequence);
         intervals.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])))
     };
@@ -164,12 +167,12 @@ fn reweighted(search: &Search, sequences: &[Range<usize>]) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// The 95 % interval of an estimate from replicates over `count` sequences: the scatter of a few sequences is itself uncertain,
-/// which Student's distribution allows for.
-fn student(estimate: f64, replicates: &[f64], count: usize) -> [f64; 2] {
-    let n = count as f64;
-    let error = stats::deviation(replicates) * (n / (n - 1.0)).sqrt();
-    let half = stats::student_975(n - 1.0) * error;
+/// The 95 % interval of an estimate from replicates over `count` sequences, from which `fitted` parameters were estimated: the
+/// scatter of a few sequences is itself uncertain, which Student's distribution allows for.
+fn student(estimate: f64, replicates: &[f64], count: usize, fitted: usize) -> [f64; 2] {
+    let (n, freedom) = (count as f64, (count - fitted) as f64);
+    let error = stats::deviation(replicates) * (n / freedom).sqrt();
+    let half = stats::student_975(freedom) * error;
     [estimate - half, estimate + half]
 }
 
@@ -191,6 +194,24 @@ fn values_of(estimate: &Param, replicates: &[Vec<Param>]) -> Vec<f64> {
 impl Own<'_> {
     fn chosen(&self) -> &Chosen {
         &self.chosen[self.index]
+    }
+
+    /// Number of parameters that the scatter of `sequences` was lowered by: all of the effect where it acts mostly in the means of
+    /// the sequences, else one.
+    fn fitted(&self, sequences: &[Range<usize>]) -> Result<usize, Error> {
+        let (own, rest) = without(self.chosen, self.index);
+        let rest = self.search.fit(&rest)?;
+        let between = self
+            .search
+            .scan_on(&rest)
+            .between_sequences(&own.variant, own.psi);
+        Ok(match between {
+            Some(_) => own
+                .variant
+                .parameters(own.psi)
+                .clamp(1, sequences.len() - 2),
+            None => 1,
+        })
     }
 
     /// Sums of the final model with the effect's nonlinear parameter at `psi`, and which of the
@@ -342,7 +363,9 @@ impl Own<'_> {
 mod tests {
     use crate::data::Data;
     use crate::effects::testbench::{simulate, Excitation};
+    use crate::linalg::dot;
     use crate::report::Report;
+    use crate::stats::Rng;
 
     /// Width of the interval of an offset in noise, over the size of the noise.
     fn width(slow: f64) -> f64 {
@@ -400,6 +423,45 @@ mod tests {
             low < mean && mean < high && wide > 0.1 && wide < 0.5,
             "{low} {high} {mean}"
         );
+    }
+
+    /// Slope of `y` over `x` with weights.
+    fn slope(w: &[f64], x: &[f64], y: &[f64]) -> f64 {
+        let mean = |v: &[f64]| dot(w, v) / w.iter().sum::<f64>();
+        let (mx, my) = (mean(x), mean(y));
+        let over = |v: &[f64], m: f64| -> f64 {
+            let of = |k: usize| w[k] * (x[k] - mx) * (v[k] - m);
+            (0..w.len()).map(of).sum()
+        };
+        over(y, my) / over(x, mx)
+    }
+
+    /// Share of intervals that hold the slope 0 of a line through the means of five sequences with chance values.
+    fn covered(fitted: usize) -> f64 {
+        let mut rng = Rng::new(7);
+        let mut normal = || -> Vec<f64> { (0..5).map(|_| rng.normal()).collect() };
+        let mut weights = Rng::new(8);
+        let held = (0..2000)
+            .filter(|_| {
+                let (x, y) = (normal(), normal());
+                let draws: Vec<f64> = (0..200)
+                    .map(|_| {
+                        let w: Vec<f64> = (0..5).map(|_| weights.exponential()).collect();
+                        slope(&w, &x, &y)
+                    })
+                    .collect();
+                let [low, high] = super::student(slope(&[1.0; 5], &x, &y), &draws, 5, fitted);
+                low <= 0.0 && 0.0 <= high
+            })
+            .count();
+        held as f64 / 2000.0
+    }
+
+    #[test]
+    fn a_line_through_five_means_has_three_degrees_of_freedom() {
+        let (mean_only, line) = (covered(1), covered(2));
+        assert!(mean_only < 0.9, "{mean_only}");
+        assert!((0.92..0.97).contains(&line), "{line}");
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Small statistics on plain values: robust location, steps, distributions, a reproducible generator.
 
 use serde::{Deserialize, Serialize};
+use statrs::distribution::{ContinuousCDF, FisherSnedecor, StudentsT};
 
 /// Sorts in place and returns the median; `None` if empty.
 pub fn median(v: &mut [f64]) -> Option<f64> {
@@ -60,14 +61,9 @@ pub fn normal_tail(z: f64) -> f64 {
     0.5 * libm::erfc(z / std::f64::consts::SQRT_2)
 }
 
-/// 97.5 % quantile of Student's distribution with `freedom` >= 3 degrees of freedom, to 1 % (Abramowitz and Stegun 26.7.5).
+/// 97.5 % quantile of Student's distribution with `freedom` degrees of freedom.
 pub fn student_975(freedom: f64) -> f64 {
-    let z: f64 = 1.959_963_984_540_054;
-    let power = |n| z.powi(n);
-    let first = (power(3) + z) / 4.0;
-    let second = (5.0 * power(5) + 16.0 * power(3) + 3.0 * z) / 96.0;
-    let third = (3.0 * power(7) + 19.0 * power(5) + 17.0 * power(3) - 15.0 * z) / 384.0;
-    z + first / freedom + second / freedom.powi(2) + third / freedom.powi(3)
+    StudentsT::new(0.0, 1.0, freedom).map_or(f64::INFINITY, |d| d.inverse_cdf(0.975))
 }
 
 /// Upper tail of the chi-square distribution (Wilson and Hilferty's cube root).
@@ -77,6 +73,14 @@ pub fn chi2_tail(x: f64, k: f64) -> f64 {
     }
     let c = 2.0 / (9.0 * k);
     normal_tail(((x / k).cbrt() - (1.0 - c)) / c.sqrt())
+}
+
+/// Upper tail of Snedecor's F distribution with `upper` and `lower` degrees of freedom; 1 where it isn't defined.
+pub fn f_tail(f: f64, upper: f64, lower: f64) -> f64 {
+    match FisherSnedecor::new(upper, lower) {
+        Ok(d) if f > 0.0 => d.sf(f),
+        _ => 1.0,
+    }
 }
 
 /// SplitMix64 (Steele, Lea and Flood 2014): small, reproducible on every platform.
@@ -156,8 +160,18 @@ mod tests {
         assert!((normal_tail(-1.0) - 0.8413447).abs() < 1e-6);
         assert!((normal_tail(6.0) / 9.865_876_450_376_98e-10 - 1.0).abs() < 1e-12);
         assert!((chi2_tail(31.41, 20.0) - 0.05).abs() < 1e-3);
-        for (freedom, quantile) in [(3.0, 3.182), (5.0, 2.571), (10.0, 2.228), (100.0, 1.984)] {
-            assert!((student_975(freedom) / quantile - 1.0).abs() < 0.01);
+        for (freedom, quantile) in [
+            (2.0, 4.303),
+            (3.0, 3.182),
+            (5.0, 2.571),
+            (10.0, 2.228),
+            (100.0, 1.984),
+        ] {
+            assert!((student_975(freedom) / quantile - 1.0).abs() < 5e-4);
         }
+        assert!((f_tail(30.82, 2.0, 3.0) - 0.01).abs() < 1e-5);
+        assert!((f_tail(4.965, 1.0, 10.0) - 0.05).abs() < 1e-5);
+        assert_eq!(f_tail(f64::INFINITY, 2.0, 3.0), 0.0);
+        assert_eq!(f_tail(f64::NAN, 2.0, 3.0), 1.0);
     }
 }

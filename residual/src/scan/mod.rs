@@ -3,6 +3,7 @@
 //! A [`Scan`] holds the current model and its fit. It builds the sums of products of the model with a
 //! form applied, and from these the errors of the residual and of its decoys.
 
+mod between;
 mod candidate;
 mod context;
 mod contribution;

@@ -40,6 +40,10 @@ const SCREEN_ROWS: usize = 60_000;
 /// Forms that pass the screening on windows.
 const SCREENED: usize = 14;
 
+/// p value above which the means of the sequences don't confirm a form that acts mainly between sequences. Few forms do (offset,
+/// drift, gain of a constant load), so it isn't divided by the number of all forms.
+const BETWEEN: f64 = 0.01;
+
 /// Rounds of forward search and rivals; in the last nothing is replaced.
 const ROUNDS: usize = 4;
 
@@ -312,6 +316,14 @@ impl<'a> Search<'a> {
             };
             for c in all.iter_mut().filter(|c| doubtful(c)) {
                 c.p = c.p.min(scan.retest(c, rows));
+            }
+        }
+        let scan = self.scan_on(on);
+        let counts = |c: &Candidate<O>| acceptance.accepts(c) && !c.variant.observed;
+        for c in all.iter_mut().filter(|c| counts(c)) {
+            match scan.between_sequences(&c.variant, c.psi) {
+                Some(p) if p > BETWEEN => c.p = c.p.max(p),
+                _ => {}
             }
         }
         if self.spec.roles.setpoint.is_none() {
