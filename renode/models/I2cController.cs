@@ -74,6 +74,9 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         /// Another controller wins the bus in the next address phase.
         public bool LoseArbitration { get; set; }
 
+        /// Microseconds from the last lost arbitration to PE=0, with which the firmware begins its recovery.
+        public ulong ReleasedAfterUs { get; private set; }
+
         /// TXIS rises as soon as TXDR is empty, while the byte before is on the wire. The manual's figure 544 shows it after the
         /// acknowledge; drivers of the manufacturer expect both (they flush TXDR after a NACK).
         public bool EarlyTransmitRequest { get; set; }
@@ -192,6 +195,11 @@ namespace Antmicro.Renode.Peripherals.ForceRig
 
         private void Disable()
         {
+            if(lostAt != 0)
+            {
+                ReleasedAfterUs = (time.Now - lostAt) / 1000;
+                lostAt = 0;
+            }
             if(onBus)
             {
                 bus.Stop();
@@ -282,6 +290,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         private void LoseBus()
         {
             LoseArbitration = false;
+            lostAt = time.Now;
             arbitrationLost.Value = true;
             transmitRequest.Value = transferComplete.Value = reloadComplete.Value = false;
             After(20, delegate
@@ -454,6 +463,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
         }
 
         private uint remaining;
+        private ulong lostAt;
         private byte transmit;
         private byte received;
         private byte arrived;
