@@ -128,7 +128,7 @@ impl Image {
         let samples = file
             .symbols()
             .find(|symbol| {
-                let is_samples = |name: &str| name.contains("Board") && name.contains("samples");
+                let is_samples = |name: &str| name.contains("5Board7samples");
                 symbol.kind() == SymbolKind::Text
                     && symbol.is_definition()
                     && symbol.name().is_ok_and(is_samples)

@@ -104,8 +104,8 @@ pub(crate) fn parameters(
     let reweighted = (whole.len() >= FEWEST_SEQUENCES)
         .then(|| -> Result<_, Error> {
             let draws = reweighted(search, &whole);
-            let fitted = own.fitted(&whole)?;
-            Ok((whole.len(), fitted, own.of_draws(&points, &mine, &draws)))
+            let (count, fitted) = own.sequences(&whole)?;
+            Ok((count, fitted, own.of_draws(&points, &mine, &draws)))
         })
         .transpose()?;
     let widest = |q: &Param| {
@@ -169,9 +169,9 @@ fn reweighted(search: &Search, sequences: &[Range<usize>]) -> Vec<Vec<f64>> {
 
 /// The 95 % interval of an estimate from replicates over `count` sequences, from which `fitted` parameters were estimated: the
 /// scatter of a few sequences is itself uncertain, which Student's distribution allows for.
-fn student(estimate: f64, replicates: &[f64], count: usize, fitted: usize) -> [f64; 2] {
-    let (n, freedom) = (count as f64, (count - fitted) as f64);
-    let error = stats::deviation(replicates) * (n / freedom).sqrt();
+fn student(estimate: f64, replicates: &[f64], count: f64, fitted: f64) -> [f64; 2] {
+    let freedom = (count - fitted).max(1.0);
+    let error = stats::deviation(replicates) * (count / freedom).max(1.0).sqrt();
     let half = stats::student_975(freedom) * error;
     [estimate - half, estimate + half]
 }
@@ -196,21 +196,16 @@ impl Own<'_> {
         &self.chosen[self.index]
     }
 
-    /// Number of parameters that the scatter of `sequences` was lowered by: all of the effect where it acts mostly in the means of
-    /// the sequences, else one.
-    fn fitted(&self, sequences: &[Range<usize>]) -> Result<usize, Error> {
+    /// Effective number of `sequences`, and the number of parameters that their scatter was lowered by: those fitted to the means of
+    /// the sequences where the effect acts mostly in them, else one.
+    fn sequences(&self, sequences: &[Range<usize>]) -> Result<(f64, f64), Error> {
         let (own, rest) = without(self.chosen, self.index);
         let rest = self.search.fit(&rest)?;
-        let between = self
-            .search
-            .scan_on(&rest)
-            .between_sequences(&own.variant, own.psi);
+        let scan = self.search.scan_on(&rest);
+        let between = scan.between_sequences(&own.variant, own.psi);
         Ok(match between {
-            Some(_) => own
-                .variant
-                .parameters(own.psi)
-                .clamp(1, sequences.len() - 2),
-            None => 1,
+            Some(b) => (b.sequences, b.fitted),
+            None => (sequences.len() as f64, 1.0),
         })
     }
 
@@ -437,7 +432,7 @@ mod tests {
     }
 
     /// Share of intervals that hold the slope 0 of a line through the means of five sequences with chance values.
-    fn covered(fitted: usize) -> f64 {
+    fn covered(fitted: f64) -> f64 {
         let mut rng = Rng::new(7);
         let mut normal = || -> Vec<f64> { (0..5).map(|_| rng.normal()).collect() };
         let mut weights = Rng::new(8);
@@ -450,7 +445,7 @@ mod tests {
                         slope(&w, &x, &y)
                     })
                     .collect();
-                let [low, high] = super::student(slope(&[1.0; 5], &x, &y), &draws, 5, fitted);
+                let [low, high] = super::student(slope(&[1.0; 5], &x, &y), &draws, 5.0, fitted);
                 low <= 0.0 && 0.0 <= high
             })
             .count();
@@ -459,7 +454,7 @@ mod tests {
 
     #[test]
     fn a_line_through_five_means_has_three_degrees_of_freedom() {
-        let (mean_only, line) = (covered(1), covered(2));
+        let (mean_only, line) = (covered(1.0), covered(2.0));
         assert!(mean_only < 0.9, "{mean_only}");
         assert!((0.92..0.97).contains(&line), "{line}");
     }

@@ -3,6 +3,10 @@
 use crate::scan::{similarity, t_statistic, Candidate, Scan};
 use crate::spec::Selection;
 
+/// p value up to which the means of the sequences confirm a form that acts mostly in them. Few forms do (offset, drift, gain of
+/// a constant load), so it isn't divided by the number of all forms.
+const BETWEEN: f64 = 0.01;
+
 /// What a candidate must reach to count.
 #[derive(Clone, Copy)]
 pub(crate) struct Acceptance<'a> {
@@ -29,7 +33,16 @@ impl Acceptance<'_> {
     /// Whether a candidate may count at all.
     pub fn accepts<O>(&self, c: &Candidate<O>) -> bool {
         let rms = ((c.base - c.held).max(0.0) / self.rows.max(1) as f64).sqrt();
-        self.material(c.gain) && self.significant(c.p) && c.steady && rms > self.floor
+        self.material(c.gain)
+            && self.significant(c.p)
+            && c.steady
+            && rms > self.floor
+            && !self.refused_between(c)
+    }
+
+    /// Whether the means of the sequences, which are the evidence for a candidate, do not confirm it.
+    pub fn refused_between<O>(&self, c: &Candidate<O>) -> bool {
+        c.between.is_some_and(|b| b.p > BETWEEN)
     }
 }
 
@@ -66,6 +79,10 @@ pub(crate) fn rank(all: &[Candidate], acceptance: &Acceptance) -> Step {
         .filter_map(|name| {
             let mut own: Vec<&Candidate> = all.iter().filter(|c| c.origin.name() == name).collect();
             own.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+            // A form that counts isn't hidden by one that explains more and doesn't.
+            if own.iter().any(|c| acceptance.accepts(c)) {
+                own.retain(|c| acceptance.accepts(c));
+            }
             let best = own.first().copied()?;
             let observed = own
                 .iter()
@@ -174,6 +191,7 @@ mod tests {
             steady: true,
             local_in_time: false,
             parameters,
+            between: None,
             losses: vec![],
         }
     }

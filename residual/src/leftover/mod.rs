@@ -12,7 +12,7 @@ use crate::diagnostics::{switching, unlike_noise, UnlikeNoise};
 use crate::effects::Context;
 use crate::error::Error;
 use crate::frame::Frame;
-use crate::ranking::Step;
+use crate::ranking::{Acceptance, Step};
 use crate::report::Structure;
 use crate::scan::{Candidate, Offer};
 use crate::search::{Outcome, Search};
@@ -25,6 +25,10 @@ pub(crate) const STAND_IN: f64 = 0.25;
 /// Share of what the named effects explain by which one nameless form must do better in their place to make them
 /// stand-ins.
 const BETTER_ALONE: f64 = 0.01;
+
+/// Fall of the RMSE by means of sequences that nothing explains from which on the verdict says so. Less is usual: the zero of a load
+/// cell drifts a little from one log to the next.
+const BETWEEN_LOGS: f64 = 0.1;
 
 /// Most nameless forms that a report lists.
 const LISTED: usize = 6;
@@ -96,6 +100,7 @@ impl Leftover {
         out.few_places(&outcome.last, |c| {
             !c.steady && acceptance.material(c.gain) && acceptance.significant(c.p)
         });
+        out.between_logs(&outcome.last, &acceptance);
         out.switching(search, &fitted.fit.residual, frame, held);
         out.unlike_noise(search, &fitted.fit.residual, frame, held);
         Ok(out)
@@ -136,6 +141,28 @@ impl Leftover {
                 p_value: c.p,
             });
             self.unexplained |= self.large(c.base - c.held);
+        }
+    }
+
+    /// Adds an effect that would fit the means of the sequences, of which there are too few to tell it from zeros that differ by
+    /// chance.
+    fn between_logs(&mut self, last: &Step, acceptance: &Acceptance) {
+        let found = last.ranked.iter().find(|c| {
+            acceptance.refused_between(c)
+                && acceptance.material(c.gain)
+                && acceptance.significant(c.p)
+        });
+        if let Some((c, b)) = found.and_then(|c| Some((c, c.between?))) {
+            self.structure.push(Structure {
+                depends_on: format!(
+                    "which sequence it is, and too few sequences to say why (an effective number of {:.1}); {} would fit",
+                    b.sequences,
+                    c.origin.name()
+                ),
+                gain: c.gain,
+                p_value: b.p,
+            });
+            self.unexplained |= c.gain > BETWEEN_LOGS && self.large(c.base - c.held);
         }
     }
 

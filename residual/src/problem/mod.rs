@@ -16,7 +16,7 @@ pub(crate) use ends::half_step;
 use evaluate::Cache;
 pub(crate) use evaluate::{Replaced, View};
 pub(crate) use scores::{profile, Scores};
-pub(crate) use sums::{Known, Sums};
+pub(crate) use sums::{Known, Sums, RANK_TOL};
 
 use crate::frame::Frame;
 use crate::progress::Ticker;

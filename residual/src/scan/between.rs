@@ -3,44 +3,120 @@
 
 use super::Scan;
 use crate::effects::Variant;
+use crate::linalg::Cholesky;
+use crate::problem::{Column, RANK_TOL};
 use crate::stats;
+use std::ops::Range;
 
 /// Share of what a form explains from which on the means of the sequences are the evidence for it.
 const MOSTLY: f64 = 0.5;
 
-/// Fewest sequences whose scatter says anything. Two logs at two loads show a gain, and nothing against it.
-const FEWEST: f64 = 2.5;
+/// What the means of the sequences say about a form that acts mostly in them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Between {
+    /// p value by an F test over the means; 1 where there are too few sequences for a test.
+    pub p: f64,
+    /// p value of what the form explains within sequences.
+    pub within: f64,
+    /// Number of means, smaller where their sequences have unequal lengths (Kish's effective number).
+    pub sequences: f64,
+    /// Parameters fitted to the means: those of the form, and what the model has used of them already.
+    pub fitted: f64,
+}
 
 impl Scan<'_> {
-    /// p value of a form at `psi` by the means of the sequences alone, by an F test; `None` where most of what it explains is within
-    /// sequences, or where there are two sequences or fewer. 1 where there are no more sequences than parameters.
+    /// What the means of the sequences say about a form at `psi`; `None` where most of what it explains is within sequences, or
+    /// where there are fewer than three: two logs at two loads show a gain, and nothing against it.
     ///
     /// Decoys can't show this: their signs change from block to block, so the mean of a decoy over a sequence is near zero, while
     /// the zero of a sensor often differs from one sequence to the next.
-    pub fn between_sequences(&self, variant: &Variant, psi: f64) -> Option<f64> {
+    pub fn between_sequences(&self, variant: &Variant, psi: f64) -> Option<Between> {
+        let rows = self.sequence_rows();
+        if rows.len() < 3 {
+            return None;
+        }
         let added = self.added(variant, psi);
         if added.len() != self.fit.residual.len() {
             return None;
         }
-        let mut sums: Vec<Means> = Vec::new();
+        let sums: Vec<Means> = rows
+            .iter()
+            .map(|rows| Means::new(&self.fit.residual[rows.clone()], &added[rows.clone()]))
+            .collect();
+        let fitted = self.used_between(&rows) + variant.parameters(psi) as f64;
+        let tried = variant.psi.as_ref().map_or(1, |psi| psi.grid.len());
+        let (sequences, p) = p_of_means(&sums, variant.parameters(psi), fitted)?;
+        Some(Between {
+            p: (p * tried as f64).min(1.0),
+            within: self.within(&rows, &sums, &added),
+            sequences,
+            fitted,
+        })
+    }
+
+    /// Fitted rows of each sequence.
+    fn sequence_rows(&self) -> Vec<Range<usize>> {
+        let mut out: Vec<Range<usize>> = Vec::new();
         let mut last = usize::MAX;
         for block in &self.problem.blocks {
-            if block.sequence != last {
-                sums.push(Means::default());
-                last = block.sequence;
+            match out.last_mut() {
+                Some(rows) if block.sequence == last => rows.end = block.range.end,
+                _ => out.push(block.range.clone()),
             }
-            let Some(own) = sums.last_mut() else { continue };
-            let residual = &self.fit.residual[block.range.clone()];
-            for (r, a) in residual.iter().zip(&added[block.range.clone()]) {
-                own.add(*r, *a);
+            last = block.sequence;
+        }
+        out
+    }
+
+    /// Degrees of freedom of the sequences' means that the model's fitted terms use: the trace of inv(G) B, with the sums of
+    /// products of its columns G and that of their means in the sequences B.
+    fn used_between(&self, rows: &[Range<usize>]) -> f64 {
+        let q = self.fit.x.len();
+        let mut all = vec![0.0; q * q];
+        for block in self.fit.sums.g.chunks_exact((q * q).max(1)) {
+            all.iter_mut().zip(block).for_each(|(a, b)| *a += b);
+        }
+        let mut between = vec![vec![0.0; q]; q];
+        for rows in rows {
+            let sum = |x: &Column| x[rows.clone()].iter().sum::<f64>();
+            let sums: Vec<f64> = self.fit.x.iter().map(sum).collect();
+            for (row, a) in between.iter_mut().zip(&sums) {
+                for (b, c) in row.iter_mut().zip(&sums) {
+                    *b += a * c / rows.len() as f64;
+                }
             }
         }
-        p_of_means(&sums, variant.parameters(psi))
+        let inverse = Cholesky::new(&all, q, RANK_TOL);
+        (0..q).map(|k| inverse.solve(&between[k])[k]).sum()
+    }
+
+    /// p value of a form by what it explains within sequences: a score test with blocks as observations.
+    fn within(&self, rows: &[Range<usize>], sums: &[Means], added: &[f64]) -> f64 {
+        let (mut total, mut squares) = (0.0, 0.0);
+        let mut blocks = self.problem.blocks.iter().peekable();
+        for (rows, s) in rows.iter().zip(sums) {
+            let (before, explained) = (s.before / s.rows, (s.before - s.after) / s.rows);
+            while let Some(block) = blocks.next_if(|b| b.range.end <= rows.end) {
+                let residual = &self.fit.residual[block.range.clone()];
+                let score: f64 = residual
+                    .iter()
+                    .zip(&added[block.range.clone()])
+                    .map(|(r, a)| (r - before) * (a - explained))
+                    .sum();
+                total += score;
+                squares += score * score;
+            }
+        }
+        if squares > 0.0 {
+            stats::normal_tail(total / squares.sqrt())
+        } else {
+            1.0
+        }
     }
 }
 
 /// Sums over the rows of one sequence.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 struct Means {
     rows: f64,
     before: f64,
@@ -50,33 +126,43 @@ struct Means {
 }
 
 impl Means {
-    /// A row with the residual `r`, of which a form explains `a`.
-    fn add(&mut self, r: f64, a: f64) {
-        self.rows += 1.0;
-        self.before += r;
-        self.after += r - a;
-        self.fall += r * r - (r - a) * (r - a);
+    /// Of the residual, of which a form explains `added`.
+    fn new(residual: &[f64], added: &[f64]) -> Means {
+        let mut out = Means {
+            rows: residual.len() as f64,
+            before: 0.0,
+            after: 0.0,
+            fall: 0.0,
+        };
+        for (r, a) in residual.iter().zip(added) {
+            out.before += r;
+            out.after += r - a;
+            out.fall += r * r - (r - a) * (r - a);
+        }
+        out
     }
 }
 
-/// p value of the fall in the means of sequences by `parameters` parameters. Short sequences count for less: the number of
-/// sequences is Kish's effective one.
-fn p_of_means(sequences: &[Means], parameters: usize) -> Option<f64> {
+/// Kish's effective number of sequences, and the p value of the fall in their means by `parameters` parameters where `fitted` are
+/// fitted to them in all; `None` where most of the fall is within sequences.
+fn p_of_means(sequences: &[Means], parameters: usize, fitted: f64) -> Option<(f64, f64)> {
     let total = |f: &dyn Fn(&Means) -> f64| sequences.iter().map(f).sum::<f64>();
     let rows = total(&|s| s.rows);
     let count = rows * rows / total(&|s| s.rows * s.rows).max(1.0);
     let before = total(&|s| s.before * s.before / s.rows);
     let after = total(&|s| s.after * s.after / s.rows);
+    if before - after <= MOSTLY * total(&|s| s.fall) {
+        return None;
+    }
     let parameters = parameters.max(1) as f64;
-    let freedom = count - parameters;
-    let mostly = before - after > MOSTLY * total(&|s| s.fall);
-    (mostly && count >= FEWEST).then(|| match freedom {
-        f if f < 1.0 => 1.0,
-        _ => {
-            let f = ((before - after) / parameters) / (after / freedom);
-            stats::f_tail(f, parameters, freedom)
-        }
-    })
+    let freedom = count - fitted;
+    let p = if freedom < 0.99 {
+        1.0
+    } else {
+        let f = ((before - after) / parameters) / (after / freedom);
+        stats::f_tail(f, parameters, freedom)
+    };
+    Some((count, p))
 }
 
 #[cfg(test)]
@@ -109,14 +195,12 @@ mod tests {
         let sums: Vec<Means> = rows
             .iter()
             .map(|sequence| {
-                let mut s = Means::default();
-                for (x, y) in sequence {
-                    s.add(*y, my + sxy / sxx * (x - mx));
-                }
-                s
+                let (x, y): (Vec<f64>, Vec<f64>) = sequence.iter().copied().unzip();
+                let line: Vec<f64> = x.iter().map(|x| my + sxy / sxx * (x - mx)).collect();
+                Means::new(&y, &line)
             })
             .collect();
-        p_of_means(&sums, 2)
+        Some(p_of_means(&sums, 2, 2.0)?.1)
     }
 
     #[test]
@@ -148,13 +232,18 @@ mod tests {
 
     #[test]
     fn as_many_parameters_as_sequences_show_nothing() {
-        let s = |before| Means {
-            rows: 100.0,
+        let s = |before, rows| Means {
+            rows,
             before,
             after: 0.0,
             fall: 1.0,
         };
-        assert_eq!(p_of_means(&[s(10.0), s(-10.0)], 2), None);
-        assert_eq!(p_of_means(&[s(10.0), s(-10.0), s(12.0)], 3), Some(1.0));
+        let equal = [s(10.0, 100.0), s(-10.0, 100.0), s(12.0, 100.0)];
+        assert_eq!(p_of_means(&equal, 3, 3.0), Some((3.0, 1.0)));
+        // Two of them are the declared model's.
+        assert_eq!(p_of_means(&equal, 1, 3.0), Some((3.0, 1.0)));
+        // Short sequences beside a long one are hardly any.
+        let unequal = [s(1e3, 6000.0), s(-1e3, 500.0), s(1e3, 500.0)];
+        assert!(p_of_means(&unequal, 1, 1.0).is_some_and(|(n, p)| n < 1.5 && p == 1.0));
     }
 }

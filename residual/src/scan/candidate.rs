@@ -2,7 +2,7 @@
 
 use super::grid::{bracket, neighbourhood, vertex, FINE, ROUGH};
 use super::significance::{acts_in_few, p_value, steady_where_it_acts, t_statistic};
-use super::Scan;
+use super::{Between, Scan};
 use crate::effects::{Context, EffectRef, Variant, CATALOGUE};
 use crate::model::Chosen;
 use crate::problem::{profile, Block, Scores};
@@ -72,6 +72,8 @@ pub(crate) struct Candidate<O = EffectRef> {
     pub local_in_time: bool,
     /// Number of fitted parameters it adds.
     pub parameters: usize,
+    /// What the means of the sequences say, where they are the evidence.
+    pub between: Option<Between>,
     /// Held-out squared error by block.
     pub losses: Vec<f64>,
 }
@@ -302,6 +304,7 @@ impl Scan<'_> {
             steady: steady || variant.observed,
             local_in_time,
             parameters: variant.parameters(psi),
+            between: None,
             losses,
         })
     }

@@ -12,6 +12,7 @@ mod grid;
 mod retest;
 mod significance;
 
+pub(crate) use between::Between;
 pub(crate) use candidate::{catalogue_offers, Candidate, Offer, Origin};
 pub(crate) use contribution::similarity;
 pub(crate) use grid::{bracket, vertex, FINE};

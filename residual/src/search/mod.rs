@@ -40,10 +40,6 @@ const SCREEN_ROWS: usize = 60_000;
 /// Forms that pass the screening on windows.
 const SCREENED: usize = 14;
 
-/// p value above which the means of the sequences don't confirm a form that acts mainly between sequences. Few forms do (offset,
-/// drift, gain of a constant load), so it isn't divided by the number of all forms.
-const BETWEEN: f64 = 0.01;
-
 /// Rounds of forward search and rivals; in the last nothing is replaced.
 const ROUNDS: usize = 4;
 
@@ -321,10 +317,9 @@ impl<'a> Search<'a> {
         let scan = self.scan_on(on);
         let counts = |c: &Candidate<O>| acceptance.accepts(c) && !c.variant.observed;
         for c in all.iter_mut().filter(|c| counts(c)) {
-            match scan.between_sequences(&c.variant, c.psi) {
-                Some(p) if p > BETWEEN => c.p = c.p.max(p),
-                _ => {}
-            }
+            c.between = scan
+                .between_sequences(&c.variant, c.psi)
+                .filter(|b| !acceptance.significant(b.within));
         }
         if self.spec.roles.setpoint.is_none() {
             return;
