@@ -100,7 +100,7 @@ pub(crate) fn parameters(
         .filter(|all| all.len() >= FEWEST_STRETCHES || all.len() == search.problem.blocks.len())
         .map(|all| own.replicates(&points, &mine, &all))
         .collect();
-    let whole = stretches(&search.problem, usize::MAX);
+    let whole = search.problem.runs();
     let reweighted = (whole.len() >= FEWEST_SEQUENCES)
         .then(|| -> Result<_, Error> {
             let draws = reweighted(search, &whole);

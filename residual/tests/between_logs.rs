@@ -1,5 +1,8 @@
 //! Effects that differ from log to log: a log is one observation of them, however long it is.
 
+mod noise;
+
+use noise::Noise;
 use residual::{analyse, spec::Spec, Data, Report, Verdict};
 
 const MODEL: &str = r#"
@@ -21,23 +24,6 @@ name = "force"
 expr = "command"
 fixed = 1.0
 "#;
-
-/// A sequence of numbers with a standard deviation of one, the same for the same seed.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        let mut sum = 0.0;
-        for _ in 0..12 {
-            self.0 = self
-                .0
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            sum += (self.0 >> 11) as f64 / (1u64 << 53) as f64;
-        }
-        sum - 6.0
-    }
-}
 
 /// How logs are made.
 #[derive(Clone, Copy)]

@@ -1,5 +1,8 @@
 //! Terms with a coefficient for each sequence: they stay in the table, and nothing that they explain is found again.
 
+mod noise;
+
+use noise::Noise;
 use residual::{analyse, spec::Spec, Data, Verdict};
 
 const MODEL: &str = r#"
@@ -23,23 +26,6 @@ expr = "1"
 unit = "N"
 per = "sequence"
 "#;
-
-/// A sequence of numbers with a standard deviation of one, the same for the same seed.
-struct Noise(u64);
-
-impl Noise {
-    fn next(&mut self) -> f64 {
-        let mut sum = 0.0;
-        for _ in 0..12 {
-            self.0 = self
-                .0
-                .wrapping_mul(6_364_136_223_846_793_005)
-                .wrapping_add(1_442_695_040_888_963_407);
-            sum += (self.0 >> 11) as f64 / (1u64 << 53) as f64;
-        }
-        sum - 6.0
-    }
-}
 
 /// Eight runs, each with a zero of its own, and an offset that all of them have; coloured noise of 0.1 N.
 fn data(seed: u64, offset: f64) -> Data {

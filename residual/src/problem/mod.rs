@@ -154,6 +154,18 @@ impl Problem {
             .collect();
     }
 
+    /// Blocks of each sequence.
+    pub fn runs(&self) -> Vec<Range<usize>> {
+        let mut out: Vec<Range<usize>> = Vec::new();
+        for (k, block) in self.blocks.iter().enumerate() {
+            match out.last_mut() {
+                Some(run) if self.blocks[run.start].sequence == block.sequence => run.end = k + 1,
+                _ => out.push(k..k + 1),
+            }
+        }
+        out
+    }
+
     /// Rows of a frame column that are fitted.
     pub fn gather(&self, column: Vec<f64>) -> Vec<f64> {
         match &self.rows {

@@ -3,7 +3,6 @@
 use super::sums::{Sums, RANK_TOL};
 use super::Problem;
 use crate::linalg::{squared_error, Cholesky};
-use std::ops::Range;
 
 /// Squared errors of one fit by target (0 the real one, then decoys) and fold.
 #[derive(Debug, Clone)]
@@ -80,13 +79,7 @@ impl Scores {
             train: vec![],
             held: vec![],
         };
-        let mut runs: Vec<Range<usize>> = Vec::new();
-        for (k, b) in p.blocks.iter().enumerate() {
-            match runs.last_mut() {
-                Some(r) if p.blocks[r.start].sequence == b.sequence => r.end = k + 1,
-                _ => runs.push(k..k + 1),
-            }
-        }
+        let runs = p.runs();
         for j in 0..targets {
             let (mut train, mut held) = (0.0, 0.0);
             for run in &runs {

@@ -31,10 +31,15 @@ impl Scan<'_> {
     /// Decoys can't show this: their signs change from block to block, so the mean of a decoy over a sequence is near zero, while
     /// the zero of a sensor often differs from one sequence to the next.
     pub fn between_sequences(&self, variant: &Variant, psi: f64) -> Option<Between> {
-        let rows = self.sequence_rows();
-        if rows.len() < 3 {
+        let runs = self.problem.runs();
+        if runs.len() < 3 {
             return None;
         }
+        let blocks = &self.problem.blocks;
+        let rows: Vec<Range<usize>> = runs
+            .iter()
+            .map(|run| blocks[run.start].range.start..blocks[run.end - 1].range.end)
+            .collect();
         let added = self.added(variant, psi);
         if added.len() != self.fit.residual.len() {
             return None;
@@ -48,24 +53,10 @@ impl Scan<'_> {
         let (sequences, p) = p_of_means(&sums, variant.parameters(psi), fitted)?;
         Some(Between {
             p: (p * tried as f64).min(1.0),
-            within: self.within(&rows, &sums, &added),
+            within: self.within(&runs, &sums, &added),
             sequences,
             fitted,
         })
-    }
-
-    /// Fitted rows of each sequence.
-    fn sequence_rows(&self) -> Vec<Range<usize>> {
-        let mut out: Vec<Range<usize>> = Vec::new();
-        let mut last = usize::MAX;
-        for block in &self.problem.blocks {
-            match out.last_mut() {
-                Some(rows) if block.sequence == last => rows.end = block.range.end,
-                _ => out.push(block.range.clone()),
-            }
-            last = block.sequence;
-        }
-        out
     }
 
     /// Degrees of freedom of the sequences' means that the model's fitted terms use: the trace of inv(G) B, with the sums of
@@ -91,12 +82,11 @@ impl Scan<'_> {
     }
 
     /// p value of a form by what it explains within sequences: a score test with blocks as observations.
-    fn within(&self, rows: &[Range<usize>], sums: &[Means], added: &[f64]) -> f64 {
+    fn within(&self, runs: &[Range<usize>], sums: &[Means], added: &[f64]) -> f64 {
         let (mut total, mut squares) = (0.0, 0.0);
-        let mut blocks = self.problem.blocks.iter().peekable();
-        for (rows, s) in rows.iter().zip(sums) {
+        for (run, s) in runs.iter().zip(sums) {
             let (before, explained) = (s.before / s.rows, (s.before - s.after) / s.rows);
-            while let Some(block) = blocks.next_if(|b| b.range.end <= rows.end) {
+            for block in &self.problem.blocks[run.clone()] {
                 let residual = &self.fit.residual[block.range.clone()];
                 let score: f64 = residual
                     .iter()
