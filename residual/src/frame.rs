@@ -5,7 +5,7 @@
 
 use std::collections::HashMap;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Columns of equal length, in sequences, with time.
 #[derive(Debug, Clone, Default)]
@@ -17,6 +17,8 @@ pub struct Frame {
     sequences: Vec<Range<usize>>,
     /// Values of expressions over the columns, by their text; see [`Frame::derive`].
     derived: HashMap<String, Arc<Vec<f64>>>,
+    /// Median time between rows; see [`Frame::step`].
+    step: OnceLock<f64>,
 }
 
 impl Frame {
@@ -114,12 +116,14 @@ impl Frame {
 
     /// Median time between rows, in seconds.
     pub fn step(&self) -> f64 {
-        let mut d: Vec<f64> = self
-            .sequences
-            .iter()
-            .flat_map(|r| self.time[r.clone()].windows(2).map(|w| w[1] - w[0]))
-            .filter(|d| *d > 0.0)
-            .collect();
-        crate::stats::median(&mut d).unwrap_or(1.0)
+        *self.step.get_or_init(|| {
+            let mut d: Vec<f64> = self
+                .sequences
+                .iter()
+                .flat_map(|r| self.time[r.clone()].windows(2).map(|w| w[1] - w[0]))
+                .filter(|d| *d > 0.0)
+                .collect();
+            crate::stats::median(&mut d).unwrap_or(1.0)
+        })
     }
 }

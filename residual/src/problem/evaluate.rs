@@ -11,8 +11,18 @@ use std::sync::{Arc, MutexGuard, PoisonError};
 /// Most values that evaluated expressions may keep in memory (8 bytes each).
 const CACHE_VALUES: usize = 1 << 24;
 
+/// The same for large logs, and for the windows on which they are screened: there a scan tries few forms on all rows, each at other
+/// values of its parameter.
+const CACHE_VALUES_LARGE: usize = 1 << 21;
+
 /// Views that are kept: the model's, and those of models without one of its effects.
 const VIEWS: usize = 4;
+
+/// The same for large logs, of which each view may have new columns.
+const VIEWS_LARGE: usize = 1;
+
+/// Rows from which on a log is large.
+const LARGE: usize = 120_000;
 
 /// Columns and the expressions that stand in their place.
 pub(crate) type Replaced = Vec<(String, Expr)>;
@@ -32,6 +42,11 @@ impl View {
             frame,
         }
     }
+
+    /// Distinguishes views.
+    pub fn key(&self) -> &str {
+        &self.key
+    }
 }
 
 /// Expressions that were evaluated already: the same forms come up in every scan.
@@ -49,14 +64,14 @@ pub(super) struct Cache {
 
 impl Cache {
     /// Whether a column of this size fits. Removes values that this scan did not use, if it does not.
-    fn make_room(&mut self, values: usize) -> bool {
-        if self.values + values > CACHE_VALUES && self.swept < self.scan {
+    fn make_room(&mut self, values: usize, most: usize) -> bool {
+        if self.values + values > most && self.swept < self.scan {
             self.swept = self.scan;
             let scan = self.scan;
             self.columns.retain(|_, (_, used)| *used == scan);
             self.values = self.columns.values().map(|(v, _)| v.len()).sum();
         }
-        self.values + values <= CACHE_VALUES
+        self.values + values <= most
     }
 }
 
@@ -81,7 +96,8 @@ impl Problem {
         let view = Arc::new(View { key, frame });
         let mut cache = self.cache();
         cache.views.push_back(view.clone());
-        if cache.views.len() > VIEWS {
+        let most = if self.is_large() { VIEWS_LARGE } else { VIEWS };
+        if cache.views.len() > most {
             cache.views.pop_front();
         }
         Ok(view)
@@ -135,6 +151,18 @@ impl Problem {
         })
     }
 
+    fn is_large(&self) -> bool {
+        self.windows || self.y.len() > LARGE
+    }
+
+    fn cache_values(&self) -> usize {
+        if self.is_large() {
+            CACHE_VALUES_LARGE
+        } else {
+            CACHE_VALUES
+        }
+    }
+
     fn cache(&self) -> MutexGuard<'_, Cache> {
         self.cache.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -155,7 +183,7 @@ impl Problem {
         let v = values()?;
         let mut cache = self.cache();
         if keep
-            && cache.make_room(v.len())
+            && cache.make_room(v.len(), self.cache_values())
             && cache.columns.insert(key, (v.clone(), scan)).is_none()
         {
             cache.values += v.len();

@@ -56,6 +56,8 @@ pub(crate) struct Problem {
     fold_of_row: Vec<u32>,
     seed: u64,
     cache: Mutex<Cache>,
+    /// Whether these are windows of a large log.
+    windows: bool,
     /// Receives the progress of a scan.
     pub ticker: Option<Ticker>,
 }
@@ -96,6 +98,7 @@ impl Problem {
             fold_of_row,
             seed,
             cache: Mutex::default(),
+            windows: false,
             ticker: None,
         };
         p.cut_blocks(10.0, decoys);

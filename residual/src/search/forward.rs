@@ -29,25 +29,34 @@ impl Search<'_> {
     pub(super) fn next(&mut self, chosen: &[Chosen]) -> Result<Option<Vec<Chosen>>, Error> {
         let selection = &self.spec.selection;
         let fitted = self.fit(chosen)?;
-        let step = self.step(&fitted)?;
         let most = fitted.rmse() * (1.0 - selection.material);
-        // The winner may be a form of an effect that is there already and turn out to add nothing.
-        for c in step.in_turn() {
-            let mut next = chosen.to_vec();
-            if !c.origin.repeatable() {
-                next.retain(|x| x.effect.kind() != c.origin.kind());
+        let mut tried: Vec<Chosen> = Vec::new();
+        loop {
+            // The winner may be a form of an effect that is there already and turn out to add nothing.
+            for c in self.step(&fitted)?.in_turn() {
+                let form = c.choose();
+                if tried.iter().any(|t| t.is_form(&form)) {
+                    continue;
+                }
+                tried.push(form);
+                let mut next = chosen.to_vec();
+                if !c.origin.repeatable() {
+                    next.retain(|x| x.effect.kind() != c.origin.kind());
+                }
+                next.push(self.complete(c, &next));
+                self.separate_friction(&mut next)?;
+                self.prune(&mut next)?;
+                if self.rmse(&next)? > most {
+                    continue;
+                }
+                if next.len() <= selection.max_effects {
+                    return Ok(Some(next));
+                }
+                self.limited.get_or_insert(c.origin.kind());
             }
-            next.push(self.complete(c, &next));
-            self.separate_friction(&mut next)?;
-            self.prune(&mut next)?;
-            if self.rmse(&next)? > most {
-                continue;
+            if !self.scan_waiting(&fitted) {
+                return Ok(None);
             }
-            if next.len() <= selection.max_effects {
-                return Ok(Some(next));
-            }
-            self.limited.get_or_insert(c.origin.kind());
         }
-        Ok(None)
     }
 }

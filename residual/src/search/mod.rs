@@ -9,8 +9,10 @@
 //!
 //! Steps: [`forward`] adds effects, [`polish`] refines their nonlinear parameters, [`merge`] puts one
 //! effect in the place of two, [`rivals`] lets the whole catalogue compete for each place,
-//! [`prune`] removes what the others make superfluous.
+//! [`exchange`] tries another form of an effect with one more effect, [`prune`] removes what the others
+//! make superfluous.
 
+mod exchange;
 mod forward;
 mod friction;
 mod merge;
@@ -24,6 +26,7 @@ use crate::data::Data;
 use crate::declared::{self, fit_declared};
 use crate::effects::{Context, EffectKind, EffectRef};
 use crate::error::Error;
+use crate::feedback::Instruments;
 use crate::model::{Chosen, Fit, Fitted, Model};
 use crate::problem::Problem;
 use crate::progress::Progress;
@@ -31,14 +34,22 @@ use crate::ranking::{rank, Acceptance, Step};
 use crate::scan::{catalogue_offers, Candidate, Offer, Origin, Scan};
 use crate::spec::Spec;
 use crate::stats;
+use rayon::prelude::*;
 use std::collections::HashMap;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex};
 
 /// Rows of the windows on which the catalogue is screened, where the data have at least twice as many.
 const SCREEN_ROWS: usize = 60_000;
 
 /// Forms that pass the screening on windows.
 const SCREENED: usize = 14;
+
+/// Share of the best gain on windows above which a form is scanned on all rows at once. The others are only if none of
+/// these counts: a form that explains so much less can neither come first nor be a close rival.
+const AT_ONCE: f64 = 0.5;
+
+/// Fewest forms that are scanned on all rows at once.
+const FEWEST_AT_ONCE: usize = 4;
 
 /// Rounds of forward search and rivals; in the last nothing is replaced.
 const ROUNDS: usize = 4;
@@ -57,9 +68,58 @@ pub(crate) struct Search<'a> {
     /// Most forms tried in one scan.
     tests: usize,
     /// Scans of the catalogue that were made already, by the model they were made on.
-    scans: HashMap<String, Vec<Candidate>>,
+    scans: HashMap<String, Scanned>,
     /// The effect that `selection.max_effects` kept out of the last forward search.
     limited: Option<EffectKind>,
+    /// Instruments that were made last, by view.
+    pub(crate) last_instruments: Mutex<Option<(String, Arc<Instruments>)>>,
+}
+
+/// Forms of the catalogue on top of one model.
+struct Scanned {
+    /// With what each achieves.
+    candidates: Vec<Candidate>,
+    /// Those that were screened on windows and are still to be scanned on all rows.
+    waiting: ShortList,
+}
+
+/// Forms that passed the screening on windows, the most promising first.
+struct ShortList<O = EffectRef> {
+    offers: Vec<Offer<O>>,
+    /// Nonlinear parameter of each, on windows.
+    at: Vec<f64>,
+    /// Gain of each on windows; infinite for what the target itself shows.
+    gains: Vec<f64>,
+}
+
+impl<O> Default for ShortList<O> {
+    fn default() -> Self {
+        ShortList {
+            offers: vec![],
+            at: vec![],
+            gains: vec![],
+        }
+    }
+}
+
+impl<O> ShortList<O> {
+    /// Takes off those that are scanned on all rows at once.
+    fn first(&mut self) -> ShortList<O> {
+        let finite = self.gains.iter().copied().filter(|g| g.is_finite());
+        let least = AT_ONCE * finite.fold(0.0, f64::max);
+        let enough = self.gains.iter().take_while(|g| **g >= least).count();
+        self.take(enough.max(FEWEST_AT_ONCE))
+    }
+
+    /// Takes off the first `count`.
+    fn take(&mut self, count: usize) -> ShortList<O> {
+        let count = count.min(self.offers.len());
+        ShortList {
+            offers: self.offers.drain(..count).collect(),
+            at: self.at.drain(..count).collect(),
+            gains: self.gains.drain(..count).collect(),
+        }
+    }
 }
 
 /// What the search found.
@@ -141,6 +201,7 @@ impl<'a> Search<'a> {
             tests: 1,
             scans: HashMap::new(),
             limited: None,
+            last_instruments: Mutex::default(),
         })
     }
 
@@ -159,6 +220,9 @@ impl<'a> Search<'a> {
             let Some(judged) = self.rivals(&mut chosen, may_replace, progress)? else {
                 continue;
             };
+            if may_replace && self.exchange(&mut chosen, progress)? {
+                continue;
+            }
             // Polished parameters change the residual, so the catalogue is scanned once more before the end.
             progress.stage("what is left");
             let fitted = self.fit(&chosen)?;
@@ -241,97 +305,161 @@ impl<'a> Search<'a> {
         on: &Fitted,
         offers: &dyn Fn(&Self, &Context) -> Vec<Offer<O>>,
     ) -> Result<Vec<Candidate<O>>, Error> {
-        let (tests, found) = match &self.thin {
-            None => {
-                let scan = self.scan_on(on);
-                (0, scan.candidates(&offers(self, &scan.context()), None))
-            }
-            Some(thin) => {
-                let fit = Fit::new(thin, &on.model)?;
-                let small = Scan {
-                    problem: thin,
-                    fit: &fit,
-                    screening: true,
-                    ..self.scan_on(on)
-                };
-                let mut first = small.candidates(&offers(self, &small.context()), None);
-                // What the target itself shows may lie outside of all windows.
-                first.sort_by(|a, b| {
-                    let observed = b.variant.observed.cmp(&a.variant.observed);
-                    observed.then(b.gain.total_cmp(&a.gain))
-                });
-                let tests = first.len();
-                let own = first.iter().filter(|c| c.variant.observed).count();
-                first.truncate(SCREENED + own);
-                let least = 0.25 * self.spec.selection.material;
-                first.retain(|c| c.variant.observed || c.gain > least);
-                let short: Vec<Offer<O>> = first.iter().map(Candidate::offer).collect();
-                let at: Vec<f64> = first.iter().map(|c| c.psi).collect();
-                (tests, self.scan_on(on).candidates(&short, Some(&at)))
-            }
+        match self.screen(on, offers)? {
+            None => Ok(self.scan_all(on, offers)),
+            Some(list) => Ok(self.scan_listed(on, &list)),
+        }
+    }
+
+    /// Screens what is on offer on windows; `None` where there are no windows, as the rows are few.
+    fn screen<O: Origin>(
+        &mut self,
+        on: &Fitted,
+        offers: &dyn Fn(&Self, &Context) -> Vec<Offer<O>>,
+    ) -> Result<Option<ShortList<O>>, Error> {
+        let Some(thin) = &self.thin else {
+            return Ok(None);
         };
-        self.tests = self.tests.max(tests).max(found.len());
-        Ok(found)
+        let fit = Fit::new(thin, &on.model)?;
+        let small = Scan {
+            problem: thin,
+            fit: &fit,
+            screening: true,
+            ..self.scan_on(on)
+        };
+        let mut found = small.candidates(&offers(self, &small.context()), None);
+        // What the target itself shows may lie outside of all windows.
+        let gain = |c: &Candidate<O>| match c.variant.observed {
+            true => f64::INFINITY,
+            false => c.gain,
+        };
+        found.sort_by(|a, b| gain(b).total_cmp(&gain(a)));
+        let tests = found.len();
+        let own = found.iter().filter(|c| c.variant.observed).count();
+        found.truncate(SCREENED + own);
+        let least = 0.25 * self.spec.selection.material;
+        found.retain(|c| gain(c) > least);
+        self.tests = self.tests.max(tests);
+        Ok(Some(ShortList {
+            offers: found.iter().map(Candidate::offer).collect(),
+            at: found.iter().map(|c| c.psi).collect(),
+            gains: found.iter().map(gain).collect(),
+        }))
+    }
+
+    /// Scans all that is on offer on all rows.
+    fn scan_all<O: Origin>(
+        &mut self,
+        on: &Fitted,
+        offers: &dyn Fn(&Self, &Context) -> Vec<Offer<O>>,
+    ) -> Vec<Candidate<O>> {
+        let scan = self.scan_on(on);
+        let found = scan.candidates(&offers(self, &scan.context()), None);
+        self.tests = self.tests.max(found.len());
+        found
+    }
+
+    /// Scans forms that were screened on all rows.
+    fn scan_listed<O: Origin>(&self, on: &Fitted, list: &ShortList<O>) -> Vec<Candidate<O>> {
+        let scan = self.scan_on(on);
+        scan.candidates(&list.offers, Some(&list.at))
     }
 
     /// Scans the catalogue on top of a model and ranks it.
     fn step(&mut self, on: &Fitted) -> Result<Step, Error> {
+        let key = self.scanned(on)?;
+        Ok(rank(self.candidates(&key), &self.acceptance()))
+    }
+
+    /// The forms of the catalogue of one of the scans that were made, each with what it achieves.
+    fn candidates(&self, key: &str) -> &[Candidate] {
+        let scanned = self.scans.get(key);
+        scanned.map_or(&[], |scanned| scanned.candidates.as_slice())
+    }
+
+    /// Scans the catalogue on top of a model, unless that was done before. Returns the key of the scan.
+    fn scanned(&mut self, on: &Fitted) -> Result<String, Error> {
         let key = on.model.key();
         if !self.scans.contains_key(&key) {
-            let mut all = self.scan(on, &|search: &Self, ctx| {
-                catalogue_offers(ctx, &|e| search.allowed(e))
-            })?;
-            self.retest(&mut all, on);
-            self.scans.insert(key.clone(), all);
+            let offers =
+                |search: &Self, ctx: &Context| catalogue_offers(ctx, &|e| search.allowed(e));
+            let (mut candidates, waiting) = match self.screen(on, &offers)? {
+                None => (self.scan_all(on, &offers), ShortList::default()),
+                Some(mut list) => (self.scan_listed(on, &list.first()), list),
+            };
+            self.retest(&mut candidates, on);
+            let scanned = Scanned {
+                candidates,
+                waiting,
+            };
+            self.scans.insert(key.clone(), scanned);
+            let acceptance = self.acceptance();
+            if !self.candidates(&key).iter().any(|c| acceptance.accepts(c)) {
+                self.scan_waiting(on);
+            }
         }
-        let all = self.scans.get(&key).map_or(&[][..], Vec::as_slice);
-        Ok(rank(all, &self.acceptance()))
+        Ok(key)
+    }
+
+    /// Scans on all rows what is still waiting for it on top of a model. Whether there was anything.
+    fn scan_waiting(&mut self, on: &Fitted) -> bool {
+        let key = on.model.key();
+        let waiting = self
+            .scans
+            .get_mut(&key)
+            .map(|s| std::mem::take(&mut s.waiting));
+        let Some(list) = waiting.filter(|list| !list.offers.is_empty()) else {
+            return false;
+        };
+        let mut more = self.scan_listed(on, &list);
+        self.retest(&mut more, on);
+        if let Some(scanned) = self.scans.get_mut(&key) {
+            scanned.candidates.append(&mut more);
+        }
+        true
     }
 
     /// Tests material candidates again that the first decoys could not clear. In a closed loop those
     /// that the setpoint does not confirm are refused.
     pub fn retest<O: Origin>(&self, all: &mut [Candidate<O>], on: &Fitted) {
-        let scan = self.scan_on(on);
         let acceptance = self.acceptance();
+        let rows = self.problem.y.len();
+        // Windows show it as well as all rows; with fewer rows decoys gain more, so they do not clear too much.
+        let windows = self.thin.as_ref();
+        let small = windows.and_then(|thin| Some((thin, Fit::new(thin, &on.model).ok()?)));
+        let scan = self.scan_on(on);
+        let on_windows = match &small {
+            Some((problem, fit)) => Scan {
+                problem,
+                fit,
+                ..scan
+            },
+            None => scan,
+        };
         let doubtful =
             |c: &Candidate<O>| acceptance.material(c.gain) && !acceptance.significant(c.p);
-        if all.iter().any(&doubtful) {
-            let rows = self.problem.y.len();
-            // Windows show it as well as all rows; with fewer rows decoys gain more, so they do not clear too much.
-            let small = self
-                .thin
-                .as_ref()
-                .and_then(|thin| Some((thin, Fit::new(thin, &on.model).ok()?)));
-            let scan = match &small {
-                Some((problem, fit)) => Scan {
-                    problem,
-                    fit,
-                    ..scan
-                },
-                None => scan,
-            };
-            for c in all.iter_mut().filter(|c| doubtful(c)) {
-                c.p = c.p.min(scan.retest(c, rows));
-            }
+        for c in all.iter_mut().filter(|c| doubtful(c)) {
+            c.p = c.p.min(on_windows.retest(c, rows));
         }
-        let scan = self.scan_on(on);
         let counts = |c: &Candidate<O>| acceptance.accepts(c) && !c.variant.observed;
-        for c in all.iter_mut().filter(|c| counts(c)) {
+        all.par_iter_mut().filter(|c| counts(c)).for_each(|c| {
             c.between = scan
                 .between_sequences(&c.variant, c.psi)
                 .filter(|b| !acceptance.significant(b.within));
-        }
+        });
         if self.spec.roles.setpoint.is_none() {
             return;
         }
-        for c in all.iter_mut().filter(|c| {
-            let open = acceptance.material(c.gain) && c.p < 1.0 && !c.variant.observed;
-            open && scan.built_on_command(&c.variant, c.psi)
-        }) {
-            if !c.origin.has_witness() && scan.share_on_setpoint(&c.variant, c.psi) < 0.5 {
+        let instruments = self.instruments(&scan);
+        let open = |c: &Candidate<O>| {
+            let counts = acceptance.material(c.gain) && c.p < 1.0 && !c.variant.observed;
+            counts && !c.origin.has_witness() && scan.built_on_command(&c.variant, c.psi)
+        };
+        all.par_iter_mut().filter(|c| open(c)).for_each(|c| {
+            if scan.share_on_setpoint(&instruments, &c.variant, c.psi) < 0.5 {
                 c.p = 1.0;
             }
-        }
+        });
     }
 
     /// What each chosen effect is worth, the most valuable first.
