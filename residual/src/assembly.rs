@@ -59,7 +59,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
     let seed = spec.selection.seed;
     let effects = effects(search, outcome, weights, parameters)?;
     let improves = match beside {
-        Some(beside) => unsupported(search, outcome, beside)?,
+        Some(beside) => unsupported(search, beside)?,
         None => vec![],
     };
     let all = beside.map_or(outcome, |b| &b.outcome);
@@ -164,7 +164,7 @@ fn effects(
 
 /// The effects whose names the data do not support, the most valuable first. The errors before and after are those of
 /// the model with all effects, without and with this one.
-fn unsupported(search: &Search, found: &Outcome, beside: &Beside) -> Result<Vec<Effect>, Error> {
+fn unsupported(search: &Search, beside: &Beside) -> Result<Vec<Effect>, Error> {
     let mut out = Vec::new();
     for w in &beside.weights {
         let Some(why) = &beside.why[w.index] else {
@@ -176,7 +176,6 @@ fn unsupported(search: &Search, found: &Outcome, beside: &Beside) -> Result<Vec<
         own.unsupported = why.clone();
         out.push(own);
     }
-    debug_assert_eq!(out.len() + found.chosen.len(), beside.outcome.chosen.len());
     Ok(out)
 }
 

@@ -25,6 +25,19 @@ pub fn mean(v: &[f64]) -> f64 {
     v.iter().sum::<f64>() / v.len().max(1) as f64
 }
 
+/// Slope of the straight line through points, and the squared distances from it; `None` where `x` does not vary.
+pub fn line(x: &[f64], y: &[f64]) -> Option<(f64, f64)> {
+    let (mx, my) = (mean(x), mean(y));
+    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
+    for (x, y) in x.iter().zip(y) {
+        let (x, y) = (x - mx, y - my);
+        xx += x * x;
+        xy += x * y;
+        yy += y * y;
+    }
+    (xx > 0.0).then(|| (xy / xx, (yy - xy * xy / xx).max(0.0)))
+}
+
 /// Root mean square; 0 if empty.
 pub fn rms(v: &[f64]) -> f64 {
     (v.iter().map(|x| x * x).sum::<f64>() / v.len().max(1) as f64).sqrt()

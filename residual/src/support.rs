@@ -11,15 +11,26 @@
 //! The others still improve the fit. They are reported in a list of their own.
 
 use crate::check::Checked;
-use crate::effects::{Context, Estimate};
+use crate::effects::{Context, Estimate, Param};
 use crate::error::Error;
 use crate::format::{num, percent};
 use crate::intervals::{parameters, Parameters};
 use crate::leftover::Leftover;
-use crate::search::{Outcome, Search, Weight};
+use crate::model::Chosen;
+use crate::search::{without, Outcome, Search, Weight};
 
-/// Times that the found effects are judged again after others were taken away.
-const ROUNDS: usize = 8;
+/// Effects that are taken away one at a time, with a search after each. Then all that are refused go at once, without a search.
+const ROUNDS: usize = 12;
+
+/// Parameters of dry friction, of damping and of inertia.
+const OF_ONE_SIGN: [&str; 6] = [
+    "friction",
+    "damping",
+    "friction_at_zero_load",
+    "held_friction",
+    "sliding_friction",
+    "inertia",
+];
 
 /// Effects that improve the fit under a name that the data do not support.
 pub(crate) struct Beside {
@@ -69,103 +80,222 @@ fn impossible(
     )
 }
 
+/// Why a name is not supported.
+#[derive(Clone)]
+struct Refusal {
+    why: String,
+    against: Against,
+}
+
+/// What stands against a name.
+#[derive(Clone, Copy, PartialEq)]
+enum Against {
+    /// Its own parameters.
+    Itself,
+    /// The check data: the error with it over that without it.
+    Check(f64),
+    /// Other effects, or what is left: without them it may be supported.
+    Others,
+}
+
+impl Against {
+    fn refuses(self, why: String) -> Refusal {
+        Refusal { why, against: self }
+    }
+
+    /// In which order effects are taken away; of equal ones the weakest is first.
+    fn order(self) -> f64 {
+        match self {
+            Against::Itself => f64::INFINITY,
+            Against::Check(harm) => harm,
+            Against::Others => f64::NEG_INFINITY,
+        }
+    }
+}
+
+/// Effects with what decides on their names.
+struct Judged {
+    outcome: Outcome,
+    left: Leftover,
+    weights: Vec<Weight>,
+    parameters: Vec<Parameters>,
+    /// Why each name is not supported; `None` where it is.
+    why: Vec<Option<Refusal>>,
+}
+
+impl Judged {
+    fn new(
+        search: &Search,
+        outcome: Outcome,
+        left: Leftover,
+        check: Option<&Checked>,
+    ) -> Result<Judged, Error> {
+        let weights = search.weights(&outcome)?;
+        let parameters = all_parameters(search, &outcome)?;
+        let why = reasons(search, &outcome, &weights, &parameters, &left, check)?;
+        Ok(Judged {
+            outcome,
+            left,
+            weights,
+            parameters,
+            why,
+        })
+    }
+
+    /// Index of the effect to take away first, if the name of any is not supported.
+    fn next_refused(&self) -> Option<usize> {
+        let of = |i: usize| Some((i, self.why[i].as_ref()?.against.order()));
+        // The last of several equal ones is taken: the weights begin with the most valuable.
+        let refused = self.weights.iter().filter_map(|w| of(w.index));
+        let next = refused.max_by(|a, b| a.1.total_cmp(&b.1));
+        next.map(|(i, _)| i)
+    }
+}
+
+/// An effect whose name is not supported, and why.
+struct Refused {
+    effect: Chosen,
+    why: String,
+}
+
 /// Parts the effects of the search into found ones and others, and fits the found ones alone.
+///
+/// The weakest effect whose name is not supported is taken away, and the search goes on without its name. Then the others are
+/// judged again: effects that share what they explain, as two forms of friction do, look worthless beside each other, and one of
+/// them may be right; and a wrong name may have kept the right one out. An effect that was only too weak beside a wrong one is
+/// looked for again.
 pub(crate) fn supported(
     search: &mut Search,
     outcome: Outcome,
     left: Leftover,
     check: Option<&Checked>,
 ) -> Result<Supported, Error> {
-    let weights = search.weights(&outcome)?;
-    let parameters = all_parameters(search, &outcome)?;
-    let why = reasons(search, &outcome, &weights, &parameters, &left, check)?;
-    if why.iter().all(Option::is_none) {
-        return Ok(Supported {
-            outcome,
-            left,
-            weights,
-            parameters,
-            beside: None,
-        });
-    }
-    let mut beside = Beside {
-        outcome,
-        weights,
-        parameters,
-        why,
-    };
-    for _ in 0..ROUNDS {
-        let kept: Vec<usize> = (0..beside.why.len())
-            .filter(|i| beside.why[*i].is_none())
-            .collect();
-        let outcome = search.only(&beside.outcome, &kept)?;
-        let parameters = all_parameters(search, &outcome)?;
-        let ctx = search.scan_on(&search.declared).context();
-        let weights = search.weights(&outcome)?;
-        // Alone, an effect may come out otherwise.
-        let mut now: Vec<Option<String>> = (0..kept.len())
-            .map(|k| impossible(&ctx, &outcome, k, &parameters[k]))
-            .collect();
-        drop(ctx);
-        contradictions(&mut now, &weights, &parameters);
-        if now.iter().all(Option::is_none) {
-            worthless(&mut now, &weights, search.spec.selection.material);
-        }
-        if now.iter().all(Option::is_none) {
-            let frame = search.problem.kept_frame();
-            let mut left = Leftover::new(search, &outcome, &frame)?;
-            if kept.is_empty() {
-                left.only_unsupported(&beside);
+    let mut now = Judged::new(search, outcome, left, check)?;
+    let mut first: Option<Judged> = None;
+    let mut refused: Vec<Refused> = Vec::new();
+    for round in 0.. {
+        let Some(index) = now.next_refused() else {
+            break;
+        };
+        let kept = if round < ROUNDS {
+            let (own, rest) = without(&now.outcome.chosen, index);
+            let refusal = now.why[index].as_ref();
+            let for_now = refusal.is_some_and(|r| r.against == Against::Others);
+            search.bar(own.effect.kind(), for_now);
+            rest
+        } else {
+            let of = |(c, why): (&Chosen, &Option<Refusal>)| why.is_none().then(|| c.clone());
+            now.outcome
+                .chosen
+                .iter()
+                .zip(&now.why)
+                .filter_map(of)
+                .collect()
+        };
+        for (i, effect) in now.outcome.chosen.iter().enumerate() {
+            if let Some(why) = now.why[i].clone().filter(|_| i == index || round >= ROUNDS) {
+                let (effect, why) = (effect.clone(), why.why);
+                refused.push(Refused { effect, why });
             }
-            return Ok(Supported {
-                outcome,
-                left,
-                weights,
-                parameters,
-                beside: Some(beside),
-            });
         }
-        for (k, reason) in kept.iter().zip(now) {
-            beside.why[*k] = reason;
+        let outcome = search.resume(kept, round < ROUNDS)?;
+        let frame = search.problem.kept_frame();
+        let left = Leftover::new(search, &outcome, &frame)?;
+        let last = std::mem::replace(&mut now, Judged::new(search, outcome, left, check)?);
+        first.get_or_insert(last);
+    }
+    let beside = first.map(|all| Beside {
+        why: unsupported(&all.outcome.chosen, &now.outcome.chosen, &refused),
+        outcome: all.outcome,
+        weights: all.weights,
+        parameters: all.parameters,
+    });
+    if let Some(beside) = &beside {
+        if now.outcome.chosen.is_empty() {
+            now.left.only_unsupported(beside);
         }
+        // Its rivals are those beside the effects found.
+        search.judge_again(&mut now.outcome)?;
     }
-    // Every round takes an effect away; with more effects than rounds, nothing is called found.
-    for why in &mut beside.why {
-        why.get_or_insert_with(|| "its parameters depend on the other effects".into());
-    }
-    let outcome = search.only(&beside.outcome, &[])?;
-    let frame = search.problem.kept_frame();
-    let mut left = Leftover::new(search, &outcome, &frame)?;
-    left.only_unsupported(&beside);
     Ok(Supported {
-        outcome,
-        left,
-        weights: vec![],
-        parameters: vec![],
-        beside: Some(beside),
+        outcome: now.outcome,
+        left: now.left,
+        weights: now.weights,
+        parameters: now.parameters,
+        beside,
     })
 }
 
-/// Marks effects that contradict each other: one acceleration has one inertia. Of two with unlike signs the one that is
-/// worth less is no inertia but a correction of the other.
-fn contradictions(why: &mut [Option<String>], weights: &[Weight], parameters: &[Parameters]) {
-    let inertia = |index: usize| {
-        let own = parameters[index].0.iter().find(|p| p.name == "inertia");
-        own.map(|p| p.value)
+/// For each effect of the whole search why its name is not supported; `None` for those among the `found`.
+fn unsupported(all: &[Chosen], found: &[Chosen], refused: &[Refused]) -> Vec<Option<String>> {
+    let mut places: Vec<Option<usize>> = vec![None; all.len()];
+    for f in found {
+        // Of several ripples each one found stands for the nearest.
+        let near = |i: &usize| (all[*i].psi - f.psi).abs();
+        let own = (0..all.len()).filter(|i| places[*i].is_none() && all[*i].is_form(f));
+        if let Some(i) = own.min_by(|a, b| near(a).total_cmp(&near(b))) {
+            places[i] = Some(i);
+        }
+    }
+    all.iter()
+        .zip(&places)
+        .map(|(own, place)| {
+            if place.is_some() {
+                return None;
+            }
+            let near = |r: &&Refused| (r.effect.psi - own.psi).abs();
+            let known = refused.iter().filter(|r| r.effect.is_form(own));
+            Some(
+                known
+                    .min_by(|a, b| near(a).total_cmp(&near(b)))
+                    .map_or_else(
+                        || {
+                            "without the effects whose names are not supported it adds nothing"
+                                .to_string()
+                        },
+                        |r| r.why.clone(),
+                    ),
+            )
+        })
+        .collect()
+}
+
+/// Marks effects that contradict each other. Friction takes energy out of a motion and inertia is positive, so all of one motion has
+/// one sign: for the force of a drive that of the motion, for the force behind it the other. Of two with unlike signs the one
+/// that is worth less is none, but a correction of the other.
+fn contradictions(why: &mut [Option<Refusal>], weights: &[Weight], parameters: &[Parameters]) {
+    let rule = "friction, damping and inertia of one motion have one sign";
+    unlike_signs(why, weights, parameters, &OF_ONE_SIGN, rule);
+}
+
+/// Marks effects with one of the parameters `names` whose sign is not that of the most valuable effect with one.
+fn unlike_signs(
+    why: &mut [Option<Refusal>],
+    weights: &[Weight],
+    parameters: &[Parameters],
+    names: &[&str],
+    rule: &str,
+) {
+    let size = |index: usize| {
+        let own = &parameters[index].0;
+        own.iter().find(|p| names.contains(&p.name.as_str()))
     };
     // The most valuable first.
-    let mut first: Option<f64> = None;
+    let mut first: Option<&Param> = None;
     for w in weights {
-        match (inertia(w.index), first) {
+        if why[w.index].is_some() {
+            continue;
+        }
+        match (size(w.index), first) {
             (Some(own), None) => first = Some(own),
-            (Some(own), Some(other)) if own * other < 0.0 => {
-                why[w.index].get_or_insert_with(|| {
-                    format!(
-                        "inertia {} beside {} of another effect: one motion has one inertia",
-                        num(own),
-                        num(other)
-                    )
-                });
+            (Some(own), Some(other)) if own.value * other.value < 0.0 => {
+                why[w.index] = Some(Against::Itself.refuses(format!(
+                    "{} {} beside {} {} of another effect: {rule}",
+                    own.name,
+                    num(own.value),
+                    other.name,
+                    num(other.value),
+                )));
             }
             _ => {}
         }
@@ -173,16 +303,16 @@ fn contradictions(why: &mut [Option<String>], weights: &[Weight], parameters: &[
 }
 
 /// Marks the weakest effect if it is worth less than half of what counts, as in the search.
-fn worthless(why: &mut [Option<String>], weights: &[Weight], material: f64) {
+fn worthless(why: &mut [Option<Refusal>], weights: &[Weight], material: f64) {
     let Some(weakest) = weights.last() else {
         return;
     };
     let loss = 1.0 - weakest.rmse / weakest.rmse_without.max(f64::MIN_POSITIVE);
     if loss < 0.5 * material {
-        why[weakest.index] = Some(format!(
+        why[weakest.index] = Some(Against::Others.refuses(format!(
             "beside the other effects found it lowers the held-out RMSE by {} only",
             percent(loss)
-        ));
+        )));
     }
 }
 
@@ -194,10 +324,10 @@ fn reasons(
     parameters: &[Parameters],
     left: &Leftover,
     check: Option<&Checked>,
-) -> Result<Vec<Option<String>>, Error> {
+) -> Result<Vec<Option<Refusal>>, Error> {
     let ctx = search.scan_on(&search.declared).context();
     let rows = search.problem.y.len() as f64;
-    let mut why: Vec<Option<String>> = vec![None; outcome.chosen.len()];
+    let mut why: Vec<Option<Refusal>> = vec![None; outcome.chosen.len()];
     for w in weights {
         let own = rows * (w.rmse_without.powi(2) - w.rmse.powi(2));
         let weaker = || {
@@ -212,23 +342,70 @@ fn reasons(
                 share(strongest.squares)
             ))
         };
-        why[w.index] = impossible(&ctx, outcome, w.index, &parameters[w.index]).or_else(weaker);
+        let own = &outcome.chosen[w.index];
+        why[w.index] = impossible(&ctx, outcome, w.index, &parameters[w.index])
+            .map(|why| Against::Itself.refuses(why))
+            .or_else(|| {
+                undetermined(own, &parameters[w.index]).map(|why| Against::Others.refuses(why))
+            })
+            .or_else(|| weaker().map(|why| Against::Others.refuses(why)));
     }
     contradictions(&mut why, weights, parameters);
+    if why.iter().all(Option::is_none) && outcome.judged.is_empty() {
+        // The search saw to it; without other effects it may be otherwise.
+        worthless(&mut why, weights, search.spec.selection.material);
+    }
     if let Some(check) = check {
         let with = check.rmse(search, &outcome.chosen)?;
         for (i, why) in why.iter_mut().enumerate().filter(|(_, w)| w.is_none()) {
             let without = check.rmse(search, &crate::search::without(&outcome.chosen, i).1)?;
             if without <= with {
-                *why = Some(format!(
+                *why = Some(Against::Check(with / without).refuses(format!(
                     "on the check data it does not help: RMSE {} with it and {} without",
                     num(with),
                     num(without)
-                ));
+                )));
+            }
+        }
+        let declared = check.rmse(search, &[])?;
+        if why.iter().all(Option::is_none) && with > declared {
+            if let Some(weakest) = weights.last() {
+                why[weakest.index] = Some(Against::Check(with / declared).refuses(format!(
+                    "on the check data the model with the effects is worse than the declared one: RMSE {} and {}",
+                    num(with),
+                    num(declared)
+                )));
             }
         }
     }
     Ok(why)
+}
+
+/// Why the coefficients of an effect say nothing, if the interval of each contains 0.
+fn undetermined(own: &Chosen, (params, intervals): &Parameters) -> Option<String> {
+    let shape = own.variant.psi.as_ref().map(|p| p.name);
+    let sizes: Vec<_> = params
+        .iter()
+        .filter(|p| Some(p.name.as_str()) != shape && p.name != "phase")
+        .map(|p| (p, intervals.get(&p.name)))
+        .collect();
+    let zero = |(_, interval): &(&Param, Option<&[f64; 2]>)| {
+        interval.is_some_and(|[low, high]| *low <= 0.0 && *high >= 0.0)
+    };
+    let (first, interval) = sizes.first().filter(|_| sizes.iter().all(zero))?;
+    let [low, high] = (*interval)?;
+    Some(format!(
+        "{} {} lies between {} and {}{}: it may as well be 0",
+        first.name,
+        num(first.value),
+        num(*low),
+        num(*high),
+        if sizes.len() > 1 {
+            ", and so do the others"
+        } else {
+            ""
+        }
+    ))
 }
 
 #[cfg(test)]

@@ -1,6 +1,10 @@
 //! Drift along the run.
 
-use super::{Context, Effect, EffectKind, Piece, Variant};
+use super::{Context, Effect, EffectKind, Estimate, Piece, Variant};
+use crate::stats;
+
+/// Share of the angle's variance that is no line in time, up to which the angle only says what time it is.
+const STRAIGHT: f64 = 1e-3;
 
 pub(crate) struct DriftTime;
 
@@ -16,6 +20,15 @@ impl Effect for DriftTime {
     }
     fn against(&self, _: &Context) -> String {
         "elapsed".into()
+    }
+    fn impossible(&self, _: &Estimate, ctx: &Context) -> Option<String> {
+        let angle = ctx.values(ctx.position.as_ref()?);
+        let (_, rest) = stats::line(&ctx.values("elapsed"), &angle)?;
+        let mean = stats::mean(&angle);
+        let all: f64 = angle.iter().map(|a| (a - mean).powi(2)).sum();
+        (rest < STRAIGHT * all).then(|| {
+            "the position grows with time in one line: what depends on it looks the same".into()
+        })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let unit = ctx.per("s");

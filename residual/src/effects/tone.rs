@@ -3,6 +3,8 @@
 use super::{
     amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant,
 };
+use crate::format::num;
+use crate::stats;
 
 pub(crate) struct Tone;
 
@@ -22,8 +24,19 @@ impl Effect for Tone {
     fn repeatable(&self) -> bool {
         true
     }
-    fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
-        e.vague("frequency")
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        let ripple = || {
+            let frequency = e.get("frequency")?;
+            let turn = SteadyTurn::new(ctx, &ctx.values("time"))?;
+            turn.has(frequency).then(|| {
+                format!(
+                    "at {} turns per second it is a ripple of order {}; record at another speed to tell",
+                    num(turn.speed),
+                    num((frequency / turn.speed).round())
+                )
+            })
+        };
+        e.vague("frequency").or_else(ripple)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let time = ctx.values("time");
@@ -38,6 +51,7 @@ impl Effect for Tone {
             .map(|e| ctx.values(&e))
             .filter(|v| !v.is_empty())
             .collect();
+        let steady = SteadyTurn::new(ctx, &time);
         let mut driven = None;
         let mut out = Vec::new();
         for (label, local) in [("one phase for all", false), ("a phase for each run", true)] {
@@ -52,6 +66,8 @@ impl Effect for Tone {
                     lines: true,
                 },
             );
+            // At constant speed a ripple is a sine in time. Of a whole order it is the likelier cause.
+            grid.retain(|f| !steady.as_ref().is_some_and(|turn| turn.has(*f)));
             // At a frequency at which the rig itself is driven, a tone cannot be told from an answer.
             grid.retain(|f| spectrum::share(ctx.problem, &time, &inputs, *f) < 0.1);
             if grid.is_empty() {
@@ -91,6 +107,71 @@ impl Effect for Tone {
             );
         }
         out
+    }
+}
+
+/// Pieces of each sequence whose speeds are compared: a ripple changes the speed within a turn.
+const PIECES: usize = 5;
+
+/// An angle that turns at one speed most of the time.
+struct SteadyTurn {
+    /// Turns per second.
+    speed: f64,
+    /// RMS of the angle about its line in a piece of a sequence, in turns.
+    uneven: f64,
+    /// Turns of the longest sequence.
+    turns: f64,
+}
+
+impl SteadyTurn {
+    /// Relative distance from the usual speed up to which a piece of a sequence has it.
+    const ONE_SPEED: f64 = 0.05;
+
+    /// Share of the pieces that must have it.
+    const MOST: f64 = 0.8;
+
+    /// Phase error, in turns of the ripple, up to which a ripple looks like a sine in time.
+    const PHASE: f64 = 0.1;
+
+    /// Largest distance of an order from a whole number.
+    const WHOLE: f64 = 0.15;
+
+    /// `None` without an angle, or where its speed is not one.
+    fn new(ctx: &Context, time: &[f64]) -> Option<SteadyTurn> {
+        let scale = Context::radians(&ctx.position_unit())? / std::f64::consts::TAU;
+        let angle = ctx.values(ctx.position.as_ref()?);
+        if angle.len() != time.len() {
+            return None;
+        }
+        let of = |rows: std::ops::Range<usize>| {
+            let (slope, rest) = stats::line(&time[rows.clone()], &angle[rows.clone()])?;
+            let uneven = (rest / rows.len() as f64).sqrt();
+            Some(((slope * scale).abs(), uneven * scale))
+        };
+        let blocks = &ctx.problem.blocks;
+        let runs = ctx.problem.runs().into_iter();
+        let runs = runs.map(|run| blocks[run.start].range.start..blocks[run.end - 1].range.end);
+        let at = |rows: &std::ops::Range<usize>, k: usize| rows.start + rows.len() * k / PIECES;
+        let pieces = runs.flat_map(|rows| (0..PIECES).map(move |k| at(&rows, k)..at(&rows, k + 1)));
+        let (speeds, mut uneven): (Vec<f64>, Vec<f64>) = pieces.filter_map(of).unzip();
+        let speed = stats::median(&mut speeds.clone())?;
+        let usual = |s: &&f64| (*s - speed).abs() <= SteadyTurn::ONE_SPEED * speed;
+        let share = speeds.iter().filter(usual).count() as f64 / speeds.len() as f64;
+        (speed > 0.0 && share >= SteadyTurn::MOST).then(|| SteadyTurn {
+            speed,
+            uneven: stats::median(&mut uneven).unwrap_or(0.0),
+            turns: speed * ctx.span,
+        })
+    }
+
+    /// Whether a sine of this frequency may be a ripple of a whole order.
+    fn has(&self, frequency: f64) -> bool {
+        let order = frequency / self.speed;
+        let tolerance = (0.5 / self.turns).min(SteadyTurn::WHOLE);
+        let whole = order.round();
+        whole >= 1.0
+            && (order - whole).abs() <= tolerance
+            && order * self.uneven < SteadyTurn::PHASE
     }
 }
 
@@ -157,6 +238,41 @@ mod tests {
         });
         let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
         assert!(!names.contains(&"tone"), "{}", report.markdown());
+    }
+
+    /// An angle of one speed, here 0.5 turns per second: seven sines a turn are a ripple, not a tone.
+    #[test]
+    fn a_ripple_at_constant_speed_is_no_tone() {
+        use crate::{analyse, spec::Spec, Data};
+        let (rows, dt) = (2000, 0.01);
+        let mut rng = crate::stats::Rng::new(3);
+        let time: Vec<f64> = (0..2 * rows).map(|i| (i % rows) as f64 * dt).collect();
+        // The second run turns back.
+        let angle: Vec<f64> = (0..2 * rows)
+            .map(|i| {
+                if i < rows {
+                    time[i] * 0.5
+                } else {
+                    7.3 - time[i] * 0.5
+                }
+            })
+            .map(|turns| turns * std::f64::consts::TAU)
+            .collect();
+        let target = angle.iter().map(|a| (7.0 * a).sin() + 0.1 * rng.normal());
+        let target: Vec<f64> = target.collect();
+        let model = "roles.time = { column = \"t\", unit = \"s\" }\n\
+             roles.target = { column = \"y\", unit = \"N\" }\n\
+             roles.angle = { column = \"a\", unit = \"rad\" }\n\
+             [[terms]]\nname = \"zero\"\nexpr = \"1\"\n";
+        let data = Data::from_columns(time, [("angle", angle), ("target", target)])
+            .sequences([0..rows, rows..2 * rows])
+            .groups((0..2 * rows).map(|i| i / 400).collect())
+            .build()
+            .unwrap();
+        let report = analyse(&Spec::parse(model).unwrap(), data, &mut ()).unwrap();
+        let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+        assert_eq!(names, ["periodic_angle"], "{}", report.markdown());
+        assert!((report.effects[0].params["order"] - 7.0).abs() < 0.01);
     }
 
     #[test]

@@ -71,6 +71,8 @@ pub(crate) struct Search<'a> {
     scans: HashMap<String, Scanned>,
     /// The effect that `selection.max_effects` kept out of the last forward search.
     limited: Option<EffectKind>,
+    /// Effects whose names are not supported, and whether they are left out for now only.
+    barred: Vec<(EffectKind, bool)>,
     /// Instruments that were made last, by view.
     pub(crate) last_instruments: Mutex<Option<(String, Arc<Instruments>)>>,
 }
@@ -201,6 +203,7 @@ impl<'a> Search<'a> {
             tests: 1,
             scans: HashMap::new(),
             limited: None,
+            barred: vec![],
             last_instruments: Mutex::default(),
         })
     }
@@ -249,20 +252,43 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// The outcome with some of its effects only (indices), their nonlinear parameters refined again.
-    pub fn only(&mut self, outcome: &Outcome, kept: &[usize]) -> Result<Outcome, Error> {
-        let mut chosen: Vec<Chosen> = kept.iter().map(|i| outcome.chosen[*i].clone()).collect();
+    /// Leaves an effect out of the catalogue: from now on, or only until another one is left out for good.
+    pub fn bar(&mut self, kind: EffectKind, for_now: bool) {
+        if !for_now {
+            self.barred.retain(|(_, for_now)| !for_now);
+        }
+        self.barred.push((kind, for_now));
+    }
+
+    fn is_barred(&self, kind: EffectKind) -> bool {
+        self.barred.iter().any(|(k, _)| *k == kind)
+    }
+
+    /// The outcome with some effects, their nonlinear parameters refined again. Goes `on` to search for more.
+    pub fn resume(&mut self, mut chosen: Vec<Chosen>, on: bool) -> Result<Outcome, Error> {
         self.polish(&mut chosen)?;
+        if on {
+            self.forward(&mut chosen, &mut ())?;
+            self.polish(&mut chosen)?;
+        }
         let fitted = self.fit(&chosen)?;
         let last = self.step(&fitted)?;
-        let judged = kept.iter().filter_map(|i| outcome.judged.get(*i));
         Ok(Outcome {
-            judged: judged.cloned().collect(),
-            limited: outcome.limited,
+            judged: vec![],
+            limited: self.limited,
             chosen,
             last,
             fitted,
         })
+    }
+
+    /// Rivals of the effects of an outcome, each beside the others of it.
+    pub fn judge_again(&mut self, outcome: &mut Outcome) -> Result<(), Error> {
+        let mut chosen = outcome.chosen.clone();
+        outcome.judged = self
+            .rivals(&mut chosen, false, &mut ())?
+            .unwrap_or_default();
+        Ok(())
     }
 
     /// Fits the declared model with chosen effects.
@@ -295,7 +321,8 @@ impl<'a> Search<'a> {
     /// Whether the model file lets the search look for an effect.
     pub fn allowed(&self, e: EffectRef) -> bool {
         let s = &self.spec.selection;
-        (s.only.is_empty() || s.only.iter().any(|n| n == e.name()))
+        !self.is_barred(e.kind())
+            && (s.only.is_empty() || s.only.iter().any(|n| n == e.name()))
             && !s.except.iter().any(|n| n == e.name())
     }
 
@@ -368,13 +395,14 @@ impl<'a> Search<'a> {
     /// Scans the catalogue on top of a model and ranks it.
     fn step(&mut self, on: &Fitted) -> Result<Step, Error> {
         let key = self.scanned(on)?;
-        Ok(rank(self.candidates(&key), &self.acceptance()))
+        Ok(rank(&self.candidates(&key), &self.acceptance()))
     }
 
     /// The forms of the catalogue of one of the scans that were made, each with what it achieves.
-    fn candidates(&self, key: &str) -> &[Candidate] {
-        let scanned = self.scans.get(key);
-        scanned.map_or(&[], |scanned| scanned.candidates.as_slice())
+    fn candidates(&self, key: &str) -> Vec<Candidate> {
+        let all = self.scans.get(key).map(|scanned| &scanned.candidates);
+        let free = |c: &&Candidate| !self.is_barred(c.origin.kind());
+        all.into_iter().flatten().filter(free).cloned().collect()
     }
 
     /// Scans the catalogue on top of a model, unless that was done before. Returns the key of the scan.
