@@ -151,10 +151,27 @@ fn coefficients(fitted: &Fitted) -> Vec<(&WorkTerm, f64)> {
         .collect()
 }
 
-/// The declared model's prediction with its coefficients written in, as an expression. The load is
+/// The prediction of a model's declared terms with their coefficients written in, as an expression. The load is
 /// what the drive imposes: where terms of the command are declared, the others are no load.
-pub(crate) fn load_expression(declared: &Fitted) -> String {
-    let mut parts = coefficients(declared);
+pub(crate) fn load_expression(fitted: &Fitted) -> String {
+    load_of(coefficients(fitted))
+}
+
+/// The load with the coefficients that the declared terms have beside the effects of a fitted model: of the `declared` terms as they
+/// are, and with the columns that effects replace. Both are the same where no effect replaces a column.
+pub(crate) fn load_expressions(declared: &Fitted, fitted: &Fitted) -> Vec<String> {
+    let mut replaced = coefficients(fitted);
+    replaced.retain(|(t, _)| t.chosen.is_none());
+    let mut plain = coefficients(declared);
+    for ((_, own), (_, other)) in plain.iter_mut().zip(&replaced) {
+        *own = *other;
+    }
+    let mut loads = vec![load_of(plain), load_of(replaced)];
+    loads.dedup();
+    loads
+}
+
+fn load_of(mut parts: Vec<(&WorkTerm, f64)>) -> String {
     parts.retain(|(_, a)| *a != 0.0);
     let of_command = |(t, _): &(&WorkTerm, f64)| t.expr.names().contains("command");
     if parts.iter().any(of_command) {

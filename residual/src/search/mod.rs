@@ -15,6 +15,7 @@
 mod exchange;
 mod forward;
 mod friction;
+mod load;
 mod merge;
 mod polish;
 mod prune;
@@ -50,6 +51,9 @@ const AT_ONCE: f64 = 0.5;
 
 /// Fewest forms that are scanned on all rows at once.
 const FEWEST_AT_ONCE: usize = 4;
+
+/// Times that the load is expressed anew.
+const LOADS: usize = 2;
 
 /// Rounds of forward search and rivals; in the last nothing is replaced.
 const ROUNDS: usize = 4;
@@ -211,7 +215,7 @@ impl<'a> Search<'a> {
     /// Forward, then every effect against its rivals; a change starts the forward search again.
     pub fn run(&mut self, progress: &mut dyn Progress) -> Result<Outcome, Error> {
         let mut chosen: Vec<Chosen> = Vec::new();
-        let mut round = 0;
+        let (mut round, mut loads) = (0, 0);
         loop {
             self.forward(&mut chosen, progress)?;
             self.polish(&mut chosen)?;
@@ -239,6 +243,9 @@ impl<'a> Search<'a> {
             // Where nothing that counts can be added, another round would end as this one did.
             match more {
                 Some(next) => chosen = next,
+                None if loads < LOADS && self.renew_load(&fitted, &mut chosen)? => {
+                    (round, loads) = (0, loads + 1);
+                }
                 None => {
                     return Ok(Outcome {
                         limited: self.limited,

@@ -1,0 +1,143 @@
+//! The load with the coefficients of the model that was found.
+
+use super::Search;
+use crate::declared::load_expressions;
+use crate::error::Error;
+use crate::expr::Expr;
+use crate::model::{Chosen, Fitted};
+use crate::stats;
+use std::sync::Arc;
+
+/// Relative change of the load below which its old expression is kept.
+const SAME: f64 = 0.003;
+
+/// Whether a form contains an expression of the load.
+fn contains(c: &Chosen, load: &str) -> bool {
+    format!("{:?}", (c.variant.build)(c.psi)).contains(load)
+}
+
+impl Search<'_> {
+    /// Expresses the load, and the effects that depend on it, with the coefficients that the declared terms have beside the
+    /// effects. Whether it changed.
+    ///
+    /// The first load has the coefficients of the declared model alone. What the model lacks biases them: a limit of the command
+    /// makes a gain too small, and a friction per load would be too large by as much. Where an effect replaces the command, the data
+    /// decide whether the load is the one before or behind it.
+    pub(super) fn renew_load(
+        &mut self,
+        fitted: &Fitted,
+        chosen: &mut Vec<Chosen>,
+    ) -> Result<bool, Error> {
+        let old = self.load.clone();
+        if !chosen.iter().any(|c| contains(c, &old)) {
+            return Ok(false);
+        }
+        let mut best: Option<(f64, String, Vec<Chosen>)> = None;
+        for load in load_expressions(&self.declared, fitted) {
+            let Some(size) = self.size_of(&load)? else {
+                continue;
+            };
+            self.load.clone_from(&load);
+            let mut with = chosen.clone();
+            self.put_in(&mut with, fitted, &old, size)?;
+            let rmse = self.rmse(&with)?;
+            self.load.clone_from(&old);
+            if best.as_ref().is_none_or(|(least, ..)| rmse < *least) {
+                best = Some((rmse, load, with));
+            }
+        }
+        // An expression that predicts worse is not the load.
+        let Some((_, load, with)) = best.filter(|(rmse, ..)| *rmse < fitted.rmse() * 1.001) else {
+            return Ok(false);
+        };
+        self.load = load;
+        *chosen = with;
+        self.scans.clear();
+        Ok(true)
+    }
+
+    /// Puts the present load in the place of the `old` one, which is smaller by the factor `size`.
+    fn put_in(
+        &self,
+        chosen: &mut [Chosen],
+        fitted: &Fitted,
+        old: &str,
+        size: f64,
+    ) -> Result<(), Error> {
+        let context = self.scan_on(fitted).context();
+        for c in chosen.iter_mut().filter(|c| contains(c, old)) {
+            let mut forms = c.effect.variants(&context).into_iter();
+            let Some(form) = forms.find(|v| v.label == c.variant.label) else {
+                continue;
+            };
+            // A parameter in units of load has a grid that goes with it.
+            if let (Some(old), Some(new)) = (&c.variant.psi, &form.psi) {
+                if let (Some(old), Some(new)) = (old.grid.last(), new.grid.last()) {
+                    if (new / old - size).abs() < 0.2 * (size - 1.0).abs() {
+                        c.psi *= size;
+                    }
+                }
+            }
+            c.variant = Arc::new(form);
+        }
+        drop(context);
+        self.polish(chosen)
+    }
+
+    /// Size of another expression of the load over that of the present one; `None` if they are the same load.
+    fn size_of(&self, new: &str) -> Result<Option<f64>, Error> {
+        let values = |text: &str| -> Result<_, Error> {
+            self.problem
+                .eval_on(&self.problem.frame, &Expr::parse(text)?)
+        };
+        let (old, new) = (values(&self.load)?, values(new)?);
+        let change: Vec<f64> = old.iter().zip(new.iter()).map(|(o, n)| o - n).collect();
+        let differ = stats::rms(&change) > SAME * stats::rms(&old);
+        Ok(differ.then(|| stats::rms(&new) / stats::rms(&old)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{analyse, spec::Spec, stats::Rng, Data};
+
+    /// A limit of the command makes the first gain too small, and a friction per load that is built on it too large.
+    #[test]
+    fn friction_per_load_is_not_biased_by_a_limit() {
+        let (runs, rows, dt) = (5, 1200, 0.02);
+        let mut rng = Rng::new(11);
+        let at = |i: usize| (i % rows) as f64 * dt + 7.3 * (i / rows) as f64;
+        let of = |f: &dyn Fn(f64) -> f64| (0..runs * rows).map(|i| f(at(i))).collect::<Vec<f64>>();
+        let command = of(&|t| 0.5 + 0.3 * (0.9 * t).sin() + 0.2 * (2.3 * t).cos());
+        let velocity = of(&|t| (0.7 * t).cos() + 0.6 * (1.9 * t).sin());
+        let target = command
+            .iter()
+            .zip(&velocity)
+            .map(|(c, v)| 20.0 * c.min(0.6) - 0.15 * 20.0 * c * v.signum() + 0.3 * rng.normal())
+            .collect();
+        let model = "roles.time = { column = \"t\", unit = \"s\" }\n\
+             roles.target = { column = \"y\", unit = \"N\" }\n\
+             roles.command = { column = \"u\", unit = \"A\" }\n\
+             roles.velocity = { column = \"v\", unit = \"m/s\" }\n\
+             [[terms]]\nname = \"force per current\"\nexpr = \"command\"\n";
+        let data = Data::from_columns(
+            (0..runs * rows).map(|i| (i % rows) as f64 * dt).collect(),
+            [
+                ("command", command),
+                ("velocity", velocity),
+                ("target", target),
+            ],
+        )
+        .sequences((0..runs).map(|run| run * rows..(run + 1) * rows))
+        .build()
+        .unwrap();
+        let report = analyse(&Spec::parse(model).unwrap(), data, &mut ()).unwrap();
+        let friction = report
+            .effects
+            .iter()
+            .find(|e| e.name == "load_dependent_coulomb")
+            .unwrap_or_else(|| panic!("{}", report.markdown()));
+        let share = friction.params["friction_per_load"];
+        assert!((share + 0.15).abs() < 0.003, "{share}");
+    }
+}
