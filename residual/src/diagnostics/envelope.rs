@@ -35,6 +35,8 @@ pub(crate) struct Growth {
     pub name: String,
     /// Size of the noise in the fifth of the rows with the smallest values, and in that with the largest.
     pub sizes: (f64, f64),
+    /// Rows of a fifth.
+    pub rows: usize,
 }
 
 /// Usual size of values, whatever their tails.
@@ -121,6 +123,7 @@ pub(crate) fn growth(r: &[f64], frame: &Frame, columns: &[Along]) -> Vec<Growth>
         (fifth >= 100 && a > 0.0 && b > GROWS * a && b - a > SURE * error).then(|| Growth {
             name: column.name.clone(),
             sizes: (a / normal, b / normal),
+            rows: fifth,
         })
     };
     columns.iter().filter_map(of).collect()

@@ -311,7 +311,7 @@ fn growth_note(growth: &Growth, unit: &str) -> Finding {
     let (small, large) = growth.sizes;
     Finding {
         check: "noise".into(),
-        count: 0,
+        count: growth.rows,
         first: String::new(),
         what: format!(
             "the noise grows with the {}: about {} {unit} in the fifth of the rows with the smallest values, {} {unit} in that with the largest",
