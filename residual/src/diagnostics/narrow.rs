@@ -32,16 +32,19 @@ pub fn narrow(colour: &mut Colour, frame: &Frame, rng: &mut Rng, shuffles: usize
         z: 0.0,
         between: (0.0, 0.0),
     };
-    let others: Vec<Vec<f64>> = (0..shuffles).map(|_| colour.shuffled(rng, frame)).collect();
-    for width in WIDTHS {
+    // One order at a time: logs can be long.
+    let mut noises = [const { Vec::new() }; WIDTHS.len()];
+    for _ in 0..shuffles {
+        let other = colour.shuffled(rng, frame);
+        for (noise, width) in noises.iter_mut().zip(WIDTHS) {
+            noise.extend(peaks(&other, frame, width).map(|p| p.0));
+        }
+    }
+    for (noise, width) in noises.iter().zip(WIDTHS) {
         let Some((found, mut at)) = peaks(&colour.innovations, frame, width) else {
             break;
         };
-        let noise: Vec<f64> = others
-            .iter()
-            .filter_map(|e| peaks(e, frame, width).map(|p| p.0))
-            .collect();
-        let (m, d) = (stats::mean(&noise), stats::deviation(&noise));
+        let (m, d) = (stats::mean(noise), stats::deviation(noise));
         let z = (found - m) / d.max(1e-6);
         // As a share: noise alone has the share m, a pure line all.
         let share = (found - m) / (1.0 - m);

@@ -158,30 +158,34 @@ impl Energies {
 fn bursts(u: &[f64], frame: &Frame, colour: &mut Colour, rng: &mut Rng) -> Option<Bursts> {
     let cut = (CUT * usual(u)).powi(2);
     let rho = autocorrelation(u, frame, 64.min(u.len() / 4).max(1));
-    let noises: Vec<Vec<f64>> = (0..NOISES).map(|_| colour.noise(rng, frame)).collect();
+    // Squares of correlated normal values are correlated by the square of their correlation.
+    let normal = WINDOWS.map(|width| {
+        let clump = (1..width.min(rho.len()))
+            .map(|k| (1.0 - k as f64 / width as f64) * rho[k].powi(2))
+            .sum::<f64>();
+        2.0 * (1.0 + 2.0 * clump) / width as f64
+    });
+    // One noise at a time: logs can be long.
+    let mut spreads = [const { Vec::new() }; WINDOWS.len()];
+    let mut shares = [const { Vec::new() }; WINDOWS.len()];
+    for _ in 0..NOISES {
+        let noise = colour.noise(rng, frame);
+        for (k, width) in WINDOWS.into_iter().enumerate() {
+            if let Some(e) = Energies::new(&noise, frame, width, cut) {
+                spreads[k].push(e.spread);
+                shares[k].push(e.bursts(normal[k]).share);
+            }
+        }
+    }
     let mut best: Option<Bursts> = None;
-    for width in WINDOWS {
+    for (k, width) in WINDOWS.into_iter().enumerate() {
         let Some(found) = Energies::new(u, frame, width, cut) else {
             break;
         };
-        // Squares of correlated normal values are correlated by the square of their correlation.
-        let clump = 1.0
-            + 2.0
-                * (1..width.min(rho.len()))
-                    .map(|k| (1.0 - k as f64 / width as f64) * rho[k].powi(2))
-                    .sum::<f64>();
-        let normal = 2.0 * clump / width as f64;
-        let (mut spreads, mut shares) = (Vec::new(), Vec::new());
-        for noise in &noises {
-            if let Some(e) = Energies::new(noise, frame, width, cut) {
-                spreads.push(e.spread);
-                shares.push(e.bursts(normal).share);
-            }
-        }
-        let error = stats::deviation(&spreads).max(1e-9);
-        let z = (found.spread - stats::mean(&spreads)) / error;
-        let mut found = found.bursts(normal);
-        found.share -= stats::mean(&shares);
+        let error = stats::deviation(&spreads[k]).max(1e-9);
+        let z = (found.spread - stats::mean(&spreads[k])) / error;
+        let mut found = found.bursts(normal[k]);
+        found.share -= stats::mean(&shares[k]);
         if z > SURE && found.share > best.as_ref().map_or(0.0, |b| b.share) {
             best = Some(found);
         }
