@@ -74,6 +74,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
     let verdict = verdict(Conditions {
         effects: effects.len(),
         unexplained: found.left.unexplained,
+        limited: outcome.limited.is_some(),
         ambiguous: ambiguous
             .first()
             .zip(effects.first())
@@ -110,7 +111,12 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         limited: outcome.limited,
         check,
         absent: absent(search)?,
-        hygiene: data.hygiene.clone(),
+        hygiene: data
+            .hygiene
+            .iter()
+            .cloned()
+            .chain(found.left.notes)
+            .collect(),
         residual_tests: residual_tests(
             &search.problem,
             &spec.roles,

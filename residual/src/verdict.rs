@@ -9,6 +9,8 @@ pub(crate) struct Conditions {
     pub effects: usize,
     /// Whether structure without a name is left that is large beside what was named.
     pub unexplained: bool,
+    /// Whether the search was not allowed to look further, with structure left that another effect would fit.
+    pub limited: bool,
     /// Whether the data cannot distinguish the strongest effect from another.
     pub ambiguous: bool,
 }
@@ -18,6 +20,12 @@ pub(crate) fn verdict(c: Conditions) -> Verdict {
     match c {
         Conditions {
             unexplained: true, ..
+        } => Verdict::Unknown,
+        // Something is missing, and it was not allowed to be named.
+        Conditions {
+            effects: 0,
+            limited: true,
+            ..
         } => Verdict::Unknown,
         Conditions { effects: 0, .. } => Verdict::None,
         Conditions {
@@ -35,29 +43,34 @@ mod tests {
     #[test]
     fn every_condition_has_its_verdict() {
         use Verdict::{Effect, None, NotIdentifiable, Several, Unknown};
-        // effects, unexplained, ambiguous
+        // effects, unexplained, ambiguous, limited
         let table = [
-            (0, false, false, None),
-            (0, false, true, None),
-            (0, true, false, Unknown),
-            (0, true, true, Unknown),
-            (1, false, false, Effect),
-            (1, false, true, NotIdentifiable),
-            (1, true, false, Unknown),
-            (1, true, true, Unknown),
-            (2, false, false, Several),
-            (2, false, true, NotIdentifiable),
-            (2, true, false, Unknown),
-            (2, true, true, Unknown),
-            (6, false, false, Several),
-            (6, false, true, NotIdentifiable),
-            (6, true, false, Unknown),
-            (6, true, true, Unknown),
+            (0, false, false, false, None),
+            (0, false, true, false, None),
+            (0, true, false, false, Unknown),
+            (0, true, true, false, Unknown),
+            (0, false, false, true, Unknown),
+            (0, true, false, true, Unknown),
+            (1, false, false, false, Effect),
+            (1, false, false, true, Effect),
+            (1, false, true, false, NotIdentifiable),
+            (1, true, false, false, Unknown),
+            (1, true, true, false, Unknown),
+            (2, false, false, false, Several),
+            (2, false, false, true, Several),
+            (2, false, true, false, NotIdentifiable),
+            (2, true, false, false, Unknown),
+            (2, true, true, true, Unknown),
+            (6, false, false, false, Several),
+            (6, false, true, false, NotIdentifiable),
+            (6, true, false, false, Unknown),
+            (6, true, true, false, Unknown),
         ];
-        for (effects, unexplained, ambiguous, want) in table {
+        for (effects, unexplained, ambiguous, limited, want) in table {
             let c = Conditions {
                 effects,
                 unexplained,
+                limited,
                 ambiguous,
             };
             assert_eq!(verdict(c), want, "{c:?}");

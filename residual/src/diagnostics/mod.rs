@@ -1,12 +1,17 @@
 //! Diagnostics of a residual, whatever effects are in the model: whiteness, correlation with the
-//! inputs, switching between levels.
+//! inputs, switching between levels, bursts, slow and narrow parts.
 
+mod colour;
 mod correlation;
+mod envelope;
+mod narrow;
 mod noise;
 mod switching;
+mod wander;
 mod whiteness;
 
 pub(crate) use correlation::correlation_rows;
+pub(crate) use envelope::{Along, Growth};
 pub(crate) use noise::{unlike_noise, UnlikeNoise};
 pub(crate) use switching::switching;
 

@@ -8,10 +8,12 @@ mod nameless;
 
 pub(crate) use nameless::Nameless;
 
-use crate::diagnostics::{switching, unlike_noise, UnlikeNoise};
+use crate::diagnostics::{switching, unlike_noise, Along, Growth, UnlikeNoise};
 use crate::effects::Context;
 use crate::error::Error;
+use crate::format::num;
 use crate::frame::Frame;
+use crate::hygiene::Finding;
 use crate::ranking::{Acceptance, Step};
 use crate::report::Structure;
 use crate::scan::{Candidate, Offer};
@@ -29,6 +31,12 @@ const BETTER_ALONE: f64 = 0.01;
 /// Fall of the RMSE by means of sequences that nothing explains from which on the verdict says so. Less is usual: the zero of a load
 /// cell drifts a little from one log to the next.
 const BETWEEN_LOGS: f64 = 0.1;
+
+/// Fall of the RMSE without a slow part from which on the verdict says so. Less is usual: zeros drift within a log too.
+const WITHIN_LOGS: f64 = 0.1;
+
+/// Share of the variance that the steps of the reading make, from which they can be a narrow band.
+const STEPS: f64 = 0.3;
 
 /// Most nameless forms that a report lists.
 const LISTED: usize = 6;
@@ -59,6 +67,8 @@ pub(crate) struct Leftover {
     pub explained: f64,
     /// Whether what is left shows against time only.
     pub when: bool,
+    /// What else is to be known of the noise.
+    pub notes: Vec<Finding>,
 }
 
 /// Nameless forms on offer.
@@ -90,6 +100,7 @@ impl Leftover {
             largest: forms.first().map(|c| c.origin.clone()),
             explained: (before - held).max(0.0),
             when: false,
+            notes: vec![],
         };
         out.unexplained = match forms.first() {
             None => false,
@@ -184,18 +195,50 @@ impl Leftover {
     /// Adds what distinguishes the residual from the noise of a sensor: something acts that these columns do not show.
     fn unlike_noise(&mut self, search: &Search, residual: &[f64], frame: &Frame, held: f64) {
         let masks = [at_rest(search), just_started(search)];
-        let found = unlike_noise(residual, frame, &masks);
-        let gain = 1.0 - (1.0 - found.burst_share).sqrt();
-        if search.acceptance().material(gain) {
-            self.structure.push(Structure {
-                depends_on: burst_words(&found).into(),
-                gain,
-                p_value: 0.0,
-            });
-            self.unexplained |= self.large(found.burst_share * held);
-            self.when = true;
-            self.structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+        let found = unlike_noise(residual, frame, &masks, &columns(search));
+        self.notes.extend(found.growth.iter().map(|g| {
+            let unit = &search.spec.roles.target.unit;
+            growth_note(g, unit)
+        }));
+        let mut add = |depends_on: String, share: f64, least: f64| {
+            let gain = 1.0 - (1.0 - share).max(0.0).sqrt();
+            if search.acceptance().material(gain) {
+                self.structure.push(Structure {
+                    depends_on,
+                    gain,
+                    p_value: 0.0,
+                });
+                self.unexplained |= gain > least && self.large(share * held);
+                self.when = true;
+            }
+        };
+        add(burst_words(&found).into(), found.burst_share, 0.0);
+        if let Some(wander) = found.wander {
+            add(
+                format!(
+                    "something that these columns do not show: it wanders slowly within the logs (means of neighbouring twentieths \
+                     of a log are alike, correlation {:.2})",
+                    wander.alike
+                ),
+                wander.share,
+                WITHIN_LOGS,
+            );
         }
+        let mean = stats::rms(residual).powi(2);
+        let steps = stats::quantum(&search.problem.y).map_or(0.0, |q| q * q / 12.0);
+        if let Some(band) = found.narrow.filter(|_| steps < STEPS * mean) {
+            let rate = 1.0 / search.problem.frame.step();
+            add(
+                format!(
+                    "something that these columns do not show: a narrow band of frequencies, mostly from {} to {} Hz",
+                    num(band.between.0 * rate),
+                    num(band.between.1 * rate)
+                ),
+                band.share,
+                0.0,
+            );
+        }
+        self.structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
         // Last: it names no variable.
         if found.follows_itself() {
             self.structure.push(Structure {
@@ -248,6 +291,36 @@ const START_S: f64 = 0.7;
 
 /// Share of the bursts in rows of one sort from which they belong to it.
 const BELONG: f64 = 0.6;
+
+/// Columns on which the size of noise may depend: load and velocity.
+fn columns(search: &Search) -> Vec<Along> {
+    let ctx = search.scan_on(&search.declared).context();
+    let of = |name: &str, expression: &str| Along {
+        name: name.into(),
+        values: ctx.values(expression),
+    };
+    let velocity = ctx.velocity.as_ref().map(|v| of("velocity", v));
+    let mut out = vec![of("load", &ctx.load)];
+    out.extend(velocity);
+    out.retain(|c| c.values.len() == search.problem.y.len());
+    out
+}
+
+/// That the noise grows with a column, for the table of the data.
+fn growth_note(growth: &Growth, unit: &str) -> Finding {
+    let (small, large) = growth.sizes;
+    Finding {
+        check: "noise".into(),
+        count: growth.rows,
+        first: String::new(),
+        what: format!(
+            "the noise grows with the {}: about {} {unit} in the fifth of the rows with the smallest values, {} {unit} in that with the largest",
+            growth.name,
+            num(small),
+            num(large)
+        ),
+    }
+}
 
 /// Which kept rows are at rest; none without a velocity.
 fn at_rest(search: &Search) -> Vec<bool> {

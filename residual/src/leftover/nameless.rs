@@ -10,6 +10,9 @@ use std::sync::Arc;
 const KNOTS: usize = 7;
 const KNOTS_WITH_SIGN: usize = 4;
 
+/// Knots of a fine curve in the load, which shows six periods over its range.
+const FINE_KNOTS: usize = 23;
+
 /// A variable that nameless structure can depend on, in the order in which a plot prefers them.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 enum Axis {
@@ -135,6 +138,10 @@ fn curves(ctx: &Context, variables: &[Variable], out: &mut Vec<Offer<Nameless>>)
     out.extend(variables.iter().map(|v| {
         let texts = hinges(ctx, &v.expression, KNOTS);
         form(format!("a curve in {}", v.name), &[v], texts)
+    }));
+    out.extend(variables.iter().filter(|v| v.axis == Axis::Load).map(|v| {
+        let texts = hinges(ctx, &v.expression, FINE_KNOTS);
+        form(format!("a fine curve in {}", v.name), &[v], texts)
     }));
 }
 

@@ -35,6 +35,9 @@ impl Report {
                 "No effect of the catalogue that these data can show reduces the held-out RMSE significantly by {} or more.",
                 self.material()
             ),
+            Verdict::Unknown if self.effects.is_empty() && self.limited.is_some() => {
+                "The search was not allowed to name what is left: `selection.max_effects` ended it. The errors below are those of the model as it stands.".into()
+            }
             Verdict::Unknown if self.effects.is_empty() => {
                 format!("No effect of the catalogue is named. See \"{UNEXPLAINED}\".")
             }

@@ -5,6 +5,9 @@ use super::{Report, Verdict};
 use crate::effects::EffectKind;
 use crate::format::num;
 
+/// Correlation of the residual with itself from which the verdict names it.
+const COLOURED: f64 = 0.1;
+
 impl Report {
     /// The verdict in some sentences, with the errors before and after.
     pub fn summary(&self) -> String {
@@ -37,12 +40,15 @@ impl Report {
 
     /// That the search ended before its end.
     fn ended(&self) -> String {
-        self.limited.map_or(String::new(), |next| {
-            format!(
+        let told = self.verdict == Verdict::Unknown && self.effects.is_empty();
+        self.limited
+            .filter(|_| !told)
+            .map_or(String::new(), |next| {
+                format!(
                 " The search ended at max_effects = {} with structure left that {next} would fit.",
                 self.extended.selection.max_effects
             )
-        })
+            })
     }
 
     /// What came out on the check data.
@@ -57,6 +63,22 @@ impl Report {
         })
     }
 
+    /// That what is left is not white, where its test says so.
+    fn coloured(&self) -> String {
+        let test = self
+            .residual_tests
+            .iter()
+            .find(|t| t.model == "after" && t.test.against == "itself");
+        match test {
+            Some(t) if t.test.p < 0.01 && t.test.correlation.abs() > COLOURED => format!(
+                " What is left is not white: its correlation with itself is {:.2} at {} row(s), as that of a filtered sensor \
+                 or of a slow disturbance that these columns do not show.",
+                t.test.correlation, t.test.lag
+            ),
+            _ => String::new(),
+        }
+    }
+
     /// The verdict in one or two sentences.
     fn answer(&self) -> String {
         let u = &self.unit;
@@ -64,7 +86,10 @@ impl Report {
         let names: Vec<EffectKind> = self.effects.iter().map(|e| e.name).collect();
         let list = joined(&names, ", ");
         match self.verdict {
-            Verdict::None => format!("Nothing material is missing: held-out RMSE {b} {u}."),
+            Verdict::None => format!(
+                "Nothing material is missing: held-out RMSE {b} {u}.{}",
+                self.coloured()
+            ),
             Verdict::Effect | Verdict::Several => {
                 format!("The model lacks {list}: held-out RMSE {b} -> {f} {u}.")
             }
@@ -76,6 +101,12 @@ impl Report {
                     .unwrap_or_default();
                 format!("The model lacks {alternatives}; these data cannot distinguish them: held-out RMSE {b} -> {f} {u}.")
             }
+            Verdict::Unknown if self.limited.is_some() && names.is_empty() => format!(
+                "Structure remains, and the search was not allowed to look further (max_effects = {}): {} would fit it. \
+                 Held-out RMSE {b} {u}.",
+                self.extended.selection.max_effects,
+                joined(&self.limited.into_iter().collect::<Vec<_>>(), "")
+            ),
             Verdict::Unknown => {
                 let on = self.structure.first().map_or("", |s| &s.depends_on);
                 let part = match names.len() {
