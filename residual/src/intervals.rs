@@ -24,6 +24,9 @@ const STRETCHES: [usize; 2] = [1, 4];
 /// Fewest stretches that can be drawn from.
 const FEWEST_STRETCHES: usize = 12;
 
+/// Half width of an interval in standard errors where the replicates agree.
+const REACH: f64 = 1.96;
+
 /// Times that the values of a nonlinear parameter, or their distance, are chosen anew.
 const MOVES: usize = 5;
 
@@ -96,7 +99,8 @@ pub(crate) fn parameters(
         let intervals = params.iter().map(of).collect();
         return Ok((params, intervals));
     }
-    let points = own.points(first)?;
+    let (points, se) = own.points(first)?;
+    let by_error = own.by_error(&points[0], &mine, se);
     let replicates: Vec<Vec<Vec<Param>>> = STRETCHES
         .iter()
         .map(|length| stretches(&search.problem, *length))
@@ -122,7 +126,14 @@ pub(crate) fn parameters(
             .iter()
             .map(|(count, fitted, r)| student(q.value, &values_of(q, r), *count, *fitted));
         let intervals = drawn.chain(by_sequence);
-        intervals.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])))
+        let widest = intervals.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
+        // The error may have a minimum so narrow that all replicates choose the same one of the values.
+        match (widest, by_error) {
+            (Some([low, high]), Some(r)) if own && high - low < 0.5 * (r[1] - r[0]).abs() => {
+                Some([low.min(r[0].min(r[1])), high.max(r[0].max(r[1]))])
+            }
+            _ => widest,
+        }
     };
     let intervals = params
         .iter()
@@ -285,12 +296,12 @@ impl Own<'_> {
         Ok(())
     }
 
-    /// Values of the nonlinear parameter for replicates to choose from: four standard errors to
+    /// Values of the nonlinear parameter for replicates to choose from, and its standard error: four standard errors to
     /// either side of the estimate, in steps of a half.
-    fn points(&self, first: Point) -> Result<Vec<Point>, Error> {
+    fn points(&self, first: Point) -> Result<(Vec<Point>, f64), Error> {
         let own = self.chosen();
         let Some(psi) = own.variant.psi.as_ref().filter(|p| p.refine) else {
-            return Ok(vec![first]);
+            return Ok((vec![first], 0.0));
         };
         let (lo, hi) = match psi.resolution {
             Some(d) => (own.psi - d, own.psi + d),
@@ -319,7 +330,20 @@ impl Own<'_> {
             }
             (from, step) = (at, 2.0 * step);
         }
-        Ok(points)
+        Ok((points, se))
+    }
+
+    /// The nonlinear parameter, as it is reported, 1.96 standard errors to either side; `None` where it is not fitted.
+    fn by_error(&self, first: &Point, mine: &[usize], se: f64) -> Option<[f64; 2]> {
+        let own = self.chosen();
+        let name = own.variant.psi.as_ref().filter(|p| p.refine)?.name;
+        let (t, _) = first.sums.fit(None);
+        let coef: Vec<f64> = mine.iter().map(|i| t[*i]).collect();
+        let at = |psi| {
+            let all = own.variant.params(psi, &coef);
+            all.iter().find(|p| p.name == name).map(|p| p.value)
+        };
+        Some([at(own.psi - REACH * se)?, at(own.psi + REACH * se)?])
     }
 
     /// Standard error of the nonlinear parameter, from the curvature of the squared error. Taken over about one standard error: an
