@@ -16,7 +16,7 @@ const FEWEST_LEVELS: f64 = 1.5;
 const COARSE: f64 = 24.0;
 
 /// Most values that are tried up to there.
-const MOST_COARSE: f64 = 150.0;
+const MOST_COARSE: f64 = 240.0;
 
 /// Steps in the range of the command that are looked for in the spectrum, in two bands: converters of up to twelve bits.
 const FINE: [(f64, f64); 2] = [(16.0, 160.0), (160.0, 4200.0)];
@@ -119,7 +119,7 @@ impl Steps {
         let span = hi - lo;
         // Steps are counted from zero, so that far from it a small error of the step puts all edges off.
         let far = lo.abs().max(hi.abs()).max(span);
-        let resolution = 0.5 / far;
+        let resolution = 0.2 / far;
         let count = ((COARSE - FEWEST_LEVELS) / span / resolution).min(MOST_COARSE);
         let count = count as usize;
         let all = |k: usize| FEWEST_LEVELS + (COARSE - FEWEST_LEVELS) * k as f64 / count as f64;
@@ -140,7 +140,7 @@ impl Steps {
                     &command,
                     peak,
                     0.5 / span,
-                    0.2 / far,
+                    0.1 / far,
                 ));
             }
         }
