@@ -24,6 +24,12 @@ const STRETCHES: [usize; 2] = [1, 4];
 /// Fewest stretches that can be drawn from.
 const FEWEST_STRETCHES: usize = 12;
 
+/// Half width of an interval in standard errors where the replicates agree.
+const REACH: f64 = 1.96;
+
+/// Times that the values of a nonlinear parameter, or their distance, are chosen anew.
+const MOVES: usize = 5;
+
 /// Fewest sequences whose scatter is a measure. What is slower than a stretch (a drift, a temperature) is alike in a whole
 /// sequence, and differs from one to the next.
 const FEWEST_SEQUENCES: usize = 4;
@@ -93,7 +99,8 @@ pub(crate) fn parameters(
         let intervals = params.iter().map(of).collect();
         return Ok((params, intervals));
     }
-    let points = own.points(first)?;
+    let (points, se) = own.points(first)?;
+    let by_error = own.by_error(&points[0], &mine, se);
     let replicates: Vec<Vec<Vec<Param>>> = STRETCHES
         .iter()
         .map(|length| stretches(&search.problem, *length))
@@ -108,13 +115,25 @@ pub(crate) fn parameters(
             Ok((count, fitted, own.of_draws(&points, &mine, &draws)))
         })
         .transpose()?;
+    let nonlinear = chosen[index].variant.psi.as_ref().map(|p| p.name);
     let widest = |q: &Param| {
-        let drawn = replicates.iter().map(|r| around(q.value, values_of(q, r)));
+        let own = nonlinear == Some(q.name.as_str());
+        let drawn = replicates.iter().map(|r| match own {
+            true => up_to(q.value, values_of(q, r)),
+            false => around(q.value, values_of(q, r)),
+        });
         let by_sequence = reweighted
             .iter()
             .map(|(count, fitted, r)| student(q.value, &values_of(q, r), *count, *fitted));
         let intervals = drawn.chain(by_sequence);
-        intervals.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])))
+        let widest = intervals.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
+        // The error may have a minimum so narrow that all replicates choose the same one of the values.
+        match (widest, by_error) {
+            (Some([low, high]), Some(r)) if own && high - low < 0.5 * (r[1] - r[0]).abs() => {
+                Some([low.min(r[0].min(r[1])), high.max(r[0].max(r[1]))])
+            }
+            _ => widest,
+        }
     };
     let intervals = params
         .iter()
@@ -149,6 +168,13 @@ fn around(estimate: f64, replicates: Vec<f64>) -> [f64; 2] {
     } else {
         [estimate - half, estimate + half]
     }
+}
+
+/// The same for a nonlinear parameter: one that lies outside of its replicates was chosen in another model, or is at a limit, and
+/// its interval goes on to where they are.
+fn up_to(estimate: f64, replicates: Vec<f64>) -> [f64; 2] {
+    let [low, high] = interval(replicates);
+    [low.min(estimate), high.max(estimate)]
 }
 
 /// Weights of blocks by sequence for a Bayesian bootstrap (Rubin 1981): each sequence has an exponential weight. None is left out,
@@ -270,34 +296,58 @@ impl Own<'_> {
         Ok(())
     }
 
-    /// Values of the nonlinear parameter for replicates to choose from: four standard errors to
+    /// Values of the nonlinear parameter for replicates to choose from, and its standard error: four standard errors to
     /// either side of the estimate, in steps of a half.
-    fn points(&self, first: Point) -> Result<Vec<Point>, Error> {
+    fn points(&self, first: Point) -> Result<(Vec<Point>, f64), Error> {
         let own = self.chosen();
         let Some(psi) = own.variant.psi.as_ref().filter(|p| p.refine) else {
-            return Ok(vec![first]);
+            return Ok((vec![first], 0.0));
         };
         let (lo, hi) = match psi.resolution {
             Some(d) => (own.psi - d, own.psi + d),
             None => bracket(&psi.grid, own.psi),
         };
         let positive = psi.grid[0] > 0.0;
-        let se = self
-            .standard_error(&first, (hi - lo).abs(), positive)?
-            .min((hi - lo).abs());
-        let values: Vec<f64> = (-8i32..=8)
-            .filter(|k| *k != 0)
-            .map(|k| own.psi + 0.5 * f64::from(k) * se)
-            .filter(|x| psi.grid[0] < 0.0 || *x > 0.0)
-            .collect();
-        let others: Vec<Point> = values
-            .par_iter()
-            .filter_map(|x| self.at(*x).ok().map(|(point, _)| point))
-            .collect();
-        Ok(std::iter::once(first).chain(others).collect())
+        let se = self.standard_error(&first, (hi - lo).abs(), positive)?;
+        let mut points = vec![first];
+        // Where other effects were taken out of the model, the least error is no longer where it was.
+        let (mut from, mut step) = (own.psi, 0.5 * se);
+        for _ in 0..MOVES {
+            let values: Vec<f64> = (-8i32..=8)
+                .filter(|k| *k != 0 || from != own.psi)
+                .map(|k| from + f64::from(k) * step)
+                .filter(|x| !positive || *x > 0.0)
+                .collect();
+            let more = values
+                .par_iter()
+                .filter_map(|x| self.at(*x).ok().map(|(point, _)| point));
+            points.extend(more.collect::<Vec<_>>());
+            let errors = points.iter().map(|p| (p.psi, p.error(None)));
+            let least = errors.min_by(|a, b| a.1.total_cmp(&b.1));
+            let at = least.map_or(own.psi, |(psi, _)| psi);
+            if (at - from).abs() < 5.0 * step {
+                break;
+            }
+            (from, step) = (at, 2.0 * step);
+        }
+        Ok((points, se))
     }
 
-    /// Standard error of the nonlinear parameter, from the curvature of the squared error.
+    /// The nonlinear parameter, as it is reported, 1.96 standard errors to either side; `None` where it is not fitted.
+    fn by_error(&self, first: &Point, mine: &[usize], se: f64) -> Option<[f64; 2]> {
+        let own = self.chosen();
+        let name = own.variant.psi.as_ref().filter(|p| p.refine)?.name;
+        let (t, _) = first.sums.fit(None);
+        let coef: Vec<f64> = mine.iter().map(|i| t[*i]).collect();
+        let at = |psi| {
+            let all = own.variant.params(psi, &coef);
+            all.iter().find(|p| p.name == name).map(|p| p.value)
+        };
+        Some([at(own.psi - REACH * se)?, at(own.psi + REACH * se)?])
+    }
+
+    /// Standard error of the nonlinear parameter, from the curvature of the squared error. Taken over about one standard error: an
+    /// error that has a narrow minimum, or a corner there, is nearly flat further on.
     fn standard_error(&self, first: &Point, reach: f64, positive: bool) -> Result<f64, Error> {
         let psi = self.chosen().psi;
         let mut h = 0.05 * reach;
@@ -307,14 +357,22 @@ impl Own<'_> {
         }
         let centre = first.error(None);
         let n = self.search.problem.y.len() as f64;
-        let rise = [psi - h, psi + h]
-            .iter()
-            .map(|x| Ok(self.at(*x)?.0.error(None) - centre))
-            .collect::<Result<Vec<f64>, Error>>()?;
-        let bend = (rise[0] + rise[1]).max(1e-12 * centre) / (h * h);
         let residual = self.search.fit(self.chosen)?.fit.residual;
         let colour = correlation_rows(&self.search.problem, &residual);
-        Ok((2.0 * centre / n * colour / bend).sqrt())
+        let mut out = reach;
+        for _ in 0..MOVES {
+            let rise = [psi - h, psi + h]
+                .iter()
+                .map(|x| Ok(self.at(*x)?.0.error(None) - centre))
+                .collect::<Result<Vec<f64>, Error>>()?;
+            let bend = (rise[0] + rise[1]).max(1e-12 * centre) / (h * h);
+            out = (2.0 * centre / n * colour / bend).sqrt().min(reach);
+            if !(out > 0.0 && out < 0.5 * h) {
+                break;
+            }
+            h = out;
+        }
+        Ok(out)
     }
 
     /// The effect's parameters in each bootstrap replicate over stretches of blocks.
@@ -356,6 +414,7 @@ impl Own<'_> {
 
 #[cfg(test)]
 mod tests {
+    use super::{around, up_to};
     use crate::data::Data;
     use crate::effects::testbench::{simulate, Excitation};
     use crate::linalg::dot;
@@ -375,6 +434,14 @@ mod tests {
         let offset = report.effects.iter().find(|e| e.name == "offset");
         let [low, high] = offset.expect("the offset is found").ci["offset"];
         high - low
+    }
+
+    /// Replicates that all lie beyond the estimate, as where it was chosen in another model.
+    #[test]
+    fn an_interval_of_a_nonlinear_parameter_goes_on_to_its_replicates() {
+        let replicates = vec![2.0; 50];
+        assert_eq!(around(1.0, replicates.clone()), [1.0, 1.0]);
+        assert_eq!(up_to(1.0, replicates), [1.0, 2.0]);
     }
 
     #[test]

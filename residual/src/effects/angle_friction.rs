@@ -98,6 +98,29 @@ fn with_a_ripple(ctx: &Context, sign: &str, angle: &str) -> Variant {
 mod tests {
     use std::f64::consts::TAU;
 
+    /// The middle of a sector about zero may be below zero, and its interval is not cut off there.
+    #[test]
+    fn the_middle_of_a_sector_about_zero_has_an_interval() {
+        let report = crate::effects::testbench::simulate(&Default::default(), 1.0, &mut |s| {
+            let inside = (s.angle + 0.66).rem_euclid(TAU) < 1.2;
+            if inside {
+                -0.5 * s.velocity.signum()
+            } else {
+                0.0
+            }
+        });
+        let first = &report.effects[0];
+        assert_eq!(
+            first.name.as_str(),
+            "angle_friction",
+            "{}",
+            report.markdown()
+        );
+        let [low, high] = first.ci["middle"];
+        let middle = first.params["middle"];
+        assert!(low < middle && middle < high, "{low} {middle} {high}");
+    }
+
     #[test]
     fn is_named() {
         crate::effects::testbench::names("angle_friction", |s| {

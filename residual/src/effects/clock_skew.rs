@@ -32,33 +32,61 @@ impl Effect for ClockSkew {
             .map(|r| -r)
             .chain(half.iter().copied())
             .collect();
-        vec![Variant::profiled(
-            "rate of the inputs' clock",
-            Psi {
+        let warped = |label: &str, names: Vec<String>| {
+            let psi = Psi {
                 name: "skew",
                 unit: "s/s".into(),
-                grid,
+                grid: grid.clone(),
                 refine: true,
                 resolution: None,
-            },
-            move |r| {
-                Build::Swap(
-                    names
-                        .iter()
-                        .map(|n| (n.clone(), format!("warp({n}, {r})")))
-                        .collect(),
-                )
-            },
-        )]
+            };
+            Variant::profiled(label, psi, move |r| {
+                let warp = |n: &String| (n.clone(), format!("warp({n}, {r})"));
+                Build::Swap(names.iter().map(warp).collect())
+            })
+        };
+        let command = "command".to_string();
+        let alone = names.len() > 1 && names.contains(&command);
+        let mut out = vec![warped("rate of the inputs' clock", names)];
+        if alone {
+            // Drive and sensors have a clock each: the motion is logged by that of the target.
+            out.push(warped("rate of the command's clock", vec![command]));
+        }
+        out
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use crate::effects::testbench::{simulate, Excitation, Row};
+
     #[test]
     fn is_named() {
         crate::effects::testbench::names("clock_skew", |s| {
             s.command_at(s.elapsed * 1.004) - s.command
         });
+    }
+
+    /// The motion, and the friction with it, has the clock of the target.
+    #[test]
+    fn is_named_where_the_command_alone_has_another_clock() {
+        let excitation = Excitation {
+            declare_coulomb: true,
+            ..Excitation::default()
+        };
+        let skewed = |s: &Row| s.command_at(s.elapsed * 1.004) - s.command;
+        let report = simulate(&excitation, 1.0, &mut { skewed });
+        let first = report
+            .effects
+            .first()
+            .map(|e| (e.name.as_str(), e.form.as_str()));
+        assert_eq!(
+            first,
+            Some(("clock_skew", "rate of the command's clock")),
+            "{}",
+            report.markdown()
+        );
+        let [low, high] = report.effects[0].ci["skew"];
+        assert!(low < 0.004 && 0.004 < high, "{low} {high}");
     }
 }

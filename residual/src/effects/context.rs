@@ -83,6 +83,22 @@ impl Context<'_> {
         self.range(text).map_or(0.0, |(lo, hi)| hi - lo)
     }
 
+    /// Largest range of an expression within one sequence, between its 2 % and 98 % quantiles there.
+    pub fn excursion(&self, text: &str) -> f64 {
+        let v = self.values(text);
+        if v.is_empty() {
+            return 0.0;
+        }
+        let blocks = &self.problem.blocks;
+        let of = |run: std::ops::Range<usize>| {
+            let rows = blocks[run.start].range.start..blocks[run.end - 1].range.end;
+            let mut own = v[rows].to_vec();
+            own.sort_unstable_by(f64::total_cmp);
+            stats::quantile_sorted(&own, 0.98) - stats::quantile_sorted(&own, 0.02)
+        };
+        self.problem.runs().into_iter().map(of).fold(0.0, f64::max)
+    }
+
     /// Name of the velocity's unit.
     pub fn velocity_unit(&self) -> String {
         match &self.spec.roles.velocity {

@@ -4,6 +4,12 @@ use super::{Context, Effect, EffectKind, Estimate, Piece, Variant};
 
 pub(crate) struct CosineMisalignment;
 
+/// Shares of the load that a component along the axis can lose.
+const COSINE: (f64, f64) = (-0.05, 1.1);
+
+/// Shares of the load that a component across the axis can have.
+const SINE: (f64, f64) = (-1.1, 1.1);
+
 impl Effect for CosineMisalignment {
     fn kind(&self) -> EffectKind {
         EffectKind::CosineMisalignment
@@ -21,8 +27,8 @@ impl Effect for CosineMisalignment {
     }
     fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
         let why = "a component lies between nothing and all of the load";
-        e.outside("cosine_share", -0.05, 1.1, why)
-            .or_else(|| e.outside("sine_share", -1.1, 1.1, why))
+        e.outside("cosine_share", COSINE.0, COSINE.1, why)
+            .or_else(|| e.outside("sine_share", SINE.0, SINE.1, why))
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let l = &ctx.load;
@@ -32,15 +38,12 @@ impl Effect for CosineMisalignment {
                 continue;
             }
             let straight = Piece::new("cosine_share", "1", format!("{l} * (cos({q}) - 1)"));
-            out.push(Variant::linear(
-                &format!("{name}, aligned at zero"),
-                vec![straight.clone()],
-            ));
+            let aligned = format!("{name}, aligned at zero");
+            let one = Variant::linear(&aligned, vec![straight.clone()]);
+            out.push(one.between(&[COSINE]));
             let tilted = Piece::new("sine_share", "1", format!("{l} * sin({q})"));
-            out.push(Variant::linear(
-                &format!("{name}, tilted"),
-                vec![straight, tilted],
-            ));
+            let both = Variant::linear(&format!("{name}, tilted"), vec![straight, tilted]);
+            out.push(both.between(&[COSINE, SINE]));
         }
         out
     }

@@ -7,6 +7,9 @@ pub(crate) struct Creep;
 /// Largest share by which a compensated sensor creeps the wrong way.
 const OVERDONE: f64 = 0.05;
 
+/// Shares of the response that creep can be.
+const SHARE: (f64, f64) = (-OVERDONE, 1.0);
+
 /// Shortest and longest time constant, in rows and in spans of the longest run.
 const FASTEST_ROWS: f64 = 15.0;
 const LONGEST_SPANS: f64 = 2.0;
@@ -28,11 +31,12 @@ impl Effect for Creep {
     /// compensation may overdo it.
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         let share = "a share of the response lies between 0 and 1";
-        e.outside("creep_share", -OVERDONE, 1.0, share).or_else(|| {
-            let (low, high) = (FASTEST_ROWS * ctx.dt, LONGEST_SPANS * ctx.span);
-            let why = "outside of what rows and runs of this length can show";
-            e.outside("time_constant", 0.99 * low, 1.01 * high, why)
-        })
+        e.outside("creep_share", SHARE.0, SHARE.1, share)
+            .or_else(|| {
+                let (low, high) = (FASTEST_ROWS * ctx.dt, LONGEST_SPANS * ctx.span);
+                let why = "outside of what rows and runs of this length can show";
+                e.outside("time_constant", 0.99 * low, 1.01 * high, why)
+            })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         if ctx.range(&ctx.load).is_none() {
@@ -61,14 +65,16 @@ impl Effect for Creep {
                     "1",
                     format!("charge({a}, {tau})"),
                 )])
-            }),
+            })
+            .between(&[SHARE]),
             Variant::profiled("about an old equilibrium", psi(), move |tau| {
                 Build::Add(vec![Piece::new(
                     "creep_share",
                     "1",
                     format!("lowpass({b}, {tau}) - {b}"),
                 )])
-            }),
+            })
+            .between(&[SHARE]),
         ]
     }
 }

@@ -1,6 +1,7 @@
 //! A delay: of the command, or of the target against all inputs.
 
 use super::{Build, Context, Effect, EffectKind, Estimate, Found, Psi, Remedy, Setting, Variant};
+use std::collections::BTreeSet;
 
 pub(crate) struct Delay;
 
@@ -61,10 +62,13 @@ impl Effect for Delay {
         if ctx.columns.iter().any(|n| n != "command") {
             // Everything: effects that are found later are as late.
             let roles = &ctx.spec.roles;
-            let all: Vec<String> = roles
+            // Columns that terms use by their names in the log are no roles.
+            let used = ctx.declared_columns().into_iter();
+            let all: BTreeSet<String> = roles
                 .all()
                 .into_iter()
                 .map(|(n, _)| n)
+                .chain(used.chain(ctx.columns.iter().cloned()))
                 .filter(|n| n != "time" && n != "target" && !roles.groups.contains_key(n))
                 .collect();
             out.push(Variant::profiled(
@@ -85,7 +89,60 @@ impl Effect for Delay {
 
 #[cfg(test)]
 mod tests {
+    use crate::{analyse, spec::Spec, stats::Rng, Data};
     use std::collections::VecDeque;
+
+    /// The acceleration is no role: the terms use it by its name in the log.
+    #[test]
+    fn of_the_target_delays_columns_that_are_no_roles() {
+        let (runs, rows, dt, late) = (5, 1500, 0.02, 0.04);
+        let mut rng = Rng::new(7);
+        let at = |i: usize, shift: f64| {
+            (
+                (i % rows) as f64 * dt - shift,
+                1.0 + 0.1 * (i / rows) as f64,
+            )
+        };
+        let velocity = |(t, w): (f64, f64)| (2.1 * w * t).sin() + 0.5 * (5.3 * w * t).cos();
+        let acc =
+            |(t, w): (f64, f64)| 2.1 * w * (2.1 * w * t).cos() - 2.65 * w * (5.3 * w * t).sin();
+        let all = 0..runs * rows;
+        let target: Vec<f64> = all
+            .clone()
+            .map(|i| 0.4 * acc(at(i, late)) + 0.3 * velocity(at(i, late)) + 0.02 * rng.normal())
+            .collect();
+        let columns = [
+            ("target", target),
+            (
+                "velocity",
+                all.clone().map(|i| velocity(at(i, 0.0))).collect(),
+            ),
+            ("acc", all.clone().map(|i| acc(at(i, 0.0))).collect()),
+        ];
+        let time = all.map(|i| at(i, 0.0).0).collect();
+        let data = Data::from_columns(time, columns)
+            .sequences((0..runs).map(|run| run * rows..(run + 1) * rows))
+            .build()
+            .expect("the columns are whole");
+        let model = Spec::parse(
+            r#"
+            roles.time = { column = "t", unit = "s" }
+            roles.target = { column = "y", unit = "N" }
+            roles.velocity = { column = "v", unit = "rad/s" }
+            [[terms]]
+            name = "inertia"
+            expr = "acc"
+            [[terms]]
+            name = "damping"
+            expr = "velocity"
+        "#,
+        );
+        let report = analyse(&model.expect("the model is right"), data, &mut ()).expect("it runs");
+        let found: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+        assert_eq!(found.first(), Some(&"delay"), "{}", report.markdown());
+        let [low, high] = report.effects[0].ci["delay"];
+        assert!(low < late && late < high, "{low} {high}");
+    }
 
     #[test]
     fn is_named() {

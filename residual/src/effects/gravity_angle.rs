@@ -31,13 +31,7 @@ impl Effect for GravityAngle {
         let single = ctx.angles();
         let all = sums(ctx, &single).into_iter().chain(single.clone());
         let own = all.into_iter().find(|(n, ..)| n == e.label)?;
-        (own.2 < SHORTEST_ARC).then(|| {
-            format!(
-                "{} moves by {} rad only: over so short an arc a weight is no different from any parabola",
-                own.0,
-                num(own.2)
-            )
-        })
+        too_short(&own)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let unit = ctx.unit();
@@ -65,6 +59,16 @@ impl Effect for GravityAngle {
             })
             .collect()
     }
+}
+
+/// Why an angle (name, expression, range in radians) cannot show a weight that turns with it.
+pub(super) fn too_short((name, _, range): &(String, String, f64)) -> Option<String> {
+    (*range < SHORTEST_ARC).then(|| {
+        format!(
+            "{name} moves by {} rad only: over so short an arc a weight is no different from any parabola",
+            num(*range)
+        )
+    })
 }
 
 /// Most joints of which sums are tried.

@@ -4,6 +4,10 @@ use super::{Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
 
 pub(crate) struct Hysteresis;
 
+/// Narrowest and widest turn, as a share of the range and of the largest excursion within one run. A loop that never comes
+/// round within a run is a spring.
+const WIDTHS: (f64, f64) = (0.025, 0.8);
+
 impl Effect for Hysteresis {
     fn kind(&self) -> EffectKind {
         EffectKind::Hysteresis
@@ -15,12 +19,19 @@ impl Effect for Hysteresis {
         "ramp the load (or position) slowly up and down with shrinking amplitude, at two speeds: the loops nest and don't change with speed"
     }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
-        let column = if e.label.contains("position") {
-            "angle"
+        let (column, position) = if e.label.contains("position") {
+            ("angle", true)
         } else {
-            "command"
+            ("command", false)
         };
+        let driver = ctx.position.as_ref().filter(|_| position);
+        let driver = driver.unwrap_or(&ctx.load);
         e.below_step("turning_width", ctx.step_of(column), column)
+            .or_else(|| {
+                let widest = WIDTHS.1 * ctx.excursion(driver);
+                let why = "within no run does it move so far that the loop could turn";
+                e.outside("turning_width", 0.0, widest, why)
+            })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut drivers = Vec::new();
@@ -31,10 +42,17 @@ impl Effect for Hysteresis {
             drivers.push(("position", x.clone(), ctx.position_unit()));
         }
         let unit = ctx.unit().to_string();
-        let grid = |x: &str| {
+        let grid = |name: &str, x: &str| {
             let (lo, hi) = ctx.range(x)?;
-            // Shorter turning widths belong to `presliding`.
-            Some(Context::log_grid(0.025 * (hi - lo), 0.8 * (hi - lo), 11))
+            let excursion = ctx.excursion(x);
+            // Shorter turning widths of the position belong to `presliding`.
+            let range = if name == "position" {
+                hi - lo
+            } else {
+                excursion.min(hi - lo)
+            };
+            let (narrow, wide) = (WIDTHS.0 * range, WIDTHS.1 * excursion);
+            (wide > 1.5 * narrow).then(|| (Context::log_grid(narrow, wide, 11), wide))
         };
         let width = |unit: &str, grid: Vec<f64>| Psi {
             name: "turning_width",
@@ -45,43 +63,52 @@ impl Effect for Hysteresis {
         };
         let mut out = Vec::new();
         for (name, x, xu) in drivers {
-            let Some(grid) = grid(&x) else {
+            let Some((grid, widest)) = grid(name, &x) else {
                 continue;
+            };
+            // Dry friction that a loop of the position works against would drive the motion.
+            let physical = |form: Variant| {
+                let form = form.possible(move |width, _| width <= widest);
+                if name == "position" {
+                    form.along_friction(0)
+                } else {
+                    form
+                }
             };
             // Gradual turns as of Dahl's model, sharp ones as of a spring that slips.
             let (dahl, own) = (x.clone(), unit.clone());
-            out.push(Variant::profiled(
+            out.push(physical(Variant::profiled(
                 &format!("loop of {name}"),
                 width(&xu, grid.clone()),
                 move |d| {
                     let text = format!("dahl({dahl}, {d})");
                     Build::Add(vec![Piece::new("half_height", own.clone(), text)])
                 },
-            ));
+            )));
             if name != "position" {
                 continue;
             }
             let (stop, own) = (x.clone(), unit.clone());
-            out.push(Variant::profiled(
+            out.push(physical(Variant::profiled(
                 "loop of position with sharp corners",
                 width(&xu, grid.clone()),
                 move |d| {
                     let text = format!("stop({stop}, {d}) * {}", 2.0 / d);
                     Build::Add(vec![Piece::new("half_height", own.clone(), text)])
                 },
-            ));
+            )));
             if ctx.range(&ctx.load).is_none() {
                 continue;
             }
             let load = ctx.load.clone();
-            out.push(Variant::profiled(
+            out.push(physical(Variant::profiled(
                 "loop of position, in proportion to load",
                 width(&xu, grid),
                 move |d| {
                     let text = format!("dahl({x}, {d}) * abs({load})");
                     Build::Add(vec![Piece::new("half_height_per_load", "1", text)])
                 },
-            ));
+            )));
         }
         out
     }
@@ -89,6 +116,88 @@ impl Effect for Hysteresis {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::effects::testbench::{knowing, simulate, Excitation};
+    use crate::effects::{Form, Param};
+
+    /// Loads far apart from run to run: within a run no loop can turn over the distance between them.
+    #[test]
+    fn a_loop_turns_within_a_run() {
+        let (runs, rows) = (4, 300);
+        let of = |f: &dyn Fn(usize, f64) -> f64| -> Vec<f64> {
+            (0..runs * rows)
+                .map(|i| f(i / rows, 0.02 * (i % rows) as f64))
+                .collect()
+        };
+        let command = of(&|run, t| 100.0 * run as f64 + 5.0 * (3.0 * t).sin());
+        let target = of(&|run, t| 101.0 * run as f64 + 5.0 * (3.0 * t).sin());
+        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\", unit = \"N\" }\n\
+                    command = { column = \"c\", unit = \"N\" }\n[[terms]]\nname = \"a\"\nexpr = \"command\"\n";
+        knowing(
+            spec,
+            &[("target", target), ("command", command)],
+            rows,
+            |ctx| {
+                let forms = Hysteresis.variants(ctx);
+                let widths = &forms[0].psi.as_ref().unwrap().grid;
+                assert!(widths.iter().all(|w| *w < 8.1), "{widths:?}");
+                let holds = forms[0].possible.as_ref().unwrap();
+                assert!(holds(7.0, &[1.0]) && !holds(95.0, &[1.0]));
+                let width = |value| {
+                    let unit = String::new();
+                    let name = "turning_width".into();
+                    let params = &[Param { name, value, unit }];
+                    let (label, intervals) = ("loop of load", &Default::default());
+                    let form = Form::Other;
+                    Hysteresis.impossible(
+                        &Estimate {
+                            form,
+                            label,
+                            params,
+                            intervals,
+                        },
+                        ctx,
+                    )
+                };
+                assert_eq!(width(7.0), None);
+                assert!(width(95.0).is_some());
+            },
+        );
+    }
+
+    /// A loop against the friction gives the motion energy.
+    #[test]
+    fn a_loop_against_the_friction_is_none() {
+        let excitation = Excitation {
+            declare_coulomb: true,
+            ..Excitation::default()
+        };
+        let (mut z, mut last) = (0.0, 0.0);
+        let report = simulate(&excitation, 1.0, &mut move |s| {
+            if s.first {
+                (z, last) = (0.0, s.angle);
+            }
+            let dx: f64 = s.angle - last;
+            last = s.angle;
+            let sg = if dx >= 0.0 { 1.0 } else { -1.0 };
+            z = sg + (z - sg) * (-dx.abs() / 1.5).exp();
+            0.15 * s.command * z
+        });
+        let loops = |name: &str, form: &str| name == "hysteresis" && form.contains("position");
+        assert!(
+            !report
+                .effects
+                .iter()
+                .any(|e| loops(e.name.as_str(), &e.form))
+                && !report
+                    .improves
+                    .iter()
+                    .any(|e| loops(e.name.as_str(), &e.form)),
+            "{}",
+            report.markdown()
+        );
+    }
+
     #[test]
     fn is_named() {
         let (mut z, mut last) = (0.0, 0.0);

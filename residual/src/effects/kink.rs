@@ -5,6 +5,9 @@ use crate::stats::quantile_sorted;
 
 pub(crate) struct Kink;
 
+/// Changes of slope that leave a characteristic.
+const CHANGES: (f64, f64) = (-0.9, 1.0);
+
 /// Quantiles of the load at which a kink is looked for.
 const QUANTILES: [f64; 15] = [
     0.08, 0.14, 0.2, 0.26, 0.32, 0.38, 0.44, 0.5, 0.56, 0.62, 0.68, 0.74, 0.8, 0.86, 0.92,
@@ -23,7 +26,7 @@ impl Effect for Kink {
     /// A slope that falls to nothing is a saturation, one that turns round is no characteristic.
     fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
         let why = "the target would no longer follow the load, or follow it twice";
-        e.outside("change_of_slope", -0.9, 1.0, why)
+        e.outside("change_of_slope", CHANGES.0, CHANGES.1, why)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         if ctx.range(&ctx.load).is_none() {
@@ -47,14 +50,30 @@ impl Effect for Kink {
         vec![Variant::profiled("change of slope", psi, move |at| {
             let above = format!("max(0, {load} - {at})");
             Build::Add(vec![Piece::new("change_of_slope", "1", above)])
-        })]
+        })
+        .between(&[CHANGES])]
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use crate::effects::testbench::{names_with, Excitation};
+
     #[test]
     fn is_named() {
         crate::effects::testbench::names("kink", |s| -0.25 * (s.command - 3.1).max(0.0));
+    }
+
+    /// A limit of the prediction has the same curve, with a share lost that would be negative.
+    #[test]
+    fn is_named_where_the_slope_rises() {
+        for seed in 1..4 {
+            let excitation = Excitation {
+                seed,
+                declare_coulomb: true,
+                ..Excitation::default()
+            };
+            names_with("kink", excitation, |s| 0.25 * (s.command - 3.1).max(0.0));
+        }
     }
 }

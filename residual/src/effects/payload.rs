@@ -1,5 +1,6 @@
 //! A mass that the model does not know: its weight and its inertia belong together.
 
+use super::gravity_angle::too_short;
 use super::{Build, Context, Effect, EffectKind, Estimate, Param, Piece, Psi, Variant};
 
 pub(crate) struct Payload;
@@ -22,8 +23,12 @@ impl Effect for Payload {
             .as_ref()
             .map_or_else(|| ctx.load.clone(), |v| format!("deriv({v}, 2)"))
     }
-    fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         e.outside("mass", 0.0, f64::INFINITY, "a mass is not negative")
+            .or_else(|| {
+                let own = |(name, ..): &(String, String, f64)| e.label == mass_on(name);
+                too_short(&ctx.angles().into_iter().find(own)?)
+            })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some(v) = ctx.velocity.clone() else {
@@ -49,16 +54,23 @@ impl Effect for Payload {
                 .map_or(0.0, |(lo, hi)| hi - lo);
             if swing > 0.3 {
                 let v = v.clone();
-                out.push(
-                    Variant::profiled("hanging mass", widths(), move |n| {
-                        Build::Add(vec![Piece::new(
-                            "mass",
-                            "kg",
-                            format!("{G} + {k} * deriv({v}, {n})"),
-                        )])
-                    })
-                    .with(coefficients),
-                );
+                // A mass in kg is a force over an acceleration; of a current or a voltage it is a factor and no mass.
+                let force = ctx.unit().trim() == "N";
+                let (name, unit) = if force {
+                    ("mass", "kg".into())
+                } else {
+                    ("inertia", ctx.per("m/s/s"))
+                };
+                let form = Variant::profiled("hanging mass", widths(), move |n| {
+                    let text = format!("{G} + {k} * deriv({v}, {n})");
+                    Build::Add(vec![Piece::new(name, unit.clone(), text)])
+                })
+                .with(coefficients);
+                out.push(if force {
+                    form.between(&[(0.0, f64::INFINITY)])
+                } else {
+                    form
+                });
             }
         }
         let unit = ctx.unit().to_string();
@@ -76,7 +88,7 @@ impl Effect for Payload {
                 ctx.per(&format!("{}/s", ctx.velocity_unit())),
             );
             out.push(
-                Variant::profiled(&format!("mass on {name}"), widths(), move |n| {
+                Variant::profiled(&mass_on(&name), widths(), move |n| {
                     Build::Add(vec![
                         Piece::new("weight_sine", unit.clone(), format!("sin({q})")),
                         Piece::new("weight_cosine", unit.clone(), format!("cos({q})")),
@@ -88,6 +100,11 @@ impl Effect for Payload {
         }
         out
     }
+}
+
+/// The form of a mass that turns with an angle.
+fn mass_on(name: &str) -> String {
+    format!("mass on {name}")
 }
 
 fn coefficients(_: f64, coef: &[f64], pieces: &[Piece], _: &Psi) -> Vec<Param> {
@@ -104,7 +121,62 @@ fn coefficients(_: f64, coef: &[f64], pieces: &[Piece], _: &Psi) -> Vec<Param> {
 
 #[cfg(test)]
 mod tests {
-    use crate::effects::testbench::{names_with, Excitation};
+    use super::*;
+    use crate::effects::testbench::{knowing, names_with, Excitation};
+    use crate::effects::Form;
+
+    /// A motion of `size` about zero, with the target in `unit`.
+    fn moved(unit: &str, velocity: &str, size: f64, look: impl FnOnce(&Context)) {
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> {
+            (0..1200).map(|i| f(0.02 * i as f64)).collect()
+        };
+        let columns = [
+            ("target", of(&|t| (0.7 * t).sin())),
+            ("command", of(&|t| (0.7 * t).cos())),
+            ("angle", of(&|t| size * (3.0 * t).sin())),
+            ("velocity", of(&|t| size * 3.0 * (3.0 * t).cos())),
+        ];
+        let spec = format!(
+            "[roles]\ntime = {{ column = \"t\" }}\ntarget = {{ column = \"y\", unit = \"{unit}\" }}\n\
+             command = {{ column = \"c\", unit = \"{unit}\" }}\nvelocity = {{ column = \"v\", unit = \"{velocity}\" }}\n\
+             angle = {{ column = \"a\", unit = \"rad\" }}\n[[terms]]\nname = \"a\"\nexpr = \"command\"\n"
+        );
+        knowing(&spec, &columns, 600, look);
+    }
+
+    #[test]
+    fn a_mass_in_kg_needs_a_force() {
+        let first = |unit: &str| {
+            let mut out = None;
+            moved(unit, "m/s", 1.0, |ctx| {
+                let forms = Payload.variants(ctx);
+                let own = forms.iter().find(|f| f.label == "hanging mass").unwrap();
+                out = own.params(2.0, &[1.0]).pop();
+            });
+            let own = out.unwrap();
+            (own.name, own.unit)
+        };
+        assert_eq!(first("N"), ("mass".into(), "kg".into()));
+        assert_eq!(first("A"), ("inertia".into(), "A/(m/s/s)".into()));
+    }
+
+    #[test]
+    fn a_mass_on_a_short_arc_is_like_any_parabola() {
+        let impossible = |size: f64| {
+            let mut out = None;
+            moved("N", "rad/s", size, |ctx| {
+                let estimate = Estimate {
+                    form: Form::Other,
+                    label: "mass on angle",
+                    params: &[],
+                    intervals: &Default::default(),
+                };
+                out = Payload.impossible(&estimate, ctx);
+            });
+            out.is_some()
+        };
+        assert!(impossible(0.33) && !impossible(1.0));
+    }
 
     #[test]
     fn is_named() {

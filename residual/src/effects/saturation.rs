@@ -5,6 +5,9 @@ use crate::stats::quantile_sorted;
 
 pub(crate) struct Saturation;
 
+/// Share of the load that can be lost beyond a limit.
+const SHARE_LOST: (f64, f64) = (0.0, 1.1);
+
 impl Effect for Saturation {
     fn kind(&self) -> EffectKind {
         EffectKind::Saturation
@@ -17,7 +20,8 @@ impl Effect for Saturation {
     }
     fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
         let why = "beyond a limit part of the load, or all of it, is lost, and nothing is added";
-        e.outside("share_lost", 0.0, 1.1, why)
+        let (low, high) = SHARE_LOST;
+        e.outside("share_lost", low, high, why)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut out = Vec::new();
@@ -139,7 +143,8 @@ fn of_the_prediction(ctx: &Context) -> Vec<Variant> {
     vec![Variant::profiled("of the prediction", psi, move |c| {
         let lost = format!("min(0, {c} - {load})");
         Build::Add(vec![Piece::new("share_lost", "1", lost)])
-    })]
+    })
+    .between(&[SHARE_LOST])]
 }
 
 #[cfg(test)]

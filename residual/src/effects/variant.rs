@@ -81,6 +81,9 @@ impl Psi {
 
 type Derive = fn(f64, &[f64], &[Piece], &Psi) -> Vec<Param>;
 
+/// Whether an effect can have this nonlinear parameter and these coefficients.
+type Possible = Box<dyn Fn(f64, &[f64]) -> bool + Send + Sync>;
+
 /// One way in which an effect can show.
 pub(crate) struct Variant {
     /// Label for readers, unique within the effect.
@@ -93,6 +96,11 @@ pub(crate) struct Variant {
     pub derive: Option<Derive>,
     /// A piece that makes dry friction larger by definition: with the other sign it is no such effect.
     pub adds_to_friction: Option<usize>,
+    /// A piece that is friction itself: against the other dry friction it would drive the motion.
+    pub along_friction: Option<usize>,
+    /// What its fitted values have to satisfy to be this effect; `None` where any do. Two effects may have the same curve
+    /// with opposite signs, so one that is impossible is no candidate.
+    pub possible: Option<Possible>,
     /// The target itself shows the form, without any model: nothing is fitted, and no decoy has to be surpassed.
     pub observed: bool,
 }
@@ -107,6 +115,8 @@ impl Variant {
             build: Box::new(move |_| Build::Add(pieces.clone())),
             derive: None,
             adds_to_friction: None,
+            along_friction: None,
+            possible: None,
             observed: false,
         }
     }
@@ -124,6 +134,8 @@ impl Variant {
             build: Box::new(build),
             derive: None,
             adds_to_friction: None,
+            along_friction: None,
+            possible: None,
             observed: false,
         }
     }
@@ -144,6 +156,29 @@ impl Variant {
     pub fn adding_to_friction(mut self, piece: usize) -> Variant {
         self.adds_to_friction = Some(piece);
         self
+    }
+
+    /// Marks the piece that is friction itself and cannot act against the other friction.
+    pub fn along_friction(mut self, piece: usize) -> Variant {
+        self.along_friction = Some(piece);
+        self
+    }
+
+    /// Sets what nonlinear parameter and coefficients have to satisfy.
+    pub fn possible(
+        mut self,
+        holds: impl Fn(f64, &[f64]) -> bool + Send + Sync + 'static,
+    ) -> Variant {
+        self.possible = Some(Box::new(holds));
+        self
+    }
+
+    /// The same where each coefficient lies between bounds of its own.
+    pub fn between(self, bounds: &'static [(f64, f64)]) -> Variant {
+        self.possible(move |_, coef| {
+            let mut all = coef.iter().zip(bounds);
+            all.all(|(c, (low, high))| c >= low && c <= high)
+        })
     }
 
     /// Marks the form as one that the target itself shows.

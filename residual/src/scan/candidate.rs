@@ -259,10 +259,7 @@ impl Scan<'_> {
         }
         let held = *points.held.first()?;
         let psi = points.best()?;
-        if variant
-            .adds_to_friction
-            .is_some_and(|own| !self.adds_to_friction(&(variant.build)(psi), own))
-        {
+        if !self.possible(variant, psi) {
             return None;
         }
         let gain = fall(held, base[0]);

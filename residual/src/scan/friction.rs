@@ -1,7 +1,8 @@
-//! Dry friction in a model: which terms are, and whether a form makes it larger as its name says.
+//! Which fitted values a form cannot have, and dry friction in a model: which terms are, and whether a form makes it larger
+//! as its name says.
 
 use super::{Applied, Scan};
-use crate::effects::Build;
+use crate::effects::{Build, Variant};
 use crate::expr::Expr;
 use crate::linalg::dot;
 use crate::spec::Spec;
@@ -24,16 +25,50 @@ pub(super) fn dry_friction(term: &Expr, v: &str) -> bool {
         .any(|f| text.contains(&format!("{f}({v}")))
 }
 
+/// Part of a loop by which other friction may act against it, as one fit to both is uncertain.
+const AGAINST: f64 = 0.25;
+
 impl Scan<'_> {
-    /// Whether dry friction is larger with piece `own` than without, where that piece acts.
-    pub(super) fn adds_to_friction(&self, build: &Build, own: usize) -> bool {
-        let (Build::Add(pieces), Some(v)) = (build, velocity_of(self.spec)) else {
+    /// Whether an effect can have the coefficients that a form has at `psi`.
+    pub(super) fn possible(&self, variant: &Variant, psi: f64) -> bool {
+        let any = variant.possible.is_some()
+            || variant.adds_to_friction.is_some()
+            || variant.along_friction.is_some();
+        if !any {
             return true;
-        };
-        let Ok(Applied { sums, .. }) = self.sums(build, false) else {
+        }
+        let build = (variant.build)(psi);
+        let Ok(Applied { sums, local }) = self.sums(&build, false) else {
             return false;
         };
+        if local {
+            return true;
+        }
         let (x, _) = sums.fit(None);
+        let own = x.get(self.fit.x.len()..).unwrap_or(&[]);
+        variant.possible.as_ref().is_none_or(|holds| {
+            let swapped = matches!(build, Build::Swap(_) | Build::SwapAll(_) | Build::Known(_));
+            holds(psi, if swapped { &[] } else { own })
+        }) && variant.adds_to_friction.is_none_or(|piece| {
+            // Squares with it and without: friction that is all in this piece has no sign to go against.
+            let Some((k, other, own)) = self.beside_friction(&build, &x, piece) else {
+                return true;
+            };
+            2.0 * k * other + k * k * own >= 0.0
+        }) && variant.along_friction.is_none_or(|piece| {
+            let Some((k, other, own)) = self.beside_friction(&build, &x, piece) else {
+                return true;
+            };
+            k * other >= -AGAINST * k * k * own
+        })
+    }
+
+    /// Coefficient of piece `own` in a fit `x`, and the products of the piece with the dry friction without it, and with itself.
+    /// `None` where there is nothing to compare.
+    fn beside_friction(&self, build: &Build, x: &[f64], own: usize) -> Option<(f64, f64, f64)> {
+        let (Build::Add(pieces), Some(v)) = (build, velocity_of(self.spec)) else {
+            return None;
+        };
         let (refit, new) = x.split_at(self.fit.x.len());
         let value = |e: &Expr| self.problem.eval(&self.fit.view, e).ok();
         // Declared and found terms with what the fit adds to their coefficients, then the form's own.
@@ -62,11 +97,7 @@ impl Scan<'_> {
                 add(e, *k);
             }
         }
-        let Some(extra) = parsed.get(own).and_then(value) else {
-            return false;
-        };
-        // Squares with it and without: friction that is all in this piece has no sign to go against.
-        let k = new[own];
-        2.0 * k * dot(&friction, &extra) + k * k * dot(&extra, &extra) >= 0.0
+        let extra = parsed.get(own).and_then(value)?;
+        Some((new[own], dot(&friction, &extra), dot(&extra, &extra)))
     }
 }

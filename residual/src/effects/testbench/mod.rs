@@ -3,9 +3,14 @@
 
 mod tests;
 
+use super::Context;
 use crate::analysis::analyse;
 use crate::data::Data;
+use crate::frame::Frame;
+use crate::model::{Fit, Fitted, Model};
+use crate::problem::Problem;
 use crate::report::{Report, Verdict};
+use crate::scan::Scan;
 use crate::spec::Spec;
 use crate::stats::Rng;
 
@@ -127,6 +132,29 @@ fn rows_of(x: &Excitation, visit: &mut dyn FnMut(&Row)) {
             });
         }
     }
+}
+
+/// Calls `look` with what the effects know of columns, whose first is the target, in runs of `rows` rows 0.02 s apart.
+pub(crate) fn knowing(
+    spec: &str,
+    columns: &[(&str, Vec<f64>)],
+    rows: usize,
+    look: impl FnOnce(&Context),
+) {
+    let n = columns[0].1.len();
+    let time = (0..n).map(|i| 0.02 * i as f64).collect();
+    let named = columns
+        .iter()
+        .map(|(name, c)| (name.to_string(), c.clone()));
+    let runs = (0..n / rows).map(|k| k * rows..(k + 1) * rows).collect();
+    let frame = Frame::new(named.collect(), time, runs);
+    let fold: Vec<u32> = (0..n).map(|i| (i / rows) as u32).collect();
+    let problem = Problem::new(frame, &vec![true; n], &fold, 8, 1);
+    let spec = Spec::parse(spec).expect("the test model is valid");
+    let model = Model::declared(&spec).expect("its terms are valid");
+    let fit = Fit::new(&problem, &model).expect("its terms can be fitted");
+    let fitted = Fitted { model, fit };
+    look(&Scan::new(&problem, &spec, "command", &fitted).context());
 }
 
 /// The declared model: force is command, with Coulomb friction if the excitation says so.
