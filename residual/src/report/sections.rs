@@ -103,9 +103,15 @@ impl Report {
             return vec![];
         };
         let row = |model: &str, rmse: f64| vec![model.to_string(), num(rmse)];
+        let repeats = if check.repeats() {
+            " Their motion is one that the searched data have as well. So these figures do not show how the model does on \
+             another motion."
+        } else {
+            ""
+        };
         vec![
             Part::Text(format!(
-                "Check: {} rows from {} that took no part in the search. Every coefficient is fixed as fitted above.",
+                "Check: {} rows from {} that took no part in the search. Every coefficient is fixed as fitted above.{repeats}",
                 check.rows,
                 first_of(&check.files, 4)
             )),
