@@ -14,8 +14,9 @@ impl Effect for DriftTime {
     fn experiment(&self) -> &'static str {
         "hold one load for a long time at constant temperature; repeat the run with the order of loads reversed"
     }
-    fn against(&self, _: &Context) -> String {
-        "elapsed".into()
+    fn axes(&self, form: &Variant, _: f64, _: &Context) -> Vec<String> {
+        let clock = form.label == "by the clock";
+        vec![if clock { "time" } else { "elapsed" }.into()]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let unit = ctx.per("s");
