@@ -340,7 +340,7 @@ fn init_writes_a_model_file_that_runs_and_keeps_one_that_is_there() {
     folder.expect(
         "residual --data logs --model new.toml",
         0,
-        &["The model lacks coulomb", "found      coulomb"],
+        &["The model lacks coulomb", "found        coulomb"],
     );
     folder.expect(
         "residual --data logs --model new.toml --init",

@@ -12,9 +12,8 @@ use crate::frame::Frame;
 use crate::intervals::Parameters;
 use crate::leftover::Leftover;
 use crate::model::Fit;
-use crate::report::{
-    Ambiguity, Effect, NotMaterial, Plot, Report, Tested, SCHEMA_VERSION, WITHOUT,
-};
+use crate::pictures;
+use crate::report::{Ambiguity, Effect, NotMaterial, Report, Tested, SCHEMA_VERSION};
 use crate::scan::{Candidate, Scan};
 use crate::search::{without, Judged, Outcome, Search, Weight};
 use crate::support::Beside;
@@ -97,9 +96,19 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         plot_unknown: match (&found.left.largest, found.left.when) {
             (Some(nameless), _) => {
                 let against = nameless.against().unwrap_or(&search.load);
-                Some(plot(search, against, &base.residual, &fit.residual))
+                Some(pictures::over(
+                    search,
+                    against,
+                    &base.residual,
+                    &fit.residual,
+                ))
             }
-            (None, true) => Some(plot(search, "elapsed", &base.residual, &fit.residual)),
+            (None, true) => Some(pictures::over(
+                search,
+                "elapsed",
+                &base.residual,
+                &fit.residual,
+            )),
             (None, false) => None,
         },
         structure: found.left.structure,
@@ -195,11 +204,8 @@ fn effect(
 ) -> Result<Effect, Error> {
     let index = weight.index;
     let (own, rest) = without(&outcome.chosen, index);
-    let ctx = search.scan_on(&search.declared).context();
-    let against = own.effect.against(&ctx);
     // The other effects are in both models, so that the plot shows this effect alone.
     let rest = search.fit(&rest)?;
-    let residual = &outcome.fitted.fit.residual;
     Ok(Effect {
         name: own.effect.kind(),
         form: own.variant.label.clone(),
@@ -224,8 +230,7 @@ fn effect(
         heldout_without: weight.rmse_without,
         unsupported: String::new(),
         rival: judged(outcome, index).rival,
-        plot: plot(search, &against, &rest.fit.residual, residual)
-            .named("residual", WITHOUT, "with it"),
+        plot: pictures::of_effect(search, &own, &rest, &outcome.fitted),
     })
 }
 
@@ -318,25 +323,4 @@ fn absent(search: &Search) -> Result<Vec<EffectKind>, Error> {
         .filter(|e| search.allowed(**e) && e.variants(&ctx).is_empty())
         .map(|e| e.kind())
         .collect())
-}
-
-/// Points and binned means of the residual before and after.
-fn plot(search: &Search, against: &str, before: &[f64], after: &[f64]) -> Plot {
-    let problem = &search.problem;
-    let x = problem
-        .eval_text(&problem.plain, against, true)
-        .unwrap_or_default();
-    let roles = &search.spec.roles;
-    let unit = if against == search.load {
-        roles.target.unit.clone()
-    } else {
-        roles.unit(against)
-    };
-    let name = against.replace(&search.load, "load");
-    let label = if unit.is_empty() {
-        name
-    } else {
-        format!("{name}, {unit}")
-    };
-    Plot::new(&label, &x, before, after)
 }

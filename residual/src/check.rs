@@ -4,6 +4,7 @@ use crate::data::Data;
 use crate::declared;
 use crate::error::Error;
 use crate::extended::{extended, frozen};
+use crate::hygiene;
 use crate::model::{Chosen, Model};
 use crate::problem::Problem;
 use crate::search::Search;
@@ -19,6 +20,9 @@ pub struct Check {
     pub files: Vec<String>,
     /// Rows.
     pub rows: usize,
+    /// Rows in runs whose motion is also in the searched data: they do not show how the model does on another motion.
+    #[serde(default)]
+    pub repeated_rows: usize,
     /// Error of the declared model, with the coefficients that were fitted to the searched data.
     #[serde(deserialize_with = "crate::nan::from_null")]
     pub declared_rmse: f64,
@@ -34,6 +38,13 @@ pub struct Check {
 pub(crate) struct Checked {
     problem: Problem,
     files: Vec<String>,
+}
+
+impl Check {
+    /// Whether most of the data repeat a motion of the searched data.
+    pub(crate) fn repeats(&self) -> bool {
+        2 * self.repeated_rows > self.rows
+    }
 }
 
 impl Checked {
@@ -73,6 +84,8 @@ impl Checked {
         Ok(Check {
             files: self.files.clone(),
             rows: self.problem.y.len(),
+            repeated_rows: hygiene::repeated_rows(&search.problem.frame, &self.problem.frame)
+                .min(self.problem.y.len()),
             declared_rmse: self.rmse(search, &[])?,
             found_rmse: self.rmse(search, found)?,
             all_rmse: self.rmse(search, all)?,

@@ -6,6 +6,7 @@ use crate::frame::Frame;
 use crate::spec::{Action, Hygiene, Roles};
 use crate::stats;
 use serde::{Deserialize, Serialize};
+use std::ops::Range;
 use std::path::PathBuf;
 
 /// One kind of flaw, summed over the data.
@@ -308,13 +309,8 @@ fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Log) {
     else {
         return;
     };
-    let runs: Vec<&std::ops::Range<usize>> = frame
-        .sequences()
-        .iter()
-        .filter(|r| r.len() >= COMPARED)
-        .take(64)
-        .collect();
-    let same = |a: &std::ops::Range<usize>, b: &std::ops::Range<usize>| {
+    let runs = runs_to_compare(frame);
+    let same = |a: &Range<usize>, b: &Range<usize>| {
         let n = a.len().min(b.len());
         let longer = a.len().max(b.len());
         10 * n >= 9 * longer
@@ -341,6 +337,90 @@ fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Log) {
     }
 }
 
+/// Correlation from which a stretch of other data is the same motion. It is compared in steps of time, so less than
+/// [`SAME_MOTION`] is reached.
+const SAME_STRETCH: f64 = 0.97;
+
+/// Most relative difference of the size of one motion.
+const SAME_SIZE: f64 = 0.1;
+
+/// Values of a stretch that are compared.
+const STRETCH: usize = 400;
+
+/// Most runs that are compared with others.
+const MOST_RUNS: usize = 64;
+
+/// Number of rows of `other` in runs whose motion is also in `frame`, at any time of it.
+pub(crate) fn repeated_rows(frame: &Frame, other: &Frame) -> usize {
+    let names = ["velocity", "angle", "command"];
+    let Some((here, there)) = names
+        .iter()
+        .find_map(|n| frame.column(n).zip(other.column(n)))
+    else {
+        return 0;
+    };
+    let all: Vec<Range<usize>> = runs_to_compare(frame);
+    if all.is_empty() {
+        return 0;
+    }
+    let duration = |f: &Frame, r: &Range<usize>| f.time()[r.end - 1] - f.time()[r.start];
+    let longest = all.iter().map(|r| duration(frame, r)).fold(0.0, f64::max);
+    let repeated = |r: &Range<usize>| {
+        let span = duration(other, r);
+        // A run that is longer than any of the data is compared in pieces.
+        let pieces = (span / longest).ceil().max(1.0);
+        let step = span / pieces / STRETCH as f64;
+        let pieces = (0..pieces as usize).filter(|k| {
+            let start = other.time()[r.start] + (*k as f64 * STRETCH as f64) * step;
+            let own = at_times(other, there, r, start, step, STRETCH);
+            all.iter().any(|a| {
+                let count = (duration(frame, a) / step) as usize + 1;
+                let data = at_times(frame, here, a, frame.time()[a.start], step, count);
+                let count = own.len().min(data.len());
+                10 * count >= 9 * own.len()
+                    && data.windows(count).any(|w| same_stretch(&own[..count], w))
+            })
+        });
+        pieces.count() as f64 >= 0.5 * (span / longest).ceil().max(1.0)
+    };
+    let runs = runs_to_compare(other);
+    runs.iter().filter(|r| repeated(r)).map(Range::len).sum()
+}
+
+/// The runs that are long enough to compare, not more than [`MOST_RUNS`].
+fn runs_to_compare(frame: &Frame) -> Vec<Range<usize>> {
+    let runs = frame.sequences().iter().filter(|r| r.len() >= COMPARED);
+    runs.take(MOST_RUNS).cloned().collect()
+}
+
+/// `count` values of a column in a run, in equal steps of time, linear between rows.
+fn at_times(
+    frame: &Frame,
+    column: &[f64],
+    run: &Range<usize>,
+    start: f64,
+    step: f64,
+    count: usize,
+) -> Vec<f64> {
+    let time = frame.time();
+    let mut i = run.start;
+    let value = |k: usize| {
+        let t = start + k as f64 * step;
+        while i + 2 < run.end && time[i + 1] < t {
+            i += 1;
+        }
+        let share = ((t - time[i]) / (time[i + 1] - time[i])).clamp(0.0, 1.0);
+        column[i] + share * (column[i + 1] - column[i])
+    };
+    (0..count).map(value).collect()
+}
+
+/// Whether two stretches of equal length are one motion, of one size.
+fn same_stretch(a: &[f64], b: &[f64]) -> bool {
+    let size = stats::deviation(b) / stats::deviation(a);
+    (size - 1.0).abs() < SAME_SIZE && correlation(a, b) > SAME_STRETCH
+}
+
 /// Correlation of two lists of equal length; 0 if one is constant.
 fn correlation(a: &[f64], b: &[f64]) -> f64 {
     let (ma, mb) = (stats::mean(a), stats::mean(b));
@@ -354,5 +434,36 @@ fn correlation(a: &[f64], b: &[f64]) -> f64 {
         ab / (aa * bb).sqrt()
     } else {
         0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A log of a motion from `start` on, at a pace, with a step of time.
+    fn log(start: f64, pace: f64, step: f64, rows: usize) -> Frame {
+        let time: Vec<f64> = (0..rows).map(|i| i as f64 * step).collect();
+        let motion = |t: &f64| {
+            let t = start + pace * t;
+            (1.3 * t).sin() + 0.8 * (1.9 * t + 0.02 * t * t).sin() + 0.4 * (0.37 * t).cos()
+        };
+        let velocity = time.iter().map(motion).collect();
+        Frame::new(
+            vec![("velocity".into(), velocity)],
+            time,
+            std::iter::once(0..rows).collect(),
+        )
+    }
+
+    #[test]
+    fn a_motion_is_known_again_at_any_time_and_rate_of_rows() {
+        let data = log(0.0, 1.0, 0.02, 3000);
+        assert_eq!(repeated_rows(&data, &log(17.31, 1.0, 0.03, 700)), 700);
+        assert_eq!(repeated_rows(&data, &log(17.31, 1.3, 0.03, 700)), 0);
+        assert_eq!(repeated_rows(&data, &log(170.0, 1.0, 0.03, 700)), 0);
+        // Longer than the data: their motion is a part of it only.
+        assert_eq!(repeated_rows(&data, &log(-200.0, 1.0, 0.03, 9000)), 0);
+        assert_eq!(repeated_rows(&data, &log(3.0, 1.0, 0.03, 20)), 0);
     }
 }

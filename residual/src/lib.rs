@@ -63,6 +63,7 @@ pub mod load;
 mod model;
 mod nan;
 mod nested;
+mod pictures;
 mod problem;
 mod progress;
 mod ranking;

@@ -625,6 +625,20 @@ fn check_data_say_whether_what_was_found_holds_elsewhere() {
     let check = report.check.expect("check data were given");
     assert_eq!((check.rows, check.files.len()), (600, 1));
     assert!(check.found_rmse < 0.5 * check.declared_rmse, "{check:?}");
+    assert_eq!(check.repeated_rows, 0);
+    // The motion of one of the logs, from another moment on.
+    let again = folder.put("again.dat", &csv(&rows(1, 600)[90..]));
+    let report = residual::run_checked(&options, &[again], &mut ()).unwrap();
+    let check = report.check.as_ref().expect("check data were given");
+    assert_eq!((check.rows, check.repeated_rows), (510, 510));
+    assert!(report
+        .summary()
+        .contains("on the motion of the searched data"));
+    let text = report.markdown();
+    assert!(
+        text.contains("Their motion is one that the searched data have as well"),
+        "{text}"
+    );
     // Friction the other way: what was found harms there, so it is no finding.
     let turned: Vec<[f64; 4]> = rows(9, 600)
         .iter()

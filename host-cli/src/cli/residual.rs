@@ -7,7 +7,7 @@ use host_cli::identify;
 use host_cli::identify::findings::{self, Frame};
 use host_cli::rigfile::RigFile;
 use residual::spec::Spec;
-use residual::{Compensation, Options, Report};
+use residual::{Compensation, Options, Report, Verdict};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -28,8 +28,10 @@ where they were found, in all units. It prints what it changed and what the boar
 own angle; `forcectl identify` finds them. Nothing is changed where unnamed structure is left that would take more than
 a tenth of what the findings took off the error. Read the changes before you arm.
 
-`found` are effects whose names the data support. `improves` are effects that lower the error of these data under a name that
-the data do not support; the line says why. --check gives logs that were never searched. Fit on A, freeze, run on B: analyse A, then
+`found` are effects whose names the data support; `A or B` are effects that the data cannot distinguish. `approximates`
+stands there under the verdict `unknown`: such an effect describes part of a structure that the catalogue does not contain, so
+do not use its name or its values. `improves` are effects that lower the error of these data under a name that the data do
+not support; the line says why. --check gives logs that were never searched. Fit on A, freeze, run on B: analyse A, then
 give MODEL.frozen.toml of that report as the model of B with selection.max_effects = 0.
 
 Exit codes:
@@ -185,24 +187,7 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
     );
     let mut text = String::new();
     row!(text, "{}", report.summary());
-    for effect in &report.effects {
-        row!(
-            text,
-            "  found      {} ({}): held-out RMSE {} without it",
-            effect.name,
-            effect.form,
-            residual::num(effect.heldout_without)
-        );
-    }
-    for effect in &report.improves {
-        row!(
-            text,
-            "  improves   {} ({}): {}",
-            effect.name,
-            effect.form,
-            effect.unsupported
-        );
-    }
+    effects(&report, &mut text);
     if let Some(out) = &arguments.out {
         row!(text, "report: {}", out.join("report.html").display());
     }
@@ -216,6 +201,33 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
     let report = serde_json::to_value(&report).map_err(|error| Failure::new(7, error))?;
     let json = serde_json::json!({"report": report, "applied": changed});
     Ok(Reply::new(text, json).with_code(code))
+}
+
+/// A line for each effect, under the name that the written report gives it.
+fn effects(report: &Report, text: &mut String) {
+    let label = match report.verdict {
+        Verdict::Unknown => "approximates",
+        _ => "found",
+    };
+    for effect in &report.effects {
+        row!(
+            text,
+            "  {label:<12} {} ({}): held-out RMSE {} without it",
+            report.alternatives(effect),
+            effect.form,
+            residual::num(effect.heldout_without)
+        );
+    }
+    for effect in &report.improves {
+        row!(
+            text,
+            "  {:<12} {} ({}): {}",
+            "improves",
+            effect.name,
+            effect.form,
+            effect.unsupported
+        );
+    }
 }
 
 /// Checks that every file and folder of an option exists.
@@ -405,6 +417,54 @@ mod tests {
             left_out: vec!["creep".into()],
             ..Compensation::default()
         }
+    }
+
+    /// Friction in a log, as the analysis reports it.
+    fn analysed() -> Report {
+        let model = "roles.time = { column = \"t\", unit = \"s\" }\n\
+             roles.target = { column = \"y\", unit = \"N\" }\n\
+             roles.velocity = { column = \"v\", unit = \"m/s\" }\n\
+             [selection]\nonly = [\"coulomb\"]\n\
+             [[terms]]\nname = \"zero\"\nexpr = \"1\"\n";
+        let rows =
+            |f: &dyn Fn(f64) -> f64| (0..600).map(|i| f(0.02 * f64::from(i % 150))).collect();
+        let velocity = |t: f64| (2.6 * t).cos();
+        let target = |t: f64| 0.01 * (1e4 * t).sin() - 0.4 * velocity(t).signum();
+        let data = residual::Data::from_columns(
+            rows(&|t| t),
+            [("velocity", rows(&velocity)), ("target", rows(&target))],
+        )
+        .sequences((0..4).map(|run| 150 * run..150 * (run + 1)))
+        .build()
+        .expect("the columns fit");
+        let model = Spec::parse(model).expect("a good model");
+        residual::analyse(&model, data, &mut ()).expect("is analysed")
+    }
+
+    #[test]
+    fn effects_are_called_what_the_report_calls_them() {
+        let lines = |report: &Report| {
+            let mut text = String::new();
+            effects(report, &mut text);
+            text
+        };
+        let mut report = analysed();
+        let said = lines(&report);
+        assert!(said.starts_with("  found        coulomb ("), "{said}");
+        let both = vec![residual::EffectKind::Coulomb, residual::EffectKind::Viscous];
+        report.not_identifiable = vec![residual::Ambiguity::new(both, "other speeds")];
+        let said = lines(&report);
+        assert!(said.contains("found        coulomb or viscous ("), "{said}");
+        report.verdict = Verdict::Unknown;
+        let said = lines(&report);
+        assert!(
+            said.starts_with("  approximates coulomb or viscous ("),
+            "{said}"
+        );
+        assert!(!said.contains("found"), "{said}");
+        assert!(report
+            .markdown()
+            .contains("Approximating effect 1: coulomb or viscous"));
     }
 
     #[test]

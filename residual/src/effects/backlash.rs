@@ -14,14 +14,6 @@ impl Effect for Backlash {
     fn experiment(&self) -> &'static str {
         "reverse slowly with small amplitudes around the gap: the output stands still inside it, with sharp corners"
     }
-    fn against(&self, ctx: &Context) -> String {
-        // A gap in the command shows over the load, one in the angle over the angle.
-        if ctx.declared_columns().iter().any(|d| d == "angle") {
-            "angle".into()
-        } else {
-            ctx.load.clone()
-        }
-    }
     /// Seen from the drive, dry friction between drive and load is a gap in the command: the load stands still until the
     /// command has crossed twice the friction.
     fn twin(&self, label: &str) -> Option<EffectKind> {
@@ -38,6 +30,13 @@ impl Effect for Backlash {
                 let whole = ctx.width(column);
                 e.outside("gap", 0.0, whole, "wider than the whole motion")
             })
+    }
+    fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
+        if form.label.contains("angle") {
+            vec!["angle".into()]
+        } else {
+            vec![ctx.load.clone()]
+        }
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut out = Vec::new();

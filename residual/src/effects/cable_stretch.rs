@@ -16,14 +16,6 @@ impl Effect for CableStretch {
     fn experiment(&self) -> &'static str {
         "step and sweep the command with the far end blocked: the phase of a lag approaches a quarter period, that of a delay grows without limit"
     }
-    fn against(&self, ctx: &Context) -> String {
-        // A lag is off by its time constant times the slope of the load, a spring by its stiffness times the angle.
-        if ctx.declared_columns().iter().any(|d| d == "command") {
-            format!("deriv({}, 2)", ctx.load)
-        } else {
-            ctx.position.clone().unwrap_or_else(|| ctx.load.clone())
-        }
-    }
     fn setting(&self) -> Option<Setting> {
         Some(Setting::Delay)
     }
@@ -38,6 +30,13 @@ impl Effect for CableStretch {
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         let longest = ctx.span;
         e.outside("time_constant", 0.0, longest, "longer than the longest run")
+    }
+    fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
+        // A lag is off by its time constant times the slope of the load, a spring by its stiffness times the angle.
+        match &ctx.position {
+            Some(x) if form.label == "spring" => vec![x.clone()],
+            _ => vec![format!("deriv({}, 2)", ctx.load)],
+        }
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut out = Vec::new();

@@ -20,15 +20,15 @@ impl Effect for CosineMisalignment {
     fn experiment(&self) -> &'static str {
         "hold one load and turn the direction of the cable through its range"
     }
-    fn against(&self, ctx: &Context) -> String {
-        ctx.angles()
-            .first()
-            .map_or_else(|| ctx.load.clone(), |a| a.1.clone())
-    }
     fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
         let why = "a component lies between nothing and all of the load";
         e.outside("cosine_share", COSINE.0, COSINE.1, why)
             .or_else(|| e.outside("sine_share", SINE.0, SINE.1, why))
+    }
+    fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
+        let angles = ctx.angles().into_iter();
+        let own = angles.filter(|(n, ..)| form.label.starts_with(&format!("{n},")));
+        own.map(|(_, q, _)| q).collect()
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let l = &ctx.load;

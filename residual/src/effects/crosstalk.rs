@@ -16,13 +16,6 @@ impl Effect for Crosstalk {
     fn experiment(&self) -> &'static str {
         "excite the other channel alone"
     }
-    fn against(&self, ctx: &Context) -> String {
-        let channels = &ctx.spec.roles.channels;
-        match channels.keys().next() {
-            Some(only) if channels.len() == 1 => only.clone(),
-            _ => ctx.load.clone(),
-        }
-    }
     fn repeatable(&self) -> bool {
         true
     }
@@ -32,6 +25,13 @@ impl Effect for Crosstalk {
         (share.unit == "1" && share.value.abs() > 1.0)
             .then(|| format!("{} {}: more than all of it", share.name, num(share.value)))
             .filter(|_| !ctx.unit().is_empty())
+    }
+    fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
+        let names = ctx.spec.roles.channels.keys();
+        match names.clone().find(|n| **n == form.label) {
+            Some(own) => vec![own.clone()],
+            None => names.cloned().collect(),
+        }
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let channels = ctx.spec.roles.channels.iter();

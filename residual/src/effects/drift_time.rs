@@ -18,8 +18,9 @@ impl Effect for DriftTime {
     fn experiment(&self) -> &'static str {
         "hold one load for a long time at constant temperature; repeat the run with the order of loads reversed"
     }
-    fn against(&self, _: &Context) -> String {
-        "elapsed".into()
+    fn axes(&self, form: &Variant, _: f64, _: &Context) -> Vec<String> {
+        let clock = form.label == "by the clock";
+        vec![if clock { "time" } else { "elapsed" }.into()]
     }
     fn impossible(&self, _: &Estimate, ctx: &Context) -> Option<String> {
         let angle = ctx.values(ctx.position.as_ref()?);

@@ -14,17 +14,18 @@ impl Effect for Geometry {
     fn experiment(&self) -> &'static str {
         "visit the same poses several times, in different order and under different loads"
     }
-    fn against(&self, ctx: &Context) -> String {
-        ctx.spec
-            .roles
-            .pose
-            .keys()
-            .next()
-            .cloned()
-            .unwrap_or_else(|| ctx.load.clone())
-    }
     fn repeatable(&self) -> bool {
         true
+    }
+    fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
+        let names = ctx.spec.roles.pose.keys();
+        match names
+            .clone()
+            .find(|n| form.label.ends_with(&format!(" in {n}")))
+        {
+            Some(own) => vec![own.clone()],
+            None => names.cloned().collect(),
+        }
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let l = &ctx.load;

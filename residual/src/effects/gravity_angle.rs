@@ -19,11 +19,6 @@ impl Effect for GravityAngle {
     fn experiment(&self) -> &'static str {
         "turn through the whole range slowly with no load; repeat with the mount turned by a quarter"
     }
-    fn against(&self, ctx: &Context) -> String {
-        ctx.angles()
-            .first()
-            .map_or_else(|| ctx.load.clone(), |a| a.1.clone())
-    }
     fn repeatable(&self) -> bool {
         true
     }
@@ -32,6 +27,12 @@ impl Effect for GravityAngle {
         let all = sums(ctx, &single).into_iter().chain(single.clone());
         let own = all.into_iter().find(|(n, ..)| n == e.label)?;
         too_short(&own)
+    }
+    fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
+        let single = ctx.angles();
+        let all = sums(ctx, &single).into_iter().chain(single.clone());
+        let own = all.filter(|(n, ..)| *n == form.label);
+        own.map(|(_, q, _)| q).collect()
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let unit = ctx.unit();

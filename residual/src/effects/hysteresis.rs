@@ -33,6 +33,12 @@ impl Effect for Hysteresis {
                 e.outside("turning_width", 0.0, widest, why)
             })
     }
+    fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
+        match &ctx.position {
+            Some(x) if form.label.contains("position") => vec![x.clone()],
+            _ => vec![ctx.load.clone()],
+        }
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut drivers = Vec::new();
         if ctx.has_command() {

@@ -124,6 +124,10 @@ pub(crate) trait Effect: Sync {
     fn against(&self, ctx: &Context) -> String {
         ctx.load.clone()
     }
+    /// Expressions of the variables that can expose one of its forms. The plot takes the one that shows the most.
+    fn axes(&self, _form: &Variant, _psi: f64, ctx: &Context) -> Vec<String> {
+        vec![self.against(ctx)]
+    }
     /// Another effect that has the same curve in a form with this label, whatever the data; `None` for most.
     fn twin(&self, _label: &str) -> Option<EffectKind> {
         None

@@ -18,17 +18,18 @@ impl Effect for Payload {
     fn experiment(&self) -> &'static str {
         "move up and down with and without strong acceleration: weight stays, inertia does not"
     }
-    fn against(&self, ctx: &Context) -> String {
-        ctx.velocity
-            .as_ref()
-            .map_or_else(|| ctx.load.clone(), |v| format!("deriv({v}, 2)"))
-    }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         e.outside("mass", 0.0, f64::INFINITY, "a mass is not negative")
             .or_else(|| {
                 let own = |(name, ..): &(String, String, f64)| e.label == mass_on(name);
                 too_short(&ctx.angles().into_iter().find(own)?)
             })
+    }
+    fn axes(&self, form: &Variant, psi: f64, ctx: &Context) -> Vec<String> {
+        let angles = ctx.angles().into_iter();
+        let own = angles.filter(|(n, ..)| form.label == mass_on(n));
+        let slope = ctx.velocity.iter().map(|v| format!("deriv({v}, {psi})"));
+        own.map(|(_, q, _)| q).chain(slope).collect()
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some(v) = ctx.velocity.clone() else {

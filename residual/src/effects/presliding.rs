@@ -15,22 +15,26 @@ impl Effect for Presliding {
     fn experiment(&self) -> &'static str {
         "stop, reverse over a distance far below one turn, and log position finely: the force follows a short elastic loop"
     }
-    fn against(&self, ctx: &Context) -> String {
-        let db = ctx.deadband;
-        match &ctx.velocity {
-            None => ctx.load.clone(),
-            // Rows in motion show other effects; they all lie at 0.
-            Some(v) if ctx.rests() => {
-                format!("(held({v}, {db}) - sgn({v}, {db})) * {}", ctx.load)
-            }
-            Some(v) => format!("held({v}, {db})"),
-        }
-    }
     fn friction(&self) -> Option<Friction> {
         Some(Friction::AtRest)
     }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         e.below_step("presliding_distance", ctx.step_of("angle"), "angle")
+    }
+    fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
+        let (Some(v), Some(x)) = (&ctx.velocity, &ctx.position) else {
+            return vec![];
+        };
+        let db = ctx.deadband;
+        match form.form {
+            Form::ElasticTurn => vec![x.clone()],
+            Form::MotionAndRest => vec![v.clone()],
+            _ => vec![
+                // Rows in motion show other effects; they all lie at 0.
+                format!("(held({v}, {db}) - sgn({v}, {db})) * {}", ctx.load),
+                format!("(held({v}, {db}) - sgn({v}, {db}))"),
+            ],
+        }
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let (Some(velocity), Some(position)) = (&ctx.velocity, &ctx.position) else {

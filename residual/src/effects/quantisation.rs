@@ -45,6 +45,15 @@ impl Effect for Quantisation {
         let why = "a step of the size of the signal is no quantisation";
         e.outside("step", 0.0, most, why)
     }
+    fn axes(&self, form: &Variant, psi: f64, ctx: &Context) -> Vec<String> {
+        // The same saw tooth in every step.
+        let (x, f) = match form.label.as_str() {
+            "of the target" => (ctx.load.as_str(), "round"),
+            "of the command, rounded" => ("command", "round"),
+            _ => ("command", "floor"),
+        };
+        vec![format!("{x} - {f}({x} / {psi}) * {psi}")]
+    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut out = Vec::new();
         if ctx.declared_columns().iter().any(|d| d == "command") {

@@ -69,6 +69,10 @@ impl Report {
                 String::new(),
             );
         }
+        if let Some(x) = saw_tooth(e) {
+            let (name, u) = self.quantity(x);
+            return (format!("{name} within one step"), u);
+        }
         if let Some((a, b)) = product(e) {
             // An angle turned into radians.
             if b.parse::<f64>().is_ok() {
@@ -86,8 +90,26 @@ impl Report {
         if e.starts_with("(held(") && e.contains(" - sgn(") {
             return ("direction held at rest".into(), String::new());
         }
+        // The angle of a link behind two joints.
+        let sum = |sign: &str| e.strip_prefix('(')?.strip_suffix(')')?.split_once(sign);
+        for sign in [" + ", " - "] {
+            if let Some((a, b)) = sum(sign) {
+                let (a, b) = (self.quantity(a), self.quantity(b));
+                let same = if a.1 == b.1 { a.1 } else { String::new() };
+                return (format!("{}{sign}{}", a.0, b.0), same);
+            }
+        }
         (e.to_string(), unit(e))
     }
+}
+
+/// What is left of `x` within one step, from `x - round(x / step) * step` or the same with `floor`.
+fn saw_tooth(e: &str) -> Option<&str> {
+    let x = [" - round(", " - floor("].iter().find_map(|f| {
+        let (x, rest) = e.split_once(f)?;
+        rest.starts_with(&format!("{x} / ")).then_some(x)
+    });
+    x.filter(|x| !x.is_empty())
 }
 
 /// The two factors of an expression that is a product at its top level, with or without brackets around it.
@@ -107,4 +129,29 @@ fn product(e: &str) -> Option<(&str, &str)> {
     };
     let at = split(bare)?;
     Some((bare[..at].trim(), bare[at + 1..].trim()))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::example;
+
+    #[test]
+    fn axes_are_words_with_units() {
+        let report = example::report();
+        for (expression, label) in [
+            ("deriv(velocity, 12)", "rate of change of velocity, rad/s/s"),
+            (
+                "(held(velocity, 0.1) - sgn(velocity, 0.1))",
+                "direction held at rest",
+            ),
+            (
+                "(held(velocity, 0) - sgn(velocity, 0)) * load",
+                "direction held at rest times load, N",
+            ),
+            ("load - round(load / 0.5) * 0.5", "load within one step, N"),
+            ("((q2 * 0.01) + (q3 * 0.01))", "q2 + q3, rad"),
+        ] {
+            assert_eq!(report.axis(expression), label);
+        }
+    }
 }

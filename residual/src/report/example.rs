@@ -87,6 +87,7 @@ pub(super) fn report() -> Report {
         check: Some(Check {
             files: vec!["c.csv".into()],
             rows: 50,
+            repeated_rows: 20,
             declared_rmse: 0.34,
             found_rmse: 0.12,
             all_rmse: 0.12,

@@ -285,6 +285,21 @@ mod tests {
         assert!(PAGE.contains(&version), "{version}");
     }
 
+    /// A tone with a phase for each run has no phase, and no interval.
+    #[test]
+    fn the_page_says_which_effects_have_no_interval() {
+        let report = crate::effects::testbench::simulate(&Default::default(), 1.0, &mut |s| {
+            0.3 * (std::f64::consts::TAU * 3.7 * s.elapsed + f64::from(s.group)).sin()
+        });
+        let effect = &report.effects[0];
+        assert_eq!(effect.form, "a phase for each run");
+        assert!(effect.ci.is_empty() && !effect.params.contains_key("phase"));
+        let row = PAGE
+            .lines()
+            .find(|l| l.starts_with("| `effects[].ci.NAME`"));
+        assert!(row.is_some_and(|l| l.contains(&effect.form)), "{row:?}");
+    }
+
     #[test]
     fn each_object_begins_a_line_and_lists_of_numbers_do_not() {
         let text = example::report().json().unwrap();

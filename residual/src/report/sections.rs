@@ -3,7 +3,7 @@
 use super::document::Part;
 use super::plot::Plot;
 use super::words::{first_of, joined, readable};
-use super::{DeclaredTerm, Effect, Figures, ModelTest, Report, Verdict};
+use super::{DeclaredTerm, Effect, Figures, ModelTest, Report, Rival, Verdict};
 use crate::format::{num, p_value, percent, positive_zero, with_interval};
 
 /// Heading of the section on structure that no effect explains.
@@ -50,7 +50,9 @@ impl Report {
             }
             Verdict::Effect | Verdict::Several => {
                 "Each effect was compared with every other effect of the catalogue in its place; the best of them is its nearest rival. \
-                 Friction coefficients multiply the sign of the velocity, so friction that opposes the motion is negative.".into()
+                 Friction coefficients multiply the velocity or its sign. Friction that opposes the motion is negative where the \
+                 target is the force on the load, as a load cell measures it. It is positive where the target is what the drive \
+                 supplies: a motor current, a drive torque, an actuator force.".into()
             }
         }
     }
@@ -104,9 +106,15 @@ impl Report {
             return vec![];
         };
         let row = |model: &str, rmse: f64| vec![model.to_string(), num(rmse)];
+        let repeats = if check.repeats() {
+            " Their motion is one that the searched data have as well. So these figures do not show how the model does on \
+             another motion."
+        } else {
+            ""
+        };
         vec![
             Part::Text(format!(
-                "Check: {} rows from {} that took no part in the search. Every coefficient is fixed as fitted above.",
+                "Check: {} rows from {} that took no part in the search. Every coefficient is fixed as fitted above.{repeats}",
                 check.rows,
                 first_of(&check.files, 4)
             )),
@@ -114,7 +122,14 @@ impl Report {
                 &["model", &format!("RMSE, {}", self.unit)],
                 vec![
                     row("declared", check.declared_rmse),
-                    row("with the effects found", check.found_rmse),
+                    row(
+                        if self.verdict == Verdict::Unknown {
+                            "with the approximating effects"
+                        } else {
+                            "with the effects found"
+                        },
+                        check.found_rmse,
+                    ),
                     row("and all that improves the fit", check.all_rmse),
                 ],
             ),
@@ -182,20 +197,13 @@ impl Report {
         } else {
             "Effect"
         };
-        let others = self
-            .not_identifiable
-            .iter()
-            .filter(|a| a.effects.first() == Some(&e.name))
-            .flat_map(|a| &a.effects[1..])
-            .map(|n| format!(" or {n}"))
-            .collect::<String>();
         let mut meaning = e.meaning.clone();
         if let Some(first) = meaning.get_mut(0..1) {
             first.make_ascii_uppercase();
         }
         let terms: Vec<String> = e.terms.iter().map(|t| readable(t)).collect();
         let mut out = vec![
-            Part::Heading(format!("{kind} {}: {}{others}", i + 1, e.name)),
+            Part::Heading(format!("{kind} {}: {}", i + 1, self.alternatives(e))),
             Part::Text(format!(
                 "{meaning}. Form: {}. Held-out RMSE {} {u} without it and {} {u} with it.",
                 e.form,
@@ -205,18 +213,7 @@ impl Report {
             parameters(e),
             Part::Text(format!("Terms: `{}`", terms.join("`, `"))),
         ];
-        if let Some(r) = &e.rival {
-            let than = if r.behind < 0.0 {
-                format!("{} smaller: not enough to replace it", percent(-r.behind))
-            } else {
-                format!("{} larger", percent(r.behind))
-            };
-            out.push(Part::Text(format!(
-                "Nearest rival: with {} in its place the held-out RMSE is {} {u}, {than}.",
-                r.name,
-                num(r.heldout_rmse)
-            )));
-        }
+        out.extend(e.rival.as_ref().map(|r| self.rival(r)));
         if !e.plot.x.is_empty() {
             let mut caption = self.caption(&e.plot);
             caption.push_str(" All other effects are included in both.");
@@ -227,6 +224,33 @@ impl Report {
             });
         }
         out
+    }
+
+    /// The best other effect in the place of one. The search compared them before it took away the effects whose names the
+    /// data do not support, so both figures are of the model with all of them.
+    fn rival(&self, r: &Rival) -> Part {
+        let u = &self.unit;
+        let place = match &self.with_all {
+            None => "Nearest rival:".to_string(),
+            Some(all) => format!(
+                "Nearest rival, in the model with all that improves the fit (held-out RMSE {} {u}):",
+                num(all.heldout_rmse)
+            ),
+        };
+        let than = if r.behind < 0.0 {
+            format!(
+                "{} smaller. A rival takes the place only if it is significant, is steady over the blocks of time and predicts \
+                 at least 1 % better before the last round of the search",
+                percent(-r.behind)
+            )
+        } else {
+            format!("{} larger", percent(r.behind))
+        };
+        Part::Text(format!(
+            "{place} with {} in its place the held-out RMSE is {} {u}, {than}.",
+            r.name,
+            num(r.heldout_rmse)
+        ))
     }
 
     /// What a plot shows.
@@ -440,4 +464,56 @@ fn parameters(e: &Effect) -> Part {
         &["parameter", "value", "95 % interval", "unit"],
         rows.collect(),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::example;
+    use super::*;
+    use crate::effects::EffectKind;
+
+    /// The search compares rivals before it takes away the effects whose names the data do not support.
+    #[test]
+    fn figures_of_a_rival_are_of_the_model_that_is_named() {
+        let mut report = example::report();
+        report.with_all = None;
+        let text = report.markdown();
+        let line = "Nearest rival: with viscous in its place the held-out RMSE is 0.1100 N, 10.0 % larger.";
+        assert!(text.contains(line), "{text}");
+        // The final model has an error of 0.1 N, with all effects 0.09 N: 0.099 N is larger than the second only.
+        report.with_all = Some(Figures {
+            heldout_rmse: 0.09,
+            ..report.last.clone()
+        });
+        report.effects[0].rival = Some(Rival {
+            name: EffectKind::Viscous,
+            heldout_rmse: 0.099,
+            behind: 0.1,
+        });
+        let text = report.markdown();
+        let line = "Nearest rival, in the model with all that improves the fit (held-out RMSE 0.09000 N): with viscous in its \
+                    place the held-out RMSE is 0.09900 N, 10.0 % larger.";
+        assert!(text.contains(line), "{text}");
+    }
+
+    #[test]
+    fn why_a_better_rival_did_not_take_the_place_is_said() {
+        let mut report = example::report();
+        report.effects[0].rival.as_mut().unwrap().behind = -0.142;
+        let text = report.markdown();
+        assert!(
+            text.contains("14.2 % smaller. A rival takes the place only if it is significant"),
+            "{text}"
+        );
+    }
+
+    #[test]
+    fn the_sign_of_friction_depends_on_what_the_target_is() {
+        let mut report = example::report();
+        report.verdict = Verdict::Several;
+        let text = report.markdown();
+        for part in ["negative where the target", "positive where the target"] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+    }
 }

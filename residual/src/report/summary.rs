@@ -54,8 +54,13 @@ impl Report {
     /// What came out on the check data.
     fn checked(&self) -> String {
         self.check.as_ref().map_or(String::new(), |check| {
+            let repeats = if check.repeats() {
+                ", on the motion of the searched data"
+            } else {
+                ""
+            };
             format!(
-                " On the check data: RMSE {} -> {} {}.",
+                " On the check data: RMSE {} -> {} {}{repeats}.",
                 num(check.declared_rmse),
                 num(check.found_rmse),
                 self.unit

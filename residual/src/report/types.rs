@@ -70,10 +70,12 @@ pub struct Figures {
 pub struct Rival {
     /// Its name in the catalogue.
     pub name: EffectKind,
-    /// Held-out RMSE of the model with the rival instead, in the target's unit.
+    /// Held-out RMSE of the model with the rival instead, everything else that improves the fit in it, in the target's
+    /// unit.
     #[serde(deserialize_with = "nan::from_null")]
     pub heldout_rmse: f64,
-    /// `heldout_rmse` relative to that of the final model, less 1: 0.05 is 5 % larger.
+    /// `heldout_rmse` relative to that of the model with the effect, less 1: 0.05 is 5 % larger. That model has
+    /// [`Report::effects`] and [`Report::improves`], so its error is [`Report::with_all`] where there is one.
     #[serde(deserialize_with = "nan::from_null")]
     pub behind: f64,
 }
@@ -97,7 +99,8 @@ pub struct Effect {
     pub params: BTreeMap<String, f64>,
     /// Units of the parameters by name; `1` for a ratio.
     pub units: BTreeMap<String, String>,
-    /// 95 % intervals `[low, high]` of the parameters by name.
+    /// 95 % intervals `[low, high]` of the parameters by name. Empty for an effect with coefficients for each sequence (a tone
+    /// with a phase for each run).
     #[serde(deserialize_with = "nan::from_null")]
     pub ci: BTreeMap<String, [f64; 2]>,
     /// Held-out RMSE before the effect was added, in the target's unit; the effects are added in the

@@ -1,6 +1,21 @@
 //! Expressions and lists of names as text in reports.
 
+use super::{Effect, Report};
 use crate::effects::EffectKind;
+
+impl Report {
+    /// The name of one of its effects, and with it those that the data cannot distinguish from it: `payload or gravity_angle`.
+    pub fn alternatives(&self, effect: &Effect) -> String {
+        let same = self
+            .not_identifiable
+            .iter()
+            .filter(|a| a.effects.first() == Some(&effect.name));
+        let names: Vec<EffectKind> = std::iter::once(effect.name)
+            .chain(same.flat_map(|a| a.effects[1..].iter().copied()))
+            .collect();
+        joined(&names, " or ")
+    }
+}
 
 /// Names of effects in one text.
 pub(super) fn joined(effects: &[EffectKind], between: &str) -> String {
