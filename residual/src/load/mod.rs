@@ -6,7 +6,7 @@
 //! | `files.rs` | which files are logs |
 //! | `text.rs`, `parquet.rs` | one log of each format |
 //! | `messages.rs` | text logs with several kinds of message |
-//! | `guess.rs` | a first model file for logs that nobody has described |
+//! | `guess/` | a first model file for logs that nobody has described |
 //! | `rows.rs` | rows in units of the model, sequences |
 //! | `folds.rs` | groups and folds for hold-out |
 
@@ -110,7 +110,7 @@ impl Table {
         let needed = roles.iter().map(|(_, c)| &c.column);
         for column in needed.chain(&spec.input.sequence) {
             match self.names.iter().filter(|n| *n == column).count() {
-                0 => return Err(self.lacks(column)),
+                0 => return Err(self.lacks(column, column == time)),
                 1 => {}
                 more => {
                     return Err(Error::data(
@@ -141,7 +141,7 @@ impl Table {
     }
 
     /// Why a column that the model needs is not there.
-    fn lacks(&self, column: &str) -> Error {
+    fn lacks(&self, column: &str, is_time: bool) -> Error {
         match self.text.iter().find(|(name, ..)| name == column) {
             Some((_, text, line)) => Error::BadCell {
                 path: self.source.clone(),
@@ -149,6 +149,14 @@ impl Table {
                 column: column.into(),
                 text: text.clone(),
             },
+            None if is_time => Error::io(
+                &self.source,
+                format!(
+                    "no column `{column}` for the time; the file has {}. Correct roles.time in the model file, or give \
+                     input.rate, the rows per second, where no column is the time",
+                    self.names.join(", ")
+                ),
+            ),
             None => Error::MissingColumn {
                 column: column.into(),
                 path: self.source.clone(),

@@ -25,7 +25,7 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
     })
 }
 
-/// Turns every run of blanks into one comma, so that one CSV reader serves both layouts.
+/// Turns every run of blanks into one tab, so that one CSV reader serves both layouts, with commas as decimal marks too.
 struct Blanks<R> {
     inner: R,
     /// Whether a value stands before the current blanks on this line.
@@ -36,7 +36,7 @@ struct Blanks<R> {
 
 impl<R: Read> Read for Blanks<R> {
     fn read(&mut self, buf: &mut [u8]) -> std::io::Result<usize> {
-        // Output never exceeds input, except for one pending comma: read one byte less than fits.
+        // Output never exceeds input, except for one pending tab: read one byte less than fits.
         if buf.len() < 2 {
             return Ok(0);
         }
@@ -57,7 +57,7 @@ impl<R: Read> Read for Blanks<R> {
                     }
                     _ => {
                         if self.blank && self.value {
-                            buf[out] = b',';
+                            buf[out] = b'\t';
                             out += 1;
                         }
                         buf[out] = b;
@@ -118,11 +118,14 @@ fn open_csv(path: &Path, input: &Input) -> Result<csv::Reader<Box<dyn Read>>, Er
         .comment(Some(comment))
         .flexible(false);
     let boxed: Box<dyn Read> = match input.separator.as_bytes() {
-        b"blank" => Box::new(Blanks {
-            inner: reader,
-            value: false,
-            blank: false,
-        }),
+        b"blank" => {
+            builder.delimiter(b'\t');
+            Box::new(Blanks {
+                inner: reader,
+                value: false,
+                blank: false,
+            })
+        }
         [one] => {
             builder.delimiter(*one);
             Box::new(reader)
@@ -291,15 +294,15 @@ mod tests {
     use super::*;
 
     #[test]
-    fn blanks_become_commas() {
+    fn blanks_become_tabs() {
         let mut out = String::new();
         Blanks {
-            inner: "  1  2\t3 \n4 5 6".as_bytes(),
+            inner: "  1  2\t3 \n4,5 5 6".as_bytes(),
             value: false,
             blank: false,
         }
         .read_to_string(&mut out)
         .unwrap();
-        assert_eq!(out, "1,2,3\n4,5,6");
+        assert_eq!(out, "1\t2\t3\n4,5\t5\t6");
     }
 }

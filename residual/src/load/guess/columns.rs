@@ -1,0 +1,184 @@
+//! Which column has which role: names first; of several joints the one that moves.
+
+use super::names::Name;
+use super::Table;
+use crate::stats;
+use std::cmp::Reverse;
+
+/// A column of the log, with what its name says.
+pub(super) struct Column<'a> {
+    pub(super) title: &'a str,
+    pub(super) values: &'a [f64],
+    pub(super) name: Name,
+    /// The role that its name stands for.
+    pub(super) role: Option<&'static str>,
+    /// Standard deviation; 0 where nothing moves.
+    pub(super) spread: f64,
+}
+
+/// Every column of numbers. Names that were made up say nothing.
+pub(super) fn columns(table: &Table, nameless: bool) -> Vec<Column<'_>> {
+    table
+        .names
+        .iter()
+        .zip(&table.columns)
+        .map(|(title, values)| {
+            let name = Name::of(if nameless { "" } else { title });
+            let finite: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).collect();
+            let moves = finite.windows(2).any(|w| w[0] != w[1]);
+            Column {
+                title,
+                values,
+                role: name.role(),
+                name,
+                spread: if moves {
+                    stats::deviation(&finite)
+                } else {
+                    0.0
+                },
+            }
+        })
+        .collect()
+}
+
+/// Columns with a role, by their place in the log, and what is to be asked about the choice.
+#[derive(Default)]
+pub(super) struct Chosen {
+    roles: Vec<(&'static str, usize, Option<String>)>,
+}
+
+impl Chosen {
+    pub(super) fn get(&self, role: &str) -> Option<usize> {
+        self.roles.iter().find(|r| r.0 == role).map(|r| r.1)
+    }
+
+    /// What is to be asked about the choice for a role.
+    pub(super) fn question(&self, role: &str) -> Option<&str> {
+        let found = self.roles.iter().find(|r| r.0 == role)?;
+        found.2.as_deref()
+    }
+
+    pub(super) fn has(&self, column: usize) -> bool {
+        self.roles.iter().any(|r| r.1 == column)
+    }
+}
+
+/// Chooses target, velocity, angle and what drives them, all of one joint where there are several. `time` is taken already.
+pub(super) fn choose(columns: &[Column], time: Option<usize>) -> Chosen {
+    let mut chosen = Chosen::default();
+    let Some((target, question)) = target(columns, time) else {
+        return chosen;
+    };
+    chosen.roles.push(("target", target, question));
+    let mut index = columns[target].name.index.clone();
+    if index.is_empty() {
+        index = moving_index(columns);
+    }
+    for role in ["command", "velocity", "angle", "temperature", "setpoint"] {
+        if let Some((column, question)) = companion(columns, role, target, &index, time) {
+            chosen.roles.push((role, column, question));
+        }
+    }
+    chosen
+}
+
+/// The columns whose names stand for a role.
+fn of_role<'a>(
+    columns: &'a [Column<'a>],
+    role: &'a str,
+    time: Option<usize>,
+) -> impl Iterator<Item = usize> + 'a {
+    (0..columns.len()).filter(move |i| Some(*i) != time && columns[*i].role == Some(role))
+}
+
+/// Of the columns, the one with the greatest spread; the first of equals.
+fn moves_most(columns: &[Column], of: impl Iterator<Item = usize>) -> Option<usize> {
+    of.max_by(|a, b| {
+        let spread = |i: &usize| columns[*i].spread;
+        spread(a).total_cmp(&spread(b)).then(b.cmp(a))
+    })
+}
+
+/// Index of the joint that moves most; empty if no column shows it.
+fn moving_index(columns: &[Column]) -> String {
+    ["velocity", "angle"]
+        .iter()
+        .find_map(|role| moves_most(columns, of_role(columns, role, None)))
+        .map_or(String::new(), |i| columns[i].name.index.clone())
+}
+
+/// The column to predict, and the question about it.
+fn target(columns: &[Column], time: Option<usize>) -> Option<(usize, Option<String>)> {
+    let named: Vec<usize> = of_role(columns, "target", time).collect();
+    if named.is_empty() {
+        let free = |i: &usize| Some(*i) != time && columns[*i].role.is_none();
+        let last = (0..columns.len())
+            .filter(free)
+            .max_by_key(|i| (columns[*i].spread > 0.0, *i))?;
+        return Some((
+            last,
+            Some("the last column without a role: what is to be predicted".into()),
+        ));
+    }
+    let joints = |i: &usize| &columns[*i].name.index;
+    let several = named.iter().any(|i| joints(i) != joints(&named[0]));
+    let index = if several {
+        moving_index(columns)
+    } else {
+        String::new()
+    };
+    // `force_n` says more than `f_v`.
+    let is_letter = |i: &usize| columns[*i].name.words.iter().all(|w| w.len() == 1);
+    let best = named.iter().copied().min_by_key(|i| {
+        let other = several && joints(i) != &index;
+        (other, columns[*i].spread == 0.0, is_letter(i), *i)
+    })?;
+    let found = joints(&best) == &index;
+    let question = several.then(|| {
+        let why = if found {
+            "of the joint that moves most"
+        } else {
+            "the first of several"
+        };
+        format!("{why}: name another column for another joint")
+    });
+    Some((best, question))
+}
+
+/// The column of a role that belongs to the target, and the question about it.
+fn companion(
+    columns: &[Column],
+    role: &str,
+    target: usize,
+    index: &str,
+    time: Option<usize>,
+) -> Option<(usize, Option<String>)> {
+    let of = |i: &usize| columns[*i].name.index.as_str();
+    let all: Vec<usize> = of_role(columns, role, time)
+        .filter(|i| *i != target)
+        .collect();
+    let own = all
+        .iter()
+        .copied()
+        .filter(|i| of(i) == index || of(i).is_empty());
+    let shares = |i: &usize| {
+        let words = &columns[target].name.words;
+        columns[*i].name.words.iter().any(|w| words.contains(w))
+    };
+    let best = own.min_by_key(|i| {
+        let other = of(i) != index;
+        (other, columns[*i].spread == 0.0, Reverse(shares(i)), *i)
+    });
+    if let Some(best) = best {
+        return Some((best, None));
+    }
+    // A command or a temperature of another joint says nothing about this one.
+    if !["velocity", "angle"].contains(&role) {
+        return None;
+    }
+    let best = moves_most(columns, all.into_iter())?;
+    let question = (!index.is_empty() || !of(&best).is_empty()).then(|| {
+        "of the columns of this kind it moves most: is it of the joint of the target".to_string()
+    });
+    Some((best, question))
+}

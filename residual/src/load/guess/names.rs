@@ -1,0 +1,244 @@
+//! What the name of a column says: role, unit, and the index of a joint.
+
+/// Parts of names by role. The role of the first row that fits counts; none for the first row.
+const WORDS: &[(&str, &[&str])] = &[
+    (
+        "",
+        &["error", "err", "enable", "status", "seq", "acc", "accel"],
+    ),
+    (
+        "time",
+        &[
+            "time", "stamp", "sec", "secs", "seconds", "elapsed", "millis", "micros", "zeit", "t",
+        ],
+    ),
+    (
+        "setpoint",
+        &[
+            "setpoint",
+            "desired",
+            "des",
+            "goal",
+            "ref",
+            "reference",
+            "demand",
+            "target",
+            "cmptd",
+        ],
+    ),
+    (
+        "command",
+        &["command", "cmd", "commanded", "pwm", "voltage", "uq", "u"],
+    ),
+    (
+        "velocity",
+        &[
+            "velocity", "speed", "vel", "omega", "rpm", "dq", "qd", "qdot", "dot", "dtheta",
+            "thetadot", "dpos",
+        ],
+    ),
+    (
+        "angle",
+        &["angle", "position", "pos", "encoder", "theta", "q"],
+    ),
+    ("temperature", &["temperature", "temp"]),
+    (
+        "target",
+        &[
+            "force", "tension", "torque", "load", "effort", "current", "iq", "measured", "tau",
+            "y", "f",
+        ],
+    ),
+];
+
+/// Endings of names and the units that they mean, with the factor to the unit of the model file.
+const UNITS: &[(&str, &str, f64)] = &[
+    ("rad_s2", "rad/s²", 1.0),
+    ("m_s2", "m/s²", 1.0),
+    ("rad_s", "rad/s", 1.0),
+    ("rad_sec", "rad/s", 1.0),
+    ("deg_s", "deg/s", 1.0),
+    ("dps", "deg/s", 1.0),
+    ("rev_s", "rev/s", 1.0),
+    ("rpm", "rev/s", 1.0 / 60.0),
+    ("m_s", "m/s", 1.0),
+    ("mm_s", "mm/s", 1.0),
+    ("millis", "s", 1e-3),
+    ("micros", "s", 1e-6),
+    ("ms", "s", 1e-3),
+    ("us", "s", 1e-6),
+    ("µs", "s", 1e-6),
+    ("μs", "s", 1e-6),
+    ("ns", "s", 1e-9),
+    ("sec", "s", 1.0),
+    ("s", "s", 1.0),
+    ("mrad", "mrad", 1.0),
+    ("rad", "rad", 1.0),
+    ("deg", "deg", 1.0),
+    ("rev", "rev", 1.0),
+    ("n_m", "N·m", 1.0),
+    ("nm", "N·m", 1.0),
+    ("n", "N", 1.0),
+    ("mm", "mm", 1.0),
+    ("m", "m", 1.0),
+    ("ma", "A", 1e-3),
+    ("a", "A", 1.0),
+    ("mv", "V", 1e-3),
+    ("v", "V", 1.0),
+    ("c", "K", 1.0),
+];
+
+/// A name, taken apart.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Name {
+    /// Its words in lower case, without unit and numbers.
+    pub(super) words: Vec<String>,
+    /// Its numbers, separated by dots: those of one joint have the same.
+    pub(super) index: String,
+    /// Unit of the model file, or an empty text.
+    pub(super) unit: &'static str,
+    /// Factor from cell to unit.
+    pub(super) scale: f64,
+}
+
+impl Name {
+    pub(super) fn of(name: &str) -> Name {
+        let mut parts = parts(name);
+        let mut numbers: Vec<String> = Vec::new();
+        // The index stands before or after the unit: `q7_rad`, `q_rad_7`.
+        let last = parts
+            .last()
+            .filter(|p| p.chars().all(|c| c.is_ascii_digit()))
+            .cloned();
+        if last.is_some() {
+            parts.pop();
+        }
+        let (count, unit, scale) = unit(&parts);
+        parts.truncate(parts.len() - count);
+        parts.extend(last);
+        let mut words = Vec::new();
+        for part in &parts {
+            let word = part.trim_end_matches(|c: char| c.is_ascii_digit());
+            if !word.is_empty() {
+                words.push(word.to_string());
+            }
+            if let Ok(number) = part[word.len()..].parse::<u64>() {
+                numbers.push(number.to_string());
+            }
+        }
+        Name {
+            words,
+            index: numbers.join("."),
+            unit,
+            scale,
+        }
+    }
+
+    /// The role that the name stands for.
+    pub(super) fn role(&self) -> Option<&'static str> {
+        // Alone it is what the model predicts; with another word it is what a controller aims at.
+        if self.words == ["target"] {
+            return Some("target");
+        }
+        let whole = self.words.join("_");
+        let fits =
+            |w: &&str| self.words.iter().any(|p| p == w) || (w.len() > 3 && whole.contains(*w));
+        WORDS
+            .iter()
+            .find(|(_, words)| words.iter().any(&fits))
+            .map(|(role, _)| *role)
+            .filter(|role| !role.is_empty())
+    }
+}
+
+/// The parts of a name in lower case: `jointPos[3] (°/s)` has joint, pos, 3, deg and s.
+fn parts(name: &str) -> Vec<String> {
+    let mut plain = String::new();
+    let mut small = 0;
+    for c in name.chars() {
+        // A capital begins a word after three small letters; in `dA` it does not.
+        if c.is_uppercase() && small >= 3 {
+            plain.push('_');
+        }
+        small = if c.is_lowercase() { small + 1 } else { 0 };
+        match c {
+            '°' => plain.push_str("_deg"),
+            c if c.is_alphanumeric() => plain.extend(c.to_lowercase()),
+            _ => plain.push('_'),
+        }
+    }
+    let parts = plain.split('_').filter(|p| !p.is_empty());
+    parts.map(str::to_string).collect()
+}
+
+/// How many of the last parts are a unit, the unit and its factor. A name that is nothing but a unit of time is a time.
+fn unit(parts: &[String]) -> (usize, &'static str, f64) {
+    for (ending, unit, scale) in UNITS {
+        let count = ending.split('_').count();
+        let ends = parts.len() >= count && parts[parts.len() - count..].join("_") == *ending;
+        if ends && parts.len() > count {
+            return (count, unit, *scale);
+        }
+        // `rpm` and `millis` are name and unit in one.
+        if ends && ending.len() > 2 && WORDS.iter().any(|(_, words)| words.contains(ending)) {
+            return (0, unit, *scale);
+        }
+    }
+    (0, "", 1.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn roles_and_indices_of_names() {
+        for (name, role, index) in [
+            ("q7", "angle", "7"),
+            ("pos_7", "angle", "7"),
+            ("position[7]", "angle", "7"),
+            ("/joint_states.position[0]", "angle", "0"),
+            ("joint_7.position", "angle", "7"),
+            ("actual_q_7", "angle", "7"),
+            ("q7_rad", "angle", "7"),
+            ("jointPosition07", "angle", "7"),
+            ("dq7", "velocity", "7"),
+            ("qd7", "velocity", "7"),
+            ("vel7", "velocity", "7"),
+            ("q_dot_7", "velocity", "7"),
+            ("tau7", "target", "7"),
+            ("effort[7]", "target", "7"),
+            ("PositionCmptd7", "setpoint", "7"),
+            ("target_speed", "setpoint", ""),
+            ("target", "target", ""),
+            ("current_position", "angle", ""),
+            ("field.header.stamp", "time", ""),
+        ] {
+            let name_of = Name::of(name);
+            assert_eq!(
+                (name_of.role(), name_of.index.as_str()),
+                (Some(role), index),
+                "{name}"
+            );
+        }
+        assert_eq!(Name::of("position_error").role(), None);
+        assert_eq!(Name::of("ddq7").role(), None);
+    }
+
+    #[test]
+    fn units_of_names() {
+        for (name, unit, scale) in [
+            ("time [ms]", "s", 1e-3),
+            ("Time(µs)", "s", 1e-6),
+            ("jointPos3 [°/s]", "deg/s", 1.0),
+            ("torque (N·m)", "N·m", 1.0),
+            ("current_mA", "A", 1e-3),
+            ("rpm", "rev/s", 1.0 / 60.0),
+            ("current_dA", "", 1.0),
+            ("q_rad_7", "rad", 1.0),
+        ] {
+            let of = Name::of(name);
+            assert_eq!((of.unit, of.scale), (unit, scale), "{name}");
+        }
+    }
+}

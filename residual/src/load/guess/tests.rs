@@ -1,0 +1,260 @@
+//! Model files as a user gets them, from whole logs.
+
+use super::*;
+use crate::spec::Spec;
+
+fn of(text: &str) -> (Spec, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.txt");
+    std::fs::write(&path, text).unwrap();
+    let text = guess(&[path]).unwrap();
+    let spec = Spec::parse(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
+    (spec, text)
+}
+
+fn rows(separator: &str, decimal: &str) -> String {
+    (0..80)
+        .map(|i| {
+            let cells = [0.01 * f64::from(i), f64::from(i % 7) + 0.5, 2.25];
+            let cells: Vec<String> = cells
+                .iter()
+                .map(|c| format!("{c:.3}").replace('.', decimal))
+                .collect();
+            cells.join(separator) + "\n"
+        })
+        .collect()
+}
+
+#[test]
+fn names_give_roles_and_units() {
+    let (spec, text) = of(&format!("time_ms,force_n,speed_rad_s\n{}", rows(",", ".")));
+    assert_eq!(
+        (spec.roles.time.column.as_str(), spec.roles.time.scale),
+        ("time_ms", 1e-3)
+    );
+    assert_eq!(
+        (
+            spec.roles.target.column.as_str(),
+            spec.roles.target.unit.as_str()
+        ),
+        ("force_n", "N")
+    );
+    assert_eq!(spec.roles.velocity.unwrap().unit, "rad/s");
+    // 80 rows 0.01 ms apart: blocks of at least 20 rows.
+    assert_eq!(spec.holdout.block_s, Some(0.0002));
+    assert!(text.contains("# ?"), "{text}");
+}
+
+#[test]
+fn layouts_are_recognised() {
+    let (spec, _) = of(&format!("logger 7\nTime;Iq;Position\n{}", rows(";", ",")));
+    assert_eq!(
+        (
+            spec.input.skip,
+            spec.input.decimal.as_str(),
+            spec.input.separator.as_str()
+        ),
+        (1, ",", ";")
+    );
+    assert_eq!(spec.roles.target.column, "Iq");
+    let (spec, text) = of(&format!(
+        "%made by hand\n%Time, Torque, Position\n{}",
+        rows(",", ".")
+    ));
+    assert_eq!(spec.input.header, ["Time", "Torque", "Position"], "{text}");
+    let (spec, text) = of(&rows(" ", "."));
+    assert_eq!(spec.input.header.len(), 3, "{text}");
+    assert_eq!(spec.input.separator, "blank");
+}
+
+/// A log of `rows` rows, by the number of the row.
+fn log(header: &str, rows: usize, cells: impl Fn(f64) -> Vec<f64>) -> String {
+    let lines = (0..rows).map(|i| {
+        let cells: Vec<String> = cells(i as f64).iter().map(|c| format!("{c:.6}")).collect();
+        cells.join(",") + "\n"
+    });
+    format!("{header}{}", lines.collect::<String>())
+}
+
+#[test]
+fn a_log_without_a_header_has_its_time() {
+    for (step, first, scale) in [(10.0, 0.0, 1e-3), (0.01, 0.0, 1.0), (0.01, 1.7e9, 1.0)] {
+        let (spec, text) = of(&log("", 2000, |i| {
+            vec![first + step * i, (0.01 * i).sin(), (0.02 * i).cos()]
+        }));
+        let time = &spec.roles.time;
+        assert_eq!(
+            (time.column.as_str(), time.scale),
+            ("column_1", scale),
+            "{text}"
+        );
+        assert!(text.contains("grows as a time does"), "{text}");
+        assert_eq!(
+            (spec.input.rate, spec.holdout.block_s),
+            (0.0, Some(1.0)),
+            "{text}"
+        );
+        assert_eq!(spec.roles.target.column, "column_3");
+        assert!(text.contains("without a role: \"column_2\"."), "{text}");
+    }
+}
+
+#[test]
+fn a_rate_is_asked_for_and_not_invented() {
+    let (spec, text) = of(&log("cmd,force\n", 400, |i| {
+        vec![(0.1 * i).sin(), (0.1 * i).cos()]
+    }));
+    assert_eq!((spec.input.rate, spec.holdout.block_s), (0.0, None));
+    assert!(
+        text.contains("# rate = ...   # ? rows per second"),
+        "{text}"
+    );
+    assert!(text.contains("# block_s = ..."), "{text}");
+    // Left unanswered, the analysis says what is missing.
+    let table = Table::new("a")
+        .with("cmd", vec![0.0; 9])
+        .with("force", vec![0.0; 9]);
+    let error = crate::load::from_tables(vec![table], &spec)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.contains("give input.rate, the rows per second"),
+        "{error}"
+    );
+}
+
+#[test]
+fn a_time_in_ms_is_seen_without_a_unit() {
+    let (spec, text) = of(&log("t,x,f\n", 2000, |i| {
+        vec![10.0 * i, (0.01 * i).sin(), 1.0 + i % 3.0]
+    }));
+    assert_eq!(spec.roles.time.scale, 1e-3, "{text}");
+    assert!(text.contains("taken as ms"), "{text}");
+    // 19.99 s, not 19990 s.
+    assert_eq!(spec.holdout.block_s, Some(1.0), "{text}");
+}
+
+#[test]
+fn a_factor_between_angle_and_velocity_is_named() {
+    let (spec, text) = of(&log("t_s,q,dq,tau\n", 2000, |i| {
+        let t = 1e-3 * i;
+        vec![1e3 * t, (3.0 * t).sin(), 3.0 * (3.0 * t).cos(), i % 5.0]
+    }));
+    assert_eq!(spec.roles.time.scale, 1.0);
+    assert!(text.contains("lacks a factor of 1000"), "{text}");
+}
+
+#[test]
+fn the_joint_that_moves_most_is_taken_as_a_whole() {
+    for (angle, velocity, torque) in [
+        ("q", "dq", "tau"),
+        ("actual_q_", "actual_qd_", "actual_current_"),
+        ("Position", "Velocity", "Torque"),
+        (
+            "/joint_states.position[",
+            "/joint_states.velocity[",
+            "/joint_states.effort[",
+        ),
+    ] {
+        let end = if angle.ends_with('[') { "]" } else { "" };
+        let name = |what: &str, joint: usize| format!("{what}{joint}{end}");
+        let names = |what| (1..=7).map(|k| name(what, k)).collect::<Vec<_>>().join(",");
+        let header = format!(
+            "time,{},{},{}\n",
+            names(angle),
+            names(velocity),
+            names(torque)
+        );
+        let (spec, text) = of(&log(&header, 900, |i| {
+            let t = 0.01 * i;
+            let size = |k: i32| if k == 4 { 1.0 } else { 1e-3 * f64::from(k) };
+            let mut row = vec![t];
+            row.extend((1..=7).map(|k| size(k) * (2.0 * t).sin()));
+            row.extend((1..=7).map(|k| 2.0 * size(k) * (2.0 * t).cos()));
+            row.extend((1..=7).map(|k| f64::from(k) + i % 3.0));
+            row
+        }));
+        assert_eq!(spec.roles.target.column, name(torque, 4), "{text}");
+        assert_eq!(spec.roles.angle.unwrap().column, name(angle, 4), "{text}");
+        assert_eq!(
+            spec.roles.velocity.unwrap().column,
+            name(velocity, 4),
+            "{text}"
+        );
+        let rest = text.lines().find(|l| l.contains("without a role")).unwrap();
+        assert!(
+            !rest.contains(&format!("\"{}\"", name(torque, 4))),
+            "{text}"
+        );
+    }
+}
+
+#[test]
+fn a_target_with_an_index_has_columns_of_its_joint() {
+    let (spec, text) = of(&log("time,q6,q7,temp6,tau7\n", 500, |i| {
+        vec![
+            0.01 * i,
+            9.0 * (0.1 * i).sin(),
+            (0.1 * i).sin(),
+            20.0 + 0.01 * i,
+            i % 3.0,
+        ]
+    }));
+    assert_eq!(spec.roles.angle.unwrap().column, "q7", "{text}");
+    assert!(spec.roles.temperature.is_none(), "{text}");
+}
+
+#[test]
+fn an_angle_without_a_unit_is_asked_about() {
+    let (spec, text) = of(&log("time,pos,iq\n", 500, |i| {
+        vec![0.01 * i, 3.0 * (0.1 * i).sin(), i % 3.0]
+    }));
+    assert_eq!(spec.roles.angle.unwrap().unit, "rad");
+    assert!(
+        text.contains("values of -3.000 to 3.000: taken as rad"),
+        "{text}"
+    );
+}
+
+#[test]
+fn exports_of_robots_are_read() {
+    // rostopic echo -p: names in a comment, time in ns, a column of text.
+    let lines: String = (0..500)
+        .map(|i| {
+            let (t, x) = (
+                1_700_000_000_000_000_000_u64 + 10_000_000 * i,
+                (0.05 * i as f64).sin(),
+            );
+            format!("{t},{i},base,{x:.4},{:.4}\n", 0.3 * x)
+        })
+        .collect();
+    let (spec, text) = of(&format!(
+        "%time,field.header.seq,field.header.frame_id,field.position0,field.effort0\n{lines}"
+    ));
+    assert_eq!(
+        (spec.roles.time.column.as_str(), spec.roles.time.scale),
+        ("time", 1e-9),
+        "{text}"
+    );
+    assert_eq!(spec.roles.target.column, "field.effort0");
+    assert_eq!(spec.roles.angle.unwrap().column, "field.position0");
+}
+
+#[test]
+fn a_decimal_comma_between_blanks_is_no_separator() {
+    let (spec, text) = of(&format!("Zeit Kraft\n{}", rows(" ", ",")).replace("Kraft", "Weg Kraft"));
+    assert_eq!(
+        (spec.input.separator.as_str(), spec.input.decimal.as_str()),
+        ("blank", ","),
+        "{text}"
+    );
+    assert_eq!(spec.roles.time.column, "Zeit");
+}
+
+#[test]
+fn a_name_of_one_letter_comes_after_a_word() {
+    let (spec, text) = of(&log("t,f_v,force_n\n", 500, |i| {
+        vec![0.01 * i, i % 3.0, i % 5.0]
+    }));
+    assert_eq!(spec.roles.target.column, "force_n", "{text}");
+}
