@@ -9,8 +9,8 @@ pub(crate) struct Quantisation;
 /// Fewest steps in the range of a signal that make it a quantised one.
 const FEWEST_STEPS: f64 = 3.0;
 
-/// Fewest steps in the range of the command that are tried.
-const FEWEST_LEVELS: f64 = 1.5;
+/// Fewest steps in the range of the command that are tried: with fewer, any curve in the command looks like steps.
+const FEWEST_LEVELS: f64 = 3.0;
 
 /// Up to so many steps in the range of the command all are tried.
 const COARSE: f64 = 24.0;
@@ -22,7 +22,7 @@ const MOST_COARSE: f64 = 240.0;
 const FINE: [(f64, f64); 2] = [(16.0, 160.0), (160.0, 4200.0)];
 
 /// Most rows, and most values to either side of a peak, for the phase of a sine.
-const MOST_ROWS: usize = 20_000;
+const MOST_ROWS: usize = 5_000;
 const MOST_PHASES: f64 = 100.0;
 
 impl Effect for Quantisation {
@@ -141,7 +141,7 @@ impl Steps {
                 lowest: low / span,
                 highest: (high / span).min(finest),
                 coherent: true,
-                lines: false,
+                lines: true,
             };
             for peak in proposals(ctx, &command, &[], &look) {
                 per_unit.push(in_phase(
