@@ -366,7 +366,13 @@ impl Own<'_> {
                 .map(|x| Ok(self.at(*x)?.0.error(None) - centre))
                 .collect::<Result<Vec<f64>, Error>>()?;
             let bend = (rise[0] + rise[1]).max(1e-12 * centre) / (h * h);
+            let wide = out;
             out = (2.0 * centre / n * colour / bend).sqrt().min(reach);
+            if out > wide {
+                // So near the estimate no row changes any more.
+                out = wide;
+                break;
+            }
             if !(out > 0.0 && out < 0.5 * h) {
                 break;
             }

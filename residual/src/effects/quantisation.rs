@@ -222,6 +222,8 @@ mod tests {
             );
             let found = report.effects[0].params["step"];
             assert!((found / size - 1.0).abs() < 1e-3, "{found}");
+            let [low, high] = report.effects[0].ci["step"];
+            assert!(low < high && high - low < 1e-3 * size, "{low} {high}");
         }
     }
 }
