@@ -260,6 +260,9 @@ pub struct Hygiene {
     pub scale256: Action,
     /// Rows whose time does not grow: `report` refuses the file, `drop` leaves them out.
     pub time: Action,
+    /// Lines that are no rows, such as a message between them or a line that was cut off: `report` refuses the file, `drop`
+    /// leaves them out.
+    pub text: Action,
     /// A gap longer than this starts a new sequence, in seconds; 0 means 20 median steps.
     pub gap_s: f64,
 }
@@ -272,6 +275,7 @@ impl Default for Hygiene {
             repeats: Action::Report,
             scale256: Action::Report,
             time: Action::Report,
+            text: Action::Report,
             gap_s: 0.0,
         }
     }
@@ -462,7 +466,7 @@ impl Spec {
         )?;
         let h = &self.hygiene;
         refuse(
-            [h.spikes, h.clipping, h.repeats, h.time].contains(&Action::Fix),
+            [h.spikes, h.clipping, h.repeats, h.time, h.text].contains(&Action::Fix),
             "hygiene: only scale256 can be \"fix\"; the others are \"report\" or \"drop\"",
         )?;
         let s = &self.selection;

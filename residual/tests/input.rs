@@ -758,3 +758,57 @@ fn several_kinds_of_message_in_one_log_are_joined() {
         "every kind needs its time",
     );
 }
+
+#[test]
+fn lines_that_are_no_rows_refuse_the_file_or_are_left_out_and_counted() {
+    // Which rows are damaged, and how: a message of the logger, a cell of text, a quotation mark that takes two more lines
+    // along, and a line that was cut off.
+    let damaged = |text: &str| {
+        let mut lines: Vec<String> = text.lines().map(str::to_string).collect();
+        lines[300] = "Centering is taking longer than expected".into();
+        lines[400] = lines[400].replacen(|c: char| c == ',', ",x", 1);
+        lines[500] = format!("\"{}", lines[500]);
+        lines[502] = format!("{}\"", lines[502]);
+        let last = lines.len() - 1;
+        lines[last] = lines[last].split_once(',').unwrap().0.to_string();
+        lines.join("\n")
+    };
+    let lost = [300, 400, 500, 501, 502, 1500];
+    let with = |text: &dyn Fn(u64) -> String, model: &str| {
+        let dir = Folder::new();
+        for run in 0..3 {
+            dir.put(&format!("run{run}.csv"), &text(run));
+        }
+        analyse(&[dir.path()], model)
+    };
+    let bad = |run| damaged(&csv(&rows(run, 1500)));
+    let refused = with(&bad, MODEL).unwrap_err().to_string();
+    for part in [
+        "run0.csv: line 301: 1 cells where 4 columns",
+        "hygiene.text",
+    ] {
+        assert!(refused.contains(part), "{refused}");
+    }
+
+    let drop = format!("{MODEL}[hygiene]\ntext = \"drop\"\n");
+    let report = with(&bad, &drop).unwrap();
+    let counted = report.hygiene.iter().find(|f| f.check == "broken lines");
+    assert!(
+        counted.is_some_and(|f| f.count == 3 * lost.len()),
+        "{:?}",
+        report.hygiene
+    );
+    let good = |run| {
+        let text = csv(&rows(run, 1500));
+        let lines: Vec<&str> = text.lines().collect();
+        let kept = (0..lines.len()).filter(|i| !lost.contains(i));
+        kept.map(|i| lines[i]).collect::<Vec<_>>().join("\n")
+    };
+    let same = with(&good, MODEL).unwrap();
+    assert_eq!(report.last.heldout_rmse, same.last.heldout_rmse);
+
+    // A file without a single row is refused with its first line.
+    let none = with(&|_| "t,y,c,v\n1,2\n3\n".to_string(), &drop);
+    let why = none.unwrap_err().to_string();
+    assert!(why.contains("line 2: 2 cells where 4"), "{why}");
+}

@@ -4,7 +4,7 @@
 use super::text::{number, open};
 use super::Table;
 use crate::error::Error;
-use crate::spec::{Message, Spec};
+use crate::spec::{Action, Message, Spec};
 use std::io::BufRead;
 use std::path::Path;
 
@@ -37,7 +37,7 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
             message,
         })
         .collect();
-    let mut others = 0;
+    let (mut others, mut broken) = (0, 0);
     for (i, line) in open(path)?.lines().enumerate().skip(input.skip) {
         let at = i as u64 + 1;
         let line = line.map_err(|e| Error::io(path, format!("line {at}: {e}")))?;
@@ -46,7 +46,10 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
             .iter_mut()
             .find(|k| line.starts_with(&k.message.begins))
         {
-            Some(kind) => add(kind, line, at, path, spec)?,
+            Some(kind) => match add(kind, line, at, path, spec) {
+                Err(_) if spec.hygiene.text == Action::Drop => broken += 1,
+                done => done?,
+            },
             None => others += usize::from(!line.is_empty()),
         }
     }
@@ -59,7 +62,11 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
             ),
         ));
     }
-    Ok(joined(&kinds, spec, others))
+    Ok(Table {
+        others,
+        broken,
+        ..joined(&kinds, spec)
+    })
 }
 
 /// What the model file must say about messages.
@@ -92,7 +99,7 @@ fn check(spec: &Spec) -> Result<(), Error> {
     }
 }
 
-/// Adds the cells of one line.
+/// Adds the cells of one line: all of them, or none where one is wrong.
 fn add(kind: &mut Kind, line: &str, at: u64, path: &Path, spec: &Spec) -> Result<(), Error> {
     let input = &spec.input;
     let cells: Vec<&str> = match input.separator.as_str() {
@@ -104,7 +111,7 @@ fn add(kind: &mut Kind, line: &str, at: u64, path: &Path, spec: &Spec) -> Result
         return Err(Error::io(
             path,
             format!(
-                "line {at}: {} cells where the kind `{}` has {} columns; correct input.messages in the model file, or the line",
+                "line {at}: {} cells where the kind `{}` has {} columns; correct input.messages in the model file, or the line, or leave such lines out with hygiene.text = \"drop\"",
                 cells.len(),
                 kind.message.begins,
                 header.len()
@@ -112,31 +119,32 @@ fn add(kind: &mut Kind, line: &str, at: u64, path: &Path, spec: &Spec) -> Result
         ));
     }
     let decimal = if input.decimal == "," { ',' } else { '.' };
-    for ((cell, name), column) in cells.iter().zip(header).zip(&mut kind.columns) {
-        match number(cell, decimal) {
-            Some(x) => column.push(x),
-            None if name.is_empty() => column.push(f64::NAN),
-            None => {
-                return Err(Error::BadCell {
-                    path: path.to_path_buf(),
-                    line: at,
-                    column: name.clone(),
-                    text: (*cell).to_string(),
-                })
-            }
-        }
+    let value = |(cell, name): (&&str, &String)| match number(cell, decimal) {
+        Some(x) => Ok(x),
+        None if name.is_empty() => Ok(f64::NAN),
+        None => Err(Error::BadCell {
+            path: path.to_path_buf(),
+            line: at,
+            column: name.clone(),
+            text: (*cell).to_string(),
+        }),
+    };
+    let values: Vec<f64> = cells
+        .iter()
+        .zip(header)
+        .map(value)
+        .collect::<Result<_, _>>()?;
+    for (column, value) in kind.columns.iter_mut().zip(values) {
+        column.push(value);
     }
     Ok(())
 }
 
 /// One table at the times of the kind with the target; the other kinds are read between their rows along straight lines,
 /// and before their first and after their last row there is no value.
-fn joined(kinds: &[Kind], spec: &Spec, others: usize) -> Table {
+fn joined(kinds: &[Kind], spec: &Spec) -> Table {
     let (time, target) = (&spec.roles.time.column, &spec.roles.target.column);
-    let mut table = Table {
-        others,
-        ..Table::default()
-    };
+    let mut table = Table::default();
     let Some(main) = kinds.iter().find(|k| k.message.header.contains(target)) else {
         return table;
     };

@@ -44,6 +44,8 @@ pub struct Table {
     text: Vec<(String, String, u64)>,
     /// Lines of kinds of message that the model file does not list.
     others: usize,
+    /// Lines that are no rows, left out by `hygiene.text`.
+    broken: usize,
 }
 
 impl Table {

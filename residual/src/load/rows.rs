@@ -32,6 +32,12 @@ pub(super) fn frame(
             &label,
             "lines of other kinds than input.messages lists were left out",
         );
+        findings.count(
+            "broken lines",
+            table.broken,
+            &label,
+            "lines that are no rows were left out (hygiene.text)",
+        );
         for part in split_by(table, &spec.input.sequence) {
             let begin = rows.time.len();
             rows.add(table, index as u32, &part, &label, findings)?;

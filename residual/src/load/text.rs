@@ -2,7 +2,7 @@
 
 use super::Table;
 use crate::error::Error;
-use crate::spec::Input;
+use crate::spec::{Action, Input};
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -91,12 +91,6 @@ fn broken(path: &Path, e: &csv::Error) -> Error {
             path,
             format!("cannot be read to its end: {why}; if it is compressed it is cut off or damaged, so copy it again"),
         ),
-        csv::ErrorKind::UnequalLengths {
-            expected_len, len, ..
-        } => Error::io(
-            path,
-            format!("line {line}: {len} cells where the lines before have {expected_len}; correct the line, or remove it"),
-        ),
         _ => Error::io(path, e),
     }
 }
@@ -116,7 +110,8 @@ fn open_csv(path: &Path, input: &Input) -> Result<csv::Reader<Box<dyn Read>>, Er
         .has_headers(input.header.is_empty())
         .trim(csv::Trim::All)
         .comment(Some(comment))
-        .flexible(false);
+        // Lines of another length are this module's to judge: it knows the names.
+        .flexible(true);
     let boxed: Box<dyn Read> = match input.separator.as_bytes() {
         b"blank" => {
             builder.delimiter(b'\t');
@@ -228,55 +223,60 @@ pub(super) fn number(cell: &str, decimal: char) -> Option<f64> {
     }
 }
 
-/// Reads one text log. Cells that are empty or `nan` are NaN; any other text in a column that is
-/// otherwise numeric is an error, and a column whose first cell is text is left out.
-pub(super) fn read(path: &Path, input: &Input) -> Result<Table, Error> {
+/// What stands on one line.
+enum Line {
+    /// One value for each column.
+    Row,
+    /// A message, a line that was cut off, or a damaged one.
+    Broken(Error),
+}
+
+/// Reads one text log. Cells that are empty or `nan` are NaN; a column whose first cell is text is left out. A line with
+/// another number of cells than there are names, or with other text in a column that is otherwise numeric, is an error, or is
+/// left out and counted with `action` [`Action::Drop`].
+pub(super) fn read(path: &Path, input: &Input, action: Action) -> Result<Table, Error> {
     let decimal = if input.decimal == "," { ',' } else { '.' };
     let mut csv = open_csv(path, input)?;
     let names = names(&mut csv, path, input)?;
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
     let mut text: Vec<Option<(String, u64)>> = vec![None; names.len()];
     let mut record = csv::StringRecord::new();
-    let mut first = true;
+    let mut values: Vec<f64> = Vec::with_capacity(names.len());
+    let mut broken_lines = 0;
+    let mut first_broken = None;
+    let mut begin = csv.position().line();
     while csv.read_record(&mut record).map_err(|e| broken(path, &e))? {
-        let line = record.position().map_or(0, csv::Position::line);
-        if record.len() != names.len() {
-            return Err(Error::io(
-                path,
-                format!(
-                    "line {line}: {} cells where {} columns are named{}",
-                    record.len(),
-                    names.len(),
-                    if record.len() == 1 {
-                        "; the separator seems to be another: set input.separator in the model file (\"blank\" for runs of blanks)"
-                    } else {
-                        "; correct input.header in the model file, or the line"
-                    }
-                ),
-            ));
-        }
-        for (c, cell) in record.iter().enumerate() {
-            let value = match number(cell, decimal) {
-                Some(x) => x,
-                None if text[c].is_some() => f64::NAN,
-                None if first => {
-                    text[c] = Some((cell.to_string(), line));
-                    f64::NAN
+        let first = columns.first().is_none_or(Vec::is_empty);
+        match row(
+            &record,
+            &names,
+            decimal,
+            first,
+            &mut text,
+            &mut values,
+            path,
+        ) {
+            Line::Row => {
+                for (column, value) in columns.iter_mut().zip(&values) {
+                    column.push(*value);
                 }
-                None => {
-                    return Err(Error::BadCell {
-                        path: path.to_path_buf(),
-                        line,
-                        column: names[c].clone(),
-                        text: cell.to_string(),
-                    })
-                }
-            };
-            columns[c].push(value);
+            }
+            Line::Broken(why) if action != Action::Drop => return Err(why),
+            Line::Broken(why) => {
+                // A quotation mark that is not closed takes the lines behind it along.
+                broken_lines += (csv.position().line() - begin).max(1) as usize;
+                first_broken.get_or_insert(why);
+            }
         }
-        first = false;
+        begin = csv.position().line();
     }
-    let mut table = Table::default();
+    if let Some(why) = first_broken.filter(|_| columns.first().is_none_or(Vec::is_empty)) {
+        return Err(why);
+    }
+    let mut table = Table {
+        broken: broken_lines,
+        ..Table::default()
+    };
     for ((name, column), text) in names.into_iter().zip(columns).zip(text) {
         match text {
             Some((cell, line)) => table.text.push((name, cell, line)),
@@ -287,6 +287,54 @@ pub(super) fn read(path: &Path, input: &Input) -> Result<Table, Error> {
         }
     }
     Ok(table)
+}
+
+/// Reads the cells of one line into `values`. The `first` row says which columns are `text`.
+fn row(
+    record: &csv::StringRecord,
+    names: &[String],
+    decimal: char,
+    first: bool,
+    text: &mut [Option<(String, u64)>],
+    values: &mut Vec<f64>,
+    path: &Path,
+) -> Line {
+    let line = record.position().map_or(0, csv::Position::line);
+    if record.len() != names.len() {
+        return Line::Broken(Error::io(
+            path,
+            format!(
+                "line {line}: {} cells where {} columns are named{}",
+                record.len(),
+                names.len(),
+                if record.len() == 1 && first {
+                    "; the separator seems to be another: set input.separator in the model file (\"blank\" for runs of blanks)"
+                } else {
+                    "; correct input.header in the model file, or the line, or leave such lines out with hygiene.text = \"drop\""
+                }
+            ),
+        ));
+    }
+    values.clear();
+    for (c, cell) in record.iter().enumerate() {
+        values.push(match number(cell, decimal) {
+            Some(x) => x,
+            None if text[c].is_some() => f64::NAN,
+            None if first => {
+                text[c] = Some((cell.to_string(), line));
+                f64::NAN
+            }
+            None => {
+                return Line::Broken(Error::BadCell {
+                    path: path.to_path_buf(),
+                    line,
+                    column: names[c].clone(),
+                    text: cell.to_string(),
+                })
+            }
+        });
+    }
+    Line::Row
 }
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ mod write;
 
 use super::{files, text, Table};
 use crate::error::Error;
+use crate::spec::Action;
 use layout::Layout;
 use std::path::PathBuf;
 
@@ -43,7 +44,7 @@ pub fn guess(paths: &[PathBuf]) -> Result<String, Error> {
             )
         })?;
     let layout = Layout::of(path)?;
-    let table = text::read(path, &layout.input)?;
+    let table = text::read(path, &layout.input, Action::Report)?;
     Ok(write::model(path, files.len(), &layout, &table))
 }
 
