@@ -80,6 +80,21 @@ fn impossible(
     )
 }
 
+/// Why an effect cannot be what its name says beside the others, if it cannot. What the search saw to when it was chosen may
+/// be otherwise with effects that were chosen later.
+fn contrary(search: &Search, chosen: &[Chosen], index: usize) -> Result<Option<String>, Error> {
+    let (own, rest) = without(chosen, index);
+    if !own.variant.has_conditions() {
+        return Ok(None);
+    }
+    let fitted = search.fit(&rest)?;
+    let holds = search.scan_on(&fitted).possible(&own.variant, own.psi);
+    Ok((!holds).then(|| {
+        "beside the other effects its coefficients are not possible for such an effect, as of friction that acts with the motion"
+            .to_string()
+    }))
+}
+
 /// Why a name is not supported.
 #[derive(Clone)]
 struct Refusal {
@@ -344,6 +359,7 @@ fn reasons(
         };
         let own = &outcome.chosen[w.index];
         why[w.index] = impossible(&ctx, outcome, w.index, &parameters[w.index])
+            .or(contrary(search, &outcome.chosen, w.index)?)
             .map(|why| Against::Itself.refuses(why))
             .or_else(|| {
                 undetermined(own, &parameters[w.index]).map(|why| Against::Others.refuses(why))

@@ -204,6 +204,41 @@ mod tests {
         );
     }
 
+    /// As the larger one it is chosen first, when there is no friction that it could act against.
+    #[test]
+    fn a_loop_and_friction_against_it_are_not_both_found() {
+        let (mut z, mut last) = (0.0, 0.0);
+        let report = simulate(&Excitation::default(), 1.0, &mut move |s| {
+            if s.first {
+                (z, last) = (0.0, s.angle);
+            }
+            let dx: f64 = s.angle - last;
+            last = s.angle;
+            let sg = if dx >= 0.0 { 1.0 } else { -1.0 };
+            z = sg + (z - sg) * (-dx.abs() / 1.5).exp();
+            1.5 * z - 0.5 * s.velocity.signum()
+        });
+        let coefficient = |names: &[&str]| {
+            let all = report.effects.iter().flat_map(|e| &e.params);
+            let own = all.filter(|(name, _)| names.contains(&name.as_str()));
+            own.map(|(_, value)| *value).next()
+        };
+        let pair = (
+            coefficient(&["half_height"]),
+            coefficient(&["friction", "held_friction"]),
+        );
+        let against = matches!(pair, (Some(a), Some(b)) if a * b < 0.0);
+        assert!(!against, "{}", report.markdown());
+        assert!(
+            report
+                .improves
+                .iter()
+                .any(|e| e.unsupported.contains("acts with the motion")),
+            "{}",
+            report.markdown()
+        );
+    }
+
     #[test]
     fn is_named() {
         let (mut z, mut last) = (0.0, 0.0);

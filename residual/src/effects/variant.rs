@@ -140,6 +140,11 @@ impl Variant {
         }
     }
 
+    /// Whether some fitted values would make it another effect.
+    pub fn has_conditions(&self) -> bool {
+        self.possible.is_some() || self.adds_to_friction.is_some() || self.along_friction.is_some()
+    }
+
     /// Marks the form as one that code must distinguish from others.
     pub fn form(mut self, form: Form) -> Variant {
         self.form = form;

@@ -30,11 +30,8 @@ const AGAINST: f64 = 0.25;
 
 impl Scan<'_> {
     /// Whether an effect can have the coefficients that a form has at `psi`.
-    pub(super) fn possible(&self, variant: &Variant, psi: f64) -> bool {
-        let any = variant.possible.is_some()
-            || variant.adds_to_friction.is_some()
-            || variant.along_friction.is_some();
-        if !any {
+    pub(crate) fn possible(&self, variant: &Variant, psi: f64) -> bool {
+        if !variant.has_conditions() {
             return true;
         }
         let build = (variant.build)(psi);
