@@ -298,7 +298,8 @@ fn tested(c: &Candidate) -> Tested {
 /// The nonlinear parameter by its name.
 fn nonlinear(c: &Candidate) -> BTreeMap<String, f64> {
     let psi = c.variant.psi.iter();
-    psi.map(|p| (p.name.to_string(), c.psi)).collect()
+    psi.map(|p| (p.name.to_string(), c.variant.shown(c.psi)))
+        .collect()
 }
 
 /// Effects that were not looked for, as the data lack their columns. The windows of

@@ -11,12 +11,13 @@
 //! The others still improve the fit. They are reported in a list of their own.
 
 use crate::check::Checked;
-use crate::effects::{Context, Estimate, Param};
+use crate::effects::{Build, Context, EffectKind, Estimate, Param};
 use crate::error::Error;
 use crate::format::{num, percent};
 use crate::intervals::{parameters, Parameters};
 use crate::leftover::Leftover;
 use crate::model::Chosen;
+use crate::ranking::Step;
 use crate::search::{without, Outcome, Search, Weight};
 
 /// Effects that are taken away one at a time, with a search after each. Then all that are refused go at once, without a search.
@@ -52,13 +53,6 @@ pub(crate) struct Supported {
     pub parameters: Vec<Parameters>,
     /// What else improves the fit; `None` if everything is found.
     pub beside: Option<Beside>,
-}
-
-/// Parameters of every chosen effect.
-fn all_parameters(search: &Search, outcome: &Outcome) -> Result<Vec<Parameters>, Error> {
-    (0..outcome.chosen.len())
-        .map(|index| parameters(search, &outcome.chosen, index))
-        .collect()
 }
 
 /// Why an effect with these parameters is impossible, if it is.
@@ -131,30 +125,65 @@ impl Against {
 /// Effects with what decides on their names.
 struct Judged {
     outcome: Outcome,
-    left: Leftover,
+    /// What is left; `None` where an effect is refused for its own parameters, whatever is left.
+    left: Option<Leftover>,
     weights: Vec<Weight>,
-    parameters: Vec<Parameters>,
+    /// `None` where they were not needed.
+    parameters: Vec<Option<Parameters>>,
     /// Why each name is not supported; `None` where it is.
     why: Vec<Option<Refusal>>,
 }
 
 impl Judged {
+    /// Judges effects, with what is `left` beside them if that is known.
+    ///
+    /// One that its own parameters refuse is taken away before any other is looked at: intervals and what is left take long
+    /// where rows are many, and change without it.
     fn new(
-        search: &Search,
+        search: &mut Search,
         outcome: Outcome,
-        left: Leftover,
+        left: Option<Leftover>,
         check: Option<&Checked>,
     ) -> Result<Judged, Error> {
         let weights = search.weights(&outcome)?;
-        let parameters = all_parameters(search, &outcome)?;
-        let why = reasons(search, &outcome, &weights, &parameters, &left, check)?;
-        Ok(Judged {
+        let mut now = Judged {
+            parameters: vec![None; outcome.chosen.len()],
+            why: vec![None; outcome.chosen.len()],
             outcome,
             left,
             weights,
-            parameters,
-            why,
-        })
+        };
+        if !now.refused_by_itself(search)? {
+            let frame = search.problem.kept_frame();
+            let left = match now.left.take() {
+                Some(left) => left,
+                None => Leftover::new(search, &now.outcome, &frame)?,
+            };
+            reasons(search, &mut now, &left, check)?;
+            now.left = Some(left);
+        }
+        Ok(now)
+    }
+
+    /// Marks the weakest effect that its own parameters refuse. Whether there is one.
+    fn refused_by_itself(&mut self, search: &Search) -> Result<bool, Error> {
+        let ctx = search.scan_on(&search.declared).context();
+        for index in self.weights.iter().rev().map(|w| w.index) {
+            let own = parameters(search, &self.outcome.chosen, index)?;
+            let why = match impossible(&ctx, &self.outcome, index, &own) {
+                Some(why) => Some(why),
+                None => contrary(search, &self.outcome.chosen, index)?,
+            };
+            self.parameters[index] = Some(own);
+            if let Some(why) = why {
+                self.why[index] = Some(Against::Itself.refuses(why));
+                return Ok(true);
+            }
+        }
+        let known: Vec<&Parameters> = self.parameters.iter().flatten().collect();
+        let loops: Vec<_> = self.outcome.chosen.iter().map(friction_of_a_loop).collect();
+        contradictions(&mut self.why, &self.weights, &loops, &known);
+        Ok(self.why.iter().any(Option::is_some))
     }
 
     /// Index of the effect to take away first, if the name of any is not supported.
@@ -164,6 +193,70 @@ impl Judged {
         let refused = self.weights.iter().filter_map(|w| of(w.index));
         let next = refused.max_by(|a, b| a.1.total_cmp(&b.1));
         next.map(|(i, _)| i)
+    }
+}
+
+/// Parameters of every effect; `known` are those that were needed so far.
+fn all_parameters(
+    search: &Search,
+    chosen: &[Chosen],
+    known: Vec<Option<Parameters>>,
+) -> Result<Vec<Parameters>, Error> {
+    let of = |(index, known): (usize, Option<Parameters>)| match known {
+        Some(own) => Ok(own),
+        None => parameters(search, chosen, index),
+    };
+    known.into_iter().enumerate().map(of).collect()
+}
+
+/// The effects of the whole search, without the fit to all rows, which takes much memory.
+struct First {
+    chosen: Vec<Chosen>,
+    judged: Vec<crate::search::Judged>,
+    last: Step,
+    limited: Option<EffectKind>,
+    weights: Vec<Weight>,
+    parameters: Vec<Option<Parameters>>,
+}
+
+impl First {
+    fn of(now: Judged) -> First {
+        let Outcome {
+            chosen,
+            judged,
+            last,
+            limited,
+            ..
+        } = now.outcome;
+        First {
+            chosen,
+            judged,
+            last,
+            limited,
+            weights: now.weights,
+            parameters: now.parameters,
+        }
+    }
+
+    /// What is reported beside the effects `found`.
+    fn beside(
+        self,
+        search: &Search,
+        found: &[Chosen],
+        refused: &[Refused],
+    ) -> Result<Beside, Error> {
+        Ok(Beside {
+            why: unsupported(&self.chosen, found, refused),
+            parameters: all_parameters(search, &self.chosen, self.parameters)?,
+            outcome: Outcome {
+                fitted: search.fit(&self.chosen)?,
+                chosen: self.chosen,
+                judged: self.judged,
+                last: self.last,
+                limited: self.limited,
+            },
+            weights: self.weights,
+        })
     }
 }
 
@@ -185,8 +278,8 @@ pub(crate) fn supported(
     left: Leftover,
     check: Option<&Checked>,
 ) -> Result<Supported, Error> {
-    let mut now = Judged::new(search, outcome, left, check)?;
-    let mut first: Option<Judged> = None;
+    let mut now = Judged::new(search, outcome, Some(left), check)?;
+    let mut first: Option<First> = None;
     let mut refused: Vec<Refused> = Vec::new();
     for round in 0.. {
         let Some(index) = now.next_refused() else {
@@ -213,30 +306,34 @@ pub(crate) fn supported(
                 refused.push(Refused { effect, why });
             }
         }
-        let outcome = search.resume(kept, round < ROUNDS)?;
-        let frame = search.problem.kept_frame();
-        let left = Leftover::new(search, &outcome, &frame)?;
-        let last = std::mem::replace(&mut now, Judged::new(search, outcome, left, check)?);
+        let last = First::of(now);
         first.get_or_insert(last);
+        let outcome = search.resume(kept, round < ROUNDS)?;
+        now = Judged::new(search, outcome, None, check)?;
     }
-    let beside = first.map(|all| Beside {
-        why: unsupported(&all.outcome.chosen, &now.outcome.chosen, &refused),
-        outcome: all.outcome,
-        weights: all.weights,
-        parameters: all.parameters,
-    });
+    let parameters = all_parameters(search, &now.outcome.chosen, now.parameters)?;
+    let beside = first
+        .map(|first| first.beside(search, &now.outcome.chosen, &refused))
+        .transpose()?;
+    let mut left = match now.left {
+        Some(left) => left,
+        None => {
+            let frame = search.problem.kept_frame();
+            Leftover::new(search, &now.outcome, &frame)?
+        }
+    };
     if let Some(beside) = &beside {
         if now.outcome.chosen.is_empty() {
-            now.left.only_unsupported(beside);
+            left.only_unsupported(beside);
         }
         // Its rivals are those beside the effects found.
         search.judge_again(&mut now.outcome)?;
     }
     Ok(Supported {
         outcome: now.outcome,
-        left: now.left,
+        left,
         weights: now.weights,
-        parameters: now.parameters,
+        parameters,
         beside,
     })
 }
@@ -275,25 +372,28 @@ fn unsupported(all: &[Chosen], found: &[Chosen], refused: &[Refused]) -> Vec<Opt
         .collect()
 }
 
+/// Name of the parameter of an effect that is friction as a loop of the position. A loop of the load is none.
+fn friction_of_a_loop(own: &Chosen) -> Option<String> {
+    let piece = own.variant.along_friction?;
+    match (own.variant.build)(own.psi) {
+        Build::Add(pieces) => pieces.get(piece).map(|p| p.name.clone()),
+        _ => None,
+    }
+}
+
 /// Marks effects that contradict each other. Friction takes energy out of a motion and inertia is positive, so all of one motion has
 /// one sign: for the force of a drive that of the motion, for the force behind it the other. Of two with unlike signs the one
 /// that is worth less is none, but a correction of the other.
-fn contradictions(why: &mut [Option<Refusal>], weights: &[Weight], parameters: &[Parameters]) {
-    let rule = "friction, damping and inertia of one motion have one sign";
-    unlike_signs(why, weights, parameters, &OF_ONE_SIGN, rule);
-}
-
-/// Marks effects with one of the parameters `names` whose sign is not that of the most valuable effect with one.
-fn unlike_signs(
+fn contradictions(
     why: &mut [Option<Refusal>],
     weights: &[Weight],
-    parameters: &[Parameters],
-    names: &[&str],
-    rule: &str,
+    loops: &[Option<String>],
+    parameters: &[&Parameters],
 ) {
     let size = |index: usize| {
-        let own = &parameters[index].0;
-        own.iter().find(|p| names.contains(&p.name.as_str()))
+        parameters[index].0.iter().find(|p| {
+            OF_ONE_SIGN.contains(&p.name.as_str()) || loops[index].as_ref() == Some(&p.name)
+        })
     };
     // The most valuable first.
     let mut first: Option<&Param> = None;
@@ -305,7 +405,7 @@ fn unlike_signs(
             (Some(own), None) => first = Some(own),
             (Some(own), Some(other)) if own.value * other.value < 0.0 => {
                 why[w.index] = Some(Against::Itself.refuses(format!(
-                    "{} {} beside {} {} of another effect: {rule}",
+                    "{} {} beside {} {} of another effect: friction, damping and inertia of one motion have one sign",
                     own.name,
                     num(own.value),
                     other.name,
@@ -331,16 +431,14 @@ fn worthless(why: &mut [Option<Refusal>], weights: &[Weight], material: f64) {
     }
 }
 
-/// Why the name of each effect is not supported.
+/// Why the name of each effect is not supported, where its own parameters do not stand against it.
 fn reasons(
     search: &Search,
-    outcome: &Outcome,
-    weights: &[Weight],
-    parameters: &[Parameters],
+    now: &mut Judged,
     left: &Leftover,
     check: Option<&Checked>,
-) -> Result<Vec<Option<Refusal>>, Error> {
-    let ctx = search.scan_on(&search.declared).context();
+) -> Result<(), Error> {
+    let (outcome, weights) = (&now.outcome, &now.weights);
     let rows = search.problem.y.len() as f64;
     let mut why: Vec<Option<Refusal>> = vec![None; outcome.chosen.len()];
     for w in weights {
@@ -358,15 +456,12 @@ fn reasons(
             ))
         };
         let own = &outcome.chosen[w.index];
-        why[w.index] = impossible(&ctx, outcome, w.index, &parameters[w.index])
-            .or(contrary(search, &outcome.chosen, w.index)?)
-            .map(|why| Against::Itself.refuses(why))
-            .or_else(|| {
-                undetermined(own, &parameters[w.index]).map(|why| Against::Others.refuses(why))
-            })
-            .or_else(|| weaker().map(|why| Against::Others.refuses(why)));
+        why[w.index] = now.parameters[w.index]
+            .as_ref()
+            .and_then(|parameters| undetermined(own, parameters))
+            .or_else(weaker)
+            .map(|why| Against::Others.refuses(why));
     }
-    contradictions(&mut why, weights, parameters);
     if why.iter().all(Option::is_none) && outcome.judged.is_empty() {
         // The search saw to it; without other effects it may be otherwise.
         worthless(&mut why, weights, search.spec.selection.material);
@@ -394,7 +489,8 @@ fn reasons(
             }
         }
     }
-    Ok(why)
+    now.why = why;
+    Ok(())
 }
 
 /// Why the coefficients of an effect say nothing, if the interval of each contains 0.
@@ -441,24 +537,41 @@ mod tests {
     }
 
     #[test]
-    fn of_two_inertias_with_unlike_signs_the_weaker_is_none() {
-        let with = |values: [f64; 3]| {
-            let parameters = values.map(|value| {
-                let own = Param {
-                    name: "inertia".into(),
-                    value,
-                    unit: String::new(),
-                };
-                (vec![own], Default::default())
-            });
+    fn of_two_with_unlike_signs_the_weaker_is_none() {
+        let of = |names: [&str; 3], a_loop: Option<&str>, values: [f64; 3]| {
+            let parameters: Vec<Parameters> = names
+                .iter()
+                .zip(values)
+                .map(|(name, value)| {
+                    let (name, unit) = (name.to_string(), String::new());
+                    (vec![Param { name, value, unit }], Default::default())
+                })
+                .collect();
             let mut why = vec![None; 3];
-            contradictions(&mut why, &weights(&[1.1, 3.0, 2.0]), &parameters);
+            let loops = [None, a_loop.map(str::to_string), None];
+            contradictions(
+                &mut why,
+                &weights(&[1.1, 3.0, 2.0]),
+                &loops,
+                &parameters.iter().collect::<Vec<_>>(),
+            );
             why.iter().map(Option::is_some).collect::<Vec<_>>()
         };
+        let with = |values| of(["inertia"; 3], None, values);
         assert_eq!(with([0.1, 0.2, 0.3]), [false, false, false]);
         assert_eq!(with([-0.1, 0.2, 0.3]), [true, false, false]);
         // The sign is that of the most valuable one, whatever it is.
         assert_eq!(with([0.1, -0.2, 0.3]), [true, false, true]);
+        // The loop of a position is friction, that of a load is not.
+        let beside = |a_loop| {
+            of(
+                ["inertia", "half_height", "damping"],
+                a_loop,
+                [0.1, -0.2, 0.3],
+            )
+        };
+        assert_eq!(beside(Some("half_height")), [true, false, true]);
+        assert_eq!(beside(None), [false, false, false]);
     }
 
     #[test]

@@ -4,6 +4,9 @@ use super::{Build, Context, Effect, EffectKind, Estimate, Psi, Variant};
 
 pub(crate) struct Backlash;
 
+/// Widest gap, as a share of the largest motion within one run. Behind a wider one nothing would move.
+const WIDEST: f64 = 0.8;
+
 impl Effect for Backlash {
     fn kind(&self) -> EffectKind {
         EffectKind::Backlash
@@ -27,8 +30,10 @@ impl Effect for Backlash {
         };
         e.below_step("gap", ctx.step_of(column), column)
             .or_else(|| {
-                let whole = ctx.width(column);
-                e.outside("gap", 0.0, whole, "wider than the whole motion")
+                let widest = WIDEST * ctx.excursion(column);
+                let why =
+                    "within no run is the motion so wide that anything would move behind the gap";
+                e.outside("gap", 0.0, widest, why)
             })
     }
     fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
@@ -50,7 +55,8 @@ impl Effect for Backlash {
             };
             let grid = Context::log_grid(0.01 * (hi - lo), 0.6 * (hi - lo), 12);
             let unit = ctx.spec.roles.unit(name);
-            out.push(Variant::profiled(
+            let widest = WIDEST * ctx.excursion(name);
+            let form = Variant::profiled(
                 &format!("gap in {name}"),
                 Psi {
                     name: "gap",
@@ -60,7 +66,8 @@ impl Effect for Backlash {
                     resolution: None,
                 },
                 move |w| Build::Swap(vec![(name.to_string(), format!("play({name}, {w})"))]),
-            ));
+            );
+            out.push(form.possible(move |gap, _| gap <= widest));
         }
         out
     }

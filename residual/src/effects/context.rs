@@ -6,6 +6,9 @@ use crate::problem::Problem;
 use crate::spec::Spec;
 use crate::stats;
 
+/// Longest window of a slope times the rate at which the velocity changes (for a sine its angular frequency).
+const WINDOW: f64 = 1.5;
+
 /// What an effect may know about the data when it proposes variants.
 pub(crate) struct Context<'a> {
     pub problem: &'a Problem,
@@ -49,6 +52,31 @@ impl Context<'_> {
 
     pub fn has_command(&self) -> bool {
         self.spec.roles.command.is_some()
+    }
+
+    /// Whether the load has a term whose coefficient is declared, so that its scale may be wrong.
+    pub fn scale_is_declared(&self) -> bool {
+        let declared: Vec<_> = self
+            .spec
+            .terms
+            .iter()
+            .filter(|t| t.effect.is_empty() && t.per.is_empty())
+            .filter_map(|t| Some((t.fixed, Expr::parse(&t.expr).ok()?)))
+            .collect();
+        let of_command = |e: &Expr| e.names().contains("command");
+        let any = declared.iter().any(|(_, e)| of_command(e));
+        declared
+            .iter()
+            .any(|(fixed, e)| fixed.is_some() && (!any || of_command(e)))
+    }
+
+    /// Whether a slope over 2 `half` + 1 rows follows the acceleration: its window is short beside the time in which the
+    /// velocity changes. A sine keeps nine tenths of its acceleration at the limit.
+    pub fn slope_follows(&self, velocity: &str, half: f64) -> bool {
+        let v = self.values(velocity);
+        let slope = self.values(&format!("deriv({velocity}, {half})"));
+        let change = stats::rms(&slope) / stats::deviation(&v).max(f64::MIN_POSITIVE);
+        (2.0 * half + 1.0) * self.dt * change < WINDOW
     }
 
     /// Whether enough of the fitted rows are at rest to show what friction does there.

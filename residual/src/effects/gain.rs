@@ -22,7 +22,8 @@ impl Effect for Gain {
         e.outside("gain_error", -1.0, f64::INFINITY, why)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        if ctx.range(&ctx.load).is_none() {
+        // A prediction whose coefficients are all fitted has no gain error.
+        if ctx.range(&ctx.load).is_none() || !ctx.scale_is_declared() {
             return vec![];
         }
         vec![Variant::linear(

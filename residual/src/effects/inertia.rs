@@ -28,7 +28,10 @@ impl Effect for Inertia {
         let psi = Psi {
             name: "slope_half_width",
             unit: "rows".into(),
-            grid: vec![1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0],
+            grid: [1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0]
+                .into_iter()
+                .filter(|half| *half == 1.0 || ctx.slope_follows(&v, *half))
+                .collect(),
             refine: false,
             resolution: None,
         };

@@ -47,12 +47,13 @@ impl Effect for Quantisation {
     }
     fn axes(&self, form: &Variant, psi: f64, ctx: &Context) -> Vec<String> {
         // The same saw tooth in every step.
+        let step = form.shown(psi);
         let (x, f) = match form.label.as_str() {
             "of the target" => (ctx.load.as_str(), "round"),
             "of the command, rounded" => ("command", "round"),
             _ => ("command", "floor"),
         };
-        vec![format!("{x} - {f}({x} / {psi}) * {psi}")]
+        vec![format!("{x} - {f}({x} / {step}) * {step}")]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let mut out = Vec::new();
@@ -77,7 +78,7 @@ impl Effect for Quantisation {
                             format!("{f}(command * {n}) / {n}"),
                         )])
                     });
-                    out.push(form.with(step));
+                    out.push(form.with(step).shown_as(|per_unit| 1.0 / per_unit));
                 }
             }
         }

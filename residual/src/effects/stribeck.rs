@@ -1,8 +1,13 @@
 //! Dry friction that falls as sliding gets faster.
 
+use crate::format::num;
+
 use super::{Build, Context, Effect, EffectKind, Estimate, Found, Piece, Psi, Remedy, Variant};
 
 pub(crate) struct Stribeck;
+
+/// Part of the larger friction from which the other one has a sign of its own.
+const TURNED: f64 = 0.1;
 
 impl Effect for Stribeck {
     fn kind(&self) -> EffectKind {
@@ -32,6 +37,20 @@ impl Effect for Stribeck {
         let (_, fast) = ctx.range(&format!("abs({v})"))?;
         let why = "outside of the speeds in the data";
         e.outside("stribeck_velocity", 0.5 * ctx.deadband, fast, why)
+            .or_else(|| {
+                let sliding = e.get("sliding_friction")?;
+                let slow = sliding + e.get("extra_at_low_speed")?;
+                // An uncertain coefficient may cross zero.
+                let smaller = sliding.abs().min(slow.abs());
+                let most = TURNED * sliding.abs().max(slow.abs());
+                (sliding * slow < 0.0 && smaller > most).then(|| {
+                    format!(
+                        "friction from {} at low speed to {}: it changes its sign with the speed",
+                        num(slow),
+                        num(sliding)
+                    )
+                })
+            })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some(v) = ctx.velocity.clone() else {

@@ -101,6 +101,8 @@ pub(crate) struct Variant {
     /// What its fitted values have to satisfy to be this effect; `None` where any do. Two effects may have the same curve
     /// with opposite signs, so one that is impossible is no candidate.
     pub possible: Option<Possible>,
+    /// The nonlinear parameter as reports show it, where the search uses another form of it.
+    pub shown: Option<fn(f64) -> f64>,
     /// The target itself shows the form, without any model: nothing is fitted, and no decoy has to be surpassed.
     pub observed: bool,
 }
@@ -117,6 +119,7 @@ impl Variant {
             adds_to_friction: None,
             along_friction: None,
             possible: None,
+            shown: None,
             observed: false,
         }
     }
@@ -136,8 +139,20 @@ impl Variant {
             adds_to_friction: None,
             along_friction: None,
             possible: None,
+            shown: None,
             observed: false,
         }
+    }
+
+    /// Sets how reports show the nonlinear parameter.
+    pub fn shown_as(mut self, shown: fn(f64) -> f64) -> Variant {
+        self.shown = Some(shown);
+        self
+    }
+
+    /// The nonlinear parameter as reports show it.
+    pub fn shown(&self, psi: f64) -> f64 {
+        self.shown.map_or(psi, |f| f(psi))
     }
 
     /// Whether some fitted values would make it another effect.

@@ -134,7 +134,7 @@ pub(super) fn refuse_copies(frame: &Frame, fold: &[u32], files: &[PathBuf]) -> R
             };
             return Err(Error::data(
                 format!(
-                    "{} and {} have the same {} target values: they are copies, and would count as independent groups",
+                    "{} and {} have the same {} target values: the log was copied, or the target was computed and not measured. They would count as independent groups",
                     name(other),
                     name(range.start),
                     range.len()

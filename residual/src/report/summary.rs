@@ -26,6 +26,13 @@ impl Report {
             return String::new();
         };
         let names: Vec<EffectKind> = self.improves.iter().map(|e| e.name).collect();
+        if all.heldout_rmse >= self.last.heldout_rmse {
+            // Without them the search came to a better model.
+            return format!(
+                " The data do not support the name of what was found at first: {}.",
+                joined(&names, ", ")
+            );
+        }
         let which = match names.len() {
             1 => "One further effect improves",
             _ => "Further effects improve",
@@ -102,9 +109,18 @@ impl Report {
                 let alternatives = self
                     .not_identifiable
                     .first()
-                    .map(|a| joined(&a.effects, " or "))
+                    .map(|a| a.effects.as_slice())
                     .unwrap_or_default();
-                format!("The model lacks {alternatives}; these data cannot distinguish them: held-out RMSE {b} -> {f} {u}.")
+                let others: Vec<EffectKind> = names
+                    .into_iter()
+                    .filter(|n| !alternatives.contains(n))
+                    .collect();
+                let also = match others.len() {
+                    0 => String::new(),
+                    _ => format!(" It also lacks {}.", joined(&others, ", ")),
+                };
+                let either = joined(alternatives, " or ");
+                format!("The model lacks {either}; these data cannot distinguish them: held-out RMSE {b} -> {f} {u}.{also}")
             }
             Verdict::Unknown if self.limited.is_some() && names.is_empty() => format!(
                 "Structure remains, and the search was not allowed to look further (max_effects = {}): {} would fit it. \

@@ -2,6 +2,7 @@
 
 use super::Search;
 use crate::declared::load_expressions;
+use crate::effects::Build;
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::model::{Chosen, Fitted};
@@ -32,8 +33,11 @@ impl Search<'_> {
         if !chosen.iter().any(|c| contains(c, &old)) {
             return Ok(false);
         }
-        let mut best: Option<(f64, String, Vec<Chosen>)> = None;
-        for load in load_expressions(&self.declared, fitted) {
+        let mut best: Option<(f64, bool, String, Vec<Chosen>)> = None;
+        for (place, load) in load_expressions(&self.declared, fitted)
+            .into_iter()
+            .enumerate()
+        {
             let Some(size) = self.size_of(&load)? else {
                 continue;
             };
@@ -43,17 +47,39 @@ impl Search<'_> {
             let rmse = self.rmse(&with)?;
             self.load.clone_from(&old);
             if best.as_ref().is_none_or(|(least, ..)| rmse < *least) {
-                best = Some((rmse, load, with));
+                best = Some((rmse, place > 0, load, with));
             }
         }
         // An expression that predicts worse is not the load.
-        let Some((_, load, with)) = best.filter(|(rmse, ..)| *rmse < fitted.rmse() * 1.001) else {
+        let Some((_, behind, load, with)) = best.filter(|(rmse, ..)| *rmse < fitted.rmse() * 1.001)
+        else {
             return Ok(false);
         };
-        self.load = load;
+        (self.load, self.load_is_behind) = (load, behind);
         *chosen = with;
         self.scans.clear();
         Ok(true)
+    }
+
+    /// Expresses the load by the columns as they are, if it was the one behind a replaced command and no effect replaces one any
+    /// more: a gain would else be a delay under another name.
+    pub(super) fn load_before(&mut self, chosen: &mut [Chosen]) -> Result<(), Error> {
+        let replaces = |c: &Chosen| {
+            let build = (c.variant.build)(c.psi);
+            matches!(build, Build::Swap(_) | Build::SwapAll(_))
+        };
+        if !self.load_is_behind || chosen.iter().any(replaces) {
+            return Ok(());
+        }
+        self.load_is_behind = false;
+        let fitted = self.fit(chosen)?;
+        let load = load_expressions(&self.declared, &fitted).swap_remove(0);
+        if let Some(size) = self.size_of(&load)? {
+            let old = std::mem::replace(&mut self.load, load);
+            self.put_in(chosen, &fitted, &old, size)?;
+            self.scans.clear();
+        }
+        Ok(())
     }
 
     /// Puts the present load in the place of the `old` one, which is smaller by the factor `size`.

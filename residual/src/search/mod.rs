@@ -66,6 +66,8 @@ pub(crate) struct Search<'a> {
     pub spec: &'a Spec,
     /// The declared model's prediction as an expression.
     pub load: String,
+    /// Whether it is the load behind a command that an effect replaces.
+    load_is_behind: bool,
     pub declared: Arc<Fitted>,
     /// Smallest RMS of a contribution that can be distinguished from the steps of the target.
     floor: f64,
@@ -82,6 +84,7 @@ pub(crate) struct Search<'a> {
 }
 
 /// Forms of the catalogue on top of one model.
+#[derive(Clone)]
 struct Scanned {
     /// With what each achieves.
     candidates: Vec<Candidate>,
@@ -90,6 +93,7 @@ struct Scanned {
 }
 
 /// Forms that passed the screening on windows, the most promising first.
+#[derive(Clone)]
 struct ShortList<O = EffectRef> {
     offers: Vec<Offer<O>>,
     /// Nonlinear parameter of each, on windows.
@@ -196,6 +200,7 @@ impl<'a> Search<'a> {
         let steps = stats::quantum(&problem.y).map_or(0.0, |q| q / 12f64.sqrt() / 4.0);
         Ok(Search {
             load: declared::load_expression(&declared),
+            load_is_behind: false,
             thin: problem.thin(SCREEN_ROWS).map(|mut thin| {
                 thin.derive(&Scan::derived(spec));
                 thin
@@ -218,7 +223,7 @@ impl<'a> Search<'a> {
         let (mut round, mut loads) = (0, 0);
         loop {
             self.forward(&mut chosen, progress)?;
-            self.polish(&mut chosen)?;
+            self.polish_last(&mut chosen)?;
             round += 1;
             let may_replace = round < ROUNDS;
             if may_replace && self.merge(&mut chosen, progress)? {
@@ -244,7 +249,9 @@ impl<'a> Search<'a> {
             match more {
                 Some(next) => chosen = next,
                 None if loads < LOADS && self.renew_load(&fitted, &mut chosen)? => {
-                    (round, loads) = (0, loads + 1);
+                    // After the first change the effects are those of another load. A later one is a correction of it.
+                    round = if loads == 0 { 0 } else { ROUNDS - 1 };
+                    loads += 1;
                 }
                 None => {
                     return Ok(Outcome {
@@ -274,9 +281,10 @@ impl<'a> Search<'a> {
     /// The outcome with some effects, their nonlinear parameters refined again. Goes `on` to search for more.
     pub fn resume(&mut self, mut chosen: Vec<Chosen>, on: bool) -> Result<Outcome, Error> {
         self.polish(&mut chosen)?;
+        self.load_before(&mut chosen)?;
         if on {
             self.forward(&mut chosen, &mut ())?;
-            self.polish(&mut chosen)?;
+            self.polish_last(&mut chosen)?;
         }
         let fitted = self.fit(&chosen)?;
         let last = self.step(&fitted)?;

@@ -13,6 +13,7 @@ impl Search<'_> {
     /// Refines every nonlinear parameter with the other effects in place, on all rows.
     pub(super) fn polish(&self, chosen: &mut [Chosen]) -> Result<(), Error> {
         for _ in 0..2 {
+            let before: Vec<f64> = chosen.iter().map(|c| c.psi).collect();
             for i in 0..chosen.len() {
                 if !chosen[i].variant.psi.as_ref().is_some_and(|p| p.refine) {
                     continue;
@@ -37,10 +38,36 @@ impl Search<'_> {
                     }
                 };
             }
+            let same = |(c, psi): (&Chosen, &f64)| (c.psi - psi).abs() <= 1e-3 * psi.abs();
+            if self.thin.is_some() && chosen.iter().zip(&before).all(same) {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    /// Refines the parameters after a forward search, which ended with a scan on top of `chosen`. Where rows are many that scan
+    /// stands for one on top of the refined effects, unless they predict better by what matters.
+    pub(super) fn polish_last(&mut self, chosen: &mut [Chosen]) -> Result<(), Error> {
+        let before = self.fit(chosen)?;
+        self.polish(chosen)?;
+        if self.thin.is_none() {
+            return Ok(());
+        }
+        let after = self.fit(chosen)?;
+        if before.rmse() < after.rmse() * (1.0 + SAME) {
+            if let Some(scanned) = self.scans.get(&before.model.key()).cloned() {
+                let key = after.model.key();
+                self.scans.entry(key).or_insert(scanned);
+            }
         }
         Ok(())
     }
 }
+
+/// Relative fall of the error below which a scan of the catalogue on top of a model is not repeated: a tenth of the smallest that
+/// counts, with the usual setting.
+const SAME: f64 = 0.002;
 
 /// Values tried around a parameter before it is refined: the error of a form with corners (a gap, a limit, a delay in
 /// rows) has several minima.

@@ -139,7 +139,7 @@ fn run(options: &Options) -> Result<(), String> {
     if options.list {
         for o in outcomes
             .iter()
-            .filter(|o| o.class != Class::Right || o.wrong > 0)
+            .filter(|o| o.class != Class::Right || !o.wrong.is_empty())
         {
             println!(
                 "{:?} {} x{} seed {} {:?}: {} [{}] left [{}]",

@@ -122,8 +122,8 @@ pub struct Outcome {
     pub verdict: &'static str,
     /// Effects found, the most valuable first.
     pub found: Vec<String>,
-    /// How many of them are not in the set.
-    pub wrong: usize,
+    /// Those of them that are not in the set.
+    pub wrong: Vec<String>,
     /// Structure without a name, the largest first.
     pub structure: Vec<String>,
     /// Parameters with known truth and their intervals.
@@ -157,7 +157,8 @@ pub fn evaluate(case: &Case, excitation: Option<&Measured>) -> Result<Option<Out
             .effects
             .iter()
             .filter(|e| !judge::is_there(e.name, &set))
-            .count(),
+            .map(|e| e.name.to_string())
+            .collect(),
         structure: report
             .structure
             .iter()
