@@ -104,7 +104,7 @@ impl fmt::Display for Error {
             ),
             Error::BadCell { path, line, column, text } => write!(
                 f,
-                "{}:{line}: column `{column}`: `{text}` is not a number (empty cells and `nan` are allowed). Correct the line, or leave such lines out with hygiene.text = \"drop\" in the model file",
+                "{}:{line}: column `{column}`: `{text}` is not a number (empty cells and `nan` are allowed). Correct the line; or, in the model file, set input.skip and input.header if the first row is further down, or leave such lines out with hygiene.text = \"drop\"",
                 path.display()
             ),
             Error::Data { what, hint } => write!(f, "{what}. {hint}"),

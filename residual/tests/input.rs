@@ -766,7 +766,7 @@ fn lines_that_are_no_rows_refuse_the_file_or_are_left_out_and_counted() {
     let damaged = |text: &str| {
         let mut lines: Vec<String> = text.lines().map(str::to_string).collect();
         lines[300] = "Centering is taking longer than expected".into();
-        lines[400] = lines[400].replacen(|c: char| c == ',', ",x", 1);
+        lines[400] = lines[400].replacen(',', ",x", 1);
         lines[500] = format!("\"{}", lines[500]);
         lines[502] = format!("{}\"", lines[502]);
         let last = lines.len() - 1;

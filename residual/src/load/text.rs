@@ -82,9 +82,14 @@ fn no_text(path: &Path, line: u64) -> Error {
     )
 }
 
+/// Line of the file where the CSV reader stands: it does not see the lines that are skipped.
+fn line(position: Option<&csv::Position>, input: &Input) -> u64 {
+    position.map_or(1, csv::Position::line) + input.skip as u64
+}
+
 /// An error of the CSV reader, with what to do about it.
-fn broken(path: &Path, e: &csv::Error) -> Error {
-    let line = e.position().map_or(1, csv::Position::line);
+fn broken(path: &Path, input: &Input, e: &csv::Error) -> Error {
+    let line = line(e.position(), input);
     match e.kind() {
         csv::ErrorKind::Utf8 { .. } => no_text(path, line),
         csv::ErrorKind::Io(why) => Error::io(
@@ -158,7 +163,7 @@ fn names(
 ) -> Result<Vec<String>, Error> {
     let names: Vec<String> = if input.header.is_empty() {
         csv.headers()
-            .map_err(|e| broken(path, &e))?
+            .map_err(|e| broken(path, input, &e))?
             .iter()
             .map(str::to_string)
             .collect()
@@ -169,7 +174,7 @@ fn names(
         .iter()
         .any(|n| n.contains(|c: char| c.is_control() && c != '\t'))
     {
-        return Err(no_text(path, 1));
+        return Err(no_text(path, line(None, input)));
     }
     if names.is_empty() || names.iter().all(String::is_empty) {
         return Err(Error::io(path, "the file is empty"));
@@ -181,7 +186,8 @@ fn names(
         return Err(Error::io(
             path,
             format!(
-                "line 1 has {} numbers and no names: the file has no header. Name the columns in the model file: input.header = [\"time\", ...]",
+                "line {} has {} numbers and no names: the file has no header. Name the columns in the model file: input.header = [\"time\", ...]",
+                line(None, input),
                 names.len()
             ),
         ));
@@ -194,7 +200,8 @@ fn names(
             return Err(Error::io(
                 path,
                 format!(
-                    "line 1 is one column, `{only}`: the separator seems to be another; set input.separator = \"{name}\" in the model file"
+                    "line {} is one column, `{only}`: the separator seems to be another; set input.separator = \"{name}\" in the model file, or input.skip if the header is further down",
+                    line(None, input)
                 ),
             ));
         }
@@ -235,7 +242,6 @@ enum Line {
 /// another number of cells than there are names, or with other text in a column that is otherwise numeric, is an error, or is
 /// left out and counted with `action` [`Action::Drop`].
 pub(super) fn read(path: &Path, input: &Input, action: Action) -> Result<Table, Error> {
-    let decimal = if input.decimal == "," { ',' } else { '.' };
     let mut csv = open_csv(path, input)?;
     let names = names(&mut csv, path, input)?;
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
@@ -245,17 +251,12 @@ pub(super) fn read(path: &Path, input: &Input, action: Action) -> Result<Table, 
     let mut broken_lines = 0;
     let mut first_broken = None;
     let mut begin = csv.position().line();
-    while csv.read_record(&mut record).map_err(|e| broken(path, &e))? {
+    while csv
+        .read_record(&mut record)
+        .map_err(|e| broken(path, input, &e))?
+    {
         let first = columns.first().is_none_or(Vec::is_empty);
-        match row(
-            &record,
-            &names,
-            decimal,
-            first,
-            &mut text,
-            &mut values,
-            path,
-        ) {
+        match row(&record, &names, input, first, &mut text, &mut values, path) {
             Line::Row => {
                 for (column, value) in columns.iter_mut().zip(&values) {
                     column.push(*value);
@@ -293,13 +294,14 @@ pub(super) fn read(path: &Path, input: &Input, action: Action) -> Result<Table, 
 fn row(
     record: &csv::StringRecord,
     names: &[String],
-    decimal: char,
+    input: &Input,
     first: bool,
     text: &mut [Option<(String, u64)>],
     values: &mut Vec<f64>,
     path: &Path,
 ) -> Line {
-    let line = record.position().map_or(0, csv::Position::line);
+    let line = line(record.position(), input);
+    let decimal = if input.decimal == "," { ',' } else { '.' };
     if record.len() != names.len() {
         return Line::Broken(Error::io(
             path,
@@ -310,7 +312,7 @@ fn row(
                 if record.len() == 1 && first {
                     "; the separator seems to be another: set input.separator in the model file (\"blank\" for runs of blanks)"
                 } else {
-                    "; correct input.header in the model file, or the line, or leave such lines out with hygiene.text = \"drop\""
+                    "; correct input.header or input.skip in the model file, or the line, or leave such lines out with hygiene.text = \"drop\""
                 }
             ),
         ));

@@ -1,6 +1,7 @@
 //! Which column has which role: names first; of several joints the one that moves.
 
-use super::names::Name;
+use super::header;
+use super::names::{self, Name};
 use super::Table;
 use crate::stats;
 use std::cmp::Reverse;
@@ -12,8 +13,27 @@ pub(super) struct Column<'a> {
     pub(super) name: Name,
     /// The role that its name stands for.
     pub(super) role: Option<&'static str>,
+    /// Its unit as the file has it, where that is none of those understood; else an empty text.
+    pub(super) stated: &'a str,
     /// Standard deviation; 0 where nothing moves.
     pub(super) spread: f64,
+}
+
+impl<'a> Column<'a> {
+    /// Adds what the second line of a header says: a unit, or words that stand for a role where the name has none.
+    pub(super) fn describe(&mut self, second: &'a str) {
+        let text = header::bare(second);
+        if let Some((unit, scale)) = names::known(text) {
+            (self.name.unit, self.name.scale) = (unit, scale);
+        } else if header::is_symbol(text) {
+            self.stated = text;
+        } else if self.role.is_none() {
+            let name = Name::of(text);
+            if let Some(role) = name.role() {
+                (self.role, self.name) = (Some(role), name);
+            }
+        }
+    }
 }
 
 /// Every column of numbers. Names that were made up say nothing.
@@ -31,6 +51,7 @@ pub(super) fn columns(table: &Table, nameless: bool) -> Vec<Column<'_>> {
                 values,
                 role: name.role(),
                 name,
+                stated: "",
                 spread: if moves {
                     stats::deviation(&finite)
                 } else {

@@ -4,6 +4,7 @@
 //! | file | concern |
 //! |---|---|
 //! | `layout.rs` | separator, decimal mark, comments, header |
+//! | `header.rs` | headers of two lines: names, then units |
 //! | `names.rs` | role, unit and index by the name of a column |
 //! | `columns.rs` | which column has which role |
 //! | `time.rs` | the column of the time, and its unit |
@@ -11,6 +12,7 @@
 //! | `write.rs` | the text of the model file |
 
 mod columns;
+mod header;
 mod layout;
 mod names;
 mod time;

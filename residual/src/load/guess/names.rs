@@ -61,6 +61,7 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("dps", "deg/s", 1.0),
     ("rev_s", "rev/s", 1.0),
     ("rpm", "rev/s", 1.0 / 60.0),
+    ("r_min", "rev/s", 1.0 / 60.0),
     ("m_s", "m/s", 1.0),
     ("mm_s", "mm/s", 1.0),
     ("millis", "s", 1e-3),
@@ -86,6 +87,7 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("mv", "V", 1e-3),
     ("v", "V", 1.0),
     ("c", "K", 1.0),
+    ("degc", "K", 1.0),
 ];
 
 /// A name, taken apart.
@@ -187,6 +189,13 @@ fn unit(parts: &[String]) -> (usize, &'static str, f64) {
     (0, "", 1.0)
 }
 
+/// The unit that a text is as a whole, and its factor.
+pub(super) fn known(text: &str) -> Option<(&'static str, f64)> {
+    let whole = parts(text).join("_");
+    let row = UNITS.iter().find(|(ending, _, _)| *ending == whole)?;
+    Some((row.1, row.2))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -234,11 +243,14 @@ mod tests {
             ("torque (N·m)", "N·m", 1.0),
             ("current_mA", "A", 1e-3),
             ("rpm", "rev/s", 1.0 / 60.0),
+            ("temp (°C)", "K", 1.0),
             ("current_dA", "", 1.0),
             ("q_rad_7", "rad", 1.0),
         ] {
             let of = Name::of(name);
             assert_eq!((of.unit, of.scale), (unit, scale), "{name}");
         }
+        assert_eq!(known("[r/min]"), Some(("rev/s", 1.0 / 60.0)));
+        assert_eq!(known("1/s"), None);
     }
 }

@@ -258,3 +258,117 @@ fn a_name_of_one_letter_comes_after_a_word() {
     }));
     assert_eq!(spec.roles.target.column, "force_n", "{text}");
 }
+
+#[test]
+fn a_line_of_units_below_the_names_is_understood() {
+    for (separator, units) in [
+        (",", ["[ms]", "[N]", "[deg/s]"]),
+        (";", ["ms", "N", "deg/s"]),
+        ("\t", ["(ms)", "(N)", "(°/s)"]),
+        (" ", ["ms", "N", "deg/s"]),
+    ] {
+        for prose in ["", "Rig 4\n\n", "Rig,4;a\n\"made by hand, cold, dry\"\n"] {
+            let names = ["Time", "Force", "Speed"].join(separator);
+            let units = units.join(separator);
+            let (spec, text) = of(&format!(
+                "{prose}{names}\n{units}\n{}",
+                rows(separator, ".")
+            ));
+            let input = &spec.input;
+            assert_eq!(input.skip, prose.lines().count() + 2, "{text}");
+            assert_eq!(input.header, ["Time", "Force", "Speed"], "{text}");
+            let roles = &spec.roles;
+            assert_eq!(
+                (roles.time.column.as_str(), roles.time.scale),
+                ("Time", 1e-3),
+                "{text}"
+            );
+            assert_eq!(
+                (roles.target.column.as_str(), roles.target.unit.as_str()),
+                ("Force", "N"),
+                "{text}"
+            );
+            let velocity = spec.roles.velocity.unwrap();
+            assert_eq!(velocity.unit, "deg/s", "{text}");
+            assert!(!text.contains("? unit"), "{text}");
+        }
+    }
+}
+
+#[test]
+fn a_second_line_may_have_gaps_labels_and_words() {
+    // Names empty and repeated, a label before the units, a unit that is only text, the last cell missing.
+    let (spec, text) = of(&format!(
+        "Rig;4;cold\nName;\"Torque\";\nUnit;\"kNm\"\n{}",
+        rows(";", ",")
+    ));
+    assert_eq!(spec.input.header, ["Name", "Torque", "column_3"], "{text}");
+    assert_eq!(spec.input.skip, 3, "{text}");
+    assert_eq!(spec.roles.time.column, "Name", "{text}");
+    assert_eq!(spec.roles.target.unit, "kNm", "{text}");
+    let (spec, text) = of(&format!("Time,x,x\ns,,-\n{}", rows(",", ".")));
+    assert_eq!(spec.input.header, ["Time", "x", "x_2"], "{text}");
+    // What was connected to each channel.
+    let (spec, text) = of(&format!(
+        "Time,Channel 1,Channel 2\ns,Motor torque,not used\n{}",
+        rows(",", ".")
+    ));
+    assert_eq!(spec.roles.target.column, "Channel 1", "{text}");
+    // Names and units in comments.
+    let (spec, text) = of(&format!(
+        "# Time, Force, q\n# ms, N, mrad\n{}",
+        rows(",", ".")
+    ));
+    assert_eq!(spec.input.header, ["Time", "Force", "q"], "{text}");
+    assert_eq!(spec.roles.time.scale, 1e-3, "{text}");
+    assert_eq!(spec.roles.angle.unwrap().unit, "mrad", "{text}");
+}
+
+#[test]
+fn one_line_of_names_is_not_taken_for_units() {
+    for prose in ["", "Rig\n", "Rig 4,cold,dry\n", "Torque,speed 2,cold\n"] {
+        for names in ["t,x,y", "t,v,a", "Time,F,s"] {
+            let (spec, text) = of(&format!("{prose}{names}\n{}", rows(",", ".")));
+            assert!(spec.input.header.is_empty(), "{text}");
+            assert_eq!(spec.input.skip, prose.lines().count(), "{text}");
+            assert_eq!(spec.roles.time.column, names.split(',').next().unwrap());
+        }
+    }
+    // A separator at the end of the header only, or of the rows only.
+    let (spec, text) = of(&format!("t,x,y,\n{}", rows(",", ".")));
+    assert_eq!(spec.input.header, ["t", "x", "y"], "{text}");
+    let ended = rows(",", ".").replace('\n', ",\n");
+    let (spec, text) = of(&format!("t,x,y\n{ended}"));
+    assert_eq!(spec.input.header, ["t", "x", "y", "column_4"], "{text}");
+    // Channels with numbers as names, and a line of prose between the names and the rows.
+    let (spec, text) = of(&format!("t,1,2\n{}", rows(",", ".")));
+    assert!(spec.input.header.is_empty(), "{text}");
+    let (spec, text) = of(&format!("t,x,y\nstarted by hand\n{}", rows(",", ".")));
+    assert_eq!(spec.input.header, ["t", "x", "y"], "{text}");
+    assert_eq!(spec.input.skip, 2, "{text}");
+}
+
+#[test]
+fn a_log_without_a_layout_names_line_and_keys() {
+    let error = |text: &str| {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("a.txt");
+        std::fs::write(&path, text).unwrap();
+        guess(&[path]).unwrap_err().to_string()
+    };
+    let broken = format!("t,x,y\n{}0.9,off,1\n", rows(",", "."));
+    for (text, line) in [
+        ("one\ntwo\n\nthree\n", "line 2"),
+        ("a,b\nc,d\ne,f\n", "line 2"),
+        ("", "line 1"),
+        (broken.as_str(), ":82: column `x`"),
+        (&format!("Rig\n{broken}"), ":83: column `x`"),
+    ] {
+        let error = error(text);
+        assert!(
+            error.contains(line) && error.contains("input.skip"),
+            "{error}"
+        );
+        assert!(error.contains("input.header"), "{error}");
+    }
+}

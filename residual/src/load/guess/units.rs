@@ -17,9 +17,12 @@ pub(super) struct Measure {
 }
 
 impl Measure {
-    /// What the name of a column says.
+    /// What the header says of a column.
     pub(super) fn of(column: &Column) -> Measure {
         let known = !column.name.unit.is_empty();
+        if !known && !column.stated.is_empty() {
+            return Measure::guessed(column.stated, "unit, as the file has it".into());
+        }
         Measure {
             unit: column.name.unit.into(),
             scale: column.name.scale,
@@ -67,7 +70,7 @@ pub(super) fn slope(time: &Column, angle: &Column, velocity: &Column) -> Option<
 /// The angle, with a unit by its range where its name has none. `velocity` is the column of the velocity.
 pub(super) fn angle(column: &Column, velocity: Option<&Column>) -> Measure {
     let named = Measure::of(column);
-    if named.question.is_none() {
+    if !named.unit.is_empty() {
         return named;
     }
     let of_velocity = velocity.and_then(|v| v.name.unit.strip_suffix("/s"));
@@ -97,7 +100,7 @@ pub(super) fn angle(column: &Column, velocity: Option<&Column>) -> Measure {
 /// The velocity, with the unit of the angle per second where its name has none.
 pub(super) fn velocity(column: &Column, angle: Option<&Measure>) -> Measure {
     let named = Measure::of(column);
-    match angle.filter(|a| !a.unit.is_empty() && named.question.is_some()) {
+    match angle.filter(|a| !a.unit.is_empty() && named.unit.is_empty()) {
         Some(angle) => Measure::guessed(
             &format!("{}/s", angle.unit),
             "unit, from that of the angle".into(),

@@ -1,7 +1,7 @@
 //! The text of the model file.
 
 use super::columns::{self, Chosen, Column};
-use super::layout::Layout;
+use super::layout::{Layout, Origin};
 use super::time::{self, Time};
 use super::units::{self, Measure};
 use super::Table;
@@ -20,7 +20,10 @@ const BLOCK_ROWS: f64 = 20.0;
 
 /// The model file for a log that is the first of `files`.
 pub(super) fn model(path: &Path, files: usize, layout: &Layout, table: &Table) -> String {
-    let columns = columns::columns(table, layout.is_nameless());
+    let mut columns = columns::columns(table, layout.is_nameless());
+    for column in &mut columns {
+        column.describe(layout.second(column.title));
+    }
     // Which of the columns move together does not depend on the unit of the time.
     let first = columns::choose(&columns, None);
     let pair = first.get("angle").zip(first.get("velocity"));
@@ -68,10 +71,14 @@ fn input(out: &mut String, layout: &Layout, has_time: bool) {
     }
     if !input.header.is_empty() {
         let names: Vec<String> = input.header.iter().map(|n| quoted(n)).collect();
-        let origin = if layout.from_comment {
-            "from the last comment line that has as many names as columns"
-        } else {
-            "the file has no header: name its columns"
+        let origin = match layout.origin {
+            Origin::Line(line) => {
+                format!("from line {line}; a name that was empty or repeated has a number")
+            }
+            Origin::Comment => {
+                "from the last comment line that has as many names as columns".into()
+            }
+            _ => "the file has no header: name its columns".into(),
         };
         let _ = writeln!(out, "header = [{}]   # ? {origin}", names.join(", "));
     }
