@@ -249,8 +249,10 @@ impl<'a> Search<'a> {
             match more {
                 Some(next) => chosen = next,
                 None if loads < LOADS && self.renew_load(&fitted, &mut chosen)? => {
-                    // After the first change the effects are those of another load. A later one is a correction of it.
-                    round = if loads == 0 { 0 } else { ROUNDS - 1 };
+                    // After the first change the effects are those of another load. A later one is a correction of it, and so is
+                    // the first one where another search would take long.
+                    let again = loads == 0 && self.thin.is_none();
+                    round = if again { 0 } else { ROUNDS - 1 };
                     loads += 1;
                 }
                 None => {
