@@ -812,3 +812,73 @@ fn lines_that_are_no_rows_refuse_the_file_or_are_left_out_and_counted() {
     let why = none.unwrap_err().to_string();
     assert!(why.contains("line 2: 2 cells where 4"), "{why}");
 }
+
+#[test]
+fn lines_are_those_of_an_editor() {
+    // Line ends of two bytes, comments and empty lines before the bad line, and no line feed at the end.
+    let text = csv(&rows(0, 100));
+    let with = |bad: &str, end: &str| {
+        let mut lines: Vec<&str> = text.lines().collect();
+        lines.splice(50..50, ["# a comment", "", "# another"]);
+        lines[60] = bad;
+        lines.join(end)
+    };
+    for end in ["\n", "\r\n"] {
+        for (bad, part) in [
+            ("1,2", "line 61: 2 cells"),
+            ("1,x,3,4", "run.csv:61: column `y`: `x`"),
+        ] {
+            let dir = Folder::new();
+            dir.put("run.csv", &with(bad, end));
+            let error = analyse(&[dir.path()], MODEL).unwrap_err().to_string();
+            assert!(error.contains(part), "{error}");
+        }
+    }
+    // The last line without an end.
+    let dir = Folder::new();
+    dir.put("run.csv", &format!("{text}9,9"));
+    let error = analyse(&[dir.path()], MODEL).unwrap_err().to_string();
+    assert!(error.contains("line 102: 2 cells"), "{error}");
+}
+
+#[test]
+fn text_that_the_model_does_not_use_loses_no_row() {
+    let noted = |run| {
+        let text = csv(&rows(run, 1500));
+        let mut lines = text.lines();
+        let mut out = format!("{},note\n", lines.next().unwrap());
+        for (i, line) in lines.enumerate() {
+            let note = if i == 700 { "gripper open" } else { "" };
+            out += &format!("{line},{note}\n");
+        }
+        out
+    };
+    let dir = Folder::new();
+    for run in 0..3 {
+        dir.put(&format!("run{run}.csv"), &noted(run));
+    }
+    let report = analyse(&[dir.path()], MODEL).unwrap();
+    assert_eq!(report.rows, 3 * 1500);
+    assert_coulomb(&report);
+}
+
+#[test]
+fn a_line_that_is_no_text_is_left_out_and_a_time_from_lines_is_not_made_up() {
+    let model = format!("{MODEL}[hygiene]\ntext = \"drop\"\n");
+    let dir = Folder::new();
+    for run in 0..3 {
+        let mut bytes = csv(&rows(run, 1500)).into_bytes();
+        let at = bytes.len() / 2;
+        bytes[at] = 0xff;
+        std::fs::write(dir.path().join(format!("run{run}.csv")), bytes).unwrap();
+    }
+    let error = analyse(&[dir.path()], MODEL).unwrap_err().to_string();
+    assert!(error.contains("not text"), "{error}");
+    let report = analyse(&[dir.path()], &model).unwrap();
+    assert_eq!(report.rows, 3 * 1499);
+
+    let by_rate = model.replace("column = \"t\"", "column = \"row_time\"");
+    let by_rate = format!("[input]\nrate = 50.0\n{by_rate}");
+    let error = analyse(&[dir.path()], &by_rate).unwrap_err().to_string();
+    assert!(error.contains("input.rate counts lines"), "{error}");
+}

@@ -70,9 +70,18 @@ impl Context<'_> {
             .any(|(fixed, e)| fixed.is_some() && (!any || of_command(e)))
     }
 
+    /// Half widths, in rows, of the slopes of a velocity that stand for its acceleration: a compromise between noise and lost
+    /// detail.
+    pub fn slopes(&self, velocity: &str) -> Vec<f64> {
+        // Far wider ones see no change at all, so the first that does not follow ends the list.
+        let wider = [2.0, 3.0, 5.0, 8.0, 12.0, 18.0].into_iter();
+        let following = wider.take_while(|half| self.slope_follows(velocity, *half));
+        std::iter::once(1.0).chain(following).collect()
+    }
+
     /// Whether a slope over 2 `half` + 1 rows follows the acceleration: its window is short beside the time in which the
     /// velocity changes. A sine keeps nine tenths of its acceleration at the limit.
-    pub fn slope_follows(&self, velocity: &str, half: f64) -> bool {
+    fn slope_follows(&self, velocity: &str, half: f64) -> bool {
         let v = self.values(velocity);
         let slope = self.values(&format!("deriv({velocity}, {half})"));
         let change = stats::rms(&slope) / stats::deviation(&v).max(f64::MIN_POSITIVE);

@@ -35,6 +35,38 @@ impl Effect for Gain {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::effects::testbench::knowing;
+
+    /// What is fitted cannot have a wrong scale.
+    #[test]
+    fn only_a_declared_scale_has_a_gain() {
+        let rows = 200;
+        let command: Vec<f64> = (0..rows).map(|i| (0.1 * i as f64).sin()).collect();
+        let target = command.iter().map(|c| 2.0 * c + 0.5).collect::<Vec<_>>();
+        let forms = |terms: &str| {
+            let spec = format!(
+                "[roles]\ntime = {{ column = \"t\" }}\ntarget = {{ column = \"y\", unit = \"N\" }}\n\
+                 command = {{ column = \"c\", unit = \"N\" }}\n{terms}"
+            );
+            let columns = [("target", target.clone()), ("command", command.clone())];
+            let mut count = 0;
+            knowing(&spec, &columns, rows, |ctx| {
+                count = Gain.variants(ctx).len()
+            });
+            count
+        };
+        let term = |expr: &str, fixed: &str| {
+            format!("[[terms]]\nname = \"{expr}\"\nexpr = \"{expr}\"\n{fixed}\n")
+        };
+        let fixed = term("command", "fixed = 1.9");
+        assert_eq!(forms(&fixed), 1);
+        assert_eq!(forms(&(fixed + &term("1", ""))), 1);
+        let fitted = term("command", "");
+        assert_eq!(forms(&fitted), 0);
+        assert_eq!(forms(&(fitted + &term("1", "fixed = 0.4"))), 0);
+    }
+
     #[test]
     fn is_named() {
         crate::effects::testbench::names("gain", |s| 0.1 * s.command);

@@ -24,14 +24,11 @@ impl Effect for Inertia {
             return vec![];
         };
         let unit = ctx.per(&format!("{}/s", ctx.velocity_unit()));
-        // The width of the slope is a compromise between noise and lost detail; data decide.
+        // Data decide on the width of the slope.
         let psi = Psi {
             name: "slope_half_width",
             unit: "rows".into(),
-            grid: [1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0]
-                .into_iter()
-                .filter(|half| *half == 1.0 || ctx.slope_follows(&v, *half))
-                .collect(),
+            grid: ctx.slopes(&v),
             refine: false,
             resolution: None,
         };
@@ -58,6 +55,31 @@ impl Effect for Inertia {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::effects::testbench::knowing;
+
+    /// A slope over a third of a period is no acceleration any more.
+    #[test]
+    fn slopes_are_short_beside_the_motion() {
+        let (rows, dt) = (1000, 0.02);
+        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
+                    velocity = { column = \"v\", unit = \"rad/s\" }\n\
+                    [[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+        let widths = |hz: f64| {
+            let w = std::f64::consts::TAU * hz;
+            let velocity: Vec<f64> = (0..rows).map(|i| (w * dt * i as f64).sin()).collect();
+            let columns = [("target", velocity.clone()), ("velocity", velocity)];
+            let mut grid = vec![];
+            knowing(spec, &columns, rows, |ctx| {
+                grid = Inertia.variants(ctx)[0].psi.as_ref().unwrap().grid.clone();
+            });
+            grid
+        };
+        assert_eq!(widths(0.68), [1.0, 2.0, 3.0, 5.0, 8.0]);
+        assert_eq!(widths(0.1), [1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0]);
+        assert_eq!(widths(8.0), [1.0]);
+    }
+
     #[test]
     fn is_named() {
         crate::effects::testbench::names("inertia", |s| 0.2 * s.acceleration);

@@ -35,10 +35,11 @@ impl Effect for Payload {
         let Some(v) = ctx.velocity.clone() else {
             return vec![];
         };
+        let slopes = ctx.slopes(&v);
         let widths = || Psi {
             name: "slope_half_width",
             unit: "rows".into(),
-            grid: vec![1.0, 2.0, 3.0, 5.0, 8.0, 12.0],
+            grid: slopes.clone(),
             refine: false,
             resolution: None,
         };

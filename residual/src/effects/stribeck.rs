@@ -92,7 +92,45 @@ impl Effect for Stribeck {
 
 #[cfg(test)]
 mod tests {
-    use crate::effects::testbench::{simulate, Excitation};
+    use super::*;
+    use crate::effects::testbench::{knowing, simulate, Excitation};
+    use crate::effects::{Form, Param};
+
+    /// In one direction the sliding part takes an offset along, and the sum would drive the motion.
+    #[test]
+    fn friction_has_one_sign_at_all_speeds() {
+        let rows = 300;
+        let velocity: Vec<f64> = (0..rows).map(|i| 2.0 + (0.1 * i as f64).sin()).collect();
+        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
+                    velocity = { column = \"v\" }\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+        let columns = [("target", velocity.clone()), ("velocity", velocity)];
+        knowing(spec, &columns, rows, |ctx| {
+            let why = |sliding: f64, extra: f64| {
+                let named = [
+                    ("stribeck_velocity", 1.0),
+                    ("sliding_friction", sliding),
+                    ("extra_at_low_speed", extra),
+                ];
+                let params = named.map(|(name, value)| Param {
+                    name: name.into(),
+                    value,
+                    unit: String::new(),
+                });
+                let estimate = Estimate {
+                    form: Form::Other,
+                    label: "gaussian",
+                    params: &params,
+                    intervals: &Default::default(),
+                };
+                Stribeck.impossible(&estimate, ctx)
+            };
+            assert_eq!(why(0.2, 0.3), None);
+            assert_eq!(why(-0.2, -0.3), None);
+            // Within what is uncertain.
+            assert_eq!(why(-0.02, 0.345), None);
+            assert!(why(-0.05, 0.345).is_some_and(|w| w.contains("changes its sign")));
+        });
+    }
 
     /// A wide hump of the other sign bends like viscous friction, and takes Coulomb friction along.
     #[test]

@@ -87,7 +87,10 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
             Err(Error::io(path, "JSON is not a format of logs; write the log as CSV or Parquet"))
         }
         Kind::Text if !spec.input.messages.is_empty() => super::messages::read(path, spec),
-        Kind::Text => super::text::read(path, &spec.input, spec.hygiene.text),
+        Kind::Text => {
+            let used = super::rows::used_columns(spec)?;
+            super::text::read(path, &spec.input, spec.hygiene.text, Some(&used))
+        }
         #[cfg(feature = "parquet")]
         Kind::Parquet => super::parquet::read(path),
         #[cfg(not(feature = "parquet"))]

@@ -38,6 +38,7 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
         })
         .collect();
     let (mut others, mut broken) = (0, 0);
+    let mut first_broken = None;
     for (i, line) in open(path)?.lines().enumerate().skip(input.skip) {
         let at = i as u64 + 1;
         let line = line.map_err(|e| Error::io(path, format!("line {at}: {e}")))?;
@@ -47,13 +48,20 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
             .find(|k| line.starts_with(&k.message.begins))
         {
             Some(kind) => match add(kind, line, at, path, spec) {
-                Err(_) if spec.hygiene.text == Action::Drop => broken += 1,
+                Err(why) if spec.hygiene.text == Action::Drop => {
+                    broken += 1;
+                    first_broken.get_or_insert(why);
+                }
                 done => done?,
             },
             None => others += usize::from(!line.is_empty()),
         }
     }
     if let Some(none) = kinds.iter().find(|k| k.columns.iter().all(Vec::is_empty)) {
+        // Where all lines of a kind are broken, the kind is.
+        if let Some(why) = first_broken {
+            return Err(why);
+        }
         return Err(Error::io(
             path,
             format!(

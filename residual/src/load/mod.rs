@@ -104,6 +104,16 @@ impl Table {
         }
         let time = &spec.roles.time.column;
         if spec.input.rate > 0.0 && self.column(time).is_none() {
+            if self.broken > 0 {
+                return Err(Error::data(
+                    format!(
+                        "{}: hygiene.text leaves out {} lines, and input.rate counts lines to know the time",
+                        self.source.display(),
+                        self.broken
+                    ),
+                    "Correct these lines, or log a time",
+                ));
+            }
             self.names.push(time.clone());
             let seconds = (0..rows).map(|i| i as f64 / spec.input.rate);
             self.columns.push(seconds.collect());

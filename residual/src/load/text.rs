@@ -3,6 +3,7 @@
 use super::Table;
 use crate::error::Error;
 use crate::spec::{Action, Input};
+use std::collections::BTreeSet;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -73,6 +74,56 @@ impl<R: Read> Read for Blanks<R> {
     }
 }
 
+/// Ends every line with one line feed alone, the last one too, so that the CSV reader counts lines as an editor does.
+struct LineFeeds<R> {
+    inner: R,
+    /// Whether a carriage return is pending.
+    carriage: bool,
+    /// Whether the last byte that was given out is a line feed, or none was.
+    at_start: bool,
+}
+
+impl<R: Read> Read for LineFeeds<R> {
+    fn read(&mut self, buf: &mut [u8]) -> std::io::Result<usize> {
+        // At most one pending byte is added.
+        if buf.len() < 2 {
+            return Ok(0);
+        }
+        let mut raw = vec![0u8; buf.len() - 1];
+        let n = self.inner.read(&mut raw)?;
+        let mut out = 0;
+        let mut give = |b: u8| {
+            buf[out] = b;
+            out += 1;
+        };
+        if n == 0 {
+            if self.carriage {
+                give(b'\r');
+            } else if !self.at_start {
+                give(b'\n');
+            }
+            (self.carriage, self.at_start) = (false, true);
+            return Ok(out);
+        }
+        for &b in &raw[..n] {
+            if std::mem::take(&mut self.carriage) && b != b'\n' {
+                give(b'\r');
+            }
+            if b == b'\r' {
+                self.carriage = true;
+            } else {
+                give(b);
+            }
+            self.at_start = b == b'\n';
+        }
+        if out == 0 {
+            // A carriage return alone: what follows decides.
+            return self.read(buf);
+        }
+        Ok(out)
+    }
+}
+
 fn no_text(path: &Path, line: u64) -> Error {
     Error::io(
         path,
@@ -82,14 +133,22 @@ fn no_text(path: &Path, line: u64) -> Error {
     )
 }
 
-/// Line of the file where the CSV reader stands: it does not see the lines that are skipped.
-fn line(position: Option<&csv::Position>, input: &Input) -> u64 {
-    position.map_or(1, csv::Position::line) + input.skip as u64
+/// Line of the file at which the record begins that the CSV reader read last. Empty lines and comments stand before it, and it does
+/// not see the lines that are skipped.
+fn line(csv: &csv::Reader<Box<dyn Read>>, record: &csv::StringRecord, input: &Input) -> u64 {
+    let end = csv.position().line() + input.skip as u64;
+    end.saturating_sub(lines_of(record)).max(1)
+}
+
+/// Lines of a record: a quoted cell may have several.
+fn lines_of(record: &csv::StringRecord) -> u64 {
+    let feeds = |cell: &str| cell.bytes().filter(|b| *b == b'\n').count() as u64;
+    1 + record.iter().map(feeds).sum::<u64>()
 }
 
 /// An error of the CSV reader, with what to do about it.
 fn broken(path: &Path, input: &Input, e: &csv::Error) -> Error {
-    let line = line(e.position(), input);
+    let line = e.position().map_or(1, csv::Position::line) + input.skip as u64;
     match e.kind() {
         csv::ErrorKind::Utf8 { .. } => no_text(path, line),
         csv::ErrorKind::Io(why) => Error::io(
@@ -117,6 +176,11 @@ fn open_csv(path: &Path, input: &Input) -> Result<csv::Reader<Box<dyn Read>>, Er
         .comment(Some(comment))
         // Lines of another length are this module's to judge: it knows the names.
         .flexible(true);
+    let reader = LineFeeds {
+        inner: reader,
+        carriage: false,
+        at_start: true,
+    };
     let boxed: Box<dyn Read> = match input.separator.as_bytes() {
         b"blank" => {
             builder.delimiter(b'\t');
@@ -174,7 +238,7 @@ fn names(
         .iter()
         .any(|n| n.contains(|c: char| c.is_control() && c != '\t'))
     {
-        return Err(no_text(path, line(None, input)));
+        return Err(no_text(path, input.skip as u64 + 1));
     }
     if names.is_empty() || names.iter().all(String::is_empty) {
         return Err(Error::io(path, "the file is empty"));
@@ -187,7 +251,7 @@ fn names(
             path,
             format!(
                 "line {} has {} numbers and no names: the file has no header. Name the columns in the model file: input.header = [\"time\", ...]",
-                line(None, input),
+                input.skip as u64 + 1,
                 names.len()
             ),
         ));
@@ -201,7 +265,7 @@ fn names(
                 path,
                 format!(
                     "line {} is one column, `{only}`: the separator seems to be another; set input.separator = \"{name}\" in the model file, or input.skip if the header is further down",
-                    line(None, input)
+                    input.skip as u64 + 1
                 ),
             ));
         }
@@ -239,24 +303,49 @@ enum Line {
 }
 
 /// Reads one text log. Cells that are empty or `nan` are NaN; a column whose first cell is text is left out. A line with
-/// another number of cells than there are names, or with other text in a column that is otherwise numeric, is an error, or is
-/// left out and counted with `action` [`Action::Drop`].
-pub(super) fn read(path: &Path, input: &Input, action: Action) -> Result<Table, Error> {
+/// another number of cells than there are names, that is no text, or with text in a column that is otherwise numeric, is an error, or
+/// is left out and counted with `action` [`Action::Drop`]. Text in a column that is not `used` is a missing cell; `None`: all are.
+pub(super) fn read(
+    path: &Path,
+    input: &Input,
+    action: Action,
+    used: Option<&BTreeSet<String>>,
+) -> Result<Table, Error> {
     let mut csv = open_csv(path, input)?;
     let names = names(&mut csv, path, input)?;
     let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
     let mut text: Vec<Option<(String, u64)>> = vec![None; names.len()];
     let mut record = csv::StringRecord::new();
     let mut values: Vec<f64> = Vec::with_capacity(names.len());
+    let used: Vec<bool> = names
+        .iter()
+        .map(|n| used.is_none_or(|used| used.contains(n)))
+        .collect();
     let mut broken_lines = 0;
     let mut first_broken = None;
-    let mut begin = csv.position().line();
-    while csv
-        .read_record(&mut record)
-        .map_err(|e| broken(path, input, &e))?
-    {
+    loop {
         let first = columns.first().is_none_or(Vec::is_empty);
-        match row(&record, &names, input, first, &mut text, &mut values, path) {
+        let found = match csv.read_record(&mut record) {
+            Ok(false) => break,
+            Ok(true) => row(
+                &record,
+                line(&csv, &record, input),
+                &Columns {
+                    names: &names,
+                    used: &used,
+                    input,
+                    path,
+                },
+                first,
+                &mut text,
+                &mut values,
+            ),
+            Err(e) if matches!(e.kind(), csv::ErrorKind::Utf8 { .. }) => {
+                Line::Broken(broken(path, input, &e))
+            }
+            Err(e) => return Err(broken(path, input, &e)),
+        };
+        match found {
             Line::Row => {
                 for (column, value) in columns.iter_mut().zip(&values) {
                     column.push(*value);
@@ -265,11 +354,10 @@ pub(super) fn read(path: &Path, input: &Input, action: Action) -> Result<Table, 
             Line::Broken(why) if action != Action::Drop => return Err(why),
             Line::Broken(why) => {
                 // A quotation mark that is not closed takes the lines behind it along.
-                broken_lines += (csv.position().line() - begin).max(1) as usize;
+                broken_lines += lines_of(&record) as usize;
                 first_broken.get_or_insert(why);
             }
         }
-        begin = csv.position().line();
     }
     if let Some(why) = first_broken.filter(|_| columns.first().is_none_or(Vec::is_empty)) {
         return Err(why);
@@ -290,17 +378,30 @@ pub(super) fn read(path: &Path, input: &Input, action: Action) -> Result<Table, 
     Ok(table)
 }
 
+/// What the cells of a line are.
+struct Columns<'a> {
+    names: &'a [String],
+    /// Which of them the model uses.
+    used: &'a [bool],
+    input: &'a Input,
+    path: &'a Path,
+}
+
 /// Reads the cells of one line into `values`. The `first` row says which columns are `text`.
 fn row(
     record: &csv::StringRecord,
-    names: &[String],
-    input: &Input,
+    line: u64,
+    columns: &Columns,
     first: bool,
     text: &mut [Option<(String, u64)>],
     values: &mut Vec<f64>,
-    path: &Path,
 ) -> Line {
-    let line = line(record.position(), input);
+    let Columns {
+        names,
+        used,
+        input,
+        path,
+    } = columns;
     let decimal = if input.decimal == "," { ',' } else { '.' };
     if record.len() != names.len() {
         return Line::Broken(Error::io(
@@ -326,6 +427,7 @@ fn row(
                 text[c] = Some((cell.to_string(), line));
                 f64::NAN
             }
+            None if !used[c] => f64::NAN,
             None => {
                 return Line::Broken(Error::BadCell {
                     path: path.to_path_buf(),

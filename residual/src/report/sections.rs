@@ -80,7 +80,7 @@ impl Report {
             });
         }
         if let Some(all) = &self.with_all {
-            rows.push(full("and all that improves the fit".into(), all));
+            rows.push(full(self.with_all_words().into(), all));
         }
         vec![
             Part::Heading("Error before and after".into()),
@@ -130,10 +130,19 @@ impl Report {
                         },
                         check.found_rmse,
                     ),
-                    row("and all that improves the fit", check.all_rmse),
+                    row(self.with_all_words(), check.all_rmse),
                 ],
             ),
         ]
+    }
+
+    /// The row of the model with all effects.
+    fn with_all_words(&self) -> &'static str {
+        if self.all_is_better() {
+            "and all that improves the fit"
+        } else {
+            "with all effects of the first search"
+        }
     }
 
     /// Effects that improve the fit under names that the data do not support.
@@ -156,9 +165,15 @@ impl Report {
         vec![
             Part::Heading("Improves the fit, name not supported".into()),
             Part::Text(
-                "These effects lower the held-out error of these data, but something else may be behind it. They are not \
-                 in the final model, in `MODEL.extended.toml` or in `MODEL.frozen.toml`."
-                    .into(),
+                format!(
+                    "{}, but something else may be behind it. They are not in the final model, in `MODEL.extended.toml` or in \
+                     `MODEL.frozen.toml`.",
+                    if self.all_is_better() {
+                        "These effects lower the held-out error of these data"
+                    } else {
+                        "These effects lowered the held-out error in the first search"
+                    }
+                ),
             ),
             Part::table(
                 &[
@@ -396,7 +411,7 @@ impl Report {
         ];
         if !self.absent.is_empty() {
             out.push(Part::Text(format!(
-                "Not tested, because the data lack the columns or do not vary in them: {}.",
+                "Not tested, because the data lack the columns or do not vary in them, or because a fitted coefficient leaves no room: {}.",
                 joined(&self.absent, ", ")
             )));
         }

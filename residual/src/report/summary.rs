@@ -1,7 +1,7 @@
 //! The verdict in one or two sentences.
 
 use super::words::joined;
-use super::{Report, Verdict};
+use super::{Figures, Report, Verdict};
 use crate::effects::EffectKind;
 use crate::format::num;
 
@@ -20,14 +20,20 @@ impl Report {
         )
     }
 
+    /// Whether the model with all effects of the first search predicts better than that with the effects found. Without a wrong
+    /// name the search may come to a better model.
+    pub(super) fn all_is_better(&self) -> bool {
+        let better = |all: &Figures| all.heldout_rmse < self.last.heldout_rmse;
+        self.with_all.as_ref().is_some_and(better)
+    }
+
     /// What improves the fit under a name that the data do not support.
     fn beside(&self) -> String {
         let Some(all) = &self.with_all else {
             return String::new();
         };
         let names: Vec<EffectKind> = self.improves.iter().map(|e| e.name).collect();
-        if all.heldout_rmse >= self.last.heldout_rmse {
-            // Without them the search came to a better model.
+        if !self.all_is_better() {
             return format!(
                 " The data do not support the name of what was found at first: {}.",
                 joined(&names, ", ")
@@ -111,13 +117,19 @@ impl Report {
                     .first()
                     .map(|a| a.effects.as_slice())
                     .unwrap_or_default();
-                let others: Vec<EffectKind> = names
+                // Each of the others, with what it cannot be told from either.
+                let others: Vec<String> = names
                     .into_iter()
                     .filter(|n| !alternatives.contains(n))
+                    .map(|n| {
+                        let group = self.not_identifiable.iter().skip(1);
+                        let own = group.map(|a| &a.effects).find(|all| all.contains(&n));
+                        own.map_or(n.to_string(), |all| joined(all, " or "))
+                    })
                     .collect();
                 let also = match others.len() {
                     0 => String::new(),
-                    _ => format!(" It also lacks {}.", joined(&others, ", ")),
+                    _ => format!(" It also lacks {}.", others.join(", ")),
                 };
                 let either = joined(alternatives, " or ");
                 format!("The model lacks {either}; these data cannot distinguish them: held-out RMSE {b} -> {f} {u}.{also}")

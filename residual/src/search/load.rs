@@ -61,19 +61,25 @@ impl Search<'_> {
         Ok(true)
     }
 
-    /// Expresses the load by the columns as they are, if it was the one behind a replaced command and no effect replaces one any
-    /// more: a gain would else be a delay under another name.
+    /// Expresses the load behind a replaced command anew, after an effect was taken away: if that was the one that replaced it, a gain
+    /// would else be a delay under another name.
     pub(super) fn load_before(&mut self, chosen: &mut [Chosen]) -> Result<(), Error> {
         let replaces = |c: &Chosen| {
             let build = (c.variant.build)(c.psi);
             matches!(build, Build::Swap(_) | Build::SwapAll(_))
         };
-        if !self.load_is_behind || chosen.iter().any(replaces) {
+        if !self.load_is_behind {
             return Ok(());
         }
-        self.load_is_behind = false;
+        self.load_is_behind = chosen.iter().any(replaces);
         let fitted = self.fit(chosen)?;
-        let load = load_expressions(&self.declared, &fitted).swap_remove(0);
+        let mut loads = load_expressions(&self.declared, &fitted);
+        let place = if self.load_is_behind {
+            loads.len() - 1
+        } else {
+            0
+        };
+        let load = loads.swap_remove(place);
         if let Some(size) = self.size_of(&load)? {
             let old = std::mem::replace(&mut self.load, load);
             self.put_in(chosen, &fitted, &old, size)?;

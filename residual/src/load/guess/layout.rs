@@ -247,7 +247,8 @@ fn usual(lines: &[Line], separator: &str) -> Option<usize> {
         .take(60)
         .map(|l| split(l.1, separator).len())
         .collect();
-    let last = *counts.last()?;
-    let same = counts.iter().filter(|c| **c == last).count();
-    (10 * same >= 7 * counts.len()).then_some(last)
+    // One of these lines may be a message, or cut off.
+    let same = |cells: usize| counts.iter().filter(|c| **c == cells).count();
+    let most = *counts.iter().max_by_key(|c| same(**c))?;
+    (10 * same(most) >= 7 * counts.len()).then_some(most)
 }

@@ -23,7 +23,7 @@ use super::{files, text, Table};
 use crate::error::Error;
 use crate::spec::Action;
 use layout::Layout;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// Writes a model file for logs: what the first of them looks like, with open questions as comments.
 ///
@@ -46,8 +46,30 @@ pub fn guess(paths: &[PathBuf]) -> Result<String, Error> {
             )
         })?;
     let layout = Layout::of(path)?;
-    let table = text::read(path, &layout.input, Action::Report)?;
-    Ok(write::model(path, files.len(), &layout, &table))
+    let as_it_is = text::read(path, &layout.input, Action::Report, None);
+    // A message or a line that was cut off need not keep the user from a model file.
+    let (table, first_broken) = match as_it_is {
+        Ok(table) => (table, None),
+        Err(why) => match text::read(path, &layout.input, Action::Drop, None) {
+            Ok(table) if 2 * table.broken < table.rows() => {
+                (table, Some(without_path(&why.to_string(), path)))
+            }
+            _ => return Err(why),
+        },
+    };
+    Ok(write::model(
+        path,
+        files.len(),
+        &layout,
+        &table,
+        first_broken.as_deref(),
+    ))
+}
+
+/// The text of an error without the folder of the file.
+fn without_path(why: &str, path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    why.replace(&*path.display().to_string(), &name)
 }
 
 #[cfg(test)]

@@ -356,13 +356,10 @@ fn a_log_without_a_layout_names_line_and_keys() {
         std::fs::write(&path, text).unwrap();
         guess(&[path]).unwrap_err().to_string()
     };
-    let broken = format!("t,x,y\n{}0.9,off,1\n", rows(",", "."));
     for (text, line) in [
         ("one\ntwo\n\nthree\n", "line 2"),
         ("a,b\nc,d\ne,f\n", "line 2"),
         ("", "line 1"),
-        (broken.as_str(), ":82: column `x`"),
-        (&format!("Rig\n{broken}"), ":83: column `x`"),
     ] {
         let error = error(text);
         assert!(
@@ -371,4 +368,23 @@ fn a_log_without_a_layout_names_line_and_keys() {
         );
         assert!(error.contains("input.header"), "{error}");
     }
+}
+
+#[test]
+fn a_time_in_minutes_is_one() {
+    let (spec, text) = of(&format!(
+        "Time,Force,Speed\nmin,N,rad/s\n{}",
+        rows(",", ".")
+    ));
+    assert_eq!(spec.roles.time.scale, 60.0, "{text}");
+}
+
+#[test]
+fn a_line_that_was_cut_off_does_not_keep_the_user_from_a_model_file() {
+    let (spec, text) = of(&format!("t,force_n,speed\n{}0.8,1", rows(",", ".")));
+    assert_eq!(spec.hygiene.text, Action::Drop);
+    assert!(
+        text.contains("1 line(s)") && text.contains("a.txt: line 82: 2 cells"),
+        "{text}"
+    );
 }

@@ -136,10 +136,22 @@ pub(super) fn find(columns: &[Column], slope: impl Fn(usize) -> Option<f64>) -> 
     })
 }
 
+/// Units of time beyond a second, as a line of units has them, in s.
+const LONG: [(&[&str], f64); 2] = [
+    (&["min", "mins", "minutes"], 60.0),
+    (&["h", "hr", "hours"], 3600.0),
+];
+
 /// Seconds per unit of a column: by its name, by the date that it shows, by angle and velocity, else by the size of its steps.
 fn unit(column: &Column, step: f64, slope: Option<f64>) -> (f64, Option<String>) {
     if column.name.unit == "s" {
         return (column.name.scale, None);
+    }
+    if let Some((_, scale)) = LONG
+        .iter()
+        .find(|(names, _)| names.contains(&column.stated))
+    {
+        return (*scale, None);
     }
     let first = column.values.iter().copied().find(|v| v.is_finite());
     let dated = CLOCKS

@@ -19,7 +19,13 @@ const GROUPS: f64 = 10.0;
 const BLOCK_ROWS: f64 = 20.0;
 
 /// The model file for a log that is the first of `files`.
-pub(super) fn model(path: &Path, files: usize, layout: &Layout, table: &Table) -> String {
+pub(super) fn model(
+    path: &Path,
+    files: usize,
+    layout: &Layout,
+    table: &Table,
+    first_broken: Option<&str>,
+) -> String {
     let mut columns = columns::columns(table, layout.is_nameless());
     for column in &mut columns {
         column.describe(layout.second(column.title));
@@ -41,8 +47,23 @@ pub(super) fn model(path: &Path, files: usize, layout: &Layout, table: &Table) -
     input(&mut out, layout, time.is_some());
     roles(&mut out, &columns, &chosen, time.as_ref());
     hints(&mut out, &columns, &chosen, time.as_ref(), slope);
-    if time.as_ref().is_some_and(|t| t.repeats > 0) {
-        out.push_str("\n[hygiene]\ntime = \"drop\"   # ? rows that repeat the time of the row before are left out\n");
+    let repeats = time.as_ref().is_some_and(|t| t.repeats > 0);
+    if repeats || first_broken.is_some() {
+        out.push_str("\n[hygiene]\n");
+    }
+    if repeats {
+        out.push_str(
+            "time = \"drop\"   # ? rows that repeat the time of the row before are left out\n",
+        );
+    }
+    if let Some(why) = first_broken {
+        // One line: it is a comment.
+        let why = why.replace(['\n', '\r'], " ");
+        let _ = writeln!(
+            out,
+            "text = \"drop\"   # ? {} line(s) that are no rows are left out; the first: {why}",
+            table.broken
+        );
     }
     if files < 2 {
         holdout(&mut out, time.as_ref());
