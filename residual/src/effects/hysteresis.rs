@@ -171,6 +171,21 @@ mod tests {
         );
     }
 
+    /// State of a loop, -1 to 1, that turns over a distance, from the values of its driver; the first of a run starts it.
+    fn gradual_loop(distance: f64) -> impl FnMut(bool, f64) -> f64 {
+        let (mut z, mut last) = (0.0, 0.0);
+        move |first, x| {
+            if first {
+                (z, last) = (0.0, x);
+            }
+            let dx: f64 = x - last;
+            last = x;
+            let sign = if dx >= 0.0 { 1.0 } else { -1.0 };
+            z = sign + (z - sign) * (-dx.abs() / distance).exp();
+            z
+        }
+    }
+
     /// A loop against the friction gives the motion energy.
     #[test]
     fn a_loop_against_the_friction_is_none() {
@@ -178,15 +193,9 @@ mod tests {
             declare_coulomb: true,
             ..Excitation::default()
         };
-        let (mut z, mut last) = (0.0, 0.0);
+        let mut turned = gradual_loop(1.5);
         let report = simulate(&excitation, 1.0, &mut move |s| {
-            if s.first {
-                (z, last) = (0.0, s.angle);
-            }
-            let dx: f64 = s.angle - last;
-            last = s.angle;
-            let sg = if dx >= 0.0 { 1.0 } else { -1.0 };
-            z = sg + (z - sg) * (-dx.abs() / 1.5).exp();
+            let z = turned(s.first, s.angle);
             0.15 * s.command * z
         });
         let loops = |name: &str, form: &str| name == "hysteresis" && form.contains("position");
@@ -207,15 +216,9 @@ mod tests {
     /// As the larger one it is chosen first, when there is no friction that it could act against.
     #[test]
     fn a_loop_and_friction_against_it_are_not_both_found() {
-        let (mut z, mut last) = (0.0, 0.0);
+        let mut turned = gradual_loop(1.5);
         let report = simulate(&Excitation::default(), 1.0, &mut move |s| {
-            if s.first {
-                (z, last) = (0.0, s.angle);
-            }
-            let dx: f64 = s.angle - last;
-            last = s.angle;
-            let sg = if dx >= 0.0 { 1.0 } else { -1.0 };
-            z = sg + (z - sg) * (-dx.abs() / 1.5).exp();
+            let z = turned(s.first, s.angle);
             1.5 * z - 0.5 * s.velocity.signum()
         });
         let coefficient = |names: &[&str]| {
@@ -241,15 +244,9 @@ mod tests {
 
     #[test]
     fn is_named() {
-        let (mut z, mut last) = (0.0, 0.0);
+        let mut turned = gradual_loop(0.8);
         crate::effects::testbench::names("hysteresis", move |s| {
-            if s.first {
-                (z, last) = (0.0, s.command);
-            }
-            let dx: f64 = s.command - last;
-            last = s.command;
-            let sg = if dx >= 0.0 { 1.0 } else { -1.0 };
-            z = sg + (z - sg) * (-dx.abs() / 0.8).exp();
+            let z = turned(s.first, s.command);
             0.4 * z
         });
     }
