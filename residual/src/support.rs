@@ -154,15 +154,22 @@ impl Judged {
             weights,
         };
         if !now.refused_by_itself(search)? {
-            let frame = search.problem.kept_frame();
-            let left = match now.left.take() {
-                Some(left) => left,
-                None => Leftover::new(search, &now.outcome, &frame)?,
-            };
+            let left = now.left(search)?;
             reasons(search, &mut now, &left, check)?;
             now.left = Some(left);
         }
         Ok(now)
+    }
+
+    /// Takes what is left; looks for it where it is not known yet.
+    fn left(&mut self, search: &mut Search) -> Result<Leftover, Error> {
+        match self.left.take() {
+            Some(left) => Ok(left),
+            None => {
+                let frame = search.problem.kept_frame();
+                Leftover::new(search, &self.outcome, &frame)
+            }
+        }
     }
 
     /// Marks the weakest effect that its own parameters refuse. Whether there is one.
@@ -311,17 +318,11 @@ pub(crate) fn supported(
         let outcome = search.resume(kept, round < ROUNDS)?;
         now = Judged::new(search, outcome, None, check)?;
     }
+    let mut left = now.left(search)?;
     let parameters = all_parameters(search, &now.outcome.chosen, now.parameters)?;
     let beside = first
         .map(|first| first.beside(search, &now.outcome.chosen, &refused))
         .transpose()?;
-    let mut left = match now.left {
-        Some(left) => left,
-        None => {
-            let frame = search.problem.kept_frame();
-            Leftover::new(search, &now.outcome, &frame)?
-        }
-    };
     if let Some(beside) = &beside {
         if now.outcome.chosen.is_empty() {
             left.only_unsupported(beside);

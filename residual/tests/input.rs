@@ -882,3 +882,32 @@ fn a_line_that_is_no_text_is_left_out_and_a_time_from_lines_is_not_made_up() {
     let error = analyse(&[dir.path()], &by_rate).unwrap_err().to_string();
     assert!(error.contains("input.rate counts lines"), "{error}");
 }
+
+#[test]
+fn a_message_that_is_no_text_is_left_out() {
+    let header =
+        "[[input.messages]]\nbegins = \"F,\"\nheader = [\"\", \"t\", \"y\", \"c\", \"v\"]\n";
+    let model = format!("{header}{MODEL}");
+    let dir = Folder::new();
+    for run in 0..3 {
+        let text = csv(&rows(run, 1500));
+        let lines: Vec<String> = text.lines().skip(1).map(|l| format!("F,{l}")).collect();
+        let mut bytes = lines.join("\r\n").into_bytes();
+        // In the first number of a line.
+        let at = lines[..700].iter().map(|l| l.len() + 2).sum::<usize>() + 3;
+        bytes[at] = 0xff;
+        std::fs::write(dir.path().join(format!("run{run}.csv")), bytes).unwrap();
+    }
+    let error = analyse(&[dir.path()], &model).unwrap_err().to_string();
+    assert!(
+        error.contains("run0.csv: line ") && error.contains("not text"),
+        "{error}"
+    );
+    let report = analyse(
+        &[dir.path()],
+        &format!("{model}[hygiene]\ntext = \"drop\"\n"),
+    )
+    .unwrap();
+    assert_eq!(report.rows, 3 * 1499);
+    assert_coulomb(&report);
+}

@@ -73,19 +73,18 @@ impl Context<'_> {
     /// Half widths, in rows, of the slopes of a velocity that stand for its acceleration: a compromise between noise and lost
     /// detail.
     pub fn slopes(&self, velocity: &str) -> Vec<f64> {
+        let size = stats::deviation(&self.values(velocity)).max(f64::MIN_POSITIVE);
+        // A slope over 2 `half` + 1 rows follows the acceleration where that window is short beside the time in which the
+        // velocity changes. A sine keeps nine tenths of its acceleration at the limit.
+        let follows = |half: &f64| {
+            let slope = self.values(&format!("deriv({velocity}, {half})"));
+            (2.0 * half + 1.0) * self.dt * stats::rms(&slope) / size < WINDOW
+        };
         // Far wider ones see no change at all, so the first that does not follow ends the list.
         let wider = [2.0, 3.0, 5.0, 8.0, 12.0, 18.0].into_iter();
-        let following = wider.take_while(|half| self.slope_follows(velocity, *half));
-        std::iter::once(1.0).chain(following).collect()
-    }
-
-    /// Whether a slope over 2 `half` + 1 rows follows the acceleration: its window is short beside the time in which the
-    /// velocity changes. A sine keeps nine tenths of its acceleration at the limit.
-    fn slope_follows(&self, velocity: &str, half: f64) -> bool {
-        let v = self.values(velocity);
-        let slope = self.values(&format!("deriv({velocity}, {half})"));
-        let change = stats::rms(&slope) / stats::deviation(&v).max(f64::MIN_POSITIVE);
-        (2.0 * half + 1.0) * self.dt * change < WINDOW
+        std::iter::once(1.0)
+            .chain(wider.take_while(follows))
+            .collect()
     }
 
     /// Whether enough of the fitted rows are at rest to show what friction does there.

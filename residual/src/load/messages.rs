@@ -1,7 +1,7 @@
 //! Text logs with several kinds of message, each line with the kind at its head: every kind becomes a table of its own,
 //! and all of them one table at the times of the kind that has the target.
 
-use super::text::{number, open};
+use super::text::{no_text, number, open};
 use super::Table;
 use crate::error::Error;
 use crate::spec::{Action, Message, Spec};
@@ -39,16 +39,24 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
         .collect();
     let (mut others, mut broken) = (0, 0);
     let mut first_broken = None;
-    for (i, line) in open(path)?.lines().enumerate().skip(input.skip) {
+    let drop = spec.hygiene.text == Action::Drop;
+    for (i, line) in open(path)?.split(b'\n').enumerate().skip(input.skip) {
         let at = i as u64 + 1;
         let line = line.map_err(|e| Error::io(path, format!("line {at}: {e}")))?;
-        let line = line.trim();
+        let line = match std::str::from_utf8(&line) {
+            Ok(line) => line.trim(),
+            Err(_) if drop => {
+                broken += 1;
+                continue;
+            }
+            Err(_) => return Err(no_text(path, at)),
+        };
         match kinds
             .iter_mut()
             .find(|k| line.starts_with(&k.message.begins))
         {
             Some(kind) => match add(kind, line, at, path, spec) {
-                Err(why) if spec.hygiene.text == Action::Drop => {
+                Err(why) if drop => {
                     broken += 1;
                     first_broken.get_or_insert(why);
                 }

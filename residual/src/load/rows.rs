@@ -121,7 +121,7 @@ impl<'a> Rows<'a> {
             if t <= last {
                 if self.spec.hygiene.time != Action::Drop {
                     return Err(Error::data(
-                        format!("{label}: time does not grow at row {} ({t} s after {last} s)", i + 2),
+                        format!("{label}: time does not grow at row {} of the data ({t} s after {last} s)", i + 1),
                         "Split the file with input.sequence, or set hygiene.time = \"drop\" to leave such rows out",
                     ));
                 }

@@ -97,9 +97,7 @@ impl<R: Read> Read for LineFeeds<R> {
             out += 1;
         };
         if n == 0 {
-            if self.carriage {
-                give(b'\r');
-            } else if !self.at_start {
+            if !self.at_start {
                 give(b'\n');
             }
             (self.carriage, self.at_start) = (false, true);
@@ -124,7 +122,7 @@ impl<R: Read> Read for LineFeeds<R> {
     }
 }
 
-fn no_text(path: &Path, line: u64) -> Error {
+pub(super) fn no_text(path: &Path, line: u64) -> Error {
     Error::io(
         path,
         format!(
