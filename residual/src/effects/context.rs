@@ -2,12 +2,105 @@
 
 use super::ratio;
 use crate::expr::Expr;
+use crate::linalg::dot;
 use crate::problem::Problem;
 use crate::spec::Spec;
 use crate::stats;
 
+/// Largest factor for what a slope loses of an acceleration.
+const MOST_LOST: f64 = 1.25;
+
 /// Longest window of a slope times the rate at which the velocity changes (for a sine its angular frequency).
 const WINDOW: f64 = 1.5;
+
+/// Squares of the rows' distances from the middle of a slope over 2 `half` + 1 rows, summed.
+fn spread(half: f64) -> f64 {
+    half * (half + 1.0) * (2.0 * half + 1.0) / 3.0
+}
+
+/// Fourth differences at distance 1 and 2 of white noise have the same variance. It is not white where the ratio is outside of these.
+const WHITE: std::ops::Range<f64> = 0.7..1.5;
+
+/// The same ratio above which it is that of a motion, whose fourth differences grow by up to 256. Usual filters of noise stay below.
+const MOTION: f64 = 60.0;
+
+/// Share of the energy of the narrowest slope up to which white noise with the fourth differences of the velocity does not matter. That
+/// of filtered noise is larger: fourth differences see its high frequencies only.
+const SMALL: f64 = 0.001;
+
+/// Noise in a slope, over the rest of its energy, up to which the slope shows what it loses.
+const CLEAR: f64 = 0.1;
+
+/// What the second slope loses beside the narrowest, over what the third loses: for a motion that rows resolve, and for steps of the
+/// acceleration. Others lie between the two.
+const LOSSES: [f64; 2] = [2.0 / 5.0, 0.565];
+
+/// How far outside of these it may be: of a sine with eight rows in a period it is 0.29.
+const OUTSIDE: f64 = 0.12;
+
+/// By how much the share that the narrowest slope loses falls with that ratio, for sines with few rows in a period.
+const FEW_ROWS: f64 = 0.5;
+
+/// The factor for what the narrowest slope loses of the acceleration beside one of half width `half`, from what the second and the third
+/// lose beside the narrowest.
+///
+/// Over 2 n + 1 rows a slope loses (3 n² + 3 n - 1) / 30 times the same small number where rows resolve the motion: the narrowest one
+/// 5/12 of what the second loses beside it. The means over all places of a step between two rows give 25/34 · 3 / (2 n + 1) of it
+/// instead.
+fn narrowest(second: f64, third: f64, half: f64) -> f64 {
+    let [smooth, steps] = LOSSES;
+    let ratio = second / third;
+    if third <= 0.0 || !(smooth - OUTSIDE..steps + OUTSIDE).contains(&ratio) {
+        return 1.0;
+    }
+    let [least, most] = [5.0 / 12.0, 25.0 / 34.0 * 3.0 / (2.0 * half + 1.0)];
+    let slope = if ratio < smooth {
+        FEW_ROWS
+    } else {
+        (most - least) / (steps - smooth)
+    };
+    1.0 + (least + slope * (ratio - smooth).min(steps - smooth)) * second
+}
+
+/// Share of the steps of time that may be longer or shorter than the usual one by a quarter.
+const UNEVEN: f64 = 0.1;
+
+/// Variance of the white noise of a column, from its fourth differences at a distance in rows: a motion that rows resolve is smooth to
+/// them. Corners of the motion are few, and the median leaves them out.
+fn white_noise(values: &[f64], distance: usize) -> f64 {
+    let fourth = |w: &[f64]| {
+        let at = |k: usize| w[k * distance];
+        (at(0) - 4.0 * at(1) + 6.0 * at(2) - 4.0 * at(3) + at(4)).abs()
+    };
+    let windows = values.windows(4 * distance + 1);
+    let mut sizes: Vec<f64> = windows.map(fourth).collect();
+    let all = sizes.len().max(1) as f64;
+    // At rest a speed has no noise.
+    sizes.retain(|s| *s > 0.0);
+    let share = sizes.len() as f64 / all;
+    let usual = stats::median(&mut sizes).unwrap_or(0.0) / 0.6745;
+    share * usual.powi(2) / 70.0
+}
+
+/// Slopes of a velocity over several rows, each with the factor with which a fit gives the coefficient of the acceleration: what the slope
+/// loses of the acceleration would make an inertia too large, the noise of the velocity too small. Where the noise of the velocity
+/// is neither small nor white, as that of a difference of angles, there is no factor.
+#[derive(Debug, Clone)]
+pub(crate) struct Slopes(Vec<(f64, String)>);
+
+impl Slopes {
+    /// Half widths, in rows.
+    pub fn widths(&self) -> Vec<f64> {
+        self.0.iter().map(|(half, _)| *half).collect()
+    }
+
+    /// The slope with about this half width, as an expression.
+    pub fn text(&self, half: f64) -> String {
+        let off = |(own, _): &&(f64, String)| (own - half).abs();
+        let nearest = self.0.iter().min_by(|a, b| off(a).total_cmp(&off(b)));
+        nearest.map_or_else(String::new, |(_, text)| text.clone())
+    }
+}
 
 /// What an effect may know about the data when it proposes variants.
 pub(crate) struct Context<'a> {
@@ -70,21 +163,62 @@ impl Context<'_> {
             .any(|(fixed, e)| fixed.is_some() && (!any || of_command(e)))
     }
 
-    /// Half widths, in rows, of the slopes of a velocity that stand for its acceleration: a compromise between noise and lost
-    /// detail.
-    pub fn slopes(&self, velocity: &str) -> Vec<f64> {
-        let size = stats::deviation(&self.values(velocity)).max(f64::MIN_POSITIVE);
-        // A slope over 2 `half` + 1 rows follows the acceleration where that window is short beside the time in which the
-        // velocity changes. A sine keeps nine tenths of its acceleration at the limit.
-        let follows = |half: &f64| {
-            let slope = self.values(&format!("deriv({velocity}, {half})"));
-            (2.0 * half + 1.0) * self.dt * stats::rms(&slope) / size < WINDOW
+    /// Slopes of a velocity that stand for its acceleration: a compromise between noise and lost detail.
+    pub fn slopes(&self, velocity: &str) -> Slopes {
+        let speed = self.values(velocity);
+        let size = stats::deviation(&speed).max(f64::MIN_POSITIVE);
+        let text = |half: f64| format!("deriv({velocity}, {half})");
+        let steps = self.values(&text(1.0));
+        let product = |a: &[f64], b: &[f64]| dot(a, b) / b.len().max(1) as f64;
+        let (near, far) = (white_noise(&speed, 1), white_noise(&speed, 2));
+        // What noise of the velocity adds to the product of a slope with itself or with a narrower one.
+        let added = |half: f64| near / self.dt.powi(2) / spread(half);
+        let small = added(1.0) <= SMALL * product(&steps, &steps);
+        let white_or_motion = |ratio: f64| WHITE.contains(&ratio) || ratio > MOTION;
+        let known = (small || white_or_motion(far / near)) && self.is_even();
+        // What a slope loses beside the narrowest one.
+        let lost = |half: f64| {
+            let slope = self.values(&text(half));
+            let rest = product(&slope, &slope) - added(half);
+            let clear = added(half) <= CLEAR * rest;
+            clear.then(|| (product(&steps, &slope) - added(half)) / rest - 1.0)
         };
-        // Far wider ones see no change at all, so the first that does not follow ends the list.
-        let wider = [2.0, 3.0, 5.0, 8.0, 12.0, 18.0].into_iter();
-        std::iter::once(1.0)
-            .chain(wider.take_while(follows))
-            .collect()
+        let losses = lost(2.0).zip(lost(3.0));
+        let written = |half: f64, slope: &[f64]| {
+            let own = product(slope, slope);
+            let narrowest = losses.map_or(1.0, |(second, third)| narrowest(second, third, half));
+            let factor =
+                narrowest * (product(&steps, slope) - added(half)) / own.max(f64::MIN_POSITIVE);
+            let factor = factor.clamp(1.0 / MOST_LOST, MOST_LOST);
+            if !known || (factor - 1.0).abs() < 0.0005 {
+                (half, text(half))
+            } else {
+                (half, format!("{factor:.3} * {}", text(half)))
+            }
+        };
+        let mut out = Slopes(vec![written(1.0, &steps)]);
+        for half in [2.0, 3.0, 5.0, 8.0, 12.0, 18.0] {
+            let slope = self.values(&text(half));
+            // A slope over 2 `half` + 1 rows follows the acceleration where that window is short beside the time in which the
+            // velocity changes. A sine keeps nine tenths of its acceleration at the limit. Far wider ones see no change at
+            // all, so the first that does not follow ends the list.
+            if (2.0 * half + 1.0) * self.dt * stats::rms(&slope) / size >= WINDOW {
+                break;
+            }
+            out.0.push(written(half, &slope));
+        }
+        out
+    }
+
+    /// Whether the rows are evenly spaced in time.
+    fn is_even(&self) -> bool {
+        let frame = &self.problem.frame;
+        let sequences = frame.sequences().iter();
+        let steps: Vec<f64> = sequences
+            .flat_map(|r| frame.time()[r.clone()].windows(2).map(|w| w[1] - w[0]))
+            .collect();
+        let odd = |step: &&f64| (*step / self.dt - 1.0).abs() > 0.25;
+        steps.iter().filter(odd).count() as f64 <= UNEVEN * steps.len() as f64
     }
 
     /// Whether enough of the fitted rows are at rest to show what friction does there.

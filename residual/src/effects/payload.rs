@@ -39,7 +39,7 @@ impl Effect for Payload {
         let widths = || Psi {
             name: "slope_half_width",
             unit: "rows".into(),
-            grid: slopes.clone(),
+            grid: slopes.widths(),
             refine: false,
             resolution: None,
         };
@@ -55,7 +55,7 @@ impl Effect for Payload {
                 .range(&format!("deriv({v}, 3) * {k}"))
                 .map_or(0.0, |(lo, hi)| hi - lo);
             if swing > 0.3 {
-                let v = v.clone();
+                let slopes = slopes.clone();
                 // A mass in kg is a force over an acceleration; of a current or a voltage it is a factor and no mass.
                 let force = ctx.unit().trim() == "N";
                 let (name, unit) = if force {
@@ -64,7 +64,7 @@ impl Effect for Payload {
                     ("inertia", ctx.per("m/s/s"))
                 };
                 let form = Variant::profiled("hanging mass", widths(), move |n| {
-                    let text = format!("{G} + {k} * deriv({v}, {n})");
+                    let text = format!("{G} + {k} * {}", slopes.text(n));
                     Build::Add(vec![Piece::new(name, unit.clone(), text)])
                 })
                 .with(coefficients);
@@ -84,8 +84,8 @@ impl Effect for Payload {
             if name == "angle" && range > 1.5 * std::f64::consts::TAU {
                 continue;
             }
-            let (v, unit, per) = (
-                v.clone(),
+            let (slopes, unit, per) = (
+                slopes.clone(),
                 unit.clone(),
                 ctx.per(&format!("{}/s", ctx.velocity_unit())),
             );
@@ -94,7 +94,7 @@ impl Effect for Payload {
                     Build::Add(vec![
                         Piece::new("weight_sine", unit.clone(), format!("sin({q})")),
                         Piece::new("weight_cosine", unit.clone(), format!("cos({q})")),
-                        Piece::new("inertia", per.clone(), format!("deriv({v}, {n})")),
+                        Piece::new("inertia", per.clone(), slopes.text(n)),
                     ])
                 })
                 .with(coefficients),
