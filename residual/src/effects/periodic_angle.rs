@@ -52,7 +52,7 @@ impl Effect for PeriodicAngle {
 }
 
 /// Share of the moving rows that have to turn slowly enough for an order.
-const SLOW_SHARE: f64 = 0.05;
+const SLOW_SHARE: f64 = 0.02;
 
 /// An angle that turns far enough to show a ripple.
 struct Angle<'a> {
