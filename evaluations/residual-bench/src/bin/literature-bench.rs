@@ -24,7 +24,7 @@ Usage: literature-bench [options]
   --empty N          empty sets for each seed (default 10)
   --some N           sets with two or three effects for each seed and size (default 0)
   --excitation DIR   take motion and command from the measured logs in this folder
-  --list             print each set that is not right, or has a name that is not there
+  --list             print each set that is not right, or has a name that is not there, and each interval
   --markdown FILE    write the tables to a file
   --help             this text
 ";
@@ -154,9 +154,10 @@ fn run(options: &Options) -> Result<(), String> {
             );
         }
         for o in &outcomes {
-            for c in o.covered.iter().filter(|c| !c.holds()) {
+            for c in &o.covered {
                 println!(
-                    "interval: {} seed {} {} truth {:.6} found {:.6} in {:.6} to {:.6}",
+                    "interval{}: {} seed {} {} truth {:.6} found {:.6} in {:.6} to {:.6}",
+                    if c.holds() { "" } else { " without the truth" },
                     o.case.truth(),
                     o.case.seed,
                     c.name,

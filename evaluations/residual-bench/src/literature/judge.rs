@@ -186,6 +186,14 @@ impl Covered {
     pub fn holds_estimate(&self) -> bool {
         (self.interval[0]..=self.interval[1]).contains(&self.found)
     }
+
+    /// Distance of the truth from the middle of the interval, in half widths of it. Its median is 0.34 where intervals of 95 % are
+    /// exact and errors are normal.
+    #[must_use]
+    pub fn distance(&self) -> f64 {
+        let [low, high] = self.interval;
+        (2.0 * self.truth - low - high).abs() / (high - low).max(f64::MIN_POSITIVE)
+    }
 }
 
 /// Effects that contain dry friction.

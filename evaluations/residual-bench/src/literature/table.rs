@@ -1,6 +1,6 @@
 //! Rates on sets of the literature generator beside the goals, as Markdown.
 
-use super::judge::Class;
+use super::judge::{self, Class};
 use super::{Group, Outcome};
 use std::fmt::Write as _;
 
@@ -133,8 +133,23 @@ pub fn text(all: &[Outcome]) -> String {
             line.goal
         );
     }
+    out += &distances(all);
     out += &by_effect(all);
     out
+}
+
+/// How wide the intervals are beside the errors: says more than the share that holds the truth, where intervals are few.
+fn distances(all: &[Outcome]) -> String {
+    let covered = all.iter().flat_map(|o| &o.covered);
+    let mut distances: Vec<f64> = covered.map(judge::Covered::distance).collect();
+    distances.sort_unstable_by(f64::total_cmp);
+    let Some(median) = distances.get(distances.len() / 2) else {
+        return String::new();
+    };
+    format!(
+        "\nDistance of the truth from the middle of the interval, in half widths of the interval: median {median:.2}. It would be 0.34 \
+         with exact intervals and normal errors; less where intervals are too wide.\n"
+    )
 }
 
 /// Right, unknown, none and wrong by effect and size, with the wrong names.
