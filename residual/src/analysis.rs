@@ -6,7 +6,6 @@ use crate::data::Data;
 use crate::declared::check_selection;
 use crate::error::Error;
 use crate::feedback;
-use crate::leftover::Leftover;
 use crate::load;
 use crate::nested::{self, nested};
 use crate::progress::Progress;
@@ -136,8 +135,6 @@ pub fn analyse_checked(
     }
     let mut search = Search::new(spec, &data, progress)?;
     let outcome = search.run(progress)?;
-    let frame = search.problem.kept_frame();
-    let left = Leftover::new(&mut search, &outcome, &frame)?;
     let check = check.map(|data| Checked::new(data, spec));
     progress.stage("which names the data support");
     let Supported {
@@ -146,7 +143,7 @@ pub fn analyse_checked(
         weights,
         parameters,
         beside,
-    } = supported(&mut search, outcome, left, check.as_ref())?;
+    } = supported(&mut search, outcome, check.as_ref())?;
     if let Some(doubt) = feedback::doubt(&search, &outcome.chosen, &weights, left.explained)? {
         left.doubt(doubt);
     }
@@ -158,7 +155,6 @@ pub fn analyse_checked(
         parameters: &parameters,
         beside: beside.as_ref(),
         check: check.as_ref(),
-        frame: &frame,
     };
     let mut report = assembly::report(found, &data)?;
     if spec.selection.nested {

@@ -8,7 +8,6 @@ use crate::effects::{effect as effect_of, Build, EffectKind, CATALOGUE};
 use crate::error::Error;
 use crate::extended::extended;
 use crate::figures::figures;
-use crate::frame::Frame;
 use crate::intervals::Parameters;
 use crate::leftover::Leftover;
 use crate::model::Fit;
@@ -37,8 +36,6 @@ pub(crate) struct Found<'a> {
     pub beside: Option<&'a Beside>,
     /// Data to check the models on.
     pub check: Option<&'a Checked>,
-    /// The kept rows.
-    pub frame: &'a Frame,
 }
 
 /// The report.
@@ -129,7 +126,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         residual_tests: residual_tests(
             &search.problem,
             &spec.roles,
-            found.frame,
+            &search.problem.kept_frame(),
             &base.residual,
             &fit.residual,
         ),

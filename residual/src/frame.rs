@@ -84,6 +84,26 @@ impl Frame {
         self.derived.get(&text()).map(|v| v.as_slice())
     }
 
+    /// Time and sequences of at most `rows` rows: those of the longest sequences, in their order.
+    pub(crate) fn longest(&self, rows: usize) -> Frame {
+        let mut sequences = self.sequences.clone();
+        sequences.sort_by_key(|r| std::cmp::Reverse(r.len()));
+        let mut left = rows;
+        sequences.retain_mut(|r| {
+            r.end = r.end.min(r.start + left);
+            left -= r.len();
+            r.start < r.end
+        });
+        sequences.sort_by_key(|r| r.start);
+        let (mut time, mut own) = (Vec::new(), Vec::new());
+        for range in sequences {
+            let start = time.len();
+            time.extend_from_slice(&self.time[range]);
+            own.push(start..time.len());
+        }
+        Frame::new(vec![], time, own)
+    }
+
     /// Number of rows.
     pub fn len(&self) -> usize {
         self.time.len()

@@ -15,7 +15,7 @@ use crate::effects::{Build, Context, EffectKind, Estimate, Param};
 use crate::error::Error;
 use crate::format::{num, percent};
 use crate::intervals::{parameters, Parameters};
-use crate::leftover::Leftover;
+use crate::leftover::{Forms, Leftover};
 use crate::model::Chosen;
 use crate::ranking::Step;
 use crate::search::{without, Outcome, Search, Weight};
@@ -125,8 +125,8 @@ impl Against {
 /// Effects with what decides on their names.
 struct Judged {
     outcome: Outcome,
-    /// What is left; `None` where an effect is refused for its own parameters, whatever is left.
-    left: Option<Leftover>,
+    /// Nameless forms on top of the model; `None` where an effect is refused for its own parameters, whatever is left.
+    forms: Option<Forms>,
     weights: Vec<Weight>,
     /// `None` where they were not needed.
     parameters: Vec<Option<Parameters>>,
@@ -135,14 +135,13 @@ struct Judged {
 }
 
 impl Judged {
-    /// Judges effects, with what is `left` beside them if that is known.
+    /// Judges effects.
     ///
-    /// One that its own parameters refuse is taken away before any other is looked at: intervals and what is left take long
+    /// One that its own parameters refuse is taken away before any other is looked at: intervals and nameless forms take long
     /// where rows are many, and change without it.
     fn new(
         search: &mut Search,
         outcome: Outcome,
-        left: Option<Leftover>,
         check: Option<&Checked>,
     ) -> Result<Judged, Error> {
         let weights = search.weights(&outcome)?;
@@ -150,26 +149,24 @@ impl Judged {
             parameters: vec![None; outcome.chosen.len()],
             why: vec![None; outcome.chosen.len()],
             outcome,
-            left,
+            forms: None,
             weights,
         };
         if !now.refused_by_itself(search)? {
-            let left = now.left(search)?;
-            reasons(search, &mut now, &left, check)?;
-            now.left = Some(left);
+            let forms = Forms::new(search, &now.outcome.fitted)?;
+            reasons(search, &mut now, &forms, check)?;
+            now.forms = Some(forms);
         }
         Ok(now)
     }
 
-    /// Takes what is left; looks for it where it is not known yet.
+    /// Looks for what is left.
     fn left(&mut self, search: &mut Search) -> Result<Leftover, Error> {
-        match self.left.take() {
-            Some(left) => Ok(left),
-            None => {
-                let frame = search.problem.kept_frame();
-                Leftover::new(search, &self.outcome, &frame)
-            }
-        }
+        let forms = match self.forms.take() {
+            Some(forms) => forms,
+            None => Forms::new(search, &self.outcome.fitted)?,
+        };
+        Leftover::new(search, &self.outcome, forms)
     }
 
     /// Marks the weakest effect that its own parameters refuse. Whether there is one.
@@ -193,14 +190,59 @@ impl Judged {
         Ok(self.why.iter().any(Option::is_some))
     }
 
-    /// Index of the effect to take away first, if the name of any is not supported.
-    fn next_refused(&self) -> Option<usize> {
-        let of = |i: usize| Some((i, self.why[i].as_ref()?.against.order()));
-        // The last of several equal ones is taken: the weights begin with the most valuable.
-        let refused = self.weights.iter().filter_map(|w| of(w.index));
-        let next = refused.max_by(|a, b| a.1.total_cmp(&b.1));
-        next.map(|(i, _)| i)
+    /// Indices of the effects to take away next, see [`next_gone`]; none if all names are supported.
+    fn next_refused(&self, search: &Search) -> Result<Vec<usize>, Error> {
+        let of = |w: &Weight| Some((w.index, self.why[w.index].as_ref()?.against.order()));
+        // The weights begin with the most valuable.
+        let refused: Vec<(usize, f64)> = self.weights.iter().filter_map(of).collect();
+        let together = search.thin.is_some();
+        let strongest = self.forms.as_ref().and_then(Forms::strongest);
+        let least = strongest.map_or(0.0, |(_, squares)| squares);
+        let rows = search.problem.y.len() as f64;
+        let material = 1.0 - 0.5 * search.spec.selection.material;
+        let mut before: Option<(Vec<usize>, f64)> = None;
+        next_gone(&refused, together, |others, index| {
+            let rmse = |left_out: &[usize]| {
+                let kept = self.outcome.chosen.iter().enumerate();
+                let kept = kept.filter(|(i, _)| !left_out.contains(i));
+                search.rmse(&kept.map(|(_, c)| c.clone()).collect::<Vec<_>>())
+            };
+            let without = match &before {
+                Some((same, rmse)) if same == others => *rmse,
+                _ => rmse(others)?,
+            };
+            let with: Vec<usize> = others.iter().copied().filter(|i| *i != index).collect();
+            let with = rmse(&with)?;
+            before = Some((others.to_vec(), without));
+            let own = rows * (without.powi(2) - with.powi(2));
+            Ok(own > least && with < without * material)
+        })
     }
+}
+
+/// Which of the refused effects, the most valuable first, with their orders, are taken away next: one of them, or `together` those that
+/// are only too weak beside others. Of these the most valuable stays, as it may be right, and each that is strong without those that
+/// go: of two that share what they explain one may be right. `strong(others, index)` tells whether that effect is, where the
+/// `others`, which include it, are left out.
+fn next_gone(
+    refused: &[(usize, f64)],
+    together: bool,
+    mut strong: impl FnMut(&[usize], usize) -> Result<bool, Error>,
+) -> Result<Vec<usize>, Error> {
+    // The last of several equal ones is the weakest.
+    let Some((worst, order)) = refused.iter().max_by(|a, b| a.1.total_cmp(&b.1)) else {
+        return Ok(vec![]);
+    };
+    if !together || refused.len() < 3 || *order != Against::Others.order() {
+        return Ok(vec![*worst]);
+    }
+    let mut gone: Vec<usize> = refused[1..].iter().map(|(index, _)| *index).collect();
+    for (index, _) in &refused[1..] {
+        if strong(&gone, *index)? {
+            gone.retain(|i| i != index);
+        }
+    }
+    Ok(if gone.is_empty() { vec![*worst] } else { gone })
 }
 
 /// Parameters of every effect; `known` are those that were needed so far.
@@ -278,45 +320,44 @@ struct Refused {
 /// The weakest effect whose name is not supported is taken away, and the search goes on without its name. Then the others are
 /// judged again: effects that share what they explain, as two forms of friction do, look worthless beside each other, and one of
 /// them may be right; and a wrong name may have kept the right one out. An effect that was only too weak beside a wrong one is
-/// looked for again.
+/// looked for again. Where rows are many each of these searches takes long, and several weak ones go at once.
 pub(crate) fn supported(
     search: &mut Search,
     outcome: Outcome,
-    left: Leftover,
     check: Option<&Checked>,
 ) -> Result<Supported, Error> {
-    let mut now = Judged::new(search, outcome, Some(left), check)?;
+    let mut now = Judged::new(search, outcome, check)?;
     let mut first: Option<First> = None;
     let mut refused: Vec<Refused> = Vec::new();
     for round in 0.. {
-        let Some(index) = now.next_refused() else {
+        let mut gone = now.next_refused(search)?;
+        if gone.is_empty() {
             break;
-        };
-        let kept = if round < ROUNDS {
-            let (own, rest) = without(&now.outcome.chosen, index);
-            let refusal = now.why[index].as_ref();
-            let for_now = refusal.is_some_and(|r| r.against == Against::Others);
-            search.bar(own.effect.kind(), for_now);
-            rest
-        } else {
-            let of = |(c, why): (&Chosen, &Option<Refusal>)| why.is_none().then(|| c.clone());
-            now.outcome
-                .chosen
-                .iter()
-                .zip(&now.why)
-                .filter_map(of)
-                .collect()
-        };
+        }
+        let last_round = round >= ROUNDS;
+        if last_round {
+            gone = (0..now.why.len())
+                .filter(|i| now.why[*i].is_some())
+                .collect();
+        }
+        let mut kept = Vec::new();
         for (i, effect) in now.outcome.chosen.iter().enumerate() {
-            if let Some(why) = now.why[i].clone().filter(|_| i == index || round >= ROUNDS) {
-                let (effect, why) = (effect.clone(), why.why);
-                refused.push(Refused { effect, why });
+            let Some(refusal) = now.why[i].clone().filter(|_| gone.contains(&i)) else {
+                kept.push(effect.clone());
+                continue;
+            };
+            if !last_round {
+                search.bar(effect.effect.kind(), refusal.against == Against::Others);
             }
+            refused.push(Refused {
+                effect: effect.clone(),
+                why: refusal.why,
+            });
         }
         let last = First::of(now);
         first.get_or_insert(last);
-        let outcome = search.resume(kept, round < ROUNDS)?;
-        now = Judged::new(search, outcome, None, check)?;
+        let outcome = search.resume(kept, !last_round)?;
+        now = Judged::new(search, outcome, check)?;
     }
     let mut left = now.left(search)?;
     let parameters = all_parameters(search, &now.outcome.chosen, now.parameters)?;
@@ -436,7 +477,7 @@ fn worthless(why: &mut [Option<Refusal>], weights: &[Weight], material: f64) {
 fn reasons(
     search: &Search,
     now: &mut Judged,
-    left: &Leftover,
+    forms: &Forms,
     check: Option<&Checked>,
 ) -> Result<(), Error> {
     let (outcome, weights) = (&now.outcome, &now.weights);
@@ -445,15 +486,15 @@ fn reasons(
     for w in weights {
         let own = rows * (w.rmse_without.powi(2) - w.rmse.powi(2));
         let weaker = || {
-            let strongest = left.strongest.as_ref().filter(|s| s.squares >= own)?;
+            let (depends_on, squares) = forms.strongest().filter(|(_, squares)| *squares >= own)?;
             let share =
                 |squares: f64| percent(1.0 - w.rmse / (w.rmse.powi(2) + squares / rows).sqrt());
             Some(format!(
                 "without it the held-out RMSE is {} larger, which is not more than what structure without a name still \
                  explains ({}: {})",
                 percent(w.rmse_without / w.rmse - 1.0),
-                strongest.depends_on,
-                share(strongest.squares)
+                depends_on,
+                share(squares)
             ))
         };
         let own = &outcome.chosen[w.index];
@@ -573,6 +614,39 @@ mod tests {
         };
         assert_eq!(beside(Some("half_height")), [true, false, true]);
         assert_eq!(beside(None), [false, false, false]);
+    }
+
+    #[test]
+    fn refused_ones_go_one_by_one_or_the_weak_ones_together() {
+        let (itself, others) = (Against::Itself.order(), Against::Others.order());
+        let check = Against::Check(1.1).order();
+        let gone = |refused: &[(usize, f64)], together: bool| {
+            next_gone(refused, together, |_, _| Ok(false)).unwrap()
+        };
+        assert!(gone(&[], true).is_empty());
+        for together in [false, true] {
+            assert_eq!(gone(&[(3, others)], together), [3]);
+            assert_eq!(gone(&[(3, others), (1, others)], together), [1]);
+            let refused = [(3, others), (1, check), (2, others)];
+            assert_eq!(gone(&refused, together), [1]);
+            let refused = [(3, itself), (1, itself), (2, others)];
+            assert_eq!(gone(&refused, together), [1]);
+        }
+        let weak = [(3, others), (1, others), (2, others)];
+        assert_eq!(gone(&weak, false), [2]);
+        assert_eq!(gone(&weak, true), [1, 2]);
+    }
+
+    #[test]
+    fn of_two_pairs_that_share_one_of_each_stays() {
+        let others = Against::Others.order();
+        // 0 and 1 share what they explain, and so do 2 and 3.
+        let refused = [(0, others), (1, others), (2, others), (3, others)];
+        let strong = |left_out: &[usize], index: usize| Ok(left_out.contains(&(index ^ 1)));
+        assert_eq!(next_gone(&refused, true, strong).unwrap(), [1, 3]);
+        // If all are strong without the others, the weakest goes.
+        let all = next_gone(&refused, true, |_, _| Ok(true)).unwrap();
+        assert_eq!(all, [3]);
     }
 
     #[test]

@@ -45,9 +45,10 @@ impl Colour {
         }
     }
 
-    /// Innovations in another order: what the values of the rows are stays, when they come does not.
+    /// Innovations in another order: what the values of the rows are stays, when they come does not. The frame may have fewer rows than
+    /// the residual.
     pub fn shuffled(&mut self, rng: &mut Rng, frame: &Frame) -> Vec<f64> {
-        self.shuffle(rng);
+        self.shuffle(rng, frame.len());
         let order = self.coefficients.len();
         let mut out = vec![0.0; frame.len()];
         let mut next = self.pool.iter();
@@ -59,9 +60,9 @@ impl Colour {
         out
     }
 
-    /// Noise of the same colour and the same distribution.
+    /// Noise of the same colour and the same distribution. The frame may have fewer rows than the residual.
     pub fn noise(&mut self, rng: &mut Rng, frame: &Frame) -> Vec<f64> {
-        self.shuffle(rng);
+        self.shuffle(rng, frame.len());
         let n = self.pool.len().max(1);
         let order = self.coefficients.len();
         let mut out = Vec::with_capacity(frame.len());
@@ -88,9 +89,11 @@ impl Colour {
         out
     }
 
-    fn shuffle(&mut self, rng: &mut Rng) {
-        for i in (1..self.pool.len()).rev() {
-            self.pool.swap(i, rng.below(i + 1));
+    /// Draws the first `count` innovations from all (Fisher and Yates).
+    fn shuffle(&mut self, rng: &mut Rng, count: usize) {
+        let all = self.pool.len();
+        for i in 0..count.min(all) {
+            self.pool.swap(i, i + rng.below(all - i));
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::frame::Frame;
 use crate::problem::Problem;
-use crate::stats::mean;
+use crate::stats::{deviation, mean};
 use rustfft::{num_complex::Complex, FftPlanner};
 
 /// Autocorrelation of `x` at lags 0..=`lags` over the sequences, mean removed overall.
@@ -37,6 +37,11 @@ pub fn autocorrelation(x: &[f64], frame: &Frame, lags: usize) -> Vec<f64> {
 /// below 0.05.
 pub fn correlation_time(acf: &[f64]) -> f64 {
     1.0 + 2.0 * acf.iter().skip(1).take_while(|r| **r > 0.05).sum::<f64>()
+}
+
+/// Variance of the mean of values that have this correlation time in rows.
+pub(super) fn variance_of_mean(values: &[f64], clump: f64) -> f64 {
+    deviation(values).powi(2) * clump / values.len().max(1) as f64
 }
 
 /// Correlation time of values on kept rows, in rows.

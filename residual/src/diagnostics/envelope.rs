@@ -1,6 +1,7 @@
 //! The size of a residual as a smooth function of columns.
 
-use super::correlation::autocorrelation;
+use super::correlation::{autocorrelation, correlation_time, variance_of_mean};
+use super::noise::SURE;
 use crate::frame::Frame;
 use crate::stats;
 
@@ -13,9 +14,6 @@ const ROUNDS: usize = 2;
 /// Size in the loudest bins over that in the quietest from which the noise grows with a column.
 const GROWS: f64 = 1.3;
 
-/// Standard errors by which it must.
-const SURE: f64 = 6.0;
-
 /// Multiple of the usual size at which a value is cut: single outliers say nothing about it.
 pub(super) const CUT: f64 = 6.0;
 
@@ -26,6 +24,16 @@ pub(crate) struct Along {
     pub name: String,
     /// Its value at each row.
     pub values: Vec<f64>,
+}
+
+impl Along {
+    /// The size of the column.
+    pub fn size(&self) -> Along {
+        Along {
+            name: self.name.clone(),
+            values: self.values.iter().map(|x| x.abs()).collect(),
+        }
+    }
 }
 
 /// Growth of the noise with the size of a column.
@@ -47,12 +55,13 @@ pub(super) fn usual(u: &[f64]) -> f64 {
     middle.max(0.3 * stats::rms(u))
 }
 
-/// `r` divided by its size as a smooth function of the columns.
-pub(super) fn level(r: &[f64], columns: &[Along]) -> Vec<f64> {
+/// `r` divided by its size as a smooth function of the columns, which is taken from the rows that `counts` names.
+pub(super) fn level(r: &[f64], columns: &[Along], counts: impl Fn(usize) -> bool) -> Vec<f64> {
     let mut u = r.to_vec();
     for _ in 0..ROUNDS {
         for column in columns {
-            if let Some(curve) = curve(&u, &column.values) {
+            let rows = (0..u.len()).filter(|i| counts(*i)).collect();
+            if let Some(curve) = curve(&u, &column.values, rows) {
                 for (u, x) in u.iter_mut().zip(&column.values) {
                     *u /= at(&curve, *x);
                 }
@@ -62,13 +71,12 @@ pub(super) fn level(r: &[f64], columns: &[Along]) -> Vec<f64> {
     u
 }
 
-/// Mean size in each bin of a column over that of all rows, by the middle of the bin.
-fn curve(u: &[f64], x: &[f64]) -> Option<Vec<(f64, f64)>> {
+/// Mean size in each bin of a column over that of all of the `rows`, by the middle of the bin.
+fn curve(u: &[f64], x: &[f64], mut rows: Vec<usize>) -> Option<Vec<(f64, f64)>> {
     let cut = CUT * usual(u);
-    if cut <= 0.0 || u.len() < 40 * BINS {
+    if cut <= 0.0 || rows.len() < 40 * BINS {
         return None;
     }
-    let mut rows: Vec<usize> = (0..u.len()).collect();
     rows.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
     let size =
         |rows: &[usize]| rows.iter().map(|i| u[*i].abs().min(cut)).sum::<f64>() / rows.len() as f64;
@@ -107,7 +115,7 @@ pub(crate) fn growth(r: &[f64], frame: &Frame, columns: &[Along]) -> Vec<Growth>
     let cut = CUT * usual(r);
     let sizes: Vec<f64> = r.iter().map(|x| x.abs().min(cut)).collect();
     let rho = autocorrelation(&sizes, frame, 64.min(r.len() / 4).max(1));
-    let clump = super::correlation::correlation_time(&rho);
+    let clump = correlation_time(&rho);
     let of = |column: &Along| {
         let x = &column.values;
         let mut rows: Vec<usize> = (0..r.len()).collect();
@@ -116,8 +124,7 @@ pub(crate) fn growth(r: &[f64], frame: &Frame, columns: &[Along]) -> Vec<Growth>
         let pick = |rows: &[usize]| -> Vec<f64> { rows.iter().map(|i| sizes[*i]).collect() };
         let (low, high) = (pick(&rows[..fifth]), pick(&rows[rows.len() - fifth..]));
         let (a, b) = (stats::mean(&low), stats::mean(&high));
-        let variance = |v: &[f64]| stats::deviation(v).powi(2) * clump / v.len().max(1) as f64;
-        let error = (variance(&low) + variance(&high)).sqrt();
+        let error = (variance_of_mean(&low, clump) + variance_of_mean(&high, clump)).sqrt();
         // The mean size of normal noise is that much of its RMS.
         let normal = (2.0 / std::f64::consts::PI).sqrt();
         (fifth >= 100 && a > 0.0 && b > GROWS * a && b - a > SURE * error).then(|| Growth {

@@ -4,6 +4,7 @@
 mod colour;
 mod correlation;
 mod envelope;
+mod louder;
 mod narrow;
 mod noise;
 mod switching;
@@ -12,7 +13,7 @@ mod whiteness;
 
 pub(crate) use correlation::correlation_rows;
 pub(crate) use envelope::{Along, Growth};
-pub(crate) use noise::{unlike_noise, UnlikeNoise};
+pub(crate) use noise::{unlike_noise, Sort, UnlikeNoise};
 pub(crate) use switching::switching;
 
 use crate::frame::Frame;

@@ -1,6 +1,7 @@
 //! A narrow band in a residual whose frequency need not stay: peaks of the spectra of short stretches.
 
 use super::colour::Colour;
+use super::noise::Imitations;
 use crate::frame::Frame;
 use crate::stats::{self, Rng};
 use rustfft::{num_complex::Complex, FftPlanner};
@@ -25,27 +26,35 @@ pub struct Narrow {
     pub between: (f64, f64),
 }
 
-/// Looks for a narrow band in the innovations of a residual against the same in `shuffles` other orders.
-pub fn narrow(colour: &mut Colour, frame: &Frame, rng: &mut Rng, shuffles: usize) -> Narrow {
+/// Looks for a narrow band in the innovations of a residual against the same in other orders.
+pub(super) fn narrow(
+    colour: &mut Colour,
+    frame: &Frame,
+    rng: &mut Rng,
+    imitations: &Imitations,
+) -> Narrow {
     let mut best = Narrow {
         share: 0.0,
         z: 0.0,
         between: (0.0, 0.0),
     };
-    // One order at a time: logs can be long.
     let mut noises = [const { Vec::new() }; WIDTHS.len()];
-    for _ in 0..shuffles {
-        let other = colour.shuffled(rng, frame);
+    for _ in 0..imitations.count {
+        let other = colour.shuffled(rng, &imitations.frame);
         for (noise, width) in noises.iter_mut().zip(WIDTHS) {
-            noise.extend(peaks(&other, frame, width).map(|p| p.0));
+            noise.extend(peaks(&other, &imitations.frame, width).map(|p| p.0));
         }
     }
     for (noise, width) in noises.iter().zip(WIDTHS) {
         let Some((found, mut at)) = peaks(&colour.innovations, frame, width) else {
             break;
         };
-        let (m, d) = (stats::mean(noise), stats::deviation(noise));
-        let z = (found - m) / d.max(1e-6);
+        // Few sequences may be long enough for such stretches.
+        if noise.len() < imitations.count {
+            continue;
+        }
+        let (m, error) = (stats::mean(noise), imitations.error(noise));
+        let z = (found - m) / error.max(1e-6);
         // As a share: noise alone has the share m, a pure line all.
         let share = (found - m) / (1.0 - m);
         if z > best.z {

@@ -4,6 +4,7 @@
 use super::colour::Colour;
 use super::correlation::autocorrelation;
 use super::envelope::{growth, level, usual, Along, Growth, CUT};
+use super::louder::louder;
 use super::narrow::{narrow, Narrow};
 use super::wander::{wander, Wander};
 use crate::frame::Frame;
@@ -17,13 +18,44 @@ const FOLLOWS_ITSELF: f64 = 0.97;
 const WINDOWS: [usize; 4] = [8, 16, 32, 64];
 
 /// Standard deviations by which a residual must differ from noise of the same colour and the same distribution.
-const SURE: f64 = 6.0;
+pub(super) const SURE: f64 = 6.0;
 
 /// Energy of a burst window over that of the usual one.
 const BURST_FACTOR: f64 = 2.5;
 
 /// Noises of the same colour that a residual is compared with.
 const NOISES: usize = 32;
+
+/// Rows of each such noise. A longer one shows nothing more: the scatter of a mean falls with the root of its rows.
+const NOISE_ROWS: usize = 120_000;
+
+/// Noises that a residual is compared with.
+pub(super) struct Imitations {
+    /// Number of noises.
+    pub count: usize,
+    /// Their rows.
+    pub frame: Frame,
+    /// Scatter of a mean over the rows of the residual, over that of one over these.
+    shrink: f64,
+}
+
+impl Imitations {
+    /// For a residual on the rows of a frame.
+    fn new(frame: &Frame) -> Imitations {
+        let own = frame.longest(NOISE_ROWS);
+        Imitations {
+            count: NOISES,
+            shrink: (own.len() as f64 / frame.len().max(1) as f64).sqrt(),
+            frame: own,
+        }
+    }
+
+    /// Standard error of the difference between a mean over the rows of the residual and the mean of its `values` for the noises.
+    pub fn error(&self, values: &[f64]) -> f64 {
+        let own = self.shrink.powi(2) + 1.0 / values.len().max(1) as f64;
+        stats::deviation(values) * own.sqrt()
+    }
+}
 
 /// What is unlike noise in a residual.
 #[derive(Debug, Clone, PartialEq)]
@@ -32,8 +64,10 @@ pub struct UnlikeNoise {
     pub lag_one: f64,
     /// Share of the energy that comes in bursts; 0 without bursts.
     pub burst_share: f64,
-    /// Share of the bursts that falls on the rows of a mask, and share of all rows that these are; of the masks that were
-    /// given, in their order.
+    /// Share of the energy by which rows of each sort are louder than others like them, in the order in which the sorts were given; 0
+    /// where they are not.
+    pub louder: Vec<f64>,
+    /// Share of the bursts that falls on rows of each sort, and share of all rows that these are, in the same order.
     pub within: Vec<(f64, f64)>,
     /// A slow part that is as slow as the log is long.
     pub wander: Option<Wander>,
@@ -50,14 +84,18 @@ impl UnlikeNoise {
     }
 }
 
-/// Looks at a residual on the rows of a frame. `masks` say for each row whether it is of some sort (at rest, just started);
-/// the size of noise may depend on `columns`.
-pub fn unlike_noise(
-    r: &[f64],
-    frame: &Frame,
-    masks: &[Vec<bool>],
-    columns: &[Along],
-) -> UnlikeNoise {
+/// Rows of one sort, as at rest or just started, and those that they are compared with.
+#[derive(Debug, Clone)]
+pub struct Sort {
+    /// Whether each row is of the sort.
+    pub rows: Vec<bool>,
+    /// Whether each row is one to compare with.
+    pub others: Vec<bool>,
+}
+
+/// Looks at a residual on the rows of a frame, with `sorts` of rows in which something of its own may act. The size of noise may
+/// depend on `columns`.
+pub fn unlike_noise(r: &[f64], frame: &Frame, sorts: &[Sort], columns: &[Along]) -> UnlikeNoise {
     let rho = autocorrelation(r, frame, 1);
     let mut u = r.to_vec();
     for range in frame.sequences() {
@@ -66,11 +104,16 @@ pub fn unlike_noise(
     }
     let growth = growth(&u, frame, columns);
     let wander = wander(&u, frame);
-    let u = level(&u, columns);
+    let louder = sorts
+        .iter()
+        .map(|sort| louder(&u, frame, sort, columns))
+        .collect();
+    let u = level(&u, columns, |_| true);
     let mut colour = Colour::new(&u, frame);
     let mut rng = Rng::new(u.len() as u64);
-    let band = narrow(&mut colour, frame, &mut rng, NOISES);
-    let bursts = bursts(&u, frame, &mut colour, &mut rng);
+    let imitations = Imitations::new(frame);
+    let band = narrow(&mut colour, frame, &mut rng, &imitations);
+    let bursts = bursts(&u, frame, &mut colour, &mut rng, &imitations);
     let count = |windows: &[std::ops::Range<usize>], mask: &[bool]| {
         let rows: usize = windows.iter().map(std::ops::Range::len).sum();
         let hits: usize = windows
@@ -79,17 +122,18 @@ pub fn unlike_noise(
             .sum();
         hits as f64 / rows.max(1) as f64
     };
-    let within = masks
+    let within = sorts
         .iter()
-        .map(|mask| {
-            let all = mask.iter().filter(|m| **m).count() as f64 / mask.len().max(1) as f64;
-            let of = |b: &Bursts| count(&b.windows, mask);
+        .map(|Sort { rows, .. }| {
+            let all = rows.iter().filter(|m| **m).count() as f64 / rows.len().max(1) as f64;
+            let of = |b: &Bursts| count(&b.windows, rows);
             (bursts.as_ref().map_or(0.0, of), all)
         })
         .collect();
     UnlikeNoise {
         lag_one: rho.get(1).copied().unwrap_or(0.0),
         burst_share: bursts.map_or(0.0, |b| b.share),
+        louder,
         within,
         wander,
         narrow: Some(band).filter(|b| b.z > SURE),
@@ -155,7 +199,13 @@ impl Energies {
 
 /// Bursts: energies of windows vary more than those of noise that has the same colour and the same values in another order.
 /// Heavy tails and single outliers are in that noise too.
-fn bursts(u: &[f64], frame: &Frame, colour: &mut Colour, rng: &mut Rng) -> Option<Bursts> {
+fn bursts(
+    u: &[f64],
+    frame: &Frame,
+    colour: &mut Colour,
+    rng: &mut Rng,
+    imitations: &Imitations,
+) -> Option<Bursts> {
     let cut = (CUT * usual(u)).powi(2);
     let rho = autocorrelation(u, frame, 64.min(u.len() / 4).max(1));
     // Squares of correlated normal values are correlated by the square of their correlation.
@@ -165,13 +215,12 @@ fn bursts(u: &[f64], frame: &Frame, colour: &mut Colour, rng: &mut Rng) -> Optio
             .sum::<f64>();
         2.0 * (1.0 + 2.0 * clump) / width as f64
     });
-    // One noise at a time: logs can be long.
     let mut spreads = [const { Vec::new() }; WINDOWS.len()];
     let mut shares = [const { Vec::new() }; WINDOWS.len()];
-    for _ in 0..NOISES {
-        let noise = colour.noise(rng, frame);
+    for _ in 0..imitations.count {
+        let noise = colour.noise(rng, &imitations.frame);
         for (k, width) in WINDOWS.into_iter().enumerate() {
-            if let Some(e) = Energies::new(&noise, frame, width, cut) {
+            if let Some(e) = Energies::new(&noise, &imitations.frame, width, cut) {
                 spreads[k].push(e.spread);
                 shares[k].push(e.bursts(normal[k]).share);
             }
@@ -182,7 +231,11 @@ fn bursts(u: &[f64], frame: &Frame, colour: &mut Colour, rng: &mut Rng) -> Optio
         let Some(found) = Energies::new(u, frame, width, cut) else {
             break;
         };
-        let error = stats::deviation(&spreads[k]).max(1e-9);
+        // Few sequences may be long enough for such windows.
+        if spreads[k].len() < imitations.count {
+            continue;
+        }
+        let error = imitations.error(&spreads[k]).max(1e-9);
         let z = (found.spread - stats::mean(&spreads[k])) / error;
         let mut found = found.bursts(normal[k]);
         found.share -= stats::mean(&shares[k]);
@@ -241,6 +294,26 @@ mod tests {
                 assert!(found.wander.is_none(), "{seed}: {found:?}");
                 assert!(found.narrow.is_none(), "{seed}: {found:?}");
             }
+        }
+    }
+
+    /// The noises are shorter than such a residual. It is judged as a shorter one is: from its colour, its tails and its bursts.
+    #[test]
+    fn a_long_residual_is_judged_from_shorter_noises() {
+        let n = 3 * NOISE_ROWS;
+        let mut rng = Rng::new(8);
+        for keep in [0.0, 0.9] {
+            let tails = filtered(keep, n, || student(&mut rng));
+            let found = plain(&tails);
+            assert!(found.burst_share < 0.04, "{found:?}");
+            assert!(found.narrow.is_none(), "{found:?}");
+            // Bursts in a part of the log that no noise has.
+            let burst = |i: usize| i > n / 2 && (i / 30).is_multiple_of(10);
+            let late: Vec<f64> = (0..n)
+                .map(|i| tails[i] * if burst(i) { 4.0 } else { 1.0 })
+                .collect();
+            let found = plain(&late);
+            assert!(found.burst_share > 0.1, "{found:?}");
         }
     }
 
@@ -306,7 +379,11 @@ mod tests {
                 })
                 .collect(),
         };
-        let found = unlike_noise(&r, &frame(n), std::slice::from_ref(&rest), &[speed]);
+        let sort = Sort {
+            others: rest.iter().map(|rest| !rest).collect(),
+            rows: rest,
+        };
+        let found = unlike_noise(&r, &frame(n), &[sort], &[speed]);
         assert!(found.burst_share > 0.1, "{found:?}");
         assert!(
             found.within[0].0 > 0.9 && found.within[0].1 < 0.3,

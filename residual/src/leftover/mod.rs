@@ -8,12 +8,13 @@ mod nameless;
 
 pub(crate) use nameless::Nameless;
 
-use crate::diagnostics::{switching, unlike_noise, Along, Growth, UnlikeNoise};
+use crate::diagnostics::{switching, unlike_noise, Along, Growth, Sort, UnlikeNoise};
 use crate::effects::Context;
 use crate::error::Error;
 use crate::format::num;
 use crate::frame::Frame;
 use crate::hygiene::Finding;
+use crate::model::Fitted;
 use crate::ranking::{Acceptance, Step};
 use crate::report::Structure;
 use crate::scan::{Candidate, Offer};
@@ -44,19 +45,50 @@ const LISTED: usize = 6;
 /// Blocks of time that an effect needs before too few places can be the reason to doubt it.
 const FEW_BLOCKS: usize = 8;
 
-/// The strongest structure without a name on top of a model.
-#[derive(Debug, Clone)]
-pub(crate) struct Strongest {
-    /// What it depends on, for readers.
-    pub depends_on: String,
-    /// Held-out squared error that it explains.
-    pub squares: f64,
+/// Nameless forms on top of a model, the one that explains most first.
+pub(crate) struct Forms {
+    all: Vec<Candidate<Nameless>>,
+    /// How many were tested again: up to the first that counts.
+    tested: usize,
+}
+
+impl Forms {
+    /// Tries all of them on top of the model.
+    pub fn new(search: &mut Search, on: &Fitted) -> Result<Forms, Error> {
+        let mut all = search.scan(on, &offers)?;
+        all.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+        let acceptance = search.acceptance();
+        let mut tested = 0;
+        while let Some(next) = all.get_mut(tested..tested + 1) {
+            search.retest(next, on);
+            if acceptance.accepts(&next[0]) {
+                break;
+            }
+            tested += 1;
+        }
+        Ok(Forms { all, tested })
+    }
+
+    /// What the one that explains most depends on, for readers, and the held-out squared error that it explains.
+    pub fn strongest(&self) -> Option<(&str, f64)> {
+        let first = self.all.get(self.tested)?;
+        Some((&first.origin.depends_on, first.base - first.held))
+    }
+
+    /// Those that count.
+    fn counting(mut self, search: &Search, on: &Fitted) -> Vec<Candidate<Nameless>> {
+        self.all.drain(..self.tested);
+        if let Some(others) = self.all.get_mut(1..) {
+            search.retest(others, on);
+        }
+        let acceptance = search.acceptance();
+        self.all.retain(|c| acceptance.accepts(c));
+        self.all
+    }
 }
 
 /// What is left.
 pub(crate) struct Leftover {
-    /// The strongest structure without a name, if any counts.
-    pub strongest: Option<Strongest>,
     /// Structure without a name, strongest first.
     pub structure: Vec<Structure>,
     /// Whether it puts what was named in doubt.
@@ -77,24 +109,14 @@ fn offers(_: &Search, ctx: &Context) -> Vec<Offer<Nameless>> {
 }
 
 impl Leftover {
-    /// Looks for what is left on top of the final model. `frame` has the kept rows.
-    pub fn new(search: &mut Search, outcome: &Outcome, frame: &Frame) -> Result<Leftover, Error> {
+    /// Looks for what is left on top of the final model, beside the nameless forms on top of it.
+    pub fn new(search: &mut Search, outcome: &Outcome, forms: Forms) -> Result<Leftover, Error> {
         let fitted = &outcome.fitted;
-        let mut forms = search.scan(fitted, &offers)?;
-        search.retest(&mut forms, fitted);
-        forms.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+        let forms = forms.counting(search, fitted);
         let acceptance = search.acceptance();
-        let forms: Vec<Candidate<Nameless>> = forms
-            .into_iter()
-            .filter(|c| acceptance.accepts(c))
-            .collect();
         let held = fitted.squares();
         let before = search.declared.fit.scores.held_total(0);
         let mut out = Leftover {
-            strongest: forms.first().map(|c| Strongest {
-                depends_on: c.origin.depends_on.clone(),
-                squares: c.base - c.held,
-            }),
             structure: forms.iter().take(LISTED).map(structure).collect(),
             unexplained: false,
             largest: forms.first().map(|c| c.origin.clone()),
@@ -112,8 +134,9 @@ impl Leftover {
             !c.steady && acceptance.material(c.gain) && acceptance.significant(c.p)
         });
         out.between_logs(&outcome.last, &acceptance);
-        out.switching(search, &fitted.fit.residual, frame, held);
-        out.unlike_noise(search, &fitted.fit.residual, frame, held);
+        let frame = search.problem.kept_frame();
+        out.switching(search, &fitted.fit.residual, &frame, held);
+        out.unlike_noise(search, &fitted.fit.residual, &frame, held);
         Ok(out)
     }
 
@@ -194,8 +217,7 @@ impl Leftover {
 
     /// Adds what distinguishes the residual from the noise of a sensor: something acts that these columns do not show.
     fn unlike_noise(&mut self, search: &Search, residual: &[f64], frame: &Frame, held: f64) {
-        let masks = [at_rest(search), just_started(search)];
-        let found = unlike_noise(residual, frame, &masks, &columns(search));
+        let found = unlike_noise(residual, frame, &sorts(search, frame), &columns(search));
         self.notes.extend(found.growth.iter().map(|g| {
             let unit = &search.spec.roles.target.unit;
             growth_note(g, unit)
@@ -213,6 +235,9 @@ impl Leftover {
             }
         };
         add(burst_words(&found).into(), found.burst_share, 0.0);
+        for (share, words) in found.louder.iter().zip(LOUDER) {
+            add(words.into(), *share, 0.0);
+        }
         if let Some(wander) = found.wander {
             add(
                 format!(
@@ -289,6 +314,10 @@ impl Leftover {
 /// Seconds after a start in which motion counts as just started.
 const START_S: f64 = 0.7;
 
+/// Shortest rest, in seconds and in rows.
+const REST_S: f64 = 0.1;
+const REST_ROWS: usize = 3;
+
 /// Share of the bursts in rows of one sort from which they belong to it.
 const BELONG: f64 = 0.6;
 
@@ -322,43 +351,68 @@ fn growth_note(growth: &Growth, unit: &str) -> Finding {
     }
 }
 
-/// Which kept rows are at rest; none without a velocity.
-fn at_rest(search: &Search) -> Vec<bool> {
+/// Rows in which something of its own may act: at rest, and in motion that began less than [`START_S`] ago, after a rest. None without
+/// a velocity.
+fn sorts(search: &Search, frame: &Frame) -> [Sort; 2] {
     let ctx = search.scan_on(&search.declared).context();
-    let rest = ctx.velocity.as_ref().map_or(vec![], |v| {
+    let resting = ctx.velocity.as_ref().map_or(vec![], |v| {
         ctx.values(&format!("sgn({v}, {}) == 0", ctx.deadband))
     });
-    if rest.len() == search.problem.y.len() {
-        rest.iter().map(|x| *x != 0.0).collect()
-    } else {
-        vec![false; search.problem.y.len()]
+    let rows = frame.len();
+    if resting.len() != rows {
+        let none = || vec![false; rows];
+        return std::array::from_fn(|_| Sort {
+            rows: none(),
+            others: none(),
+        });
     }
+    let still: Vec<bool> = resting.iter().map(|x| *x != 0.0).collect();
+    let (rest, started) = rest_and_start(&still, frame);
+    [
+        Sort {
+            others: still.iter().map(|still| !still).collect(),
+            rows: rest,
+        },
+        Sort {
+            others: (0..rows).map(|i| !still[i] && !started[i]).collect(),
+            rows: started,
+        },
+    ]
 }
 
-/// Which kept rows are in motion that began less than [`START_S`] ago, after a rest.
-fn just_started(search: &Search) -> Vec<bool> {
-    let rest = at_rest(search);
-    let rows = (START_S / search.problem.frame.step().max(1e-9)).ceil() as usize;
-    let mut since = usize::MAX;
-    let mut rested = 0;
-    rest.iter()
-        .map(|rest| {
-            if *rest {
-                (rested, since) = (rested + 1, usize::MAX);
-                return false;
+/// Rows of rests, and those of the motion just after one, from rows without motion. An encoder that moves slowly has rows without
+/// motion between its steps, so a short time is no rest.
+fn rest_and_start(still: &[bool], frame: &Frame) -> (Vec<bool>, Vec<bool>) {
+    let (mut rest, mut started) = (vec![false; still.len()], vec![false; still.len()]);
+    for sequence in frame.sequences() {
+        let mut at = sequence.start;
+        let mut since = f64::NEG_INFINITY;
+        for part in still[sequence.clone()].chunk_by(|a, b| a == b) {
+            let rows = at..at + part.len();
+            at = rows.end;
+            let time = &frame.time()[rows.clone()];
+            if !part[0] {
+                let new = time.iter().map(|t| t - since < START_S);
+                new.zip(&mut started[rows])
+                    .for_each(|(new, row)| *row = new);
+            } else if part.len() >= REST_ROWS && time[part.len() - 1] - time[0] >= REST_S {
+                since = time[part.len() - 1];
+                rest[rows].fill(true);
             }
-            since = match (since, rested) {
-                (usize::MAX, r) if r >= 3 => 0,
-                (usize::MAX, _) => usize::MAX,
-                (n, _) => n + 1,
-            };
-            rested = 0;
-            since < rows
-        })
-        .collect()
+        }
+    }
+    (rest, started)
 }
 
-/// Bursts in words, by the rows that they fall on.
+/// A residual that is louder at rest, or when motion begins, in words: in the order of [`sorts`].
+const LOUDER: [&str; 2] = [
+    "what acts at rest (contact, or friction that holds), which these columns do not show: the residual is larger there than in slow \
+     motion",
+    "what acts when the motion begins (breaking loose), which these columns do not show: the residual is larger there than later at \
+     the same speed",
+];
+
+/// Bursts in words, by the rows that they fall on: in the order of [`sorts`].
 fn burst_words(found: &UnlikeNoise) -> &'static str {
     let belong = |k: usize| {
         found

@@ -42,8 +42,8 @@ pub(crate) struct Fit {
     pub dropped: Vec<bool>,
     /// Sums with the residual as flipped target.
     pub sums: Sums,
-    /// Target less residual: the in-sample prediction.
-    pub prediction: Vec<f64>,
+    /// In-sample prediction, where it is not the target less the residual.
+    other_prediction: Option<Vec<f64>>,
     /// In-sample residual.
     pub residual: Vec<f64>,
     /// Held-out residual, row by row.
@@ -199,7 +199,6 @@ impl Fit {
         let raw = Sums::new(p, &columns, &residual, None, None);
         let (theta, dropped) = raw.fit(None);
         subtract(&columns, &theta, 0..n, &mut residual);
-        let prediction = p.y.iter().zip(&residual).map(|(y, r)| y - r).collect();
         hold_out(p, &slices(&terms.x), &raw, &mut held);
         let mut local = Vec::new();
         if !terms.local.is_empty() {
@@ -217,7 +216,7 @@ impl Fit {
             projector,
             free: terms.free,
             x,
-            prediction,
+            other_prediction: None,
             theta,
             dropped,
             sums,
@@ -228,14 +227,25 @@ impl Fit {
         })
     }
 
+    /// In-sample prediction of the target on the kept rows.
+    pub fn prediction(&self, p: &Problem) -> Vec<f64> {
+        match &self.other_prediction {
+            Some(prediction) => prediction.clone(),
+            None => {
+                let rows = p.y.iter().zip(&self.residual);
+                rows.map(|(y, r)| y - r).collect()
+            }
+        }
+    }
+
     /// The same fit with another residual in its place.
-    pub fn on(&self, residual: Vec<f64>, sums: Sums, scores: Scores) -> Fit {
+    pub fn on(&self, p: &Problem, residual: Vec<f64>, sums: Sums, scores: Scores) -> Fit {
         Fit {
             view: self.view.clone(),
             projector: self.projector.clone(),
             free: self.free.clone(),
             x: self.x.clone(),
-            prediction: self.prediction.clone(),
+            other_prediction: Some(self.prediction(p)),
             theta: self.theta.clone(),
             dropped: self.dropped.clone(),
             sums,

@@ -52,7 +52,7 @@ impl Scan<'_> {
             out.iter_mut().zip(v.iter()).for_each(|(o, v)| *o += a * v);
         }
         out.iter_mut()
-            .zip(&self.fit.prediction)
+            .zip(&self.fit.prediction(self.problem))
             .for_each(|(o, p)| *o -= p);
         if let Some(projector) = &self.fit.projector {
             projector.take_out(&mut out);

@@ -145,7 +145,7 @@ impl<'a> Scan<'a> {
             }
             Ok(frame.get_or_init(|| new))
         };
-        let mut part = self.fit.prediction.clone();
+        let mut part = self.fit.prediction(self.problem);
         let (mut x, mut at): (Vec<Column>, Vec<_>) = (vec![], vec![]);
         let mut fixed = vec![0.0; self.problem.y.len()];
         for piece in added {

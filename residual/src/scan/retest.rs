@@ -24,7 +24,7 @@ impl Scan<'_> {
         let columns: Vec<&[f64]> = self.fit.x.iter().map(|c| c.as_slice()).collect();
         let sums = Sums::new(self.problem, &columns, &residual, None, None);
         let scores = Scores::new(self.problem, &sums, &self.problem.flips);
-        let fit = self.fit.on(residual, sums, scores);
+        let fit = self.fit.on(self.problem, residual, sums, scores);
         let after = Scan { fit: &fit, ..*self };
         let mut grid = c.variant.psi.as_ref().map_or(vec![], |p| p.grid.clone());
         grid.push(c.psi);

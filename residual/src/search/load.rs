@@ -17,23 +17,37 @@ fn contains(c: &Chosen, load: &str) -> bool {
     format!("{:?}", (c.variant.build)(c.psi)).contains(load)
 }
 
+/// Whether an effect puts another command in the place of the declared one.
+fn replaces_command(c: &Chosen) -> bool {
+    let build = (c.variant.build)(c.psi);
+    matches!(build, Build::Swap(_) | Build::SwapAll(_))
+}
+
+/// Another expression of the load, with the effects that depend on it.
+pub(super) struct Renewed {
+    load: String,
+    /// Whether it is the load behind a command that an effect replaces.
+    behind: bool,
+    chosen: Vec<Chosen>,
+}
+
 impl Search<'_> {
-    /// Expresses the load, and the effects that depend on it, with the coefficients that the declared terms have beside the
-    /// effects. Whether it changed.
+    /// Expressions of the load with the coefficients that the declared terms have beside the effects; none if no effect depends on it,
+    /// or it is the same.
     ///
     /// The first load has the coefficients of the declared model alone. What the model lacks biases them: a limit of the command
     /// makes a gain too small, and a friction per load would be too large by as much. Where an effect replaces the command, the data
     /// decide whether the load is the one before or behind it.
-    pub(super) fn renew_load(
+    pub(super) fn renewed(
         &mut self,
         fitted: &Fitted,
-        chosen: &mut Vec<Chosen>,
-    ) -> Result<bool, Error> {
+        chosen: &[Chosen],
+    ) -> Result<Vec<Renewed>, Error> {
+        let mut out = Vec::new();
         let old = self.load.clone();
         if !chosen.iter().any(|c| contains(c, &old)) {
-            return Ok(false);
+            return Ok(out);
         }
-        let mut best: Option<(f64, bool, String, Vec<Chosen>)> = None;
         for (place, load) in load_expressions(&self.declared, fitted)
             .into_iter()
             .enumerate()
@@ -42,21 +56,43 @@ impl Search<'_> {
                 continue;
             };
             self.load.clone_from(&load);
-            let mut with = chosen.clone();
-            self.put_in(&mut with, fitted, &old, size)?;
-            let rmse = self.rmse(&with)?;
+            let mut with = chosen.to_vec();
+            self.put_in(&mut with, fitted, &old, size);
             self.load.clone_from(&old);
-            if best.as_ref().is_none_or(|(least, ..)| rmse < *least) {
-                best = Some((rmse, place > 0, load, with));
+            out.push(Renewed {
+                load,
+                behind: place > 0,
+                chosen: with,
+            });
+        }
+        Ok(out)
+    }
+
+    /// Takes the one of these expressions with which the effects predict best, if that is not worse than `rmse`, the error with the
+    /// present one. Whether the load changed.
+    pub(super) fn renew_load(
+        &mut self,
+        renewed: Vec<Renewed>,
+        rmse: f64,
+        chosen: &mut Vec<Chosen>,
+    ) -> Result<bool, Error> {
+        let old = self.load.clone();
+        let mut best: Option<(f64, Renewed)> = None;
+        for mut new in renewed {
+            self.load.clone_from(&new.load);
+            self.polish(&mut new.chosen)?;
+            let rmse = self.rmse(&new.chosen)?;
+            self.load.clone_from(&old);
+            if best.as_ref().is_none_or(|(least, _)| rmse < *least) {
+                best = Some((rmse, new));
             }
         }
         // An expression that predicts worse is not the load.
-        let Some((_, behind, load, with)) = best.filter(|(rmse, ..)| *rmse < fitted.rmse() * 1.001)
-        else {
+        let Some((_, new)) = best.filter(|(new, _)| *new < rmse * 1.001) else {
             return Ok(false);
         };
-        (self.load, self.load_is_behind) = (load, behind);
-        *chosen = with;
+        (self.load, self.load_is_behind) = (new.load, new.behind);
+        *chosen = new.chosen;
         self.scans.clear();
         Ok(true)
     }
@@ -64,14 +100,10 @@ impl Search<'_> {
     /// Expresses the load behind a replaced command anew, after an effect was taken away: if that was the one that replaced it, a gain
     /// would else be a delay under another name.
     pub(super) fn load_before(&mut self, chosen: &mut [Chosen]) -> Result<(), Error> {
-        let replaces = |c: &Chosen| {
-            let build = (c.variant.build)(c.psi);
-            matches!(build, Build::Swap(_) | Build::SwapAll(_))
-        };
         if !self.load_is_behind {
             return Ok(());
         }
-        self.load_is_behind = chosen.iter().any(replaces);
+        self.load_is_behind = chosen.iter().any(replaces_command);
         let fitted = self.fit(chosen)?;
         let mut loads = load_expressions(&self.declared, &fitted);
         let place = if self.load_is_behind {
@@ -82,20 +114,21 @@ impl Search<'_> {
         let load = loads.swap_remove(place);
         if let Some(size) = self.size_of(&load)? {
             let old = std::mem::replace(&mut self.load, load);
-            self.put_in(chosen, &fitted, &old, size)?;
+            self.put_in(chosen, &fitted, &old, size);
+            drop(fitted);
+            self.polish(chosen)?;
             self.scans.clear();
         }
         Ok(())
     }
 
+    /// Whether the load is the one behind a replaced command, and no effect replaces it any more.
+    pub(super) fn load_is_stale(&self, chosen: &[Chosen]) -> bool {
+        self.load_is_behind && !chosen.iter().any(replaces_command)
+    }
+
     /// Puts the present load in the place of the `old` one, which is smaller by the factor `size`.
-    fn put_in(
-        &self,
-        chosen: &mut [Chosen],
-        fitted: &Fitted,
-        old: &str,
-        size: f64,
-    ) -> Result<(), Error> {
+    fn put_in(&self, chosen: &mut [Chosen], fitted: &Fitted, old: &str, size: f64) {
         let context = self.scan_on(fitted).context();
         for c in chosen.iter_mut().filter(|c| contains(c, old)) {
             let mut forms = c.effect.variants(&context).into_iter();
@@ -112,8 +145,6 @@ impl Search<'_> {
             }
             c.variant = Arc::new(form);
         }
-        drop(context);
-        self.polish(chosen)
     }
 
     /// Size of another expression of the load over that of the present one; `None` if they are the same load.

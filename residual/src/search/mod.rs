@@ -52,8 +52,14 @@ const AT_ONCE: f64 = 0.5;
 /// Fewest forms that are scanned on all rows at once.
 const FEWEST_AT_ONCE: usize = 4;
 
-/// Times that the load is expressed anew.
+/// Times that the load is expressed anew. The second time corrects it for effects that the first one changed.
 const LOADS: usize = 2;
+
+/// The same where rows are many: before the rivals, and at the end if the effects are others by then.
+const LOADS_OF_MANY: usize = 1;
+
+/// Forward searches after an effect was taken away, each with refined parameters.
+const FORWARDS: usize = 2;
 
 /// Rounds of forward search and rivals; in the last nothing is replaced.
 const ROUNDS: usize = 4;
@@ -163,6 +169,12 @@ pub(crate) fn without(chosen: &[Chosen], index: usize) -> (Chosen, Vec<Chosen>) 
     (own, rest)
 }
 
+/// Whether two lists have the same forms of effects.
+fn same_forms(a: &[Chosen], b: &[Chosen]) -> bool {
+    let count = |all: &[Chosen], form: &Chosen| all.iter().filter(|c| c.is_form(form)).count();
+    a.len() == b.len() && a.iter().all(|form| count(a, form) == count(b, form))
+}
+
 /// Rows before and after one at a stop in which noise may have been cut off as well.
 const CUT_OFF: usize = 10;
 
@@ -221,9 +233,26 @@ impl<'a> Search<'a> {
     pub fn run(&mut self, progress: &mut dyn Progress) -> Result<Outcome, Error> {
         let mut chosen: Vec<Chosen> = Vec::new();
         let (mut round, mut loads) = (0, 0);
+        // The effects with which the load was expressed before the rivals.
+        let mut early: Option<Vec<Chosen>> = None;
         loop {
+            if self.load_is_stale(&chosen) {
+                self.load_before(&mut chosen)?;
+            }
             self.forward(&mut chosen, progress)?;
             self.polish_last(&mut chosen)?;
+            // Rivals take long where rows are many: they are looked for with the load that stays.
+            if self.thin.is_some() && early.is_none() {
+                let fitted = self.fit(&chosen)?;
+                let (renewed, rmse) = (self.renewed(&fitted, &chosen)?, fitted.rmse());
+                drop(fitted);
+                if !renewed.is_empty() {
+                    early = Some(chosen.clone());
+                    if self.renew_load(renewed, rmse, &mut chosen)? {
+                        continue;
+                    }
+                }
+            }
             round += 1;
             let may_replace = round < ROUNDS;
             if may_replace && self.merge(&mut chosen, progress)? {
@@ -239,6 +268,15 @@ impl<'a> Search<'a> {
             progress.stage("what is left");
             let fitted = self.fit(&chosen)?;
             let last = self.step(&fitted)?;
+            let most = match (&self.thin, &early) {
+                (None, _) => LOADS,
+                (_, Some(early)) if same_forms(early, &chosen) => 0,
+                _ => LOADS_OF_MANY,
+            };
+            let renewed = match loads < most {
+                true => self.renewed(&fitted, &chosen)?,
+                false => vec![],
+            };
             let more = if last.winner.is_none() || !may_replace {
                 None
             } else {
@@ -248,13 +286,14 @@ impl<'a> Search<'a> {
             // Where nothing that counts can be added, another round would end as this one did.
             match more {
                 Some(next) => chosen = next,
-                None if loads < LOADS && self.renew_load(&fitted, &mut chosen)? => {
-                    // After the first change the effects are those of another load. A later one is a correction of it, and so is
-                    // the first one where another search would take long.
-                    let again = loads == 0 && self.thin.is_none();
-                    round = if again { 0 } else { ROUNDS - 1 };
+                None if self.renew_load(renewed, fitted.rmse(), &mut chosen)? => {
+                    // After the first time the effects are those of another load.
+                    let first = loads == 0 && self.thin.is_none();
+                    round = if first { 0 } else { ROUNDS - 1 };
                     loads += 1;
                 }
+                // `forward` begins with the load that is left.
+                None if self.load_is_stale(&chosen) => {}
                 None => {
                     return Ok(Outcome {
                         limited: self.limited,
@@ -271,7 +310,12 @@ impl<'a> Search<'a> {
     /// Leaves an effect out of the catalogue: from now on, or only until another one is left out for good.
     pub fn bar(&mut self, kind: EffectKind, for_now: bool) {
         if !for_now {
+            let before = self.barred.len();
             self.barred.retain(|(_, for_now)| !for_now);
+            // Scans that were made meanwhile lack what was left out.
+            if self.barred.len() < before {
+                self.scans.clear();
+            }
         }
         self.barred.push((kind, for_now));
     }
@@ -282,11 +326,17 @@ impl<'a> Search<'a> {
 
     /// The outcome with some effects, their nonlinear parameters refined again. Goes `on` to search for more.
     pub fn resume(&mut self, mut chosen: Vec<Chosen>, on: bool) -> Result<Outcome, Error> {
-        self.polish(&mut chosen)?;
+        // Where rows are many it is enough to refine them once, at the end.
+        if self.thin.is_none() || !on {
+            self.polish(&mut chosen)?;
+        }
         self.load_before(&mut chosen)?;
-        if on {
+        // Where rows are many, what was added beside parameters that were not refined may have made up for them, or been hidden by them.
+        for _ in 0..if on { FORWARDS } else { 0 } {
             self.forward(&mut chosen, &mut ())?;
-            self.polish_last(&mut chosen)?;
+            if !self.polish_last(&mut chosen)? {
+                break;
+            }
         }
         let fitted = self.fit(&chosen)?;
         let last = self.step(&fitted)?;

@@ -47,21 +47,26 @@ impl Search<'_> {
     }
 
     /// Refines the parameters after a forward search, which ended with a scan on top of `chosen`. Where rows are many that scan
-    /// stands for one on top of the refined effects, unless they predict better by what matters.
-    pub(super) fn polish_last(&mut self, chosen: &mut [Chosen]) -> Result<(), Error> {
-        let before = self.fit(chosen)?;
-        self.polish(chosen)?;
+    /// stands for one on top of the refined effects, unless they predict better by what matters. Whether they do, so that another
+    /// scan is needed; where rows are few there is none to save, and the answer is no.
+    pub(super) fn polish_last(&mut self, chosen: &mut [Chosen]) -> Result<bool, Error> {
         if self.thin.is_none() {
-            return Ok(());
+            self.polish(chosen)?;
+            return Ok(false);
         }
-        let after = self.fit(chosen)?;
-        if before.rmse() < after.rmse() * (1.0 + SAME) {
-            if let Some(scanned) = self.scans.get(&before.model.key()).cloned() {
-                let key = after.model.key();
-                self.scans.entry(key).or_insert(scanned);
-            }
+        // Only the figures are kept: a fit has many columns of all rows.
+        let figures = |chosen: &[Chosen]| -> Result<_, Error> {
+            let fitted = self.fit(chosen)?;
+            Ok((fitted.rmse(), fitted.model.key()))
+        };
+        let (before, old) = figures(chosen)?;
+        self.polish(chosen)?;
+        let (after, new) = figures(chosen)?;
+        let same = before < after * (1.0 + SAME);
+        if let Some(scanned) = self.scans.get(&old).filter(|_| same).cloned() {
+            self.scans.entry(new).or_insert(scanned);
         }
-        Ok(())
+        Ok(!same)
     }
 }
 
