@@ -1,7 +1,7 @@
 //! Whether a residual is louder on rows of one sort than on others with the same load and velocity.
 
 use super::correlation::{autocorrelation, correlation_time, variance_of_mean};
-use super::envelope::{level, usual, Along, CUT};
+use super::envelope::{self, level, Along, CUT};
 use super::noise::{Sort, SURE};
 use crate::frame::Frame;
 use crate::stats;
@@ -15,7 +15,7 @@ const FEWEST_PARTS: usize = 8;
 const FEWEST_IN_PART: usize = 10;
 
 /// Student's t of the parts from which they agree.
-const AGREE: f64 = 3.0;
+const AGREE: f64 = 3.5;
 
 /// Fewest rows of the sort.
 const FEWEST: usize = 100;
@@ -42,12 +42,19 @@ pub(super) fn louder(u: &[f64], frame: &Frame, sort: &Sort, columns: &[Along]) -
         return 0.0;
     }
     let u = level(u, &sizes, |i| sort.others[i]);
-    let cut = (CUT * usual(&u)).powi(2);
+    let cut = (CUT * envelope::usual(&u)).powi(2);
     let energy: Vec<f64> = u.iter().map(|u| u.powi(2).min(cut)).collect();
     let (louder, quiet) = (picked(&energy, &own), picked(&energy, &sort.others));
-    let more = stats::mean(&louder) - stats::mean(&quiet);
+    let (loud, usual) = (stats::mean(&louder), stats::mean(&quiet));
+    let more = loud - usual;
+    // About the mean of each sort: else a rest that is louder would itself be a correlation as long as it lasts.
+    let about: Vec<f64> = energy
+        .iter()
+        .zip(&own)
+        .map(|(e, own)| e - if *own { loud } else { usual })
+        .collect();
     let reach = (u.len() / 50).clamp(20, 400).min(u.len() / 4);
-    let clump = correlation_time(&autocorrelation(&energy, frame, reach));
+    let clump = correlation_time(&autocorrelation(&about, frame, reach));
     let variance = variance_of_mean(&louder, clump) + variance_of_mean(&quiet, clump);
     if more <= SURE * variance.sqrt() {
         return 0.0;
@@ -59,9 +66,12 @@ pub(super) fn louder(u: &[f64], frame: &Frame, sort: &Sort, columns: &[Along]) -
         .filter_map(|start| {
             let end = (start + part).min(u.len());
             let of = |rows: Range<usize>, mask: &[bool]| picked(&energy[rows.clone()], &mask[rows]);
-            // A part may have none of the others; those around it are as near in time.
-            let around = start.saturating_sub(part)..(end + part).min(u.len());
-            let (own, others) = (of(start..end, &own), of(around, &sort.others));
+            let (own, mut others) = (of(start..end, &own), of(start..end, &sort.others));
+            if others.len() < FEWEST_IN_PART {
+                // Those around it are nearly as near in time.
+                let around = start.saturating_sub(part)..(end + part).min(u.len());
+                others = of(around, &sort.others);
+            }
             let both = own.len().min(others.len()) >= FEWEST_IN_PART;
             let rows = own.len() as f64;
             both.then(|| ((stats::mean(&own) - stats::mean(&others)) * rows, rows))
@@ -153,6 +163,21 @@ mod tests {
             assert_eq!(share(|_, v| 1.0 - 0.3 * v.abs(), seed), 0.0);
             // Loud in one part of the log, which has more rest than others.
             assert_eq!(share(|i, _| if i < 250 { 4.0 } else { 1.0 }, seed), 0.0);
+        }
+    }
+
+    /// Few long rests with bursts in them: how long a rest lasts is no memory of the noise.
+    #[test]
+    fn bursts_in_long_rests_are_louder() {
+        let rests = |i: usize| i % 800 < 160 || i % 400 < 30;
+        let sort = Sort {
+            rows: (0..ROWS).map(rests).collect(),
+            others: (0..ROWS).map(|i| !rests(i)).collect(),
+        };
+        for seed in 0..20 {
+            let bursts = |i: usize, _| if rests(i) && i % 23 < 9 { 4.0 } else { 1.0 };
+            let share = share_of(&sort, &[], bursts, seed);
+            assert!(share > 0.2, "{share}");
         }
     }
 
