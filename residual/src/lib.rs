@@ -63,6 +63,7 @@ pub mod load;
 mod model;
 mod nan;
 mod nested;
+mod parallel;
 mod pictures;
 mod problem;
 mod progress;

@@ -4,6 +4,7 @@ use crate::declared;
 use crate::effects::{Build, Context, EffectKind, Piece};
 use crate::linalg::dot;
 use crate::model::{Chosen, Fitted};
+use crate::parallel;
 use crate::problem::View;
 use crate::report::{Plot, WITHOUT};
 use crate::search::Search;
@@ -75,7 +76,7 @@ fn shown(x: &[f64], part: &[f64]) -> f64 {
         return 0.0;
     }
     let mut order: Vec<usize> = (0..x.len()).collect();
-    order.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
+    parallel::sort(&mut order, |a, b| x[*a].total_cmp(&x[*b]));
     let bins = order.chunks(x.len().div_ceil(BINS).max(1));
     bins.map(|rows| rows.iter().map(|i| part[*i]).sum::<f64>().powi(2) / rows.len() as f64)
         .sum()

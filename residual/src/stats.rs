@@ -1,11 +1,12 @@
 //! Small statistics on plain values: robust location, steps, distributions, a reproducible generator.
 
+use crate::parallel;
 use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor, StudentsT};
 
 /// Sorts in place and returns the median; `None` if empty.
 pub fn median(v: &mut [f64]) -> Option<f64> {
-    v.sort_by(f64::total_cmp);
+    parallel::sort(v, f64::total_cmp);
     (!v.is_empty()).then(|| quantile_sorted(v, 0.5))
 }
 

@@ -3,6 +3,7 @@
 use super::correlation::{autocorrelation, correlation_time, variance_of_mean};
 use super::noise::SURE;
 use crate::frame::Frame;
+use crate::parallel;
 use crate::stats;
 
 /// Bins of the rows, equally many in each, between whose middles the size is linear.
@@ -77,7 +78,7 @@ fn curve(u: &[f64], x: &[f64], mut rows: Vec<usize>) -> Option<Vec<(f64, f64)>> 
     if cut <= 0.0 || rows.len() < 40 * BINS {
         return None;
     }
-    rows.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
+    parallel::sort(&mut rows, |a, b| x[*a].total_cmp(&x[*b]));
     let size =
         |rows: &[usize]| rows.iter().map(|i| u[*i].abs().min(cut)).sum::<f64>() / rows.len() as f64;
     let all = size(&rows);
@@ -119,7 +120,7 @@ pub(crate) fn growth(r: &[f64], frame: &Frame, columns: &[Along]) -> Vec<Growth>
     let of = |column: &Along| {
         let x = &column.values;
         let mut rows: Vec<usize> = (0..r.len()).collect();
-        rows.sort_by(|a, b| x[*a].abs().total_cmp(&x[*b].abs()));
+        parallel::sort(&mut rows, |a, b| x[*a].abs().total_cmp(&x[*b].abs()));
         let fifth = rows.len() / 5;
         let pick = |rows: &[usize]| -> Vec<f64> { rows.iter().map(|i| sizes[*i]).collect() };
         let (low, high) = (pick(&rows[..fifth]), pick(&rows[rows.len() - fifth..]));

@@ -199,10 +199,14 @@ impl Context<'_> {
         let mut out = Slopes(vec![written(1.0, &steps)]);
         for half in [2.0, 3.0, 5.0, 8.0, 12.0, 18.0] {
             let slope = self.values(&text(half));
+            let own = product(&slope, &slope);
             // A slope over 2 `half` + 1 rows follows the acceleration where that window is short beside the time in which the
             // velocity changes. A sine keeps nine tenths of its acceleration at the limit. Far wider ones see no change at
-            // all, so the first that does not follow ends the list.
-            if (2.0 * half + 1.0) * self.dt * stats::rms(&slope) / size >= WINDOW {
+            // all, so the first that does not follow ends the list. So does one that loses more than can be made up for: over
+            // short pulses it is smooth itself, and noise does not make it look so, as that is in both products.
+            if (2.0 * half + 1.0) * self.dt * own.sqrt() / size >= WINDOW
+                || product(&steps, &slope) > MOST_LOST * own
+            {
                 break;
             }
             out.0.push(written(half, &slope));

@@ -55,19 +55,21 @@ mod tests {
     use super::*;
     use crate::effects::testbench::knowing;
 
+    /// A model with a velocity, for tests of its slopes.
+    const MODEL: &str = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
+                         velocity = { column = \"v\", unit = \"rad/s\" }\n\
+                         [[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+
     /// A slope over a third of a period is no acceleration any more.
     #[test]
     fn slopes_are_short_beside_the_motion() {
         let (rows, dt) = (1000, 0.02);
-        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
-                    velocity = { column = \"v\", unit = \"rad/s\" }\n\
-                    [[terms]]\nname = \"a\"\nexpr = \"1\"\n";
         let widths = |hz: f64| {
             let w = std::f64::consts::TAU * hz;
             let velocity: Vec<f64> = (0..rows).map(|i| (w * dt * i as f64).sin()).collect();
             let columns = [("target", velocity.clone()), ("velocity", velocity)];
             let mut grid = vec![];
-            knowing(spec, &columns, rows, |ctx| {
+            knowing(MODEL, &columns, rows, |ctx| {
                 grid = Inertia.variants(ctx)[0].psi.as_ref().unwrap().grid.clone();
             });
             grid
@@ -128,9 +130,6 @@ mod tests {
     #[test]
     fn noise_of_another_colour_gives_no_factor() {
         let (rows, dt, count) = (20_000, 0.02, 0.0015);
-        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
-                    velocity = { column = \"v\", unit = \"rad/s\" }\n\
-                    [[terms]]\nname = \"a\"\nexpr = \"1\"\n";
         let angle = |i: usize| {
             let exact = (0.35 * dt * i as f64).sin() + 0.3 * (0.85 * dt * i as f64).cos();
             (exact / count).round() * count
@@ -161,7 +160,7 @@ mod tests {
             filtered(0.2),
         ] {
             let columns = [("target", velocity.clone()), ("velocity", velocity)];
-            knowing(spec, &columns, rows, |ctx| {
+            knowing(MODEL, &columns, rows, |ctx| {
                 let slopes = ctx.slopes("velocity");
                 let texts: Vec<String> = slopes.widths().iter().map(|h| slopes.text(*h)).collect();
                 assert!(texts.iter().all(|t| t.starts_with("deriv")), "{texts:?}");
@@ -184,12 +183,9 @@ mod tests {
     /// The slopes of a sine of an angular frequency, in rows 0.02 s apart, have these half widths and the size of its acceleration.
     fn loses_nothing_of_a_sine(w: f64, widths: &[f64]) {
         let (rows, dt) = (1000, 0.02);
-        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
-                    velocity = { column = \"v\", unit = \"rad/s\" }\n\
-                    [[terms]]\nname = \"a\"\nexpr = \"1\"\n";
         let velocity: Vec<f64> = (0..rows).map(|i| (w * dt * i as f64).sin()).collect();
         let columns = [("target", velocity.clone()), ("velocity", velocity)];
-        knowing(spec, &columns, rows, |ctx| {
+        knowing(MODEL, &columns, rows, |ctx| {
             let slopes = ctx.slopes("velocity");
             assert_eq!(slopes.widths(), widths);
             for half in slopes.widths() {
@@ -204,9 +200,6 @@ mod tests {
     #[test]
     fn what_the_slopes_lose_of_steps_is_made_up_for() {
         let (rows, dt) = (3000, 0.02);
-        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
-                    velocity = { column = \"v\", unit = \"rad/s\" }\n\
-                    [[terms]]\nname = \"a\"\nexpr = \"1\"\n";
         // 20 rad/s² for a tenth of a second, and back, with pauses of other lengths.
         let acceleration = |t: f64| match t.rem_euclid(1.342) {
             t if t < 0.11 => 20.0,
@@ -225,7 +218,7 @@ mod tests {
             speed += acceleration(t) * dt / fine as f64;
         }
         let columns = [("target", exact.clone()), ("velocity", velocity)];
-        knowing(spec, &columns, rows, |ctx| {
+        knowing(MODEL, &columns, rows, |ctx| {
             let slopes = ctx.slopes("velocity");
             let coefficient = |slope: &[f64]| {
                 let product = |other: &[f64]| crate::linalg::dot(slope, other);

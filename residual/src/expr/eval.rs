@@ -3,6 +3,7 @@
 use super::{memory, trigonometry, Expr, Func};
 use crate::error::Error;
 use crate::frame::Frame;
+use crate::parallel;
 use std::borrow::Cow;
 
 /// A value on the way: constants stay scalars so that no row of them is ever stored, and columns
@@ -17,12 +18,12 @@ impl<'a> Value<'a> {
         Value::Rows(Cow::Owned(v))
     }
 
-    fn map(self, f: impl Fn(f64) -> f64) -> Value<'a> {
+    fn map(self, f: impl Fn(f64) -> f64 + Send + Sync) -> Value<'a> {
         match self {
             Value::One(x) => Value::One(f(x)),
-            Value::Rows(Cow::Borrowed(v)) => Value::owned(v.iter().map(|x| f(*x)).collect()),
+            Value::Rows(Cow::Borrowed(v)) => Value::owned(parallel::map(v, f)),
             Value::Rows(Cow::Owned(mut v)) => {
-                v.iter_mut().for_each(|x| *x = f(*x));
+                parallel::change(&mut v, f);
                 Value::owned(v)
             }
         }
@@ -40,21 +41,19 @@ impl<'a> Value<'a> {
         }
     }
 
-    fn zip(self, other: Value<'a>, f: impl Fn(f64, f64) -> f64) -> Value<'a> {
+    fn zip(self, other: Value<'a>, f: impl Fn(f64, f64) -> f64 + Send + Sync) -> Value<'a> {
         match (self, other) {
             (a, Value::One(b)) => a.map(|x| f(x, b)),
             (Value::One(a), b) => b.map(|x| f(a, x)),
             (Value::Rows(Cow::Owned(mut a)), Value::Rows(b)) => {
-                a.iter_mut().zip(b.iter()).for_each(|(x, y)| *x = f(*x, *y));
+                parallel::combine(&mut a, &b, |x, y| *x = f(*x, y));
                 Value::owned(a)
             }
             (Value::Rows(a), Value::Rows(Cow::Owned(mut b))) => {
-                b.iter_mut().zip(a.iter()).for_each(|(y, x)| *y = f(*x, *y));
+                parallel::combine(&mut b, &a, |y, x| *y = f(x, *y));
                 Value::owned(b)
             }
-            (Value::Rows(a), Value::Rows(b)) => {
-                Value::owned(a.iter().zip(b.iter()).map(|(x, y)| f(*x, *y)).collect())
-            }
+            (Value::Rows(a), Value::Rows(b)) => Value::owned(parallel::zip(&a, &b, f)),
         }
     }
 

@@ -1,6 +1,7 @@
 //! Operators with memory: they run along each sequence and start afresh at the next.
 
 use crate::frame::Frame;
+use crate::parallel;
 use std::ops::Range;
 
 /// Sign of `x`, 0 where its magnitude is up to `band`.
@@ -14,40 +15,95 @@ pub(super) fn sgn(x: f64, band: f64) -> f64 {
     }
 }
 
-/// Runs `step(state, x)` along each sequence from a state of `start`.
-fn along(
+/// Sequences that [`along`] runs side by side.
+const LANES: usize = 4;
+
+/// The rows of each sequence of a column, apart.
+fn pieces<'a>(frame: &Frame, mut v: &'a mut [f64]) -> Vec<(Range<usize>, &'a mut [f64])> {
+    let mut at = 0;
+    let mut out = Vec::with_capacity(frame.sequences().len());
+    for range in frame.sequences() {
+        let (_, rest) = v.split_at_mut(range.start - at);
+        let (own, rest) = rest.split_at_mut(range.len());
+        out.push((range.clone(), own));
+        (v, at) = (rest, range.end);
+    }
+    out
+}
+
+/// Runs an operator along each sequence: `first(x)` gives the state and the value of the first row, `step(state, x, dt)` the value
+/// of each further one, `dt` after the one before.
+///
+/// Each step waits for the one before it, so a few sequences run side by side.
+fn along<S: Copy + Send>(
     frame: &Frame,
     mut v: Vec<f64>,
-    start: f64,
-    step: impl Fn(&mut f64, f64) -> f64,
+    first: impl Fn(f64) -> (S, f64) + Send + Sync,
+    step: impl Fn(&mut S, f64, f64) -> f64 + Send + Sync,
 ) -> Vec<f64> {
-    for range in frame.sequences() {
-        let mut state = start;
-        for x in &mut v[range.clone()] {
-            *x = step(&mut state, *x);
+    let rows = v.len();
+    let mut all = pieces(frame, &mut v);
+    all.retain(|(range, _)| !range.is_empty());
+    // Sequences of like length in one group.
+    all.sort_by_key(|(range, _)| std::cmp::Reverse(range.len()));
+    let groups: Vec<_> = all.chunks_mut(LANES).collect();
+    parallel::each(rows, groups, |group| match group {
+        [a, b, c, d] => {
+            let shortest = d.0.len();
+            let mut lanes = [a, b, c, d].map(|(range, v)| {
+                let (state, value) = first(v[0]);
+                v[0] = value;
+                (state, &frame.time()[range.clone()], v)
+            });
+            for i in 1..shortest {
+                for (state, t, v) in &mut lanes {
+                    v[i] = step(state, v[i], t[i] - t[i - 1]);
+                }
+            }
+            for (state, t, v) in &mut lanes {
+                for i in shortest..v.len() {
+                    v[i] = step(state, v[i], t[i] - t[i - 1]);
+                }
+            }
         }
-    }
+        _ => {
+            for (range, v) in group {
+                let t = &frame.time()[range.clone()];
+                let (mut state, value) = first(v[0]);
+                v[0] = value;
+                for i in 1..v.len() {
+                    v[i] = step(&mut state, v[i], t[i] - t[i - 1]);
+                }
+            }
+        }
+    });
     v
 }
 
 /// Runs `step(values, time)` on each sequence.
-fn each(frame: &Frame, mut v: Vec<f64>, step: impl Fn(&mut [f64], &[f64])) -> Vec<f64> {
-    for range in frame.sequences() {
-        let range: Range<usize> = range.clone();
-        step(&mut v[range.clone()], &frame.time()[range]);
-    }
+fn each(frame: &Frame, mut v: Vec<f64>, step: impl Fn(&mut [f64], &[f64]) + Send + Sync) -> Vec<f64> {
+    let rows = v.len();
+    parallel::each(rows, pieces(frame, &mut v), |(range, v)| {
+        step(v, &frame.time()[range]);
+    });
     v
 }
 
 /// The last sign beyond `band`; 0 before the first.
 pub(super) fn held(frame: &Frame, v: Vec<f64>, band: f64) -> Vec<f64> {
-    along(frame, v, 0.0, |last, x| {
-        let s = sgn(x, band);
-        if s != 0.0 {
-            *last = s;
-        }
-        *last
-    })
+    let next = |last: f64, x| match sgn(x, band) {
+        0.0 => last,
+        s => s,
+    };
+    along(
+        frame,
+        v,
+        |x| (next(0.0, x), next(0.0, x)),
+        |last, x, _| {
+            *last = next(*last, x);
+            *last
+        },
+    )
 }
 
 /// At rest the next sign beyond `band`, times exp(-(time to it) / tau); 0 in motion.
@@ -68,37 +124,35 @@ pub(super) fn ahead(frame: &Frame, v: Vec<f64>, band: f64, tau: f64) -> Vec<f64>
 
 /// Time integral from the start of the sequence (trapezoid).
 pub(super) fn integral(frame: &Frame, v: Vec<f64>) -> Vec<f64> {
-    each(frame, v, |v, t| {
-        let (mut sum, mut last) = (0.0, None);
-        for (v, t) in v.iter_mut().zip(t) {
-            let x = *v;
-            if let Some((px, pt)) = last {
-                sum += 0.5 * (x + px) * (t - pt);
-            }
-            last = Some((x, *t));
-            *v = sum;
-        }
-    })
+    along(
+        frame,
+        v,
+        |x| ((0.0, x), 0.0),
+        |(sum, last), x, dt| {
+            *sum += 0.5 * (x + *last) * dt;
+            *last = x;
+            *sum
+        },
+    )
 }
 
 /// First-order lag, from the first value if `settled`, else from zero. Exact for an input that is a
 /// straight line between rows.
 pub(super) fn lag(frame: &Frame, v: Vec<f64>, tau: f64, settled: bool) -> Vec<f64> {
-    each(frame, v, |v, t| {
-        let Some(first) = v.first().copied() else {
-            return;
-        };
-        let mut y = if settled { first } else { 0.0 };
-        let mut px = first;
-        v[0] = y;
-        let steps = t.windows(2).map(|t| (t[1] - t[0]).max(0.0) / tau);
-        for (v, step) in v[1..].iter_mut().zip(steps) {
-            let (a, mean) = decay(step);
-            y = y * a + px * (mean - a) + *v * (1.0 - mean);
-            px = *v;
-            *v = y;
-        }
-    })
+    along(
+        frame,
+        v,
+        |x| {
+            let y = if settled { x } else { 0.0 };
+            ((y, x), y)
+        },
+        |(y, last), x, dt| {
+            let (a, mean) = decay(dt.max(0.0) / tau);
+            *y = *y * a + *last * (mean - a) + x * (1.0 - mean);
+            *last = x;
+            *y
+        },
+    )
 }
 
 /// exp(-u) and its mean from 0 to `u`, for u >= 0. Rows are close beside most time constants and distances, so u is small, and a
@@ -126,47 +180,66 @@ fn decay(u: f64) -> (f64, f64) {
 
 /// Backlash operator of total width `2 half`.
 pub(super) fn play(frame: &Frame, v: Vec<f64>, half: f64) -> Vec<f64> {
-    along(frame, v, f64::NAN, |play, x| follow(play, x, half))
+    along(
+        frame,
+        v,
+        |x| (start(x), x),
+        |play, x, _| {
+            *play = follow(*play, x, half);
+            *play
+        },
+    )
 }
 
 /// Elastic-plastic operator: the input less its play.
 pub(super) fn stop(frame: &Frame, v: Vec<f64>, half: f64) -> Vec<f64> {
-    along(frame, v, f64::NAN, |play, x| x - follow(play, x, half))
+    along(
+        frame,
+        v,
+        |x| (start(x), x - x),
+        |play, x, _| {
+            *play = follow(*play, x, half);
+            x - *play
+        },
+    )
 }
 
-/// Moves the play's state so that it is at most `half` from the input.
-fn follow(play: &mut f64, x: f64, half: f64) -> f64 {
-    // Also from a state that is not a number yet. Comparisons: `clamp` is several times slower in a chain of states.
+/// State of a play at the first input. One that is not a number has none, and the next one pushes.
+fn start(x: f64) -> f64 {
+    match x.is_nan() {
+        true => f64::NEG_INFINITY,
+        false => x,
+    }
+}
+
+/// The state of a play moved so that it is at most `half` from the input. Comparisons in this order are one instruction each,
+/// `clamp` is several; the state stays where an input is not a number.
+fn follow(play: f64, x: f64, half: f64) -> f64 {
     let (low, high) = (x - half, x + half);
-    if play.is_nan() {
-        *play = x;
+    let play = if low > play { low } else { play };
+    if high < play {
+        high
+    } else {
+        play
     }
-    if *play < low {
-        *play = low;
-    }
-    if *play > high {
-        *play = high;
-    }
-    *play
 }
 
 /// Dahl's friction state between -1 and 1 with sliding distance `d`.
 pub(super) fn dahl(frame: &Frame, v: Vec<f64>, d: f64) -> Vec<f64> {
-    each(frame, v, |v, _| {
-        let Some(mut last) = v.first().copied() else {
-            return;
-        };
-        let mut z = 0.0;
-        for v in v {
-            let dx: f64 = *v - last;
-            last = *v;
+    along(
+        frame,
+        v,
+        |x| ((0.0, x), 0.0),
+        |(z, last), x, _| {
+            let dx = x - *last;
+            *last = x;
             if dx != 0.0 {
                 let s = dx.signum();
-                z = s + (z - s) * decay(dx.abs() / d).0;
+                *z = s + (*z - s) * decay(dx.abs() / d).0;
             }
-            *v = z;
-        }
-    })
+            *z
+        },
+    )
 }
 
 /// Mean over the sequence.
@@ -181,8 +254,8 @@ pub(super) fn sequence_mean(frame: &Frame, v: Vec<f64>) -> Vec<f64> {
 pub(super) fn derivative(x: &[f64], frame: &Frame, half: usize) -> Vec<f64> {
     let t = frame.time();
     let mut out = vec![0.0; x.len()];
-    for range in frame.sequences() {
-        for i in range.clone() {
+    parallel::each(x.len(), pieces(frame, &mut out), |(range, out)| {
+        for (i, out) in range.clone().zip(out) {
             let lo = i.saturating_sub(half).max(range.start);
             let hi = (i + half + 1).min(range.end);
             let k = (hi - lo) as f64;
@@ -195,26 +268,24 @@ pub(super) fn derivative(x: &[f64], frame: &Frame, half: usize) -> Vec<f64> {
                 stx += dt * x[j];
             }
             let den = stt - st * st / k;
-            out[i] = if den > 0.0 {
+            *out = if den > 0.0 {
                 (stx - st * sx / k) / den
             } else {
                 0.0
             };
         }
-    }
+    });
     out
 }
 
 /// `x` read at another time, linear between rows, ends held.
-pub(super) fn resample(x: &[f64], frame: &Frame, at: impl Fn(f64, f64) -> f64) -> Vec<f64> {
+pub(super) fn resample(x: &[f64], frame: &Frame, at: impl Fn(f64, f64) -> f64 + Send + Sync) -> Vec<f64> {
     let t = frame.time();
     let mut out = vec![0.0; x.len()];
-    for range in frame.sequences() {
-        let Some(first) = range.clone().next() else {
-            continue;
-        };
+    parallel::each(x.len(), pieces(frame, &mut out), |(range, out)| {
+        let first = range.start;
         let mut j = first;
-        for i in range.clone() {
+        for (i, out) in range.clone().zip(out) {
             let want = at(t[i], t[first]);
             while j + 1 < range.end && t[j + 1] <= want {
                 j += 1;
@@ -222,7 +293,7 @@ pub(super) fn resample(x: &[f64], frame: &Frame, at: impl Fn(f64, f64) -> f64) -
             while j > first && t[j] > want {
                 j -= 1;
             }
-            out[i] = if want <= t[j] || j + 1 >= range.end {
+            *out = if want <= t[j] || j + 1 >= range.end {
                 x[j]
             } else {
                 let span = t[j + 1] - t[j];
@@ -233,6 +304,6 @@ pub(super) fn resample(x: &[f64], frame: &Frame, at: impl Fn(f64, f64) -> f64) -
                 }
             };
         }
-    }
+    });
     out
 }

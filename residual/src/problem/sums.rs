@@ -2,6 +2,7 @@
 
 use super::Problem;
 use crate::linalg::{dot, squared_error, Cholesky};
+use crate::parallel;
 
 /// Relative pivot below which a column counts as a repetition of others. A pressure of 101 325 Pa that varies by 2 Pa has
 /// 4e-10 of its square left beside a constant; rounding leaves about 1e-15.
@@ -36,6 +37,21 @@ impl Known<'_> {
     }
 }
 
+/// Sums of products of one block, see [`Sums`].
+struct Products<'a> {
+    g: &'a mut [f64],
+    br: &'a mut [f64],
+    bm: &'a mut [f64],
+    yy: &'a mut [f64; 3],
+}
+
+/// Takes values off the front of a slice.
+fn take<'a>(from: &mut &'a mut [f64], count: usize) -> &'a mut [f64] {
+    let (own, rest) = std::mem::take(from).split_at_mut(count);
+    *from = rest;
+    own
+}
+
 impl Sums {
     /// Sums for columns `x` with flipped target `r` and fixed target `m`; what is `known` is taken
     /// from there.
@@ -55,14 +71,11 @@ impl Sums {
             q,
             g: vec![0.0; nb * q * q],
             br: vec![0.0; nb * q],
-            bm: vec![],
+            bm: vec![0.0; if m.is_some() { nb * q } else { 0 }],
             yy: vec![[0.0; 3]; nb],
         };
-        if m.is_some() {
-            s.bm = vec![0.0; nb * q];
-        }
-        for (k, b) in p.blocks.iter().enumerate() {
-            let g = &mut s.g[k * q * q..(k + 1) * q * q];
+        let blocks = s.blocks().zip(p.blocks.iter().enumerate()).collect();
+        parallel::each(r.len(), blocks, |(out, (k, b)): (Products, _)| {
             let rb = &r[b.range.clone()];
             for i in 0..q {
                 let xi = &x[i][b.range.clone()];
@@ -71,27 +84,40 @@ impl Sums {
                         (Some((s, i)), Some((_, j))) => s.g[(k * s.q + i) * s.q + j],
                         _ => dot(xi, &x[j][b.range.clone()]),
                     };
-                    g[i * q + j] = v;
-                    g[j * q + i] = v;
+                    out.g[i * q + j] = v;
+                    out.g[j * q + i] = v;
                 }
-                s.br[k * q + i] = match place[i] {
+                out.br[i] = match place[i] {
                     Some((s, i)) => s.br[k * s.q + i],
                     None => dot(xi, rb),
                 };
                 if let Some(m) = m {
-                    s.bm[k * q + i] = dot(xi, &m[b.range.clone()]);
+                    out.bm[i] = dot(xi, &m[b.range.clone()]);
                 }
             }
             let rr = known.map_or_else(|| dot(rb, rb), |known| known.sums.yy[k][0]);
-            s.yy[k] = match m {
+            *out.yy = match m {
                 None => [rr, 0.0, 0.0],
                 Some(m) => {
                     let mb = &m[b.range.clone()];
                     [rr, dot(rb, mb), dot(mb, mb)]
                 }
             };
-        }
+        });
         s
+    }
+
+    /// The sums of each block.
+    fn blocks(&mut self) -> impl Iterator<Item = Products<'_>> {
+        let q = self.q;
+        let with_m = if self.bm.is_empty() { 0 } else { q };
+        let (mut g, mut br, mut bm) = (&mut self.g[..], &mut self.br[..], &mut self.bm[..]);
+        self.yy.iter_mut().map(move |yy| Products {
+            g: take(&mut g, q * q),
+            br: take(&mut br, q),
+            bm: take(&mut bm, with_m),
+            yy,
+        })
     }
 
     /// The sums of the same columns with another target in the place of `r`, and none that decoys don't flip.

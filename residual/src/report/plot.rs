@@ -1,6 +1,7 @@
 //! Data of a residual plot: thinned points and binned means, before and after a change of the model.
 
 use crate::nan;
+use crate::parallel;
 use crate::stats;
 use serde::{Deserialize, Serialize};
 
@@ -80,7 +81,7 @@ fn thinned(rows: usize) -> Vec<usize> {
 /// Means over bins of x. Equal values of x stay in one bin.
 fn binned(x: &[f64], before: &[f64], after: &[f64]) -> Vec<[f64; 3]> {
     let mut order: Vec<usize> = (0..x.len()).collect();
-    order.sort_by(|a, b| x[*a].total_cmp(&x[*b]));
+    parallel::sort(&mut order, |a, b| x[*a].total_cmp(&x[*b]));
     let mut means = Vec::new();
     let mut rest = order.as_slice();
     while !rest.is_empty() {
