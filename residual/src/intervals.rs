@@ -116,6 +116,11 @@ pub(crate) fn parameters(
         })
         .transpose()?;
     let nonlinear = chosen[index].variant.psi.as_ref().map(|p| p.name);
+    let positive = chosen[index]
+        .variant
+        .psi
+        .as_ref()
+        .is_some_and(|p| p.grid.first().is_some_and(|first| *first > 0.0));
     let widest = |q: &Param| {
         let own = nonlinear == Some(q.name.as_str());
         let drawn = replicates.iter().map(|r| match own {
@@ -128,12 +133,19 @@ pub(crate) fn parameters(
         let intervals = drawn.chain(by_sequence);
         let widest = intervals.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
         // The error may have a minimum so narrow that all replicates choose the same one of the values.
-        match (widest, by_error) {
-            (Some([low, high]), Some(r)) if own && high - low < 0.5 * (r[1] - r[0]).abs() => {
-                Some([low.min(r[0].min(r[1])), high.max(r[0].max(r[1]))])
+        let [low, high] = match (widest?, by_error) {
+            ([low, high], Some(r)) if own && high - low < 0.5 * (r[1] - r[0]).abs() => {
+                [low.min(r[0].min(r[1])), high.max(r[0].max(r[1]))]
             }
-            _ => widest,
-        }
+            (widest, _) => widest,
+        };
+        // A width or a time is positive, however uncertain.
+        let least = if own && positive && q.value > 0.0 {
+            0.0
+        } else {
+            f64::NEG_INFINITY
+        };
+        Some([low.max(least), high])
     };
     let intervals = params
         .iter()

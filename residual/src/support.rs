@@ -24,9 +24,10 @@ use crate::search::{without, Outcome, Search, Weight};
 const ROUNDS: usize = 12;
 
 /// Parameters of dry friction, of damping and of inertia.
-const OF_ONE_SIGN: [&str; 6] = [
+const OF_ONE_SIGN: [&str; 7] = [
     "friction",
     "damping",
+    "drag",
     "friction_at_zero_load",
     "held_friction",
     "sliding_friction",
@@ -535,12 +536,20 @@ fn reasons(
     Ok(())
 }
 
-/// Why the coefficients of an effect say nothing, if the interval of each contains 0.
+/// Parameters that an effect has beside those that carry its name: they may be certain where the effect is not.
+const BESIDE_THE_NAME: [&str; 4] = [
+    "phase",
+    "before_first_motion",
+    "error_at_mid_range",
+    "gain_error_at_mid_range",
+];
+
+/// Why the coefficients of an effect say nothing, if the interval of each that carries its name contains 0.
 fn undetermined(own: &Chosen, (params, intervals): &Parameters) -> Option<String> {
     let shape = own.variant.psi.as_ref().map(|p| p.name);
     let sizes: Vec<_> = params
         .iter()
-        .filter(|p| Some(p.name.as_str()) != shape && p.name != "phase")
+        .filter(|p| Some(p.name.as_str()) != shape && !BESIDE_THE_NAME.contains(&p.name.as_str()))
         .map(|p| (p, intervals.get(&p.name)))
         .collect();
     let zero = |(_, interval): &(&Param, Option<&[f64; 2]>)| {

@@ -53,7 +53,7 @@ impl Effect for Backlash {
             let Some((lo, hi)) = ctx.range(name) else {
                 continue;
             };
-            let grid = Context::log_grid(0.01 * (hi - lo), 0.6 * (hi - lo), 12);
+            let grid = Context::log_grid(5e-4 * (hi - lo), 0.6 * (hi - lo), 20);
             let unit = ctx.spec.roles.unit(name);
             let widest = WIDEST * ctx.excursion(name);
             let form = Variant::profiled(

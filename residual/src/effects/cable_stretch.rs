@@ -4,6 +4,15 @@ use super::{
     Build, Context, Effect, EffectKind, Estimate, Form, Found, Piece, Psi, Remedy, Setting, Variant,
 };
 
+/// Rows up to which a lag is looked for in any data.
+const MOST_ROWS: f64 = 60.0;
+
+/// Longest lag, over the time in which the load changes: of it a tenth of the load is left.
+const LONGEST: f64 = 10.0;
+
+/// Factor between values of a time constant.
+const FURTHER: f64 = 1.61;
+
 pub(crate) struct CableStretch;
 
 impl Effect for CableStretch {
@@ -42,7 +51,10 @@ impl Effect for CableStretch {
         let mut out = Vec::new();
         let declared = ctx.declared_columns();
         if declared.iter().any(|d| d == "command") {
-            let grid = Context::log_grid(0.03 * ctx.dt, (60.0 * ctx.dt).min(ctx.span / 8.0), 17);
+            // Rows may be much closer than the motion is fast.
+            let rows = (MOST_ROWS * ctx.dt).min(ctx.span / 8.0);
+            let motion = (LONGEST * ctx.changes_in(&ctx.load)).min(ctx.span / 4.0);
+            let grid = Context::grid_by_ratio(0.03 * ctx.dt, rows.max(motion), FURTHER);
             out.push(
                 Variant::profiled(
                     "lag of the command",

@@ -345,6 +345,23 @@ impl Context<'_> {
             .collect()
     }
 
+    /// Time in which an expression changes by its own size (for a sine a radian of its period); 0 if it does not change.
+    pub fn changes_in(&self, text: &str) -> f64 {
+        let size = stats::deviation(&self.values(text));
+        let slope = stats::rms(&self.values(&format!("deriv({text}, 2)")));
+        if slope > 0.0 {
+            size / slope
+        } else {
+            0.0
+        }
+    }
+
+    /// Logarithmic grid from `lo` to `hi`, neighbours at most a factor of `ratio` apart.
+    pub fn grid_by_ratio(lo: f64, hi: f64, ratio: f64) -> Vec<f64> {
+        let steps = ((hi / lo).ln() / ratio.ln()).ceil().max(1.0);
+        Context::log_grid(lo, hi, steps as usize + 1)
+    }
+
     /// Logarithmic grid.
     pub fn log_grid(lo: f64, hi: f64, n: usize) -> Vec<f64> {
         (0..n)

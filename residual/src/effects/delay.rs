@@ -3,6 +3,15 @@
 use super::{Build, Context, Effect, EffectKind, Estimate, Found, Psi, Remedy, Setting, Variant};
 use std::collections::BTreeSet;
 
+/// Rows up to which a delay is looked for in any data.
+const MOST_ROWS: f64 = 32.0;
+
+/// Longest delay, over the time in which the load changes: about half a period of its motion. Later the load looks like an earlier one.
+const LONGEST: f64 = 3.0;
+
+/// Factor between values of a delay beyond [`MOST_ROWS`].
+const FURTHER: f64 = 1.27;
+
 pub(crate) struct Delay;
 
 impl Effect for Delay {
@@ -38,13 +47,23 @@ impl Effect for Delay {
         // Far below a row: a small delay shows through the slope of the command over many rows.
         let steps = [
             0.02, 0.05, 0.12, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0,
-            13.0, 16.0, 20.0, 26.0, 32.0,
+            13.0, 16.0, 20.0, 26.0, MOST_ROWS,
         ];
-        let grid: Vec<f64> = steps
+        // Rows may be much closer than the motion is fast: then a delay of many rows still shows what it is.
+        let last = MOST_ROWS * ctx.dt;
+        let longest = (LONGEST * ctx.changes_in(&ctx.load)).min(ctx.span / 8.0);
+        let mut later = if longest > 1.2 * last {
+            Context::grid_by_ratio(last, longest, FURTHER)
+        } else {
+            vec![last]
+        };
+        later.remove(0);
+        let positive: Vec<f64> = steps.iter().map(|s| s * ctx.dt).chain(later).collect();
+        let grid: Vec<f64> = positive
             .iter()
             .rev()
-            .map(|s| -s * ctx.dt)
-            .chain(steps.iter().map(|s| s * ctx.dt))
+            .map(|s| -s)
+            .chain(positive.iter().copied())
             .collect();
         let psi = || Psi {
             name: "delay",

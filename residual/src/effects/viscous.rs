@@ -9,7 +9,7 @@ impl Effect for Viscous {
         EffectKind::Viscous
     }
     fn meaning(&self) -> &'static str {
-        "viscous friction: a force in proportion to the velocity"
+        "viscous friction: a force in proportion to the velocity, or as the drag of a fluid to its square"
     }
     fn experiment(&self) -> &'static str {
         "move at several constant speeds under constant load: the force follows the speed in a straight line"
@@ -27,6 +27,12 @@ impl Effect for Viscous {
         let unit = ctx.per(&ctx.velocity_unit());
         let damping = Piece::new("damping", unit.clone(), v.clone());
         let mut out = vec![Variant::linear("velocity", vec![damping.clone()])];
+        // Fluids and air: the force grows with the square of the velocity.
+        let square = ratio(&unit, &ctx.velocity_unit());
+        out.push(Variant::linear(
+            "square of the velocity",
+            vec![Piece::new("drag", square, format!("{v} * abs({v})"))],
+        ));
         if ctx.range(&ctx.load).is_some() {
             let text = format!("{v} * {}", ctx.load);
             let per_load = ratio("1", &ctx.velocity_unit());

@@ -22,6 +22,8 @@ impl Search<'_> {
                 Some(next) => *chosen = next,
                 None => return Ok(()),
             }
+            // What is built on the load before a late command would have to make up for the lateness.
+            self.load_behind(chosen)?;
         }
     }
 

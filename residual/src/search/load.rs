@@ -68,8 +68,8 @@ impl Search<'_> {
         Ok(out)
     }
 
-    /// Takes the one of these expressions with which the effects predict best, if that is not worse than `rmse`, the error with the
-    /// present one. Whether the load changed.
+    /// Takes the one of these expressions with which the effects predict best, if that is not worse than `rmse`, as the error with the
+    /// present one is. Whether the load changed.
     pub(super) fn renew_load(
         &mut self,
         renewed: Vec<Renewed>,
@@ -95,6 +95,22 @@ impl Search<'_> {
         *chosen = new.chosen;
         self.scans.clear();
         Ok(true)
+    }
+
+    /// Expresses the load behind a command that an effect replaces, where the other effects then predict better by what counts: a gain
+    /// of a late load is as late.
+    pub(super) fn load_behind(&mut self, chosen: &mut Vec<Chosen>) -> Result<(), Error> {
+        let replaces = chosen.iter().any(replaces_command);
+        if !replaces || !chosen.iter().any(|c| contains(c, &self.load)) {
+            return Ok(());
+        }
+        let fitted = self.fit(chosen)?;
+        let most = fitted.rmse() * (1.0 - 0.5 * self.spec.selection.material);
+        let mut renewed = self.renewed(&fitted, chosen)?;
+        drop(fitted);
+        renewed.retain(|new| new.behind);
+        self.renew_load(renewed, most, chosen)?;
+        Ok(())
     }
 
     /// Expresses the load behind a replaced command anew, after an effect was taken away: if that was the one that replaced it, a gain

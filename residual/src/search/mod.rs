@@ -334,7 +334,18 @@ impl<'a> Search<'a> {
         // Where rows are many, what was added beside parameters that were not refined may have made up for them, or been hidden by them.
         for _ in 0..if on { FORWARDS } else { 0 } {
             self.forward(&mut chosen, &mut ())?;
-            if !self.polish_last(&mut chosen)? {
+            if self.polish_last(&mut chosen)? {
+                continue;
+            }
+            // The load may be that of the effect that is gone.
+            let fitted = self.fit(&chosen)?;
+            let rmse = fitted.rmse();
+            let renewed = match self.thin {
+                None => self.renewed(&fitted, &chosen)?,
+                Some(_) => vec![],
+            };
+            drop(fitted);
+            if !self.renew_load(renewed, rmse, &mut chosen)? {
                 break;
             }
         }
