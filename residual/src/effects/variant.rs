@@ -124,6 +124,14 @@ impl Variant {
         }
     }
 
+    /// One whose coefficients each sequence has for itself.
+    pub fn by_sequence(pieces: Vec<Piece>) -> Variant {
+        Variant {
+            build: Box::new(move |_| Build::Local(pieces.clone())),
+            ..Variant::linear("", vec![])
+        }
+    }
+
     /// A variant with one.
     pub fn profiled(
         label: &str,

@@ -134,6 +134,7 @@ impl Leftover {
             !c.steady && acceptance.material(c.gain) && acceptance.significant(c.p)
         });
         out.between_logs(&outcome.last, &acceptance);
+        out.by_sequence(search, fitted)?;
         let frame = search.problem.kept_frame();
         out.switching(search, &fitted.fit.residual, &frame, held);
         out.unlike_noise(search, &fitted.fit.residual, &frame, held);
@@ -198,6 +199,27 @@ impl Leftover {
             });
             self.unexplained |= c.gain > BETWEEN_LOGS && self.large(c.base - c.held);
         }
+    }
+
+    /// Adds a coefficient that each sequence has for itself: offset, gain, damping or dry friction.
+    fn by_sequence(&mut self, search: &mut Search, on: &Fitted) -> Result<(), Error> {
+        if search.problem.runs().len() < 2 {
+            return Ok(());
+        }
+        let mut all = search.scan(on, &|_, ctx| nameless::by_sequence(ctx))?;
+        search.retest(&mut all, on);
+        // These are few, and tried once.
+        let acceptance = Acceptance {
+            tests: all.len(),
+            ..search.acceptance()
+        };
+        let counting = all.iter().filter(|c| acceptance.accepts(c));
+        if let Some(c) = counting.max_by(|a, b| a.gain.total_cmp(&b.gain)) {
+            self.structure.push(structure(c));
+            self.structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+            self.unexplained |= c.gain > BETWEEN_LOGS && self.large(c.base - c.held);
+        }
+        Ok(())
     }
 
     /// Adds switching between levels.

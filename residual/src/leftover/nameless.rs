@@ -64,7 +64,28 @@ pub(crate) fn offers(ctx: &Context) -> Vec<Offer<Nameless>> {
     products(ctx, &variables, &mut out);
     with_sign(ctx, &variables, &mut out);
     histories(ctx, &variables, &mut out);
+    speeds(ctx, &variables, &mut out);
     out
+}
+
+/// Forms whose coefficient each sequence has for itself: what differs from log to log, and no column says why.
+pub(crate) fn by_sequence(ctx: &Context) -> Vec<Offer<Nameless>> {
+    let load = ctx.range(&ctx.load).map(|_| ("gain", ctx.load.clone()));
+    let of_velocity = ctx.velocity.iter().flat_map(|v| {
+        let sign = format!("sgn({v}, {})", ctx.deadband);
+        [("damping", v.clone()), ("dry friction", sign)]
+    });
+    std::iter::once(("offset", "1".to_string()))
+        .chain(load)
+        .chain(of_velocity)
+        .map(|(name, text)| Offer {
+            origin: Nameless {
+                depends_on: format!("which sequence it is: its {name} is its own"),
+                variables: vec![],
+            },
+            variant: Arc::new(Variant::by_sequence(vec![Piece::new(name, "", text)])),
+        })
+        .collect()
 }
 
 /// Variables that vary in these data.
@@ -79,6 +100,10 @@ fn variables(ctx: &Context) -> Vec<Variable> {
         });
     };
     add(Axis::Load, "load", &ctx.load);
+    // The load behind an effect that replaces the command lacks what that effect takes out of it.
+    if ctx.load.contains("(command,") {
+        add(Axis::Load, "command", "command");
+    }
     if let Some(v) = &ctx.velocity {
         add(Axis::Velocity, "velocity", v);
     }
@@ -206,6 +231,27 @@ fn histories(ctx: &Context, variables: &[Variable], out: &mut Vec<Offer<Nameless
         let name = format!("the slow history of {}", v.name);
         out.push(form(name, &[v], texts.collect()));
     }
+}
+
+/// Most columns of the pose whose speeds are tried.
+const MOST_SPEEDS: usize = 4;
+
+/// Curves in the speeds of the pose, and their products with the velocity and each other: friction and inertia of other joints act too.
+fn speeds(ctx: &Context, variables: &[Variable], out: &mut Vec<Offer<Nameless>>) {
+    let pose = variables.iter().filter(|v| v.axis == Axis::Pose);
+    let own: Vec<Variable> = pose
+        .take(MOST_SPEEDS)
+        .map(|v| Variable {
+            axis: Axis::Pose,
+            name: format!("speed of {}", v.name),
+            expression: format!("deriv({}, 2)", v.expression),
+        })
+        .filter(|v| ctx.range(&v.expression).is_some())
+        .collect();
+    curves(ctx, &own, out);
+    let velocity = variables.iter().filter(|v| v.axis == Axis::Velocity);
+    let all: Vec<Variable> = own.iter().chain(velocity).cloned().collect();
+    products(ctx, &all, out);
 }
 
 #[cfg(test)]
