@@ -44,6 +44,9 @@ pub struct Data {
     pub(crate) fold: Vec<u32>,
     pub(crate) fold_names: Vec<String>,
     pub(crate) groups: usize,
+    /// For each row the part of a repeated motion that it belongs to, from 1; 0 where the motion does not repeat. Empty if it does
+    /// nowhere.
+    pub(crate) parts: Vec<u32>,
     pub(crate) files: Vec<PathBuf>,
     pub(crate) hygiene: Vec<Finding>,
 }
@@ -110,6 +113,7 @@ impl Data {
             selection.decoys,
             selection.seed,
         )
+        .with_parts(&self.parts)
     }
 
     /// The same without rows whose target is one of `values`, and without `margin` rows before and after each.
@@ -203,6 +207,7 @@ impl DataBuilder {
             fold,
             fold_names,
             groups,
+            parts: vec![],
             files: vec![],
             hygiene: vec![],
         })

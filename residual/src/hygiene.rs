@@ -337,6 +337,70 @@ fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Log) {
     }
 }
 
+/// Points of a run that are compared with those a period later.
+const POINTS: usize = 1500;
+
+/// Mean square difference of a motion from itself a period later, over its variance, up to which it repeats.
+const REPEATS: f64 = 0.04;
+
+/// The same which it must have in between: a slow motion differs little from itself a moment later.
+const DIFFERS: f64 = 0.3;
+
+/// Shortest period in blocks of time: with fewer blocks there are too few groups to hold out.
+const FEWEST_BLOCKS: f64 = 4.0;
+
+/// Time in which the motion of a run repeats, if it does: whatever is special to that motion is in each pass of it, so blocks of time of
+/// two passes do not confirm each other. `None` where it repeats in less than a few blocks.
+pub(crate) fn period(
+    frame: &Frame,
+    run: &Range<usize>,
+    roles: &Roles,
+    block: f64,
+) -> Option<f64> {
+    let time = frame.time();
+    let span = time[run.end - 1] - time[run.start];
+    if run.len() < COMPARED || span < 1.2 * FEWEST_BLOCKS * block {
+        return None;
+    }
+    let names = ["angle", "velocity", "command"].into_iter();
+    let names = names.chain(roles.pose.keys().map(String::as_str));
+    let points = POINTS.min(run.len());
+    let step = span / (points - 1) as f64;
+    // Each column about its mean, in units of its deviation.
+    let columns: Vec<Vec<f64>> = names
+        .filter_map(|n| frame.column(n))
+        .map(|c| at_times(frame, c, run, time[run.start], step, points))
+        .filter_map(|mut c| {
+            let (mean, size) = (stats::mean(&c), stats::deviation(&c));
+            c.iter_mut().for_each(|x| *x = (*x - mean) / size);
+            (size > 0.0).then_some(c)
+        })
+        .collect();
+    let difference = |lag: usize| {
+        let of = |c: &Vec<f64>| {
+            let pairs = c.iter().zip(&c[lag..]);
+            let sum: f64 = pairs.map(|(a, b)| (a - b).powi(2)).sum();
+            sum / (2.0 * (points - lag) as f64)
+        };
+        // The column that repeats least.
+        columns.iter().map(of).fold(0.0, f64::max)
+    };
+    // What is seen twice must be as long as a block or two.
+    let most = points - ((2.0 * block / step) as usize).clamp(points / 10, points - 1);
+    let (mut differed, mut best) = (false, None);
+    for lag in 1..most {
+        let d = difference(lag);
+        differed |= d > DIFFERS;
+        if differed && d < REPEATS && best.is_none_or(|(_, least)| d < least) {
+            best = Some((lag, d));
+        } else if best.is_some_and(|(at, _)| lag > at + points / 50) {
+            break;
+        }
+    }
+    let period = best?.0 as f64 * step;
+    (!columns.is_empty() && period >= FEWEST_BLOCKS * block).then_some(period)
+}
+
 /// Correlation from which a stretch of other data is the same motion. It is compared in steps of time, so less than
 /// [`SAME_MOTION`] is reached.
 const SAME_STRETCH: f64 = 0.97;
@@ -454,6 +518,39 @@ mod tests {
             time,
             std::iter::once(0..rows).collect(),
         )
+    }
+
+    #[test]
+    fn a_motion_that_repeats_has_a_period() {
+        let spec = "roles.time = { column = \"t\" }\nroles.target = { column = \"y\" }\n\
+                    [[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+        let roles = crate::spec::Spec::parse(spec).unwrap().roles;
+        let run = |motion: &dyn Fn(f64) -> f64, seconds: f64| {
+            let time: Vec<f64> = (0..(seconds * 50.0) as usize)
+                .map(|i| i as f64 * 0.02)
+                .collect();
+            let velocity = time.iter().map(|t| motion(*t)).collect();
+            let rows = 0..time.len();
+            let frame = Frame::new(
+                vec![("velocity".into(), velocity)],
+                time,
+                std::iter::once(rows.clone()).collect(),
+            );
+            period(&frame, &rows, &roles, 2.0)
+        };
+        use std::f64::consts::TAU;
+        let exciting =
+            |t: f64| (TAU * t / 12.0).sin() + 0.7 * (TAU * t / 4.0).cos() + 0.5 * (TAU * t / 2.4).sin();
+        for seconds in [20.0, 60.0] {
+            let found = run(&exciting, seconds).unwrap();
+            assert!((found - 12.0).abs() < 0.1, "{found}");
+        }
+        // A part of a second pass that is shorter than two blocks.
+        assert_eq!(run(&exciting, 13.0), None);
+        assert_eq!(run(&|t| exciting(t) + 0.6 * (0.83 * t).sin(), 60.0), None);
+        // Of one second: blocks of two seconds each hold all of it.
+        assert_eq!(run(&|t| (TAU * t).sin(), 60.0), None);
+        assert_eq!(run(&|_| 1.0, 60.0), None);
     }
 
     #[test]

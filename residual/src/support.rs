@@ -512,7 +512,12 @@ fn reasons(
     if let Some(check) = check {
         let with = check.rmse(search, &outcome.chosen)?;
         for (i, why) in why.iter_mut().enumerate().filter(|(_, w)| w.is_none()) {
-            let without = check.rmse(search, &crate::search::without(&outcome.chosen, i).1)?;
+            let mut rest = without(&outcome.chosen, i).1;
+            // Beside this one the others may have taken values that they would not have alone.
+            if search.thin.is_none() {
+                search.polish(&mut rest)?;
+            }
+            let without = check.rmse(search, &rest)?;
             if without <= with {
                 *why = Some(Against::Check(with / without).refuses(format!(
                     "on the check data it does not help: RMSE {} with it and {} without",

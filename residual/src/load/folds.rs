@@ -14,6 +14,9 @@ pub(super) struct Folds {
     pub(super) names: Vec<String>,
     /// Number of groups.
     pub(super) groups: usize,
+    /// For each row of a sequence whose motion repeats its group, from 1, which is a block of one period; 0 for other rows. Empty if
+    /// no motion repeats.
+    pub(super) parts: Vec<u32>,
 }
 
 /// Assigns groups to folds in turn; rows that are not kept belong to fold 0.
@@ -50,12 +53,18 @@ pub(super) fn folds(
     let mut group_of_row = vec![0usize; n];
     let mut names: Vec<String> = Vec::new();
     let mut index: BTreeMap<Vec<u64>, usize> = BTreeMap::new();
+    let mut parts = vec![0; n];
     for (si, range) in frame.sequences().iter().enumerate() {
+        let period = spec
+            .holdout
+            .block_s
+            .and_then(|block| crate::hygiene::period(frame, range, &spec.roles, block));
         for i in range.clone() {
             let mut key: Vec<u64> = cols.iter().map(|c| c[i].to_bits()).collect();
             if let Some(b) = spec.holdout.block_s {
                 key.push(si as u64);
-                key.push(((frame.time()[i] - frame.time()[range.start]) / b) as u64);
+                let since = frame.time()[i] - frame.time()[range.start];
+                key.push((period.map_or(since, |p| since % p) / b) as u64);
             }
             if !keep[i] {
                 continue;
@@ -72,6 +81,9 @@ pub(super) fn folds(
                 names.push(label.join(", "));
                 names.len() - 1
             });
+            if period.is_some() {
+                parts[i] = group_of_row[i] as u32 + 1;
+            }
         }
     }
     let groups = names.len();
@@ -80,6 +92,9 @@ pub(super) fn folds(
             format!("only one group ({}) to hold out", names.join("")),
             "Bring data of a second file or unit, or set holdout.block_s to hold out blocks of time",
         ));
+    }
+    if parts.iter().all(|part| *part == 0) {
+        parts.clear();
     }
     let count = groups.min(limit);
     let fold: Vec<u32> = group_of_row.iter().map(|g| (g % count) as u32).collect();
@@ -91,6 +106,7 @@ pub(super) fn folds(
         of_row: fold,
         names: fold_names.into_iter().map(|f| f.join("; ")).collect(),
         groups,
+        parts,
     })
 }
 

@@ -281,6 +281,15 @@ fn assemble(
     let folds = folds::folds(&frame, &keep, spec, &files)?;
     folds::refuse_copies(&frame, &folds.of_row, &files)?;
     hygiene::relations(&frame, &spec.roles, &folds.of_row, &mut findings);
+    if !folds.parts.is_empty() {
+        findings.count(
+            "repeated motion",
+            folds.parts.iter().filter(|part| **part > 0).count(),
+            "whole record",
+            "rows of runs whose motion repeats: blocks of time are those of one period, each held out in all passes at once; how the \
+             model does on another motion these data do not show",
+        );
+    }
     let used: Vec<PathBuf> = {
         let mut ids: Vec<usize> = frame
             .column("file")
@@ -297,6 +306,7 @@ fn assemble(
         fold: folds.of_row,
         fold_names: folds.names,
         groups: folds.groups,
+        parts: folds.parts,
         files: used,
         hygiene: findings.done(),
     })

@@ -21,6 +21,7 @@ pub(crate) use sums::{Known, Sums, RANK_TOL};
 use crate::frame::Frame;
 use crate::progress::Ticker;
 use crate::stats::Rng;
+use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::{Arc, Mutex};
 
@@ -54,6 +55,9 @@ pub(crate) struct Problem {
     /// Signs by decoy and block.
     pub flips: Vec<Vec<f64>>,
     fold_of_row: Vec<u32>,
+    /// For each row the part of a repeated motion that it belongs to, from 1; 0 where the motion does not repeat. Empty if it does
+    /// nowhere.
+    part_of_row: Vec<u32>,
     seed: u64,
     cache: Mutex<Cache>,
     /// Whether these are windows of a large log.
@@ -96,6 +100,7 @@ impl Problem {
             folds,
             flips: vec![],
             fold_of_row,
+            part_of_row: vec![],
             seed,
             cache: Mutex::default(),
             windows: false,
@@ -103,6 +108,19 @@ impl Problem {
         };
         p.cut_blocks(10.0, decoys);
         p
+    }
+
+    /// Tells which rows show the same part of a motion that repeats, see [`Data::parts`](crate::data::Data::parts). What is special to
+    /// a part is in each pass, so the decoys of all passes have one sign.
+    pub fn with_parts(mut self, parts: &[u32]) -> Problem {
+        self.part_of_row = match (&self.rows, parts) {
+            (_, []) => vec![],
+            (None, parts) => parts.to_vec(),
+            (Some(rows), parts) => rows.iter().map(|&i| parts[i]).collect(),
+        };
+        let decoys = self.flips.len();
+        self.cut_blocks(10.0, decoys);
+        self
     }
 
     /// Cuts blocks of about ten correlation times, between 32 and 256 blocks overall if the rows
@@ -151,10 +169,37 @@ impl Problem {
                 at += run;
             }
         }
+        let twins = self.twins();
         let mut rng = Rng::new(self.seed);
         self.flips = (0..decoys)
-            .map(|_| (0..self.blocks.len()).map(|_| rng.sign()).collect())
+            .map(|_| {
+                let mut signs: Vec<f64> = (0..self.blocks.len()).map(|_| rng.sign()).collect();
+                for (k, first) in twins.iter().enumerate() {
+                    signs[k] = signs[*first];
+                }
+                signs
+            })
             .collect();
+    }
+
+    /// For each block the first one that shows the same part of a repeated motion, or itself.
+    fn twins(&self) -> Vec<usize> {
+        let mut first: HashMap<(u32, usize), usize> = HashMap::new();
+        let (mut last, mut place) = (0, 0);
+        self.blocks
+            .iter()
+            .enumerate()
+            .map(|(k, block)| {
+                let part = self.part_of_row.get(block.range.start).copied();
+                let part = part.unwrap_or(0);
+                place = if part == last { place + 1 } else { 0 };
+                last = part;
+                match part {
+                    0 => k,
+                    _ => *first.entry((part, place)).or_insert(k),
+                }
+            })
+            .collect()
     }
 
     /// Blocks of each sequence.

@@ -11,7 +11,7 @@ const MOVES: usize = 6;
 
 impl Search<'_> {
     /// Refines every nonlinear parameter with the other effects in place, on all rows.
-    pub(super) fn polish(&self, chosen: &mut [Chosen]) -> Result<(), Error> {
+    pub fn polish(&self, chosen: &mut [Chosen]) -> Result<(), Error> {
         for _ in 0..2 {
             let before: Vec<f64> = chosen.iter().map(|c| c.psi).collect();
             for i in 0..chosen.len() {
