@@ -2,10 +2,14 @@
 
 use crate::scan::{similarity, t_statistic, Candidate, Scan};
 use crate::spec::Selection;
+use std::cmp::Ordering;
 
 /// p value up to which the means of the sequences confirm a form that acts mostly in them. Few forms do (offset, drift, gain of
 /// a constant load), so it isn't divided by the number of all forms.
 const BETWEEN: f64 = 0.01;
+
+/// Difference of two gains that may be rounding.
+const SAME_GAIN: f64 = 1e-9;
 
 /// What a candidate must reach to count.
 #[derive(Clone, Copy)]
@@ -95,7 +99,7 @@ pub(crate) fn rank(all: &[Candidate], acceptance: &Acceptance) -> Step {
             )
         })
         .collect();
-    ranked.sort_by(|a, b| b.gain.total_cmp(&a.gain));
+    ranked.sort_by(better);
     let good: Vec<usize> = (0..ranked.len())
         .filter(|&i| acceptance.accepts(&ranked[i]))
         .collect();
@@ -113,6 +117,14 @@ pub(crate) fn rank(all: &[Candidate], acceptance: &Acceptance) -> Step {
     }
 }
 
+/// The candidate with the larger gain first. Two with the same curve, as an inertia and a hanging mass beside an offset, have the same
+/// gain up to rounding: then the simpler explanation, which the catalogue has first.
+fn better(a: &Candidate, b: &Candidate) -> Ordering {
+    let (own, other) = (a.origin.kind() as usize, b.origin.kind() as usize);
+    let whole = |c: &Candidate| (c.gain / SAME_GAIN).round();
+    whole(b).total_cmp(&whole(a)).then(own.cmp(&other))
+}
+
 /// The candidate with the fewest parameters that stands for `best`; of several the best.
 fn simplest<'a>(
     candidates: impl Iterator<Item = &'a Candidate>,
@@ -120,11 +132,7 @@ fn simplest<'a>(
 ) -> &'a Candidate {
     candidates
         .filter(|c| stands_for(c, best))
-        .min_by(|a, b| {
-            a.parameters
-                .cmp(&b.parameters)
-                .then(b.gain.total_cmp(&a.gain))
-        })
+        .min_by(|a, b| a.parameters.cmp(&b.parameters).then(better(a, b)))
         .unwrap_or(best)
 }
 
@@ -216,6 +224,25 @@ mod tests {
         let turn: Vec<EffectKind> = step.in_turn().map(kind).collect();
         assert_eq!(turn, [EffectKind::Coulomb, EffectKind::Stribeck]);
         assert_eq!(step.good.len(), 2);
+    }
+
+    /// An inertia and a hanging mass beside an offset have one curve, and differ by rounding.
+    #[test]
+    fn of_two_with_the_same_gain_the_one_that_the_catalogue_has_first_is_taken() {
+        let selection = Selection::default();
+        let acceptance = Acceptance {
+            selection: &selection,
+            tests: 60,
+            floor: 0.0,
+            rows: 1000,
+        };
+        let all = [
+            candidate(EffectKind::Payload, 0.3 + 1e-13, 1),
+            candidate(EffectKind::Inertia, 0.3, 1),
+        ];
+        let step = rank(&all, &acceptance);
+        let kinds: Vec<EffectKind> = step.in_turn().map(|c| c.origin.kind()).collect();
+        assert_eq!(kinds, [EffectKind::Inertia, EffectKind::Payload]);
     }
 
     #[test]

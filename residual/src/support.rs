@@ -23,8 +23,8 @@ use crate::search::{without, Outcome, Search, Weight};
 /// Effects that are taken away one at a time, with a search after each. Then all that are refused go at once, without a search.
 const ROUNDS: usize = 12;
 
-/// Parameters of dry friction, of damping and of inertia.
-const OF_ONE_SIGN: [&str; 7] = [
+/// Parameters of dry friction, of damping, of inertia and of a spring.
+const OF_ONE_SIGN: [&str; 8] = [
     "friction",
     "damping",
     "drag",
@@ -32,7 +32,12 @@ const OF_ONE_SIGN: [&str; 7] = [
     "held_friction",
     "sliding_friction",
     "inertia",
+    "stiffness",
 ];
+
+/// How near to the end of the range of a parameter it lies at the end, over the distance of the end from the outermost value of the
+/// grid.
+const AT_END: f64 = 0.02;
 
 /// Effects that improve the fit under a name that the data do not support.
 pub(crate) struct Beside {
@@ -64,30 +69,69 @@ fn impossible(
     parameters: &Parameters,
 ) -> Option<String> {
     let own = &outcome.chosen[index];
-    own.effect.impossible(
-        &Estimate {
-            form: own.variant.form,
-            label: &own.variant.label,
-            params: &parameters.0,
-            intervals: &parameters.1,
-        },
-        ctx,
-    )
+    let estimate = Estimate {
+        form: own.variant.form,
+        label: &own.variant.label,
+        params: &parameters.0,
+        intervals: &parameters.1,
+    };
+    own.effect
+        .impossible(&estimate, ctx)
+        .or_else(|| at_end(own))
 }
 
 /// Why an effect cannot be what its name says beside the others, if it cannot. What the search saw to when it was chosen may
 /// be otherwise with effects that were chosen later.
-fn contrary(search: &Search, chosen: &[Chosen], index: usize) -> Result<Option<String>, Error> {
+fn contrary(
+    search: &Search,
+    ctx: &Context,
+    chosen: &[Chosen],
+    index: usize,
+) -> Result<Option<String>, Error> {
     let (own, rest) = without(chosen, index);
-    if !own.variant.has_conditions() {
+    let simpler = own.effect.must_surpass(&own.variant, own.psi, ctx);
+    if !own.variant.has_conditions() && simpler.is_none() {
         return Ok(None);
     }
     let fitted = search.fit(&rest)?;
-    let holds = search.scan_on(&fitted).possible(&own.variant, own.psi);
-    Ok((!holds).then(|| {
-        "beside the other effects its coefficients are not possible for such an effect, as of friction that acts with the motion"
-            .to_string()
+    let scan = search.scan_on(&fitted);
+    if !scan.possible(&own.variant, own.psi) {
+        return Ok(Some(
+            "beside the other effects its coefficients are not possible for such an effect, as of friction that acts with the motion"
+                .to_string(),
+        ));
+    }
+    let Some((simpler, psi)) = simpler.as_ref().and_then(|s| Some((s, s.psi.as_ref()?))) else {
+        return Ok(None);
+    };
+    let most = scan.in_sample(&(own.variant.build)(own.psi));
+    let surpassed = |x: &&f64| scan.in_sample(&(simpler.build)(**x)) > most;
+    let as_good = psi.grid.iter().find(|x| !surpassed(x));
+    Ok(as_good.map(|x| {
+        format!(
+            "{} of {} {} explains as much",
+            simpler.label,
+            num(*x),
+            psi.unit
+        )
     }))
+}
+
+/// Why the nonlinear parameter of an effect says nothing, if it lies at the end of the range in which it was looked for.
+fn at_end(own: &Chosen) -> Option<String> {
+    let psi = own.variant.psi.as_ref().filter(|p| p.refine)?;
+    let (first, last) = (psi.grid.first()?, psi.grid.last()?);
+    let (low, high) = psi.limits();
+    let [low_counts, high_counts] = own.effect.may_be_at_end(&own.variant);
+    let near = |end: f64, grid: f64| (own.psi - end).abs() <= AT_END * (grid - end).abs();
+    let beyond = (near(low, *first) && !low_counts) || (near(high, *last) && !high_counts);
+    beyond.then(|| {
+        format!(
+            "{} {} lies at the end of the range in which such an effect is looked for: beyond it it is another one",
+            psi.name,
+            num(own.variant.shown(own.psi))
+        )
+    })
 }
 
 /// Why a name is not supported.
@@ -177,7 +221,7 @@ impl Judged {
             let own = parameters(search, &self.outcome.chosen, index)?;
             let why = match impossible(&ctx, &self.outcome, index, &own) {
                 Some(why) => Some(why),
-                None => contrary(search, &self.outcome.chosen, index)?,
+                None => contrary(search, &ctx, &self.outcome.chosen, index)?,
             };
             self.parameters[index] = Some(own);
             if let Some(why) = why {
@@ -424,9 +468,9 @@ fn friction_of_a_loop(own: &Chosen) -> Option<String> {
     }
 }
 
-/// Marks effects that contradict each other. Friction takes energy out of a motion and inertia is positive, so all of one motion has
-/// one sign: for the force of a drive that of the motion, for the force behind it the other. Of two with unlike signs the one
-/// that is worth less is none, but a correction of the other.
+/// Marks effects that contradict each other. Friction takes energy out of a motion, inertia is positive and a spring pulls back, so all of
+/// one motion has one sign: for the force of a drive that of the motion, for the force behind it the other. Of two with unlike signs the
+/// one that is worth less is none, but a correction of the other.
 fn contradictions(
     why: &mut [Option<Refusal>],
     weights: &[Weight],
@@ -448,7 +492,7 @@ fn contradictions(
             (Some(own), None) => first = Some(own),
             (Some(own), Some(other)) if own.value * other.value < 0.0 => {
                 why[w.index] = Some(Against::Itself.refuses(format!(
-                    "{} {} beside {} {} of another effect: friction, damping and inertia of one motion have one sign",
+                    "{} {} beside {} {} of another effect: friction, damping, inertia and stiffness of one motion have one sign",
                     own.name,
                     num(own.value),
                     other.name,
@@ -592,6 +636,34 @@ mod tests {
         out
     }
 
+    /// Beyond the longest distance of a presliding friction it is a hysteresis; below the shortest it holds at rest all the same.
+    #[test]
+    fn a_parameter_at_the_end_of_its_range_says_nothing() {
+        use crate::effects::{effect, Form, Piece, Psi, Variant};
+        let chosen = |kind, form, psi| {
+            let range = Psi {
+                name: "distance",
+                unit: "rad".into(),
+                grid: vec![0.01, 0.1, 1.0],
+                refine: true,
+                resolution: None,
+            };
+            let build = |_| Build::Add(vec![Piece::new("friction", "N", "velocity")]);
+            Chosen {
+                effect: effect(kind),
+                variant: std::sync::Arc::new(Variant::profiled("", range, build).form(form)),
+                psi,
+            }
+        };
+        let ends = |kind, form| {
+            [0.007, 0.0071, 0.02, 1.2, 1.4].map(|psi| at_end(&chosen(kind, form, psi)).is_some())
+        };
+        let own = ends(EffectKind::Presliding, Form::ElasticTurn);
+        assert_eq!(own, [false, false, false, false, true]);
+        let own = ends(EffectKind::Creep, Form::Other);
+        assert_eq!(own, [true, false, false, false, true]);
+    }
+
     #[test]
     fn of_two_with_unlike_signs_the_weaker_is_none() {
         let of = |names: [&str; 3], a_loop: Option<&str>, values: [f64; 3]| {
@@ -616,6 +688,9 @@ mod tests {
         let with = |values| of(["inertia"; 3], None, values);
         assert_eq!(with([0.1, 0.2, 0.3]), [false, false, false]);
         assert_eq!(with([-0.1, 0.2, 0.3]), [true, false, false]);
+        // A spring pulls back as inertia does.
+        let names = ["stiffness", "inertia", "damping"];
+        assert_eq!(of(names, None, [-0.1, 0.2, 0.3]), [true, false, false]);
         // The sign is that of the most valuable one, whatever it is.
         assert_eq!(with([0.1, -0.2, 0.3]), [true, false, true]);
         // The loop of a position is friction, that of a load is not.

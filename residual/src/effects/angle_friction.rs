@@ -1,5 +1,6 @@
 //! Dry friction that depends on the angle: a rubbing spot, a bent shaft.
 
+use super::periodic_angle::{Angle, FEW_TURNS};
 use super::{amplitude_phase, Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
 use std::f64::consts::TAU;
 
@@ -9,7 +10,7 @@ pub(crate) struct AngleFriction;
 const PLACES: usize = 24;
 const WIDTHS: [f64; 8] = [0.3, 0.42, 0.6, 0.84, 1.15, 1.55, 2.1, 2.8];
 
-/// Orders per turn of a friction that swells and falls.
+/// Orders per turn of a friction that swells and falls that are tried in any case: over less than a few turns no others are resolved.
 const ORDERS: [f64; 4] = [1.0, 2.0, 3.0, 4.0];
 
 impl Effect for AngleFriction {
@@ -25,10 +26,17 @@ impl Effect for AngleFriction {
     fn against(&self, ctx: &Context) -> String {
         ctx.position.clone().unwrap_or_else(|| ctx.load.clone())
     }
-    fn impossible(&self, _: &Estimate, ctx: &Context) -> Option<String> {
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        if let Some(why) = e.vague("order") {
+            return Some(why);
+        }
         let x = ctx.position.as_ref()?;
         let turn = ctx.width(x) * Context::radians(&ctx.position_unit())?;
         (turn < WIDTHS[0]).then(|| "the angle moves by less than a sector".to_string())
+    }
+    /// The middle of a sector goes round.
+    fn may_be_at_end(&self, form: &Variant) -> [bool; 2] {
+        [form.psi.as_ref().is_some_and(|p| p.name == "middle"); 2]
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let (Some(v), Some(x)) = (&ctx.velocity, &ctx.position) else {
@@ -77,12 +85,20 @@ fn in_a_sector(ctx: &Context, sign: &str, angle: &str, width: f64) -> Variant {
 /// Friction that swells and falls with the angle.
 fn with_a_ripple(ctx: &Context, sign: &str, angle: &str) -> Variant {
     let (sign, angle, unit) = (sign.to_string(), angle.to_string(), ctx.unit().to_string());
+    let (mut grid, mut resolution) = (ORDERS.to_vec(), None);
+    // The spectrum of what a ripple of the friction leaves, in the direction of the motion.
+    if let Some(turning) = Angle::new(ctx).filter(|a| a.turns >= FEW_TURNS) {
+        grid.extend(turning.orders(&ctx.values(&sign)));
+        grid.sort_by(f64::total_cmp);
+        grid.dedup();
+        resolution = Some(turning.resolution());
+    }
     let psi = Psi {
         name: "order",
         unit: "1/turn".into(),
-        grid: ORDERS.to_vec(),
-        refine: false,
-        resolution: None,
+        grid,
+        refine: resolution.is_some(),
+        resolution,
     };
     Variant::profiled("with a ripple", psi, move |n| {
         let wave = |f: &str| format!("{sign} * {f}({n} * {angle})");
@@ -119,6 +135,24 @@ mod tests {
         let [low, high] = first.ci["middle"];
         let middle = first.params["middle"];
         assert!(low < middle && middle < high, "{low} {middle} {high}");
+    }
+
+    /// The order is looked for, and not only among the first.
+    #[test]
+    fn a_ripple_of_any_order_is_named() {
+        for order in [6.0, 11.3] {
+            let report = crate::effects::testbench::simulate(&Default::default(), 1.0, &mut |s| {
+                -(0.5 + 0.3 * (order * s.angle + 1.0).sin()) * s.velocity.signum()
+            });
+            let ripple = report
+                .effects
+                .iter()
+                .find(|e| e.name.as_str() == "angle_friction");
+            let ripple = ripple.unwrap_or_else(|| panic!("{}", report.markdown()));
+            assert_eq!(ripple.form, "with a ripple");
+            let found = ripple.params["order"];
+            assert!((found - order).abs() < 0.02, "{found}");
+        }
     }
 
     #[test]

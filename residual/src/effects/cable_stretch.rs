@@ -4,6 +4,10 @@ use super::{
     Build, Context, Effect, EffectKind, Estimate, Form, Found, Piece, Psi, Remedy, Setting, Variant,
 };
 
+use crate::format::num;
+use crate::stats;
+use std::f64::consts::TAU;
+
 /// Rows up to which a lag is looked for in any data.
 const MOST_ROWS: f64 = 60.0;
 
@@ -14,6 +18,9 @@ const LONGEST: f64 = 10.0;
 const FURTHER: f64 = 1.61;
 
 pub(crate) struct CableStretch;
+
+/// Most turns over which a spring is wound within a run.
+const MOST_TURNS: f64 = 10.0;
 
 impl Effect for CableStretch {
     fn kind(&self) -> EffectKind {
@@ -39,6 +46,16 @@ impl Effect for CableStretch {
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         let longest = ctx.span;
         e.outside("time_constant", 0.0, longest, "longer than the longest run")
+            .or_else(|| {
+                e.get("stiffness")?;
+                let turns = ctx.excursion("angle") * Context::radians(&ctx.position_unit())? / TAU;
+                (turns > MOST_TURNS).then(|| {
+                    format!(
+                        "the angle moves by {} turns within a run: no spring is wound so far",
+                        num(turns)
+                    )
+                })
+            })
     }
     fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
         // A lag is off by its time constant times the slope of the load, a spring by its stiffness times the angle.
@@ -71,13 +88,16 @@ impl Effect for CableStretch {
             );
         }
         if ctx.spec.roles.angle.is_some() && !declared.iter().any(|d| d == "angle") {
+            // The angle along the velocity, as inertia and damping are.
+            let against = ctx.velocity.iter().any(|v| {
+                let product = format!("{v} * deriv(angle, 2)");
+                stats::mean(&ctx.values(&product)) < 0.0
+            });
+            let angle = if against { "-1 * angle" } else { "angle" };
+            let unit = ctx.per(&ctx.position_unit());
             out.push(Variant::linear(
                 "spring",
-                vec![Piece::new(
-                    "stiffness",
-                    ctx.per(&ctx.position_unit()),
-                    "angle",
-                )],
+                vec![Piece::new("stiffness", unit, angle)],
             ));
         }
         out
@@ -86,6 +106,58 @@ impl Effect for CableStretch {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::effects::testbench::knowing;
+
+    /// Spring in a model of a motion with this amplitude in rad, the speed counted along the angle or against it: the term, and
+    /// why it cannot be.
+    fn spring(amplitude: f64, along: f64) -> (String, Option<String>) {
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> {
+            (0..1200).map(|i| f(0.02 * i as f64)).collect()
+        };
+        let columns = [
+            ("target", of(&|t| (0.7 * t).sin())),
+            (
+                "velocity",
+                of(&|t| along * amplitude * 0.7 * (0.7 * t).cos()),
+            ),
+            ("angle", of(&|t| amplitude * (0.7 * t).sin())),
+        ];
+        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\", unit = \"N\" }\n\
+                    velocity = { column = \"v\", unit = \"rad/s\" }\nangle = { column = \"a\", unit = \"rad\" }\n\
+                    [[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+        let mut out = (String::new(), None);
+        knowing(spec, &columns, 600, |ctx| {
+            let form = &CableStretch.variants(ctx)[0];
+            let Build::Add(pieces) = (form.build)(0.0) else {
+                panic!("a spring adds a term");
+            };
+            let estimate = Estimate {
+                form: Form::Other,
+                label: &form.label,
+                params: &form.params(0.0, &[1.0]),
+                intervals: &Default::default(),
+            };
+            out = (
+                pieces[0].text.clone(),
+                CableStretch.impossible(&estimate, ctx),
+            );
+        });
+        out
+    }
+
+    #[test]
+    fn a_spring_is_not_wound_over_many_turns() {
+        assert_eq!(spring(3.0, 1.0), ("angle".into(), None));
+        let why = spring(100.0, 1.0).1.unwrap();
+        assert!(why.contains("turns"), "{why}");
+    }
+
+    #[test]
+    fn a_stiffness_has_the_direction_of_the_velocity() {
+        assert_eq!(spring(3.0, -1.0).0, "-1 * angle");
+    }
+
     #[test]
     fn is_named() {
         let mut y = 0.0;

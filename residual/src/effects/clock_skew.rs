@@ -1,8 +1,12 @@
 //! Clocks of command and target that run at different rates.
 
+use super::delay::inputs;
 use super::{Build, Context, Effect, EffectKind, Psi, Variant};
 
 pub(crate) struct ClockSkew;
+
+/// Constant lags that are tried up to the one that a skew reaches at the end of a run.
+const CONSTANT_LAGS: i32 = 12;
 
 impl Effect for ClockSkew {
     fn kind(&self) -> EffectKind {
@@ -19,8 +23,8 @@ impl Effect for ClockSkew {
         format!("elapsed * deriv({}, 2)", ctx.load)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        let names = ctx.declared_columns();
-        if names.is_empty() || ctx.span < 200.0 * ctx.dt {
+        let declared = ctx.declared_columns();
+        if declared.is_empty() || ctx.span < 200.0 * ctx.dt {
             return vec![];
         }
         let one = ctx.dt / ctx.span;
@@ -32,33 +36,114 @@ impl Effect for ClockSkew {
             .map(|r| -r)
             .chain(half.iter().copied())
             .collect();
-        let warped = |label: &str, names: Vec<String>| {
-            let psi = Psi {
-                name: "skew",
-                unit: "s/s".into(),
-                grid: grid.clone(),
-                refine: true,
-                resolution: None,
-            };
-            Variant::profiled(label, psi, move |r| {
-                let warp = |n: &String| (n.clone(), format!("warp({n}, {r})"));
-                Build::Swap(names.iter().map(warp).collect())
-            })
+        let psi = || Psi {
+            name: "skew",
+            unit: "s/s".into(),
+            grid: grid.clone(),
+            refine: true,
+            resolution: None,
         };
-        let command = "command".to_string();
-        let alone = names.len() > 1 && names.contains(&command);
-        let mut out = vec![warped("rate of the inputs' clock", names)];
-        if alone {
+        let mut out = Vec::new();
+        if ctx.columns.iter().any(|n| n != "command") {
+            // All inputs, those of effects that were found or will be found as well.
+            let all = inputs(ctx);
+            out.push(Variant::profiled(
+                "rate of the inputs' clock",
+                psi(),
+                move |r| {
+                    let warp = |n: &String| (n.clone(), format!("warp({n}, {r})"));
+                    Build::SwapAll(all.iter().map(warp).collect())
+                },
+            ));
+        }
+        if declared.iter().any(|n| n == "command") {
             // Drive and sensors have a clock each: the motion is logged by that of the target.
-            out.push(warped("rate of the command's clock", vec![command]));
+            out.push(Variant::profiled(
+                "rate of the command's clock",
+                psi(),
+                |r| Build::Swap(vec![("command".into(), format!("warp(command, {r})"))]),
+            ));
         }
         out
+    }
+    /// A lag that is the same all along the run, up to twice the one that the skew reaches.
+    fn must_surpass(&self, form: &Variant, skew: f64, ctx: &Context) -> Option<Variant> {
+        let build = (form.build)(skew);
+        let (names, everywhere): (Vec<String>, _) = match build {
+            Build::Swap(pairs) => (pairs.into_iter().map(|(n, _)| n).collect(), false),
+            Build::SwapAll(pairs) => (pairs.into_iter().map(|(n, _)| n).collect(), true),
+            _ => return None,
+        };
+        let end = skew * ctx.span;
+        let psi = Psi {
+            name: "delay",
+            unit: "s".into(),
+            grid: (-CONSTANT_LAGS..=2 * CONSTANT_LAGS)
+                .map(|k| -end * f64::from(k) / f64::from(CONSTANT_LAGS))
+                .collect(),
+            refine: false,
+            resolution: None,
+        };
+        Some(Variant::profiled("a constant delay", psi, move |lag| {
+            let delay = |n: &String| (n.clone(), format!("delay({n}, {lag})"));
+            let pairs = names.iter().map(delay).collect();
+            if everywhere {
+                Build::SwapAll(pairs)
+            } else {
+                Build::Swap(pairs)
+            }
+        }))
     }
 }
 
 #[cfg(test)]
 mod tests {
-    use crate::effects::testbench::{simulate, Excitation, Row};
+    use super::*;
+    use crate::effects::testbench::{knowing, simulate, Excitation, Row};
+
+    /// A target that is ahead of its cause all along the run, or behind it, is no matter of rates.
+    #[test]
+    fn a_constant_lag_is_no_skew() {
+        for (lag, seed) in [(0.1, 1), (0.34, 2), (1.07, 3), (-0.9, 4)] {
+            let excitation = Excitation {
+                seed,
+                ..Excitation::default()
+            };
+            let ahead = |s: &Row| s.command_at(s.elapsed + lag) - s.command;
+            let report = simulate(&excitation, 1.0, &mut { ahead });
+            let skew = |e: &crate::report::Effect| e.name.as_str() == "clock_skew";
+            assert!(!report.effects.iter().any(skew), "{}", report.markdown());
+        }
+    }
+
+    /// Effects that were found use further inputs, which have the same clock.
+    #[test]
+    fn the_clock_of_the_inputs_is_that_of_all_of_them() {
+        let of = |f: &dyn Fn(f64) -> f64| -> Vec<f64> {
+            (0..1200).map(|i| f(0.02 * i as f64)).collect()
+        };
+        let columns = [
+            ("target", of(&|t| (0.7 * t).sin())),
+            ("command", of(&|t| (0.7 * t).cos())),
+            ("velocity", of(&|t| (0.9 * t).cos())),
+            ("angle", of(&|t| (0.9 * t).sin())),
+        ];
+        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\", unit = \"N\" }\n\
+                    command = { column = \"c\", unit = \"N\" }\nvelocity = { column = \"v\", unit = \"rad/s\" }\n\
+                    angle = { column = \"a\", unit = \"rad\" }\n\
+                    [[terms]]\nname = \"a\"\nexpr = \"command\"\n[[terms]]\nname = \"b\"\nexpr = \"velocity\"\n";
+        knowing(spec, &columns, 600, |ctx| {
+            let forms = ClockSkew.variants(ctx);
+            let all = forms
+                .iter()
+                .find(|f| f.label == "rate of the inputs' clock");
+            let Build::SwapAll(pairs) = (all.unwrap().build)(0.001) else {
+                panic!("it acts on what is found later as well");
+            };
+            let names: Vec<&str> = pairs.iter().map(|(n, _)| n.as_str()).collect();
+            assert_eq!(names, ["angle", "command", "velocity"]);
+        });
+    }
 
     #[test]
     fn is_named() {

@@ -108,6 +108,9 @@ pub(crate) struct Context<'a> {
     pub spec: &'a Spec,
     /// The declared model's prediction as an expression: what the rig is loaded with.
     pub load: String,
+    /// Whether the load is the command with a fitted coefficient that is not clearly different from zero: shares of such a load say
+    /// nothing.
+    pub load_is_vague: bool,
     /// Residual of the current model on fitted rows.
     pub residual: &'a [f64],
     /// Columns that the current model uses, effects found so far included.
@@ -126,7 +129,34 @@ pub(crate) struct Context<'a> {
     pub span: f64,
 }
 
+/// What friction grows with: the load, or the command where the size of the load is not known.
+pub(crate) struct Measure {
+    /// Expression of its magnitude.
+    pub text: String,
+    /// End of the name of a coefficient.
+    pub suffix: &'static str,
+    /// Unit of a coefficient.
+    pub unit: String,
+}
+
 impl Context<'_> {
+    /// What a friction that grows with the load is measured by.
+    pub fn measure(&self) -> Measure {
+        if self.load_is_vague {
+            Measure {
+                text: "abs(command)".into(),
+                suffix: "_per_command",
+                unit: self.per(&self.spec.roles.unit("command")),
+            }
+        } else {
+            Measure {
+                text: format!("abs({})", self.load),
+                suffix: "_per_load",
+                unit: "1".into(),
+            }
+        }
+    }
+
     /// Unit of the target.
     pub fn unit(&self) -> &str {
         &self.spec.roles.target.unit

@@ -80,16 +80,7 @@ impl Effect for Delay {
         }
         if ctx.columns.iter().any(|n| n != "command") {
             // Everything: effects that are found later are as late.
-            let roles = &ctx.spec.roles;
-            // Columns that terms use by their names in the log are no roles.
-            let used = ctx.declared_columns().into_iter();
-            let all: BTreeSet<String> = roles
-                .all()
-                .into_iter()
-                .map(|(n, _)| n)
-                .chain(used.chain(ctx.columns.iter().cloned()))
-                .filter(|n| n != "time" && n != "target" && !roles.groups.contains_key(n))
-                .collect();
+            let all = inputs(ctx);
             out.push(Variant::profiled(
                 "of the target against everything",
                 psi(),
@@ -104,6 +95,19 @@ impl Effect for Delay {
         }
         out
     }
+}
+
+/// Every column that terms use, those of the catalogue included. Columns that terms use by their names in the log are no roles.
+pub(super) fn inputs(ctx: &Context) -> BTreeSet<String> {
+    let roles = &ctx.spec.roles;
+    let used = ctx.declared_columns().into_iter();
+    roles
+        .all()
+        .into_iter()
+        .map(|(n, _)| n)
+        .chain(used.chain(ctx.columns.iter().cloned()))
+        .filter(|n| n != "time" && n != "target" && !roles.groups.contains_key(n))
+        .collect()
 }
 
 #[cfg(test)]

@@ -13,7 +13,7 @@ impl Effect for Hysteresis {
         EffectKind::Hysteresis
     }
     fn meaning(&self) -> &'static str {
-        "hysteresis: a loop that depends on the path of load or position, not on speed, and turns gradually"
+        "hysteresis: a loop that depends on the path of load or position, not on speed, and turns over a distance after each reversal"
     }
     fn experiment(&self) -> &'static str {
         "ramp the load (or position) slowly up and down with shrinking amplitude, at two speeds: the loops nest and don't change with speed"
@@ -106,13 +106,14 @@ impl Effect for Hysteresis {
             if ctx.range(&ctx.load).is_none() {
                 continue;
             }
-            let load = ctx.load.clone();
+            let by = ctx.measure();
             out.push(physical(Variant::profiled(
                 "loop of position, in proportion to load",
                 width(&xu, grid),
                 move |d| {
-                    let text = format!("dahl({x}, {d}) * abs({load})");
-                    Build::Add(vec![Piece::new("half_height_per_load", "1", text)])
+                    let name = format!("half_height{}", by.suffix);
+                    let text = format!("dahl({x}, {d}) * {}", by.text);
+                    Build::Add(vec![Piece::new(name, by.unit.clone(), text)])
                 },
             )));
         }

@@ -5,8 +5,8 @@ use crate::stats::quantile_sorted;
 
 pub(crate) struct Kink;
 
-/// Changes of slope that leave a characteristic.
-const CHANGES: (f64, f64) = (-0.9, 1.0);
+/// Changes of slope that leave a characteristic: up to ten times as steep, as against a stop.
+const CHANGES: (f64, f64) = (-0.9, 9.0);
 
 /// Quantiles of the load at which a kink is looked for.
 const QUANTILES: [f64; 15] = [
@@ -25,7 +25,7 @@ impl Effect for Kink {
     }
     /// A slope that falls to nothing is a saturation, one that turns round is no characteristic.
     fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
-        let why = "the target would no longer follow the load, or follow it twice";
+        let why = "the target would no longer follow the load, or be steeper than a stop";
         e.outside("change_of_slope", CHANGES.0, CHANGES.1, why)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
@@ -62,6 +62,12 @@ mod tests {
     #[test]
     fn is_named() {
         crate::effects::testbench::names("kink", |s| -0.25 * (s.command - 3.1).max(0.0));
+    }
+
+    /// A second path of the load may be stiffer than the first.
+    #[test]
+    fn is_named_where_the_slope_more_than_doubles() {
+        crate::effects::testbench::names("kink", |s| 1.3 * (s.command - 3.1).max(0.0));
     }
 
     /// A limit of the prediction has the same curve, with a share lost that would be negative.

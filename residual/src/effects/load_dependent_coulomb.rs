@@ -32,6 +32,10 @@ impl Effect for LoadDependentCoulomb {
         Some(Setting::DryFriction)
     }
     fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        // A board knows the load, and no friction per command.
+        if (found.get)("friction_per_command") != 0.0 {
+            return vec![];
+        }
         vec![
             Remedy::Friction((found.get)("friction_at_zero_load")),
             Remedy::FrictionPerLoad((found.get)("friction_per_load")),
@@ -39,8 +43,12 @@ impl Effect for LoadDependentCoulomb {
     }
     /// Friction opposes the motion at every load.
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
-        let (a, b) = (e.get("friction_at_zero_load")?, e.get("friction_per_load")?);
-        let (low, high) = ctx.range(&format!("abs({})", ctx.load))?;
+        let a = e.get("friction_at_zero_load")?;
+        let (b, by) = match (e.get("friction_per_load"), e.get("friction_per_command")) {
+            (Some(b), _) => (b, ctx.load.as_str()),
+            (None, b) => (b?, "command"),
+        };
+        let (low, high) = ctx.range(&format!("abs({by})"))?;
         let (at_low, at_high) = (a + b * low, a + b * high);
         // An uncertain coefficient may cross zero at the end of the range.
         let smaller = at_low.abs().min(at_high.abs());
@@ -57,7 +65,9 @@ impl Effect for LoadDependentCoulomb {
             return vec![];
         };
         let s = format!("sgn({v}, {})", ctx.deadband);
-        let share = Piece::new("friction_per_load", "1", format!("{s} * abs({})", ctx.load));
+        let by = ctx.measure();
+        let name = format!("friction{}", by.suffix);
+        let share = Piece::new(name, by.unit, format!("{s} * {}", by.text));
         vec![
             Variant::linear(
                 "constant and share",
@@ -73,6 +83,52 @@ impl Effect for LoadDependentCoulomb {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::effects::testbench::knowing;
+    use crate::stats::Rng;
+
+    /// Parameters of the form with a share, where the target has this share of the command.
+    fn parameters(share: f64) -> Vec<(String, String)> {
+        let rows = 4800;
+        let mut rng = Rng::new(5);
+        let mut of = |f: &dyn Fn(f64) -> f64, noise: f64| -> Vec<f64> {
+            let at = |i: usize| f(0.02 * i as f64);
+            (0..rows).map(|i| at(i) + noise * rng.normal()).collect()
+        };
+        let voltage = |t: f64| 1.0 + 0.4 * (0.83 * t).sin() + 0.2 * (2.9 * t).cos();
+        let columns = [
+            ("target", of(&|t| share * voltage(t), 1.0)),
+            ("command", of(&voltage, 0.0)),
+            ("velocity", of(&|t| (1.9 * t).cos(), 0.0)),
+        ];
+        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\", unit = \"N\" }\n\
+                    command = { column = \"c\", unit = \"V\" }\nvelocity = { column = \"v\", unit = \"m/s\" }\n\
+                    [[terms]]\nname = \"a\"\nexpr = \"command\"\n[[terms]]\nname = \"b\"\nexpr = \"1\"\n";
+        let mut out = vec![];
+        knowing(spec, &columns, 600, |ctx| {
+            let all = LoadDependentCoulomb
+                .variants(ctx)
+                .remove(0)
+                .params(0.0, &[1.0, 1.0]);
+            out = all.into_iter().map(|p| (p.name, p.unit)).collect();
+        });
+        out
+    }
+
+    /// A share of a load that may be 0 is no number.
+    #[test]
+    fn friction_is_per_command_where_the_size_of_the_load_is_not_known() {
+        let own = |of: &[(String, String)]| of[1].clone();
+        assert_eq!(
+            own(&parameters(0.0)),
+            ("friction_per_command".into(), "N/V".into())
+        );
+        assert_eq!(
+            own(&parameters(3.0)),
+            ("friction_per_load".into(), "1".into())
+        );
+    }
+
     #[test]
     fn is_named() {
         crate::effects::testbench::names("load_dependent_coulomb", |s| {

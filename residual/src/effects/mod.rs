@@ -158,6 +158,16 @@ pub(crate) trait Effect: Sync {
     fn impossible(&self, _estimate: &Estimate, _ctx: &Context) -> Option<String> {
         None
     }
+    /// A simpler form that must explain less than this one with the value `psi` of its parameter, at each value of its own grid: else
+    /// the name says more than the data. `None` for most.
+    fn must_surpass(&self, _form: &Variant, _psi: f64, _ctx: &Context) -> Option<Variant> {
+        None
+    }
+    /// Whether the nonlinear parameter of a form may lie at the lower and at the upper end of the range in which it is looked for. Most
+    /// that do are another effect.
+    fn may_be_at_end(&self, _form: &Variant) -> [bool; 2] {
+        [false; 2]
+    }
     /// The ways it can show in these data; empty when the roles it needs are absent.
     fn variants(&self, ctx: &Context) -> Vec<Variant>;
 }

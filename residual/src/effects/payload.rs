@@ -1,6 +1,6 @@
 //! A mass that the model does not know: its weight and its inertia belong together.
 
-use super::gravity_angle::too_short;
+use super::gravity_angle::{joints, sum, too_short, turns_little, Angle};
 use super::{Build, Context, Effect, EffectKind, Estimate, Param, Piece, Psi, Variant};
 
 pub(crate) struct Payload;
@@ -20,14 +20,10 @@ impl Effect for Payload {
     }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         e.outside("mass", 0.0, f64::INFINITY, "a mass is not negative")
-            .or_else(|| {
-                let own = |(name, ..): &(String, String, f64)| e.label == mass_on(name);
-                too_short(&ctx.angles().into_iter().find(own)?)
-            })
+            .or_else(|| turning(ctx, e.label).iter().find_map(too_short))
     }
     fn axes(&self, form: &Variant, psi: f64, ctx: &Context) -> Vec<String> {
-        let angles = ctx.angles().into_iter();
-        let own = angles.filter(|(n, ..)| form.label == mass_on(n));
+        let own = turning(ctx, &form.label).into_iter();
         let slope = ctx.velocity.iter().map(|v| format!("deriv({v}, {psi})"));
         own.map(|(_, q, _)| q).chain(slope).collect()
     }
@@ -76,14 +72,15 @@ impl Effect for Payload {
             }
         }
         let unit = ctx.unit().to_string();
-        for (name, q, range) in ctx.angles() {
-            if name != "angle" && ctx.spec.roles.angle.is_some() {
+        for own in ctx.angles() {
+            if own.0 != "angle" && ctx.spec.roles.angle.is_some() {
                 continue;
             }
             // Over several turns a weight on the shaft is a ripple of order one.
-            if name == "angle" && range > 1.5 * std::f64::consts::TAU {
+            if own.0 == "angle" && !turns_little(&own) {
                 continue;
             }
+            let (name, q, _) = own;
             let (slopes, unit, per) = (
                 slopes.clone(),
                 unit.clone(),
@@ -100,8 +97,77 @@ impl Effect for Payload {
                 .with(coefficients),
             );
         }
+        out.extend(ends_of_arms(ctx).into_iter().map(|arm| {
+            let (slopes, unit) = (slopes.clone(), unit.clone());
+            let own_per = ctx.per(&format!("{}/s", ctx.velocity_unit()));
+            let other_per = ctx.per("rad/s/s");
+            let label = mass_on_both(&arm.angle.0, &arm.sum.0);
+            let (q, sum, other) = (arm.angle.1, arm.sum.1, arm.other.1);
+            Variant::profiled(&label, widths(), move |n| {
+                let weight = |name: &str, f: &str, q: &str| {
+                    Piece::new(name, unit.clone(), format!("{f}({q})"))
+                };
+                let acceleration = format!("deriv(deriv({other}, {n}), {n})");
+                Build::Add(vec![
+                    weight("weight_sine", "sin", &q),
+                    weight("weight_cosine", "cos", &q),
+                    weight("outer_weight_sine", "sin", &sum),
+                    weight("outer_weight_cosine", "cos", &sum),
+                    Piece::new("inertia", own_per.clone(), slopes.text(n)),
+                    Piece::new("coupling_inertia", other_per.clone(), acceleration),
+                ])
+            })
+            .with(coefficients)
+        }));
         out
     }
+}
+
+/// Most other joints with which arms of two links are tried. The forms have many terms.
+const MOST_OTHERS: usize = 3;
+
+/// An arm of two links with a mass at its end.
+struct Arm {
+    /// Angle of the joint whose torque is the target.
+    angle: Angle,
+    /// Angle of the other joint.
+    other: Angle,
+    /// Angle of the outer link: their sum or difference.
+    sum: Angle,
+}
+
+/// Arms of two links, where the angle is a joint's and the other joints are few.
+fn ends_of_arms(ctx: &Context) -> Vec<Arm> {
+    let (Some(angle), others) = joints(ctx) else {
+        return vec![];
+    };
+    if others.len() > MOST_OTHERS {
+        return vec![];
+    }
+    let of = |(other, sign): (&Angle, &str)| {
+        Some(Arm {
+            sum: sum(ctx, &[&angle, other], sign)?,
+            angle: angle.clone(),
+            other: other.clone(),
+        })
+    };
+    let pairs = others.iter().flat_map(|o| [(o, "+"), (o, "-")]);
+    pairs.filter_map(of).collect()
+}
+
+/// The angles with which the weight of a form turns.
+fn turning(ctx: &Context, label: &str) -> Vec<Angle> {
+    let arms = ends_of_arms(ctx).into_iter();
+    let both = arms.filter(|arm| label == mass_on_both(&arm.angle.0, &arm.sum.0));
+    let single = ctx.angles().into_iter();
+    let own = single.filter(|(name, ..)| label == mass_on(name));
+    own.chain(both.flat_map(|arm| [arm.angle, arm.sum]))
+        .collect()
+}
+
+/// The form of a mass at the end of an arm whose links turn with an angle and a sum.
+fn mass_on_both(angle: &str, sum: &str) -> String {
+    format!("mass on {angle} and {sum}")
 }
 
 /// The form of a mass that turns with an angle.
@@ -178,6 +244,77 @@ mod tests {
             out.is_some()
         };
         assert!(impossible(0.33) && !impossible(1.0));
+    }
+
+    /// A mass at the end of an arm of two links, beside a model whose coefficients are those of the arm without it. Each part of it
+    /// looks like a larger gain.
+    #[test]
+    fn is_named_at_the_end_of_an_arm() {
+        let report = carried(0.3);
+        let first = report.effects.first().expect("an effect");
+        let own = (first.name.as_str(), first.form.as_str());
+        let expected = ("payload", "mass on angle and angle + q2");
+        assert_eq!(own, expected, "{}", report.markdown());
+        assert_eq!(report.effects.len(), 1, "{}", report.markdown());
+        let near = |name: &str, value: f64| {
+            let found = first.params[name];
+            assert!((found - value).abs() < 0.1 * value, "{name} {found}");
+        };
+        near("weight_sine", 0.3 * G * 0.4);
+        near("outer_weight_sine", 0.3 * G * 0.3);
+    }
+
+    /// An arm with links of 0.4 and 0.3 m that carries this mass in kg.
+    fn carried(mass: f64) -> crate::Report {
+        use crate::{analyse, spec::Spec, stats::Rng, Data};
+        let (runs, rows, dt) = (4, 2000, 0.01);
+        let mut rng = Rng::new(9);
+        // A sum of sines with its first two derivatives.
+        let motion = |parts: [(f64, f64, f64); 2], t: f64| {
+            parts.iter().fold([0.0; 3], |[x, v, a], (size, w, phase)| {
+                let (s, c) = (w * t + phase).sin_cos();
+                [x + size * s, v + size * w * c, a - size * w * w * s]
+            })
+        };
+        let mut columns: Vec<(&str, Vec<f64>)> = ["target", "angle", "velocity", "q2", "a1", "a12"]
+            .map(|n| (n, vec![]))
+            .into();
+        for i in 0..runs * rows {
+            let (run, t) = ((i / rows) as f64, (i % rows) as f64 * dt);
+            let [q1, v1, a1] = motion([(0.8, 0.5, run), (0.4, 1.3, 2.0 * run)], t);
+            let [q2, _, a2] = motion([(0.7, 0.8, 2.0 * run), (0.3, 1.9, run + 1.6)], t);
+            let (w1, w12, a12) = (q1.sin(), (q1 + q2).sin(), a1 + a2);
+            let arm = 4.0 * w1 + 1.5 * w12 + 0.6 * a1 + 0.2 * a12;
+            let load = G * (0.4 * w1 + 0.3 * w12) + 0.16 * a1 + 0.09 * a12;
+            let target = arm + mass * load + 0.05 * rng.normal();
+            let row = [target, q1, v1, q2, a1, a12];
+            columns
+                .iter_mut()
+                .zip(row)
+                .for_each(|((_, c), x)| c.push(x));
+        }
+        let data = Data::from_columns(
+            (0..runs * rows).map(|i| (i % rows) as f64 * dt).collect(),
+            columns,
+        )
+        .sequences((0..runs).map(|run| run * rows..(run + 1) * rows))
+        .build()
+        .unwrap();
+        let term = |expr: &str, fixed: f64| {
+            format!("[[terms]]\nname = \"{expr}\"\nexpr = \"{expr}\"\nfixed = {fixed}\n")
+        };
+        let model = format!(
+            "roles.time = {{ column = \"t\", unit = \"s\" }}\n\
+             roles.target = {{ column = \"y\", unit = \"N·m\" }}\n\
+             roles.velocity = {{ column = \"v\", unit = \"rad/s\", deadband = 0.01 }}\n\
+             roles.angle = {{ column = \"a\", unit = \"rad\" }}\n\
+             roles.pose.q2 = {{ column = \"q2\", unit = \"rad\" }}\n{}{}{}{}",
+            term("sin(angle)", 4.0),
+            term("sin(angle + q2)", 1.5),
+            term("a1", 0.6),
+            term("a12", 0.2),
+        );
+        analyse(&Spec::parse(&model).unwrap(), data, &mut ()).unwrap()
     }
 
     #[test]

@@ -54,14 +54,17 @@ impl Effect for PeriodicAngle {
 /// Share of the moving rows that have to turn slowly enough for an order.
 const SLOW_SHARE: f64 = 0.02;
 
+/// Turns below which an order is not resolved from its neighbours.
+pub(super) const FEW_TURNS: f64 = 1.5;
+
 /// An angle that turns far enough to show a ripple.
-struct Angle<'a> {
+pub(super) struct Angle<'a> {
     ctx: &'a Context<'a>,
     /// Expression, and radians per unit of it.
     expression: String,
     radians: f64,
     /// Turns in the range of the data.
-    turns: f64,
+    pub turns: f64,
     /// The angle on each row, in turns.
     turns_of: Vec<f64>,
     /// Highest order that the rows can carry, at most 400.
@@ -70,7 +73,7 @@ struct Angle<'a> {
 
 impl<'a> Angle<'a> {
     /// `None` without an angle, or if it covers less than a twentieth of a turn.
-    fn new(ctx: &'a Context<'a>) -> Option<Angle<'a>> {
+    pub fn new(ctx: &'a Context<'a>) -> Option<Angle<'a>> {
         let expression = ctx.position.clone()?;
         let radians = Context::radians(&ctx.position_unit())?;
         let angle = ctx.values(&format!("({expression}) * {radians}"));
@@ -87,14 +90,8 @@ impl<'a> Angle<'a> {
         })
     }
 
-    /// Orders worth trying.
-    fn orders(&self, of_load: bool) -> Vec<f64> {
-        let ctx = self.ctx;
-        let weight = if of_load {
-            ctx.values(&ctx.load)
-        } else {
-            vec![]
-        };
+    /// Orders worth trying of a ripple of the residual times `weight` (empty: 1).
+    pub fn orders(&self, weight: &[f64]) -> Vec<f64> {
         let look = spectrum::Look {
             // Below one and a half periods in the range a ripple is a curve like any other.
             lowest: (1.5 / self.turns).max(0.02),
@@ -102,18 +99,27 @@ impl<'a> Angle<'a> {
             coherent: true,
             lines: false,
         };
-        let mut orders = spectrum::proposals(ctx, &self.turns_of, &weight, &look);
-        if self.turns < 1.5 {
-            // Order one over less than a turn and a half belongs to `gravity_angle`.
-            orders.retain(|o| (o - 1.0).abs() > 0.05);
-        }
-        orders
+        spectrum::proposals(self.ctx, &self.turns_of, weight, &look)
+    }
+
+    /// How far an order may be off a proposal.
+    pub fn resolution(&self) -> f64 {
+        0.6 / self.turns
     }
 
     /// The ripple, constant or as a share of the load; `None` if the spectrum has no peak.
     fn ripple(&self, label: &str, of_load: bool) -> Option<Variant> {
         let ctx = self.ctx;
-        let grid = self.orders(of_load);
+        let weight = if of_load {
+            ctx.values(&ctx.load)
+        } else {
+            vec![]
+        };
+        let mut grid = self.orders(&weight);
+        if self.turns < FEW_TURNS {
+            // Order one over so few turns belongs to `gravity_angle`.
+            grid.retain(|o| (o - 1.0).abs() > 0.05);
+        }
         if grid.is_empty() {
             return None;
         }
@@ -127,7 +133,7 @@ impl<'a> Angle<'a> {
             unit: "1/turn".into(),
             grid,
             refine: true,
-            resolution: Some(0.6 / self.turns),
+            resolution: Some(self.resolution()),
         };
         let (x, k, unit) = (self.expression.clone(), self.radians, unit.to_string());
         let build = move |n: f64| {

@@ -1,5 +1,6 @@
 //! What friction does at rest and just after a reversal: the direction it holds.
 
+use super::context::Measure;
 use super::{Build, Context, Effect, EffectKind, Estimate, Form, Friction, Piece, Psi, Variant};
 use crate::stats;
 
@@ -20,6 +21,10 @@ impl Effect for Presliding {
     }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         e.below_step("presliding_distance", ctx.step_of("angle"), "angle")
+    }
+    /// Friction that turns over a distance too short to see still holds its direction at rest. A longer one is that of a hysteresis.
+    fn may_be_at_end(&self, form: &Variant) -> [bool; 2] {
+        [form.form == Form::ElasticTurn, false]
     }
     fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
         let (Some(v), Some(x)) = (&ctx.velocity, &ctx.position) else {
@@ -83,7 +88,7 @@ impl Forms<'_> {
 
     /// A coefficient per unit of load.
     fn per_load(&self, name: &str, text: &str) -> Piece {
-        Piece::new(name, "1", format!("{text} * abs({})", self.ctx.load))
+        per_load(&self.ctx.measure(), name, text)
     }
 
     /// Dry friction in motion and at rest under one coefficient: it stays during a stop.
@@ -102,7 +107,7 @@ impl Forms<'_> {
         let mut out =
             vec![Variant::linear("direction held", vec![held.clone()]).form(Form::AtRest)];
         if self.loaded {
-            let pieces = vec![held, self.per_load("held_friction_per_load", &self.held())];
+            let pieces = vec![held, self.per_load("held_friction", &self.held())];
             out.push(
                 Variant::linear("direction held, with load", pieces).form(Form::AtRestWithLoad),
             );
@@ -116,7 +121,7 @@ impl Forms<'_> {
         let at_rest = vec![self.constant("held_friction", self.held())];
         let mut held_per_load = Vec::new();
         if self.loaded {
-            held_per_load.push(self.per_load("held_friction_per_load", &self.held()));
+            held_per_load.push(self.per_load("held_friction", &self.held()));
         }
         // Before the first motion of a run the direction of friction is unknown. Its mean is a
         // parameter of its own, so that other effects do not have to explain it.
@@ -125,7 +130,7 @@ impl Forms<'_> {
         if stats::mean(&ctx.values(&unknown)) > 0.002 {
             waiting.push(self.constant("before_first_motion", unknown));
         }
-        let (unit, load, loaded) = (ctx.unit().to_string(), ctx.load.clone(), self.loaded);
+        let (unit, by, loaded) = (ctx.unit().to_string(), ctx.measure(), self.loaded);
         let psi = Psi {
             name: "turning_time",
             unit: "s".into(),
@@ -140,8 +145,7 @@ impl Forms<'_> {
             p.push(Piece::new("turning_friction", unit.clone(), ahead.clone()));
             p.extend(held_per_load.clone());
             if loaded {
-                let text = format!("{ahead} * abs({load})");
-                p.push(Piece::new("turning_friction_per_load", "1", text));
+                p.push(per_load(&by, "turning_friction", &ahead));
             }
             p.extend(waiting.clone());
             Build::Add(p)
@@ -164,13 +168,12 @@ impl Forms<'_> {
             self.velocity.to_string(),
             self.ctx.deadband,
         );
-        let (unit, load) = (self.ctx.unit().to_string(), self.ctx.load.clone());
+        let (unit, by) = (self.ctx.unit().to_string(), self.ctx.measure());
         let (friction, loaded) = (self.ctx.friction, self.loaded);
         let build = move |d: f64| {
             let state = format!("dahl({x}, {d})");
             if of_load {
-                let text = format!("{state} * abs({load})");
-                return Build::Add(vec![Piece::new("friction_per_load", "1", text)]);
+                return Build::Add(vec![per_load(&by, "friction", &state)]);
             }
             if !friction {
                 return Build::Add(vec![Piece::new("friction", unit.clone(), state)]);
@@ -179,8 +182,7 @@ impl Forms<'_> {
             let turn = format!("({state} - sgn({v}, {db}))");
             let mut p = vec![Piece::new("turning_friction", unit.clone(), turn.clone())];
             if loaded {
-                let text = format!("{turn} * abs({load})");
-                p.push(Piece::new("turning_friction_per_load", "1", text));
+                p.push(per_load(&by, "turning_friction", &turn));
             }
             Build::Add(p)
         };
@@ -191,6 +193,12 @@ impl Forms<'_> {
         };
         Some(Variant::profiled(label, psi, build).form(Form::ElasticTurn))
     }
+}
+
+/// A coefficient per unit of what friction grows with.
+fn per_load(by: &Measure, name: &str, text: &str) -> Piece {
+    let name = format!("{name}{}", by.suffix);
+    Piece::new(name, by.unit.clone(), format!("{text} * {}", by.text))
 }
 
 #[cfg(test)]

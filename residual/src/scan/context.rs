@@ -4,6 +4,10 @@ use super::friction::{dry_friction, velocity_of};
 use super::Scan;
 use crate::effects::Context;
 use crate::spec::Spec;
+use crate::stats;
+
+/// Standard errors from 0 from which on a coefficient is a size that others can be measured by.
+const CLEAR: f64 = 3.0;
 
 /// Expression of the position: the angle, or the integral of the velocity.
 fn position_of(spec: &Spec) -> Option<String> {
@@ -20,6 +24,34 @@ impl<'a> Scan<'a> {
             .into_iter()
             .chain(position_of(spec))
             .collect()
+    }
+
+    /// Whether the only term of the command is the command itself with a fitted coefficient that scatters too much over the folds.
+    fn load_is_vague(&self) -> bool {
+        let terms = &self.model.terms;
+        let mut of_command = (0..terms.len()).filter(|i| {
+            let t = &terms[*i];
+            t.chosen.is_none() && !t.local && t.expr.names().contains("command")
+        });
+        let (Some(own), None) = (of_command.next(), of_command.next()) else {
+            return false;
+        };
+        let Some(at) = self.fit.free.iter().position(|i| *i == own) else {
+            return false;
+        };
+        if terms[own].expr.to_string() != "command" {
+            return false;
+        }
+        let (problem, folds) = (self.problem, self.problem.folds);
+        let without = |fold: usize| {
+            let used = problem.blocks.iter();
+            let weights: Vec<f64> = used.map(|b| f64::from(u8::from(b.fold != fold))).collect();
+            self.fit.theta[at] + self.fit.sums.fit(Some(&weights)).0[at]
+        };
+        let all: Vec<f64> = (0..folds).map(without).collect();
+        // Standard error by the jackknife.
+        let error = stats::deviation(&all) * (folds as f64 - 1.0).max(1.0) / (folds as f64).sqrt();
+        folds > 1 && self.fit.theta[at].abs() < CLEAR * error
     }
 
     /// The context of the current residual.
@@ -61,6 +93,7 @@ impl<'a> Scan<'a> {
             problem,
             spec,
             load: self.load.to_string(),
+            load_is_vague: self.load_is_vague(),
             residual: &fit.residual,
             columns,
             friction,
