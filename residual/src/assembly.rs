@@ -100,12 +100,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
                     &fit.residual,
                 ))
             }
-            (None, true) => Some(pictures::over(
-                search,
-                "elapsed",
-                &base.residual,
-                &fit.residual,
-            )),
+            (None, true) => Some(pictures::over_time(search, &base.residual, &fit.residual)),
             (None, false) => None,
         },
         structure: found.left.structure,

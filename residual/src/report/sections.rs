@@ -4,10 +4,14 @@ use super::document::Part;
 use super::plot::Plot;
 use super::words::{first_of, joined, readable};
 use super::{DeclaredTerm, Effect, Figures, ModelTest, Report, Rival, Verdict};
+use crate::effects::EffectKind;
 use crate::format::{num, p_value, percent, positive_zero, with_interval};
 
 /// Heading of the section on structure that no effect explains.
-const UNEXPLAINED: &str = "Unexplained structure";
+pub(super) const UNEXPLAINED: &str = "Unexplained structure";
+
+/// Heading of the section on flaws of the data.
+pub(super) const CHECKS: &str = "Checks of the data";
 
 impl Report {
     /// Which data were analysed.
@@ -232,6 +236,11 @@ impl Report {
         if !e.plot.x.is_empty() {
             let mut caption = self.caption(&e.plot);
             caption.push_str(" All other effects are included in both.");
+            if e.name == EffectKind::AngleFriction {
+                caption.push_str(
+                    " Left of zero is the motion backward, at its angle less one turn or period.",
+                );
+            }
             out.push(Part::Picture {
                 file: format!("effect-{}-{}.svg", i + 1, e.name),
                 plot: Box::new(self.labelled(&e.plot)),
@@ -485,7 +494,6 @@ fn parameters(e: &Effect) -> Part {
 mod tests {
     use super::super::example;
     use super::*;
-    use crate::effects::EffectKind;
 
     /// The search compares rivals before it takes away the effects whose names the data do not support.
     #[test]
