@@ -76,7 +76,7 @@ impl Report {
         };
         let mut rows = vec![full("declared".into(), &self.baseline)];
         for (i, e) in self.effects.iter().enumerate() {
-            let name = format!("{} {}", if i == 0 { "with" } else { "and" }, e.name);
+            let name = format!("{} {}", if i == 0 { "with" } else { "and" }, self.called(e));
             rows.push(if i + 1 == self.effects.len() {
                 full(name, &self.last)
             } else {
@@ -97,11 +97,27 @@ impl Report {
                 ],
                 rows,
             ),
-            Part::Text(self.held_out()),
         ]
         .into_iter()
+        .chain(self.only_beside_others().map(Part::Text))
+        .chain([Part::Text(self.held_out())])
         .chain(self.check())
         .collect()
+    }
+
+    /// Why an effect that was found makes an error larger in the table, if one does.
+    fn only_beside_others(&self) -> Option<String> {
+        let worse = |e: &&Effect| {
+            e.heldout_after > e.heldout_before && num(e.heldout_after) != num(e.heldout_before)
+        };
+        let worse: Vec<&Effect> = self.effects.iter().filter(worse).collect();
+        (!worse.is_empty()).then(|| {
+            format!(
+                "The rows add the effects in the order of what each is worth in the final model. The error grows with {}, which \
+                 helps only beside effects further down; its section has the error of the final model without it.",
+                self.listed(&worse)
+            )
+        })
     }
 
     /// Errors on the check data.
@@ -160,7 +176,7 @@ impl Report {
                 format!("{name} {} {unit}", num(*v)).trim_end().to_string()
             });
             vec![
-                e.name.to_string(),
+                self.called(e),
                 format!("{} -> {}", num(e.heldout_before), num(e.heldout_after)),
                 parameters.collect::<Vec<_>>().join(", "),
                 e.unsupported.clone(),
@@ -222,7 +238,7 @@ impl Report {
         }
         let terms: Vec<String> = e.terms.iter().map(|t| readable(t)).collect();
         let mut out = vec![
-            Part::Heading(format!("{kind} {}: {}", i + 1, self.alternatives(e))),
+            Part::Heading(format!("{kind} {}: {}", i + 1, self.heading_of(e))),
             Part::Text(format!(
                 "{meaning}. Form: {}. Held-out RMSE {} {u} without it and {} {u} with it.",
                 e.form,
@@ -309,12 +325,13 @@ impl Report {
         let beside = if self.verdict == Verdict::Unknown {
             ""
         } else {
-            " The reduction is small compared with that by the named effects, so it does not change the verdict."
+            " Beside what the named effects took off the squared error it is small, so the verdict is as it is."
         };
         let mut out = vec![
             Part::Heading(UNEXPLAINED.into()),
             Part::Text(format!(
-                "A free curve in these variables still reduces the held-out RMSE, and no effect of the catalogue reduces it as much.{beside}"
+                "What is left is not noise alone: without the structure in each row the held-out RMSE of the final model would be lower by the \
+                 share that the row gives, and no effect of the catalogue is sure to explain it.{beside}"
             )),
             Part::table(
                 &["depends on", "reduction of held-out RMSE", "p value"],
@@ -456,7 +473,7 @@ impl Report {
     /// Flaws of the data.
     pub(super) fn data_checks(&self) -> Vec<Part> {
         vec![
-            Part::Heading("Checks of the data".into()),
+            Part::Heading(CHECKS.into()),
             Part::table(
                 &["check", "rows", "first", "what"],
                 self.hygiene
@@ -482,6 +499,11 @@ fn parameters(e: &Effect) -> Part {
             e.ci.get(name)
                 .map_or((num(*v), "-".into()), |ci| with_interval(*v, *ci));
         let unit = e.units.get(name).cloned().unwrap_or_default();
+        let interval = if e.at_limit.contains(name) {
+            format!("{interval}; the value is at the limit of the search, so the true one may lie beyond it")
+        } else {
+            interval
+        };
         vec![name.clone(), value, interval, unit]
     });
     Part::table(
@@ -517,6 +539,38 @@ mod tests {
         let line = "Nearest rival, in the model with all that improves the fit (held-out RMSE 0.09000 N): with viscous in its \
                     place the held-out RMSE is 0.09900 N, 10.0 % larger.";
         assert!(text.contains(line), "{text}");
+    }
+
+    #[test]
+    fn a_value_at_the_limit_of_the_search_is_said() {
+        let mut report = example::report();
+        let said = |report: &Report| {
+            let text = report.markdown();
+            text.contains("| -0.40 to -0.20; the value is at the limit of the search")
+        };
+        assert!(said(&report), "{}", report.markdown());
+        report.effects[0].at_limit.clear();
+        assert!(!said(&report));
+    }
+
+    /// An effect that helps only beside another makes the error larger where the other is not there yet.
+    #[test]
+    fn a_row_with_a_larger_error_is_explained() {
+        let mut report = example::report();
+        let line = "The error grows with viscous, which helps only beside effects further down";
+        assert!(!report.markdown().contains("The error grows"));
+        let viscous = Effect {
+            name: EffectKind::Viscous,
+            heldout_before: 1.0 / 3.0,
+            heldout_after: 0.36,
+            ..report.effects[0].clone()
+        };
+        report.effects.insert(0, viscous);
+        let text = report.markdown();
+        assert!(text.contains(line), "{text}");
+        // No larger by any digit that is shown.
+        report.effects[0].heldout_after = 1.0 / 3.0 + 1e-9;
+        assert!(!report.markdown().contains("The error grows"));
     }
 
     #[test]
