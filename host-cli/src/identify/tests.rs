@@ -101,6 +101,26 @@ fn a_rig_with_much_friction_is_driven_less_and_still_found_out() {
     }
 }
 
+/// Repetitions on an emulated rig are no copies, or two of them would seem to confirm anything.
+#[test]
+fn runs_of_one_emulated_rig_have_figures_of_their_own() {
+    let held = |run: u64| {
+        let options = crate::link::EmbeddedOptions {
+            run,
+            ..Default::default()
+        };
+        let mut link = crate::link::fast::FastRig::open(&options).unwrap();
+        let options = crate::run::Options::new([0.0, 2.5, 0.0], 4.0);
+        let outcome =
+            crate::run::set_force(&mut link, &rig(), &options, &mut NoopObserver).unwrap();
+        Figures::of(&outcome).unwrap()
+    };
+    let (first, second) = (held(0), held(1));
+    assert_eq!(first, held(0));
+    let ratio = second.worst_tension_rms_n / first.worst_tension_rms_n;
+    assert!(ratio != 1.0 && (0.5..2.0).contains(&ratio), "{ratio}");
+}
+
 /// The shortest session that the command allows is long enough for an analysis of every unit.
 #[test]
 fn the_shortest_session_can_be_analysed() {
