@@ -27,6 +27,9 @@ const PAINT: [u8; 4] = [0xA5; 4];
 pub struct Options {
     /// Seed of everything random.
     pub seed: u64,
+    /// Number of the run of this rig: noise, zeros, clocks and the prescribed path are drawn anew for each. Run 0 draws them from
+    /// `seed` alone.
+    pub run: u64,
     /// The plant behind the board.
     pub plant: PlantConfig,
 }
@@ -99,8 +102,10 @@ impl Rig {
     /// # Errors
     /// See [`RigError`].
     pub fn boot_image(image: &Image, options: Options) -> Result<Self, RigError> {
-        let plant = Plant::new(options.plant, options.seed).map_err(RigError::Plant)?;
-        let board = Shared::new(Board::new(plant, options.seed).map_err(RigError::Refused)?);
+        let of_run = plant::rng::seed_of_run(options.seed, options.run);
+        let plant =
+            Plant::of_run(options.plant, options.seed, options.run).map_err(RigError::Plant)?;
+        let board = Shared::new(Board::new(plant, of_run).map_err(RigError::Refused)?);
         let usb = SharedUsb::default();
         let mut engine = Box::new(RiglessEngine::boot(image, &board, &usb)?);
         if let Some(stack) = &image.stack {

@@ -100,12 +100,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
                     &fit.residual,
                 ))
             }
-            (None, true) => Some(pictures::over(
-                search,
-                "elapsed",
-                &base.residual,
-                &fit.residual,
-            )),
+            (None, true) => Some(pictures::over_time(search, &base.residual, &fit.residual)),
             (None, false) => None,
         },
         structure: found.left.structure,
@@ -116,7 +111,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         improves,
         limited: outcome.limited,
         check,
-        absent: absent(search)?,
+        absent: absent(search, &outcome.last.ranked)?,
         hygiene: data
             .hygiene
             .iter()
@@ -222,6 +217,13 @@ fn effect(
             .collect(),
         params: params.iter().map(|p| (p.name.clone(), p.value)).collect(),
         ci: ci.clone(),
+        at_limit: own
+            .variant
+            .psi
+            .iter()
+            .filter(|p| p.is_at_limit(own.psi))
+            .map(|p| p.name.to_string())
+            .collect(),
         heldout_before: before,
         heldout_after: after,
         heldout_without: weight.rmse_without,
@@ -300,8 +302,8 @@ fn nonlinear(c: &Candidate) -> BTreeMap<String, f64> {
 }
 
 /// Effects that were not looked for, as the data lack their columns. The windows of
-/// the data show this as well as all rows.
-fn absent(search: &Search) -> Result<Vec<EffectKind>, Error> {
+/// the data show this as well as all rows. On top of an effect that was found another may be possible, and is `tested`.
+fn absent(search: &Search, tested: &[Candidate]) -> Result<Vec<EffectKind>, Error> {
     let declared = &search.declared;
     let small = match &search.thin {
         Some(thin) => Some((thin, Fit::new(thin, &declared.model)?)),
@@ -319,6 +321,39 @@ fn absent(search: &Search) -> Result<Vec<EffectKind>, Error> {
     Ok(CATALOGUE
         .par_iter()
         .filter(|e| search.allowed(**e) && e.variants(&ctx).is_empty())
+        .filter(|e| !tested.iter().any(|c| c.origin.kind() == e.kind()))
         .map(|e| e.kind())
         .collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::{analyse, spec::Spec, Data};
+
+    /// A delay of all that is predicted is possible only once something that moves is predicted.
+    #[test]
+    fn no_effect_is_both_tested_and_not_tested() {
+        let model = "[roles]\ntime = { column = \"t\", unit = \"s\" }\ntarget = { column = \"y\", unit = \"N\" }\n\
+             velocity = { column = \"v\", unit = \"m/s\" }\n[[terms]]\nname = \"zero\"\nexpr = \"1\"\n";
+        let rows = |f: &dyn Fn(f64) -> f64| (0..800).map(|i| f(0.02 * f64::from(i))).collect();
+        let velocity = |t: f64| (1.9 * t).cos() + 0.6 * (3.3 * t).sin();
+        let target = |t: f64| 0.01 * (1e4 * t).sin() - 0.4 * velocity(t).signum() - velocity(t);
+        let data = Data::from_columns(
+            rows(&|t| t),
+            [("velocity", rows(&velocity)), ("target", rows(&target))],
+        )
+        .sequences((0..4).map(|run| 200 * run..200 * (run + 1)))
+        .build()
+        .unwrap();
+        let report = analyse(&Spec::parse(model).unwrap(), data, &mut ()).unwrap();
+        assert!(!report.effects.is_empty() && !report.absent.is_empty());
+        assert!(
+            report.tested.iter().any(|t| t.name == "delay"),
+            "{}",
+            report.markdown()
+        );
+        for name in &report.absent {
+            assert!(!report.tested.iter().any(|t| t.name == *name), "{name}");
+        }
+    }
 }

@@ -40,7 +40,16 @@ pub(crate) struct Checked {
     files: Vec<String>,
 }
 
+/// Error on the check data, as a multiple of the held-out one, above which a model does not hold there.
+const WORSE: f64 = 4.0 / 3.0;
+
 impl Check {
+    /// Error of the model with the effects found, as a multiple of its held-out error, where it is far larger.
+    pub(crate) fn worse_than(&self, heldout_rmse: f64) -> Option<f64> {
+        let ratio = self.found_rmse / heldout_rmse;
+        (ratio.is_finite() && ratio > WORSE).then_some(ratio)
+    }
+
     /// Whether most of the data repeat a motion of the searched data.
     pub(crate) fn repeats(&self) -> bool {
         2 * self.repeated_rows > self.rows

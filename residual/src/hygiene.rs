@@ -253,6 +253,12 @@ const COMPARED: usize = 50;
 /// Correlation from which two runs are one motion.
 const SAME_MOTION: f64 = 0.98;
 
+/// Name of the check that two columns contradict each other.
+pub(crate) const SPEED_AGAINST_ANGLE: &str = "speed against angle";
+
+/// Name of the check that most runs are one motion.
+pub(crate) const REPEATED_MOTION: &str = "repeated motion";
+
 /// Relative error of the speed column against the slope of the angle that is reported.
 const SPEED_ERROR: f64 = 0.05;
 
@@ -289,7 +295,7 @@ fn speed_against_angle(frame: &Frame, roles: &Roles, log: &mut Log) {
     let (ratio, agreement) = (vs / vv, vs / (vv * ss).sqrt());
     if agreement.abs() > 0.9 && (ratio - 1.0).abs() > SPEED_ERROR {
         log.count(
-            "speed against angle",
+            SPEED_AGAINST_ANGLE,
             frame.len(),
             "whole record",
             &format!(
@@ -328,7 +334,7 @@ fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Log) {
         .count();
     if repeats * 2 > runs.len() && repeats > 1 {
         log.count(
-            "repeated motion",
+            REPEATED_MOTION,
             repeats,
             "whole record",
             "runs whose motion is that of another run that is held out: the held-out error does not show how the model does \

@@ -22,7 +22,9 @@ pub(crate) fn of_effect(search: &Search, own: &Chosen, rest: &Fitted, all: &Fitt
     let (without, with) = (&rest.fit.residual, &all.fit.residual);
     let ctx = search.scan_on(&search.declared).context();
     let part: Vec<f64> = without.iter().zip(with).map(|(a, b)| a - b).collect();
-    let special = period(search, &ctx, own, all, &part).or_else(|| slope(search, own, rest));
+    let special = period(search, &ctx, own, all, &part)
+        .or_else(|| both_directions(search, &ctx, own))
+        .or_else(|| slope(search, own, rest));
     let plot = match special {
         Some((label, x)) => Plot::new(&label, &x, without, with),
         None => over(search, &axis(search, &ctx, own, &part), without, with),
@@ -46,6 +48,20 @@ pub(crate) fn over(search: &Search, against: &str, before: &[f64], after: &[f64]
         format!("{name}, {unit}")
     };
     Plot::new(&label, &x, before, after)
+}
+
+/// The residual before and after over time, one run after another: over the time in the run, what differs from run to run would
+/// cancel.
+pub(crate) fn over_time(search: &Search, before: &[f64], after: &[f64]) -> Plot {
+    let mut x = values(search, &search.problem.plain, "elapsed");
+    let mut start = 0.0;
+    for rows in each_run(search) {
+        let Some(run) = x.get_mut(rows) else { continue };
+        let first = run.first().copied().unwrap_or(0.0);
+        run.iter_mut().for_each(|t| *t += start - first);
+        start = run.last().copied().unwrap_or(start);
+    }
+    Plot::new("time, one run after another, s", &x, before, after)
 }
 
 /// Values of an expression on fitted rows; empty if it cannot be evaluated.
@@ -125,6 +141,30 @@ fn period(
     Some((label, x))
 }
 
+/// The angle within a turn, or within a period of the friction's order, where friction depends on it: the turns lie on top of
+/// each other, and the two directions of motion beside each other, as their means would cancel. `None` for all other effects.
+fn both_directions(search: &Search, ctx: &Context, own: &Chosen) -> Option<(String, Vec<f64>)> {
+    if own.effect.kind() != EffectKind::AngleFriction {
+        return None;
+    }
+    let unit = ctx.position_unit();
+    let order = own.variant.psi.as_ref().filter(|p| p.name == "order");
+    let (name, parts) = order.map_or(("turn", 1.0), |_| ("period", own.psi));
+    let length = TAU / parts / Context::radians(&unit)?;
+    let angle = values(search, &search.problem.plain, ctx.position.as_ref()?);
+    let speed = values(search, &search.problem.plain, ctx.velocity.as_ref()?);
+    let place = |(x, v): (&f64, &f64)| {
+        let within = x.rem_euclid(length);
+        if *v < 0.0 {
+            within - length
+        } else {
+            within
+        }
+    };
+    let label = format!("angle in a {name}, {unit}; below 0: backward");
+    Some((label, angle.iter().zip(&speed).map(place).collect()))
+}
+
 /// The slope of the prediction, where all of it is late: what is late is off by the delay times this slope. `None` for all
 /// other forms.
 fn slope(search: &Search, own: &Chosen, rest: &Fitted) -> Option<(String, Vec<f64>)> {
@@ -143,17 +183,22 @@ fn slope(search: &Search, own: &Chosen, rest: &Fitted) -> Option<(String, Vec<f6
 
 /// Fitted rows with one phase: those of each sequence where every sequence has coefficients of its own, else all.
 fn runs(search: &Search, own: &Chosen) -> Vec<Range<usize>> {
-    let problem = &search.problem;
     if own.variant.is_local(own.psi) {
-        let blocks = problem.runs();
-        let rows = blocks.iter().map(|run| {
-            let of_run = &problem.blocks[run.clone()];
-            of_run[0].range.start..of_run[of_run.len() - 1].range.end
-        });
-        rows.collect()
+        each_run(search)
     } else {
-        std::iter::once(0..problem.y.len()).collect()
+        std::iter::once(0..search.problem.y.len()).collect()
     }
+}
+
+/// Fitted rows of each run.
+fn each_run(search: &Search) -> Vec<Range<usize>> {
+    let problem = &search.problem;
+    let blocks = problem.runs();
+    let rows = blocks.iter().map(|run| {
+        let of_run = &problem.blocks[run.clone()];
+        of_run[0].range.start..of_run[of_run.len() - 1].range.end
+    });
+    rows.collect()
 }
 
 /// Phase of the part of the residual that is made of a sine and a cosine.
@@ -168,6 +213,7 @@ fn rise(sine: &[f64], cosine: &[f64], part: &[f64]) -> f64 {
 mod tests {
     use crate::effects::testbench::{simulate, Excitation, Row};
     use crate::report::{Effect, Report};
+    use crate::stats::Rng;
 
     fn effect<'a>(report: &'a Report, name: &str) -> &'a Effect {
         let found = report.effects.iter().find(|e| e.name == name);
@@ -217,6 +263,99 @@ mod tests {
             (before - 0.3).abs() < 0.05 && after < 0.05,
             "{before} {after}"
         );
+    }
+
+    /// The zero of each run wanders in its own way, so the means over the time in the run cancel.
+    #[test]
+    fn what_shows_in_time_alone_is_drawn_run_by_run() {
+        let mut rng = Rng::new(5);
+        let mut zero = 0.0;
+        let report = simulate(&Excitation::default(), 1.0, &mut |s| {
+            if s.first {
+                zero = rng.normal();
+            }
+            // Forgets within some 15 s.
+            zero += 0.05 * rng.normal() - 0.0013 * zero;
+            zero
+        });
+        let plot = report.plot_unknown.as_ref();
+        let plot = plot.unwrap_or_else(|| panic!("{}", report.markdown()));
+        assert_eq!(plot.against, "time, one run after another, s");
+        let means = || plot.means.iter().map(|m| m[2]);
+        let (lo, hi) = (
+            means().fold(f64::MAX, f64::min),
+            means().fold(f64::MIN, f64::max),
+        );
+        assert!(hi - lo > 2.0 * plot.rms[1], "{lo} {hi} {:?}", plot.rms);
+        let last = plot.x.iter().copied().fold(0.0, f64::max);
+        assert!(
+            plot.x.windows(2).all(|w| w[0] <= w[1]) && last > 300.0,
+            "{last}"
+        );
+    }
+
+    /// Half the sum and half the difference of the means in the two directions, at a place of the angle.
+    fn directions(
+        effect: &Effect,
+        length: f64,
+        column: usize,
+        within: &dyn Fn(f64) -> bool,
+    ) -> [f64; 2] {
+        let mean = |backward: bool| {
+            let own: Vec<f64> = effect
+                .plot
+                .means
+                .iter()
+                .filter(|m| (m[0] < 0.0) == backward && within(m[0].rem_euclid(length)))
+                .map(|m| m[column])
+                .collect();
+            assert!(own.len() > 1, "{:?}", effect.plot.means);
+            own.iter().sum::<f64>() / own.len() as f64
+        };
+        let (forward, backward) = (mean(false), mean(true));
+        [0.5 * (forward + backward), 0.5 * (forward - backward)]
+    }
+
+    /// Over all turns, and over both directions together, the means would cancel.
+    #[test]
+    fn friction_that_depends_on_the_angle_is_drawn_in_a_turn_for_each_direction() {
+        use std::f64::consts::TAU;
+        let report = simulate(&Excitation::default(), 1.0, &mut |s| {
+            let inside = (s.angle - 1.0).rem_euclid(TAU) < 1.2;
+            if inside {
+                -0.5 * s.velocity.signum()
+            } else {
+                0.0
+            }
+        });
+        let friction = effect(&report, "angle_friction");
+        let label = &friction.plot.against;
+        assert!(label.starts_with("angle in a turn, rad;"), "{label}");
+        let x = &friction.plot.x;
+        assert!(x.iter().all(|x| (-TAU..TAU).contains(x)), "{x:?}");
+        let inside = |x: f64| (1.1..2.1).contains(&x);
+        let [even, odd] = directions(friction, TAU, 1, &inside);
+        assert!(even.abs() < 0.1 && (odd + 0.5).abs() < 0.1, "{even} {odd}");
+        let [_, odd] = directions(friction, TAU, 2, &inside);
+        assert!(odd.abs() < 0.1, "{odd}");
+        let [_, odd] = directions(friction, TAU, 1, &|x| (3.0..5.5).contains(&x));
+        assert!(odd.abs() < 0.1, "{odd}");
+    }
+
+    #[test]
+    fn a_ripple_of_friction_is_drawn_over_one_period() {
+        use std::f64::consts::TAU;
+        let report = simulate(&Excitation::default(), 1.0, &mut |s| {
+            -(0.5 + 0.3 * (3.0 * s.angle).sin()) * s.velocity.signum()
+        });
+        let friction = effect(&report, "angle_friction");
+        let length = TAU / 3.0;
+        let label = &friction.plot.against;
+        assert!(label.starts_with("angle in a period, rad;"), "{label}");
+        let x = &friction.plot.x;
+        assert!(x.iter().all(|x| (-length..length).contains(x)), "{x:?}");
+        let [_, odd] = directions(friction, length, 1, &|x| (0.3..0.8).contains(&x));
+        assert!((odd + 0.28).abs() < 0.1, "{odd}");
     }
 
     /// A loop of Dahl's model over the angle.

@@ -31,7 +31,10 @@ pub struct Options {
     /// A virtual arm that holds the cables' ends; `None`: the plant's prescribed path. With an arm the cables have at least
     /// 5 mm of slack at power-on.
     pub robot: Option<ArmConfig>,
-    /// Seed of the chips (noise, zeros, clocks); `None`: `seed`. With it one rig and one arm run several trials whose noise
+    /// Number of the run of this rig: noise, zeros, clocks and the prescribed path are drawn anew for each. Run 0 draws them from
+    /// `seed` alone.
+    pub run: u64,
+    /// Seed of the chips (noise, zeros, clocks); `None`: that of the run. With it one rig and one arm run several trials whose noise
     /// differs.
     pub chips_seed: Option<u64>,
     /// Units whose cables hang loose because they are not used.
@@ -71,8 +74,10 @@ impl CoreRig {
     /// See [`RigError`].
     pub fn new(options: Options) -> Result<Self, RigError> {
         let seed = options.seed;
+        let of_run = plant::rng::seed_of_run(seed, options.run);
+        let chips_seed = options.chips_seed.unwrap_or(of_run);
         let mut plant = match &options.robot {
-            None => Plant::new(options.plant, seed)?,
+            None => Plant::of_run(options.plant, seed, options.run)?,
             Some(config) => {
                 let arm = Box::new(VirtualArm::new(config, seed)?);
                 let mut plant = options.plant;
@@ -84,7 +89,7 @@ impl CoreRig {
             // There is such a unit.
             let _ = plant.lay_loose(unit, LOOSE_M);
         }
-        Self::with_chips(plant, seed, options.chips_seed.unwrap_or(seed))
+        Self::with_chips(plant, seed, chips_seed)
     }
 
     /// A rig with a plant that the caller has built, for example with a robot ([`Plant::with_robot`]).

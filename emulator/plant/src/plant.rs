@@ -67,8 +67,17 @@ impl Plant {
     /// # Errors
     /// [`ConfigError`] names the first key that the physics can't take.
     pub fn new(config: PlantConfig, seed: u64) -> Result<Self, ConfigError> {
+        Self::of_run(config, seed, 0)
+    }
+
+    /// As [`Plant::new`], for a further run of the same rig: the robot's path is drawn anew where the configuration draws it,
+    /// and every figure of the units stays. Run 0 is that of [`Plant::new`].
+    ///
+    /// # Errors
+    /// As [`Plant::new`].
+    pub fn of_run(config: PlantConfig, seed: u64, run: u64) -> Result<Self, ConfigError> {
         config.validate()?;
-        let tip = Tip::new(&config.robot, seed);
+        let tip = Tip::new(&config.robot, crate::rng::seed_of_run(seed, run));
         Ok(Self::with_tip(config, seed, tip))
     }
 

@@ -5,6 +5,13 @@
 //! Each use draws from a stream named by a label and an index, so that a new draw somewhere leaves all
 //! others as they were.
 
+/// The seed of what differs from run to run of one rig, from the rig's `seed`. Run 0 has the rig's seed.
+#[must_use]
+pub const fn seed_of_run(seed: u64, run: u64) -> u64 {
+    // Odd multiples of the golden section: neighbouring runs of neighbouring seeds have different ones.
+    seed.wrapping_add(run.wrapping_mul(0x9E37_79B9_7F4A_7C15))
+}
+
 /// One stream of pseudo-random numbers.
 #[derive(Clone, Debug)]
 pub struct Rng {

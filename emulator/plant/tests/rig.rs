@@ -307,3 +307,27 @@ fn halving_the_step_hardly_changes_the_result() {
     let rms = (square / coarse.len() as f64).sqrt();
     assert!(rms < 0.01, "{rms} N between 50 us and 12.5 us");
 }
+
+/// A repetition on one rig: the rig is the same, and the robot moves in another way.
+#[test]
+fn runs_of_one_rig_differ_in_the_path_and_not_in_the_rig() {
+    let tip = |run: u64| {
+        let mut plant = Plant::of_run(PlantConfig::default(), 1, run).unwrap();
+        plant.set_robot_moving(true);
+        plant.advance_to(3_000_000_000);
+        let units: Vec<_> = (0..plant.units())
+            .map(|unit| plant.parameters(unit).clone())
+            .collect();
+        (plant.tip_position_m(), units)
+    };
+    let (first, rig) = tip(0);
+    let (again, _) = tip(0);
+    let (other, same_rig) = tip(1);
+    assert_eq!(first, again);
+    assert_ne!(first, other);
+    assert_eq!(rig, same_rig);
+    let mut plain = Plant::new(PlantConfig::default(), 1).unwrap();
+    plain.set_robot_moving(true);
+    plain.advance_to(3_000_000_000);
+    assert_eq!(plain.tip_position_m(), first);
+}

@@ -12,10 +12,11 @@ use std::process::ExitCode;
 use std::time::{Duration, Instant};
 
 const USAGE: &str = "\
-usage: rig --elf FILE [--seed N] [--plant FILE.toml] [--usb] [--paced] [--quiet] [--rtt FILE] [--free SECONDS]
+usage: rig --elf FILE [--seed N] [--run N] [--plant FILE.toml] [--usb] [--paced] [--quiet] [--rtt FILE] [--free SECONDS]
 
   --elf FILE       firmware image (ELF) to boot
   --seed N         seed of everything random (default 1)
+  --run N          run of this rig (default 0): noise, zeros, clocks and path are drawn anew for each
   --plant FILE     plant configuration in TOML (default: the rig of the thesis)
   --usb            the link's bytes go through the board's USB socket, not through USART3
   --paced          no faster than real time
@@ -28,6 +29,7 @@ Without --free it speaks emulator-link on standard input and output.";
 struct Arguments {
     elf: PathBuf,
     seed: u64,
+    run: u64,
     plant: Option<PathBuf>,
     usb: bool,
     paced: bool,
@@ -42,6 +44,7 @@ fn arguments() -> Result<Option<Arguments>, String> {
     let mut found = Arguments {
         elf: PathBuf::new(),
         seed: 1,
+        run: 0,
         plant: None,
         usb: false,
         paced: false,
@@ -57,11 +60,15 @@ fn arguments() -> Result<Option<Arguments>, String> {
         };
         match word.as_str() {
             "--elf" => elf = Some(PathBuf::from(value()?)),
-            "--seed" => {
+            "--seed" | "--run" => {
                 let text = value()?;
-                found.seed = text
+                let number = text
                     .parse()
-                    .map_err(|_| format!("--seed {text}: not a whole number from 0"))?;
+                    .map_err(|_| format!("{word} {text}: not a whole number from 0"))?;
+                match word.as_str() {
+                    "--seed" => found.seed = number,
+                    _ => found.run = number,
+                }
             }
             "--plant" => found.plant = Some(PathBuf::from(value()?)),
             "--rtt" => found.rtt = Some(PathBuf::from(value()?)),
@@ -139,6 +146,7 @@ fn run() -> Result<(), String> {
     };
     let options = Options {
         seed: arguments.seed,
+        run: arguments.run,
         plant: plant(arguments.plant.as_ref())?,
     };
     let mut rig = Rig::boot(&arguments.elf, options).map_err(|error| error.to_string())?;

@@ -282,6 +282,19 @@ impl Existing {
         rig: &RigFile,
         context: &Context,
     ) -> Result<Box<dyn RigLink>> {
+        self.open_run(new, role, rig, 0, context)
+    }
+
+    /// The same for a command that opens it several times: `run` counts from 0. An emulated rig of the command's own draws its
+    /// noise anew for each, as a real one has it.
+    fn open_run(
+        &self,
+        new: &New,
+        role: Role,
+        rig: &RigFile,
+        run: u64,
+        context: &Context,
+    ) -> Result<Box<dyn RigLink>> {
         #[cfg(unix)]
         if let Some(client) = self.connected(context)? {
             let welcome = client.welcome();
@@ -306,6 +319,7 @@ impl Existing {
             choice,
             &EmbeddedOptions {
                 seed: new.seed,
+                run,
                 paced: new.paced,
                 plant: new.plant.clone(),
                 usb: new.usb,
@@ -464,7 +478,19 @@ impl Connection {
 
     /// Opens the connection as a commander, and names the rig.
     pub fn open(&self, rig: &RigFile, context: &Context) -> Result<Box<dyn RigLink>> {
-        self.at.open_as(&self.new, Role::Commander, rig, context)
+        self.open_again(rig, 0, context)
+    }
+
+    /// The same for run `run` (from 0) of a command that opens it several times: runs of an emulated rig of its own differ as
+    /// repetitions on a real one do.
+    pub fn open_again(
+        &self,
+        rig: &RigFile,
+        run: u64,
+        context: &Context,
+    ) -> Result<Box<dyn RigLink>> {
+        self.at
+            .open_run(&self.new, Role::Commander, rig, run, context)
     }
 
     /// Where the zeros of a run come from: a rig that was just booted measures them, any other keeps its own. Call it after

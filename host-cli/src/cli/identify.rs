@@ -7,10 +7,12 @@ use super::watch::Watch;
 use super::{values, Context};
 use clap::Args;
 use host_cli::identify::{self, Figures, Findings, Gain, Pair};
+use host_cli::link::RigLink;
 use host_cli::plot;
 use host_cli::rigfile::{self, RigFile};
 use host_cli::run::{self, Ended, Options, Outcome, RunError};
 use serde_json::json;
+use std::cell::Cell;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -63,7 +65,14 @@ pub struct Identify {
     apply: bool,
     #[command(flatten)]
     connection: Connection,
+    /// Sessions so far.
+    #[arg(skip)]
+    sessions: Cell<u64>,
 }
+
+/// Why pairs of runs on a rig without any scatter decide nothing.
+const REPEATS: &str =
+    "this rig repeats a pair of runs to the last digit, so further pairs do not confirm the gain";
 
 /// Results of the command.
 struct Results {
@@ -161,16 +170,22 @@ impl Identify {
             };
             let (outcome, after) = self.hold(context, &results.findings.rig, force_n, &what)?;
             results.after.get_or_insert(outcome);
-            pairs.push(Pair { before, after });
+            let pair = Pair { before, after };
+            let repeats = pairs.contains(&pair);
+            pairs.push(pair);
             let Some(gain) = Gain::of(&pairs) else {
                 return Ok(Some("a run has no error to compare".to_owned()));
             };
             results.gain = Some(gain);
-            if gain.is_decided() || n >= usize::from(self.pairs) {
+            if repeats || gain.is_decided() || n >= usize::from(self.pairs) {
                 let of = |f: fn(&Pair) -> Figures| pairs.iter().map(f).collect::<Vec<_>>();
                 results.figures.0 = Figures::mean(&of(|p| p.before)).unwrap_or(before);
                 results.figures.1 = Figures::mean(&of(|p| p.after));
-                return Ok((!gain.is_better()).then(|| not_better(&gain)));
+                return Ok(match gain.is_better() {
+                    true => None,
+                    false if repeats => Some(REPEATS.to_owned()),
+                    false => Some(not_better(&gain)),
+                });
             }
         }
     }
@@ -200,6 +215,13 @@ impl Identify {
         std::fs::write(&path, text).map_err(|error| Failure::file(&path, error))
     }
 
+    /// Opens the connection for the next session.
+    fn open(&self, rig: &RigFile, context: &Context) -> Result<Box<dyn RigLink>> {
+        let run = self.sessions.get();
+        self.sessions.set(run + 1);
+        self.connection.open_again(rig, run, context)
+    }
+
     /// Holds the force in a session of its own.
     fn hold(
         &self,
@@ -209,7 +231,7 @@ impl Identify {
         what: &str,
     ) -> Result<(Outcome, Figures)> {
         let _controlled_stop = context.interrupt.controlled_stop();
-        let mut link = self.connection.open(rig, context)?;
+        let mut link = self.open(rig, context)?;
         let options = Options {
             stop: context.interrupt.flag(),
             zeroing: self.connection.zeroing(),
@@ -235,7 +257,7 @@ impl Identify {
     /// Drives the cables with the loops open, and records it.
     fn drive(&self, context: &Context, rig: &RigFile) -> Result<identify::Recording> {
         let _controlled_stop = context.interrupt.controlled_stop();
-        let mut link = self.connection.open(rig, context)?;
+        let mut link = self.open(rig, context)?;
         let mut watch = Watch::new(&context.output);
         watch
             .progress
@@ -467,7 +489,7 @@ fn markdown(results: &Results, rig_name: &str) -> String {
         cell(after.map(|a| a.tip_rms_n))
     ));
     if let Some(gain) = &results.gain {
-        line(format!("\nThe error of the worst cable is smaller by {gain}. The table has the means of these runs."));
+        line(format!("\nReduction of the worst cable's error: {gain}. The table has the means of these runs."));
     }
     if after.is_some() {
         line("\n![Errors before and after](compare.svg)".to_owned());

@@ -214,7 +214,7 @@ fn effects(report: &Report, text: &mut String) {
             text,
             "  {label:<12} {} ({}): held-out RMSE {} without it",
             report.alternatives(effect),
-            effect.form,
+            report.details(effect),
             residual::num(effect.heldout_without)
         );
     }
@@ -224,7 +224,7 @@ fn effects(report: &Report, text: &mut String) {
             "  {:<12} {} ({}): {}",
             "improves",
             effect.name,
-            effect.form,
+            report.details(effect),
             effect.unsupported
         );
     }
@@ -451,6 +451,19 @@ mod tests {
         let mut report = analysed();
         let said = lines(&report);
         assert!(said.starts_with("  found        coulomb ("), "{said}");
+        // Two of one kind are told apart.
+        let mut two = report.clone();
+        two.effects.push(two.effects[0].clone());
+        two.effects
+            .iter_mut()
+            .zip([7.0, 14.0])
+            .for_each(|(e, order)| {
+                e.params.insert("order".to_owned(), order);
+            });
+        let said = lines(&two);
+        for order in ["order 7.000)", "order 14.00)"] {
+            assert!(said.contains(order), "{said}");
+        }
         let both = vec![residual::EffectKind::Coulomb, residual::EffectKind::Viscous];
         report.not_identifiable = vec![residual::Ambiguity::new(both, "other speeds")];
         let said = lines(&report);

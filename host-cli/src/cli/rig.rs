@@ -53,6 +53,7 @@ impl Rig {
         let _controlled_stop = context.interrupt.controlled_stop();
         let options = EmbeddedOptions {
             seed: self.seed,
+            run: 0,
             paced: true,
             plant: self.plant.clone(),
             usb: self.usb,

@@ -30,7 +30,7 @@ const EASE_PER_CYCLE: f64 = 0.97;
 /// Frequencies of the first unit's sines, Hz; each unit's are 6 % above those of the one before.
 const SINES_HZ: [f64; 5] = [0.11, 0.27, 0.63, 1.37, 2.90];
 /// Shortest and longest session, s.
-const MIN_SESSION_S: f64 = 8.0;
+pub(super) const MIN_SESSION_S: f64 = 8.0;
 const MAX_SESSION_S: f64 = 600.0;
 
 /// Drives the cables with the loops open and records the samples.
@@ -90,7 +90,7 @@ pub fn check(rig: &RigFile, seconds: f64) -> Result<(), RunError> {
 fn opened(rig: &RigFile, seconds: f64) -> Result<RigFile, RunError> {
     if !(MIN_SESSION_S..=MAX_SESSION_S).contains(&seconds) {
         return Err(RunError::Argument(format!(
-            "a session of {seconds} s; give {MIN_SESSION_S} to {MAX_SESSION_S} (blocks of 4 s are held out in turn)"
+            "a session of {seconds} s; give {MIN_SESSION_S} to {MAX_SESSION_S} (blocks of it are held out in turn)"
         )));
     }
     let mut open = rig.clone();

@@ -12,6 +12,10 @@ use std::path::Path;
 /// which a board may use the findings. Above it their parameters may stand for another effect.
 pub const MAX_UNEXPLAINED: f64 = 0.1;
 
+/// Blocks that a recording is held out in, and their longest duration, s: that of the usual recording of 40 s.
+const BLOCKS: f64 = 10.0;
+const LONGEST_BLOCK_S: f64 = 4.0;
+
 /// What was found on one unit, and what of it is used.
 #[derive(Debug, Clone, Serialize)]
 pub struct UnitFinding {
@@ -78,7 +82,8 @@ pub fn find(
             continue;
         }
         progress.stage(&format!("unit {}", unit.number));
-        let report = analyse(unit, &recording.csv(i), out)?;
+        let block_s = (recording.duration_s() / BLOCKS).min(LONGEST_BLOCK_S);
+        let report = analyse(unit, block_s, &recording.csv(i), out)?;
         let not_used = match usable(&report) {
             Ok(mut compensation) => {
                 let angles: Vec<f64> = recording.rows(i).iter().map(|r| r.angle_rad).collect();
@@ -132,8 +137,8 @@ pub fn advice(report: &Report) -> Vec<String> {
     out
 }
 
-/// Analyses the log of one unit, with its files in a folder below `out`.
-fn analyse(unit: &UnitSettings, csv: &str, out: &Path) -> Result<Report, FindError> {
+/// Analyses the log of one unit in blocks of `block_s` seconds, with its files in a folder below `out`.
+fn analyse(unit: &UnitSettings, block_s: f64, csv: &str, out: &Path) -> Result<Report, FindError> {
     let folder = out.join(format!("unit{}", unit.number));
     let log = folder.join("session.csv");
     let file = |cause| FindError::File {
@@ -143,7 +148,8 @@ fn analyse(unit: &UnitSettings, csv: &str, out: &Path) -> Result<Report, FindErr
     std::fs::create_dir_all(&folder).map_err(file)?;
     std::fs::write(&log, csv).map_err(file)?;
     model(unit)
-        .and_then(|model| {
+        .and_then(|mut model| {
+            model.holdout.block_s = Some(block_s);
             let options = residual::Options {
                 data: vec![log.clone()],
                 model,
@@ -153,8 +159,46 @@ fn analyse(unit: &UnitSettings, csv: &str, out: &Path) -> Result<Report, FindErr
         })
         .map_err(|error| FindError::Analysis {
             unit: unit.number,
-            error,
+            error: advised(error),
         })
+}
+
+/// The error with what the user of `identify` can do, who has neither files nor a model file of the analysis.
+fn advised(error: residual::Error) -> residual::Error {
+    match error {
+        residual::Error::Data { what, .. } => residual::Error::Data {
+            what,
+            hint: "Drive the cables for longer (--drive-duration), and see that the robot moves all of them".to_owned(),
+        },
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::rigfile::RigFile;
+
+    /// Nobody who drives a rig can set a key of the model that is built in.
+    #[test]
+    fn what_a_recording_lacks_is_said_in_options_of_the_command() {
+        let unit = RigFile::built_in().unwrap().units[0];
+        let out = tempfile::tempdir().unwrap();
+        let mut csv = "time_s,tension_n,command_n,speed_m_s,angle_rad\n".to_owned();
+        for i in 0..900 {
+            let t = 0.0025 * f64::from(i);
+            csv += &format!(
+                "{t},{},{},0.01,{t}\n",
+                4.0 + (9.0 * t).sin(),
+                4.0 + (5.0 * t).sin()
+            );
+        }
+        let error = analyse(&unit, 4.0, &csv, out.path())
+            .unwrap_err()
+            .to_string();
+        assert!(error.contains("--drive-duration"), "{error}");
+        assert!(!error.contains("block_s"), "{error}");
+    }
 }
 
 /// What a board may use of a report, or why nothing.

@@ -43,10 +43,15 @@ pub struct Gain {
 }
 
 impl Gain {
-    /// Of pairs of runs; `None` without a pair, or where the error is zero, infinite or NaN.
+    /// Of pairs of runs; equal ones count once, as a copy confirms nothing. `None` without a pair, or where the error is zero, infinite or NaN.
     #[must_use]
     pub fn of(pairs: &[Pair]) -> Option<Self> {
-        let used = pairs.get(..pairs.len().min(MOST_PAIRS))?;
+        let mut used: Vec<&Pair> = Vec::new();
+        for pair in pairs {
+            if used.len() < MOST_PAIRS && !used.contains(&pair) {
+                used.push(pair);
+            }
+        }
         let logs = |f: &dyn Fn(&Figures) -> f64| -> Option<Vec<f64>> {
             used.iter()
                 .map(|p| {
@@ -133,6 +138,16 @@ mod tests {
         assert_eq!(gain.to_string(), "50.0 % over 1 pair of runs");
     }
 
+    /// An emulated rig may repeat a run to the last digit.
+    #[test]
+    fn copies_of_a_pair_decide_nothing() {
+        let gain = Gain::of(&pairs(&[0.05, 0.05, 0.05])).unwrap();
+        assert_eq!((gain.pairs, gain.interval), (1, None));
+        assert!(!gain.is_decided());
+        let two = Gain::of(&pairs(&[0.05, 0.052, 0.05])).unwrap();
+        assert_eq!(two, Gain::of(&pairs(&[0.05, 0.052])).unwrap());
+    }
+
     #[test]
     fn a_gain_that_is_always_there_is_decided_and_one_that_varies_is_not() {
         let clear = Gain::of(&pairs(&[0.05, 0.052])).unwrap();
@@ -149,7 +164,7 @@ mod tests {
 
     #[test]
     fn a_loss_at_the_tip_is_no_gain() {
-        let mut all = pairs(&[0.05, 0.05]);
+        let mut all = pairs(&[0.05, 0.051]);
         assert!(Gain::of(&all).unwrap().is_better());
         all.iter_mut().for_each(|p| p.after.tip_rms_n = 0.106);
         assert!(!Gain::of(&all).unwrap().is_better());
@@ -170,6 +185,7 @@ mod tests {
         assert_eq!(Gain::of(&[]), None);
         assert_eq!(Gain::of(&pairs(&[f64::NAN])), None);
         // More pairs than the table has are not used.
-        assert_eq!(Gain::of(&pairs(&[0.05; 20])).unwrap().pairs, MOST_PAIRS);
+        let many: Vec<f64> = (0..20).map(|i| 0.05 + 1e-4 * f64::from(i)).collect();
+        assert_eq!(Gain::of(&pairs(&many)).unwrap().pairs, MOST_PAIRS);
     }
 }

@@ -71,6 +71,15 @@ impl Track {
 }
 
 impl Recording {
+    /// Time from the first sample to the last, s.
+    #[must_use]
+    pub fn duration_s(&self) -> f64 {
+        let ends = self.samples.first().zip(self.samples.last());
+        ends.map_or(0.0, |((first, _), (last, _))| {
+            last.t_us.saturating_sub(first.t_us) as f64 * 1e-6
+        })
+    }
+
     /// The rows of a unit (from 0); see the module's page, "Times".
     #[must_use]
     pub fn rows(&self, unit: usize) -> Vec<Row> {

@@ -1,5 +1,6 @@
 //! The whole identification against the board in memory.
 
+use super::excite::MIN_SESSION_S;
 use super::*;
 use crate::link::fake::{Behavior, FakeBoard};
 use crate::rigfile::{RigFile, UnitSettings, DEFAULT_TEXT};
@@ -97,6 +98,50 @@ fn a_rig_with_much_friction_is_driven_less_and_still_found_out() {
         let more = friction(new) + crate::identify::findings::FRICTION_MARGIN_N - friction(old);
         // Units differ by some 0.1 N by themselves.
         assert!((more - 0.8).abs() < 0.3, "{more} {:?}", findings.units);
+    }
+}
+
+/// Repetitions on an emulated rig are no copies, or two of them would seem to confirm anything.
+#[test]
+fn runs_of_one_emulated_rig_have_figures_of_their_own() {
+    let held = |run: u64| {
+        let options = crate::link::EmbeddedOptions {
+            run,
+            ..Default::default()
+        };
+        let mut link = crate::link::fast::FastRig::open(&options).unwrap();
+        let options = crate::run::Options::new([0.0, 2.5, 0.0], 4.0);
+        let outcome =
+            crate::run::set_force(&mut link, &rig(), &options, &mut NoopObserver).unwrap();
+        Figures::of(&outcome).unwrap()
+    };
+    let (first, second) = (held(0), held(1));
+    assert_eq!(first, held(0));
+    let ratio = second.worst_tension_rms_n / first.worst_tension_rms_n;
+    assert!(ratio != 1.0 && (0.5..2.0).contains(&ratio), "{ratio}");
+}
+
+/// The shortest session that the command allows is long enough for an analysis of every unit.
+#[test]
+fn the_shortest_session_can_be_analysed() {
+    for seed in [3, 4] {
+        let mut board = FakeBoard::with(Behavior::Good, seed, PlantConfig::default());
+        let stop = AtomicBool::new(false);
+        let zeroing = crate::run::Zeroing::Measure;
+        let recording = excite(
+            &mut board,
+            &rig(),
+            MIN_SESSION_S,
+            &zeroing,
+            &stop,
+            &mut NoopObserver,
+        )
+        .unwrap();
+        assert!((recording.duration_s() - MIN_SESSION_S).abs() < 0.1);
+        let out = tempfile::tempdir().unwrap();
+        let found = find(&recording, &rig(), "rig", DEFAULT_TEXT, out.path(), &mut ());
+        let found = found.unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+        assert_eq!(found.units.len(), UNITS);
     }
 }
 

@@ -97,6 +97,9 @@ impl EmbeddedRig {
         if let Some(seed) = options.seed {
             command.arg("--seed").arg(seed.to_string());
         }
+        if options.run != 0 {
+            command.arg("--run").arg(options.run.to_string());
+        }
         if let Some(plant) = &options.plant {
             command.arg("--plant").arg(plant);
         }

@@ -43,6 +43,7 @@ impl FastRig {
         let seed = options.seed.unwrap_or(DEFAULT_SEED);
         let rig = Self::with(Options {
             seed,
+            run: options.run,
             plant,
             ..Options::default()
         })?;

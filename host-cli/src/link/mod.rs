@@ -143,6 +143,9 @@ pub enum LinkError {
 pub struct EmbeddedOptions {
     /// Seed of everything random; `None`: the rig's own default.
     pub seed: Option<u64>,
+    /// Number of the run of this rig: noise, zeros, clocks and the robot's path differ between runs, and the rig does not. Run 0 is
+    /// that of a rig that runs once.
+    pub run: u64,
     /// Let virtual time pass no faster than real time.
     pub paced: bool,
     /// Configuration of the plant (TOML); `None`: the rig of the thesis.

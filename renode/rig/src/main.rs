@@ -28,6 +28,7 @@ usage: renode-rig --elf FILE [--seed N] [--plant FILE.toml] [--usb]
   --seed N         seed of everything random (default 1)
   --plant FILE     plant configuration in TOML (default: the rig of the thesis)
   --usb            the link's bytes go through the board's USB socket, not through USART3
+  --run N          accepted as by the embedded rig's program, without effect: each run has the same noise
   --paced, --quiet accepted as by the embedded rig's program, without effect
   -h, --help       print this
 
@@ -65,6 +66,9 @@ fn arguments(mut words: impl Iterator<Item = String>) -> Result<Option<Arguments
                 seed = text
                     .parse()
                     .map_err(|_| format!("--seed {text}: not a whole number from 0"))?;
+            }
+            "--run" => {
+                value()?;
             }
             "--plant" => plant = Some(value()?.into()),
             "--usb" => usb = true,

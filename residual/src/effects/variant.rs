@@ -79,6 +79,20 @@ impl Psi {
     }
 }
 
+/// Distance from a limit, as a share of it or of the resolution, at which a value is at the limit: a refinement comes near it
+/// without reaching it.
+const AT_LIMIT: f64 = 0.01;
+
+impl Psi {
+    /// Whether a fitted value is at a limit of the search, so that the best one may lie beyond it.
+    pub fn is_at_limit(&self, value: f64) -> bool {
+        let (low, high) = self.limits();
+        let at =
+            |limit: f64| (value - limit).abs() <= AT_LIMIT * self.resolution.unwrap_or(limit.abs());
+        self.refine && (at(low) || at(high))
+    }
+}
+
 type Derive = fn(f64, &[f64], &[Piece], &Psi) -> Vec<Param>;
 
 /// Whether an effect can have this nonlinear parameter and these coefficients.
@@ -291,5 +305,42 @@ pub(crate) fn ratio(upper: &str, lower: &str) -> String {
         format!("{upper}/{lower}")
     } else {
         format!("{upper}/({lower})")
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_value_at_the_end_of_what_was_searched_is_known() {
+        let psi = |grid: &[f64], resolution| Psi {
+            name: "time_constant",
+            unit: "s".into(),
+            grid: grid.to_vec(),
+            refine: true,
+            resolution,
+        };
+        let time = psi(&[0.01, 1.0, 100.0], None);
+        for (value, at) in [
+            (0.007, true),
+            (0.00704, true),
+            (0.0075, false),
+            (0.01, false),
+            (100.0, false),
+            (139.9, true),
+        ] {
+            assert_eq!(time.is_at_limit(value), at, "{value}");
+        }
+        let place = psi(&[0.0, 2.0], Some(0.5));
+        for (value, at) in [(-0.499, true), (-0.49, false), (0.0, false), (2.5, true)] {
+            assert_eq!(place.is_at_limit(value), at, "{value}");
+        }
+        // Only its own values are possible: none lies beyond.
+        let given = Psi {
+            refine: false,
+            ..psi(&[1.4], None)
+        };
+        assert!(!given.is_at_limit(0.98));
     }
 }

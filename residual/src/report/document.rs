@@ -12,7 +12,7 @@ pub(super) enum Part {
     Verdict {
         /// What it says.
         text: String,
-        /// Classes of its banner: the word of the verdict, and `partly` where names are not supported.
+        /// Classes of its banner: the word of the verdict, and `partly` where the answer is not whole.
         class: String,
     },
     /// Heading of a section.
@@ -89,10 +89,10 @@ impl Report {
         out
     }
 
-    /// Classes of the banner: green only where every name is supported and the search came to its end.
+    /// Classes of the banner: the colour of the verdict only where the answer is whole.
     fn banner(&self) -> String {
         let word = self.verdict.word();
-        if self.improves.is_empty() && self.limited.is_none() {
+        if self.is_whole() {
             word.into()
         } else {
             format!("{word} partly")

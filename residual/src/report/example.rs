@@ -70,6 +70,7 @@ pub(super) fn report() -> Report {
             params: one(-0.1 - 0.2),
             units: [("friction".to_string(), "N".to_string())].into(),
             ci: [("friction".to_string(), [-0.4, -0.2])].into(),
+            at_limit: vec!["friction".into()],
             heldout_before: 1.0 / 3.0,
             heldout_after: 0.1,
             heldout_without: 1.0 / 3.0,

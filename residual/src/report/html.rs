@@ -92,7 +92,7 @@ h1{font-size:1.7em;line-height:1.25}h2{font-size:1.25em;margin-top:2em;overflow-
 p,figcaption{max-width:52em;overflow-wrap:anywhere}\
 .verdict{font-size:1.1em;border-left:.4em solid #888;background:#f4f4f4;padding:.6em .9em}\
 .effect,.several{border-color:#2a7d46}.none{border-color:#4878a8}\
-.unknown{border-color:#c03020}.not_identifiable,.effect.partly,.several.partly{border-color:#c08a10}\
+.partly,.not_identifiable{border-color:#c08a10;background:#fbf3dd}.unknown{border-color:#c03020;background:#fbebe8}\
 .wide{overflow-x:auto;margin:1em 0}table{border-collapse:collapse}\
 td,th{border:1px solid #ccc;padding:.2em .6em;min-width:4em;text-align:left;vertical-align:top}\
 code{font-size:.92em;background:#f4f4f4}\

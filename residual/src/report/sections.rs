@@ -4,10 +4,14 @@ use super::document::Part;
 use super::plot::Plot;
 use super::words::{first_of, joined, readable};
 use super::{DeclaredTerm, Effect, Figures, ModelTest, Report, Rival, Verdict};
+use crate::effects::EffectKind;
 use crate::format::{num, p_value, percent, positive_zero, with_interval};
 
 /// Heading of the section on structure that no effect explains.
-const UNEXPLAINED: &str = "Unexplained structure";
+pub(super) const UNEXPLAINED: &str = "Unexplained structure";
+
+/// Heading of the section on flaws of the data.
+pub(super) const CHECKS: &str = "Checks of the data";
 
 impl Report {
     /// Which data were analysed.
@@ -72,7 +76,7 @@ impl Report {
         };
         let mut rows = vec![full("declared".into(), &self.baseline)];
         for (i, e) in self.effects.iter().enumerate() {
-            let name = format!("{} {}", if i == 0 { "with" } else { "and" }, e.name);
+            let name = format!("{} {}", if i == 0 { "with" } else { "and" }, self.called(e));
             rows.push(if i + 1 == self.effects.len() {
                 full(name, &self.last)
             } else {
@@ -93,11 +97,27 @@ impl Report {
                 ],
                 rows,
             ),
-            Part::Text(self.held_out()),
         ]
         .into_iter()
+        .chain(self.only_beside_others().map(Part::Text))
+        .chain([Part::Text(self.held_out())])
         .chain(self.check())
         .collect()
+    }
+
+    /// Why an effect that was found makes an error larger in the table, if one does.
+    fn only_beside_others(&self) -> Option<String> {
+        let worse = |e: &&Effect| {
+            e.heldout_after > e.heldout_before && num(e.heldout_after) != num(e.heldout_before)
+        };
+        let worse: Vec<&Effect> = self.effects.iter().filter(worse).collect();
+        (!worse.is_empty()).then(|| {
+            format!(
+                "The rows add the effects in the order of what each is worth in the final model. The error grows with {}, which \
+                 helps only beside effects further down; its section has the error of the final model without it.",
+                self.listed(&worse)
+            )
+        })
     }
 
     /// Errors on the check data.
@@ -156,7 +176,7 @@ impl Report {
                 format!("{name} {} {unit}", num(*v)).trim_end().to_string()
             });
             vec![
-                e.name.to_string(),
+                self.called(e),
                 format!("{} -> {}", num(e.heldout_before), num(e.heldout_after)),
                 parameters.collect::<Vec<_>>().join(", "),
                 e.unsupported.clone(),
@@ -218,7 +238,7 @@ impl Report {
         }
         let terms: Vec<String> = e.terms.iter().map(|t| readable(t)).collect();
         let mut out = vec![
-            Part::Heading(format!("{kind} {}: {}", i + 1, self.alternatives(e))),
+            Part::Heading(format!("{kind} {}: {}", i + 1, self.heading_of(e))),
             Part::Text(format!(
                 "{meaning}. Form: {}. Held-out RMSE {} {u} without it and {} {u} with it.",
                 e.form,
@@ -232,6 +252,11 @@ impl Report {
         if !e.plot.x.is_empty() {
             let mut caption = self.caption(&e.plot);
             caption.push_str(" All other effects are included in both.");
+            if e.name == EffectKind::AngleFriction {
+                caption.push_str(
+                    " Left of zero is the motion backward, at its angle less one turn or period.",
+                );
+            }
             out.push(Part::Picture {
                 file: format!("effect-{}-{}.svg", i + 1, e.name),
                 plot: Box::new(self.labelled(&e.plot)),
@@ -300,12 +325,13 @@ impl Report {
         let beside = if self.verdict == Verdict::Unknown {
             ""
         } else {
-            " The reduction is small compared with that by the named effects, so it does not change the verdict."
+            " Beside what the named effects took off the squared error it is small, so the verdict is as it is."
         };
         let mut out = vec![
             Part::Heading(UNEXPLAINED.into()),
             Part::Text(format!(
-                "A free curve in these variables still reduces the held-out RMSE, and no effect of the catalogue reduces it as much.{beside}"
+                "What is left is not noise alone: without the structure in each row the held-out RMSE of the final model would be lower by the \
+                 share that the row gives, and no effect of the catalogue is sure to explain it.{beside}"
             )),
             Part::table(
                 &["depends on", "reduction of held-out RMSE", "p value"],
@@ -447,7 +473,7 @@ impl Report {
     /// Flaws of the data.
     pub(super) fn data_checks(&self) -> Vec<Part> {
         vec![
-            Part::Heading("Checks of the data".into()),
+            Part::Heading(CHECKS.into()),
             Part::table(
                 &["check", "rows", "first", "what"],
                 self.hygiene
@@ -473,6 +499,11 @@ fn parameters(e: &Effect) -> Part {
             e.ci.get(name)
                 .map_or((num(*v), "-".into()), |ci| with_interval(*v, *ci));
         let unit = e.units.get(name).cloned().unwrap_or_default();
+        let interval = if e.at_limit.contains(name) {
+            format!("{interval}; the value is at the limit of the search, so the true one may lie beyond it")
+        } else {
+            interval
+        };
         vec![name.clone(), value, interval, unit]
     });
     Part::table(
@@ -485,7 +516,6 @@ fn parameters(e: &Effect) -> Part {
 mod tests {
     use super::super::example;
     use super::*;
-    use crate::effects::EffectKind;
 
     /// The search compares rivals before it takes away the effects whose names the data do not support.
     #[test]
@@ -509,6 +539,38 @@ mod tests {
         let line = "Nearest rival, in the model with all that improves the fit (held-out RMSE 0.09000 N): with viscous in its \
                     place the held-out RMSE is 0.09900 N, 10.0 % larger.";
         assert!(text.contains(line), "{text}");
+    }
+
+    #[test]
+    fn a_value_at_the_limit_of_the_search_is_said() {
+        let mut report = example::report();
+        let said = |report: &Report| {
+            let text = report.markdown();
+            text.contains("| -0.40 to -0.20; the value is at the limit of the search")
+        };
+        assert!(said(&report), "{}", report.markdown());
+        report.effects[0].at_limit.clear();
+        assert!(!said(&report));
+    }
+
+    /// An effect that helps only beside another makes the error larger where the other is not there yet.
+    #[test]
+    fn a_row_with_a_larger_error_is_explained() {
+        let mut report = example::report();
+        let line = "The error grows with viscous, which helps only beside effects further down";
+        assert!(!report.markdown().contains("The error grows"));
+        let viscous = Effect {
+            name: EffectKind::Viscous,
+            heldout_before: 1.0 / 3.0,
+            heldout_after: 0.36,
+            ..report.effects[0].clone()
+        };
+        report.effects.insert(0, viscous);
+        let text = report.markdown();
+        assert!(text.contains(line), "{text}");
+        // No larger by any digit that is shown.
+        report.effects[0].heldout_after = 1.0 / 3.0 + 1e-9;
+        assert!(!report.markdown().contains("The error grows"));
     }
 
     #[test]

@@ -103,6 +103,9 @@ pub struct Effect {
     /// with a phase for each run).
     #[serde(deserialize_with = "nan::from_null")]
     pub ci: BTreeMap<String, [f64; 2]>,
+    /// Names of the parameters whose value is at the limit of the range that was searched: the true one may lie beyond it.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub at_limit: Vec<String>,
     /// Held-out RMSE before the effect was added, in the target's unit; the effects are added in the
     /// order of [`Report::effects`].
     #[serde(deserialize_with = "nan::from_null")]
