@@ -123,7 +123,10 @@ fn at_end(own: &Chosen) -> Option<String> {
     let (first, last) = (psi.grid.first()?, psi.grid.last()?);
     let (low, high) = psi.limits();
     let [low_counts, high_counts] = own.effect.may_be_at_end(&own.variant);
-    let near = |end: f64, grid: f64| (own.psi - end).abs() <= AT_END * (grid - end).abs();
+    // At the end, or beyond it.
+    let near = |end: f64, grid: f64| {
+        (own.psi - end) * (end - grid).signum() >= -AT_END * (grid - end).abs()
+    };
     let beyond = (near(low, *first) && !low_counts) || (near(high, *last) && !high_counts);
     beyond.then(|| {
         format!(
@@ -392,7 +395,7 @@ pub(crate) fn supported(
                 continue;
             };
             if !last_round {
-                search.bar(effect.effect.kind(), refusal.against == Against::Others);
+                search.bar(effect.effect.kind(), refusal.against != Against::Itself);
             }
             refused.push(Refused {
                 effect: effect.clone(),
@@ -656,12 +659,12 @@ mod tests {
             }
         };
         let ends = |kind, form| {
-            [0.007, 0.0071, 0.02, 1.2, 1.4].map(|psi| at_end(&chosen(kind, form, psi)).is_some())
+            [0.007, 0.0071, 0.02, 1.2, 1.4, 1.5].map(|psi| at_end(&chosen(kind, form, psi)).is_some())
         };
         let own = ends(EffectKind::Presliding, Form::ElasticTurn);
-        assert_eq!(own, [false, false, false, false, true]);
+        assert_eq!(own, [false, false, false, false, true, true]);
         let own = ends(EffectKind::Creep, Form::Other);
-        assert_eq!(own, [true, false, false, false, true]);
+        assert_eq!(own, [true, false, false, false, true, true]);
     }
 
     #[test]

@@ -6,6 +6,9 @@ use crate::stats;
 /// Share of the angle's variance that is no line in time, up to which the angle only says what time it is.
 const STRAIGHT: f64 = 1e-3;
 
+/// The same for the velocity: friction grows with it on any machine, and steps of the speed are no line.
+const NEARLY_STRAIGHT: f64 = 0.05;
+
 pub(crate) struct DriftTime;
 
 impl Effect for DriftTime {
@@ -23,13 +26,21 @@ impl Effect for DriftTime {
         vec![if clock { "time" } else { "elapsed" }.into()]
     }
     fn impossible(&self, _: &Estimate, ctx: &Context) -> Option<String> {
-        let angle = ctx.values(ctx.position.as_ref()?);
-        let (_, rest) = stats::line(&ctx.values("elapsed"), &angle)?;
-        let mean = stats::mean(&angle);
-        let all: f64 = angle.iter().map(|a| (a - mean).powi(2)).sum();
-        (rest < STRAIGHT * all).then(|| {
-            "the position grows with time in one line: what depends on it looks the same".into()
-        })
+        let straight = |text: &Option<String>, most: f64| {
+            let values = ctx.values(text.as_ref()?);
+            let (_, rest) = stats::line(&ctx.values("elapsed"), &values)?;
+            let mean = stats::mean(&values);
+            let all: f64 = values.iter().map(|a| (a - mean).powi(2)).sum();
+            Some(rest < most * all)
+        };
+        let found = [
+            ("position", straight(&ctx.position, STRAIGHT)),
+            ("velocity", straight(&ctx.velocity, NEARLY_STRAIGHT)),
+        ];
+        let (name, _) = found.into_iter().find(|(_, is)| *is == Some(true))?;
+        Some(format!(
+            "the {name} grows or falls with time in one line: what depends on it looks the same"
+        ))
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let unit = ctx.per("s");
@@ -56,6 +67,31 @@ impl Effect for DriftTime {
 
 #[cfg(test)]
 mod tests {
+    /// A motor whose speed is lowered step by step: damping falls with time as a drift would.
+    #[test]
+    fn a_speed_that_falls_with_time_is_no_drift() {
+        let rows = 1200;
+        let refused = |speed: &dyn Fn(usize) -> f64| {
+            let velocity: Vec<f64> = (0..rows).map(speed).collect();
+            let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
+                        velocity = { column = \"v\", unit = \"rad/s\" }\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+            let columns = [("target", velocity.clone()), ("velocity", velocity)];
+            let mut out = false;
+            crate::effects::testbench::knowing(spec, &columns, rows, |ctx| {
+                let estimate = Estimate {
+                    form: crate::effects::Form::Other,
+                    label: "since the start of the run",
+                    params: &[],
+                    intervals: &Default::default(),
+                };
+                out = DriftTime.impossible(&estimate, ctx).is_some();
+            });
+            out
+        };
+        assert!(refused(&|i| 10.0 - (i / 100) as f64));
+        assert!(!refused(&|i| (0.05 * i as f64).sin()));
+    }
+
     #[test]
     fn is_named() {
         crate::effects::testbench::names("drift_time", |s| 0.01 * s.elapsed);

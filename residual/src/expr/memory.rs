@@ -196,7 +196,7 @@ pub(super) fn stop(frame: &Frame, v: Vec<f64>, half: f64) -> Vec<f64> {
     along(
         frame,
         v,
-        |x| (start(x), x - x),
+        |x| (start(x), x - start(x).max(x)),
         |play, x, _| {
             *play = follow(*play, x, half);
             x - *play
