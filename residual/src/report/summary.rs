@@ -30,15 +30,15 @@ impl Report {
     /// effect is white, and neither the columns nor the check data contradict it.
     pub(super) fn is_whole(&self) -> bool {
         let last = self.last.heldout_rmse;
-        self.improves.is_empty()
-            && self.limited.is_none()
-            && self.left().is_none()
-            && !(self.verdict == Verdict::None && !self.coloured().is_empty())
-            && !self.flawed(SPEED_AGAINST_ANGLE)
-            && !self
-                .check
-                .as_ref()
-                .is_some_and(|c| c.worse_than(last).is_some())
+        let worse = self.check.as_ref().and_then(|c| c.worse_than(last));
+        let coloured = self.verdict == Verdict::None && !self.coloured().is_empty();
+        let doubtful = !self.improves.is_empty()
+            || self.limited.is_some()
+            || self.left().is_some()
+            || worse.is_some()
+            || coloured
+            || self.flawed(SPEED_AGAINST_ANGLE);
+        !doubtful
     }
 
     /// The first structure that is large beside what is left. The verdict `unknown` names its structure by itself.
