@@ -357,12 +357,7 @@ const FEWEST_BLOCKS: f64 = 4.0;
 
 /// Time in which the motion of a run repeats, if it does: whatever is special to that motion is in each pass of it, so blocks of time of
 /// two passes do not confirm each other. `None` where it repeats in less than a few blocks.
-pub(crate) fn period(
-    frame: &Frame,
-    run: &Range<usize>,
-    roles: &Roles,
-    block: f64,
-) -> Option<f64> {
+pub(crate) fn period(frame: &Frame, run: &Range<usize>, roles: &Roles, block: f64) -> Option<f64> {
     let time = frame.time();
     let span = time[run.end - 1] - time[run.start];
     if run.len() < COMPARED || span < 1.2 * FEWEST_BLOCKS * block {
@@ -545,8 +540,9 @@ mod tests {
             period(&frame, &rows, &roles, 2.0)
         };
         use std::f64::consts::TAU;
-        let exciting =
-            |t: f64| (TAU * t / 12.0).sin() + 0.7 * (TAU * t / 4.0).cos() + 0.5 * (TAU * t / 2.4).sin();
+        let exciting = |t: f64| {
+            (TAU * t / 12.0).sin() + 0.7 * (TAU * t / 4.0).cos() + 0.5 * (TAU * t / 2.4).sin()
+        };
         for seconds in [20.0, 60.0] {
             let found = run(&exciting, seconds).unwrap();
             assert!((found - 12.0).abs() < 0.1, "{found}");

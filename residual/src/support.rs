@@ -659,7 +659,8 @@ mod tests {
             }
         };
         let ends = |kind, form| {
-            [0.007, 0.0071, 0.02, 1.2, 1.4, 1.5].map(|psi| at_end(&chosen(kind, form, psi)).is_some())
+            [0.007, 0.0071, 0.02, 1.2, 1.4, 1.5]
+                .map(|psi| at_end(&chosen(kind, form, psi)).is_some())
         };
         let own = ends(EffectKind::Presliding, Form::ElasticTurn);
         assert_eq!(own, [false, false, false, false, true, true]);
