@@ -122,8 +122,9 @@ fn at_end(own: &Chosen) -> Option<String> {
     let (first, last) = (psi.grid.first()?, psi.grid.last()?);
     let (low, high) = psi.limits();
     let [low_counts, high_counts] = own.effect.may_be_at_end(&own.variant);
-    let near = |end: f64, grid: f64| (own.psi - end).abs() <= AT_END * (grid - end).abs();
-    let beyond = (near(low, *first) && !low_counts) || (near(high, *last) && !high_counts);
+    // A scan may refine it to somewhat beyond the range.
+    let beyond = (own.psi <= low + AT_END * (first - low) && !low_counts)
+        || (own.psi >= high - AT_END * (high - last) && !high_counts);
     beyond.then(|| {
         format!(
             "{} {} lies at the end of the range in which such an effect is looked for: beyond it it is another one",
@@ -642,12 +643,13 @@ mod tests {
             }
         };
         let ends = |kind, form| {
-            [0.007, 0.0071, 0.02, 1.2, 1.4].map(|psi| at_end(&chosen(kind, form, psi)).is_some())
+            [0.006, 0.007, 0.0072, 1.2, 1.4, 1.5]
+                .map(|psi| at_end(&chosen(kind, form, psi)).is_some())
         };
         let own = ends(EffectKind::Presliding, Form::ElasticTurn);
-        assert_eq!(own, [false, false, false, false, true]);
+        assert_eq!(own, [false, false, false, false, true, true]);
         let own = ends(EffectKind::Creep, Form::Other);
-        assert_eq!(own, [true, false, false, false, true]);
+        assert_eq!(own, [true, true, false, false, true, true]);
     }
 
     #[test]
