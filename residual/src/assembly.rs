@@ -243,7 +243,8 @@ fn ambiguity(outcome: &Outcome, index: usize) -> Option<Ambiguity> {
     let own = outcome.chosen[index].effect;
     let twin = own
         .twin(&outcome.chosen[index].variant.label)
-        .map(effect_of);
+        .map(effect_of)
+        .filter(|twin| ties.iter().all(|t| t.origin.kind() != twin.kind()));
     if ties.is_empty() && twin.is_none() {
         return None;
     }

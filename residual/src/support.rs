@@ -123,11 +123,9 @@ fn at_end(own: &Chosen) -> Option<String> {
     let (first, last) = (psi.grid.first()?, psi.grid.last()?);
     let (low, high) = psi.limits();
     let [low_counts, high_counts] = own.effect.may_be_at_end(&own.variant);
-    // At the end, or beyond it.
-    let near = |end: f64, grid: f64| {
-        (own.psi - end) * (end - grid).signum() >= -AT_END * (grid - end).abs()
-    };
-    let beyond = (near(low, *first) && !low_counts) || (near(high, *last) && !high_counts);
+    // A scan may refine it to somewhat beyond the range.
+    let beyond = (own.psi <= low + AT_END * (first - low) && !low_counts)
+        || (own.psi >= high - AT_END * (high - last) && !high_counts);
     beyond.then(|| {
         format!(
             "{} {} lies at the end of the range in which such an effect is looked for: beyond it it is another one",
@@ -235,6 +233,9 @@ impl Judged {
         let known: Vec<&Parameters> = self.parameters.iter().flatten().collect();
         let loops: Vec<_> = self.outcome.chosen.iter().map(friction_of_a_loop).collect();
         contradictions(&mut self.why, &self.weights, &loops, &known);
+        if let Some(late) = ctx.velocity_is_late() {
+            inertia_of_a_lag(&mut self.why, &known, late);
+        }
         Ok(self.why.iter().any(Option::is_some))
     }
 
@@ -507,6 +508,34 @@ fn contradictions(
     }
 }
 
+/// Inertia up to which it may be that of a late velocity, over what the lateness makes of the damping.
+const OF_A_LAG: f64 = 1.5;
+
+/// Marks an inertia that is no larger than what a velocity column that is `late` by some seconds makes of the damping: the damping of the
+/// real velocity is that of the column and that times the lateness of the acceleration.
+fn inertia_of_a_lag(why: &mut [Option<Refusal>], parameters: &[&Parameters], late: f64) {
+    let size = |name: &str| {
+        let all = parameters.iter().flat_map(|(params, _)| params);
+        let own: f64 = all.filter(|p| p.name == name).map(|p| p.value).sum();
+        own
+    };
+    let made = OF_A_LAG * late * size("damping");
+    for (why, (params, _)) in why.iter_mut().zip(parameters) {
+        let Some(own) = params.iter().find(|p| p.name == "inertia") else {
+            continue;
+        };
+        // That of a mass has its weight beside it.
+        let alone = params.iter().all(|p| !p.name.starts_with("weight"));
+        if why.is_none() && alone && own.value * made > 0.0 && own.value.abs() <= made.abs() {
+            *why = Some(Against::Itself.refuses(format!(
+                "inertia {} is no more than the damping makes of the velocity column, which is {} s late against the slope of the angle",
+                num(own.value),
+                num(late)
+            )));
+        }
+    }
+}
+
 /// Marks the weakest effect if it is worth less than half of what counts, as in the search.
 fn worthless(why: &mut [Option<Refusal>], weights: &[Weight], material: f64) {
     let Some(weakest) = weights.last() else {
@@ -659,13 +688,13 @@ mod tests {
             }
         };
         let ends = |kind, form| {
-            [0.007, 0.0071, 0.02, 1.2, 1.4, 1.5]
+            [0.006, 0.007, 0.0072, 1.2, 1.4, 1.5]
                 .map(|psi| at_end(&chosen(kind, form, psi)).is_some())
         };
         let own = ends(EffectKind::Presliding, Form::ElasticTurn);
         assert_eq!(own, [false, false, false, false, true, true]);
         let own = ends(EffectKind::Creep, Form::Other);
-        assert_eq!(own, [true, false, false, false, true, true]);
+        assert_eq!(own, [true, true, false, false, true, true]);
     }
 
     #[test]
@@ -707,6 +736,23 @@ mod tests {
         };
         assert_eq!(beside(Some("half_height")), [true, false, true]);
         assert_eq!(beside(None), [false, false, false]);
+    }
+
+    #[test]
+    fn an_inertia_that_a_late_velocity_makes_of_damping_is_none() {
+        let of = |name: &str, value: f64| -> Parameters {
+            let (name, unit) = (name.to_string(), String::new());
+            (vec![Param { name, value, unit }], Default::default())
+        };
+        let refused = |inertia: f64, late: f64| {
+            let parameters = [of("damping", -2.0), of("inertia", inertia)];
+            let mut why = vec![None; 2];
+            inertia_of_a_lag(&mut why, &parameters.iter().collect::<Vec<_>>(), late);
+            assert!(why[0].is_none());
+            why[1].is_some()
+        };
+        assert!(refused(-0.04, 0.02) && refused(-0.055, 0.02));
+        assert!(!refused(-0.07, 0.02) && !refused(0.04, 0.02) && !refused(-0.04, 0.005));
     }
 
     #[test]

@@ -4,6 +4,7 @@ use super::{
     Build, Context, Effect, EffectKind, Estimate, Form, Found, Piece, Psi, Remedy, Setting, Variant,
 };
 
+use super::gravity_angle::too_short;
 use crate::format::num;
 use crate::stats;
 use std::f64::consts::TAU;
@@ -18,6 +19,10 @@ const LONGEST: f64 = 10.0;
 const FURTHER: f64 = 1.61;
 
 pub(crate) struct CableStretch;
+
+/// Labels of the spring: over an arc on which a weight looks different, and over a shorter one.
+const SPRING: &str = "spring";
+const SHORT_SPRING: &str = "spring over a short arc";
 
 /// Most turns over which a spring is wound within a run.
 const MOST_TURNS: f64 = 10.0;
@@ -34,6 +39,10 @@ impl Effect for CableStretch {
     }
     fn setting(&self) -> Option<Setting> {
         Some(Setting::Delay)
+    }
+    /// Over a short arc a weight rises with the angle as the force of a spring does, and a joint has a weight more often than a spring.
+    fn twin(&self, label: &str) -> Option<EffectKind> {
+        (label == SHORT_SPRING).then_some(EffectKind::GravityAngle)
     }
     /// For a loop slower than the lag, a first-order lag is a delay of its time constant.
     fn remedies(&self, found: &Found) -> Vec<Remedy> {
@@ -60,7 +69,7 @@ impl Effect for CableStretch {
     fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
         // A lag is off by its time constant times the slope of the load, a spring by its stiffness times the angle.
         match &ctx.position {
-            Some(x) if form.label == "spring" => vec![x.clone()],
+            Some(x) if form.label == SPRING || form.label == SHORT_SPRING => vec![x.clone()],
             _ => vec![format!("deriv({}, 2)", ctx.load)],
         }
     }
@@ -95,8 +104,14 @@ impl Effect for CableStretch {
             });
             let angle = if against { "-1 * angle" } else { "angle" };
             let unit = ctx.per(&ctx.position_unit());
+            let angles = ctx.angles();
+            let arc = angles.iter().find(|(name, ..)| name == "angle");
+            let label = match arc.and_then(too_short) {
+                Some(_) => SHORT_SPRING,
+                None => SPRING,
+            };
             out.push(Variant::linear(
-                "spring",
+                label,
                 vec![Piece::new("stiffness", unit, angle)],
             ));
         }

@@ -62,6 +62,9 @@ fn narrowest(second: f64, third: f64, half: f64) -> f64 {
     1.0 + (least + slope * (ratio - smooth).min(steps - smooth)) * second
 }
 
+/// Share of the difference between the slope of the angle and the velocity that is along the acceleration where the velocity is late.
+const SURELY_LATE: f64 = 0.05;
+
 /// Share of the steps of time that may be longer or shorter than the usual one by a quarter.
 const UNEVEN: f64 = 0.1;
 
@@ -242,6 +245,27 @@ impl Context<'_> {
             out.0.push(written(half, &slope));
         }
         out
+    }
+
+    /// By how many seconds the velocity column follows the slope of the angle: a velocity from an encoder is often filtered. `None`
+    /// without both columns in units that fit, and where it is not surely late.
+    pub fn velocity_is_late(&self) -> Option<f64> {
+        let roles = &self.spec.roles;
+        let (velocity, angle) = (roles.velocity.as_ref()?, roles.angle.as_ref()?);
+        if velocity.unit != format!("{}/s", angle.unit) {
+            return None;
+        }
+        let [speed, slope, change] =
+            ["velocity", "deriv(angle, 1)", "deriv(velocity, 1)"].map(|text| self.values(text));
+        if speed.is_empty() || slope.len() != speed.len() || change.len() != speed.len() {
+            return None;
+        }
+        let ahead: Vec<f64> = slope.iter().zip(&speed).map(|(s, v)| s - v).collect();
+        let (own, product) = (dot(&change, &change), dot(&ahead, &change));
+        let late = product / own.max(f64::MIN_POSITIVE);
+        // Most of a real lateness is along the acceleration, in many rows; noise of the two columns is not.
+        let sure = product.powi(2) > SURELY_LATE * own * dot(&ahead, &ahead);
+        (late > 0.1 * self.dt && sure).then_some(late)
     }
 
     /// Whether the rows are evenly spaced in time.
