@@ -88,7 +88,7 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
         }
         Kind::Text if !spec.input.messages.is_empty() => super::messages::read(path, spec),
         Kind::Text => {
-            let used = super::rows::used_columns(spec)?;
+            let used = super::rows::largest_cells(spec)?;
             super::text::read(path, &spec.input, spec.hygiene.text, Some(&used))
         }
         #[cfg(feature = "parquet")]

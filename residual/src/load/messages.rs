@@ -1,10 +1,11 @@
 //! Text logs with several kinds of message, each line with the kind at its head: every kind becomes a table of its own,
 //! and all of them one table at the times of the kind that has the target.
 
-use super::text::{no_text, number, open};
-use super::Table;
+use super::text::{large, no_text, number, open};
+use super::{rows, Table};
 use crate::error::Error;
 use crate::spec::{Action, Message, Spec};
+use std::collections::BTreeMap;
 use std::io::BufRead;
 use std::path::Path;
 
@@ -28,6 +29,7 @@ impl Kind<'_> {
 /// time, or if two have a column of the same name.
 pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
     check(spec)?;
+    let used = rows::largest_cells(spec)?;
     let input = &spec.input;
     let mut kinds: Vec<Kind> = input
         .messages
@@ -55,7 +57,7 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
             .iter_mut()
             .find(|k| line.starts_with(&k.message.begins))
         {
-            Some(kind) => match add(kind, line, at, path, spec) {
+            Some(kind) => match add(kind, line, at, path, spec, &used) {
                 Err(why) if drop => {
                     broken += 1;
                     first_broken.get_or_insert(why);
@@ -116,7 +118,14 @@ fn check(spec: &Spec) -> Result<(), Error> {
 }
 
 /// Adds the cells of one line: all of them, or none where one is wrong.
-fn add(kind: &mut Kind, line: &str, at: u64, path: &Path, spec: &Spec) -> Result<(), Error> {
+fn add(
+    kind: &mut Kind,
+    line: &str,
+    at: u64,
+    path: &Path,
+    spec: &Spec,
+    used: &BTreeMap<String, f64>,
+) -> Result<(), Error> {
     let input = &spec.input;
     let cells: Vec<&str> = match input.separator.as_str() {
         "blank" => line.split_whitespace().collect(),
@@ -136,7 +145,10 @@ fn add(kind: &mut Kind, line: &str, at: u64, path: &Path, spec: &Spec) -> Result
     }
     let decimal = if input.decimal == "," { ',' } else { '.' };
     let value = |(cell, name): (&&str, &String)| match number(cell, decimal) {
-        Some(x) => Ok(x),
+        Some(x) => {
+            let largest = used.get(name).copied().unwrap_or(f64::INFINITY);
+            rows::too_large(x, largest).map_or(Ok(x), |why| Err(large(path, at, name, &why)))
+        }
         None if name.is_empty() => Ok(f64::NAN),
         None => Err(Error::BadCell {
             path: path.to_path_buf(),

@@ -19,6 +19,9 @@ mod parquet;
 mod rows;
 mod text;
 
+#[cfg(test)]
+mod tests;
+
 pub use files::find_files;
 pub use guess::guess;
 

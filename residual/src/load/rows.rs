@@ -1,6 +1,7 @@
 //! From the tables of all logs to one frame: units, rows that cannot be used, sequences.
 
 use super::Table;
+use crate::data::largest;
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::frame::Frame;
@@ -131,8 +132,16 @@ impl<'a> Rows<'a> {
             last = t;
             self.time.push(t);
             self.file.push(file);
-            for (out, (c, k, o)) in self.columns.iter_mut().zip(&cells) {
-                out.push(c[i] * k + o);
+            let refuse = |name: &str, value: f64| match too_large(value, largest(name)) {
+                None => Ok(value),
+                Some(why) => Err(Error::data(
+                    format!("{label}: row {} of the data: `{name}`: {why}", i + 1),
+                    "Correct the value or the scale of its column",
+                )),
+            };
+            refuse("time", t)?;
+            for ((out, (c, k, o)), name) in self.columns.iter_mut().zip(&cells).zip(&self.names) {
+                out.push(refuse(name, c[i] * k + o)?);
             }
         }
         findings.count(
@@ -182,6 +191,31 @@ pub(super) fn used_columns(spec: &Spec) -> Result<BTreeSet<String>, Error> {
     let mut used = named_columns(spec)?;
     used.extend(spec.roles.all().into_iter().map(|(_, c)| c.column.clone()));
     Ok(used)
+}
+
+/// The largest magnitude that a cell may have, by column that the model uses, in the unit of the log: beyond it the value
+/// cannot be squared and summed.
+pub(super) fn largest_cells(spec: &Spec) -> Result<BTreeMap<String, f64>, Error> {
+    let roles = spec.roles.all();
+    let limit = |column: &str| {
+        let own = roles.iter().filter(|(_, c)| c.column == column);
+        own.map(|(role, c)| largest(role) / c.scale.abs())
+            .reduce(f64::min)
+            .unwrap_or_else(|| largest(column))
+    };
+    let used = used_columns(spec)?.into_iter();
+    Ok(used
+        .map(|column| {
+            let limit = limit(&column);
+            (column, limit)
+        })
+        .collect())
+}
+
+/// What is wrong with a value that is too large, or nothing.
+pub(super) fn too_large(value: f64, largest: f64) -> Option<String> {
+    (value.is_finite() && value.abs() > largest)
+        .then(|| format!("{value:e} is beyond {largest:e}, so it cannot be squared and summed"))
 }
 
 /// What expressions, the hold-out and the cut into sequences name.

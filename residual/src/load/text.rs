@@ -1,9 +1,9 @@
 //! Text logs: CSV and relatives, plain or gzip.
 
-use super::Table;
+use super::{rows, Table};
 use crate::error::Error;
 use crate::spec::{Action, Input};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -302,12 +302,13 @@ enum Line {
 
 /// Reads one text log. Cells that are empty or `nan` are NaN; a column whose first cell is text is left out. A line with
 /// another number of cells than there are names, that is no text, or with text in a column that is otherwise numeric, is an error, or
-/// is left out and counted with `action` [`Action::Drop`]. Text in a column that is not `used` is a missing cell; `None`: all are.
+/// is left out and counted with `action` [`Action::Drop`]; so is one with a value beyond the largest of a column that is `used`. Text
+/// in a column that is not is a missing cell; `None`: all are used, and no value is too large.
 pub(super) fn read(
     path: &Path,
     input: &Input,
     action: Action,
-    used: Option<&BTreeSet<String>>,
+    used: Option<&BTreeMap<String, f64>>,
 ) -> Result<Table, Error> {
     let mut csv = open_csv(path, input)?;
     let names = names(&mut csv, path, input)?;
@@ -315,9 +316,9 @@ pub(super) fn read(
     let mut text: Vec<Option<(String, u64)>> = vec![None; names.len()];
     let mut record = csv::StringRecord::new();
     let mut values: Vec<f64> = Vec::with_capacity(names.len());
-    let used: Vec<bool> = names
+    let used: Vec<Option<f64>> = names
         .iter()
-        .map(|n| used.is_none_or(|used| used.contains(n)))
+        .map(|n| used.map_or(Some(f64::INFINITY), |used| used.get(n).copied()))
         .collect();
     let mut broken_lines = 0;
     let mut first_broken = None;
@@ -376,11 +377,19 @@ pub(super) fn read(
     Ok(table)
 }
 
+/// A cell whose value cannot be computed with.
+pub(super) fn large(path: &Path, line: u64, column: &str, why: &str) -> Error {
+    Error::io(
+        path,
+        format!("line {line}: column `{column}`: {why}; correct the value or the scale of the column, or leave such lines out with hygiene.text = \"drop\""),
+    )
+}
+
 /// What the cells of a line are.
 struct Columns<'a> {
     names: &'a [String],
-    /// Which of them the model uses.
-    used: &'a [bool],
+    /// The largest magnitude of a cell, in columns that the model uses.
+    used: &'a [Option<f64>],
     input: &'a Input,
     path: &'a Path,
 }
@@ -419,13 +428,16 @@ fn row(
     values.clear();
     for (c, cell) in record.iter().enumerate() {
         values.push(match number(cell, decimal) {
-            Some(x) => x,
+            Some(x) => match used[c].and_then(|largest| rows::too_large(x, largest)) {
+                None => x,
+                Some(why) => return Line::Broken(large(path, line, &names[c], &why)),
+            },
             None if text[c].is_some() => f64::NAN,
             None if first => {
                 text[c] = Some((cell.to_string(), line));
                 f64::NAN
             }
-            None if !used[c] => f64::NAN,
+            None if used[c].is_none() => f64::NAN,
             None => {
                 return Line::Broken(Error::BadCell {
                     path: path.to_path_buf(),
