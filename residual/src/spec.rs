@@ -257,7 +257,7 @@ pub enum Action {
     Report,
     /// Leave the rows out of the fit.
     Drop,
-    /// Correct the value (only for a 256-fold scale).
+    /// Correct the values (only for a 256-fold scale and a wrapped angle).
     Fix,
 }
 
@@ -278,7 +278,10 @@ pub struct Hygiene {
     /// Lines that are no rows, such as a message between them or a line that was cut off: `report` refuses the file, `drop`
     /// leaves them out.
     pub text: Action,
-    /// A gap longer than this starts a new sequence, in seconds; 0 means 20 median steps.
+    /// An angle that begins again after each turn, where no column has the velocity: `fix` makes it go on.
+    pub wraps: Action,
+    /// A gap longer than this starts a new sequence, in seconds; 0 means 20 median steps, but none in a map that is held point by
+    /// point, nor where steps have every size.
     pub gap_s: f64,
 }
 
@@ -291,6 +294,7 @@ impl Default for Hygiene {
             scale256: Action::Report,
             time: Action::Report,
             text: Action::Report,
+            wraps: Action::Report,
             gap_s: 0.0,
         }
     }
@@ -485,7 +489,11 @@ impl Spec {
         let h = &self.hygiene;
         refuse(
             [h.spikes, h.clipping, h.repeats, h.time, h.text].contains(&Action::Fix),
-            "hygiene: only scale256 can be \"fix\"; the others are \"report\" or \"drop\"",
+            "hygiene: only scale256 and wraps can be \"fix\"; the others are \"report\" or \"drop\"",
+        )?;
+        refuse(
+            h.wraps == Action::Drop,
+            "hygiene.wraps is \"report\" or \"fix\": rows between turns cannot be left out",
         )?;
         let s = &self.selection;
         refuse(

@@ -12,10 +12,14 @@ use std::path::Path;
 pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
     let mut file =
         BufReader::with_capacity(1 << 16, File::open(path).map_err(|e| Error::io(path, e))?);
-    let gzip = file
-        .fill_buf()
-        .map_err(|e| Error::io(path, e))?
-        .starts_with(&[0x1f, 0x8b]);
+    let head = file.fill_buf().map_err(|e| Error::io(path, e))?;
+    if let Some(what) = other_format(head) {
+        return Err(Error::io(
+            path,
+            format!("this is {what}, which is not read; write the log as CSV or Parquet"),
+        ));
+    }
+    let gzip = head.starts_with(&[0x1f, 0x8b]);
     Ok(if gzip {
         Box::new(BufReader::with_capacity(
             1 << 16,
@@ -24,6 +28,39 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
     } else {
         Box::new(file)
     })
+}
+
+/// What a file is by its first bytes, where it is no text.
+fn other_format(head: &[u8]) -> Option<&'static str> {
+    const MAGIC: &[(&[u8], &str)] = &[
+        (b"PK\x03\x04", "a zip archive, as .npz and .xlsx are"),
+        (b"\x93NUMPY", "a NumPy array"),
+        (b"MATLAB 5.0", "a MATLAB file"),
+        (b"\x89HDF", "an HDF5 file, as .h5 and new .mat are"),
+        (b"PAR1", "Parquet without the extension .parquet"),
+        (b"ARROW1", "an Arrow or Feather file"),
+        (b"\x28\xb5\x2f\xfd", "compressed by zstd"),
+        (b"\xfd7zXZ", "compressed by xz"),
+        (b"BZh", "compressed by bzip2"),
+        (
+            b"SQLite format 3",
+            "an SQLite database, as bags of ROS 2 are",
+        ),
+        (b"#ROSBAG", "a bag of ROS"),
+        (b"\x89MCAP", "an MCAP recording"),
+        (b"TDSm", "a TDMS file"),
+        (b"MDF ", "an MDF file"),
+        (b"\xff\xfe", "text in UTF-16 instead of UTF-8"),
+        (b"\xfe\xff", "text in UTF-16 instead of UTF-8"),
+    ];
+    if let Some((_, what)) = MAGIC.iter().find(|(magic, _)| head.starts_with(magic)) {
+        return Some(what);
+    }
+    let mut bytes = head.iter().filter(|b| !b.is_ascii_whitespace());
+    match (bytes.next()?, bytes.next()?) {
+        (b'{', b'"' | b'}') | (b'[', b'{' | b'[') => Some("JSON"),
+        _ => None,
+    }
 }
 
 /// Turns every run of blanks into one tab, so that one CSV reader serves both layouts, with commas as decimal marks too.
@@ -232,6 +269,17 @@ fn names(
     } else {
         input.header.clone()
     };
+    if let Some(name) = names.iter().find(|n| n.contains('\n')) {
+        return Err(Error::io(
+            path,
+            format!(
+                "line {}: a quotation mark is not closed on its line (`{}`); where it begins a comment, set input.comment = \"\\\"\" in the \
+                 model file, or input.skip",
+                input.skip as u64 + 1,
+                name.lines().next().unwrap_or("")
+            ),
+        ));
+    }
     if names
         .iter()
         .any(|n| n.contains(|c: char| c.is_control() && c != '\t'))
@@ -239,7 +287,11 @@ fn names(
         return Err(no_text(path, input.skip as u64 + 1));
     }
     if names.is_empty() || names.iter().all(String::is_empty) {
-        return Err(Error::io(path, "the file is empty"));
+        let what = match input.skip {
+            0 => "the file is empty".into(),
+            skip => format!("nothing is left after the {skip} lines of input.skip; correct it in the model file"),
+        };
+        return Err(Error::io(path, what));
     }
     let numbers = names
         .iter()
@@ -255,9 +307,15 @@ fn names(
         ));
     }
     if let [only] = names.as_slice() {
-        let other = [(';', ";"), ('\t', "\\t"), (',', ","), (' ', "blank")]
-            .into_iter()
-            .find(|(c, _)| only.contains(*c));
+        let other = [
+            (';', ";"),
+            ('\t', "\\t"),
+            ('|', "|"),
+            (',', ","),
+            (' ', "blank"),
+        ]
+        .into_iter()
+        .find(|(c, _)| only.contains(*c));
         if let Some((_, name)) = other {
             return Err(Error::io(
                 path,
