@@ -81,11 +81,7 @@ fn along<S: Copy + Send>(
 }
 
 /// Runs `step(values, time)` on each sequence.
-fn each(
-    frame: &Frame,
-    mut v: Vec<f64>,
-    step: impl Fn(&mut [f64], &[f64]) + Send + Sync,
-) -> Vec<f64> {
+fn each(frame: &Frame, mut v: Vec<f64>, step: impl Fn(&mut [f64], &[f64]) + Send + Sync) -> Vec<f64> {
     let rows = v.len();
     parallel::each(rows, pieces(frame, &mut v), |(range, v)| {
         step(v, &frame.time()[range]);
@@ -283,11 +279,7 @@ pub(super) fn derivative(x: &[f64], frame: &Frame, half: usize) -> Vec<f64> {
 }
 
 /// `x` read at another time, linear between rows, ends held.
-pub(super) fn resample(
-    x: &[f64],
-    frame: &Frame,
-    at: impl Fn(f64, f64) -> f64 + Send + Sync,
-) -> Vec<f64> {
+pub(super) fn resample(x: &[f64], frame: &Frame, at: impl Fn(f64, f64) -> f64 + Send + Sync) -> Vec<f64> {
     let t = frame.time();
     let mut out = vec![0.0; x.len()];
     parallel::each(x.len(), pieces(frame, &mut out), |(range, out)| {

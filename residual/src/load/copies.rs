@@ -67,7 +67,7 @@ fn equal(frame: &Frame, target: &[f64], fold: &[u32]) -> (usize, Option<[usize; 
         while at + STRETCH <= range.end {
             let here = &target[at..at + STRETCH];
             let key = key(here);
-            if key % ONE_IN != 0 || !is_irregular(here) {
+            if !key.is_multiple_of(ONE_IN) || !is_irregular(here) {
                 at += 1;
                 continue;
             }

@@ -193,7 +193,7 @@ fn others(
 }
 
 /// Spread of a column as a share of its mean up to which it is a supply and no command.
-const SUPPLY: f64 = 0.01;
+const SUPPLY: f64 = 0.05;
 
 /// Whether a column stands still but for its noise.
 fn is_still(column: &Column) -> bool {

@@ -446,7 +446,7 @@ fn inches_and_kips_are_understood() {
     );
     assert_eq!(
         (roles.target.unit.as_str(), roles.target.scale),
-        ("N", 4448.221_615)
+        ("N", 4_448.221_615)
     );
 }
 
@@ -464,6 +464,15 @@ fn a_command_comes_before_a_supply_and_a_force_before_an_output() {
     assert_eq!(
         spec.roles.command.unwrap().column,
         "a2 torque cmd [Nm]",
+        "{text}"
+    );
+    // A drive that was turned by hand has a command that is 0, and a supply that sags.
+    let (spec, text) = of(&log(header, 300, |i| {
+        vec![0.01 * i, 0.0, i % 3.0, 35.0 + i % 2.0]
+    }));
+    assert_eq!(spec.roles.command.unwrap().column, "a2 torque cmd [Nm]");
+    assert!(
+        text.contains("it does not change: is it the command"),
         "{text}"
     );
     // Alone it is taken, with a question.
