@@ -10,10 +10,20 @@ use std::ops::Range;
 use std::path::PathBuf;
 
 /// Largest number of folds that groups are dealt to, unless set otherwise.
-const FOLDS: usize = 10;
+pub(crate) const FOLDS: usize = 10;
 
 /// Fewest rows that can be analysed.
 pub(crate) const FEWEST_ROWS: usize = 30;
+
+/// Largest magnitude of the value `name` of a model. The squares of a billion targets, and of a billion products of two other
+/// values, have a sum that is finite.
+pub(crate) fn largest(name: &str) -> f64 {
+    if name == "target" {
+        1e140
+    } else {
+        1e70
+    }
+}
 
 /// Columns of numbers with what is held out of them.
 ///
@@ -183,8 +193,8 @@ impl DataBuilder {
     /// Checks the columns and makes the data.
     ///
     /// # Errors
-    /// [`Error::Data`]: columns of unequal length, no column `target`, a value that is not finite,
-    /// sequences that do not cover the rows, time that does not grow, fewer than 30 rows to fit, fewer
+    /// [`Error::Data`]: columns of unequal length, no column `target`, a value that is not finite or
+    /// too large to be squared and summed (beyond 1e140 in the target, 1e70 elsewhere), sequences that do not cover the rows, time that does not grow, fewer than 30 rows to fit, fewer
     /// than two groups.
     pub fn build(mut self) -> Result<Data, Error> {
         let rows = self.time.len();
@@ -236,6 +246,16 @@ impl DataBuilder {
                 return Err(Error::data(
                     format!("`{name}` is not finite in row {row}"),
                     "Leave such rows out and start a new sequence after them",
+                ));
+            }
+            let largest = largest(name);
+            if let Some(row) = values.iter().position(|x| x.abs() > largest) {
+                return Err(Error::data(
+                    format!(
+                        "`{name}` is {:e} in row {row}, beyond {largest:e}: it cannot be squared and summed",
+                        values[row]
+                    ),
+                    "Correct the value, or leave such rows out and start a new sequence after them",
                 ));
             }
         }

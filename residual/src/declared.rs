@@ -1,6 +1,6 @@
 //! The declared model before any search: its fit, its errors, its prediction as an expression.
 
-use crate::data::Data;
+use crate::data::{largest, Data};
 use crate::diagnostics::correlation_rows;
 use crate::effects::EffectKind;
 use crate::error::Error;
@@ -74,6 +74,7 @@ pub(crate) fn residual_of_fixed(p: &Problem, model: &Model) -> Result<Vec<f64>, 
 /// of its residual.
 pub(crate) fn fit_declared(problem: &mut Problem, spec: &Spec) -> Result<Fitted, Error> {
     check_excitation(problem, spec)?;
+    check_terms(problem, spec)?;
     let model = Model::declared(spec)?;
     let first = Fit::new(problem, &model)?;
     if first.dropped.iter().any(|d| *d) {
@@ -94,17 +95,26 @@ pub(crate) fn fit_declared(problem: &mut Problem, spec: &Spec) -> Result<Fitted,
     Ok(Fitted { model, fit })
 }
 
-/// Largest magnitude of a target: the sum of squares of a billion of them is finite.
-const LARGEST: f64 = 1e140;
+/// Refuses terms whose values are too large to be squared and summed: no coefficient could be fitted to them.
+fn check_terms(p: &Problem, spec: &Spec) -> Result<(), Error> {
+    for term in &spec.terms {
+        let values = p.eval(&p.plain, &Expr::parse(&term.expr)?)?;
+        let largest = largest("target");
+        if let Some(bad) = values.iter().find(|v| v.abs() > largest) {
+            return Err(Error::data(
+                format!(
+                    "the declared term `{}` is {bad:e} on a row that is fitted, beyond {largest:e}: it cannot be squared and summed",
+                    term.name
+                ),
+                "Correct its expression, the scale of its columns, or rows.keep",
+            ));
+        }
+    }
+    Ok(())
+}
 
 /// Refuses data on which no answer would mean anything.
 fn check_excitation(p: &Problem, spec: &Spec) -> Result<(), Error> {
-    if p.y.iter().any(|y| y.abs() > LARGEST) {
-        return Err(Error::data(
-            format!("the target has values beyond {LARGEST:e}, whose squares are no numbers"),
-            "Check roles.target and its scale",
-        ));
-    }
     let varies = |v: &[f64]| {
         v.iter()
             .any(|x| (x - v[0]).abs() > 1e-12 * v[0].abs().max(1e-300))

@@ -1,11 +1,13 @@
 //! Flaws of measured logs: time base, gaps, repeats, spikes, clipping, quantisation, a 256-fold
-//! scale. Each is reported, and handled only as the model file asks.
+//! scale, an angle that begins again after each turn. Each is reported, and handled only as the model file asks.
 
 use crate::format::num;
 use crate::frame::Frame;
-use crate::spec::{Action, Hygiene, Roles};
+use crate::spec::{Action, Roles, Spec};
 use crate::stats;
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
 use std::ops::Range;
 use std::path::PathBuf;
 
@@ -63,11 +65,13 @@ fn done(action: Action) -> &'static str {
 pub(crate) fn inspect(
     frame: &mut Frame,
     keep: &mut [bool],
-    spec: &Hygiene,
+    spec: &Spec,
     files: &[PathBuf],
     log: &mut Log,
 ) {
     time_base(frame, log);
+    wrapped_angle(frame, spec, files, log);
+    let spec = &spec.hygiene;
     let mut y = frame.column("target").unwrap_or(&[]).to_vec();
     let mut found = |check: &str, rows: &[usize], action: Action, what: &str, frame: &Frame| {
         let Some(&first) = rows.first() else {
@@ -117,6 +121,82 @@ fn place(row: usize, frame: &Frame, files: &[PathBuf]) -> String {
         .and_then(|f| f.file_name())
         .map_or(String::new(), |f| format!("{}, ", f.to_string_lossy()));
     format!("{file}time {} s", num(frame.time()[row]))
+}
+
+/// Shares of a turn: up to the first a step from row to row is a motion, from the second on the angle began again.
+const STEP: f64 = 0.25;
+const JUMP: f64 = 0.75;
+
+/// Size of a whole turn in a unit of an angle.
+fn turn(unit: &str) -> Option<f64> {
+    match unit {
+        "rad" => Some(TAU),
+        "mrad" => Some(1000.0 * TAU),
+        "deg" => Some(360.0),
+        "rev" => Some(1.0),
+        _ => None,
+    }
+}
+
+/// Notes an angle that begins again after each turn where its slope is the velocity, or makes it go on. Where the velocity has a
+/// column of its own nothing depends on that slope.
+fn wrapped_angle(frame: &mut Frame, spec: &Spec, files: &[PathBuf], log: &mut Log) {
+    let Some(angle) = spec
+        .roles
+        .angle
+        .as_ref()
+        .filter(|_| spec.roles.velocity.is_none())
+    else {
+        return;
+    };
+    let (Some(turn), Some(x)) = (turn(&angle.unit), frame.column("angle")) else {
+        return;
+    };
+    let mut x = x.to_vec();
+    let mut jumps = Vec::new();
+    for r in frame.sequences() {
+        for i in r.start + 1..r.end {
+            let share = (x[i] - x[i - 1]).abs() / turn;
+            if share >= JUMP {
+                jumps.push(i);
+            } else if share > STEP {
+                // Steps of every size: what is a jump cannot be told.
+                return;
+            }
+        }
+    }
+    let (lo, hi) = stats::range(&x);
+    let Some(&first) = jumps.first().filter(|_| hi - lo <= turn * (1.0 + 1e-6)) else {
+        return;
+    };
+    let fix = spec.hygiene.wraps == Action::Fix;
+    let what = if fix {
+        "places where the angle begins again after a turn: it was made to go on"
+    } else {
+        "places where the angle begins again after a turn. The velocity is its slope and jumps there: set hygiene.wraps = \"fix\" to \
+         make the angle go on, or name a column in roles.velocity"
+    };
+    log.count(
+        "wrapped angle",
+        jumps.len(),
+        &place(first, frame, files),
+        what,
+    );
+    if fix {
+        let mut next = jumps.iter().peekable();
+        for r in frame.sequences() {
+            let mut turns = 0.0;
+            let mut before = x[r.start];
+            for i in r.clone() {
+                if next.next_if(|j| **j == i).is_some() {
+                    turns += if x[i] < before { turn } else { -turn };
+                }
+                before = x[i];
+                x[i] += turns;
+            }
+        }
+        frame.insert("angle", x);
+    }
 }
 
 /// Rows whose value is 256 times too large: a reading left-justified in 32 bits instead of 24.
@@ -262,14 +342,52 @@ pub(crate) const REPEATED_MOTION: &str = "repeated motion";
 /// Relative error of the speed column against the slope of the angle that is reported.
 const SPEED_ERROR: f64 = 0.05;
 
-/// Notes columns that contradict each other, and runs that repeat one motion.
-pub(crate) fn relations(frame: &Frame, roles: &Roles, fold: &[u32], log: &mut Log) {
-    speed_against_angle(frame, roles, log);
+/// Notes columns that contradict each other or are made of each other, and runs that repeat one motion.
+pub(crate) fn relations(
+    frame: &Frame,
+    roles: &Roles,
+    fold: &[u32],
+    files: &[PathBuf],
+    log: &mut Log,
+) {
+    speed_against_angle(frame, roles, files, log);
+    made_of_speed(frame, log);
     repeated_motion(frame, fold, log);
 }
 
-/// The speed must be the slope of the angle where the units say so.
-fn speed_against_angle(frame: &Frame, roles: &Roles, log: &mut Log) {
+/// Sums of products of a column with the slope of another, from row to row but one.
+#[derive(Clone, Copy, Default)]
+struct Slope {
+    cc: f64,
+    cs: f64,
+    ss: f64,
+    rows: usize,
+}
+
+impl Slope {
+    /// Adds the rows of a sequence.
+    fn add(&mut self, time: &[f64], column: &[f64], x: &[f64], r: &Range<usize>) {
+        for i in r.start + 1..r.end.saturating_sub(1).max(r.start + 1) {
+            let slope = (x[i + 1] - x[i - 1]) / (time[i + 1] - time[i - 1]);
+            self.cc += column[i] * column[i];
+            self.cs += column[i] * slope;
+            self.ss += slope * slope;
+        }
+        self.rows += r.len();
+    }
+
+    /// The slope as a multiple of the column, where the two move alike.
+    fn ratio(&self, agreement: f64) -> Option<f64> {
+        let alike = self.cs / (self.cc * self.ss).sqrt();
+        (self.cc > 0.0 && self.ss > 0.0 && alike.abs() > agreement).then(|| self.cs / self.cc)
+    }
+}
+
+/// Files that are named in one finding.
+const NAMED: usize = 5;
+
+/// The speed must be the slope of the angle where the units say so, in each file.
+fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mut Log) {
     let (Some(angle), Some(velocity)) = (&roles.angle, &roles.velocity) else {
         return;
     };
@@ -279,28 +397,77 @@ fn speed_against_angle(frame: &Frame, roles: &Roles, log: &mut Log) {
     let (Some(x), Some(v)) = (frame.column("angle"), frame.column("velocity")) else {
         return;
     };
-    let time = frame.time();
-    let (mut vv, mut vs, mut ss) = (0.0, 0.0, 0.0);
-    for r in frame.sequences() {
-        for i in r.start + 1..r.end.saturating_sub(1).max(r.start + 1) {
-            let slope = (x[i + 1] - x[i - 1]) / (time[i + 1] - time[i - 1]);
-            vv += v[i] * v[i];
-            vs += v[i] * slope;
-            ss += slope * slope;
-        }
+    let mut of_file: BTreeMap<usize, Slope> = BTreeMap::new();
+    for r in frame.sequences().iter().filter(|r| !r.is_empty()) {
+        let file = frame.column("file").map_or(0, |f| f[r.start] as usize);
+        let slope = of_file.entry(file).or_default();
+        slope.add(frame.time(), v, x, r);
     }
-    if vv <= 0.0 || ss <= 0.0 {
+    let wrong: Vec<(usize, Slope, f64)> = of_file
+        .iter()
+        .filter_map(|(file, slope)| Some((*file, *slope, slope.ratio(0.9)?)))
+        .filter(|(.., ratio)| (ratio - 1.0).abs() > SPEED_ERROR)
+        .collect();
+    if wrong.is_empty() {
         return;
     }
-    let (ratio, agreement) = (vs / vv, vs / (vv * ss).sqrt());
-    if agreement.abs() > 0.9 && (ratio - 1.0).abs() > SPEED_ERROR {
+    let all = wrong.len() == of_file.len();
+    let named: Vec<String> = wrong
+        .iter()
+        .take(NAMED)
+        .filter_map(|(file, _, ratio)| {
+            let name = files.get(*file)?.file_name()?;
+            Some(format!("{} ({})", name.to_string_lossy(), num(*ratio)))
+        })
+        .collect();
+    let which = match wrong.len() - named.len() {
+        _ if all => String::new(),
+        0 => format!(" in {} only", named.join(", ")),
+        more => format!(" in {} and {more} more files", named.join(", ")),
+    };
+    let rows = wrong.iter().map(|(_, slope, _)| slope.rows).sum();
+    let first = if all {
+        "whole record"
+    } else {
+        "files named here"
+    };
+    let (lo, hi) = stats::range(&wrong.iter().map(|w| w.2).collect::<Vec<f64>>());
+    let ratio = if hi - lo > SPEED_ERROR * hi.abs() {
+        format!("{} to {}", num(lo), num(hi))
+    } else {
+        num(wrong[0].2)
+    };
+    log.count(
+        SPEED_AGAINST_ANGLE,
+        rows,
+        first,
+        &format!(
+            "the slope of the angle is {ratio} times the velocity column{which}: the time stamps, a unit or a scale is wrong, and every \
+             mass, damping and delay with it"
+        ),
+    );
+}
+
+/// Correlation of the target with the slope of the velocity from which the one was computed from the other.
+const COMPUTED: f64 = 0.999;
+
+/// A target that is the slope of the velocity, as an acceleration is: an inertia that is found is then its definition.
+fn made_of_speed(frame: &Frame, log: &mut Log) {
+    let (Some(y), Some(v)) = (frame.column("target"), frame.column("velocity")) else {
+        return;
+    };
+    let mut slope = Slope::default();
+    for r in frame.sequences() {
+        slope.add(frame.time(), y, v, r);
+    }
+    if let Some(ratio) = slope.ratio(COMPUTED) {
         log.count(
-            SPEED_AGAINST_ANGLE,
-            frame.len(),
+            "target from velocity",
+            slope.rows,
             "whole record",
             &format!(
-                "the slope of the angle is {} times the velocity column: the time stamps, a unit or a scale is wrong, and every \
-                 mass, damping and delay with it",
+                "the slope of the velocity is {} times the target: if the target was computed from it, an inertia that is found \
+                 is its definition and no finding",
                 num(ratio)
             ),
         );

@@ -2,6 +2,7 @@
 //!
 //! `docs/residual/model-toml.md` is the reference for users; the types here are its single source.
 
+use crate::data::FOLDS;
 use crate::error::Error;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -134,7 +135,7 @@ fn is_zero(x: &f64) -> bool {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct Roles {
-    /// Time, in seconds after conversion.
+    /// Time, in seconds after conversion: any other unit is refused, with the scale to write.
     pub time: Column,
     /// What the model predicts.
     pub target: Column,
@@ -211,7 +212,7 @@ pub struct Rows {
 }
 
 /// What is held out: never random rows.
-#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields, default)]
 pub struct Holdout {
     /// Columns whose joint values name a group; `file` stands for the file. Empty: `file`, or
@@ -221,9 +222,23 @@ pub struct Holdout {
     /// Length of a block of time, in seconds: groups are blocks of each sequence.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub block_s: Option<f64>,
-    /// At most so many folds; groups are dealt to folds in turn. 0 means 10.
-    #[serde(skip_serializing_if = "is_zero_usize")]
+    /// At most so many folds, 2 or more; groups are dealt to folds in turn.
+    #[serde(skip_serializing_if = "is_default_folds")]
     pub folds: usize,
+}
+
+impl Default for Holdout {
+    fn default() -> Self {
+        Holdout {
+            by: vec![],
+            block_s: None,
+            folds: FOLDS,
+        }
+    }
+}
+
+fn is_default_folds(x: &usize) -> bool {
+    *x == FOLDS
 }
 
 fn is_false(x: &bool) -> bool {
@@ -242,7 +257,7 @@ pub enum Action {
     Report,
     /// Leave the rows out of the fit.
     Drop,
-    /// Correct the value (only for a 256-fold scale).
+    /// Correct the values (only for a 256-fold scale and a wrapped angle).
     Fix,
 }
 
@@ -263,7 +278,10 @@ pub struct Hygiene {
     /// Lines that are no rows, such as a message between them or a line that was cut off: `report` refuses the file, `drop`
     /// leaves them out.
     pub text: Action,
-    /// A gap longer than this starts a new sequence, in seconds; 0 means 20 median steps.
+    /// An angle that begins again after each turn, where no column has the velocity: `fix` makes it go on.
+    pub wraps: Action,
+    /// A gap longer than this starts a new sequence, in seconds; 0 means 20 median steps, but none in a map that is held point by
+    /// point, nor where steps have every size.
     pub gap_s: f64,
 }
 
@@ -276,6 +294,7 @@ impl Default for Hygiene {
             scale256: Action::Report,
             time: Action::Report,
             text: Action::Report,
+            wraps: Action::Report,
             gap_s: 0.0,
         }
     }
@@ -457,8 +476,11 @@ impl Spec {
             "input.rate must be a number of rows per second, or 0",
         )?;
         refuse(
-            self.holdout.folds == 1,
-            "holdout.folds = 1 leaves nothing to fit to; give 2 or more, or leave it out for 10",
+            self.holdout.folds < 2,
+            &format!(
+                "holdout.folds = {} leaves nothing to fit to or to hold out; give 2 or more, or leave it out for 10",
+                self.holdout.folds
+            ),
         )?;
         refuse(
             !(self.hygiene.gap_s.is_finite() && self.hygiene.gap_s >= 0.0),
@@ -467,7 +489,11 @@ impl Spec {
         let h = &self.hygiene;
         refuse(
             [h.spikes, h.clipping, h.repeats, h.time, h.text].contains(&Action::Fix),
-            "hygiene: only scale256 can be \"fix\"; the others are \"report\" or \"drop\"",
+            "hygiene: only scale256 and wraps can be \"fix\"; the others are \"report\" or \"drop\"",
+        )?;
+        refuse(
+            h.wraps == Action::Drop,
+            "hygiene.wraps is \"report\" or \"fix\": rows between turns cannot be left out",
         )?;
         let s = &self.selection;
         refuse(
@@ -478,23 +504,130 @@ impl Spec {
             self.terms.len() > MOST_TERMS,
             "more than 500 [[terms]]: fit a part of them, or declare their sum as a column",
         )?;
-        let unit = self.roles.time.unit.trim();
-        let factor = [
-            ("ms", "1e-3"),
-            ("us", "1e-6"),
-            ("µs", "1e-6"),
-            ("ns", "1e-9"),
-            ("min", "60.0"),
-        ]
-        .into_iter()
-        .find(|(u, _)| *u == unit);
-        match factor {
-            None => Ok(()),
-            Some((_, factor)) => Err(Error::model(format!(
-                "roles.time: unit = \"{unit}\", but time is in seconds after conversion; write unit = \"s\", scale = {factor}"
-            ))),
-        }
+        self.check_time()?;
+        self.check_target()
     }
+
+    /// Time is in seconds: another unit would make every rate and delay wrong by its factor.
+    fn check_time(&self) -> Result<(), Error> {
+        let unit = &self.roles.time.unit;
+        let scale = match seconds(unit) {
+            _ if unit.trim().is_empty() => return Ok(()),
+            Some(1.0) => return Ok(()),
+            Some(scale) if scale < 1.0 => format!("scale = {scale:e}"),
+            Some(scale) => format!("scale = {scale:?}"),
+            None => "as scale the seconds in one of them, as a number".into(),
+        };
+        Err(Error::model(format!(
+            "roles.time: unit = \"{unit}\", but time is in seconds after conversion; write unit = \"s\", {scale}"
+        )))
+    }
+
+    /// The target must not predict itself: the answer would be that nothing is lacking.
+    fn check_target(&self) -> Result<(), Error> {
+        let target = &self.roles.target.column;
+        let of_target = |(name, column): &(String, &Column)| {
+            name != "target" && column.column == *target && !self.roles.groups.contains_key(name)
+        };
+        let all = self.roles.all();
+        if let Some((role, _)) = all.iter().find(|c| of_target(c)) {
+            return Err(Error::model(format!(
+                "role `{role}` has the target's column `{target}`, so the target would predict itself; name another column, or leave the role out"
+            )));
+        }
+        // Names of expressions that are the target: its own, those of groups of its column, and its column's own name where
+        // that is no role's.
+        let is_target = |name: &String| match all.iter().find(|(role, _)| role == name) {
+            Some((role, column)) => role == "target" || column.column == *target,
+            None => name == target && !MADE.contains(&name.as_str()),
+        };
+        for term in &self.terms {
+            let names = crate::expr::Expr::parse(&term.expr)?.names();
+            if let Some(name) = names.iter().find(|n| is_target(n)) {
+                return Err(Error::model(format!(
+                    "term `{}`: its expression has `{name}`, which is the target, so the target would predict itself; write what you believe it is made of",
+                    term.name
+                )));
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Names in expressions that are made and not logged.
+pub(crate) const MADE: [&str; 4] = ["time", "elapsed", "file", "pi"];
+
+/// Names of units of time, in s.
+const TIMES: &[(&[&str], f64)] = &[
+    (
+        &[
+            "s", "sec", "secs", "second", "seconds", "sekunde", "sekunden",
+        ],
+        1.0,
+    ),
+    (
+        &[
+            "ms",
+            "msec",
+            "msecs",
+            "millis",
+            "millisec",
+            "millisecs",
+            "millisecond",
+            "milliseconds",
+            "millisekunden",
+        ],
+        1e-3,
+    ),
+    (
+        &[
+            "us",
+            "µs",
+            "μs",
+            "usec",
+            "usecs",
+            "µsec",
+            "μsec",
+            "micros",
+            "microsec",
+            "microsecs",
+            "microsecond",
+            "microseconds",
+            "mikrosekunden",
+        ],
+        1e-6,
+    ),
+    (
+        &[
+            "ns",
+            "nsec",
+            "nsecs",
+            "nanos",
+            "nanosec",
+            "nanosecs",
+            "nanosecond",
+            "nanoseconds",
+            "nanosekunden",
+        ],
+        1e-9,
+    ),
+    (&["min", "mins", "minute", "minutes", "minuten"], 60.0),
+    (
+        &["h", "hr", "hrs", "hour", "hours", "stunde", "stunden"],
+        3600.0,
+    ),
+    (&["d", "day", "days", "tag", "tage"], 86_400.0),
+];
+
+/// How many seconds a unit of time is; `None` where the text is no such unit that is known.
+pub(crate) fn seconds(unit: &str) -> Option<f64> {
+    let plain = unit
+        .trim()
+        .trim_matches(['[', ']', '(', ')'])
+        .trim()
+        .to_lowercase();
+    let of = |(names, _): &&(&[&str], f64)| names.contains(&plain.as_str());
+    TIMES.iter().find(of).map(|(_, scale)| *scale)
 }
 
 /// A TOML error; where a key has a new name, with that.

@@ -39,6 +39,14 @@ pub fn line(x: &[f64], y: &[f64]) -> Option<(f64, f64)> {
     (xx > 0.0).then(|| (xy / xx, (yy - xy * xy / xx).max(0.0)))
 }
 
+/// Smallest and largest value; infinite, the smallest above the largest, if empty.
+pub fn range(v: &[f64]) -> (f64, f64) {
+    v.iter()
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(lo, hi), x| {
+            (lo.min(*x), hi.max(*x))
+        })
+}
+
 /// Root mean square; 0 if empty.
 pub fn rms(v: &[f64]) -> f64 {
     (v.iter().map(|x| x * x).sum::<f64>() / v.len().max(1) as f64).sqrt()

@@ -20,6 +20,9 @@ pub(super) const BINARY: &[(&str, u8)] = &[
     ("^", 7),
 ];
 
+/// How a column is named whose name is none here.
+const NAMES: &str = "a column whose name has blanks, brackets or other signs gets a name of its own under [roles.channels]";
+
 pub(super) struct Parser<'a> {
     text: &'a str,
     at: usize,
@@ -41,7 +44,7 @@ impl<'a> Parser<'a> {
         if self.rest().is_empty() {
             Ok(e)
         } else {
-            self.fail("an operator is expected here")
+            self.fail(format!("an operator is expected here; {NAMES}"))
         }
     }
 
@@ -114,7 +117,7 @@ impl<'a> Parser<'a> {
         if first.is_alphabetic() || first == '_' {
             return self.name_or_call(rest);
         }
-        self.fail(format!("`{first}` is not expected here"))
+        self.fail(format!("`{first}` is not expected here; {NAMES}"))
     }
 
     fn number(&mut self, rest: &str) -> Result<Expr, Error> {
@@ -152,7 +155,7 @@ impl<'a> Parser<'a> {
         }
         let Some((func, arity)) = Func::lookup(name) else {
             return self.fail(format!(
-                "no function `{name}`; known are {}",
+                "no function `{name}`; known are {}; {NAMES}",
                 Func::ALL.iter().map(|f| f.1).collect::<Vec<_>>().join(", ")
             ));
         };

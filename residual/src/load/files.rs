@@ -6,18 +6,27 @@ use crate::hygiene;
 use crate::spec::Spec;
 use std::path::{Path, PathBuf};
 
+/// What is under the paths.
+#[derive(Default)]
+pub(super) struct Found {
+    /// The logs, sorted.
+    pub(super) files: Vec<PathBuf>,
+    /// What has the name of a log and is no file, such as a pipe: to read it could take without end.
+    pub(super) passed: Vec<PathBuf>,
+}
+
 /// Every log under the paths, sorted, so that results do not depend on the file system. A path that is a
-/// file is taken whatever its name; in folders logs are known by their extension.
+/// file is taken whatever its name; in folders logs are known by their extension, and only regular files are taken.
 ///
 /// # Errors
 /// [`Error::Io`] if a path does not exist, or if there is no log.
 pub fn find_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
-    fn walk(
-        path: &Path,
-        out: &mut Vec<PathBuf>,
-        seen: &mut Vec<PathBuf>,
-        top: bool,
-    ) -> Result<(), Error> {
+    Ok(find(paths)?.files)
+}
+
+/// As [`find_files`], with what was passed over.
+pub(super) fn find(paths: &[PathBuf]) -> Result<Found, Error> {
+    fn walk(path: &Path, out: &mut Found, seen: &mut Vec<PathBuf>, top: bool) -> Result<(), Error> {
         if path.is_dir() {
             // A link back to a folder above would be walked without end.
             let real = path.canonicalize().map_err(|e| Error::io(path, e))?;
@@ -37,17 +46,20 @@ pub fn find_files(paths: &[PathBuf]) -> Result<Vec<PathBuf>, Error> {
             }
             Err(Error::io(path, "this file or folder does not exist"))
         } else {
-            if top || kind(path).is_some() {
-                out.push(path.to_path_buf());
+            // A pipe that is given by name is what the user wants to be read.
+            if top || (kind(path).is_some() && path.is_file()) {
+                out.files.push(path.to_path_buf());
+            } else if kind(path).is_some() {
+                out.passed.push(path.to_path_buf());
             }
             Ok(())
         }
     }
-    let (mut out, mut seen) = (Vec::new(), Vec::new());
+    let (mut out, mut seen) = (Found::default(), Vec::new());
     paths
         .iter()
         .try_for_each(|p| walk(p, &mut out, &mut seen, true))?;
-    if out.is_empty() {
+    if out.files.is_empty() {
         let first = paths.first().map_or(Path::new("."), PathBuf::as_path);
         return Err(Error::io(
             first,
@@ -79,25 +91,36 @@ fn extension(path: &Path) -> Option<String> {
     Some(name.rsplit_once('.')?.1.into())
 }
 
-/// Reads one log.
-pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
-    let table = match kind(path).unwrap_or(Kind::Text) {
-        // A file that was given by name may have any extension, but JSON as CSV would only confuse.
-        Kind::Text if extension(path).as_deref() == Some("json") => {
-            Err(Error::io(path, "JSON is not a format of logs; write the log as CSV or Parquet"))
-        }
-        Kind::Text if !spec.input.messages.is_empty() => super::messages::read(path, spec),
-        Kind::Text => {
-            let used = super::rows::used_columns(spec)?;
-            super::text::read(path, &spec.input, spec.hygiene.text, Some(&used))
-        }
+/// A Parquet log; `None` for another one.
+pub(super) fn parquet(path: &Path) -> Option<Result<Table, Error>> {
+    match kind(path)? {
+        Kind::Text => None,
         #[cfg(feature = "parquet")]
-        Kind::Parquet => super::parquet::read(path),
+        Kind::Parquet => Some(super::parquet::read(path)),
         #[cfg(not(feature = "parquet"))]
-        Kind::Parquet => Err(Error::io(
+        Kind::Parquet => Some(Err(Error::io(
             path,
             "this program was built without the `parquet` feature; build it with the feature, or write the log as CSV",
+        ))),
+    }
+}
+
+/// Reads one log.
+pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
+    if let Some(table) = parquet(path) {
+        return Ok(table?.of(path));
+    }
+    let table = match extension(path).as_deref() {
+        // A file that was given by name may have any extension, but JSON as CSV would only confuse.
+        Some("json") => Err(Error::io(
+            path,
+            "JSON is not a format of logs; write the log as CSV or Parquet",
         )),
+        _ if !spec.input.messages.is_empty() => super::messages::read(path, spec),
+        _ => {
+            let used = super::rows::largest_cells(spec)?;
+            super::text::read(path, &spec.input, spec.hygiene.text, Some(&used))
+        }
     }?;
     Ok(table.of(path))
 }
@@ -143,36 +166,26 @@ pub(super) fn fitting(
 
 /// Numbers at the places `{name}` of a file name pattern; `None` if the pattern does not fit.
 fn file_keys(pattern: &str, name: &str) -> Option<Vec<(String, f64)>> {
-    let mut out = Vec::new();
-    let mut rest = name;
-    let mut pattern = pattern;
-    loop {
-        match pattern.split_once('{') {
-            None => return rest.starts_with(pattern).then_some(out),
-            Some((literal, tail)) => {
-                // A literal may stand anywhere ahead, so that a pattern can skip what it ignores.
-                let at = rest.find(literal)?;
-                rest = &rest[at + literal.len()..];
-                let (key, tail) = tail.split_once('}')?;
-                let mut n = rest
-                    .find(|c: char| !(c.is_ascii_digit() || c == '.' || c == '-'))
-                    .unwrap_or(rest.len());
-                // The number ends before the literal that follows, even where that begins with a dot.
-                let next = tail.split('{').next().unwrap_or("");
-                let fits = |n: usize| rest[..n].parse::<f64>().is_ok();
-                let exact = (1..=n)
-                    .rev()
-                    .find(|n| fits(*n) && !next.is_empty() && rest[*n..].starts_with(next));
-                n = exact.unwrap_or(n);
-                while n > 0 && !fits(n) {
-                    n -= 1;
-                }
-                out.push((key.to_string(), rest[..n].parse().ok()?));
-                rest = &rest[n..];
-                pattern = tail;
-            }
-        }
-    }
+    let Some((literal, tail)) = pattern.split_once('{') else {
+        return name.starts_with(pattern).then(Vec::new);
+    };
+    // A literal may stand anywhere ahead, so that a pattern can skip what it ignores.
+    let rest = &name[name.find(literal)? + literal.len()..];
+    let (key, tail) = tail.split_once('}')?;
+    let end = rest
+        .find(|c: char| !(c.is_ascii_digit() || ".-+eE".contains(c)))
+        .unwrap_or(rest.len());
+    // The longest number with which the rest of the pattern fits; one that ends before the literal that follows comes first,
+    // even where that begins with a dot.
+    let next = tail.split('{').next().unwrap_or("");
+    let begins = |n: &usize| !next.is_empty() && rest[*n..].starts_with(next);
+    let (exact, other): (Vec<usize>, Vec<usize>) = (1..=end).rev().partition(begins);
+    exact.into_iter().chain(other).find_map(|n| {
+        let value: f64 = rest[..n].parse().ok()?;
+        let mut keys = vec![(key.to_string(), value)];
+        keys.extend(file_keys(tail, &rest[n..])?);
+        Some(keys)
+    })
 }
 
 /// Numbers that the model's pattern finds in a path; `None` if it does not fit.
@@ -211,5 +224,19 @@ mod tests {
             file_keys("{run}.TXT", "33.TXT").unwrap(),
             [("run".into(), 33.0)]
         );
+        for (pattern, name, values) in [
+            ("{a}.{b}.TXT", "1.1.TXT", vec![1.0, 1.0]),
+            ("{a}.{b}.csv", "12.5.3.csv", vec![12.5, 3.0]),
+            ("{a}-{b}.csv", "1-2.csv", vec![1.0, 2.0]),
+            ("{run}_x", "1e1_x.csv", vec![10.0]),
+            ("{run}_x", "1e-3_x.csv", vec![1e-3]),
+            ("{run}e{x}.csv", "3e5.csv", vec![3.0, 5.0]),
+            ("{run}east", "7east.csv", vec![7.0]),
+            ("t{t}", "t-4.5.csv", vec![-4.5]),
+        ] {
+            let got = file_keys(pattern, name).unwrap_or_else(|| panic!("{pattern} {name}"));
+            let got: Vec<f64> = got.iter().map(|k| k.1).collect();
+            assert_eq!(got, values, "{pattern} {name}");
+        }
     }
 }

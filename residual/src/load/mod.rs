@@ -5,11 +5,16 @@
 //! |---|---|
 //! | `files.rs` | which files are logs |
 //! | `text.rs`, `parquet.rs` | one log of each format |
+//! | `arrow.rs` | which columns of a Parquet log are durations |
 //! | `messages.rs` | text logs with several kinds of message |
 //! | `guess/` | a first model file for logs that nobody has described |
 //! | `rows.rs` | rows in units of the model, sequences |
 //! | `folds.rs` | groups and folds for hold-out |
+//! | `copies.rs` | stretches that several groups have alike |
 
+#[cfg(feature = "parquet")]
+mod arrow;
+mod copies;
 mod files;
 mod folds;
 mod guess;
@@ -19,6 +24,9 @@ mod parquet;
 mod rows;
 mod text;
 
+#[cfg(test)]
+mod tests;
+
 pub use files::find_files;
 pub use guess::guess;
 
@@ -26,7 +34,7 @@ use crate::data::{Data, FEWEST_ROWS};
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::hygiene;
-use crate::spec::Spec;
+use crate::spec::{Spec, MADE};
 use rayon::prelude::*;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
@@ -42,10 +50,33 @@ pub struct Table {
     columns: Vec<Vec<f64>>,
     /// Columns of text that were left out: name, first cell and its line.
     text: Vec<(String, String, u64)>,
-    /// Lines of kinds of message that the model file does not list.
-    others: usize,
+    /// What was seen on reading, for the checks of the data.
+    notes: Vec<Note>,
+    /// Columns of a type of time, converted to s, and what they are.
+    times: Vec<(String, &'static str)>,
     /// Lines that are no rows, left out by `hygiene.text`.
     broken: usize,
+}
+
+/// Something that was seen on reading a log.
+#[derive(Debug, Clone)]
+struct Note {
+    /// Name of the check.
+    check: String,
+    /// How many cases.
+    count: usize,
+    /// What was seen and what was done.
+    what: String,
+}
+
+impl Note {
+    fn new(check: &str, count: usize, what: impl Into<String>) -> Note {
+        Note {
+            check: check.into(),
+            count,
+            what: what.into(),
+        }
+    }
 }
 
 impl Table {
@@ -103,7 +134,17 @@ impl Table {
             }
         }
         let time = &spec.roles.time.column;
-        if spec.input.rate > 0.0 && self.column(time).is_none() {
+        if spec.input.rate > 0.0 {
+            if self.column(time).is_some() || self.text.iter().any(|(n, ..)| n == time) {
+                return Err(Error::io(
+                    &self.source,
+                    format!(
+                        "the file has a column `{time}`, and input.rate = {} says that no column is the time; leave input.rate out \
+                         of the model file, or give roles.time the name of no column",
+                        spec.input.rate
+                    ),
+                ));
+            }
             if self.broken > 0 {
                 return Err(Error::data(
                     format!(
@@ -118,6 +159,7 @@ impl Table {
             let seconds = (0..rows).map(|i| i as f64 / spec.input.rate);
             self.columns.push(seconds.collect());
         }
+        self.note_shadowed(spec)?;
         let roles = spec.roles.all();
         let needed = roles.iter().map(|(_, c)| &c.column);
         for column in needed.chain(&spec.input.sequence) {
@@ -135,8 +177,53 @@ impl Table {
                 }
             }
         }
+        for (role, column) in &roles {
+            let time = self.times.iter().find(|(name, _)| *name == column.column);
+            if let Some((name, words)) = time.filter(|_| column.scale != 1.0) {
+                return Err(Error::io(
+                    &self.source,
+                    format!(
+                        "column `{name}` is {words}, which is converted to seconds by its type; leave `scale` out of role `{role}` in \
+                         the model file"
+                    ),
+                ));
+            }
+        }
         self.keep_only(&rows::used_columns(spec)?);
         Ok(self)
+    }
+
+    /// Notes columns whose name means something else in the expressions of the model.
+    fn note_shadowed(&mut self, spec: &Spec) -> Result<(), Error> {
+        let used = rows::expression_names(spec)?;
+        let roles = spec.roles.all();
+        let hides = |name: &&String| {
+            let means = roles.iter().find(|(role, _)| role == *name);
+            match means {
+                Some((_, column)) => column.column != **name,
+                None => MADE.contains(&name.as_str()),
+            }
+        };
+        for name in self
+            .names
+            .iter()
+            .filter(|n| used.contains(*n))
+            .filter(hides)
+        {
+            let what = match roles.iter().find(|(role, _)| role == name) {
+                Some((_, column)) => format!("role (column `{}`)", column.column),
+                None => "analysis's own value".into(),
+            };
+            self.notes.push(Note::new(
+                "shadowed column",
+                1,
+                format!(
+                    "`{name}` in an expression is the {what}, not the log's column `{name}`; to use that column, give it a name of its \
+                     own under [roles.channels]"
+                ),
+            ));
+        }
+        Ok(())
     }
 
     /// Gives back the memory of columns that the model does not use.
@@ -155,6 +242,14 @@ impl Table {
     /// Why a column that the model needs is not there.
     fn lacks(&self, column: &str, is_time: bool) -> Error {
         match self.text.iter().find(|(name, ..)| name == column) {
+            Some((_, text, line)) if is_time && is_date(text) => Error::io(
+                &self.source,
+                format!(
+                    "line {line}: column `{column}`: `{text}` is a date or a time of day, and the time is a number of seconds; write it so \
+                     (in pandas: (t - t[0]).dt.total_seconds()), or set input.rate, the rows per second, and give roles.time the name of \
+                     no column"
+                ),
+            ),
             Some((_, text, line)) => Error::BadCell {
                 path: self.source.clone(),
                 line: *line,
@@ -166,15 +261,21 @@ impl Table {
                 format!(
                     "no column `{column}` for the time; the file has {}. Correct roles.time in the model file, or give \
                      input.rate, the rows per second, where no column is the time",
-                    self.names.join(", ")
+                    self.all_names().join(", ")
                 ),
             ),
             None => Error::MissingColumn {
                 column: column.into(),
                 path: self.source.clone(),
-                found: self.names.clone(),
+                found: self.all_names(),
             },
         }
+    }
+
+    /// Names of the columns of numbers, then of those of text.
+    fn all_names(&self) -> Vec<String> {
+        let text = self.text.iter().map(|(n, ..)| format!("{n} (text)"));
+        self.names.iter().cloned().chain(text).collect()
     }
 
     fn rows(&self) -> usize {
@@ -189,6 +290,13 @@ impl Table {
     }
 }
 
+/// Whether a cell is a date or a time of day: digits, with at least two of the marks that stand in such.
+fn is_date(cell: &str) -> bool {
+    let marks = cell.matches(['-', '/', ':', '.', 'T']).count();
+    let digits = cell.chars().filter(char::is_ascii_digit).count();
+    marks >= 2 && digits >= 4 && cell.starts_with(|c: char| c.is_ascii_digit())
+}
+
 /// Loads logs from files and folders.
 ///
 /// # Errors
@@ -196,7 +304,16 @@ impl Table {
 /// not grow, too few rows or groups.
 pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
     let mut findings = hygiene::Log::default();
-    let files = files::fitting(find_files(paths)?, paths, spec, &mut findings)?;
+    let found = files::find(paths)?;
+    if let Some(first) = found.passed.first() {
+        findings.count(
+            "no file",
+            found.passed.len(),
+            &first.display().to_string(),
+            "pipes, sockets or devices in the folders were not read",
+        );
+    }
+    let files = files::fitting(found.files, paths, spec, &mut findings)?;
     // All results first: of several bad files it is always the first that is reported.
     let results: Vec<Result<Table, Error>> = files
         .par_iter()
@@ -270,7 +387,7 @@ fn assemble(
             .zip(&mask)
             .for_each(|(k, m)| *k = *m != 0.0 && !m.is_nan());
     }
-    hygiene::inspect(&mut frame, &mut keep, &spec.hygiene, &files, &mut findings);
+    hygiene::inspect(&mut frame, &mut keep, spec, &files, &mut findings);
     let kept = keep.iter().filter(|k| **k).count();
     if kept < FEWEST_ROWS {
         return Err(Error::data(
@@ -280,10 +397,11 @@ fn assemble(
     }
     let folds = folds::folds(&frame, &keep, spec, &files)?;
     folds::refuse_copies(&frame, &folds.of_row, &files)?;
-    hygiene::relations(&frame, &spec.roles, &folds.of_row, &mut findings);
+    copies::note(&frame, &folds.of_row, &files, &mut findings);
+    hygiene::relations(&frame, &spec.roles, &folds.of_row, &files, &mut findings);
     if !folds.parts.is_empty() {
         findings.count(
-            "repeated motion",
+            hygiene::REPEATED_MOTION,
             folds.parts.iter().filter(|part| **part > 0).count(),
             "whole record",
             "rows of runs whose motion repeats: blocks of time are those of one period, each held out in all passes at once; how the \

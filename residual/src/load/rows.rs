@@ -1,6 +1,7 @@
 //! From the tables of all logs to one frame: units, rows that cannot be used, sequences.
 
 use super::Table;
+use crate::data::largest;
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::frame::Frame;
@@ -26,12 +27,9 @@ pub(super) fn frame(
         if table.columns.first().is_none_or(Vec::is_empty) {
             findings.count("empty file", 1, &label, "files without a row");
         }
-        findings.count(
-            "messages",
-            table.others,
-            &label,
-            "lines of other kinds than input.messages lists were left out",
-        );
+        for note in &table.notes {
+            findings.count(&note.check, note.count, &label, &note.what);
+        }
         findings.count(
             "broken lines",
             table.broken,
@@ -41,14 +39,7 @@ pub(super) fn frame(
         for part in split_by(table, &spec.input.sequence) {
             let begin = rows.time.len();
             rows.add(table, index as u32, &part, &label, findings)?;
-            cut_at_gaps(
-                &rows.time,
-                begin,
-                spec.hygiene.gap_s,
-                &mut rows.sequences,
-                findings,
-                &label,
-            );
+            rows.cut_at_gaps(begin, &label, findings);
         }
         // Its rows are copied: large logs must not be in memory twice. Where no row came of any log, the message below
         // looks at them.
@@ -131,8 +122,16 @@ impl<'a> Rows<'a> {
             last = t;
             self.time.push(t);
             self.file.push(file);
-            for (out, (c, k, o)) in self.columns.iter_mut().zip(&cells) {
-                out.push(c[i] * k + o);
+            let refuse = |name: &str, value: f64| match too_large(value, largest(name)) {
+                None => Ok(value),
+                Some(why) => Err(Error::data(
+                    format!("{label}: row {} of the data: `{name}`: {why}", i + 1),
+                    "Correct the value or the scale of its column",
+                )),
+            };
+            refuse("time", t)?;
+            for ((out, (c, k, o)), name) in self.columns.iter_mut().zip(&cells).zip(&self.names) {
+                out.push(refuse(name, c[i] * k + o)?);
             }
         }
         findings.count(
@@ -184,20 +183,52 @@ pub(super) fn used_columns(spec: &Spec) -> Result<BTreeSet<String>, Error> {
     Ok(used)
 }
 
+/// The largest magnitude that a cell may have, by column that the model uses, in the unit of the log: beyond it the value
+/// cannot be squared and summed.
+pub(super) fn largest_cells(spec: &Spec) -> Result<BTreeMap<String, f64>, Error> {
+    let roles = spec.roles.all();
+    let limit = |column: &str| {
+        let own = roles.iter().filter(|(_, c)| c.column == column);
+        own.map(|(role, c)| largest(role) / c.scale.abs())
+            .reduce(f64::min)
+            .unwrap_or_else(|| largest(column))
+    };
+    let used = used_columns(spec)?.into_iter();
+    Ok(used
+        .map(|column| {
+            let limit = limit(&column);
+            (column, limit)
+        })
+        .collect())
+}
+
+/// What is wrong with a value that is too large, or nothing.
+pub(super) fn too_large(value: f64, largest: f64) -> Option<String> {
+    (value.is_finite() && value.abs() > largest)
+        .then(|| format!("{value:e} is beyond {largest:e}, so it cannot be squared and summed"))
+}
+
 /// What expressions, the hold-out and the cut into sequences name.
 fn named_columns(spec: &Spec) -> Result<BTreeSet<String>, Error> {
-    let mut out = BTreeSet::new();
-    for text in spec
-        .terms
-        .iter()
-        .map(|t| &t.expr)
-        .chain([&spec.rows.keep, &spec.rows.sequences])
-        .filter(|t| !t.is_empty())
-    {
-        out.extend(Expr::parse(text)?.names());
-    }
+    let mut out = expression_names(spec)?;
     out.extend(spec.holdout.by.iter().cloned());
     out.extend(spec.input.sequence.iter().cloned());
+    Ok(out)
+}
+
+/// Names in the expressions of the model.
+pub(super) fn expression_names(spec: &Spec) -> Result<BTreeSet<String>, Error> {
+    let mut out = BTreeSet::new();
+    let terms = spec.terms.iter().map(|t| &t.expr);
+    let filters = [&spec.rows.keep, &spec.rows.sequences];
+    for text in terms.chain(filters).filter(|t| !t.is_empty()) {
+        out.extend(Expr::parse(text)?.names());
+        // The constant is no name to the parser.
+        let is_name = |c: char| c.is_alphanumeric() || c == '_' || c == '.';
+        if text.split(|c| !is_name(c)).any(|word| word == "pi") {
+            out.insert("pi".into());
+        }
+    }
     Ok(out)
 }
 
@@ -246,54 +277,108 @@ fn split_by(table: &Table, by: &[String]) -> Vec<Vec<usize>> {
 /// Rows that the pieces of a log must have on average for its gaps to be gaps.
 const SHORTEST_PIECE: usize = 20;
 
-/// Cuts the rows from `begin` on into sequences at gaps in time; a gap is longer than `gap_s`, or 20 median
-/// steps if that is 0.
-fn cut_at_gaps(
-    time: &[f64],
-    begin: usize,
-    gap_s: f64,
-    out: &mut Vec<Range<usize>>,
-    log: &mut hygiene::Log,
-    label: &str,
-) {
-    if begin == time.len() {
-        return;
+/// Median steps beyond which a step of time is a gap, unless `hygiene.gap_s` says otherwise.
+const GAP_STEPS: f64 = 20.0;
+
+/// The step of time beyond which there is a gap, in s: `gap_s`, or if that is 0 the usual number of median steps.
+pub(super) fn longest_step(time: &[f64], gap_s: f64) -> f64 {
+    if gap_s > 0.0 {
+        return gap_s;
     }
-    let mut steps: Vec<f64> = time[begin..].windows(2).map(|w| w[1] - w[0]).collect();
-    let limit = if gap_s > 0.0 {
-        gap_s
-    } else {
-        20.0 * crate::stats::median(&mut steps).unwrap_or(f64::INFINITY)
-    };
-    let before = out.len();
-    let mut start = begin;
-    let mut gaps = 0;
-    for i in begin + 1..time.len() {
-        if time[i] - time[i - 1] > limit {
-            out.push(start..i);
-            start = i;
-            gaps += 1;
+    let mut steps: Vec<f64> = time.windows(2).map(|w| w[1] - w[0]).collect();
+    crate::stats::median(&mut steps).map_or(f64::INFINITY, |step| GAP_STEPS * step)
+}
+
+/// Whether so many gaps in so many rows are steps of a log that has no usual step.
+pub(super) fn is_uneven(gaps: usize, rows: usize) -> bool {
+    gaps * SHORTEST_PIECE > rows
+}
+
+/// Pieces from which a log may be a map, held point by point.
+const FEWEST_POINTS: usize = 5;
+
+/// How many times farther it goes from point to point than at the points, where a log is a map.
+const HELD: f64 = 10.0;
+
+impl Rows<'_> {
+    /// Cuts the rows from `begin` on into sequences at gaps in time; see [`longest_step`].
+    fn cut_at_gaps(&mut self, begin: usize, label: &str, log: &mut hygiene::Log) {
+        let time = &self.time;
+        if begin == time.len() {
+            return;
+        }
+        let gap_s = self.spec.hygiene.gap_s;
+        let limit = longest_step(&time[begin..], gap_s);
+        let mut pieces = Vec::new();
+        let mut start = begin;
+        for i in begin + 1..time.len() {
+            if time[i] - time[i - 1] > limit {
+                pieces.push(start..i);
+                start = i;
+            }
+        }
+        pieces.push(start..time.len());
+        let gaps = pieces.len() - 1;
+        // A map that is sampled point by point has steps of every size: to cut it would leave nothing with a history.
+        if gap_s == 0.0 && is_uneven(gaps, time.len() - begin) {
+            self.sequences.push(begin..time.len());
+            log.count(
+                "uneven steps",
+                gaps,
+                label,
+                "steps of time longer than 20 median steps, too many to be gaps: the log was not cut there; set hygiene.gap_s to cut it",
+            );
+        } else if gap_s == 0.0 && self.is_map(&pieces) {
+            self.sequences.push(begin..time.len());
+            log.count(
+                "held points",
+                gaps,
+                label,
+                "gaps in time between points that are held still: the log was not cut there, and operators with memory go from \
+                 point to point; set hygiene.gap_s, in s, to less than these gaps to cut it",
+            );
+        } else {
+            self.sequences.extend(pieces);
+            log.count(
+                "gap",
+                gaps,
+                label,
+                "gaps in time, longer than hygiene.gap_s (0: 20 median steps); operators with memory start again after each. \
+                 Where one motion goes on over the gaps, as in a map taken point by point, set hygiene.gap_s, in s, to more \
+                 than them",
+            );
         }
     }
-    // A map that is sampled point by point has steps of every size: to cut it would leave nothing with a history.
-    if gap_s == 0.0 && gaps * SHORTEST_PIECE > time.len() - begin {
-        out.truncate(before);
-        out.push(begin..time.len());
-        log.count(
-            "uneven steps",
-            gaps,
-            label,
-            "steps of time longer than 20 median steps, too many to be gaps: the log was not cut there; set hygiene.gap_s to cut it",
-        );
-        return;
+
+    /// Whether what has a position stands still in nearly all pieces and moves in the gaps between them. Without a position it
+    /// is the command that tells; with a velocity alone nothing does.
+    fn is_map(&self, pieces: &[Range<usize>]) -> bool {
+        let roles = &self.spec.roles;
+        let is_place = |n: &String| n == "angle" || roles.pose.contains_key(n);
+        let has_place = self.names.iter().any(is_place);
+        let is_driven = |n: &String| !has_place && roles.velocity.is_none() && n == "command";
+        let (mut at_points, mut between) = (0.0, 0.0);
+        for (_, x) in self
+            .names
+            .iter()
+            .zip(&self.columns)
+            .filter(|(n, _)| is_place(n) || is_driven(n))
+        {
+            let span = |r: &Range<usize>| {
+                let (lo, hi) = crate::stats::range(&x[r.clone()]);
+                hi - lo
+            };
+            let all = span(&(pieces[0].start..pieces[pieces.len() - 1].end));
+            if all > 0.0 {
+                at_points += pieces.iter().map(span).sum::<f64>() / all;
+                let jumps = pieces
+                    .windows(2)
+                    .map(|w| (x[w[1].start] - x[w[0].end - 1]).abs());
+                between += jumps.sum::<f64>() / all;
+            }
+        }
+        pieces.len() >= FEWEST_POINTS && between > HELD * at_points
     }
-    out.push(start..time.len());
-    log.count(
-        "gap",
-        gaps,
-        label,
-        "gaps in time; operators with memory start again after each",
-    );
 }
 
 /// The frame without the sequences in which the expression is 0 on every row.

@@ -1,9 +1,9 @@
 //! Text logs: CSV and relatives, plain or gzip.
 
-use super::Table;
+use super::{rows, Table};
 use crate::error::Error;
 use crate::spec::{Action, Input};
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
@@ -12,10 +12,14 @@ use std::path::Path;
 pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
     let mut file =
         BufReader::with_capacity(1 << 16, File::open(path).map_err(|e| Error::io(path, e))?);
-    let gzip = file
-        .fill_buf()
-        .map_err(|e| Error::io(path, e))?
-        .starts_with(&[0x1f, 0x8b]);
+    let head = file.fill_buf().map_err(|e| Error::io(path, e))?;
+    if let Some(what) = other_format(head) {
+        return Err(Error::io(
+            path,
+            format!("this is {what}, which is not read; write the log as CSV or Parquet"),
+        ));
+    }
+    let gzip = head.starts_with(&[0x1f, 0x8b]);
     Ok(if gzip {
         Box::new(BufReader::with_capacity(
             1 << 16,
@@ -24,6 +28,39 @@ pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
     } else {
         Box::new(file)
     })
+}
+
+/// What a file is by its first bytes, where it is no text.
+fn other_format(head: &[u8]) -> Option<&'static str> {
+    const MAGIC: &[(&[u8], &str)] = &[
+        (b"PK\x03\x04", "a zip archive, as .npz and .xlsx are"),
+        (b"\x93NUMPY", "a NumPy array"),
+        (b"MATLAB 5.0", "a MATLAB file"),
+        (b"\x89HDF", "an HDF5 file, as .h5 and new .mat are"),
+        (b"PAR1", "Parquet without the extension .parquet"),
+        (b"ARROW1", "an Arrow or Feather file"),
+        (b"\x28\xb5\x2f\xfd", "compressed by zstd"),
+        (b"\xfd7zXZ", "compressed by xz"),
+        (b"BZh", "compressed by bzip2"),
+        (
+            b"SQLite format 3",
+            "an SQLite database, as bags of ROS 2 are",
+        ),
+        (b"#ROSBAG", "a bag of ROS"),
+        (b"\x89MCAP", "an MCAP recording"),
+        (b"TDSm", "a TDMS file"),
+        (b"MDF ", "an MDF file"),
+        (b"\xff\xfe", "text in UTF-16 instead of UTF-8"),
+        (b"\xfe\xff", "text in UTF-16 instead of UTF-8"),
+    ];
+    if let Some((_, what)) = MAGIC.iter().find(|(magic, _)| head.starts_with(magic)) {
+        return Some(what);
+    }
+    let mut bytes = head.iter().filter(|b| !b.is_ascii_whitespace());
+    match (bytes.next()?, bytes.next()?) {
+        (b'{', b'"' | b'}') | (b'[', b'{' | b'[') => Some("JSON"),
+        _ => None,
+    }
 }
 
 /// Turns every run of blanks into one tab, so that one CSV reader serves both layouts, with commas as decimal marks too.
@@ -232,6 +269,17 @@ fn names(
     } else {
         input.header.clone()
     };
+    if let Some(name) = names.iter().find(|n| n.contains('\n')) {
+        return Err(Error::io(
+            path,
+            format!(
+                "line {}: a quotation mark is not closed on its line (`{}`); where it begins a comment, set input.comment = \"\\\"\" in the \
+                 model file, or input.skip",
+                input.skip as u64 + 1,
+                name.lines().next().unwrap_or("")
+            ),
+        ));
+    }
     if names
         .iter()
         .any(|n| n.contains(|c: char| c.is_control() && c != '\t'))
@@ -239,7 +287,11 @@ fn names(
         return Err(no_text(path, input.skip as u64 + 1));
     }
     if names.is_empty() || names.iter().all(String::is_empty) {
-        return Err(Error::io(path, "the file is empty"));
+        let what = match input.skip {
+            0 => "the file is empty".into(),
+            skip => format!("nothing is left after the {skip} lines of input.skip; correct it in the model file"),
+        };
+        return Err(Error::io(path, what));
     }
     let numbers = names
         .iter()
@@ -255,9 +307,15 @@ fn names(
         ));
     }
     if let [only] = names.as_slice() {
-        let other = [(';', ";"), ('\t', "\\t"), (',', ","), (' ', "blank")]
-            .into_iter()
-            .find(|(c, _)| only.contains(*c));
+        let other = [
+            (';', ";"),
+            ('\t', "\\t"),
+            ('|', "|"),
+            (',', ","),
+            (' ', "blank"),
+        ]
+        .into_iter()
+        .find(|(c, _)| only.contains(*c));
         if let Some((_, name)) = other {
             return Err(Error::io(
                 path,
@@ -302,12 +360,13 @@ enum Line {
 
 /// Reads one text log. Cells that are empty or `nan` are NaN; a column whose first cell is text is left out. A line with
 /// another number of cells than there are names, that is no text, or with text in a column that is otherwise numeric, is an error, or
-/// is left out and counted with `action` [`Action::Drop`]. Text in a column that is not `used` is a missing cell; `None`: all are.
+/// is left out and counted with `action` [`Action::Drop`]; so is one with a value beyond the largest of a column that is `used`. Text
+/// in a column that is not is a missing cell; `None`: all are used, and no value is too large.
 pub(super) fn read(
     path: &Path,
     input: &Input,
     action: Action,
-    used: Option<&BTreeSet<String>>,
+    used: Option<&BTreeMap<String, f64>>,
 ) -> Result<Table, Error> {
     let mut csv = open_csv(path, input)?;
     let names = names(&mut csv, path, input)?;
@@ -315,9 +374,9 @@ pub(super) fn read(
     let mut text: Vec<Option<(String, u64)>> = vec![None; names.len()];
     let mut record = csv::StringRecord::new();
     let mut values: Vec<f64> = Vec::with_capacity(names.len());
-    let used: Vec<bool> = names
+    let used: Vec<Option<f64>> = names
         .iter()
-        .map(|n| used.is_none_or(|used| used.contains(n)))
+        .map(|n| used.map_or(Some(f64::INFINITY), |used| used.get(n).copied()))
         .collect();
     let mut broken_lines = 0;
     let mut first_broken = None;
@@ -376,11 +435,19 @@ pub(super) fn read(
     Ok(table)
 }
 
+/// A cell whose value cannot be computed with.
+pub(super) fn large(path: &Path, line: u64, column: &str, why: &str) -> Error {
+    Error::io(
+        path,
+        format!("line {line}: column `{column}`: {why}; correct the value or the scale of the column, or leave such lines out with hygiene.text = \"drop\""),
+    )
+}
+
 /// What the cells of a line are.
 struct Columns<'a> {
     names: &'a [String],
-    /// Which of them the model uses.
-    used: &'a [bool],
+    /// The largest magnitude of a cell, in columns that the model uses.
+    used: &'a [Option<f64>],
     input: &'a Input,
     path: &'a Path,
 }
@@ -419,13 +486,16 @@ fn row(
     values.clear();
     for (c, cell) in record.iter().enumerate() {
         values.push(match number(cell, decimal) {
-            Some(x) => x,
+            Some(x) => match used[c].and_then(|largest| rows::too_large(x, largest)) {
+                None => x,
+                Some(why) => return Line::Broken(large(path, line, &names[c], &why)),
+            },
             None if text[c].is_some() => f64::NAN,
             None if first => {
                 text[c] = Some((cell.to_string(), line));
                 f64::NAN
             }
-            None if !used[c] => f64::NAN,
+            None if used[c].is_none() => f64::NAN,
             None => {
                 return Line::Broken(Error::BadCell {
                     path: path.to_path_buf(),

@@ -148,13 +148,16 @@ fn target(columns: &[Column], time: Option<usize>) -> Option<(usize, Option<Stri
     } else {
         String::new()
     };
-    // `force_n` says more than `f_v`.
+    // `force_n` says more than `f_v`, and that more than `y`, which may be any output.
     let is_letter = |i: &usize| columns[*i].name.words.iter().all(|w| w.len() == 1);
-    let best = named.iter().copied().min_by_key(|i| {
+    let is_output = |i: &usize| columns[*i].name.words == ["y"];
+    let key = |i: &usize| {
         let other = several && joints(i) != &index;
-        (other, columns[*i].spread == 0.0, is_letter(i), *i)
-    })?;
+        (other, columns[*i].spread == 0.0, is_letter(i), is_output(i))
+    };
+    let best = named.iter().copied().min_by_key(|i| (key(i), *i))?;
     let found = joints(&best) == &index;
+    let alike = others(columns, &named, best, |i| joints(&i) == joints(&best));
     let question = several.then(|| {
         let why = if found {
             "of the joint that moves most"
@@ -163,7 +166,44 @@ fn target(columns: &[Column], time: Option<usize>) -> Option<(usize, Option<Stri
         };
         format!("{why}: name another column for another joint")
     });
-    Some((best, question))
+    Some((best, question.or(alike)))
+}
+
+/// Columns that are named in a question.
+const NAMED: usize = 4;
+
+/// The question which of several columns it is.
+fn others(
+    columns: &[Column],
+    all: &[usize],
+    best: usize,
+    of: impl Fn(usize) -> bool,
+) -> Option<String> {
+    let other = all.iter().filter(|i| **i != best && of(**i));
+    let names: Vec<String> = other
+        .map(|i| format!("\"{}\"", columns[*i].title))
+        .collect();
+    let more = if names.len() > NAMED { " ..." } else { "" };
+    (!names.is_empty()).then(|| {
+        format!(
+            "or is it {}{more}",
+            names[..names.len().min(NAMED)].join(", ")
+        )
+    })
+}
+
+/// Spread of a column as a share of its mean up to which it is a supply and no command.
+const SUPPLY: f64 = 0.05;
+
+/// Whether a column stands still but for its noise.
+fn is_still(column: &Column) -> bool {
+    let finite: Vec<f64> = column
+        .values
+        .iter()
+        .copied()
+        .filter(|v| v.is_finite())
+        .collect();
+    column.spread <= SUPPLY * stats::mean(&finite).abs()
 }
 
 /// The column of a role that belongs to the target, and the question about it.
@@ -186,12 +226,32 @@ fn companion(
         let words = &columns[target].name.words;
         columns[*i].name.words.iter().any(|w| words.contains(w))
     };
-    let best = own.min_by_key(|i| {
+    // A voltage may be a supply; a command is one by its name.
+    let is_command = |i: &usize| {
+        let words = &columns[*i].name.words;
+        role == "command"
+            && words
+                .iter()
+                .any(|w| ["command", "cmd", "commanded"].contains(&w.as_str()))
+    };
+    let still = |i: &usize| match role {
+        "command" => is_still(&columns[*i]),
+        _ => columns[*i].spread == 0.0,
+    };
+    let own: Vec<usize> = own.collect();
+    let best = own.iter().copied().min_by_key(|i| {
         let other = of(i) != index;
-        (other, columns[*i].spread == 0.0, Reverse(shares(i)), *i)
+        (other, still(i), !is_command(i), Reverse(shares(i)), *i)
     });
     if let Some(best) = best {
-        return Some((best, None));
+        let question = match role {
+            "command" if is_still(&columns[best]) => {
+                Some("it does not change: is it the command".to_string())
+            }
+            "command" => others(columns, &own, best, |i| !is_still(&columns[i])),
+            _ => None,
+        };
+        return Some((best, question));
     }
     // A command or a temperature of another joint says nothing about this one.
     if !["velocity", "angle"].contains(&role) {

@@ -30,11 +30,23 @@ pub(super) enum Origin {
 pub(super) struct Layout {
     pub(super) input: Input,
     pub(super) origin: Origin,
+    /// Whether the log is text; else its columns have names and no layout.
+    pub(super) is_text: bool,
     /// Cells of the second line of a header; none where it has one line.
     second: Vec<String>,
 }
 
 impl Layout {
+    /// The layout of a log that has columns of its own.
+    pub(super) fn of_columns() -> Layout {
+        Layout {
+            input: Input::default(),
+            origin: Origin::Header,
+            is_text: false,
+            second: vec![],
+        }
+    }
+
     pub(super) fn of(path: &Path) -> Result<Layout, Error> {
         let head = head(path)?;
         let is_comment = |l: &str| l.starts_with(['%', '#']);
@@ -48,7 +60,12 @@ impl Layout {
         let failed = |what: &str| {
             let line = lines.get(middle).map_or(1, |l| l.0 + 1);
             let keys = "write the model file by hand, with input.separator, with input.skip for the lines before the first row and with input.header for the names";
-            Error::io(path, format!("line {line}: {what}; {keys}"))
+            let kinds = if has_kinds(&lines) {
+                ". Lines of several kinds, each with its kind at its head, need one [[input.messages]] for each kind"
+            } else {
+                ""
+            };
+            Error::io(path, format!("line {line}: {what}; {keys}{kinds}"))
         };
         let (separator, cells) = separator(&lines).ok_or_else(|| {
             failed("no separator splits this line and those below it into equal numbers of cells, two or more")
@@ -83,6 +100,7 @@ impl Layout {
                 ..Input::default()
             },
             origin: Origin::Nothing,
+            is_text: true,
             second: vec![],
         };
         let above: Vec<Vec<&str>> = lines[..data].iter().map(|l| row.head(l.1)).collect();
@@ -215,7 +233,7 @@ fn separator(lines: &[Line]) -> Option<(&'static str, usize)> {
         };
         count('.').max(if s == "," { 0 } else { count(',') })
     };
-    [";", "\t", ",", "blank"]
+    [";", "\t", "|", ",", "blank"]
         .into_iter()
         .filter_map(|s| Some((s, usual(lines, s)?)))
         .filter(|(_, cells)| *cells > 1)
@@ -236,8 +254,39 @@ fn is_number(cell: &str, decimal: char) -> bool {
 fn split<'a>(line: &'a str, separator: &str) -> Vec<&'a str> {
     match separator {
         "blank" => line.split_whitespace().collect(),
-        s => line.split(s).map(str::trim).collect(),
+        s => quoted(line, s).unwrap_or_else(|| line.split(s).map(str::trim).collect()),
     }
+}
+
+/// The cells of a line in which a separator may stand between quotation marks; `None` where there are none, or one is not closed.
+fn quoted<'a>(line: &'a str, separator: &str) -> Option<Vec<&'a str>> {
+    if !line.contains('"') {
+        return None;
+    }
+    let (mut cells, mut start, mut inside) = (Vec::new(), 0, false);
+    for (at, c) in line.char_indices() {
+        if c == '"' {
+            inside = !inside;
+        } else if !inside && separator.starts_with(c) {
+            cells.push(line[start..at].trim());
+            start = at + c.len_utf8();
+        }
+    }
+    cells.push(line[start..].trim());
+    (!inside).then_some(cells)
+}
+
+/// Whether the lines begin with one of a few words, each of them often.
+fn has_kinds(lines: &[Line]) -> bool {
+    let mut words: Vec<&str> = lines
+        .iter()
+        .filter_map(|l| l.1.split([',', ';', '\t', ' ', '|', ':']).next())
+        .filter(|w| w.starts_with(|c: char| c.is_alphabetic() || c == '$'))
+        .collect();
+    let all = words.len();
+    words.sort_unstable();
+    words.dedup();
+    10 * all >= 9 * lines.len() && words.len() > 1 && 5 * words.len() < all
 }
 
 /// The number of cells that nearly all lines have; `None` if they differ. The first half may be prose.

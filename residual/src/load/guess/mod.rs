@@ -25,41 +25,59 @@ use crate::spec::Action;
 use layout::Layout;
 use std::path::{Path, PathBuf};
 
-/// Writes a model file for logs: what the first of them looks like, with open questions as comments.
+/// Logs that are looked at until one has rows.
+const TRIES: usize = 20;
+
+/// Writes a model file for logs: what the first of them that has rows looks like, with open questions as comments.
 ///
 /// # Errors
-/// [`Error::Io`] if there is no text log, or if no layout fits its first lines.
+/// [`Error::Io`] if no layout fits the first lines of any log, or if none can be read: that of the first one.
 pub fn guess(paths: &[PathBuf]) -> Result<String, Error> {
     let files = files::find_files(paths)?;
-    let path = files
-        .iter()
-        .find(|p| {
-            !matches!(
-                p.extension().and_then(|e| e.to_str()),
-                Some("parquet" | "pq")
-            )
-        })
-        .ok_or_else(|| {
-            Error::io(
-                &files[0],
-                "only text logs are looked at; write the model file by hand",
-            )
-        })?;
-    let layout = Layout::of(path)?;
-    let as_it_is = text::read(path, &layout.input, Action::Report, None);
+    let mut first = None;
+    for path in files.iter().take(TRIES) {
+        match of_file(path, files.len()) {
+            Ok(text) => return Ok(text),
+            Err(why) => {
+                first.get_or_insert(why);
+            }
+        }
+    }
+    Err(first.unwrap_or_else(|| Error::io(&files[0], "no log can be read")))
+}
+
+/// The model file for one of so many logs.
+fn of_file(path: &Path, files: usize) -> Result<String, Error> {
+    let parquet = files::parquet(path);
+    let layout = if parquet.is_some() {
+        Layout::of_columns()
+    } else {
+        Layout::of(path)?
+    };
+    let as_it_is = match parquet {
+        Some(table) => table,
+        None => text::read(path, &layout.input, Action::Report, None),
+    };
     // A message or a line that was cut off need not keep the user from a model file.
     let (table, first_broken) = match as_it_is {
         Ok(table) => (table, None),
-        Err(why) => match text::read(path, &layout.input, Action::Drop, None) {
+        Err(why) if layout.is_text => match text::read(path, &layout.input, Action::Drop, None) {
             Ok(table) if 2 * table.broken < table.rows() => {
                 (table, Some(without_path(&why.to_string(), path)))
             }
             _ => return Err(why),
         },
+        Err(why) => return Err(why),
     };
+    if table.rows() == 0 {
+        return Err(Error::io(
+            path,
+            "the file has no row; give another one in --data",
+        ));
+    }
     Ok(write::model(
         path,
-        files.len(),
+        files,
         &layout,
         &table,
         first_broken.as_deref(),

@@ -39,7 +39,18 @@ const WORDS: &[(&str, &[&str])] = &[
     ),
     (
         "angle",
-        &["angle", "position", "pos", "encoder", "theta", "q"],
+        &[
+            "angle",
+            "position",
+            "pos",
+            "encoder",
+            "theta",
+            "q",
+            "displacement",
+            "disp",
+            "travel",
+            "stroke",
+        ],
     ),
     ("temperature", &["temperature", "temp"]),
     (
@@ -64,6 +75,10 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("r_min", "rev/s", 1.0 / 60.0),
     ("m_s", "m/s", 1.0),
     ("mm_s", "mm/s", 1.0),
+    ("cm_s", "mm/s", 10.0),
+    ("in_s", "mm/s", 25.4),
+    ("ft_s", "m/s", 0.3048),
+    ("km_h", "m/s", 1.0 / 3.6),
     ("millis", "s", 1e-3),
     ("micros", "s", 1e-6),
     ("ms", "s", 1e-3),
@@ -79,8 +94,19 @@ const UNITS: &[(&str, &str, f64)] = &[
     ("rev", "rev", 1.0),
     ("n_m", "N·m", 1.0),
     ("nm", "N·m", 1.0),
+    ("lbf_ft", "N·m", 1.355_817_948),
+    ("lbf_in", "N·m", 0.112_984_829),
     ("n", "N", 1.0),
+    ("kn", "N", 1e3),
+    ("lbf", "N", 4.448_221_615),
+    ("lb", "N", 4.448_221_615),
+    ("kip", "N", 4_448.221_615),
+    ("kips", "N", 4_448.221_615),
     ("mm", "mm", 1.0),
+    ("cm", "mm", 10.0),
+    ("in", "mm", 25.4),
+    ("inch", "mm", 25.4),
+    ("ft", "m", 0.3048),
     ("m", "m", 1.0),
     ("ma", "A", 1e-3),
     ("a", "A", 1.0),
@@ -115,8 +141,8 @@ impl Name {
         if last.is_some() {
             parts.pop();
         }
-        let (count, unit, scale) = unit(&parts);
-        parts.truncate(parts.len() - count);
+        let (count, mut unit, mut scale) = unit(&parts);
+        let ending = parts.split_off(parts.len() - count);
         parts.extend(last);
         let mut words = Vec::new();
         for part in &parts {
@@ -128,11 +154,27 @@ impl Name {
                 numbers.push(number.to_string());
             }
         }
-        Name {
+        let mut name = Name {
             words,
             index: numbers.join("."),
+            unit: "",
+            scale: 1.0,
+        };
+        // An `in` may be a side of something, and a letter part of a unit that is not known: a speed is not in s.
+        let role = name.role();
+        let is_length = matches!(role, Some("angle" | "velocity"));
+        let is_side = ending == ["in"] && !is_length;
+        let is_part = unit == "s" && !matches!(role, None | Some("time"));
+        if is_side {
+            name.words.extend(ending);
+        }
+        if is_side || is_part {
+            (unit, scale) = ("", 1.0);
+        }
+        Name {
             unit,
             scale,
+            ..name
         }
     }
 
@@ -222,6 +264,8 @@ mod tests {
             ("target", "target", ""),
             ("current_position", "angle", ""),
             ("field.header.stamp", "time", ""),
+            ("disp_in", "angle", ""),
+            ("vel_in_s", "velocity", ""),
         ] {
             let name_of = Name::of(name);
             assert_eq!(
@@ -246,6 +290,13 @@ mod tests {
             ("temp (°C)", "K", 1.0),
             ("current_dA", "", 1.0),
             ("q_rad_7", "rad", 1.0),
+            ("vel_in_s", "mm/s", 25.4),
+            ("disp_in", "mm", 25.4),
+            ("torque_in", "", 1.0),
+            ("force_kip", "N", 4_448.221_615),
+            ("force [kN]", "N", 1e3),
+            ("speed_furlong_s", "", 1.0),
+            ("delay_s", "s", 1.0),
         ] {
             let of = Name::of(name);
             assert_eq!((of.unit, of.scale), (unit, scale), "{name}");

@@ -388,3 +388,176 @@ fn a_line_that_was_cut_off_does_not_keep_the_user_from_a_model_file() {
         "{text}"
     );
 }
+
+#[test]
+fn a_log_without_a_row_is_passed_over() {
+    let folder = tempfile::tempdir().unwrap();
+    let put = |name: &str, text: &str| std::fs::write(folder.path().join(name), text).unwrap();
+    put("a.csv", "time_s,force_n\n");
+    put("b.csv", "");
+    put(
+        "c.csv",
+        &log("time_s,force_n\n", 100, |i| vec![0.01 * i, i % 5.0]),
+    );
+    let text = guess(&[folder.path().to_path_buf()]).unwrap();
+    assert!(text.contains("Guessed from c.csv, one of 3"), "{text}");
+    std::fs::remove_file(folder.path().join("c.csv")).unwrap();
+    let error = guess(&[folder.path().to_path_buf()]).unwrap_err();
+    assert!(error.to_string().contains("a.csv"), "{error}");
+}
+
+#[test]
+fn a_date_is_no_time_and_the_user_is_told_what_to_do() {
+    for date in [
+        "21/10/2024-15:52:16",
+        "2024-10-21T15:52:16.123Z",
+        "15:52:16.500",
+    ] {
+        let lines: String = (0..100)
+            .map(|i| format!("{date},{},{}\n", i % 7, i % 5))
+            .collect();
+        let (_, text) = of(&format!("when,force_n,speed\n{lines}"));
+        assert!(
+            text.contains("column \"when\" is a date") && text.contains(date),
+            "{text}"
+        );
+        assert!(text.contains("total_seconds"), "{text}");
+    }
+}
+
+#[test]
+fn inches_and_kips_are_understood() {
+    let (spec, text) = of(&log("time_s,disp_in,force_kip,vel_in_s\n", 200, |i| {
+        let t = 0.01 * i;
+        vec![t, (3.0 * t).sin(), i % 5.0, 3.0 * (3.0 * t).cos()]
+    }));
+    let roles = &spec.roles;
+    let angle = roles.angle.as_ref().unwrap();
+    assert_eq!(
+        (angle.column.as_str(), angle.unit.as_str(), angle.scale),
+        ("disp_in", "mm", 25.4),
+        "{text}"
+    );
+    let velocity = roles.velocity.as_ref().unwrap();
+    assert_eq!(
+        (velocity.unit.as_str(), velocity.scale),
+        ("mm/s", 25.4),
+        "{text}"
+    );
+    assert_eq!(
+        (roles.target.unit.as_str(), roles.target.scale),
+        ("N", 4_448.221_615)
+    );
+}
+
+#[test]
+fn a_command_comes_before_a_supply_and_a_force_before_an_output() {
+    let header = "time [s],a2 torque cmd [Nm],a2 torque [Nm],c2 voltage [V]\n";
+    let (spec, text) = of(&log(header, 300, |i| {
+        vec![
+            0.01 * i,
+            (0.1 * i).sin(),
+            (0.1 * i).sin() + 0.1 * (i % 3.0),
+            24.0 + 0.01 * (i % 2.0),
+        ]
+    }));
+    assert_eq!(
+        spec.roles.command.unwrap().column,
+        "a2 torque cmd [Nm]",
+        "{text}"
+    );
+    // A drive that was turned by hand has a command that is 0, and a supply that sags.
+    let (spec, text) = of(&log(header, 300, |i| {
+        vec![0.01 * i, 0.0, i % 3.0, 35.0 + i % 2.0]
+    }));
+    assert_eq!(spec.roles.command.unwrap().column, "a2 torque cmd [Nm]");
+    assert!(
+        text.contains("it does not change: is it the command"),
+        "{text}"
+    );
+    // Alone it is taken, with a question.
+    let (spec, text) = of(&log("t,force,voltage\n", 300, |i| {
+        vec![0.01 * i, i % 5.0, 24.0 + 0.01 * (i % 2.0)]
+    }));
+    assert_eq!(spec.roles.command.unwrap().column, "voltage");
+    assert!(
+        text.contains("it does not change: is it the command"),
+        "{text}"
+    );
+    let (spec, text) = of(&log("t,A,Y,V,F\n", 300, |i| {
+        vec![0.01 * i, i % 5.0, i % 3.0, i % 2.0, i % 7.0]
+    }));
+    assert_eq!(spec.roles.target.column, "F", "{text}");
+    assert!(text.contains("or is it \"Y\""), "{text}");
+}
+
+#[test]
+fn a_separator_in_quotation_marks_is_none() {
+    let (spec, text) = of(&log(
+        "\"time, s\",\"command, N\",\"speed, rad/s\",\"force, N\"\n",
+        200,
+        |i| vec![0.01 * i, i % 3.0, i % 5.0, i % 7.0],
+    ));
+    assert!(
+        spec.input.header.is_empty() && spec.input.skip == 0,
+        "{text}"
+    );
+    assert_eq!(spec.roles.time.column, "time, s", "{text}");
+    assert_eq!(spec.roles.target.column, "force, N", "{text}");
+    let (spec, text) =
+        of(&log("t,F,q\n", 100, |i| vec![0.01 * i, i % 3.0, i % 5.0]).replace(',', "|"));
+    assert_eq!(spec.input.separator, "|", "{text}");
+    // Lines of several kinds need a hand.
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.log");
+    let lines: String = (0..100)
+        .map(|i| format!("FORCE,{i},1.5\nJOINT,{i},0.1,0.2\nIMU,{i},1,2,3\n"))
+        .collect();
+    std::fs::write(&path, lines).unwrap();
+    let error = guess(&[path]).unwrap_err().to_string();
+    assert!(error.contains("[[input.messages]]"), "{error}");
+}
+
+#[cfg(feature = "parquet")]
+#[test]
+fn a_parquet_log_has_a_model_file() {
+    use parquet::data_type::{DoubleType, Int64Type};
+    use parquet::file::{properties::WriterProperties, writer::SerializedFileWriter};
+    use std::sync::Arc;
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("a.parquet");
+    let schema =
+        "message log { required int64 time_ms (TIMESTAMP(NANOS,true)); required double force_n; }";
+    let schema = parquet::schema::parser::parse_message_type(schema).unwrap();
+    let file = std::fs::File::create(&path).unwrap();
+    let properties = Arc::new(WriterProperties::builder().build());
+    let mut writer = SerializedFileWriter::new(file, Arc::new(schema), properties).unwrap();
+    let mut group = writer.next_row_group().unwrap();
+    let mut column = group.next_column().unwrap().unwrap();
+    let time: Vec<i64> = (0..400).map(|i| 10_000_000 * i).collect();
+    column
+        .typed::<Int64Type>()
+        .write_batch(&time, None, None)
+        .unwrap();
+    column.close().unwrap();
+    let mut column = group.next_column().unwrap().unwrap();
+    let force: Vec<f64> = (0..400).map(|i| f64::from(i * i % 7)).collect();
+    column
+        .typed::<DoubleType>()
+        .write_batch(&force, None, None)
+        .unwrap();
+    column.close().unwrap();
+    group.close().unwrap();
+    writer.close().unwrap();
+    let text = guess(std::slice::from_ref(&path)).unwrap();
+    let spec = Spec::parse(&text).unwrap();
+    assert_eq!(
+        (spec.roles.time.column.as_str(), spec.roles.time.scale),
+        ("time_ms", 1.0),
+        "{text}"
+    );
+    assert_eq!(spec.roles.target.column, "force_n", "{text}");
+    assert!(!text.contains("separator"), "{text}");
+    let data = crate::load::load(&[path], &spec).unwrap();
+    assert!((data.frame().step() - 0.01).abs() < 1e-9);
+}

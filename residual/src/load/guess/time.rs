@@ -2,7 +2,7 @@
 
 use super::columns::Column;
 use crate::format::num;
-use crate::stats;
+use crate::{spec, stats};
 
 /// Words of columns that count rows.
 const COUNTERS: &[&str] = &[
@@ -136,22 +136,14 @@ pub(super) fn find(columns: &[Column], slope: impl Fn(usize) -> Option<f64>) -> 
     })
 }
 
-/// Units of time beyond a second, as a line of units has them, in s.
-const LONG: [(&[&str], f64); 2] = [
-    (&["min", "mins", "minutes"], 60.0),
-    (&["h", "hr", "hours"], 3600.0),
-];
-
 /// Seconds per unit of a column: by its name, by the date that it shows, by angle and velocity, else by the size of its steps.
 fn unit(column: &Column, step: f64, slope: Option<f64>) -> (f64, Option<String>) {
     if column.name.unit == "s" {
         return (column.name.scale, None);
     }
-    if let Some((_, scale)) = LONG
-        .iter()
-        .find(|(names, _)| names.contains(&column.stated))
-    {
-        return (*scale, None);
+    // A unit that is not one of those of names, such as minutes.
+    if let Some(scale) = spec::seconds(column.stated) {
+        return (scale, None);
     }
     let first = column.values.iter().copied().find(|v| v.is_finite());
     let dated = CLOCKS

@@ -6,6 +6,7 @@ use super::time::{self, Time};
 use super::units::{self, Measure};
 use super::Table;
 use crate::format::num;
+use crate::load::is_date;
 use std::fmt::Write as _;
 use std::path::Path;
 
@@ -18,7 +19,7 @@ const GROUPS: f64 = 10.0;
 /// Rows that a block of time has at least.
 const BLOCK_ROWS: f64 = 20.0;
 
-/// The model file for a log that is the first of `files`.
+/// The model file for a log that is one of `files`.
 pub(super) fn model(
     path: &Path,
     files: usize,
@@ -29,6 +30,11 @@ pub(super) fn model(
     let mut columns = columns::columns(table, layout.is_nameless());
     for column in &mut columns {
         column.describe(layout.second(column.title));
+        // A type of time was converted already, whatever its name says.
+        if table.times.iter().any(|(name, _)| name == column.title) {
+            column.role = Some("time");
+            (column.name.unit, column.name.scale) = ("s", 1.0);
+        }
     }
     // Which of the columns move together does not depend on the unit of the time.
     let first = columns::choose(&columns, None);
@@ -41,10 +47,13 @@ pub(super) fn model(
     let chosen = columns::choose(&columns, time.as_ref().map(|t| t.column));
     let name = path.file_name().unwrap_or_default().to_string_lossy();
     let mut out = format!(
-        "# Guessed from {name}, the first of {files} file(s). Lines with ? are questions: answer them, then remove the mark.\n\
+        "# Guessed from {name}, one of {files} file(s). Lines with ? are questions: answer them, then remove the mark.\n\
          title = \"Which effect does the model lack?\"\n"
     );
-    input(&mut out, layout, time.is_some());
+    input(&mut out, layout);
+    if time.is_none() {
+        no_time(&mut out, table);
+    }
     roles(&mut out, &columns, &chosen, time.as_ref());
     hints(&mut out, &columns, &chosen, time.as_ref(), slope);
     let repeats = time.as_ref().is_some_and(|t| t.repeats > 0);
@@ -78,9 +87,12 @@ fn quoted(text: &str) -> String {
 }
 
 /// How the file is read. Writing to a text cannot fail, here and below.
-fn input(out: &mut String, layout: &Layout, has_time: bool) {
+fn input(out: &mut String, layout: &Layout) {
     let input = &layout.input;
-    let _ = writeln!(out, "\n[input]\nseparator = {}", quoted(&input.separator));
+    out.push_str("\n[input]\n");
+    if layout.is_text {
+        let _ = writeln!(out, "separator = {}", quoted(&input.separator));
+    }
     if input.decimal == "," {
         out.push_str("decimal = \",\"\n");
     }
@@ -103,9 +115,20 @@ fn input(out: &mut String, layout: &Layout, has_time: bool) {
         };
         let _ = writeln!(out, "header = [{}]   # ? {origin}", names.join(", "));
     }
-    if !has_time {
-        out.push_str(
-            "# rate = ...   # ? rows per second: no column grows as a time does. Remove the # and write the number\n",
+}
+
+/// What is asked where no column is the time. A date is none, and says what to do about it.
+fn no_time(out: &mut String, table: &Table) {
+    out.push_str(
+        "# rate = ...   # ? rows per second: no column grows as a time does. Remove the # and write the number\n",
+    );
+    if let Some((name, cell, _)) = table.text.iter().find(|(_, cell, _)| is_date(cell)) {
+        let _ = writeln!(
+            out,
+            "# ? column {} is a date or a time of day ({}): write it into the log as seconds (in pandas: (t - t[0]).dt.total_seconds()) \
+             and name it in roles.time, or set the rate",
+            quoted(name),
+            cell.replace(['\n', '\r'], " ")
         );
     }
 }
