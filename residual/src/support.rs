@@ -75,9 +75,7 @@ fn impossible(
         params: &parameters.0,
         intervals: &parameters.1,
     };
-    own.effect
-        .impossible(&estimate, ctx)
-        .or_else(|| at_end(own))
+    own.effect.impossible(&estimate, ctx)
 }
 
 /// Why an effect cannot be what its name says beside the others, if it cannot. What the search saw to when it was chosen may
@@ -225,8 +223,13 @@ impl Judged {
                 None => contrary(search, &ctx, &self.outcome.chosen, index)?,
             };
             self.parameters[index] = Some(own);
-            if let Some(why) = why {
-                self.why[index] = Some(Against::Itself.refuses(why));
+            // Others may have driven a parameter to the end of its range.
+            let chosen = &self.outcome.chosen[index];
+            let refusal = why
+                .map(|why| Against::Itself.refuses(why))
+                .or_else(|| Some(Against::Others.refuses(at_end(chosen)?)));
+            if refusal.is_some() {
+                self.why[index] = refusal;
                 return Ok(true);
             }
         }

@@ -18,6 +18,10 @@ impl Effect for Hysteresis {
     fn experiment(&self) -> &'static str {
         "ramp the load (or position) slowly up and down with shrinking amplitude, at two speeds: the loops nest and don't change with speed"
     }
+    /// A narrower loop is the elastic turn of presliding: friction that turns, too.
+    fn may_be_at_end(&self, _: &Variant) -> [bool; 2] {
+        [true, false]
+    }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         let (column, position) = if e.label.contains("position") {
             ("angle", true)
