@@ -174,6 +174,28 @@ fn advised(error: residual::Error) -> residual::Error {
     }
 }
 
+/// What a board may use of a report, or why nothing.
+///
+/// # Errors
+/// The verdict doesn't support a change, or nameless structure is left beside the named effects.
+pub fn usable(report: &Report) -> Result<residual::Compensation, String> {
+    let (before, after) = (report.baseline.heldout_rmse, report.last.heldout_rmse);
+    let left = |s: &&residual::Structure| s.gain * after > MAX_UNEXPLAINED * (before - after);
+    if let Some(left) = report.structure.iter().find(left) {
+        return Err(format!(
+            "all of it: a dependence on {} without a name would reduce the error by another {:.3} {}, beside the {:.3} {} of the named effects; these may stand for something else",
+            left.depends_on,
+            left.gain * after,
+            report.unit,
+            before - after,
+            report.unit
+        ));
+    }
+    report
+        .compensation()
+        .ok_or_else(|| format!("the verdict: {}", report.summary()))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -199,26 +221,4 @@ mod tests {
         assert!(error.contains("--drive-duration"), "{error}");
         assert!(!error.contains("block_s"), "{error}");
     }
-}
-
-/// What a board may use of a report, or why nothing.
-///
-/// # Errors
-/// The verdict doesn't support a change, or nameless structure is left beside the named effects.
-pub fn usable(report: &Report) -> Result<residual::Compensation, String> {
-    let (before, after) = (report.baseline.heldout_rmse, report.last.heldout_rmse);
-    let left = |s: &&residual::Structure| s.gain * after > MAX_UNEXPLAINED * (before - after);
-    if let Some(left) = report.structure.iter().find(left) {
-        return Err(format!(
-            "all of it: a dependence on {} without a name would reduce the error by another {:.3} {}, beside the {:.3} {} of the named effects; these may stand for something else",
-            left.depends_on,
-            left.gain * after,
-            report.unit,
-            before - after,
-            report.unit
-        ));
-    }
-    report
-        .compensation()
-        .ok_or_else(|| format!("the verdict: {}", report.summary()))
 }
