@@ -67,6 +67,10 @@ impl Effect for DriftTime {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::effects::testbench::knowing;
+    use crate::effects::Form;
+
     /// A motor whose speed is lowered step by step: damping falls with time as a drift would.
     #[test]
     fn a_speed_that_falls_with_time_is_no_drift() {
@@ -77,9 +81,9 @@ mod tests {
                         velocity = { column = \"v\", unit = \"rad/s\" }\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n";
             let columns = [("target", velocity.clone()), ("velocity", velocity)];
             let mut out = false;
-            crate::effects::testbench::knowing(spec, &columns, rows, |ctx| {
+            knowing(spec, &columns, rows, |ctx| {
                 let estimate = Estimate {
-                    form: crate::effects::Form::Other,
+                    form: Form::Other,
                     label: "since the start of the run",
                     params: &[],
                     intervals: &Default::default(),
