@@ -221,7 +221,7 @@ fn effect(
             .variant
             .psi
             .iter()
-            .filter(|p| p.is_at_limit(own.psi))
+            .filter(|p| p.at_limits(own.psi).contains(&true))
             .map(|p| p.name.to_string())
             .collect(),
         heldout_before: before,

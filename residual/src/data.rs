@@ -193,9 +193,9 @@ impl DataBuilder {
     /// Checks the columns and makes the data.
     ///
     /// # Errors
-    /// [`Error::Data`]: columns of unequal length, no column `target`, a value that is not finite or
-    /// too large to be squared and summed (beyond 1e140 in the target, 1e70 elsewhere), sequences that do not cover the rows, time that does not grow, fewer than 30 rows to fit, fewer
-    /// than two groups.
+    /// [`Error::Data`]: columns of unequal length, no column `target`, a value that is not finite or too large to be squared and
+    /// summed (beyond 1e140 in the target, 1e70 elsewhere), sequences that do not cover the rows, time that does not grow, fewer
+    /// than 30 rows to fit, fewer than two groups.
     pub fn build(mut self) -> Result<Data, Error> {
         let rows = self.time.len();
         if self.sequences.is_empty() {

@@ -204,15 +204,19 @@ mod tests {
         }
     }
 
+    fn acceptance(selection: &Selection, tests: usize) -> Acceptance<'_> {
+        Acceptance {
+            selection,
+            tests,
+            floor: 0.0,
+            rows: 1000,
+        }
+    }
+
     #[test]
     fn the_simpler_of_two_that_explain_the_same_is_taken() {
         let selection = Selection::default();
-        let acceptance = Acceptance {
-            selection: &selection,
-            tests: 60,
-            floor: 0.0,
-            rows: 1000,
-        };
+        let acceptance = acceptance(&selection, 60);
         let all = [
             candidate(EffectKind::Stribeck, 0.300, 3),
             candidate(EffectKind::Coulomb, 0.295, 1),
@@ -230,12 +234,7 @@ mod tests {
     #[test]
     fn of_two_with_the_same_gain_the_one_that_the_catalogue_has_first_is_taken() {
         let selection = Selection::default();
-        let acceptance = Acceptance {
-            selection: &selection,
-            tests: 60,
-            floor: 0.0,
-            rows: 1000,
-        };
+        let acceptance = acceptance(&selection, 60);
         let all = [
             candidate(EffectKind::Payload, 0.3 + 1e-13, 1),
             candidate(EffectKind::Inertia, 0.3, 1),
@@ -248,12 +247,7 @@ mod tests {
     #[test]
     fn p_values_are_corrected_for_the_number_of_forms() {
         let selection = Selection::default();
-        let with = |tests| Acceptance {
-            selection: &selection,
-            tests,
-            floor: 0.0,
-            rows: 1000,
-        };
+        let with = |tests| acceptance(&selection, tests);
         let mut c = candidate(EffectKind::Coulomb, 0.3, 1);
         c.p = 0.002;
         assert!(with(20).accepts(&c) && !with(30).accepts(&c));

@@ -35,10 +35,6 @@ const OF_ONE_SIGN: [&str; 8] = [
     "stiffness",
 ];
 
-/// How near to the end of the range of a parameter it lies at the end, over the distance of the end from the outermost value of the
-/// grid.
-const AT_END: f64 = 0.02;
-
 /// Effects that improve the fit under a name that the data do not support.
 pub(crate) struct Beside {
     /// The model with all effects.
@@ -117,13 +113,10 @@ fn contrary(
 
 /// Why the nonlinear parameter of an effect says nothing, if it lies at the end of the range in which it was looked for.
 fn at_end(own: &Chosen) -> Option<String> {
-    let psi = own.variant.psi.as_ref().filter(|p| p.refine)?;
-    let (first, last) = (psi.grid.first()?, psi.grid.last()?);
-    let (low, high) = psi.limits();
+    let psi = own.variant.psi.as_ref()?;
+    let [low, high] = psi.at_limits(own.psi);
     let [low_counts, high_counts] = own.effect.may_be_at_end(&own.variant);
-    // A scan may refine it to somewhat beyond the range.
-    let beyond = (own.psi <= low + AT_END * (first - low) && !low_counts)
-        || (own.psi >= high - AT_END * (high - last) && !high_counts);
+    let beyond = (low && !low_counts) || (high && !high_counts);
     beyond.then(|| {
         format!(
             "{} {} lies at the end of the range in which such an effect is looked for: beyond it it is another one",
@@ -236,8 +229,15 @@ impl Judged {
         let known: Vec<&Parameters> = self.parameters.iter().flatten().collect();
         let loops: Vec<_> = self.outcome.chosen.iter().map(friction_of_a_loop).collect();
         contradictions(&mut self.why, &self.weights, &loops, &known);
-        if let Some(late) = ctx.velocity_is_late() {
-            inertia_of_a_lag(&mut self.why, &known, late);
+        let has = |name: &str| {
+            known
+                .iter()
+                .any(|(all, _)| all.iter().any(|p| p.name == name))
+        };
+        if has("inertia") && has("damping") {
+            if let Some(late) = ctx.velocity_is_late() {
+                inertia_of_a_lag(&mut self.why, &known, late);
+            }
         }
         Ok(self.why.iter().any(Option::is_some))
     }
@@ -517,12 +517,9 @@ const OF_A_LAG: f64 = 1.5;
 /// Marks an inertia that is no larger than what a velocity column that is `late` by some seconds makes of the damping: the damping of the
 /// real velocity is that of the column and that times the lateness of the acceleration.
 fn inertia_of_a_lag(why: &mut [Option<Refusal>], parameters: &[&Parameters], late: f64) {
-    let size = |name: &str| {
-        let all = parameters.iter().flat_map(|(params, _)| params);
-        let own: f64 = all.filter(|p| p.name == name).map(|p| p.value).sum();
-        own
-    };
-    let made = OF_A_LAG * late * size("damping");
+    let all = parameters.iter().flat_map(|(params, _)| params);
+    let damping: f64 = all.filter(|p| p.name == "damping").map(|p| p.value).sum();
+    let made = OF_A_LAG * late * damping;
     for (why, (params, _)) in why.iter_mut().zip(parameters) {
         let Some(own) = params.iter().find(|p| p.name == "inertia") else {
             continue;
@@ -739,6 +736,33 @@ mod tests {
         };
         assert_eq!(beside(Some("half_height")), [true, false, true]);
         assert_eq!(beside(None), [false, false, false]);
+    }
+
+    /// The gain at mid-range is certain, and that it changes with the temperature is not.
+    #[test]
+    fn a_name_needs_the_parameter_that_carries_it() {
+        let own = Chosen {
+            effect: crate::effects::effect(EffectKind::DriftTemperature),
+            variant: std::sync::Arc::new(crate::effects::Variant::linear("of gain", vec![])),
+            psi: 0.0,
+        };
+        let says = |per_degree: [f64; 2]| {
+            let all = [
+                ("gain_per_degree", per_degree),
+                ("gain_error_at_mid_range", [0.8, 1.0]),
+            ];
+            let param = |name: &str, [low, high]: [f64; 2]| Param {
+                name: name.into(),
+                value: 0.5 * (low + high),
+                unit: String::new(),
+            };
+            let params = all.map(|(name, interval)| param(name, interval)).to_vec();
+            let intervals = all
+                .map(|(name, interval)| (name.to_string(), interval))
+                .into();
+            undetermined(&own, &(params, intervals)).is_some()
+        };
+        assert!(says([-0.1, 0.1]) && !says([0.1, 0.2]));
     }
 
     #[test]

@@ -184,4 +184,59 @@ mod tests {
             y - s.command
         });
     }
+
+    /// Rows may be close beside the motion: a lag of hundreds of rows is looked for then, and no creep takes its place.
+    #[test]
+    fn the_longest_lag_goes_with_the_motion() {
+        let longest = |w: f64| {
+            let command: Vec<f64> = (0..12_000).map(|i| (w * 0.02 * i as f64).sin()).collect();
+            let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
+                        command = { column = \"c\" }\n[[terms]]\nname = \"a\"\nexpr = \"command\"\n";
+            let columns = [("target", command.clone()), ("command", command)];
+            let mut out = 0.0;
+            knowing(spec, &columns, 6000, |ctx| {
+                let forms = CableStretch.variants(ctx);
+                out = forms[0]
+                    .psi
+                    .as_ref()
+                    .unwrap()
+                    .grid
+                    .iter()
+                    .copied()
+                    .fold(0.0, f64::max);
+            });
+            out
+        };
+        assert!((longest(20.0) - 1.2).abs() < 1e-9, "{}", longest(20.0));
+        assert!((longest(1.0) - 10.0).abs() < 0.1, "{}", longest(1.0));
+        assert!((longest(0.1) - 30.0).abs() < 0.1, "{}", longest(0.1));
+    }
+
+    #[test]
+    fn over_a_short_arc_a_spring_may_be_a_weight() {
+        for (label, twin) in [
+            (SPRING, None),
+            (SHORT_SPRING, Some(EffectKind::GravityAngle)),
+            ("lag of the command", None),
+        ] {
+            assert_eq!(CableStretch.twin(label), twin);
+        }
+        let label = |amplitude: f64| {
+            let angle: Vec<f64> = (0..1200)
+                .map(|i| amplitude * (0.014 * i as f64).sin())
+                .collect();
+            let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
+                        angle = { column = \"a\", unit = \"rad\" }\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+            let columns = [("target", angle.clone()), ("angle", angle)];
+            let mut out = String::new();
+            knowing(spec, &columns, 600, |ctx| {
+                out.clone_from(&CableStretch.variants(ctx)[0].label);
+            });
+            out
+        };
+        assert_eq!(
+            (label(0.3), label(2.0)),
+            (SHORT_SPRING.into(), SPRING.into())
+        );
+    }
 }

@@ -112,6 +112,7 @@ pub(super) fn inputs(ctx: &Context) -> BTreeSet<String> {
 
 #[cfg(test)]
 mod tests {
+    use super::Effect;
     use crate::{analyse, spec::Spec, stats::Rng, Data};
     use std::collections::VecDeque;
 
@@ -180,5 +181,35 @@ mod tests {
             }
             line[0] - s.command
         });
+    }
+
+    /// Last value of the grid for a command with this angular frequency, in rows 0.02 s apart.
+    fn longest(w: f64) -> f64 {
+        let command: Vec<f64> = (0..4000).map(|i| (w * 0.02 * i as f64).sin()).collect();
+        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
+                    command = { column = \"c\" }\n[[terms]]\nname = \"a\"\nexpr = \"command\"\n";
+        let columns = [("target", command.clone()), ("command", command)];
+        let mut out = 0.0;
+        crate::effects::testbench::knowing(spec, &columns, 2000, |ctx| {
+            let grid = super::Delay.variants(ctx)[0]
+                .psi
+                .as_ref()
+                .unwrap()
+                .grid
+                .clone();
+            assert!(grid.windows(2).all(|g| g[0] < g[1]));
+            assert_eq!(grid[0], -grid[grid.len() - 1]);
+            out = grid[grid.len() - 1];
+        });
+        out
+    }
+
+    /// Rows may be close beside the motion: a delay of many rows is looked for then, and no lag takes its place.
+    #[test]
+    fn the_longest_delay_goes_with_the_motion() {
+        assert!((longest(8.0) - 0.64).abs() < 1e-9, "{}", longest(8.0));
+        assert!((longest(1.0) - 3.0).abs() < 0.05, "{}", longest(1.0));
+        // An eighth of the run at most.
+        assert!((longest(0.1) - 5.0).abs() < 0.05, "{}", longest(0.1));
     }
 }

@@ -115,7 +115,7 @@ mod tests {
         out
     }
 
-    /// A share of a load that may be 0 is no number.
+    /// A share of a load that may be 0 can have any value.
     #[test]
     fn friction_is_per_command_where_the_size_of_the_load_is_not_known() {
         let own = |of: &[(String, String)]| of[1].clone();

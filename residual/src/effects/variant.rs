@@ -84,12 +84,12 @@ impl Psi {
 const AT_LIMIT: f64 = 0.01;
 
 impl Psi {
-    /// Whether a fitted value is at a limit of the search, so that the best one may lie beyond it.
-    pub fn is_at_limit(&self, value: f64) -> bool {
+    /// Whether a fitted value is at the lower and at the upper limit of the search, so that the best one may lie beyond it. A scan may
+    /// refine a value to somewhat beyond a limit.
+    pub fn at_limits(&self, value: f64) -> [bool; 2] {
         let (low, high) = self.limits();
-        let at =
-            |limit: f64| (value - limit).abs() <= AT_LIMIT * self.resolution.unwrap_or(limit.abs());
-        self.refine && (at(low) || at(high))
+        let near = |limit: f64| AT_LIMIT * self.resolution.unwrap_or(limit.abs());
+        [value <= low + near(low), value >= high - near(high)].map(|at| at && self.refine)
     }
 }
 
@@ -330,17 +330,17 @@ mod tests {
             (100.0, false),
             (139.9, true),
         ] {
-            assert_eq!(time.is_at_limit(value), at, "{value}");
+            assert_eq!(time.at_limits(value).contains(&true), at, "{value}");
         }
         let place = psi(&[0.0, 2.0], Some(0.5));
         for (value, at) in [(-0.499, true), (-0.49, false), (0.0, false), (2.5, true)] {
-            assert_eq!(place.is_at_limit(value), at, "{value}");
+            assert_eq!(place.at_limits(value).contains(&true), at, "{value}");
         }
         // Only its own values are possible: none lies beyond.
         let given = Psi {
             refine: false,
             ..psi(&[1.4], None)
         };
-        assert!(!given.is_at_limit(0.98));
+        assert!(given.at_limits(0.98) == [false, false]);
     }
 }

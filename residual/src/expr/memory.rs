@@ -47,33 +47,32 @@ fn along<S: Copy + Send>(
     // Sequences of like length in one group.
     all.sort_by_key(|(range, _)| std::cmp::Reverse(range.len()));
     let groups: Vec<_> = all.chunks_mut(LANES).collect();
+    let begin = |v: &mut [f64]| {
+        let (state, value) = first(v[0]);
+        v[0] = value;
+        state
+    };
+    let row = |state: &mut S, t: &[f64], v: &mut [f64], i: usize| {
+        v[i] = step(state, v[i], t[i] - t[i - 1]);
+    };
     parallel::each(rows, groups, |group| match group {
         [a, b, c, d] => {
             let shortest = d.0.len();
-            let mut lanes = [a, b, c, d].map(|(range, v)| {
-                let (state, value) = first(v[0]);
-                v[0] = value;
-                (state, &frame.time()[range.clone()], v)
-            });
+            let mut lanes =
+                [a, b, c, d].map(|(range, v)| (begin(v), &frame.time()[range.clone()], v));
             for i in 1..shortest {
                 for (state, t, v) in &mut lanes {
-                    v[i] = step(state, v[i], t[i] - t[i - 1]);
+                    row(state, t, v, i);
                 }
             }
             for (state, t, v) in &mut lanes {
-                for i in shortest..v.len() {
-                    v[i] = step(state, v[i], t[i] - t[i - 1]);
-                }
+                (shortest..v.len()).for_each(|i| row(state, t, v, i));
             }
         }
         _ => {
             for (range, v) in group {
-                let t = &frame.time()[range.clone()];
-                let (mut state, value) = first(v[0]);
-                v[0] = value;
-                for i in 1..v.len() {
-                    v[i] = step(&mut state, v[i], t[i] - t[i - 1]);
-                }
+                let (mut state, t) = (begin(v), &frame.time()[range.clone()]);
+                (1..v.len()).for_each(|i| row(&mut state, t, v, i));
             }
         }
     });

@@ -2,6 +2,7 @@
 
 use crate::error::Error;
 use crate::frame::Frame;
+use crate::hygiene;
 use crate::spec::Spec;
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -58,13 +59,18 @@ pub(super) fn folds(
         let period = spec
             .holdout
             .block_s
-            .and_then(|block| crate::hygiene::period(frame, range, &spec.roles, block));
+            .and_then(|block| hygiene::period(frame, range, &spec.roles, block));
         for i in range.clone() {
             let mut key: Vec<u64> = cols.iter().map(|c| c[i].to_bits()).collect();
             if let Some(b) = spec.holdout.block_s {
                 key.push(si as u64);
                 let since = frame.time()[i] - frame.time()[range.start];
-                key.push((period.map_or(since, |p| since % p) / b) as u64);
+                // A period has a whole number of blocks: what is left over would be a group of few rows.
+                let block = period.map_or(since / b, |p| {
+                    let blocks = (p / b).round();
+                    (since % p / p * blocks).min(blocks - 1.0)
+                });
+                key.push(block as u64);
             }
             if !keep[i] {
                 continue;

@@ -662,6 +662,17 @@ fn what_is_no_log_is_said_to_be_what_it_is() {
         .unwrap();
 }
 
+/// Writes the next column of a group of rows of a Parquet log.
+#[cfg(feature = "parquet")]
+pub(super) fn put_column<T: ::parquet::data_type::DataType>(
+    group: &mut ::parquet::file::writer::SerializedRowGroupWriter<std::fs::File>,
+    values: &[T::T],
+) {
+    let mut column = group.next_column().unwrap().unwrap();
+    column.typed::<T>().write_batch(values, None, None).unwrap();
+    column.close().unwrap();
+}
+
 /// Parquet logs: types of time, decimals and numbers without a sign; gzip.
 #[cfg(feature = "parquet")]
 #[test]
@@ -693,27 +704,12 @@ fn types_of_parquet_columns_are_converted() {
             let mut writer =
                 SerializedFileWriter::new(file, schema.clone(), Arc::new(properties)).unwrap();
             let mut group = writer.next_row_group().unwrap();
-            let mut column = group.next_column().unwrap().unwrap();
             let time: Vec<i64> = (0..50).map(|i| (1000 + i) * per_second).collect();
-            column
-                .typed::<Int64Type>()
-                .write_batch(&time, None, None)
-                .unwrap();
-            column.close().unwrap();
-            let mut column = group.next_column().unwrap().unwrap();
+            put_column::<Int64Type>(&mut group, &time);
             let y: Vec<f64> = (0..50).map(|i| noise(i, run)).collect();
-            column
-                .typed::<DoubleType>()
-                .write_batch(&y, None, None)
-                .unwrap();
-            column.close().unwrap();
-            let mut column = group.next_column().unwrap().unwrap();
+            put_column::<DoubleType>(&mut group, &y);
             let c: Vec<i32> = (0..50).map(|i| (4_000_000_000_u32 + i) as i32).collect();
-            column
-                .typed::<Int32Type>()
-                .write_batch(&c, None, None)
-                .unwrap();
-            column.close().unwrap();
+            put_column::<Int32Type>(&mut group, &c);
             group.close().unwrap();
             writer.close().unwrap();
         }
@@ -729,4 +725,34 @@ fn types_of_parquet_columns_are_converted() {
             folder.load(&scaled).unwrap();
         }
     }
+}
+
+/// One motion over and over in one log: blocks of time are those of one pass.
+#[test]
+fn a_motion_that_repeats_is_held_out_in_all_passes() {
+    let period = 12.0;
+    let log = |cycle: f64| {
+        let own: Vec<[f64; 3]> = (0..3000)
+            .map(|i| {
+                let t = 0.02 * i as f64;
+                let w = std::f64::consts::TAU / cycle;
+                let c = 3.0 + (w * t).sin() + 0.6 * (3.0 * w * t).cos();
+                [t, c + 0.1 * noise(i, 0), c]
+            })
+            .collect();
+        let folder = Folder::new();
+        folder.put("log.csv", &csv(&own));
+        folder
+            .load(&format!("[holdout]\nblock_s = 2.0\n{MODEL}"))
+            .unwrap()
+    };
+    let data = log(period);
+    assert_eq!(data.groups(), 6);
+    let fold = |t: f64| data.fold()[(t / 0.02) as usize];
+    assert_eq!(fold(1.0), fold(1.0 + period));
+    assert_ne!(fold(1.0), fold(3.0));
+    let noted = |data: &Data| data.hygiene.iter().any(|f| f.check == "repeated motion");
+    assert!(noted(&data));
+    let other = log(7000.0);
+    assert_eq!((other.groups(), noted(&other)), (30, false));
 }

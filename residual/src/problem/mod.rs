@@ -240,3 +240,35 @@ impl Problem {
         Frame::new(vec![], time, sequences)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn decoys_have_one_sign_in_all_passes_of_a_motion() {
+        // Two passes of three parts.
+        let (part, passes, parts) = (200, 2, 3u32);
+        let n = part * passes * parts as usize;
+        let part_of = |i: usize| (i / part) as u32 % parts;
+        let time: Vec<f64> = (0..n).map(|i| 0.01 * i as f64).collect();
+        let columns = vec![("target".to_string(), vec![0.0; n])];
+        let frame = Frame::new(columns, time, std::iter::once(0..n).collect());
+        let fold: Vec<u32> = (0..n).map(part_of).collect();
+        let known: Vec<u32> = (0..n).map(|i| part_of(i) + 1).collect();
+        let plain = Problem::new(frame, &vec![true; n], &fold, 16, 1);
+        let blocks = plain.blocks.len();
+        let same = |p: &Problem| {
+            let twins = p
+                .flips
+                .iter()
+                .map(|signs| signs[..blocks / 2] == signs[blocks / 2..]);
+            twins.filter(|same| *same).count()
+        };
+        assert_eq!(same(&plain), 0);
+        let tied = plain.with_parts(&known);
+        assert_eq!((tied.blocks.len(), same(&tied)), (blocks, 16));
+        let ups = tied.flips.iter().flatten().filter(|s| **s > 0.0).count();
+        assert!(ups > 0 && ups < 16 * blocks);
+    }
+}

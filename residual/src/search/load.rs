@@ -178,6 +178,7 @@ impl Search<'_> {
 
 #[cfg(test)]
 mod tests {
+    use crate::effects::testbench::{simulate, Excitation};
     use crate::{analyse, spec::Spec, stats::Rng, Data};
 
     /// A limit of the command makes the first gain too small, and a friction per load that is built on it too large.
@@ -218,5 +219,22 @@ mod tests {
             .unwrap_or_else(|| panic!("{}", report.markdown()));
         let share = friction.params["friction_per_load"];
         assert!((share + 0.15).abs() < 0.003, "{share}");
+    }
+
+    /// What a gain adds to a late command is as late: an interval of the delay that leaves that out misses the truth.
+    #[test]
+    fn a_gain_beside_a_late_command_is_as_late() {
+        let late = 0.2;
+        let report = simulate(&Excitation::default(), 1.0, &mut |s| {
+            1.3 * s.command_at(s.elapsed - late) - s.command
+        });
+        let mut names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+        names.sort_unstable();
+        assert_eq!(names, ["delay", "gain"], "{}", report.markdown());
+        for (effect, name, truth) in [("delay", "delay", late), ("gain", "gain_error", 0.3)] {
+            let own = report.effects.iter().find(|e| e.name == effect).unwrap();
+            let [low, high] = own.ci[name];
+            assert!(low < truth && truth < high, "{name} {low} {high}");
+        }
     }
 }

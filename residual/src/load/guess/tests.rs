@@ -521,6 +521,7 @@ fn a_separator_in_quotation_marks_is_none() {
 #[cfg(feature = "parquet")]
 #[test]
 fn a_parquet_log_has_a_model_file() {
+    use crate::load::tests::put_column;
     use parquet::data_type::{DoubleType, Int64Type};
     use parquet::file::{properties::WriterProperties, writer::SerializedFileWriter};
     use std::sync::Arc;
@@ -533,20 +534,10 @@ fn a_parquet_log_has_a_model_file() {
     let properties = Arc::new(WriterProperties::builder().build());
     let mut writer = SerializedFileWriter::new(file, Arc::new(schema), properties).unwrap();
     let mut group = writer.next_row_group().unwrap();
-    let mut column = group.next_column().unwrap().unwrap();
     let time: Vec<i64> = (0..400).map(|i| 10_000_000 * i).collect();
-    column
-        .typed::<Int64Type>()
-        .write_batch(&time, None, None)
-        .unwrap();
-    column.close().unwrap();
-    let mut column = group.next_column().unwrap().unwrap();
+    put_column::<Int64Type>(&mut group, &time);
     let force: Vec<f64> = (0..400).map(|i| f64::from(i * i % 7)).collect();
-    column
-        .typed::<DoubleType>()
-        .write_batch(&force, None, None)
-        .unwrap();
-    column.close().unwrap();
+    put_column::<DoubleType>(&mut group, &force);
     group.close().unwrap();
     writer.close().unwrap();
     let text = guess(std::slice::from_ref(&path)).unwrap();
