@@ -474,7 +474,7 @@ mod tests {
     /// No column says why, so there is no name; but something is missing.
     #[test]
     fn what_differs_from_log_to_log_is_not_nothing() {
-        let side = |group: u32| if group % 2 == 0 { 1.0 } else { -1.0 };
+        let side = |group: u32| if group.is_multiple_of(2) { 1.0 } else { -1.0 };
         let offset = simulate(&Excitation::default(), 0.2, &mut |s| side(s.group));
         is_unknown(&offset, "offset is its own");
         let damping = simulate(&Excitation::default(), 0.4, &mut |s| {

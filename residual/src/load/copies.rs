@@ -130,19 +130,25 @@ fn printed_otherwise(frame: &Frame, target: &[f64], fold: &[u32]) -> (usize, Opt
     let long = |r: &&Range<usize>| r.len() >= STRETCH;
     let all: Vec<&Range<usize>> = frame.sequences().iter().filter(long).take(MOST).collect();
     // The change from row to row without the steps of the print: what is left of a straight line through three rows.
-    let same = |a: &Range<usize>, b: &Range<usize>| {
-        let n = a.len().min(b.len());
-        let (a, b) = (&target[a.start..a.start + n], &target[b.start..b.start + n]);
-        let bends: Vec<f64> = a.windows(3).map(|w| w[1] - 0.5 * (w[0] + w[2])).collect();
-        let limit = PRINT * stats::rms(&bends);
-        // The first rows tell nearly all.
-        is_irregular(&a[..STRETCH]) && a.iter().zip(b).all(|(a, b)| (a - b).abs() <= limit)
+    let steps = |values: &[f64]| {
+        let bends = values.windows(3).map(|w| w[1] - 0.5 * (w[0] + w[2]));
+        PRINT * stats::rms(&bends.collect::<Vec<f64>>())
     };
     let (mut count, mut place) = (0, None);
     for (k, a) in all.iter().enumerate() {
+        let own = &target[(*a).clone()];
+        if !is_irregular(&own[..STRETCH]) {
+            continue;
+        }
+        let limit = steps(own);
+        // The first rows tell nearly all.
+        let same = |b: &Range<usize>| {
+            let mut both = own.iter().zip(&target[b.clone()]);
+            both.all(|(a, b)| (a - b).abs() <= limit)
+        };
         let copy = all[..k]
             .iter()
-            .find(|b| fold[a.start] != fold[b.start] && same(a, b));
+            .find(|b| fold[a.start] != fold[b.start] && same(b));
         if let Some(b) = copy {
             count += a.len().min(b.len());
             place = place.or(Some([b.start, a.start]));
