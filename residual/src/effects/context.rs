@@ -317,14 +317,16 @@ impl Context<'_> {
         if v.is_empty() {
             return 0.0;
         }
-        let blocks = &self.problem.blocks;
-        let of = |run: std::ops::Range<usize>| {
-            let rows = blocks[run.start].range.start..blocks[run.end - 1].range.end;
+        let of = |rows: std::ops::Range<usize>| {
             let mut own = v[rows].to_vec();
             own.sort_unstable_by(f64::total_cmp);
             stats::quantile_sorted(&own, 0.98) - stats::quantile_sorted(&own, 0.02)
         };
-        self.problem.runs().into_iter().map(of).fold(0.0, f64::max)
+        self.problem
+            .rows_of_runs()
+            .into_iter()
+            .map(of)
+            .fold(0.0, f64::max)
     }
 
     /// Name of the velocity's unit.

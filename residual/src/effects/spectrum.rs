@@ -74,15 +74,7 @@ pub(crate) fn proposals(ctx: &Context, u: &[f64], weight: &[f64], look: &Look) -
 pub(crate) fn share(p: &Problem, u: &[f64], xs: &[Vec<f64>], f: f64) -> f64 {
     let w = f * std::f64::consts::TAU;
     let mut lines = vec![(0.0, 0.0); xs.len()];
-    let mut start = 0;
-    while start < p.blocks.len() {
-        let seq = p.blocks[start].sequence;
-        let end = start
-            + p.blocks[start..]
-                .iter()
-                .take_while(|b| b.sequence == seq)
-                .count();
-        let run = p.blocks[start].range.start..p.blocks[end - 1].range.end;
+    for run in p.rows_of_runs() {
         let wave: Vec<(f64, f64)> = u[run.clone()].iter().map(|u| (w * u).sin_cos()).collect();
         for (x, (line, total)) in xs.iter().zip(&mut lines) {
             let x = &x[run.clone()];
@@ -97,7 +89,6 @@ pub(crate) fn share(p: &Problem, u: &[f64], xs: &[Vec<f64>], f: f64) -> f64 {
             *line += 2.0 * (c * c + s * s) / run.len() as f64;
             *total += v;
         }
-        start = end;
     }
     lines
         .iter()
@@ -126,14 +117,11 @@ impl Spectrum {
         coherent: bool,
     ) -> Option<Spectrum> {
         // Runs of rows: whole sequences for powers, everything at once when phases count.
-        let mut runs: Vec<std::ops::Range<usize>> = Vec::new();
-        let mut last = usize::MAX;
-        for b in &p.blocks {
-            match runs.last_mut() {
-                Some(run) if coherent || b.sequence == last => run.end = b.range.end,
-                _ => runs.push(b.range.clone()),
-            }
-            last = b.sequence;
+        let mut runs = p.rows_of_runs();
+        if coherent {
+            let (start, end) = (runs.first()?.start, runs.last()?.end);
+            runs.truncate(1);
+            runs[0] = start..end;
         }
         let ends = |run: &std::ops::Range<usize>| {
             let s = &u[run.clone()];

@@ -148,9 +148,7 @@ impl SteadyTurn {
             let uneven = (rest / rows.len() as f64).sqrt();
             Some(((slope * scale).abs(), uneven * scale))
         };
-        let blocks = &ctx.problem.blocks;
-        let runs = ctx.problem.runs().into_iter();
-        let runs = runs.map(|run| blocks[run.start].range.start..blocks[run.end - 1].range.end);
+        let runs = ctx.problem.rows_of_runs().into_iter();
         let at = |rows: &std::ops::Range<usize>, k: usize| rows.start + rows.len() * k / PIECES;
         let pieces = runs.flat_map(|rows| (0..PIECES).map(move |k| at(&rows, k)..at(&rows, k + 1)));
         let (speeds, mut uneven): (Vec<f64>, Vec<f64>) = pieces.filter_map(of).unzip();

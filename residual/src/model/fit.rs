@@ -125,25 +125,13 @@ fn hold_out(p: &Problem, columns: &[&[f64]], sums: &Sums, held: &mut [f64]) {
     }
 }
 
-/// Blocks of each sequence.
-fn runs(p: &Problem) -> Vec<Range<usize>> {
-    let mut out: Vec<Range<usize>> = Vec::new();
-    for (k, b) in p.blocks.iter().enumerate() {
-        match out.last_mut() {
-            Some(r) if p.blocks[r.start].sequence == b.sequence => r.end = k + 1,
-            _ => out.push(k..k + 1),
-        }
-    }
-    out
-}
-
 /// Takes off each sequence the prediction of coefficients of its own: in-sample, or each half of its
 /// blocks (odd, even) predicted from the other half.
 fn subtract_local(p: &Problem, columns: &[&[f64]], halves: bool, values: &mut [f64]) -> Vec<f64> {
     let sums = Sums::new(p, columns, values, None, None);
     let mut squares = vec![0.0; columns.len()];
     let mut weight = 0.0;
-    for run in runs(p) {
+    for run in p.runs() {
         for half in 0..if halves { 2 } else { 1 } {
             let w: Vec<f64> = (0..p.blocks.len())
                 .map(|k| {

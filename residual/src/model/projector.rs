@@ -29,14 +29,7 @@ impl Projector {
         }
         let q = columns.len();
         let mut parts: Vec<Part> = Vec::new();
-        let mut start = 0;
-        while start < p.blocks.len() {
-            let sequence = p.blocks[start].sequence;
-            let count = p.blocks[start..]
-                .iter()
-                .take_while(|b| b.sequence == sequence)
-                .count();
-            let rows = p.blocks[start].range.start..p.blocks[start + count - 1].range.end;
+        for rows in p.rows_of_runs() {
             let mut g = vec![0.0; q * q];
             for i in 0..q {
                 for j in 0..q {
@@ -47,7 +40,6 @@ impl Projector {
                 rows,
                 factors: Cholesky::new(&g, q, RANK_TOL),
             });
-            start += count;
         }
         Some(Projector { columns, parts })
     }

@@ -214,6 +214,14 @@ impl Problem {
         out
     }
 
+    /// Fitted rows of each sequence.
+    pub fn rows_of_runs(&self) -> Vec<Range<usize>> {
+        let rows = |run: Range<usize>| {
+            self.blocks[run.start].range.start..self.blocks[run.end - 1].range.end
+        };
+        self.runs().into_iter().map(rows).collect()
+    }
+
     /// Rows of a frame column that are fitted.
     pub fn gather(&self, column: Vec<f64>) -> Vec<f64> {
         match &self.rows {

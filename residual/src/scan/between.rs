@@ -31,15 +31,10 @@ impl Scan<'_> {
     /// Decoys can't show this: their signs change from block to block, so the mean of a decoy over a sequence is near zero, while
     /// the zero of a sensor often differs from one sequence to the next.
     pub fn between_sequences(&self, variant: &Variant, psi: f64) -> Option<Between> {
-        let runs = self.problem.runs();
-        if runs.len() < 3 {
+        let rows = self.problem.rows_of_runs();
+        if rows.len() < 3 {
             return None;
         }
-        let blocks = &self.problem.blocks;
-        let rows: Vec<Range<usize>> = runs
-            .iter()
-            .map(|run| blocks[run.start].range.start..blocks[run.end - 1].range.end)
-            .collect();
         let added = self.added(variant, psi);
         if added.len() != self.fit.residual.len() {
             return None;
@@ -53,7 +48,7 @@ impl Scan<'_> {
         let (sequences, p) = p_of_means(&sums, variant.parameters(psi), fitted)?;
         Some(Between {
             p: (p * tried as f64).min(1.0),
-            within: self.within(&runs, &sums, &added),
+            within: self.within(&self.problem.runs(), &sums, &added),
             sequences,
             fitted,
         })

@@ -156,7 +156,7 @@ fn run(options: &Options) -> Result<(), String> {
         for o in &outcomes {
             for c in &o.covered {
                 println!(
-                    "interval{}: {} seed {} {} truth {:.6} found {:.6} in {:.6} to {:.6}",
+                    "interval{}: {} seed {} {} truth {:.6} found {:.6} in {:.6} to {:.6} [{}]",
                     if c.holds() { "" } else { " without the truth" },
                     o.case.truth(),
                     o.case.seed,
@@ -164,7 +164,8 @@ fn run(options: &Options) -> Result<(), String> {
                     c.truth,
                     c.found,
                     c.interval[0],
-                    c.interval[1]
+                    c.interval[1],
+                    o.found.join(", "),
                 );
             }
         }

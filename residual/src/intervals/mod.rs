@@ -1,5 +1,8 @@
 //! Parameters of a chosen effect with 95 % intervals by bootstrap over blocks of time, over stretches of blocks and over
-//! sequences; the widest counts. The nonlinear parameter is chosen anew in every replicate.
+//! sequences; the widest counts. The nonlinear parameter is chosen anew in every replicate, and the parameters and forms of the
+//! other effects are free to the first order.
+
+mod others;
 
 use crate::diagnostics::correlation_rows;
 use crate::effects::Param;
@@ -47,6 +50,8 @@ struct Own<'a> {
     index: usize,
     /// Whether every sequence has coefficients of its own.
     local: bool,
+    /// What the other effects may add to the model, see [`others::columns`].
+    others: Vec<Column>,
 }
 
 /// Sums of the final model at one value of the effect's nonlinear parameter.
@@ -77,11 +82,12 @@ pub(crate) fn parameters(
     chosen: &[Chosen],
     index: usize,
 ) -> Result<Parameters, Error> {
-    let own = Own {
+    let mut own = Own {
         search,
         chosen,
         index,
         local: chosen[index].variant.is_local(chosen[index].psi),
+        others: vec![],
     };
     let psi = chosen[index].psi;
     let (first, mine) = own.at(psi)?;
@@ -99,6 +105,8 @@ pub(crate) fn parameters(
         let intervals = params.iter().map(of).collect();
         return Ok((params, intervals));
     }
+    own.others = others::columns(search, chosen, index)?;
+    let (first, mine) = own.at(psi)?;
     let (points, se) = own.points(first)?;
     let by_error = own.by_error(&points[0], &mine, se);
     let replicates: Vec<Vec<Vec<Param>>> = STRETCHES
@@ -284,7 +292,7 @@ impl Own<'_> {
             projector.take_out(&mut y);
             x.iter_mut().for_each(|c| *c = projector.rest(c));
         }
-        let columns: Vec<&[f64]> = x.iter().map(|c: &Column| c.as_slice()).collect();
+        let columns: Vec<&[f64]> = x.iter().chain(&self.others).map(|c| c.as_slice()).collect();
         let sums = Sums::new(p, &columns, &y, None, None);
         Ok((Point { psi, sums }, mine))
     }
