@@ -114,6 +114,8 @@ pub(crate) struct Context<'a> {
     /// Whether the load is the command with a fitted coefficient that is not clearly different from zero: shares of such a load say
     /// nothing.
     pub load_is_vague: bool,
+    /// All force that the current model predicts, as an expression, where friction and other forces make it differ from the load.
+    pub all_force: Option<String>,
     /// Residual of the current model on fitted rows.
     pub residual: &'a [f64],
     /// Columns that the current model uses, effects found so far included.
@@ -158,6 +160,13 @@ impl Context<'_> {
                 unit: "1".into(),
             }
         }
+    }
+
+    /// What the characteristic of a sensor may act on, with its name: the load alone, and all force that is predicted.
+    pub fn sensed(&self) -> Vec<(&'static str, String)> {
+        let all = self.all_force.iter().map(|f| ("all force", f.clone()));
+        let load = std::iter::once(("load", self.load.clone()));
+        load.chain(all).collect()
     }
 
     /// Unit of the target.

@@ -51,14 +51,17 @@ impl Effect for DriftTemperature {
                 Piece::new("error_at_mid_range", ctx.unit(), "1"),
             ],
         )];
-        if ctx.range(&ctx.load).is_some() {
-            let text = format!("(temperature - {mid}) * {}", ctx.load);
+        for (of, force) in ctx.sensed() {
+            if ctx.range(&force).is_none() {
+                continue;
+            }
+            let text = format!("(temperature - {mid}) * {force}");
             out.push(Variant::linear(
-                "of gain",
+                &format!("of gain, over {of}"),
                 vec![
                     Piece::new("gain_per_degree", ratio("1", &k), text),
                     // Nor is the temperature of the right gain known.
-                    Piece::new("gain_error_at_mid_range", "1", ctx.load.clone()),
+                    Piece::new("gain_error_at_mid_range", "1", force),
                 ],
             ));
         }
@@ -89,5 +92,12 @@ mod tests {
     #[test]
     fn is_named() {
         crate::effects::testbench::names("drift_temperature", |s| 0.15 * (s.temperature - 25.0));
+    }
+
+    #[test]
+    fn of_gain_changes_friction_too() {
+        crate::effects::testbench::acts_on_all_force("drift_temperature", |force, s| {
+            0.1 * (s.temperature - 25.0) * force
+        });
     }
 }

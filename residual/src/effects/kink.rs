@@ -29,35 +29,41 @@ impl Effect for Kink {
         e.outside("change_of_slope", CHANGES.0, CHANGES.1, why)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
-        if ctx.range(&ctx.load).is_none() {
-            return vec![];
-        }
-        let mut v = ctx.values(&ctx.load);
-        v.sort_by(f64::total_cmp);
-        let mut grid: Vec<f64> = QUANTILES.iter().map(|q| quantile_sorted(&v, *q)).collect();
-        grid.dedup();
-        if grid.len() < 5 {
-            return vec![];
-        }
-        let load = ctx.load.clone();
-        let psi = Psi {
-            name: "at_load",
-            unit: ctx.unit().to_string(),
-            grid,
-            refine: true,
-            resolution: None,
-        };
-        vec![Variant::profiled("change of slope", psi, move |at| {
-            let above = format!("max(0, {load} - {at})");
-            Build::Add(vec![Piece::new("change_of_slope", "1", above)])
-        })
-        .between(&[CHANGES])]
+        let forms = ctx.sensed().into_iter();
+        forms
+            .filter_map(|(of, force)| change_of_slope(ctx, of, force))
+            .collect()
     }
+}
+
+/// The form for one force; `None` if it does not vary. `of` is its name.
+fn change_of_slope(ctx: &Context, of: &str, force: String) -> Option<Variant> {
+    ctx.range(&force)?;
+    let mut v = ctx.values(&force);
+    v.sort_by(f64::total_cmp);
+    let mut grid: Vec<f64> = QUANTILES.iter().map(|q| quantile_sorted(&v, *q)).collect();
+    grid.dedup();
+    if grid.len() < 5 {
+        return None;
+    }
+    let psi = Psi {
+        name: "at_load",
+        unit: ctx.unit().to_string(),
+        grid,
+        refine: true,
+        resolution: None,
+    };
+    let label = format!("change of slope over {of}");
+    let form = Variant::profiled(&label, psi, move |at| {
+        let above = format!("max(0, {force} - {at})");
+        Build::Add(vec![Piece::new("change_of_slope", "1", above)])
+    });
+    Some(form.between(&[CHANGES]))
 }
 
 #[cfg(test)]
 mod tests {
-    use crate::effects::testbench::{names_with, Excitation};
+    use crate::effects::testbench::{acts_on_all_force, names_with, Excitation};
 
     #[test]
     fn is_named() {
@@ -68,6 +74,11 @@ mod tests {
     #[test]
     fn is_named_where_the_slope_more_than_doubles() {
         crate::effects::testbench::names("kink", |s| 1.3 * (s.command - 3.1).max(0.0));
+    }
+
+    #[test]
+    fn takes_its_share_of_friction() {
+        acts_on_all_force("kink", |force, _| 0.4 * (force - 3.1).max(0.0));
     }
 
     /// A limit of the prediction has the same curve, with a share lost that would be negative.

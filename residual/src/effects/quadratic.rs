@@ -20,10 +20,11 @@ impl Effect for Quadratic {
         };
         let unit = ctx.per(&format!("{}^2", ctx.unit()));
         let l = &ctx.load;
-        let mut out = vec![Variant::linear(
-            "square of load",
-            vec![Piece::new("curvature", unit.clone(), format!("{l}^2"))],
-        )];
+        let square = |(of, force): (&str, String)| {
+            let piece = Piece::new("curvature", unit.clone(), format!("{force}^2"));
+            Variant::linear(&format!("square of {of}"), vec![piece])
+        };
+        let mut out: Vec<Variant> = ctx.sensed().into_iter().map(square).collect();
         if lo < 0.0 && hi > 0.0 {
             out.push(Variant::linear(
                 "signed square of load",
@@ -39,5 +40,10 @@ mod tests {
     #[test]
     fn is_named() {
         crate::effects::testbench::names("quadratic", |s| 0.05 * s.command * s.command);
+    }
+
+    #[test]
+    fn bends_friction_too() {
+        crate::effects::testbench::acts_on_all_force("quadratic", |force, _| 0.05 * force * force);
     }
 }

@@ -9,6 +9,12 @@ use crate::stats;
 /// Standard errors from 0 from which on a coefficient is a size that others can be measured by.
 const CLEAR: f64 = 3.0;
 
+/// Most terms of a prediction that is written out in a form.
+const MOST_FORCES: usize = 12;
+
+/// Size of what a prediction has beside the load, over the size of the load, from which on it makes a difference.
+const BESIDE: f64 = 0.02;
+
 /// Expression of the position: the angle, or the integral of the velocity.
 fn position_of(spec: &Spec) -> Option<String> {
     if spec.roles.angle.is_some() {
@@ -54,6 +60,29 @@ impl<'a> Scan<'a> {
         folds > 1 && self.fit.theta[at].abs() < CLEAR * error
     }
 
+    /// The prediction of the current model with its coefficients as numbers, where it is more than the load.
+    fn all_force(&self) -> Option<String> {
+        let terms = self.model.terms.iter().enumerate();
+        let texts: Vec<String> = terms
+            .filter(|(_, t)| !t.local)
+            .filter_map(|(i, t)| {
+                let fitted = self.fit.free.iter().position(|free| *free == i);
+                let k = t.fixed.or_else(|| Some(self.fit.theta[fitted?]))?;
+                (k != 0.0).then(|| format!("{k} * ({})", t.expr))
+            })
+            .collect();
+        if !(2..=MOST_FORCES).contains(&texts.len()) {
+            return None;
+        }
+        let text = format!("({})", texts.join(" + "));
+        let size = |text: &str| {
+            let values = self.problem.eval_text(&self.problem.plain, text, true);
+            values.map_or(0.0, |v| stats::deviation(&v))
+        };
+        let beside = size(&format!("{text} - {}", self.load));
+        (beside > BESIDE * size(self.load)).then_some(text)
+    }
+
     /// The context of the current residual.
     pub fn context(&self) -> Context<'a> {
         let Scan {
@@ -93,6 +122,7 @@ impl<'a> Scan<'a> {
             problem,
             spec,
             load: self.load.to_string(),
+            all_force: self.all_force(),
             load_is_vague: self.load_is_vague(),
             residual: &fit.residual,
             columns,

@@ -217,11 +217,7 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
         };
         slow = rho * slow + (1.0 - rho * rho).sqrt() * rng.normal();
         let v = row.velocity;
-        let friction = if x.declare_coulomb && v != 0.0 {
-            -0.6 * v.signum()
-        } else {
-            0.0
-        };
+        let friction = if x.declare_coulomb { dry(v) } else { 0.0 };
         let y = row.command
             + friction
             + scale * effect(row)
@@ -251,6 +247,31 @@ pub(crate) fn simulate(x: &Excitation, scale: f64, effect: &mut dyn FnMut(&Row) 
         .build()
         .expect("the simulated columns are valid");
     analyse(&model(x), data, &mut ()).expect("the analysis runs")
+}
+
+/// Dry friction of the rig.
+fn dry(velocity: f64) -> f64 {
+    if velocity == 0.0 {
+        0.0
+    } else {
+        -0.6 * velocity.signum()
+    }
+}
+
+/// A characteristic of the sensor, here what it adds to a force, must be the only effect: it changes the declared friction as well.
+pub(crate) fn acts_on_all_force(effect: &str, mut f: impl FnMut(f64, &Row) -> f64) {
+    let excitation = Excitation {
+        declare_coulomb: true,
+        ..Excitation::default()
+    };
+    let report = simulate(&excitation, 1.0, &mut |s| f(s.command + dry(s.velocity), s));
+    let found: Vec<_> = report
+        .effects
+        .iter()
+        .map(|e| (e.name.as_str(), e.form.contains("all force")))
+        .collect();
+    assert_eq!(found, [(effect, true)], "{}", report.markdown());
+    assert_eq!(report.verdict, Verdict::Effect, "{}", report.markdown());
 }
 
 /// The effect must be named first, and bring the error down to the noise.
