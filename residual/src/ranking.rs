@@ -108,19 +108,7 @@ pub(crate) fn rank(all: &[Candidate], acceptance: &Acceptance) -> Step {
     let winner = observed.or_else(|| {
         let best = *good.first()?;
         let simple = simplest(good.iter().map(|i| &ranked[*i]), &ranked[best]);
-        let place = ranked.iter().position(|c| std::ptr::eq(c, simple))?;
-        // An effect that is ranked by a richer form may have another form as simple, which fits better.
-        let own = |c: &&Candidate| {
-            c.parameters <= simple.parameters && better(c, simple).is_lt() && acceptance.accepts(c)
-        };
-        let Some(form) = all.iter().filter(own).min_by(|a, b| better(a, b)).cloned() else {
-            return Some(place);
-        };
-        let place = ranked
-            .iter()
-            .position(|c| c.origin.kind() == form.origin.kind())?;
-        ranked[place] = form;
-        Some(place)
+        ranked.iter().position(|c| std::ptr::eq(c, simple))
     });
     Step {
         ranked,

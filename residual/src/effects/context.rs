@@ -114,7 +114,7 @@ pub(crate) struct Context<'a> {
     /// Whether the load is the command with a fitted coefficient that is not clearly different from zero: shares of such a load say
     /// nothing.
     pub load_is_vague: bool,
-    /// All force that the current model predicts, as an expression, where friction and other forces make it differ from the load.
+    /// All force that the declared terms predict, as an expression, where friction and other forces make it differ from the load.
     pub all_force: Option<String>,
     /// Residual of the current model on fitted rows.
     pub residual: &'a [f64],

@@ -61,7 +61,7 @@ impl Effect for DriftTemperature {
                 vec![
                     Piece::new("gain_per_degree", ratio("1", &k), text),
                     // Nor is the temperature of the right gain known.
-                    Piece::new("gain_error_at_mid_range", "1", force),
+                    Piece::new("gain_error_at_mid_range", "1", ctx.load.clone()),
                 ],
             ));
         }

@@ -79,7 +79,8 @@ impl Expr {
         out
     }
 
-    fn visit(&self, f: &mut impl FnMut(&Expr)) {
+    /// Calls `f` with this expression and every one inside it.
+    pub(crate) fn visit(&self, f: &mut impl FnMut(&Expr)) {
         f(self);
         match self {
             Expr::Num(_) | Expr::Var(_) => {}

@@ -179,14 +179,14 @@ fn stretches(p: &Problem, length: usize) -> Vec<Range<usize>> {
 }
 
 /// The 95 % interval of an estimate: between the quantiles of its replicates. Where these are all on one side, as for an
-/// amplitude near zero, 1.96 of their standard deviations about the estimate.
+/// amplitude near zero or beside friction that turns over otherwise, 1.96 of their standard deviations about the estimate as well.
 fn around(estimate: f64, replicates: Vec<f64>) -> [f64; 2] {
     let half = 1.96 * stats::deviation(&replicates);
     let [low, high] = interval(replicates);
     if (low..=high).contains(&estimate) {
         [low, high]
     } else {
-        [estimate - half, estimate + half]
+        [low.min(estimate - half), high.max(estimate + half)]
     }
 }
 
@@ -466,7 +466,7 @@ mod tests {
     #[test]
     fn an_interval_of_a_nonlinear_parameter_goes_on_to_its_replicates() {
         let replicates = vec![2.0; 50];
-        assert_eq!(around(1.0, replicates.clone()), [1.0, 1.0]);
+        assert_eq!(around(1.0, replicates.clone()), [1.0, 2.0]);
         assert_eq!(up_to(1.0, replicates), [1.0, 2.0]);
     }
 

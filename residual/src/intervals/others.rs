@@ -4,7 +4,7 @@
 use crate::effects::{Context, EffectKind, Friction};
 use crate::error::Error;
 use crate::expr::Expr;
-use crate::model::{Chosen, Fitted};
+use crate::model::{Chosen, Fitted, Model};
 use crate::problem::{Column, Problem};
 use crate::scan::bracket;
 use crate::search::Search;
@@ -56,20 +56,16 @@ fn derivative(
         Some(d) => (own.psi - d, own.psi + d),
         None => bracket(&psi.grid, own.psi),
     };
-    let centre = &fitted.fit;
-    let mut out = vec![0.0; centre.residual.len()];
-    for (end, sign) in [(low, 1.0), (high, -1.0)] {
+    let mut out = vec![0.0; search.problem.y.len()];
+    for (end, sign) in [(high, 1.0), (low, -1.0)] {
         let mut moved = chosen.to_vec();
         moved[at].psi += STEP * (end - own.psi);
-        let moved = search.fit(&moved)?.fit;
-        // The residual with the coefficients of `centre`.
-        let rows = out.iter_mut().zip(&moved.residual);
-        rows.for_each(|(o, r)| *o += sign * r);
-        for (x, (there, here)) in moved.x.iter().zip(moved.theta.iter().zip(&centre.theta)) {
-            let change = sign * (there - here);
-            let rows = out.iter_mut().zip(x.iter());
-            rows.for_each(|(o, x)| *o += change * x);
-        }
+        let model = Model::with(search.spec, &moved)?;
+        let rows = fitted.fit.with_coefficients(&search.problem, &model)?;
+        out.iter_mut().zip(rows).for_each(|(o, r)| *o += sign * r);
+    }
+    if let Some(projector) = &fitted.fit.projector {
+        projector.take_out(&mut out);
     }
     Ok(Some(out))
 }
@@ -104,7 +100,8 @@ fn turns<'a>(
     let Some(x) = ctx.position.as_ref().filter(|_| plain) else {
         return Ok(vec![]);
     };
-    let way = between_reversals(&search.problem, &ctx.values(x));
+    let position = search.problem.eval(&fitted.fit.view, &Expr::parse(x)?)?;
+    let way = between_reversals(&search.problem, &position);
     if way <= 0.0 {
         return Ok(vec![]);
     }

@@ -226,6 +226,18 @@ impl Fit {
         }
     }
 
+    /// What another model with the same terms predicts with these coefficients, terms with a coefficient for each sequence left out.
+    pub fn with_coefficients(&self, p: &Problem, model: &Model) -> Result<Vec<f64>, Error> {
+        let view = p.view(&model.replaced)?;
+        let Terms {
+            fixed: mut out, x, ..
+        } = Terms::new(p, model, &view)?;
+        for (x, k) in x.iter().zip(&self.theta) {
+            out.iter_mut().zip(x.iter()).for_each(|(o, x)| *o += k * x);
+        }
+        Ok(out)
+    }
+
     /// The same fit with another residual in its place.
     pub fn on(&self, p: &Problem, residual: Vec<f64>, sums: Sums, scores: Scores) -> Fit {
         Fit {

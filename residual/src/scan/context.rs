@@ -3,16 +3,18 @@
 use super::friction::{dry_friction, velocity_of};
 use super::Scan;
 use crate::effects::Context;
+use crate::model::WorkTerm;
 use crate::spec::Spec;
 use crate::stats;
 
 /// Standard errors from 0 from which on a coefficient is a size that others can be measured by.
 const CLEAR: f64 = 3.0;
 
-/// Most terms of a prediction that is written out in a form.
+/// Most declared terms, and most characters, of a prediction that is written out in a form.
 const MOST_FORCES: usize = 12;
+const MOST_TEXT: usize = 1000;
 
-/// Size of what a prediction has beside the load, over the size of the load, from which on it makes a difference.
+/// Size of what a prediction has beside the load, over the size of the load in it, from which on it makes a difference.
 const BESIDE: f64 = 0.02;
 
 /// Expression of the position: the angle, or the integral of the velocity.
@@ -60,27 +62,37 @@ impl<'a> Scan<'a> {
         folds > 1 && self.fit.theta[at].abs() < CLEAR * error
     }
 
-    /// The prediction of the current model with its coefficients as numbers, where it is more than the load.
+    /// What the declared terms predict beside the effects, with their coefficients as numbers, where that is more than a multiple of the
+    /// load.
     fn all_force(&self) -> Option<String> {
-        let terms = self.model.terms.iter().enumerate();
-        let texts: Vec<String> = terms
-            .filter(|(_, t)| !t.local)
-            .filter_map(|(i, t)| {
-                let fitted = self.fit.free.iter().position(|free| *free == i);
-                let k = t.fixed.or_else(|| Some(self.fit.theta[fitted?]))?;
-                (k != 0.0).then(|| format!("{k} * ({})", t.expr))
-            })
-            .collect();
-        if !(2..=MOST_FORCES).contains(&texts.len()) {
+        let declared = self.model.terms.iter().enumerate();
+        let declared: Vec<_> = declared.filter(|(_, t)| t.chosen.is_none()).collect();
+        if !(2..=MOST_FORCES).contains(&declared.len()) || declared.iter().any(|(_, t)| t.local) {
             return None;
         }
-        let text = format!("({})", texts.join(" + "));
-        let size = |text: &str| {
-            let values = self.problem.eval_text(&self.problem.plain, text, true);
-            values.map_or(0.0, |v| stats::deviation(&v))
+        let product = |(i, t): (usize, &WorkTerm)| {
+            let fitted = self.fit.free.iter().position(|free| *free == i);
+            let k = t.fixed.or_else(|| Some(self.fit.theta[fitted?]))?;
+            Some(format!("{k} * ({})", t.expr))
         };
-        let beside = size(&format!("{text} - {}", self.load));
-        (beside > BESIDE * size(self.load)).then_some(text)
+        let texts: Vec<String> = declared.into_iter().filter_map(product).collect();
+        let text = format!("({})", texts.join(" + "));
+        if text.len() > MOST_TEXT {
+            return None;
+        }
+        let values = |text: &str| self.problem.eval_text(&self.problem.plain, text, true).ok();
+        let (force, load) = (values(&text)?, values(self.load)?);
+        let (mean_force, mean_load) = (stats::mean(&force), stats::mean(&load));
+        let (mut ff, mut fl, mut ll) = (0.0, 0.0, 0.0);
+        for (f, l) in force.iter().zip(load.iter()) {
+            let (f, l) = (f - mean_force, l - mean_load);
+            ff += f * f;
+            fl += f * l;
+            ll += l * l;
+        }
+        // Squares of what the load does not explain, over those that it does.
+        let rest = ff * ll - fl * fl;
+        (ll > 0.0 && rest > BESIDE * BESIDE * fl * fl).then_some(text)
     }
 
     /// The context of the current residual.
@@ -117,7 +129,7 @@ impl<'a> Scan<'a> {
         columns.dedup();
         let friction = velocity
             .as_ref()
-            .is_some_and(|v| model.terms.iter().any(|t| dry_friction(&t.expr, v)));
+            .is_some_and(|v| model.terms.iter().any(|t| dry_friction(t, v)));
         Context {
             problem,
             spec,

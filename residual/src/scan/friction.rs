@@ -5,6 +5,7 @@ use super::{Applied, Scan};
 use crate::effects::{Build, Variant};
 use crate::expr::Expr;
 use crate::linalg::dot;
+use crate::model::WorkTerm;
 use crate::spec::Spec;
 
 /// The velocity as the model file gives it: the role, or the slope of the angle.
@@ -17,12 +18,31 @@ pub(super) fn velocity_of(spec: &Spec) -> Option<String> {
     }
 }
 
-/// Whether a term has the direction of a motion with velocity `v`, and so is dry friction.
-pub(super) fn dry_friction(term: &Expr, v: &str) -> bool {
-    let text = term.to_string();
+/// Whether an expression has the direction of a motion with velocity `v`.
+fn has_direction(expr: &Expr, v: &str) -> bool {
+    let text = expr.to_string();
     ["sgn", "sign", "held", "tanh"]
         .iter()
         .any(|f| text.contains(&format!("{f}({v}")))
+}
+
+/// Whether the expression of an effect is dry friction: it has the direction of the motion, and not as a part of all force.
+fn is_friction(expr: &Expr, v: &str) -> bool {
+    let mut sum = false;
+    expr.visit(&mut |e| {
+        sum |= matches!(e, Expr::Binary("+" | "-", ..))
+            && e.names().contains("command")
+            && has_direction(e, v);
+    });
+    has_direction(expr, v) && !sum
+}
+
+/// Whether a term of the model is dry friction. A declared one may have the command beside it.
+pub(super) fn dry_friction(term: &WorkTerm, v: &str) -> bool {
+    match term.chosen {
+        None => has_direction(&term.expr, v),
+        Some(_) => is_friction(&term.expr, v),
+    }
 }
 
 /// Part of a loop by which other friction may act against it, as one fit to both is uncertain.
@@ -81,7 +101,7 @@ impl Scan<'_> {
         };
         for t in self.model.terms.iter().filter(|t| !t.local) {
             let k = t.fixed.or_else(|| refit.next()).unwrap_or(0.0);
-            if dry_friction(&t.expr, &v) {
+            if dry_friction(t, &v) {
                 add(&t.expr, k);
             }
         }
@@ -90,11 +110,31 @@ impl Scan<'_> {
             .filter_map(|p| Expr::parse(&p.text).ok())
             .collect();
         for (i, (e, k)) in parsed.iter().zip(new).enumerate() {
-            if i != own && dry_friction(e, &v) {
+            if i != own && is_friction(e, &v) {
                 add(e, *k);
             }
         }
         let extra = parsed.get(own).and_then(value)?;
         Some((new[own], dot(&friction, &extra), dot(&extra, &extra)))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::is_friction;
+    use crate::expr::Expr;
+
+    #[test]
+    fn a_force_with_friction_in_it_is_no_friction() {
+        let of = |text: &str| is_friction(&Expr::parse(text).unwrap(), "velocity");
+        assert!(of("sgn(velocity, 0.01)"));
+        assert!(of("sgn(velocity, 0.01) * abs(1.02 * command + 0.1)"));
+        assert!(!of("velocity"));
+        assert!(!of(
+            "max(0, (1 * (command) + -0.3 * (tanh(velocity / 0.2))) - 4.8)"
+        ));
+        assert!(!of(
+            "(temperature - 25) * (1 * (command) + -0.3 * (sign(velocity)))"
+        ));
     }
 }
