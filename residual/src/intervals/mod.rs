@@ -10,7 +10,7 @@ use crate::error::Error;
 use crate::figures::interval;
 use crate::model::{Chosen, Model, Projector};
 use crate::problem::{half_step, Column, Problem, Sums};
-use crate::scan::bracket;
+use crate::scan::reach;
 use crate::search::{without, Search};
 use crate::stats::{self, Rng};
 use rayon::prelude::*;
@@ -323,10 +323,7 @@ impl Own<'_> {
         let Some(psi) = own.variant.psi.as_ref().filter(|p| p.refine) else {
             return Ok((vec![first], 0.0));
         };
-        let (lo, hi) = match psi.resolution {
-            Some(d) => (own.psi - d, own.psi + d),
-            None => bracket(&psi.grid, own.psi),
-        };
+        let (lo, hi) = reach(psi.resolution, &psi.grid, own.psi);
         let positive = psi.grid[0] > 0.0;
         let se = self.standard_error(&first, (hi - lo).abs(), positive)?;
         let mut points = vec![first];

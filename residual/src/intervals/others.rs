@@ -6,7 +6,7 @@ use crate::error::Error;
 use crate::expr::Expr;
 use crate::model::{Chosen, Fitted, Model};
 use crate::problem::{Column, Problem};
-use crate::scan::bracket;
+use crate::scan::reach;
 use crate::search::Search;
 use crate::stats;
 use std::sync::Arc;
@@ -52,10 +52,7 @@ fn derivative(
     let Some(psi) = psi.filter(|p| p.refine && !own.variant.observed) else {
         return Ok(None);
     };
-    let (low, high) = match psi.resolution {
-        Some(d) => (own.psi - d, own.psi + d),
-        None => bracket(&psi.grid, own.psi),
-    };
+    let (low, high) = reach(psi.resolution, &psi.grid, own.psi);
     let mut out = vec![0.0; search.problem.y.len()];
     for (end, sign) in [(high, 1.0), (low, -1.0)] {
         let mut moved = chosen.to_vec();
@@ -96,8 +93,11 @@ fn turns<'a>(
         plain |= c.effect.friction().is_some() || c.effect.kind() == EffectKind::Hysteresis;
         with_load |= c.effect.friction() == Some(Friction::WithLoad);
     }
+    if !plain {
+        return Ok(vec![]);
+    }
     let ctx = search.scan_on(fitted).context();
-    let Some(x) = ctx.position.as_ref().filter(|_| plain) else {
+    let Some(x) = &ctx.position else {
         return Ok(vec![]);
     };
     let position = search.problem.eval(&fitted.fit.view, &Expr::parse(x)?)?;

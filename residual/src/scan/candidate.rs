@@ -1,6 +1,6 @@
 //! Candidates: the forms on offer, each with its best parameter and what it achieves.
 
-use super::grid::{bracket, neighbourhood, vertex, FINE, ROUGH};
+use super::grid::{neighbourhood, reach, vertex, FINE, ROUGH};
 use super::significance::{acts_in_few, p_value, steady_where_it_acts, t_statistic};
 use super::{Between, Scan};
 use crate::effects::{Context, EffectRef, Variant, CATALOGUE};
@@ -330,7 +330,7 @@ impl Scan<'_> {
     fn refine_points(&self, variant: &Variant, grid: &[f64], points: &mut Points) -> Option<()> {
         let at = points.best()?;
         let resolution = variant.psi.as_ref().and_then(|p| p.resolution);
-        let (lo, hi) = resolution.map_or_else(|| bracket(grid, at), |d| (at - d, at + d));
+        let (lo, hi) = reach(resolution, grid, at);
         let steps = if self.screening { ROUGH } else { FINE };
         let psi = self.refine(variant, lo, hi, steps);
         for psi in [psi, psi + 0.15 * (at - psi), psi - 0.15 * (at - psi)] {

@@ -52,6 +52,11 @@ pub(crate) fn bracket(grid: &[f64], at: f64) -> (f64, f64) {
     (left, right)
 }
 
+/// How far a value may be off its grid point: by the `resolution`, or up to the neighbours.
+pub(crate) fn reach(resolution: Option<f64>, grid: &[f64], at: f64) -> (f64, f64) {
+    resolution.map_or_else(|| bracket(grid, at), |d| (at - d, at + d))
+}
+
 impl Scan<'_> {
     /// Golden-section search of the nonlinear parameter between `lo` and `hi`; every step takes
     /// two fifths of the interval away.

@@ -15,7 +15,7 @@ mod significance;
 pub(crate) use between::Between;
 pub(crate) use candidate::{catalogue_offers, Candidate, Offer, Origin};
 pub(crate) use contribution::similarity;
-pub(crate) use grid::{bracket, vertex, FINE};
+pub(crate) use grid::{bracket, reach, vertex, FINE};
 pub(crate) use significance::t_statistic;
 
 use crate::effects::{Build, Piece, Variant};
