@@ -244,11 +244,11 @@ fn ambiguity(outcome: &Outcome, index: usize) -> Option<Ambiguity> {
     let twin = own
         .twin(&outcome.chosen[index].variant.label)
         .map(effect_of)
-        .filter(|twin| ties.iter().all(|t| t.origin.kind() != twin.kind()));
+        .filter(|twin| ties.iter().all(|t| t.kind() != twin.kind()));
     if ties.is_empty() && twin.is_none() {
         return None;
     }
-    let others = || ties.iter().map(|t| t.origin).chain(twin);
+    let others = || ties.iter().copied().chain(twin);
     let experiments: Vec<String> = others()
         .chain([own])
         .map(|e| format!("{}: {}", e.name(), e.experiment()))

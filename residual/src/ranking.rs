@@ -1,5 +1,6 @@
 //! Which candidates count, which one is taken, and which the data cannot distinguish.
 
+use crate::effects::EffectRef;
 use crate::scan::{similarity, t_statistic, Candidate, Scan};
 use crate::spec::Selection;
 use std::cmp::Ordering;
@@ -149,7 +150,7 @@ fn stands_for(simple: &Candidate, best: &Candidate) -> bool {
 
 /// Rivals that the data cannot distinguish from the candidate at `index`: as many parameters, the same
 /// curve, no steady difference.
-pub(crate) fn indistinguishable(scan: &Scan, step: &Step, index: usize) -> Vec<Candidate> {
+pub(crate) fn indistinguishable(scan: &Scan, step: &Step, index: usize) -> Vec<EffectRef> {
     let w = &step.ranked[index];
     let own = scan.contribution(w);
     if own.is_empty() {
@@ -165,7 +166,7 @@ pub(crate) fn indistinguishable(scan: &Scan, step: &Step, index: usize) -> Vec<C
         })
         .filter(|(_, c)| !same_formula(w, c))
         .filter(|(_, c)| similarity(&own, &scan.contribution(c)) > 0.98)
-        .map(|(_, c)| c.clone())
+        .map(|(_, c)| c.origin)
         .collect()
 }
 

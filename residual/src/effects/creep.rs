@@ -36,6 +36,7 @@ impl Effect for Creep {
                 let (low, high) = (FASTEST_ROWS * ctx.dt, LONGEST_SPANS * ctx.span);
                 let why = "outside of what rows and runs of this length can show";
                 e.outside("time_constant", 0.99 * low, 1.01 * high, why)
+                    .or_else(|| e.may_be_below("time_constant", low, "so fast a creep is a gain"))
             })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
@@ -81,6 +82,39 @@ impl Effect for Creep {
 
 #[cfg(test)]
 mod tests {
+    use super::*;
+    use crate::effects::testbench::knowing;
+    use crate::effects::{Form, Param};
+
+    #[test]
+    fn is_refused_where_it_may_be_as_fast_as_a_gain() {
+        let refused = |interval: [f64; 2]| {
+            let time_constant = Param {
+                name: "time_constant".into(),
+                value: 6.0,
+                unit: "s".into(),
+            };
+            let estimate = Estimate {
+                form: Form::Other,
+                label: "",
+                params: &[time_constant],
+                intervals: &[("time_constant".to_string(), interval)].into(),
+            };
+            let spec =
+                "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\", unit = \"N\" }\n\
+                 [[terms]]\nname = \"y\"\nexpr = \"1\"\n";
+            let mut out = false;
+            let column = (0..2000).map(|i| (0.1 * i as f64).sin()).collect();
+            knowing(spec, &[("target", column)], 1000, |ctx| {
+                out = Creep.impossible(&estimate, ctx).is_some()
+            });
+            out
+        };
+        // 15 rows of 0.02 s are 0.3 s.
+        assert!(!refused([0.4, 18.0]));
+        assert!(refused([0.0, 18.0]));
+    }
+
     #[test]
     fn is_named() {
         let mut z = 0.0;

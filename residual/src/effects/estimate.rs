@@ -42,6 +42,12 @@ impl Estimate<'_> {
         })
     }
 
+    /// Why a parameter whose interval goes below `least` says nothing; `what` it is then.
+    pub fn may_be_below(&self, name: &str, least: f64, what: &str) -> Option<String> {
+        let (x, [low, _]) = (self.get(name)?, self.intervals.get(name)?);
+        (*low < least).then(|| format!("{name} {} may be below {}: {what}", num(x), num(least)))
+    }
+
     /// Why an order or a frequency is too uncertain to be one.
     pub fn vague(&self, name: &str) -> Option<String> {
         let (x, [low, high]) = (self.get(name)?, self.intervals.get(name)?);

@@ -1,12 +1,15 @@
 //! A loop with memory of the path, over a good part of the range.
 
-use super::{Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Estimate, Lookalike, Piece, Psi, Variant};
 
 pub(crate) struct Hysteresis;
 
 /// Narrowest and widest turn, as a share of the range and of the largest excursion within one run. A loop that never comes
 /// round within a run is a spring.
 const WIDTHS: (f64, f64) = (0.025, 0.8);
+
+/// Standard errors by which another law of friction must predict worse than a loop.
+const EXCLUDED_FROM: f64 = 2.5;
 
 impl Effect for Hysteresis {
     fn kind(&self) -> EffectKind {
@@ -21,6 +24,15 @@ impl Effect for Hysteresis {
     /// A narrower loop is the elastic turn of presliding: friction that turns, too.
     fn may_be_at_end(&self, _: &Variant) -> [bool; 2] {
         [true, false]
+    }
+    /// The turn of a loop is told from a sudden one only where the data show reversals well.
+    fn lookalikes(&self, ctx: &Context) -> Vec<Lookalike> {
+        let laws = [
+            EffectKind::Coulomb,
+            EffectKind::LoadDependentCoulomb,
+            EffectKind::Presliding,
+        ];
+        Lookalike::of(&laws, EXCLUDED_FROM, ctx)
     }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         let (column, position) = if e.label.contains("position") {

@@ -1,12 +1,16 @@
 //! Dry friction that grows with the load.
 
 use super::{
-    Context, Effect, EffectKind, Estimate, Found, Friction, Piece, Remedy, Setting, Variant,
+    Context, Effect, EffectKind, Estimate, Found, Friction, Lookalike, Piece, Remedy, Setting,
+    Variant,
 };
 
 use crate::format::num;
 
 pub(crate) struct LoadDependentCoulomb;
+
+/// Standard errors by which another law of friction must predict worse than one with the load.
+const EXCLUDED_FROM: f64 = 2.0;
 
 impl Effect for LoadDependentCoulomb {
     fn kind(&self) -> EffectKind {
@@ -40,6 +44,15 @@ impl Effect for LoadDependentCoulomb {
             Remedy::Friction((found.get)("friction_at_zero_load")),
             Remedy::FrictionPerLoad((found.get)("friction_per_load")),
         ]
+    }
+    /// Another law of friction, or a turn that is not quite that of another friction, leaves a rest that may grow with the load.
+    fn lookalikes(&self, ctx: &Context) -> Vec<Lookalike> {
+        let laws = [
+            EffectKind::Coulomb,
+            EffectKind::Stribeck,
+            EffectKind::Presliding,
+        ];
+        Lookalike::of(&laws, EXCLUDED_FROM, ctx)
     }
     /// Friction opposes the motion at every load.
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {

@@ -108,6 +108,30 @@ pub fn experiment(name: &str) -> Option<&'static str> {
     EffectKind::named(name).map(|k| effect(k).experiment())
 }
 
+/// A form of another effect that looks like an effect in some data.
+pub(crate) struct Lookalike {
+    pub kind: EffectKind,
+    pub form: Variant,
+    /// Standard errors by which it must predict worse to be excluded.
+    pub excluded_from: f64,
+}
+
+impl Lookalike {
+    /// The forms of effects in the catalogue.
+    fn of(kinds: &[EffectKind], excluded_from: f64, ctx: &Context) -> Vec<Lookalike> {
+        let forms = |kind: &EffectKind| {
+            let kind = *kind;
+            let forms = effect(kind).variants(ctx).into_iter();
+            forms.map(move |form| Lookalike {
+                kind,
+                form,
+                excluded_from,
+            })
+        };
+        kinds.iter().flat_map(forms).collect()
+    }
+}
+
 /// One effect of the catalogue.
 pub(crate) trait Effect: Sync {
     /// Which effect it is.
@@ -131,6 +155,11 @@ pub(crate) trait Effect: Sync {
     /// Another effect that has the same curve in a form with this label, whatever the data; `None` for most.
     fn twin(&self, _label: &str) -> Option<EffectKind> {
         None
+    }
+    /// Forms of other effects that look like this one where the data hold too little of what distinguishes them. Unless the
+    /// data exclude such a form, they do not tell which of the two it is. Empty for most.
+    fn lookalikes(&self, _ctx: &Context) -> Vec<Lookalike> {
+        vec![]
     }
     /// Whether it can be there more than once (another tone, another channel).
     fn repeatable(&self) -> bool {

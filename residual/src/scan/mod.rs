@@ -18,13 +18,14 @@ pub(crate) use contribution::similarity;
 pub(crate) use grid::{bracket, reach, vertex, FINE};
 pub(crate) use significance::t_statistic;
 
-use crate::effects::{Build, Piece, Variant};
+use crate::effects::{Build, Lookalike, Piece, Variant};
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::frame::Frame;
 use crate::model::{Fit, Fitted, Model};
 use crate::problem::{Column, Known, Problem, Scores, Sums};
 use crate::spec::Spec;
+use rayon::prelude::*;
 use std::cell::OnceCell;
 
 /// Everything a scan needs to know about the current model.
@@ -222,6 +223,25 @@ impl<'a> Scan<'a> {
             }
             Err(_) => f64::INFINITY,
         }
+    }
+
+    /// Whether the data exclude a form in the place of what has the errors `losses` by block: it predicts worse than that, or explains
+    /// less than half as much, at the value of its nonlinear parameter that fits best.
+    pub fn excludes(&self, other: &Lookalike, losses: &[f64]) -> bool {
+        let form = &other.form;
+        let grid = form.psi.as_ref().map_or(vec![0.0], |psi| psi.grid.clone());
+        let error = |psi: &f64| (*psi, self.in_sample(&(form.build)(*psi)));
+        let errors: Vec<(f64, f64)> = grid.par_iter().map(error).collect();
+        let finite = errors.iter().filter(|(_, error)| error.is_finite());
+        let Some((best, _)) = finite.min_by(|a, b| a.1.total_cmp(&b.1)).copied() else {
+            return true;
+        };
+        let with = self.losses(form, &vec![best; self.problem.folds]);
+        let total = |losses: &[f64]| losses.iter().sum::<f64>();
+        let half = 0.5 * (total(&self.base_losses(false)) + total(losses));
+        !self.possible(form, best)
+            || total(&with) > half
+            || t_statistic(&with, losses) > other.excluded_from
     }
 
     /// Held-out squared error by block when each fold uses its own choice of parameter.

@@ -1,18 +1,19 @@
 //! Each effect must hold its place against the whole catalogue with the others in place.
 
 use super::{without, Search};
+use crate::effects::{effect, EffectRef};
 use crate::error::Error;
 use crate::model::{Chosen, Fitted};
 use crate::progress::Progress;
 use crate::ranking::{indistinguishable, Step};
 use crate::report::Rival;
-use crate::scan::Candidate;
+use crate::scan::{Candidate, Scan};
 
 /// An effect's nearest rival, and the candidates that the data cannot distinguish from it.
 #[derive(Clone, Default)]
 pub(crate) struct Judged {
     pub rival: Option<Rival>,
-    pub ties: Vec<Candidate>,
+    pub ties: Vec<EffectRef>,
 }
 
 impl Search<'_> {
@@ -102,7 +103,22 @@ impl Search<'_> {
         let scan = self.scan_on(fitted);
         Judged {
             rival,
-            ties: place.map_or(vec![], |at| indistinguishable(&scan, step, at)),
+            ties: place.map_or(vec![], |at| self.ties(&scan, step, at, rest)),
         }
+    }
+
+    /// Effects that the data cannot distinguish from the candidate of a step at `place`, beside the `rest`.
+    fn ties(&self, scan: &Scan, step: &Step, place: usize, rest: &[Chosen]) -> Vec<EffectRef> {
+        let own = &step.ranked[place];
+        let mut ties = indistinguishable(scan, step, place);
+        for other in own.origin.lookalikes(&scan.context()) {
+            let there = rest.iter().any(|r| r.excludes(other.kind));
+            let known = there || ties.iter().any(|e| e.kind() == other.kind);
+            let allowed = self.allowed(effect(other.kind));
+            if !known && allowed && !scan.excludes(&other, &own.losses) {
+                ties.push(effect(other.kind));
+            }
+        }
+        ties
     }
 }

@@ -122,8 +122,10 @@ pub struct Outcome {
     pub verdict: &'static str,
     /// Effects found, the most valuable first.
     pub found: Vec<String>,
-    /// Those of them that are not in the set.
+    /// Those of them that are not in the set, nor said to be indistinguishable from one that is.
     pub wrong: Vec<String>,
+    /// Those of them that are not in the set, but are said to be indistinguishable from one that is.
+    pub grouped: Vec<String>,
     /// Structure without a name, the largest first.
     pub structure: Vec<String>,
     /// Parameters with known truth and their intervals.
@@ -148,17 +150,21 @@ pub fn evaluate(case: &Case, excitation: Option<&Measured>) -> Result<Option<Out
     let started = Instant::now();
     let named = |e: residual::Error| format!("{} seed {}: {e}", case.truth(), case.seed);
     let report = analyse(&set).map_err(named)?;
+    let not_there = |grouped: bool| {
+        let names = report.effects.iter().map(|e| e.name);
+        names
+            .filter(|name| !judge::is_there(*name, &set))
+            .filter(|name| judge::is_grouped(*name, &report, &set) == grouped)
+            .map(|name| name.to_string())
+            .collect()
+    };
     Ok(Some(Outcome {
         case: case.clone(),
         class: judge::class(&report, &set),
         verdict: report.verdict.word(),
         found: report.effects.iter().map(|e| e.name.to_string()).collect(),
-        wrong: report
-            .effects
-            .iter()
-            .filter(|e| !judge::is_there(e.name, &set))
-            .map(|e| e.name.to_string())
-            .collect(),
+        wrong: not_there(false),
+        grouped: not_there(true),
         structure: report
             .structure
             .iter()
@@ -188,4 +194,29 @@ fn analyse(set: &Set) -> Result<Report, residual::Error> {
         residual::load::from_tables(tables.collect(), &spec)?,
         &mut (),
     )
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use residual::{Ambiguity, EffectKind};
+
+    #[test]
+    fn a_name_counts_as_grouped_only_beside_one_that_is_in_the_set() {
+        let effects = CATALOGUE
+            .iter()
+            .filter(|e| e.name == "nonlinearity")
+            .collect();
+        let set = Set::generate(&Request::new(1000, effects, 1.0, 65.0)).expect("a set");
+        let mut report = analyse(&set).expect("a report");
+        let grouped = |report: &Report| judge::is_grouped(EffectKind::Gain, report, &set);
+        let mut with = |kinds: &[EffectKind]| {
+            report.not_identifiable = vec![Ambiguity::new(kinds.to_vec(), "")];
+            grouped(&report)
+        };
+        assert!(with(&[EffectKind::Gain, EffectKind::Quadratic]));
+        assert!(!with(&[EffectKind::Gain, EffectKind::Offset]));
+        // The group is that of another effect.
+        assert!(!with(&[EffectKind::Quadratic, EffectKind::Gain]));
+    }
 }

@@ -240,6 +240,28 @@ fn a_delay_far_below_a_row_cannot_be_distinguished_from_a_lag() {
     assert!(page.contains("<h2>Effect 1: "), "{page}");
 }
 
+/// Kinds that cannot be distinguished; empty where one effect is certain.
+fn group(mut effect: impl FnMut(&Row) -> f64) -> Vec<&'static str> {
+    let report = simulate(&Excitation::default(), 1.0, &mut effect);
+    let groups = report.not_identifiable.iter();
+    let kinds = groups.flat_map(|group| &group.effects);
+    kinds.map(|kind| kind.as_str()).collect()
+}
+
+#[test]
+fn a_small_gain_may_be_a_curve_or_a_span_drift() {
+    let may_be = ["gain", "quadratic", "drift_temperature"];
+    assert_eq!(group(|s| 0.0016 * (s.command + 2.0) * s.command), may_be);
+    assert!(group(|s| 0.02 * s.command).is_empty());
+}
+
+#[test]
+fn small_friction_that_grows_with_the_load_may_have_another_law() {
+    let may_be = ["load_dependent_coulomb", "coulomb", "stribeck"];
+    assert_eq!(group(|s| -0.0167 * s.command * s.velocity.signum()), may_be);
+    assert!(group(|s| -0.05 * s.command * s.velocity.signum()).is_empty());
+}
+
 #[test]
 fn what_the_setpoint_confirms_is_named_in_a_closed_loop() {
     let x = Excitation {
