@@ -128,6 +128,13 @@ impl Report {
                 get: &|name| e.params.get(name).copied().unwrap_or(0.0),
             };
             let parts = effects::effect(e.name).remedies(&found);
+            // One of several effects may be doubtful where the first is clear.
+            let own = |a: &&Ambiguity| a.effects.first() == Some(&e.name);
+            let doubtful = self.not_identifiable.iter().filter(own);
+            let parts = match doubtful.into_iter().all(same_setting) {
+                true => parts,
+                false => vec![],
+            };
             if parts.is_empty() {
                 out.left_out.push(e.name.to_string());
             }

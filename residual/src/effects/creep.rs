@@ -36,7 +36,9 @@ impl Effect for Creep {
                 let (low, high) = (FASTEST_ROWS * ctx.dt, LONGEST_SPANS * ctx.span);
                 let why = "outside of what rows and runs of this length can show";
                 e.outside("time_constant", 0.99 * low, 1.01 * high, why)
-                    .or_else(|| e.may_be_below("time_constant", low, "so fast a creep is a gain"))
+                    .or_else(|| {
+                        e.may_be_below("time_constant", low, "so fast a creep is a gain or a lag")
+                    })
             })
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {

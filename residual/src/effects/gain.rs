@@ -14,8 +14,11 @@ const ZEROS: usize = 16;
 /// Quantiles of the usual range of a variable.
 const USUAL: [f64; 2] = [0.05, 0.95];
 
-/// Quantiles of the load from which on a slope may be another one, so that a quarter of the rows or more shows the first slope.
+/// Quantiles of the load from which on a slope may be another one.
 const KINKS: [f64; 7] = [0.26, 0.32, 0.38, 0.44, 0.5, 0.56, 0.62];
+
+/// Least share of the rows with the first slope.
+const FIRST_SLOPE: f64 = 0.25;
 
 /// Standard errors by which a curve or a span drift must predict worse than a gain. A gain is the simpler explanation; with more of them
 /// most gains of a third of the noise would have no name of their own.
@@ -24,8 +27,7 @@ const EXCLUDED_FROM: f64 = 0.5;
 /// An error of gain that grows with `with`, by its zero; `None` if the variable does not vary.
 fn growing(ctx: &Context, with: &str) -> Option<Variant> {
     ctx.range(with)?;
-    let mut values = ctx.values(with);
-    values.sort_by(f64::total_cmp);
+    let values = sorted(ctx, with);
     let [low, high] = USUAL.map(|q| quantile_sorted(&values, q));
     let (from, step) = (low - (high - low), 3.0 * (high - low) / ZEROS as f64);
     let load = ctx.load.clone();
@@ -37,17 +39,39 @@ fn growing(ctx: &Context, with: &str) -> Option<Variant> {
     }))
 }
 
-/// An error of gain from a certain load on; `None` if the load does not vary.
+/// An error of gain from a size of the load on, on the side on which most of the load is; `None` if the load does not vary, or is
+/// least on so many rows that the rest of them is all there is.
 fn from_a_load_on(ctx: &Context) -> Option<Variant> {
     ctx.range(&ctx.load)?;
-    let mut values = ctx.values(&ctx.load);
-    values.sort_by(f64::total_cmp);
-    let load = ctx.load.clone();
-    let psi = at(KINKS.map(|q| quantile_sorted(&values, q)).to_vec());
-    Some(Variant::profiled("", psi, move |at| {
-        let above = format!("max(0, {load} - {at})");
+    let load = sorted(ctx, &ctx.load);
+    let side = if quantile_sorted(&load, 0.5) < 0.0 {
+        -1.0
+    } else {
+        1.0
+    };
+    let size = format!("({side} * {})", ctx.load);
+    let values = sorted(ctx, &size);
+    let first_slope = |at: &f64| {
+        let below = values.partition_point(|v| v < at);
+        below as f64 >= FIRST_SLOPE * values.len() as f64
+    };
+    let quantiles = KINKS.iter().map(|q| quantile_sorted(&values, *q));
+    let mut grid: Vec<f64> = quantiles.filter(first_slope).collect();
+    grid.dedup();
+    if grid.is_empty() {
+        return None;
+    }
+    Some(Variant::profiled("", at(grid), move |at| {
+        let above = format!("max(0, {size} - {at})");
         Build::Add(vec![Piece::new("gain_error", "1", above)])
     }))
+}
+
+/// The values of an expression, ascending.
+fn sorted(ctx: &Context, expr: &str) -> Vec<f64> {
+    let mut values = ctx.values(expr);
+    values.sort_by(f64::total_cmp);
+    values
 }
 
 /// A parameter with values to be tried as they are.
@@ -77,8 +101,13 @@ impl Effect for Gain {
     /// A gain is the same at all loads and temperatures; the data may show few of these.
     fn lookalikes(&self, ctx: &Context) -> Vec<Lookalike> {
         let temperature = ctx.spec.roles.temperature.as_ref();
+        // A characteristic through zero may be the same for both signs of the load.
+        let size = match ctx.range(&ctx.load) {
+            Some((low, high)) if low < 0.0 && high > 0.0 => format!("abs({})", ctx.load),
+            _ => ctx.load.clone(),
+        };
         let forms = [
-            (EffectKind::Quadratic, growing(ctx, &ctx.load)),
+            (EffectKind::Quadratic, growing(ctx, &size)),
             (EffectKind::Kink, from_a_load_on(ctx)),
             (
                 EffectKind::DriftTemperature,
@@ -142,6 +171,63 @@ mod tests {
         let fitted = term("command", "");
         assert_eq!(forms(&fitted), 0);
         assert_eq!(forms(&(fitted + &term("1", "fixed = 0.4"))), 0);
+    }
+
+    /// Where the load is at its least, as at a slack cable, no other slope can show.
+    #[test]
+    fn a_kink_needs_rows_below_it() {
+        let spec =
+            "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\", unit = \"N\" }\n\
+                    command = { column = \"c\", unit = \"N\" }\n\
+                    [[terms]]\nname = \"c\"\nexpr = \"command\"\nfixed = 1.0\n";
+        let kinks = |load: &dyn Fn(f64) -> f64| {
+            let rows = 1000;
+            let command: Vec<f64> = (0..rows).map(|i| load((0.1 * i as f64).sin())).collect();
+            let columns = [("target", command.clone()), ("command", command)];
+            let mut out: Vec<f64> = vec![];
+            knowing(spec, &columns, rows, |ctx| {
+                let form = from_a_load_on(ctx);
+                out = form.and_then(|f| f.psi).map_or(vec![], |psi| psi.grid);
+            });
+            out
+        };
+        assert_eq!(kinks(&|x| 2.0 + x).len(), 7);
+        assert_eq!(kinks(&|x| -2.0 - x), kinks(&|x| 2.0 + x));
+        assert!(kinks(&|x| (x + 0.1).max(0.0)).iter().all(|at| *at > 0.0));
+        assert!(kinks(&|x| (x - 0.5).max(0.0)).is_empty());
+    }
+
+    /// A term of the model that is fitted holds the curve already.
+    #[test]
+    fn is_certain_beside_a_fitted_square() {
+        let spec =
+            "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\", unit = \"N\" }\n\
+                    command = { column = \"c\", unit = \"N\" }\n\
+                    [[terms]]\nname = \"c\"\nexpr = \"command\"\nfixed = 1.0\n\
+                    [[terms]]\nname = \"square\"\nexpr = \"command * command\"\n";
+        let rows = 8000;
+        let mut rng = crate::stats::Rng::new(3);
+        let at = |i: usize| 0.02 * i as f64;
+        let command: Vec<f64> = (0..rows)
+            .map(|i| 3.0 + (0.9 * at(i)).sin() + 0.7 * (2.3 * at(i)).sin())
+            .collect();
+        let target = command
+            .iter()
+            .map(|c| 1.05 * c + 0.01 * c * c + 0.05 * rng.normal());
+        let columns = [("target", target.collect()), ("command", command.clone())];
+        let data = crate::Data::from_columns((0..rows).map(at).collect(), columns)
+            .sequences((0..8).map(|k| k * rows / 8..(k + 1) * rows / 8))
+            .build()
+            .unwrap();
+        let spec = crate::spec::Spec::parse(spec).unwrap();
+        let report = crate::analyse(&spec, data, &mut ()).unwrap();
+        assert_eq!(
+            report.verdict,
+            crate::Verdict::Effect,
+            "{}",
+            report.markdown()
+        );
+        assert_eq!(report.effects[0].name, EffectKind::Gain);
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! A loop with memory of the path, over a good part of the range.
 
-use super::{Build, Context, Effect, EffectKind, Estimate, Lookalike, Piece, Psi, Variant};
+use super::{Build, Context, Effect, EffectKind, Estimate, Form, Lookalike, Piece, Psi, Variant};
 
 pub(crate) struct Hysteresis;
 
@@ -32,7 +32,10 @@ impl Effect for Hysteresis {
             EffectKind::LoadDependentCoulomb,
             EffectKind::Presliding,
         ];
-        Lookalike::of(&laws, EXCLUDED_FROM, ctx)
+        let mut out = Lookalike::of(&laws, EXCLUDED_FROM, ctx);
+        // An elastic turn is the same formula with a shorter distance: the fitted distance decides on the name.
+        out.retain(|other| other.form.form != Form::ElasticTurn);
+        out
     }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         let (column, position) = if e.label.contains("position") {

@@ -2,7 +2,9 @@
 
 use crate::format::num;
 
-use super::{Build, Context, Effect, EffectKind, Estimate, Found, Piece, Psi, Remedy, Variant};
+use super::{
+    Build, Context, Effect, EffectKind, Estimate, Found, Piece, Psi, Remedy, Setting, Variant,
+};
 
 pub(crate) struct Stribeck;
 
@@ -21,6 +23,9 @@ impl Effect for Stribeck {
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
+    }
+    fn setting(&self) -> Option<Setting> {
+        Some(Setting::DryFriction)
     }
     /// Only where it falls with speed. Where it grows, this stands in for viscous friction, and its
     /// sliding part would be too much at a reversal.

@@ -28,6 +28,9 @@ use crate::spec::Spec;
 use rayon::prelude::*;
 use std::cell::OnceCell;
 
+/// Difference of the similarity of two curves from 1 that may be rounding.
+const SAME: f64 = 1e-9;
+
 /// Everything a scan needs to know about the current model.
 #[derive(Clone, Copy)]
 pub(crate) struct Scan<'a> {
@@ -59,6 +62,18 @@ impl<'a> Scan<'a> {
             model: &on.model,
             fit: &on.fit,
             screening: false,
+        }
+    }
+
+    /// The same scan on other rows to which the model was fitted, if there are any.
+    pub fn on(self, other: Option<&'a (&'a Problem, Fit)>) -> Scan<'a> {
+        match other {
+            Some((problem, fit)) => Scan {
+                problem,
+                fit,
+                ..self
+            },
+            None => self,
         }
     }
 
@@ -225,23 +240,28 @@ impl<'a> Scan<'a> {
         }
     }
 
-    /// Whether the data exclude a form in the place of what has the errors `losses` by block: it predicts worse than that, or explains
-    /// less than half as much, at the value of its nonlinear parameter that fits best.
-    pub fn excludes(&self, other: &Lookalike, losses: &[f64]) -> bool {
-        let form = &other.form;
+    /// The value of a form's nonlinear parameter that fits best of its grid; `None` if none does.
+    pub fn best_of_grid(&self, form: &Variant) -> Option<f64> {
         let grid = form.psi.as_ref().map_or(vec![0.0], |psi| psi.grid.clone());
         let error = |psi: &f64| (*psi, self.in_sample(&(form.build)(*psi)));
         let errors: Vec<(f64, f64)> = grid.par_iter().map(error).collect();
         let finite = errors.iter().filter(|(_, error)| error.is_finite());
-        let Some((best, _)) = finite.min_by(|a, b| a.1.total_cmp(&b.1)).copied() else {
-            return true;
-        };
-        let with = self.losses(form, &vec![best; self.problem.folds]);
+        let best = finite.min_by(|a, b| a.1.total_cmp(&b.1));
+        best.map(|(psi, _)| *psi)
+    }
+
+    /// Whether the data exclude a form at `psi` in the place of a candidate: it predicts worse, or explains less than half as much. A
+    /// form that is the candidate itself beside the terms of the model is excluded, too: it is no other effect.
+    pub fn excludes(&self, other: &Lookalike, psi: f64, own: &Candidate) -> bool {
+        let with = self.losses(&other.form, &vec![psi; self.problem.folds]);
         let total = |losses: &[f64]| losses.iter().sum::<f64>();
-        let half = 0.5 * (total(&self.base_losses(false)) + total(losses));
-        !self.possible(form, best)
-            || total(&with) > half
-            || t_statistic(&with, losses) > other.excluded_from
+        let half = 0.5 * (total(&self.base_losses(false)) + total(&own.losses));
+        let same = || {
+            let (own, other) = (self.contribution(own), self.added(&other.form, psi));
+            similarity(&own, &other) > 1.0 - SAME
+        };
+        let enough = total(&with) <= half && self.possible(&other.form, psi);
+        !enough || t_statistic(&with, &own.losses) > other.excluded_from || same()
     }
 
     /// Held-out squared error by block when each fold uses its own choice of parameter.

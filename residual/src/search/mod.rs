@@ -386,6 +386,12 @@ impl<'a> Search<'a> {
         Scan::new(&self.problem, self.spec, &self.load, fitted)
     }
 
+    /// A model fitted on the windows; `None` where rows are few.
+    fn fit_on_windows(&self, on: &Fitted) -> Option<(&Problem, Fit)> {
+        let thin = self.thin.as_ref()?;
+        Some((thin, Fit::new(thin, &on.model).ok()?))
+    }
+
     /// What a candidate must reach to count.
     pub fn acceptance(&self) -> Acceptance<'a> {
         Acceptance {
@@ -531,17 +537,9 @@ impl<'a> Search<'a> {
         let acceptance = self.acceptance();
         let rows = self.problem.y.len();
         // Windows show it as well as all rows; with fewer rows decoys gain more, so they do not clear too much.
-        let windows = self.thin.as_ref();
-        let small = windows.and_then(|thin| Some((thin, Fit::new(thin, &on.model).ok()?)));
+        let small = self.fit_on_windows(on);
         let scan = self.scan_on(on);
-        let on_windows = match &small {
-            Some((problem, fit)) => Scan {
-                problem,
-                fit,
-                ..scan
-            },
-            None => scan,
-        };
+        let on_windows = scan.on(small.as_ref());
         let doubtful =
             |c: &Candidate<O>| acceptance.material(c.gain) && !acceptance.significant(c.p);
         for c in all.iter_mut().filter(|c| doubtful(c)) {

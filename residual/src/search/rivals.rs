@@ -7,7 +7,7 @@ use crate::model::{Chosen, Fitted};
 use crate::progress::Progress;
 use crate::ranking::{indistinguishable, Step};
 use crate::report::Rival;
-use crate::scan::{Candidate, Scan};
+use crate::scan::Candidate;
 
 /// An effect's nearest rival, and the candidates that the data cannot distinguish from it.
 #[derive(Clone, Default)]
@@ -100,22 +100,28 @@ impl Search<'_> {
                 }
             });
         let place = step.ranked.iter().position(|c| c.origin.kind() == kind);
-        let scan = self.scan_on(fitted);
         Judged {
             rival,
-            ties: place.map_or(vec![], |at| self.ties(&scan, step, at, rest)),
+            ties: place.map_or(vec![], |at| self.ties(fitted, step, at, rest)),
         }
     }
 
     /// Effects that the data cannot distinguish from the candidate of a step at `place`, beside the `rest`.
-    fn ties(&self, scan: &Scan, step: &Step, place: usize, rest: &[Chosen]) -> Vec<EffectRef> {
+    fn ties(&self, on: &Fitted, step: &Step, place: usize, rest: &[Chosen]) -> Vec<EffectRef> {
         let own = &step.ranked[place];
-        let mut ties = indistinguishable(scan, step, place);
-        for other in own.origin.lookalikes(&scan.context()) {
+        let scan = self.scan_on(on);
+        let mut ties = indistinguishable(&scan, step, place);
+        // Windows show as well as all rows which of many values fits best.
+        let small = self.fit_on_windows(on);
+        let on_windows = scan.on(small.as_ref());
+        for other in own.origin.lookalikes(&on_windows.context()) {
             let there = rest.iter().any(|r| r.excludes(other.kind));
-            let known = there || ties.iter().any(|e| e.kind() == other.kind);
-            let allowed = self.allowed(effect(other.kind));
-            if !known && allowed && !scan.excludes(&other, &own.losses) {
+            let known = ties.iter().any(|e| e.kind() == other.kind);
+            if there || known || !self.allowed(effect(other.kind)) {
+                continue;
+            }
+            let best = on_windows.best_of_grid(&other.form);
+            if best.is_some_and(|psi| !scan.excludes(&other, psi, own)) {
                 ties.push(effect(other.kind));
             }
         }

@@ -1,7 +1,8 @@
 //! Tests of the whole analysis on the simulated rig: what was put in must be named, and nothing else.
 
 use super::{names_with, rows_of, simulate, Excitation, Row};
-use crate::report::{Report, Verdict};
+use crate::effects::EffectKind;
+use crate::report::{Ambiguity, Report, Verdict};
 
 /// Effects for the table, each as (name, excitation, function).
 type Case = (
@@ -309,6 +310,19 @@ fn reworded(report: &Report) -> Report {
         t.form = "form".into();
     }
     out
+}
+
+#[test]
+fn a_doubtful_effect_is_not_compensated_beside_a_clear_one() {
+    let mut report = simulate(&Excitation::default(), 1.0, &mut |s| {
+        -0.2 * s.velocity.signum() + 0.1 * s.command
+    });
+    assert_eq!(report.verdict, Verdict::Several, "{}", report.markdown());
+    let left_out = |report: &Report| report.compensation().expect("friction").left_out;
+    assert!(left_out(&report).is_empty());
+    let may_be = |other: EffectKind| vec![Ambiguity::new(vec![EffectKind::Gain, other], "")];
+    report.not_identifiable = may_be(EffectKind::Quadratic);
+    assert_eq!(left_out(&report), ["gain"]);
 }
 
 #[test]
