@@ -188,9 +188,9 @@ impl OnTerminal {
 #[test]
 fn q_ends_the_view_and_the_terminal_is_as_before() {
     let mut on = OnTerminal::start();
-    assert!(on.text().contains("STOP the rig"), "{}", on.text());
+    on.wait("the keys", |on| on.text().contains("STOP the rig"));
     // An older service says nothing about zeros: its tension is not called one.
-    assert!(on.text().contains("zero not read yet"), "{}", on.text());
+    on.wait("the zeros", |on| on.text().contains("zero not read yet"));
     on.press("q");
     on.ends(0);
 }

@@ -320,8 +320,8 @@ fn a_doubtful_effect_is_not_compensated_beside_a_clear_one() {
     assert_eq!(report.verdict, Verdict::Several, "{}", report.markdown());
     let left_out = |report: &Report| report.compensation().expect("friction").left_out;
     assert!(left_out(&report).is_empty());
-    let may_be = |other: EffectKind| vec![Ambiguity::new(vec![EffectKind::Gain, other], "")];
-    report.not_identifiable = may_be(EffectKind::Quadratic);
+    let rivals = vec![EffectKind::Gain, EffectKind::Quadratic];
+    report.not_identifiable = vec![Ambiguity::new(rivals, "")];
     assert_eq!(left_out(&report), ["gain"]);
 }
 
