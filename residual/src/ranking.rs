@@ -1,13 +1,20 @@
 //! Which candidates count, which one is taken, and which the data cannot distinguish.
 
 use crate::effects::EffectRef;
-use crate::scan::{similarity, t_statistic, Candidate, Scan};
+use crate::scan::{similarity, t_statistic, Between, Candidate, Scan};
 use crate::spec::Selection;
 use std::cmp::Ordering;
 
 /// p value up to which the means of the sequences confirm a form that acts mostly in them. Few forms do (offset, drift, gain of
 /// a constant load), so it isn't divided by the number of all forms.
 const BETWEEN: f64 = 0.01;
+
+/// p value up to which a form that hardly changes within a sequence counts beside the noise at its own frequencies. It is a second
+/// test of what has passed the first, so it isn't divided by the number of all forms.
+const SLOW: f64 = 0.01;
+
+/// Fall of the RMSE that the wander of a zero within its logs can make: more is no noise of a sensor.
+pub(crate) const WANDER: f64 = 0.1;
 
 /// Difference of two gains that may be rounding.
 const SAME_GAIN: f64 = 1e-9;
@@ -35,19 +42,31 @@ impl Acceptance<'_> {
         p * self.tests as f64 <= self.selection.familywise_error
     }
 
+    /// Whether what a candidate explains is large enough, and more than decoys let chance explain.
+    pub fn fits<O>(&self, c: &Candidate<O>) -> bool {
+        let rms = ((c.base - c.held).max(0.0) / self.rows.max(1) as f64).sqrt();
+        self.material(c.gain) && self.significant(c.p) && rms > self.floor
+    }
+
     /// Whether a candidate may count at all.
     pub fn accepts<O>(&self, c: &Candidate<O>) -> bool {
-        let rms = ((c.base - c.held).max(0.0) / self.rows.max(1) as f64).sqrt();
-        self.material(c.gain)
-            && self.significant(c.p)
-            && c.steady
-            && rms > self.floor
-            && !self.refused_between(c)
+        self.fits(c) && c.steady && !self.refused_between(c) && !self.refused_slow(c)
+    }
+
+    /// Whether slow noise may make what a slow candidate explains. Not where it explains much: what else is missing then counts as
+    /// noise here, and zeros do not wander so far.
+    pub fn refused_slow<O>(&self, c: &Candidate<O>) -> bool {
+        c.gain <= WANDER && c.slow.is_some_and(|p| p > SLOW)
     }
 
     /// Whether the means of the sequences, which are the evidence for a candidate, do not confirm it.
     pub fn refused_between<O>(&self, c: &Candidate<O>) -> bool {
-        c.between.is_some_and(|b| b.p > BETWEEN)
+        c.between.is_some_and(|b| !self.confirmed_between(&b))
+    }
+
+    /// Whether the means of the sequences confirm a candidate.
+    pub fn confirmed_between(&self, between: &Between) -> bool {
+        between.p <= BETWEEN
     }
 }
 
@@ -201,6 +220,7 @@ mod tests {
             local_in_time: false,
             parameters,
             between: None,
+            slow: None,
             losses: vec![],
         }
     }

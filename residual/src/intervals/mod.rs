@@ -248,7 +248,8 @@ impl Own<'_> {
         let (own, rest) = without(self.chosen, self.index);
         let rest = self.search.fit(&rest)?;
         let scan = self.search.scan_on(&rest);
-        let between = scan.between_sequences(&own.variant, own.psi);
+        let added = scan.added(&own.variant, own.psi);
+        let between = scan.between_sequences(&own.variant, own.psi, &added);
         Ok(match between {
             Some(b) => (b.sequences, b.fitted),
             None => (sequences.len() as f64, 1.0),

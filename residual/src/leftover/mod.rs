@@ -15,7 +15,7 @@ use crate::format::num;
 use crate::frame::Frame;
 use crate::hygiene::Finding;
 use crate::model::Fitted;
-use crate::ranking::{Acceptance, Step};
+use crate::ranking::{Acceptance, Step, WANDER};
 use crate::report::Structure;
 use crate::scan::{Candidate, Offer};
 use crate::search::{Outcome, Search};
@@ -32,9 +32,6 @@ const BETTER_ALONE: f64 = 0.01;
 /// Fall of the RMSE by means of sequences that nothing explains from which on the verdict says so. Less is usual: the zero of a load
 /// cell drifts a little from one log to the next.
 const BETWEEN_LOGS: f64 = 0.1;
-
-/// Fall of the RMSE without a slow part from which on the verdict says so. Less is usual: zeros drift within a log too.
-const WITHIN_LOGS: f64 = 0.1;
 
 /// Share of the variance that the steps of the reading make, from which they can be a narrow band.
 const STEPS: f64 = 0.3;
@@ -131,9 +128,13 @@ impl Leftover {
             Some(_) => out.better_alone(search, held)?,
         };
         out.few_places(&outcome.last, |c| {
-            !c.steady && acceptance.material(c.gain) && acceptance.significant(c.p)
+            !c.steady
+                && acceptance.fits(c)
+                && !acceptance.refused_between(c)
+                && !acceptance.refused_slow(c)
         });
         out.between_logs(&outcome.last, &acceptance);
+        out.slow_noise(&outcome.last, &acceptance);
         out.by_sequence(search, fitted)?;
         let frame = search.problem.kept_frame();
         out.switching(search, &fitted.fit.residual, &frame, held);
@@ -182,11 +183,11 @@ impl Leftover {
     /// Adds an effect that would fit the means of the sequences, of which there are too few to tell it from zeros that differ by
     /// chance.
     fn between_logs(&mut self, last: &Step, acceptance: &Acceptance) {
-        let found = last.ranked.iter().find(|c| {
-            acceptance.refused_between(c)
-                && acceptance.material(c.gain)
-                && acceptance.significant(c.p)
-        });
+        let refused = |c: &&Candidate| acceptance.refused_between(c);
+        let found = last
+            .ranked
+            .iter()
+            .find(|c| refused(c) && acceptance.fits(c) && c.steady);
         if let Some((c, b)) = found.and_then(|c| Some((c, c.between?))) {
             self.structure.push(Structure {
                 depends_on: format!(
@@ -198,6 +199,25 @@ impl Leftover {
                 p_value: b.p,
             });
             self.unexplained |= c.gain > BETWEEN_LOGS && self.large(c.base - c.held);
+        }
+    }
+
+    /// Adds an effect that would fit, and explains no more than slow noise of the same sensor does by chance.
+    fn slow_noise(&mut self, last: &Step, acceptance: &Acceptance) {
+        let refused = |c: &&Candidate| acceptance.refused_slow(c) && !acceptance.refused_between(c);
+        let found = last
+            .ranked
+            .iter()
+            .find(|c| refused(c) && acceptance.fits(c));
+        if let Some((c, p_value)) = found.and_then(|c| Some((c, c.slow?))) {
+            self.structure.push(Structure {
+                depends_on: format!(
+                    "a slow wander, too short to say whether it is noise; {} would fit",
+                    c.origin.name()
+                ),
+                gain: c.gain,
+                p_value,
+            });
         }
     }
 
@@ -268,7 +288,7 @@ impl Leftover {
                     wander.alike
                 ),
                 wander.share,
-                WITHIN_LOGS,
+                WANDER,
             );
         }
         let mean = stats::rms(residual).powi(2);

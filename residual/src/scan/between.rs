@@ -11,6 +11,9 @@ use std::ops::Range;
 /// Share of what a form explains from which on the means of the sequences are the evidence for it.
 const MOSTLY: f64 = 0.5;
 
+/// Fewest sequences whose means can confirm anything.
+pub(super) const FEWEST_MEANS: usize = 3;
+
 /// What the means of the sequences say about a form that acts mostly in them.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(crate) struct Between {
@@ -25,30 +28,23 @@ pub(crate) struct Between {
 }
 
 impl Scan<'_> {
-    /// What the means of the sequences say about a form at `psi`; `None` where most of what it explains is within sequences, or
-    /// where there are fewer than three: two logs at two loads show a gain, and nothing against it.
+    /// What the means of the sequences say about a form at `psi` that adds `added` to the prediction; `None` where most of what it
+    /// explains is within sequences, or where there are fewer than three: two logs at two loads show a gain, and nothing against it.
     ///
     /// Decoys can't show this: their signs change from block to block, so the mean of a decoy over a sequence is near zero, while
     /// the zero of a sensor often differs from one sequence to the next.
-    pub fn between_sequences(&self, variant: &Variant, psi: f64) -> Option<Between> {
+    pub fn between_sequences(&self, variant: &Variant, psi: f64, added: &[f64]) -> Option<Between> {
         let rows = self.problem.rows_of_runs();
-        if rows.len() < 3 {
+        if rows.len() < FEWEST_MEANS || added.len() != self.fit.residual.len() {
             return None;
         }
-        let added = self.added(variant, psi);
-        if added.len() != self.fit.residual.len() {
-            return None;
-        }
-        let sums: Vec<Means> = rows
-            .iter()
-            .map(|rows| Means::new(&self.fit.residual[rows.clone()], &added[rows.clone()]))
-            .collect();
+        let sums = means_of(&self.fit.residual, added, &rows);
         let fitted = self.used_between(&rows) + variant.parameters(psi) as f64;
         let tried = variant.psi.as_ref().map_or(1, |psi| psi.grid.len());
         let (sequences, p) = p_of_means(&sums, variant.parameters(psi), fitted)?;
         Some(Between {
             p: (p * tried as f64).min(1.0),
-            within: self.within(&self.problem.runs(), &sums, &added),
+            within: self.within(&self.problem.runs(), &sums, added),
             sequences,
             fitted,
         })
@@ -102,7 +98,7 @@ impl Scan<'_> {
 
 /// Sums over the rows of one sequence.
 #[derive(Debug, Clone, Copy)]
-struct Means {
+pub(super) struct Means {
     rows: f64,
     before: f64,
     after: f64,
@@ -128,23 +124,41 @@ impl Means {
     }
 }
 
+/// Sums over the rows of each sequence, of a residual of which a form explains `added`.
+pub(super) fn means_of(residual: &[f64], added: &[f64], rows: &[Range<usize>]) -> Vec<Means> {
+    rows.iter()
+        .map(|rows| Means::new(&residual[rows.clone()], &added[rows.clone()]))
+        .collect()
+}
+
+/// Fall of the squared error in the means of the sequences.
+fn fall_between(sequences: &[Means]) -> f64 {
+    let fall = |s: &Means| (s.before * s.before - s.after * s.after) / s.rows;
+    sequences.iter().map(fall).sum()
+}
+
+/// Whether most of what a form explains is in the means of the sequences.
+pub(super) fn mostly_between(sequences: &[Means]) -> bool {
+    let whole: f64 = sequences.iter().map(|s| s.fall).sum();
+    fall_between(sequences) > MOSTLY * whole
+}
+
 /// Kish's effective number of sequences, and the p value of the fall in their means by `parameters` parameters where `fitted` are
 /// fitted to them in all; `None` where most of the fall is within sequences.
 fn p_of_means(sequences: &[Means], parameters: usize, fitted: f64) -> Option<(f64, f64)> {
     let total = |f: &dyn Fn(&Means) -> f64| sequences.iter().map(f).sum::<f64>();
     let rows = total(&|s| s.rows);
     let count = rows * rows / total(&|s| s.rows * s.rows).max(1.0);
-    let before = total(&|s| s.before * s.before / s.rows);
-    let after = total(&|s| s.after * s.after / s.rows);
-    if before - after <= MOSTLY * total(&|s| s.fall) {
+    if !mostly_between(sequences) {
         return None;
     }
+    let after = total(&|s| s.after * s.after / s.rows);
     let parameters = parameters.max(1) as f64;
     let freedom = count - fitted;
     let p = if freedom < 0.99 {
         1.0
     } else {
-        let f = ((before - after) / parameters) / (after / freedom);
+        let f = (fall_between(sequences) / parameters) / (after / freedom);
         stats::f_tail(f, parameters, freedom)
     };
     Some((count, p))

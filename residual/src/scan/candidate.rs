@@ -74,6 +74,8 @@ pub(crate) struct Candidate<O = EffectRef> {
     pub parameters: usize,
     /// What the means of the sequences say, where they are the evidence.
     pub between: Option<Between>,
+    /// p value against the noise at its own frequencies, for a form that hardly changes within a sequence.
+    pub slow: Option<f64>,
     /// Held-out squared error by block.
     pub losses: Vec<f64>,
 }
@@ -302,6 +304,7 @@ impl Scan<'_> {
             local_in_time,
             parameters: variant.parameters(psi),
             between: None,
+            slow: None,
             losses,
         })
     }

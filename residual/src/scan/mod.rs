@@ -11,6 +11,7 @@ mod friction;
 mod grid;
 mod retest;
 mod significance;
+mod slow;
 
 pub(crate) use between::Between;
 pub(crate) use candidate::{catalogue_offers, Candidate, Offer, Origin};

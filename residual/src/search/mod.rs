@@ -545,11 +545,14 @@ impl<'a> Search<'a> {
         for c in all.iter_mut().filter(|c| doubtful(c)) {
             c.p = c.p.min(on_windows.retest(c, rows));
         }
-        let counts = |c: &Candidate<O>| acceptance.accepts(c) && !c.variant.observed;
-        all.par_iter_mut().filter(|c| counts(c)).for_each(|c| {
-            c.between = scan
-                .between_sequences(&c.variant, c.psi)
-                .filter(|b| !acceptance.significant(b.within));
+        let fits = |c: &Candidate<O>| acceptance.fits(c) && !c.variant.observed;
+        all.par_iter_mut().filter(|c| fits(c)).for_each(|c| {
+            let added = scan.contribution(c);
+            let between = scan.between_sequences(&c.variant, c.psi, &added);
+            if !between.is_some_and(|b| acceptance.confirmed_between(&b)) {
+                c.slow = scan.against_slow_noise(&c.variant, &added);
+            }
+            c.between = between.filter(|b| !acceptance.significant(b.within));
         });
         if self.spec.roles.setpoint.is_none() {
             return;
