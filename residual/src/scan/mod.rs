@@ -23,7 +23,7 @@ use crate::effects::{Build, Lookalike, Piece, Variant};
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::frame::Frame;
-use crate::model::{Fit, Fitted, Model};
+use crate::model::{Chosen, Fit, Fitted, Model};
 use crate::problem::{Column, Known, Problem, Scores, Sums};
 use crate::spec::Spec;
 use rayon::prelude::*;
@@ -251,18 +251,23 @@ impl<'a> Scan<'a> {
         best.map(|(psi, _)| *psi)
     }
 
-    /// Whether the data exclude a form at `psi` in the place of a candidate: it predicts worse, or explains less than half as much. A
-    /// form that is the candidate itself beside the terms of the model is excluded, too: it is no other effect.
-    pub fn excludes(&self, other: &Lookalike, psi: f64, own: &Candidate) -> bool {
-        let with = self.losses(&other.form, &vec![psi; self.problem.folds]);
+    /// Whether the data exclude a form at `psi` in the place of a chosen one: it predicts worse, or explains less than half as much. A
+    /// form that is the chosen one itself beside the terms of the model is excluded, too: it is no other effect.
+    pub fn excludes(&self, other: &Lookalike, psi: f64, own: &Chosen) -> bool {
+        let at = |psi: f64| vec![psi; self.problem.folds];
+        let with = self.losses(&other.form, &at(psi));
+        let without = self.losses(&own.variant, &at(own.psi));
         let total = |losses: &[f64]| losses.iter().sum::<f64>();
-        let half = 0.5 * (total(&self.base_losses(false)) + total(&own.losses));
+        let half = 0.5 * (total(&self.base_losses(false)) + total(&without));
         let same = || {
-            let (own, other) = (self.contribution(own), self.added(&other.form, psi));
+            let (own, other) = (
+                self.added(&own.variant, own.psi),
+                self.added(&other.form, psi),
+            );
             similarity(&own, &other) > 1.0 - SAME
         };
         let enough = total(&with) <= half && self.possible(&other.form, psi);
-        !enough || t_statistic(&with, &own.losses) > other.excluded_from || same()
+        !enough || t_statistic(&with, &without) > other.excluded_from || same()
     }
 
     /// Held-out squared error by block when each fold uses its own choice of parameter.

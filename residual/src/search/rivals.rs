@@ -99,22 +99,22 @@ impl Search<'_> {
                     behind: rmse / current - 1.0,
                 }
             });
-        let place = step.ranked.iter().position(|c| c.origin.kind() == kind);
         Judged {
             rival,
-            ties: place.map_or(vec![], |at| self.ties(fitted, step, at, rest)),
+            ties: self.ties(own, rest, step, fitted),
         }
     }
 
-    /// Effects that the data cannot distinguish from the candidate of a step at `place`, beside the `rest`.
-    fn ties(&self, on: &Fitted, step: &Step, place: usize, rest: &[Chosen]) -> Vec<EffectRef> {
-        let own = &step.ranked[place];
+    /// Effects that the data cannot distinguish from `own`, beside the `rest`.
+    fn ties(&self, own: &Chosen, rest: &[Chosen], step: &Step, on: &Fitted) -> Vec<EffectRef> {
         let scan = self.scan_on(on);
-        let mut ties = indistinguishable(&scan, step, place);
+        let kind = own.effect.kind();
+        let place = step.ranked.iter().position(|c| c.origin.kind() == kind);
+        let mut ties = place.map_or(vec![], |at| indistinguishable(&scan, step, at));
         // Windows show as well as all rows which of many values fits best.
         let small = self.fit_on_windows(on);
         let on_windows = scan.on(small.as_ref());
-        for other in own.origin.lookalikes(&on_windows.context()) {
+        for other in own.effect.lookalikes(&on_windows.context()) {
             let there = rest.iter().any(|r| r.excludes(other.kind));
             let known = ties.iter().any(|e| e.kind() == other.kind);
             if there || known || !self.allowed(effect(other.kind)) {

@@ -256,6 +256,12 @@ fn a_small_gain_may_be_a_curve_or_a_span_drift() {
     assert!(group(|s| 0.02 * s.command).is_empty());
 }
 
+/// The search may keep a constant and a share where a share alone explains nearly as much, and a constant alone as well.
+#[test]
+fn friction_with_a_constant_part_and_a_share_has_no_other_law() {
+    assert!(group(|s| 0.2 - (0.92 + 0.153 * s.command) * s.velocity.signum()).is_empty());
+}
+
 #[test]
 fn small_friction_that_grows_with_the_load_may_have_another_law() {
     let may_be = ["load_dependent_coulomb", "coulomb", "stribeck"];
