@@ -40,23 +40,22 @@ impl Scan<'_> {
             .any(|t| Expr::parse(t).is_ok_and(|e| e.names().contains("command")))
     }
 
-    /// How much of a form the setpoint confirms: 1 if the part of its contribution that follows
-    /// from the setpoint is in the residual too, 0 if it is not there.
+    /// How much the setpoint confirms of a form that adds `added` to the prediction: 1 if the part of it that follows
+    /// from the setpoint is in the residual too, 0 if it is not there. 1 if it adds nothing.
     ///
     /// This is the ratio of the two-stage to the one-stage least-squares estimate, with the setpoint's
     /// history as instruments. Also 0 if the setpoint moves too little to tell.
-    pub fn share_on_setpoint(&self, instruments: &Instruments, variant: &Variant, psi: f64) -> f64 {
-        let added = self.added(variant, psi);
+    pub fn share_on_setpoint(&self, instruments: &Instruments, added: &[f64]) -> f64 {
         if added.iter().all(|a| *a == 0.0) {
             return 1.0;
         }
-        let with_added = instruments.products(&added);
+        let with_added = instruments.products(added);
         let k = instruments.gram.solve(&with_added);
         // Products of the part that the instruments explain, less its mean.
         let mean = inner(&k, &instruments.with_one) / added.len() as f64;
         let part_added = inner(&k, &with_added) - mean * added.iter().sum::<f64>();
         let part_part = inner(&k, &with_added) - mean * inner(&k, &instruments.with_one);
-        if part_part < 0.01 * dot(&added, &added) {
+        if part_part < 0.01 * dot(added, added) {
             return 0.0;
         }
         let residual = &self.fit.residual;
@@ -189,7 +188,7 @@ pub(crate) fn doubt(
             continue;
         }
         let instruments = search.instruments(&scan);
-        let share = scan.share_on_setpoint(&instruments, &own.variant, own.psi);
+        let share = scan.share_on_setpoint(&instruments, &scan.added(&own.variant, own.psi));
         let size = (w.rmse_without.powi(2) - w.rmse.powi(2)) * rows;
         if !(1.0 / FACTOR..=FACTOR).contains(&share) && size > 0.5 * STAND_IN * explained {
             let text = format!("{} {share:.2} times", own.effect.name());

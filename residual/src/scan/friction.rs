@@ -55,7 +55,7 @@ impl Scan<'_> {
             return true;
         }
         let build = (variant.build)(psi);
-        let Ok(Applied { sums, local }) = self.sums(&build, false) else {
+        let Ok(Applied { sums, local, .. }) = self.sums(&build, false) else {
             return false;
         };
         if local {

@@ -46,11 +46,20 @@ pub(crate) struct Scan<'a> {
     pub screening: bool,
 }
 
-/// Sums of products of a model with a form applied.
+/// A model with a form applied: its fitted columns, and their sums of products.
 struct Applied {
     sums: Sums,
     /// Whether every sequence has coefficients of its own.
     local: bool,
+    /// The fitted columns, without what terms with a coefficient for each sequence explain of them.
+    columns: Vec<Column>,
+    /// What the columns predict if the prediction stays as it is: the present one less the terms with a known coefficient, without what
+    /// terms for each sequence explain of it. `None` where the form only adds columns: then they predict nothing if it stays.
+    present: Option<Vec<f64>>,
+}
+
+fn slices(columns: &[Column]) -> Vec<&[f64]> {
+    columns.iter().map(|c| c.as_slice()).collect()
 }
 
 impl<'a> Scan<'a> {
@@ -109,34 +118,31 @@ impl<'a> Scan<'a> {
 
     /// Sums of the model's terms and further ones.
     fn sums_with(&self, pieces: &[Piece], keep: bool) -> Result<Applied, Error> {
-        let new = self.columns(pieces, keep)?;
-        let columns: Vec<&[f64]> = self
-            .fit
-            .x
-            .iter()
-            .chain(&new)
-            .map(|c| c.as_slice())
-            .collect();
+        let mut columns = self.fit.x.clone();
+        columns.append(&mut self.columns(pieces, keep)?);
         let at: Vec<Option<usize>> = (0..self.fit.x.len()).map(Some).collect();
         let known = Known {
             sums: &self.fit.sums,
             at: &at,
         };
-        let r = &self.fit.residual;
+        let (x, r) = (slices(&columns), &self.fit.residual);
         Ok(Applied {
-            sums: Sums::new(self.problem, &columns, r, None, Some(known)),
+            sums: Sums::new(self.problem, &x, r, None, Some(known)),
             local: false,
+            columns,
+            present: None,
         })
     }
 
     /// Sums of terms whose coefficients every sequence has for itself.
     fn sums_of(&self, pieces: &[Piece], keep: bool) -> Result<Applied, Error> {
         let columns = self.columns(pieces, keep)?;
-        let columns: Vec<&[f64]> = columns.iter().map(|c| c.as_slice()).collect();
-        let r = &self.fit.residual;
+        let (x, r) = (slices(&columns), &self.fit.residual);
         Ok(Applied {
-            sums: Sums::new(self.problem, &columns, r, None, None),
+            sums: Sums::new(self.problem, &x, r, None, None),
             local: true,
+            columns,
+            present: None,
         })
     }
 
@@ -162,7 +168,7 @@ impl<'a> Scan<'a> {
             }
             Ok(frame.get_or_init(|| new))
         };
-        let mut part = self.fit.prediction(self.problem);
+        let mut present = self.fit.prediction(self.problem);
         let (mut x, mut at): (Vec<Column>, Vec<_>) = (vec![], vec![]);
         let mut fixed = vec![0.0; self.problem.y.len()];
         for piece in added {
@@ -194,15 +200,16 @@ impl<'a> Scan<'a> {
             sums: &self.fit.sums,
             at: &at,
         };
-        part.iter_mut().zip(&fixed).for_each(|(p, f)| *p -= f);
+        present.iter_mut().zip(&fixed).for_each(|(p, f)| *p -= f);
         if let Some(projector) = &self.fit.projector {
-            projector.take_out(&mut part);
+            projector.take_out(&mut present);
         }
-        let columns: Vec<&[f64]> = x.iter().map(|c| c.as_slice()).collect();
-        let r = &self.fit.residual;
+        let (columns, r) = (slices(&x), &self.fit.residual);
         Ok(Applied {
-            sums: Sums::new(self.problem, &columns, r, Some(&part), Some(known)),
+            sums: Sums::new(self.problem, &columns, r, Some(&present), Some(known)),
             local: false,
+            columns: x,
+            present: Some(present),
         })
     }
 
@@ -210,7 +217,7 @@ impl<'a> Scan<'a> {
     /// `by_block`, else nothing.
     fn score(&self, build: &Build, keep: bool, by_block: bool) -> Option<(Scores, Vec<f64>)> {
         let p = self.problem;
-        let Applied { sums, local } = self.sums(build, keep).ok()?;
+        let Applied { sums, local, .. } = self.sums(build, keep).ok()?;
         let decoys: &[Vec<f64>] = if self.screening { &[] } else { &p.flips };
         let mut losses = vec![f64::NAN; if by_block { p.blocks.len() } else { 0 }];
         let scores = if local {
@@ -230,13 +237,15 @@ impl<'a> Scan<'a> {
     /// In-sample squared error with a build (cheaper than scores: no decoys).
     pub fn in_sample(&self, build: &Build) -> f64 {
         match self.sums(build, false) {
-            Ok(Applied { sums, local: false }) => {
+            Ok(Applied {
+                sums, local: false, ..
+            }) => {
                 let (x, _) = sums.fit(None);
                 (0..sums.yy.len()).map(|k| sums.block_error(k, &x)).sum()
             }
-            Ok(Applied { sums, local: true }) => {
-                Scores::local(self.problem, &sums, &[]).train_total()
-            }
+            Ok(Applied {
+                sums, local: true, ..
+            }) => Scores::local(self.problem, &sums, &[]).train_total(),
             Err(_) => f64::INFINITY,
         }
     }
@@ -277,7 +286,7 @@ impl<'a> Scan<'a> {
         distinct.sort_by(f64::total_cmp);
         distinct.dedup();
         for psi in distinct {
-            let Ok(Applied { sums, local }) = self.sums(&(variant.build)(psi), false) else {
+            let Ok(Applied { sums, local, .. }) = self.sums(&(variant.build)(psi), false) else {
                 continue;
             };
             if local {

@@ -545,25 +545,27 @@ impl<'a> Search<'a> {
         for c in all.iter_mut().filter(|c| doubtful(c)) {
             c.p = c.p.min(on_windows.retest(c, rows));
         }
-        let fits = |c: &Candidate<O>| acceptance.fits(c) && !c.variant.observed;
-        all.par_iter_mut().filter(|c| fits(c)).for_each(|c| {
-            let added = scan.contribution(c);
-            let between = scan.between_sequences(&c.variant, c.psi, &added);
-            if !between.is_some_and(|b| acceptance.confirmed_between(&b)) {
-                c.slow = scan.against_slow_noise(&c.variant, &added);
-            }
-            c.between = between.filter(|b| !acceptance.significant(b.within));
-        });
-        if self.spec.roles.setpoint.is_none() {
-            return;
-        }
-        let instruments = self.instruments(&scan);
+        let setpoint = self.spec.roles.setpoint.as_ref();
+        let instruments = setpoint.map(|_| self.instruments(&scan));
         let open = |c: &Candidate<O>| {
-            let counts = acceptance.material(c.gain) && c.p < 1.0 && !c.variant.observed;
-            counts && !c.origin.has_witness() && scan.built_on_command(&c.variant, c.psi)
+            let counts = acceptance.material(c.gain) && c.p < 1.0 && !c.origin.has_witness();
+            counts && scan.built_on_command(&c.variant, c.psi)
         };
-        all.par_iter_mut().filter(|c| open(c)).for_each(|c| {
-            if scan.share_on_setpoint(&instruments, &c.variant, c.psi) < 0.5 {
+        all.par_iter_mut().for_each(|c| {
+            let fits = acceptance.fits(c);
+            let to_confirm = instruments.as_ref().filter(|_| open(c));
+            if c.variant.observed || !(fits || to_confirm.is_some()) {
+                return;
+            }
+            let added = scan.contribution(c);
+            if fits {
+                let between = scan.between_sequences(&c.variant, c.psi, &added);
+                if !between.is_some_and(|b| acceptance.confirmed_between(&b)) {
+                    c.slow = scan.against_slow_noise(&c.variant, &added);
+                }
+                c.between = between.filter(|b| !acceptance.significant(b.within));
+            }
+            if to_confirm.is_some_and(|all| scan.share_on_setpoint(all, &added) < 0.5) {
                 c.p = 1.0;
             }
         });
