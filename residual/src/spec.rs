@@ -442,6 +442,12 @@ impl Spec {
                     t.name, t.per
                 )));
             }
+            if t.fixed.is_some() && !t.per.is_empty() {
+                return Err(Error::model(format!(
+                    "term `{}`: `fixed` and `per` exclude each other: a fixed coefficient is one number for all sequences",
+                    t.name
+                )));
+            }
             if t.fixed.is_some_and(|f| !f.is_finite()) {
                 return Err(Error::model(format!(
                     "term `{}`: fixed must be finite",
@@ -645,6 +651,20 @@ fn renamed(what: String) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_fixed_coefficient_is_none_for_each_sequence() {
+        let with = |keys: &str| {
+            Spec::parse(&format!(
+                "[roles]\ntime = {{ column = \"t\" }}\ntarget = {{ column = \"y\" }}\n\
+                 [[terms]]\nname = \"a\"\nexpr = \"1\"\n{keys}\n"
+            ))
+        };
+        assert!(with("fixed = 1.0").is_ok() && with("per = \"sequence\"").is_ok());
+        let error = with("fixed = 1.0\nper = \"sequence\"").unwrap_err();
+        let error = error.to_string();
+        assert!(error.contains("`a`: `fixed` and `per` exclude"), "{error}");
+    }
 
     #[test]
     fn the_old_name_of_a_key_is_refused_with_the_new_one() {
