@@ -60,7 +60,7 @@ pub(crate) fn check_selection(spec: &Spec) -> Result<(), Error> {
 
 /// Target less prediction, row by row, of a model whose coefficients are all fixed; a term without one counts nothing.
 pub(crate) fn residual_of_fixed(p: &Problem, model: &Model) -> Result<Vec<f64>, Error> {
-    let mut out = p.y.clone();
+    let mut out = p.y.to_vec();
     for (term, k) in model.terms.iter().filter_map(|t| Some((t, t.fixed?))) {
         let values = p.eval(&p.plain, &term.expr)?;
         out.iter_mut()

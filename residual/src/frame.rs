@@ -3,6 +3,7 @@
 //! A *sequence* is an unbroken run of rows of one thing (one unit in one file). Operators with
 //! memory run along it. Hold-out groups are made of whole sequences or of blocks of time in them.
 
+use crate::expr::Expr;
 use std::collections::HashMap;
 use std::ops::Range;
 use std::sync::{Arc, OnceLock};
@@ -117,6 +118,15 @@ impl Frame {
     /// A column by name.
     pub fn column(&self, name: &str) -> Option<&[f64]> {
         self.index.get(name).map(|&i| self.columns[i].as_slice())
+    }
+
+    /// The values of an expression that are there already, to be shared: those of a column, or of an expression that was kept.
+    pub(crate) fn known(&self, e: &Expr) -> Option<&Arc<Vec<f64>>> {
+        match e {
+            Expr::Var(name) => self.index.get(name).map(|&i| &self.columns[i]),
+            Expr::Call(..) if !self.derived.is_empty() => self.derived.get(&e.to_string()),
+            _ => None,
+        }
     }
 
     /// Names of all columns.

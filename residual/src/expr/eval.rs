@@ -57,11 +57,15 @@ impl<'a> Value<'a> {
         }
     }
 
-    fn rows(self, n: usize) -> Vec<f64> {
+    fn column(self, n: usize) -> Cow<'a, [f64]> {
         match self {
-            Value::One(x) => vec![x; n],
-            Value::Rows(v) => v.into_owned(),
+            Value::One(x) => Cow::Owned(vec![x; n]),
+            Value::Rows(v) => v,
         }
+    }
+
+    fn rows(self, n: usize) -> Vec<f64> {
+        self.column(n).into_owned()
     }
 }
 
@@ -185,7 +189,7 @@ impl Expr {
                 let band = args[1].constant(frame)?;
                 x.map(|x| memory::sgn(x, band))
             }
-            _ => Value::owned(self.remembered(func, args, x.rows(frame.len()), frame)?),
+            _ => Value::owned(self.remembered(func, args, x.column(frame.len()), frame)?),
         })
     }
 
@@ -194,16 +198,16 @@ impl Expr {
         &self,
         func: Func,
         args: &[Expr],
-        x: Vec<f64>,
+        x: Cow<[f64]>,
         frame: &Frame,
     ) -> Result<Vec<f64>, Error> {
         let constant = |i: usize| args[i].constant(frame);
         let positive = |i: usize| self.positive(&args[i], frame);
         Ok(match func {
-            Func::Held => memory::held(frame, x, constant(1)?),
-            Func::Ahead => memory::ahead(frame, x, constant(1)?, positive(2)?),
+            Func::Held => memory::held(frame, x.into_owned(), constant(1)?),
+            Func::Ahead => memory::ahead(frame, x.into_owned(), constant(1)?, positive(2)?),
             Func::Deriv => memory::derivative(&x, frame, positive(1)?.max(1.0) as usize),
-            Func::Integ => memory::integral(frame, x),
+            Func::Integ => memory::integral(frame, x.into_owned()),
             Func::Delay => {
                 let s = constant(1)?;
                 memory::resample(&x, frame, |t, _| t - s)
@@ -212,14 +216,14 @@ impl Expr {
                 let r = constant(1)?;
                 memory::resample(&x, frame, |t, t0| t0 + (t - t0) * (1.0 + r))
             }
-            Func::Lowpass => memory::lag(frame, x, positive(1)?, true),
-            Func::Charge => memory::lag(frame, x, positive(1)?, false),
-            Func::Play => memory::play(frame, x, positive(1)? / 2.0),
-            Func::Stop => memory::stop(frame, x, positive(1)? / 2.0),
-            Func::Dahl => memory::dahl(frame, x, positive(1)?),
-            Func::SeqMean => memory::sequence_mean(frame, x),
+            Func::Lowpass => memory::lag(frame, x.into_owned(), positive(1)?, true),
+            Func::Charge => memory::lag(frame, x.into_owned(), positive(1)?, false),
+            Func::Play => memory::play(frame, x.into_owned(), positive(1)? / 2.0),
+            Func::Stop => memory::stop(frame, x.into_owned(), positive(1)? / 2.0),
+            Func::Dahl => memory::dahl(frame, x.into_owned(), positive(1)?),
+            Func::SeqMean => memory::sequence_mean(frame, x.into_owned()),
             // Functions of one row are evaluated without their rows.
-            _ => x,
+            _ => x.into_owned(),
         })
     }
 }

@@ -6,7 +6,7 @@ use crate::expr::Expr;
 use crate::frame::Frame;
 use crate::stats;
 use std::collections::{HashMap, VecDeque};
-use std::sync::{Arc, MutexGuard, PoisonError};
+use std::sync::{Arc, MutexGuard, PoisonError, Weak};
 
 /// Most values that evaluated expressions may keep in memory (8 bytes each).
 const CACHE_VALUES: usize = 1 << 24;
@@ -20,6 +20,9 @@ const VIEWS: usize = 4;
 
 /// The same for large logs, of which each view may have new columns.
 const VIEWS_LARGE: usize = 1;
+
+/// Entries that may stand for values no longer in use before they are looked for.
+const FEWEST_IN_FITS: usize = 64;
 
 /// Rows from which on a log is large.
 const LARGE: usize = 120_000;
@@ -55,6 +58,10 @@ pub(super) struct Cache {
     /// Values by view and text, with the scan that used them last.
     columns: HashMap<String, (Column, usize)>,
     values: usize,
+    /// Values for which there is no room, as long as a fit has them: the fits of a large log have most columns in common.
+    in_fits: HashMap<String, Weak<Vec<f64>>>,
+    /// Entries of `in_fits` at which those that no fit has any more are removed.
+    most_in_fits: usize,
     ranges: HashMap<String, Option<(f64, f64)>>,
     views: VecDeque<Arc<View>>,
     scan: usize,
@@ -63,6 +70,29 @@ pub(super) struct Cache {
 }
 
 impl Cache {
+    /// Values by view and text.
+    fn find(&mut self, key: &str) -> Option<Column> {
+        let scan = self.scan;
+        if let Some((known, used)) = self.columns.get_mut(key) {
+            *used = scan;
+            return Some(known.clone());
+        }
+        self.in_fits.get(key)?.upgrade()
+    }
+
+    /// Keeps values for as long as there is room, or a fit has them.
+    fn keep(&mut self, key: String, v: &Column, most: usize) {
+        if !self.make_room(v.len(), most) {
+            if self.in_fits.len() >= self.most_in_fits {
+                self.in_fits.retain(|_, v| v.strong_count() > 0);
+                self.most_in_fits = 2 * self.in_fits.len() + FEWEST_IN_FITS;
+            }
+            self.in_fits.insert(key, Arc::downgrade(v));
+        } else if self.columns.insert(key, (v.clone(), self.scan)).is_none() {
+            self.values += v.len();
+        }
+    }
+
     /// Whether a column of this size fits. Removes values that this scan did not use, if it does not.
     fn make_room(&mut self, values: usize, most: usize) -> bool {
         if self.values + values > most && self.swept < self.scan {
@@ -173,29 +203,25 @@ impl Problem {
         keep: bool,
         values: impl FnOnce() -> Result<Column, Error>,
     ) -> Result<Column, Error> {
-        let mut cache = self.cache();
-        let scan = cache.scan;
-        if let Some((known, used)) = cache.columns.get_mut(&key) {
-            *used = scan;
-            return Ok(known.clone());
+        if let Some(known) = self.cache().find(&key) {
+            return Ok(known);
         }
-        drop(cache);
         let v = values()?;
-        let mut cache = self.cache();
-        if keep
-            && cache.make_room(v.len(), self.cache_values())
-            && cache.columns.insert(key, (v.clone(), scan)).is_none()
-        {
-            cache.values += v.len();
+        if keep {
+            self.cache().keep(key, &v, self.cache_values());
         }
         Ok(v)
     }
 
     /// Evaluates an expression on the kept rows of a frame with other values in some columns.
     pub fn eval_on(&self, frame: &Frame, e: &Expr) -> Result<Column, Error> {
-        let v = self.gather(e.eval(frame)?);
-        // Zero times anything finite is zero; chunks, as a test that may stop at each value is slow.
-        let finite = |c: &[f64]| c.iter().map(|x| x * 0.0).sum::<f64>() == 0.0;
+        let known = frame.known(e).filter(|_| self.has_all_rows());
+        let v = match known {
+            Some(known) => known.clone(),
+            None => Arc::new(self.gather(e.eval(frame)?)),
+        };
+        // Chunks, as a test that may stop at each value is slow.
+        let finite = |c: &[f64]| c.iter().fold(true, |all, x| all & x.is_finite());
         if !v.chunks(1024).all(finite) {
             let row = v.iter().position(|x| !x.is_finite()).unwrap_or(0) + 1;
             return Err(Error::Expression {
@@ -203,7 +229,7 @@ impl Problem {
                 why: format!("is not finite on fitted row {row}"),
             });
         }
-        Ok(Arc::new(v))
+        Ok(v)
     }
 
     /// 2 % and 98 % quantiles of an expression; `None` if they are equal or it cannot be evaluated.

@@ -18,6 +18,7 @@ pub(crate) use evaluate::{Replaced, View};
 pub(crate) use scores::{profile, Scores};
 pub(crate) use sums::{Known, Sums, RANK_TOL};
 
+use crate::expr::Expr;
 use crate::frame::Frame;
 use crate::progress::Ticker;
 use crate::stats::Rng;
@@ -36,15 +37,53 @@ pub(crate) struct Block {
     pub sequence: usize,
 }
 
+/// Ranges of frame rows, in order; they may go over the end of a sequence.
+type Ranges = Vec<Range<usize>>;
+
+/// Ranges of the rows to keep.
+fn ranges(keep: &[bool]) -> Ranges {
+    let mut at = 0;
+    let all = keep.chunk_by(|a, b| a == b).map(|part| {
+        at += part.len();
+        (part[0], at - part.len()..at)
+    });
+    all.filter(|(kept, _)| *kept)
+        .map(|(_, rows)| rows)
+        .collect()
+}
+
+/// Values on the rows that are kept; all of them for `None`. In place where nearly all are, as a column of many rows takes long to
+/// allocate.
+fn kept_values<T: Copy>(kept: Option<&Ranges>, mut values: Vec<T>) -> Vec<T> {
+    let Some(kept) = kept else {
+        return values;
+    };
+    let count: usize = kept.iter().map(|rows| rows.len()).sum();
+    if count < values.len() - values.len() / 16 {
+        let mut out = Vec::with_capacity(count);
+        for rows in kept {
+            out.extend_from_slice(&values[rows.clone()]);
+        }
+        return out;
+    }
+    let mut at = 0;
+    for rows in kept {
+        values.copy_within(rows.clone(), at);
+        at += rows.len();
+    }
+    values.truncate(at);
+    values
+}
+
 /// Kept rows with their hold-out structure.
 pub(crate) struct Problem {
     pub frame: Frame,
     /// The frame as it is.
     pub plain: Arc<View>,
     /// Frame rows that are fitted; `None` when all are.
-    rows: Option<Vec<usize>>,
+    kept: Option<Ranges>,
     /// Target on kept rows.
-    pub y: Vec<f64>,
+    pub y: Column,
     /// Least and greatest value of the target where it visibly stops there, see [`ends::stops`].
     pub stops: [Option<f64>; 2],
     /// What the declared model, fitted where the target does not stop, predicts, as an expression; `None` where it stops
@@ -71,12 +110,13 @@ impl Problem {
     /// correlation time of ten rows.
     pub fn new(frame: Frame, keep: &[bool], fold: &[u32], decoys: usize, seed: u64) -> Problem {
         let all = keep.iter().all(|k| *k);
-        let rows: Option<Vec<usize>> =
-            (!all).then(|| (0..frame.len()).filter(|&i| keep[i]).collect());
-        let target = frame.column("target").unwrap_or(&[]);
-        let y: Vec<f64> = match &rows {
-            None => target.to_vec(),
-            Some(rows) => rows.iter().map(|&i| target[i]).collect(),
+        let kept = (!all).then(|| ranges(keep));
+        let target = Expr::Var("target".into());
+        let y = frame.known(&target).cloned().unwrap_or_default();
+        let y = if all {
+            y
+        } else {
+            Arc::new(kept_values(kept.as_ref(), y.to_vec()))
         };
         let folds = fold
             .iter()
@@ -85,14 +125,11 @@ impl Problem {
             .map(|(f, _)| *f as usize + 1)
             .max()
             .unwrap_or(1);
-        let fold_of_row: Vec<u32> = match &rows {
-            None => fold.to_vec(),
-            Some(rows) => rows.iter().map(|&i| fold[i]).collect(),
-        };
+        let fold_of_row = kept_values(kept.as_ref(), fold.to_vec());
         let mut p = Problem {
             plain: Arc::new(View::plain(frame.clone())),
             frame,
-            rows,
+            kept,
             stops: ends::stops(&y),
             unlimited: None,
             y,
@@ -113,10 +150,9 @@ impl Problem {
     /// Tells which rows show the same part of a motion that repeats, see [`Data::parts`](crate::data::Data::parts). What is special to
     /// a part is in each pass, so the decoys of all passes have one sign.
     pub fn with_parts(mut self, parts: &[u32]) -> Problem {
-        self.part_of_row = match (&self.rows, parts) {
-            (_, []) => vec![],
-            (None, parts) => parts.to_vec(),
-            (Some(rows), parts) => rows.iter().map(|&i| parts[i]).collect(),
+        self.part_of_row = match parts {
+            [] => vec![],
+            parts => kept_values(self.kept.as_ref(), parts.to_vec()),
         };
         let decoys = self.flips.len();
         self.cut_blocks(10.0, decoys);
@@ -140,11 +176,7 @@ impl Problem {
         let least = if runs >= 32 { 1.0 } else { 4.0 };
         let mut at = 0;
         for (si, r) in self.frame.sequences().iter().enumerate() {
-            let count = match &self.rows {
-                None => r.len(),
-                Some(rows) => rows[at..].iter().take_while(|&&i| i < r.end).count(),
-            };
-            let end = at + count;
+            let end = at + self.kept_of(r);
             while at < end {
                 let fold = self.fold_of_row[at];
                 let run = self.fold_of_row[at..end]
@@ -222,12 +254,26 @@ impl Problem {
         self.runs().into_iter().map(rows).collect()
     }
 
+    /// Whether all rows are fitted.
+    fn has_all_rows(&self) -> bool {
+        self.kept.is_none()
+    }
+
     /// Rows of a frame column that are fitted.
     pub fn gather(&self, column: Vec<f64>) -> Vec<f64> {
-        match &self.rows {
-            None => column,
-            Some(rows) => rows.iter().map(|&i| column[i]).collect(),
-        }
+        kept_values(self.kept.as_ref(), column)
+    }
+
+    /// Number of rows that are fitted of some rows of the frame.
+    fn kept_of(&self, rows: &Range<usize>) -> usize {
+        let Some(kept) = &self.kept else {
+            return rows.len();
+        };
+        let first = kept.partition_point(|k| k.end <= rows.start);
+        let inside = kept[first..].iter().take_while(|k| k.start < rows.end);
+        inside
+            .map(|k| k.end.min(rows.end) - k.start.max(rows.start))
+            .sum()
     }
 
     /// The kept rows as a frame of their own (sequences of kept runs), for tests of the residual.
@@ -252,6 +298,40 @@ impl Problem {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// With shares of rows kept for which values are moved in place, and copied.
+    #[test]
+    fn rows_that_are_dropped_leave_the_others_in_order() {
+        let mut rng = Rng::new(5);
+        for rows in 0..120usize {
+            let most = if rows % 2 == 0 { 0.0 } else { 1.5 };
+            let keep: Vec<bool> = (0..rows).map(|_| rng.normal() < most).collect();
+            let values: Vec<f64> = (0..rows).map(|_| rng.normal()).collect();
+            let inside = |range: Range<usize>| range.filter(|i| keep[*i]).collect::<Vec<_>>();
+            let kept = inside(0..rows);
+            let expected: Vec<f64> = kept.iter().map(|i| values[*i]).collect();
+            let sequences: Vec<Range<usize>> = [0..rows / 3, rows / 3..rows].into();
+            let time = (0..rows).map(|i| i as f64).collect();
+            let columns = vec![("target".to_string(), values.clone())];
+            let frame = Frame::new(columns, time, sequences.clone());
+            // Each row has a fold, and a part, of its own.
+            let own: Vec<u32> = (0..rows as u32).collect();
+            let problem = Problem::new(frame, &keep, &own, 2, 1).with_parts(&own);
+            assert_eq!(*problem.y, expected, "{keep:?}");
+            assert_eq!(problem.gather(values), expected);
+            let known: Vec<u32> = kept.iter().map(|i| *i as u32).collect();
+            assert_eq!(
+                (&problem.fold_of_row, &problem.part_of_row),
+                (&known, &known)
+            );
+            for own in sequences {
+                assert_eq!(problem.kept_of(&own), inside(own).len(), "{keep:?}");
+            }
+            let (kept_rows, folds) = problem.rows_of_frame();
+            assert_eq!(kept_rows, keep);
+            assert!(kept.iter().all(|i| folds[*i] == *i as u32));
+        }
+    }
 
     #[test]
     fn decoys_have_one_sign_in_all_passes_of_a_motion() {

@@ -101,18 +101,19 @@ impl Problem {
     }
 
     /// Whether each row of the frame is fitted, and its fold.
-    fn rows_of_frame(&self) -> (Vec<bool>, Vec<u32>) {
+    pub(super) fn rows_of_frame(&self) -> (Vec<bool>, Vec<u32>) {
         let n = self.frame.len();
-        match &self.rows {
-            None => (vec![true; n], self.fold_of_row.clone()),
-            Some(rows) => {
-                let (mut keep, mut fold) = (vec![false; n], vec![0u32; n]);
-                rows.iter().zip(&self.fold_of_row).for_each(|(&i, f)| {
-                    keep[i] = true;
-                    fold[i] = *f;
-                });
-                (keep, fold)
-            }
+        let Some(kept) = &self.kept else {
+            return (vec![true; n], self.fold_of_row.clone());
+        };
+        let (mut keep, mut fold) = (vec![false; n], vec![0u32; n]);
+        let mut folds = &self.fold_of_row[..];
+        for rows in kept {
+            let (own, rest) = folds.split_at(rows.len());
+            keep[rows.clone()].fill(true);
+            fold[rows.clone()].copy_from_slice(own);
+            folds = rest;
         }
+        (keep, fold)
     }
 }
