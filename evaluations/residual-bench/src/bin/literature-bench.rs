@@ -37,6 +37,9 @@ The sets are those of [literature-sets.md](literature-sets.md): effects, equatio
 had read neither the analysis nor the first generator. What counts as right is written in
 `evaluations/residual-bench/src/literature/judge.rs`. Seeds below 1000 are for this page, others for tuning. This page is written
 by the command below; don't edit.
+
+*Size* is the RMS of an effect over that of the noise. An *empty* set lacks nothing, and is *quiet* if no effect is named. The *first
+group* is the first effect with those that the report says cannot be distinguished from it.
 ";
 
 struct Options {
@@ -176,7 +179,7 @@ fn run(options: &Options) -> Result<(), String> {
     );
     let seconds: f64 = outcomes.iter().map(|o| o.seconds).sum();
     let text = format!(
-        "{HEADING}\n    {line}\n\n{} sets; {impossible} more cannot have the size on their motion.\n\n{}",
+        "{HEADING}\n    {line}\n\n{} sets. Left out, as their effect cannot have its size on the motion: {impossible}.\n\n{}",
         outcomes.len(),
         table::text(&outcomes)
     );
