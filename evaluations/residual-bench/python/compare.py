@@ -227,7 +227,8 @@ def main():
 
 
 FAIRNESS = """\
-`residual` does not add effects that reduce the error by less than 2 %; in the last line the limit is 0.2 %. The time of `residual`,
+`residual` does not add effects that reduce the error by less than 2 %; in the last line the limit is 0.2 %. Its figures are those of the
+effects whose names the data support. What else improves the fit is in its report, and not in these figures. The time of `residual`,
 on all cores, includes more than this comparison needs: it chooses the Stribeck speed and the order of the ripple continuously,
 compares every gain with 48 decoys of the residual and every effect with the others in its place, computes bootstrap intervals,
 looks for unexplained structure, and writes its reports. The Python tools get the candidates as finished columns and do not use
