@@ -1,6 +1,7 @@
 //! Flaws of measured logs: time base, gaps, repeats, spikes, clipping, quantisation, a 256-fold
 //! scale, an angle that begins again after each turn. Each is reported, and handled only as the model file asks.
 
+use crate::effects::Context;
 use crate::format::num;
 use crate::frame::Frame;
 use crate::spec::{Action, Roles, Spec};
@@ -127,17 +128,6 @@ fn place(row: usize, frame: &Frame, files: &[PathBuf]) -> String {
 const STEP: f64 = 0.25;
 const JUMP: f64 = 0.75;
 
-/// Size of a whole turn in a unit of an angle.
-fn turn(unit: &str) -> Option<f64> {
-    match unit {
-        "rad" => Some(TAU),
-        "mrad" => Some(1000.0 * TAU),
-        "deg" => Some(360.0),
-        "rev" => Some(1.0),
-        _ => None,
-    }
-}
-
 /// Notes an angle that begins again after each turn where its slope is the velocity, or makes it go on. Where the velocity has a
 /// column of its own nothing depends on that slope.
 fn wrapped_angle(frame: &mut Frame, spec: &Spec, files: &[PathBuf], log: &mut Log) {
@@ -149,9 +139,10 @@ fn wrapped_angle(frame: &mut Frame, spec: &Spec, files: &[PathBuf], log: &mut Lo
     else {
         return;
     };
-    let (Some(turn), Some(x)) = (turn(&angle.unit), frame.column("angle")) else {
+    let (Some(radians), Some(x)) = (Context::radians(&angle.unit), frame.column("angle")) else {
         return;
     };
+    let turn = TAU / radians;
     let mut x = x.to_vec();
     let mut jumps = Vec::new();
     for r in frame.sequences() {

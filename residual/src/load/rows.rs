@@ -140,6 +140,13 @@ impl<'a> Rows<'a> {
             label,
             "rows with an empty or non-finite cell in a mapped column were left out",
         );
+        let most = if 2 * missing > rows.len() { missing } else { 0 };
+        findings.count(
+            "empty cells",
+            most,
+            label,
+            &format!("more than half of the rows have an empty cell. {JOINED}"),
+        );
         findings.count(
             "time",
             backwards,
@@ -150,8 +157,13 @@ impl<'a> Rows<'a> {
     }
 }
 
-/// Why there is no row: the columns that have no value at all.
+/// What helps where columns have their values in different rows.
+const JOINED: &str = "Where columns of unlike rates are joined in one table, interpolate them to the times of the target first";
+
+/// Why there is no row: the columns that have no value at all, or values in different rows.
 fn no_rows(tables: &[Table], spec: &Spec) -> Error {
+    const LOOK: &str =
+        "Look at the columns named in [roles], or leave a role out that was not logged";
     let empty: Vec<String> = spec
         .roles
         .all()
@@ -165,14 +177,16 @@ fn no_rows(tables: &[Table], spec: &Spec) -> Error {
         .map(|(role, c)| format!("`{}` ({role})", c.column))
         .collect();
     let no_cells = tables.iter().all(|r| r.columns.iter().all(Vec::is_empty));
-    let which = if empty.is_empty() || no_cells {
-        String::new()
+    let (which, advice) = if no_cells {
+        (String::new(), LOOK)
+    } else if empty.is_empty() {
+        ("; each has some".to_string(), JOINED)
     } else {
-        format!("; {} has none at all", empty.join(", "))
+        (format!("; {} has none at all", empty.join(", ")), LOOK)
     };
     Error::data(
         format!("no row with finite values in every mapped column{which}"),
-        "Look at the columns named in [roles], or leave a role out that was not logged",
+        advice,
     )
 }
 

@@ -428,6 +428,39 @@ fn parts_of_one_log_given_twice_are_noted() {
     assert_eq!(copied(&steps.load(MODEL).unwrap()), None);
 }
 
+/// Topics of unlike rates that were joined in one table have most of their cells empty.
+#[test]
+fn a_table_with_most_cells_empty_says_what_helps() {
+    let joined = |whole: usize| {
+        let mut text = "t,y,c\n".to_string();
+        for i in 0..400usize {
+            let t = 0.01 * i as f64;
+            let (y, c) = (noise(i, 0).to_string(), (3.0 * t).sin().to_string());
+            let (y, c) = match i % 8 {
+                k if k < whole => (y, c),
+                k if k % 2 == 0 => (String::new(), c),
+                _ => (y, String::new()),
+            };
+            text += &format!("{t},{y},{c}\n");
+        }
+        let folder = Folder::new();
+        folder.put("a.csv", &text);
+        folder.load(&format!("{MODEL}[holdout]\nblock_s = 0.5\n"))
+    };
+    let error = joined(0).unwrap_err().to_string();
+    assert!(
+        error.contains("each has some") && error.contains("interpolate"),
+        "{error}"
+    );
+    let data = joined(2).unwrap();
+    let found = finding(&data, "empty cells").unwrap();
+    assert_eq!(found.count, 300, "{found:?}");
+    assert!(found.what.contains("interpolate"), "{found:?}");
+    let data = joined(5).unwrap();
+    assert!(finding(&data, "empty cells").is_none());
+    assert_eq!(finding(&data, "non-finite").unwrap().count, 150);
+}
+
 #[test]
 fn an_angle_that_begins_again_is_noted_and_made_to_go_on_where_asked() {
     let folder = |unit: f64, speed: f64| {
@@ -443,7 +476,8 @@ fn an_angle_that_begins_again_is_noted_and_made_to_go_on_where_asked() {
         }
         folder
     };
-    for (unit, name) in [(1.0, "rad"), (360.0 / std::f64::consts::TAU, "deg")] {
+    let degree = 360.0 / std::f64::consts::TAU;
+    for (unit, name) in [(1.0, "rad"), (degree, "deg"), (degree, "degrees")] {
         let model = MODEL.replace("[[terms]]", &ANGLE.replace("rad", name));
         let data = folder(unit, 0.1).load(&model).unwrap();
         let found = finding(&data, "wrapped angle").unwrap();
