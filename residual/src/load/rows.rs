@@ -21,7 +21,9 @@ pub(super) fn frame(
     findings: &mut hygiene::Log,
 ) -> Result<Frame, Error> {
     let total = tables.iter().map(Table::rows).sum();
-    let mut rows = Rows::new(spec, needed_columns(spec, tables)?, total);
+    let names = needed_columns(spec, tables)?;
+    let needed = raw_columns(spec, &names);
+    let mut rows = Rows::new(spec, names, total);
     for (index, table) in tables.iter_mut().enumerate() {
         let label = table.source.display().to_string();
         if table.columns.first().is_none_or(Vec::is_empty) {
@@ -36,10 +38,20 @@ pub(super) fn frame(
             &label,
             "lines that are no rows were left out (hygiene.text)",
         );
+        let before = rows.time.len();
         for part in split_by(table, &spec.input.sequence) {
             let begin = rows.time.len();
             rows.add(table, index as u32, &part, &label, findings)?;
             rows.cut_at_gaps(begin, &label, findings);
+        }
+        let used = rows.time.len() - before;
+        if is_joined(table, &needed, used) {
+            findings.count(
+                "joined columns",
+                table.rows() - used,
+                &label,
+                &format!("rows with an empty cell where each column has values, but in other rows. {JOINED}"),
+            );
         }
         // Its rows are copied: large logs must not be in memory twice. Where no row came of any log, the message below
         // looks at them.
@@ -48,7 +60,7 @@ pub(super) fn frame(
         }
     }
     if rows.time.is_empty() {
-        return Err(no_rows(tables, spec));
+        return Err(no_rows(tables, &needed));
     }
     let file: Vec<f64> = rows.file.into_iter().map(f64::from).collect();
     let mut named: Vec<(String, Vec<f64>)> = rows.names.into_iter().zip(rows.columns).collect();
@@ -140,13 +152,6 @@ impl<'a> Rows<'a> {
             label,
             "rows with an empty or non-finite cell in a mapped column were left out",
         );
-        let most = if 2 * missing > rows.len() { missing } else { 0 };
-        findings.count(
-            "empty cells",
-            most,
-            label,
-            &format!("more than half of the rows have an empty cell. {JOINED}"),
-        );
         findings.count(
             "time",
             backwards,
@@ -160,33 +165,74 @@ impl<'a> Rows<'a> {
 /// What helps where columns have their values in different rows.
 const JOINED: &str = "Where columns of unlike rates are joined in one table, interpolate them to the times of the target first";
 
+/// Share of the rows of a table that are left out from which on its columns may be joined ones.
+const MANY: f64 = 0.4;
+
+/// Share of the rows in which each of such columns has a value.
+const SOME: f64 = 0.1;
+
+/// Whether a table of which some rows are `used` looks like columns of unlike rates joined: many rows have an empty cell, and each
+/// column that is needed has values in some.
+fn is_joined(table: &Table, needed: &[Needed], used: usize) -> bool {
+    let rows = table.rows() as f64;
+    let filled = |n: &Needed| {
+        let values = table.column(&n.column).unwrap_or(&[]);
+        values.iter().filter(|x| x.is_finite()).count() as f64 >= SOME * rows
+    };
+    (used as f64) <= (1.0 - MANY) * rows && rows > 0.0 && needed.iter().all(filled)
+}
+
+/// A column of the logs without whose value a row is left out.
+struct Needed {
+    column: String,
+    role: Option<String>,
+}
+
+/// The columns of the logs that have these names in the model, and that of the time.
+fn raw_columns(spec: &Spec, names: &[String]) -> Vec<Needed> {
+    let roles = spec.roles.all();
+    let names = names.iter().map(String::as_str);
+    let of = |name: &str| match roles.iter().find(|(role, _)| role == name) {
+        Some((role, c)) => Needed {
+            column: c.column.clone(),
+            role: Some(role.clone()),
+        },
+        None => Needed {
+            column: name.into(),
+            role: None,
+        },
+    };
+    std::iter::once("time").chain(names).map(of).collect()
+}
+
 /// Why there is no row: the columns that have no value at all, or values in different rows.
-fn no_rows(tables: &[Table], spec: &Spec) -> Error {
-    const LOOK: &str =
-        "Look at the columns named in [roles], or leave a role out that was not logged";
-    let empty: Vec<String> = spec
-        .roles
-        .all()
+fn no_rows(tables: &[Table], needed: &[Needed]) -> Error {
+    let has_some = |n: &Needed, table: &Table| {
+        let values = table.column(&n.column).unwrap_or(&[]);
+        values.iter().any(|x| x.is_finite())
+    };
+    let empty: Vec<String> = needed
         .iter()
-        .filter(|(_, c)| {
-            tables.iter().all(|r| {
-                r.column(&c.column)
-                    .is_none_or(|v| v.iter().all(|x| !x.is_finite()))
-            })
+        .filter(|n| !tables.iter().any(|t| has_some(n, t)))
+        .map(|n| match &n.role {
+            Some(role) => format!("`{}` ({role})", n.column),
+            None => format!("`{}`", n.column),
         })
-        .map(|(role, c)| format!("`{}` ({role})", c.column))
         .collect();
     let no_cells = tables.iter().all(|r| r.columns.iter().all(Vec::is_empty));
-    let (which, advice) = if no_cells {
-        (String::new(), LOOK)
-    } else if empty.is_empty() {
-        ("; each has some".to_string(), JOINED)
+    let joined = tables.iter().any(|t| is_joined(t, needed, 0));
+    let which = if empty.is_empty() || no_cells {
+        String::new()
     } else {
-        (format!("; {} has none at all", empty.join(", ")), LOOK)
+        format!("; {} has none at all", empty.join(", "))
     };
     Error::data(
         format!("no row with finite values in every mapped column{which}"),
-        advice,
+        if joined {
+            JOINED
+        } else {
+            "Look at the columns named in [roles], or leave a role out that was not logged"
+        },
     )
 }
 

@@ -448,17 +448,29 @@ fn a_table_with_most_cells_empty_says_what_helps() {
         folder.load(&format!("{MODEL}[holdout]\nblock_s = 0.5\n"))
     };
     let error = joined(0).unwrap_err().to_string();
+    assert!(error.contains("interpolate"), "{error}");
+    for (whole, rows) in [(2, 300), (4, 200)] {
+        let data = joined(whole).unwrap();
+        let found = finding(&data, "joined columns").unwrap();
+        assert_eq!(found.count, rows, "{found:?}");
+        assert!(found.what.contains("interpolate"), "{found:?}");
+    }
+    let data = joined(5).unwrap();
+    assert!(finding(&data, "joined columns").is_none());
+    assert_eq!(finding(&data, "non-finite").unwrap().count, 150);
+    // A column without any value is no such thing, and is named, also one that only a term names.
+    let mut text = "t,y,c,w\n".to_string();
+    for i in 0..100usize {
+        text += &format!("{},{},1,\n", 0.01 * i as f64, noise(i, 0));
+    }
+    let folder = Folder::new();
+    folder.put("a.csv", &text);
+    let term = MODEL.replace("expr = \"command\"", "expr = \"command * w\"");
+    let error = folder.load(&term).unwrap_err().to_string();
     assert!(
-        error.contains("each has some") && error.contains("interpolate"),
+        error.contains("`w` has none at all") && !error.contains("interpolate"),
         "{error}"
     );
-    let data = joined(2).unwrap();
-    let found = finding(&data, "empty cells").unwrap();
-    assert_eq!(found.count, 300, "{found:?}");
-    assert!(found.what.contains("interpolate"), "{found:?}");
-    let data = joined(5).unwrap();
-    assert!(finding(&data, "empty cells").is_none());
-    assert_eq!(finding(&data, "non-finite").unwrap().count, 150);
 }
 
 #[test]

@@ -80,9 +80,9 @@ impl Cache {
         self.in_fits.get(key)?.upgrade()
     }
 
-    /// Keeps values for as long as there is room, or a fit has them.
+    /// Keeps values for as long as there is room, or a fit has them. What the table has needs no room.
     fn keep(&mut self, key: String, v: &Column, most: usize) {
-        if !self.make_room(v.len(), most) {
+        if Arc::strong_count(v) > 1 || !self.make_room(v.len(), most) {
             if self.in_fits.len() >= self.most_in_fits {
                 self.in_fits.retain(|_, v| v.strong_count() > 0);
                 self.most_in_fits = 2 * self.in_fits.len() + FEWEST_IN_FITS;
@@ -97,8 +97,19 @@ impl Cache {
     fn make_room(&mut self, values: usize, most: usize) -> bool {
         if self.values + values > most && self.swept < self.scan {
             self.swept = self.scan;
-            let scan = self.scan;
-            self.columns.retain(|_, (_, used)| *used == scan);
+            let Cache {
+                columns,
+                in_fits,
+                scan,
+                ..
+            } = self;
+            columns.retain(|key, (v, used)| {
+                let recent = used == scan;
+                if !recent && Arc::strong_count(v) > 1 {
+                    in_fits.insert(key.clone(), Arc::downgrade(v));
+                }
+                recent
+            });
             self.values = self.columns.values().map(|(v, _)| v.len()).sum();
         }
         self.values + values <= most
