@@ -72,7 +72,7 @@ board can use into a rig file, and holds the force again. The effect is in a fil
 from the rig file by themselves (Coulomb friction by 5 %, its share of load by 8 %, offset by 27 mN), which is found as
 friction, gain or offset of its own. *found*: median over the units that name it (smallest to largest). *worst
 cable*, *tip*: RMS of the worst cable's tension error and of the force error at the tip, by the plant's truth,
-before and after. *without it*: both on the same rig without the effect, rig file as it is; after a correction
+before and after; `fault 45`: the tension was implausible until the board gave up the units. *without it*: both on the same rig without the effect, rig file as it is; after a correction
 they can be smaller than that, since the units' own scatter is corrected as well. *board*: `better` where the worst cable gained for sure (the 95 % interval over pairs of runs
 excludes zero), by 2 % at least, and the tip lost no more than 5 %; elsewhere `forcectl identify` leaves the rig file as it was.
 

@@ -16,10 +16,10 @@ pub struct Findings {
     pub units: usize,
     /// The compared number in each unit that names the effect.
     pub found: Vec<f64>,
-    /// Tension error of the worst cable, N RMS, before and after.
-    pub worst: (f64, Option<f64>),
+    /// Tension error of the worst cable, N RMS, before and after; `None` where a fault ended the session, or there was none.
+    pub worst: (Option<f64>, Option<f64>),
     /// Force error at the tip, N RMS, before and after.
-    pub tip: (f64, Option<f64>),
+    pub tip: (Option<f64>, Option<f64>),
     /// Worst cable and tip of the same rig without the effect, with the rig file as it is.
     pub without: Option<(f64, f64)>,
     /// Changed settings.
@@ -83,19 +83,20 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
         }
     }
     found.sort_by(f64::total_cmp);
-    let after = |path: &str| report.pointer(path).and_then(Value::as_f64);
+    let figure = |path: &str| report.pointer(path).and_then(Value::as_f64);
+    let before = |path: &str| match report["before_fault"].as_str() {
+        Some(_) => Ok(None),
+        None => number(report, path).map(Some),
+    };
     Ok(Findings {
         named,
         units: units.len(),
         found,
         worst: (
-            number(report, "/before/worst_tension_rms_n")?,
-            after("/after/worst_tension_rms_n"),
+            before("/before/worst_tension_rms_n")?,
+            figure("/after/worst_tension_rms_n"),
         ),
-        tip: (
-            number(report, "/before/tip_rms_n")?,
-            after("/after/tip_rms_n"),
-        ),
+        tip: (before("/before/tip_rms_n")?, figure("/after/tip_rms_n")),
         without: None,
         changed: report["changed"].as_array().map_or(0, Vec::len),
         better: report["better"].as_bool().unwrap_or(false),
@@ -125,6 +126,7 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, Stri
         .arg(&plant)
         .args(["--drive-duration", &options.drive])
         .args(["--duration", &options.hold])
+        .arg("--clear-implausible")
         .arg("--out")
         .arg(&report)
         .env("FORCECTL_STATE_DIR", folder.join("state"))

@@ -24,11 +24,16 @@ pub enum Cost {
 /// What the effect cost the worst cable; `None` without a control run.
 pub fn cost(findings: &Findings) -> Option<Cost> {
     let (without, _) = findings.without?;
-    let cost = findings.worst.0 - without;
-    let won = findings
-        .worst
-        .1
-        .map_or(0.0, |after| findings.worst.0 - after);
+    let Some(before) = findings.worst.0 else {
+        // Without the correction the force is not held at all.
+        return Some(if findings.better {
+            Cost::WonBack
+        } else {
+            Cost::Left
+        });
+    };
+    let cost = before - without;
+    let won = findings.worst.1.map_or(0.0, |after| before - after);
     Some(if cost < 0.1 * without {
         Cost::None
     } else if findings.better && won >= 0.5 * cost {
@@ -43,10 +48,13 @@ pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, String>) -> (St
     let findings = match findings {
         Ok(findings) => findings,
         Err(why) => {
+            // What happened and which fault it was; the advice is for users of the rig.
+            let first: Vec<&str> = why.split(". ").take(2).collect();
+            let why = first.join(". ");
             return (
                 format!("| {seed} | {} | failed: {why} | | | | | | |\n", truth.words),
                 false,
-            )
+            );
         }
     };
     let units = findings.units;
@@ -87,10 +95,9 @@ pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, String>) -> (St
             });
         (format!("{:.3} {}", truth.value, truth.unit), found)
     };
-    let pair = |(before, after): (f64, Option<f64>)| {
-        after.map_or(format!("{before:.3}"), |after| {
-            format!("{before:.3} -> {after:.3}")
-        })
+    let pair = |(before, after): (Option<f64>, Option<f64>)| {
+        let before = before.map_or("fault 45".to_owned(), |before| format!("{before:.3}"));
+        after.map_or(before.clone(), |after| format!("{before} -> {after:.3}"))
     };
     let board = match (findings.changed, findings.better) {
         (0, _) => "nothing to use",
@@ -172,6 +179,10 @@ mod tests {
         assert_eq!(cost(&findings), Some(Cost::Left));
         findings.worst.1 = Some(0.1);
         assert_eq!(cost(&findings), Some(Cost::WonBack));
+        // A fault ended the run before.
+        let with_figure = findings.worst.0.take();
+        assert_eq!(cost(&findings), Some(Cost::WonBack));
+        findings.worst.0 = with_figure;
         findings.better = false;
         assert_eq!(cost(&findings), Some(Cost::Left));
         findings.better = true;
@@ -180,6 +191,13 @@ mod tests {
         assert!(text.contains("gain 2/3; beside it tone 1/3"), "{text}");
         assert!(text.contains("-20.000 (-30.000 to -20.000)"), "{text}");
         assert!(text.contains("0.200 -> 0.100"), "{text}");
+        let mut stopped = report.clone();
+        stopped["before"] = json!(null);
+        assert!(read(&truth, &stopped).is_err());
+        stopped["before_fault"] = json!("fault 45 of unit 1");
+        let findings = read(&truth, &stopped).unwrap();
+        let (text, gained) = row(seed, &truth, &Ok(findings));
+        assert!(gained && text.contains("fault 45 -> 0.100"), "{text}");
         let (text, gained) = row(seed, &truth, &Err("no rig".to_owned()));
         assert!(!gained && text.contains("no rig"));
         assert!(read(&truth, &json!({"units": []})).is_err());

@@ -6,15 +6,18 @@ use super::residual::Stages;
 use super::watch::Watch;
 use super::{values, Context};
 use clap::Args;
+use control::Fault;
 use host_cli::identify::{self, Figures, Findings, Gain, Pair};
 use host_cli::link::RigLink;
 use host_cli::plot;
 use host_cli::rigfile::{self, RigFile};
-use host_cli::run::{self, Ended, Options, Outcome, RunError};
+use host_cli::run::{self, Ended, Options, Outcome, RunError, RunFault, Stopped};
+use host_cli::session::Session;
 use serde_json::json;
 use std::cell::Cell;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+use wire::{Command, UNITS};
 
 /// Below the help of the command.
 pub const HELP: &str = "\
@@ -25,6 +28,10 @@ The command runs sessions on the rig:
 Sessions 1 and 3 are repeated as pairs, at least twice, until the 95 % interval of the gain excludes zero, or up to --pairs.
 The robot has to move during all sessions; the embedded rig's robot does. The cables have to be slack at the start of
 each session, because zeros are taken there.
+
+A drive with a delay may oscillate in session 1 until fault 45 (tension implausible) ends it. With --clear-implausible the
+command clears this fault, and no other, and goes on; in session 2 the loops are open. The findings are then better where the
+force is held with them to the end.
 
 The rig file is written to DIR as rig.before.toml, the corrected one as rig.after.toml. --apply also replaces the file
 that --rig names and keeps the old one as FILE.before-N. It does so only where the findings were clear and the force was held
@@ -63,6 +70,9 @@ pub struct Identify {
     /// Replace the file that --rig names by the corrected one, where the result was better
     #[arg(long)]
     apply: bool,
+    /// Clear a fault 45 (tension implausible) that ends a session without the findings, and go on
+    #[arg(long)]
+    clear_implausible: bool,
     #[command(flatten)]
     connection: Connection,
     /// Sessions so far.
@@ -74,15 +84,25 @@ pub struct Identify {
 const REPEATS: &str =
     "this rig repeats a pair of runs to the last digit, so further pairs do not confirm the gain";
 
+/// A session in which a force was held.
+enum Held {
+    /// To the end.
+    Whole(Outcome, Figures),
+    /// Until units dropped out with a fault 45; which, in words.
+    Implausible(Outcome, String),
+}
+
 /// Results of the command.
 struct Results {
     findings: Findings,
     /// Part of the excitation's amplitude that was left at the end.
     swing: f64,
     before: Outcome,
+    /// The fault that ended a session without the findings.
+    stopped: Option<String>,
     after: Option<Outcome>,
-    /// Means over the runs without and with the findings.
-    figures: (Figures, Option<Figures>),
+    /// Means over the runs without and with the findings; `None` without such a run to the end.
+    figures: (Option<Figures>, Option<Figures>),
     /// How much better it is with the findings.
     gain: Option<Gain>,
     /// Where the rig file was put, and where the old one is kept.
@@ -110,12 +130,11 @@ impl Identify {
         std::fs::create_dir_all(&self.out).map_err(|error| Failure::file(&self.out, error))?;
         self.write("rig.before.toml", &text)?;
 
-        let (before, figures_before) = self.hold(
-            context,
-            &rig,
-            force_n,
-            "session 1: holding a force with the rig file as it is",
-        )?;
+        let what = "session 1: holding a force with the rig file as it is";
+        let (before, figures_before, stopped) = match self.hold(context, &rig, force_n, what)? {
+            Held::Whole(outcome, figures) => (outcome, Some(figures), None),
+            Held::Implausible(outcome, why) => (outcome, None, Some(why)),
+        };
         let recording = self.drive(context, &rig)?;
         let mut stages = Stages::new(!context.output.shows_progress());
         let findings = identify::find(&recording, &rig, &name, &text, &self.out, &mut stages)?;
@@ -125,6 +144,7 @@ impl Identify {
             findings,
             swing: recording.swing,
             before,
+            stopped,
             after: None,
             figures: (figures_before, None),
             gain: None,
@@ -158,18 +178,40 @@ impl Identify {
     ) -> Result<Option<String>> {
         let mut before = results.figures.0;
         let mut pairs: Vec<Pair> = Vec::new();
+        let mut afters: Vec<Figures> = Vec::new();
         loop {
-            let n = pairs.len() + 1;
-            if n > 1 {
+            let n = afters.len() + 1;
+            if n > 1 && results.stopped.is_none() {
                 let what = format!("pair {n}: holding the force without what was found");
-                before = self.hold(context, rig, force_n, &what)?.1;
+                match self.hold(context, rig, force_n, &what)? {
+                    Held::Whole(_, figures) => before = Some(figures),
+                    Held::Implausible(_, why) => results.stopped = Some(why),
+                }
             }
             let what = match n {
                 1 => "session 3: holding the same force with what was found".to_owned(),
                 _ => format!("pair {n}: holding the force with what was found"),
             };
-            let (outcome, after) = self.hold(context, &results.findings.rig, force_n, &what)?;
-            results.after.get_or_insert(outcome);
+            let after = match self.hold(context, &results.findings.rig, force_n, &what)? {
+                Held::Whole(outcome, figures) => {
+                    results.after.get_or_insert(outcome);
+                    figures
+                }
+                Held::Implausible(_, why) => {
+                    return Ok(Some(format!(
+                        "the force was not held with it to the end: {why}"
+                    )))
+                }
+            };
+            afters.push(after);
+            results.figures.1 = Figures::mean(&afters);
+            // Without a session to the end there is nothing to compare. What holds the force again and again is better.
+            let Some(before) = before.filter(|_| results.stopped.is_none()) else {
+                if n < identify::FEWEST_PAIRS {
+                    continue;
+                }
+                return Ok(None);
+            };
             let pair = Pair { before, after };
             let repeats = pairs.contains(&pair);
             pairs.push(pair);
@@ -179,8 +221,7 @@ impl Identify {
             results.gain = Some(gain);
             if repeats || gain.is_decided() || n >= usize::from(self.pairs) {
                 let of = |f: fn(&Pair) -> Figures| pairs.iter().map(f).collect::<Vec<_>>();
-                results.figures.0 = Figures::mean(&of(|p| p.before)).unwrap_or(before);
-                results.figures.1 = Figures::mean(&of(|p| p.after));
+                results.figures.0 = Figures::mean(&of(|p| p.before));
                 return Ok(match gain.is_better() {
                     true => None,
                     false if repeats => Some(REPEATS.to_owned()),
@@ -222,14 +263,14 @@ impl Identify {
         self.connection.open_again(rig, run, context)
     }
 
-    /// Holds the force in a session of its own.
+    /// Holds the force in a session of its own. A fault 45 that ended it is an error, unless it may be cleared.
     fn hold(
         &self,
         context: &Context,
         rig: &RigFile,
         force_n: [f64; 3],
         what: &str,
-    ) -> Result<(Outcome, Figures)> {
+    ) -> Result<Held> {
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.open(rig, context)?;
         let options = Options {
@@ -239,9 +280,12 @@ impl Identify {
         };
         let mut watch = Watch::new(&context.output);
         watch.progress.beside(|output| output.note(what));
-        let outcome = run::set_force(link.as_mut(), rig, &options, &mut watch);
+        let held = run::hold_force(link.as_mut(), rig, &options, &mut watch);
         watch.progress.done();
-        let outcome = outcome?;
+        let outcome = match held {
+            Ok(outcome) => outcome,
+            Err(stopped) => return self.stopped(stopped, link.as_mut(), context),
+        };
         if outcome.ended == Ended::Interrupted || context.interrupt.requested() {
             return Err(Failure::from(RunError::Interrupted));
         }
@@ -251,7 +295,31 @@ impl Identify {
                 "--duration is too short for figures; give 2 s or more",
             )
         })?;
-        Ok((outcome, figures))
+        Ok(Held::Whole(outcome, figures))
+    }
+
+    /// What a session is worth that ended early. Clears a fault 45, if the user wants it. Where its cause is still there it stays
+    /// latched, and the next session does not begin.
+    fn stopped(&self, stopped: Stopped, link: &mut dyn RigLink, context: &Context) -> Result<Held> {
+        let Stopped { error, outcome } = stopped;
+        let units = outcome.as_ref().and_then(|o| implausible(&o.faults));
+        match (units, outcome) {
+            (Some(units), Some(outcome)) if self.clear_implausible => {
+                let why = format!("fault 45 (tension implausible) of {units} ended a session");
+                context.output.note(&format!("{why}; it is cleared"));
+                let mut session = Session::connect(link)?;
+                session.command(&Command::ClearFaults)?;
+                Ok(Held::Implausible(*outcome, why))
+            }
+            (Some(_), _) => Err(Failure::new(
+                exit::BOARD,
+                format!(
+                    "{error}\nA drive with a delay oscillates in a closed loop until this fault ends it. If cables, cells and amplifiers are \
+                     as they should be, --clear-implausible clears the fault and goes on with open loops, to find the cause"
+                ),
+            )),
+            (None, _) => Err(error.into()),
+        }
     }
 
     /// Drives the cables with the loops open, and records it.
@@ -312,6 +380,24 @@ impl Identify {
         }
         let messages: Vec<String> = failures.into_iter().map(|f| f.message).collect();
         Err(Failure::new(exit::FILE, messages.join("\n")).with_reply(reply))
+    }
+}
+
+/// The units in words, where all faults of a session are fault 45 of units.
+fn implausible(faults: &[RunFault]) -> Option<String> {
+    let unit = |fault: &RunFault| {
+        fault
+            .unit
+            .filter(|_| fault.code == Fault::Implausible.code())
+    };
+    let mut units: Vec<u8> = faults.iter().map(unit).collect::<Option<_>>()?;
+    units.sort_unstable();
+    units.dedup();
+    let names: Vec<String> = units.iter().map(u8::to_string).collect();
+    match names.len() {
+        0 => None,
+        1 => Some(format!("unit {}", names[0])),
+        _ => Some(format!("units {}", names.join(", "))),
     }
 }
 
@@ -391,9 +477,13 @@ fn record(results: &Results, rig_name: &str) -> serde_json::Value {
         "excitation_swing": results.swing,
         "changed": results.findings.rewritten.changed,
         "before": results.figures.0,
+        "before_fault": results.stopped,
         "after": results.figures.1,
         "gain": results.gain,
-        "better": results.gain.map(|gain| gain.is_better()),
+        "better": match (&results.stopped, &results.gain) {
+            (Some(_), _) => Some(results.left.is_none()),
+            (None, gain) => gain.map(|gain| gain.is_better()),
+        },
         "left": results.left,
         "applied": results.applied.as_ref().map(|(file, kept)| json!({"file": file, "kept": kept})),
     })
@@ -462,7 +552,7 @@ fn markdown(results: &Results, rig_name: &str) -> String {
     let cell = |value: Option<f64>| value.map_or("-".to_owned(), |v| format!("{v:.4}"));
     line(format!(
         "RMS errors while the force is held, N, {}.\n",
-        if before.from_truth {
+        if before.or(*after).is_some_and(|f| f.from_truth) {
             "by the plant's truth"
         } else {
             "by the load cells"
@@ -470,24 +560,29 @@ fn markdown(results: &Results, rig_name: &str) -> String {
     ));
     line("| | before | after |".to_owned());
     line("|---|---|---|".to_owned());
-    for (i, rms) in before.tension_rms_n.iter().enumerate() {
+    for i in 0..UNITS {
         line(format!(
             "| tension of cable {} | {} | {} |",
             i + 1,
-            cell(Some(*rms)),
+            cell(before.map(|b| b.tension_rms_n[i])),
             cell(after.map(|a| a.tension_rms_n[i]))
         ));
     }
     line(format!(
         "| worst cable | {} | {} |",
-        cell(Some(before.worst_tension_rms_n)),
+        cell(before.map(|b| b.worst_tension_rms_n)),
         cell(after.map(|a| a.worst_tension_rms_n))
     ));
     line(format!(
         "| force at the tip | {} | {} |",
-        cell(Some(before.tip_rms_n)),
+        cell(before.map(|b| b.tip_rms_n)),
         cell(after.map(|a| a.tip_rms_n))
     ));
+    if let Some(why) = &results.stopped {
+        line(format!(
+            "\nWithout the findings the force was not held to the end: {why}."
+        ));
+    }
     if let Some(gain) = &results.gain {
         line(format!("\nReduction of the worst cable's error: {gain}. The table has the means of these runs."));
     }
@@ -526,6 +621,27 @@ fn effect(e: &residual::Effect) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_fault_45_of_units_may_be_cleared() {
+        let fault = |unit: Option<u8>, fault: Fault| RunFault {
+            t_s: 1.0,
+            unit,
+            code: fault.code(),
+            text: String::new(),
+        };
+        let of = |unit: u8| fault(Some(unit), Fault::Implausible);
+        let words = |faults: &[RunFault]| implausible(faults);
+        assert_eq!(words(&[of(3)]).as_deref(), Some("unit 3"));
+        assert_eq!(
+            words(&[of(6), of(1), of(3), of(1)]).as_deref(),
+            Some("units 1, 3, 6")
+        );
+        assert_eq!(words(&[]), None);
+        assert_eq!(words(&[of(1), fault(None, Fault::TipForce)]), None);
+        assert_eq!(words(&[of(1), fault(Some(2), Fault::SensorFrozen)]), None);
+        assert_eq!(words(&[fault(None, Fault::Implausible)]), None);
+    }
 
     #[test]
     fn the_old_rig_file_is_kept_however_often() {
