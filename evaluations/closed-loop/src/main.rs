@@ -17,7 +17,7 @@ mod table;
 use effect::truth;
 use options::{options, Options, HELP};
 use page::{names, page};
-use run::run;
+use run::{run, NoFindings};
 use std::path::Path;
 use std::process::ExitCode;
 use table::{cost, row, Kinds, HEAD};
@@ -44,7 +44,12 @@ fn main() -> ExitCode {
     for seed in options.seeds.0..=options.seeds.1 {
         let truth = truth(seed, options.size);
         let findings = run(&options, seed, &truth);
-        failed |= findings.is_err();
+        match &findings {
+            Err(NoFindings::Failed(_)) => failed = true,
+            Err(NoFindings::Stopped) if kinds.stopped.contains(&truth.kind) => {}
+            Err(NoFindings::Stopped) => kinds.stopped.push(truth.kind),
+            Ok(_) => {}
+        }
         let (text, gained) = row(seed, &truth, &findings);
         print!("{text}");
         rows.push_str(&text);

@@ -43,7 +43,18 @@ pub fn page(options: &Options, rows: &str, kinds: &Kinds) -> String {
         back,
         left,
         harmless,
+        stopped,
     } = kinds;
+    let stopped = match stopped.as_slice() {
+        [] => String::new(),
+        kinds => format!(
+            "
+Kinds with which the board gave up units also with open loops, as their tension was implausible (fault 45, [safety](../safety.md)): {}.
+Such a drive is to be put right before anything is identified; `--size 0.5` halves all sizes.
+",
+            names(kinds)
+        ),
+    };
     let notes: String = NOTES
         .iter()
         .filter(|(kind, of, _)| match of {
@@ -64,7 +75,7 @@ pub fn page(options: &Options, rows: &str, kinds: &Kinds) -> String {
 Printed by `cargo xtask closed-loop --seeds {first}..{last}{size} --markdown docs/residual/closed-loop.md`.
 
 Each seed is another rig (scatter of units, survey, noise, the robot's path) with one effect in all its units that the rig
-file does not have. `forcectl identify` runs as a process of its own on the real firmware: it holds 2.5 N along y at the
+file does not have. `forcectl identify --clear-implausible` runs as a process of its own on the real firmware: it holds 2.5 N along y at the
 moving tip for {hold} s, drives the cables for {seconds} s with the tension loops open, analyses what was recorded, puts what the
 board can use into a rig file, and holds the force again. The effect is in a file that only the rig reads.
 
@@ -87,7 +98,7 @@ Kinds that had cost the worst cable a tenth or more against *without it*, of who
 Kinds whose cost is still there: {}.
 
 Kinds that cost less than a tenth, or nothing: {}.
-
+{stopped}
 {notes}",
         better.len(),
         names(better),

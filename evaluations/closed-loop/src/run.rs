@@ -28,6 +28,24 @@ pub struct Findings {
     pub better: bool,
 }
 
+/// Why there are no findings.
+#[derive(Debug)]
+pub enum NoFindings {
+    /// The board gave up units: with the effect their tension is implausible, also with open loops.
+    Stopped,
+    /// Something went wrong, in words.
+    Failed(String),
+}
+
+impl From<String> for NoFindings {
+    fn from(why: String) -> Self {
+        Self::Failed(why)
+    }
+}
+
+/// What a message of `forcectl` says where the tension of a unit is implausible.
+const IMPLAUSIBLE: &str = "fault 45, ";
+
 /// A number of a report.
 fn number(value: &Value, path: &str) -> Result<f64, String> {
     value
@@ -104,13 +122,17 @@ pub fn read(truth: &Truth, report: &Value) -> Result<Findings, String> {
 }
 
 /// Runs `forcectl identify` and the control run on a seed's rig, or reads what an earlier run left.
-pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, String> {
+pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, NoFindings> {
     let folder = options.out.join(format!("seed{seed}"));
     let report = folder.join("found");
     let json = report.join("identify.json");
     let control = folder.join("control");
+    let stopped = folder.join("stopped");
     if options.reuse {
-        return findings(truth, &json, &control);
+        if stopped.exists() {
+            return Err(NoFindings::Stopped);
+        }
+        return Ok(findings(truth, &json, &control)?);
     }
     // What an earlier run left would be read in place of a report that was never written.
     if folder.exists() {
@@ -136,7 +158,11 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, Stri
     if !matches!(output.status.code(), Some(0 | 6)) {
         let words = String::from_utf8_lossy(&output.stderr);
         let last = words.lines().last().unwrap_or("no message").to_owned();
-        return Err(format!("forcectl ended with {}: {last}", output.status));
+        if output.status.code() == Some(5) && last.contains(IMPLAUSIBLE) {
+            std::fs::write(&stopped, &last).map_err(|e| format!("{}: {e}", stopped.display()))?;
+            return Err(NoFindings::Stopped);
+        }
+        return Err(format!("forcectl ended with {}: {last}", output.status).into());
     }
     // The same rig without the effect: the smallest error that a correction can reach.
     std::fs::create_dir_all(&control).map_err(|e| format!("{}: {e}", control.display()))?;
@@ -152,7 +178,7 @@ pub fn run(options: &Options, seed: u64, truth: &Truth) -> Result<Findings, Stri
         .env("FORCECTL_STATE_DIR", folder.join("state"))
         .output()
         .map_err(|e| format!("{}: {e}", options.forcectl.display()))?;
-    findings(truth, &json, &control)
+    Ok(findings(truth, &json, &control)?)
 }
 
 pub fn json(path: &Path) -> Result<Value, String> {

@@ -1,7 +1,7 @@
 //! The table of results, a row for each seed, and the kinds of effect by result.
 
 use crate::effect::{Kind, Truth};
-use crate::run::Findings;
+use crate::run::{Findings, NoFindings};
 use std::fmt::Write as _;
 
 /// Head of the table.
@@ -44,13 +44,16 @@ pub fn cost(findings: &Findings) -> Option<Cost> {
 }
 
 /// A row of the table, and whether the effect was named in most units and the force held better after.
-pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, String>) -> (String, bool) {
+pub fn row(seed: u64, truth: &Truth, findings: &Result<Findings, NoFindings>) -> (String, bool) {
     let findings = match findings {
         Ok(findings) => findings,
-        Err(why) => {
-            // What happened and which fault it was; the advice is for users of the rig.
-            let first: Vec<&str> = why.split(". ").take(2).collect();
-            let why = first.join(". ");
+        Err(NoFindings::Stopped) => {
+            let words = &truth.words;
+            let text =
+                format!("| {seed} | {words} | - | - | - | - | - | - | stopped by fault 45 |\n");
+            return (text, false);
+        }
+        Err(NoFindings::Failed(why)) => {
             return (
                 format!("| {seed} | {} | failed: {why} | | | | | | |\n", truth.words),
                 false,
@@ -129,6 +132,8 @@ pub struct Kinds {
     pub left: Vec<Kind>,
     /// Cost nothing.
     pub harmless: Vec<Kind>,
+    /// The board gave up units.
+    pub stopped: Vec<Kind>,
 }
 
 impl Kinds {
@@ -198,7 +203,9 @@ mod tests {
         let findings = read(&truth, &stopped).unwrap();
         let (text, gained) = row(seed, &truth, &Ok(findings));
         assert!(gained && text.contains("fault 45 -> 0.100"), "{text}");
-        let (text, gained) = row(seed, &truth, &Err("no rig".to_owned()));
+        let (text, gained) = row(seed, &truth, &Err(NoFindings::Stopped));
+        assert!(!gained && text.contains("stopped by fault 45"), "{text}");
+        let (text, gained) = row(seed, &truth, &Err("no rig".to_owned().into()));
         assert!(!gained && text.contains("no rig"));
         assert!(read(&truth, &json!({"units": []})).is_err());
     }
