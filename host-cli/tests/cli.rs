@@ -1,6 +1,9 @@
 //! The program itself, without a rig: what it refuses, what it prints where, and its exit codes.
 #![cfg(all(feature = "record", feature = "residual"))]
 
+#[cfg(unix)]
+mod common;
+
 use serde_json::Value;
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
@@ -750,6 +753,7 @@ fn a_full_disk_is_told_once() {
 /// Signals, on systems that have them.
 #[cfg(unix)]
 mod signals {
+    use super::common::signals;
     use super::*;
     use std::io::Write;
     use std::os::unix::fs::PermissionsExt;
@@ -761,22 +765,6 @@ mod signals {
             .args(["-s", name, &child.id().to_string()])
             .status();
         assert!(sent.expect("kill runs").success());
-    }
-
-    /// The signals that end a command. Without SIGHUP where these tests run with SIGHUP ignored (`nohup`): the command
-    /// inherits that and keeps it.
-    fn signals() -> Vec<&'static str> {
-        let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-        let ignored = status
-            .lines()
-            .find_map(|line| line.strip_prefix("SigIgn:"))
-            .and_then(|mask| u64::from_str_radix(mask.trim(), 16).ok())
-            .unwrap_or(0);
-        let mut out = vec!["INT", "TERM"];
-        if ignored & 1 == 0 {
-            out.push("HUP");
-        }
-        out
     }
 
     /// Waits for a condition; a minute at most, as the machine may be busy.

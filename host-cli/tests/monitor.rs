@@ -3,6 +3,9 @@
 
 #![cfg(unix)]
 
+mod common;
+
+use common::signals;
 use host_cli::rigfile::{DEFAULT_NAME, DEFAULT_TEXT};
 use rustix::pty::{grantpt, openpt, ptsname, unlockpt, OpenptFlags};
 use rustix::termios::{tcgetattr, tcgetwinsize, tcsetwinsize, Winsize};
@@ -212,15 +215,8 @@ fn ctrl_c_and_sigterm_give_the_terminal_back() {
     let mut on = OnTerminal::start();
     on.press("\u{3}");
     on.ends(130);
-    // Under nohup the tests ignore SIGHUP, and so does what they start.
-    let status = std::fs::read_to_string("/proc/self/status").unwrap_or_default();
-    let mask = status.lines().find_map(|l| l.strip_prefix("SigIgn:"));
-    let mask = mask.and_then(|m| u64::from_str_radix(m.trim(), 16).ok());
-    let no_hup = mask.is_some_and(|m| m & 1 == 1);
-    for signal in ["TERM", "HUP"] {
-        if no_hup && signal == "HUP" {
-            continue;
-        }
+    // Ctrl-C is SIGINT.
+    for signal in signals().into_iter().filter(|name| *name != "INT") {
         let on = OnTerminal::start();
         let id = on.child.id().to_string();
         let kill = Command::new("kill").args(["-s", signal, &id]).status();

@@ -44,16 +44,13 @@ fn main() -> ExitCode {
     for seed in options.seeds.0..=options.seeds.1 {
         let truth = truth(seed, options.size);
         let findings = run(&options, seed, &truth);
-        match &findings {
-            Err(NoFindings::Failed(_)) => failed = true,
-            Err(NoFindings::Stopped) if kinds.stopped.contains(&truth.kind) => {}
-            Err(NoFindings::Stopped) => kinds.stopped.push(truth.kind),
-            Ok(_) => {}
-        }
+        failed |= matches!(findings, Err(NoFindings::Failed(_)));
+        let stopped = matches!(findings, Err(NoFindings::Stopped));
         let (text, gained) = row(seed, &truth, &findings);
         print!("{text}");
         rows.push_str(&text);
-        kinds.add(truth.kind, gained, findings.ok().as_ref().and_then(cost));
+        let cost = findings.ok().as_ref().and_then(cost);
+        kinds.add(truth.kind, gained, cost, stopped);
     }
     println!(
         "\nkinds of effect that were named in most units and held better after: {} ({}); that had cost something, half of it gone: {} ({})",

@@ -138,12 +138,13 @@ pub struct Kinds {
 
 impl Kinds {
     /// Adds a seed's result.
-    pub fn add(&mut self, kind: Kind, gained: bool, cost: Option<Cost>) {
+    pub fn add(&mut self, kind: Kind, gained: bool, cost: Option<Cost>, stopped: bool) {
         let lists = [
             (&mut self.better, gained),
             (&mut self.back, gained && cost == Some(Cost::WonBack)),
             (&mut self.left, cost == Some(Cost::Left)),
             (&mut self.harmless, cost == Some(Cost::None)),
+            (&mut self.stopped, stopped),
         ];
         for (list, belongs) in lists {
             if belongs && !list.contains(&kind) {

@@ -3,7 +3,7 @@
 
 use super::{Model, Projector};
 use crate::error::Error;
-use crate::problem::{Column, Problem, Scores, Sums, View};
+use crate::problem::{slices, Column, Problem, Scores, Sums, View};
 use crate::stats;
 use std::ops::Range;
 use std::sync::Arc;
@@ -104,10 +104,6 @@ fn subtract(columns: &[&[f64]], theta: &[f64], range: Range<usize>, from: &mut [
                 .for_each(|(o, v)| *o -= k * v);
         }
     }
-}
-
-fn slices(columns: &[Column]) -> Vec<&[f64]> {
-    columns.iter().map(|c| c.as_slice()).collect()
 }
 
 /// Takes off each fold the prediction from a fit to the others.

@@ -226,7 +226,7 @@ impl Problem {
 
     /// Evaluates an expression on the kept rows of a frame with other values in some columns.
     pub fn eval_on(&self, frame: &Frame, e: &Expr) -> Result<Column, Error> {
-        let known = frame.known(e).filter(|_| self.has_all_rows());
+        let known = frame.known(e).filter(|_| self.kept.is_none());
         let v = match known {
             Some(known) => known.clone(),
             None => Arc::new(self.gather(e.eval(frame)?)),

@@ -29,6 +29,11 @@ use std::sync::{Arc, Mutex};
 /// Values of an expression on the kept rows.
 pub(crate) type Column = Arc<Vec<f64>>;
 
+/// The values of columns.
+pub(crate) fn slices(columns: &[Column]) -> Vec<&[f64]> {
+    columns.iter().map(|c| c.as_slice()).collect()
+}
+
 /// A stretch of kept rows of one sequence and one fold.
 #[derive(Debug, Clone)]
 pub(crate) struct Block {
@@ -252,11 +257,6 @@ impl Problem {
             self.blocks[run.start].range.start..self.blocks[run.end - 1].range.end
         };
         self.runs().into_iter().map(rows).collect()
-    }
-
-    /// Whether all rows are fitted.
-    fn has_all_rows(&self) -> bool {
-        self.kept.is_none()
     }
 
     /// Rows of a frame column that are fitted.

@@ -24,7 +24,7 @@ use crate::error::Error;
 use crate::expr::Expr;
 use crate::frame::Frame;
 use crate::model::{Chosen, Fit, Fitted, Model};
-use crate::problem::{Column, Known, Problem, Scores, Sums};
+use crate::problem::{slices, Column, Known, Problem, Scores, Sums};
 use crate::spec::Spec;
 use rayon::prelude::*;
 use std::cell::OnceCell;
@@ -56,10 +56,6 @@ struct Applied {
     /// What the columns predict if the prediction stays as it is: the present one less the terms with a known coefficient, without what
     /// terms for each sequence explain of it. `None` where the form only adds columns: then they predict nothing if it stays.
     present: Option<Vec<f64>>,
-}
-
-fn slices(columns: &[Column]) -> Vec<&[f64]> {
-    columns.iter().map(|c| c.as_slice()).collect()
 }
 
 impl<'a> Scan<'a> {

@@ -2,7 +2,7 @@
 
 use super::significance::p_value;
 use super::{Candidate, Origin, Scan};
-use crate::problem::{profile, Scores, Sums};
+use crate::problem::{profile, slices, Scores, Sums};
 use rayon::prelude::*;
 
 impl Scan<'_> {
@@ -21,7 +21,7 @@ impl Scan<'_> {
             .zip(&added)
             .map(|(r, a)| r - a)
             .collect();
-        let columns: Vec<&[f64]> = self.fit.x.iter().map(|c| c.as_slice()).collect();
+        let columns = slices(&self.fit.x);
         let sums = Sums::new(self.problem, &columns, &residual, None, None);
         let scores = Scores::new(self.problem, &sums, &self.problem.flips);
         let fit = self.fit.on(self.problem, residual, sums, scores);
