@@ -1,4 +1,5 @@
-//! Checks the links between the project's own documents: files and headings that are gone.
+//! Checks what the project's own documents point at: links to files and headings, and paths of the
+//! workspace in code (`control/src/pid.rs`).
 
 use std::collections::HashMap;
 use std::fs;
@@ -7,10 +8,10 @@ use std::path::{Path, PathBuf};
 use crate::report::{Failure, Result};
 use crate::workspace::Workspace;
 
-/// Checks every Markdown file of the workspace and returns how many links were looked at.
+/// Checks every Markdown file of the workspace and returns how many links and paths were looked at.
 ///
 /// # Errors
-/// Lists each broken link with file and line.
+/// Lists each broken link or path with file and line.
 pub fn check(workspace: &Workspace) -> Result<usize> {
     let mut files = Vec::new();
     collect(workspace.root(), &mut files);
@@ -26,26 +27,28 @@ pub fn check(workspace: &Workspace) -> Result<usize> {
     let mut broken = Vec::new();
     for file in &files {
         let folder = file.parent().unwrap_or(workspace.root());
-        for link in links(&texts[file]) {
-            if link.target.contains("://") || link.target.starts_with("mailto:") {
-                continue;
-            }
+        let mut note = |link: &Link, reason: Option<&str>| {
             count += 1;
-            if let Some(reason) = problem(&texts, file, folder, &link.target) {
-                broken.push(format!(
-                    "{}:{}: {} {reason}",
-                    workspace.show(file),
-                    link.line,
-                    link.target
-                ));
+            if let Some(reason) = reason {
+                let (place, target) = (workspace.show(file), &link.target);
+                broken.push(format!("{place}:{}: {target} {reason}", link.line));
             }
+        };
+        for link in links(&texts[file]) {
+            if !link.target.contains("://") && !link.target.starts_with("mailto:") {
+                note(&link, problem(&texts, file, folder, &link.target));
+            }
+        }
+        for path in paths(&texts[file], workspace.root()) {
+            let gone = !workspace.root().join(&path.target).exists();
+            note(&path, gone.then_some("doesn't exist"));
         }
     }
     if broken.is_empty() {
         Ok(count)
     } else {
         Err(Failure::new(format!(
-            "{} broken links:\n  {}",
+            "{} broken links or paths:\n  {}",
             broken.len(),
             broken.join("\n  ")
         )))
@@ -82,28 +85,51 @@ struct Link {
 /// The targets of `[text](target)` outside code.
 fn links(text: &str) -> Vec<Link> {
     let mut found = Vec::new();
-    let mut fenced = false;
-    for (index, line) in text.lines().enumerate() {
-        if line.trim_start().starts_with("```") {
-            fenced = !fenced;
-        }
-        if fenced {
-            continue;
-        }
+    for (line, row) in unfenced(text) {
         // Every second piece between backticks is code.
-        for prose in line.split('`').step_by(2) {
+        for prose in row.split('`').step_by(2) {
             for rest in prose.split("](").skip(1) {
                 if let Some((target, _)) = rest.split_once(')') {
                     let target = target.split_whitespace().next().unwrap_or_default();
-                    found.push(Link {
-                        target: target.to_string(),
-                        line: index + 1,
-                    });
+                    let target = target.to_string();
+                    found.push(Link { target, line });
                 }
             }
         }
     }
     found
+}
+
+/// The words between backticks that begin with a folder of the root and hold nothing to fill in.
+fn paths(text: &str, root: &Path) -> Vec<Link> {
+    let other = [".", "..", "target", "data"];
+    let plain = |c: char| c.is_alphanumeric() || "_-./".contains(c);
+    let is_path = |word: &str| {
+        let folder = word.split_once('/').map_or("", |(folder, _)| folder);
+        let ours = !folder.is_empty() && !other.contains(&folder) && root.join(folder).is_dir();
+        ours && word.chars().all(plain)
+    };
+    let mut found = Vec::new();
+    for (line, row) in unfenced(text) {
+        for code in row.split('`').skip(1).step_by(2) {
+            for word in code.split_whitespace().filter(|word| is_path(word)) {
+                let target = word.to_string();
+                found.push(Link { target, line });
+            }
+        }
+    }
+    found
+}
+
+/// The lines outside blocks of code, numbered from 1.
+fn unfenced(text: &str) -> impl Iterator<Item = (usize, &str)> {
+    let mut fenced = false;
+    text.lines().enumerate().filter_map(move |(index, line)| {
+        if line.trim_start().starts_with("```") {
+            fenced = !fenced;
+        }
+        (!fenced).then_some((index + 1, line))
+    })
 }
 
 /// What is wrong with a link, if anything.
@@ -136,13 +162,8 @@ fn problem(
 
 /// The headings of a Markdown text.
 fn headings(text: &str) -> impl Iterator<Item = &str> {
-    let mut fenced = false;
-    text.lines().filter_map(move |line| {
-        if line.trim_start().starts_with("```") {
-            fenced = !fenced;
-        }
-        (!fenced && line.starts_with('#')).then(|| line.trim_start_matches('#').trim())
-    })
+    let headings = unfenced(text).filter(|(_, line)| line.starts_with('#'));
+    headings.map(|(_, line)| line.trim_start_matches('#').trim())
 }
 
 /// The anchor that code forges make of a heading.
@@ -178,6 +199,14 @@ mod tests {
                 ("d".to_string(), 5)
             ]
         );
+    }
+
+    #[test]
+    fn paths_are_found_in_code() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let text = "`src/main.rs`, src/a.rs, `src/gone.rs 1`, `src/$x`, `lab/x`, `src`";
+        let targets: Vec<_> = paths(text, root).into_iter().map(|l| l.target).collect();
+        assert_eq!(targets, ["src/main.rs", "src/gone.rs"]);
     }
 
     #[test]
