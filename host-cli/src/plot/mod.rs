@@ -1,11 +1,12 @@
 //! The picture of a run: force at the tip, its error, tensions, over time, as SVG.
 
-pub mod scene;
+pub use ::scene;
 
 use crate::force::metrics::{Step, SETTLED_WITHIN_N, STEADY_AFTER_S};
 use crate::run::Outcome;
 use nalgebra::Vector3;
-use scene::{Anchor, Color, Scene};
+pub(crate) use scene::{label, tick, ticks, BLACK, COLORS, GRAY};
+use scene::{Anchor, Color, Scene, BAND};
 use wire::UNITS;
 
 const WIDTH: f32 = 1000.0;
@@ -17,18 +18,6 @@ const GAP: f32 = 45.0;
 /// Most points of a curve; longer runs are thinned out.
 const POINTS: usize = 2000;
 
-/// Okabe and Ito's palette: also distinguishable for colour-blind readers.
-pub(crate) const COLORS: [Color; UNITS] = [
-    Color(0x00, 0x72, 0xB2),
-    Color(0xD5, 0x5E, 0x00),
-    Color(0x00, 0x9E, 0x73),
-    Color(0xCC, 0x79, 0xA7),
-    Color(0xE6, 0x9F, 0x00),
-    Color(0x56, 0xB4, 0xE9),
-];
-pub(crate) const BLACK: Color = Color(0x22, 0x22, 0x22);
-pub(crate) const GRAY: Color = Color(0xB8, 0xB8, 0xB8);
-const BAND: Color = Color(0xE4, 0xF2, 0xEC);
 /// Marks where a curve leaves the panel.
 const CLIPPED: Color = Color(0xB0, 0x00, 0x20);
 /// Height of that mark, px.
@@ -258,29 +247,6 @@ fn tension_panel(steps: &[&Step]) -> Panel {
     }
 }
 
-/// A step of 1, 2 or 5 times a power of ten that divides a span into some five parts.
-pub(crate) fn tick(span: f64) -> f64 {
-    let raw = (span / 5.0).max(1e-9);
-    let power = 10f64.powf(raw.log10().floor());
-    let factor = [1.0, 2.0, 5.0]
-        .into_iter()
-        .find(|f| f * power >= raw)
-        .unwrap_or(10.0);
-    factor * power
-}
-
-pub(crate) fn ticks(low: f64, high: f64) -> Vec<f64> {
-    let step = tick(high - low);
-    let first = (low / step).ceil() as i64;
-    let last = (high / step).floor() as i64;
-    (first..=last).map(|n| n as f64 * step).collect()
-}
-
-pub(crate) fn label(value: f64, step: f64) -> String {
-    let digits = (-step.log10().floor()).clamp(0.0, 6.0) as usize;
-    format!("{value:.digits$}")
-}
-
 fn draw_panel(scene: &mut Scene, panel: &Panel, top: f32, span: (f64, f64), last: bool) {
     let values = panel
         .curves
@@ -450,20 +416,5 @@ mod tests {
         }
         // The scale of 1 N is in both.
         assert!(svg.matches(">1.0<").count() >= 2, "{svg}");
-    }
-
-    #[test]
-    fn ticks_are_round_and_inside() {
-        assert_eq!(
-            ticks(0.0, 1.0),
-            [0.0, 0.2, 0.4, 0.6000000000000001, 0.8, 1.0]
-        );
-        assert_eq!(label(0.6000000000000001, 0.2), "0.6");
-        assert_eq!(label(-2.0, 1.0), "-2");
-        for (low, high) in [(-2.5, 5.0), (0.0, 0.21), (1e-3, 2e3)] {
-            let all = ticks(low, high);
-            assert!((3..=11).contains(&all.len()), "{all:?}");
-            assert!(all.iter().all(|t| (low..=high).contains(t)));
-        }
     }
 }

@@ -1,10 +1,29 @@
 //! Lines, rectangles and text of a picture, written as SVG.
 
+mod axes;
+
+pub use axes::{label, tick, ticks};
 use std::fmt::Write;
 
 /// Red, green, blue.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Color(pub u8, pub u8, pub u8);
+
+/// Okabe and Ito's palette: also distinguishable for colour-blind readers.
+pub const COLORS: [Color; 6] = [
+    Color(0x00, 0x72, 0xB2),
+    Color(0xD5, 0x5E, 0x00),
+    Color(0x00, 0x9E, 0x73),
+    Color(0xCC, 0x79, 0xA7),
+    Color(0xE6, 0x9F, 0x00),
+    Color(0x56, 0xB4, 0xE9),
+];
+/// Text and frames.
+pub const BLACK: Color = Color(0x22, 0x22, 0x22);
+/// Lines of a grid.
+pub const GRAY: Color = Color(0xB8, 0xB8, 0xB8);
+/// A band that counts as good.
+pub const BAND: Color = Color(0xE4, 0xF2, 0xEC);
 
 /// Which point of a text is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
