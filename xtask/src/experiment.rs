@@ -1,4 +1,4 @@
-//! The default experiment, whole: all trials in shards side by side, then its report and data card into docs/experiment.
+//! The default experiment, whole: all trials in shards side by side, then its report and data card for a release.
 
 use std::ffi::OsString;
 use std::process::Command;
@@ -11,7 +11,8 @@ use crate::workspace::Workspace;
 /// Shards where the caller names no number.
 const SHARDS: usize = 2;
 
-/// Runs what is left of the default experiment into `target/experiment` and writes its report.
+/// Runs what is left of the default experiment into `target/experiment` and writes its report into
+/// `target/experiment-report`.
 ///
 /// # Errors
 /// When forcectl can't be built or a shard fails.
@@ -64,7 +65,7 @@ pub fn report(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
         .args(["experiment", "report"])
         .arg(&folder)
         .arg("--report-into")
-        .arg(workspace.root().join("docs/experiment"));
+        .arg(workspace.target().join("experiment-report"));
     rig::hand_over(command)
 }
 
