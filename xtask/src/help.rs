@@ -134,7 +134,7 @@ pub const ENTRIES: &[Entry] = &[
     Entry {
         name: "experiment-report",
         arguments: "[OPTIONS]",
-        summary: "run the default experiment whole and write its report and data card into docs/experiment",
+        summary: "run the default experiment whole and write its report and data card into target/experiment-report",
         page: "  --shards N  trials that run side by side (default 2)\n",
     },
     Entry {
@@ -166,6 +166,12 @@ pub const ENTRIES: &[Entry] = &[
         arguments: "[OPTIONS]",
         summary: "build the reference documentation",
         page: "  --open  open it in a browser\n\nOther options go to cargo doc.\n",
+    },
+    Entry {
+        name: "book",
+        arguments: "[OPTIONS]",
+        summary: "build the documents as a book with a search into target/book, with mdbook",
+        page: "  --open  open it in a browser\n\nOther options go to mdbook build.\n",
     },
     Entry {
         name: "help",

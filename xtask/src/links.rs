@@ -44,6 +44,12 @@ pub fn check(workspace: &Workspace) -> Result<usize> {
             note(&path, gone.then_some("doesn't exist"));
         }
     }
+    for page in left_out(&texts, workspace.root()) {
+        broken.push(format!(
+            "{} is not in docs/SUMMARY.md",
+            workspace.show(page)
+        ));
+    }
     if broken.is_empty() {
         Ok(count)
     } else {
@@ -53,6 +59,20 @@ pub fn check(workspace: &Workspace) -> Result<usize> {
             broken.join("\n  ")
         )))
     }
+}
+
+/// Pages below `docs/` that the book's summary does not list.
+fn left_out<'a>(texts: &'a HashMap<PathBuf, String>, root: &Path) -> Vec<&'a PathBuf> {
+    let docs = root.join("docs");
+    let summary = docs.join("SUMMARY.md");
+    let listed = texts.get(&summary).map_or("", String::as_str);
+    let listed: Vec<_> = links(listed).iter().map(|l| docs.join(&l.target)).collect();
+    let pages = texts.keys().filter(|page| page.starts_with(&docs));
+    let mut missing: Vec<_> = pages
+        .filter(|page| **page != summary && !listed.contains(page))
+        .collect();
+    missing.sort();
+    missing
 }
 
 /// Markdown files below a folder, leaving out build products and hidden folders.
@@ -207,6 +227,19 @@ mod tests {
         let text = "`src/main.rs`, src/a.rs, `src/gone.rs 1`, `src/$x`, `lab/x`, `src`";
         let targets: Vec<_> = paths(text, root).into_iter().map(|l| l.target).collect();
         assert_eq!(targets, ["src/main.rs", "src/gone.rs"]);
+    }
+
+    #[test]
+    fn pages_outside_the_summary_are_told() {
+        let text = |name: &str, text: &str| (PathBuf::from(name), text.to_string());
+        let texts = HashMap::from([
+            text("/docs/SUMMARY.md", "- [A](a.md)\n  - [B](b/b.md)\n"),
+            text("/docs/a.md", ""),
+            text("/docs/b/b.md", ""),
+            text("/docs/c.md", ""),
+            text("/README.md", ""),
+        ]);
+        assert_eq!(left_out(&texts, Path::new("/")), [Path::new("/docs/c.md")]);
     }
 
     #[test]

@@ -4,6 +4,7 @@
 //! the emulator with `--ignore-rust-version`, and sum up tests of all kinds in one line. xtask does
 //! them by starting cargo; see docs/developing.md.
 
+mod book;
 mod elf;
 mod experiment;
 mod firmware;
@@ -141,6 +142,10 @@ fn dispatch() -> Result<u8, Stop> {
         "msrv" => {
             no_more(parser)?;
             rust_version::compile(&workspace)?;
+            Ok(0)
+        }
+        "book" => {
+            book::build(&workspace, &rest(parser)?)?;
             Ok(0)
         }
         "doc" => {
