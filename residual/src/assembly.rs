@@ -3,7 +3,6 @@
 use crate::check::Checked;
 use crate::data::Data;
 use crate::declared;
-use crate::diagnostics::residual_tests;
 use crate::effects::{effect as effect_of, Build, EffectKind, CATALOGUE};
 use crate::error::Error;
 use crate::extended::extended;
@@ -13,8 +12,9 @@ use crate::leftover::Leftover;
 use crate::model::Fit;
 use crate::pictures;
 use crate::report::{Ambiguity, Effect, NotMaterial, Report, Tested, SCHEMA_VERSION};
+use crate::residual_tests::residual_tests;
 use crate::scan::{Candidate, Scan};
-use crate::search::{without, Judged, Outcome, Search, Weight};
+use crate::search::{without, Outcome, Search, Standing, Weight};
 use crate::support::Beside;
 use crate::verdict::{verdict, Conditions};
 use rayon::prelude::*;
@@ -80,7 +80,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         schema_version: SCHEMA_VERSION,
         title: spec.title.clone(),
         unit: spec.roles.target.unit.clone(),
-        files: file_names(data),
+        files: data.file_names(),
         rows: search.problem.y.len(),
         sequences: search.problem.frame.sequences().len(),
         groups: data.groups,
@@ -128,16 +128,6 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         extended: extended(spec, &outcome.fitted, &outcome.chosen),
         declared: declared::terms(&search.declared),
     })
-}
-
-pub(crate) fn file_names(data: &Data) -> Vec<String> {
-    data.files
-        .iter()
-        .map(|f| {
-            f.file_name()
-                .map_or(String::new(), |n| n.to_string_lossy().into_owned())
-        })
-        .collect()
 }
 
 /// The chosen effects, the most valuable first, with the error before and after each in that order.
@@ -233,7 +223,7 @@ fn effect(
     })
 }
 
-fn judged(outcome: &Outcome, index: usize) -> Judged {
+fn judged(outcome: &Outcome, index: usize) -> Standing {
     outcome.judged.get(index).cloned().unwrap_or_default()
 }
 

@@ -61,7 +61,7 @@ impl Checked {
     pub fn new(data: &Data, spec: &Spec) -> Checked {
         Checked {
             problem: data.problem(&spec.selection),
-            files: crate::assembly::file_names(data),
+            files: data.file_names(),
         }
     }
 

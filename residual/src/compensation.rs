@@ -1,7 +1,8 @@
 //! What a board can compensate of a report: friction, gain, offset, ripple, delay.
 
 use crate::effects::{self, Found, Remedy};
-use crate::report::{Ambiguity, Report, Verdict};
+use crate::report::{Ambiguity, Report};
+use crate::verdict::Verdict;
 use serde::{Deserialize, Serialize};
 
 /// A ripple over the angle, as found: target above prediction by

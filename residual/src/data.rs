@@ -1,16 +1,13 @@
 //! What an analysis works on: columns in memory, cut into sequences, with groups to hold out.
 
 use crate::error::Error;
+use crate::finding::Finding;
 use crate::frame::Frame;
-use crate::hygiene::Finding;
 use crate::problem::Problem;
-use crate::spec::Selection;
+use crate::spec::{Selection, FOLDS};
 use std::collections::BTreeMap;
 use std::ops::Range;
 use std::path::PathBuf;
-
-/// Largest number of folds that groups are dealt to, unless set otherwise.
-pub(crate) const FOLDS: usize = 10;
 
 /// Fewest rows that can be analysed.
 pub(crate) const FEWEST_ROWS: usize = 30;
@@ -107,6 +104,15 @@ impl Data {
     /// Files that were read; empty for columns in memory.
     pub fn files(&self) -> &[PathBuf] {
         &self.files
+    }
+
+    /// Names of the files, without folders.
+    pub(crate) fn file_names(&self) -> Vec<String> {
+        let name = |f: &PathBuf| f.file_name().map(|n| n.to_string_lossy().into_owned());
+        self.files
+            .iter()
+            .map(|f| name(f).unwrap_or_default())
+            .collect()
     }
 
     /// Indices of the rows that are fitted.

@@ -5,11 +5,30 @@ use crate::diagnostics::correlation_rows;
 use crate::effects::EffectKind;
 use crate::error::Error;
 use crate::expr::Expr;
-use crate::figures::figures;
+use crate::figures::{figures, Figures};
 use crate::model::{Fit, Fitted, Model, WorkTerm};
+use crate::nan;
 use crate::problem::Problem;
-use crate::report::{DeclaredTerm, Figures};
 use crate::spec::Spec;
+use serde::{Deserialize, Serialize};
+
+/// A declared term of the model, as fitted before any effect was added.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct DeclaredTerm {
+    /// Name in the model file.
+    pub name: String,
+    /// Its coefficient, in `unit`.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub coefficient: f64,
+    /// Unit of the coefficient, as in the model file.
+    pub unit: String,
+    /// Whether the model file fixes the coefficient; else it was fitted.
+    pub fixed: bool,
+    /// Whether each sequence has a coefficient of its own; then `coefficient` is their RMS.
+    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    pub per_sequence: bool,
+}
 
 /// The declared model alone, without a search.
 #[derive(Debug, Clone)]

@@ -1,9 +1,32 @@
 //! Errors of a fitted model, with intervals by bootstrap over blocks of time.
 
 use crate::model::Fit;
+use crate::nan;
 use crate::problem::Problem;
-use crate::report::Figures;
 use crate::stats::{self, Rng};
+use serde::{Deserialize, Serialize};
+
+/// Errors of a model, in the target's unit. Intervals `[low, high]` are 95 %, from a bootstrap over
+/// blocks of time.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct Figures {
+    /// Root mean square error on held-out groups.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_rmse: f64,
+    /// Its interval.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_rmse_ci: [f64; 2],
+    /// Mean absolute error on held-out groups.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_mae: f64,
+    /// Its interval.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub heldout_mae_ci: [f64; 2],
+    /// Root mean square error on the rows that the model was fitted to.
+    #[serde(deserialize_with = "nan::from_null")]
+    pub insample_rmse: f64,
+}
 
 /// Bootstrap replicates.
 const REPLICATES: usize = 1000;
@@ -13,15 +36,6 @@ struct Block {
     squares: f64,
     magnitudes: f64,
     rows: f64,
-}
-
-/// The 95 % interval of replicates.
-pub(crate) fn interval(mut replicates: Vec<f64>) -> [f64; 2] {
-    replicates.sort_by(f64::total_cmp);
-    [
-        stats::quantile_sorted(&replicates, 0.025),
-        stats::quantile_sorted(&replicates, 0.975),
-    ]
 }
 
 /// Held-out RMSE and MAE with 95 % block-bootstrap intervals.
@@ -53,9 +67,9 @@ pub(crate) fn figures(p: &Problem, fit: &Fit, seed: u64) -> Figures {
         .unzip();
     Figures {
         heldout_rmse: stats::rms(&fit.held),
-        heldout_rmse_ci: interval(rmse),
+        heldout_rmse_ci: stats::interval(rmse),
         heldout_mae: fit.held.iter().map(|x| x.abs()).sum::<f64>() / fit.held.len().max(1) as f64,
-        heldout_mae_ci: interval(mae),
+        heldout_mae_ci: stats::interval(mae),
         insample_rmse: stats::rms(&fit.residual),
     }
 }

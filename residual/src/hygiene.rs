@@ -1,56 +1,16 @@
 //! Flaws of measured logs: time base, gaps, repeats, spikes, clipping, quantisation, a 256-fold
 //! scale, an angle that begins again after each turn. Each is reported, and handled only as the model file asks.
 
-use crate::effects::Context;
+use crate::finding::Findings;
 use crate::format::num;
 use crate::frame::Frame;
 use crate::spec::{Action, Roles, Spec};
 use crate::stats;
-use serde::{Deserialize, Serialize};
+use crate::units::radians;
 use std::collections::BTreeMap;
 use std::f64::consts::TAU;
 use std::ops::Range;
 use std::path::PathBuf;
-
-/// One kind of flaw, summed over the data.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
-pub struct Finding {
-    /// Name of the check.
-    pub check: String,
-    /// How many rows (or places) show it.
-    pub count: usize,
-    /// Where it was seen first.
-    pub first: String,
-    /// What was seen and what was done, in words.
-    pub what: String,
-}
-
-/// Collects findings, one per check.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Log(Vec<Finding>);
-
-impl Log {
-    /// Adds `n` cases of `check`; nothing is noted for 0.
-    pub(crate) fn count(&mut self, check: &str, n: usize, first: &str, what: &str) {
-        if n == 0 {
-            return;
-        }
-        match self.0.iter_mut().find(|f| f.check == check) {
-            Some(f) => f.count += n,
-            None => self.0.push(Finding {
-                check: check.into(),
-                count: n,
-                first: first.into(),
-                what: what.into(),
-            }),
-        }
-    }
-
-    pub(crate) fn done(self) -> Vec<Finding> {
-        self.0
-    }
-}
 
 /// What was done about a flaw.
 fn done(action: Action) -> &'static str {
@@ -68,7 +28,7 @@ pub(crate) fn inspect(
     keep: &mut [bool],
     spec: &Spec,
     files: &[PathBuf],
-    log: &mut Log,
+    log: &mut Findings,
 ) {
     time_base(frame, log);
     wrapped_angle(frame, spec, files, log);
@@ -130,7 +90,7 @@ const JUMP: f64 = 0.75;
 
 /// Notes an angle that begins again after each turn where its slope is the velocity, or makes it go on. Where the velocity has a
 /// column of its own nothing depends on that slope.
-fn wrapped_angle(frame: &mut Frame, spec: &Spec, files: &[PathBuf], log: &mut Log) {
+fn wrapped_angle(frame: &mut Frame, spec: &Spec, files: &[PathBuf], log: &mut Findings) {
     let Some(angle) = spec
         .roles
         .angle
@@ -139,7 +99,7 @@ fn wrapped_angle(frame: &mut Frame, spec: &Spec, files: &[PathBuf], log: &mut Lo
     else {
         return;
     };
-    let (Some(radians), Some(x)) = (Context::radians(&angle.unit), frame.column("angle")) else {
+    let (Some(radians), Some(x)) = (radians(&angle.unit), frame.column("angle")) else {
         return;
     };
     let turn = TAU / radians;
@@ -206,7 +166,7 @@ fn scaled256(y: &[f64]) -> Vec<usize> {
 }
 
 /// Notes the columns that move in steps.
-fn quantised(frame: &Frame, log: &mut Log) {
+fn quantised(frame: &Frame, log: &mut Findings) {
     for name in frame.names() {
         if ["time", "elapsed", "file"].contains(&name.as_str()) {
             continue;
@@ -224,7 +184,7 @@ fn quantised(frame: &Frame, log: &mut Log) {
 }
 
 /// Notes the time base.
-fn time_base(frame: &Frame, log: &mut Log) {
+fn time_base(frame: &Frame, log: &mut Findings) {
     let mut steps: Vec<f64> = frame
         .sequences()
         .iter()
@@ -339,7 +299,7 @@ pub(crate) fn relations(
     roles: &Roles,
     fold: &[u32],
     files: &[PathBuf],
-    log: &mut Log,
+    log: &mut Findings,
 ) {
     speed_against_angle(frame, roles, files, log);
     made_of_speed(frame, log);
@@ -378,7 +338,7 @@ impl Slope {
 const NAMED: usize = 5;
 
 /// The speed must be the slope of the angle where the units say so, in each file.
-fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mut Log) {
+fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mut Findings) {
     let (Some(angle), Some(velocity)) = (&roles.angle, &roles.velocity) else {
         return;
     };
@@ -443,7 +403,7 @@ fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mu
 const COMPUTED: f64 = 0.999;
 
 /// A target that is the slope of the velocity, as an acceleration is: an inertia that is found is then its definition.
-fn made_of_speed(frame: &Frame, log: &mut Log) {
+fn made_of_speed(frame: &Frame, log: &mut Findings) {
     let (Some(y), Some(v)) = (frame.column("target"), frame.column("velocity")) else {
         return;
     };
@@ -466,7 +426,7 @@ fn made_of_speed(frame: &Frame, log: &mut Log) {
 }
 
 /// Runs of one motion do not confirm each other: what is special to that motion is in all of them.
-fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Log) {
+fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Findings) {
     let Some(motion) = ["velocity", "angle", "command"]
         .iter()
         .find_map(|n| frame.column(n))

@@ -52,6 +52,7 @@ pub mod expr;
 mod extended;
 mod feedback;
 mod figures;
+mod finding;
 mod format;
 mod frame;
 mod hygiene;
@@ -69,28 +70,32 @@ mod problem;
 mod progress;
 mod ranking;
 mod report;
+mod residual_tests;
 mod scan;
 mod search;
 /// The model file.
 pub mod spec;
 mod stats;
 mod support;
+mod units;
 mod verdict;
 
 pub use analysis::{analyse, analyse_checked, run, run_checked, Options};
 pub use check::Check;
 pub use compensation::{Compensation, Ripple};
 pub use data::{Data, DataBuilder};
-pub use declared::{baseline, Baseline};
+pub use declared::{baseline, Baseline, DeclaredTerm};
+pub use diagnostics::ResidualTest;
 pub use effects::{experiment, meaning, names, EffectKind, Form, Param};
 pub use error::Error;
+pub use figures::Figures;
+pub use finding::Finding;
 pub use format::num;
 pub use frame::Frame;
-pub use hygiene::Finding;
+pub use leftover::Structure;
 pub use nested::{nested, Nested, NestedFold};
 pub use progress::{Console, Progress, Ticker};
-pub use report::{
-    clear, Ambiguity, DeclaredTerm, Effect, Figures, ModelTest, NotMaterial, Plot, Report, Rival,
-    Structure, Tested, Verdict, SCHEMA_VERSION,
-};
-pub use stats::ResidualTest;
+pub use report::{clear, Ambiguity, Effect, NotMaterial, Plot, Report, Tested, SCHEMA_VERSION};
+pub use residual_tests::ModelTest;
+pub use search::Rival;
+pub use verdict::Verdict;

@@ -125,6 +125,19 @@ pub(crate) fn dot(a: &[f64], b: &[f64]) -> f64 {
     s.iter().sum::<f64>() + tail
 }
 
+/// Squared correlation about zero; 0 for values of different lengths.
+pub fn similarity(a: &[f64], b: &[f64]) -> f64 {
+    if a.len() != b.len() {
+        return 0.0;
+    }
+    let (aa, bb, ab) = (dot(a, a), dot(b, b), dot(a, b));
+    if aa > 0.0 && bb > 0.0 {
+        ab * ab / (aa * bb)
+    } else {
+        0.0
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;

@@ -8,6 +8,7 @@ use crate::parallel;
 use crate::problem::View;
 use crate::report::{Plot, WITHOUT};
 use crate::search::Search;
+use crate::units::radians;
 use std::f64::consts::TAU;
 use std::ops::Range;
 
@@ -111,7 +112,7 @@ fn period(
         EffectKind::Tone => ("time within one period, s".to_string(), 1.0 / own.psi),
         EffectKind::PeriodicAngle => {
             let unit = ctx.position_unit();
-            let length = TAU / own.psi / Context::radians(&unit)?;
+            let length = TAU / own.psi / radians(&unit)?;
             if ctx.width(ctx.position.as_ref()?) < MANY_PERIODS * length {
                 return None;
             }
@@ -150,7 +151,7 @@ fn both_directions(search: &Search, ctx: &Context, own: &Chosen) -> Option<(Stri
     let unit = ctx.position_unit();
     let order = own.variant.psi.as_ref().filter(|p| p.name == "order");
     let (name, parts) = order.map_or(("turn", 1.0), |_| ("period", own.psi));
-    let length = TAU / parts / Context::radians(&unit)?;
+    let length = TAU / parts / radians(&unit)?;
     let angle = values(search, &search.problem.plain, ctx.position.as_ref()?);
     let speed = values(search, &search.problem.plain, ctx.velocity.as_ref()?);
     let place = |(x, v): (&f64, &f64)| {

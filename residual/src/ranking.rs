@@ -1,7 +1,8 @@
 //! Which candidates count, which one is taken, and which the data cannot distinguish.
 
 use crate::effects::EffectRef;
-use crate::scan::{similarity, t_statistic, Between, Candidate, Scan};
+use crate::linalg::similarity;
+use crate::scan::{t_statistic, Between, Candidate, Scan};
 use crate::spec::Selection;
 use std::cmp::Ordering;
 
@@ -14,7 +15,7 @@ const BETWEEN: f64 = 0.01;
 const SLOW: f64 = 0.01;
 
 /// Fall of the RMSE that the wander of a zero within its logs can make: more is no noise of a sensor.
-pub(crate) const WANDER: f64 = 0.1;
+pub(crate) const RANDOM_WALK: f64 = 0.1;
 
 /// Difference of two gains that may be rounding.
 const SAME_GAIN: f64 = 1e-9;
@@ -56,7 +57,7 @@ impl Acceptance<'_> {
     /// Whether slow noise may make what a slow candidate explains. Not where it explains much: what else is missing then counts as
     /// noise here, and zeros do not wander so far.
     pub fn refused_slow<O>(&self, c: &Candidate<O>) -> bool {
-        c.gain <= WANDER && c.slow.is_some_and(|p| p > SLOW)
+        c.gain <= RANDOM_WALK && c.slow.is_some_and(|p| p > SLOW)
     }
 
     /// Whether the means of the sequences, which are the evidence for a candidate, do not confirm it.

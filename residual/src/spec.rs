@@ -2,11 +2,13 @@
 //!
 //! `docs/residual/model-toml.md` is the reference for users; the types here are its single source.
 
-use crate::data::FOLDS;
 use crate::error::Error;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::path::Path;
+
+/// Largest number of folds that groups are dealt to, unless set otherwise.
+pub(crate) const FOLDS: usize = 10;
 
 /// The whole model file.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

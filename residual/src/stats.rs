@@ -1,7 +1,6 @@
 //! Small statistics on plain values: robust location, steps, distributions, a reproducible generator.
 
 use crate::parallel;
-use serde::{Deserialize, Serialize};
 use statrs::distribution::{ContinuousCDF, FisherSnedecor, StudentsT};
 
 /// Sorts in place and returns the median; `None` if empty.
@@ -19,6 +18,15 @@ pub fn quantile_sorted(v: &[f64], q: f64) -> f64 {
     let i = x as usize;
     let j = (i + 1).min(v.len() - 1);
     v[i] + (v[j] - v[i]) * (x - i as f64)
+}
+
+/// The 95 % interval of replicates: between their 2.5 % and 97.5 % quantiles.
+pub fn interval(mut replicates: Vec<f64>) -> [f64; 2] {
+    replicates.sort_by(f64::total_cmp);
+    [
+        quantile_sorted(&replicates, 0.025),
+        quantile_sorted(&replicates, 0.975),
+    ]
 }
 
 /// Mean; 0 if empty.
@@ -154,22 +162,6 @@ impl Rng {
         let u = 1.0 - self.uniform();
         (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
     }
-}
-
-/// One test of the residual.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
-pub struct ResidualTest {
-    /// Variable tested against; `itself` for whiteness.
-    pub against: String,
-    /// Lag of the largest correlation, in rows (positive: the residual follows the variable).
-    pub lag: i64,
-    /// Correlation at that lag.
-    #[serde(deserialize_with = "crate::nan::from_null")]
-    pub correlation: f64,
-    /// Probability of a statistic at least so large by chance.
-    #[serde(rename = "p_value", deserialize_with = "crate::nan::from_null")]
-    pub p: f64,
 }
 
 #[cfg(test)]

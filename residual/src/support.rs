@@ -18,7 +18,7 @@ use crate::intervals::{parameters, Parameters};
 use crate::leftover::{Forms, Leftover};
 use crate::model::Chosen;
 use crate::ranking::Step;
-use crate::search::{without, Outcome, Search, Weight};
+use crate::search::{without, Outcome, Search, Standing, Weight};
 
 /// Effects that are taken away one at a time, with a search after each. Then all that are refused go at once, without a search.
 const ROUNDS: usize = 12;
@@ -313,7 +313,7 @@ fn all_parameters(
 /// The effects of the whole search, without the fit to all rows, which takes much memory.
 struct First {
     chosen: Vec<Chosen>,
-    judged: Vec<crate::search::Judged>,
+    judged: Vec<Standing>,
     last: Step,
     limited: Option<EffectKind>,
     weights: Vec<Weight>,
@@ -418,7 +418,7 @@ pub(crate) fn supported(
         .transpose()?;
     if let Some(beside) = &beside {
         if now.outcome.chosen.is_empty() {
-            left.only_unsupported(beside);
+            left.only_unsupported(&beside.outcome.chosen, &beside.weights);
         }
         // Its rivals are those beside the effects found.
         search.judge_again(&mut now.outcome)?;

@@ -1,6 +1,36 @@
 //! The verdict: a pure function of what the analysis found.
 
-use crate::report::Verdict;
+use serde::{Deserialize, Serialize};
+
+/// The answer in one word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+#[non_exhaustive]
+pub enum Verdict {
+    /// One effect of the catalogue explains what the model lacks.
+    Effect,
+    /// Several effects of the catalogue together explain it.
+    Several,
+    /// Nothing material is missing.
+    None,
+    /// Structure remains that no effect of the catalogue explains.
+    Unknown,
+    /// Several effects explain it equally well, and these data cannot distinguish them.
+    NotIdentifiable,
+}
+
+impl Verdict {
+    /// The word in `report.json`.
+    pub fn word(self) -> &'static str {
+        match self {
+            Verdict::Effect => "effect",
+            Verdict::Several => "several",
+            Verdict::None => "none",
+            Verdict::Unknown => "unknown",
+            Verdict::NotIdentifiable => "not_identifiable",
+        }
+    }
+}
 
 /// What the verdict depends on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

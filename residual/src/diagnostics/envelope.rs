@@ -1,7 +1,7 @@
 //! The size of a residual as a smooth function of columns.
 
 use super::correlation::{autocorrelation, correlation_time, variance_of_mean};
-use super::noise::SURE;
+use super::imitations::SURE;
 use crate::frame::Frame;
 use crate::parallel;
 use crate::stats;

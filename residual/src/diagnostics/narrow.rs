@@ -1,7 +1,7 @@
 //! A narrow band in a residual whose frequency need not stay: peaks of the spectra of short stretches.
 
 use super::colour::Colour;
-use super::noise::Imitations;
+use super::imitations::Imitations;
 use crate::frame::Frame;
 use crate::stats::{self, Rng};
 use rustfft::{num_complex::Complex, FftPlanner};

@@ -4,9 +4,10 @@
 use super::colour::Colour;
 use super::correlation::autocorrelation;
 use super::envelope::{growth, level, usual, Along, Growth, CUT};
-use super::louder::louder;
+use super::heteroscedasticity::{excess_on, Sort};
+use super::imitations::{Imitations, SURE};
 use super::narrow::{narrow, Narrow};
-use super::wander::{wander, Wander};
+use super::random_walk::{random_walk, RandomWalk};
 use crate::frame::Frame;
 use crate::stats::{self, Rng};
 
@@ -17,45 +18,8 @@ const FOLLOWS_ITSELF: f64 = 0.97;
 /// Rows of the windows whose energies are compared.
 const WINDOWS: [usize; 4] = [8, 16, 32, 64];
 
-/// Standard deviations by which a residual must differ from noise of the same colour and the same distribution.
-pub(super) const SURE: f64 = 6.0;
-
 /// Energy of a burst window over that of the usual one.
 const BURST_FACTOR: f64 = 2.5;
-
-/// Noises of the same colour that a residual is compared with.
-const NOISES: usize = 32;
-
-/// Rows of each such noise. A longer one shows nothing more: the scatter of a mean falls with the root of its rows.
-const NOISE_ROWS: usize = 120_000;
-
-/// Noises that a residual is compared with.
-pub(super) struct Imitations {
-    /// Number of noises.
-    pub count: usize,
-    /// Their rows.
-    pub frame: Frame,
-    /// Scatter of a mean over the rows of the residual, over that of one over these.
-    shrink: f64,
-}
-
-impl Imitations {
-    /// For a residual on the rows of a frame.
-    fn new(frame: &Frame) -> Imitations {
-        let own = frame.longest(NOISE_ROWS);
-        Imitations {
-            count: NOISES,
-            shrink: (own.len() as f64 / frame.len().max(1) as f64).sqrt(),
-            frame: own,
-        }
-    }
-
-    /// Standard error of the difference between a mean over the rows of the residual and the mean of its `values` for the noises.
-    pub fn error(&self, values: &[f64]) -> f64 {
-        let own = self.shrink.powi(2) + 1.0 / values.len().max(1) as f64;
-        stats::deviation(values) * own.sqrt()
-    }
-}
 
 /// What is unlike noise in a residual.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,11 +30,11 @@ pub struct UnlikeNoise {
     pub burst_share: f64,
     /// Share of the energy by which rows of each sort are louder than others like them, in the order in which the sorts were given; 0
     /// where they are not.
-    pub louder: Vec<f64>,
+    pub excess: Vec<f64>,
     /// Share of the bursts that falls on rows of each sort, and share of all rows that these are, in the same order.
     pub within: Vec<(f64, f64)>,
     /// A slow part that is as slow as the log is long.
-    pub wander: Option<Wander>,
+    pub random_walk: Option<RandomWalk>,
     /// A narrow band.
     pub narrow: Option<Narrow>,
     /// Columns with which the noise grows. It is noise all the same.
@@ -84,15 +48,6 @@ impl UnlikeNoise {
     }
 }
 
-/// Rows of one sort, as at rest or just started, and those that they are compared with.
-#[derive(Debug, Clone)]
-pub struct Sort {
-    /// Whether each row is of the sort.
-    pub rows: Vec<bool>,
-    /// Whether each row is one to compare with.
-    pub others: Vec<bool>,
-}
-
 /// Looks at a residual on the rows of a frame, with `sorts` of rows in which something of its own may act. The size of noise may
 /// depend on `columns`.
 pub fn unlike_noise(r: &[f64], frame: &Frame, sorts: &[Sort], columns: &[Along]) -> UnlikeNoise {
@@ -103,10 +58,10 @@ pub fn unlike_noise(r: &[f64], frame: &Frame, sorts: &[Sort], columns: &[Along])
         u[range.clone()].iter_mut().for_each(|u| *u -= mean);
     }
     let growth = growth(&u, frame, columns);
-    let wander = wander(&u, frame);
-    let louder = sorts
+    let random_walk = random_walk(&u, frame);
+    let excess = sorts
         .iter()
-        .map(|sort| louder(&u, frame, sort, columns))
+        .map(|sort| excess_on(&u, frame, sort, columns))
         .collect();
     let u = level(&u, columns, |_| true);
     let mut colour = Colour::new(&u, frame);
@@ -133,9 +88,9 @@ pub fn unlike_noise(r: &[f64], frame: &Frame, sorts: &[Sort], columns: &[Along])
     UnlikeNoise {
         lag_one: rho.get(1).copied().unwrap_or(0.0),
         burst_share: bursts.map_or(0.0, |b| b.share),
-        louder,
+        excess,
         within,
-        wander,
+        random_walk,
         narrow: Some(band).filter(|b| b.z > SURE),
         growth,
     }
@@ -248,6 +203,7 @@ fn bursts(
 
 #[cfg(test)]
 mod tests {
+    use super::super::imitations::NOISE_ROWS;
     use super::*;
     use crate::diagnostics::coloured;
 
@@ -291,7 +247,7 @@ mod tests {
                 let found = plain(&r);
                 assert!(found.burst_share < 0.04, "{seed}: {found:?}");
                 assert!(!found.follows_itself());
-                assert!(found.wander.is_none(), "{seed}: {found:?}");
+                assert!(found.random_walk.is_none(), "{seed}: {found:?}");
                 assert!(found.narrow.is_none(), "{seed}: {found:?}");
             }
         }
@@ -407,7 +363,7 @@ mod tests {
             let found = plain(&r);
             assert!(!found.follows_itself());
             assert!(
-                found.wander.is_some_and(|w| w.share > 0.7),
+                found.random_walk.is_some_and(|w| w.share > 0.7),
                 "{seed}: {found:?}"
             );
         }

@@ -2,7 +2,24 @@
 
 use super::correlation::autocorrelation;
 use crate::frame::Frame;
-use crate::stats::{chi2_tail, mean, normal_tail, ResidualTest};
+use crate::stats::{chi2_tail, mean, normal_tail};
+use serde::{Deserialize, Serialize};
+
+/// One test of the residual.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[non_exhaustive]
+pub struct ResidualTest {
+    /// Variable tested against; `itself` for whiteness.
+    pub against: String,
+    /// Lag of the largest correlation, in rows (positive: the residual follows the variable).
+    pub lag: i64,
+    /// Correlation at that lag.
+    #[serde(deserialize_with = "crate::nan::from_null")]
+    pub correlation: f64,
+    /// Probability of a statistic at least so large by chance.
+    #[serde(rename = "p_value", deserialize_with = "crate::nan::from_null")]
+    pub p: f64,
+}
 
 /// Whiteness: Ljung and Box's sum over 20 lags with Lobato's correction, which stays valid when the
 /// variance changes with the signals.

@@ -2,6 +2,7 @@
 
 use super::periodic_angle::{Angle, FEW_TURNS};
 use super::{amplitude_phase, Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
+use crate::units::radians;
 use std::f64::consts::TAU;
 
 pub(crate) struct AngleFriction;
@@ -31,7 +32,7 @@ impl Effect for AngleFriction {
             return Some(why);
         }
         let x = ctx.position.as_ref()?;
-        let turn = ctx.width(x) * Context::radians(&ctx.position_unit())?;
+        let turn = ctx.width(x) * radians(&ctx.position_unit())?;
         (turn < WIDTHS[0]).then(|| "the angle moves by less than a sector".to_string())
     }
     /// The middle of a sector goes round.
@@ -42,7 +43,7 @@ impl Effect for AngleFriction {
         let (Some(v), Some(x)) = (&ctx.velocity, &ctx.position) else {
             return vec![];
         };
-        let Some(k) = Context::radians(&ctx.position_unit()) else {
+        let Some(k) = radians(&ctx.position_unit()) else {
             return vec![];
         };
         // An angle that is integrated from the speed starts anew in each run.

@@ -7,6 +7,7 @@ use super::{
 use super::gravity_angle::too_short;
 use crate::format::num;
 use crate::stats;
+use crate::units::radians;
 use std::f64::consts::TAU;
 
 /// Rows up to which a lag is looked for in any data.
@@ -57,7 +58,7 @@ impl Effect for CableStretch {
         e.outside("time_constant", 0.0, longest, "longer than the longest run")
             .or_else(|| {
                 e.get("stiffness")?;
-                let turns = ctx.excursion("angle") * Context::radians(&ctx.position_unit())? / TAU;
+                let turns = ctx.excursion("angle") * radians(&ctx.position_unit())? / TAU;
                 (turns > MOST_TURNS).then(|| {
                     format!(
                         "the angle moves by {} turns within a run: no spring is wound so far",

@@ -6,6 +6,7 @@ use crate::linalg::dot;
 use crate::problem::Problem;
 use crate::spec::Spec;
 use crate::stats;
+use crate::units::radians;
 
 /// Largest factor for what a slope loses of an acceleration.
 const MOST_LOST: f64 = 1.25;
@@ -358,17 +359,6 @@ impl Context<'_> {
         }
     }
 
-    /// Radians per unit, if `unit` is an angle.
-    pub fn radians(unit: &str) -> Option<f64> {
-        match unit.trim() {
-            "rad" | "radian" | "radians" => Some(1.0),
-            "deg" | "degree" | "degrees" | "°" => Some(std::f64::consts::PI / 180.0),
-            "rev" | "turn" | "turns" => Some(std::f64::consts::TAU),
-            "mrad" => Some(1e-3),
-            _ => None,
-        }
-    }
-
     /// Angles in the data: (name for reports, expression in radians, total range in radians).
     pub fn angles(&self) -> Vec<(String, String, f64)> {
         let mut all: Vec<(String, String)> = self
@@ -383,7 +373,7 @@ impl Context<'_> {
         }
         all.into_iter()
             .filter_map(|(n, unit)| {
-                let k = Context::radians(&unit)?;
+                let k = radians(&unit)?;
                 let (lo, hi) = self.range(&n)?;
                 let text = if k == 1.0 {
                     n.clone()

@@ -3,7 +3,7 @@
 use super::{Context, Effect, EffectKind, Estimate, Param, Piece, Psi, Variant};
 
 use crate::format::num;
-use crate::scan::similarity;
+use crate::linalg::similarity;
 use crate::stats;
 
 /// Shortest arc in radians over which sine and cosine are no parabola.

@@ -4,6 +4,7 @@ use super::{
     amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Estimate, Form, Found, Piece,
     Psi, Remedy, Variant,
 };
+use crate::units::radians;
 use std::f64::consts::TAU;
 
 pub(crate) struct PeriodicAngle;
@@ -75,7 +76,7 @@ impl<'a> Angle<'a> {
     /// `None` without an angle, or if it covers less than a twentieth of a turn.
     pub fn new(ctx: &'a Context<'a>) -> Option<Angle<'a>> {
         let expression = ctx.position.clone()?;
-        let radians = Context::radians(&ctx.position_unit())?;
+        let radians = radians(&ctx.position_unit())?;
         let angle = ctx.values(&format!("({expression}) * {radians}"));
         let (lo, hi) = ctx.range(&expression)?;
         let turns = (hi - lo) * radians / TAU;

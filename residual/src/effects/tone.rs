@@ -5,6 +5,7 @@ use super::{
 };
 use crate::format::num;
 use crate::stats;
+use crate::units::radians;
 
 pub(crate) struct Tone;
 
@@ -138,7 +139,7 @@ impl SteadyTurn {
 
     /// `None` without an angle, or where its speed is not one.
     fn new(ctx: &Context, time: &[f64]) -> Option<SteadyTurn> {
-        let scale = Context::radians(&ctx.position_unit())? / std::f64::consts::TAU;
+        let scale = radians(&ctx.position_unit())? / std::f64::consts::TAU;
         let angle = ctx.values(ctx.position.as_ref()?);
         if angle.len() != time.len() {
             return None;

@@ -5,22 +5,22 @@
 //! does switching between levels.
 
 mod nameless;
+mod structure;
 
 pub(crate) use nameless::Nameless;
+pub use structure::Structure;
 
 use crate::diagnostics::{switching, unlike_noise, Along, Growth, Sort, UnlikeNoise};
 use crate::effects::Context;
 use crate::error::Error;
+use crate::finding::Finding;
 use crate::format::num;
 use crate::frame::Frame;
-use crate::hygiene::Finding;
-use crate::model::Fitted;
-use crate::ranking::{Acceptance, Step, WANDER};
-use crate::report::Structure;
+use crate::model::{Chosen, Fitted};
+use crate::ranking::{Acceptance, Step, RANDOM_WALK};
 use crate::scan::{Candidate, Offer};
-use crate::search::{Outcome, Search};
+use crate::search::{Outcome, Search, Weight};
 use crate::stats;
-use crate::support::Beside;
 
 /// Share of what the named effects explain above which nameless structure makes them stand-ins.
 pub(crate) const STAND_IN: f64 = 0.25;
@@ -277,18 +277,18 @@ impl Leftover {
             }
         };
         add(burst_words(&found).into(), found.burst_share, 0.0);
-        for (share, words) in found.louder.iter().zip(LOUDER) {
+        for (share, words) in found.excess.iter().zip(LOUDER) {
             add(words.into(), *share, 0.0);
         }
-        if let Some(wander) = found.wander {
+        if let Some(walk) = found.random_walk {
             add(
                 format!(
                     "something that these columns do not show: it wanders slowly within the logs (means of neighbouring twentieths \
                      of a log are alike, correlation {:.2})",
-                    wander.alike
+                    walk.alike
                 ),
-                wander.share,
-                WANDER,
+                walk.share,
+                RANDOM_WALK,
             );
         }
         let mean = stats::rms(residual).powi(2);
@@ -321,25 +321,17 @@ impl Leftover {
         }
     }
 
-    /// Notes that the only effects that fit have names that the data do not support.
-    pub fn only_unsupported(&mut self, beside: &Beside) {
-        let names: Vec<&str> = beside
-            .outcome
-            .chosen
-            .iter()
-            .map(|c| c.effect.name())
-            .collect();
-        let before = beside.weights.first().map_or(f64::NAN, |w| w.rmse_without);
+    /// Notes that the only effects that fit, `chosen` with what each is worth, have names that the data do not support.
+    pub fn only_unsupported(&mut self, chosen: &[Chosen], weights: &[Weight]) {
         if self.structure.is_empty() {
+            let names: Vec<&str> = chosen.iter().map(|c| c.effect.name()).collect();
+            let gain = |w: &Weight| 1.0 - w.rmse / w.rmse_without;
             self.structure.push(Structure {
                 depends_on: format!(
                     "what {} would fit; their names are not supported",
                     names.join(", ")
                 ),
-                gain: beside
-                    .weights
-                    .first()
-                    .map_or(0.0, |w| 1.0 - w.rmse / before),
+                gain: weights.first().map_or(0.0, gain),
                 p_value: f64::NAN,
             });
         }
@@ -482,7 +474,8 @@ fn structure(c: &Candidate<Nameless>) -> Structure {
 #[cfg(test)]
 mod tests {
     use crate::effects::testbench::{simulate, Excitation};
-    use crate::report::{Report, Verdict};
+    use crate::report::Report;
+    use crate::verdict::Verdict;
 
     fn is_unknown(report: &Report, depends_on: &str) {
         assert!(report.effects.is_empty(), "{}", report.markdown());

@@ -1,8 +1,8 @@
 //! Stretches of the target that stand in several groups: parts of one log given twice do not confirm each other.
 
+use crate::finding::Findings;
 use crate::format::num;
 use crate::frame::Frame;
-use crate::hygiene;
 use crate::stats;
 use std::collections::HashMap;
 use std::ops::Range;
@@ -27,7 +27,7 @@ const MOST: usize = 200;
 
 /// Notes sequences that have much of their target in common with another group, in the same digits anywhere, or in other digits
 /// from the beginning on.
-pub(super) fn note(frame: &Frame, fold: &[u32], files: &[PathBuf], log: &mut hygiene::Log) {
+pub(super) fn note(frame: &Frame, fold: &[u32], files: &[PathBuf], log: &mut Findings) {
     let target = frame.column("target").unwrap_or(&[]);
     let (count, place) = equal(frame, target, fold);
     let (count, place) = if count > 0 {

@@ -2,7 +2,7 @@
 
 use super::Table;
 use crate::error::Error;
-use crate::hygiene;
+use crate::finding::Findings;
 use crate::spec::Spec;
 use std::path::{Path, PathBuf};
 
@@ -134,7 +134,7 @@ pub(super) fn fitting(
     files: Vec<PathBuf>,
     given: &[PathBuf],
     spec: &Spec,
-    findings: &mut hygiene::Log,
+    findings: &mut Findings,
 ) -> Result<Vec<PathBuf>, Error> {
     if spec.input.file_name.is_empty() {
         return Ok(files);

@@ -33,6 +33,7 @@ pub use guess::guess;
 use crate::data::{Data, FEWEST_ROWS};
 use crate::error::Error;
 use crate::expr::Expr;
+use crate::finding::Findings;
 use crate::hygiene;
 use crate::spec::{Spec, MADE};
 use rayon::prelude::*;
@@ -303,7 +304,7 @@ fn is_date(cell: &str) -> bool {
 /// Any [`Error`]: files that cannot be read, missing columns, cells that are not numbers, time that does
 /// not grow, too few rows or groups.
 pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
-    let mut findings = hygiene::Log::default();
+    let mut findings = Findings::default();
     let found = files::find(paths)?;
     if let Some(first) = found.passed.first() {
         findings.count(
@@ -362,19 +363,11 @@ pub(crate) fn load_to_check(paths: &[PathBuf], spec: &Spec) -> Result<Data, Erro
 /// ```
 pub fn from_tables(tables: Vec<Table>, spec: &Spec) -> Result<Data, Error> {
     let tables = tables.into_iter().map(|t| t.checked(spec));
-    assemble(
-        tables.collect::<Result<_, _>>()?,
-        spec,
-        hygiene::Log::default(),
-    )
+    assemble(tables.collect::<Result<_, _>>()?, spec, Findings::default())
 }
 
 /// From tables that have every column to data that are ready.
-fn assemble(
-    mut tables: Vec<Table>,
-    spec: &Spec,
-    mut findings: hygiene::Log,
-) -> Result<Data, Error> {
+fn assemble(mut tables: Vec<Table>, spec: &Spec, mut findings: Findings) -> Result<Data, Error> {
     let mut frame = rows::frame(&mut tables, spec, &mut findings)?;
     let files: Vec<PathBuf> = tables.into_iter().map(|t| t.source).collect();
     if !spec.rows.sequences.is_empty() {

@@ -4,8 +4,8 @@ use super::Table;
 use crate::data::largest;
 use crate::error::Error;
 use crate::expr::Expr;
+use crate::finding::Findings;
 use crate::frame::Frame;
-use crate::hygiene;
 use crate::spec::{Action, Column, Spec};
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
@@ -18,7 +18,7 @@ use std::ops::Range;
 pub(super) fn frame(
     tables: &mut [Table],
     spec: &Spec,
-    findings: &mut hygiene::Log,
+    findings: &mut Findings,
 ) -> Result<Frame, Error> {
     let total = tables.iter().map(Table::rows).sum();
     let names = needed_columns(spec, tables)?;
@@ -101,7 +101,7 @@ impl<'a> Rows<'a> {
         file: u32,
         rows: &[usize],
         label: &str,
-        findings: &mut hygiene::Log,
+        findings: &mut Findings,
     ) -> Result<(), Error> {
         let tc = &self.spec.roles.time;
         let source = table.column(&tc.column).unwrap_or(&[]);
@@ -362,7 +362,7 @@ const HELD: f64 = 10.0;
 
 impl Rows<'_> {
     /// Cuts the rows from `begin` on into sequences at gaps in time; see [`longest_step`].
-    fn cut_at_gaps(&mut self, begin: usize, label: &str, log: &mut hygiene::Log) {
+    fn cut_at_gaps(&mut self, begin: usize, label: &str, log: &mut Findings) {
         let time = &self.time;
         if begin == time.len() {
             return;

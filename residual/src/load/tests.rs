@@ -1,7 +1,7 @@
 //! Logs as a user has them, read as far as to the data; what an analysis makes of them is tested elsewhere.
 
 use super::*;
-use crate::hygiene::Finding;
+use crate::finding::Finding;
 
 /// The roles of every log here, and one term.
 const MODEL: &str = r#"

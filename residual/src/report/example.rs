@@ -2,10 +2,10 @@
 
 use super::*;
 use crate::check::Check;
+use crate::diagnostics::ResidualTest;
 use crate::effects::{EffectKind, Form};
-use crate::hygiene::Finding;
+use crate::finding::Finding;
 use crate::spec::Spec;
-use crate::stats::ResidualTest;
 
 const MODEL: &str = r#"
 title = "Example"

@@ -31,10 +31,14 @@ mod words;
 pub use folder::clear;
 pub use plot::Plot;
 pub(crate) use plot::WITHOUT;
-pub use types::{
-    Ambiguity, DeclaredTerm, Effect, Figures, ModelTest, NotMaterial, Report, Rival, Structure,
-    Tested, Verdict,
-};
+pub use types::{Ambiguity, Effect, NotMaterial, Report, Tested};
+
+use crate::declared::DeclaredTerm;
+use crate::figures::Figures;
+use crate::leftover::Structure;
+use crate::residual_tests::ModelTest;
+use crate::search::Rival;
+use crate::verdict::Verdict;
 
 /// Version of the keys of `report.json`. It grows by one whenever a key is removed, renamed or changes its
 /// meaning; [`Report::read`] refuses other versions.

@@ -248,7 +248,7 @@ mod tests {
     use super::super::example;
     use super::*;
     use crate::effects::EffectKind;
-    use crate::hygiene::Finding;
+    use crate::finding::Finding;
 
     /// A report in which nothing is in doubt.
     fn clear() -> Report {

@@ -3,82 +3,14 @@
 
 use super::json;
 use super::plot::Plot;
+use super::{DeclaredTerm, Figures, ModelTest, Rival, Structure, Verdict};
 use crate::check::Check;
 use crate::effects::{EffectKind, Form};
-use crate::hygiene::Finding;
+use crate::finding::Finding;
 use crate::nan;
 use crate::spec::Spec;
-use crate::stats::ResidualTest;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
-
-/// The answer in one word.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
-#[non_exhaustive]
-pub enum Verdict {
-    /// One effect of the catalogue explains what the model lacks.
-    Effect,
-    /// Several effects of the catalogue together explain it.
-    Several,
-    /// Nothing material is missing.
-    None,
-    /// Structure remains that no effect of the catalogue explains.
-    Unknown,
-    /// Several effects explain it equally well, and these data cannot distinguish them.
-    NotIdentifiable,
-}
-
-impl Verdict {
-    /// The word in `report.json`.
-    pub fn word(self) -> &'static str {
-        match self {
-            Verdict::Effect => "effect",
-            Verdict::Several => "several",
-            Verdict::None => "none",
-            Verdict::Unknown => "unknown",
-            Verdict::NotIdentifiable => "not_identifiable",
-        }
-    }
-}
-
-/// Errors of a model, in the target's unit. Intervals `[low, high]` are 95 %, from a bootstrap over
-/// blocks of time.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
-pub struct Figures {
-    /// Root mean square error on held-out groups.
-    #[serde(deserialize_with = "nan::from_null")]
-    pub heldout_rmse: f64,
-    /// Its interval.
-    #[serde(deserialize_with = "nan::from_null")]
-    pub heldout_rmse_ci: [f64; 2],
-    /// Mean absolute error on held-out groups.
-    #[serde(deserialize_with = "nan::from_null")]
-    pub heldout_mae: f64,
-    /// Its interval.
-    #[serde(deserialize_with = "nan::from_null")]
-    pub heldout_mae_ci: [f64; 2],
-    /// Root mean square error on the rows that the model was fitted to.
-    #[serde(deserialize_with = "nan::from_null")]
-    pub insample_rmse: f64,
-}
-
-/// The best other effect in the place of a named one.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
-pub struct Rival {
-    /// Its name in the catalogue.
-    pub name: EffectKind,
-    /// Held-out RMSE of the model with the rival instead, everything else that improves the fit in it, in the target's
-    /// unit.
-    #[serde(deserialize_with = "nan::from_null")]
-    pub heldout_rmse: f64,
-    /// `heldout_rmse` relative to that of the model with the effect, less 1: 0.05 is 5 % larger. That model has
-    /// [`Report::effects`] and [`Report::improves`], so its error is [`Report::with_all`] where there is one.
-    #[serde(deserialize_with = "nan::from_null")]
-    pub behind: f64,
-}
 
 /// One effect found.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -146,31 +78,6 @@ impl Ambiguity {
     }
 }
 
-/// Structure in the residual of the final model that no effect of the catalogue explains.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
-pub struct Structure {
-    /// Variables that it depends on, in words.
-    pub depends_on: String,
-    /// Relative reduction of the held-out RMSE by a free curve in these variables: 0.05 is 5 %.
-    #[serde(deserialize_with = "nan::from_null")]
-    pub gain: f64,
-    /// p value: probability of such a reduction without any such structure.
-    #[serde(deserialize_with = "nan::from_null")]
-    pub p_value: f64,
-}
-
-impl Structure {
-    /// Unexplained structure; for the units see the fields.
-    pub fn new(depends_on: impl Into<String>, gain: f64, p_value: f64) -> Self {
-        Structure {
-            depends_on: depends_on.into(),
-            gain,
-            p_value,
-        }
-    }
-}
-
 /// An effect that is significant but too small to count.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[non_exhaustive]
@@ -208,35 +115,6 @@ pub struct Tested {
     /// Its nonlinear parameter by name, if it has one.
     #[serde(deserialize_with = "nan::from_null")]
     pub params: BTreeMap<String, f64>,
-}
-
-/// A declared term of the model, as fitted before any effect was added.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
-pub struct DeclaredTerm {
-    /// Name in the model file.
-    pub name: String,
-    /// Its coefficient, in `unit`.
-    #[serde(deserialize_with = "nan::from_null")]
-    pub coefficient: f64,
-    /// Unit of the coefficient, as in the model file.
-    pub unit: String,
-    /// Whether the model file fixes the coefficient; else it was fitted.
-    pub fixed: bool,
-    /// Whether each sequence has a coefficient of its own; then `coefficient` is their RMS.
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
-    pub per_sequence: bool,
-}
-
-/// A test of a model's residual.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[non_exhaustive]
-pub struct ModelTest {
-    /// Whose residual: `before` (declared model) or `after` (final model).
-    pub model: String,
-    /// The test.
-    #[serde(flatten)]
-    pub test: ResidualTest,
 }
 
 /// Everything an analysis found. It is written as `report.json` and read back by [`Report::read`].

@@ -2,7 +2,6 @@
 
 use super::{Candidate, Scan};
 use crate::effects::Variant;
-use crate::linalg::dot;
 
 impl Scan<'_> {
     /// What a candidate adds to the prediction; empty if it cannot be evaluated.
@@ -30,19 +29,6 @@ impl Scan<'_> {
             out.iter_mut().zip(present).for_each(|(o, p)| *o -= p);
         }
         out
-    }
-}
-
-/// Squared correlation about zero; 0 for values of different lengths.
-pub(crate) fn similarity(a: &[f64], b: &[f64]) -> f64 {
-    if a.len() != b.len() {
-        return 0.0;
-    }
-    let (aa, bb, ab) = (dot(a, a), dot(b, b), dot(a, b));
-    if aa > 0.0 && bb > 0.0 {
-        ab * ab / (aa * bb)
-    } else {
-        0.0
     }
 }
 

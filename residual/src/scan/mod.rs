@@ -10,19 +10,21 @@ mod contribution;
 mod friction;
 mod grid;
 mod retest;
+mod setpoint;
 mod significance;
 mod slow;
 
 pub(crate) use between::Between;
 pub(crate) use candidate::{catalogue_offers, Candidate, Offer, Origin};
-pub(crate) use contribution::similarity;
 pub(crate) use grid::{bracket, reach, vertex, FINE};
+pub(crate) use setpoint::Instruments;
 pub(crate) use significance::t_statistic;
 
 use crate::effects::{Build, Lookalike, Piece, Variant};
 use crate::error::Error;
 use crate::expr::Expr;
 use crate::frame::Frame;
+use crate::linalg::similarity;
 use crate::model::{Chosen, Fit, Fitted, Model};
 use crate::problem::{slices, Column, Known, Problem, Scores, Sums};
 use crate::spec::Spec;

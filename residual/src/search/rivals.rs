@@ -1,20 +1,12 @@
 //! Each effect must hold its place against the whole catalogue with the others in place.
 
-use super::{without, Search};
+use super::{without, Rival, Search, Standing};
 use crate::effects::{effect, EffectRef};
 use crate::error::Error;
 use crate::model::{Chosen, Fitted};
 use crate::progress::Progress;
 use crate::ranking::{indistinguishable, Step};
-use crate::report::Rival;
 use crate::scan::Candidate;
-
-/// An effect's nearest rival, and the candidates that the data cannot distinguish from it.
-#[derive(Clone, Default)]
-pub(crate) struct Judged {
-    pub rival: Option<Rival>,
-    pub ties: Vec<EffectRef>,
-}
 
 impl Search<'_> {
     /// Lets the whole catalogue compete for the place of each effect. `None` if an effect was
@@ -24,7 +16,7 @@ impl Search<'_> {
         chosen: &mut Vec<Chosen>,
         may_replace: bool,
         progress: &mut dyn Progress,
-    ) -> Result<Option<Vec<Judged>>, Error> {
+    ) -> Result<Option<Vec<Standing>>, Error> {
         let mut out = Vec::new();
         let current = self.rmse(chosen)?;
         for i in 0..chosen.len() {
@@ -83,7 +75,7 @@ impl Search<'_> {
         step: &Step,
         fitted: &Fitted,
         current: f64,
-    ) -> Judged {
+    ) -> Standing {
         let kind = own.effect.kind();
         let there = |c: &Candidate| rest.iter().any(|r| r.excludes(c.origin.kind()));
         let rows = self.problem.y.len() as f64;
@@ -99,7 +91,7 @@ impl Search<'_> {
                     behind: rmse / current - 1.0,
                 }
             });
-        Judged {
+        Standing {
             rival,
             ties: self.ties(own, rest, step, fitted),
         }

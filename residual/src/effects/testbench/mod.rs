@@ -9,10 +9,11 @@ use crate::data::Data;
 use crate::frame::Frame;
 use crate::model::{Fit, Fitted, Model};
 use crate::problem::Problem;
-use crate::report::{Report, Verdict};
+use crate::report::Report;
 use crate::scan::Scan;
 use crate::spec::Spec;
 use crate::stats::Rng;
+use crate::verdict::Verdict;
 
 /// One row of the simulated rig, before the target is formed.
 pub(crate) struct Row<'a> {

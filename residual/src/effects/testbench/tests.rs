@@ -2,7 +2,8 @@
 
 use super::{names_with, rows_of, simulate, Excitation, Row};
 use crate::effects::EffectKind;
-use crate::report::{Ambiguity, Report, Verdict};
+use crate::report::{Ambiguity, Report};
+use crate::verdict::Verdict;
 
 /// Effects for the table, each as (name, excitation, function).
 type Case = (

@@ -1,4 +1,4 @@
-//! A slow part that is as slow as the log is long, which no filter of a sensor makes.
+//! A random walk: a slow part that is as slow as the log is long, which no filter of a sensor makes.
 
 use crate::frame::Frame;
 
@@ -17,7 +17,7 @@ const SURE: f64 = 2.0;
 
 /// A slow part.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Wander {
+pub struct RandomWalk {
     /// Share of the variance within the sequences that is in the means of blocks.
     pub share: f64,
     /// Correlation of the means of neighbouring blocks.
@@ -26,7 +26,7 @@ pub struct Wander {
 
 /// Looks for a slow part within the sequences: the means of twentieths of a log follow each other. Noise with a memory of some
 /// hundredths of the log, whatever its colour, has means that do not.
-pub fn wander(r: &[f64], frame: &Frame) -> Option<Wander> {
+pub fn random_walk(r: &[f64], frame: &Frame) -> Option<RandomWalk> {
     let (mut slow, mut all, mut next, mut pairs) = (0.0, 0.0, 0.0, 0usize);
     for range in frame.sequences() {
         let s = &r[range.clone()];
@@ -51,7 +51,7 @@ pub fn wander(r: &[f64], frame: &Frame) -> Option<Wander> {
     }
     let alike = (next / slow).clamp(-1.0, 1.0);
     let error = ((1.0 - alike * alike) / pairs as f64).sqrt();
-    (alike - SURE * error > ALIKE).then(|| Wander {
+    (alike - SURE * error > ALIKE).then(|| RandomWalk {
         share: (slow / all).min(1.0),
         alike,
     })

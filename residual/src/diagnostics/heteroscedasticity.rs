@@ -1,11 +1,20 @@
-//! Whether a residual is louder on rows of one sort than on others with the same load and velocity.
+//! Heteroscedasticity: whether a residual is louder on rows of one sort than on others with the same load and velocity.
 
 use super::correlation::{autocorrelation, correlation_time, variance_of_mean};
 use super::envelope::{self, level, Along, CUT};
-use super::noise::{Sort, SURE};
+use super::imitations::SURE;
 use crate::frame::Frame;
 use crate::stats;
 use std::ops::Range;
+
+/// Rows of one sort, as at rest or just started, and those that they are compared with.
+#[derive(Debug, Clone)]
+pub struct Sort {
+    /// Whether each row is of the sort.
+    pub rows: Vec<bool>,
+    /// Whether each row is one to compare with.
+    pub others: Vec<bool>,
+}
 
 /// Parts of the logs in which rows of the sort are compared with others.
 const PARTS: usize = 40;
@@ -25,7 +34,7 @@ const FEWEST: usize = 100;
 /// The size of noise may depend on `columns`. How it does is taken from the other rows: a size that is fitted to rows at rest as well
 /// would make them as loud as is expected. Rows of the sort with larger values of a column than the others have are left out: how loud
 /// noise is there is not known.
-pub(super) fn louder(u: &[f64], frame: &Frame, sort: &Sort, columns: &[Along]) -> f64 {
+pub(super) fn excess_on(u: &[f64], frame: &Frame, sort: &Sort, columns: &[Along]) -> f64 {
     // Of the same speed in both directions: what is nearest to rest counts.
     let sizes: Vec<Along> = columns.iter().map(Along::size).collect();
     let mut own = sort.rows.clone();
@@ -152,7 +161,7 @@ mod tests {
                 keep * size(i, last(i))
             })
             .collect();
-        louder(&u, &frame(), sort, columns)
+        excess_on(&u, &frame(), sort, columns)
     }
 
     #[test]
