@@ -7,7 +7,7 @@
 //! nothing is missing, when the data cannot distinguish effects, and when no effect explains what is left.
 //!
 //! [`run`] reads files and writes reports; [`analyse`] works on columns in memory ([`Data`]).
-//! `docs/residual/how-it-works.md` describes the method and where each part of it is.
+//! `docs/residual/method.md` describes the method.
 //!
 //! ```
 //! use residual::{baseline, spec::Spec, Data};
