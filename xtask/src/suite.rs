@@ -362,7 +362,9 @@ fn ok() -> Result<Outcome> {
 }
 
 /// What selects everything that builds on any host with plain cargo, `board`'s pure half included.
-const HOST_PACKAGES: [&str; 7] = [
+const HOST_PACKAGES: [&str; 9] = [
+    "--features",
+    "estimator/networks",
     "--workspace",
     "--exclude",
     "emulator",
