@@ -3,10 +3,12 @@
 //! Each device draws from a stream of its own (seed and a label), so that adding a device or drawing once
 //! more in one of them leaves every other device's numbers as they were.
 
-/// A SplitMix64 stream (Steele, Lea, Flood: "Fast splittable pseudorandom number generators", 2014).
+use random::SplitMix64;
+
+/// A stream of one device.
 #[derive(Debug, Clone)]
 pub struct Rng {
-    state: u64,
+    random: SplitMix64,
     spare: Option<f64>,
 }
 
@@ -14,26 +16,17 @@ impl Rng {
     /// The stream of `label` under `seed`. Different labels give unrelated streams.
     #[must_use]
     pub fn new(seed: u64, label: u64) -> Self {
-        let mut rng = Self {
-            state: seed ^ label.wrapping_mul(0xD1B5_4A32_D192_ED03),
+        let mut random = SplitMix64::new(seed ^ label.wrapping_mul(0xD1B5_4A32_D192_ED03));
+        random.bits();
+        Self {
+            random,
             spare: None,
-        };
-        rng.next_u64();
-        rng
-    }
-
-    /// The next 64 bits.
-    pub fn next_u64(&mut self) -> u64 {
-        self.state = self.state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.state;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        z ^ (z >> 31)
+        }
     }
 
     /// Uniform in [0, 1).
     pub fn uniform(&mut self) -> f64 {
-        (self.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+        self.random.unit()
     }
 
     /// Uniform in [-1, 1).
@@ -66,7 +59,7 @@ mod tests {
     fn streams_repeat_and_differ_by_label() {
         let draw = |seed, label| {
             let mut rng = Rng::new(seed, label);
-            (0..8).map(|_| rng.next_u64()).collect::<Vec<_>>()
+            (0..8).map(|_| rng.uniform()).collect::<Vec<_>>()
         };
         assert_eq!(draw(1, 2), draw(1, 2));
         assert_ne!(draw(1, 2), draw(1, 3));

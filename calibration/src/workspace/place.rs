@@ -9,6 +9,7 @@
 
 use super::{cable_directions, Pose, WorkspaceError, Zonotope};
 use nalgebra::Vector3;
+use random::SplitMix64;
 
 /// Where the exit point of a unit may be.
 #[derive(Debug, Clone, PartialEq)]
@@ -228,9 +229,9 @@ pub fn place(task: &Task) -> Result<Placement, WorkspaceError> {
             best = found;
         }
     }
-    let mut random = 0x9E37_79B9_7F4A_7C15_u64;
+    let mut random = SplitMix64::new(0x9E37_79B9_7F4A_7C15);
     for _ in 0..task.random_starts {
-        let numbers = (0..best.0.len()).map(|_| uniform(&mut random)).collect();
+        let numbers = (0..best.0.len()).map(|_| random.unit()).collect();
         let found = search.by_way_of_the_mean(numbers);
         if found.1 > best.1 {
             best = found;
@@ -249,15 +250,6 @@ pub fn place(task: &Task) -> Result<Placement, WorkspaceError> {
         start_value,
         evaluations: search.evaluations,
     })
-}
-
-/// SplitMix64 (Steele, Lea and Flood, OOPSLA 2014), to 0 to 1.
-fn uniform(state: &mut u64) -> f64 {
-    *state = state.wrapping_add(0x9E37_79B9_7F4A_7C15);
-    let mut z = *state;
-    z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
 }
 
 struct Search<'t> {
