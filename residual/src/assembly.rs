@@ -1,23 +1,23 @@
 //! Puts the report together from what the search found and what is left.
 
-use crate::check::Checked;
-use crate::data::Data;
-use crate::declared;
-use crate::effects::{effect as effect_of, Build, EffectKind, CATALOGUE};
-use crate::error::Error;
-use crate::extended::extended;
-use crate::figures::figures;
-use crate::intervals::Parameters;
-use crate::leftover::Leftover;
-use crate::model::Fit;
 use crate::pictures;
-use crate::report::{Ambiguity, Effect, NotMaterial, Report, Tested, SCHEMA_VERSION};
-use crate::residual_tests::residual_tests;
-use crate::scan::{Candidate, Scan};
-use crate::search::{without, Outcome, Search, Standing, Weight};
-use crate::support::Beside;
-use crate::verdict::{verdict, Conditions};
 use rayon::prelude::*;
+use residual_columns::error::Error;
+use residual_effects::{effect as effect_of, Build, EffectKind, CATALOGUE};
+use residual_evidence::check::Checked;
+use residual_evidence::intervals::Parameters;
+use residual_evidence::leftover::Leftover;
+use residual_evidence::residual_tests::residual_tests;
+use residual_evidence::support::Beside;
+use residual_evidence::verdict::{verdict, Conditions};
+use residual_log::data::Data;
+use residual_report::{Ambiguity, Effect, NotMaterial, Report, Tested, SCHEMA_VERSION};
+use residual_search::declared;
+use residual_search::extended::extended;
+use residual_search::figures::figures;
+use residual_search::model::Fit;
+use residual_search::scan::{Candidate, Scan};
+use residual_search::{without, Outcome, Search, Standing, Weight};
 use std::collections::BTreeMap;
 
 /// Smallest relative fall of the held-out RMSE that is listed among what is not material.
@@ -83,8 +83,8 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         files: data.file_names(),
         rows: search.problem.y.len(),
         sequences: search.problem.frame.sequences().len(),
-        groups: data.groups,
-        folds: data.fold_names.clone(),
+        groups: data.groups(),
+        folds: data.folds().to_vec(),
         baseline: figures(&search.problem, base, seed),
         last: figures(&search.problem, fit, seed),
         nested_rmse: None,
@@ -113,7 +113,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         check,
         absent: absent(search, &outcome.last.ranked)?,
         hygiene: data
-            .hygiene
+            .findings()
             .iter()
             .cloned()
             .chain(found.left.notes)

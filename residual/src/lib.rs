@@ -40,62 +40,29 @@
 
 mod analysis;
 mod assembly;
-mod check;
-mod compensation;
-mod data;
-mod declared;
-mod diagnostics;
-mod effects;
-mod error;
-/// The expression language of model files.
-pub mod expr;
-mod extended;
-mod feedback;
-mod figures;
-mod finding;
-mod format;
-mod frame;
-mod hygiene;
-mod intervals;
-mod leftover;
-mod linalg;
-/// Reading logs.
-pub mod load;
-mod model;
-mod nan;
 mod nested;
-mod parallel;
 mod pictures;
-mod problem;
-mod progress;
-mod ranking;
-mod report;
-mod residual_tests;
-mod scan;
-mod search;
-/// The model file.
-pub mod spec;
-mod stats;
-mod support;
-mod units;
-mod verdict;
 
 pub use analysis::{analyse, analyse_checked, run, run_checked, Options};
-pub use check::Check;
-pub use compensation::{Compensation, Ripple};
-pub use data::{Data, DataBuilder};
-pub use declared::{baseline, Baseline, DeclaredTerm};
-pub use diagnostics::ResidualTest;
-pub use effects::{experiment, meaning, names, EffectKind, Form, Param};
-pub use error::Error;
-pub use figures::Figures;
-pub use finding::Finding;
-pub use format::num;
-pub use frame::Frame;
-pub use leftover::Structure;
 pub use nested::{nested, Nested, NestedFold};
-pub use progress::{Console, Progress, Ticker};
-pub use report::{clear, Ambiguity, Effect, NotMaterial, Plot, Report, Tested, SCHEMA_VERSION};
-pub use residual_tests::ModelTest;
-pub use search::Rival;
-pub use verdict::Verdict;
+pub use residual_columns::error::Error;
+pub use residual_columns::expr;
+pub use residual_columns::format::num;
+pub use residual_columns::frame::Frame;
+pub use residual_columns::progress::{Console, Progress, Ticker};
+pub use residual_effects::{experiment, meaning, names, EffectKind, Form, Param};
+pub use residual_evidence::check::Check;
+pub use residual_evidence::leftover::Structure;
+pub use residual_evidence::residual_tests::ModelTest;
+pub use residual_evidence::verdict::Verdict;
+pub use residual_fit::diagnostics::ResidualTest;
+pub use residual_log::data::{Data, DataBuilder};
+pub use residual_log::finding::Finding;
+pub use residual_log::{load, spec};
+pub use residual_report::{
+    clear, Ambiguity, Compensation, Effect, NotMaterial, Plot, Report, Ripple, Tested,
+    SCHEMA_VERSION,
+};
+pub use residual_search::declared::{baseline, Baseline, DeclaredTerm};
+pub use residual_search::figures::Figures;
+pub use residual_search::Rival;

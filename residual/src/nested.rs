@@ -5,16 +5,16 @@
 //! refined on all rows. Here each fold is left out of everything, and the whole selection is repeated
 //! without it. That costs as many analyses as there are folds.
 
-use crate::data::Data;
-use crate::declared::{check_selection, fit_declared};
-use crate::effects::EffectKind;
-use crate::error::Error;
-use crate::model::{Chosen, Fit, Model};
-use crate::problem::Problem;
-use crate::progress::Progress;
-use crate::search::Search;
-use crate::spec::Spec;
-use crate::stats;
+use residual_columns::error::Error;
+use residual_columns::progress::Progress;
+use residual_columns::stats;
+use residual_effects::EffectKind;
+use residual_fit::problem::Problem;
+use residual_log::data::Data;
+use residual_log::spec::Spec;
+use residual_search::declared::{check_selection, fit_declared, problem};
+use residual_search::model::{Chosen, Fit, Model};
+use residual_search::Search;
 
 /// Errors on groups that took no part in the selection.
 #[derive(Debug, Clone, PartialEq)]
@@ -44,7 +44,7 @@ pub struct NestedFold {
 
 /// Refuses data with fewer than three folds: without one of them no fold could be held out.
 pub(crate) fn check_folds(data: &Data) -> Result<(), Error> {
-    let count = data.fold_names.len();
+    let count = data.folds().len();
     if count < 3 {
         return Err(Error::data(
             format!("{count} folds: without one of them nothing is left to hold out"),
@@ -66,12 +66,12 @@ pub(crate) fn check_folds(data: &Data) -> Result<(), Error> {
 pub fn nested(spec: &Spec, data: &Data, progress: &mut dyn Progress) -> Result<Nested, Error> {
     check_selection(spec)?;
     check_folds(data)?;
-    let count = data.fold_names.len();
-    let mut problem = data.problem(&spec.selection);
+    let count = data.folds().len();
+    let mut problem = problem(data, &spec.selection);
     let declared = fit_declared(&mut problem, spec)?;
     let mut squares = 0.0;
     let mut folds = Vec::new();
-    for (fold, name) in data.fold_names.iter().enumerate() {
+    for (fold, name) in data.folds().iter().enumerate() {
         progress.stage(&format!("without {name} ({} of {count})", fold + 1));
         let chosen = selected(spec, &data.without_fold(fold as u32), progress)?;
         let fit = Fit::new(&problem, &Model::with(spec, &chosen)?)?;
@@ -110,7 +110,7 @@ fn of_fold(problem: &Problem, values: &[f64], fold: usize) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::stats::Rng;
+    use residual_columns::stats::Rng;
 
     /// Rows of a run, 20 ms apart.
     const ROWS: usize = 300;
@@ -121,7 +121,7 @@ mod tests {
     }
 
     /// Four runs in which the target follows the command with a delay, another one in the last run.
-    fn data(delay: f64, last: f64) -> Data {
+    fn data(delay: f64, last: f64, folds: usize) -> Data {
         let mut rng = Rng::new(5);
         let rows: Vec<(usize, f64)> = (0..4 * ROWS)
             .map(|i| (i / ROWS, (i % ROWS) as f64 * 0.02))
@@ -139,6 +139,7 @@ mod tests {
         ];
         Data::from_columns(of(&mut |_, t| t), columns)
             .sequences((0..4).map(|k| ROWS * k..ROWS * (k + 1)))
+            .folds(folds)
             .build()
             .unwrap()
     }
@@ -154,13 +155,13 @@ mod tests {
 
     #[test]
     fn a_fold_does_not_influence_the_parameter_it_is_scored_with() {
-        let same = nested(&spec(), &data(0.06, 0.06), &mut ()).unwrap();
+        let same = nested(&spec(), &data(0.06, 0.06, 4), &mut ()).unwrap();
         assert_eq!(same.folds.len(), 4);
         for fold in &same.folds {
             assert_eq!(fold.effects, [EffectKind::Delay]);
             assert!(fold.rmse < 0.05 && fold.declared_rmse > 0.08, "{fold:?}");
         }
-        let other = nested(&spec(), &data(0.06, 0.20), &mut ()).unwrap();
+        let other = nested(&spec(), &data(0.06, 0.20, 4), &mut ()).unwrap();
         let off = |i: usize| {
             let t = i as f64 * 0.02;
             command(3, t - 0.20) - command(3, t - 0.06)
@@ -172,9 +173,7 @@ mod tests {
 
     #[test]
     fn two_folds_are_too_few() {
-        let mut two = data(0.06, 0.06);
-        two.fold.iter_mut().for_each(|f| *f /= 2);
-        two.fold_names.truncate(2);
+        let two = data(0.06, 0.06, 2);
         let error = nested(&spec(), &two, &mut ()).unwrap_err().to_string();
         assert!(error.contains("2 folds"), "{error}");
     }

@@ -1,0 +1,42 @@
+//! Dry friction of constant size.
+
+use super::{Context, Effect, EffectKind, Found, Friction, Piece, Remedy, Setting, Variant};
+
+pub struct Coulomb;
+
+impl Effect for Coulomb {
+    fn kind(&self) -> EffectKind {
+        EffectKind::Coulomb
+    }
+    fn meaning(&self) -> &'static str {
+        "dry friction: a constant force with the sign of the velocity"
+    }
+    fn experiment(&self) -> &'static str {
+        "move back and forth at constant speed and constant load: the force jumps by twice the friction when the direction changes"
+    }
+    fn against(&self, ctx: &Context) -> String {
+        ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
+    }
+    fn friction(&self) -> Option<Friction> {
+        Some(Friction::Constant)
+    }
+    fn setting(&self) -> Option<Setting> {
+        Some(Setting::DryFriction)
+    }
+    fn remedies(&self, found: &Found) -> Vec<Remedy> {
+        vec![Remedy::Friction((found.get)("friction"))]
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let Some(v) = &ctx.velocity else {
+            return vec![];
+        };
+        vec![Variant::linear(
+            "sign of velocity",
+            vec![Piece::new(
+                "friction",
+                ctx.unit(),
+                format!("sgn({v}, {})", ctx.deadband),
+            )],
+        )]
+    }
+}

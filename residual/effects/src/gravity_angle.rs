@@ -1,0 +1,163 @@
+//! Weight of a part that turns with an angle.
+
+use super::{Context, Effect, EffectKind, Estimate, Param, Piece, Psi, Variant};
+
+use residual_columns::format::num;
+use residual_columns::linalg::similarity;
+use residual_columns::stats;
+
+/// Shortest arc in radians over which sine and cosine are no parabola.
+const SHORTEST_ARC: f64 = 1.2;
+
+pub struct GravityAngle;
+
+impl Effect for GravityAngle {
+    fn kind(&self) -> EffectKind {
+        EffectKind::GravityAngle
+    }
+    fn meaning(&self) -> &'static str {
+        "gravity: the weight of a part acts with the sine and cosine of its angle, whatever the load"
+    }
+    fn experiment(&self) -> &'static str {
+        "turn through the whole range slowly with no load; repeat with the mount turned by a quarter"
+    }
+    fn repeatable(&self) -> bool {
+        true
+    }
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        let mut all = ctx.angles().into_iter().chain(sums(ctx));
+        too_short(&all.find(|(n, ..)| n == e.label)?)
+    }
+    fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
+        let all = ctx.angles().into_iter().chain(sums(ctx));
+        let own = all.filter(|(n, ..)| *n == form.label);
+        own.map(|(_, q, _)| q).collect()
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let unit = ctx.unit();
+        ctx.angles()
+            .into_iter()
+            .filter(|a| a.0 != "angle" || turns_little(a))
+            .chain(sums(ctx))
+            .map(|(n, q, _)| {
+                let pieces = vec![
+                    Piece::new("sine", unit, format!("sin({q})")),
+                    Piece::new("cosine", unit, format!("cos({q})")),
+                ];
+                let mut v = Variant::linear(&n, pieces).with(weight);
+                v.psi = Some(Psi {
+                    name: "order",
+                    unit: "1/turn".into(),
+                    grid: vec![1.0],
+                    refine: false,
+                    resolution: None,
+                });
+                v
+            })
+            .collect()
+    }
+}
+
+/// An angle: its name for reports, its expression in radians, its range in radians.
+pub(super) type Angle = (String, String, f64);
+
+/// Why an angle cannot show a weight that turns with it.
+pub(super) fn too_short((name, _, range): &Angle) -> Option<String> {
+    (*range < SHORTEST_ARC).then(|| {
+        format!(
+            "{name} moves by {} rad only: over so short an arc a weight is no different from any parabola",
+            num(*range)
+        )
+    })
+}
+
+/// Turns from which on a weight on the shaft is a ripple of order one, and the angle is that of a motor rather than of a joint.
+const MOST_TURNS: f64 = 1.5;
+
+/// Whether an angle moves as that of a joint does.
+pub(super) fn turns_little((_, _, range): &Angle) -> bool {
+    *range < MOST_TURNS * std::f64::consts::TAU
+}
+
+/// Most joints of which sums are tried.
+const MOST_JOINTS: usize = 8;
+
+/// Squared correlation with the angle above which a pose is the same joint once more.
+const SAME_JOINT: f64 = 0.998;
+
+/// The angle of the joint whose torque is the target, and those of the other joints. The angle is `None` where it is no joint's: where
+/// it is a length, or turns many times.
+pub(super) fn joints(ctx: &Context) -> (Option<Angle>, Vec<Angle>) {
+    let (own, mut others): (Vec<_>, Vec<_>) =
+        ctx.angles().into_iter().partition(|(n, ..)| n == "angle");
+    let own = own.into_iter().find(turns_little);
+    if own.is_some() {
+        let centred = |n: &str| {
+            let mut values = ctx.values(n);
+            let mean = stats::mean(&values);
+            values.iter_mut().for_each(|x| *x -= mean);
+            values
+        };
+        let angle = centred("angle");
+        let same = |n: &str| similarity(&angle, &centred(n)) > SAME_JOINT;
+        others.retain(|(n, ..)| !same(n));
+    }
+    others.truncate(MOST_JOINTS);
+    (own, others)
+}
+
+/// Sums of joint angles: the angle of a link behind several joints about parallel axes.
+///
+/// The torque of a weight about a joint is a sine and cosine of its own angle, with factors that depend on the others: each sum
+/// contains it. Three angles have plus signs, and the other two follow each other, so that the forms are few.
+fn sums(ctx: &Context) -> Vec<Angle> {
+    let (own, others) = joints(ctx);
+    let mut chains: Vec<(Vec<&Angle>, &str)> = Vec::new();
+    match &own {
+        Some(own) => {
+            let pairs = others.iter().flat_map(|b| [(b, "+"), (b, "-")]);
+            chains.extend(pairs.map(|(b, sign)| (vec![own, b], sign)));
+            chains.extend(others.windows(2).map(|w| (vec![own, &w[0], &w[1]], "+")));
+        }
+        None => {
+            for (i, a) in others.iter().enumerate() {
+                let pairs = others[i + 1..].iter().flat_map(|b| [(b, "+"), (b, "-")]);
+                chains.extend(pairs.map(|(b, sign)| (vec![a, b], sign)));
+            }
+            chains.extend(others.windows(3).map(|w| (w.iter().collect(), "+")));
+        }
+    }
+    let of = |(joints, sign): (Vec<&Angle>, &str)| sum(ctx, &joints, sign);
+    chains.into_iter().filter_map(of).collect()
+}
+
+/// The sum of angles, or their difference; `None` if it does not move.
+pub(super) fn sum(ctx: &Context, joints: &[&Angle], sign: &str) -> Option<Angle> {
+    let written = |part: &dyn Fn(&Angle) -> String| {
+        let all: Vec<String> = joints.iter().map(|a| part(a)).collect();
+        all.join(&format!(" {sign} "))
+    };
+    let text = format!("({})", written(&|a| a.1.clone()));
+    let (lo, hi) = ctx.range(&text)?;
+    Some((written(&|a| a.0.clone()), text, hi - lo))
+}
+
+fn weight(_: f64, coef: &[f64], pieces: &[Piece], _: &Psi) -> Vec<Param> {
+    let unit = pieces.first().map(|p| p.unit.clone()).unwrap_or_default();
+    let (s, c) = (
+        coef.first().copied().unwrap_or(0.0),
+        coef.get(1).copied().unwrap_or(0.0),
+    );
+    vec![
+        Param {
+            name: "amplitude".into(),
+            value: s.hypot(c),
+            unit,
+        },
+        Param {
+            name: "phase".into(),
+            value: c.atan2(s),
+            unit: "rad".into(),
+        },
+    ]
+}

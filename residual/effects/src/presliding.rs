@@ -1,0 +1,202 @@
+//! What friction does at rest and just after a reversal: the direction it holds.
+
+use super::context::Measure;
+use super::{Build, Context, Effect, EffectKind, Estimate, Form, Friction, Piece, Psi, Variant};
+use residual_columns::stats;
+
+pub struct Presliding;
+
+impl Effect for Presliding {
+    fn kind(&self) -> EffectKind {
+        EffectKind::Presliding
+    }
+    fn meaning(&self) -> &'static str {
+        "presliding: at rest friction holds the direction of the last motion, and turns over a short distance before the next"
+    }
+    fn experiment(&self) -> &'static str {
+        "stop, reverse over a distance far below one turn, and log position finely: the force follows a short elastic loop"
+    }
+    fn friction(&self) -> Option<Friction> {
+        Some(Friction::AtRest)
+    }
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        e.below_step("presliding_distance", ctx.step_of("angle"), "angle")
+    }
+    /// Friction that turns over a distance too short to see still holds its direction at rest. A longer one is that of a hysteresis.
+    fn may_be_at_end(&self, form: &Variant) -> [bool; 2] {
+        [form.form == Form::ElasticTurn, false]
+    }
+    fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
+        let (Some(v), Some(x)) = (&ctx.velocity, &ctx.position) else {
+            return vec![];
+        };
+        let db = ctx.deadband;
+        match form.form {
+            Form::ElasticTurn => vec![x.clone()],
+            Form::MotionAndRest => vec![v.clone()],
+            _ => vec![
+                // Rows in motion show other effects; they all lie at 0.
+                format!("(held({v}, {db}) - sgn({v}, {db})) * {}", ctx.load),
+                format!("(held({v}, {db}) - sgn({v}, {db}))"),
+            ],
+        }
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let (Some(velocity), Some(position)) = (&ctx.velocity, &ctx.position) else {
+            return vec![];
+        };
+        let forms = Forms {
+            ctx,
+            velocity,
+            position,
+            loaded: ctx.range(&ctx.load).is_some(),
+        };
+        let mut out = Vec::new();
+        if ctx.rests() {
+            out.extend(forms.motion_and_rest());
+            out.extend(forms.at_rest());
+            out.push(forms.turning());
+        }
+        out.extend(forms.elastic_turn(false));
+        if forms.loaded && !ctx.friction {
+            out.extend(forms.elastic_turn(true));
+        }
+        out
+    }
+}
+
+/// What the forms are made from.
+struct Forms<'a> {
+    ctx: &'a Context<'a>,
+    velocity: &'a str,
+    position: &'a str,
+    /// Whether the load varies.
+    loaded: bool,
+}
+
+impl Forms<'_> {
+    /// The direction held at rest, 0 in motion, where other friction acts.
+    fn held(&self) -> String {
+        let (v, db) = (self.velocity, self.ctx.deadband);
+        format!("(held({v}, {db}) - sgn({v}, {db}))")
+    }
+
+    /// A coefficient in the target's unit.
+    fn constant(&self, name: &str, text: String) -> Piece {
+        Piece::new(name, self.ctx.unit(), text)
+    }
+
+    /// A coefficient per unit of load.
+    fn per_load(&self, name: &str, text: &str) -> Piece {
+        per_load(&self.ctx.measure(), name, text)
+    }
+
+    /// Dry friction in motion and at rest under one coefficient: it stays during a stop.
+    fn motion_and_rest(&self) -> Option<Variant> {
+        if self.ctx.friction {
+            return None;
+        }
+        let text = format!("held({}, {})", self.velocity, self.ctx.deadband);
+        let pieces = vec![self.constant("friction", text)];
+        Some(Variant::linear("friction that stays at rest", pieces).form(Form::MotionAndRest))
+    }
+
+    /// Friction at rest alone, without and with its share of load.
+    fn at_rest(&self) -> Vec<Variant> {
+        let held = self.constant("held_friction", self.held());
+        let mut out =
+            vec![Variant::linear("direction held", vec![held.clone()]).form(Form::AtRest)];
+        if self.loaded {
+            let pieces = vec![held, self.per_load("held_friction", &self.held())];
+            out.push(
+                Variant::linear("direction held, with load", pieces).form(Form::AtRestWithLoad),
+            );
+        }
+        out
+    }
+
+    /// Friction at rest that turns before the next motion begins.
+    fn turning(&self) -> Variant {
+        let (ctx, v, db) = (self.ctx, self.velocity.to_string(), self.ctx.deadband);
+        let at_rest = vec![self.constant("held_friction", self.held())];
+        let mut held_per_load = Vec::new();
+        if self.loaded {
+            held_per_load.push(self.per_load("held_friction", &self.held()));
+        }
+        // Before the first motion of a run the direction of friction is unknown. Its mean is a
+        // parameter of its own, so that other effects do not have to explain it.
+        let unknown = format!("(held({v}, {db}) == 0)");
+        let mut waiting = Vec::new();
+        if stats::mean(&ctx.values(&unknown)) > 0.002 {
+            waiting.push(self.constant("before_first_motion", unknown));
+        }
+        let (unit, by, loaded) = (ctx.unit().to_string(), ctx.measure(), self.loaded);
+        let psi = Psi {
+            name: "turning_time",
+            unit: "s".into(),
+            grid: Context::log_grid(0.5 * ctx.dt, 40.0 * ctx.dt, 10),
+            refine: true,
+            resolution: None,
+        };
+        let label = "held, then turning before the next motion";
+        Variant::profiled(label, psi, move |tau| {
+            let ahead = format!("ahead({v}, {db}, {tau})");
+            let mut p = at_rest.clone();
+            p.push(Piece::new("turning_friction", unit.clone(), ahead.clone()));
+            p.extend(held_per_load.clone());
+            if loaded {
+                p.push(per_load(&by, "turning_friction", &ahead));
+            }
+            p.extend(waiting.clone());
+            Build::Add(p)
+        })
+    }
+
+    /// The elastic turn of Dahl's model over a short distance; friction `of_load` is a share of it.
+    fn elastic_turn(&self, of_load: bool) -> Option<Variant> {
+        let (lo, hi) = self.ctx.range(self.position)?;
+        let psi = Psi {
+            name: "presliding_distance",
+            unit: self.ctx.position_unit(),
+            // Longer turning distances belong to `hysteresis`.
+            grid: Context::log_grid(2e-4 * (hi - lo), 0.018 * (hi - lo), 11),
+            refine: true,
+            resolution: None,
+        };
+        let (x, v, db) = (
+            self.position.to_string(),
+            self.velocity.to_string(),
+            self.ctx.deadband,
+        );
+        let (unit, by) = (self.ctx.unit().to_string(), self.ctx.measure());
+        let (friction, loaded) = (self.ctx.friction, self.loaded);
+        let build = move |d: f64| {
+            let state = format!("dahl({x}, {d})");
+            if of_load {
+                return Build::Add(vec![per_load(&by, "friction", &state)]);
+            }
+            if !friction {
+                return Build::Add(vec![Piece::new("friction", unit.clone(), state)]);
+            }
+            // Friction is in the model already: only what differs from its jump is new.
+            let turn = format!("({state} - sgn({v}, {db}))");
+            let mut p = vec![Piece::new("turning_friction", unit.clone(), turn.clone())];
+            if loaded {
+                p.push(per_load(&by, "turning_friction", &turn));
+            }
+            Build::Add(p)
+        };
+        let label = if of_load {
+            "elastic turn, in proportion to load"
+        } else {
+            "elastic turn"
+        };
+        Some(Variant::profiled(label, psi, build).form(Form::ElasticTurn))
+    }
+}
+
+/// A coefficient per unit of what friction grows with.
+fn per_load(by: &Measure, name: &str, text: &str) -> Piece {
+    let name = format!("{name}{}", by.suffix);
+    Piece::new(name, by.unit.clone(), format!("{text} * {}", by.text))
+}

@@ -1,0 +1,223 @@
+//! A sine of constant frequency: mains, a fan, an alias of something faster.
+
+use super::{
+    amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant,
+};
+use residual_columns::format::num;
+use residual_columns::stats;
+use residual_columns::units::radians;
+
+pub struct Tone;
+
+impl Effect for Tone {
+    fn kind(&self) -> EffectKind {
+        EffectKind::Tone
+    }
+    fn meaning(&self) -> &'static str {
+        "a tone of constant frequency in time, independent of the motion (mains, fan, or the alias of something above half the row rate)"
+    }
+    fn experiment(&self) -> &'static str {
+        "log at rest with the drive off, at two sampling rates: a true tone keeps its frequency, an alias moves"
+    }
+    fn against(&self, _: &Context) -> String {
+        "elapsed".into()
+    }
+    fn repeatable(&self) -> bool {
+        true
+    }
+    fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
+        let ripple = || {
+            let frequency = e.get("frequency")?;
+            let turn = SteadyTurn::new(ctx, &ctx.values("time"))?;
+            turn.has(frequency).then(|| {
+                format!(
+                    "at {} turns per second it is a ripple of order {}; record at another speed to tell",
+                    num(turn.speed),
+                    num((frequency / turn.speed).round())
+                )
+            })
+        };
+        e.vague("frequency").or_else(ripple)
+    }
+    fn variants(&self, ctx: &Context) -> Vec<Variant> {
+        let time = ctx.values("time");
+        let highest = spectrum::highest_frequency(ctx.problem, &time, 0.5);
+        let lowest = (5.0 / ctx.span).min(0.2 * highest);
+        let inputs: Vec<Vec<f64>> = ctx
+            .velocity
+            .iter()
+            .cloned()
+            .chain(ctx.has_command().then(|| "command".to_string()))
+            .chain(ctx.spec.roles.pose.keys().cloned())
+            .map(|e| ctx.values(&e))
+            .filter(|v| !v.is_empty())
+            .collect();
+        let steady = SteadyTurn::new(ctx, &time);
+        let mut driven = None;
+        let mut out = Vec::new();
+        for (label, local) in [("one phase for all", false), ("a phase for each run", true)] {
+            let mut grid = spectrum::proposals(
+                ctx,
+                &time,
+                &[],
+                &spectrum::Look {
+                    lowest,
+                    highest,
+                    coherent: !local,
+                    lines: true,
+                },
+            );
+            // At constant speed a ripple is a sine in time. Of a whole order it is the likelier cause.
+            grid.retain(|f| !steady.as_ref().is_some_and(|turn| turn.has(*f)));
+            // At a frequency at which the rig itself is driven, a tone cannot be told from an answer.
+            grid.retain(|f| spectrum::share(ctx.problem, &time, &inputs, *f) < 0.1);
+            if grid.is_empty() {
+                continue;
+            }
+            // Neither at a harmonic of a motion that repeats, however small it is there.
+            let driven = driven.get_or_insert_with(|| driven_lines(ctx, &time, highest));
+            grid.retain(|f| !driven.iter().any(|d| d.has(*f)));
+            if grid.is_empty() {
+                continue;
+            }
+            let unit = ctx.unit().to_string();
+            out.push(
+                Variant::profiled(
+                    label,
+                    Psi {
+                        name: "frequency",
+                        unit: "Hz".into(),
+                        grid,
+                        refine: true,
+                        resolution: Some(0.6 / ctx.span),
+                    },
+                    move |f| {
+                        let w = f * std::f64::consts::TAU;
+                        let pieces = vec![
+                            Piece::new("sine", unit.clone(), format!("sin({w} * time)")),
+                            Piece::new("cosine", unit.clone(), format!("cos({w} * time)")),
+                        ];
+                        if local {
+                            Build::Local(pieces)
+                        } else {
+                            Build::Add(pieces)
+                        }
+                    },
+                )
+                .with(amplitude_phase),
+            );
+        }
+        out
+    }
+}
+
+/// Pieces of each sequence whose speeds are compared: a ripple changes the speed within a turn.
+const PIECES: usize = 5;
+
+/// An angle that turns at one speed most of the time.
+struct SteadyTurn {
+    /// Turns per second.
+    speed: f64,
+    /// RMS of the angle about its line in a piece of a sequence, in turns.
+    uneven: f64,
+    /// Turns of the longest sequence.
+    turns: f64,
+}
+
+impl SteadyTurn {
+    /// Relative distance from the usual speed up to which a piece of a sequence has it.
+    const ONE_SPEED: f64 = 0.05;
+
+    /// Share of the pieces that must have it.
+    const MOST: f64 = 0.8;
+
+    /// Phase error, in turns of the ripple, up to which a ripple looks like a sine in time.
+    const PHASE: f64 = 0.1;
+
+    /// Largest distance of an order from a whole number.
+    const WHOLE: f64 = 0.15;
+
+    /// `None` without an angle, or where its speed is not one.
+    fn new(ctx: &Context, time: &[f64]) -> Option<SteadyTurn> {
+        let scale = radians(&ctx.position_unit())? / std::f64::consts::TAU;
+        let angle = ctx.values(ctx.position.as_ref()?);
+        if angle.len() != time.len() {
+            return None;
+        }
+        let of = |rows: std::ops::Range<usize>| {
+            let (slope, rest) = stats::line(&time[rows.clone()], &angle[rows.clone()])?;
+            let uneven = (rest / rows.len() as f64).sqrt();
+            Some(((slope * scale).abs(), uneven * scale))
+        };
+        let runs = ctx.problem.rows_of_runs().into_iter();
+        let at = |rows: &std::ops::Range<usize>, k: usize| rows.start + rows.len() * k / PIECES;
+        let pieces = runs.flat_map(|rows| (0..PIECES).map(move |k| at(&rows, k)..at(&rows, k + 1)));
+        let (speeds, mut uneven): (Vec<f64>, Vec<f64>) = pieces.filter_map(of).unzip();
+        let speed = stats::median(&mut speeds.clone())?;
+        let usual = |s: &&f64| (*s - speed).abs() <= SteadyTurn::ONE_SPEED * speed;
+        let share = speeds.iter().filter(usual).count() as f64 / speeds.len() as f64;
+        (speed > 0.0 && share >= SteadyTurn::MOST).then(|| SteadyTurn {
+            speed,
+            uneven: stats::median(&mut uneven).unwrap_or(0.0),
+            turns: speed * ctx.span,
+        })
+    }
+
+    /// Whether a sine of this frequency may be a ripple of a whole order.
+    fn has(&self, frequency: f64) -> bool {
+        let order = frequency / self.speed;
+        let tolerance = (0.5 / self.turns).min(SteadyTurn::WHOLE);
+        let whole = order.round();
+        whole >= 1.0
+            && (order - whole).abs() <= tolerance
+            && order * self.uneven < SteadyTurn::PHASE
+    }
+}
+
+/// The spectrum of an input.
+struct Driven {
+    spectrum: spectrum::Spectrum,
+    /// Whether a closed loop can have put the line there: only a harmonic of the input's own repetition counts then.
+    answers: bool,
+}
+
+impl Driven {
+    /// Whether the rig is driven at a frequency.
+    fn has(&self, frequency: f64) -> bool {
+        self.spectrum.line_at(frequency) && (!self.answers || self.spectrum.is_harmonic(frequency))
+    }
+}
+
+/// Spectra of the inputs that say when the rig is driven: command, load, velocity, poses, their slopes, and the sign of the
+/// velocity. A tone of the mains that a channel picks up as well is no drive, so channels are not among them.
+fn driven_lines(ctx: &Context, time: &[f64], highest: f64) -> Vec<Driven> {
+    // In a closed loop the command answers to the tone; the setpoint, where it is logged, says what drives the rig.
+    let mut texts: Vec<(String, bool)> = if ctx.spec.roles.setpoint.is_some() {
+        vec![("setpoint".into(), false)]
+    } else if ctx.has_command() {
+        vec![(ctx.load.clone(), true), ("command".into(), true)]
+    } else {
+        vec![(ctx.load.clone(), false)]
+    };
+    texts.extend(ctx.velocity.iter().cloned().map(|v| (v, false)));
+    texts.extend(ctx.spec.roles.pose.keys().cloned().map(|q| (q, false)));
+    let slopes: Vec<(String, bool)> = texts
+        .iter()
+        .map(|(t, answers)| (format!("deriv({t}, 1)"), *answers))
+        .collect();
+    texts.extend(slopes);
+    texts.extend(
+        ctx.velocity
+            .iter()
+            .map(|v| (format!("sgn({v}, {})", ctx.deadband), false)),
+    );
+    texts
+        .iter()
+        .map(|(t, answers)| (ctx.values(t), *answers))
+        .filter(|(v, _)| v.len() == time.len())
+        .filter_map(|(v, answers)| {
+            let spectrum = spectrum::Spectrum::new(ctx.problem, time, &v, highest, false)?;
+            Some(Driven { spectrum, answers })
+        })
+        .collect()
+}

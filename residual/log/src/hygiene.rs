@@ -1,0 +1,687 @@
+//! Flaws of measured logs: time base, gaps, repeats, spikes, clipping, quantisation, a 256-fold
+//! scale, an angle that begins again after each turn. Each is reported, and handled only as the model file asks.
+
+use crate::finding::Findings;
+use crate::spec::{Action, Roles, Spec};
+use residual_columns::format::num;
+use residual_columns::frame::Frame;
+use residual_columns::stats;
+use residual_columns::units::radians;
+use std::collections::BTreeMap;
+use std::f64::consts::TAU;
+use std::ops::Range;
+use std::path::PathBuf;
+
+/// What was done about a flaw.
+fn done(action: Action) -> &'static str {
+    match action {
+        Action::Report => "reported only",
+        Action::Drop => "left out of the fit",
+        Action::Fix => "corrected",
+    }
+}
+
+/// Looks for flaws in the target and the columns; corrects or masks rows as the model file says.
+/// `files` are those that the frame's `file` column counts.
+pub fn inspect(
+    frame: &mut Frame,
+    keep: &mut [bool],
+    spec: &Spec,
+    files: &[PathBuf],
+    log: &mut Findings,
+) {
+    time_base(frame, log);
+    wrapped_angle(frame, spec, files, log);
+    let spec = &spec.hygiene;
+    let mut y = frame.column("target").unwrap_or(&[]).to_vec();
+    let mut found = |check: &str, rows: &[usize], action: Action, what: &str, frame: &Frame| {
+        let Some(&first) = rows.first() else {
+            return;
+        };
+        log.count(
+            check,
+            rows.len(),
+            &place(first, frame, files),
+            &format!("{what}: {}", done(action)),
+        );
+        if action == Action::Drop {
+            rows.iter().for_each(|&i| keep[i] = false);
+        }
+    };
+
+    let scaled = scaled256(&y);
+    let what = "target values 256 times too large (a 24-bit value left-justified in 32 bits)";
+    found("scale256", &scaled, spec.scale256, what, frame);
+    if spec.scale256 == Action::Fix && !scaled.is_empty() {
+        scaled.iter().for_each(|&i| y[i] /= 256.0);
+        frame.insert("target", y.clone());
+    }
+
+    let what = "isolated target values far from both neighbours";
+    found("spike", &spikes(&y, frame), spec.spikes, what, frame);
+
+    let clipped = clipped(&y, frame);
+    if let Some(&first) = clipped.first() {
+        let what = format!("target stuck at {}, the end of its range", num(y[first]));
+        found("clipping", &clipped, spec.clipping, &what, frame);
+    }
+
+    let repeated = repeats(frame);
+    if repeated.len() * 100 > frame.len() {
+        let what = "rows that repeat every value of the row before";
+        found("repeat", &repeated, spec.repeats, what, frame);
+    }
+    quantised(frame, log);
+}
+
+/// Where a row is: its file and time.
+fn place(row: usize, frame: &Frame, files: &[PathBuf]) -> String {
+    let file = frame
+        .column("file")
+        .and_then(|f| files.get(f[row] as usize))
+        .and_then(|f| f.file_name())
+        .map_or(String::new(), |f| format!("{}, ", f.to_string_lossy()));
+    format!("{file}time {} s", num(frame.time()[row]))
+}
+
+/// Shares of a turn: up to the first a step from row to row is a motion, from the second on the angle began again.
+const STEP: f64 = 0.25;
+const JUMP: f64 = 0.75;
+
+/// Notes an angle that begins again after each turn where its slope is the velocity, or makes it go on. Where the velocity has a
+/// column of its own nothing depends on that slope.
+fn wrapped_angle(frame: &mut Frame, spec: &Spec, files: &[PathBuf], log: &mut Findings) {
+    let Some(angle) = spec
+        .roles
+        .angle
+        .as_ref()
+        .filter(|_| spec.roles.velocity.is_none())
+    else {
+        return;
+    };
+    let (Some(radians), Some(x)) = (radians(&angle.unit), frame.column("angle")) else {
+        return;
+    };
+    let turn = TAU / radians;
+    let mut x = x.to_vec();
+    let mut jumps = Vec::new();
+    for r in frame.sequences() {
+        for i in r.start + 1..r.end {
+            let share = (x[i] - x[i - 1]).abs() / turn;
+            if share >= JUMP {
+                jumps.push(i);
+            } else if share > STEP {
+                // Steps of every size: what is a jump cannot be told.
+                return;
+            }
+        }
+    }
+    let (lo, hi) = stats::range(&x);
+    let Some(&first) = jumps.first().filter(|_| hi - lo <= turn * (1.0 + 1e-6)) else {
+        return;
+    };
+    let fix = spec.hygiene.wraps == Action::Fix;
+    let what = if fix {
+        "places where the angle begins again after a turn: it was made to go on"
+    } else {
+        "places where the angle begins again after a turn. The velocity is its slope and jumps there: set hygiene.wraps = \"fix\" to \
+         make the angle go on, or name a column in roles.velocity"
+    };
+    log.count(
+        "wrapped angle",
+        jumps.len(),
+        &place(first, frame, files),
+        what,
+    );
+    if fix {
+        let mut next = jumps.iter().peekable();
+        for r in frame.sequences() {
+            let mut turns = 0.0;
+            let mut before = x[r.start];
+            for i in r.clone() {
+                if next.next_if(|j| **j == i).is_some() {
+                    turns += if x[i] < before { turn } else { -turn };
+                }
+                before = x[i];
+                x[i] += turns;
+            }
+        }
+        frame.insert("angle", x);
+    }
+}
+
+/// Rows whose value is 256 times too large: a reading left-justified in 32 bits instead of 24.
+fn scaled256(y: &[f64]) -> Vec<usize> {
+    let mut sizes: Vec<f64> = y.iter().map(|v| v.abs()).filter(|v| *v > 0.0).collect();
+    let Some(typical) = stats::median(&mut sizes) else {
+        return vec![];
+    };
+    let lo = stats::quantile_sorted(&sizes, 0.05);
+    let hi = stats::quantile_sorted(&sizes, 0.90) * 1.5;
+    (0..y.len())
+        .filter(|&i| {
+            y[i].abs() > 60.0 * typical && y[i].abs() / 256.0 >= lo && y[i].abs() / 256.0 <= hi
+        })
+        .collect()
+}
+
+/// Notes the columns that move in steps.
+fn quantised(frame: &Frame, log: &mut Findings) {
+    for name in frame.names() {
+        if ["time", "elapsed", "file"].contains(&name.as_str()) {
+            continue;
+        }
+        let c = frame.column(name).unwrap_or(&[]);
+        if let Some(q) = stats::quantum(c) {
+            log.count(
+                &format!("quantised {name}"),
+                c.len(),
+                "whole record",
+                &format!("column `{name}` moves in steps of {}", num(q)),
+            );
+        }
+    }
+}
+
+/// Notes the time base.
+fn time_base(frame: &Frame, log: &mut Findings) {
+    let mut steps: Vec<f64> = frame
+        .sequences()
+        .iter()
+        .flat_map(|r| frame.time()[r.clone()].windows(2).map(|w| w[1] - w[0]))
+        .collect();
+    let Some(mid) = stats::median(&mut steps) else {
+        return;
+    };
+    let (lo, hi) = (
+        stats::quantile_sorted(&steps, 0.05),
+        stats::quantile_sorted(&steps, 0.95),
+    );
+    log.count(
+        "time base",
+        frame.len(),
+        "whole record",
+        &format!(
+            "median step {} s ({} rows/s); 5 % to 95 %: {} to {} s; {} sequences",
+            num(mid),
+            num(1.0 / mid),
+            num(lo),
+            num(hi),
+            frame.sequences().len()
+        ),
+    );
+}
+
+/// Rows whose target is far from both neighbours, on the same side.
+fn spikes(y: &[f64], frame: &Frame) -> Vec<usize> {
+    let mut out = Vec::new();
+    for r in frame.sequences() {
+        if r.len() < 20 {
+            continue;
+        }
+        let bend = |i: usize| y[i] - 0.5 * (y[i - 1] + y[i + 1]);
+        let mut sizes: Vec<f64> = (r.start + 1..r.end - 1).map(|i| bend(i).abs()).collect();
+        let mad = stats::median(&mut sizes).unwrap_or(0.0);
+        let scale = (1.4826 * mad).max(0.2 * stats::quantile_sorted(&sizes, 0.95));
+        if scale == 0.0 {
+            continue;
+        }
+        for i in r.start + 1..r.end - 1 {
+            let (a, b) = (y[i] - y[i - 1], y[i] - y[i + 1]);
+            if a * b > 0.0 && a.abs().min(b.abs()) > 12.0 * scale {
+                out.push(i);
+            }
+        }
+    }
+    out
+}
+
+/// Rows in runs of five or more at the largest or smallest value of the record.
+fn clipped(y: &[f64], frame: &Frame) -> Vec<usize> {
+    let hi = y.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    let lo = y.iter().copied().fold(f64::INFINITY, f64::min);
+    if hi == lo {
+        return vec![];
+    }
+    let mut out = Vec::new();
+    for end in [hi, lo] {
+        let mut at_end = Vec::new();
+        for r in frame.sequences() {
+            let mut at = r.start;
+            for run in y[r.clone()].chunk_by(|a, b| a == b) {
+                if run[0] == end && run.len() >= 5 {
+                    at_end.extend(at..at + run.len());
+                }
+                at += run.len();
+            }
+        }
+        if at_end.len() * 200 >= y.len() {
+            out.extend(at_end);
+        }
+    }
+    out
+}
+
+/// Rows that repeat every value of the row before, apart from the time.
+fn repeats(frame: &Frame) -> Vec<usize> {
+    let cols: Vec<&[f64]> = frame
+        .names()
+        .iter()
+        .filter(|n| *n != "time" && *n != "elapsed")
+        .filter_map(|n| frame.column(n))
+        .collect();
+    frame
+        .sequences()
+        .iter()
+        .flat_map(|r| r.start + 1..r.end.max(r.start + 1))
+        .filter(|&i| cols.iter().all(|c| c[i] == c[i - 1]))
+        .collect()
+}
+
+/// Shortest run in rows that is compared with others.
+const COMPARED: usize = 50;
+
+/// Correlation from which two runs are one motion.
+const SAME_MOTION: f64 = 0.98;
+
+/// Name of the check that two columns contradict each other.
+pub const SPEED_AGAINST_ANGLE: &str = "speed against angle";
+
+/// Name of the check that most runs are one motion.
+pub const REPEATED_MOTION: &str = "repeated motion";
+
+/// Relative error of the speed column against the slope of the angle that is reported.
+const SPEED_ERROR: f64 = 0.05;
+
+/// Notes columns that contradict each other or are made of each other, and runs that repeat one motion.
+pub fn relations(
+    frame: &Frame,
+    roles: &Roles,
+    fold: &[u32],
+    files: &[PathBuf],
+    log: &mut Findings,
+) {
+    speed_against_angle(frame, roles, files, log);
+    made_of_speed(frame, log);
+    repeated_motion(frame, fold, log);
+}
+
+/// Sums of products of a column with the slope of another, from row to row but one.
+#[derive(Clone, Copy, Default)]
+struct Slope {
+    cc: f64,
+    cs: f64,
+    ss: f64,
+    rows: usize,
+}
+
+impl Slope {
+    /// Adds the rows of a sequence.
+    fn add(&mut self, time: &[f64], column: &[f64], x: &[f64], r: &Range<usize>) {
+        for i in r.start + 1..r.end.saturating_sub(1).max(r.start + 1) {
+            let slope = (x[i + 1] - x[i - 1]) / (time[i + 1] - time[i - 1]);
+            self.cc += column[i] * column[i];
+            self.cs += column[i] * slope;
+            self.ss += slope * slope;
+        }
+        self.rows += r.len();
+    }
+
+    /// The slope as a multiple of the column, where the two move alike.
+    fn ratio(&self, agreement: f64) -> Option<f64> {
+        let alike = self.cs / (self.cc * self.ss).sqrt();
+        (self.cc > 0.0 && self.ss > 0.0 && alike.abs() > agreement).then(|| self.cs / self.cc)
+    }
+}
+
+/// Files that are named in one finding.
+const NAMED: usize = 5;
+
+/// The speed must be the slope of the angle where the units say so, in each file.
+fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mut Findings) {
+    let (Some(angle), Some(velocity)) = (&roles.angle, &roles.velocity) else {
+        return;
+    };
+    if velocity.unit != format!("{}/s", angle.unit) {
+        return;
+    }
+    let (Some(x), Some(v)) = (frame.column("angle"), frame.column("velocity")) else {
+        return;
+    };
+    let mut of_file: BTreeMap<usize, Slope> = BTreeMap::new();
+    for r in frame.sequences().iter().filter(|r| !r.is_empty()) {
+        let file = frame.column("file").map_or(0, |f| f[r.start] as usize);
+        let slope = of_file.entry(file).or_default();
+        slope.add(frame.time(), v, x, r);
+    }
+    let wrong: Vec<(usize, Slope, f64)> = of_file
+        .iter()
+        .filter_map(|(file, slope)| Some((*file, *slope, slope.ratio(0.9)?)))
+        .filter(|(.., ratio)| (ratio - 1.0).abs() > SPEED_ERROR)
+        .collect();
+    if wrong.is_empty() {
+        return;
+    }
+    let all = wrong.len() == of_file.len();
+    let named: Vec<String> = wrong
+        .iter()
+        .take(NAMED)
+        .filter_map(|(file, _, ratio)| {
+            let name = files.get(*file)?.file_name()?;
+            Some(format!("{} ({})", name.to_string_lossy(), num(*ratio)))
+        })
+        .collect();
+    let which = match wrong.len() - named.len() {
+        _ if all => String::new(),
+        0 => format!(" in {} only", named.join(", ")),
+        more => format!(" in {} and {more} more files", named.join(", ")),
+    };
+    let rows = wrong.iter().map(|(_, slope, _)| slope.rows).sum();
+    let first = if all {
+        "whole record"
+    } else {
+        "files named here"
+    };
+    let (lo, hi) = stats::range(&wrong.iter().map(|w| w.2).collect::<Vec<f64>>());
+    let ratio = if hi - lo > SPEED_ERROR * hi.abs() {
+        format!("{} to {}", num(lo), num(hi))
+    } else {
+        num(wrong[0].2)
+    };
+    log.count(
+        SPEED_AGAINST_ANGLE,
+        rows,
+        first,
+        &format!(
+            "the slope of the angle is {ratio} times the velocity column{which}: the time stamps, a unit or a scale is wrong, and every \
+             mass, damping and delay with it"
+        ),
+    );
+}
+
+/// Correlation of the target with the slope of the velocity from which the one was computed from the other.
+const COMPUTED: f64 = 0.999;
+
+/// A target that is the slope of the velocity, as an acceleration is: an inertia that is found is then its definition.
+fn made_of_speed(frame: &Frame, log: &mut Findings) {
+    let (Some(y), Some(v)) = (frame.column("target"), frame.column("velocity")) else {
+        return;
+    };
+    let mut slope = Slope::default();
+    for r in frame.sequences() {
+        slope.add(frame.time(), y, v, r);
+    }
+    if let Some(ratio) = slope.ratio(COMPUTED) {
+        log.count(
+            "target from velocity",
+            slope.rows,
+            "whole record",
+            &format!(
+                "the slope of the velocity is {} times the target: if the target was computed from it, an inertia that is found \
+                 is its definition and no finding",
+                num(ratio)
+            ),
+        );
+    }
+}
+
+/// Runs of one motion do not confirm each other: what is special to that motion is in all of them.
+fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Findings) {
+    let Some(motion) = ["velocity", "angle", "command"]
+        .iter()
+        .find_map(|n| frame.column(n))
+    else {
+        return;
+    };
+    let runs = runs_to_compare(frame);
+    let same = |a: &Range<usize>, b: &Range<usize>| {
+        let n = a.len().min(b.len());
+        let longer = a.len().max(b.len());
+        10 * n >= 9 * longer
+            && correlation(&motion[a.start..a.start + n], &motion[b.start..b.start + n])
+                > SAME_MOTION
+    };
+    let repeats = runs
+        .iter()
+        .enumerate()
+        .filter(|(k, a)| {
+            runs.iter()
+                .enumerate()
+                .any(|(j, b)| j != *k && fold[a.start] != fold[b.start] && same(a, b))
+        })
+        .count();
+    if repeats * 2 > runs.len() && repeats > 1 {
+        log.count(
+            REPEATED_MOTION,
+            repeats,
+            "whole record",
+            "runs whose motion is that of another run that is held out: the held-out error does not show how the model does \
+             on another motion; record one, and give it as check data",
+        );
+    }
+}
+
+/// Points of a run that are compared with those a period later.
+const POINTS: usize = 1500;
+
+/// Mean square difference of a motion from itself a period later, over twice its variance, up to which it repeats: an RMS difference of
+/// 0.28 standard deviations.
+const REPEATS: f64 = 0.04;
+
+/// The same which it must have in between: a slow motion differs little from itself a moment later.
+const DIFFERS: f64 = 0.3;
+
+/// Shortest period in blocks of time: with fewer blocks there are too few groups to hold out.
+const FEWEST_BLOCKS: f64 = 4.0;
+
+/// Time in which the motion of a run repeats, if it does: whatever is special to that motion is in each pass of it, so blocks of time of
+/// two passes do not confirm each other. `None` where it repeats in less than a few blocks.
+pub fn period(frame: &Frame, run: &Range<usize>, roles: &Roles, block: f64) -> Option<f64> {
+    let time = frame.time();
+    let span = time[run.end - 1] - time[run.start];
+    if run.len() < COMPARED || span < 1.2 * FEWEST_BLOCKS * block {
+        return None;
+    }
+    let names = ["angle", "velocity", "command"].into_iter();
+    let names = names.chain(roles.pose.keys().map(String::as_str));
+    let points = POINTS.min(run.len());
+    let step = span / (points - 1) as f64;
+    // Each column about its mean, in units of its deviation.
+    let columns: Vec<Vec<f64>> = names
+        .filter_map(|n| frame.column(n))
+        .map(|c| at_times(frame, c, run, time[run.start], step, points))
+        .filter_map(|mut c| {
+            let (mean, size) = (stats::mean(&c), stats::deviation(&c));
+            c.iter_mut().for_each(|x| *x = (*x - mean) / size);
+            (size > 0.0).then_some(c)
+        })
+        .collect();
+    let difference = |lag: usize| {
+        let of = |c: &Vec<f64>| {
+            let pairs = c.iter().zip(&c[lag..]);
+            let sum: f64 = pairs.map(|(a, b)| (a - b).powi(2)).sum();
+            sum / (2.0 * (points - lag) as f64)
+        };
+        // The column that repeats least.
+        columns.iter().map(of).fold(0.0, f64::max)
+    };
+    // What is seen twice must be as long as a block or two.
+    let most = points - ((2.0 * block / step) as usize).clamp(points / 10, points - 1);
+    let (mut differed, mut best) = (false, None);
+    for lag in 1..most {
+        let d = difference(lag);
+        differed |= d > DIFFERS;
+        if differed && d < REPEATS && best.is_none_or(|(_, least)| d < least) {
+            best = Some((lag, d));
+        } else if best.is_some_and(|(at, _)| lag > at + points / 50) {
+            break;
+        }
+    }
+    let period = best?.0 as f64 * step;
+    (!columns.is_empty() && period >= FEWEST_BLOCKS * block).then_some(period)
+}
+
+/// Correlation from which a stretch of other data is the same motion. It is compared in steps of time, so less than
+/// [`SAME_MOTION`] is reached.
+const SAME_STRETCH: f64 = 0.97;
+
+/// Most relative difference of the size of one motion.
+const SAME_SIZE: f64 = 0.1;
+
+/// Values of a stretch that are compared.
+const STRETCH: usize = 400;
+
+/// Most runs that are compared with others.
+const MOST_RUNS: usize = 64;
+
+/// Number of rows of `other` in runs whose motion is also in `frame`, at any time of it.
+pub fn repeated_rows(frame: &Frame, other: &Frame) -> usize {
+    let names = ["velocity", "angle", "command"];
+    let Some((here, there)) = names
+        .iter()
+        .find_map(|n| frame.column(n).zip(other.column(n)))
+    else {
+        return 0;
+    };
+    let all: Vec<Range<usize>> = runs_to_compare(frame);
+    if all.is_empty() {
+        return 0;
+    }
+    let duration = |f: &Frame, r: &Range<usize>| f.time()[r.end - 1] - f.time()[r.start];
+    let longest = all.iter().map(|r| duration(frame, r)).fold(0.0, f64::max);
+    let repeated = |r: &Range<usize>| {
+        let span = duration(other, r);
+        // A run that is longer than any of the data is compared in pieces.
+        let pieces = (span / longest).ceil().max(1.0);
+        let step = span / pieces / STRETCH as f64;
+        let pieces = (0..pieces as usize).filter(|k| {
+            let start = other.time()[r.start] + (*k as f64 * STRETCH as f64) * step;
+            let own = at_times(other, there, r, start, step, STRETCH);
+            all.iter().any(|a| {
+                let count = (duration(frame, a) / step) as usize + 1;
+                let data = at_times(frame, here, a, frame.time()[a.start], step, count);
+                let count = own.len().min(data.len());
+                10 * count >= 9 * own.len()
+                    && data.windows(count).any(|w| same_stretch(&own[..count], w))
+            })
+        });
+        pieces.count() as f64 >= 0.5 * (span / longest).ceil().max(1.0)
+    };
+    let runs = runs_to_compare(other);
+    runs.iter().filter(|r| repeated(r)).map(Range::len).sum()
+}
+
+/// The runs that are long enough to compare, not more than [`MOST_RUNS`].
+fn runs_to_compare(frame: &Frame) -> Vec<Range<usize>> {
+    let runs = frame.sequences().iter().filter(|r| r.len() >= COMPARED);
+    runs.take(MOST_RUNS).cloned().collect()
+}
+
+/// `count` values of a column in a run, in equal steps of time, linear between rows.
+fn at_times(
+    frame: &Frame,
+    column: &[f64],
+    run: &Range<usize>,
+    start: f64,
+    step: f64,
+    count: usize,
+) -> Vec<f64> {
+    let time = frame.time();
+    let mut i = run.start;
+    let value = |k: usize| {
+        let t = start + k as f64 * step;
+        while i + 2 < run.end && time[i + 1] < t {
+            i += 1;
+        }
+        let share = ((t - time[i]) / (time[i + 1] - time[i])).clamp(0.0, 1.0);
+        column[i] + share * (column[i + 1] - column[i])
+    };
+    (0..count).map(value).collect()
+}
+
+/// Whether two stretches of equal length are one motion, of one size.
+fn same_stretch(a: &[f64], b: &[f64]) -> bool {
+    let size = stats::deviation(b) / stats::deviation(a);
+    (size - 1.0).abs() < SAME_SIZE && correlation(a, b) > SAME_STRETCH
+}
+
+/// Correlation of two lists of equal length; 0 if one is constant.
+fn correlation(a: &[f64], b: &[f64]) -> f64 {
+    let (ma, mb) = (stats::mean(a), stats::mean(b));
+    let (mut aa, mut bb, mut ab) = (0.0, 0.0, 0.0);
+    for (x, y) in a.iter().zip(b) {
+        aa += (x - ma).powi(2);
+        bb += (y - mb).powi(2);
+        ab += (x - ma) * (y - mb);
+    }
+    if aa > 0.0 && bb > 0.0 {
+        ab / (aa * bb).sqrt()
+    } else {
+        0.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// A log of a motion from `start` on, at a pace, with a step of time.
+    fn log(start: f64, pace: f64, step: f64, rows: usize) -> Frame {
+        let time: Vec<f64> = (0..rows).map(|i| i as f64 * step).collect();
+        let motion = |t: &f64| {
+            let t = start + pace * t;
+            (1.3 * t).sin() + 0.8 * (1.9 * t + 0.02 * t * t).sin() + 0.4 * (0.37 * t).cos()
+        };
+        let velocity = time.iter().map(motion).collect();
+        Frame::new(
+            vec![("velocity".into(), velocity)],
+            time,
+            std::iter::once(0..rows).collect(),
+        )
+    }
+
+    #[test]
+    fn a_motion_that_repeats_has_a_period() {
+        let spec = "roles.time = { column = \"t\" }\nroles.target = { column = \"y\" }\n\
+                    [[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+        let roles = crate::spec::Spec::parse(spec).unwrap().roles;
+        let run = |motion: &dyn Fn(f64) -> f64, seconds: f64| {
+            let time: Vec<f64> = (0..(seconds * 50.0) as usize)
+                .map(|i| i as f64 * 0.02)
+                .collect();
+            let velocity = time.iter().map(|t| motion(*t)).collect();
+            let rows = 0..time.len();
+            let frame = Frame::new(
+                vec![("velocity".into(), velocity)],
+                time,
+                std::iter::once(rows.clone()).collect(),
+            );
+            period(&frame, &rows, &roles, 2.0)
+        };
+        use std::f64::consts::TAU;
+        let exciting = |t: f64| {
+            (TAU * t / 12.0).sin() + 0.7 * (TAU * t / 4.0).cos() + 0.5 * (TAU * t / 2.4).sin()
+        };
+        for seconds in [20.0, 60.0] {
+            let found = run(&exciting, seconds).unwrap();
+            assert!((found - 12.0).abs() < 0.1, "{found}");
+        }
+        // A part of a second pass that is shorter than two blocks.
+        assert_eq!(run(&exciting, 13.0), None);
+        assert_eq!(run(&|t| exciting(t) + 0.6 * (0.83 * t).sin(), 60.0), None);
+        // Of one second: blocks of two seconds each hold all of it.
+        assert_eq!(run(&|t| (TAU * t).sin(), 60.0), None);
+        assert_eq!(run(&|_| 1.0, 60.0), None);
+    }
+
+    #[test]
+    fn a_motion_is_known_again_at_any_time_and_rate_of_rows() {
+        let data = log(0.0, 1.0, 0.02, 3000);
+        assert_eq!(repeated_rows(&data, &log(17.31, 1.0, 0.03, 700)), 700);
+        assert_eq!(repeated_rows(&data, &log(17.31, 1.3, 0.03, 700)), 0);
+        assert_eq!(repeated_rows(&data, &log(170.0, 1.0, 0.03, 700)), 0);
+        // Longer than the data: their motion is a part of it only.
+        assert_eq!(repeated_rows(&data, &log(-200.0, 1.0, 0.03, 9000)), 0);
+        assert_eq!(repeated_rows(&data, &log(3.0, 1.0, 0.03, 20)), 0);
+    }
+}

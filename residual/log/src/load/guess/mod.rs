@@ -1,0 +1,94 @@
+//! A first model file for logs that nobody has described yet: separator, header, roles and units as they seem to be, with the
+//! questions that only a person can answer.
+//!
+//! | file | concern |
+//! |---|---|
+//! | `layout.rs` | separator, decimal mark, comments, header |
+//! | `header.rs` | headers of two lines: names, then units |
+//! | `names.rs` | role, unit and index by the name of a column |
+//! | `columns.rs` | which column has which role |
+//! | `time.rs` | the column of the time, and its unit |
+//! | `units.rs` | units of angle and velocity by their values |
+//! | `write.rs` | the text of the model file |
+
+mod columns;
+mod header;
+mod layout;
+mod names;
+mod time;
+mod units;
+mod write;
+
+use super::{files, text, Table};
+use crate::spec::Action;
+use layout::Layout;
+use residual_columns::error::Error;
+use std::path::{Path, PathBuf};
+
+/// Logs that are looked at until one has rows.
+const TRIES: usize = 20;
+
+/// Writes a model file for logs: what the first of them that has rows looks like, with open questions as comments.
+///
+/// # Errors
+/// [`Error::Io`] if no layout fits the first lines of any log, or if none can be read: that of the first one.
+pub fn guess(paths: &[PathBuf]) -> Result<String, Error> {
+    let files = files::find_files(paths)?;
+    let mut first = None;
+    for path in files.iter().take(TRIES) {
+        match of_file(path, files.len()) {
+            Ok(text) => return Ok(text),
+            Err(why) => {
+                first.get_or_insert(why);
+            }
+        }
+    }
+    Err(first.unwrap_or_else(|| Error::io(&files[0], "no log can be read")))
+}
+
+/// The model file for one of so many logs.
+fn of_file(path: &Path, files: usize) -> Result<String, Error> {
+    let parquet = files::parquet(path);
+    let layout = if parquet.is_some() {
+        Layout::of_columns()
+    } else {
+        Layout::of(path)?
+    };
+    let as_it_is = match parquet {
+        Some(table) => table,
+        None => text::read(path, &layout.input, Action::Report, None),
+    };
+    // A message or a line that was cut off need not keep the user from a model file.
+    let (table, first_broken) = match as_it_is {
+        Ok(table) => (table, None),
+        Err(why) if layout.is_text => match text::read(path, &layout.input, Action::Drop, None) {
+            Ok(table) if 2 * table.broken < table.rows() => {
+                (table, Some(without_path(&why.to_string(), path)))
+            }
+            _ => return Err(why),
+        },
+        Err(why) => return Err(why),
+    };
+    if table.rows() == 0 {
+        return Err(Error::io(
+            path,
+            "the file has no row; give another one in --data",
+        ));
+    }
+    Ok(write::model(
+        path,
+        files,
+        &layout,
+        &table,
+        first_broken.as_deref(),
+    ))
+}
+
+/// The text of an error without the folder of the file.
+fn without_path(why: &str, path: &Path) -> String {
+    let name = path.file_name().unwrap_or_default().to_string_lossy();
+    why.replace(&*path.display().to_string(), &name)
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,528 @@
+//! Text logs: CSV and relatives, plain or gzip.
+
+use super::{rows, Table};
+use crate::spec::{Action, Input};
+use residual_columns::error::Error;
+use std::collections::BTreeMap;
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::Path;
+
+/// Opens a file, through gzip if its first bytes say so (a name may be wrong, the magic number is not).
+pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
+    let mut file =
+        BufReader::with_capacity(1 << 16, File::open(path).map_err(|e| Error::io(path, e))?);
+    let head = file.fill_buf().map_err(|e| Error::io(path, e))?;
+    if let Some(what) = other_format(head) {
+        return Err(Error::io(
+            path,
+            format!("this is {what}, which is not read; write the log as CSV or Parquet"),
+        ));
+    }
+    let gzip = head.starts_with(&[0x1f, 0x8b]);
+    Ok(if gzip {
+        Box::new(BufReader::with_capacity(
+            1 << 16,
+            flate2::bufread::MultiGzDecoder::new(file),
+        ))
+    } else {
+        Box::new(file)
+    })
+}
+
+/// What a file is by its first bytes, where it is no text.
+fn other_format(head: &[u8]) -> Option<&'static str> {
+    const MAGIC: &[(&[u8], &str)] = &[
+        (b"PK\x03\x04", "a zip archive, as .npz and .xlsx are"),
+        (b"\x93NUMPY", "a NumPy array"),
+        (b"MATLAB 5.0", "a MATLAB file"),
+        (b"\x89HDF", "an HDF5 file, as .h5 and new .mat are"),
+        (b"PAR1", "Parquet without the extension .parquet"),
+        (b"ARROW1", "an Arrow or Feather file"),
+        (b"\x28\xb5\x2f\xfd", "compressed by zstd"),
+        (b"\xfd7zXZ", "compressed by xz"),
+        (b"BZh", "compressed by bzip2"),
+        (
+            b"SQLite format 3",
+            "an SQLite database, as bags of ROS 2 are",
+        ),
+        (b"#ROSBAG", "a bag of ROS"),
+        (b"\x89MCAP", "an MCAP recording"),
+        (b"TDSm", "a TDMS file"),
+        (b"MDF ", "an MDF file"),
+        (b"\xff\xfe", "text in UTF-16 instead of UTF-8"),
+        (b"\xfe\xff", "text in UTF-16 instead of UTF-8"),
+    ];
+    if let Some((_, what)) = MAGIC.iter().find(|(magic, _)| head.starts_with(magic)) {
+        return Some(what);
+    }
+    let mut bytes = head.iter().filter(|b| !b.is_ascii_whitespace());
+    match (bytes.next()?, bytes.next()?) {
+        (b'{', b'"' | b'}') | (b'[', b'{' | b'[') => Some("JSON"),
+        _ => None,
+    }
+}
+
+/// Turns every run of blanks into one tab, so that one CSV reader serves both layouts, with commas as decimal marks too.
+struct Blanks<R> {
+    inner: R,
+    /// Whether a value stands before the current blanks on this line.
+    value: bool,
+    /// Whether blanks are pending.
+    blank: bool,
+}
+
+impl<R: Read> Read for Blanks<R> {
+    fn read(&mut self, buf: &mut [u8]) -> std::io::Result<usize> {
+        // Output never exceeds input, except for one pending tab: read one byte less than fits.
+        if buf.len() < 2 {
+            return Ok(0);
+        }
+        let mut raw = vec![0u8; buf.len() / 2];
+        loop {
+            let n = self.inner.read(&mut raw)?;
+            if n == 0 {
+                return Ok(0);
+            }
+            let mut out = 0;
+            for &b in &raw[..n] {
+                match b {
+                    b' ' | b'\t' => self.blank = true,
+                    b'\r' | b'\n' => {
+                        buf[out] = b;
+                        out += 1;
+                        (self.value, self.blank) = (false, false);
+                    }
+                    _ => {
+                        if self.blank && self.value {
+                            buf[out] = b'\t';
+                            out += 1;
+                        }
+                        buf[out] = b;
+                        out += 1;
+                        (self.value, self.blank) = (true, false);
+                    }
+                }
+            }
+            if out > 0 {
+                return Ok(out);
+            }
+        }
+    }
+}
+
+/// Ends every line with one line feed alone, the last one too, so that the CSV reader counts lines as an editor does.
+struct LineFeeds<R> {
+    inner: R,
+    /// Whether a carriage return is pending.
+    carriage: bool,
+    /// Whether the last byte that was given out is a line feed, or none was.
+    at_start: bool,
+}
+
+impl<R: Read> Read for LineFeeds<R> {
+    fn read(&mut self, buf: &mut [u8]) -> std::io::Result<usize> {
+        // At most one pending byte is added.
+        if buf.len() < 2 {
+            return Ok(0);
+        }
+        let mut raw = vec![0u8; buf.len() - 1];
+        let n = self.inner.read(&mut raw)?;
+        let mut out = 0;
+        let mut give = |b: u8| {
+            buf[out] = b;
+            out += 1;
+        };
+        if n == 0 {
+            if !self.at_start {
+                give(b'\n');
+            }
+            (self.carriage, self.at_start) = (false, true);
+            return Ok(out);
+        }
+        for &b in &raw[..n] {
+            if std::mem::take(&mut self.carriage) && b != b'\n' {
+                give(b'\r');
+            }
+            if b == b'\r' {
+                self.carriage = true;
+            } else {
+                give(b);
+            }
+            self.at_start = b == b'\n';
+        }
+        if out == 0 {
+            // A carriage return alone: what follows decides.
+            return self.read(buf);
+        }
+        Ok(out)
+    }
+}
+
+pub(super) fn no_text(path: &Path, line: u64) -> Error {
+    Error::io(
+        path,
+        format!(
+            "line {line}: this is not text (UTF-8); convert the file, or leave it out of --data"
+        ),
+    )
+}
+
+/// Line of the file at which the record begins that the CSV reader read last. Empty lines and comments stand before it, and it does
+/// not see the lines that are skipped.
+fn line(csv: &csv::Reader<Box<dyn Read>>, record: &csv::StringRecord, input: &Input) -> u64 {
+    let end = csv.position().line() + input.skip as u64;
+    end.saturating_sub(lines_of(record)).max(1)
+}
+
+/// Lines of a record: a quoted cell may have several.
+fn lines_of(record: &csv::StringRecord) -> u64 {
+    let feeds = |cell: &str| cell.bytes().filter(|b| *b == b'\n').count() as u64;
+    1 + record.iter().map(feeds).sum::<u64>()
+}
+
+/// An error of the CSV reader, with what to do about it.
+fn broken(path: &Path, input: &Input, e: &csv::Error) -> Error {
+    let line = e.position().map_or(1, csv::Position::line) + input.skip as u64;
+    match e.kind() {
+        csv::ErrorKind::Utf8 { .. } => no_text(path, line),
+        csv::ErrorKind::Io(why) => Error::io(
+            path,
+            format!("cannot be read to its end: {why}; if it is compressed it is cut off or damaged, so copy it again"),
+        ),
+        _ => Error::io(path, e),
+    }
+}
+
+/// Opens a text log as CSV: separated by one character, or by runs of blanks.
+fn open_csv(path: &Path, input: &Input) -> Result<csv::Reader<Box<dyn Read>>, Error> {
+    let mut reader = open(path)?;
+    for _ in 0..input.skip {
+        let mut line = Vec::new();
+        reader
+            .read_until(b'\n', &mut line)
+            .map_err(|e| Error::io(path, e))?;
+    }
+    let comment = comment(&mut reader, input, path)?;
+    let mut builder = csv::ReaderBuilder::new();
+    builder
+        .has_headers(input.header.is_empty())
+        .trim(csv::Trim::All)
+        .comment(Some(comment))
+        // Lines of another length are this module's to judge: it knows the names.
+        .flexible(true);
+    let reader = LineFeeds {
+        inner: reader,
+        carriage: false,
+        at_start: true,
+    };
+    let boxed: Box<dyn Read> = match input.separator.as_bytes() {
+        b"blank" => {
+            builder.delimiter(b'\t');
+            Box::new(Blanks {
+                inner: reader,
+                value: false,
+                blank: false,
+            })
+        }
+        [one] => {
+            builder.delimiter(*one);
+            Box::new(reader)
+        }
+        _ => {
+            return Err(Error::model(format!(
+                "input.separator = \"{}\": one character, or \"blank\"",
+                input.separator
+            )))
+        }
+    };
+    Ok(builder.from_reader(boxed))
+}
+
+/// What begins a comment line: what the model file says, else `%` where the first line begins with it, else `#`.
+fn comment(reader: &mut dyn BufRead, input: &Input, path: &Path) -> Result<u8, Error> {
+    match input.comment.as_bytes() {
+        [one] => Ok(*one),
+        [] => {
+            let first = reader.fill_buf().map_err(|e| Error::io(path, e))?;
+            Ok(if first.starts_with(b"%") { b'%' } else { b'#' })
+        }
+        _ => Err(Error::model(format!(
+            "input.comment = \"{}\": one character",
+            input.comment
+        ))),
+    }
+}
+
+/// Names of the columns: of the model file, else of the first line.
+fn names(
+    csv: &mut csv::Reader<Box<dyn Read>>,
+    path: &Path,
+    input: &Input,
+) -> Result<Vec<String>, Error> {
+    let names: Vec<String> = if input.header.is_empty() {
+        csv.headers()
+            .map_err(|e| broken(path, input, &e))?
+            .iter()
+            .map(str::to_string)
+            .collect()
+    } else {
+        input.header.clone()
+    };
+    if let Some(name) = names.iter().find(|n| n.contains('\n')) {
+        return Err(Error::io(
+            path,
+            format!(
+                "line {}: a quotation mark is not closed on its line (`{}`); where it begins a comment, set input.comment = \"\\\"\" in the \
+                 model file, or input.skip",
+                input.skip as u64 + 1,
+                name.lines().next().unwrap_or("")
+            ),
+        ));
+    }
+    if names
+        .iter()
+        .any(|n| n.contains(|c: char| c.is_control() && c != '\t'))
+    {
+        return Err(no_text(path, input.skip as u64 + 1));
+    }
+    if names.is_empty() || names.iter().all(String::is_empty) {
+        let what = match input.skip {
+            0 => "the file is empty".into(),
+            skip => format!("nothing is left after the {skip} lines of input.skip; correct it in the model file"),
+        };
+        return Err(Error::io(path, what));
+    }
+    let numbers = names
+        .iter()
+        .filter(|n| number(n, '.').is_some_and(f64::is_finite));
+    if input.header.is_empty() && numbers.count() == names.len() {
+        return Err(Error::io(
+            path,
+            format!(
+                "line {} has {} numbers and no names: the file has no header. Name the columns in the model file: input.header = [\"time\", ...]",
+                input.skip as u64 + 1,
+                names.len()
+            ),
+        ));
+    }
+    if let [only] = names.as_slice() {
+        let other = [
+            (';', ";"),
+            ('\t', "\\t"),
+            ('|', "|"),
+            (',', ","),
+            (' ', "blank"),
+        ]
+        .into_iter()
+        .find(|(c, _)| only.contains(*c));
+        if let Some((_, name)) = other {
+            return Err(Error::io(
+                path,
+                format!(
+                    "line {} is one column, `{only}`: the separator seems to be another; set input.separator = \"{name}\" in the model file, or input.skip if the header is further down",
+                    input.skip as u64 + 1
+                ),
+            ));
+        }
+    }
+    Ok(names)
+}
+
+/// The number in a cell: NaN if it is missing, `None` if it is another text.
+pub(super) fn number(cell: &str, decimal: char) -> Option<f64> {
+    if cell.is_empty() {
+        return Some(f64::NAN);
+    }
+    let parsed = if decimal == '.' {
+        cell.parse()
+    } else {
+        cell.replace(decimal, ".").parse()
+    };
+    if let Ok(x) = parsed {
+        return Some(x);
+    }
+    match cell.to_ascii_lowercase().as_str() {
+        "true" => Some(1.0),
+        "false" => Some(0.0),
+        "na" | "null" | "none" => Some(f64::NAN),
+        _ => None,
+    }
+}
+
+/// What stands on one line.
+enum Line {
+    /// One value for each column.
+    Row,
+    /// A message, a line that was cut off, or a damaged one.
+    Broken(Error),
+}
+
+/// Reads one text log. Cells that are empty or `nan` are NaN; a column whose first cell is text is left out. A line with
+/// another number of cells than there are names, that is no text, or with text in a column that is otherwise numeric, is an error, or
+/// is left out and counted with `action` [`Action::Drop`]; so is one with a value beyond the largest of a column that is `used`. Text
+/// in a column that is not is a missing cell; `None`: all are used, and no value is too large.
+pub(super) fn read(
+    path: &Path,
+    input: &Input,
+    action: Action,
+    used: Option<&BTreeMap<String, f64>>,
+) -> Result<Table, Error> {
+    let mut csv = open_csv(path, input)?;
+    let names = names(&mut csv, path, input)?;
+    let mut columns: Vec<Vec<f64>> = vec![Vec::new(); names.len()];
+    let mut text: Vec<Option<(String, u64)>> = vec![None; names.len()];
+    let mut record = csv::StringRecord::new();
+    let mut values: Vec<f64> = Vec::with_capacity(names.len());
+    let used: Vec<Option<f64>> = names
+        .iter()
+        .map(|n| used.map_or(Some(f64::INFINITY), |used| used.get(n).copied()))
+        .collect();
+    let mut broken_lines = 0;
+    let mut first_broken = None;
+    loop {
+        let first = columns.first().is_none_or(Vec::is_empty);
+        let found = match csv.read_record(&mut record) {
+            Ok(false) => break,
+            Ok(true) => row(
+                &record,
+                line(&csv, &record, input),
+                &Columns {
+                    names: &names,
+                    used: &used,
+                    input,
+                    path,
+                },
+                first,
+                &mut text,
+                &mut values,
+            ),
+            Err(e) if matches!(e.kind(), csv::ErrorKind::Utf8 { .. }) => {
+                Line::Broken(broken(path, input, &e))
+            }
+            Err(e) => return Err(broken(path, input, &e)),
+        };
+        match found {
+            Line::Row => {
+                for (column, value) in columns.iter_mut().zip(&values) {
+                    column.push(*value);
+                }
+            }
+            Line::Broken(why) if action != Action::Drop => return Err(why),
+            Line::Broken(why) => {
+                // A quotation mark that is not closed takes the lines behind it along.
+                broken_lines += lines_of(&record) as usize;
+                first_broken.get_or_insert(why);
+            }
+        }
+    }
+    if let Some(why) = first_broken.filter(|_| columns.first().is_none_or(Vec::is_empty)) {
+        return Err(why);
+    }
+    let mut table = Table {
+        broken: broken_lines,
+        ..Table::default()
+    };
+    for ((name, column), text) in names.into_iter().zip(columns).zip(text) {
+        match text {
+            Some((cell, line)) => table.text.push((name, cell, line)),
+            None => {
+                table.names.push(name);
+                table.columns.push(column);
+            }
+        }
+    }
+    Ok(table)
+}
+
+/// A cell whose value cannot be computed with.
+pub(super) fn large(path: &Path, line: u64, column: &str, why: &str) -> Error {
+    Error::io(
+        path,
+        format!("line {line}: column `{column}`: {why}; correct the value or the scale of the column, or leave such lines out with hygiene.text = \"drop\""),
+    )
+}
+
+/// What the cells of a line are.
+struct Columns<'a> {
+    names: &'a [String],
+    /// The largest magnitude of a cell, in columns that the model uses.
+    used: &'a [Option<f64>],
+    input: &'a Input,
+    path: &'a Path,
+}
+
+/// Reads the cells of one line into `values`. The `first` row says which columns are `text`.
+fn row(
+    record: &csv::StringRecord,
+    line: u64,
+    columns: &Columns,
+    first: bool,
+    text: &mut [Option<(String, u64)>],
+    values: &mut Vec<f64>,
+) -> Line {
+    let Columns {
+        names,
+        used,
+        input,
+        path,
+    } = columns;
+    let decimal = if input.decimal == "," { ',' } else { '.' };
+    if record.len() != names.len() {
+        return Line::Broken(Error::io(
+            path,
+            format!(
+                "line {line}: {} cells where {} columns are named{}",
+                record.len(),
+                names.len(),
+                if record.len() == 1 && first {
+                    "; the separator seems to be another: set input.separator in the model file (\"blank\" for runs of blanks)"
+                } else {
+                    "; correct input.header or input.skip in the model file, or the line, or leave such lines out with hygiene.text = \"drop\""
+                }
+            ),
+        ));
+    }
+    values.clear();
+    for (c, cell) in record.iter().enumerate() {
+        values.push(match number(cell, decimal) {
+            Some(x) => match used[c].and_then(|largest| rows::too_large(x, largest)) {
+                None => x,
+                Some(why) => return Line::Broken(large(path, line, &names[c], &why)),
+            },
+            None if text[c].is_some() => f64::NAN,
+            None if first => {
+                text[c] = Some((cell.to_string(), line));
+                f64::NAN
+            }
+            None if used[c].is_none() => f64::NAN,
+            None => {
+                return Line::Broken(Error::BadCell {
+                    path: path.to_path_buf(),
+                    line,
+                    column: names[c].clone(),
+                    text: cell.to_string(),
+                })
+            }
+        });
+    }
+    Line::Row
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn blanks_become_tabs() {
+        let mut out = String::new();
+        Blanks {
+            inner: "  1  2\t3 \n4,5 5 6".as_bytes(),
+            value: false,
+            blank: false,
+        }
+        .read_to_string(&mut out)
+        .unwrap();
+        assert_eq!(out, "1\t2\t3\n4,5\t5\t6");
+    }
+}

@@ -1,0 +1,400 @@
+//! The verdict in one or two sentences.
+
+use super::sections::{CHECKS, UNEXPLAINED};
+use super::words::joined;
+use super::{Effect, Figures, Report, Structure, Verdict};
+use residual_columns::format::{num, percent};
+use residual_log::hygiene::{REPEATED_MOTION, SPEED_AGAINST_ANGLE};
+
+/// Correlation of the residual with itself from which the verdict names it.
+const COLOURED: f64 = 0.1;
+
+/// Reduction of the final model's held-out RMSE from which the verdict names the structure that is left beside the effects.
+const REMAINS: f64 = 0.1;
+
+impl Report {
+    /// The verdict in some sentences, with the errors before and after.
+    pub fn summary(&self) -> String {
+        format!(
+            "{}{}{}{}{}{}",
+            self.answer(),
+            self.remains(),
+            self.beside(),
+            self.ended(),
+            self.checked(),
+            self.doubts()
+        )
+    }
+
+    /// Whether the answer is whole: every name is supported, the search came to its end, little is left, what is left beside no
+    /// effect is white, and neither the columns nor the check data contradict it.
+    pub(super) fn is_whole(&self) -> bool {
+        let last = self.last.heldout_rmse;
+        let worse = self.check.as_ref().and_then(|c| c.worse_than(last));
+        let coloured = self.verdict == Verdict::None && !self.coloured().is_empty();
+        let doubtful = !self.improves.is_empty()
+            || self.limited.is_some()
+            || self.left().is_some()
+            || worse.is_some()
+            || coloured
+            || self.flawed(SPEED_AGAINST_ANGLE);
+        !doubtful
+    }
+
+    /// The first structure that is large beside what is left. The verdict `unknown` names its structure by itself.
+    fn left(&self) -> Option<&Structure> {
+        let mut all = self.structure.iter();
+        all.find(|s| self.verdict != Verdict::Unknown && s.gain >= REMAINS)
+    }
+
+    /// What remains beside the effects.
+    fn remains(&self) -> String {
+        self.left().map_or(String::new(), |s| {
+            format!(
+                " What is left still has structure that no effect explains ({} of its RMSE; see \"{UNEXPLAINED}\"): {}.",
+                percent(s.gain),
+                briefly(&s.depends_on)
+            )
+        })
+    }
+
+    /// Whether the data have a finding of this check.
+    fn flawed(&self, check: &str) -> bool {
+        self.hygiene.iter().any(|f| f.check == check)
+    }
+
+    /// What the data themselves say against the answer.
+    fn doubts(&self) -> String {
+        let mut out = String::new();
+        if self.flawed(SPEED_AGAINST_ANGLE) {
+            out += &format!(
+                " The angle and the velocity contradict each other: the time stamps or a unit may be wrong; see \"{CHECKS}\"."
+            );
+        }
+        let other_motion = self.check.as_ref().is_some_and(|c| !c.repeats());
+        if self.flawed(REPEATED_MOTION) && !other_motion {
+            out += &format!(
+                " Most runs repeat one motion, so the held-out error does not show how the model does on another; see \"{CHECKS}\"."
+            );
+        }
+        out
+    }
+
+    /// Whether the model with all effects of the first search predicts better than that with the effects found. Without a wrong
+    /// name the search may come to a better model.
+    pub(super) fn all_is_better(&self) -> bool {
+        let better = |all: &Figures| all.heldout_rmse < self.last.heldout_rmse;
+        self.with_all.as_ref().is_some_and(better)
+    }
+
+    /// What improves the fit under a name that the data do not support.
+    fn beside(&self) -> String {
+        let Some(all) = &self.with_all else {
+            return String::new();
+        };
+        let names = self.listed(&self.improves.iter().collect::<Vec<_>>());
+        if !self.all_is_better() {
+            return format!(
+                " The data do not support the name of what was found at first: {names}."
+            );
+        }
+        let which = match self.improves.len() {
+            1 => "One further effect improves",
+            _ => "Further effects improve",
+        };
+        format!(
+            " {which} the fit (to {} {}), but the data do not support the name: {names}.",
+            num(all.heldout_rmse),
+            self.unit
+        )
+    }
+
+    /// That the search ended before its end.
+    fn ended(&self) -> String {
+        let told = self.verdict == Verdict::Unknown && self.effects.is_empty();
+        self.limited
+            .filter(|_| !told)
+            .map_or(String::new(), |next| {
+                format!(
+                " The search ended at max_effects = {} with structure left that {next} would fit.",
+                self.extended.selection.max_effects
+            )
+            })
+    }
+
+    /// What came out on the check data.
+    fn checked(&self) -> String {
+        self.check.as_ref().map_or(String::new(), |check| {
+            let repeats = if check.repeats() {
+                ", on the motion of the searched data"
+            } else {
+                ""
+            };
+            let u = &self.unit;
+            let held_out = self.last.heldout_rmse;
+            let worse = check.worse_than(held_out).map_or(String::new(), |ratio| {
+                format!(
+                    "; that is {ratio:.2} times the held-out RMSE of {} {u}, so the model fits these data less well than the searched ones",
+                    num(held_out)
+                )
+            });
+            format!(
+                " On the check data: RMSE {} -> {} {u}{repeats}{worse}.",
+                num(check.declared_rmse),
+                num(check.found_rmse)
+            )
+        })
+    }
+
+    /// That what is left is not white, where its test says so.
+    fn coloured(&self) -> String {
+        let test = self
+            .residual_tests
+            .iter()
+            .find(|t| t.model == "after" && t.test.against == "itself");
+        match test {
+            Some(t) if t.test.p < 0.01 && t.test.correlation.abs() > COLOURED => format!(
+                " What is left is not white: its correlation with itself is {:.2} at {} row(s), as that of a filtered sensor \
+                 or of a slow disturbance that these columns do not show.",
+                t.test.correlation, t.test.lag
+            ),
+            _ => String::new(),
+        }
+    }
+
+    /// The verdict in one or two sentences.
+    fn answer(&self) -> String {
+        let u = &self.unit;
+        let (b, f) = (num(self.baseline.heldout_rmse), num(self.last.heldout_rmse));
+        let all: Vec<&Effect> = self.effects.iter().collect();
+        let list = self.listed(&all);
+        match self.verdict {
+            Verdict::None => format!(
+                "Nothing material is missing: held-out RMSE {b} {u}.{}",
+                self.coloured()
+            ),
+            Verdict::Effect | Verdict::Several => {
+                format!("The model lacks {list}: held-out RMSE {b} -> {f} {u}.")
+            }
+            Verdict::NotIdentifiable => {
+                let alternatives = self
+                    .not_identifiable
+                    .first()
+                    .map(|a| a.effects.as_slice())
+                    .unwrap_or_default();
+                // Each of the others, with what it cannot be told from either.
+                let group = |e: &Effect| {
+                    let groups = self.not_identifiable.iter().skip(1);
+                    groups.map(|a| &a.effects).find(|all| all.contains(&e.name))
+                };
+                // Of the kind that cannot be told from another, one is named above, the others are not.
+                let mut named = false;
+                let others = all.into_iter().filter(|e| {
+                    let further = named && alternatives.first() == Some(&e.name);
+                    named |= alternatives.first() == Some(&e.name);
+                    further || !alternatives.contains(&e.name)
+                });
+                let (doubtful, clear): (Vec<&Effect>, Vec<&Effect>) =
+                    others.partition(|e| group(e).is_some());
+                let mut also: Vec<String> = vec![];
+                for all in doubtful.into_iter().filter_map(group) {
+                    let either = joined(all, " or ");
+                    if !also.contains(&either) {
+                        also.push(either);
+                    }
+                }
+                if !clear.is_empty() {
+                    also.push(self.listed(&clear));
+                }
+                let also = match also.len() {
+                    0 => String::new(),
+                    _ => format!(" It also lacks {}.", also.join(", ")),
+                };
+                let either = joined(alternatives, " or ");
+                format!("The model lacks {either}; these data cannot distinguish them: held-out RMSE {b} -> {f} {u}.{also}")
+            }
+            Verdict::Unknown if self.limited.is_some() && all.is_empty() => format!(
+                "Structure remains, and the search was not allowed to look further (max_effects = {}): {} would fit it. \
+                 Held-out RMSE {b} {u}.",
+                self.extended.selection.max_effects,
+                joined(&self.limited.into_iter().collect::<Vec<_>>(), "")
+            ),
+            Verdict::Unknown => {
+                let on = self.structure.first().map_or("", |s| &s.depends_on);
+                let part = match all.len() {
+                    0 => String::new(),
+                    1 => format!(" The effect {list} describes only part of it."),
+                    _ => format!(" The effects {list} describe only part of it."),
+                };
+                format!("Structure remains that no effect of the catalogue explains: {on}.{part} Held-out RMSE {b} -> {f} {u}.")
+            }
+        }
+    }
+}
+
+/// What structure depends on, without what only the table needs.
+fn briefly(depends_on: &str) -> String {
+    let figures = depends_on.rfind(" (").filter(|_| depends_on.ends_with(')'));
+    let short = &depends_on[..figures.unwrap_or(depends_on.len())];
+    let unseen = ["something that these columns do not show: ", "no column: "];
+    match unseen.iter().find_map(|lead| short.strip_prefix(lead)) {
+        Some(what) => format!("{what}, which these columns do not show"),
+        None => short.into(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::example;
+    use super::*;
+    use residual_effects::EffectKind;
+    use residual_log::finding::Finding;
+
+    /// A report in which nothing is in doubt.
+    fn clear() -> Report {
+        let mut report = example::report();
+        report.verdict = Verdict::Effect;
+        report.not_identifiable.clear();
+        report.limited = None;
+        report.with_all = None;
+        report.check = None;
+        report.structure.clear();
+        report
+    }
+
+    /// The answer is in all three forms, with this banner.
+    fn says(report: &Report, clause: &str, banner: &str) {
+        for text in [report.summary(), report.markdown()] {
+            assert!(text.contains(clause), "{clause}: {text}");
+        }
+        let class = format!("<p class=\"verdict {banner}\">");
+        assert!(report.html().contains(&class), "{class}");
+    }
+
+    #[test]
+    fn what_is_left_is_said_where_it_is_large() {
+        let mut report = clear();
+        says(&report, "0.1000 N.", "effect");
+        let wander = "something that these columns do not show: it wanders slowly within the logs (correlation 0.78)";
+        report.structure = vec![Structure::new(wander, 0.09, 0.0)];
+        assert!(!report.summary().contains("What is left"));
+        says(&report, "0.1000 N.", "effect");
+        report.structure[0].gain = 0.725;
+        says(
+            &report,
+            "(72.5 % of its RMSE; see \"Unexplained structure\"): it wanders slowly within the logs, which these columns do not show.",
+            "effect partly",
+        );
+        report.structure[0].depends_on = "no column: it switches between levels".into();
+        says(
+            &report,
+            "): it switches between levels, which",
+            "effect partly",
+        );
+        report.structure[0].depends_on = "the history of load".into();
+        says(&report, "): the history of load.", "effect partly");
+        report.structure[0].depends_on = wander.into();
+        report
+            .structure
+            .insert(0, Structure::new("a curve in velocity", 0.05, 0.0));
+        says(&report, "it wanders slowly", "effect partly");
+        // The verdict itself names it.
+        report.verdict = Verdict::Unknown;
+        assert!(!report.summary().contains("What is left"));
+    }
+
+    #[test]
+    fn a_residual_that_is_not_white_has_another_banner_where_nothing_is_named() {
+        let mut report = clear();
+        report.effects.clear();
+        report.verdict = Verdict::None;
+        says(&report, "Nothing material is missing", "none");
+        let mut itself = report.residual_tests[1].clone();
+        itself.model = "after".into();
+        itself.test.against = "itself".into();
+        itself.test.correlation = 0.97;
+        report.residual_tests.push(itself);
+        says(&report, "What is left is not white", "none partly");
+    }
+
+    #[test]
+    fn columns_that_contradict_each_other_are_said() {
+        let mut report = clear();
+        let finding = |check: &str| Finding {
+            check: check.into(),
+            count: 100,
+            first: "whole record".into(),
+            what: "x".into(),
+        };
+        report.hygiene = vec![finding(SPEED_AGAINST_ANGLE)];
+        says(
+            &report,
+            "the time stamps or a unit may be wrong; see \"Checks of the data\".",
+            "effect partly",
+        );
+        report.hygiene = vec![finding(REPEATED_MOTION)];
+        says(&report, "Most runs repeat one motion", "effect");
+        // The check data are of another motion.
+        report.check = example::report().check;
+        assert!(!report.summary().contains("one motion"));
+    }
+
+    #[test]
+    fn an_error_on_the_check_data_far_above_the_held_out_one_is_said() {
+        let mut report = clear();
+        report.check = example::report().check;
+        says(
+            &report,
+            "On the check data: RMSE 0.3400 -> 0.1200 N.",
+            "effect",
+        );
+        report.check.as_mut().unwrap().found_rmse = 0.17;
+        says(
+            &report,
+            "0.1700 N; that is 1.70 times the held-out RMSE of 0.1000 N",
+            "effect partly",
+        );
+    }
+
+    #[test]
+    fn effects_of_one_kind_are_told_apart() {
+        let mut report = clear();
+        report.verdict = Verdict::Several;
+        let of = |kind, form: &str, order: f64| Effect {
+            name: kind,
+            form: form.into(),
+            params: [("order".to_string(), order)].into(),
+            units: [("order".to_string(), "1/turn".to_string())].into(),
+            ..report.effects[0].clone()
+        };
+        use EffectKind::{GravityAngle, PeriodicAngle};
+        report.effects.extend([
+            of(PeriodicAngle, "ripple", 7.0),
+            of(GravityAngle, "q2", 1.0),
+            of(PeriodicAngle, "ripple", 14.0),
+            of(GravityAngle, "q2 + q3", 1.0),
+        ]);
+        says(
+            &report,
+            "lacks coulomb, periodic_angle (order 7.000; order 14.00), gravity_angle (q2; q2 + q3): held-out",
+            "several",
+        );
+        let text = report.markdown();
+        for part in [
+            "| and periodic_angle (order 14.00) |",
+            "Effect 2: periodic_angle (order 7.000)",
+            "Effect 5: gravity_angle (q2 + q3)",
+            "Effect 1: coulomb\n",
+        ] {
+            assert!(text.contains(part), "{part}: {text}");
+        }
+        assert_eq!(report.details(&report.effects[1]), "ripple, order 7.000");
+        assert_eq!(report.details(&report.effects[2]), "q2");
+        // Of one kind, one under each heading.
+        report.improves = vec![report.effects.remove(3)];
+        assert!(report.summary().contains("periodic_angle (order 7.000),"));
+        assert!(report
+            .markdown()
+            .contains("| periodic_angle (order 14.00) |"));
+    }
+}

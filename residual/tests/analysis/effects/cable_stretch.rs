@@ -1,0 +1,119 @@
+//! Elasticity in series: the cable stretches before it pulls.
+
+use crate::rig::knowing;
+use residual_effects::*;
+
+/// Spring in a model of a motion with this amplitude in rad, the speed counted along the angle or against it: the term, and
+/// why it cannot be.
+fn spring(amplitude: f64, along: f64) -> (String, Option<String>) {
+    let of =
+        |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..1200).map(|i| f(0.02 * i as f64)).collect() };
+    let columns = [
+        ("target", of(&|t| (0.7 * t).sin())),
+        (
+            "velocity",
+            of(&|t| along * amplitude * 0.7 * (0.7 * t).cos()),
+        ),
+        ("angle", of(&|t| amplitude * (0.7 * t).sin())),
+    ];
+    let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\", unit = \"N\" }\n\
+                velocity = { column = \"v\", unit = \"rad/s\" }\nangle = { column = \"a\", unit = \"rad\" }\n\
+                [[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+    let mut out = (String::new(), None);
+    knowing(spec, &columns, 600, |ctx| {
+        let form = &effect(EffectKind::CableStretch).variants(ctx)[0];
+        let Build::Add(pieces) = (form.build)(0.0) else {
+            panic!("a spring adds a term");
+        };
+        let estimate = Estimate {
+            form: Form::Other,
+            label: &form.label,
+            params: &form.params(0.0, &[1.0]),
+            intervals: &Default::default(),
+        };
+        out = (
+            pieces[0].text.clone(),
+            effect(EffectKind::CableStretch).impossible(&estimate, ctx),
+        );
+    });
+    out
+}
+
+#[test]
+fn a_spring_is_not_wound_over_many_turns() {
+    assert_eq!(spring(3.0, 1.0), ("angle".into(), None));
+    let why = spring(100.0, 1.0).1.unwrap();
+    assert!(why.contains("turns"), "{why}");
+}
+
+#[test]
+fn a_stiffness_has_the_direction_of_the_velocity() {
+    assert_eq!(spring(3.0, -1.0).0, "-1 * angle");
+}
+
+#[test]
+fn is_named() {
+    let mut y = 0.0;
+    crate::rig::names("cable_stretch", move |s| {
+        if s.first {
+            y = s.command;
+        }
+        y += (s.command - y) * (1.0 - (-s.dt / 0.15f64).exp());
+        y - s.command
+    });
+}
+
+/// Rows may be close beside the motion: a lag of hundreds of rows is looked for then, and no creep takes its place.
+#[test]
+fn the_longest_lag_goes_with_the_motion() {
+    let longest = |w: f64| {
+        let command: Vec<f64> = (0..12_000).map(|i| (w * 0.02 * i as f64).sin()).collect();
+        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
+                    command = { column = \"c\" }\n[[terms]]\nname = \"a\"\nexpr = \"command\"\n";
+        let columns = [("target", command.clone()), ("command", command)];
+        let mut out = 0.0;
+        knowing(spec, &columns, 6000, |ctx| {
+            let forms = effect(EffectKind::CableStretch).variants(ctx);
+            out = forms[0]
+                .psi
+                .as_ref()
+                .unwrap()
+                .grid
+                .iter()
+                .copied()
+                .fold(0.0, f64::max);
+        });
+        out
+    };
+    assert!((longest(20.0) - 1.2).abs() < 1e-9, "{}", longest(20.0));
+    assert!((longest(1.0) - 10.0).abs() < 0.1, "{}", longest(1.0));
+    assert!((longest(0.1) - 30.0).abs() < 0.1, "{}", longest(0.1));
+}
+
+#[test]
+fn over_a_short_arc_a_spring_may_be_a_weight() {
+    for (label, twin) in [
+        ("spring", None),
+        ("spring over a short arc", Some(EffectKind::GravityAngle)),
+        ("lag of the command", None),
+    ] {
+        assert_eq!(effect(EffectKind::CableStretch).twin(label), twin);
+    }
+    let label = |amplitude: f64| {
+        let angle: Vec<f64> = (0..1200)
+            .map(|i| amplitude * (0.014 * i as f64).sin())
+            .collect();
+        let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
+                    angle = { column = \"a\", unit = \"rad\" }\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+        let columns = [("target", angle.clone()), ("angle", angle)];
+        let mut out = String::new();
+        knowing(spec, &columns, 600, |ctx| {
+            out.clone_from(&effect(EffectKind::CableStretch).variants(ctx)[0].label);
+        });
+        out
+    };
+    assert_eq!(
+        (label(0.3), label(2.0)),
+        ("spring over a short arc".into(), "spring".into())
+    );
+}

@@ -1,0 +1,31 @@
+//! Each effect of the catalogue: it is found where it is, and not where it is not.
+
+mod angle_friction;
+mod backlash;
+mod cable_stretch;
+mod clock_skew;
+mod context;
+mod cosine_misalignment;
+mod coulomb;
+mod creep;
+mod crosstalk;
+mod delay;
+mod drift_temperature;
+mod drift_time;
+mod gain;
+mod geometry;
+mod gravity_angle;
+mod hysteresis;
+mod inertia;
+mod kink;
+mod load_dependent_coulomb;
+mod offset;
+mod payload;
+mod periodic_angle;
+mod presliding;
+mod quadratic;
+mod quantisation;
+mod saturation;
+mod stribeck;
+mod tone;
+mod viscous;

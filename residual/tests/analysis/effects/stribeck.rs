@@ -1,0 +1,59 @@
+//! Dry friction that falls as sliding gets faster.
+
+use crate::rig::{knowing, simulate, Excitation};
+use residual::{Form, Param};
+use residual_effects::*;
+
+/// In one direction the sliding part takes an offset along, and the sum would drive the motion.
+#[test]
+fn friction_has_one_sign_at_all_speeds() {
+    let rows = 300;
+    let velocity: Vec<f64> = (0..rows).map(|i| 2.0 + (0.1 * i as f64).sin()).collect();
+    let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\" }\n\
+                velocity = { column = \"v\" }\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+    let columns = [("target", velocity.clone()), ("velocity", velocity)];
+    knowing(spec, &columns, rows, |ctx| {
+        let why = |sliding: f64, extra: f64| {
+            let named = [
+                ("stribeck_velocity", 1.0),
+                ("sliding_friction", sliding),
+                ("extra_at_low_speed", extra),
+            ];
+            let params = named.map(|(name, value)| Param {
+                name: name.into(),
+                value,
+                unit: String::new(),
+            });
+            let estimate = Estimate {
+                form: Form::Other,
+                label: "gaussian",
+                params: &params,
+                intervals: &Default::default(),
+            };
+            effect(EffectKind::Stribeck).impossible(&estimate, ctx)
+        };
+        assert_eq!(why(0.2, 0.3), None);
+        assert_eq!(why(-0.2, -0.3), None);
+        // Within what is uncertain.
+        assert_eq!(why(-0.02, 0.345), None);
+        assert!(why(-0.05, 0.345).is_some_and(|w| w.contains("changes its sign")));
+    });
+}
+
+/// A wide hump of the other sign bends like viscous friction, and takes Coulomb friction along.
+#[test]
+fn friction_that_grows_with_speed_is_not_stribeck() {
+    let report = simulate(&Excitation::default(), 1.0, &mut |s| {
+        -s.velocity.signum() * (0.6 - 0.4 * (-(s.velocity / 0.5).powi(2)).exp())
+    });
+    let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+    assert!(!names.contains(&"stribeck"), "{}", report.markdown());
+    assert!(names.contains(&"coulomb"), "{}", report.markdown());
+}
+
+#[test]
+fn is_named() {
+    crate::rig::names("stribeck", |s| {
+        -s.velocity.signum() * (0.2 + 0.5 * (-(s.velocity / 0.3).powi(2)).exp())
+    });
+}

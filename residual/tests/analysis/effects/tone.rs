@@ -1,0 +1,58 @@
+//! A sine of constant frequency: mains, a fan, an alias of something faster.
+
+/// A sine of the motion, cut at both ends, has harmonics: what answers to them is no tone.
+#[test]
+fn a_harmonic_of_a_repeating_motion_is_no_tone() {
+    use crate::rig::{simulate, Excitation};
+    let motion = Excitation {
+        repeats: true,
+        ..Excitation::default()
+    };
+    let report = simulate(&motion, 1.0, &mut |s| {
+        0.2 * (std::f64::consts::TAU * 5.0 * 0.4 * s.elapsed).sin()
+    });
+    let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+    assert!(!names.contains(&"tone"), "{}", report.markdown());
+}
+
+/// An angle of one speed, here 0.5 turns per second: seven sines a turn are a ripple, not a tone.
+#[test]
+fn a_ripple_at_constant_speed_is_no_tone() {
+    use residual::{analyse, spec::Spec, Data};
+    let (rows, dt) = (2000, 0.01);
+    let mut rng = residual_columns::stats::Rng::new(3);
+    let time: Vec<f64> = (0..2 * rows).map(|i| (i % rows) as f64 * dt).collect();
+    // The second run turns back.
+    let angle: Vec<f64> = (0..2 * rows)
+        .map(|i| {
+            if i < rows {
+                time[i] * 0.5
+            } else {
+                7.3 - time[i] * 0.5
+            }
+        })
+        .map(|turns| turns * std::f64::consts::TAU)
+        .collect();
+    let target = angle.iter().map(|a| (7.0 * a).sin() + 0.1 * rng.normal());
+    let target: Vec<f64> = target.collect();
+    let model = "roles.time = { column = \"t\", unit = \"s\" }\n\
+         roles.target = { column = \"y\", unit = \"N\" }\n\
+         roles.angle = { column = \"a\", unit = \"rad\" }\n\
+         [[terms]]\nname = \"zero\"\nexpr = \"1\"\n";
+    let data = Data::from_columns(time, [("angle", angle), ("target", target)])
+        .sequences([0..rows, rows..2 * rows])
+        .groups((0..2 * rows).map(|i| i / 400).collect())
+        .build()
+        .unwrap();
+    let report = analyse(&Spec::parse(model).unwrap(), data, &mut ()).unwrap();
+    let names: Vec<&str> = report.effects.iter().map(|e| e.name.as_str()).collect();
+    assert_eq!(names, ["periodic_angle"], "{}", report.markdown());
+    assert!((report.effects[0].params["order"] - 7.0).abs() < 0.01);
+}
+
+#[test]
+fn is_named() {
+    crate::rig::names("tone", |s| {
+        0.3 * (std::f64::consts::TAU * 3.7 * s.elapsed + f64::from(s.group)).sin()
+    });
+}
