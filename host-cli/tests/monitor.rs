@@ -6,7 +6,7 @@
 mod common;
 
 use common::signals;
-use host_cli::rigfile::{DEFAULT_NAME, DEFAULT_TEXT};
+use rig::{DEFAULT_NAME, DEFAULT_TEXT};
 use rustix::pty::{grantpt, openpt, ptsname, unlockpt, OpenptFlags};
 use rustix::termios::{tcgetattr, tcgetwinsize, tcsetwinsize, Winsize};
 use serde_json::{json, Value};

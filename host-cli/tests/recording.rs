@@ -1,8 +1,8 @@
 //! Recordings of the program itself: killed, terminated, on a full disk, read by others.
 #![cfg(all(feature = "record", unix))]
 
-use host_cli::recording::check::check;
-use host_cli::recording::read::{End, Entry, Reader};
+use recording::check::check;
+use recording::read::{End, Entry, Reader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
 use tempfile::TempDir;
@@ -286,7 +286,7 @@ fn the_documents_list_every_column_with_its_unit() {
     .expect("the page is there");
     let page: Vec<&str> = page.lines().collect();
     let mut rows = 0;
-    for table in host_cli::recording::TABLES {
+    for table in recording::TABLES {
         let title = format!("### `{}`, topic `{}`", table.file, table.topic);
         let start = page.iter().position(|line| *line == title);
         let start = start.unwrap_or_else(|| panic!("docs/recordings.md lacks: {title}"));

@@ -4,10 +4,10 @@
 //! The board is the fast rig at the pace of real time; the robot is a script below.
 #![cfg(feature = "ros1")]
 
-use host_cli::experiment::{self, Experiment, Options, Status, Summary};
-use host_cli::experiment::{table::Table, NoopWatcher};
-use host_cli::recording::merge::{merge, Merge};
-use host_cli::rigfile::RigFile;
+use experiment::{self, Experiment, Options, Status, Summary};
+use experiment::{table::Table, NoopWatcher};
+use recording::merge::{merge, Merge};
+use rig::RigFile;
 use ros::{Process, Ros};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -238,11 +238,11 @@ fn a_robot_that_leaves_ros_in_a_trial_ends_it_and_its_rows_are_kept() {
         let began = Instant::now();
         let recorded = attempt.join("recording/run.mcap");
         let rows = || {
-            let entries = host_cli::recording::read::Reader::open(&recorded)
+            let entries = recording::read::Reader::open(&recorded)
                 .into_iter()
                 .flatten();
             entries
-                .filter(|entry| matches!(entry, host_cli::recording::read::Entry::Message { topic, .. } if topic == "/robot"))
+                .filter(|entry| matches!(entry, recording::read::Entry::Message { topic, .. } if topic == "/robot"))
                 .count()
         };
         while rows() < 50 {

@@ -1,4 +1,4 @@
-//! A made-up survey whose truth is known: the example rig (host-cli/rigs/raven-left.toml), a base with five holes,
+//! A made-up survey whose truth is known: the example rig (host/rig/rigs/raven-left.toml), a base with five holes,
 //! calibration plates and stations around it.
 //!
 //! The stations form the chain of the thesis: the first sees the base and plate 1, the next plates 1 and 2, and so on.

@@ -8,10 +8,10 @@
 use control::geometry::direction_q14;
 use control::{MotorState, SystemState};
 use emulator_link::{Injection, Report, Truth};
-use host_cli::link::embedded::{EmbeddedRig, Programs};
-use host_cli::link::{EmbeddedOptions, RigLink};
-use host_cli::rigfile::RigFile;
-use host_cli::session::Session;
+use rig::RigFile;
+use session::link::embedded::{EmbeddedRig, Programs};
+use session::link::{EmbeddedOptions, RigLink};
+use session::Session;
 use std::time::Duration;
 use wire::message::{Status, UnitSetpoint};
 use wire::{Command, UNITS};
@@ -136,7 +136,7 @@ impl<'l> Stand<'l> {
     pub fn run(&mut self, seconds: f64) {
         for _ in 0..(seconds * 100.0).round() as u32 {
             self.session
-                .advance(host_cli::session::PERIOD)
+                .advance(session::PERIOD)
                 .unwrap_or_else(|error| panic!("{error}"));
         }
     }

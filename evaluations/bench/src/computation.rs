@@ -1,7 +1,7 @@
 //! What needs no rig: fixed point against f64, and the allocation against its oracle.
 
 use crate::figures::{Figures, Goal};
-use host_cli::force::allocation::study;
+use force::allocation::study;
 use std::process::Command;
 use std::time::Duration;
 

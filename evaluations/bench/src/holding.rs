@@ -2,10 +2,10 @@
 
 use crate::figures::{Figures, Goal};
 use crate::rig::start;
-use host_cli::force::metrics::Metrics;
-use host_cli::link::RigLink;
-use host_cli::rigfile::RigFile;
-use host_cli::run::{self, NoopObserver, Options};
+use ::rig::RigFile;
+use force::metrics::Metrics;
+use run::{self, NoopObserver, Options};
+use session::link::RigLink;
 use test_stand::rig_file;
 
 /// Seeds of the runs whose worst figure is quoted.

@@ -1,7 +1,7 @@
 //! Starts the embedded rig of a seed.
 
-use host_cli::link::embedded::{EmbeddedRig, Programs};
-use host_cli::link::EmbeddedOptions;
+use session::link::embedded::{EmbeddedRig, Programs};
+use session::link::EmbeddedOptions;
 
 /// Starts it with the programs that xtask has built, as fast as it can be computed.
 pub fn start(seed: u64) -> Result<EmbeddedRig, String> {

@@ -2,14 +2,14 @@
 
 use crate::figures::{Figures, Goal};
 use crate::rig;
-use host_cli::link::RigLink;
-use host_cli::rigfile::{DEFAULT_NAME, DEFAULT_TEXT};
-use host_cli::run::{prepare_board, NoopObserver};
-use host_cli::service::client::ServiceLink;
-use host_cli::service::protocol::Call;
-use host_cli::service::socket::Listening;
-use host_cli::service::{serve, Client, ServeOptions};
-use host_cli::session::Session;
+use ::rig::{DEFAULT_NAME, DEFAULT_TEXT};
+use run::{prepare_board, NoopObserver};
+use service::client::ServiceLink;
+use service::protocol::Call;
+use service::socket::Listening;
+use service::{serve, Client, ServeOptions};
+use session::link::RigLink;
+use session::Session;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;

@@ -25,7 +25,7 @@ const REACH_M: f64 = 0.07;
 const REACHES_M: [f64; 5] = [0.03, 0.05, 0.07, 0.1, 0.14];
 /// Lengths of a run that are compared, s.
 const LENGTHS_S: [usize; 4] = [20, 100, 300, 1000];
-/// Samples that count a second: neighbouring ones have like errors (host-cli/src/calibrate/moving.rs).
+/// Samples that count a second: neighbouring ones have like errors (host/calibrate/src/moving.rs).
 const SAMPLES_A_SECOND: usize = 5;
 /// Open chains that are compared: holes of a plate and its radius, m.
 const CHAIN_HOLES: [u8; 5] = [3, 4, 6, 8, 12];

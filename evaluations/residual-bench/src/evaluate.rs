@@ -42,7 +42,7 @@ pub struct Outcome {
     pub class: Class,
     /// The verdict's word.
     pub verdict: &'static str,
-    /// The effect named first, or the verdict.
+    /// Column of the confusion table.
     pub answer: String,
     /// Effects named, strongest first.
     pub named: Vec<String>,

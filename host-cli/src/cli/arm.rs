@@ -19,11 +19,9 @@ impl Arm {
         self.connection.require_rig_file(&rig)?;
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
-            let theirs = host_cli::rigfile::RigFile::parse(
-                &client.welcome().rig_file,
-                &client.welcome().rig_text,
-            )
-            .map_err(|error| Failure::new(exit::RIG_FILE, error))?;
+            let theirs =
+                rig::RigFile::parse(&client.welcome().rig_file, &client.welcome().rig_text)
+                    .map_err(|error| Failure::new(exit::RIG_FILE, error))?;
             if theirs.hash() != rig.hash() {
                 return Err(Failure::new(
                     exit::USAGE,
@@ -34,7 +32,7 @@ impl Arm {
                     ),
                 ));
             }
-            client.hold(host_cli::service::protocol::HoldParams::default())?;
+            client.hold(service::protocol::HoldParams::default())?;
             return Ok(Reply::done(
                 "armed; the service holds zero force with the least tensions until `forcectl disarm`",
             ));

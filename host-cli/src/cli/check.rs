@@ -3,8 +3,8 @@
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
-use host_cli::force::feasibility;
-use host_cli::rigfile::{self, RigFile};
+use force::feasibility;
+use rig::{self, RigFile};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -25,7 +25,7 @@ impl Check {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let Some(file) = &self.file else {
             context.output.refuse_json("`check --print`")?;
-            return Ok(Reply::text(rigfile::DEFAULT_TEXT));
+            return Ok(Reply::text(rig::DEFAULT_TEXT));
         };
         let rig = RigFile::load(file).map_err(|error| Failure::new(exit::RIG_FILE, error))?;
         let enabled = rig.units.map(|unit| unit.enabled);

@@ -4,7 +4,7 @@ use super::connection::{Existing, Role};
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
-use host_cli::session::{explain_fault, PERIOD};
+use session::{explain_fault, PERIOD};
 use wire::Command;
 
 /// Control cycles until sensors that were down are up again.

@@ -8,13 +8,14 @@ use super::values;
 use super::Context;
 use clap::Args;
 use control::SystemState;
-use host_cli::calibrate::base;
-use host_cli::link::{self, EmbeddedOptions, RigLink};
-use host_cli::rigfile::{LinkChoice, RigFile};
-use host_cli::run::{ZeroStore, Zeroing};
+use known::base;
+use known::ZeroStore;
+use rig::{LinkChoice, RigFile};
+use run::Zeroing;
 #[cfg(unix)]
-use host_cli::service::{self, client::ServiceLink, socket, Client};
-use host_cli::session::Session;
+use service::{self, client::ServiceLink, socket, Client};
+use session::link::{self, EmbeddedOptions, RigLink};
+use session::Session;
 use std::cell::RefCell;
 use std::path::PathBuf;
 use std::time::Duration;
@@ -340,7 +341,7 @@ impl Existing {
     /// Stops the rigs that have a service: that of `--link`, else all of them. `None`: no service is concerned.
     #[cfg(unix)]
     pub fn stop_services(&self, context: &Context) -> Result<Option<super::exit::Reply>> {
-        use host_cli::service::protocol::Call;
+        use service::protocol::Call;
         let running = socket::running();
         let names: Vec<String> = match &self.link {
             _ if self.direct => Vec::new(),

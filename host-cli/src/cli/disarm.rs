@@ -22,7 +22,7 @@ impl Disarm {
         self.connection.load(context)?;
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
-            client.call(host_cli::service::protocol::Call::Disarm)?;
+            client.call(service::protocol::Call::Disarm)?;
             return Ok(Reply::done("disarmed"));
         }
         self.connection

@@ -1,9 +1,10 @@
 //! Exit codes, and the failure that carries one.
 
-use host_cli::link::LinkError;
-use host_cli::run::RunError;
-use host_cli::session::SessionError;
+use known::StoreError;
+use run::RunError;
 use serde_json::{json, Value};
+use session::link::LinkError;
+use session::SessionError;
 use std::path::Path;
 
 /// The command succeeded.
@@ -144,9 +145,9 @@ impl From<LinkError> for Failure {
 }
 
 #[cfg(unix)]
-impl From<host_cli::service::ServiceError> for Failure {
-    fn from(error: host_cli::service::ServiceError) -> Self {
-        use host_cli::service::{protocol, ServiceError};
+impl From<service::ServiceError> for Failure {
+    fn from(error: service::ServiceError) -> Self {
+        use service::{protocol, ServiceError};
         let code = match &error {
             ServiceError::Refused { code, .. } if *code != protocol::code::LINK => BOARD,
             _ => LINK,
@@ -178,6 +179,7 @@ impl From<RunError> for Failure {
             RunError::Argument(_) => Self::new(USAGE, error),
             RunError::Infeasible(_) => Self::new(RIG_FILE, error),
             RunError::Interrupted => Self::new(INTERRUPTED, error),
+            RunError::Store(error) => error.into(),
             RunError::Control(_)
             | RunError::Pose(_)
             | RunError::Fault(_)
@@ -186,17 +188,28 @@ impl From<RunError> for Failure {
     }
 }
 
+impl From<StoreError> for Failure {
+    fn from(error: StoreError) -> Self {
+        let code = match &error {
+            StoreError::Input(_) | StoreError::Zeros { .. } => USAGE,
+            StoreError::Refused(_) => DEGRADED,
+            StoreError::File { .. } => FILE,
+        };
+        Self::new(code, error)
+    }
+}
+
 #[cfg(feature = "record")]
-impl From<host_cli::recording::RecordError> for Failure {
-    fn from(error: host_cli::recording::RecordError) -> Self {
+impl From<recording::RecordError> for Failure {
+    fn from(error: recording::RecordError) -> Self {
         Self::new(FILE, error)
     }
 }
 
 #[cfg(feature = "residual")]
-impl From<host_cli::identify::FindError> for Failure {
-    fn from(error: host_cli::identify::FindError) -> Self {
-        use host_cli::identify::FindError;
+impl From<identify::FindError> for Failure {
+    fn from(error: identify::FindError) -> Self {
+        use identify::FindError;
         let code = match &error {
             FindError::File { .. } => FILE,
             FindError::Analysis { .. } => ANALYSIS,

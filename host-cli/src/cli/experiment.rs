@@ -4,14 +4,15 @@ use super::exit::{self, Failure, Reply, Result};
 use super::output::Output;
 use super::{values, Context};
 use clap::{Args, Subcommand};
-use host_cli::calibrate::base;
-use host_cli::experiment::{
+use experiment::{
     self, paths, plan, report, Attempt, Experiment, ExperimentError, Folder, Options, Shard,
     Status, Summary, Watcher, THESIS,
 };
-use host_cli::rigfile::{LinkChoice, RigFile};
-use host_cli::run::{Phase, ZeroStore, Zeroing};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+use known::base;
+use known::ZeroStore;
+use rig::{LinkChoice, RigFile};
+use run::{Phase, Zeroing};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;

@@ -5,7 +5,7 @@ use super::exit::{self, Reply, Result};
 use super::watch::Watch;
 use super::{values, Context};
 use clap::Args;
-use host_cli::run::{hold_tensions, HeldTensions, TensionOptions};
+use run::{hold_tensions, HeldTensions, TensionOptions};
 use std::fmt::Write as _;
 use wire::UNITS;
 

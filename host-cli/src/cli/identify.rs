@@ -7,13 +7,13 @@ use super::watch::Watch;
 use super::{values, Context};
 use clap::Args;
 use control::Fault;
-use host_cli::identify::{self, Figures, Findings, Gain, Pair};
-use host_cli::link::RigLink;
-use host_cli::plot;
-use host_cli::rigfile::{self, RigFile};
-use host_cli::run::{self, Ended, Options, Outcome, RunError, RunFault, Stopped};
-use host_cli::session::Session;
+use identify::{self, Figures, Findings, Gain, Pair};
+use rig::{self, RigFile};
+use run::plot;
+use run::{Ended, Options, Outcome, RunError, RunFault, Stopped};
 use serde_json::json;
+use session::link::RigLink;
+use session::Session;
 use std::cell::Cell;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -245,8 +245,8 @@ impl Identify {
                 "--apply needs a rig file to change: give it with --rig FILE (`forcectl check --print > FILE` makes one)",
             )),
             None => Ok((
-                rigfile::DEFAULT_NAME.to_owned(),
-                rigfile::DEFAULT_TEXT.to_owned(),
+                rig::DEFAULT_NAME.to_owned(),
+                rig::DEFAULT_TEXT.to_owned(),
             )),
         }
     }

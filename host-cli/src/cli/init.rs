@@ -3,7 +3,8 @@
 use super::exit::{self, Failure, Reply, Result};
 use super::{output, Context};
 use clap::Args;
-use host_cli::rigfile::init::{self, Question, QUESTIONS};
+use rig::init::{self, Question, QUESTIONS};
+use rig::RigFile;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
@@ -72,9 +73,10 @@ impl Init {
         let text = init::rig_file(&answers)
             .map_err(|problems| Failure::new(exit::USAGE, problems.join("\n")))?;
         let name = self.file.display().to_string();
-        let rig = init::check(&name, &text).map_err(|why| {
-            Failure::new(exit::RIG_FILE, format!("{why}\nthe file was not written"))
-        })?;
+        let unwritten =
+            |why: String| Failure::new(exit::RIG_FILE, format!("{why}\nthe file was not written"));
+        let rig = RigFile::parse(&name, &text).map_err(|error| unwritten(error.to_string()))?;
+        run::require_feasible(&rig).map_err(|error| unwritten(format!("{name}: {error}")))?;
         std::fs::File::create_new(&self.file)
             .and_then(|mut file| file.write_all(text.as_bytes()))
             .map_err(|error| Failure::file(&self.file, error))?;

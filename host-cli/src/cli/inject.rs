@@ -4,7 +4,7 @@ use super::connection::Existing;
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
-use host_cli::service::protocol::Call;
+use service::protocol::Call;
 
 /// Arguments of `inject`.
 #[derive(Debug, Args)]
@@ -18,7 +18,7 @@ pub struct Inject {
 
 /// A fault without a time: it happens now.
 fn fault(text: &str) -> std::result::Result<String, String> {
-    host_cli::inject::parse(&format!("{text}@start")).map(|_| text.to_owned())
+    session::inject::parse(&format!("{text}@start")).map(|_| text.to_owned())
 }
 
 impl Inject {

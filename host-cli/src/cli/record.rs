@@ -6,9 +6,9 @@ use super::monitor::End;
 use super::progress::Progress;
 use super::{values, Context};
 use clap::Args;
-use host_cli::recording::{Metadata, Recorder};
-use host_cli::session::PERIOD;
+use recording::{Metadata, Recorder};
 use serde_json::json;
+use session::PERIOD;
 use std::path::PathBuf;
 use wire::Command;
 

@@ -3,10 +3,10 @@
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::{Args, Subcommand};
-use host_cli::recording::check::{self, Checked};
-use host_cli::recording::merge::{self, Merge};
-use host_cli::recording::read::{mcap_of, End};
-use host_cli::recording::{self};
+use recording::check::{self, Checked};
+use recording::merge::{self, Merge};
+use recording::read::{mcap_of, End};
+use recording::{self};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;

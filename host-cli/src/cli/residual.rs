@@ -3,11 +3,10 @@
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
-use host_cli::identify;
-use host_cli::identify::findings::{self, Frame};
-use host_cli::rigfile::RigFile;
+use identify::findings::{self, Frame};
 use residual::spec::Spec;
 use residual::{Compensation, Options, Report, Verdict};
+use rig::RigFile;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
@@ -396,12 +395,12 @@ impl BoardFile {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use host_cli::rigfile::UnitSettings;
+    use rig::UnitSettings;
 
     fn file(increment: bool) -> BoardFile {
         BoardFile {
             path: "rig.toml".into(),
-            text: host_cli::rigfile::DEFAULT_TEXT.to_owned(),
+            text: rig::DEFAULT_TEXT.to_owned(),
             rig: RigFile::built_in().expect("the built-in rig is good"),
             increment,
             velocity_m_per_s: None,

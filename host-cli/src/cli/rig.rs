@@ -7,11 +7,10 @@ use super::watch::Watch;
 use super::{values, Context};
 use clap::Args;
 use emulator_link::Injection;
-use host_cli::link::{self, EmbeddedOptions};
-use host_cli::rigfile::LinkChoice;
-use host_cli::run;
-use host_cli::service::{socket, ServeOptions};
-use host_cli::session::Session;
+use rig::LinkChoice;
+use service::{socket, ServeOptions};
+use session::link::{self, EmbeddedOptions};
+use session::Session;
 use std::path::PathBuf;
 
 /// Arguments of `rig`.
@@ -30,7 +29,7 @@ pub struct Rig {
     #[arg(long)]
     usb: bool,
     /// Cause a fault at power-on, for example unplug=3@start; repeatable. `forcectl inject` causes them later
-    #[arg(long, value_name = "WHAT@start", value_parser = host_cli::inject::parse, allow_hyphen_values = true)]
+    #[arg(long, value_name = "WHAT@start", value_parser = session::inject::parse, allow_hyphen_values = true)]
     inject: Vec<(f64, Injection)>,
     /// Let the rig's time wait for a commander that is late, up to 2 s: for a slow or busy computer
     #[arg(long)]

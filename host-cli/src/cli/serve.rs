@@ -3,12 +3,12 @@
 use super::exit::{self, Failure, Reply, Result};
 use super::{values, Context};
 use clap::Args;
-use host_cli::link::{self, EmbeddedOptions, RigLink};
-use host_cli::rigfile::{LinkChoice, RigFile, DEFAULT_NAME, DEFAULT_TEXT};
-use host_cli::service::protocol::Call;
-use host_cli::service::server::{Addresses, ServeError};
-use host_cli::service::socket::{self, Listening};
-use host_cli::service::{serve, Client, ServeOptions, ServiceError};
+use rig::{LinkChoice, RigFile, DEFAULT_NAME, DEFAULT_TEXT};
+use service::protocol::Call;
+use service::server::{Addresses, ServeError};
+use service::socket::{self, Listening};
+use service::{serve, Client, ServeOptions, ServiceError};
+use session::link::{self, EmbeddedOptions, RigLink};
 use std::fmt::Write as _;
 use std::net::SocketAddr;
 use std::os::unix::process::CommandExt;

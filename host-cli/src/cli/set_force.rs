@@ -6,11 +6,11 @@ use super::watch::Watch;
 use super::{values, Context};
 use clap::Args;
 use emulator_link::Injection;
-use host_cli::force::metrics::{Metrics, SETTLED_WITHIN_N};
-use host_cli::plot;
+use force::metrics::{Metrics, SETTLED_WITHIN_N};
 #[cfg(feature = "record")]
-use host_cli::recording::{Finished, Metadata};
-use host_cli::run::{self, Ended, Options, Outcome, RunError, ShortfallKind};
+use recording::{Finished, Metadata};
+use run::plot;
+use run::{Ended, Options, Outcome, RunError, ShortfallKind};
 
 use serde_json::Value;
 use std::fmt::Write as _;
@@ -55,7 +55,7 @@ pub struct SetForce {
     #[arg(long, help_heading = EMBEDDED)]
     still: bool,
     /// Cause a fault in the embedded rig, for example unplug=3@2s; repeatable. `--inject help` lists the faults
-    #[arg(long, value_name = "WHAT@TIME", help_heading = EMBEDDED, value_parser = host_cli::inject::parse, allow_hyphen_values = true)]
+    #[arg(long, value_name = "WHAT@TIME", help_heading = EMBEDDED, value_parser = session::inject::parse, allow_hyphen_values = true)]
     inject: Vec<(f64, Injection)>,
 }
 
@@ -276,7 +276,7 @@ fn table(outcome: &Outcome) -> String {
             row!(
                 out,
                 "\nThe force was held for less than {} s: too short for figures.",
-                host_cli::force::metrics::STEADY_AFTER_S
+                force::metrics::STEADY_AFTER_S
             );
         }
     }

@@ -5,8 +5,8 @@ use super::exit::{self, Reply, Result};
 use super::Context;
 use clap::Args;
 use control::MotorState;
-use host_cli::session::{explain_crash_record, explain_fault, motor_state_name, system_state_name};
 use serde_json::json;
+use session::{explain_crash_record, explain_fault, motor_state_name, system_state_name};
 use std::fmt::Write as _;
 use wire::message::{BoardInfo, Status as BoardStatus};
 

@@ -27,7 +27,7 @@ impl Stop {
         self.connection.load(context)?;
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
-            client.call(host_cli::service::protocol::Call::Stop)?;
+            client.call(service::protocol::Call::Stop)?;
             return Ok(Reply::done(STOPPED));
         }
         self.connection

@@ -1,6 +1,6 @@
 //! Values of arguments: what reads as a number, a time, a link or a file.
 
-use host_cli::rigfile::LinkChoice;
+use rig::LinkChoice;
 use std::path::PathBuf;
 
 /// A force component in newtons. The rig's limits are checked with the rig file.

@@ -4,12 +4,12 @@
 use super::exit::Result;
 use super::output::Output;
 use super::progress::Progress;
-use host_cli::force::metrics::Step;
+use force::metrics::Step;
 #[cfg(feature = "record")]
-use host_cli::recording::{Finished, Metadata, Recorder};
-use host_cli::run::{Observer, Phase};
+use recording::{Finished, Metadata, Recorder};
+use run::{Observer, Phase};
 #[cfg(feature = "record")]
-use host_cli::session::Received;
+use session::Received;
 #[cfg(feature = "record")]
 use std::path::Path;
 use std::sync::Arc;

@@ -3,9 +3,9 @@
 use super::connection::Connection;
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
+use calibrate::picture;
+use calibrate::workspace::{self, Options};
 use clap::Args;
-use host_cli::calibrate::picture;
-use host_cli::calibrate::workspace::{self, Options};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -105,7 +105,7 @@ impl Workspace {
 
     fn placed(
         &self,
-        rig: &host_cli::rigfile::RigFile,
+        rig: &rig::RigFile,
         options: &Options,
         text: &mut String,
         json: &mut serde_json::Value,

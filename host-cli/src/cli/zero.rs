@@ -5,7 +5,7 @@ use super::exit::{Reply, Result};
 use super::watch::Watch;
 use super::Context;
 use clap::Args;
-use host_cli::run::{self, Zeroing};
+use run::Zeroing;
 use serde_json::json;
 use std::fmt::Write as _;
 

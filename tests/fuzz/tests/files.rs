@@ -1,12 +1,12 @@
 //! Files that people write and programs read: rig files, model files with their expressions, logs.
 
 use fuzz::{check, damaged, damaged_text, damages};
-use host_cli::rigfile::{RigFile, DEFAULT_TEXT as RIG};
 use proptest::collection::vec;
 use proptest::prelude::{any, Strategy};
 use proptest::sample::select;
 use residual::expr::Expr;
 use residual::spec::Spec;
+use rig::{RigFile, DEFAULT_TEXT as RIG};
 
 const MODEL: &str = r#"
 [roles]

@@ -3,7 +3,7 @@
 
 use control::{Fault, SystemState};
 use emulator_link::{Injection, Truth};
-use host_cli::link::RigLink;
+use session::link::RigLink;
 use test_stand::{all_at_zero, rig, rig_file, Stand};
 use wire::message::BoardInfo;
 
@@ -20,7 +20,7 @@ fn reset_by(link: &mut dyn RigLink, injection: Injection) -> (BoardInfo, usize) 
         let mut stand = Stand::armed(link, 3.0);
         stand.truth();
         stand.inject(injection);
-        let ended = (0..50).any(|_| stand.session.advance(host_cli::session::PERIOD).is_err());
+        let ended = (0..50).any(|_| stand.session.advance(session::PERIOD).is_err());
         assert!(ended, "the session does not notice the reset");
         stand.truth()
     };

@@ -3,7 +3,7 @@
 
 use control::{Fault, MotorState};
 use emulator_link::Injection;
-use host_cli::link::RigLink;
+use session::link::RigLink;
 use test_stand::{all_at_zero, rig, Stand, MS, ZERO_V};
 use wire::{BoardFrame, BoardMessage, Command, Decoder, HostFrame, MAX_FRAME};
 

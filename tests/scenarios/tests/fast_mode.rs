@@ -7,9 +7,9 @@
 //! seeds by up to 14 mN (tension), 4 mN (mean force), 21 mN (RMS of the force's error) and 98 mN (traces). One friction reversal
 //! that falls otherwise is some 10 mN of an RMS over 8 s. docs/robot.md states the bounds below.
 
-use host_cli::link::fast::FastRig;
-use host_cli::link::{EmbeddedOptions, RigLink};
-use host_cli::run::{self, NoopObserver, Options, Outcome};
+use run::{self, NoopObserver, Options, Outcome};
+use session::link::fast::FastRig;
+use session::link::{EmbeddedOptions, RigLink};
 use test_stand::{rig, rig_file};
 
 /// Largest difference of a cable's tension error, RMS over the run, N.

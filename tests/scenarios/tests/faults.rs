@@ -2,7 +2,7 @@
 
 use control::{Fault, MotorState, SystemState};
 use emulator_link::Injection;
-use host_cli::session::SessionError;
+use session::SessionError;
 use test_stand::{all_at_zero, rig, Stand, ZERO_V};
 use wire::message::CommandError;
 use wire::Command;
@@ -245,7 +245,7 @@ fn a_hung_loop_is_reset_by_the_watchdog_and_reported() {
         stand.inject(Injection::HangLoop);
         let mut error = None;
         for _ in 0..100 {
-            if let Err(stop) = stand.session.advance(host_cli::session::PERIOD) {
+            if let Err(stop) = stand.session.advance(session::PERIOD) {
                 error = Some(stop);
                 break;
             }

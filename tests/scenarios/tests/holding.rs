@@ -1,6 +1,6 @@
 //! The main job: a Cartesian force held at the tip of a moving, frictional, noisy robot.
 
-use host_cli::run::{self, Ended, NoopObserver, Options};
+use run::{self, Ended, NoopObserver, Options};
 use test_stand::{rig, rig_file};
 
 fn hold(seed: u64, force_n: [f64; 3]) -> run::Outcome {
@@ -99,7 +99,7 @@ fn forces_that_are_none_are_refused_before_anything_is_driven() {
         )
         .expect_err("must be refused");
         assert!(matches!(error, run::RunError::Argument(_)), "{error}");
-        use host_cli::link::RigLink;
+        use session::link::RigLink;
         let report = link
             .controls()
             .expect("an embedded rig")

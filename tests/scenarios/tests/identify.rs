@@ -1,11 +1,11 @@
 //! Friction that the rig file doesn't declare: found on the real firmware, declared, and the tensions are better for it.
 
-use host_cli::identify::findings::FRICTION_MARGIN_N;
-use host_cli::identify::{self, Figures};
-use host_cli::link::embedded::{EmbeddedRig, Programs};
-use host_cli::link::EmbeddedOptions;
-use host_cli::rigfile::{RigFile, DEFAULT_TEXT};
-use host_cli::run::{self, NoopObserver, Options};
+use identify::findings::FRICTION_MARGIN_N;
+use identify::{self, Figures};
+use rig::{RigFile, DEFAULT_TEXT};
+use run::{self, NoopObserver, Options};
+use session::link::embedded::{EmbeddedRig, Programs};
+use session::link::EmbeddedOptions;
 use std::path::Path;
 use std::sync::atomic::AtomicBool;
 use test_stand::rig_file;
@@ -49,7 +49,7 @@ fn undeclared_friction_is_found_and_compensated() {
         &mut start(&plant),
         &rig_file(),
         20.0,
-        &host_cli::run::Zeroing::Measure,
+        &run::Zeroing::Measure,
         &stop,
         &mut NoopObserver,
     )

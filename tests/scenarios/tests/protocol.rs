@@ -1,7 +1,7 @@
 //! The link with wrong input: another protocol version, random bytes, values out of range.
 
-use host_cli::link::RigLink;
-use host_cli::session::SessionError;
+use session::link::RigLink;
+use session::SessionError;
 use test_stand::{all_at_zero, rig, rig_file, Stand, MS};
 use wire::message::{CommandError, FilterChoice, Response, UnitSetpoint};
 use wire::{BoardFrame, BoardMessage, Command, Decoder, HostFrame, MAX_FRAME, SCHEMA_HASH, UNITS};

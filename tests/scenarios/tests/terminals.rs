@@ -235,7 +235,7 @@ fn a_program_on_the_pseudo_terminal_commands_like_any_other() {
     let mut lab = Lab::with_rig(34);
     let terminal = lab.terminal();
     // A board reports no pose: this one's tip is clamped where the rig's robot stands.
-    let text = host_cli::rigfile::DEFAULT_TEXT.replacen(
+    let text = rig::DEFAULT_TEXT.replacen(
         "source = \"rig\"",
         "source = \"static\"\nposition_m = [-0.080, 0.025, -0.140]",
         1,

@@ -3,8 +3,8 @@
 
 use emulator_link::{Injection, Latency, Truth};
 use emulator_usb::host::State;
-use host_cli::link::RigLink;
 use scenarios::usb::{Link, UsbRig};
+use session::link::RigLink;
 use std::path::PathBuf;
 use std::process::{Command as Process, Stdio};
 use test_stand::{all_at_zero, quantile, Stand, MS};

@@ -1,6 +1,6 @@
 //! One reversal of a reel: tension error over time under several controllers.
 
-use host_cli::plot::scene::{Anchor, Color, Scene};
+use scene::{Anchor, Color, Scene};
 
 const BLACK: Color = Color(0x22, 0x22, 0x22);
 const GREY: Color = Color(0xcc, 0xcc, 0xcc);

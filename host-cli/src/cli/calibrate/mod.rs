@@ -23,13 +23,14 @@ mod zero;
 use super::connection::Connection;
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
+use calibrate::standin::Mistake;
+use calibrate::CalibrateError;
 use clap::{Args, Subcommand};
 use emulator_link::Injection;
-use host_cli::calibrate::standin::Mistake;
-use host_cli::calibrate::store::{Kept, Store};
-use host_cli::calibrate::{self as library, base, CalibrateError};
-use host_cli::rigfile::RigFile;
-use host_cli::session::Session;
+use known::base;
+use known::store::{Kept, Store};
+use rig::RigFile;
+use session::Session;
 use std::path::{Path, PathBuf};
 
 /// Options of the steps that a user does by hand, reading by reading or point by point.
@@ -132,7 +133,7 @@ impl From<CalibrateError> for Failure {
             CalibrateError::Run(error) => error.into(),
             CalibrateError::Input(_) => Self::new(exit::USAGE, error),
             CalibrateError::Refused(_) => Self::new(exit::DEGRADED, error),
-            CalibrateError::File { .. } => Self::new(exit::FILE, error),
+            CalibrateError::Store(error) => error.into(),
         }
     }
 }
@@ -150,7 +151,7 @@ impl Bench {
         let rig = connection.load(context)?;
         connection.require_rig_file(&rig)?;
         let store = Store::of_rig(&rig.name, connection.seed(&rig))?;
-        let record = base::continued(&rig, store.current()?, &library::today())
+        let record = base::continued(&rig, store.current()?, &known::today())
             .map_err(|why| Failure::new(exit::RIG_FILE, why))?;
         Ok(Self { rig, store, record })
     }
@@ -188,7 +189,7 @@ fn push(session: &mut Session<'_>, rig: &RigFile, zeros: &[(u8, i32)]) -> Result
         }
         config.enabled &= rig.units[i].enabled;
     }
-    host_cli::calibrate::cells::configure(session, rig, &wanted)?;
+    calibrate::cells::configure(session, rig, &wanted)?;
     let now = session.get_configs().map_err(CalibrateError::from)?;
     let wrong: Vec<String> = (0..now.len())
         .filter(|&i| now[i] != wanted[i])

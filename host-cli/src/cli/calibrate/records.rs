@@ -4,13 +4,13 @@ use super::super::connection::Connection;
 use super::super::exit::{self, Failure, Reply, Result};
 use super::super::Context;
 use super::{push, Bench};
+use calibrate::cells;
 use calibration::record::Record;
 use clap::Args;
-use host_cli::calibrate::cells;
-use host_cli::calibrate::store::Store;
-use host_cli::session::Session;
+use known::store::Store;
 use nalgebra::Matrix3;
 use serde_json::json;
+use session::Session;
 use std::fmt::Write as _;
 
 /// Arguments of `calibrate show`.

@@ -6,7 +6,7 @@ use super::super::Context;
 use super::Bench;
 use calibration::record::Record;
 use clap::Args;
-use host_cli::calibrate::serials::{self, Serials};
+use known::serials::{self, Serials};
 use serde_json::json;
 use std::fmt::Write as _;
 

@@ -5,13 +5,13 @@ use super::super::progress::Progress;
 use super::super::Context;
 use super::guide::{self, Answer};
 use super::{hang, Bench};
-use host_cli::calibrate::load_time::{self, CameOn, Watch};
-use host_cli::calibrate::standin::Weights;
-use host_cli::calibrate::store::Draft;
-use host_cli::calibrate::weights::{self, Load, Mean};
-use host_cli::calibrate::{cells, CalibrateError};
-use host_cli::run::RunError;
-use host_cli::session::Session;
+use calibrate::load_time::{self, CameOn, Watch};
+use calibrate::standin::Weights;
+use calibrate::weights::{self, Load, Mean};
+use calibrate::{cells, CalibrateError};
+use known::store::Draft;
+use run::RunError;
+use session::Session;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::Arc;
 use std::time::Duration;
@@ -276,7 +276,7 @@ impl<'p> Series<'p> {
         &self,
         session: &mut Session<'_>,
         tick: &mut dyn FnMut(),
-    ) -> host_cli::calibrate::Result<Vec<Mean>> {
+    ) -> calibrate::Result<Vec<Mean>> {
         let mut quiet = |_: f64| {};
         cells::codes(session, weights::SETTLE, &self.stop, &mut quiet)?;
         tick();

@@ -4,9 +4,9 @@ use super::{check_robot, model, refused, split, DataArgs};
 use crate::cli::exit::{self, Failure, Reply, Result};
 use crate::cli::Context;
 use clap::Args;
+use estimate::card::ModelCard;
+use estimate::{load, report, Data};
 use estimator::estimator::Estimator;
-use host_cli::estimate::card::ModelCard;
-use host_cli::estimate::{load, report, Data};
 use serde_json::json;
 use std::path::{Path, PathBuf};
 

@@ -15,11 +15,11 @@ use foxglove::{
     ChannelBuilder, Context, PartialMetadata, RawChannel, Schema, WebSocketServer,
     WebSocketServerHandle,
 };
-use host_cli::recording::rows::TipPose;
-use host_cli::recording::table::{Utc, Value as _};
-use host_cli::telemetry::Telemetry;
+use recording::rows::TipPose;
+use recording::table::{Utc, Value as _};
 use serde::Serialize;
 use serde_json::{json, Value};
+use session::telemetry::Telemetry;
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::{SystemTime, UNIX_EPOCH};
@@ -400,7 +400,7 @@ mod tests {
                 let (topic, field) = path.split_once('.').unwrap();
                 let topic = topic.split('{').next().unwrap();
                 let field = field.split('[').next().unwrap();
-                let recorded = host_cli::recording::TABLES
+                let recorded = recording::TABLES
                     .iter()
                     .filter(|table| table.topic == topic)
                     .any(|table| table.fields.iter().any(|f| f.name == field));

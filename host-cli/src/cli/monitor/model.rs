@@ -1,7 +1,7 @@
 //! What the monitor knows: the newest telemetry, a history for the curves, and a log.
 
 use super::source::{Event, Update};
-use host_cli::telemetry::Telemetry;
+use session::telemetry::Telemetry;
 use std::collections::VecDeque;
 use std::time::{Duration, Instant};
 use wire::UNITS;

@@ -3,9 +3,9 @@
 use super::model::{reading, Reading};
 use super::source::{Event, Update};
 use crate::cli::output::Output;
-use host_cli::session::explain_fault;
-use host_cli::telemetry::{Latched, Telemetry};
 use serde_json::json;
+use session::explain_fault;
+use session::telemetry::{Latched, Telemetry};
 use wire::UNITS;
 
 /// Time between two lines, s.

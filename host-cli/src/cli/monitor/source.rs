@@ -1,15 +1,15 @@
 //! Where the monitor's data come from: the service of a rig, or a session of the command's own. Both give the same.
 
 use crate::cli::exit::Result;
-use host_cli::rigfile::RigFile;
+use rig::RigFile;
 #[cfg(unix)]
-use host_cli::service::client::Notification;
+use service::client::Notification;
 #[cfg(unix)]
-use host_cli::service::protocol::{Call, Topics};
+use service::protocol::{Call, Topics};
 #[cfg(unix)]
-use host_cli::service::Client;
-use host_cli::session::{explain_fault, Session, SessionError, PERIOD};
-use host_cli::telemetry::{Gatherer, Telemetry};
+use service::Client;
+use session::telemetry::{Gatherer, Telemetry};
+use session::{explain_fault, Session, SessionError, PERIOD};
 use std::collections::VecDeque;
 use std::time::Duration;
 use wire::message::FaultReport;

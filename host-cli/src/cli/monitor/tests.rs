@@ -5,9 +5,9 @@ use super::picture;
 use super::plain::line;
 use super::source::{Event, Update};
 use super::view::View;
-use host_cli::telemetry::{Drops, Latched, Telemetry};
 use ratatui::backend::TestBackend;
 use ratatui::Terminal;
+use session::telemetry::{Drops, Latched, Telemetry};
 use std::time::Duration;
 use wire::UNITS;
 

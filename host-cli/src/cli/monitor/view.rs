@@ -14,13 +14,13 @@
 
 use super::model::{Model, Reading, HISTORY_S};
 use control::Fault;
-use host_cli::session::explain_fault;
-use host_cli::telemetry::{Latched, Telemetry};
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style, Stylize};
 use ratatui::text::{Line, Span, Text};
 use ratatui::widgets::{Block, Borders, Paragraph, Sparkline, Wrap};
 use ratatui::Frame;
+use session::explain_fault;
+use session::telemetry::{Latched, Telemetry};
 use std::time::Duration;
 use wire::UNITS;
 

@@ -8,10 +8,10 @@ use faults::campaign::CURRENT_LIMIT_A;
 use faults::case::{AFTER_HAZARD_MS, WATCH_MS};
 use faults::outcome::Hazard;
 use faults::watch::{View, Watch};
-use host_cli::link::embedded::{EmbeddedRig, Programs};
-use host_cli::link::{EmbeddedOptions, LinkError, RigLink};
-use host_cli::session::{Session, PERIOD};
 use plant::PlantConfig;
+use session::link::embedded::{EmbeddedRig, Programs};
+use session::link::{EmbeddedOptions, LinkError, RigLink};
+use session::{Session, PERIOD};
 use std::io::Write;
 use std::time::Duration;
 use test_stand::{Stand, ZERO_V};
@@ -287,7 +287,7 @@ impl Observer {
             }
             received.truth.iter().for_each(|row| self.row(row));
             if let Err(error) = advanced {
-                self.reset = matches!(error, host_cli::session::SessionError::Reset { .. });
+                self.reset = matches!(error, session::SessionError::Reset { .. });
                 self.lost_ms = Some(self.ms);
                 return true;
             }

@@ -1,0 +1,518 @@
+//! Gains from weights: in which order they are hung, the readings as they are kept, and the fit.
+
+use super::load_time::CameOn;
+use super::{CalibrateError, Result};
+use calibration::gain::{self, figures, Direction, Gain, GainError, Options, Reading};
+use calibration::record::{Record, UnitRecord};
+use calibration::stats;
+use calibration::zero::{self, Limits};
+use known::store::Draft;
+use std::time::Duration;
+
+/// Header of the readings; `calibration::gain::read` takes it.
+pub const HEADER: &str = "weight_g,code,standard_error,direction,time_s,since_s,since_sd_s";
+/// Time until cell and converter have settled after a weight was hung.
+pub const SETTLE: Duration = Duration::from_millis(1000);
+/// Time over which a weight is read.
+pub const READ: Duration = Duration::from_millis(1000);
+
+/// A load of the series.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Load {
+    /// Weight, g; 0: the empty cell.
+    pub weight_g: f64,
+    /// Whether it is reached by putting weight on or taking it off.
+    pub direction: Option<Direction>,
+    /// Read once more while it stays: nothing is to be done for it.
+    pub stays: bool,
+}
+
+/// Time from one reading to the next of a load that stays.
+pub const HOLD_STEP: Duration = Duration::from_millis(2000);
+
+/// Loads of so many rounds up and down. The empty cell stands at both ends of each round. Then the largest weight is left on
+/// for a time, and off for as long: that shows creep.
+#[must_use]
+pub fn plan(weights_g: &[f64], rounds: usize, creep: Duration) -> Vec<Load> {
+    let mut sorted = weights_g.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    let up = |weight_g: &f64| Load {
+        weight_g: *weight_g,
+        direction: Some(Direction::Loading),
+        stays: false,
+    };
+    let down = |weight_g: &f64| Load {
+        weight_g: *weight_g,
+        direction: Some(Direction::Unloading),
+        stays: false,
+    };
+    let empty = Load {
+        weight_g: 0.0,
+        direction: None,
+        stays: false,
+    };
+    let mut out = vec![empty];
+    for _ in 0..rounds {
+        out.extend(sorted.iter().map(up));
+        out.extend(sorted.iter().rev().map(down));
+        out.push(empty);
+    }
+    let steps = (creep.as_secs_f64() / HOLD_STEP.as_secs_f64()).ceil() as usize;
+    if let Some(largest) = sorted.last().map(up).filter(|_| steps > 0) {
+        for first in [largest, empty] {
+            // How a load that stays was reached says nothing any more.
+            let again = Load {
+                direction: None,
+                stays: true,
+                ..first
+            };
+            out.push(first);
+            out.extend(std::iter::repeat_n(again, steps));
+        }
+    }
+    out
+}
+
+/// The codes under one load.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Mean {
+    /// Mean code.
+    pub code: f64,
+    /// Its standard error, codes.
+    pub standard_error: f64,
+    /// Standard deviation of a single code.
+    pub sd: f64,
+}
+
+/// Mean code and its standard error of a stream under one load.
+///
+/// # Errors
+/// The stream gives none: it drifts by more than `drift_n` (N), is noisy, or stands still. The limit of the noise is that of
+/// a swinging weight that has to come to rest: 50 mN.
+pub fn mean(codes: &[i32], nominal_n_per_code: f64, drift_n: f64) -> Result<Mean> {
+    let limits = Limits {
+        nominal_n_per_code: nominal_n_per_code.abs(),
+        noise_n: 0.05,
+        drift_n,
+        standard_error_n: 0.01,
+        ..Limits::default()
+    };
+    let found = zero::measure(codes, &limits).map_err(CalibrateError::refused)?;
+    let all: Vec<f64> = codes.iter().map(|code| f64::from(*code)).collect();
+    Ok(Mean {
+        code: found.mean_codes,
+        standard_error: found.mean_se_codes,
+        sd: stats::robust_sd(&all),
+    })
+}
+
+/// How far a reading may drift while it is taken, N: what a weight that comes to rest does, and where creep is looked for,
+/// what a cell does that creeps by a fifth of its load (g) in 6 s.
+#[must_use]
+pub fn drift_limit_n(largest_g: f64, creep: bool) -> f64 {
+    let creeps = if creep {
+        0.03e-3 * largest_g * 9.81
+    } else {
+        0.0
+    };
+    0.02 + creeps
+}
+
+/// Adds a reading to a draft. `at_s`: when it was read, s from the start of the series; `since`: when the load came on.
+///
+/// # Errors
+/// The file can't be written, or holds other columns.
+pub fn keep(
+    draft: &Draft,
+    load: &Load,
+    mean: &Mean,
+    at_s: f64,
+    since: Option<CameOn>,
+) -> Result<()> {
+    let direction = match load.direction {
+        Some(Direction::Loading) => "loading",
+        Some(Direction::Unloading) => "unloading",
+        None => "",
+    };
+    let since = since.map_or_else(
+        || ",".to_owned(),
+        |since| format!("{:.3},{:.3}", since.at_s, since.sd_s),
+    );
+    let (weight_g, code, standard_error) = (load.weight_g, mean.code, mean.standard_error);
+    Ok(draft.add(
+        HEADER,
+        &format!("{weight_g},{code:.3},{standard_error:.4},{direction},{at_s:.3},{since}"),
+    )?)
+}
+
+/// A gain with the figures of its cell.
+#[derive(Debug, Clone)]
+pub struct Fitted {
+    /// The readings that it rests on.
+    pub readings: usize,
+    /// The gain.
+    pub gain: Gain,
+    /// Linearity and hysteresis.
+    pub shape: figures::Shape,
+}
+
+/// The gain of a table of readings. `file` is the name that errors give.
+///
+/// # Errors
+/// Text that can't be read, with file and line; a wrong entry, named; too few readings, an implausible scale.
+pub fn fit(file: &str, text: &str, options: &Options) -> Result<Fitted> {
+    let readings: Vec<Reading> = gain::read(file, text).map_err(CalibrateError::input)?;
+    let gain = gain::fit(&readings, options).map_err(|error| match &error {
+        GainError::WrongEntries(_) => CalibrateError::refused(format!(
+            "{error}\nto correct line N: --correct N=GRAM; to leave it out: --leave-out N"
+        )),
+        GainError::BadReading { .. } => CalibrateError::input(&error),
+        GainError::Copied { at, .. } => {
+            CalibrateError::input(format!("{error}: --leave-out {}", at.line))
+        }
+        other => CalibrateError::refused(format!("{file}: {other}")),
+    })?;
+    Ok(Fitted {
+        readings: readings.len(),
+        shape: figures::shape(&gain),
+        gain,
+    })
+}
+
+/// Gains that differ from the stored one by more than so many standard deviations of both are of another cell.
+const CHANGE_SD: f64 = 4.0;
+/// And by more than this, relative: smaller changes are the weights', the hand's and the temperature's.
+const CHANGE_PART: f64 = 0.005;
+/// Force at which gains are compared, N: the middle of what the weights cover. A curve may be in one of two gains only.
+const COMPARED_AT_N: f64 = 5.0;
+
+/// How far a new gain is from the stored one of a unit, measured with the same acceleration of gravity: relative, and in
+/// standard deviations of both. `None` where the unit's gain was not measured.
+fn change(
+    record: &Record,
+    unit: &UnitRecord,
+    gain: &Gain,
+    options: &Options,
+) -> Option<(f64, f64)> {
+    if unit.gain_date.is_empty() {
+        return None;
+    }
+    let new = gain.conversion();
+    let code = COMPARED_AT_N / new.n_per_code;
+    let force_n = |linear: f64, square: f64| (linear + square * code) * code;
+    let gravity = options.gravity_m_per_s2 / record.gravity_m_per_s2;
+    let old_n = gravity * force_n(unit.n_per_code, unit.n_per_code2);
+    let part = force_n(new.n_per_code, new.n_per_code2) / old_n - 1.0;
+    let old_sd = (unit.n_per_code_sd / unit.n_per_code).hypot(record.common_gain_relative_sd);
+    let sd = old_sd.hypot(gain.n_per_code_sd / gain.n_per_code);
+    Some((part, part.abs() / sd))
+}
+
+/// Compares gains (unit, gain) with the stored ones. The readings of another unit, or of another cell, are not to take the
+/// place of a gain without a word.
+///
+/// # Errors
+/// A gain that is not that of the unit's cell; all of them are named, and a unit whose stored gain fits.
+pub fn check_changes(record: &Record, found: &[(u8, &Gain)], options: &Options) -> Result<()> {
+    let mut wrong = Vec::new();
+    for (number, gain) in found {
+        let own = record.units.iter().find(|unit| unit.number == *number);
+        let Some((part, sigmas)) = own.and_then(|unit| change(record, unit, gain, options)) else {
+            continue;
+        };
+        if sigmas <= CHANGE_SD || part.abs() <= CHANGE_PART {
+            continue;
+        }
+        let fits = record
+            .units
+            .iter()
+            .filter(|unit| unit.number != *number)
+            .filter_map(|unit| Some((unit.number, change(record, unit, gain, options)?.1)))
+            .filter(|(_, sigmas)| *sigmas <= CHANGE_SD)
+            .min_by(|a, b| a.1.total_cmp(&b.1));
+        let other = fits.map_or_else(String::new, |(other, _)| {
+            format!(
+                "; the stored gain of unit {other} fits them: are they readings of unit {other}?"
+            )
+        });
+        wrong.push(format!(
+            "unit {number}: these readings change its gain by {:+.2} % ({sigmas:.0} standard deviations of both){other}\nif the cell was exchanged: `forcectl calibrate serials --unit {number} --cell SERIAL --replace`; --replace accepts the gain",
+            100.0 * part
+        ));
+    }
+    if wrong.is_empty() {
+        Ok(())
+    } else {
+        Err(CalibrateError::refused(wrong.join("\n")))
+    }
+}
+
+/// Puts gains (unit, gain) that were measured with one set of weights in one place into the record. Returns what that changed
+/// besides, in words.
+///
+/// Gravity and the error that all gains share stand once in a record. Where measured gains of other units stay, those are
+/// carried over to the new gravity, and the larger of the two errors holds for all.
+///
+/// # Errors
+/// The record has no such unit.
+pub fn apply(record: &mut Record, found: &[(u8, &Gain)], options: &Options) -> Result<Vec<String>> {
+    // One set of weights and one place for all units of the run.
+    let shared = |gain: &Gain| {
+        gain.relative_parts
+            .weights
+            .hypot(gain.relative_parts.gravity)
+    };
+    let mut common = found
+        .iter()
+        .map(|(_, gain)| shared(gain))
+        .fold(0.0, f64::max);
+    let old_gravity = record.gravity_m_per_s2;
+    let ratio = options.gravity_m_per_s2 / old_gravity;
+    let mut carried = Vec::new();
+    for unit in &mut record.units {
+        let stays = found.iter().all(|(number, _)| *number != unit.number);
+        if stays && !unit.gain_date.is_empty() {
+            // Its force per code was found with the weights' masses and the old acceleration.
+            for value in [
+                &mut unit.n_per_code,
+                &mut unit.n_per_code_sd,
+                &mut unit.n_per_code2,
+                &mut unit.n_per_code2_sd,
+            ] {
+                *value *= ratio;
+            }
+            carried.push(unit.number.to_string());
+        }
+    }
+    let mut notes = Vec::new();
+    if !carried.is_empty() {
+        common = common.max(record.common_gain_relative_sd);
+        if ratio != 1.0 {
+            notes.push(format!(
+                "gravity is {} m/s^2 and was {old_gravity}: the gains of unit {}, which are not of this run, are multiplied by {ratio:.6}",
+                options.gravity_m_per_s2,
+                carried.join(", ")
+            ));
+        }
+    }
+    record.gravity_m_per_s2 = options.gravity_m_per_s2;
+    record.common_gain_relative_sd = common;
+    for (unit, gain) in found {
+        enter(record, *unit, gain)?;
+    }
+    Ok(notes)
+}
+
+/// Puts the gain of one unit in.
+fn enter(record: &mut Record, unit: u8, gain: &Gain) -> Result<()> {
+    let date = record.date.clone();
+    let parts = gain.relative_parts;
+    let found: &mut UnitRecord = record
+        .units
+        .iter_mut()
+        .find(|u| u.number == unit)
+        .ok_or_else(|| CalibrateError::refused(format!("there is no unit {unit}")))?;
+    let conversion = gain.conversion();
+    found.n_per_code = conversion.n_per_code;
+    found.n_per_code_sd = parts.readings * conversion.n_per_code.abs();
+    found.n_per_code2 = conversion.n_per_code2;
+    found.n_per_code2_sd = conversion.n_per_code2_sd;
+    (found.creep, found.creep_sd, found.creep_s) = gain
+        .creep
+        .map_or((0.0, 0.0, 0.0), |c| (c.share, c.share_se, c.time_s));
+    found.gain_date = date;
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use calibration::STANDARD_GRAVITY_M_PER_S2;
+    use known::base;
+    use known::store::Store;
+    use rig::RigFile;
+
+    /// Readings of a cell of 7e-6 N per code, with line `wrong` entered as another weight.
+    fn table(wrong: Option<(usize, f64)>) -> String {
+        table_of(7e-6, wrong)
+    }
+
+    fn table_of(n_per_code: f64, wrong: Option<(usize, f64)>) -> String {
+        let mut text = format!("{HEADER}\n");
+        for (i, load) in plan(&gain::WEIGHTS_G, 2, Duration::ZERO).iter().enumerate() {
+            let noise = [30.0, -20.0, 10.0, -35.0][i % 4];
+            let code = 1000.0 + load.weight_g * 9.80665e-3 / n_per_code + noise + 1e-3 * i as f64;
+            let weight = match wrong {
+                Some((line, weight)) if line == i + 2 => weight,
+                _ => load.weight_g,
+            };
+            text.push_str(&format!("{weight},{code},30,,,,\n"));
+        }
+        text
+    }
+
+    #[test]
+    fn a_series_goes_up_and_down_and_its_gain_enters_the_record() {
+        let loads = plan(&[100.0, 10.0], 2, Duration::ZERO);
+        let weights: Vec<f64> = loads.iter().map(|l| l.weight_g).collect();
+        assert_eq!(
+            weights,
+            [0.0, 10.0, 100.0, 100.0, 10.0, 0.0, 10.0, 100.0, 100.0, 10.0, 0.0]
+        );
+        let options = Options::default();
+        let found = fit("w.csv", &table(None), &options).unwrap();
+        assert!((found.gain.n_per_code / 7e-6 - 1.0).abs() < 5e-4);
+        let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        let notes = apply(&mut record, &[(4, &found.gain)], &options).unwrap();
+        assert!(notes.is_empty(), "{notes:?}");
+        assert_eq!(record.units[3].gain_date, "2026-11-22");
+        assert!(record.common_gain_relative_sd >= 0.001);
+        assert!(apply(&mut record.clone(), &[(9, &found.gain)], &options).is_err());
+        record.write().unwrap();
+    }
+
+    #[test]
+    fn readings_of_another_unit_do_not_take_the_place_of_a_gain() {
+        let options = Options::default();
+        let gain = |scale| fit("w.csv", &table_of(scale, None), &options).unwrap().gain;
+        let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        let (three, four) = (gain(7e-6), gain(6.8e-6));
+        // Nothing was measured: anything is taken.
+        check_changes(&record, &[(3, &three), (4, &four)], &options).unwrap();
+        apply(&mut record, &[(3, &three), (4, &four)], &options).unwrap();
+        let told = check_changes(&record, &[(3, &four)], &options)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            told.contains("unit 3: these readings change its gain by -2.8")
+                && told.contains("stored gain of unit 4 fits")
+                && told.contains("serials --unit 3 --cell SERIAL --replace"),
+            "{told}"
+        );
+        // A cell that no unit has.
+        let told = check_changes(&record, &[(3, &gain(6.9e-6))], &options)
+            .unwrap_err()
+            .to_string();
+        assert!(told.contains("-1.4") && !told.contains("fits"), "{told}");
+        // What a cell does from year to year, and the same cell in another place.
+        check_changes(&record, &[(3, &gain(7.02e-6))], &options).unwrap();
+        let elsewhere = Options {
+            gravity_m_per_s2: 9.75,
+            ..Options::default()
+        };
+        let moved = fit("w.csv", &table_of(7e-6, None), &elsewhere)
+            .unwrap()
+            .gain;
+        assert!((moved.n_per_code / three.n_per_code - 0.9942).abs() < 1e-4);
+        check_changes(&record, &[(3, &moved)], &elsewhere).unwrap();
+    }
+
+    #[test]
+    fn a_unit_weighed_alone_leaves_the_others_as_well_known_as_they_are() {
+        let rough = Options::default();
+        let fine = Options {
+            gravity_m_per_s2: 9.7807,
+            gravity_relative_sd: 2e-5,
+            weight_limit_relative: 1e-4,
+            ..Options::default()
+        };
+        let gain = |options: &Options| fit("w.csv", &table(None), options).unwrap().gain;
+        let (first, again) = (gain(&rough), gain(&fine));
+        let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        apply(&mut record, &[(1, &first), (2, &first)], &rough).unwrap();
+        let before = record.clone();
+        let notes = apply(&mut record, &[(2, &again)], &fine).unwrap();
+        assert!(
+            notes.len() == 1 && notes[0].contains("gains of unit 1, which"),
+            "{notes:?}"
+        );
+        let ratio = 9.7807 / STANDARD_GRAVITY_M_PER_S2;
+        let (old, new) = (&before.units[0], &record.units[0]);
+        assert!((new.n_per_code / old.n_per_code / ratio - 1.0).abs() < 1e-12);
+        assert!((new.n_per_code_sd / old.n_per_code_sd / ratio - 1.0).abs() < 1e-12);
+        // Unit 3 was never weighed.
+        assert_eq!(before.units[2].n_per_code, record.units[2].n_per_code);
+        // The weights of unit 1 are still those of the first run.
+        assert_eq!(
+            record.common_gain_relative_sd,
+            before.common_gain_relative_sd
+        );
+        assert_eq!(record.gravity_m_per_s2, 9.7807);
+        // All that are measured in one run: its own error, and nothing is carried over.
+        let notes = apply(&mut record, &[(1, &again), (2, &again)], &fine).unwrap();
+        assert!(notes.is_empty(), "{notes:?}");
+        assert!(record.common_gain_relative_sd < 1e-4);
+        record.write().unwrap();
+    }
+
+    #[test]
+    fn bad_readings_are_named_with_file_and_line() {
+        let fails = |text: &str| {
+            fit("w.csv", text, &Options::default())
+                .unwrap_err()
+                .to_string()
+        };
+        // 500 for 50, in line 5.
+        let wrong = fails(&table(Some((5, 500.0))));
+        assert!(
+            wrong.contains("w.csv:5: entered 500 g") && wrong.contains("probably 50 g"),
+            "{wrong}"
+        );
+        assert!(wrong.contains("--correct") && wrong.contains("nothing was stored"));
+        let corrected = Options {
+            corrections_g: [(5, 50.0)].into(),
+            ..Options::default()
+        };
+        assert!(fit("w.csv", &table(Some((5, 500.0))), &corrected).is_ok());
+        assert!(fails("").contains("w.csv: the file is empty"));
+        assert!(fails(&format!("{HEADER}\n10,1e3,30,,,,\n20,abc,30,,,,\n"))
+            .starts_with("w.csv:3: `abc`"));
+        assert!(fails(&format!("{HEADER}\n10,NaN,30,,,,\n")).starts_with("w.csv:2: `NaN`"));
+        assert!(fails(&format!("{HEADER}\n10,1000,30,,,,\n")).contains("at least 3 readings"));
+        // A quadratic cell keeps its curve.
+        let mut text = format!("{HEADER}\n");
+        for (i, load) in plan(&gain::WEIGHTS_G, 2, Duration::ZERO).iter().enumerate() {
+            let force = load.weight_g * 9.80665e-3;
+            let code = (force + 2e-3 * force * force) / 7e-6 + 1e-3 * i as f64;
+            text.push_str(&format!("{},{code},20,,,,\n", load.weight_g));
+        }
+        let curved = fit("w.csv", &text, &Options::default()).unwrap();
+        let found = curved.gain.conversion();
+        let code = (5.0 + 2e-3 * 25.0) / 7e-6;
+        let force = found.n_per_code * code + found.n_per_code2 * code * code;
+        assert!((force - 5.0).abs() < 1e-3, "{found:?}");
+        assert!(found.n_per_code2_sd < -0.05 * found.n_per_code2);
+    }
+
+    #[test]
+    fn what_is_kept_can_be_fitted() {
+        let folder = tempfile::tempdir().unwrap();
+        let draft = Store::at(folder.path()).draft("gain-unit1");
+        let loads = plan(&gain::WEIGHTS_G, 2, Duration::ZERO);
+        for (i, load) in loads.iter().enumerate() {
+            let code = 500.0 + load.weight_g * 9.80665e-3 / 6.5e-6 + [9.0, -12.0, 4.0][i % 3];
+            let mean = Mean {
+                code,
+                standard_error: 15.0,
+                sd: 200.0,
+            };
+            let at_s = 2.0 * i as f64;
+            // One that was not seen.
+            let since = (i != 4).then_some(CameOn {
+                at_s: at_s - 1.5,
+                sd_s: 0.02,
+            });
+            keep(&draft, load, &mean, at_s, since).unwrap();
+        }
+        let text = draft.text().unwrap().unwrap();
+        let found = fit("draft", &text, &Options::default()).unwrap();
+        assert_eq!(found.readings, loads.len());
+        assert!(found.shape.hysteresis.is_some());
+        let mut codes: Vec<i32> = (0..320).map(|i| 1000 + (i * 37) % 21).collect();
+        let found = mean(&codes, 6.85e-6, 0.02).unwrap();
+        assert!((found.code - 1010.0).abs() < 1.0 && found.standard_error > 0.0);
+        assert!((3.0..12.0).contains(&found.sd), "{found:?}");
+        codes.truncate(10);
+        assert!(mean(&codes, 6.85e-6, 0.02).is_err());
+    }
+}

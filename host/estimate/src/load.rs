@@ -1,0 +1,515 @@
+//! Data of an estimator from files: the dataset folder of an experiment, or any logs with a mapping file.
+
+use estimator::data::{self, Columns, Mapping, Part};
+use estimator::estimator::Estimator;
+use estimator::geometry::Base;
+use estimator::model::ModelError;
+use estimator::sequence::Sequence;
+use experiment::folder::sha256_of;
+use experiment::table::Table;
+use serde::{Deserialize, Serialize};
+use std::path::{Path, PathBuf};
+
+/// Why data can't be used. The text says what, where, and what to do.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{0}")]
+pub struct LoadError(pub String);
+
+/// Name of a robot that neither a data card nor a mapping names.
+pub const UNNAMED: &str = "unnamed";
+
+fn failed(path: &Path, cause: impl std::fmt::Display) -> LoadError {
+    LoadError(format!("{}: {cause}", path.display()))
+}
+
+/// One file: a trial, or several with a column for their number.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Source {
+    /// File name.
+    pub file: String,
+    /// SHA-256 of its bytes.
+    pub sha256: String,
+    /// Trials in it.
+    pub trials: Vec<usize>,
+    /// Rows that were marked as not usable.
+    pub rows_not_usable: usize,
+}
+
+/// What a data card tells of the label's time, from the experiment's own figures.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Sampling {
+    /// Largest median distance in time from a row to the nearest load-cell sample over trials, s.
+    pub force_age_s: f64,
+    /// Largest uncertainty of the time between robot and board over trials, s.
+    pub sync_error_s: f64,
+}
+
+/// Trials.
+#[derive(Debug, Clone)]
+pub struct Data {
+    /// Folder or file that was given.
+    pub name: String,
+    /// Robot that published the states. A model is used for this one only.
+    pub robot: String,
+    /// Files.
+    pub sources: Vec<Source>,
+    /// Unbroken stretches in order of their trials, with the force's three components as targets.
+    pub sequences: Vec<Sequence>,
+    /// Where the robot's base stands in the frame of the force.
+    pub base: Base,
+    /// Rows per second of the files.
+    pub file_rate_hz: f64,
+    /// Time of the label; `None` where the log has no data card.
+    pub sampling: Option<Sampling>,
+    /// Component along which the experiment pulls, where its card names one; else those whose factor in the mapping is not 0.
+    pub axes: Vec<usize>,
+    /// Inputs that the files lack, by their place in [`estimator::motion::INPUT_NAMES`]; they are 0 in the sequences.
+    pub absent: Vec<usize>,
+}
+
+/// A table as the estimator reads it.
+struct Read<'a>(&'a Table);
+
+impl Columns for Read<'_> {
+    fn column(&self, name: &str) -> Option<&[f64]> {
+        self.0.column(name)
+    }
+
+    fn names(&self) -> Vec<String> {
+        self.0.names().to_vec()
+    }
+}
+
+/// Reads a table: Parquet by its name, else CSV with a header. A cell that is empty is NaN.
+fn table(path: &Path) -> Result<Table, LoadError> {
+    if path.extension().is_some_and(|e| e == "parquet") {
+        return Table::read(path).map_err(|error| LoadError(error.to_string()));
+    }
+    let mut reader = csv::ReaderBuilder::new()
+        .trim(csv::Trim::All)
+        .from_path(path)
+        .map_err(|e| failed(path, e))?;
+    let names: Vec<String> = reader
+        .headers()
+        .map_err(|e| failed(path, e))?
+        .iter()
+        .map(str::to_owned)
+        .collect();
+    let mut table = Table::new(names);
+    let mut row = Vec::new();
+    for record in reader.records() {
+        let record = record.map_err(|e| failed(path, e))?;
+        row.clear();
+        // Text is not a number: it is refused where the column is used.
+        row.extend(
+            record
+                .iter()
+                .map(|cell| cell.parse::<f64>().unwrap_or(f64::NAN)),
+        );
+        table.push(&row);
+    }
+    Ok(table)
+}
+
+/// Reads a mapping file.
+///
+/// # Errors
+/// The file can't be read, or a key is wrong.
+pub fn mapping(path: &Path) -> Result<Mapping, LoadError> {
+    let text = std::fs::read_to_string(path).map_err(|e| failed(path, e))?;
+    toml::from_str(&text).map_err(|e| failed(path, e))
+}
+
+/// The dataset's files below a folder, or the file itself.
+fn files(path: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>), LoadError> {
+    if path.is_file() {
+        // A file of a dataset is of the robot that the card beside it names.
+        let card = path.with_file_name("card.json");
+        return Ok((vec![path.to_owned()], card.is_file().then_some(card)));
+    }
+    let inner = path.join("dataset");
+    let folder = if inner.is_dir() {
+        inner
+    } else {
+        path.to_owned()
+    };
+    let entries = std::fs::read_dir(&folder).map_err(|e| failed(&folder, e))?;
+    let mut found: Vec<PathBuf> = entries
+        .filter_map(|entry| entry.ok().map(|e| e.path()))
+        .filter(|p| p.extension().is_some_and(|e| e == "parquet" || e == "csv"))
+        .collect();
+    found.sort();
+    if found.is_empty() {
+        return Err(failed(&folder, "there is no .parquet and no .csv file; give the folder of `forcectl experiment run`, or a log"));
+    }
+    let card = folder.join("card.json");
+    Ok((found, card.is_file().then_some(card)))
+}
+
+/// Reads a folder or a file at `rate_hz`.
+///
+/// # Errors
+/// [`LoadError`]: what is refused is listed in [`estimator::data`].
+pub fn load(
+    path: &Path,
+    mapping: &Mapping,
+    rate_hz: f64,
+    with_force: bool,
+) -> Result<Data, LoadError> {
+    let (files, card) = files(path)?;
+    let card: Option<serde_json::Value> = match card {
+        Some(card) => {
+            let text = std::fs::read_to_string(&card).map_err(|e| failed(&card, e))?;
+            Some(serde_json::from_str(&text).map_err(|e| failed(&card, e))?)
+        }
+        None => None,
+    };
+    let axes = axes_of(path, card.as_ref(), mapping, with_force)?;
+    let mut parts: Vec<Part> = Vec::new();
+    let mut sources: Vec<Source> = Vec::new();
+    for (number, file) in files.iter().enumerate() {
+        let table = table(file)?;
+        let mut part = data::read(
+            &file.display().to_string(),
+            &Read(&table),
+            mapping,
+            rate_hz,
+            with_force,
+        )
+        .map_err(|e| LoadError(e.to_string()))?;
+        if mapping.trial().is_none() {
+            part.sequences.iter_mut().for_each(|s| s.trial = number + 1);
+        }
+        let mut trials: Vec<usize> = part.sequences.iter().map(|s| s.trial).collect();
+        trials.sort_unstable();
+        trials.dedup();
+        // Their rows would be taken for one trial, and a split between trials would be none.
+        let in_earlier = |s: &&Source| s.trials.iter().any(|t| trials.contains(t));
+        if let Some(earlier) = sources.iter().find(in_earlier) {
+            return Err(failed(
+                file,
+                format!(
+                    "it has a trial of {} too ({:?} and {trials:?} by column `{}`); give each trial its own number, or write `trial = \"\"` in a mapping file (--mapping): each file is then a trial",
+                    earlier.file, earlier.trials, mapping.trial
+                ),
+            ));
+        }
+        sources.push(Source {
+            file: file
+                .file_name()
+                .map_or_else(String::new, |n| n.to_string_lossy().into_owned()),
+            sha256: sha256_of(file).map_err(|e| LoadError(e.to_string()))?,
+            trials,
+            rows_not_usable: part.unusable,
+        });
+        parts.push(part);
+    }
+    let base = data::base(&parts).map_err(|error| failed(path, error))?;
+    let absent = parts.first().map_or_else(Vec::new, |p| p.absent.clone());
+    let file_rate_hz = parts.first().map_or(rate_hz, |p| p.rate_hz);
+    let mut sequences: Vec<Sequence> = parts.into_iter().flat_map(|p| p.sequences).collect();
+    sequences.sort_by(|a, b| {
+        (a.trial, a.start_s)
+            .partial_cmp(&(b.trial, b.start_s))
+            .unwrap_or(std::cmp::Ordering::Equal)
+    });
+    Ok(Data {
+        name: path.display().to_string(),
+        robot: if mapping.robot.is_empty() {
+            card.as_ref().map_or_else(|| UNNAMED.to_owned(), robot_of)
+        } else {
+            mapping.robot.clone()
+        },
+        sampling: card.as_ref().and_then(sampling_of),
+        axes,
+        sources,
+        sequences,
+        base,
+        file_rate_hz,
+        absent,
+    })
+}
+
+/// Components of the force that the data have.
+fn axes_of(
+    path: &Path,
+    card: Option<&serde_json::Value>,
+    mapping: &Mapping,
+    with_force: bool,
+) -> Result<Vec<usize>, LoadError> {
+    if let Some(axis) = card.and_then(axis_of) {
+        return Ok(vec![axis]);
+    }
+    // A component with the factor 0 was not measured: a model would learn that it is always 0.
+    let axes: Vec<usize> = (0..3).filter(|a| mapping.force[*a].factor != 0.0).collect();
+    if axes.is_empty() && with_force {
+        return Err(failed(
+            path,
+            "the mapping file has the factor 0 for all three components of `force`; give the measured one another",
+        ));
+    }
+    Ok(axes)
+}
+
+/// Name of the robot by the data card: where its states came from, and which one.
+fn robot_of(card: &serde_json::Value) -> String {
+    let experiment = &card["experiment"];
+    let robot = &experiment["robot"];
+    let kind = robot["kind"].as_str().unwrap_or("robot");
+    let which = if kind == "virtual" {
+        let seed = robot["seed"]
+            .as_u64()
+            .or_else(|| experiment["seed"].as_u64());
+        let arm = &robot["arm"];
+        let payload = arm["payload_kg"]
+            .as_f64()
+            .filter(|kg| *kg > 0.0)
+            .map_or_else(String::new, |kg| format!(", payload {kg} kg"));
+        format!("seed {}{payload}", seed.unwrap_or_default())
+    } else {
+        robot["namespace"]
+            .as_str()
+            .or_else(|| robot["listen"].as_str())
+            .unwrap_or("")
+            .to_owned()
+    };
+    format!("{kind} {which}").trim().to_owned()
+}
+
+/// Main component of a force along one axis.
+fn axis_of(card: &serde_json::Value) -> Option<usize> {
+    let force = &card["experiment"]["force"];
+    if force["kind"] != "one_axis" {
+        return None;
+    }
+    let axis: Vec<f64> = force["axis"]
+        .as_array()?
+        .iter()
+        .filter_map(serde_json::Value::as_f64)
+        .collect();
+    (0..axis.len().min(3)).max_by(|a, b| axis[*a].abs().total_cmp(&axis[*b].abs()))
+}
+
+fn sampling_of(card: &serde_json::Value) -> Option<Sampling> {
+    let largest = |key: &str| {
+        let values = card["trials"]
+            .as_array()?
+            .iter()
+            .filter_map(|t| t["figures"][key].as_f64());
+        values.fold(None, |most: Option<f64>, v| {
+            Some(most.map_or(v, |m| m.max(v)))
+        })
+    };
+    Some(Sampling {
+        force_age_s: largest("force_age_s")?,
+        sync_error_s: largest("sync_error_s")?,
+    })
+}
+
+impl Data {
+    /// Numbers of the trials, in order.
+    #[must_use]
+    pub fn trials(&self) -> Vec<usize> {
+        let mut trials: Vec<usize> = self.sequences.iter().map(|s| s.trial).collect();
+        trials.dedup();
+        trials
+    }
+
+    /// Brings the inputs to those of a model.
+    ///
+    /// # Errors
+    /// The files lack an input that the model was trained with.
+    pub fn fit_inputs(&mut self, estimator: &Estimator) -> Result<(), ModelError> {
+        let hold = estimator.fit_inputs(&self.absent)?;
+        self.sequences
+            .iter_mut()
+            .for_each(|s| hold.apply(&mut s.input));
+        Ok(())
+    }
+
+    /// Stretches of these trials.
+    #[must_use]
+    pub fn of(&self, trials: &[usize]) -> Vec<&Sequence> {
+        self.sequences
+            .iter()
+            .filter(|s| trials.contains(&s.trial))
+            .collect()
+    }
+
+    /// Minutes of rows.
+    #[must_use]
+    pub fn minutes(sequences: &[&Sequence]) -> f64 {
+        sequences
+            .iter()
+            .map(|s| s.rows() as f64 * s.step_s)
+            .sum::<f64>()
+            / 60.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use experiment::table::Table;
+    use robot::kinematics::{forward, to_crtk};
+
+    /// Three seconds of a moving arm at 100 Hz.
+    fn rows(names: &[&str]) -> Table {
+        let mut table = Table::new(names.iter().map(|n| (*n).to_owned()).collect());
+        for k in 0..300 {
+            let t = f64::from(k) * 0.01;
+            let q = [
+                0.7 + 0.3 * t.sin(),
+                1.4 + 0.3 * (0.7 * t).cos(),
+                0.38 + 0.03 * (1.3 * t).sin(),
+            ];
+            let tip = to_crtk(forward(&[q[0], q[1], q[2], 0.0, 0.0, 0.0]).position_m);
+            let row: Vec<f64> = names
+                .iter()
+                .map(|name| match *name {
+                    "t_s" => t,
+                    "joint_position_1" => q[0],
+                    "joint_position_2" => q[1],
+                    "joint_position_3" => q[2],
+                    "tip_x_m" => tip.x,
+                    "tip_y_m" => tip.y,
+                    "tip_z_m" => tip.z,
+                    "quality" => 1.0,
+                    "trial" => 2.0,
+                    _ => 0.5,
+                })
+                .collect();
+            table.push(&row);
+        }
+        table
+    }
+
+    const NAMES: [&str; 18] = [
+        "t_s",
+        "joint_position_1",
+        "joint_position_2",
+        "joint_position_3",
+        "joint_velocity_1",
+        "joint_velocity_2",
+        "joint_velocity_3",
+        "joint_effort_1",
+        "joint_effort_2",
+        "joint_effort_3",
+        "force_x_n",
+        "force_y_n",
+        "force_z_n",
+        "tip_x_m",
+        "tip_y_m",
+        "tip_z_m",
+        "quality",
+        "trial",
+    ];
+
+    #[test]
+    fn a_dataset_folder_tells_robot_axis_and_age_of_the_label() {
+        let folder = tempfile::tempdir().unwrap();
+        let inner = folder.path().join("dataset");
+        std::fs::create_dir(&inner).unwrap();
+        rows(&NAMES)
+            .write(&inner.join("trial-02.parquet"), &[])
+            .unwrap();
+        let card = serde_json::json!({
+            "experiment": {"seed": 3, "robot": {"kind": "virtual", "seed": null}, "force": {"kind": "one_axis", "axis": [0.0, 1.0, 0.0]}},
+            "trials": [{"figures": {"force_age_s": 0.001, "sync_error_s": 1e-6}}, {"figures": {"force_age_s": 0.002, "sync_error_s": 1e-6}}],
+        });
+        std::fs::write(inner.join("card.json"), card.to_string()).unwrap();
+        let data = load(folder.path(), &Mapping::default(), 50.0, true).unwrap();
+        assert_eq!(
+            (data.robot.as_str(), data.axes.as_slice()),
+            ("virtual seed 3", [1].as_slice())
+        );
+        assert_eq!((data.trials(), data.sequences[0].rows()), (vec![2], 150));
+        assert!((data.sampling.unwrap().force_age_s - 0.002).abs() < 1e-12);
+        assert_eq!(data.sources[0].sha256.len(), 64);
+        // A file of it is of the same robot.
+        let file = inner.join("trial-02.parquet");
+        let one = load(&file, &Mapping::default(), 50.0, true).unwrap();
+        assert_eq!((one.robot, one.axes), (data.robot, data.axes));
+        let error = load(folder.path(), &Mapping::default(), 30.0, true)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("trial-02.parquet") && error.contains("30.00 Hz"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn any_log_is_read_by_a_mapping_and_mistakes_are_named() {
+        let folder = tempfile::tempdir().unwrap();
+        let log = folder.path().join("day.csv");
+        let table = rows(&NAMES);
+        let mut text = NAMES.join(",").replace("joint_effort_2", "elbow_nmm") + "\n";
+        for k in 0..table.rows() {
+            let cells: Vec<String> = NAMES
+                .iter()
+                .map(|n| table.column(n).unwrap()[k].to_string())
+                .collect();
+            text += &(cells.join(",") + "\n");
+        }
+        std::fs::write(&log, &text).unwrap();
+        let error = load(&log, &Mapping::default(), 50.0, true)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("day.csv") && error.contains("`joint_effort_2`"),
+            "{error}"
+        );
+        let map = folder.path().join("map.toml");
+        let named = |column: &str| format!("{{ column = \"{column}\" }}");
+        let effort = format!(
+            "{}, {{ column = \"elbow_nmm\", factor = 0.001 }}, {}",
+            named("joint_effort_1"),
+            named("joint_effort_3")
+        );
+        std::fs::write(&map, format!("robot = \"mine\"\neffort = [{effort}]\n")).unwrap();
+        let data = load(&log, &mapping(&map).unwrap(), 100.0, true).unwrap();
+        assert_eq!((data.robot.as_str(), data.axes.len()), ("mine", 3));
+        // One component was measured, as in docs/estimation.md.
+        let force = "robot = \"mine\"\ntrial = \"\"\nforce = [{ column = \"force_y_n\", factor = 0.0 }, { column = \"force_y_n\" }, { column = \"force_y_n\", factor = 0.0 }]\n";
+        let one_axis = folder.path().join("one-axis.toml");
+        std::fs::write(&one_axis, format!("{force}effort = [{effort}]\n")).unwrap();
+        let one = load(&log, &mapping(&one_axis).unwrap(), 100.0, true).unwrap();
+        assert_eq!(one.axes, [1]);
+        let mut none = mapping(&one_axis).unwrap();
+        none.force[1].factor = 0.0;
+        let error = load(&log, &none, 100.0, true).unwrap_err().to_string();
+        assert!(
+            error.contains("day.csv") && error.contains("factor 0"),
+            "{error}"
+        );
+        // Two files that hold the same trial.
+        let days = folder.path().join("days");
+        std::fs::create_dir(&days).unwrap();
+        for name in ["a.csv", "b.csv"] {
+            std::fs::copy(&log, days.join(name)).unwrap();
+        }
+        let error = load(&days, &mapping(&map).unwrap(), 50.0, true)
+            .unwrap_err()
+            .to_string();
+        for word in ["b.csv", "a.csv", "`trial`", "`trial = \"\"`"] {
+            assert!(error.contains(word), "{error}");
+        }
+        let both = load(&days, &mapping(&one_axis).unwrap(), 50.0, true).unwrap();
+        assert_eq!(both.trials(), [1, 2]);
+        let data = load(&log, &mapping(&map).unwrap(), 100.0, true).unwrap();
+        assert!((data.sequences[0].input_row(0)[7] - 0.0005).abs() < 1e-9);
+        // A time that is not a number, in the fifth row: without the word the same file is read.
+        let broken = text.replacen("\n0.04,", "\nbroken,", 1);
+        assert_ne!(broken, text);
+        std::fs::write(&log, broken).unwrap();
+        let error = load(&log, &mapping(&map).unwrap(), 50.0, true)
+            .unwrap_err()
+            .to_string();
+        for word in ["day.csv", "`t_s`", "row 5", "line 6"] {
+            assert!(error.contains(word), "{error}");
+        }
+        std::fs::write(&map, "efort = []\n").unwrap();
+        assert!(mapping(&map).unwrap_err().to_string().contains("efort"));
+    }
+}

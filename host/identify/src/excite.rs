@@ -1,0 +1,369 @@
+//! The excitation: cables driven with open loops while the robot moves, and what makes that safe.
+
+use super::Recording;
+use force::pose::PoseSource;
+use nalgebra::Vector3;
+use rig::{RigFile, UnitSettings};
+use run::{Observer, Phase, Prepared, RunError};
+use session::link::RigLink;
+use session::{explain_fault, Received, Session, TimedSample, PERIOD};
+use std::f64::consts::TAU;
+use std::sync::atomic::{AtomicBool, Ordering};
+use wire::message::{Status, UnitSetpoint};
+use wire::{Command, UNITS};
+
+/// For how long the cables are tensioned before the robot moves, s.
+const PRETENSION_S: f64 = 1.0;
+/// Time from then until samples are used, s: longer than the robot's soft start.
+const SETTLE_S: f64 = 1.5;
+/// Distance of the commands from the tensions that the rig file allows, N.
+const MARGIN_N: f64 = 1.0;
+/// Largest amplitude of the commands, N. Six cables out of step, and their friction, make 8 N at the tip with it.
+const MAX_AMPLITUDE_N: f64 = 1.5;
+/// Smallest amplitude of the commands, N: a smaller one shows nothing.
+const MIN_AMPLITUDE_N: f64 = 0.5;
+/// Part of the rig file's force limit above which the swing is reduced. The rest is for the force's growth until the
+/// reduction takes effect.
+const EASE_ABOVE: f64 = 0.85;
+/// Factor on the swing for each setpoint period (10 ms) above that: one half after 0.23 s.
+const EASE_PER_CYCLE: f64 = 0.97;
+/// Frequencies of the first unit's sines, Hz; each unit's are 6 % above those of the one before.
+const SINES_HZ: [f64; 5] = [0.11, 0.27, 0.63, 1.37, 2.90];
+/// Shortest and longest session, s.
+pub(super) const MIN_SESSION_S: f64 = 8.0;
+const MAX_SESSION_S: f64 = 600.0;
+
+/// Drives the cables with the loops open and records the samples.
+///
+/// # Errors
+/// [`RunError`]; the rig was made safe as far as the link allowed. Any fault ends the session: a part of it can't be analysed.
+pub fn excite(
+    link: &mut dyn RigLink,
+    rig: &RigFile,
+    seconds: f64,
+    zeroing: &run::Zeroing,
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<Recording, RunError> {
+    let open = opened(rig, seconds)?;
+    let pose = PoseSource::open(&rig.pose)?;
+    let mut session = run::connect(link, observer)?;
+    let prepared = run::ready_board(&mut session, &open, zeroing, stop, observer)?;
+    let mut excitation = Excitation {
+        rig,
+        prepared: &prepared,
+        pose,
+        swing: 1.0,
+        samples: Vec::new(),
+    };
+    let result = excitation.run(&mut session, seconds, stop, observer);
+    match result {
+        Ok(()) => {
+            observer.progress(Phase::Disarm, 0.0);
+            if let Err(error) = run::ramp_down_and_disarm(&mut session) {
+                session.make_safe();
+                return Err(error.into());
+            }
+            Ok(Recording {
+                samples: excitation.samples,
+                configs: prepared.configs,
+                available: prepared.available,
+                swing: excitation.swing,
+            })
+        }
+        Err(error) => {
+            session.make_safe();
+            Err(error)
+        }
+    }
+}
+
+/// Checks the length of a session and the rig's tensions before anything is driven.
+///
+/// # Errors
+/// The session is too short or too long, or a unit's tensions leave no range for it.
+pub fn check(rig: &RigFile, seconds: f64) -> Result<(), RunError> {
+    opened(rig, seconds).map(|_| ())
+}
+
+/// The rig with the tension loops open: the command is the setpoint.
+fn opened(rig: &RigFile, seconds: f64) -> Result<RigFile, RunError> {
+    if !(MIN_SESSION_S..=MAX_SESSION_S).contains(&seconds) {
+        return Err(RunError::Argument(format!(
+            "a session of {seconds} s; give {MIN_SESSION_S} to {MAX_SESSION_S} (blocks of it are held out in turn)"
+        )));
+    }
+    let mut open = rig.clone();
+    for unit in &mut open.units {
+        unit.kp = 0.0;
+        unit.ki_per_s = 0.0;
+        unit.kd_s = 0.0;
+        unit.damping_n_s_per_m = 0.0;
+        unit.friction_feedforward = false;
+        if unit.enabled && sines(unit, 1.0).1 < MIN_AMPLITUDE_N {
+            return Err(RunError::Argument(format!(
+                "unit {}: between tension_min_n = {} and tension_max_n = {} there is not enough range for an excitation; it needs {} N at least",
+                unit.number,
+                unit.tension_min_n,
+                unit.tension_max_n,
+                2.0 * (MARGIN_N + MIN_AMPLITUDE_N)
+            )));
+        }
+    }
+    Ok(open)
+}
+
+/// Middle and amplitude of a unit's commands, N, with this part of the largest swing.
+fn sines(unit: &UnitSettings, swing: f64) -> (f64, f64) {
+    let low = unit.tension_min_n + MARGIN_N;
+    let max = (0.5 * (unit.tension_max_n - MARGIN_N - low)).min(MAX_AMPLITUDE_N);
+    let amplitude = (swing * max).max(max.min(MIN_AMPLITUDE_N));
+    (low + amplitude, amplitude)
+}
+
+/// A unit's command at a time, N.
+fn command_n(unit: &UnitSettings, i: usize, t_s: f64, swing: f64) -> f64 {
+    let (middle, amplitude) = sines(unit, swing);
+    let sum: f64 = SINES_HZ
+        .iter()
+        .enumerate()
+        .map(|(k, hz)| {
+            let hz = hz * 1.06f64.powi(i as i32);
+            // Phases of no pattern (golden section), so that the sines don't start together.
+            (TAU * (hz * t_s + 0.618 * (5 * i + k) as f64)).sin()
+        })
+        .sum();
+    middle + amplitude * sum / SINES_HZ.len() as f64
+}
+
+/// A session that is being driven.
+struct Excitation<'a> {
+    rig: &'a RigFile,
+    prepared: &'a Prepared,
+    pose: PoseSource,
+    /// Part of the amplitude that is left.
+    swing: f64,
+    /// Samples with 1/cos as it was in force.
+    samples: Vec<(TimedSample, f64)>,
+}
+
+/// Setpoints of a cycle, 1/cos of each unit, and the force at the tip by the measured tensions.
+struct Cycle {
+    setpoints: [UnitSetpoint; UNITS],
+    inv_cos: [f64; UNITS],
+    force_n: Vector3<f64>,
+}
+
+impl Excitation<'_> {
+    fn run(
+        &mut self,
+        session: &mut Session<'_>,
+        seconds: f64,
+        stop: &AtomicBool,
+        observer: &mut dyn Observer,
+    ) -> Result<(), RunError> {
+        run::begin(session, observer, Phase::Tension);
+        session.command(&Command::Arm)?;
+        let start_ns = session.now_ns();
+        let mut moving = false;
+        loop {
+            let t_s = (session.now_ns() - start_ns) as f64 * 1e-9 - PRETENSION_S;
+            if t_s >= SETTLE_S + seconds {
+                return Ok(());
+            }
+            if stop.load(Ordering::Relaxed) {
+                return Err(RunError::Interrupted);
+            }
+            if !moving && t_s >= 0.0 {
+                moving = true;
+                if let Some(controls) = session.link().controls() {
+                    controls.robot(true)?;
+                }
+            }
+            let cycle = self.setpoints(session, t_s)?;
+            self.limit_force(cycle.force_n.norm())?;
+            session.set_setpoints(Some(cycle.setpoints));
+            session.advance(PERIOD)?;
+            let received = session.drain();
+            observer.received(&received);
+            self.check_faults(&received, session.status())?;
+            if t_s >= SETTLE_S {
+                self.samples.extend(received.samples.iter().map(|timed| {
+                    let unit = usize::from(timed.sample.unit).min(UNITS - 1);
+                    (*timed, cycle.inv_cos[unit])
+                }));
+            }
+            let (phase, part) = phase_at(t_s, seconds);
+            observer.progress(phase, part.clamp(0.0, 1.0));
+        }
+    }
+
+    /// The setpoints at a time (0: the robot starts), for the cables' directions at the tip's pose.
+    fn setpoints(&mut self, session: &Session<'_>, t_s: f64) -> Result<Cycle, RunError> {
+        let tip_m = self
+            .pose
+            .tip_m(session.pose().map(|pose| pose.position_m.into()))?;
+        let workspace = &self.rig.workspace;
+        let off_m = (tip_m - workspace.center_m).norm();
+        if off_m.is_nan() || off_m > workspace.radius_m {
+            return Err(RunError::Fault(format!(
+                "the tip is {off_m:.3} m from the workspace's centre, {} m are allowed (`radius_m` in [workspace])",
+                workspace.radius_m
+            )));
+        }
+        let mut cycle = Cycle {
+            setpoints: [UnitSetpoint {
+                tension_un: 0,
+                inv_cos_q16: 1 << 16,
+                direction_q14: [0; 3],
+            }; UNITS],
+            inv_cos: [1.0; UNITS],
+            force_n: Vector3::zeros(),
+        };
+        for (i, unit) in self.rig.units.iter().enumerate() {
+            if !self.prepared.available[i] {
+                continue;
+            }
+            let cable = unit.cable_at(tip_m);
+            let q16 = cable.and_then(|(_, cos)| control::geometry::inv_cos_q16(cos));
+            let (Some((direction, _)), Some(q16)) = (cable, q16) else {
+                return Err(RunError::Fault(format!(
+                    "unit {}: the cable is too far off its load cell's axis; check pose, exit_m and axis",
+                    unit.number
+                )));
+            };
+            if let Some((tension, _)) = session.tension_n()[i] {
+                cycle.force_n += direction * tension;
+            }
+            cycle.inv_cos[i] = f64::from(q16) / 65_536.0;
+            cycle.setpoints[i] = UnitSetpoint {
+                tension_un: (command_n(unit, i, t_s, self.swing) * 1e6).round() as i32,
+                inv_cos_q16: q16,
+                direction_q14: control::geometry::direction_q14(&direction),
+            };
+        }
+        Ok(cycle)
+    }
+
+    /// Reduces the swing near the force limit; an error above it.
+    fn limit_force(&mut self, force_n: f64) -> Result<(), RunError> {
+        let limit_n = self.rig.controller.force_limit_n;
+        if force_n > limit_n {
+            return Err(RunError::Fault(format!(
+                "the force at the tip reached {force_n:.1} N, {limit_n} N are allowed (`force_limit_n` in [controller])"
+            )));
+        }
+        // Never increased again: a command that follows the force is feedback, which the analysis would take for drive.
+        if force_n > EASE_ABOVE * limit_n {
+            self.swing = (self.swing * EASE_PER_CYCLE).max(MIN_AMPLITUDE_N / MAX_AMPLITUDE_N);
+        }
+        Ok(())
+    }
+
+    /// An error for any fault of the board or of a unit that takes part.
+    fn check_faults(&self, received: &Received, status: Option<&Status>) -> Result<(), RunError> {
+        let reported = received.faults.first().map(|f| (f.code, f.detail));
+        let in_status = status.and_then(|status| {
+            let units = status.units.iter().zip(self.prepared.available);
+            std::iter::once((status.fault, status.fault_detail))
+                .chain(
+                    units
+                        .filter(|(_, available)| *available)
+                        .map(|(unit, _)| (unit.fault, unit.fault_detail)),
+                )
+                .find(|(code, _)| *code != 0)
+        });
+        match reported.or(in_status) {
+            Some((code, detail)) => Err(RunError::Fault(explain_fault(code, detail))),
+            None => Ok(()),
+        }
+    }
+}
+
+/// The phase at a time (0: the robot starts), and the fraction of it that is over.
+fn phase_at(t_s: f64, seconds: f64) -> (Phase, f64) {
+    if t_s < SETTLE_S {
+        (
+            Phase::Tension,
+            (t_s + PRETENSION_S) / (PRETENSION_S + SETTLE_S),
+        )
+    } else {
+        (Phase::Excite, (t_s - SETTLE_S) / seconds)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use emulator_link::Injection;
+    use run::NoopObserver;
+    use session::link::fake::{Behavior, FakeBoard};
+
+    fn rig() -> RigFile {
+        RigFile::built_in().unwrap()
+    }
+
+    #[test]
+    fn a_session_that_faults_ends_disarmed_and_says_why() {
+        let stop = AtomicBool::new(false);
+        let mut board = FakeBoard::new(Behavior::Good);
+        board
+            .controls()
+            .unwrap()
+            .inject(Injection::EStop(true))
+            .unwrap();
+        let error = excite(
+            &mut board,
+            &rig(),
+            10.0,
+            &run::Zeroing::Measure,
+            &stop,
+            &mut NoopObserver,
+        )
+        .unwrap_err();
+        assert!(error.to_string().contains("E-stop"), "{error}");
+        assert!(!board.system.drives());
+    }
+
+    #[test]
+    fn nothing_is_driven_without_time_or_range() {
+        let stop = AtomicBool::new(false);
+        let mut board = FakeBoard::new(Behavior::Good);
+        for seconds in [f64::NAN, 1.0, 1e6] {
+            let result = excite(
+                &mut board,
+                &rig(),
+                seconds,
+                &run::Zeroing::Measure,
+                &stop,
+                &mut NoopObserver,
+            );
+            assert!(matches!(result, Err(RunError::Argument(_))), "{seconds}");
+        }
+        let mut narrow = rig();
+        narrow.units[3].tension_max_n = 4.5;
+        let error = excite(
+            &mut board,
+            &narrow,
+            10.0,
+            &run::Zeroing::Measure,
+            &stop,
+            &mut NoopObserver,
+        )
+        .unwrap_err();
+        assert!(error.to_string().contains("unit 4"), "{error}");
+        assert!(board.commands.is_empty());
+    }
+
+    #[test]
+    fn commands_stay_inside_the_tensions_of_the_rig_file() {
+        for (i, unit) in rig().units.iter().enumerate() {
+            for n in 0..20_000 {
+                let swing = 1.0 - f64::from(n) / 20_000.0;
+                let command = command_n(unit, i, f64::from(n) * 0.003, swing);
+                assert!(command >= unit.tension_min_n + MARGIN_N - 1e-9);
+                assert!(command <= unit.tension_max_n - MARGIN_N + 1e-9);
+            }
+        }
+    }
+}

@@ -1,0 +1,212 @@
+//! The whole identification against the board in memory.
+
+use super::excite::MIN_SESSION_S;
+use super::*;
+use control::convert::REEL_RADIUS_M;
+use control::SystemState;
+use plant::effects::{AmplifierGain, Coulomb, Effect, Periodic, Shaft};
+use plant::PlantConfig;
+use residual::Report;
+use rig::{RigFile, UnitSettings, DEFAULT_TEXT};
+use run::NoopObserver;
+use session::link::fake::{Behavior, FakeBoard};
+use std::f64::consts::TAU;
+use std::sync::atomic::AtomicBool;
+use wire::UNITS;
+
+fn rig() -> RigFile {
+    RigFile::built_in().unwrap()
+}
+
+/// Records, analyses, corrects; and the part of the swing that was left.
+fn identified(effects: Vec<Effect>) -> (Findings, f64) {
+    let plant = PlantConfig {
+        effects,
+        ..PlantConfig::default()
+    };
+    let mut board = FakeBoard::with(Behavior::Good, 3, plant);
+    let stop = AtomicBool::new(false);
+    let zeroing = run::Zeroing::Measure;
+    let recording = excite(&mut board, &rig(), 24.0, &zeroing, &stop, &mut NoopObserver).unwrap();
+    assert_eq!(board.system, SystemState::Ready, "disarmed at the end");
+    let out = tempfile::tempdir().unwrap();
+    let findings = find(&recording, &rig(), "rig", DEFAULT_TEXT, out.path(), &mut ()).unwrap();
+    (findings, recording.swing)
+}
+
+#[test]
+fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
+    let (findings, swing) = identified(vec![
+        Effect::Coulomb(Coulomb {
+            units: vec![0],
+            constant_n: 0.6,
+            per_load: 0.0,
+        }),
+        Effect::Periodic(Periodic {
+            units: vec![1],
+            shaft: Shaft::Motor,
+            order: 1.0,
+            amplitude_n: 0.6,
+            phase_rad: 0.0,
+        }),
+        Effect::AmplifierGain(AmplifierGain {
+            units: vec![2],
+            relative_error: -0.25,
+        }),
+    ]);
+    assert_eq!(swing, 1.0, "no more force than was to be expected");
+    let (old, new) = (rig().units, findings.rig.units);
+    let friction = |u: &UnitSettings| u.coulomb_n + 4.5 * u.coulomb_per_n;
+    // Units differ by some 0.1 N by themselves.
+    let more = friction(&new[0]) + crate::findings::FRICTION_MARGIN_N - friction(&old[0]);
+    assert!((more - 0.6).abs() < 0.25, "{:?}", findings.units[0]);
+    let name = findings.units[0].report.effects[0].name.as_str();
+    assert!(name.ends_with("coulomb"), "{name}");
+
+    let ripple = new[1].ripples[0];
+    let motor_turn_m = TAU * REEL_RADIUS_M * 7.0 / 26.0;
+    assert!(
+        (ripple.period_m / motor_turn_m - 1.0).abs() < 0.01,
+        "{ripple:?} {:?}",
+        findings.units[1]
+    );
+    assert!((ripple.amplitude_n - 0.6).abs() < 0.06, "{ripple:?}");
+    assert!(ripple.phase_rad.abs() < 0.15, "{ripple:?}");
+
+    let scale = new[2].dac_codes_per_n / old[2].dac_codes_per_n * 0.75;
+    assert!((scale - 1.0).abs() < 0.04, "{scale}");
+
+    for i in 3..UNITS {
+        assert!((friction(&new[i]) - friction(&old[i])).abs() < 0.3);
+        assert!(new[i].ripples[0].is_none());
+    }
+    let parsed = RigFile::parse("rig", &findings.rewritten.text).unwrap();
+    assert_eq!(parsed, findings.rig);
+    refuses_what_is_not_clear(&findings.units[0].report);
+}
+
+#[test]
+fn a_rig_with_much_friction_is_driven_less_and_still_found_out() {
+    let (findings, swing) = identified(vec![Effect::Coulomb(Coulomb {
+        units: vec![],
+        constant_n: 0.0,
+        per_load: 0.2,
+    })]);
+    assert!(swing < 1.0, "{swing}");
+    for (old, new) in rig().units.iter().zip(&findings.rig.units) {
+        let friction = |u: &UnitSettings| u.coulomb_n + 4.0 * u.coulomb_per_n;
+        let more = friction(new) + crate::findings::FRICTION_MARGIN_N - friction(old);
+        // Units differ by some 0.1 N by themselves.
+        assert!((more - 0.8).abs() < 0.3, "{more} {:?}", findings.units);
+    }
+}
+
+/// Repetitions on an emulated rig are no copies, or two of them would seem to confirm anything.
+#[test]
+fn runs_of_one_emulated_rig_have_figures_of_their_own() {
+    let held = |run: u64| {
+        let options = session::link::EmbeddedOptions {
+            run,
+            ..Default::default()
+        };
+        let mut link = session::link::fast::FastRig::open(&options).unwrap();
+        let options = run::Options::new([0.0, 2.5, 0.0], 4.0);
+        let outcome = run::set_force(&mut link, &rig(), &options, &mut NoopObserver).unwrap();
+        Figures::of(&outcome).unwrap()
+    };
+    let (first, second) = (held(0), held(1));
+    assert_eq!(first, held(0));
+    let ratio = second.worst_tension_rms_n / first.worst_tension_rms_n;
+    assert!(ratio != 1.0 && (0.5..2.0).contains(&ratio), "{ratio}");
+}
+
+/// The shortest session that the command allows is long enough for an analysis of every unit.
+#[test]
+fn the_shortest_session_can_be_analysed() {
+    for seed in [3, 4] {
+        let mut board = FakeBoard::with(Behavior::Good, seed, PlantConfig::default());
+        let stop = AtomicBool::new(false);
+        let zeroing = run::Zeroing::Measure;
+        let recording = excite(
+            &mut board,
+            &rig(),
+            MIN_SESSION_S,
+            &zeroing,
+            &stop,
+            &mut NoopObserver,
+        )
+        .unwrap();
+        assert!((recording.duration_s() - MIN_SESSION_S).abs() < 0.1);
+        let out = tempfile::tempdir().unwrap();
+        let found = find(&recording, &rig(), "rig", DEFAULT_TEXT, out.path(), &mut ());
+        let found = found.unwrap_or_else(|error| panic!("seed {seed}: {error}"));
+        assert_eq!(found.units.len(), UNITS);
+    }
+}
+
+/// An effect without a setting: nothing is changed, and the report says what helps.
+#[test]
+fn what_helps_is_said_where_the_board_has_no_setting() {
+    let time: Vec<f64> = (0..1200).map(|i| f64::from(i % 300) * 0.02).collect();
+    let command: Vec<f64> = (0..1200)
+        .map(|i| 5.0 + 3.0 * (0.03 * f64::from(i)).sin() + (0.11 * f64::from(i)).cos())
+        .collect();
+    let noise = |i: usize| ((i * i) as f64).sin();
+    let target = (0..1200)
+        .map(|i| command[i] - 0.02 * command[i] * command[i] + 0.01 * noise(i))
+        .collect();
+    let data = residual::Data::from_columns(time, [("command", command), ("target", target)])
+        .sequences((0..4).map(|run| 300 * run..300 * (run + 1)))
+        .build()
+        .unwrap();
+    let model = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\", unit = \"N\" }\n\
+                 command = { column = \"c\" }\n[[terms]]\nname = \"y\"\nexpr = \"command\"\n";
+    let spec = residual::spec::Spec::parse(model).unwrap();
+    let report = residual::analyse(&spec, data, &mut ()).unwrap();
+    assert!(usable(&report).is_err(), "{}", report.summary());
+    let advice = advice(&report);
+    assert!(
+        advice
+            .iter()
+            .any(|line| line.starts_with("quadratic") && line.contains("weights")),
+        "{advice:?} {}",
+        report.summary()
+    );
+}
+
+/// From a report that a board may use: the same with other verdicts.
+fn refuses_what_is_not_clear(clear: &Report) {
+    use residual::{Ambiguity, EffectKind, Structure, Verdict};
+    assert!(usable(clear).is_ok(), "{}", clear.summary());
+    let with = |change: &dyn Fn(&mut Report)| {
+        let mut report = clear.clone();
+        change(&mut report);
+        usable(&report)
+    };
+    for verdict in [Verdict::None, Verdict::Unknown] {
+        let why = with(&|r| r.verdict = verdict).unwrap_err();
+        assert!(why.contains("verdict"), "{why}");
+    }
+    let rivals = |names: [EffectKind; 2]| {
+        with(&move |r| {
+            r.verdict = Verdict::NotIdentifiable;
+            r.not_identifiable = vec![Ambiguity::new(names.to_vec(), "")];
+        })
+    };
+    assert!(rivals([EffectKind::Coulomb, EffectKind::Backlash]).is_err());
+    assert!(rivals([EffectKind::Coulomb, EffectKind::Delay]).is_err());
+    // The same friction by either name.
+    assert!(rivals([EffectKind::LoadDependentCoulomb, EffectKind::Coulomb]).is_ok());
+    let nameless = |part: f64| {
+        with(&move |r| {
+            let explained = r.baseline.heldout_rmse - r.last.heldout_rmse;
+            r.structure = vec![Structure::new(
+                "time",
+                part * explained / r.last.heldout_rmse,
+                0.0,
+            )];
+        })
+    };
+    assert!(nameless(0.05).is_ok());
+    assert!(nameless(0.2).unwrap_err().contains("time"));
+}

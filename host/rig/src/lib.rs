@@ -1,0 +1,201 @@
+//! The rig file: everything that belongs to one rig and not to the program, as TOML in SI units.
+//!
+//! Where the cables leave their reels, how each load cell is mounted and calibrated, gains, limits and
+//! friction of each unit, the host controller, the tension policy, where the robot's pose comes from and how
+//! the board is reached. `rigs/raven-left.toml` is a commented example and built in as the default.
+//!
+//! A file is checked as a whole: every problem is reported with file, line, key, unit and what to do
+//! ([`RigFileError`]), and nothing is driven with a file that has one.
+
+pub mod init;
+pub mod link_pose;
+mod problem;
+mod read;
+mod settings;
+
+pub use link_pose::{LinkChoice, PoseChoice};
+pub use problem::{Problem, RigFileError};
+pub use settings::{
+    AllocationSettings, CellSettings, ControllerSettings, Filter, Reference, RippleSettings,
+    UnitChecks, UnitSettings, Workspace, TIP_FORCE_LIMIT_N,
+};
+
+use nalgebra::Vector3;
+use serde::Serialize;
+use sha2::{Digest, Sha256};
+use std::path::Path;
+use wire::message::UnitConfig;
+use wire::UNITS;
+
+/// The rig file that is built in.
+pub const DEFAULT_TEXT: &str = include_str!("../rigs/raven-left.toml");
+
+/// Name by which messages call the built-in rig file.
+pub const DEFAULT_NAME: &str = "built-in rigs/raven-left.toml";
+
+/// Version of the rig file's keys.
+pub const SCHEMA: i64 = 1;
+
+/// A checked rig file.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RigFile {
+    /// Name of the rig.
+    pub name: String,
+    /// How the board is reached where the command line doesn't say.
+    pub link: LinkChoice,
+    /// Where the robot's pose comes from.
+    pub pose: PoseChoice,
+    /// Where the tip works.
+    pub workspace: Workspace,
+    /// The host's force controller.
+    pub controller: ControllerSettings,
+    /// How a force is shared out over the cables.
+    pub allocation: AllocationSettings,
+    /// The units, unit 1 first.
+    pub units: [UnitSettings; UNITS],
+    /// The calibration whose numbers replaced the file's ([`known::base::overlay`]). Not part of the hash; its numbers
+    /// are.
+    #[serde(skip)]
+    pub calibration: Option<Box<calibration::record::Record>>,
+}
+
+impl RigFile {
+    /// The built-in example.
+    ///
+    /// # Errors
+    /// Only where the example is wrong; a test checks it.
+    pub fn built_in() -> Result<Self, RigFileError> {
+        Self::parse(DEFAULT_NAME, DEFAULT_TEXT)
+    }
+
+    /// Reads and checks a file.
+    ///
+    /// # Errors
+    /// Every problem found, or why the file could not be read.
+    pub fn load(path: &Path) -> Result<Self, RigFileError> {
+        let name = path.display().to_string();
+        let text = read_regular(path).map_err(|error| RigFileError {
+            file: name.clone(),
+            problems: vec![Problem {
+                line: 0,
+                unit: None,
+                key: String::new(),
+                message: format!("cannot be read ({error}); give the path of a rig file, or leave it out for the built-in one"),
+            }],
+        })?;
+        Self::parse(&name, &text)
+    }
+
+    /// Checks the text of a rig file; `file` is its name for messages.
+    ///
+    /// # Errors
+    /// Every problem found.
+    pub fn parse(file: &str, text: &str) -> Result<Self, RigFileError> {
+        read::parse(text).map_err(|problems| RigFileError {
+            file: file.to_owned(),
+            problems,
+        })
+    }
+
+    /// SHA-256, in hexadecimal, of everything the file says (comments and layout left out).
+    #[must_use]
+    pub fn hash(&self) -> String {
+        // Serialising plain numbers and strings to memory cannot fail; an empty text would still hash.
+        let json = serde_json::to_vec(self).unwrap_or_default();
+        Sha256::digest(json)
+            .iter()
+            .map(|b| format!("{b:02x}"))
+            .collect()
+    }
+
+    /// Whether a calibration gave the scale of unit `i` (from 0).
+    #[must_use]
+    pub fn has_measured_gain(&self, i: usize) -> bool {
+        self.calibration.as_ref().is_some_and(|record| {
+            let number = self.units[i].number;
+            let unit = record.units.iter().find(|u| u.number == number);
+            unit.is_some_and(|u| !u.gain_date.is_empty())
+        })
+    }
+
+    /// The tensions that an allocation stays near to, N.
+    #[must_use]
+    pub fn reference_n(&self) -> [f64; UNITS] {
+        self.units.map(|unit| match self.allocation.reference {
+            Reference::Lower => unit.tension_min_n,
+            Reference::Middle => 0.5 * (unit.tension_min_n + unit.tension_max_n),
+        })
+    }
+
+    /// Checks a commanded force before anything is driven.
+    ///
+    /// # Errors
+    /// What is wrong with it, and what to give instead.
+    pub fn check_force(&self, commanded_n: Vector3<f64>) -> Result<(), String> {
+        for (axis, value) in ["X", "Y", "Z"].iter().zip(&commanded_n) {
+            if !value.is_finite() {
+                return Err(format!(
+                    "force {axis} is {value}: give three finite numbers in newtons, as in `set-force 0 2.5 0`"
+                ));
+            }
+        }
+        let size = commanded_n.norm();
+        if size > self.controller.force_limit_n {
+            return Err(format!(
+                "a force of {} N is above the rig's limit of {} N (`force_limit_n` in [controller] of the rig file); nothing was driven",
+                above(size, self.controller.force_limit_n),
+                self.controller.force_limit_n
+            ));
+        }
+        Ok(())
+    }
+}
+
+/// A number above a limit with as few decimals as show that it is above: 12.5, 12.00004, 1000000.
+fn above(value: f64, limit: f64) -> String {
+    (1..=17)
+        .map(|decimals| format!("{value:.decimals$}"))
+        .find(|text| text.parse::<f64>().is_ok_and(|shown| shown > limit))
+        .unwrap_or_else(|| format!("{value}"))
+}
+
+/// CRC-32 that the board reports for six configurations in force, zeros included.
+#[must_use]
+pub fn board_crc(configs: &[UnitConfig; UNITS]) -> u32 {
+    // Plain integers into memory: cannot fail.
+    wire::frame::crc32(&postcard::to_stdvec(configs).unwrap_or_default())
+}
+
+/// The text of a regular file. A pipe or a device may never end, so it is refused.
+fn read_regular(path: &Path) -> std::io::Result<String> {
+    if std::fs::metadata(path)?.is_file() {
+        std::fs::read_to_string(path)
+    } else {
+        Err(std::io::Error::other("it is not a regular file"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_force_above_the_limit_is_shown_above_it() {
+        let rig = RigFile::built_in().unwrap();
+        for (force_n, shown) in [
+            (12.5, "a force of 12.5 N"),
+            (12.000_04, "a force of 12.00004 N"),
+            (1e9, "a force of 1000000000.0 N"),
+        ] {
+            let error = rig.check_force([0.0, force_n, 0.0].into()).unwrap_err();
+            assert!(error.contains(shown), "{error}");
+        }
+    }
+
+    #[test]
+    fn vectors_are_arrays_in_json() {
+        // The hash of a rig file, set-force.json and the recordings depend on it.
+        let json = serde_json::to_string(&Vector3::new(1.0, -0.5, 0.0)).unwrap();
+        assert_eq!(json, "[1.0,-0.5,0.0]");
+    }
+}

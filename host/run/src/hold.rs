@@ -1,0 +1,446 @@
+//! The 100 Hz loop of a run: arm, tension the cables, let the robot move, hold the force.
+//!
+//! A unit that faults during the run is taken out. The others continue while they can hold zero force; where they
+//! cannot, the rig is ramped down, because the cables that are left would pull the tip aside. A fault of the whole board
+//! ends the run.
+
+use super::outcome::{samples_lost, unit_fault, Ended, LatencyMs, Outcome, RunFault};
+use super::prepare::check_stop;
+use super::quality::{Evidence, Saturation};
+use super::{
+    begin, describe_reach, Observer, Options, Phase, Prepared, RunError, PRETENSION_S,
+    ROBOT_START_S,
+};
+use emulator_link::{Injection, Truth};
+use force::controller::{ControlError, Controller, Input, Output, Reach};
+use force::feasibility;
+use force::metrics::{self, Step};
+use force::pose::PoseSource;
+use known::uncertainty;
+use nalgebra::Vector3;
+use rig::RigFile;
+use session::{explain_fault, Received, Session, SessionError, PERIOD};
+use std::collections::VecDeque;
+use std::sync::atomic::{AtomicBool, Ordering};
+use wire::message::{FaultReport, Status};
+use wire::{Command, UNITS};
+
+/// A run that is being held, and what it has collected so far.
+pub(super) struct Hold<'a> {
+    rig: &'a RigFile,
+    options: &'a Options,
+    pub(super) observer: &'a mut dyn Observer,
+    pose: PoseSource,
+    controller: Controller,
+    /// What is still to be injected, by time in s.
+    injections: VecDeque<(f64, Injection)>,
+    /// Units that were armed.
+    armed: [bool; UNITS],
+    /// Those that are left of them.
+    available: [bool; UNITS],
+    steps: Vec<Step>,
+    faults: Vec<RunFault>,
+    reach: Option<Reach>,
+    samples: u64,
+    /// Milliseconds in which the amplifiers had no power.
+    amplifiers_off_ms: u64,
+    latencies_us: Vec<u16>,
+    saturation: Saturation,
+    /// Link time at which the force is commanded.
+    t0_ns: Option<u64>,
+    robot_moves: bool,
+}
+
+impl<'a> Hold<'a> {
+    pub(super) fn new(
+        rig: &'a RigFile,
+        options: &'a Options,
+        observer: &'a mut dyn Observer,
+        pose: PoseSource,
+        injections: VecDeque<(f64, Injection)>,
+        prepared: &Prepared,
+    ) -> Result<Self, RunError> {
+        Ok(Self {
+            rig,
+            options,
+            observer,
+            pose,
+            controller: Controller::new(rig).map_err(ControlError::from)?,
+            injections,
+            armed: prepared.available,
+            available: prepared.available,
+            steps: Vec::new(),
+            faults: prepared.faults.clone(),
+            reach: None,
+            samples: 0,
+            amplifiers_off_ms: 0,
+            latencies_us: Vec::new(),
+            saturation: Saturation::default(),
+            t0_ns: None,
+            robot_moves: false,
+        })
+    }
+
+    /// Whether the board was armed.
+    pub(super) const fn was_armed(&self) -> bool {
+        self.t0_ns.is_some()
+    }
+
+    /// Arms, tensions, holds. `true`: ended early from outside.
+    pub(super) fn run(&mut self, session: &mut Session<'_>) -> Result<bool, RunError> {
+        check_stop(&self.options.stop)?;
+        self.require_pose(session)?;
+        begin(session, self.observer, Phase::Tension);
+        session.command(&Command::Arm)?;
+        let t0_ns = session.now_ns() + ((PRETENSION_S + ROBOT_START_S) * 1e9) as u64;
+        self.t0_ns = Some(t0_ns);
+        loop {
+            let t_s = (session.now_ns() as f64 - t0_ns as f64) * 1e-9;
+            if t_s >= self.options.hold_s {
+                return Ok(false);
+            }
+            if self.options.stop.load(Ordering::Relaxed) {
+                return Ok(true);
+            }
+            let (phase, fraction) = phase_at(t_s, self.options.hold_s);
+            self.observer.progress(phase, fraction);
+            self.control_rig(session, t_s)?;
+            self.cycle(session, t_s)?;
+        }
+    }
+
+    /// Waits for a pose that is received from now on, and checks that zero force is within reach there.
+    fn require_pose(&mut self, session: &mut Session<'_>) -> Result<(), RunError> {
+        let tip_m = fresh_pose(session, &mut self.pose, &self.options.stop, self.observer)?;
+        match feasibility::residual_at(self.rig, tip_m, &self.available)? {
+            None => Ok(()),
+            Some(force_n) => Err(RunError::Fault(format!(
+                "zero force is out of reach with the units that are ready: the tip would be pulled with {force_n:.2} N; \
+                 nothing was armed"
+            ))),
+        }
+    }
+
+    /// Starts the robot of an emulated rig and injects what is due.
+    fn control_rig(&mut self, session: &mut Session<'_>, t_s: f64) -> Result<(), RunError> {
+        let Some(controls) = session.link().controls() else {
+            return Ok(());
+        };
+        if !self.robot_moves && self.options.robot_moves && t_s >= -ROBOT_START_S {
+            self.robot_moves = true;
+            controls.robot(true)?;
+        }
+        while let Some((_, injection)) = self.injections.pop_front_if(|(at_s, _)| *at_s <= t_s) {
+            controls.inject(injection)?;
+        }
+        Ok(())
+    }
+
+    /// One cycle of 10 ms: compute, send, let time pass, evaluate what arrived.
+    fn cycle(&mut self, session: &mut Session<'_>, t_s: f64) -> Result<(), RunError> {
+        let input = self.input(session, t_s)?;
+        let output = self.controller.step(&input)?;
+        session.set_setpoints(Some(output.setpoints));
+        if t_s >= 0.0 {
+            self.note_reach(output.reach);
+        }
+        session.advance(PERIOD)?;
+        let received = session.drain();
+        let end_s = t_s + PERIOD.as_secs_f64();
+        let step = self.step_of(&output, &input, session, received.truth.last(), end_s);
+        self.note_samples(&received, t_s);
+        self.observer.step(&step);
+        self.steps.push(step);
+        self.saturation.note_cycle(t_s, &output, self.rig);
+        self.note_power(&received.truth, end_s);
+        self.note_faults(&received.faults, session.status(), t_s)?;
+        self.require_balance(&input)
+    }
+
+    /// An error where units have dropped out and the others cannot hold zero force at this tip.
+    fn require_balance(&self, input: &Input) -> Result<(), RunError> {
+        if self.available == input.available && self.available == self.armed {
+            return Ok(());
+        }
+        let left = match feasibility::residual_at(self.rig, input.tip_m, &self.available) {
+            Ok(None) => return Ok(()),
+            Ok(Some(force_n)) => format!("would pull the tip with {force_n:.2} N at least"),
+            Err(error) => format!("are no help ({error})"),
+        };
+        let lost: Vec<String> = (1..=UNITS)
+            .filter(|n| self.armed[n - 1] && !self.available[n - 1])
+            .map(|n| n.to_string())
+            .collect();
+        let faults: Vec<&str> = (self.faults.iter())
+            .filter(|fault| fault.t_s > -(PRETENSION_S + ROBOT_START_S))
+            .map(|fault| fault.text.as_str())
+            .collect();
+        Err(RunError::UnitLost(format!(
+            "unit {} dropped out, and the cables that are left {left}; the rig was ramped down and disarmed. {}",
+            lost.join(", "),
+            faults.join("; ")
+        )))
+    }
+
+    /// The controller's input: pose, tensions that are recent enough, commanded force.
+    fn input(&mut self, session: &Session<'_>, t_s: f64) -> Result<Input, RunError> {
+        let tip_m = self
+            .pose
+            .tip_m(session.pose().map(|pose| pose.position_m.into()))?;
+        Ok(Input {
+            dt_s: PERIOD.as_secs_f64(),
+            tip_m,
+            tension_n: session.recent_tension_n(),
+            available: self.available,
+            commanded_n: if t_s >= 0.0 {
+                self.options.commanded_n
+            } else {
+                Vector3::zeros()
+            },
+        })
+    }
+
+    fn step_of(
+        &self,
+        output: &Output,
+        input: &Input,
+        session: &Session<'_>,
+        truth: Option<&Truth>,
+        end_s: f64,
+    ) -> Step {
+        let measured_tension_n = session
+            .tension_n()
+            .map(|tension| tension.map_or(0.0, |(t, _)| t));
+        Step {
+            t_s: end_s,
+            tip_m: truth.map_or(input.tip_m, |truth| truth.tip_m.into()),
+            commanded_n: output.slewed_n,
+            estimated_n: output.applied_n,
+            applied_n: truth.map(|truth| truth.tip_force_n.into()),
+            tension_setpoint_n: output.allocation.tension_n,
+            measured_tension_n,
+            true_tension_n: truth.map(|truth| truth.tension_n),
+            available: self.available,
+        }
+    }
+
+    /// Keeps the worst reach, and reports a force that gets out of reach.
+    fn note_reach(&mut self, reach: Reach) {
+        let was_out = self.reach.is_some_and(|reach| !reach.feasible);
+        if !reach.feasible && !was_out {
+            self.observer.notice(&describe_reach(&reach));
+        }
+        if self
+            .reach
+            .is_none_or(|worst| reach.residual_n > worst.residual_n)
+        {
+            self.reach = Some(reach);
+        }
+    }
+
+    /// Counts the time without amplifier power, and reports its beginning.
+    fn note_power(&mut self, truth: &[Truth], end_s: f64) {
+        let off_ms = truth.iter().filter(|truth| !truth.amplifier_on).count() as u64;
+        if off_ms > 0 && self.amplifiers_off_ms == 0 {
+            self.observer.notice(&format!(
+                "at {end_s:.2} s the PLC cut the amplifiers' power (E-stop, or the board's alive line stopped)"
+            ));
+        }
+        self.amplifiers_off_ms += off_ms;
+    }
+
+    fn note_samples(&mut self, received: &Received, t_s: f64) {
+        self.observer.received(received);
+        self.samples += received.samples.len() as u64;
+        self.saturation.note_samples(t_s, &received.samples);
+        if t_s >= 0.0 {
+            self.latencies_us
+                .extend(received.samples.iter().map(|timed| timed.sample.latency_us));
+        }
+    }
+
+    /// Drops units that faulted; an error for a fault of the whole board.
+    fn note_faults(
+        &mut self,
+        faults: &[FaultReport],
+        status: Option<&Status>,
+        t_s: f64,
+    ) -> Result<(), RunError> {
+        for fault in faults {
+            let i = usize::from(fault.unit);
+            if i >= UNITS {
+                return Err(RunError::Fault(explain_fault(fault.code, fault.detail)));
+            }
+            if self.available[i] {
+                self.drop_unit(i, fault.code, fault.detail, t_s);
+            }
+        }
+        let Some(status) = status else {
+            return Ok(());
+        };
+        // A report may be lost with its frame; the status holds the fault as well.
+        if status.fault != 0 {
+            return Err(RunError::Fault(explain_fault(
+                status.fault,
+                status.fault_detail,
+            )));
+        }
+        for (i, unit) in status.units.iter().enumerate() {
+            if self.available[i] && unit.fault != 0 {
+                self.drop_unit(i, unit.fault, unit.fault_detail, t_s);
+            }
+        }
+        Ok(())
+    }
+
+    /// Takes a unit (from 0) out of the allocation. The others continue.
+    fn drop_unit(&mut self, i: usize, code: u16, detail: u32, t_s: f64) {
+        self.available[i] = false;
+        let fault = unit_fault(t_s, i, code, detail);
+        self.observer
+            .notice(&format!("unit {} dropped out: {}", i + 1, fault.text));
+        self.faults.push(fault);
+    }
+
+    /// Adds what the plant did while the rig was ramped down, a row for each control period.
+    fn append_truth(&mut self, truth: &[Truth]) {
+        let t0_ns = self.t0_ns.unwrap_or(0);
+        for truth in truth.iter().step_by(PERIOD.as_millis() as usize) {
+            self.steps.push(Step {
+                t_s: (truth.t_ns as f64 - t0_ns as f64) * 1e-9,
+                tip_m: truth.tip_m.into(),
+                commanded_n: Vector3::zeros(),
+                estimated_n: truth.tip_force_n.into(),
+                applied_n: Some(truth.tip_force_n.into()),
+                tension_setpoint_n: [0.0; UNITS],
+                measured_tension_n: truth.tension_n,
+                true_tension_n: Some(truth.tension_n),
+                available: self.available,
+            });
+        }
+    }
+
+    /// The run's outcome, after the board was disarmed. `stopped`: why it ended early; the link may be gone then, and
+    /// what only the link knows is left out.
+    pub(super) fn outcome(
+        mut self,
+        session: &mut Session<'_>,
+        prepared: &Prepared,
+        interrupted: bool,
+        stopped: Option<&str>,
+    ) -> Result<Outcome, SessionError> {
+        let last = session.drain();
+        self.note_samples(&last, f64::NEG_INFINITY);
+        let status = match stopped {
+            None => Some(session.get_status()?),
+            Some(_) => session.status().cloned(),
+        };
+        let report = match session.link().controls().map(|controls| controls.report()) {
+            Some(Err(error)) if stopped.is_none() => return Err(error.into()),
+            report => report.and_then(Result::ok),
+        };
+        let latency_ms = self
+            .t0_ns
+            .and_then(|t0_ns| LatencyMs::of(report.as_ref(), t0_ns, &self.latencies_us));
+        let metrics = metrics::of_run(self.options.commanded_n, &self.steps);
+        let amplifiers_off_s = self.amplifiers_off_ms as f64 * 1e-3;
+        if stopped.is_some() {
+            self.append_truth(&last.truth);
+        }
+        let not_injected: Vec<_> = self.injections.into();
+        let shortfalls = Evidence {
+            rig: self.rig,
+            interrupted,
+            steps: &self.steps,
+            metrics: metrics.as_ref(),
+            faults: &self.faults,
+            reach: self.reach.as_ref(),
+            amplifiers_off_s,
+            saturation: &self.saturation,
+            not_injected: &not_injected,
+            stopped,
+        }
+        .judge();
+        Ok(Outcome {
+            ended: Ended::of(stopped.is_some(), interrupted, !shortfalls.is_empty()),
+            shortfalls,
+            firmware: session
+                .info()
+                .map_or_else(String::new, |info| info.version.as_str().to_owned()),
+            rig_hash: self.rig.hash(),
+            config_crc: prepared.config_crc,
+            commanded_n: self.options.commanded_n,
+            metrics,
+            uncertainty: (self.rig.calibration.as_deref())
+                .and_then(|record| uncertainty::of_run(record, &self.steps)),
+            reach: self.reach,
+            faults: self.faults,
+            latency_ms,
+            samples_lost: status
+                .map_or(0, |status| samples_lost(report.as_ref(), &status, prepared)),
+            samples: self.samples,
+            link_counters: session.counters(),
+            amplifiers_off_s,
+            steps: self.steps,
+            report,
+            configs: prepared.configs,
+            link: session.link().name(),
+        })
+    }
+}
+
+/// The tip by a pose that is received from now on, robot base frame, m.
+///
+/// # Errors
+/// None comes, or the run was interrupted.
+pub(super) fn fresh_pose(
+    session: &mut Session<'_>,
+    pose: &mut PoseSource,
+    stop: &AtomicBool,
+    observer: &mut dyn Observer,
+) -> Result<Vector3<f64>, RunError> {
+    pose.discard();
+    loop {
+        session.advance(PERIOD)?;
+        observer.received(&session.drain());
+        check_stop(stop)?;
+        match pose.tip_m(session.pose().map(|pose| pose.position_m.into())) {
+            Ok(tip_m) => return Ok(tip_m),
+            Err(_) if pose.may_still_come() => {}
+            Err(error) => return Err(error.into()),
+        }
+    }
+}
+
+/// The phase at a time (0: the force is commanded), and the fraction of it that is over.
+fn phase_at(t_s: f64, hold_s: f64) -> (Phase, f64) {
+    if t_s < -ROBOT_START_S {
+        (
+            Phase::Tension,
+            (t_s + PRETENSION_S + ROBOT_START_S) / PRETENSION_S,
+        )
+    } else if t_s < 0.0 {
+        (Phase::StartRobot, (t_s + ROBOT_START_S) / ROBOT_START_S)
+    } else {
+        (Phase::Hold, t_s / hold_s)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn phases_follow_each_other_and_fill_up() {
+        for (t_s, phase, fraction) in [
+            (-2.5, Phase::Tension, 0.0),
+            (-2.0, Phase::Tension, 0.5),
+            (-1.5, Phase::StartRobot, 0.0),
+            (-0.75, Phase::StartRobot, 0.5),
+            (0.0, Phase::Hold, 0.0),
+            (3.0, Phase::Hold, 0.75),
+        ] {
+            assert_eq!(phase_at(t_s, 4.0), (phase, fraction), "{t_s}");
+        }
+    }
+}

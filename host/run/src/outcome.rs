@@ -1,0 +1,268 @@
+//! Result of a run: how it ended, its figures, faults and losses.
+
+use super::quality::Shortfall;
+use super::Prepared;
+use emulator_link::Report;
+use force::allocation::Fraction;
+use force::controller::Reach;
+use force::metrics::{Metrics, Step};
+use nalgebra::Vector3;
+use serde::Serialize;
+use session::{explain_fault, LinkCounters};
+use wire::message::{Status, UnitConfig};
+use wire::UNITS;
+
+/// A fault that was latched during a run.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct RunFault {
+    /// Time since the force was commanded, s.
+    pub t_s: f64,
+    /// Unit from 1; `None`: the whole board.
+    pub unit: Option<u8>,
+    /// Number.
+    pub code: u16,
+    /// What it means and how to clear it.
+    pub text: String,
+}
+
+/// A fault of unit `i` (from 0) at a time, s.
+pub(super) fn unit_fault(t_s: f64, i: usize, code: u16, detail: u32) -> RunFault {
+    RunFault {
+        t_s,
+        unit: Some(i as u8 + 1),
+        code,
+        text: explain_fault(code, detail),
+    }
+}
+
+/// Latency from the DRDY edge to the DAC, of samples while holding, ms.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct LatencyMs {
+    /// Median.
+    pub p50: f64,
+    /// 99th percentile.
+    pub p99: f64,
+    /// Measured from outside of the firmware (embedded rig), or by the firmware itself.
+    pub measured_outside: bool,
+}
+
+impl LatencyMs {
+    /// From the embedded rig's own record from `t0_ns` on, or from the firmware's times in microseconds where there is
+    /// no such record; `None` where there is neither.
+    pub(super) fn of(report: Option<&Report>, t0_ns: u64, firmware_us: &[u16]) -> Option<Self> {
+        let outside: Vec<f64> = report
+            .into_iter()
+            .flat_map(|report| &report.latencies)
+            .filter(|latency| latency.drdy_ns >= t0_ns)
+            .map(|latency| latency.dac_update_ns.saturating_sub(latency.drdy_ns) as f64 * 1e-6)
+            .collect();
+        let measured_outside = !outside.is_empty();
+        let mut all = if measured_outside {
+            outside
+        } else {
+            firmware_us.iter().map(|us| f64::from(*us) * 1e-3).collect()
+        };
+        all.sort_by(f64::total_cmp);
+        let last = all.len().checked_sub(1)?;
+        Some(Self {
+            p50: all[last / 2],
+            p99: all[last * 99 / 100],
+            measured_outside,
+        })
+    }
+}
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum Ended {
+    /// As commanded.
+    Done,
+    /// To the end, but not as commanded: see [`Outcome::shortfalls`].
+    Degraded,
+    /// Ended early from outside.
+    Interrupted,
+    /// Ended early by a fault, a lost unit or a lost link.
+    Stopped,
+}
+
+impl Ended {
+    pub(super) const fn of(stopped: bool, interrupted: bool, degraded: bool) -> Self {
+        match (stopped, interrupted, degraded) {
+            (true, _, _) => Self::Stopped,
+            (false, true, _) => Self::Interrupted,
+            (false, false, true) => Self::Degraded,
+            (false, false, false) => Self::Done,
+        }
+    }
+}
+
+/// Result of a run.
+#[derive(Debug, Clone, Serialize)]
+pub struct Outcome {
+    /// How it ended.
+    pub ended: Ended,
+    /// What was not as commanded, the most important first.
+    pub shortfalls: Vec<Shortfall>,
+    /// The link's name.
+    pub link: String,
+    /// Firmware version.
+    pub firmware: String,
+    /// Hash of the rig file.
+    pub rig_hash: String,
+    /// CRC-32 of the configuration that was in force on the board, zeros included.
+    pub config_crc: u32,
+    /// Commanded force, robot base frame, N.
+    pub commanded_n: Vector3<f64>,
+    /// Figures; `None` where the run was too short.
+    pub metrics: Option<Metrics>,
+    /// How well the applied force is known; `None` where no calibration of this rig is stored.
+    pub uncertainty: Option<known::uncertainty::Applied>,
+    /// How the commanded force compared with what the cables can apply, in the worst cycle.
+    pub reach: Option<Reach>,
+    /// Faults, in order.
+    pub faults: Vec<RunFault>,
+    /// DRDY edge to DAC.
+    pub latency_ms: Option<LatencyMs>,
+    /// Conversions that were not read in time during the run.
+    pub samples_lost: u64,
+    /// Samples that came in by telemetry since arming.
+    pub samples: u64,
+    /// Counters of the link.
+    pub link_counters: LinkCounters,
+    /// For how long the amplifiers were without power while the rig was armed, s (embedded rig).
+    pub amplifiers_off_s: f64,
+    /// Every cycle.
+    #[serde(skip)]
+    pub steps: Vec<Step>,
+    /// Figures from outside of the firmware (embedded rig).
+    #[serde(skip)]
+    pub report: Option<Report>,
+    /// The configuration that was in force, zeros included.
+    #[serde(skip)]
+    pub configs: [UnitConfig; UNITS],
+}
+
+#[cfg(test)]
+impl Outcome {
+    /// An outcome of these cycles without anything else, for tests.
+    pub fn of_steps(commanded_n: Vector3<f64>, steps: Vec<Step>) -> Self {
+        Self {
+            ended: Ended::Done,
+            shortfalls: Vec::new(),
+            link: "rig & <test>".to_owned(),
+            firmware: String::new(),
+            rig_hash: String::new(),
+            config_crc: 0,
+            commanded_n,
+            metrics: force::metrics::of_run(commanded_n, &steps),
+            uncertainty: None,
+            reach: None,
+            faults: Vec::new(),
+            latency_ms: None,
+            samples_lost: 0,
+            samples: 0,
+            link_counters: LinkCounters::default(),
+            amplifiers_off_s: 0.0,
+            steps,
+            report: None,
+            configs: rig::RigFile::built_in()
+                .unwrap()
+                .units
+                .map(|unit| unit.to_wire()),
+        }
+    }
+}
+
+/// Conversions that were not read in time since the board was prepared. The embedded rig counts them itself; on a real
+/// rig the board's own count is all there is.
+pub(super) fn samples_lost(report: Option<&Report>, status: &Status, prepared: &Prepared) -> u64 {
+    let missed: u64 = status
+        .units
+        .iter()
+        .zip(prepared.missed_before)
+        .map(|(unit, before)| u64::from(unit.missed.wrapping_sub(before)))
+        .sum();
+    let Some(report) = report else {
+        return missed;
+    };
+    let all: u64 = report.conversions.iter().sum();
+    let read: u64 = report.conversions_read.iter().sum();
+    let lost = all
+        .saturating_sub(read)
+        .saturating_sub(prepared.lost_before);
+    // A conversion that became ready just now is not lost.
+    lost.saturating_sub(UNITS as u64).max(missed)
+}
+
+/// Message on a commanded force and its reach.
+#[must_use]
+pub fn describe_reach(reach: &Reach) -> String {
+    let nearest = format!(
+        "the force is out of reach of the cables and their limits: the nearest one is held, {:.3} N away",
+        reach.residual_n
+    );
+    match reach.fraction {
+        _ if reach.feasible => "the force is within reach".to_owned(),
+        Fraction::Of(fraction) => format!(
+            "{nearest}; in exactly this direction {:.1} % of it would be within reach",
+            100.0 * fraction
+        ),
+        Fraction::NotEvenZero => format!("{nearest}; not even zero force is within reach"),
+        Fraction::Unknown => format!(
+            "{nearest}; how much of it would be within reach is not known, because the solver of that question failed"
+        ),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stop_counts_more_than_an_end_from_outside_and_that_more_than_quality() {
+        for (stopped, interrupted, degraded, ended) in [
+            (false, false, false, Ended::Done),
+            (false, false, true, Ended::Degraded),
+            (false, true, false, Ended::Interrupted),
+            (false, true, true, Ended::Interrupted),
+            (true, false, true, Ended::Stopped),
+            (true, true, true, Ended::Stopped),
+        ] {
+            assert_eq!(Ended::of(stopped, interrupted, degraded), ended);
+        }
+    }
+
+    #[test]
+    fn latencies_are_those_of_the_firmware_where_no_rig_records_them() {
+        let us: Vec<u16> = (1..=101).rev().map(|n| n * 10).collect();
+        let found = LatencyMs::of(None, 0, &us).unwrap();
+        assert!((found.p50 - 0.51).abs() < 1e-12, "{found:?}");
+        assert!((found.p99 - 1.0).abs() < 1e-12, "{found:?}");
+        assert!(!found.measured_outside);
+        assert_eq!(LatencyMs::of(None, 0, &[]), None);
+    }
+
+    #[test]
+    fn reach_is_told_in_newtons_and_percent() {
+        let reach = |feasible, fraction| {
+            describe_reach(&Reach {
+                feasible,
+                residual_n: 1.25,
+                fraction,
+            })
+        };
+        assert!(reach(true, Fraction::Of(1.0)).ends_with("within reach"));
+        let text = reach(false, Fraction::Of(0.4));
+        assert!(
+            text.contains("1.250 N") && text.contains("40.0 %"),
+            "{text}"
+        );
+        assert!(reach(false, Fraction::NotEvenZero).contains("not even zero force"));
+        let text = reach(false, Fraction::Unknown);
+        assert!(
+            text.contains("solver") && !text.contains("not even zero"),
+            "{text}"
+        );
+    }
+}

@@ -1,0 +1,172 @@
+//! What the service does by itself on behalf of a client: hold tensions, or a force.
+//!
+//! A job is a client like any other, in a thread of its own: the hub treats its frames as those of a commander.
+
+use super::client::{Client, ServiceLink};
+use super::connection;
+use super::hub::{ClientId, Inbound};
+use super::protocol::{ForceParams, HoldParams};
+use known::base;
+use known::ZeroStore;
+use rig::RigFile;
+use run::{hold_tensions, set_force, NoopObserver, Options, TensionOptions, Zeroing};
+use serde_json::{json, Value};
+use std::io;
+use std::os::unix::net::UnixStream;
+use std::sync::atomic::AtomicBool;
+use std::sync::mpsc::Sender;
+use std::sync::Arc;
+
+/// What to do.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Kind {
+    /// Hold tensions until `disarm`.
+    Hold(HoldParams),
+    /// Hold a force for some time.
+    SetForce(ForceParams),
+}
+
+/// An order of a client.
+pub(super) struct Order {
+    pub kind: Kind,
+    pub for_client: ClientId,
+    /// Number of the request, for the answer.
+    pub request: Option<Value>,
+    /// Name of the client.
+    pub name: String,
+    /// Name and text of the rig file.
+    pub rig_file: (String, String),
+    /// Number of the job, for its client number.
+    pub number: u64,
+}
+
+/// A job that runs.
+pub(super) struct Running {
+    /// Ends it.
+    pub stop: Arc<AtomicBool>,
+    /// Number of the job.
+    pub number: u64,
+    /// The client that asked for it.
+    pub for_client: ClientId,
+    /// Whether it holds tensions, and does so already: then it outlives its client.
+    pub holds: bool,
+    is_hold: bool,
+}
+
+impl Running {
+    /// Whether it ends when its client goes away: nobody would get a force's result, and a hold that has not answered yet may
+    /// not be wanted any more.
+    pub(super) fn ends_with_client(&self) -> bool {
+        !(self.is_hold && self.holds)
+    }
+}
+
+/// What a job reports.
+pub(super) struct Report {
+    /// Number of the job.
+    pub number: u64,
+    /// Name of the job.
+    pub name: String,
+    /// Whether it has ended.
+    pub ended: bool,
+    /// What to answer to whom.
+    pub answer: Option<(ClientId, Option<Value>)>,
+    /// The result.
+    pub result: Result<Value, String>,
+}
+
+/// Starts a job.
+///
+/// # Errors
+/// Those of the operating system.
+pub(super) fn start(order: Order, hub: &Sender<Inbound>) -> io::Result<Running> {
+    let (ours, hubs) = UnixStream::pair()?;
+    connection::start(hubs, connection::next_id(), true, hub)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let running = Running {
+        stop: Arc::clone(&stop),
+        number: order.number,
+        for_client: order.for_client,
+        holds: false,
+        is_hold: matches!(order.kind, Kind::Hold(_)),
+    };
+    let to_hub = hub.clone();
+    std::thread::Builder::new()
+        .name(format!("job {}", order.number))
+        .spawn(move || {
+            let what = match order.kind {
+                Kind::Hold(_) => "hold",
+                Kind::SetForce(_) => "set_force",
+            };
+            let name = format!("the service's {what} for {}", order.name);
+            let mut answer = Some((order.for_client, order.request.clone()));
+            let holding = |answer: &mut Option<_>| {
+                let _ = to_hub.send(Inbound::Job(Report {
+                    number: order.number,
+                    name: name.clone(),
+                    ended: false,
+                    answer: answer.take(),
+                    result: Ok(json!({"holding": true})),
+                }));
+            };
+            let result = run(&order, ours, &name, &stop, &mut || holding(&mut answer));
+            let _ = to_hub.send(Inbound::Job(Report {
+                number: order.number,
+                name,
+                ended: true,
+                answer,
+                result,
+            }));
+        })?;
+    Ok(running)
+}
+
+fn run(
+    order: &Order,
+    stream: UnixStream,
+    name: &str,
+    stop: &Arc<AtomicBool>,
+    holding: &mut dyn FnMut(),
+) -> Result<Value, String> {
+    let words = |error: &dyn std::fmt::Display| error.to_string();
+    let (file, text) = &order.rig_file;
+    let rig = RigFile::parse(file, text).map_err(|error| words(&error))?;
+    let client = Client::over(stream, &rig.name, name, None).map_err(|error| words(&error))?;
+    let seed = client.welcome().seed;
+    let rig = base::in_force(rig, seed).map_err(|error| words(&error))?;
+    let store = store(&rig, seed);
+    let mut link = ServiceLink::commander(client).map_err(|error| words(&error))?;
+    match &order.kind {
+        Kind::Hold(hold) => {
+            let options = TensionOptions {
+                tension_n: hold.tension_n,
+                duration_s: None,
+                zeroing: Zeroing::Keep(store),
+                stop: Arc::clone(stop),
+            };
+            let held = hold_tensions(&mut link, &rig, &options, &mut NoopObserver, holding)
+                .map_err(|error| words(&error))?;
+            serde_json::to_value(held).map_err(|error| words(&error))
+        }
+        Kind::SetForce(force) => {
+            let options = Options {
+                zeroing: Zeroing::Keep(store),
+                stop: Arc::clone(stop),
+                ..Options::new(force.force_n, force.duration_s)
+            };
+            let outcome = set_force(&mut link, &rig, &options, &mut NoopObserver)
+                .map_err(|error| words(&error))?;
+            serde_json::to_value(outcome).map_err(|error| words(&error))
+        }
+    }
+}
+
+/// Where the zeros of a rig are stored: nowhere for an emulated one, which is another one each time.
+#[must_use]
+pub(super) fn store(rig: &RigFile, seed: Option<u64>) -> ZeroStore {
+    if seed.is_some() {
+        ZeroStore::none()
+    } else {
+        ZeroStore::of_rig(&rig.name)
+    }
+}
