@@ -1,10 +1,10 @@
 """The same selection on the same rows with public tools: `cargo xtask residual-compare`.
 
 SysIdentPy (forward regression by error reduction ratio, size by BIC) and PySINDy (sequentially
-thresholded least squares) choose terms from a library of candidates that holds what `residual`
-looks for under the same names: offset, gain, curvature, Coulomb and load-dependent Coulomb friction,
-viscous and Stribeck friction (fourteen speeds), inertia, drift, ripple of the reel. Each unit is
-held out once, selection included. `residual` gets the same rows and a model file with the same
+thresholded least squares) choose terms from a library of candidates. It holds what `residual` looks for
+under the same names: offset, gain, curvature, inertia, drift and ripple of the reel, with Coulomb,
+load-dependent Coulomb, viscous and Stribeck friction (fourteen speeds). Each unit is held out once,
+selection included. `residual` gets the same rows and a model file with the same
 effects, and chooses by holding out one of the three remaining units. Where the own criterion of a tool does not determine
 a choice for new units (number of terms, threshold), a second line makes it by holding out units inside the training data.
 
@@ -229,8 +229,8 @@ def main():
 FAIRNESS = """\
 `residual` does not add effects that reduce the error by less than 2 %; in the last line the limit is 0.2 %. Its figures are those of the
 effects whose names the data support. What else improves the fit is in its report, and not in these figures. The time of `residual`,
-on all cores, includes more than this comparison needs: it chooses the Stribeck speed and the order of the ripple continuously,
-compares every gain with 48 decoys of the residual and every effect with the others in its place, computes bootstrap intervals,
+on all cores, includes more than this comparison needs. It chooses the Stribeck speed and the order of the ripple continuously. It
+compares every gain with 48 decoys of the residual, and every effect with the others in its place. It computes bootstrap intervals,
 looks for unexplained structure, and writes its reports. The Python tools get the candidates as finished columns and do not use
 groups, so the comparison holds out units around them. They return terms. Several terms may describe one effect or none (a sum of
 Stribeck curves is any curve of the speed). They do not name effects, and do not report that the data cannot distinguish them."""

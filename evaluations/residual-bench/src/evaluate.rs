@@ -42,7 +42,7 @@ pub struct Outcome {
     pub class: Class,
     /// The verdict's word.
     pub verdict: &'static str,
-    /// Column of the confusion table.
+    /// The effect named first, or the verdict.
     pub answer: String,
     /// Effects named, strongest first.
     pub named: Vec<String>,

@@ -1,4 +1,4 @@
-//! The confusion table, rates beside their targets, and the closing summary. The text is Markdown, so that the
+//! Rates beside their targets, what was answered, and the closing summary. The text is Markdown, so that the
 //! terminal and the page in `docs` show the same.
 
 use crate::case::{Group, STRENGTHS};
@@ -230,108 +230,67 @@ pub fn rates(all: &[Outcome]) -> Vec<Rate> {
     out
 }
 
-/// A short name for the head of a column.
-fn short(name: &str) -> String {
-    match name {
-        "not_identifiable" => "n.i.".into(),
-        "none" | "unknown" => name.into(),
-        _ => match name.split_once('_') {
-            Some((a, b)) => format!("{:.3}.{:.3}", a, b),
-            None => format!("{name:.5}"),
-        },
-    }
-}
-
-/// Confusion table of some outcomes: rows truth, columns the first effect named or the verdict.
-fn confusion(title: &str, outcomes: &[&Outcome]) -> String {
-    if outcomes.is_empty() {
-        return String::new();
-    }
-    let mut columns: Vec<String> = outcomes.iter().map(|o| o.answer.clone()).collect();
-    let order: Vec<&str> = residual::names();
-    columns.sort_by_key(|name| {
-        (
-            order.iter().position(|n| n == name).unwrap_or(usize::MAX),
-            name.clone(),
-        )
-    });
-    columns.dedup();
-    // Rows in the order in which the sets were made.
-    let mut rows: Vec<String> = Vec::new();
-    let mut counts: BTreeMap<(String, String), usize> = BTreeMap::new();
-    let mut among: BTreeMap<String, usize> = BTreeMap::new();
-    let mut right: BTreeMap<String, (usize, usize)> = BTreeMap::new();
-    for o in outcomes {
-        let truth = o.case.truth();
-        if !rows.contains(&truth) {
-            rows.push(truth.clone());
+/// What was answered in sets of one truth: what is right in each set is told in one line, the rest in a table.
+fn answers(title: &str, outcomes: &[&Outcome]) -> String {
+    // In the order in which the sets were made.
+    let mut rows: Vec<(String, Vec<&Outcome>)> = Vec::new();
+    for outcome in outcomes {
+        let truth = outcome.case.truth();
+        match rows.iter_mut().find(|(row, _)| *row == truth) {
+            Some((_, sets)) => sets.push(outcome),
+            None => rows.push((truth, vec![outcome])),
         }
-        *counts.entry((truth.clone(), o.answer.clone())).or_default() += 1;
-        *among.entry(truth.clone()).or_default() += usize::from(o.class == Class::Among);
-        let r = right.entry(truth).or_default();
-        r.0 += usize::from(o.class == Class::Right);
-        r.1 += 1;
     }
-    let width = rows.iter().map(String::len).max().unwrap_or(0).max(5);
-    let mut out = format!("### {title}\n\n| {:width$} | right |", "truth");
-    for column in &columns {
-        let _ = write!(out, " {:>7} |", short(column));
+    let named = |truth: &str, sets: &[&Outcome]| sets.iter().all(|o| o.answer == truth);
+    let (always, others): (Vec<_>, Vec<_>) = rows.iter().partition(|(t, sets)| named(t, sets));
+    let mut out = String::new();
+    if !rows.is_empty() {
+        let _ = write!(out, "### {title}\n\n");
     }
-    let _ = writeln!(
-        out,
-        "\n|{}|---:|{}",
-        "-".repeat(width + 2),
-        "---:|".repeat(columns.len())
-    );
-    for row in &rows {
-        let (hits, of) = right[row];
-        let _ = write!(out, "| {row:width$} | {:>5} |", format!("{hits}/{of}"));
-        for column in &columns {
-            let n = counts
-                .get(&(row.clone(), column.clone()))
-                .copied()
-                .unwrap_or(0);
-            let cell = match n {
-                0 => "·".to_string(),
-                _ if column == "not_identifiable" => format!("{} of {n}", among[row]),
-                _ => n.to_string(),
-            };
-            let _ = write!(out, " {cell:>7} |");
+    if !always.is_empty() {
+        let list: Vec<_> = always
+            .iter()
+            .map(|(truth, sets)| format!("{truth} {}", sets.len()))
+            .collect();
+        let _ = write!(out, "Right in every set: {}.\n\n", list.join(", "));
+    }
+    if !others.is_empty() {
+        out += "| truth | right | named first, or the verdict |\n|---|---:|---|\n";
+        for (truth, sets) in others {
+            let right = sets.iter().filter(|o| o.class == Class::Right).count();
+            let of = sets.len();
+            let _ = writeln!(out, "| {truth} | {right}/{of} | {} |", counts(sets));
         }
         out.push('\n');
     }
-    out.push('\n');
     out
 }
 
-/// The whole text: tables, rates, summary.
+/// How often each effect was named first, or each verdict given; effects in the order of the catalogue.
+fn counts(sets: &[&Outcome]) -> String {
+    let order = residual::names();
+    let mut counts: BTreeMap<(usize, &str), usize> = BTreeMap::new();
+    for o in sets {
+        let place = order.iter().position(|name| *name == o.answer);
+        *counts
+            .entry((place.unwrap_or(usize::MAX), &o.answer))
+            .or_default() += 1;
+    }
+    let among = sets.iter().filter(|o| o.class == Class::Among).count();
+    let texts: Vec<_> = counts
+        .into_iter()
+        .map(|((_, answer), n)| match answer {
+            "not_identifiable" => format!("{answer} {n}, with the truth among them {among}"),
+            _ => format!("{answer} {n}"),
+        })
+        .collect();
+    texts.join(", ")
+}
+
+/// The whole text: rates, answers, summary.
 #[must_use]
 pub fn text(all: &[Outcome]) -> String {
-    let mut out = String::from("## Confusion tables\n\nRows: what is in the log. Columns: the effect named first, or the verdict. `n.i.` (not identifiable): \"2 of 3\" means that\nthree answers named effects that the data cannot tell apart, and two of these lists held the true effect.\n\n");
-    let pick = |f: &dyn Fn(&Outcome) -> bool| all.iter().filter(|o| f(o)).collect::<Vec<_>>();
-    for strength in STRENGTHS {
-        out += &confusion(
-            &format!("One effect, RMS {strength} times the noise's, open loop"),
-            &pick(&|o| o.case.group == Group::Known && o.case.strength == strength),
-        );
-    }
-    out += &confusion(
-        "One effect, RMS as the noise's, closed loop",
-        &pick(&|o| o.case.group == Group::Closed),
-    );
-    out += &confusion(
-        "Two effects, each with the noise's RMS",
-        &pick(&|o| o.case.group == Group::Two),
-    );
-    out += &confusion(
-        "No effect; half of the logs closed loop",
-        &pick(&|o| o.case.group == Group::Empty),
-    );
-    out += &confusion(
-        "Effects in no catalogue, RMS once and three times the noise's",
-        &pick(&|o| o.case.group == Group::Uncatalogued),
-    );
-    out += "## Rates\n\n| what | figure | target | |\n|---|---|---|---|\n";
+    let mut out = String::from("## Rates\n\n| what | figure | target | |\n|---|---|---|---|\n");
     let rates = rates(all);
     for rate in rates.iter().filter(|rate| rate.of > 0) {
         let _ = writeln!(
@@ -347,10 +306,34 @@ pub fn text(all: &[Outcome]) -> String {
             }
         );
     }
+    out += "\n## Answers\n\nThe truth is what is in the log. A number after a name is that of sets.\n\n";
+    let mut table = |title: &str, of: &dyn Fn(&Outcome) -> bool| {
+        let sets: Vec<_> = all.iter().filter(|o| of(o)).collect();
+        out += &answers(title, &sets);
+    };
+    for strength in STRENGTHS {
+        table(
+            &format!("One effect, RMS {strength} times the noise's, open loop"),
+            &|o| o.case.group == Group::Known && o.case.strength == strength,
+        );
+    }
+    table("One effect, RMS as the noise's, closed loop", &|o| {
+        o.case.group == Group::Closed
+    });
+    table("Two effects, each with the noise's RMS", &|o| {
+        o.case.group == Group::Two
+    });
+    table("No effect; half of the logs closed loop", &|o| {
+        o.case.group == Group::Empty
+    });
+    table(
+        "Effects in no catalogue, RMS once and three times the noise's",
+        &|o| o.case.group == Group::Uncatalogued,
+    );
     let judged: Vec<bool> = rates.iter().filter_map(|rate| rate.reached).collect();
     let _ = writeln!(
         out,
-        "\n{} sets: {} of {} targets reached, {} missed.",
+        "{} sets: {} of {} targets reached, {} missed.",
         all.len(),
         judged.iter().filter(|r| **r).count(),
         judged.len(),
