@@ -281,15 +281,15 @@ fn the_ten_lines_of_pandas_in_the_documents_plot_a_run() {
 #[test]
 fn the_documents_list_every_column_with_its_unit() {
     let page = std::fs::read_to_string(
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/recordings.md"),
+        Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/recording-columns.md"),
     )
     .expect("the page is there");
     let page: Vec<&str> = page.lines().collect();
     let mut rows = 0;
     for table in recording::TABLES {
-        let title = format!("### `{}`, topic `{}`", table.file, table.topic);
+        let title = format!("## `{}`, topic `{}`", table.file, table.topic);
         let start = page.iter().position(|line| *line == title);
-        let start = start.unwrap_or_else(|| panic!("docs/recordings.md lacks: {title}"));
+        let start = start.unwrap_or_else(|| panic!("docs/recording-columns.md lacks: {title}"));
         for field in table.fields {
             let names: Vec<String> = field.columns().map(|name| format!("`{name}`")).collect();
             let name = match names.as_slice() {
@@ -309,7 +309,7 @@ fn the_documents_list_every_column_with_its_unit() {
             );
             assert!(
                 page[start..].contains(&row.as_str()),
-                "docs/recordings.md lacks, below {title}:\n{row}"
+                "docs/recording-columns.md lacks, below {title}:\n{row}"
             );
             rows += 1;
         }

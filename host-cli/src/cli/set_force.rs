@@ -217,8 +217,8 @@ fn remove(path: &Path) -> Result<()> {
     }
 }
 
-/// The reply of a run, or its failure with what there is of a result. A run that was stopped counts more than a file that
-/// could not be written, and that more than the quality of the force.
+/// The reply of a run, or its failure with the results there are. The gravest failure gives the exit
+/// code: a run that was stopped, then a file that could not be written, then a force that was not held.
 fn conclude(
     outcome: Option<&Outcome>,
     error: Option<RunError>,

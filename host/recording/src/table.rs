@@ -1,5 +1,5 @@
 //! Tables of a recording: one declaration gives the struct, its JSON form, its JSON schema, its Parquet columns and its
-//! rows of docs/recordings.md.
+//! rows of docs/recording-columns.md.
 
 use serde::{Deserialize, Serialize};
 use serde_json::{json, Value as Json};
@@ -46,7 +46,7 @@ pub enum Kind {
 }
 
 impl Kind {
-    /// Name in docs/recordings.md.
+    /// Name in docs/recording-columns.md.
     #[must_use]
     pub const fn name(self) -> &'static str {
         match self {

@@ -1,8 +1,10 @@
 //! UTC of a host time.
 //!
-//! On a real rig both are read one after the other, and UTC comes later by what lies between: the smallest difference counts,
-//! and it may grow by 500 ppm, the most by which NTP slews a clock. A larger change is a clock that was set. On an emulated
-//! rig host time is that of the emulation, and UTC begins at the start of the recording and passes with it.
+//! On a real rig the monotonic clock is read first and UTC right after it. What passes between the two
+//! makes the difference too large, so the smallest difference counts. It may grow by 500 ppm, the most
+//! by which NTP slews a clock. A larger change means that the clock was set.
+//!
+//! On an emulated rig host time is that of the emulation. UTC begins with the recording and passes with it.
 
 /// Fastest change of the difference that is followed without an event.
 const SLEW: f64 = 500e-6;
