@@ -1,5 +1,5 @@
-//! Nested evaluation of one's own data: how far the held-out figure of a report is from the error on
-//! groups that took no part in the selection.
+//! Nested evaluation of one's own data: how far the held-out figure of a report is from the error
+//! on groups that took no part in the selection.
 //!
 //! `cargo run --release -p residual --example nested -- --data PATH... --model MODEL.toml`
 

@@ -4,9 +4,9 @@ use crate::assembly::{self, Found};
 use crate::nested::{self, nested};
 use residual_columns::error::Error;
 use residual_columns::progress::Progress;
+use residual_evidence::attribution::{attribute, Attributed};
 use residual_evidence::check::Checked;
 use residual_evidence::feedback;
-use residual_evidence::support::{supported, Supported};
 use residual_log::data::Data;
 use residual_log::load;
 use residual_log::spec::Spec;
@@ -34,8 +34,8 @@ pub fn run(options: &Options, progress: &mut dyn Progress) -> Result<Report, Err
     run_checked(options, &[], progress)
 }
 
-/// As [`run`], with logs to check the models on: they take no part in the search, and an effect that does not help on
-/// them is not called found. Without a path nothing is checked.
+/// As [`run`], with logs to check the models on: they take no part in the search, and an effect
+/// that does not help on them is not called found. Without a path nothing is checked.
 ///
 /// # Errors
 /// As [`run`].
@@ -137,13 +137,13 @@ pub fn analyse_checked(
     let outcome = search.run(progress)?;
     let check = check.map(|data| Checked::new(data, spec));
     progress.stage("which names the data support");
-    let Supported {
+    let Attributed {
         outcome,
         mut left,
         weights,
         parameters,
-        beside,
-    } = supported(&mut search, outcome, check.as_ref())?;
+        improving,
+    } = attribute(&mut search, outcome, check.as_ref())?;
     if let Some(doubt) = feedback::doubt(&search, &outcome.chosen, &weights, left.explained)? {
         left.doubt(doubt);
     }
@@ -153,7 +153,7 @@ pub fn analyse_checked(
         left,
         weights: &weights,
         parameters: &parameters,
-        beside: beside.as_ref(),
+        improving: improving.as_ref(),
         check: check.as_ref(),
     };
     let mut report = assembly::report(found, &data)?;

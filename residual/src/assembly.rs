@@ -4,11 +4,11 @@ use crate::pictures;
 use rayon::prelude::*;
 use residual_columns::error::Error;
 use residual_effects::{effect as effect_of, Build, EffectKind, CATALOGUE};
+use residual_evidence::attribution::Improving;
 use residual_evidence::check::Checked;
 use residual_evidence::intervals::Parameters;
 use residual_evidence::leftover::Leftover;
 use residual_evidence::residual_tests::residual_tests;
-use residual_evidence::support::Beside;
 use residual_evidence::verdict::{verdict, Conditions};
 use residual_log::data::Data;
 use residual_report::{Ambiguity, Effect, NotMaterial, Report, Tested, SCHEMA_VERSION};
@@ -33,7 +33,7 @@ pub(crate) struct Found<'a> {
     /// Parameters of the effects, by index among the chosen ones.
     pub parameters: &'a [Parameters],
     /// What else improves the fit.
-    pub beside: Option<&'a Beside>,
+    pub improving: Option<&'a Improving>,
     /// Data to check the models on.
     pub check: Option<&'a Checked>,
 }
@@ -45,7 +45,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         outcome,
         weights,
         parameters,
-        beside,
+        improving,
         check,
         ..
     } = found;
@@ -54,11 +54,11 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
     let fit = &outcome.fitted.fit;
     let seed = spec.selection.seed;
     let effects = effects(search, outcome, weights, parameters)?;
-    let improves = match beside {
-        Some(beside) => unsupported(search, beside)?,
+    let improves = match improving {
+        Some(all) => unsupported(search, all)?,
         None => vec![],
     };
-    let all = beside.map_or(outcome, |b| &b.outcome);
+    let all = improving.map_or(outcome, |b| &b.outcome);
     let check = match check {
         Some(check) => Some(check.figures(search, &outcome.chosen, &all.chosen)?),
         None => None,
@@ -107,7 +107,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
         seen_not_material: not_material(search, outcome, &effects),
         tested: outcome.last.ranked.iter().map(tested).collect(),
         effects,
-        with_all: beside.map(|b| figures(&search.problem, &b.outcome.fitted.fit, seed)),
+        with_all: improving.map(|b| figures(&search.problem, &b.outcome.fitted.fit, seed)),
         improves,
         limited: outcome.limited,
         check,
@@ -159,17 +159,17 @@ fn effects(
     Ok(out)
 }
 
-/// The effects whose names the data do not support, the most valuable first. The errors before and after are those of
-/// the model with all effects, without and with this one.
-fn unsupported(search: &Search, beside: &Beside) -> Result<Vec<Effect>, Error> {
+/// The effects whose names the data do not support, the most valuable first. The errors before and
+/// after are those of the model with all effects, without and with this one.
+fn unsupported(search: &Search, improving: &Improving) -> Result<Vec<Effect>, Error> {
     let mut out = Vec::new();
-    for w in &beside.weights {
-        let Some(why) = &beside.why[w.index] else {
+    for w in &improving.weights {
+        let Some(why) = &improving.why[w.index] else {
             continue;
         };
         let errors = (w.rmse_without, w.rmse);
-        let parameters = &beside.parameters[w.index];
-        let mut own = effect(search, &beside.outcome, w, parameters, errors)?;
+        let parameters = &improving.parameters[w.index];
+        let mut own = effect(search, &improving.outcome, w, parameters, errors)?;
         own.unsupported = why.clone();
         out.push(own);
     }
@@ -192,7 +192,7 @@ fn effect(
         name: own.effect.kind(),
         form: own.variant.label.clone(),
         form_kind: own.variant.form,
-        meaning: own.effect.meaning().into(),
+        meaning: own.effect.kind().meaning().into(),
         terms: match (own.variant.build)(own.psi) {
             Build::Add(p) | Build::Local(p) | Build::Known(p) => {
                 p.iter().map(|p| p.text.clone()).collect()
@@ -218,18 +218,18 @@ fn effect(
         heldout_after: after,
         heldout_without: weight.rmse_without,
         unsupported: String::new(),
-        rival: judged(outcome, index).rival,
+        rival: standing(outcome, index).rival,
         plot: pictures::of_effect(search, &own, &rest, &outcome.fitted),
     })
 }
 
-fn judged(outcome: &Outcome, index: usize) -> Standing {
-    outcome.judged.get(index).cloned().unwrap_or_default()
+fn standing(outcome: &Outcome, index: usize) -> Standing {
+    outcome.standings.get(index).cloned().unwrap_or_default()
 }
 
 /// Candidates that the data cannot distinguish from a chosen effect, if any.
 fn ambiguity(outcome: &Outcome, index: usize) -> Option<Ambiguity> {
-    let ties = judged(outcome, index).ties;
+    let ties = standing(outcome, index).ties;
     let own = outcome.chosen[index].effect;
     let twin = own
         .twin(&outcome.chosen[index].variant.label)
@@ -241,7 +241,7 @@ fn ambiguity(outcome: &Outcome, index: usize) -> Option<Ambiguity> {
     let others = || ties.iter().copied().chain(twin);
     let experiments: Vec<String> = others()
         .chain([own])
-        .map(|e| format!("{}: {}", e.name(), e.experiment()))
+        .map(|e| format!("{}: {}", e.name(), e.kind().experiment()))
         .collect();
     Some(Ambiguity {
         effects: std::iter::once(own)
@@ -292,8 +292,9 @@ fn nonlinear(c: &Candidate) -> BTreeMap<String, f64> {
         .collect()
 }
 
-/// Effects that were not looked for, as the data lack their columns. The windows of
-/// the data show this as well as all rows. On top of an effect that was found another may be possible, and is `tested`.
+/// Effects that were not looked for, as the data lack their columns. The windows of the data show
+/// this as well as all rows. On top of an effect that was found another may be possible, and is
+/// `tested`.
 fn absent(search: &Search, tested: &[Candidate]) -> Result<Vec<EffectKind>, Error> {
     let declared = &search.declared;
     let small = match &search.thin {

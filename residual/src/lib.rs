@@ -4,7 +4,13 @@
 //! model, tests its residual on groups that were held out, and searches a catalogue of physical
 //! effects for what is missing. The report names the effects with their parameters, the rivals and
 //! the difference to them, and effects that are too small to matter. Its verdict also says when
-//! nothing is missing, when the data cannot distinguish effects, and when no effect explains what is left.
+//! nothing is missing, when the data cannot distinguish effects, and when no effect explains what
+//! is left.
+//!
+//! The crates below this one hold many constants. Where the doc of a constant gives a derivation, a
+//! paper or a measurement, its value comes from there. The others were chosen by hand, not tuned:
+//! they have the value with which they were written. `cargo xtask residual-bench` shows what a
+//! change does.
 //!
 //! [`run`] reads files and writes reports; [`analyse`] works on columns in memory ([`Data`]).
 //! `docs/residual/method.md` describes the method.

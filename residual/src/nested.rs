@@ -2,8 +2,8 @@
 //!
 //! The held-out figure of a report is not that. Each fold's coefficients come from the other folds,
 //! but the effects were selected by the held-out error of all folds, and nonlinear parameters are
-//! refined on all rows. Here each fold is left out of everything, and the whole selection is repeated
-//! without it. That costs as many analyses as there are folds.
+//! refined on all rows. Here each fold is left out of everything, and the whole selection is
+//! repeated without it. That costs as many analyses as there are folds.
 
 use residual_columns::error::Error;
 use residual_columns::progress::Progress;

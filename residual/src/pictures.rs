@@ -1,4 +1,5 @@
-//! What the residual with and without an effect is drawn against: the variable that shows the effect.
+//! What the residual with and without an effect is drawn against: the variable that shows the
+//! effect.
 
 use residual_columns::linalg::dot;
 use residual_columns::parallel;
@@ -51,8 +52,8 @@ pub(crate) fn over(search: &Search, against: &str, before: &[f64], after: &[f64]
     Plot::new(&label, &x, before, after)
 }
 
-/// The residual before and after over time, one run after another: over the time in the run, what differs from run to run would
-/// cancel.
+/// The residual before and after over time, one run after another: over the time in the run, what
+/// differs from run to run would cancel.
 pub(crate) fn over_time(search: &Search, before: &[f64], after: &[f64]) -> Plot {
     let mut x = values(search, &search.problem.plain, "elapsed");
     let mut start = 0.0;
@@ -73,8 +74,8 @@ fn values(search: &Search, view: &View, text: &str) -> Vec<f64> {
         .map_or_else(|_| vec![], |v| v.to_vec())
 }
 
-/// Of the variables that can expose an effect the one over which the means of its `part` of the residual are largest. Time
-/// where none of them varies.
+/// Of the variables that can expose an effect the one over which the means of its `part` of the
+/// residual are largest. Time where none of them varies.
 fn axis(search: &Search, ctx: &Context, own: &Chosen, part: &[f64]) -> String {
     let axes = own.effect.axes(&own.variant, own.psi, ctx);
     let shown = axes.into_iter().filter_map(|a| {
@@ -99,8 +100,9 @@ fn shown(x: &[f64], part: &[f64]) -> f64 {
         .sum()
 }
 
-/// A sine over its own period, from the zero at which it begins to rise: in the data it repeats too often to be seen. `None`
-/// for all that does not repeat. The label, and the place in the period of each row.
+/// A sine over its own period, from the zero at which it begins to rise: in the data it repeats too
+/// often to be seen. `None` for all that does not repeat. The label, and the place in the period of
+/// each row.
 fn period(
     search: &Search,
     ctx: &Context,
@@ -142,8 +144,9 @@ fn period(
     Some((label, x))
 }
 
-/// The angle within a turn, or within a period of the friction's order, where friction depends on it: the turns lie on top of
-/// each other, and the two directions of motion beside each other, as their means would cancel. `None` for all other effects.
+/// The angle within a turn, or within a period of the friction's order, where friction depends on
+/// it: the turns lie on top of each other, and the two directions of motion beside each other, as
+/// their means would cancel. `None` for all other effects.
 fn both_directions(search: &Search, ctx: &Context, own: &Chosen) -> Option<(String, Vec<f64>)> {
     if own.effect.kind() != EffectKind::AngleFriction {
         return None;
@@ -166,8 +169,8 @@ fn both_directions(search: &Search, ctx: &Context, own: &Chosen) -> Option<(Stri
     Some((label, angle.iter().zip(&speed).map(place).collect()))
 }
 
-/// The slope of the prediction, where all of it is late: what is late is off by the delay times this slope. `None` for all
-/// other forms.
+/// The slope of the prediction, where all of it is late: what is late is off by the delay times
+/// this slope. `None` for all other forms.
 fn slope(search: &Search, own: &Chosen, rest: &Fitted) -> Option<(String, Vec<f64>)> {
     let Build::SwapAll(_) = (own.variant.build)(own.psi) else {
         return None;
@@ -182,7 +185,8 @@ fn slope(search: &Search, own: &Chosen, rest: &Fitted) -> Option<(String, Vec<f6
     (!x.is_empty()).then_some((label, x))
 }
 
-/// Fitted rows with one phase: those of each sequence where every sequence has coefficients of its own, else all.
+/// Fitted rows with one phase: those of each sequence where every sequence has coefficients of its
+/// own, else all.
 fn runs(search: &Search, own: &Chosen) -> Vec<Range<usize>> {
     if own.variant.is_local(own.psi) {
         each_run(search)

@@ -1,4 +1,5 @@
-//! docs/residual/your-own-data.md as it stands, on the public data that it names, where they are present.
+//! docs/residual/your-own-data.md as it stands, on the public data that it names, where they are
+//! present.
 
 use residual::{run, spec::Spec, EffectKind, Options};
 use std::path::PathBuf;

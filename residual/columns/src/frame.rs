@@ -70,8 +70,8 @@ impl Frame {
         }
     }
 
-    /// Keeps the values of an expression that many others contain, such as the slope of an angle. Any change of a
-    /// column drops them.
+    /// Keeps the values of an expression that many others contain, such as the slope of an angle.
+    /// Any change of a column drops them.
     pub fn derive(&mut self, text: String, values: Vec<f64>) {
         debug_assert_eq!(values.len(), self.time.len());
         self.derived.insert(text, Arc::new(values));
@@ -120,7 +120,8 @@ impl Frame {
         self.index.get(name).map(|&i| self.columns[i].as_slice())
     }
 
-    /// The values of an expression that are there already, to be shared: those of a column, or of an expression that was kept.
+    /// The values of an expression that are there already, to be shared: those of a column, or of
+    /// an expression that was kept.
     pub fn known(&self, e: &Expr) -> Option<&Arc<Vec<f64>>> {
         match e {
             Expr::Var(name) => self.index.get(name).map(|&i| &self.columns[i]),

@@ -1,5 +1,5 @@
-//! Columns of measured rows in sequences, expressions over them, and the numerics on them: the ground
-//! floor of the residual analysis.
+//! Columns of measured rows in sequences, expressions over them, and the numerics on them: the
+//! ground floor of the residual analysis.
 
 pub mod error;
 pub mod expr;

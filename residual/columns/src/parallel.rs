@@ -1,7 +1,8 @@
 //! Work on many rows, shared among threads where the calling thread would be alone.
 //!
-//! Inside a scan all threads are busy with forms of their own. There nothing is shared: a thread that waits for others would
-//! begin with another form meanwhile, and the columns of both would be in memory.
+//! Inside a scan all threads are busy with forms of their own. There nothing is shared: a thread
+//! that waits for others would begin with another form meanwhile, and the columns of both would be
+//! in memory.
 
 use rayon::prelude::*;
 use std::cmp::Ordering;

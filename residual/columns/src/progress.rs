@@ -27,8 +27,8 @@ const ON_TERMINAL: Duration = Duration::from_millis(200);
 /// The same in a log, where each is a line.
 const IN_LOG: Duration = Duration::from_secs(5);
 
-/// Prints stages with the time since the start to standard error, and in between the fraction of the scan
-/// that is done: in place on a terminal, as a line every few seconds elsewhere.
+/// Prints stages with the time since the start to standard error, and in between the fraction of
+/// the scan that is done: in place on a terminal, as a line every few seconds elsewhere.
 pub struct Console {
     start: Instant,
     terminal: bool,

@@ -1,4 +1,5 @@
-//! Small statistics on plain values: robust location, steps, distributions, a reproducible generator.
+//! Small statistics on plain values: robust location, steps, distributions, a reproducible
+//! generator.
 
 use crate::parallel;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor, StudentsT};
@@ -34,7 +35,8 @@ pub fn mean(v: &[f64]) -> f64 {
     v.iter().sum::<f64>() / v.len().max(1) as f64
 }
 
-/// Slope of the straight line through points, and the squared distances from it; `None` where `x` does not vary.
+/// Slope of the straight line through points, and the squared distances from it; `None` where `x`
+/// does not vary.
 pub fn line(x: &[f64], y: &[f64]) -> Option<(f64, f64)> {
     let (mx, my) = (mean(x), mean(y));
     let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
@@ -105,7 +107,8 @@ pub fn chi2_tail(x: f64, k: f64) -> f64 {
     normal_tail(((x / k).cbrt() - (1.0 - c)) / c.sqrt())
 }
 
-/// Upper tail of Snedecor's F distribution with `upper` and `lower` degrees of freedom; 1 where it isn't defined.
+/// Upper tail of Snedecor's F distribution with `upper` and `lower` degrees of freedom; 1 where it
+/// isn't defined.
 pub fn f_tail(f: f64, upper: f64, lower: f64) -> f64 {
     match FisherSnedecor::new(upper, lower) {
         Ok(d) if f > 0.0 => d.sf(f),

@@ -1,28 +1,26 @@
 //! Dry friction that depends on the angle: a rubbing spot, a bent shaft.
 
 use super::periodic_angle::{Angle, FEW_TURNS};
-use super::{amplitude_phase, Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
+use super::{
+    with_amplitude_phase, Build, Context, Effect, EffectKind, Estimate, Nature, Piece, Psi, Variant,
+};
 use residual_columns::units::radians;
 use std::f64::consts::TAU;
 
 pub struct AngleFriction;
 
-/// Places in a turn at which the middle of a sector is looked for, and widths of sectors in radians.
+/// Places in a turn at which the middle of a sector is looked for, and widths of sectors in
+/// radians.
 const PLACES: usize = 24;
 const WIDTHS: [f64; 8] = [0.3, 0.42, 0.6, 0.84, 1.15, 1.55, 2.1, 2.8];
 
-/// Orders per turn of a friction that swells and falls that are tried in any case: over less than a few turns no others are resolved.
+/// Orders per turn of a friction that swells and falls that are tried in any case: over less than a
+/// few turns no others are resolved.
 const ORDERS: [f64; 4] = [1.0, 2.0, 3.0, 4.0];
 
 impl Effect for AngleFriction {
     fn kind(&self) -> EffectKind {
         EffectKind::AngleFriction
-    }
-    fn meaning(&self) -> &'static str {
-        "dry friction that depends on the angle: larger in a sector of the turn, or with a ripple"
-    }
-    fn experiment(&self) -> &'static str {
-        "turn slowly through the whole range in both directions under constant load: the difference of the directions depends on the angle"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.position.clone().unwrap_or_else(|| ctx.load.clone())
@@ -68,18 +66,19 @@ impl Effect for AngleFriction {
 fn in_a_sector(ctx: &Context, sign: &str, angle: &str, width: f64) -> Variant {
     let (sign, angle, unit) = (sign.to_string(), angle.to_string(), ctx.unit().to_string());
     let step = TAU / PLACES as f64;
-    let psi = Psi {
-        name: "middle",
-        unit: "rad".into(),
-        grid: (0..PLACES).map(|k| k as f64 * step).collect(),
-        refine: true,
-        resolution: Some(step),
-    };
+    let psi = Psi::new(
+        "middle",
+        "rad",
+        (0..PLACES).map(|k| k as f64 * step).collect(),
+    )
+    .within(step);
     let edge = (0.5 * width).cos();
     let label = format!("in a sector of {width} rad");
     Variant::profiled(&label, psi, move |middle| {
         let text = format!("{sign} * (cos({angle} - {middle}) > {edge})");
-        Build::Add(vec![Piece::new("friction", unit.clone(), text)])
+        Build::Add(vec![
+            Piece::new("friction", unit.clone(), text).being(Nature::Friction)
+        ])
     })
 }
 
@@ -108,5 +107,5 @@ fn with_a_ripple(ctx: &Context, sign: &str, angle: &str) -> Variant {
             Piece::new("cosine", unit.clone(), wave("cos")),
         ])
     })
-    .with(amplitude_phase)
+    .with(with_amplitude_phase)
 }

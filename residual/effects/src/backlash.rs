@@ -4,21 +4,16 @@ use super::{Build, Context, Effect, EffectKind, Estimate, Psi, Variant};
 
 pub struct Backlash;
 
-/// Widest gap, as a share of the largest motion within one run. Behind a wider one nothing would move.
+/// Widest gap, as a share of the largest motion within one run. Behind a wider one nothing would
+/// move.
 const WIDEST: f64 = 0.8;
 
 impl Effect for Backlash {
     fn kind(&self) -> EffectKind {
         EffectKind::Backlash
     }
-    fn meaning(&self) -> &'static str {
-        "backlash: after a reversal the drive crosses a gap before the output follows"
-    }
-    fn experiment(&self) -> &'static str {
-        "reverse slowly with small amplitudes around the gap: the output stands still inside it, with sharp corners"
-    }
-    /// Seen from the drive, dry friction between drive and load is a gap in the command: the load stands still until the
-    /// command has crossed twice the friction.
+    /// Seen from the drive, dry friction between drive and load is a gap in the command: the load
+    /// stands still until the command has crossed twice the friction.
     fn twin(&self, label: &str) -> Option<EffectKind> {
         (label == "gap in command").then_some(EffectKind::Coulomb)
     }
@@ -58,13 +53,7 @@ impl Effect for Backlash {
             let widest = WIDEST * ctx.excursion(name);
             let form = Variant::profiled(
                 &format!("gap in {name}"),
-                Psi {
-                    name: "gap",
-                    unit,
-                    grid,
-                    refine: true,
-                    resolution: None,
-                },
+                Psi::new("gap", unit, grid),
                 move |w| Build::Swap(vec![(name.to_string(), format!("play({name}, {w})"))]),
             );
             out.push(form.possible(move |gap, _| gap <= widest));

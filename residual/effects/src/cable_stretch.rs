@@ -1,7 +1,8 @@
 //! Elasticity in series: the cable stretches before it pulls.
 
 use super::{
-    Build, Context, Effect, EffectKind, Estimate, Form, Found, Piece, Psi, Remedy, Setting, Variant,
+    Build, Context, Effect, EffectKind, Estimate, Form, Found, Nature, Piece, Psi, Remedy, Setting,
+    Variant,
 };
 
 use super::gravity_angle::too_short;
@@ -32,16 +33,11 @@ impl Effect for CableStretch {
     fn kind(&self) -> EffectKind {
         EffectKind::CableStretch
     }
-    fn meaning(&self) -> &'static str {
-        "series elasticity: the load follows the command through a spring and damper (first-order lag), or rises with the winding angle"
-    }
-    fn experiment(&self) -> &'static str {
-        "step and sweep the command with the far end blocked: the phase of a lag approaches a quarter period, that of a delay grows without limit"
-    }
     fn setting(&self) -> Option<Setting> {
         Some(Setting::Delay)
     }
-    /// Over a short arc a weight rises with the angle as the force of a spring does, and a joint has a weight more often than a spring.
+    /// Over a short arc a weight rises with the angle as the force of a spring does, and a joint
+    /// has a weight more often than a spring.
     fn twin(&self, label: &str) -> Option<EffectKind> {
         (label == SHORT_SPRING).then_some(EffectKind::GravityAngle)
     }
@@ -68,7 +64,8 @@ impl Effect for CableStretch {
             })
     }
     fn axes(&self, form: &Variant, _: f64, ctx: &Context) -> Vec<String> {
-        // A lag is off by its time constant times the slope of the load, a spring by its stiffness times the angle.
+        // A lag is off by its time constant times the slope of the load, a spring by its stiffness
+        // times the angle.
         match &ctx.position {
             Some(x) if form.label == SPRING || form.label == SHORT_SPRING => vec![x.clone()],
             _ => vec![format!("deriv({}, 2)", ctx.load)],
@@ -85,13 +82,7 @@ impl Effect for CableStretch {
             out.push(
                 Variant::profiled(
                     "lag of the command",
-                    Psi {
-                        name: "time_constant",
-                        unit: "s".into(),
-                        grid,
-                        refine: true,
-                        resolution: None,
-                    },
+                    Psi::new("time_constant", "s", grid),
                     |tau| Build::Swap(vec![("command".into(), format!("lowpass(command, {tau})"))]),
                 )
                 .form(Form::CommandLag),
@@ -113,7 +104,7 @@ impl Effect for CableStretch {
             };
             out.push(Variant::linear(
                 label,
-                vec![Piece::new("stiffness", unit, angle)],
+                vec![Piece::new("stiffness", unit, angle).being(Nature::Stiffness)],
             ));
         }
         out

@@ -12,12 +12,6 @@ impl Effect for ClockSkew {
     fn kind(&self) -> EffectKind {
         EffectKind::ClockSkew
     }
-    fn meaning(&self) -> &'static str {
-        "clock skew: the clocks of command and target run at different rates, so the lag between them grows along the run"
-    }
-    fn experiment(&self) -> &'static str {
-        "repeat one sharp event at the start and at the end of a long run and compare the lag"
-    }
     fn against(&self, ctx: &Context) -> String {
         // The lag grows with the time, and shows in proportion to the slope of the load.
         format!("elapsed * deriv({}, 2)", ctx.load)
@@ -36,13 +30,7 @@ impl Effect for ClockSkew {
             .map(|r| -r)
             .chain(half.iter().copied())
             .collect();
-        let psi = || Psi {
-            name: "skew",
-            unit: "s/s".into(),
-            grid: grid.clone(),
-            refine: true,
-            resolution: None,
-        };
+        let psi = || Psi::new("skew", "s/s", grid.clone());
         let mut out = Vec::new();
         if ctx.columns.iter().any(|n| n != "command") {
             // All inputs, those of effects that were found or will be found as well.
@@ -75,15 +63,14 @@ impl Effect for ClockSkew {
             _ => return None,
         };
         let end = skew * ctx.span;
-        let psi = Psi {
-            name: "delay",
-            unit: "s".into(),
-            grid: (-CONSTANT_LAGS..=2 * CONSTANT_LAGS)
+        let psi = Psi::new(
+            "delay",
+            "s",
+            (-CONSTANT_LAGS..=2 * CONSTANT_LAGS)
                 .map(|k| -end * f64::from(k) / f64::from(CONSTANT_LAGS))
                 .collect(),
-            refine: false,
-            resolution: None,
-        };
+        )
+        .given();
         Some(Variant::profiled("a constant delay", psi, move |lag| {
             let delay = |n: &String| (n.clone(), format!("delay({n}, {lag})"));
             let pairs = names.iter().map(delay).collect();

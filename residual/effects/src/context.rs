@@ -11,7 +11,8 @@ use residual_log::spec::Spec;
 /// Largest factor for what a slope loses of an acceleration.
 const MOST_LOST: f64 = 1.25;
 
-/// Longest window of a slope times the rate at which the velocity changes (for a sine its angular frequency).
+/// Longest window of a slope times the rate at which the velocity changes (for a sine its angular
+/// frequency).
 const WINDOW: f64 = 1.5;
 
 /// Squares of the rows' distances from the middle of a slope over 2 `half` + 1 rows, summed.
@@ -19,35 +20,39 @@ fn spread(half: f64) -> f64 {
     half * (half + 1.0) * (2.0 * half + 1.0) / 3.0
 }
 
-/// Fourth differences at distance 1 and 2 of white noise have the same variance. It is not white where the ratio is outside of these.
+/// Fourth differences at distance 1 and 2 of white noise have the same variance. It is not white
+/// where the ratio is outside of these.
 const WHITE: std::ops::Range<f64> = 0.7..1.5;
 
-/// The same ratio above which it is that of a motion, whose fourth differences grow by up to 256. Usual filters of noise stay below.
+/// The same ratio above which it is that of a motion, whose fourth differences grow by up to 256.
+/// Usual filters of noise stay below.
 const MOTION: f64 = 60.0;
 
-/// Share of the energy of the narrowest slope up to which white noise with the fourth differences of the velocity does not matter. That
-/// of filtered noise is larger: fourth differences see its high frequencies only.
+/// Share of the energy of the narrowest slope up to which white noise with the fourth differences
+/// of the velocity does not matter. That of filtered noise is larger: fourth differences see its
+/// high frequencies only.
 const SMALL: f64 = 0.001;
 
 /// Noise in a slope, over the rest of its energy, up to which the slope shows what it loses.
 const CLEAR: f64 = 0.1;
 
-/// What the second slope loses beside the narrowest, over what the third loses: for a motion that rows resolve, and for steps of the
-/// acceleration. Others lie between the two.
+/// What the second slope loses beside the narrowest, over what the third loses: for a motion that
+/// rows resolve, and for steps of the acceleration. Others lie between the two.
 const LOSSES: [f64; 2] = [2.0 / 5.0, 0.565];
 
 /// How far outside of these it may be: of a sine with eight rows in a period it is 0.29.
 const OUTSIDE: f64 = 0.12;
 
-/// By how much the share that the narrowest slope loses falls with that ratio, for sines with few rows in a period.
+/// By how much the share that the narrowest slope loses falls with that ratio, for sines with few
+/// rows in a period.
 const FEW_ROWS: f64 = 0.5;
 
-/// The factor for what the narrowest slope loses of the acceleration beside one of half width `half`, from what the second and the third
-/// lose beside the narrowest.
+/// The factor for what the narrowest slope loses of the acceleration beside one of half width
+/// `half`, from what the second and the third lose beside the narrowest.
 ///
-/// Over 2 n + 1 rows a slope loses (3 n² + 3 n - 1) / 30 times the same small number where rows resolve the motion: the narrowest one
-/// 5/12 of what the second loses beside it. The means over all places of a step between two rows give 25/34 · 3 / (2 n + 1) of it
-/// instead.
+/// Over 2 n + 1 rows a slope loses (3 n² + 3 n - 1) / 30 times the same small number where rows
+/// resolve the motion: the narrowest one 5/12 of what the second loses beside it. The means over
+/// all places of a step between two rows give 25/34 · 3 / (2 n + 1) of it instead.
 fn narrowest(second: f64, third: f64, half: f64) -> f64 {
     let [smooth, steps] = LOSSES;
     let ratio = second / third;
@@ -63,14 +68,16 @@ fn narrowest(second: f64, third: f64, half: f64) -> f64 {
     1.0 + (least + slope * (ratio - smooth).min(steps - smooth)) * second
 }
 
-/// Share of the difference between the slope of the angle and the velocity that is along the acceleration where the velocity is late.
+/// Share of the difference between the slope of the angle and the velocity that is along the
+/// acceleration where the velocity is late.
 const SURELY_LATE: f64 = 0.05;
 
 /// Share of the steps of time that may be longer or shorter than the usual one by a quarter.
 const UNEVEN: f64 = 0.1;
 
-/// Variance of the white noise of a column, from its fourth differences at a distance in rows: a motion that rows resolve is smooth to
-/// them. Corners of the motion are few, and the median leaves them out.
+/// Variance of the white noise of a column, from its fourth differences at a distance in rows: a
+/// motion that rows resolve is smooth to them. Corners of the motion are few, and the median leaves
+/// them out.
 fn white_noise(values: &[f64], distance: usize) -> f64 {
     let fourth = |w: &[f64]| {
         let at = |k: usize| w[k * distance];
@@ -86,9 +93,10 @@ fn white_noise(values: &[f64], distance: usize) -> f64 {
     share * usual.powi(2) / 70.0
 }
 
-/// Slopes of a velocity over several rows, each with the factor with which a fit gives the coefficient of the acceleration: what the slope
-/// loses of the acceleration would make an inertia too large, the noise of the velocity too small. Where the noise of the velocity
-/// is neither small nor white, as that of a difference of angles, there is no factor.
+/// Slopes of a velocity over several rows, each with the factor with which a fit gives the
+/// coefficient of the acceleration: what the slope loses of the acceleration would make an inertia
+/// too large, the noise of the velocity too small. Where the noise of the velocity is neither small
+/// nor white, as that of a difference of angles, there is no factor.
 #[derive(Debug, Clone)]
 pub struct Slopes(Vec<(f64, String)>);
 
@@ -114,10 +122,11 @@ pub struct Context<'a> {
     pub spec: &'a Spec,
     /// The declared model's prediction as an expression: what the rig is loaded with.
     pub load: String,
-    /// Whether the load is the command with a fitted coefficient that is not clearly different from zero: shares of such a load say
-    /// nothing.
+    /// Whether the load is the command with a fitted coefficient that is not clearly different from
+    /// zero: shares of such a load say nothing.
     pub load_is_vague: bool,
-    /// All force that the declared terms predict, as an expression, where friction and other forces make it differ from the load.
+    /// All force that the declared terms predict, as an expression, where friction and other forces
+    /// make it differ from the load.
     pub all_force: Option<String>,
     /// Residual of the current model on fitted rows.
     pub residual: &'a [f64],
@@ -165,7 +174,8 @@ impl Context<'_> {
         }
     }
 
-    /// What the characteristic of a sensor may act on, with its name: the load alone, and all force that is predicted.
+    /// What the characteristic of a sensor may act on, with its name: the load alone, and all force
+    /// that is predicted.
     pub fn sensed(&self) -> Vec<(&'static str, String)> {
         let all = self.all_force.iter().map(|f| ("all force", f.clone()));
         let load = std::iter::once(("load", self.load.clone()));
@@ -209,7 +219,8 @@ impl Context<'_> {
             .any(|(fixed, e)| fixed.is_some() && (!any || of_command(e)))
     }
 
-    /// Slopes of a velocity that stand for its acceleration: a compromise between noise and lost detail.
+    /// Slopes of a velocity that stand for its acceleration: a compromise between noise and lost
+    /// detail.
     pub fn slopes(&self, velocity: &str) -> Slopes {
         let speed = self.values(velocity);
         let size = stats::deviation(&speed).max(f64::MIN_POSITIVE);
@@ -217,7 +228,8 @@ impl Context<'_> {
         let steps = self.values(&text(1.0));
         let product = |a: &[f64], b: &[f64]| dot(a, b) / b.len().max(1) as f64;
         let (near, far) = (white_noise(&speed, 1), white_noise(&speed, 2));
-        // What noise of the velocity adds to the product of a slope with itself or with a narrower one.
+        // What noise of the velocity adds to the product of a slope with itself or with a narrower
+        // one.
         let added = |half: f64| near / self.dt.powi(2) / spread(half);
         let small = added(1.0) <= SMALL * product(&steps, &steps);
         let white_or_motion = |ratio: f64| WHITE.contains(&ratio) || ratio > MOTION;
@@ -246,10 +258,12 @@ impl Context<'_> {
         for half in [2.0, 3.0, 5.0, 8.0, 12.0, 18.0] {
             let slope = self.values(&text(half));
             let own = product(&slope, &slope);
-            // A slope over 2 `half` + 1 rows follows the acceleration where that window is short beside the time in which the
-            // velocity changes. A sine keeps nine tenths of its acceleration at the limit. Far wider ones see no change at
-            // all, so the first that does not follow ends the list. So does one that loses more than can be made up for: over
-            // short pulses it is smooth itself, and noise does not make it look so, as that is in both products.
+            // A slope over 2 `half` + 1 rows follows the acceleration where that window is short
+            // beside the time in which the velocity changes. A sine keeps nine tenths of its
+            // acceleration at the limit. Far wider ones see no change at all, so the first that
+            // does not follow ends the list. So does one that loses more than can be made up for:
+            // over short pulses it is smooth itself, and noise does not make it look so, as that is
+            // in both products.
             if (2.0 * half + 1.0) * self.dt * own.sqrt() / size >= WINDOW
                 || product(&steps, &slope) > MOST_LOST * own
             {
@@ -260,8 +274,9 @@ impl Context<'_> {
         out
     }
 
-    /// By how many seconds the velocity column follows the slope of the angle: a velocity from an encoder is often filtered. `None`
-    /// without both columns in units that fit, and where it is not surely late.
+    /// By how many seconds the velocity column follows the slope of the angle: a velocity from an
+    /// encoder is often filtered. `None` without both columns in units that fit, and where it is
+    /// not surely late.
     pub fn velocity_is_late(&self) -> Option<f64> {
         let roles = &self.spec.roles;
         let (velocity, angle) = (roles.velocity.as_ref()?, roles.angle.as_ref()?);
@@ -276,7 +291,8 @@ impl Context<'_> {
         let ahead: Vec<f64> = slope.iter().zip(&speed).map(|(s, v)| s - v).collect();
         let (own, product) = (dot(&change, &change), dot(&ahead, &change));
         let late = product / own.max(f64::MIN_POSITIVE);
-        // Most of a real lateness is along the acceleration, in many rows; noise of the two columns is not.
+        // Most of a real lateness is along the acceleration, in many rows; noise of the two columns
+        // is not.
         let sure = product.powi(2) > SURELY_LATE * own * dot(&ahead, &ahead);
         (late > 0.1 * self.dt && sure).then_some(late)
     }
@@ -324,7 +340,8 @@ impl Context<'_> {
         self.range(text).map_or(0.0, |(lo, hi)| hi - lo)
     }
 
-    /// Largest range of an expression within one sequence, between its 2 % and 98 % quantiles there.
+    /// Largest range of an expression within one sequence, between its 2 % and 98 % quantiles
+    /// there.
     pub fn excursion(&self, text: &str) -> f64 {
         let v = self.values(text);
         if v.is_empty() {
@@ -403,7 +420,8 @@ impl Context<'_> {
             .collect()
     }
 
-    /// Time in which an expression changes by its own size (for a sine a radian of its period); 0 if it does not change.
+    /// Time in which an expression changes by its own size (for a sine a radian of its period); 0
+    /// if it does not change.
     pub fn changes_in(&self, text: &str) -> f64 {
         let size = stats::deviation(&self.values(text));
         let slope = stats::rms(&self.values(&format!("deriv({text}, 2)")));

@@ -14,12 +14,6 @@ impl Effect for CosineMisalignment {
     fn kind(&self) -> EffectKind {
         EffectKind::CosineMisalignment
     }
-    fn meaning(&self) -> &'static str {
-        "cosine error: the sensor sees the component of the load along its axis, and the angle between them changes"
-    }
-    fn experiment(&self) -> &'static str {
-        "hold one load and turn the direction of the cable through its range"
-    }
     fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
         let why = "a component lies between nothing and all of the load";
         e.outside("cosine_share", COSINE.0, COSINE.1, why)

@@ -1,18 +1,14 @@
 //! Dry friction of constant size.
 
-use super::{Context, Effect, EffectKind, Found, Friction, Piece, Remedy, Setting, Variant};
+use super::{
+    Context, Effect, EffectKind, Found, Friction, Nature, Piece, Remedy, Setting, Variant,
+};
 
 pub struct Coulomb;
 
 impl Effect for Coulomb {
     fn kind(&self) -> EffectKind {
         EffectKind::Coulomb
-    }
-    fn meaning(&self) -> &'static str {
-        "dry friction: a constant force with the sign of the velocity"
-    }
-    fn experiment(&self) -> &'static str {
-        "move back and forth at constant speed and constant load: the force jumps by twice the friction when the direction changes"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
@@ -36,7 +32,8 @@ impl Effect for Coulomb {
                 "friction",
                 ctx.unit(),
                 format!("sgn({v}, {})", ctx.deadband),
-            )],
+            )
+            .being(Nature::Friction)],
         )]
     }
 }

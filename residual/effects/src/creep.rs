@@ -18,17 +18,11 @@ impl Effect for Creep {
     fn kind(&self) -> EffectKind {
         EffectKind::Creep
     }
-    fn meaning(&self) -> &'static str {
-        "creep: part of the response to a load is slow, with a time constant of its own"
-    }
-    fn experiment(&self) -> &'static str {
-        "hold a load for many time constants, remove it, and record the return to zero"
-    }
     fn against(&self, _: &Context) -> String {
         "elapsed".into()
     }
-    /// A share of the response is between nothing and all of it. Load cells creep by some thousandths, and their
-    /// compensation may overdo it.
+    /// A share of the response is between nothing and all of it. Load cells creep by some
+    /// thousandths, and their compensation may overdo it.
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         let share = "a share of the response lies between 0 and 1";
         e.outside("creep_share", SHARE.0, SHARE.1, share)
@@ -54,13 +48,7 @@ impl Effect for Creep {
             return vec![];
         }
         let grid = Context::log_grid(FASTEST_ROWS * ctx.dt, LONGEST_SPANS * ctx.span, 12);
-        let psi = || Psi {
-            name: "time_constant",
-            unit: "s".into(),
-            grid: grid.clone(),
-            refine: true,
-            resolution: None,
-        };
+        let psi = || Psi::new("time_constant", "s", grid.clone());
         let (a, b) = (ctx.load.clone(), ctx.load.clone());
         vec![
             Variant::profiled("since the load came on", psi(), move |tau| {

@@ -10,12 +10,6 @@ impl Effect for Crosstalk {
     fn kind(&self) -> EffectKind {
         EffectKind::Crosstalk
     }
-    fn meaning(&self) -> &'static str {
-        "crosstalk: a share of another channel shows in the target"
-    }
-    fn experiment(&self) -> &'static str {
-        "excite the other channel alone"
-    }
     fn repeatable(&self) -> bool {
         true
     }

@@ -6,7 +6,8 @@ use std::collections::BTreeSet;
 /// Rows up to which a delay is looked for in any data.
 const MOST_ROWS: f64 = 32.0;
 
-/// Longest delay, over the time in which the load changes: about half a period of its motion. Later the load looks like an earlier one.
+/// Longest delay, over the time in which the load changes: about half a period of its motion. Later
+/// the load looks like an earlier one.
 const LONGEST: f64 = 3.0;
 
 /// Factor between values of a delay beyond [`MOST_ROWS`].
@@ -17,12 +18,6 @@ pub struct Delay;
 impl Effect for Delay {
     fn kind(&self) -> EffectKind {
         EffectKind::Delay
-    }
-    fn meaning(&self) -> &'static str {
-        "delay: the target follows the command after a fixed time (negative: the time stamps of the target are late)"
-    }
-    fn experiment(&self) -> &'static str {
-        "sweep the command up to half the sampling rate: a delay's phase grows in proportion to the frequency, without limit"
     }
     fn against(&self, ctx: &Context) -> String {
         // The error of a late response is the delay times this slope.
@@ -49,7 +44,8 @@ impl Effect for Delay {
             0.02, 0.05, 0.12, 0.25, 0.5, 0.75, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0,
             13.0, 16.0, 20.0, 26.0, MOST_ROWS,
         ];
-        // Rows may be much closer than the motion is fast: then a delay of many rows still shows what it is.
+        // Rows may be much closer than the motion is fast: then a delay of many rows still shows
+        // what it is.
         let last = MOST_ROWS * ctx.dt;
         let longest = (LONGEST * ctx.changes_in(&ctx.load)).min(ctx.span / 8.0);
         let mut later = if longest > 1.2 * last {
@@ -65,13 +61,7 @@ impl Effect for Delay {
             .map(|s| -s)
             .chain(positive.iter().copied())
             .collect();
-        let psi = || Psi {
-            name: "delay",
-            unit: "s".into(),
-            grid: grid.clone(),
-            refine: true,
-            resolution: None,
-        };
+        let psi = || Psi::new("delay", "s", grid.clone());
         let mut out = Vec::new();
         if names.iter().any(|n| n == "command") {
             out.push(Variant::profiled("of the command", psi(), |s| {
@@ -97,7 +87,8 @@ impl Effect for Delay {
     }
 }
 
-/// Every column that terms use, those of the catalogue included. Columns that terms use by their names in the log are no roles.
+/// Every column that terms use, those of the catalogue included. Columns that terms use by their
+/// names in the log are no roles.
 pub(super) fn inputs(ctx: &Context) -> BTreeSet<String> {
     let roles = &ctx.spec.roles;
     let used = ctx.declared_columns().into_iter();

@@ -1,6 +1,6 @@
 //! Drift with temperature, of zero or of gain.
 
-use super::{ratio, Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
+use super::{ratio, Build, Context, Effect, EffectKind, Estimate, Nature, Piece, Psi, Variant};
 
 use residual_columns::format::num;
 
@@ -9,12 +9,6 @@ pub struct DriftTemperature;
 impl Effect for DriftTemperature {
     fn kind(&self) -> EffectKind {
         EffectKind::DriftTemperature
-    }
-    fn meaning(&self) -> &'static str {
-        "temperature drift of zero or gain, at once or with a thermal time constant"
-    }
-    fn experiment(&self) -> &'static str {
-        "warm up and cool down under constant load, so that temperature and time do not rise together"
     }
     fn against(&self, _: &Context) -> String {
         "temperature".into()
@@ -48,7 +42,7 @@ impl Effect for DriftTemperature {
                     format!("temperature - {mid}"),
                 ),
                 // The temperature of no error is unknown: it comes as the error at mid-range.
-                Piece::new("error_at_mid_range", ctx.unit(), "1"),
+                Piece::new("error_at_mid_range", ctx.unit(), "1").being(Nature::Beside),
             ],
         )];
         for (of, force) in ctx.sensed() {
@@ -61,20 +55,15 @@ impl Effect for DriftTemperature {
                 vec![
                     Piece::new("gain_per_degree", ratio("1", &k), text),
                     // Nor is the temperature of the right gain known.
-                    Piece::new("gain_error_at_mid_range", "1", ctx.load.clone()),
+                    Piece::new("gain_error_at_mid_range", "1", ctx.load.clone())
+                        .being(Nature::Beside),
                 ],
             ));
         }
         let grid = Context::log_grid(20.0 * ctx.dt, ctx.span, 8);
         out.push(Variant::profiled(
             "of zero, as it warms through",
-            Psi {
-                name: "time_constant",
-                unit: "s".into(),
-                grid,
-                refine: true,
-                resolution: None,
-            },
+            Psi::new("time_constant", "s", grid),
             move |tau| {
                 Build::Add(vec![Piece::new(
                     "drift_per_degree",

@@ -3,10 +3,12 @@
 use super::{Context, Effect, EffectKind, Estimate, Piece, Variant};
 use residual_columns::stats;
 
-/// Share of the angle's variance that is no line in time, up to which the angle only says what time it is.
+/// Share of the angle's variance that is no line in time, up to which the angle only says what time
+/// it is.
 const STRAIGHT: f64 = 1e-3;
 
-/// The same for the velocity: friction grows with it on any machine, and steps of the speed are no line.
+/// The same for the velocity: friction grows with it on any machine, and steps of the speed are no
+/// line.
 const NEARLY_STRAIGHT: f64 = 0.05;
 
 pub struct DriftTime;
@@ -14,12 +16,6 @@ pub struct DriftTime;
 impl Effect for DriftTime {
     fn kind(&self) -> EffectKind {
         EffectKind::DriftTime
-    }
-    fn meaning(&self) -> &'static str {
-        "drift: an error that grows steadily with time"
-    }
-    fn experiment(&self) -> &'static str {
-        "hold one load for a long time at constant temperature; repeat the run with the order of loads reversed"
     }
     fn axes(&self, form: &Variant, _: f64, _: &Context) -> Vec<String> {
         let clock = form.label == "by the clock";

@@ -4,7 +4,8 @@ use super::{Form, Param};
 use residual_columns::format::num;
 use std::collections::BTreeMap;
 
-/// Largest width of the interval of an order or a frequency, as a share of it: beyond it the number says nothing.
+/// Largest width of the interval of an order or a frequency, as a share of it: beyond it the number
+/// says nothing.
 const VAGUE: f64 = 0.5;
 
 /// Parameters of an effect with their 95 % intervals.

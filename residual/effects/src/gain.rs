@@ -7,8 +7,8 @@ use residual_columns::stats::quantile_sorted;
 
 pub struct Gain;
 
-/// Values at which an error that grows with a variable may be zero, over its usual range and as far again on both sides: then the error
-/// at one end of the range is at least twice that at the other.
+/// Values at which an error that grows with a variable may be zero, over its usual range and as far
+/// again on both sides: then the error at one end of the range is at least twice that at the other.
 const ZEROS: usize = 16;
 
 /// Quantiles of the usual range of a variable.
@@ -20,8 +20,9 @@ const KINKS: [f64; 7] = [0.26, 0.32, 0.38, 0.44, 0.5, 0.56, 0.62];
 /// Least share of the rows with the first slope.
 const FIRST_SLOPE: f64 = 0.25;
 
-/// Standard errors by which a curve or a span drift must predict worse than a gain. A gain is the simpler explanation; with more of them
-/// most gains of a third of the noise would have no name of their own.
+/// Standard errors by which a curve or a span drift must predict worse than a gain. A gain is the
+/// simpler explanation; with more of them most gains of a third of the noise would have no name of
+/// their own.
 const EXCLUDED_FROM: f64 = 0.5;
 
 /// An error of gain that grows with `with`, by its zero; `None` if the variable does not vary.
@@ -39,8 +40,8 @@ fn growing(ctx: &Context, with: &str) -> Option<Variant> {
     }))
 }
 
-/// An error of gain from a size of the load on, on the side on which most of the load is; `None` if the load does not vary, or is
-/// least on so many rows that the rest of them is all there is.
+/// An error of gain from a size of the load on, on the side on which most of the load is; `None` if
+/// the load does not vary, or is least on so many rows that the rest of them is all there is.
 fn from_a_load_on(ctx: &Context) -> Option<Variant> {
     ctx.range(&ctx.load)?;
     let load = sorted(ctx, &ctx.load);
@@ -76,24 +77,12 @@ fn sorted(ctx: &Context, expr: &str) -> Vec<f64> {
 
 /// A parameter with values to be tried as they are.
 fn at(grid: Vec<f64>) -> Psi {
-    Psi {
-        name: "at",
-        unit: String::new(),
-        grid,
-        refine: false,
-        resolution: None,
-    }
+    Psi::new("at", "", grid).given()
 }
 
 impl Effect for Gain {
     fn kind(&self) -> EffectKind {
         EffectKind::Gain
-    }
-    fn meaning(&self) -> &'static str {
-        "gain: the declared prediction is too small or too large by a constant factor"
-    }
-    fn experiment(&self) -> &'static str {
-        "hold several known loads at rest: the error grows in proportion to the load"
     }
     fn remedies(&self, found: &Found) -> Vec<Remedy> {
         vec![Remedy::Gain((found.get)("gain_error"))]

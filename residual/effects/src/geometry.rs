@@ -8,12 +8,6 @@ impl Effect for Geometry {
     fn kind(&self) -> EffectKind {
         EffectKind::Geometry
     }
-    fn meaning(&self) -> &'static str {
-        "geometry: an error that depends on the pose, alone or in proportion to the load"
-    }
-    fn experiment(&self) -> &'static str {
-        "visit the same poses several times, in different order and under different loads"
-    }
     fn repeatable(&self) -> bool {
         true
     }

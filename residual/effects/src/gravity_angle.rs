@@ -1,6 +1,6 @@
 //! Weight of a part that turns with an angle.
 
-use super::{Context, Effect, EffectKind, Estimate, Param, Piece, Psi, Variant};
+use super::{amplitude_phase, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
 
 use residual_columns::format::num;
 use residual_columns::linalg::similarity;
@@ -14,12 +14,6 @@ pub struct GravityAngle;
 impl Effect for GravityAngle {
     fn kind(&self) -> EffectKind {
         EffectKind::GravityAngle
-    }
-    fn meaning(&self) -> &'static str {
-        "gravity: the weight of a part acts with the sine and cosine of its angle, whatever the load"
-    }
-    fn experiment(&self) -> &'static str {
-        "turn through the whole range slowly with no load; repeat with the mount turned by a quarter"
     }
     fn repeatable(&self) -> bool {
         true
@@ -44,14 +38,8 @@ impl Effect for GravityAngle {
                     Piece::new("sine", unit, format!("sin({q})")),
                     Piece::new("cosine", unit, format!("cos({q})")),
                 ];
-                let mut v = Variant::linear(&n, pieces).with(weight);
-                v.psi = Some(Psi {
-                    name: "order",
-                    unit: "1/turn".into(),
-                    grid: vec![1.0],
-                    refine: false,
-                    resolution: None,
-                });
+                let mut v = Variant::linear(&n, pieces).with(amplitude_phase);
+                v.psi = Some(Psi::new("order", "1/turn", vec![1.0]).given());
                 v
             })
             .collect()
@@ -71,7 +59,8 @@ pub(super) fn too_short((name, _, range): &Angle) -> Option<String> {
     })
 }
 
-/// Turns from which on a weight on the shaft is a ripple of order one, and the angle is that of a motor rather than of a joint.
+/// Turns from which on a weight on the shaft is a ripple of order one, and the angle is that of a
+/// motor rather than of a joint.
 const MOST_TURNS: f64 = 1.5;
 
 /// Whether an angle moves as that of a joint does.
@@ -85,8 +74,8 @@ const MOST_JOINTS: usize = 8;
 /// Squared correlation with the angle above which a pose is the same joint once more.
 const SAME_JOINT: f64 = 0.998;
 
-/// The angle of the joint whose torque is the target, and those of the other joints. The angle is `None` where it is no joint's: where
-/// it is a length, or turns many times.
+/// The angle of the joint whose torque is the target, and those of the other joints. The angle is
+/// `None` where it is no joint's: where it is a length, or turns many times.
 pub(super) fn joints(ctx: &Context) -> (Option<Angle>, Vec<Angle>) {
     let (own, mut others): (Vec<_>, Vec<_>) =
         ctx.angles().into_iter().partition(|(n, ..)| n == "angle");
@@ -108,8 +97,9 @@ pub(super) fn joints(ctx: &Context) -> (Option<Angle>, Vec<Angle>) {
 
 /// Sums of joint angles: the angle of a link behind several joints about parallel axes.
 ///
-/// The torque of a weight about a joint is a sine and cosine of its own angle, with factors that depend on the others: each sum
-/// contains it. Three angles have plus signs, and the other two follow each other, so that the forms are few.
+/// The torque of a weight about a joint is a sine and cosine of its own angle, with factors that
+/// depend on the others: each sum contains it. Three angles have plus signs, and the other two
+/// follow each other, so that the forms are few.
 fn sums(ctx: &Context) -> Vec<Angle> {
     let (own, others) = joints(ctx);
     let mut chains: Vec<(Vec<&Angle>, &str)> = Vec::new();
@@ -140,24 +130,4 @@ pub(super) fn sum(ctx: &Context, joints: &[&Angle], sign: &str) -> Option<Angle>
     let text = format!("({})", written(&|a| a.1.clone()));
     let (lo, hi) = ctx.range(&text)?;
     Some((written(&|a| a.0.clone()), text, hi - lo))
-}
-
-fn weight(_: f64, coef: &[f64], pieces: &[Piece], _: &Psi) -> Vec<Param> {
-    let unit = pieces.first().map(|p| p.unit.clone()).unwrap_or_default();
-    let (s, c) = (
-        coef.first().copied().unwrap_or(0.0),
-        coef.get(1).copied().unwrap_or(0.0),
-    );
-    vec![
-        Param {
-            name: "amplitude".into(),
-            value: s.hypot(c),
-            unit,
-        },
-        Param {
-            name: "phase".into(),
-            value: c.atan2(s),
-            unit: "rad".into(),
-        },
-    ]
 }

@@ -1,11 +1,13 @@
 //! A loop with memory of the path, over a good part of the range.
 
-use super::{Build, Context, Effect, EffectKind, Estimate, Form, Lookalike, Piece, Psi, Variant};
+use super::{
+    Build, Context, Effect, EffectKind, Estimate, Form, Lookalike, Nature, Piece, Psi, Variant,
+};
 
 pub struct Hysteresis;
 
-/// Narrowest and widest turn, as a share of the range and of the largest excursion within one run. A loop that never comes
-/// round within a run is a spring.
+/// Narrowest and widest turn, as a share of the range and of the largest excursion within one run.
+/// A loop that never comes round within a run is a spring.
 const WIDTHS: (f64, f64) = (0.025, 0.8);
 
 /// Standard errors by which another law of friction must predict worse than a loop.
@@ -14,12 +16,6 @@ const EXCLUDED_FROM: f64 = 2.5;
 impl Effect for Hysteresis {
     fn kind(&self) -> EffectKind {
         EffectKind::Hysteresis
-    }
-    fn meaning(&self) -> &'static str {
-        "hysteresis: a loop that depends on the path of load or position, not on speed, and turns over a distance after each reversal"
-    }
-    fn experiment(&self) -> &'static str {
-        "ramp the load (or position) slowly up and down with shrinking amplitude, at two speeds: the loops nest and don't change with speed"
     }
     /// A narrower loop is the elastic turn of presliding: friction that turns, too.
     fn may_be_at_end(&self, _: &Variant) -> [bool; 2] {
@@ -33,7 +29,8 @@ impl Effect for Hysteresis {
             EffectKind::Presliding,
         ];
         let mut out = Lookalike::of(&laws, EXCLUDED_FROM, ctx);
-        // An elastic turn is the same formula with a shorter distance: the fitted distance decides on the name.
+        // An elastic turn is the same formula with a shorter distance: the fitted distance decides
+        // on the name.
         out.retain(|other| other.form.form != Form::ElasticTurn);
         out
     }
@@ -79,13 +76,7 @@ impl Effect for Hysteresis {
             let (narrow, wide) = (WIDTHS.0 * range, WIDTHS.1 * excursion);
             (wide > 1.5 * narrow).then(|| (Context::log_grid(narrow, wide, 11), wide))
         };
-        let width = |unit: &str, grid: Vec<f64>| Psi {
-            name: "turning_width",
-            unit: unit.into(),
-            grid,
-            refine: true,
-            resolution: None,
-        };
+        let width = |unit: &str, grid: Vec<f64>| Psi::new("turning_width", unit, grid);
         let mut out = Vec::new();
         for (name, x, xu) in drivers {
             let Some((grid, widest)) = grid(name, &x) else {
@@ -100,6 +91,11 @@ impl Effect for Hysteresis {
                     form
                 }
             };
+            // That of a load is no friction.
+            let nature = match name {
+                "position" => Nature::Friction,
+                _ => Nature::Other,
+            };
             // Gradual turns as of Dahl's model, sharp ones as of a spring that slips.
             let (dahl, own) = (x.clone(), unit.clone());
             out.push(physical(Variant::profiled(
@@ -107,7 +103,9 @@ impl Effect for Hysteresis {
                 width(&xu, grid.clone()),
                 move |d| {
                     let text = format!("dahl({dahl}, {d})");
-                    Build::Add(vec![Piece::new("half_height", own.clone(), text)])
+                    Build::Add(vec![
+                        Piece::new("half_height", own.clone(), text).being(nature)
+                    ])
                 },
             )));
             if name != "position" {
@@ -119,7 +117,9 @@ impl Effect for Hysteresis {
                 width(&xu, grid.clone()),
                 move |d| {
                     let text = format!("stop({stop}, {d}) * {}", 2.0 / d);
-                    Build::Add(vec![Piece::new("half_height", own.clone(), text)])
+                    Build::Add(vec![
+                        Piece::new("half_height", own.clone(), text).being(nature)
+                    ])
                 },
             )));
             if ctx.range(&ctx.load).is_none() {
@@ -132,7 +132,7 @@ impl Effect for Hysteresis {
                 move |d| {
                     let name = format!("half_height{}", by.suffix);
                     let text = format!("dahl({x}, {d}) * {}", by.text);
-                    Build::Add(vec![Piece::new(name, by.unit.clone(), text)])
+                    Build::Add(vec![Piece::new(name, by.unit.clone(), text).being(nature)])
                 },
             )));
         }

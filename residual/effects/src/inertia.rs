@@ -1,18 +1,12 @@
 //! Force that accelerates the moving mass.
 
-use super::{Build, Context, Effect, EffectKind, Piece, Psi, Variant};
+use super::{coefficients_alone, Build, Context, Effect, EffectKind, Nature, Piece, Psi, Variant};
 
 pub struct Inertia;
 
 impl Effect for Inertia {
     fn kind(&self) -> EffectKind {
         EffectKind::Inertia
-    }
-    fn meaning(&self) -> &'static str {
-        "inertia: a force in proportion to the acceleration"
-    }
-    fn experiment(&self) -> &'static str {
-        "move sinusoidally at constant amplitude and several frequencies: the force grows with the square of the frequency"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity
@@ -26,26 +20,12 @@ impl Effect for Inertia {
         let unit = ctx.per(&format!("{}/s", ctx.velocity_unit()));
         // Data decide on the width of the slope.
         let slopes = ctx.slopes(&v);
-        let psi = Psi {
-            name: "slope_half_width",
-            unit: "rows".into(),
-            grid: slopes.widths(),
-            refine: false,
-            resolution: None,
-        };
+        let psi = Psi::new("slope_half_width", "rows", slopes.widths()).given();
         vec![Variant::profiled("acceleration", psi, move |n| {
-            Build::Add(vec![Piece::new("inertia", unit.clone(), slopes.text(n))])
+            Build::Add(vec![
+                Piece::new("inertia", unit.clone(), slopes.text(n)).being(Nature::Inertia)
+            ])
         })
-        .with(|_, coef, pieces, _| {
-            pieces
-                .iter()
-                .zip(coef)
-                .map(|(p, c)| super::Param {
-                    name: p.name.clone(),
-                    value: *c,
-                    unit: p.unit.clone(),
-                })
-                .collect()
-        })]
+        .with(coefficients_alone)]
     }
 }

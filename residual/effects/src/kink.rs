@@ -1,4 +1,5 @@
-//! A characteristic of two straight lines: a second path of the load, a stop, a loose joint that closes.
+//! A characteristic of two straight lines: a second path of the load, a stop, a loose joint that
+//! closes.
 
 use super::{Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
 use residual_columns::stats::quantile_sorted;
@@ -6,6 +7,7 @@ use residual_columns::stats::quantile_sorted;
 pub struct Kink;
 
 /// Changes of slope that leave a characteristic: up to ten times as steep, as against a stop.
+/// With twice as steep the search named offset, gain and saturation in the place of a kink.
 const CHANGES: (f64, f64) = (-0.9, 9.0);
 
 /// Quantiles of the load at which a kink is looked for.
@@ -16,12 +18,6 @@ const QUANTILES: [f64; 15] = [
 impl Effect for Kink {
     fn kind(&self) -> EffectKind {
         EffectKind::Kink
-    }
-    fn meaning(&self) -> &'static str {
-        "kink: from a certain load on the target follows with another slope (a second path of the load, a stop, a joint that closes)"
-    }
-    fn experiment(&self) -> &'static str {
-        "ramp the load slowly through its range and back: two straight lines that meet at one load"
     }
     /// A slope that falls to nothing is a saturation, one that turns round is no characteristic.
     fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
@@ -46,13 +42,7 @@ fn change_of_slope(ctx: &Context, of: &str, force: String) -> Option<Variant> {
     if grid.len() < 5 {
         return None;
     }
-    let psi = Psi {
-        name: "at_load",
-        unit: ctx.unit().to_string(),
-        grid,
-        refine: true,
-        resolution: None,
-    };
+    let psi = Psi::new("at_load", ctx.unit().to_string(), grid);
     let label = format!("change of slope over {of}");
     let form = Variant::profiled(&label, psi, move |at| {
         let above = format!("max(0, {force} - {at})");

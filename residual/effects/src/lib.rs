@@ -1,10 +1,10 @@
 //! The catalogue: every effect the analysis can name.
 //!
 //! An effect offers *variants*: ways in which it can show in a log with the given roles. A variant
-//! is a list of terms in the model's expression language, with at most one nonlinear parameter
-//! (a time constant, an order, a width) that the search profiles. To add an effect, write one file
-//! with a type that implements [`Effect`], one with its test in `residual/tests/analysis/effects`, and add
-//! one row to [`CATALOGUE`] and one [`EffectKind`].
+//! is a list of terms in the model's expression language, with at most one nonlinear parameter (a
+//! time constant, an order, a width) that the search profiles. To add an effect, write one file
+//! with a type that implements [`Effect`], one with its test in `residual/tests/analysis/effects`,
+//! and add one row to [`CATALOGUE`] and one [`EffectKind`].
 
 mod angle_friction;
 mod backlash;
@@ -44,8 +44,8 @@ pub use context::Context;
 pub use estimate::Estimate;
 pub use kind::{EffectKind, Form};
 pub use kind::{Found, Friction, Remedy, Setting};
-pub use variant::Param;
-pub use variant::{amplitude_phase, ratio, Build, Piece, Psi, Variant};
+use variant::{amplitude_phase, coefficients_alone, with_amplitude_phase};
+pub use variant::{ratio, Build, Nature, Param, Piece, Psi, Variant};
 
 /// Every effect, simplest explanation first within a family.
 pub const CATALOGUE: &[&dyn Effect] = &[
@@ -96,12 +96,12 @@ pub fn names() -> Vec<&'static str> {
 
 /// What an effect means, in one sentence; `None` for an unknown name.
 pub fn meaning(name: &str) -> Option<&'static str> {
-    EffectKind::named(name).map(|k| effect(k).meaning())
+    EffectKind::named(name).map(EffectKind::meaning)
 }
 
 /// The experiment that shows an effect by itself; `None` for an unknown name.
 pub fn experiment(name: &str) -> Option<&'static str> {
-    EffectKind::named(name).map(|k| effect(k).experiment())
+    EffectKind::named(name).map(EffectKind::experiment)
 }
 
 /// A form of another effect that looks like an effect in some data.
@@ -138,24 +138,23 @@ pub trait Effect: Sync {
     fn name(&self) -> &'static str {
         self.kind().as_str()
     }
-    /// One sentence: what it is.
-    fn meaning(&self) -> &'static str;
-    /// The experiment that exposes this effect and no other.
-    fn experiment(&self) -> &'static str;
     /// Expression of the variable that exposes the effect, for plots.
     fn against(&self, ctx: &Context) -> String {
         ctx.load.clone()
     }
-    /// Expressions of the variables that can expose one of its forms. The plot takes the one that shows the most.
+    /// Expressions of the variables that can expose one of its forms. The plot takes the one that
+    /// shows the most.
     fn axes(&self, _form: &Variant, _psi: f64, ctx: &Context) -> Vec<String> {
         vec![self.against(ctx)]
     }
-    /// Another effect that has the same curve in a form with this label, whatever the data; `None` for most.
+    /// Another effect that has the same curve in a form with this label, whatever the data; `None`
+    /// for most.
     fn twin(&self, _label: &str) -> Option<EffectKind> {
         None
     }
-    /// Forms of other effects that look like this one where the data hold too little of what distinguishes them. Unless the
-    /// data exclude such a form, they do not tell which of the two it is. Empty for most.
+    /// Forms of other effects that look like this one where the data hold too little of what
+    /// distinguishes them. Unless the data exclude such a form, they do not tell which of the two
+    /// it is. Empty for most.
     fn lookalikes(&self, _ctx: &Context) -> Vec<Lookalike> {
         vec![]
     }
@@ -180,18 +179,18 @@ pub trait Effect: Sync {
     fn remedies(&self, _found: &Found) -> Vec<Remedy> {
         vec![]
     }
-    /// Why these parameters cannot be this effect: physics forbids them, or they lie below the resolution of the
-    /// data. `None` if they can.
+    /// Why these parameters cannot be this effect: physics forbids them, or they lie below the
+    /// resolution of the data. `None` if they can.
     fn impossible(&self, _estimate: &Estimate, _ctx: &Context) -> Option<String> {
         None
     }
-    /// A simpler form that must explain less than this one with the value `psi` of its parameter, at each value of its own grid: else
-    /// the name says more than the data. `None` for most.
+    /// A simpler form that must explain less than this one with the value `psi` of its parameter,
+    /// at each value of its own grid: else the name says more than the data. `None` for most.
     fn must_surpass(&self, _form: &Variant, _psi: f64, _ctx: &Context) -> Option<Variant> {
         None
     }
-    /// Whether the nonlinear parameter of a form may lie at the lower and at the upper end of the range in which it is looked for. Most
-    /// that do are another effect.
+    /// Whether the nonlinear parameter of a form may lie at the lower and at the upper end of the
+    /// range in which it is looked for. Most that do are another effect.
     fn may_be_at_end(&self, _form: &Variant) -> [bool; 2] {
         [false; 2]
     }

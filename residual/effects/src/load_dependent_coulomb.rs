@@ -1,8 +1,8 @@
 //! Dry friction that grows with the load.
 
 use super::{
-    Context, Effect, EffectKind, Estimate, Found, Friction, Lookalike, Piece, Remedy, Setting,
-    Variant,
+    Context, Effect, EffectKind, Estimate, Found, Friction, Lookalike, Nature, Piece, Remedy,
+    Setting, Variant,
 };
 
 use residual_columns::format::num;
@@ -15,12 +15,6 @@ const EXCLUDED_FROM: f64 = 2.0;
 impl Effect for LoadDependentCoulomb {
     fn kind(&self) -> EffectKind {
         EffectKind::LoadDependentCoulomb
-    }
-    fn meaning(&self) -> &'static str {
-        "dry friction that grows with the load (gear teeth, wrapped cable): sign of velocity times (constant + share of load)"
-    }
-    fn experiment(&self) -> &'static str {
-        "move back and forth at constant speed under several constant loads: the jump at reversal grows with the load"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
@@ -45,7 +39,8 @@ impl Effect for LoadDependentCoulomb {
             Remedy::FrictionPerLoad((found.get)("friction_per_load")),
         ]
     }
-    /// Another law of friction, or a turn that is not quite that of another friction, leaves a rest that may grow with the load.
+    /// Another law of friction, or a turn that is not quite that of another friction, leaves a rest
+    /// that may grow with the load.
     fn lookalikes(&self, ctx: &Context) -> Vec<Lookalike> {
         let laws = [
             EffectKind::Coulomb,
@@ -85,7 +80,7 @@ impl Effect for LoadDependentCoulomb {
             Variant::linear(
                 "constant and share",
                 vec![
-                    Piece::new("friction_at_zero_load", ctx.unit(), s),
+                    Piece::new("friction_at_zero_load", ctx.unit(), s).being(Nature::Friction),
                     share.clone(),
                 ],
             ),

@@ -8,12 +8,6 @@ impl Effect for Offset {
     fn kind(&self) -> EffectKind {
         EffectKind::Offset
     }
-    fn meaning(&self) -> &'static str {
-        "offset: a constant force (zero of the sensor, weight of the mount)"
-    }
-    fn experiment(&self) -> &'static str {
-        "log with no load at all"
-    }
     fn remedies(&self, found: &Found) -> Vec<Remedy> {
         vec![Remedy::Offset((found.get)("offset"))]
     }

@@ -1,7 +1,9 @@
 //! A mass that the model does not know: its weight and its inertia belong together.
 
 use super::gravity_angle::{joints, sum, too_short, turns_little, Angle};
-use super::{Build, Context, Effect, EffectKind, Estimate, Param, Piece, Psi, Variant};
+use super::{
+    coefficients_alone, Build, Context, Effect, EffectKind, Estimate, Nature, Piece, Psi, Variant,
+};
 
 pub struct Payload;
 
@@ -11,12 +13,6 @@ const G: f64 = 9.80665;
 impl Effect for Payload {
     fn kind(&self) -> EffectKind {
         EffectKind::Payload
-    }
-    fn meaning(&self) -> &'static str {
-        "payload: an unknown mass, seen by its weight and its inertia together"
-    }
-    fn experiment(&self) -> &'static str {
-        "move up and down with and without strong acceleration: weight stays, inertia does not"
     }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         e.outside("mass", 0.0, f64::INFINITY, "a mass is not negative")
@@ -32,13 +28,7 @@ impl Effect for Payload {
             return vec![];
         };
         let slopes = ctx.slopes(&v);
-        let widths = || Psi {
-            name: "slope_half_width",
-            unit: "rows".into(),
-            grid: slopes.widths(),
-            refine: false,
-            resolution: None,
-        };
+        let widths = || Psi::new("slope_half_width", "rows", slopes.widths()).given();
         let metre = match ctx.velocity_unit().as_str() {
             "m/s" => Some(1.0),
             "mm/s" => Some(1e-3),
@@ -52,18 +42,19 @@ impl Effect for Payload {
                 .map_or(0.0, |(lo, hi)| hi - lo);
             if swing > 0.3 {
                 let slopes = slopes.clone();
-                // A mass in kg is a force over an acceleration; of a current or a voltage it is a factor and no mass.
+                // A mass in kg is a force over an acceleration; of a current or a voltage it is a
+                // factor and no mass.
                 let force = ctx.unit().trim() == "N";
-                let (name, unit) = if force {
-                    ("mass", "kg".into())
+                let (name, unit, nature) = if force {
+                    ("mass", "kg".into(), Nature::Other)
                 } else {
-                    ("inertia", ctx.per("m/s/s"))
+                    ("inertia", ctx.per("m/s/s"), Nature::Inertia)
                 };
                 let form = Variant::profiled("hanging mass", widths(), move |n| {
                     let text = format!("{G} + {k} * {}", slopes.text(n));
-                    Build::Add(vec![Piece::new(name, unit.clone(), text)])
+                    Build::Add(vec![Piece::new(name, unit.clone(), text).being(nature)])
                 })
-                .with(coefficients);
+                .with(coefficients_alone);
                 out.push(if force {
                     form.between(&[(0.0, f64::INFINITY)])
                 } else {
@@ -89,12 +80,14 @@ impl Effect for Payload {
             out.push(
                 Variant::profiled(&mass_on(&name), widths(), move |n| {
                     Build::Add(vec![
-                        Piece::new("weight_sine", unit.clone(), format!("sin({q})")),
-                        Piece::new("weight_cosine", unit.clone(), format!("cos({q})")),
-                        Piece::new("inertia", per.clone(), slopes.text(n)),
+                        Piece::new("weight_sine", unit.clone(), format!("sin({q})"))
+                            .being(Nature::Weight),
+                        Piece::new("weight_cosine", unit.clone(), format!("cos({q})"))
+                            .being(Nature::Weight),
+                        Piece::new("inertia", per.clone(), slopes.text(n)).being(Nature::Inertia),
                     ])
                 })
-                .with(coefficients),
+                .with(coefficients_alone),
             );
         }
         out.extend(ends_of_arms(ctx).into_iter().map(|arm| {
@@ -109,15 +102,15 @@ impl Effect for Payload {
                 };
                 let acceleration = format!("deriv(deriv({other}, {n}), {n})");
                 Build::Add(vec![
-                    weight("weight_sine", "sin", &q),
-                    weight("weight_cosine", "cos", &q),
+                    weight("weight_sine", "sin", &q).being(Nature::Weight),
+                    weight("weight_cosine", "cos", &q).being(Nature::Weight),
                     weight("outer_weight_sine", "sin", &sum),
                     weight("outer_weight_cosine", "cos", &sum),
-                    Piece::new("inertia", own_per.clone(), slopes.text(n)),
+                    Piece::new("inertia", own_per.clone(), slopes.text(n)).being(Nature::Inertia),
                     Piece::new("coupling_inertia", other_per.clone(), acceleration),
                 ])
             })
-            .with(coefficients)
+            .with(coefficients_alone)
         }));
         out
     }
@@ -173,16 +166,4 @@ fn mass_on_both(angle: &str, sum: &str) -> String {
 /// The form of a mass that turns with an angle.
 fn mass_on(name: &str) -> String {
     format!("mass on {name}")
-}
-
-fn coefficients(_: f64, coef: &[f64], pieces: &[Piece], _: &Psi) -> Vec<Param> {
-    pieces
-        .iter()
-        .zip(coef)
-        .map(|(p, c)| Param {
-            name: p.name.clone(),
-            value: *c,
-            unit: p.unit.clone(),
-        })
-        .collect()
 }

@@ -1,7 +1,9 @@
 //! What friction does at rest and just after a reversal: the direction it holds.
 
 use super::context::Measure;
-use super::{Build, Context, Effect, EffectKind, Estimate, Form, Friction, Piece, Psi, Variant};
+use super::{
+    Build, Context, Effect, EffectKind, Estimate, Form, Friction, Nature, Piece, Psi, Variant,
+};
 use residual_columns::stats;
 
 pub struct Presliding;
@@ -10,19 +12,14 @@ impl Effect for Presliding {
     fn kind(&self) -> EffectKind {
         EffectKind::Presliding
     }
-    fn meaning(&self) -> &'static str {
-        "presliding: at rest friction holds the direction of the last motion, and turns over a short distance before the next"
-    }
-    fn experiment(&self) -> &'static str {
-        "stop, reverse over a distance far below one turn, and log position finely: the force follows a short elastic loop"
-    }
     fn friction(&self) -> Option<Friction> {
         Some(Friction::AtRest)
     }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         e.below_step("presliding_distance", ctx.step_of("angle"), "angle")
     }
-    /// Friction that turns over a distance too short to see still holds its direction at rest. A longer one is that of a hysteresis.
+    /// Friction that turns over a distance too short to see still holds its direction at rest. A
+    /// longer one is that of a hysteresis.
     fn may_be_at_end(&self, form: &Variant) -> [bool; 2] {
         [form.form == Form::ElasticTurn, false]
     }
@@ -97,13 +94,15 @@ impl Forms<'_> {
             return None;
         }
         let text = format!("held({}, {})", self.velocity, self.ctx.deadband);
-        let pieces = vec![self.constant("friction", text)];
+        let pieces = vec![self.constant("friction", text).being(Nature::Friction)];
         Some(Variant::linear("friction that stays at rest", pieces).form(Form::MotionAndRest))
     }
 
     /// Friction at rest alone, without and with its share of load.
     fn at_rest(&self) -> Vec<Variant> {
-        let held = self.constant("held_friction", self.held());
+        let held = self
+            .constant("held_friction", self.held())
+            .being(Nature::Friction);
         let mut out =
             vec![Variant::linear("direction held", vec![held.clone()]).form(Form::AtRest)];
         if self.loaded {
@@ -118,7 +117,9 @@ impl Forms<'_> {
     /// Friction at rest that turns before the next motion begins.
     fn turning(&self) -> Variant {
         let (ctx, v, db) = (self.ctx, self.velocity.to_string(), self.ctx.deadband);
-        let at_rest = vec![self.constant("held_friction", self.held())];
+        let at_rest = vec![self
+            .constant("held_friction", self.held())
+            .being(Nature::Friction)];
         let mut held_per_load = Vec::new();
         if self.loaded {
             held_per_load.push(self.per_load("held_friction", &self.held()));
@@ -128,16 +129,17 @@ impl Forms<'_> {
         let unknown = format!("(held({v}, {db}) == 0)");
         let mut waiting = Vec::new();
         if stats::mean(&ctx.values(&unknown)) > 0.002 {
-            waiting.push(self.constant("before_first_motion", unknown));
+            waiting.push(
+                self.constant("before_first_motion", unknown)
+                    .being(Nature::Beside),
+            );
         }
         let (unit, by, loaded) = (ctx.unit().to_string(), ctx.measure(), self.loaded);
-        let psi = Psi {
-            name: "turning_time",
-            unit: "s".into(),
-            grid: Context::log_grid(0.5 * ctx.dt, 40.0 * ctx.dt, 10),
-            refine: true,
-            resolution: None,
-        };
+        let psi = Psi::new(
+            "turning_time",
+            "s",
+            Context::log_grid(0.5 * ctx.dt, 40.0 * ctx.dt, 10),
+        );
         let label = "held, then turning before the next motion";
         Variant::profiled(label, psi, move |tau| {
             let ahead = format!("ahead({v}, {db}, {tau})");
@@ -155,14 +157,12 @@ impl Forms<'_> {
     /// The elastic turn of Dahl's model over a short distance; friction `of_load` is a share of it.
     fn elastic_turn(&self, of_load: bool) -> Option<Variant> {
         let (lo, hi) = self.ctx.range(self.position)?;
-        let psi = Psi {
-            name: "presliding_distance",
-            unit: self.ctx.position_unit(),
-            // Longer turning distances belong to `hysteresis`.
-            grid: Context::log_grid(2e-4 * (hi - lo), 0.018 * (hi - lo), 11),
-            refine: true,
-            resolution: None,
-        };
+        // Longer turning distances belong to `hysteresis`.
+        let psi = Psi::new(
+            "presliding_distance",
+            self.ctx.position_unit(),
+            Context::log_grid(2e-4 * (hi - lo), 0.018 * (hi - lo), 11),
+        );
         let (x, v, db) = (
             self.position.to_string(),
             self.velocity.to_string(),
@@ -176,7 +176,9 @@ impl Forms<'_> {
                 return Build::Add(vec![per_load(&by, "friction", &state)]);
             }
             if !friction {
-                return Build::Add(vec![Piece::new("friction", unit.clone(), state)]);
+                return Build::Add(vec![
+                    Piece::new("friction", unit.clone(), state).being(Nature::Friction)
+                ]);
             }
             // Friction is in the model already: only what differs from its jump is new.
             let turn = format!("({state} - sgn({v}, {db}))");

@@ -8,12 +8,6 @@ impl Effect for Quadratic {
     fn kind(&self) -> EffectKind {
         EffectKind::Quadratic
     }
-    fn meaning(&self) -> &'static str {
-        "curvature: an error that grows with the square of the load"
-    }
-    fn experiment(&self) -> &'static str {
-        "hold many loads over the whole range at rest, up and down"
-    }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let Some((lo, hi)) = ctx.range(&ctx.load) else {
             return vec![];

@@ -9,31 +9,29 @@ pub struct Quantisation;
 /// Fewest steps in the range of a signal that make it a quantised one.
 const FEWEST_STEPS: f64 = 3.0;
 
-/// Fewest steps in the range of the command that are tried: with fewer, any curve in the command looks like steps.
+/// Fewest steps in the range of the command that are tried: with fewer, any curve in the command
+/// looks like steps.
 const FEWEST_LEVELS: f64 = 3.0;
 
 /// Up to so many steps in the range of the command all are tried.
 const COARSE: f64 = 24.0;
 
 /// Most values that are tried up to there.
+/// Raised from 150, so that they lie closer together.
 const MOST_COARSE: f64 = 240.0;
 
-/// Steps in the range of the command that are looked for in the spectrum, in two bands: converters of up to twelve bits.
+/// Steps in the range of the command that are looked for in the spectrum, in two bands: converters
+/// of up to twelve bits.
 const FINE: [(f64, f64); 2] = [(16.0, 160.0), (160.0, 4200.0)];
 
 /// Most rows, and most values to either side of a peak, for the phase of a sine.
+/// Lowered from 20 000 when fine steps came to be looked for at lines of the spectrum only.
 const MOST_ROWS: usize = 5_000;
 const MOST_PHASES: f64 = 100.0;
 
 impl Effect for Quantisation {
     fn kind(&self) -> EffectKind {
         EffectKind::Quantisation
-    }
-    fn meaning(&self) -> &'static str {
-        "quantisation: the command takes effect, or the target is read, only in whole steps"
-    }
-    fn experiment(&self) -> &'static str {
-        "ramp the command so slowly that many rows fall on each step"
     }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
         let signal = if e.label == "of the target" {
@@ -65,13 +63,12 @@ impl Effect for Quantisation {
                     ("of the command, cut off", "floor"),
                 ] {
                     // By steps per unit: all of them are equally far apart in the data.
-                    let psi = Psi {
-                        name: "step",
-                        unit: ctx.spec.roles.unit("command"),
-                        grid: steps.per_unit.clone(),
-                        refine: true,
-                        resolution: Some(steps.resolution),
-                    };
+                    let psi = Psi::new(
+                        "step",
+                        ctx.spec.roles.unit("command"),
+                        steps.per_unit.clone(),
+                    )
+                    .within(steps.resolution);
                     let form = Variant::profiled(label, psi, move |n| {
                         Build::Swap(vec![(
                             "command".into(),
@@ -87,13 +84,7 @@ impl Effect for Quantisation {
             let unit = ctx.unit().to_string();
             out.push(Variant::profiled(
                 "of the target",
-                Psi {
-                    name: "step",
-                    unit,
-                    grid: vec![q],
-                    refine: false,
-                    resolution: None,
-                },
+                Psi::new("step", unit, vec![q]).given(),
                 move |q| {
                     Build::Add(vec![Piece::new(
                         "share",
@@ -108,11 +99,7 @@ impl Effect for Quantisation {
 }
 
 fn step(per_unit: f64, _: &[f64], _: &[Piece], psi: &Psi) -> Vec<Param> {
-    vec![Param {
-        name: psi.name.into(),
-        value: 1.0 / per_unit,
-        unit: psi.unit.clone(),
-    }]
+    vec![psi.param(1.0 / per_unit)]
 }
 
 /// Steps per unit of the command that are worth trying.
@@ -123,11 +110,13 @@ struct Steps {
 }
 
 impl Steps {
-    /// Steps for a command that is mostly between `lo` and `hi`: all that are coarse, and of the fine ones those that show in the
-    /// spectrum of the residual over the command, as what a step cuts off repeats with it.
+    /// Steps for a command that is mostly between `lo` and `hi`: all that are coarse, and of the
+    /// fine ones those that show in the spectrum of the residual over the command, as what a step
+    /// cuts off repeats with it.
     fn new(ctx: &Context, lo: f64, hi: f64) -> Steps {
         let span = hi - lo;
-        // Steps are counted from zero, so that far from it a small error of the step puts all edges off.
+        // Steps are counted from zero, so that far from it a small error of the step puts all edges
+        // off.
         let far = lo.abs().max(hi.abs()).max(span);
         let resolution = 0.2 / far;
         let count = ((COARSE - FEWEST_LEVELS) / span / resolution).min(MOST_COARSE);
@@ -163,7 +152,8 @@ impl Steps {
     }
 }
 
-/// The frequency within `reach` of `peak` at which a sine over `u` with its zero at zero explains most of `r`.
+/// The frequency within `reach` of `peak` at which a sine over `u` with its zero at zero explains
+/// most of `r`.
 fn in_phase(r: &[f64], u: &[f64], peak: f64, reach: f64, step: f64) -> f64 {
     let every = r.len() / MOST_ROWS + 1;
     let steps = (reach / step).min(MOST_PHASES) as i32;

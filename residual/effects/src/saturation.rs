@@ -12,12 +12,6 @@ impl Effect for Saturation {
     fn kind(&self) -> EffectKind {
         EffectKind::Saturation
     }
-    fn meaning(&self) -> &'static str {
-        "saturation: beyond a limit the target no longer follows the command"
-    }
-    fn experiment(&self) -> &'static str {
-        "ramp the command slowly beyond the suspected limit and back"
-    }
     fn impossible(&self, e: &Estimate, _: &Context) -> Option<String> {
         let why = "beyond a limit part of the load, or all of it, is lost, and nothing is added";
         let (low, high) = SHARE_LOST;
@@ -38,20 +32,15 @@ impl Effect for Saturation {
     }
 }
 
-/// Quantiles of the command at which a limit is looked for; the last ones for a limit that is seldom reached.
+/// Quantiles of the command at which a limit is looked for; the last ones for a limit that is
+/// seldom reached.
 const QUANTILES: [f64; 17] = [
     0.4, 0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.84, 0.88, 0.91, 0.94, 0.96, 0.98, 0.99, 0.994, 0.997,
     0.999,
 ];
 
 fn limit(name: &'static str, unit: &str, grid: Vec<f64>) -> Psi {
-    Psi {
-        name,
-        unit: unit.into(),
-        grid,
-        refine: true,
-        resolution: None,
-    }
+    Psi::new(name, unit, grid)
 }
 
 /// A column in the place of the command.
@@ -99,8 +88,8 @@ fn of_the_command(ctx: &Context) -> Vec<Variant> {
     out
 }
 
-/// Limits at which the target visibly stops: an amplifier or a converter at the end of its range. The limit is read off, and
-/// nothing is fitted.
+/// Limits at which the target visibly stops: an amplifier or a converter at the end of its range.
+/// The limit is read off, and nothing is fitted.
 fn of_the_reading(ctx: &Context) -> Vec<Variant> {
     let Some(load) = &ctx.problem.unlimited else {
         return vec![];

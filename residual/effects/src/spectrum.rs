@@ -4,9 +4,10 @@ use super::Context;
 use residual_fit::problem::Problem;
 use rustfft::{num_complex::Complex, FftPlanner};
 
-/// Highest frequency (cycles per unit of `u`) that rows this far apart can carry: half the inverse of the step that
-/// `share` of the steps are below. 0.5 is right for steps that are all alike. Where the steps differ, as those of an angle
-/// that turns at changing speed, the small ones carry what is too fast for the median, and no alias fits them.
+/// Highest frequency (cycles per unit of `u`) that rows this far apart can carry: half the inverse
+/// of the step that `share` of the steps are below. 0.5 is right for steps that are all alike.
+/// Where the steps differ, as those of an angle that turns at changing speed, the small ones carry
+/// what is too fast for the median, and no alias fits them.
 pub fn highest_frequency(p: &Problem, u: &[f64], share: f64) -> f64 {
     let mut steps: Vec<f64> = p
         .blocks
@@ -21,8 +22,9 @@ pub fn highest_frequency(p: &Problem, u: &[f64], share: f64) -> f64 {
     0.5 / residual_columns::stats::quantile_sorted(&steps, share)
 }
 
-/// How often the power of a line exceeds the median around it. The highest of a few hundred random peaks
-/// of a smooth spectrum stands nine times above (its logarithm over that of 2), less with powers added.
+/// How often the power of a line exceeds the median around it. The highest of a few hundred random
+/// peaks of a smooth spectrum stands nine times above (its logarithm over that of 2), less with
+/// powers added.
 const LINE: f64 = 15.0;
 
 /// Which peaks of a spectrum to look for.
@@ -69,8 +71,8 @@ pub fn proposals(ctx: &Context, u: &[f64], weight: &[f64], look: &Look) -> Vec<f
     out
 }
 
-/// Largest share of the variance of one of `xs` within its runs that a sine of frequency `f` over `u`
-/// explains, runs weighted by their variance.
+/// Largest share of the variance of one of `xs` within its runs that a sine of frequency `f` over
+/// `u` explains, runs weighted by their variance.
 pub fn share(p: &Problem, u: &[f64], xs: &[Vec<f64>], f: f64) -> f64 {
     let w = f * std::f64::consts::TAU;
     let mut lines = vec![(0.0, 0.0); xs.len()];

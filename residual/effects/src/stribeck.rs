@@ -3,7 +3,8 @@
 use residual_columns::format::num;
 
 use super::{
-    Build, Context, Effect, EffectKind, Estimate, Found, Piece, Psi, Remedy, Setting, Variant,
+    Build, Context, Effect, EffectKind, Estimate, Found, Nature, Piece, Psi, Remedy, Setting,
+    Variant,
 };
 
 pub struct Stribeck;
@@ -14,12 +15,6 @@ const TURNED: f64 = 0.1;
 impl Effect for Stribeck {
     fn kind(&self) -> EffectKind {
         EffectKind::Stribeck
-    }
-    fn meaning(&self) -> &'static str {
-        "Stribeck friction: dry friction that is larger at low speed and falls to its sliding value"
-    }
-    fn experiment(&self) -> &'static str {
-        "move at many constant speeds from very slow to fast, both directions, constant load"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
@@ -70,17 +65,12 @@ impl Effect for Stribeck {
             let (v, unit) = (v.clone(), unit.clone());
             Variant::profiled(
                 label,
-                Psi {
-                    name: "stribeck_velocity",
-                    unit: ctx.velocity_unit(),
-                    grid: grid.clone(),
-                    refine: true,
-                    resolution: None,
-                },
+                Psi::new("stribeck_velocity", ctx.velocity_unit(), grid.clone()),
                 move |vs| {
                     let s = format!("sgn({v}, {db})");
                     Build::Add(vec![
-                        Piece::new("sliding_friction", unit.clone(), s.clone()),
+                        Piece::new("sliding_friction", unit.clone(), s.clone())
+                            .being(Nature::Friction),
                         Piece::new(
                             "extra_at_low_speed",
                             unit.clone(),

@@ -1,7 +1,8 @@
 //! A sine of constant frequency: mains, a fan, an alias of something faster.
 
 use super::{
-    amplitude_phase, spectrum, Build, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant,
+    spectrum, with_amplitude_phase, Build, Context, Effect, EffectKind, Estimate, Piece, Psi,
+    Variant,
 };
 use residual_columns::format::num;
 use residual_columns::stats;
@@ -12,12 +13,6 @@ pub struct Tone;
 impl Effect for Tone {
     fn kind(&self) -> EffectKind {
         EffectKind::Tone
-    }
-    fn meaning(&self) -> &'static str {
-        "a tone of constant frequency in time, independent of the motion (mains, fan, or the alias of something above half the row rate)"
-    }
-    fn experiment(&self) -> &'static str {
-        "log at rest with the drive off, at two sampling rates: a true tone keeps its frequency, an alias moves"
     }
     fn against(&self, _: &Context) -> String {
         "elapsed".into()
@@ -67,9 +62,11 @@ impl Effect for Tone {
                     lines: true,
                 },
             );
-            // At constant speed a ripple is a sine in time. Of a whole order it is the likelier cause.
+            // At constant speed a ripple is a sine in time. Of a whole order it is the likelier
+            // cause.
             grid.retain(|f| !steady.as_ref().is_some_and(|turn| turn.has(*f)));
-            // At a frequency at which the rig itself is driven, a tone cannot be told from an answer.
+            // At a frequency at which the rig itself is driven, a tone cannot be told from an
+            // answer.
             grid.retain(|f| spectrum::share(ctx.problem, &time, &inputs, *f) < 0.1);
             if grid.is_empty() {
                 continue;
@@ -84,13 +81,7 @@ impl Effect for Tone {
             out.push(
                 Variant::profiled(
                     label,
-                    Psi {
-                        name: "frequency",
-                        unit: "Hz".into(),
-                        grid,
-                        refine: true,
-                        resolution: Some(0.6 / ctx.span),
-                    },
+                    Psi::new("frequency", "Hz", grid).within(0.6 / ctx.span),
                     move |f| {
                         let w = f * std::f64::consts::TAU;
                         let pieces = vec![
@@ -104,7 +95,7 @@ impl Effect for Tone {
                         }
                     },
                 )
-                .with(amplitude_phase),
+                .with(with_amplitude_phase),
             );
         }
         out
@@ -177,7 +168,8 @@ impl SteadyTurn {
 /// The spectrum of an input.
 struct Driven {
     spectrum: spectrum::Spectrum,
-    /// Whether a closed loop can have put the line there: only a harmonic of the input's own repetition counts then.
+    /// Whether a closed loop can have put the line there: only a harmonic of the input's own
+    /// repetition counts then.
     answers: bool,
 }
 
@@ -188,10 +180,12 @@ impl Driven {
     }
 }
 
-/// Spectra of the inputs that say when the rig is driven: command, load, velocity, poses, their slopes, and the sign of the
-/// velocity. A tone of the mains that a channel picks up as well is no drive, so channels are not among them.
+/// Spectra of the inputs that say when the rig is driven: command, load, velocity, poses, their
+/// slopes, and the sign of the velocity. A tone of the mains that a channel picks up as well is no
+/// drive, so channels are not among them.
 fn driven_lines(ctx: &Context, time: &[f64], highest: f64) -> Vec<Driven> {
-    // In a closed loop the command answers to the tone; the setpoint, where it is logged, says what drives the rig.
+    // In a closed loop the command answers to the tone; the setpoint, where it is logged, says what
+    // drives the rig.
     let mut texts: Vec<(String, bool)> = if ctx.spec.roles.setpoint.is_some() {
         vec![("setpoint".into(), false)]
     } else if ctx.has_command() {

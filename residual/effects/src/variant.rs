@@ -2,10 +2,50 @@
 //! nonlinear parameter.
 
 use super::Form;
-use serde::{Deserialize, Serialize};
+
+/// What a parameter is, where decisions depend on it. The effect that has the parameter says so.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Nature {
+    /// Nothing that a decision depends on.
+    #[default]
+    Other,
+    /// Dry friction.
+    Friction,
+    /// Force per velocity.
+    Damping,
+    /// Force per square of the velocity.
+    Drag,
+    /// Force per acceleration.
+    Inertia,
+    /// Force per displacement.
+    Stiffness,
+    /// Weight of a mass whose inertia is another parameter of the effect.
+    Weight,
+    /// Size of a wave.
+    Amplitude,
+    /// Phase of a wave.
+    Phase,
+    /// What comes with an effect and is not what its name says: it may be certain where the effect
+    /// is not.
+    Beside,
+}
+
+impl Nature {
+    /// Whether all such parameters of one motion have the same sign: friction takes energy out of
+    /// the motion, inertia is positive and a spring pulls back.
+    pub fn has_one_sign(self) -> bool {
+        use Nature::{Damping, Drag, Friction, Inertia, Stiffness};
+        matches!(self, Friction | Damping | Drag | Inertia | Stiffness)
+    }
+
+    /// Whether the name of the effect is about this parameter.
+    pub fn carries_the_name(self) -> bool {
+        !matches!(self, Nature::Phase | Nature::Beside)
+    }
+}
 
 /// One named number of an effect.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Param {
     /// Name, with the meaning in it.
     pub name: String,
@@ -13,6 +53,26 @@ pub struct Param {
     pub value: f64,
     /// Unit, as text.
     pub unit: String,
+    /// What it is.
+    pub nature: Nature,
+}
+
+impl Param {
+    /// A number; see the fields.
+    pub fn new(name: impl Into<String>, value: f64, unit: impl Into<String>) -> Param {
+        Param {
+            name: name.into(),
+            value,
+            unit: unit.into(),
+            nature: Nature::Other,
+        }
+    }
+
+    /// Says what it is.
+    pub fn being(mut self, nature: Nature) -> Param {
+        self.nature = nature;
+        self
+    }
 }
 
 /// A term of a variant: coefficient name and unit, expression text.
@@ -24,6 +84,8 @@ pub struct Piece {
     pub unit: String,
     /// The expression.
     pub text: String,
+    /// What the coefficient is.
+    pub nature: Nature,
 }
 
 impl Piece {
@@ -33,7 +95,19 @@ impl Piece {
             name: name.into(),
             unit: unit.into(),
             text: text.into(),
+            nature: Nature::Other,
         }
+    }
+
+    /// Says what the coefficient is.
+    pub fn being(mut self, nature: Nature) -> Piece {
+        self.nature = nature;
+        self
+    }
+
+    /// The coefficient as a parameter.
+    fn param(&self, value: f64) -> Param {
+        Param::new(&self.name, value, &self.unit).being(self.nature)
     }
 }
 
@@ -46,7 +120,8 @@ pub enum Build {
     Local(Vec<Piece>),
     /// Replaces columns inside the declared terms; no new coefficient.
     Swap(Vec<(String, String)>),
-    /// Replaces columns inside declared terms and effects, found so far or later; no new coefficient.
+    /// Replaces columns inside declared terms and effects, found so far or later; no new
+    /// coefficient.
     SwapAll(Vec<(String, String)>),
     /// Adds terms with the coefficient 1.
     Known(Vec<Piece>),
@@ -68,8 +143,36 @@ pub struct Psi {
 }
 
 impl Psi {
-    /// Least and greatest value that the parameter may take: somewhat beyond the grid, or as far as its resolution
-    /// beyond it.
+    /// A parameter that is refined up to the neighbours of the best value of its grid.
+    pub fn new(name: &'static str, unit: impl Into<String>, grid: Vec<f64>) -> Psi {
+        Psi {
+            name,
+            unit: unit.into(),
+            grid,
+            refine: true,
+            resolution: None,
+        }
+    }
+
+    /// Only the values of the grid are possible.
+    pub fn given(mut self) -> Psi {
+        self.refine = false;
+        self
+    }
+
+    /// A value may be off its grid point by the resolution.
+    pub fn within(mut self, resolution: f64) -> Psi {
+        self.resolution = Some(resolution);
+        self
+    }
+
+    /// A value as a parameter.
+    pub fn param(&self, value: f64) -> Param {
+        Param::new(self.name, value, &self.unit)
+    }
+
+    /// Least and greatest value that the parameter may take: somewhat beyond the grid, or as far as
+    /// its resolution beyond it.
     pub fn limits(&self) -> (f64, f64) {
         let (Some(first), Some(last)) = (self.grid.first(), self.grid.last()) else {
             return (f64::NEG_INFINITY, f64::INFINITY);
@@ -85,13 +188,13 @@ impl Psi {
     }
 }
 
-/// Distance from a limit, as a share of it or of the resolution, at which a value is at the limit: a refinement comes near it
-/// without reaching it.
+/// Distance from a limit, as a share of it or of the resolution, at which a value is at the limit:
+/// a refinement comes near it without reaching it.
 const AT_LIMIT: f64 = 0.01;
 
 impl Psi {
-    /// Whether a fitted value is at the lower and at the upper limit of the search, so that the best one may lie beyond it. A scan may
-    /// refine a value to somewhat beyond a limit.
+    /// Whether a fitted value is at the lower and at the upper limit of the search, so that the
+    /// best one may lie beyond it. A scan may refine a value to somewhat beyond a limit.
     pub fn at_limits(&self, value: f64) -> [bool; 2] {
         let (low, high) = self.limits();
         let near = |limit: f64| AT_LIMIT * self.resolution.unwrap_or(limit.abs());
@@ -116,16 +219,18 @@ pub struct Variant {
     pub build: Box<dyn Fn(f64) -> Build + Send + Sync>,
     /// Turns coefficients into physical parameters; by default they are listed as they are.
     pub derive: Option<Derive>,
-    /// A piece that makes dry friction larger by definition: with the other sign it is no such effect.
+    /// A piece that makes dry friction larger by definition: with the other sign it is no such
+    /// effect.
     pub adds_to_friction: Option<usize>,
     /// A piece that is friction itself: against the other dry friction it would drive the motion.
     pub along_friction: Option<usize>,
-    /// What its fitted values have to satisfy to be this effect; `None` where any do. Two effects may have the same curve
-    /// with opposite signs, so one that is impossible is no candidate.
+    /// What its fitted values have to satisfy to be this effect; `None` where any do. Two effects
+    /// may have the same curve with opposite signs, so one that is impossible is no candidate.
     pub possible: Option<Possible>,
     /// The nonlinear parameter as reports show it, where the search uses another form of it.
     pub shown: Option<fn(f64) -> f64>,
-    /// The target itself shows the form, without any model: nothing is fitted, and no decoy has to be surpassed.
+    /// The target itself shows the form, without any model: nothing is fitted, and no decoy has to
+    /// be surpassed.
     pub observed: bool,
 }
 
@@ -161,16 +266,9 @@ impl Variant {
         build: impl Fn(f64) -> Build + Send + Sync + 'static,
     ) -> Variant {
         Variant {
-            label: label.into(),
-            form: Form::Other,
             psi: Some(psi),
             build: Box::new(build),
-            derive: None,
-            adds_to_friction: None,
-            along_friction: None,
-            possible: None,
-            shown: None,
-            observed: false,
+            ..Variant::linear(label, vec![])
         }
     }
 
@@ -264,47 +362,36 @@ impl Variant {
         if let (Some(d), Some(p)) = (self.derive, &self.psi) {
             return d(psi, coef, &pieces, p);
         }
-        let mut out: Vec<Param> = self
-            .psi
-            .iter()
-            .map(|p| Param {
-                name: p.name.into(),
-                value: psi,
-                unit: p.unit.clone(),
-            })
-            .collect();
-        out.extend(pieces.iter().zip(coef).map(|(p, c)| Param {
-            name: p.name.clone(),
-            value: *c,
-            unit: p.unit.clone(),
-        }));
-        out
+        let shape = self.psi.iter().map(|p| p.param(psi));
+        shape.chain(coefficients(coef, &pieces)).collect()
     }
 }
 
+fn coefficients<'a>(coef: &'a [f64], pieces: &'a [Piece]) -> impl Iterator<Item = Param> + 'a {
+    pieces.iter().zip(coef).map(|(p, c)| p.param(*c))
+}
+
+/// The coefficients without the nonlinear parameter, for [`Variant::with`].
+pub fn coefficients_alone(_: f64, coef: &[f64], pieces: &[Piece], _: &Psi) -> Vec<Param> {
+    coefficients(coef, pieces).collect()
+}
+
 /// Amplitude and phase of a sine and cosine pair, for [`Variant::with`].
-pub fn amplitude_phase(psi: f64, coef: &[f64], pieces: &[Piece], p: &Psi) -> Vec<Param> {
-    let (s, c) = (
-        coef.first().copied().unwrap_or(0.0),
-        coef.get(1).copied().unwrap_or(0.0),
-    );
+pub fn amplitude_phase(_: f64, coef: &[f64], pieces: &[Piece], _: &Psi) -> Vec<Param> {
+    let at = |k: usize| coef.get(k).copied().unwrap_or(0.0);
+    let (s, c) = (at(0), at(1));
+    let unit = pieces.first().map_or("", |p| &p.unit);
     vec![
-        Param {
-            name: p.name.into(),
-            value: psi,
-            unit: p.unit.clone(),
-        },
-        Param {
-            name: "amplitude".into(),
-            value: s.hypot(c),
-            unit: pieces.first().map(|p| p.unit.clone()).unwrap_or_default(),
-        },
-        Param {
-            name: "phase".into(),
-            value: c.atan2(s),
-            unit: "rad".into(),
-        },
+        Param::new("amplitude", s.hypot(c), unit).being(Nature::Amplitude),
+        Param::new("phase", c.atan2(s), "rad").being(Nature::Phase),
     ]
+}
+
+/// The same after the nonlinear parameter.
+pub fn with_amplitude_phase(psi: f64, coef: &[f64], pieces: &[Piece], p: &Psi) -> Vec<Param> {
+    let mut out = vec![p.param(psi)];
+    out.extend(amplitude_phase(psi, coef, pieces, p));
+    out
 }
 
 /// Unit of a quotient: brackets where the lower unit is a quotient or power itself.
@@ -323,11 +410,8 @@ mod tests {
     #[test]
     fn a_value_at_the_end_of_what_was_searched_is_known() {
         let psi = |grid: &[f64], resolution| Psi {
-            name: "time_constant",
-            unit: "s".into(),
-            grid: grid.to_vec(),
-            refine: true,
             resolution,
+            ..Psi::new("time_constant", "s", grid.to_vec())
         };
         let time = psi(&[0.01, 1.0, 100.0], None);
         for (value, at) in [

@@ -1,18 +1,12 @@
 //! Friction in proportion to velocity.
 
-use super::{ratio, Context, Effect, EffectKind, Found, Piece, Remedy, Variant};
+use super::{ratio, Context, Effect, EffectKind, Found, Nature, Piece, Remedy, Variant};
 
 pub struct Viscous;
 
 impl Effect for Viscous {
     fn kind(&self) -> EffectKind {
         EffectKind::Viscous
-    }
-    fn meaning(&self) -> &'static str {
-        "viscous friction: a force in proportion to the velocity, or as the drag of a fluid to its square"
-    }
-    fn experiment(&self) -> &'static str {
-        "move at several constant speeds under constant load: the force follows the speed in a straight line"
     }
     fn against(&self, ctx: &Context) -> String {
         ctx.velocity.clone().unwrap_or_else(|| ctx.load.clone())
@@ -25,13 +19,13 @@ impl Effect for Viscous {
             return vec![];
         };
         let unit = ctx.per(&ctx.velocity_unit());
-        let damping = Piece::new("damping", unit.clone(), v.clone());
+        let damping = Piece::new("damping", unit.clone(), v.clone()).being(Nature::Damping);
         let mut out = vec![Variant::linear("velocity", vec![damping.clone()])];
         // Fluids and air: the force grows with the square of the velocity.
         let square = ratio(&unit, &ctx.velocity_unit());
         out.push(Variant::linear(
             "square of the velocity",
-            vec![Piece::new("drag", square, format!("{v} * abs({v})"))],
+            vec![Piece::new("drag", square, format!("{v} * abs({v})")).being(Nature::Drag)],
         ));
         if ctx.range(&ctx.load).is_some() {
             let text = format!("{v} * {}", ctx.load);

@@ -12,14 +12,16 @@ use residual_search::model::{Chosen, Model};
 use residual_search::Search;
 use serde::{Deserialize, Serialize};
 
-/// Frozen models on data that the search has not seen. Errors are root mean squares in the target's unit.
+/// Frozen models on data that the search has not seen. Errors are root mean squares in the target's
+/// unit.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Check {
     /// Names of the files, without folders.
     pub files: Vec<String>,
     /// Rows.
     pub rows: usize,
-    /// Rows in runs whose motion is also in the searched data: they do not show how the model does on another motion.
+    /// Rows in runs whose motion is also in the searched data: they do not show how the model does
+    /// on another motion.
     #[serde(default)]
     pub repeated_rows: usize,
     /// Error of the declared model, with the coefficients that were fitted to the searched data.
@@ -39,11 +41,13 @@ pub struct Checked {
     files: Vec<String>,
 }
 
-/// Error on the check data, as a multiple of the held-out one, above which a model does not hold there.
+/// Error on the check data, as a multiple of the held-out one, above which a model does not hold
+/// there.
 const WORSE: f64 = 4.0 / 3.0;
 
 impl Check {
-    /// Error of the model with the effects found, as a multiple of its held-out error, where it is far larger.
+    /// Error of the model with the effects found, as a multiple of its held-out error, where it is
+    /// far larger.
     pub fn worse_than(&self, heldout_rmse: f64) -> Option<f64> {
         let ratio = self.found_rmse / heldout_rmse;
         (ratio.is_finite() && ratio > WORSE).then_some(ratio)
@@ -64,8 +68,8 @@ impl Checked {
         }
     }
 
-    /// Error of the model with some effects, every coefficient as it was fitted to the searched data. Terms with a
-    /// coefficient for each sequence have no value here and are left out.
+    /// Error of the model with some effects, every coefficient as it was fitted to the searched
+    /// data. Terms with a coefficient for each sequence have no value here and are left out.
     ///
     /// # Errors
     /// [`Error::Expression`] if a term is not finite on these data.

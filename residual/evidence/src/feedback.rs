@@ -6,14 +6,13 @@ use residual_columns::error::Error;
 use residual_search::model::Chosen;
 use residual_search::{without, Search, Weight};
 
-/// How far the size of an effect on the part of the command that follows the setpoint may be off the fitted
-/// one, as a factor either way.
+/// How far the size of an effect on the part of the command that follows the setpoint may be off
+/// the fitted one, as a factor either way.
 const FACTOR: f64 = 1.4;
 
-/// What the command does to the target must come out as large where the command follows the setpoint.
-/// Effects for which this does not hold are named, but not
-/// relied on. Returns the structure that says so; `None` if no such effect matters, or without a
-/// setpoint.
+/// What the command does to the target must come out as large where the command follows the
+/// setpoint. Effects for which this does not hold are named, but not relied on. Returns the
+/// structure that says so; `None` if no such effect matters, or without a setpoint.
 pub fn doubt(
     search: &Search,
     chosen: &[Chosen],

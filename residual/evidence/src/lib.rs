@@ -1,10 +1,11 @@
-//! How sure the effects found are: intervals of their parameters, names that the data support, data that
-//! the search has not seen, tests of the residual, what is left without a name, and the verdict.
+//! How sure the effects found are: intervals of their parameters, names that the data support, data
+//! that the search has not seen, tests of the residual, what is left without a name, and the
+//! verdict.
 
+pub mod attribution;
 pub mod check;
 pub mod feedback;
 pub mod intervals;
 pub mod leftover;
 pub mod residual_tests;
-pub mod support;
 pub mod verdict;

@@ -17,8 +17,8 @@ pub struct ModelTest {
     pub test: ResidualTest,
 }
 
-/// Tests of the residual of the declared (`before`) and of the final model (`after`): whiteness, then
-/// correlation with every input. `frame` has the kept rows.
+/// Tests of the residual of the declared (`before`) and of the final model (`after`): whiteness,
+/// then correlation with every input. `frame` has the kept rows.
 pub fn residual_tests(
     problem: &Problem,
     roles: &Roles,

@@ -38,7 +38,8 @@ pub struct Conditions {
     pub effects: usize,
     /// Whether structure without a name is left that is large beside what was named.
     pub unexplained: bool,
-    /// Whether the search was not allowed to look further, with structure left that another effect would fit.
+    /// Whether the search was not allowed to look further, with structure left that another effect
+    /// would fit.
     pub limited: bool,
     /// Whether the data cannot distinguish the strongest effect from another.
     pub ambiguous: bool,

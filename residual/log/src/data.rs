@@ -11,8 +11,8 @@ use std::path::PathBuf;
 /// Fewest rows that can be analysed.
 pub const FEWEST_ROWS: usize = 30;
 
-/// Largest magnitude of the value `name` of a model. The squares of a billion targets, and of a billion products of two other
-/// values, have a sum that is finite.
+/// Largest magnitude of the value `name` of a model. The squares of a billion targets, and of a
+/// billion products of two other values, have a sum that is finite.
 pub fn largest(name: &str) -> f64 {
     if name == "target" {
         1e140
@@ -23,11 +23,11 @@ pub fn largest(name: &str) -> f64 {
 
 /// Columns of numbers with what is held out of them.
 ///
-/// The loader ([`load`](crate::load::load)) makes it from files. [`Data::from_columns`] makes it from
-/// columns in memory; their names are those of the roles in the model (`target`, `command`,
+/// The loader ([`load`](crate::load::load)) makes it from files. [`Data::from_columns`] makes it
+/// from columns in memory; their names are those of the roles in the model (`target`, `command`,
 /// `velocity` ...; names of pose, channels and groups as given there), in the units that the model
-/// states. `[input]`, `[rows]`, `[holdout]` and `[hygiene]` of the model are the loader's; they have no
-/// effect on columns in memory.
+/// states. `[input]`, `[rows]`, `[holdout]` and `[hygiene]` of the model are the loader's; they
+/// have no effect on columns in memory.
 ///
 /// ```
 /// use residual_log::data::Data;
@@ -50,8 +50,8 @@ pub struct Data {
     pub(crate) fold: Vec<u32>,
     pub(crate) fold_names: Vec<String>,
     pub(crate) groups: usize,
-    /// For each row the part of a repeated motion that it belongs to, from 1; 0 where the motion does not repeat. Empty if it does
-    /// nowhere.
+    /// For each row the part of a repeated motion that it belongs to, from 1; 0 where the motion
+    /// does not repeat. Empty if it does nowhere.
     pub(crate) parts: Vec<u32>,
     pub(crate) files: Vec<PathBuf>,
     pub(crate) hygiene: Vec<Finding>,
@@ -114,8 +114,8 @@ impl Data {
             .collect()
     }
 
-    /// For each row the part of a repeated motion that it belongs to, from 1; 0 where the motion does not repeat. Empty if it does
-    /// nowhere.
+    /// For each row the part of a repeated motion that it belongs to, from 1; 0 where the motion
+    /// does not repeat. Empty if it does nowhere.
     pub fn parts(&self) -> &[u32] {
         &self.parts
     }
@@ -130,7 +130,8 @@ impl Data {
         (0..self.keep.len()).filter(|i| self.keep[*i]).collect()
     }
 
-    /// The same without rows whose target is one of `values`, and without `margin` rows before and after each.
+    /// The same without rows whose target is one of `values`, and without `margin` rows before and
+    /// after each.
     pub fn without_values(&self, values: &[f64], margin: usize) -> Data {
         let mut out = self.clone();
         let target = self.frame.column("target").unwrap_or(&[]);
@@ -168,8 +169,8 @@ pub struct DataBuilder {
 }
 
 impl DataBuilder {
-    /// Row ranges of unbroken runs, in order and without gaps. Operators with memory start afresh in
-    /// each.
+    /// Row ranges of unbroken runs, in order and without gaps. Operators with memory start afresh
+    /// in each.
     pub fn sequences(mut self, ranges: impl IntoIterator<Item = Range<usize>>) -> DataBuilder {
         self.sequences = ranges.into_iter().collect();
         self
@@ -197,9 +198,10 @@ impl DataBuilder {
     /// Checks the columns and makes the data.
     ///
     /// # Errors
-    /// [`Error::Data`]: columns of unequal length, no column `target`, a value that is not finite or too large to be squared and
-    /// summed (beyond 1e140 in the target, 1e70 elsewhere), sequences that do not cover the rows, time that does not grow, fewer
-    /// than 30 rows to fit, fewer than two groups.
+    /// [`Error::Data`]: columns of unequal length, no column `target`, a value that is not finite
+    /// or too large to be squared and summed (beyond 1e140 in the target, 1e70 elsewhere),
+    /// sequences that do not cover the rows, time that does not grow, fewer than 30 rows to fit,
+    /// fewer than two groups.
     pub fn build(mut self) -> Result<Data, Error> {
         let rows = self.time.len();
         if self.sequences.is_empty() {

@@ -1,5 +1,6 @@
 //! Flaws of measured logs: time base, gaps, repeats, spikes, clipping, quantisation, a 256-fold
-//! scale, an angle that begins again after each turn. Each is reported, and handled only as the model file asks.
+//! scale, an angle that begins again after each turn. Each is reported, and handled only as the
+//! model file asks.
 
 use crate::finding::Findings;
 use crate::spec::{Action, Roles, Spec};
@@ -84,12 +85,13 @@ fn place(row: usize, frame: &Frame, files: &[PathBuf]) -> String {
     format!("{file}time {} s", num(frame.time()[row]))
 }
 
-/// Shares of a turn: up to the first a step from row to row is a motion, from the second on the angle began again.
+/// Shares of a turn: up to the first a step from row to row is a motion, from the second on the
+/// angle began again.
 const STEP: f64 = 0.25;
 const JUMP: f64 = 0.75;
 
-/// Notes an angle that begins again after each turn where its slope is the velocity, or makes it go on. Where the velocity has a
-/// column of its own nothing depends on that slope.
+/// Notes an angle that begins again after each turn where its slope is the velocity, or makes it go
+/// on. Where the velocity has a column of its own nothing depends on that slope.
 fn wrapped_angle(frame: &mut Frame, spec: &Spec, files: &[PathBuf], log: &mut Findings) {
     let Some(angle) = spec
         .roles
@@ -293,7 +295,8 @@ pub const REPEATED_MOTION: &str = "repeated motion";
 /// Relative error of the speed column against the slope of the angle that is reported.
 const SPEED_ERROR: f64 = 0.05;
 
-/// Notes columns that contradict each other or are made of each other, and runs that repeat one motion.
+/// Notes columns that contradict each other or are made of each other, and runs that repeat one
+/// motion.
 pub fn relations(
     frame: &Frame,
     roles: &Roles,
@@ -399,10 +402,12 @@ fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mu
     );
 }
 
-/// Correlation of the target with the slope of the velocity from which the one was computed from the other.
+/// Correlation of the target with the slope of the velocity from which the one was computed from
+/// the other.
 const COMPUTED: f64 = 0.999;
 
-/// A target that is the slope of the velocity, as an acceleration is: an inertia that is found is then its definition.
+/// A target that is the slope of the velocity, as an acceleration is: an inertia that is found is
+/// then its definition.
 fn made_of_speed(frame: &Frame, log: &mut Findings) {
     let (Some(y), Some(v)) = (frame.column("target"), frame.column("velocity")) else {
         return;
@@ -464,8 +469,8 @@ fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Findings) {
 /// Points of a run that are compared with those a period later.
 const POINTS: usize = 1500;
 
-/// Mean square difference of a motion from itself a period later, over twice its variance, up to which it repeats: an RMS difference of
-/// 0.28 standard deviations.
+/// Mean square difference of a motion from itself a period later, over twice its variance, up to
+/// which it repeats: an RMS difference of 0.28 standard deviations.
 const REPEATS: f64 = 0.04;
 
 /// The same which it must have in between: a slow motion differs little from itself a moment later.
@@ -474,8 +479,9 @@ const DIFFERS: f64 = 0.3;
 /// Shortest period in blocks of time: with fewer blocks there are too few groups to hold out.
 const FEWEST_BLOCKS: f64 = 4.0;
 
-/// Time in which the motion of a run repeats, if it does: whatever is special to that motion is in each pass of it, so blocks of time of
-/// two passes do not confirm each other. `None` where it repeats in less than a few blocks.
+/// Time in which the motion of a run repeats, if it does: whatever is special to that motion is in
+/// each pass of it, so blocks of time of two passes do not confirm each other. `None` where it
+/// repeats in less than a few blocks.
 pub fn period(frame: &Frame, run: &Range<usize>, roles: &Roles, block: f64) -> Option<f64> {
     let time = frame.time();
     let span = time[run.end - 1] - time[run.start];
@@ -521,8 +527,8 @@ pub fn period(frame: &Frame, run: &Range<usize>, roles: &Roles, block: f64) -> O
     (!columns.is_empty() && period >= FEWEST_BLOCKS * block).then_some(period)
 }
 
-/// Correlation from which a stretch of other data is the same motion. It is compared in steps of time, so less than
-/// [`SAME_MOTION`] is reached.
+/// Correlation from which a stretch of other data is the same motion. It is compared in steps of
+/// time, so less than [`SAME_MOTION`] is reached.
 const SAME_STRETCH: f64 = 0.97;
 
 /// Most relative difference of the size of one motion.

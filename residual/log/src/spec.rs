@@ -48,7 +48,8 @@ pub struct Input {
     pub header: Vec<String>,
     /// Column separator of text files: one character, or `blank` for runs of blanks.
     pub separator: String,
-    /// What begins a comment line of text files: one character. Empty: `%` in a file that begins with it, else `#`.
+    /// What begins a comment line of text files: one character. Empty: `%` in a file that begins
+    /// with it, else `#`.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub comment: String,
     /// Lines at the head of text files to leave out before anything else.
@@ -56,8 +57,8 @@ pub struct Input {
     pub skip: usize,
     /// Decimal mark of text files: `.` or `,`.
     pub decimal: String,
-    /// Rows per second of logs without a time column, in Hz: the column that `roles.time` names is then made from the row
-    /// numbers. 0: the logs have it.
+    /// Rows per second of logs without a time column, in Hz: the column that `roles.time` names is
+    /// then made from the row numbers. 0: the logs have it.
     #[serde(skip_serializing_if = "is_zero")]
     pub rate: f64,
     /// A pattern of the file name, such as `unit{unit}_torque{torque}_comp{comp}`: each `{name}`
@@ -65,7 +66,8 @@ pub struct Input {
     /// the whole path.
     #[serde(skip_serializing_if = "String::is_empty")]
     pub file_name: String,
-    /// Kinds of message in text logs whose lines begin with their kind; empty: all lines are of one kind.
+    /// Kinds of message in text logs whose lines begin with their kind; empty: all lines are of one
+    /// kind.
     #[serde(skip_serializing_if = "Vec::is_empty")]
     pub messages: Vec<Message>,
     /// Columns that split a file into sequences, such as `unit`.
@@ -277,13 +279,14 @@ pub struct Hygiene {
     pub scale256: Action,
     /// Rows whose time does not grow: `report` refuses the file, `drop` leaves them out.
     pub time: Action,
-    /// Lines that are no rows, such as a message between them or a line that was cut off: `report` refuses the file, `drop`
-    /// leaves them out.
+    /// Lines that are no rows, such as a message between them or a line that was cut off: `report`
+    /// refuses the file, `drop` leaves them out.
     pub text: Action,
-    /// An angle that begins again after each turn, where no column has the velocity: `fix` makes it go on.
+    /// An angle that begins again after each turn, where no column has the velocity: `fix` makes it
+    /// go on.
     pub wraps: Action,
-    /// A gap longer than this starts a new sequence, in seconds; 0 means 20 median steps, but none in a map that is held point by
-    /// point, nor where steps have every size.
+    /// A gap longer than this starts a new sequence, in seconds; 0 means 20 median steps, but none
+    /// in a map that is held point by point, nor where steps have every size.
     pub gap_s: f64,
 }
 
@@ -313,8 +316,8 @@ pub struct Selection {
     pub familywise_error: f64,
     /// Number of decoys of the residual.
     pub decoys: usize,
-    /// Whether to repeat the whole selection with each fold left out, and to report the error on the
-    /// folds left out as `nested_rmse`. Costs as many analyses as there are folds.
+    /// Whether to repeat the whole selection with each fold left out, and to report the error on
+    /// the folds left out as `nested_rmse`. Costs as many analyses as there are folds.
     #[serde(skip_serializing_if = "is_false")]
     pub nested: bool,
     /// At most so many effects.
@@ -358,8 +361,8 @@ pub struct Term {
     /// The coefficient, if it is declared rather than fitted.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub fixed: Option<f64>,
-    /// `sequence` if every sequence has its own coefficient (then the held-out half of a sequence is
-    /// predicted from its other half); empty for one coefficient.
+    /// `sequence` if every sequence has its own coefficient (then the held-out half of a sequence
+    /// is predicted from its other half); empty for one coefficient.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub per: String,
     /// The catalogue effect that added the term; empty for declared ones.
@@ -371,8 +374,8 @@ pub struct Term {
 }
 
 impl Spec {
-    /// The model with every coefficient fixed at its fitted value. Terms with a coefficient for each sequence have no
-    /// meaning on other data and are left out.
+    /// The model with every coefficient fixed at its fitted value. Terms with a coefficient for
+    /// each sequence have no meaning on other data and are left out.
     pub fn frozen(&self) -> Spec {
         let mut spec = self.clone();
         spec.terms.retain(|t| t.per.is_empty());
@@ -555,8 +558,8 @@ impl Spec {
                 "role `{role}` has the target's column `{target}`, so the target would predict itself; name another column, or leave the role out"
             )));
         }
-        // Names of expressions that are the target: its own, those of groups of its column, and its column's own name where
-        // that is no role's.
+        // Names of expressions that are the target: its own, those of groups of its column, and its
+        // column's own name where that is no role's.
         let is_target = |name: &String| match all.iter().find(|(role, _)| role == name) {
             Some((role, column)) => role == "target" || column.column == *target,
             None => name == target && !MADE.contains(&name.as_str()),

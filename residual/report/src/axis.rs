@@ -27,8 +27,8 @@ impl Report {
         }
     }
 
-    /// Name and unit of an expression of the kind that effects are plotted against; any other expression
-    /// is its own name.
+    /// Name and unit of an expression of the kind that effects are plotted against; any other
+    /// expression is its own name.
     fn quantity(&self, expression: &str) -> (String, String) {
         let e = expression.trim();
         let inside = |function: &str| {
@@ -112,7 +112,8 @@ fn saw_tooth(e: &str) -> Option<&str> {
     x.filter(|x| !x.is_empty())
 }
 
-/// The two factors of an expression that is a product at its top level, with or without brackets around it.
+/// The two factors of an expression that is a product at its top level, with or without brackets
+/// around it.
 fn product(e: &str) -> Option<(&str, &str)> {
     let split = |e: &str| {
         let mut depth = 0i32;

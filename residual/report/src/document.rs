@@ -1,5 +1,5 @@
-//! The report as a list of parts, which the writers turn into Markdown and HTML. The sections themselves are in
-//! `sections.rs`.
+//! The report as a list of parts, which the writers turn into Markdown and HTML. The sections
+//! themselves are in `sections.rs`.
 
 use super::plot::Plot;
 use super::Report;
@@ -12,7 +12,8 @@ pub(super) enum Part {
     Verdict {
         /// What it says.
         text: String,
-        /// Classes of its banner: the word of the verdict, and `partly` where the answer is not whole.
+        /// Classes of its banner: the word of the verdict, and `partly` where the answer is not
+        /// whole.
         class: String,
     },
     /// Heading of a section.

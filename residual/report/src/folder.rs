@@ -1,4 +1,5 @@
-//! The folder of a report: check that it can be written to, remove an earlier report, write a new one.
+//! The folder of a report: check that it can be written to, remove an earlier report, write a new
+//! one.
 
 use super::document::Part;
 use super::Report;
@@ -9,10 +10,10 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 /// Files of a report apart from plots and models.
 const TEXTS: [&str; 3] = ["report.md", "report.html", "report.json"];
 
-/// Prepares a folder for a report, without creating it: checks that it can be written to, and removes the
-/// reports and plots of an earlier analysis, so that they are not mistaken for new ones if this one fails.
-/// Model files stay, because one of them may be the input. In a folder without a `report.json` of an
-/// analysis (of any version) nothing is removed.
+/// Prepares a folder for a report, without creating it: checks that it can be written to, and
+/// removes the reports and plots of an earlier analysis, so that they are not mistaken for new ones
+/// if this one fails. Model files stay, because one of them may be the input. In a folder without a
+/// `report.json` of an analysis (of any version) nothing is removed.
 ///
 /// # Errors
 /// [`Error::Io`] if the path is not a folder or cannot be written to, if it holds a report that no
@@ -65,7 +66,8 @@ fn writable(dir: &Path) -> Result<(), Error> {
         match std::fs::metadata(at) {
             Ok(m) if !m.is_dir() => return no(at, "this is a file".into()),
             Ok(_) => {
-                // A name of its own for every call: calls may run at once, in this process and others.
+                // A name of its own for every call: calls may run at once, in this process and
+                // others.
                 static CALLS: AtomicUsize = AtomicUsize::new(0);
                 let call = CALLS.fetch_add(1, Ordering::Relaxed);
                 let probe = at.join(format!(".residual-{}-{call}", std::process::id()));
@@ -86,8 +88,8 @@ fn writable(dir: &Path) -> Result<(), Error> {
 
 impl Report {
     /// Writes the report to a folder, which is created if needed: `report.md` with its plots,
-    /// `report.html`, `MODEL.extended.toml`, `MODEL.frozen.toml` and, last, `report.json`. So where there is
-    /// a `report.json`, the other files are complete.
+    /// `report.html`, `MODEL.extended.toml`, `MODEL.frozen.toml` and, last, `report.json`. So where
+    /// there is a `report.json`, the other files are complete.
     ///
     /// # Errors
     /// [`Error::Io`] if a file cannot be written (then all are removed), or [`Error::Model`] if the

@@ -26,8 +26,8 @@ impl Report {
         String::from_utf8(out).map_err(|e| failed(&e))
     }
 
-    /// Reads a `report.json` of this version of the library. Numbers that were not finite, which JSON
-    /// holds as `null`, come back as NaN; everything else is as it was written.
+    /// Reads a `report.json` of this version of the library. Numbers that were not finite, which
+    /// JSON holds as `null`, come back as NaN; everything else is as it was written.
     ///
     /// # Errors
     /// [`Error::Io`] if the file cannot be read or is not such a report: not JSON, another
@@ -94,8 +94,8 @@ pub(super) mod toml_text {
     }
 }
 
-/// Layout of `report.json`: each key and each object of a list begins a line; lists of numbers or texts
-/// stay on one line, as those of a plot have a thousand numbers.
+/// Layout of `report.json`: each key and each object of a list begins a line; lists of numbers or
+/// texts stay on one line, as those of a plot have a thousand numbers.
 #[derive(Default)]
 struct Layout {
     /// The lists and objects that are open, and whether something in them began a line.

@@ -1,4 +1,4 @@
-//! The report of an analysis: what was found ([`types`]), and its written forms.
+//! The report of an analysis: what was found (`types`), and its written forms.
 //!
 //! | file | concern |
 //! |---|---|
@@ -42,6 +42,6 @@ use residual_search::declared::DeclaredTerm;
 use residual_search::figures::Figures;
 use residual_search::Rival;
 
-/// Version of the keys of `report.json`. It grows by one whenever a key is removed, renamed or changes its
-/// meaning; [`Report::read`] refuses other versions.
+/// Version of the keys of `report.json`. It grows by one whenever a key is removed, renamed or
+/// changes its meaning; [`Report::read`] refuses other versions.
 pub const SCHEMA_VERSION: u32 = 1;

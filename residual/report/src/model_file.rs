@@ -12,9 +12,9 @@ impl Report {
         toml::to_string(&self.extended).map_err(|e| Error::model(e.to_string()))
     }
 
-    /// The extended model with every coefficient fixed at its fitted value: on other data, its baseline
-    /// is a test on rows that it was never fitted to. Terms with a coefficient for each sequence have no
-    /// meaning there and are left out.
+    /// The extended model with every coefficient fixed at its fitted value: on other data, its
+    /// baseline is a test on rows that it was never fitted to. Terms with a coefficient for each
+    /// sequence have no meaning there and are left out.
     ///
     /// # Errors
     /// [`Error::Model`] if it cannot be written as TOML.

@@ -1,12 +1,13 @@
-//! Data of a residual plot: thinned points and binned means, before and after a change of the model.
+//! Data of a residual plot: thinned points and binned means, before and after a change of the
+//! model.
 
 use residual_columns::nan;
 use residual_columns::parallel;
 use residual_columns::stats;
 use serde::{Deserialize, Serialize};
 
-/// Data of a plot: thinned points, binned means and RMS of all rows. Residuals are in the target's unit.
-/// A default plot is empty.
+/// Data of a plot: thinned points, binned means and RMS of all rows. Residuals are in the target's
+/// unit. A default plot is empty.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct Plot {
     /// Label of the x axis, with its unit.
@@ -18,7 +19,8 @@ pub struct Plot {
     /// x values of the thinned points, in the unit that `against` names.
     #[serde(deserialize_with = "nan::from_null")]
     pub x: Vec<f64>,
-    /// Residual at these points before: of the declared model, or of the final one without an effect.
+    /// Residual at these points before: of the declared model, or of the final one without an
+    /// effect.
     #[serde(deserialize_with = "nan::from_null")]
     pub before: Vec<f64>,
     /// Residual at these points after: of the final model.
@@ -37,8 +39,8 @@ pub struct Plot {
 pub const WITHOUT: &str = "without it";
 
 impl Plot {
-    /// Data of a plot of the residual before and after against `x`: about a thousand points, and means of
-    /// all rows. Empty if the lists are empty or their lengths differ.
+    /// Data of a plot of the residual before and after against `x`: about a thousand points, and
+    /// means of all rows. Empty if the lists are empty or their lengths differ.
     pub fn new(against: &str, x: &[f64], before: &[f64], after: &[f64]) -> Plot {
         if x.is_empty() || before.len() != x.len() || after.len() != x.len() {
             return Plot::default();
@@ -66,8 +68,8 @@ impl Plot {
     }
 }
 
-/// About a thousand of `rows` rows: one at random in each stretch, as every n-th row would stand still in a motion whose
-/// period is a multiple of n rows.
+/// About a thousand of `rows` rows: one at random in each stretch, as every n-th row would stand
+/// still in a motion whose period is a multiple of n rows.
 fn thinned(rows: usize) -> Vec<usize> {
     let stride = rows.div_ceil(1000);
     let mut rng = stats::Rng::new(1);

@@ -266,8 +266,9 @@ impl Report {
         out
     }
 
-    /// The best other effect in the place of one. The search compared them before it took away the effects whose names the
-    /// data do not support, so both figures are of the model with all of them.
+    /// The best other effect in the place of one. The search compared them before it took away the
+    /// effects whose names the data do not support, so both figures are of the model with all of
+    /// them.
     fn rival(&self, r: &Rival) -> Part {
         let u = &self.unit;
         let place = match &self.with_all {
@@ -517,7 +518,8 @@ mod tests {
     use super::super::example;
     use super::*;
 
-    /// The search compares rivals before it takes away the effects whose names the data do not support.
+    /// The search compares rivals before it takes away the effects whose names the data do not
+    /// support.
     #[test]
     fn figures_of_a_rival_are_of_the_model_that_is_named() {
         let mut report = example::report();
@@ -525,7 +527,8 @@ mod tests {
         let text = report.markdown();
         let line = "Nearest rival: with viscous in its place the held-out RMSE is 0.1100 N, 10.0 % larger.";
         assert!(text.contains(line), "{text}");
-        // The final model has an error of 0.1 N, with all effects 0.09 N: 0.099 N is larger than the second only.
+        // The final model has an error of 0.1 N, with all effects 0.09 N: 0.099 N is larger than
+        // the second only.
         report.with_all = Some(Figures {
             heldout_rmse: 0.09,
             ..report.last.clone()
@@ -553,7 +556,8 @@ mod tests {
         assert!(!said(&report));
     }
 
-    /// An effect that helps only beside another makes the error larger where the other is not there yet.
+    /// An effect that helps only beside another makes the error larger where the other is not there
+    /// yet.
     #[test]
     fn a_row_with_a_larger_error_is_explained() {
         let mut report = example::report();

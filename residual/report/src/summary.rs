@@ -9,7 +9,8 @@ use residual_log::hygiene::{REPEATED_MOTION, SPEED_AGAINST_ANGLE};
 /// Correlation of the residual with itself from which the verdict names it.
 const COLOURED: f64 = 0.1;
 
-/// Reduction of the final model's held-out RMSE from which the verdict names the structure that is left beside the effects.
+/// Reduction of the final model's held-out RMSE from which the verdict names the structure that is
+/// left beside the effects.
 const REMAINS: f64 = 0.1;
 
 impl Report {
@@ -26,8 +27,9 @@ impl Report {
         )
     }
 
-    /// Whether the answer is whole: every name is supported, the search came to its end, little is left, what is left beside no
-    /// effect is white, and neither the columns nor the check data contradict it.
+    /// Whether the answer is whole: every name is supported, the search came to its end, little is
+    /// left, what is left beside no effect is white, and neither the columns nor the check data
+    /// contradict it.
     pub(super) fn is_whole(&self) -> bool {
         let last = self.last.heldout_rmse;
         let worse = self.check.as_ref().and_then(|c| c.worse_than(last));
@@ -41,7 +43,8 @@ impl Report {
         !doubtful
     }
 
-    /// The first structure that is large beside what is left. The verdict `unknown` names its structure by itself.
+    /// The first structure that is large beside what is left. The verdict `unknown` names its
+    /// structure by itself.
     fn left(&self) -> Option<&Structure> {
         let mut all = self.structure.iter();
         all.find(|s| self.verdict != Verdict::Unknown && s.gain >= REMAINS)
@@ -80,8 +83,8 @@ impl Report {
         out
     }
 
-    /// Whether the model with all effects of the first search predicts better than that with the effects found. Without a wrong
-    /// name the search may come to a better model.
+    /// Whether the model with all effects of the first search predicts better than that with the
+    /// effects found. Without a wrong name the search may come to a better model.
     pub(super) fn all_is_better(&self) -> bool {
         let better = |all: &Figures| all.heldout_rmse < self.last.heldout_rmse;
         self.with_all.as_ref().is_some_and(better)
@@ -187,7 +190,8 @@ impl Report {
                     let groups = self.not_identifiable.iter().skip(1);
                     groups.map(|a| &a.effects).find(|all| all.contains(&e.name))
                 };
-                // Of the kind that cannot be told from another, one is named above, the others are not.
+                // Of the kind that cannot be told from another, one is named above, the others are
+                // not.
                 let mut named = false;
                 let others = all.into_iter().filter(|e| {
                     let further = named && alternatives.first() == Some(&e.name);

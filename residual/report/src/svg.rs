@@ -219,8 +219,9 @@ fn open(width: f64, height: f64, p: &Plot, unit: &str) -> String {
 }
 
 impl Plot {
-    /// The picture as SVG: all panels side by side, with a legend. There are panels before and after on
-    /// one scale, and the one after again on its own scale where it is much smaller. `unit` is the target's.
+    /// The picture as SVG: all panels side by side, with a legend. There are panels before and
+    /// after on one scale, and the one after again on its own scale where it is much smaller.
+    /// `unit` is the target's.
     pub fn svg(&self, unit: &str) -> String {
         side_by_side(self, unit)
     }
@@ -240,8 +241,8 @@ fn side_by_side(p: &Plot, unit: &str) -> String {
     s
 }
 
-/// Each panel as a picture of its own, so that a narrow page can put them below each other. They have no
-/// legend: the page has it.
+/// Each panel as a picture of its own, so that a narrow page can put them below each other. They
+/// have no legend: the page has it.
 pub(super) fn separate(p: &Plot, unit: &str) -> Vec<String> {
     let (panels, x) = panels(p, unit);
     panels

@@ -1,5 +1,6 @@
-//! What an analysis found: [`Report`] and its parts. These types are the single source of `report.json`
-//! (docs/residual/report-json.md). Numbers are in full precision; "the target's unit" is [`Report::unit`].
+//! What an analysis found: [`Report`] and its parts. These types are the single source of
+//! `report.json` (docs/residual/report-json.md). Numbers are in full precision; "the target's unit"
+//! is [`Report::unit`].
 
 use super::json;
 use super::plot::Plot;
@@ -30,22 +31,23 @@ pub struct Effect {
     pub params: BTreeMap<String, f64>,
     /// Units of the parameters by name; `1` for a ratio.
     pub units: BTreeMap<String, String>,
-    /// 95 % intervals `[low, high]` of the parameters by name. Empty for an effect with coefficients for each sequence (a tone
-    /// with a phase for each run).
+    /// 95 % intervals `[low, high]` of the parameters by name. Empty for an effect with
+    /// coefficients for each sequence (a tone with a phase for each run).
     #[serde(deserialize_with = "nan::from_null")]
     pub ci: BTreeMap<String, [f64; 2]>,
-    /// Names of the parameters whose value is at the limit of the range that was searched: the true one may lie beyond it.
+    /// Names of the parameters whose value is at the limit of the range that was searched: the true
+    /// one may lie beyond it.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub at_limit: Vec<String>,
-    /// Held-out RMSE before the effect was added, in the target's unit; the effects are added in the
-    /// order of [`Report::effects`].
+    /// Held-out RMSE before the effect was added, in the target's unit; the effects are added in
+    /// the order of [`Report::effects`].
     #[serde(deserialize_with = "nan::from_null")]
     pub heldout_before: f64,
     /// Held-out RMSE after it was added, in the target's unit.
     #[serde(deserialize_with = "nan::from_null")]
     pub heldout_after: f64,
-    /// Held-out RMSE of the final model without this effect, the others fitted again, in the target's unit: what the
-    /// effect is worth.
+    /// Held-out RMSE of the final model without this effect, the others fitted again, in the
+    /// target's unit: what the effect is worth.
     #[serde(deserialize_with = "nan::from_null")]
     pub heldout_without: f64,
     /// Why the data do not support the name; empty for an effect that was found.
@@ -101,7 +103,8 @@ pub struct Tested {
     /// Relative reduction of the held-out RMSE of the final model; negative where it grows.
     #[serde(deserialize_with = "nan::from_null")]
     pub gain: f64,
-    /// p value of that reduction, from decoys: the residual with a random sign for each block of time.
+    /// p value of that reduction, from decoys: the residual with a random sign for each block of
+    /// time.
     #[serde(deserialize_with = "nan::from_null")]
     pub p_value: f64,
     /// t statistic: mean reduction of the squared error per block of time, divided by its standard
@@ -146,8 +149,8 @@ pub struct Report {
     pub verdict: Verdict,
     /// Effects found, the one that is worth most first.
     pub effects: Vec<Effect>,
-    /// Effects that improve the fit under a name that the data do not support; `unsupported` says why. They are not in
-    /// the final model.
+    /// Effects that improve the fit under a name that the data do not support; `unsupported` says
+    /// why. They are not in the final model.
     pub improves: Vec<Effect>,
     /// Errors of the model with `effects` and `improves`; `None` if there are no others.
     #[serde(default, skip_serializing_if = "Option::is_none")]

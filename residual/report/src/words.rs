@@ -8,8 +8,8 @@ use residual_effects::EffectKind;
 const TELLING: [&str; 2] = ["order", "frequency"];
 
 impl Report {
-    /// What tells an effect apart from the others of its kind: its order or frequency, and its form, where they differ. Empty for
-    /// the only effect of its kind.
+    /// What tells an effect apart from the others of its kind: its order or frequency, and its
+    /// form, where they differ. Empty for the only effect of its kind.
     fn distinction(&self, effect: &Effect) -> Vec<String> {
         let all = self.effects.iter().chain(&self.improves);
         let kind: Vec<&Effect> = all.filter(|e| e.name == effect.name).collect();
@@ -27,7 +27,8 @@ impl Report {
         out
     }
 
-    /// The name of an effect, and in brackets what tells it apart from others of its kind: `periodic_angle (order 7.000)`.
+    /// The name of an effect, and in brackets what tells it apart from others of its kind:
+    /// `periodic_angle (order 7.000)`.
     pub(super) fn called(&self, effect: &Effect) -> String {
         self.listed(&[effect])
     }
@@ -52,7 +53,8 @@ impl Report {
         texts.collect::<Vec<_>>().join(", ")
     }
 
-    /// The form of an effect, with the order or the frequency where others of its kind have another: `ripple, order 7.000`.
+    /// The form of an effect, with the order or the frequency where others of its kind have
+    /// another: `ripple, order 7.000`.
     pub fn details(&self, effect: &Effect) -> String {
         let mut own = self.distinction(effect);
         own.retain(|text| *text != effect.form);
@@ -60,7 +62,8 @@ impl Report {
         own.join(", ")
     }
 
-    /// The name of one of its effects, and with it those that the data cannot distinguish from it: `payload or gravity_angle`.
+    /// The name of one of its effects, and with it those that the data cannot distinguish from it:
+    /// `payload or gravity_angle`.
     pub fn alternatives(&self, effect: &Effect) -> String {
         self.either(effect.name.to_string(), effect)
     }

@@ -88,7 +88,8 @@ pub fn check_selection(spec: &Spec) -> Result<(), Error> {
     }
 }
 
-/// Target less prediction, row by row, of a model whose coefficients are all fixed; a term without one counts nothing.
+/// Target less prediction, row by row, of a model whose coefficients are all fixed; a term without
+/// one counts nothing.
 pub fn residual_of_fixed(p: &Problem, model: &Model) -> Result<Vec<f64>, Error> {
     let mut out = p.y.to_vec();
     for (term, k) in model.terms.iter().filter_map(|t| Some((t, t.fixed?))) {
@@ -125,7 +126,8 @@ pub fn fit_declared(problem: &mut Problem, spec: &Spec) -> Result<Fitted, Error>
     Ok(Fitted { model, fit })
 }
 
-/// Refuses terms whose values are too large to be squared and summed: no coefficient could be fitted to them.
+/// Refuses terms whose values are too large to be squared and summed: no coefficient could be
+/// fitted to them.
 fn check_terms(p: &Problem, spec: &Spec) -> Result<(), Error> {
     for term in &spec.terms {
         let values = p.eval(&p.plain, &Expr::parse(&term.expr)?)?;
@@ -191,14 +193,16 @@ fn coefficients(fitted: &Fitted) -> Vec<(&WorkTerm, f64)> {
         .collect()
 }
 
-/// The prediction of a model's declared terms with their coefficients written in, as an expression. The load is
-/// what the drive imposes: where terms of the command are declared, the others are no load.
+/// The prediction of a model's declared terms with their coefficients written in, as an expression.
+/// The load is what the drive imposes: where terms of the command are declared, the others are no
+/// load.
 pub fn load_expression(fitted: &Fitted) -> String {
     load_of(coefficients(fitted))
 }
 
-/// The load with the coefficients that the declared terms have beside the effects of a fitted model: of the `declared` terms as they
-/// are, and with the columns that effects replace. Both are the same where no effect replaces a column.
+/// The load with the coefficients that the declared terms have beside the effects of a fitted
+/// model: of the `declared` terms as they are, and with the columns that effects replace. Both are
+/// the same where no effect replaces a column.
 pub fn load_expressions(declared: &Fitted, fitted: &Fitted) -> Vec<String> {
     let mut replaced = coefficients(fitted);
     replaced.retain(|(t, _)| t.chosen.is_none());

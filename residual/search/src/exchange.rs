@@ -12,12 +12,13 @@ const NEARLY: f64 = 0.5;
 const FORMS: usize = 2;
 
 impl Search<'_> {
-    /// Puts another form of an effect in its place and one more effect beside it, where both together
-    /// predict better by what counts. Whether it did.
+    /// Puts another form of an effect in its place and one more effect beside it, where both
+    /// together predict better by what counts. Whether it did.
     ///
-    /// A form with a term to spare takes a part of what a second effect does: a drift of gain, with its gain at
-    /// mid-range, follows a part of a curve in the load. Then the second effect adds too little beside it, the right form is
-    /// worse alone, and no step that changes one effect at a time leads to the pair.
+    /// A form with a term to spare takes a part of what a second effect does: a drift of gain, with
+    /// its gain at mid-range, follows a part of a curve in the load. Then the second effect adds
+    /// too little beside it, the right form is worse alone, and no step that changes one effect at
+    /// a time leads to the pair.
     pub(super) fn exchange(
         &mut self,
         chosen: &mut Vec<Chosen>,

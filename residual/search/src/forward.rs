@@ -22,7 +22,8 @@ impl Search<'_> {
                 Some(next) => *chosen = next,
                 None => return Ok(()),
             }
-            // What is built on the load before a late command would have to make up for the lateness.
+            // What is built on the load before a late command would have to make up for the
+            // lateness.
             self.load_behind(chosen)?;
         }
     }
@@ -34,7 +35,8 @@ impl Search<'_> {
         let most = fitted.rmse() * (1.0 - selection.material);
         let mut tried: Vec<Chosen> = Vec::new();
         loop {
-            // The winner may be a form of an effect that is there already and turn out to add nothing.
+            // The winner may be a form of an effect that is there already and turn out to add
+            // nothing.
             for c in self.step(&fitted)?.in_turn() {
                 let form = c.choose();
                 if tried.iter().any(|t| t.is_form(&form)) {

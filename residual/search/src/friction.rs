@@ -26,8 +26,8 @@ impl Search<'_> {
         choice
     }
 
-    /// Gives friction in motion and friction at rest coefficients of their own, where they share one
-    /// and friction in motion grows with the load. They stay together if that predicts worse.
+    /// Gives friction in motion and friction at rest coefficients of their own, where they share
+    /// one and friction in motion grows with the load. They stay together if that predicts worse.
     ///
     /// Under one coefficient they would keep richer forms of either out, and friction in motion
     /// would be reported as a difference to friction at rest.

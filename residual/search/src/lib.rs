@@ -7,10 +7,10 @@
 //! then replaces what it makes superfluous. So an effect that only imitates another
 //! one (a line in position for a hysteresis) can be added, but is removed later.
 //!
-//! [`run`] is the course of a search. Its steps: [`forward`] adds effects, [`polish`] refines their nonlinear parameters, [`merge`] puts one
-//! effect in the place of two, [`rivals`] lets the whole catalogue compete for each place,
-//! [`exchange`] tries another form of an effect with one more effect, [`prune`] removes what the others
-//! make superfluous.
+//! `run` is the course of a search. Its steps: `forward` adds effects, `polish` refines their
+//! nonlinear parameters, `merge` puts one effect in the place of two, `rivals` lets the whole
+//! catalogue compete for each place, `exchange` tries another form of an effect with one more
+//! effect, `prune` removes what the others make superfluous.
 
 pub mod declared;
 mod exchange;

@@ -32,12 +32,13 @@ pub(super) struct Renewed {
 }
 
 impl Search<'_> {
-    /// Expressions of the load with the coefficients that the declared terms have beside the effects; none if no effect depends on it,
-    /// or it is the same.
+    /// Expressions of the load with the coefficients that the declared terms have beside the
+    /// effects; none if no effect depends on it, or it is the same.
     ///
-    /// The first load has the coefficients of the declared model alone. What the model lacks biases them: a limit of the command
-    /// makes a gain too small, and a friction per load would be too large by as much. Where an effect replaces the command, the data
-    /// decide whether the load is the one before or behind it.
+    /// The first load has the coefficients of the declared model alone. What the model lacks biases
+    /// them: a limit of the command makes a gain too small, and a friction per load would be too
+    /// large by as much. Where an effect replaces the command, the data decide whether the load is
+    /// the one before or behind it.
     pub(super) fn renewed(
         &mut self,
         fitted: &Fitted,
@@ -68,8 +69,8 @@ impl Search<'_> {
         Ok(out)
     }
 
-    /// Takes the one of these expressions with which the effects predict best, if that is not worse than `rmse`, as the error with the
-    /// present one is. Whether the load changed.
+    /// Takes the one of these expressions with which the effects predict best, if that is not worse
+    /// than `rmse`, as the error with the present one is. Whether the load changed.
     pub(super) fn renew_load(
         &mut self,
         renewed: Vec<Renewed>,
@@ -97,8 +98,8 @@ impl Search<'_> {
         Ok(true)
     }
 
-    /// Expresses the load behind a command that an effect replaces, where the other effects then predict better by what counts: a gain
-    /// of a late load is as late.
+    /// Expresses the load behind a command that an effect replaces, where the other effects then
+    /// predict better by what counts: a gain of a late load is as late.
     pub(super) fn load_behind(&mut self, chosen: &mut Vec<Chosen>) -> Result<(), Error> {
         let replaces = chosen.iter().any(replaces_command);
         if !replaces || !chosen.iter().any(|c| contains(c, &self.load)) {
@@ -113,8 +114,8 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Expresses the load behind a replaced command anew, after an effect was taken away: if that was the one that replaced it, a gain
-    /// would else be a delay under another name.
+    /// Expresses the load behind a replaced command anew, after an effect was taken away: if that
+    /// was the one that replaced it, a gain would else be a delay under another name.
     pub(super) fn load_before(&mut self, chosen: &mut [Chosen]) -> Result<(), Error> {
         if !self.load_is_behind {
             return Ok(());
@@ -163,7 +164,8 @@ impl Search<'_> {
         }
     }
 
-    /// Size of another expression of the load over that of the present one; `None` if they are the same load.
+    /// Size of another expression of the load over that of the present one; `None` if they are the
+    /// same load.
     fn size_of(&self, new: &str) -> Result<Option<f64>, Error> {
         let values = |text: &str| -> Result<_, Error> {
             self.problem

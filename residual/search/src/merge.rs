@@ -42,7 +42,8 @@ impl Search<'_> {
         (i, j): (usize, usize),
         current: f64,
     ) -> Result<Option<Vec<Chosen>>, Error> {
-        // A hundredth of what two large effects explain may be a third effect that was found beside them.
+        // A hundredth of what two large effects explain may be a third effect that was found beside
+        // them.
         let most = current * (1.0 + self.spec.selection.material).powi(2);
         let spent = chosen[i].parameters() + chosen[j].parameters();
         let (_, rest) = without(chosen, j);

@@ -11,12 +11,13 @@ use serde::{Deserialize, Serialize};
 pub struct Rival {
     /// Its name in the catalogue.
     pub name: EffectKind,
-    /// Held-out RMSE of the model with the rival instead, everything else that improves the fit in it, in the target's
-    /// unit.
+    /// Held-out RMSE of the model with the rival instead, everything else that improves the fit in
+    /// it, in the target's unit.
     #[serde(deserialize_with = "nan::from_null")]
     pub heldout_rmse: f64,
-    /// `heldout_rmse` relative to that of the model with the effect, less 1: 0.05 is 5 % larger. That model has
-    /// the effects of `Report::effects` and `Report::improves`, so its error is `Report::with_all` where there is one.
+    /// `heldout_rmse` relative to that of the model with the effect, less 1: 0.05 is 5 % larger.
+    /// That model has the effects of `Report::effects` and `Report::improves`, so its error is
+    /// `Report::with_all` where there is one.
     #[serde(deserialize_with = "nan::from_null")]
     pub behind: f64,
 }
@@ -35,7 +36,7 @@ pub struct Outcome {
     /// The effects.
     pub chosen: Vec<Chosen>,
     /// Nearest rival of each chosen effect, and what cannot be distinguished from it.
-    pub judged: Vec<Standing>,
+    pub standings: Vec<Standing>,
     /// The last scan of the catalogue, on top of the final model.
     pub last: Step,
     /// The final model.

@@ -46,9 +46,10 @@ impl Search<'_> {
         Ok(())
     }
 
-    /// Refines the parameters after a forward search, which ended with a scan on top of `chosen`. Where rows are many that scan
-    /// stands for one on top of the refined effects, unless they predict better by what matters. Whether they do, so that another
-    /// scan is needed; where rows are few there is none to save, and the answer is no.
+    /// Refines the parameters after a forward search, which ended with a scan on top of `chosen`.
+    /// Where rows are many that scan stands for one on top of the refined effects, unless they
+    /// predict better by what matters. Whether they do, so that another scan is needed; where rows
+    /// are few there is none to save, and the answer is no.
     pub(super) fn polish_last(&mut self, chosen: &mut [Chosen]) -> Result<bool, Error> {
         if self.thin.is_none() {
             self.polish(chosen)?;
@@ -70,21 +71,23 @@ impl Search<'_> {
     }
 }
 
-/// Relative fall of the error below which a scan of the catalogue on top of a model is not repeated: a tenth of the smallest that
-/// counts, with the usual setting.
+/// Relative fall of the error below which a scan of the catalogue on top of a model is not
+/// repeated: a tenth of the smallest that counts, with the usual setting.
 const SAME: f64 = 0.002;
 
-/// Values tried around a parameter before it is refined: the error of a form with corners (a gap, a limit, a delay in
-/// rows) has several minima.
+/// Values tried around a parameter before it is refined: the error of a form with corners (a gap, a
+/// limit, a delay in rows) has several minima.
 const COARSE: i32 = 4;
 
-/// Width of the interval in which [`settled`] looks, over that between the neighbours of a grid point.
+/// Width of the interval in which [`settled`] looks, over that between the neighbours of a grid
+/// point.
 const NEAR: f64 = 0.1;
 
 /// Parabolas that [`settled`] puts through values on all rows.
 const PARABOLAS: usize = 3;
 
-/// The nonlinear parameter with the least in-sample error near `psi`, which was found on fewer rows.
+/// The nonlinear parameter with the least in-sample error near `psi`, which was found on fewer
+/// rows.
 fn settled(scan: &Scan, own: &Chosen, psi: f64) -> f64 {
     let Some(range) = &own.variant.psi else {
         return psi;

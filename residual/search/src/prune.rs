@@ -5,7 +5,8 @@ use crate::model::Chosen;
 use residual_columns::error::Error;
 
 impl Search<'_> {
-    /// Removes the weakest effect, again and again, while it is worth less than half of what counts.
+    /// Removes the weakest effect, again and again, while it is worth less than half of what
+    /// counts.
     pub(super) fn prune(&self, chosen: &mut Vec<Chosen>) -> Result<(), Error> {
         loop {
             let full = self.rmse(chosen)?;

@@ -6,15 +6,18 @@ use residual_effects::EffectRef;
 use residual_log::spec::Selection;
 use std::cmp::Ordering;
 
-/// p value up to which the means of the sequences confirm a form that acts mostly in them. Few forms do (offset, drift, gain of
-/// a constant load), so it isn't divided by the number of all forms.
+/// p value up to which the means of the sequences confirm a form that acts mostly in them. Few
+/// forms do (offset, drift, gain of a constant load), so it isn't divided by the number of all
+/// forms.
 const BETWEEN: f64 = 0.01;
 
-/// p value up to which a form that hardly changes within a sequence counts beside the noise at its own frequencies. It is a second
-/// test of what has passed the first, so it isn't divided by the number of all forms.
+/// p value up to which a form that hardly changes within a sequence counts beside the noise at its
+/// own frequencies. It is a second test of what has passed the first, so it isn't divided by the
+/// number of all forms.
 const SLOW: f64 = 0.01;
 
-/// Fall of the RMSE that the wander of a zero within its logs can make: more is no noise of a sensor.
+/// Fall of the RMSE that the wander of a zero within its logs can make: more is no noise of a
+/// sensor.
 pub const RANDOM_WALK: f64 = 0.1;
 
 /// Difference of two gains that may be rounding.
@@ -55,13 +58,14 @@ impl Acceptance<'_> {
         self.fits(c) && c.steady && !self.refused_between(c) && !self.refused_slow(c)
     }
 
-    /// Whether slow noise may make what a slow candidate explains. Not where it explains much: what else is missing then counts as
-    /// noise here, and zeros do not wander so far.
+    /// Whether slow noise may make what a slow candidate explains. Not where it explains much: what
+    /// else is missing then counts as noise here, and zeros do not wander so far.
     pub fn refused_slow<O>(&self, c: &Candidate<O>) -> bool {
         c.gain <= RANDOM_WALK && c.slow.is_some_and(|p| p > SLOW)
     }
 
-    /// Whether the means of the sequences, which are the evidence for a candidate, do not confirm it.
+    /// Whether the means of the sequences, which are the evidence for a candidate, do not confirm
+    /// it.
     pub fn refused_between<O>(&self, c: &Candidate<O>) -> bool {
         c.between.is_some_and(|b| !self.confirmed_between(&b))
     }
@@ -139,8 +143,9 @@ pub fn rank(all: &[Candidate], acceptance: &Acceptance) -> Step {
     }
 }
 
-/// The candidate with the larger gain first. Two with the same curve, as an inertia and a hanging mass beside an offset, have the same
-/// gain up to rounding: then the simpler explanation, which the catalogue has first.
+/// The candidate with the larger gain first. Two with the same curve, as an inertia and a hanging
+/// mass beside an offset, have the same gain up to rounding: then the simpler explanation, which
+/// the catalogue has first.
 fn better(a: &Candidate, b: &Candidate) -> Ordering {
     let (own, other) = (a.origin.kind() as usize, b.origin.kind() as usize);
     let whole = |c: &Candidate| (c.gain / SAME_GAIN).round();
@@ -169,8 +174,8 @@ fn stands_for(simple: &Candidate, best: &Candidate) -> bool {
     lost < 0.03 || (lost < 0.15 && t_statistic(&simple.losses, &best.losses) < 1.5)
 }
 
-/// Rivals that the data cannot distinguish from the candidate at `index`: as many parameters, the same
-/// curve, no steady difference.
+/// Rivals that the data cannot distinguish from the candidate at `index`: as many parameters, the
+/// same curve, no steady difference.
 pub fn indistinguishable(scan: &Scan, step: &Step, index: usize) -> Vec<EffectRef> {
     let w = &step.ranked[index];
     let own = scan.contribution(w);

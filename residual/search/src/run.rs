@@ -6,10 +6,12 @@ use crate::model::Chosen;
 use residual_columns::error::Error;
 use residual_columns::progress::Progress;
 
-/// Times that the load is expressed anew. The second time corrects it for effects that the first one changed.
+/// Times that the load is expressed anew. The second time corrects it for effects that the first
+/// one changed.
 const LOADS: usize = 2;
 
-/// The same where rows are many: before the rivals, and at the end if the effects are others by then.
+/// The same where rows are many: before the rivals, and at the end if the effects are others by
+/// then.
 const LOADS_OF_MANY: usize = 1;
 
 /// Forward searches after an effect was taken away, each with refined parameters.
@@ -69,12 +71,12 @@ impl Search<'_> {
         course.rounds += 1;
         match self.contest(course, progress)? {
             None => Ok(Round::Changed),
-            Some(judged) => self.conclude(course, judged, progress),
+            Some(standings) => self.conclude(course, standings, progress),
         }
     }
 
-    /// Expresses the load anew before the rivals, once, where rows are many: rivals take long there, and are looked for with the load
-    /// that stays. Whether it changed.
+    /// Expresses the load anew before the rivals, once, where rows are many: rivals take long
+    /// there, and are looked for with the load that stays. Whether it changed.
     fn renews_load_early(&mut self, course: &mut Course) -> Result<bool, Error> {
         if self.thin.is_none() || course.early.is_some() {
             return Ok(false);
@@ -89,7 +91,8 @@ impl Search<'_> {
         self.renew_load(renewed, rmse, &mut course.chosen)
     }
 
-    /// Lets other effects and forms compete for each place. How each effect stands beside its rivals; `None` if one was replaced.
+    /// Lets other effects and forms compete for each place. How each effect stands beside its
+    /// rivals; `None` if one was replaced.
     fn contest(
         &mut self,
         course: &mut Course,
@@ -100,19 +103,20 @@ impl Search<'_> {
         if may_replace && self.merge(chosen, progress)? {
             self.polish(chosen)?;
         }
-        let judged = self.rivals(chosen, may_replace, progress)?;
-        let exchanged = judged.is_some() && may_replace && self.exchange(chosen, progress)?;
-        Ok(judged.filter(|_| !exchanged))
+        let standings = self.rivals(chosen, may_replace, progress)?;
+        let exchanged = standings.is_some() && may_replace && self.exchange(chosen, progress)?;
+        Ok(standings.filter(|_| !exchanged))
     }
 
     /// Ends the search, unless another effect can be added or the load changes.
     fn conclude(
         &mut self,
         course: &mut Course,
-        judged: Vec<Standing>,
+        standings: Vec<Standing>,
         progress: &mut dyn Progress,
     ) -> Result<Round, Error> {
-        // Polished parameters change the residual, so the catalogue is scanned once more before the end.
+        // Polished parameters change the residual, so the catalogue is scanned once more before the
+        // end.
         progress.stage("what is left");
         let fitted = self.fit(&course.chosen)?;
         let last = self.step(&fitted)?;
@@ -142,7 +146,7 @@ impl Search<'_> {
         Ok(Round::Settled(Box::new(Outcome {
             limited: self.limited,
             chosen: std::mem::take(&mut course.chosen),
-            judged,
+            standings,
             last,
             fitted,
         })))
@@ -157,14 +161,16 @@ impl Search<'_> {
         }
     }
 
-    /// The outcome with some effects, their nonlinear parameters refined again. Goes `on` to search for more.
+    /// The outcome with some effects, their nonlinear parameters refined again. Goes `on` to search
+    /// for more.
     pub fn resume(&mut self, mut chosen: Vec<Chosen>, on: bool) -> Result<Outcome, Error> {
         // Where rows are many it is enough to refine them once, at the end.
         if self.thin.is_none() || !on {
             self.polish(&mut chosen)?;
         }
         self.load_before(&mut chosen)?;
-        // Where rows are many, what was added beside parameters that were not refined may have made up for them, or been hidden by them.
+        // Where rows are many, what was added beside parameters that were not refined may have made
+        // up for them, or been hidden by them.
         for _ in 0..if on { FORWARDS } else { 0 } {
             self.forward(&mut chosen, &mut ())?;
             if !self.polish_last(&mut chosen)? && !self.renews_load_after(&mut chosen)? {
@@ -174,7 +180,7 @@ impl Search<'_> {
         let fitted = self.fit(&chosen)?;
         let last = self.step(&fitted)?;
         Ok(Outcome {
-            judged: vec![],
+            standings: vec![],
             limited: self.limited,
             chosen,
             last,
@@ -182,7 +188,8 @@ impl Search<'_> {
         })
     }
 
-    /// Expresses the load anew where rows are few: it may be that of an effect that is gone. Whether it changed.
+    /// Expresses the load anew where rows are few: it may be that of an effect that is gone.
+    /// Whether it changed.
     fn renews_load_after(&mut self, chosen: &mut Vec<Chosen>) -> Result<bool, Error> {
         if self.thin.is_some() {
             return Ok(false);
@@ -196,7 +203,7 @@ impl Search<'_> {
     /// Rivals of the effects of an outcome, each beside the others of it.
     pub fn judge_again(&mut self, outcome: &mut Outcome) -> Result<(), Error> {
         let mut chosen = outcome.chosen.clone();
-        outcome.judged = self
+        outcome.standings = self
             .rivals(&mut chosen, false, &mut ())?
             .unwrap_or_default();
         Ok(())

@@ -11,8 +11,9 @@ use residual_effects::{Context, EffectRef};
 /// Forms that pass the screening on windows.
 const SCREENED: usize = 14;
 
-/// Share of the best gain on windows above which a form is scanned on all rows at once. The others are only if none of
-/// these counts: a form that explains so much less can neither come first nor be a close rival.
+/// Share of the best gain on windows above which a form is scanned on all rows at once. The others
+/// are only if none of these counts: a form that explains so much less can neither come first nor
+/// be a close rival.
 const AT_ONCE: f64 = 0.5;
 
 /// Fewest forms that are scanned on all rows at once.
@@ -147,7 +148,8 @@ impl Search<'_> {
         all.into_iter().flatten().filter(free).cloned().collect()
     }
 
-    /// Scans the catalogue on top of a model, unless that was done before. Returns the key of the scan.
+    /// Scans the catalogue on top of a model, unless that was done before. Returns the key of the
+    /// scan.
     pub(super) fn scanned(&mut self, on: &Fitted) -> Result<String, Error> {
         let key = on.model.key();
         if !self.scans.contains_key(&key) {
@@ -171,7 +173,8 @@ impl Search<'_> {
         Ok(key)
     }
 
-    /// Scans on all rows what is still waiting for it on top of a model. Whether there was anything.
+    /// Scans on all rows what is still waiting for it on top of a model. Whether there was
+    /// anything.
     pub(super) fn scan_waiting(&mut self, on: &Fitted) -> bool {
         let key = on.model.key();
         let waiting = self
@@ -189,12 +192,13 @@ impl Search<'_> {
         true
     }
 
-    /// Tests material candidates again that the first decoys could not clear. In a closed loop those
-    /// that the setpoint does not confirm are refused.
+    /// Tests material candidates again that the first decoys could not clear. In a closed loop
+    /// those that the setpoint does not confirm are refused.
     pub fn retest<O: Origin>(&self, all: &mut [Candidate<O>], on: &Fitted) {
         let acceptance = self.acceptance();
         let rows = self.problem.y.len();
-        // Windows show it as well as all rows; with fewer rows decoys gain more, so they do not clear too much.
+        // Windows show it as well as all rows; with fewer rows decoys gain more, so they do not
+        // clear too much.
         let small = self.fit_on_windows(on);
         let scan = self.scan_on(on);
         let on_windows = scan.on(small.as_ref());

@@ -1,4 +1,5 @@
-//! Tests of the whole analysis on the simulated rig: what was put in must be named, and nothing else.
+//! Tests of the whole analysis on the simulated rig: what was put in must be named, and nothing
+//! else.
 
 use crate::rig::{names_with, rows_of, simulate, Excitation, Row};
 use residual::Verdict;
@@ -257,7 +258,8 @@ fn a_small_gain_may_be_a_curve_or_a_span_drift() {
     assert!(group(|s| 0.02 * s.command).is_empty());
 }
 
-/// The search may keep a constant and a share where a share alone explains nearly as much, and a constant alone as well.
+/// The search may keep a constant and a share where a share alone explains nearly as much, and a
+/// constant alone as well.
 #[test]
 fn friction_with_a_constant_part_and_a_share_has_no_other_law() {
     assert!(group(|s| 0.2 - (0.92 + 0.153 * s.command) * s.velocity.signum()).is_empty());

@@ -8,7 +8,8 @@ const LATE_S: f64 = 0.03;
 const DAMPING: f64 = 0.05;
 const FRICTION: f64 = 0.04;
 
-/// One row before the target is formed: the command now and when it acts, velocity, and friction that turns over gradually.
+/// One row before the target is formed: the command now and when it acts, velocity, and friction
+/// that turns over gradually.
 struct Row {
     command: f64,
     late: f64,
@@ -16,8 +17,8 @@ struct Row {
     turning: f64,
 }
 
-/// The 95 % intervals of damping and delay from six runs. The command changes when the motion does: `together` is the share of
-/// the command's slope in the velocity.
+/// The 95 % intervals of damping and delay from six runs. The command changes when the motion does:
+/// `together` is the share of the command's slope in the velocity.
 fn intervals(only: &str, together: f64, target: impl Fn(&Row) -> f64) -> [Option<[f64; 2]>; 2] {
     let (runs, rows, dt) = (6, 1500, 0.02);
     let mut rng = Rng::new(3);
@@ -147,7 +148,8 @@ fn what_differs_from_sequence_to_sequence_makes_intervals_wider() {
     let (same, ..) = of_drift(0.0);
     let (wide, mean, report) = of_drift(0.1);
     assert!(wide > 10.0 * same, "{same} {wide}");
-    // Twice Student's quantile for four degrees of freedom times the error of the mean of five levels, about.
+    // Twice Student's quantile for four degrees of freedom times the error of the mean of five
+    // levels, about.
     let [low, high] = report.effects[0].ci["offset"];
     assert!(
         low < mean && mean < high && wide > 0.1 && wide < 0.5,

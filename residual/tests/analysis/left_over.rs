@@ -6,7 +6,8 @@ use residual::{analyse, spec::Spec, Data, Report, Verdict};
 const ROWS: usize = 1500;
 const LOGS: usize = 4;
 
-/// The analysis of four logs of 30 s with a command between 1 and 5 N. `left` gets the row in the log, the command and the noise.
+/// The analysis of four logs of 30 s with a command between 1 and 5 N. `left` gets the row in the
+/// log, the command and the noise.
 fn report(selection: &str, mut left: impl FnMut(usize, f64, &mut Noise) -> f64) -> Report {
     let model = format!(
         r#"
@@ -64,7 +65,8 @@ fn a_limited_search_does_not_say_that_nothing_is_missing() {
     assert!(report.baseline.heldout_rmse > 0.0);
 }
 
-/// Six periods over the range of the load: no effect of the catalogue, and too fine for a curve with few knots.
+/// Six periods over the range of the load: no effect of the catalogue, and too fine for a curve
+/// with few knots.
 #[test]
 fn fine_structure_in_the_load_is_unknown() {
     let report = report("", |_, c, noise| {

@@ -4,7 +4,8 @@ use crate::rig::{simulate, Excitation};
 use residual::{analyse, spec::Spec, Data};
 use residual_columns::stats::Rng;
 
-/// A limit of the command makes the first gain too small, and a friction per load that is built on it too large.
+/// A limit of the command makes the first gain too small, and a friction per load that is built on
+/// it too large.
 #[test]
 fn friction_per_load_is_not_biased_by_a_limit() {
     let (runs, rows, dt) = (5, 1200, 0.02);
@@ -44,7 +45,8 @@ fn friction_per_load_is_not_biased_by_a_limit() {
     assert!((share + 0.15).abs() < 0.003, "{share}");
 }
 
-/// What a gain adds to a late command is as late: an interval of the delay that leaves that out misses the truth.
+/// What a gain adds to a late command is as late: an interval of the delay that leaves that out
+/// misses the truth.
 #[test]
 fn a_gain_beside_a_late_command_is_as_late() {
     let late = 0.2;

@@ -1,5 +1,5 @@
-//! Holds `docs/residual/effects.md` against the catalogue: it says what the catalogue offers, in the
-//! catalogue's own words.
+//! Holds `docs/residual/effects.md` against the catalogue: it says what the catalogue offers, in
+//! the catalogue's own words.
 
 use crate::rig::simulate;
 use residual_columns::frame::Frame;
@@ -14,8 +14,8 @@ use std::collections::BTreeMap;
 const REPORT: &str = include_str!("../../../docs/residual/report-json.md");
 const PAGE: &str = include_str!("../../../docs/residual/effects.md");
 
-/// Logs that show everything: motion with stops, loads of both signs, a ripple, a tone, a target in steps,
-/// one run long after the other.
+/// Logs that show everything: motion with stops, loads of both signs, a ripple, a tone, a target in
+/// steps, one run long after the other.
 fn problem(amplitude: f64) -> Problem {
     let (rows, dt) = (1200, 0.02);
     let n = 2 * rows;
@@ -64,7 +64,8 @@ fn problem(amplitude: f64) -> Problem {
     Problem::new(frame, &vec![true; n], &fold, 16, 1)
 }
 
-/// Forms on offer for one model: parameters with their units by effect and form, in catalogue order.
+/// Forms on offer for one model: parameters with their units by effect and form, in catalogue
+/// order.
 fn offered(velocity: &str, terms: &str, out: &mut BTreeMap<(usize, String), Vec<String>>) {
     let spec = Spec::parse(&format!(
         "[roles]\ntime = {{ column = \"t\", unit = \"s\" }}\ntarget = {{ column = \"y\", unit = \"N\" }}\n\
@@ -125,7 +126,14 @@ fn the_page_names_every_effect_form_and_parameter_and_no_other() {
     }
     let mut expected: Vec<String> = CATALOGUE
         .iter()
-        .map(|e| format!("| `{}` | {} | {} |", e.name(), e.meaning(), e.experiment()))
+        .map(|e| {
+            format!(
+                "| `{}` | {} | {} |",
+                e.name(),
+                e.kind().meaning(),
+                e.kind().experiment()
+            )
+        })
         .collect();
     for (i, effect) in CATALOGUE.iter().enumerate() {
         let own: Vec<_> = forms.iter().filter(|((k, _), _)| *k == i).collect();

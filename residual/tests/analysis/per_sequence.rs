@@ -1,4 +1,5 @@
-//! Terms with a coefficient for each sequence: they stay in the table, and nothing that they explain is found again.
+//! Terms with a coefficient for each sequence: they stay in the table, and nothing that they
+//! explain is found again.
 
 use crate::noise::Noise;
 use residual::{analyse, spec::Spec, Data, Verdict};
@@ -25,7 +26,8 @@ unit = "N"
 per = "sequence"
 "#;
 
-/// Eight runs, each with a zero of its own, and an offset that all of them have; coloured noise of 0.1 N.
+/// Eight runs, each with a zero of its own, and an offset that all of them have; coloured noise of
+/// 0.1 N.
 fn data(seed: u64, offset: f64) -> Data {
     let mut noise = Noise(seed.wrapping_mul(77) + 5);
     let (mut time, mut command, mut velocity, mut target) = (vec![], vec![], vec![], vec![]);

@@ -83,7 +83,8 @@ fn what_shows_in_time_alone_is_drawn_run_by_run() {
     );
 }
 
-/// Half the sum and half the difference of the means in the two directions, at a place of the angle.
+/// Half the sum and half the difference of the means in the two directions, at a place of the
+/// angle.
 fn directions(
     effect: &Effect,
     length: f64,

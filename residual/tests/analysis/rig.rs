@@ -1,5 +1,5 @@
-//! A small rig for the tests of the catalogue: eight runs of 40 s at 50 rows a second, smooth random
-//! motion, a command that wanders and steps, coloured and white noise.
+//! A small rig for the tests of the catalogue: eight runs of 40 s at 50 rows a second, smooth
+//! random motion, a command that wanders and steps, coloured and white noise.
 
 use residual::analyse;
 use residual::Report;
@@ -133,7 +133,8 @@ pub fn rows_of(x: &Excitation, visit: &mut dyn FnMut(&Row)) {
     }
 }
 
-/// Calls `look` with what the effects know of columns, whose first is the target, in runs of `rows` rows 0.02 s apart.
+/// Calls `look` with what the effects know of columns, whose first is the target, in runs of `rows`
+/// rows 0.02 s apart.
 pub fn knowing(spec: &str, columns: &[(&str, Vec<f64>)], rows: usize, look: impl FnOnce(&Context)) {
     let n = columns[0].1.len();
     let time = (0..n).map(|i| 0.02 * i as f64).collect();
@@ -252,7 +253,8 @@ fn dry(velocity: f64) -> f64 {
     }
 }
 
-/// A characteristic of the sensor, here what it adds to a force, must be the only effect: it changes the declared friction as well.
+/// A characteristic of the sensor, here what it adds to a force, must be the only effect: it
+/// changes the declared friction as well.
 pub fn acts_on_all_force(effect: &str, mut f: impl FnMut(f64, &Row) -> f64) {
     let excitation = Excitation {
         declare_coulomb: true,

@@ -48,8 +48,8 @@ fn steps(log: u32, t: f64) -> f64 {
     }
 }
 
-/// The analysis of four logs with a warming of their own and a zero that wanders by `wander`; a share of `creep` of the load is slow,
-/// with a time constant of 10 s.
+/// The analysis of four logs with a warming of their own and a zero that wanders by `wander`; a
+/// share of `creep` of the load is slow, with a time constant of 10 s.
 fn report(load: Load, wander: f64, creep: f64, seed: u64) -> Report {
     let mut noise = Noise(seed.wrapping_mul(77) + 5);
     let mut columns = [const { Vec::new() }; 4];

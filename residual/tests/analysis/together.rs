@@ -53,7 +53,8 @@ fn friction_in_a_late_log_is_one_friction() {
     );
 }
 
-/// Friction that grows with load in motion, and another one at rest: neither takes the other's place.
+/// Friction that grows with load in motion, and another one at rest: neither takes the other's
+/// place.
 #[test]
 fn friction_at_rest_and_in_motion_have_coefficients_of_their_own() {
     let excitation = Excitation {

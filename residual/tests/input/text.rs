@@ -1,4 +1,5 @@
-//! Text of every kind: comments, headers, decimal commas, several kinds of message, lines that are no rows.
+//! Text of every kind: comments, headers, decimal commas, several kinds of message, lines that are
+//! no rows.
 
 use super::*;
 
@@ -119,8 +120,8 @@ fn several_kinds_of_message_in_one_log_are_joined() {
 
 #[test]
 fn lines_that_are_no_rows_refuse_the_file_or_are_left_out_and_counted() {
-    // Which rows are damaged, and how: a message of the logger, a cell of text, a quotation mark that takes two more lines
-    // along, and a line that was cut off.
+    // Which rows are damaged, and how: a message of the logger, a cell of text, a quotation mark
+    // that takes two more lines along, and a line that was cut off.
     let damaged = |text: &str| {
         let mut lines: Vec<String> = text.lines().map(str::to_string).collect();
         lines[300] = "Centering is taking longer than expected".into();
@@ -173,7 +174,8 @@ fn lines_that_are_no_rows_refuse_the_file_or_are_left_out_and_counted() {
 
 #[test]
 fn lines_are_those_of_an_editor() {
-    // Line ends of two bytes, comments and empty lines before the bad line, and no line feed at the end.
+    // Line ends of two bytes, comments and empty lines before the bad line, and no line feed at the
+    // end.
     let text = csv(&rows(0, 100));
     let with = |bad: &str, end: &str| {
         let mut lines: Vec<&str> = text.lines().collect();

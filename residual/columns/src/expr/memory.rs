@@ -31,8 +31,8 @@ fn pieces<'a>(frame: &Frame, mut v: &'a mut [f64]) -> Vec<(Range<usize>, &'a mut
     out
 }
 
-/// Runs an operator along each sequence: `first(x)` gives the state and the value of the first row, `step(state, x, dt)` the value
-/// of each further one, `dt` after the one before.
+/// Runs an operator along each sequence: `first(x)` gives the state and the value of the first row,
+/// `step(state, x, dt)` the value of each further one, `dt` after the one before.
 ///
 /// Each step waits for the one before it, so a few sequences run side by side.
 fn along<S: Copy + Send>(
@@ -158,8 +158,9 @@ pub(super) fn lag(frame: &Frame, v: Vec<f64>, tau: f64, settled: bool) -> Vec<f6
     )
 }
 
-/// exp(-u) and its mean from 0 to `u`, for u >= 0. Rows are close beside most time constants and distances, so u is small, and a
-/// series is much faster than the library's function: its first term left out is below 1e-16.
+/// exp(-u) and its mean from 0 to `u`, for u >= 0. Rows are close beside most time constants and
+/// distances, so u is small, and a series is much faster than the library's function: its first
+/// term left out is below 1e-16.
 fn decay(u: f64) -> (f64, f64) {
     /// 1 / (k + 1)!, with the sign of the term.
     const SERIES: [f64; 8] = [
@@ -215,8 +216,8 @@ fn start(x: f64) -> f64 {
     }
 }
 
-/// The state of a play moved so that it is at most `half` from the input. Comparisons in this order are one instruction each,
-/// `clamp` is several; the state stays where an input is not a number.
+/// The state of a play moved so that it is at most `half` from the input. Comparisons in this order
+/// are one instruction each, `clamp` is several; the state stays where an input is not a number.
 fn follow(play: f64, x: f64, half: f64) -> f64 {
     let (low, high) = (x - half, x + half);
     let play = if low > play { low } else { play };

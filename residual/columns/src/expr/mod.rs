@@ -37,7 +37,8 @@ pub enum Expr {
     Call(Func, Vec<Expr>),
 }
 
-/// Most operators of an expression: each is evaluated inside the one before, and the stack of a thread is finite.
+/// Most operators of an expression: each is evaluated inside the one before, and the stack of a
+/// thread is finite.
 const MOST_OPERATORS: usize = 2000;
 
 impl Expr {

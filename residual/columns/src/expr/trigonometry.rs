@@ -1,9 +1,10 @@
-//! Sine and cosine of many numbers, four at once: ripples and tones are most of what a scan evaluates.
+//! Sine and cosine of many numbers, four at once: ripples and tones are most of what a scan
+//! evaluates.
 
 use wide::f64x4;
 
-/// Up to here the vector functions reduce an angle to a quarter turn without loss, rad. Beyond it, and for what is not a number,
-/// the standard library's are used.
+/// Up to here the vector functions reduce an angle to a quarter turn without loss, rad. Beyond it,
+/// and for what is not a number, the standard library's are used.
 const LARGEST: f64 = 1e7;
 
 fn each(values: &mut [f64], one: impl Fn(f64) -> f64, four: impl Fn(f64x4) -> f64x4) {

@@ -1,13 +1,14 @@
-//! Parameters of a chosen effect with 95 % intervals by bootstrap over blocks of time, over stretches of blocks and over
-//! sequences; the widest counts. The nonlinear parameter is chosen anew in every replicate, and the parameters and forms of the
-//! other effects are free to the first order.
+//! Parameters of a chosen effect with 95 % intervals by bootstrap over blocks of time, over
+//! stretches of blocks and over sequences; the widest counts. The nonlinear parameter is chosen
+//! anew in every replicate, and the parameters and forms of the other effects are free to the first
+//! order.
 
 mod others;
 
 use rayon::prelude::*;
 use residual_columns::error::Error;
 use residual_columns::stats::{self, interval, Rng};
-use residual_effects::Param;
+use residual_effects::{Nature, Param};
 use residual_fit::diagnostics::correlation_rows;
 use residual_fit::problem::{half_step, Column, Problem, Sums};
 use residual_search::model::{Chosen, Model, Projector};
@@ -19,21 +20,23 @@ use std::ops::Range;
 /// Bootstrap replicates of each length of stretch.
 const REPLICATES: usize = 200;
 
-/// Blocks in a stretch that is drawn as one. Noise with a long memory (1/f, slow drifts) is alike over many blocks, so that
-/// single blocks would show too little scatter; of the two intervals the wider one counts.
+/// Blocks in a stretch that is drawn as one. Noise with a long memory (1/f, slow drifts) is alike
+/// over many blocks, so that single blocks would show too little scatter; of the two intervals the
+/// wider one counts.
 const STRETCHES: [usize; 2] = [1, 4];
 
 /// Fewest stretches that can be drawn from.
 const FEWEST_STRETCHES: usize = 12;
 
 /// Half width of an interval in standard errors where the replicates agree.
+/// The 97.5 % quantile of the normal distribution.
 const REACH: f64 = 1.96;
 
 /// Times that the values of a nonlinear parameter, or their distance, are chosen anew.
 const MOVES: usize = 5;
 
-/// Fewest sequences whose scatter is a measure. What is slower than a stretch (a drift, a temperature) is alike in a whole
-/// sequence, and differs from one to the next.
+/// Fewest sequences whose scatter is a measure. What is slower than a stretch (a drift, a
+/// temperature) is alike in a whole sequence, and differs from one to the next.
 const FEWEST_SEQUENCES: usize = 4;
 
 /// Intervals by parameter name.
@@ -135,7 +138,8 @@ pub fn parameters(search: &Search, chosen: &[Chosen], index: usize) -> Result<Pa
             .map(|(count, fitted, r)| student(q.value, &values_of(q, r), *count, *fitted));
         let intervals = drawn.chain(by_sequence);
         let widest = intervals.max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0])));
-        // The error may have a minimum so narrow that all replicates choose the same one of the values.
+        // The error may have a minimum so narrow that all replicates choose the same one of the
+        // values.
         let [low, high] = match (widest?, by_error) {
             ([low, high], Some(r)) if own && high - low < 0.5 * (r[1] - r[0]).abs() => {
                 [low.min(r[0].min(r[1])), high.max(r[0].max(r[1]))]
@@ -173,8 +177,9 @@ fn stretches(p: &Problem, length: usize) -> Vec<Range<usize>> {
     out
 }
 
-/// The 95 % interval of an estimate: between the quantiles of its replicates. Where these are all on one side, as for an
-/// amplitude near zero or beside friction that turns over otherwise, 1.96 of their standard deviations about the estimate as well.
+/// The 95 % interval of an estimate: between the quantiles of its replicates. Where these are all
+/// on one side, as for an amplitude near zero or beside friction that turns over otherwise, 1.96 of
+/// their standard deviations about the estimate as well.
 fn around(estimate: f64, replicates: Vec<f64>) -> [f64; 2] {
     let half = 1.96 * stats::deviation(&replicates);
     let [low, high] = interval(replicates);
@@ -185,15 +190,16 @@ fn around(estimate: f64, replicates: Vec<f64>) -> [f64; 2] {
     }
 }
 
-/// The same for a nonlinear parameter: one that lies outside of its replicates was chosen in another model, or is at a limit, and
-/// its interval goes on to where they are.
+/// The same for a nonlinear parameter: one that lies outside of its replicates was chosen in
+/// another model, or is at a limit, and its interval goes on to where they are.
 fn up_to(estimate: f64, replicates: Vec<f64>) -> [f64; 2] {
     let [low, high] = interval(replicates);
     [low.min(estimate), high.max(estimate)]
 }
 
-/// Weights of blocks by sequence for a Bayesian bootstrap (Rubin 1981): each sequence has an exponential weight. None is left out,
-/// so an effect that acts in one sequence only keeps its parameter.
+/// Weights of blocks by sequence for a Bayesian bootstrap (Rubin 1981): each sequence has an
+/// exponential weight. None is left out, so an effect that acts in one sequence only keeps its
+/// parameter.
 fn reweighted(search: &Search, sequences: &[Range<usize>]) -> Vec<Vec<f64>> {
     let mut rng = Rng::new(search.spec.selection.seed ^ 0xc2);
     let blocks = search.problem.blocks.len();
@@ -208,8 +214,9 @@ fn reweighted(search: &Search, sequences: &[Range<usize>]) -> Vec<Vec<f64>> {
         .collect()
 }
 
-/// The 95 % interval of an estimate from replicates over `count` sequences, from which `fitted` parameters were estimated: the
-/// scatter of a few sequences is itself uncertain, which Student's distribution allows for.
+/// The 95 % interval of an estimate from replicates over `count` sequences, from which `fitted`
+/// parameters were estimated: the scatter of a few sequences is itself uncertain, which Student's
+/// distribution allows for.
 fn student(estimate: f64, replicates: &[f64], count: f64, fitted: f64) -> [f64; 2] {
     let freedom = (count - fitted).max(1.0);
     let error = stats::deviation(replicates) * (count / freedom).max(1.0).sqrt();
@@ -224,7 +231,7 @@ fn values_of(estimate: &Param, replicates: &[Vec<Param>]) -> Vec<f64> {
         .iter()
         .filter_map(|r| r.iter().find(|x| x.name == estimate.name).map(|x| x.value))
         .collect();
-    if estimate.name == "phase" {
+    if estimate.nature == Nature::Phase {
         let at = estimate.value;
         v.iter_mut()
             .for_each(|x| *x = at + (*x - at + PI).rem_euclid(TAU) - PI);
@@ -237,8 +244,9 @@ impl Own<'_> {
         &self.chosen[self.index]
     }
 
-    /// Effective number of `sequences`, and the number of parameters that their scatter was lowered by: those fitted to the means of
-    /// the sequences where the effect acts mostly in them, else one.
+    /// Effective number of `sequences`, and the number of parameters that their scatter was lowered
+    /// by: those fitted to the means of the sequences where the effect acts mostly in them, else
+    /// one.
     fn sequences(&self, sequences: &[Range<usize>]) -> Result<(f64, f64), Error> {
         let (own, rest) = without(self.chosen, self.index);
         let rest = self.search.fit(&rest)?;
@@ -265,7 +273,8 @@ impl Own<'_> {
         let mut local = Vec::new();
         for t in &model.terms {
             let v = p.eval(&view, &t.expr)?;
-            // A local effect is summarised by one common phase only if it has one; other local terms are taken out.
+            // A local effect is summarised by one common phase only if it has one; other local
+            // terms are taken out.
             if t.local && !(self.local && t.chosen == Some(self.index)) {
                 local.push(v);
                 continue;
@@ -304,16 +313,16 @@ impl Own<'_> {
     fn common_amplitude(&self, params: &mut Vec<Param>) -> Result<(), Error> {
         let fit = self.search.fit(self.chosen)?.fit;
         let size = fit.local.iter().map(|(_, r)| r * r).sum::<f64>().sqrt();
-        params.retain(|p| p.name != "phase");
+        params.retain(|p| p.nature != Nature::Phase);
         params
             .iter_mut()
-            .filter(|p| p.name == "amplitude")
+            .filter(|p| p.nature == Nature::Amplitude)
             .for_each(|p| p.value = size);
         Ok(())
     }
 
-    /// Values of the nonlinear parameter for replicates to choose from, and its standard error: four standard errors to
-    /// either side of the estimate, in steps of a half.
+    /// Values of the nonlinear parameter for replicates to choose from, and its standard error:
+    /// four standard errors to either side of the estimate, in steps of a half.
     fn points(&self, first: Point) -> Result<(Vec<Point>, f64), Error> {
         let own = self.chosen();
         let Some(psi) = own.variant.psi.as_ref().filter(|p| p.refine) else {
@@ -323,7 +332,8 @@ impl Own<'_> {
         let positive = psi.grid[0] > 0.0;
         let se = self.standard_error(&first, (hi - lo).abs(), positive)?;
         let mut points = vec![first];
-        // Where other effects were taken out of the model, the least error is no longer where it was.
+        // Where other effects were taken out of the model, the least error is no longer where it
+        // was.
         let (mut from, mut step) = (own.psi, 0.5 * se);
         for _ in 0..MOVES {
             let values: Vec<f64> = (-8i32..=8)
@@ -346,7 +356,8 @@ impl Own<'_> {
         Ok((points, se))
     }
 
-    /// The nonlinear parameter, as it is reported, 1.96 standard errors to either side; `None` where it is not fitted.
+    /// The nonlinear parameter, as it is reported, 1.96 standard errors to either side; `None`
+    /// where it is not fitted.
     fn by_error(&self, first: &Point, mine: &[usize], se: f64) -> Option<[f64; 2]> {
         let own = self.chosen();
         let name = own.variant.psi.as_ref().filter(|p| p.refine)?.name;
@@ -359,8 +370,9 @@ impl Own<'_> {
         Some([at(own.psi - REACH * se)?, at(own.psi + REACH * se)?])
     }
 
-    /// Standard error of the nonlinear parameter, from the curvature of the squared error. Taken over about one standard error: an
-    /// error that has a narrow minimum, or a corner there, is nearly flat further on.
+    /// Standard error of the nonlinear parameter, from the curvature of the squared error. Taken
+    /// over about one standard error: an error that has a narrow minimum, or a corner there, is
+    /// nearly flat further on.
     fn standard_error(&self, first: &Point, reach: f64, positive: bool) -> Result<f64, Error> {
         let psi = self.chosen().psi;
         let mut h = 0.05 * reach;
@@ -457,7 +469,8 @@ mod tests {
         over(y, my) / over(x, mx)
     }
 
-    /// Share of intervals that hold the slope 0 of a line through the means of five sequences with chance values.
+    /// Share of intervals that hold the slope 0 of a line through the means of five sequences with
+    /// chance values.
     fn covered(fitted: f64) -> f64 {
         let mut rng = Rng::new(7);
         let mut normal = || -> Vec<f64> { (0..5).map(|_| rng.normal()).collect() };

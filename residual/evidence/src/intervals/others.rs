@@ -1,5 +1,6 @@
-//! What the other effects of the model leave open. An interval with all of them held would be too narrow: their nonlinear
-//! parameters are estimates, and friction turns over at a reversal in a way that is not known exactly.
+//! What the other effects of the model leave open. An interval with all of them held would be too
+//! narrow: their nonlinear parameters are estimates, and friction turns over at a reversal in a way
+//! that is not known exactly.
 
 use residual_columns::error::Error;
 use residual_columns::expr::Expr;
@@ -11,16 +12,18 @@ use residual_search::scan::reach;
 use residual_search::Search;
 use std::sync::Arc;
 
-/// Step of another effect's parameter for its derivative, as a share of the distance to the next values of its grid.
+/// Step of another effect's parameter for its derivative, as a share of the distance to the next
+/// values of its grid.
 const STEP: f64 = 0.5;
 
-/// Shortest and longest distance over which friction may turn over, as a share of the way between two reversals, and the number of
-/// distances. Friction with memory of the path is a sum of such elements (Al-Bender, Lampaert and Swevers 2005, where each is a
-/// spring that slips).
+/// Shortest and longest distance over which friction may turn over, as a share of the way between
+/// two reversals, and the number of distances. Friction with memory of the path is a sum of such
+/// elements (Al-Bender, Lampaert and Swevers 2005, where each is a spring that slips).
 const TURNS: (f64, f64, usize) = (0.01, 0.3, 3);
 
-/// Columns that the final model may contain beside those of the effect at `index`, none of them named: the derivatives of the
-/// prediction by the nonlinear parameters of the other effects, and the ways in which their friction may turn over.
+/// Columns that the final model may contain beside those of the effect at `index`, none of them
+/// named: the derivatives of the prediction by the nonlinear parameters of the other effects, and
+/// the ways in which their friction may turn over.
 pub(super) fn columns(
     search: &Search,
     chosen: &[Chosen],
@@ -40,7 +43,8 @@ pub(super) fn columns(
     Ok(out)
 }
 
-/// The change of the prediction with the nonlinear parameter of the effect `at`, all coefficients held. `None` if it has none.
+/// The change of the prediction with the nonlinear parameter of the effect `at`, all coefficients
+/// held. `None` if it has none.
 fn derivative(
     search: &Search,
     chosen: &[Chosen],
@@ -67,7 +71,8 @@ fn derivative(
     Ok(Some(out))
 }
 
-/// Whether an effect is itself what a friction does at a reversal: it could not be told from the turns of another.
+/// Whether an effect is itself what a friction does at a reversal: it could not be told from the
+/// turns of another.
 fn turns_over(kind: EffectKind) -> bool {
     use EffectKind as Kind;
     matches!(
@@ -128,8 +133,8 @@ fn turns<'a>(
     Ok(out)
 }
 
-/// A column without its mean in each sequence: how friction turns over says nothing about the level of a whole run, which a drift
-/// or a temperature may change.
+/// A column without its mean in each sequence: how friction turns over says nothing about the level
+/// of a whole run, which a drift or a temperature may change.
 fn about_means(p: &Problem, column: &[f64]) -> Vec<f64> {
     let mut out = column.to_vec();
     for rows in p.rows_of_runs() {

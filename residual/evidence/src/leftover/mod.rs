@@ -1,8 +1,8 @@
 //! What is left after the search: structure that no effect of the catalogue explains.
 //!
-//! Free forms without a name ([`nameless`]) are tried on the final residual. They are never chosen; they
-//! show that something is left. An effect that fits in too few places counts as left too, and so
-//! does switching between levels.
+//! Free forms without a name (`nameless`) are tried on the final residual. They are never chosen;
+//! they show that something is left. An effect that fits in too few places counts as left too, and
+//! so does switching between levels.
 
 mod nameless;
 mod structure;
@@ -25,12 +25,12 @@ use residual_search::{Outcome, Search, Weight};
 /// Share of what the named effects explain above which nameless structure makes them stand-ins.
 pub const STAND_IN: f64 = 0.25;
 
-/// Share of what the named effects explain by which one nameless form must do better in their place to make them
-/// stand-ins.
+/// Share of what the named effects explain by which one nameless form must do better in their place
+/// to make them stand-ins.
 const BETTER_ALONE: f64 = 0.01;
 
-/// Fall of the RMSE by means of sequences that nothing explains from which on the verdict says so. Less is usual: the zero of a load
-/// cell drifts a little from one log to the next.
+/// Fall of the RMSE by means of sequences that nothing explains from which on the verdict says so.
+/// Less is usual: the zero of a load cell drifts a little from one log to the next.
 const BETWEEN_LOGS: f64 = 0.1;
 
 /// Share of the variance that the steps of the reading make, from which they can be a narrow band.
@@ -66,7 +66,8 @@ impl Forms {
         Ok(Forms { all, tested })
     }
 
-    /// What the one that explains most depends on, for readers, and the held-out squared error that it explains.
+    /// What the one that explains most depends on, for readers, and the held-out squared error that
+    /// it explains.
     pub fn strongest(&self) -> Option<(&str, f64)> {
         let first = self.all.get(self.tested)?;
         Some((&first.origin.depends_on, first.base - first.held))
@@ -180,8 +181,8 @@ impl Leftover {
         }
     }
 
-    /// Adds an effect that would fit the means of the sequences, of which there are too few to tell it from zeros that differ by
-    /// chance.
+    /// Adds an effect that would fit the means of the sequences, of which there are too few to tell
+    /// it from zeros that differ by chance.
     fn between_logs(&mut self, last: &Step, acceptance: &Acceptance) {
         let refused = |c: &&Candidate| acceptance.refused_between(c);
         let found = last
@@ -202,7 +203,8 @@ impl Leftover {
         }
     }
 
-    /// Adds an effect that would fit, and explains no more than slow noise of the same sensor does by chance.
+    /// Adds an effect that would fit, and explains no more than slow noise of the same sensor does
+    /// by chance.
     fn slow_noise(&mut self, last: &Step, acceptance: &Acceptance) {
         let refused = |c: &&Candidate| acceptance.refused_slow(c) && !acceptance.refused_between(c);
         let found = last
@@ -257,7 +259,8 @@ impl Leftover {
         }
     }
 
-    /// Adds what distinguishes the residual from the noise of a sensor: something acts that these columns do not show.
+    /// Adds what distinguishes the residual from the noise of a sensor: something acts that these
+    /// columns do not show.
     fn unlike_noise(&mut self, search: &Search, residual: &[f64], frame: &Frame, held: f64) {
         let found = unlike_noise(residual, frame, &sorts(search, frame), &columns(search));
         self.notes.extend(found.growth.iter().map(|g| {
@@ -321,7 +324,8 @@ impl Leftover {
         }
     }
 
-    /// Notes that the only effects that fit, `chosen` with what each is worth, have names that the data do not support.
+    /// Notes that the only effects that fit, `chosen` with what each is worth, have names that the
+    /// data do not support.
     pub fn only_unsupported(&mut self, chosen: &[Chosen], weights: &[Weight]) {
         if self.structure.is_empty() {
             let names: Vec<&str> = chosen.iter().map(|c| c.effect.name()).collect();
@@ -385,8 +389,8 @@ fn growth_note(growth: &Growth, unit: &str) -> Finding {
     }
 }
 
-/// Rows in which something of its own may act: at rest, and in motion that began less than [`START_S`] ago, after a rest. None without
-/// a velocity.
+/// Rows in which something of its own may act: at rest, and in motion that began less than
+/// [`START_S`] ago, after a rest. None without a velocity.
 fn sorts(search: &Search, frame: &Frame) -> [Sort; 2] {
     let ctx = search.scan_on(&search.declared).context();
     let resting = ctx.velocity.as_ref().map_or(vec![], |v| {
@@ -414,8 +418,8 @@ fn sorts(search: &Search, frame: &Frame) -> [Sort; 2] {
     ]
 }
 
-/// Rows of rests, and those of the motion just after one, from rows without motion. An encoder that moves slowly has rows without
-/// motion between its steps, so a short time is no rest.
+/// Rows of rests, and those of the motion just after one, from rows without motion. An encoder that
+/// moves slowly has rows without motion between its steps, so a short time is no rest.
 fn rest_and_start(still: &[bool], frame: &Frame) -> (Vec<bool>, Vec<bool>) {
     let (mut rest, mut started) = (vec![false; still.len()], vec![false; still.len()]);
     for sequence in frame.sequences() {

@@ -68,7 +68,8 @@ pub fn offers(ctx: &Context) -> Vec<Offer<Nameless>> {
     out
 }
 
-/// Forms whose coefficient each sequence has for itself: what differs from log to log, and no column says why.
+/// Forms whose coefficient each sequence has for itself: what differs from log to log, and no
+/// column says why.
 pub fn by_sequence(ctx: &Context) -> Vec<Offer<Nameless>> {
     let load = ctx.range(&ctx.load).map(|_| ("gain", ctx.load.clone()));
     let of_velocity = ctx.velocity.iter().flat_map(|v| {
@@ -236,7 +237,8 @@ fn histories(ctx: &Context, variables: &[Variable], out: &mut Vec<Offer<Nameless
 /// Most columns of the pose whose speeds are tried.
 const MOST_SPEEDS: usize = 4;
 
-/// Curves in the speeds of the pose, and their products with the velocity and each other: friction and inertia of other joints act too.
+/// Curves in the speeds of the pose, and their products with the velocity and each other: friction
+/// and inertia of other joints act too.
 fn speeds(ctx: &Context, variables: &[Variable], out: &mut Vec<Offer<Nameless>>) {
     let pose = variables.iter().filter(|v| v.axis == Axis::Pose);
     let own: Vec<Variable> = pose

@@ -1,10 +1,12 @@
-//! The colour of a residual: an autoregression, what it leaves, and noise of the same colour from shuffled innovations.
+//! The colour of a residual: an autoregression, what it leaves, and noise of the same colour from
+//! shuffled innovations.
 
 use super::correlation::autocorrelation;
 use residual_columns::frame::Frame;
 use residual_columns::stats::Rng;
 
-/// Order of the autoregression: filters of sensors are of a few orders, and white noise on top makes them longer.
+/// Order of the autoregression: filters of sensors are of a few orders, and white noise on top
+/// makes them longer.
 const ORDER: usize = 16;
 
 /// Rows before a sequence in which noise of the same colour forgets how it began.
@@ -45,8 +47,8 @@ impl Colour {
         }
     }
 
-    /// Innovations in another order: what the values of the rows are stays, when they come does not. The frame may have fewer rows than
-    /// the residual.
+    /// Innovations in another order: what the values of the rows are stays, when they come does
+    /// not. The frame may have fewer rows than the residual.
     pub fn shuffled(&mut self, rng: &mut Rng, frame: &Frame) -> Vec<f64> {
         self.shuffle(rng, frame.len());
         let order = self.coefficients.len();
@@ -60,7 +62,8 @@ impl Colour {
         out
     }
 
-    /// Noise of the same colour and the same distribution. The frame may have fewer rows than the residual.
+    /// Noise of the same colour and the same distribution. The frame may have fewer rows than the
+    /// residual.
     pub fn noise(&mut self, rng: &mut Rng, frame: &Frame) -> Vec<f64> {
         self.shuffle(rng, frame.len());
         let n = self.pool.len().max(1);
@@ -98,7 +101,8 @@ impl Colour {
     }
 }
 
-/// Coefficients of the autoregression with this autocorrelation (Levinson and Durbin); always stable.
+/// Coefficients of the autoregression with this autocorrelation (Levinson and Durbin); always
+/// stable.
 fn levinson(rho: &[f64]) -> Vec<f64> {
     let mut a: Vec<f64> = Vec::new();
     let mut left = rho.first().copied().unwrap_or(0.0);

@@ -42,7 +42,8 @@ impl Along {
 pub struct Growth {
     /// Name of the column.
     pub name: String,
-    /// Size of the noise in the fifth of the rows with the smallest values, and in that with the largest.
+    /// Size of the noise in the fifth of the rows with the smallest values, and in that with the
+    /// largest.
     pub sizes: (f64, f64),
     /// Rows of a fifth.
     pub rows: usize,
@@ -56,7 +57,8 @@ pub(super) fn usual(u: &[f64]) -> f64 {
     middle.max(0.3 * stats::rms(u))
 }
 
-/// `r` divided by its size as a smooth function of the columns, which is taken from the rows that `counts` names.
+/// `r` divided by its size as a smooth function of the columns, which is taken from the rows that
+/// `counts` names.
 pub(super) fn level(r: &[f64], columns: &[Along], counts: impl Fn(usize) -> bool) -> Vec<f64> {
     let mut u = r.to_vec();
     for _ in 0..ROUNDS {

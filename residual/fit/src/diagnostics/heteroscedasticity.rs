@@ -1,4 +1,5 @@
-//! Heteroscedasticity: whether a residual is louder on rows of one sort than on others with the same load and velocity.
+//! Heteroscedasticity: whether a residual is louder on rows of one sort than on others with the
+//! same load and velocity.
 
 use super::correlation::{autocorrelation, correlation_time, variance_of_mean};
 use super::envelope::{self, level, Along, CUT};
@@ -24,16 +25,19 @@ const FEWEST_PARTS: usize = 8;
 const FEWEST_IN_PART: usize = 10;
 
 /// Student's t of the parts from which they agree.
+/// Raised from 3 when each sort came to be judged about its own mean.
 const AGREE: f64 = 3.5;
 
 /// Fewest rows of the sort.
 const FEWEST: usize = 100;
 
-/// Share of the energy of `u` by which rows of a sort are louder than the others; 0 where it is not sure that they are.
+/// Share of the energy of `u` by which rows of a sort are louder than the others; 0 where it is not
+/// sure that they are.
 ///
-/// The size of noise may depend on `columns`. How it does is taken from the other rows: a size that is fitted to rows at rest as well
-/// would make them as loud as is expected. Rows of the sort with larger values of a column than the others have are left out: how loud
-/// noise is there is not known.
+/// The size of noise may depend on `columns`. How it does is taken from the other rows: a size that
+/// is fitted to rows at rest as well would make them as loud as is expected. Rows of the sort with
+/// larger values of a column than the others have are left out: how loud noise is there is not
+/// known.
 pub(super) fn excess_on(u: &[f64], frame: &Frame, sort: &Sort, columns: &[Along]) -> f64 {
     // Of the same speed in both directions: what is nearest to rest counts.
     let sizes: Vec<Along> = columns.iter().map(Along::size).collect();
@@ -56,7 +60,8 @@ pub(super) fn excess_on(u: &[f64], frame: &Frame, sort: &Sort, columns: &[Along]
     let (louder, quiet) = (picked(&energy, &own), picked(&energy, &sort.others));
     let (loud, usual) = (stats::mean(&louder), stats::mean(&quiet));
     let more = loud - usual;
-    // About the mean of each sort: else a rest that is louder would itself be a correlation as long as it lasts.
+    // About the mean of each sort: else a rest that is louder would itself be a correlation as long
+    // as it lasts.
     let about: Vec<f64> = energy
         .iter()
         .zip(&own)
@@ -68,7 +73,8 @@ pub(super) fn excess_on(u: &[f64], frame: &Frame, sort: &Sort, columns: &[Along]
     if more <= SURE * variance.sqrt() {
         return 0.0;
     }
-    // A size that changes slowly for a reason of its own may meet these rows in one place, but not everywhere.
+    // A size that changes slowly for a reason of its own may meet these rows in one place, but not
+    // everywhere.
     let part = u.len().div_ceil(PARTS);
     let excess: Vec<(f64, f64)> = (0..u.len())
         .step_by(part)

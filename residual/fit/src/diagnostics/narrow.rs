@@ -1,4 +1,5 @@
-//! A narrow band in a residual whose frequency need not stay: peaks of the spectra of short stretches.
+//! A narrow band in a residual whose frequency need not stay: peaks of the spectra of short
+//! stretches.
 
 use super::colour::Colour;
 use super::imitations::Imitations;
@@ -18,7 +19,8 @@ const LEAST: usize = 12;
 /// A narrow band.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Narrow {
-    /// Share of the power of the whitened residual that is in it, above what noise of that colour shows.
+    /// Share of the power of the whitened residual that is in it, above what noise of that colour
+    /// shows.
     pub share: f64,
     /// The share in standard deviations of that of noise.
     pub z: f64,
@@ -70,7 +72,8 @@ pub(super) fn narrow(
     best
 }
 
-/// Mean share of the largest peak in the power of a stretch, and where the peaks are in cycles per row.
+/// Mean share of the largest peak in the power of a stretch, and where the peaks are in cycles per
+/// row.
 fn peaks(e: &[f64], frame: &Frame, width: usize) -> Option<(f64, Vec<f64>)> {
     let mut planner = FftPlanner::<f64>::new();
     let fft = planner.plan_fft_forward(width);
@@ -96,7 +99,8 @@ fn peaks(e: &[f64], frame: &Frame, width: usize) -> Option<(f64, Vec<f64>)> {
     if spectra.len() < LEAST {
         return None;
     }
-    // What the autoregression leaves is not quite white: the smooth spectrum of all stretches is taken out.
+    // What the autoregression leaves is not quite white: the smooth spectrum of all stretches is
+    // taken out.
     let count = lines - SLOW;
     let mean: Vec<f64> = (0..count)
         .map(|k| spectra.iter().map(|s| s[k]).sum::<f64>() / spectra.len() as f64)

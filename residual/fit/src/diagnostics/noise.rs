@@ -1,5 +1,5 @@
-//! Whether a residual looks like the noise of a sensor: it does not follow itself from row to row or over the whole log, it has
-//! no narrow band, and it is as large at one time as at another.
+//! Whether a residual looks like the noise of a sensor: it does not follow itself from row to row
+//! or over the whole log, it has no narrow band, and it is as large at one time as at another.
 
 use super::colour::Colour;
 use super::correlation::autocorrelation;
@@ -11,8 +11,8 @@ use super::random_walk::{random_walk, RandomWalk};
 use residual_columns::frame::Frame;
 use residual_columns::stats::{self, Rng};
 
-/// Correlation from row to row from which a residual is no noise of a sensor. First-order filters of sensors and slow drifts
-/// stay below it at any row rate that resolves the motion.
+/// Correlation from row to row from which a residual is no noise of a sensor. First-order filters
+/// of sensors and slow drifts stay below it at any row rate that resolves the motion.
 const FOLLOWS_ITSELF: f64 = 0.97;
 
 /// Rows of the windows whose energies are compared.
@@ -28,10 +28,11 @@ pub struct UnlikeNoise {
     pub lag_one: f64,
     /// Share of the energy that comes in bursts; 0 without bursts.
     pub burst_share: f64,
-    /// Share of the energy by which rows of each sort are louder than others like them, in the order in which the sorts were given; 0
-    /// where they are not.
+    /// Share of the energy by which rows of each sort are louder than others like them, in the
+    /// order in which the sorts were given; 0 where they are not.
     pub excess: Vec<f64>,
-    /// Share of the bursts that falls on rows of each sort, and share of all rows that these are, in the same order.
+    /// Share of the bursts that falls on rows of each sort, and share of all rows that these are,
+    /// in the same order.
     pub within: Vec<(f64, f64)>,
     /// A slow part that is as slow as the log is long.
     pub random_walk: Option<RandomWalk>,
@@ -48,8 +49,8 @@ impl UnlikeNoise {
     }
 }
 
-/// Looks at a residual on the rows of a frame, with `sorts` of rows in which something of its own may act. The size of noise may
-/// depend on `columns`.
+/// Looks at a residual on the rows of a frame, with `sorts` of rows in which something of its own
+/// may act. The size of noise may depend on `columns`.
 pub fn unlike_noise(r: &[f64], frame: &Frame, sorts: &[Sort], columns: &[Along]) -> UnlikeNoise {
     let rho = autocorrelation(r, frame, 1);
     let mut u = r.to_vec();
@@ -131,7 +132,8 @@ impl Energies {
         })
     }
 
-    /// Excess of the windows above a multiple of the usual energy, as a share of all, and which these are.
+    /// Excess of the windows above a multiple of the usual energy, as a share of all, and which
+    /// these are.
     fn bursts(self, normal: f64) -> Bursts {
         let mut sorted = self.energies.clone();
         sorted.sort_by(f64::total_cmp);
@@ -152,8 +154,8 @@ impl Energies {
     }
 }
 
-/// Bursts: energies of windows vary more than those of noise that has the same colour and the same values in another order.
-/// Heavy tails and single outliers are in that noise too.
+/// Bursts: energies of windows vary more than those of noise that has the same colour and the same
+/// values in another order. Heavy tails and single outliers are in that noise too.
 fn bursts(
     u: &[f64],
     frame: &Frame,
@@ -253,7 +255,8 @@ mod tests {
         }
     }
 
-    /// The noises are shorter than such a residual. It is judged as a shorter one is: from its colour, its tails and its bursts.
+    /// The noises are shorter than such a residual. It is judged as a shorter one is: from its
+    /// colour, its tails and its bursts.
     #[test]
     fn a_long_residual_is_judged_from_shorter_noises() {
         let n = 3 * NOISE_ROWS;

@@ -1,4 +1,5 @@
-//! A random walk: a slow part that is as slow as the log is long, which no filter of a sensor makes.
+//! A random walk: a slow part that is as slow as the log is long, which no filter of a sensor
+//! makes.
 
 use residual_columns::frame::Frame;
 
@@ -8,8 +9,8 @@ const BLOCKS: usize = 20;
 /// Least number of rows of a block.
 const LEAST_ROWS: usize = 16;
 
-/// Correlation of the means of neighbouring blocks that noise does not reach whose memory is short against the log: 0.54 for
-/// one that forgets in a block, 0.33 in half a block.
+/// Correlation of the means of neighbouring blocks that noise does not reach whose memory is short
+/// against the log: 0.54 for one that forgets in a block, 0.33 in half a block.
 const ALIKE: f64 = 0.5;
 
 /// Standard errors above [`ALIKE`] of what was found.
@@ -24,8 +25,8 @@ pub struct RandomWalk {
     pub alike: f64,
 }
 
-/// Looks for a slow part within the sequences: the means of twentieths of a log follow each other. Noise with a memory of some
-/// hundredths of the log, whatever its colour, has means that do not.
+/// Looks for a slow part within the sequences: the means of twentieths of a log follow each other.
+/// Noise with a memory of some hundredths of the log, whatever its colour, has means that do not.
 pub fn random_walk(r: &[f64], frame: &Frame) -> Option<RandomWalk> {
     let (mut slow, mut all, mut next, mut pairs) = (0.0, 0.0, 0.0, 0usize);
     for range in frame.sequences() {

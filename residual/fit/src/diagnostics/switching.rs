@@ -15,10 +15,10 @@ pub struct Switching {
     pub z: f64,
 }
 
-/// Looks for a slow part that switches between levels: means over short stretches keep the levels and
-/// lose the fast noise. Means of coloured noise, however slow, stay normal, with a kurtosis of 0 and a
-/// standard error of sqrt(24 / n), where correlated means count as n / (1 + 2 sum rho^4). The stretch with the
-/// largest |z| of those of 4 to 64 rows counts.
+/// Looks for a slow part that switches between levels: means over short stretches keep the levels
+/// and lose the fast noise. Means of coloured noise, however slow, stay normal, with a kurtosis of
+/// 0 and a standard error of sqrt(24 / n), where correlated means count as n / (1 + 2 sum rho^4).
+/// The stretch with the largest |z| of those of 4 to 64 rows counts.
 pub fn switching(r: &[f64], frame: &Frame) -> Switching {
     let total = rms(r).powi(2);
     let mut best = Switching {

@@ -1,4 +1,5 @@
-//! Tests of the residual that stay valid for coloured signals: against itself and against each input.
+//! Tests of the residual that stay valid for coloured signals: against itself and against each
+//! input.
 
 use super::correlation::autocorrelation;
 use residual_columns::frame::Frame;

@@ -12,12 +12,12 @@ const PILE: usize = 3;
 /// Values next to the end that are counted.
 const NEXT: usize = 5;
 
-/// How many times as many rows such runs hold at the end as at all other values together. A reading in coarse steps, or at
-/// rest without noise, repeats itself everywhere.
+/// How many times as many rows such runs hold at the end as at all other values together. A reading
+/// in coarse steps, or at rest without noise, repeats itself everywhere.
 const MORE: usize = 10;
 
-/// The least and the greatest value of `y` where the target rests there as a limited reading does: in runs of equal values,
-/// which it has nowhere else. `None` where it does not.
+/// The least and the greatest value of `y` where the target rests there as a limited reading does:
+/// in runs of equal values, which it has nowhere else. `None` where it does not.
 pub(super) fn stops(y: &[f64]) -> [Option<f64>; 2] {
     let least = y.iter().copied().fold(f64::INFINITY, f64::min);
     let greatest = y.iter().copied().fold(f64::NEG_INFINITY, f64::max);

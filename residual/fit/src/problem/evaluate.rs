@@ -11,8 +11,8 @@ use std::sync::{Arc, MutexGuard, PoisonError, Weak};
 /// Most values that evaluated expressions may keep in memory (8 bytes each).
 const CACHE_VALUES: usize = 1 << 24;
 
-/// The same for large logs, and for the windows on which they are screened: there a scan tries few forms on all rows, each at other
-/// values of its parameter.
+/// The same for large logs, and for the windows on which they are screened: there a scan tries few
+/// forms on all rows, each at other values of its parameter.
 const CACHE_VALUES_LARGE: usize = 1 << 21;
 
 /// Views that are kept: the model's, and those of models without one of its effects.
@@ -25,6 +25,7 @@ const VIEWS_LARGE: usize = 1;
 const FEWEST_IN_FITS: usize = 64;
 
 /// Rows from which on a log is large.
+/// Twice the rows of the windows.
 const LARGE: usize = 120_000;
 
 /// Columns and the expressions that stand in their place.
@@ -59,7 +60,8 @@ pub(super) struct Cache {
     /// Values by view and text, with the scan that used them last.
     columns: HashMap<String, (Column, usize)>,
     values: usize,
-    /// Values for which there is no room, as long as a fit has them: the fits of a large log have most columns in common.
+    /// Values for which there is no room, as long as a fit has them: the fits of a large log have
+    /// most columns in common.
     in_fits: HashMap<String, Weak<Vec<f64>>>,
     /// Entries of `in_fits` at which those that no fit has any more are removed.
     most_in_fits: usize,
@@ -81,7 +83,8 @@ impl Cache {
         self.in_fits.get(key)?.upgrade()
     }
 
-    /// Keeps values for as long as there is room, or a fit has them. What the table has needs no room.
+    /// Keeps values for as long as there is room, or a fit has them. What the table has needs no
+    /// room.
     fn keep(&mut self, key: String, v: &Column, most: usize) {
         if Arc::strong_count(v) > 1 || !self.make_room(v.len(), most) {
             if self.in_fits.len() >= self.most_in_fits {
@@ -94,7 +97,8 @@ impl Cache {
         }
     }
 
-    /// Whether a column of this size fits. Removes values that this scan did not use, if it does not.
+    /// Whether a column of this size fits. Removes values that this scan did not use, if it does
+    /// not.
     fn make_room(&mut self, values: usize, most: usize) -> bool {
         if self.values + values > most && self.swept < self.scan {
             self.swept = self.scan;
@@ -163,8 +167,8 @@ impl Problem {
         self.cache().scan += 1;
     }
 
-    /// Evaluates an expression on the kept rows, and keeps the values for the next time; values that
-    /// are not finite become an error.
+    /// Evaluates an expression on the kept rows, and keeps the values for the next time; values
+    /// that are not finite become an error.
     pub fn eval(&self, view: &View, e: &Expr) -> Result<Column, Error> {
         self.cached(format!("{}{e}", view.key), true, || {
             self.eval_on(&view.frame, e)

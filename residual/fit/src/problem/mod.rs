@@ -60,8 +60,8 @@ fn ranges(keep: &[bool]) -> Ranges {
         .collect()
 }
 
-/// Values on the rows that are kept; all of them for `None`. In place where nearly all are, as a column of many rows takes long to
-/// allocate.
+/// Values on the rows that are kept; all of them for `None`. In place where nearly all are, as a
+/// column of many rows takes long to allocate.
 fn kept_values<T: Copy>(kept: Option<&Ranges>, mut values: Vec<T>) -> Vec<T> {
     let Some(kept) = kept else {
         return values;
@@ -93,10 +93,10 @@ pub struct Problem {
     kept: Option<Ranges>,
     /// Target on kept rows.
     pub y: Column,
-    /// Least and greatest value of the target where it visibly stops there, see [`ends::stops`].
+    /// Least and greatest value of the target where it visibly stops there.
     pub stops: [Option<f64>; 2],
-    /// What the declared model, fitted where the target does not stop, predicts, as an expression; `None` where it stops
-    /// nowhere.
+    /// What the declared model, fitted where the target does not stop, predicts, as an expression;
+    /// `None` where it stops nowhere.
     pub unlimited: Option<String>,
     /// The blocks, in the order of their rows.
     pub blocks: Vec<Block>,
@@ -105,8 +105,8 @@ pub struct Problem {
     /// Signs by decoy and block.
     pub flips: Vec<Vec<f64>>,
     fold_of_row: Vec<u32>,
-    /// For each row the part of a repeated motion that it belongs to, from 1; 0 where the motion does not repeat. Empty if it does
-    /// nowhere.
+    /// For each row the part of a repeated motion that it belongs to, from 1; 0 where the motion
+    /// does not repeat. Empty if it does nowhere.
     part_of_row: Vec<u32>,
     seed: u64,
     cache: Mutex<Cache>,
@@ -158,8 +158,8 @@ impl Problem {
         p
     }
 
-    /// Tells which rows show the same part of a motion that repeats, see `Data::parts` of the logs. What is special to
-    /// a part is in each pass, so the decoys of all passes have one sign.
+    /// Tells which rows show the same part of a motion that repeats, see `Data::parts` of the logs.
+    /// What is special to a part is in each pass, so the decoys of all passes have one sign.
     pub fn with_parts(mut self, parts: &[u32]) -> Problem {
         self.part_of_row = match parts {
             [] => vec![],

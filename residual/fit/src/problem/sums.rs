@@ -4,8 +4,8 @@ use super::Problem;
 use residual_columns::linalg::{dot, squared_error, Cholesky};
 use residual_columns::parallel;
 
-/// Relative pivot below which a column counts as a repetition of others. A pressure of 101 325 Pa that varies by 2 Pa has
-/// 4e-10 of its square left beside a constant; rounding leaves about 1e-15.
+/// Relative pivot below which a column counts as a repetition of others. A pressure of 101 325 Pa
+/// that varies by 2 Pa has 4e-10 of its square left beside a constant; rounding leaves about 1e-15.
 pub const RANK_TOL: f64 = 1e-12;
 
 /// Sums of products per block of a set of columns with a target in two parts: `r`, which decoys
@@ -122,7 +122,8 @@ impl Sums {
         })
     }
 
-    /// The sums of the same columns with another target in the place of `r`, and none that decoys don't flip.
+    /// The sums of the same columns with another target in the place of `r`, and none that decoys
+    /// don't flip.
     pub fn on(&self, p: &Problem, x: &[&[f64]], r: &[f64]) -> Sums {
         let mut out = Sums {
             bm: vec![],

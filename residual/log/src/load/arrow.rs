@@ -1,5 +1,6 @@
-//! Durations in Parquet logs. Parquet has no such type: the file holds plain numbers, and the unit is in the Arrow schema that
-//! writers with Arrow add as a base64 text of an encapsulated FlatBuffers message.
+//! Durations in Parquet logs. Parquet has no such type: the file holds plain numbers, and the unit
+//! is in the Arrow schema that writers with Arrow add as a base64 text of an encapsulated
+//! FlatBuffers message.
 
 use base64::{engine::general_purpose::STANDARD, Engine};
 
@@ -10,7 +11,8 @@ pub(super) const KEY: &str = "ARROW:schema";
 const SCHEMA: u8 = 1;
 const DURATION: u8 = 18;
 
-/// Columns that are durations, with the seconds of one unit. Nothing where the text is not what it should be.
+/// Columns that are durations, with the seconds of one unit. Nothing where the text is not what it
+/// should be.
 pub(super) fn durations(text: &str) -> Vec<(String, f64)> {
     let bytes = STANDARD.decode(text).ok();
     bytes
@@ -97,7 +99,8 @@ impl Buffer<'_> {
 mod tests {
     use super::*;
 
-    /// As pyarrow 26 writes it: columns force_n, speed_rad_s and command_n of doubles, time_s of durations in µs.
+    /// As pyarrow 26 writes it: columns force_n, speed_rad_s and command_n of doubles, time_s of
+    /// durations in µs.
     const WRITTEN: &str = "/////xABAAAQAAAAAAAKAAwABgAFAAgACgAAAAABBAAMAAAACAAIAAAABAAIAAAABAAAAAQAAACsAAAAaAAAADQAAAAEAAAAdP///wAAAQMQAAAAGAAAAAQAAAAAAAAABwAAAGZvcmNlX24AYv///wAAAgCg////AAABAxAAAAAcAAAABAAAAAAAAAALAAAAc3BlZWRfcmFkX3MAkv///wAAAgDQ////AAABAxAAAAAcAAAABAAAAAAAAAAJAAAAY29tbWFuZF9uAAAAwv///wAAAgAQABQACAAGAAcADAAAABAAEAAAAAAAARIQAAAAIAAAAAQAAAAAAAAABgAAAHRpbWVfcwAAAAAGAAgABgAGAAAAAAACAA==";
 
     #[test]

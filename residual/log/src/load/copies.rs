@@ -1,4 +1,5 @@
-//! Stretches of the target that stand in several groups: parts of one log given twice do not confirm each other.
+//! Stretches of the target that stand in several groups: parts of one log given twice do not
+//! confirm each other.
 
 use crate::finding::Findings;
 use residual_columns::format::num;
@@ -11,8 +12,8 @@ use std::path::{Path, PathBuf};
 /// Rows of the shortest stretch that is compared.
 const STRETCH: usize = 32;
 
-/// Rows of a stretch whose value differs from that before, and values that differ, from which two equal stretches are no
-/// accident: a signal that stands still or moves in steps repeats itself.
+/// Rows of a stretch whose value differs from that before, and values that differ, from which two
+/// equal stretches are no accident: a signal that stands still or moves in steps repeats itself.
 const CHANGES: usize = 16;
 const VALUES: usize = 8;
 
@@ -25,8 +26,8 @@ const SHARE: f64 = 0.1;
 /// Most sequences whose beginnings are compared with each other.
 const MOST: usize = 200;
 
-/// Notes sequences that have much of their target in common with another group, in the same digits anywhere, or in other digits
-/// from the beginning on.
+/// Notes sequences that have much of their target in common with another group, in the same digits
+/// anywhere, or in other digits from the beginning on.
 pub(super) fn note(frame: &Frame, fold: &[u32], files: &[PathBuf], log: &mut Findings) {
     let target = frame.column("target").unwrap_or(&[]);
     let (count, place) = equal(frame, target, fold);
@@ -129,7 +130,8 @@ const PRINT: f64 = 0.25;
 fn printed_otherwise(frame: &Frame, target: &[f64], fold: &[u32]) -> (usize, Option<[usize; 2]>) {
     let long = |r: &&Range<usize>| r.len() >= STRETCH;
     let all: Vec<&Range<usize>> = frame.sequences().iter().filter(long).take(MOST).collect();
-    // The change from row to row without the steps of the print: what is left of a straight line through three rows.
+    // The change from row to row without the steps of the print: what is left of a straight line
+    // through three rows.
     let steps = |values: &[f64]| {
         let bends = values.windows(3).map(|w| w[1] - 0.5 * (w[0] + w[2]));
         PRINT * stats::rms(&bends.collect::<Vec<f64>>())

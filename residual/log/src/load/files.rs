@@ -1,4 +1,5 @@
-//! Which files are read: logs below the given paths, by extension and by the name pattern of the model file.
+//! Which files are read: logs below the given paths, by extension and by the name pattern of the
+//! model file.
 
 use super::Table;
 use crate::finding::Findings;
@@ -11,12 +12,14 @@ use std::path::{Path, PathBuf};
 pub(super) struct Found {
     /// The logs, sorted.
     pub(super) files: Vec<PathBuf>,
-    /// What has the name of a log and is no file, such as a pipe: to read it could take without end.
+    /// What has the name of a log and is no file, such as a pipe: to read it could take without
+    /// end.
     pub(super) passed: Vec<PathBuf>,
 }
 
-/// Every log under the paths, sorted, so that results do not depend on the file system. A path that is a
-/// file is taken whatever its name; in folders logs are known by their extension, and only regular files are taken.
+/// Every log under the paths, sorted, so that results do not depend on the file system. A path that
+/// is a file is taken whatever its name; in folders logs are known by their extension, and only
+/// regular files are taken.
 ///
 /// # Errors
 /// [`Error::Io`] if a path does not exist, or if there is no log.
@@ -125,8 +128,8 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
     Ok(table.of(path))
 }
 
-/// Leaves out files of the folders whose name does not fit `input.file_name`, and notes them. A file
-/// that was given by name must fit.
+/// Leaves out files of the folders whose name does not fit `input.file_name`, and notes them. A
+/// file that was given by name must fit.
 ///
 /// # Errors
 /// [`Error::Io`] if no file fits.
@@ -175,8 +178,8 @@ fn file_keys(pattern: &str, name: &str) -> Option<Vec<(String, f64)>> {
     let end = rest
         .find(|c: char| !(c.is_ascii_digit() || ".-+eE".contains(c)))
         .unwrap_or(rest.len());
-    // The longest number with which the rest of the pattern fits; one that ends before the literal that follows comes first,
-    // even where that begins with a dot.
+    // The longest number with which the rest of the pattern fits; one that ends before the literal
+    // that follows comes first, even where that begins with a dot.
     let next = tail.split('{').next().unwrap_or("");
     let begins = |n: &usize| !next.is_empty() && rest[*n..].starts_with(next);
     let (exact, other): (Vec<usize>, Vec<usize>) = (1..=end).rev().partition(begins);

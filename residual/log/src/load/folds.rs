@@ -15,15 +15,16 @@ pub(super) struct Folds {
     pub(super) names: Vec<String>,
     /// Number of groups.
     pub(super) groups: usize,
-    /// For each row of a sequence whose motion repeats its group, from 1, which is a block of one period; 0 for other rows. Empty if
-    /// no motion repeats.
+    /// For each row of a sequence whose motion repeats its group, from 1, which is a block of one
+    /// period; 0 for other rows. Empty if no motion repeats.
     pub(super) parts: Vec<u32>,
 }
 
 /// Assigns groups to folds in turn; rows that are not kept belong to fold 0.
 ///
 /// # Errors
-/// [`Error::Model`] if the hold-out names an unknown column, [`Error::Data`] if there is one group only.
+/// [`Error::Model`] if the hold-out names an unknown column, [`Error::Data`] if there is one group
+/// only.
 pub(super) fn folds(
     frame: &Frame,
     keep: &[bool],
@@ -65,7 +66,8 @@ pub(super) fn folds(
             if let Some(b) = spec.holdout.block_s {
                 key.push(si as u64);
                 let since = frame.time()[i] - frame.time()[range.start];
-                // A period has a whole number of blocks: what is left over would be a group of few rows.
+                // A period has a whole number of blocks: what is left over would be a group of few
+                // rows.
                 let block = period.map_or(since / b, |p| {
                     let blocks = (p / b).round();
                     (since % p / p * blocks).min(blocks - 1.0)

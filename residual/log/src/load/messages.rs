@@ -1,5 +1,5 @@
-//! Text logs with several kinds of message, each line with the kind at its head: every kind becomes a table of its own,
-//! and all of them one table at the times of the kind that has the target.
+//! Text logs with several kinds of message, each line with the kind at its head: every kind becomes
+//! a table of its own, and all of them one table at the times of the kind that has the target.
 
 use super::text::{large, no_text, number, open};
 use super::{rows, Note, Table};
@@ -25,7 +25,8 @@ impl Kind<'_> {
         self.columns.get(at).map(Vec::as_slice)
     }
 
-    /// Leaves out messages without a time, and with `hygiene.time` those whose time is before that of one above; the numbers of both.
+    /// Leaves out messages without a time, and with `hygiene.time` those whose time is before that
+    /// of one above; the numbers of both.
     fn order(&mut self, path: &Path, spec: &Spec) -> Result<(usize, usize), Error> {
         let (mut without, mut falls) = (0, 0);
         let mut keep = Vec::new();
@@ -58,8 +59,9 @@ impl Kind<'_> {
         Ok((without, falls))
     }
 
-    /// The time between two messages of this kind beyond which nothing is known between them. It is not less than a usual step of
-    /// the rows at `at`, and without end for a kind that comes as it likes.
+    /// The time between two messages of this kind beyond which nothing is known between them. It is
+    /// not less than a usual step of the rows at `at`, and without end for a kind that comes as it
+    /// likes.
     fn longest_step(&self, own: &[f64], at: &[f64], spec: &Spec) -> f64 {
         let scale = spec.roles.time.scale.abs();
         let gap_s = spec.hygiene.gap_s / scale;
@@ -76,9 +78,10 @@ impl Kind<'_> {
 /// Reads one log.
 ///
 /// # Errors
-/// [`Error::Io`] and [`Error::BadCell`] with file and line; [`Error::Data`] if the time of a kind falls, or if no row of the kind
-/// with the target has messages of the others beside it; [`Error::Model`] if no kind has the target, if a kind has no time, or if
-/// two have a column of the same name.
+/// [`Error::Io`] and [`Error::BadCell`] with file and line; [`Error::Data`] if the time of a kind
+/// falls, or if no row of the kind with the target has messages of the others beside it;
+/// [`Error::Model`] if no kind has the target, if a kind has no time, or if two have a column of
+/// the same name.
 pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
     check(spec)?;
     let used = rows::largest_cells(spec)?;
@@ -134,7 +137,8 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
         ));
     }
     let (mut without, mut falls) = (0, 0);
-    // The rows of the kind with the target are looked at with those of other logs, after they are split.
+    // The rows of the kind with the target are looked at with those of other logs, after they are
+    // split.
     for kind in kinds
         .iter_mut()
         .filter(|k| !k.message.header.contains(&spec.roles.target.column))
@@ -245,8 +249,9 @@ fn add(
     Ok(())
 }
 
-/// One table at the times of the kind with the target; the other kinds are read between their rows along straight lines. Rows
-/// before the first and after the last of another kind, and rows in its gaps, are left out.
+/// One table at the times of the kind with the target; the other kinds are read between their rows
+/// along straight lines. Rows before the first and after the last of another kind, and rows in its
+/// gaps, are left out.
 ///
 /// # Errors
 /// [`Error::Data`] if no row is left.
@@ -319,7 +324,8 @@ fn joined(kinds: &[Kind], spec: &Spec, path: &Path) -> Result<Table, Error> {
     Ok(table)
 }
 
-/// Places of the messages before and after a time, in the times `own` that do not fall; of one at that very time, that place twice.
+/// Places of the messages before and after a time, in the times `own` that do not fall; of one at
+/// that very time, that place twice.
 fn around(own: &[f64], t: f64) -> Option<(usize, usize)> {
     let after = own.partition_point(|o| *o <= t);
     let before = after.checked_sub(1)?;

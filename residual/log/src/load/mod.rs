@@ -1,5 +1,5 @@
-//! From logs to [`Data`]: files or columns in memory are read, cut into sequences, converted to the units of the
-//! model, filtered, and assigned to folds.
+//! From logs to [`Data`]: files or columns in memory are read, cut into sequences, converted to the
+//! units of the model, filtered, and assigned to folds.
 //!
 //! | file | concern |
 //! |---|---|
@@ -81,8 +81,9 @@ impl Note {
 }
 
 impl Table {
-    /// A table without columns. The file name of `source` stands for it in reports and in `file` groups,
-    /// and `input.file_name` of the model file is matched against it; the file need not exist.
+    /// A table without columns. The file name of `source` stands for it in reports and in `file`
+    /// groups, and `input.file_name` of the model file is matched against it; the file need not
+    /// exist.
     pub fn new(source: impl Into<PathBuf>) -> Table {
         Table {
             source: source.into(),
@@ -104,7 +105,8 @@ impl Table {
         self
     }
 
-    /// The table with the numbers of its name as columns, and with every column that the model needs.
+    /// The table with the numbers of its name as columns, and with every column that the model
+    /// needs.
     fn checked(mut self, spec: &Spec) -> Result<Table, Error> {
         let rows = self.columns.first().map_or(0, Vec::len);
         if let Some(i) = self.columns.iter().position(|c| c.len() != rows) {
@@ -291,7 +293,8 @@ impl Table {
     }
 }
 
-/// Whether a cell is a date or a time of day: digits, with at least two of the marks that stand in such.
+/// Whether a cell is a date or a time of day: digits, with at least two of the marks that stand in
+/// such.
 fn is_date(cell: &str) -> bool {
     let marks = cell.matches(['-', '/', ':', '.', 'T']).count();
     let digits = cell.chars().filter(char::is_ascii_digit).count();
@@ -301,8 +304,8 @@ fn is_date(cell: &str) -> bool {
 /// Loads logs from files and folders.
 ///
 /// # Errors
-/// Any [`Error`]: files that cannot be read, missing columns, cells that are not numbers, time that does
-/// not grow, too few rows or groups.
+/// Any [`Error`]: files that cannot be read, missing columns, cells that are not numbers, time that
+/// does not grow, too few rows or groups.
 pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
     let mut findings = Findings::default();
     let found = files::find(paths)?;
@@ -327,7 +330,8 @@ pub fn load(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
     )
 }
 
-/// Loads logs to check models on: as [`load`], but one group is enough, as nothing is fitted to them.
+/// Loads logs to check models on: as [`load`], but one group is enough, as nothing is fitted to
+/// them.
 pub fn load_to_check(paths: &[PathBuf], spec: &Spec) -> Result<Data, Error> {
     let mut spec = spec.clone();
     // Blocks of any length make groups of any log.

@@ -1,5 +1,5 @@
-//! Parquet logs: every flat numeric or boolean column, by row groups. Times, durations and decimals are converted as their types
-//! say: to seconds, and to the number that is meant.
+//! Parquet logs: every flat numeric or boolean column, by row groups. Times, durations and decimals
+//! are converted as their types say: to seconds, and to the number that is meant.
 
 use super::{arrow, Table};
 use parquet::basic::{ConvertedType, LogicalType, TimeUnit, Type};

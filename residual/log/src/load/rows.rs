@@ -10,8 +10,8 @@ use residual_columns::frame::Frame;
 use std::collections::{BTreeMap, BTreeSet};
 use std::ops::Range;
 
-/// All rows that can be used, in units of the model, without the filters of the model file. The frame
-/// has a column `file` with the index of each row's table.
+/// All rows that can be used, in units of the model, without the filters of the model file. The
+/// frame has a column `file` with the index of each row's table.
 ///
 /// # Errors
 /// [`Error::Data`] if the time of a table does not grow, or if there is no row.
@@ -53,8 +53,8 @@ pub(super) fn frame(
                 &format!("rows with an empty cell where each column has values, but in other rows. {JOINED}"),
             );
         }
-        // Its rows are copied: large logs must not be in memory twice. Where no row came of any log, the message below
-        // looks at them.
+        // Its rows are copied: large logs must not be in memory twice. Where no row came of any
+        // log, the message below looks at them.
         if !rows.time.is_empty() {
             table.columns = vec![];
         }
@@ -171,8 +171,8 @@ const MANY: f64 = 0.4;
 /// Share of the rows in which each of such columns has a value.
 const SOME: f64 = 0.1;
 
-/// Whether a table of which some rows are `used` looks like columns of unlike rates joined: many rows have an empty cell, and each
-/// column that is needed has values in some.
+/// Whether a table of which some rows are `used` looks like columns of unlike rates joined: many
+/// rows have an empty cell, and each column that is needed has values in some.
 fn is_joined(table: &Table, needed: &[Needed], used: usize) -> bool {
     let rows = table.rows() as f64;
     let filled = |n: &Needed| {
@@ -236,15 +236,16 @@ fn no_rows(tables: &[Table], needed: &[Needed]) -> Error {
     )
 }
 
-/// Columns of a log that the model names: those of roles, and what expressions and the hold-out name.
+/// Columns of a log that the model names: those of roles, and what expressions and the hold-out
+/// name.
 pub(super) fn used_columns(spec: &Spec) -> Result<BTreeSet<String>, Error> {
     let mut used = named_columns(spec)?;
     used.extend(spec.roles.all().into_iter().map(|(_, c)| c.column.clone()));
     Ok(used)
 }
 
-/// The largest magnitude that a cell may have, by column that the model uses, in the unit of the log: beyond it the value
-/// cannot be squared and summed.
+/// The largest magnitude that a cell may have, by column that the model uses, in the unit of the
+/// log: beyond it the value cannot be squared and summed.
 pub(super) fn largest_cells(spec: &Spec) -> Result<BTreeMap<String, f64>, Error> {
     let roles = spec.roles.all();
     let limit = |column: &str| {
@@ -340,7 +341,8 @@ const SHORTEST_PIECE: usize = 20;
 /// Median steps beyond which a step of time is a gap, unless `hygiene.gap_s` says otherwise.
 const GAP_STEPS: f64 = 20.0;
 
-/// The step of time beyond which there is a gap, in s: `gap_s`, or if that is 0 the usual number of median steps.
+/// The step of time beyond which there is a gap, in s: `gap_s`, or if that is 0 the usual number of
+/// median steps.
 pub(super) fn longest_step(time: &[f64], gap_s: f64) -> f64 {
     if gap_s > 0.0 {
         return gap_s;
@@ -379,7 +381,8 @@ impl Rows<'_> {
         }
         pieces.push(start..time.len());
         let gaps = pieces.len() - 1;
-        // A map that is sampled point by point has steps of every size: to cut it would leave nothing with a history.
+        // A map that is sampled point by point has steps of every size: to cut it would leave
+        // nothing with a history.
         if gap_s == 0.0 && is_uneven(gaps, time.len() - begin) {
             self.sequences.push(begin..time.len());
             log.count(
@@ -410,8 +413,8 @@ impl Rows<'_> {
         }
     }
 
-    /// Whether what has a position stands still in nearly all pieces and moves in the gaps between them. Without a position it
-    /// is the command that tells; with a velocity alone nothing does.
+    /// Whether what has a position stands still in nearly all pieces and moves in the gaps between
+    /// them. Without a position it is the command that tells; with a velocity alone nothing does.
     fn is_map(&self, pieces: &[Range<usize>]) -> bool {
         let roles = &self.spec.roles;
         let is_place = |n: &String| n == "angle" || roles.pose.contains_key(n);

@@ -1,4 +1,5 @@
-//! Logs as a user has them, read as far as to the data; what an analysis makes of them is tested elsewhere.
+//! Logs as a user has them, read as far as to the data; what an analysis makes of them is tested
+//! elsewhere.
 
 use super::*;
 use crate::finding::Finding;
@@ -204,7 +205,8 @@ fn folds_that_hold_nothing_out_are_refused() {
     assert_eq!(Spec::parse(MODEL).unwrap().holdout.folds, 10);
 }
 
-/// A map: `held` rows at each of 120 points of a turn, with a pause between points; an angle that is `scattered` at a point.
+/// A map: `held` rows at each of 120 points of a turn, with a pause between points; an angle that
+/// is `scattered` at a point.
 fn map(held: usize, scattered: f64, moving: f64) -> Folder {
     let folder = Folder::new();
     for run in 0..2 {

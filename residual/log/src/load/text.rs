@@ -8,7 +8,8 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Read};
 use std::path::Path;
 
-/// Opens a file, through gzip if its first bytes say so (a name may be wrong, the magic number is not).
+/// Opens a file, through gzip if its first bytes say so (a name may be wrong, the magic number is
+/// not).
 pub(super) fn open(path: &Path) -> Result<Box<dyn BufRead>, Error> {
     let mut file =
         BufReader::with_capacity(1 << 16, File::open(path).map_err(|e| Error::io(path, e))?);
@@ -63,7 +64,8 @@ fn other_format(head: &[u8]) -> Option<&'static str> {
     }
 }
 
-/// Turns every run of blanks into one tab, so that one CSV reader serves both layouts, with commas as decimal marks too.
+/// Turns every run of blanks into one tab, so that one CSV reader serves both layouts, with commas
+/// as decimal marks too.
 struct Blanks<R> {
     inner: R,
     /// Whether a value stands before the current blanks on this line.
@@ -111,7 +113,8 @@ impl<R: Read> Read for Blanks<R> {
     }
 }
 
-/// Ends every line with one line feed alone, the last one too, so that the CSV reader counts lines as an editor does.
+/// Ends every line with one line feed alone, the last one too, so that the CSV reader counts lines
+/// as an editor does.
 struct LineFeeds<R> {
     inner: R,
     /// Whether a carriage return is pending.
@@ -168,8 +171,8 @@ pub(super) fn no_text(path: &Path, line: u64) -> Error {
     )
 }
 
-/// Line of the file at which the record begins that the CSV reader read last. Empty lines and comments stand before it, and it does
-/// not see the lines that are skipped.
+/// Line of the file at which the record begins that the CSV reader read last. Empty lines and
+/// comments stand before it, and it does not see the lines that are skipped.
 fn line(csv: &csv::Reader<Box<dyn Read>>, record: &csv::StringRecord, input: &Input) -> u64 {
     let end = csv.position().line() + input.skip as u64;
     end.saturating_sub(lines_of(record)).max(1)
@@ -239,7 +242,8 @@ fn open_csv(path: &Path, input: &Input) -> Result<csv::Reader<Box<dyn Read>>, Er
     Ok(builder.from_reader(boxed))
 }
 
-/// What begins a comment line: what the model file says, else `%` where the first line begins with it, else `#`.
+/// What begins a comment line: what the model file says, else `%` where the first line begins with
+/// it, else `#`.
 fn comment(reader: &mut dyn BufRead, input: &Input, path: &Path) -> Result<u8, Error> {
     match input.comment.as_bytes() {
         [one] => Ok(*one),
@@ -358,10 +362,11 @@ enum Line {
     Broken(Error),
 }
 
-/// Reads one text log. Cells that are empty or `nan` are NaN; a column whose first cell is text is left out. A line with
-/// another number of cells than there are names, that is no text, or with text in a column that is otherwise numeric, is an error, or
-/// is left out and counted with `action` [`Action::Drop`]; so is one with a value beyond the largest of a column that is `used`. Text
-/// in a column that is not is a missing cell; `None`: all are used, and no value is too large.
+/// Reads one text log. Cells that are empty or `nan` are NaN; a column whose first cell is text is
+/// left out. A line with another number of cells than there are names, that is no text, or with
+/// text in a column that is otherwise numeric, is an error, or is left out and counted with
+/// `action` [`Action::Drop`]; so is one with a value beyond the largest of a column that is `used`.
+/// Text in a column that is not is a missing cell; `None`: all are used, and no value is too large.
 pub(super) fn read(
     path: &Path,
     input: &Input,

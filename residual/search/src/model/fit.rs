@@ -123,8 +123,8 @@ fn hold_out(p: &Problem, columns: &[&[f64]], sums: &Sums, held: &mut [f64]) {
     }
 }
 
-/// Takes off each sequence the prediction of coefficients of its own: in-sample, or each half of its
-/// blocks (odd, even) predicted from the other half.
+/// Takes off each sequence the prediction of coefficients of its own: in-sample, or each half of
+/// its blocks (odd, even) predicted from the other half.
 fn subtract_local(p: &Problem, columns: &[&[f64]], halves: bool, values: &mut [f64]) -> Vec<f64> {
     let sums = Sums::new(p, columns, values, None, None);
     let mut squares = vec![0.0; columns.len()];
@@ -224,7 +224,8 @@ impl Fit {
         }
     }
 
-    /// What another model with the same terms predicts with these coefficients, terms with a coefficient for each sequence left out.
+    /// What another model with the same terms predicts with these coefficients, terms with a
+    /// coefficient for each sequence left out.
     pub fn with_coefficients(&self, p: &Problem, model: &Model) -> Result<Vec<f64>, Error> {
         let view = p.view(&model.replaced)?;
         let Terms {

@@ -1,5 +1,5 @@
-//! Terms with a coefficient for each sequence, taken out of everything else (Frisch and Waugh 1933): what is left of a column
-//! cannot be explained by them, whatever their coefficients.
+//! Terms with a coefficient for each sequence, taken out of everything else (Frisch and Waugh
+//! 1933): what is left of a column cannot be explained by them, whatever their coefficients.
 
 use residual_columns::linalg::{dot, Cholesky};
 use residual_fit::problem::{Column, Problem};

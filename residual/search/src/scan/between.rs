@@ -1,5 +1,5 @@
-//! Evidence that lies between sequences: an effect that acts in the means of the sequences has as many observations as there are
-//! sequences, however many rows and blocks these have.
+//! Evidence that lies between sequences: an effect that acts in the means of the sequences has as
+//! many observations as there are sequences, however many rows and blocks these have.
 
 use super::Scan;
 use residual_columns::linalg::Cholesky;
@@ -21,18 +21,22 @@ pub struct Between {
     pub p: f64,
     /// p value of what the form explains within sequences.
     pub within: f64,
-    /// Number of means, smaller where their sequences have unequal lengths (Kish's effective number).
+    /// Number of means, smaller where their sequences have unequal lengths (Kish's effective
+    /// number).
     pub sequences: f64,
-    /// Parameters fitted to the means: those of the form, and what the model has used of them already.
+    /// Parameters fitted to the means: those of the form, and what the model has used of them
+    /// already.
     pub fitted: f64,
 }
 
 impl Scan<'_> {
-    /// What the means of the sequences say about a form at `psi` that adds `added` to the prediction; `None` where most of what it
-    /// explains is within sequences, or where there are fewer than three: two logs at two loads show a gain, and nothing against it.
+    /// What the means of the sequences say about a form at `psi` that adds `added` to the
+    /// prediction; `None` where most of what it explains is within sequences, or where there are
+    /// fewer than three: two logs at two loads show a gain, and nothing against it.
     ///
-    /// Decoys can't show this: their signs change from block to block, so the mean of a decoy over a sequence is near zero, while
-    /// the zero of a sensor often differs from one sequence to the next.
+    /// Decoys can't show this: their signs change from block to block, so the mean of a decoy over
+    /// a sequence is near zero, while the zero of a sensor often differs from one sequence to the
+    /// next.
     pub fn between_sequences(&self, variant: &Variant, psi: f64, added: &[f64]) -> Option<Between> {
         let rows = self.problem.rows_of_runs();
         if rows.len() < FEWEST_MEANS || added.len() != self.fit.residual.len() {
@@ -50,8 +54,9 @@ impl Scan<'_> {
         })
     }
 
-    /// Degrees of freedom of the sequences' means that the model's fitted terms use: the trace of inv(G) B, with the sums of
-    /// products of its columns G and that of their means in the sequences B.
+    /// Degrees of freedom of the sequences' means that the model's fitted terms use: the trace of
+    /// inv(G) B, with the sums of products of its columns G and that of their means in the
+    /// sequences B.
     fn used_between(&self, rows: &[Range<usize>]) -> f64 {
         let q = self.fit.x.len();
         let mut all = vec![0.0; q * q];
@@ -72,7 +77,8 @@ impl Scan<'_> {
         (0..q).map(|k| inverse.solve(&between[k])[k]).sum()
     }
 
-    /// p value of a form by what it explains within sequences: a score test with blocks as observations.
+    /// p value of a form by what it explains within sequences: a score test with blocks as
+    /// observations.
     fn within(&self, runs: &[Range<usize>], sums: &[Means], added: &[f64]) -> f64 {
         let (mut total, mut squares) = (0.0, 0.0);
         for (run, s) in runs.iter().zip(sums) {
@@ -143,8 +149,9 @@ pub(super) fn mostly_between(sequences: &[Means]) -> bool {
     fall_between(sequences) > MOSTLY * whole
 }
 
-/// Kish's effective number of sequences, and the p value of the fall in their means by `parameters` parameters where `fitted` are
-/// fitted to them in all; `None` where most of the fall is within sequences.
+/// Kish's effective number of sequences, and the p value of the fall in their means by `parameters`
+/// parameters where `fitted` are fitted to them in all; `None` where most of the fall is within
+/// sequences.
 fn p_of_means(sequences: &[Means], parameters: usize, fitted: f64) -> Option<(f64, f64)> {
     let total = |f: &dyn Fn(&Means) -> f64| sequences.iter().map(f).sum::<f64>();
     let rows = total(&|s| s.rows);
@@ -169,8 +176,8 @@ mod tests {
     use super::*;
     use residual_columns::stats::Rng;
 
-    /// Sequences of `rows` rows with a zero that differs from one to the next by `scatter`, and a line of `slope` over a
-    /// temperature that is another in each, fitted with its intercept.
+    /// Sequences of `rows` rows with a zero that differs from one to the next by `scatter`, and a
+    /// line of `slope` over a temperature that is another in each, fitted with its intercept.
     fn p(slope: f64, scatter: f64, within: f64, seed: u64) -> Option<f64> {
         let mut rng = Rng::new(seed);
         let rows: Vec<Vec<(f64, f64)>> = (0..6)

@@ -77,7 +77,8 @@ pub struct Candidate<O = EffectRef> {
     pub parameters: usize,
     /// What the means of the sequences say, where they are the evidence.
     pub between: Option<Between>,
-    /// p value against the noise at its own frequencies, for a form that hardly changes within a sequence.
+    /// p value against the noise at its own frequencies, for a form that hardly changes within a
+    /// sequence.
     pub slow: Option<f64>,
     /// Held-out squared error by block.
     pub losses: Vec<f64>,
@@ -145,8 +146,8 @@ impl Points {
             .map(|p| p.psi)
     }
 
-    /// Held-out squared error by block when each fold uses its own choice, from what was kept. A form whose coefficients every
-    /// sequence has for itself has one choice, `psi`.
+    /// Held-out squared error by block when each fold uses its own choice, from what was kept. A
+    /// form whose coefficients every sequence has for itself has one choice, `psi`.
     fn losses(&self, blocks: &[Block], local: bool, psi: f64) -> Vec<f64> {
         let one = self.tried.iter().find(|t| t.psi == psi);
         let of = |k: usize, block: &Block| {
@@ -195,8 +196,8 @@ impl Scan<'_> {
             .collect()
     }
 
-    /// Scores of every form at every value of its grid. After screening (`focused`) the values are few, and each comes up
-    /// once: their errors by block are kept, their columns are not.
+    /// Scores of every form at every value of its grid. After screening (`focused`) the values are
+    /// few, and each comes up once: their errors by block are kept, their columns are not.
     fn tried<O: Origin>(
         &self,
         offers: &[Offer<O>],
@@ -312,7 +313,8 @@ impl Scan<'_> {
         })
     }
 
-    /// Adds the vertex of the parabola through the three values of a neighbourhood. Polishing follows for what is chosen.
+    /// Adds the vertex of the parabola through the three values of a neighbourhood. Polishing
+    /// follows for what is chosen.
     fn add_vertex(&self, variant: &Variant, points: &mut Points) {
         let at: Vec<(f64, f64)> = points
             .tried

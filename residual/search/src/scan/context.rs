@@ -14,7 +14,8 @@ const CLEAR: f64 = 3.0;
 const MOST_FORCES: usize = 12;
 const MOST_TEXT: usize = 1000;
 
-/// Size of what a prediction has beside the load, over the size of the load in it, from which on it makes a difference.
+/// Size of what a prediction has beside the load, over the size of the load in it, from which on it
+/// makes a difference.
 const BESIDE: f64 = 0.02;
 
 /// Expression of the position: the angle, or the integral of the velocity.
@@ -34,7 +35,8 @@ impl<'a> Scan<'a> {
             .collect()
     }
 
-    /// Whether the only term of the command is the command itself with a fitted coefficient that scatters too much over the folds.
+    /// Whether the only term of the command is the command itself with a fitted coefficient that
+    /// scatters too much over the folds.
     fn load_is_vague(&self) -> bool {
         let terms = &self.model.terms;
         let mut of_command = (0..terms.len()).filter(|i| {
@@ -62,8 +64,8 @@ impl<'a> Scan<'a> {
         folds > 1 && self.fit.theta[at].abs() < CLEAR * error
     }
 
-    /// What the declared terms predict beside the effects, with their coefficients as numbers, where that is more than a multiple of the
-    /// load.
+    /// What the declared terms predict beside the effects, with their coefficients as numbers,
+    /// where that is more than a multiple of the load.
     fn all_force(&self) -> Option<String> {
         let declared = self.model.terms.iter().enumerate();
         let declared: Vec<_> = declared.filter(|(_, t)| t.chosen.is_none()).collect();

@@ -1,5 +1,5 @@
-//! Which fitted values a form cannot have, and dry friction in a model: which terms are, and whether a form makes it larger
-//! as its name says.
+//! Which fitted values a form cannot have, and dry friction in a model: which terms are, and
+//! whether a form makes it larger as its name says.
 
 use super::{Applied, Scan};
 use crate::model::WorkTerm;
@@ -26,7 +26,8 @@ fn has_direction(expr: &Expr, v: &str) -> bool {
         .any(|f| text.contains(&format!("{f}({v}")))
 }
 
-/// Whether the expression of an effect is dry friction: it has the direction of the motion, and not as a part of all force.
+/// Whether the expression of an effect is dry friction: it has the direction of the motion, and not
+/// as a part of all force.
 fn is_friction(expr: &Expr, v: &str) -> bool {
     let mut sum = false;
     expr.visit(&mut |e| {
@@ -67,7 +68,8 @@ impl Scan<'_> {
             let swapped = matches!(build, Build::Swap(_) | Build::SwapAll(_) | Build::Known(_));
             holds(psi, if swapped { &[] } else { own })
         }) && variant.adds_to_friction.is_none_or(|piece| {
-            // Squares with it and without: friction that is all in this piece has no sign to go against.
+            // Squares with it and without: friction that is all in this piece has no sign to go
+            // against.
             let Some((k, other, own)) = self.beside_friction(&build, &x, piece) else {
                 return true;
             };
@@ -80,15 +82,16 @@ impl Scan<'_> {
         })
     }
 
-    /// Coefficient of piece `own` in a fit `x`, and the products of the piece with the dry friction without it, and with itself.
-    /// `None` where there is nothing to compare.
+    /// Coefficient of piece `own` in a fit `x`, and the products of the piece with the dry friction
+    /// without it, and with itself. `None` where there is nothing to compare.
     fn beside_friction(&self, build: &Build, x: &[f64], own: usize) -> Option<(f64, f64, f64)> {
         let (Build::Add(pieces), Some(v)) = (build, velocity_of(self.spec)) else {
             return None;
         };
         let (refit, new) = x.split_at(self.fit.x.len());
         let value = |e: &Expr| self.problem.eval(&self.fit.view, e).ok();
-        // Declared and found terms with what the fit adds to their coefficients, then the form's own.
+        // Declared and found terms with what the fit adds to their coefficients, then the form's
+        // own.
         let mut refit = self.fit.theta.iter().zip(refit).map(|(t, x)| t + x);
         let mut friction = vec![0.0; self.problem.y.len()];
         let mut add = |e: &Expr, k: f64| {

@@ -21,8 +21,8 @@ pub(super) fn neighbourhood(p: &Psi, at: f64) -> Vec<f64> {
         .collect()
 }
 
-/// Where the parabola through three points (parameter, error) is least, at most their span beyond them; `None` if it has
-/// no minimum.
+/// Where the parabola through three points (parameter, error) is least, at most their span beyond
+/// them; `None` if it has no minimum.
 pub fn vertex(at: &[(f64, f64)]) -> Option<f64> {
     let [(a, fa), (b, fb), (c, fc)] = *at else {
         return None;
@@ -61,6 +61,7 @@ impl Scan<'_> {
     /// Golden-section search of the nonlinear parameter between `lo` and `hi`; every step takes
     /// two fifths of the interval away.
     pub fn refine(&self, variant: &Variant, lo: f64, hi: f64, steps: usize) -> f64 {
+        // The golden ratio less one.
         const RATIO: f64 = 0.618_033_988_749_895;
         let log = lo > 0.0 && hi / lo > 1.05;
         let to = |x: f64| if log { x.ln() } else { x };

@@ -1,7 +1,7 @@
 //! One scan: every form on offer, fitted on top of the current model and compared with decoys.
 //!
-//! A [`Scan`] holds the current model and its fit. It builds the sums of products of the model with a
-//! form applied, and from these the errors of the residual and of its decoys.
+//! A [`Scan`] holds the current model and its fit. It builds the sums of products of the model with
+//! a form applied, and from these the errors of the residual and of its decoys.
 
 mod between;
 mod candidate;
@@ -47,8 +47,8 @@ pub struct Scan<'a> {
     pub model: &'a Model,
     /// Its fit.
     pub fit: &'a Fit,
-    /// Whether it only ranks the forms, on fewer rows: without decoys, with parameters to a part of a grid step. The forms
-    /// that come first are scanned on all rows.
+    /// Whether it only ranks the forms, on fewer rows: without decoys, with parameters to a part of
+    /// a grid step. The forms that come first are scanned on all rows.
     pub screening: bool,
 }
 
@@ -59,8 +59,9 @@ struct Applied {
     local: bool,
     /// The fitted columns, without what terms with a coefficient for each sequence explain of them.
     columns: Vec<Column>,
-    /// What the columns predict if the prediction stays as it is: the present one less the terms with a known coefficient, without what
-    /// terms for each sequence explain of it. `None` where the form only adds columns: then they predict nothing if it stays.
+    /// What the columns predict if the prediction stays as it is: the present one less the terms
+    /// with a known coefficient, without what terms for each sequence explain of it. `None` where
+    /// the form only adds columns: then they predict nothing if it stays.
     present: Option<Vec<f64>>,
 }
 
@@ -148,8 +149,8 @@ impl<'a> Scan<'a> {
         })
     }
 
-    /// Sums of the model's terms with columns replaced, in the declared terms or `everywhere`, and with terms added that have
-    /// the coefficient 1.
+    /// Sums of the model's terms with columns replaced, in the declared terms or `everywhere`, and
+    /// with terms added that have the coefficient 1.
     fn sums_swapped(
         &self,
         pairs: &[(String, String)],
@@ -215,8 +216,8 @@ impl<'a> Scan<'a> {
         })
     }
 
-    /// Errors of the residual and of every decoy with a build applied, and the held-out squared error by block if
-    /// `by_block`, else nothing.
+    /// Errors of the residual and of every decoy with a build applied, and the held-out squared
+    /// error by block if `by_block`, else nothing.
     fn score(&self, build: &Build, keep: bool, by_block: bool) -> Option<(Scores, Vec<f64>)> {
         let p = self.problem;
         let Applied { sums, local, .. } = self.sums(build, keep).ok()?;
@@ -262,8 +263,9 @@ impl<'a> Scan<'a> {
         best.map(|(psi, _)| *psi)
     }
 
-    /// Whether the data exclude a form at `psi` in the place of a chosen one: it predicts worse, or explains less than half as much. A
-    /// form that is the chosen one itself beside the terms of the model is excluded, too: it is no other effect.
+    /// Whether the data exclude a form at `psi` in the place of a chosen one: it predicts worse, or
+    /// explains less than half as much. A form that is the chosen one itself beside the terms of
+    /// the model is excluded, too: it is no other effect.
     pub fn excludes(&self, other: &Lookalike, psi: f64, own: &Chosen) -> bool {
         let at = |psi: f64| vec![psi; self.problem.folds];
         let with = self.losses(&other.form, &at(psi));

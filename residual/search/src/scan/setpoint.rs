@@ -1,4 +1,5 @@
-//! Effects in a closed loop: what the part of the command that follows the setpoint says about them.
+//! Effects in a closed loop: what the part of the command that follows the setpoint says about
+//! them.
 //!
 //! The controller turns slow disturbances into command, so anything built from the command
 //! correlates with them. The setpoint is free of that.
@@ -29,11 +30,12 @@ impl Scan<'_> {
             .any(|t| Expr::parse(t).is_ok_and(|e| e.names().contains("command")))
     }
 
-    /// How much the setpoint confirms of a form that adds `added` to the prediction: 1 if the part of it that follows
-    /// from the setpoint is in the residual too, 0 if it is not there. 1 if it adds nothing.
+    /// How much the setpoint confirms of a form that adds `added` to the prediction: 1 if the part
+    /// of it that follows from the setpoint is in the residual too, 0 if it is not there. 1 if it
+    /// adds nothing.
     ///
-    /// This is the ratio of the two-stage to the one-stage least-squares estimate, with the setpoint's
-    /// history as instruments. Also 0 if the setpoint moves too little to tell.
+    /// This is the ratio of the two-stage to the one-stage least-squares estimate, with the
+    /// setpoint's history as instruments. Also 0 if the setpoint moves too little to tell.
     pub fn share_on_setpoint(&self, instruments: &Instruments, added: &[f64]) -> f64 {
         if added.iter().all(|a| *a == 0.0) {
             return 1.0;
@@ -54,8 +56,8 @@ impl Scan<'_> {
     }
 }
 
-/// The setpoint's history and direction on the kept rows. Single precision: any function of the setpoint is an instrument, so also a
-/// rounded one, and large logs need half of the memory.
+/// The setpoint's history and direction on the kept rows. Single precision: any function of the
+/// setpoint is an instrument, so also a rounded one, and large logs need half of the memory.
 pub struct Instruments {
     /// Columns, and whether their squares are instruments as well.
     columns: Vec<(Vec<f32>, bool)>,
@@ -117,7 +119,8 @@ impl Instruments {
     }
 }
 
-/// Expressions of the setpoint's history and direction, and whether their squares are instruments as well.
+/// Expressions of the setpoint's history and direction, and whether their squares are instruments
+/// as well.
 fn texts(scan: &Scan) -> Vec<(String, bool)> {
     let frame = &scan.problem.frame;
     let mut out = vec![("1".to_string(), false)];

@@ -6,8 +6,8 @@ use residual_columns::stats;
 ///
 /// With `n` decoys the smallest p value that a count can give is `1 / (n + 1)`: 1/49 for the usual
 /// 48, too large after correction for a hundred forms. So the tail is that of a normal distribution
-/// with the mean of the decoys' gains and 1.4 times their standard deviation. Where decoys reach the
-/// gain, the p value is at least what their count says.
+/// with the mean of the decoys' gains and 1.4 times their standard deviation. Where decoys reach
+/// the gain, the p value is at least what their count says.
 pub(super) fn p_value(gain: f64, decoys: &[f64]) -> f64 {
     if decoys.is_empty() {
         return 1.0;
@@ -37,9 +37,10 @@ pub fn t_statistic(before: &[f64], after: &[f64]) -> f64 {
     }
 }
 
-/// Whether the error falls in nearly all blocks in which it changes at all. An effect that acts in few
-/// places (a limit that is seldom reached) has a large spread over all blocks, however sure it is. A sign
-/// test: at least three blocks with a hundredth of the whole change each, at most one in eight against.
+/// Whether the error falls in nearly all blocks in which it changes at all. An effect that acts in
+/// few places (a limit that is seldom reached) has a large spread over all blocks, however sure it
+/// is. A sign test: at least three blocks with a hundredth of the whole change each, at most one in
+/// eight against.
 pub(super) fn steady_where_it_acts(before: &[f64], after: &[f64]) -> bool {
     let change = falls(before, after);
     let whole: f64 = change.iter().map(|d| d.abs()).sum();

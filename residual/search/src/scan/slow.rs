@@ -1,8 +1,9 @@
-//! Slow forms against slow noise: what a form adds that hardly changes within a sequence is compared with the noise at its own
-//! frequencies.
+//! Slow forms against slow noise: what a form adds that hardly changes within a sequence is
+//! compared with the noise at its own frequencies.
 //!
-//! Decoys cannot show this: their signs change from block to block, so they are white at periods longer than a block. The zero
-//! of a sensor often wanders instead (noise of 1/f), and over a few sequences a wander can look like a creep or a warming.
+//! Decoys cannot show this: their signs change from block to block, so they are white at periods
+//! longer than a block. The zero of a sensor often wanders instead (noise of 1/f), and over a few
+//! sequences a wander can look like a creep or a warming.
 
 use super::between::{means_of, mostly_between, FEWEST_MEANS};
 use super::Scan;
@@ -17,25 +18,29 @@ const CELLS: usize = 1024;
 /// Fewest cells of a sequence that has a spectrum.
 const FEWEST: usize = 16;
 
-/// Lowest frequencies of a sequence: half a period of what is in them is a quarter of the sequence or more.
+/// Lowest frequencies of a sequence: half a period of what is in them is a quarter of the sequence
+/// or more.
 const LOWEST: usize = 2;
 
 /// Share of its power within sequences in the lowest frequencies from which on a form is slow.
 const SLOW: f64 = 0.5;
 
-/// Ratio of the ends of the two lowest bands whose powers show how the noise falls with the frequency.
+/// Ratio of the ends of the two lowest bands whose powers show how the noise falls with the
+/// frequency.
 const BAND: f64 = 3.0;
 
-/// Most of what a form varies in sequences without a spectrum, over what it varies in those with one.
+/// Most of what a form varies in sequences without a spectrum, over what it varies in those with
+/// one.
 const SHORT: f64 = 0.1;
 
 /// Fewest lines of the spectrum that the noise at a frequency is taken from.
 const LINES: usize = 4;
 
 impl Scan<'_> {
-    /// p value of what a slow form, which adds `added` to the prediction, explains within sequences: an F test against the
-    /// noise at its frequencies. `None` for a form that is not slow, where sequences are too short to tell, and for two logs in
-    /// whose means the evidence is.
+    /// p value of what a slow form, which adds `added` to the prediction, explains within
+    /// sequences: an F test against the noise at its frequencies. `None` for a form that is not
+    /// slow, where sequences are too short to tell, and for two logs in whose means the evidence
+    /// is.
     pub fn against_slow_noise(&self, variant: &Variant, added: &[f64]) -> Option<f64> {
         if added.len() != self.fit.residual.len() {
             return None;
@@ -51,7 +56,8 @@ impl Scan<'_> {
     }
 }
 
-/// p value of what is `added` to explain a residual: how sure its direction is, so that it counts as one parameter.
+/// p value of what is `added` to explain a residual: how sure its direction is, so that it counts
+/// as one parameter.
 fn p_value(residual: &[f64], added: &[f64], rows: &[Range<usize>]) -> Option<f64> {
     let longest = rows.iter().map(|r| r.len()).max()?;
     let per_cell = (longest / CELLS).max(1);
@@ -115,7 +121,8 @@ fn means(u: &[f64], rows: usize) -> impl Iterator<Item = f64> + '_ {
     u.chunks_exact(rows).map(stats::mean)
 }
 
-/// Power of a sequence over its cells, at 0 to half a cycle per cell: the squared amplitude over the number of cells.
+/// Power of a sequence over its cells, at 0 to half a cycle per cell: the squared amplitude over
+/// the number of cells.
 fn power(planner: &mut FftPlanner<f64>, u: &[f64], per_cell: usize) -> Vec<f64> {
     let mut buffer: Vec<Complex<f64>> = means(u, per_cell).map(|m| Complex::new(m, 0.0)).collect();
     let n = buffer.len();
@@ -126,8 +133,9 @@ fn power(planner: &mut FftPlanner<f64>, u: &[f64], per_cell: usize) -> Vec<f64> 
         .collect()
 }
 
-/// Density of the noise over frequency: a power of the frequency within two octaves, so that the lowest lines of a slow noise, which
-/// have higher neighbours only, are not taken for lower than they are.
+/// Density of the noise over frequency: a power of the frequency within two octaves, so that the
+/// lowest lines of a slow noise, which have higher neighbours only, are not taken for lower than
+/// they are.
 struct Noise {
     /// Cycles per cell, in order.
     frequency: Vec<f64>,
@@ -173,8 +181,8 @@ impl Noise {
         }
     }
 
-    /// Density at a frequency and the number of lines in it: those from half to twice the frequency, with so many above them that
-    /// they are not too few.
+    /// Density at a frequency and the number of lines in it: those from half to twice the
+    /// frequency, with so many above them that they are not too few.
     fn at(&self, frequency: f64) -> Option<(f64, usize)> {
         let first = self.frequency.partition_point(|f| *f < 0.5 * frequency);
         let end = self.frequency.partition_point(|f| *f <= 2.0 * frequency);
@@ -192,7 +200,8 @@ mod tests {
 
     const ROWS_OF_ONE: usize = 3000;
 
-    /// Noise of 1/f about: the sum of filtered noises with memories of 4 to 4096 rows, of equal size, and white noise.
+    /// Noise of 1/f about: the sum of filtered noises with memories of 4 to 4096 rows, of equal
+    /// size, and white noise.
     fn wandering(rng: &mut Rng) -> Vec<f64> {
         let mut states: Vec<(f64, f64)> = (0..6)
             .map(|k| ((-0.25 / 4f64.powi(k)).exp(), rng.normal()))
@@ -207,7 +216,8 @@ mod tests {
             .collect()
     }
 
-    /// p value of a form fitted with an offset to noise in some sequences and `size` of the form itself.
+    /// p value of a form fitted with an offset to noise in some sequences and `size` of the form
+    /// itself.
     fn p(
         noise: impl Fn(&mut Rng) -> Vec<f64>,
         form: impl Fn(f64, usize) -> f64,

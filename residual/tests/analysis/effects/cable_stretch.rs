@@ -3,8 +3,8 @@
 use crate::rig::knowing;
 use residual_effects::*;
 
-/// Spring in a model of a motion with this amplitude in rad, the speed counted along the angle or against it: the term, and
-/// why it cannot be.
+/// Spring in a model of a motion with this amplitude in rad, the speed counted along the angle or
+/// against it: the term, and why it cannot be.
 fn spring(amplitude: f64, along: f64) -> (String, Option<String>) {
     let of =
         |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..1200).map(|i| f(0.02 * i as f64)).collect() };
@@ -63,7 +63,8 @@ fn is_named() {
     });
 }
 
-/// Rows may be close beside the motion: a lag of hundreds of rows is looked for then, and no creep takes its place.
+/// Rows may be close beside the motion: a lag of hundreds of rows is looked for then, and no creep
+/// takes its place.
 #[test]
 fn the_longest_lag_goes_with_the_motion() {
     let longest = |w: f64| {

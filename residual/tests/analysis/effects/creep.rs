@@ -7,11 +7,7 @@ use residual_effects::*;
 #[test]
 fn is_refused_where_it_may_be_as_fast_as_a_gain() {
     let refused = |interval: [f64; 2]| {
-        let time_constant = Param {
-            name: "time_constant".into(),
-            value: 6.0,
-            unit: "s".into(),
-        };
+        let time_constant = Param::new("time_constant", 6.0, "s");
         let estimate = Estimate {
             form: Form::Other,
             label: "",

@@ -92,7 +92,8 @@ fn longest(w: f64) -> f64 {
     out
 }
 
-/// Rows may be close beside the motion: a delay of many rows is looked for then, and no lag takes its place.
+/// Rows may be close beside the motion: a delay of many rows is looked for then, and no lag takes
+/// its place.
 #[test]
 fn the_longest_delay_goes_with_the_motion() {
     assert!((longest(8.0) - 0.64).abs() < 1e-9, "{}", longest(8.0));

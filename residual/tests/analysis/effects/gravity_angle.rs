@@ -3,7 +3,8 @@
 use crate::rig::knowing;
 use residual_effects::*;
 
-/// Forms offered for three poses, the first of them the angle once more, and an angle with this amplitude in rad.
+/// Forms offered for three poses, the first of them the angle once more, and an angle with this
+/// amplitude in rad.
 fn forms(amplitude: f64, effect: &dyn Effect) -> Vec<String> {
     let of =
         |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..1200).map(|i| f(0.02 * i as f64)).collect() };

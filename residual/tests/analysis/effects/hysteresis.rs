@@ -28,9 +28,7 @@ fn a_loop_turns_within_a_run() {
             let holds = forms[0].possible.as_ref().unwrap();
             assert!(holds(7.0, &[1.0]) && !holds(95.0, &[1.0]));
             let width = |value| {
-                let unit = String::new();
-                let name = "turning_width".into();
-                let params = &[Param { name, value, unit }];
+                let params = &[Param::new("turning_width", value, "")];
                 let (label, intervals) = ("loop of load", &Default::default());
                 let form = Form::Other;
                 effect(EffectKind::Hysteresis).impossible(
@@ -49,7 +47,8 @@ fn a_loop_turns_within_a_run() {
     );
 }
 
-/// State of a loop, -1 to 1, that turns over a distance, from the values of its driver; the first of a run starts it.
+/// State of a loop, -1 to 1, that turns over a distance, from the values of its driver; the first
+/// of a run starts it.
 fn gradual_loop(distance: f64) -> impl FnMut(bool, f64) -> f64 {
     let (mut z, mut last) = (0.0, 0.0);
     move |first, x| {

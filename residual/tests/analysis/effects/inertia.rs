@@ -32,8 +32,8 @@ fn slopes_are_short_beside_the_motion() {
     assert_eq!(widths(8.0), [1.0]);
 }
 
-/// Of few rows the slope loses a part of the acceleration. A noisy velocity takes a slope over many rows, which loses a part as
-/// well and is noisy itself.
+/// Of few rows the slope loses a part of the acceleration. A noisy velocity takes a slope over many
+/// rows, which loses a part as well and is noisy itself.
 #[test]
 fn is_neither_too_large_nor_too_small() {
     for (dt, noise) in [(0.05, 0.01), (0.01, 0.3)] {
@@ -78,8 +78,9 @@ fn found(dt: f64, noise: f64) -> (f64, String) {
     (own.params["inertia"], own.terms[0].clone())
 }
 
-/// Velocities whose noise is not white: from the difference of two angles of an encoder, from its slope, held for several rows, and
-/// filtered. How much of it a slope has is not known, so there is no factor.
+/// Velocities whose noise is not white: from the difference of two angles of an encoder, from its
+/// slope, held for several rows, and filtered. How much of it a slope has is not known, so there is
+/// no factor.
 #[test]
 fn noise_of_another_colour_gives_no_factor() {
     let (rows, dt, count) = (20_000, 0.02, 0.0015);
@@ -133,7 +134,8 @@ fn what_the_slopes_lose_of_a_sine_is_made_up_for() {
     }
 }
 
-/// The slopes of a sine of an angular frequency, in rows 0.02 s apart, have these half widths and the size of its acceleration.
+/// The slopes of a sine of an angular frequency, in rows 0.02 s apart, have these half widths and
+/// the size of its acceleration.
 fn loses_nothing_of_a_sine(w: f64, widths: &[f64]) {
     let (rows, dt) = (1000, 0.02);
     let velocity: Vec<f64> = (0..rows).map(|i| (w * dt * i as f64).sin()).collect();

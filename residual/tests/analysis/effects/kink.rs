@@ -1,4 +1,5 @@
-//! A characteristic of two straight lines: a second path of the load, a stop, a loose joint that closes.
+//! A characteristic of two straight lines: a second path of the load, a stop, a loose joint that
+//! closes.
 
 use crate::rig::{acts_on_all_force, names_with, Excitation};
 

@@ -59,8 +59,8 @@ fn a_mass_on_a_short_arc_is_like_any_parabola() {
     assert!(impossible(0.33) && !impossible(1.0));
 }
 
-/// A mass at the end of an arm of two links, beside a model whose coefficients are those of the arm without it. Each part of it
-/// looks like a larger gain.
+/// A mass at the end of an arm of two links, beside a model whose coefficients are those of the arm
+/// without it. Each part of it looks like a larger gain.
 #[test]
 fn is_named_at_the_end_of_an_arm() {
     let report = carried(0.3);

@@ -10,7 +10,8 @@ fn is_named() {
     names("saturation", |s| s.command.min(4.2) - s.command);
 }
 
-/// Six runs of which one comes to `limit`, with a gain and an offset to fit; noise of 20 mN before the limit.
+/// Six runs of which one comes to `limit`, with a gain and an offset to fit; noise of 20 mN before
+/// the limit.
 fn one_run_at(limit: f64) -> Report {
     let (runs, rows) = (6, 1500);
     let mut rng = Rng::new(3);

@@ -19,11 +19,7 @@ fn friction_has_one_sign_at_all_speeds() {
                 ("sliding_friction", sliding),
                 ("extra_at_low_speed", extra),
             ];
-            let params = named.map(|(name, value)| Param {
-                name: name.into(),
-                value,
-                unit: String::new(),
-            });
+            let params = named.map(|(name, value)| Param::new(name, value, ""));
             let estimate = Estimate {
                 form: Form::Other,
                 label: "gaussian",

@@ -20,7 +20,8 @@ pub(super) struct Column<'a> {
 }
 
 impl<'a> Column<'a> {
-    /// Adds what the second line of a header says: a unit, or words that stand for a role where the name has none.
+    /// Adds what the second line of a header says: a unit, or words that stand for a role where the
+    /// name has none.
     pub(super) fn describe(&mut self, second: &'a str) {
         let text = header::bare(second);
         if let Some((unit, scale)) = names::known(text) {
@@ -84,7 +85,8 @@ impl Chosen {
     }
 }
 
-/// Chooses target, velocity, angle and what drives them, all of one joint where there are several. `time` is taken already.
+/// Chooses target, velocity, angle and what drives them, all of one joint where there are several.
+/// `time` is taken already.
 pub(super) fn choose(columns: &[Column], time: Option<usize>) -> Chosen {
     let mut chosen = Chosen::default();
     let Some((target, question)) = target(columns, time) else {
@@ -193,6 +195,7 @@ fn others(
 }
 
 /// Spread of a column as a share of its mean up to which it is a supply and no command.
+/// Raised from 0.01 for supplies that sag.
 const SUPPLY: f64 = 0.05;
 
 /// Whether a column stands still but for its noise.

@@ -3,7 +3,8 @@
 use super::names::{self, Name};
 use std::collections::BTreeSet;
 
-/// Symbols of units. A prefix may stand before each; capitals count, so that `v` and `a` stay names.
+/// Symbols of units. A prefix may stand before each; capitals count, so that `v` and `a` stay
+/// names.
 const SYMBOLS: &[&str] = &[
     "s", "sec", "min", "h", "Hz", "m", "in", "ft", "g", "N", "Nm", "lb", "lbf", "V", "A", "W", "J",
     "K", "C", "F", "Pa", "bar", "psi", "rad", "deg", "rev", "r", "rpm", "RPM", "U", "dps", "Ohm",
@@ -42,7 +43,8 @@ pub(super) fn is_symbol(text: &str) -> bool {
     parts.peek().is_some() && parts.all(known)
 }
 
-/// Whether a cell may stand in a line of units: a symbol, a text in brackets, nothing, or a sign such as `-` and `%`.
+/// Whether a cell may stand in a line of units: a symbol, a text in brackets, nothing, or a sign
+/// such as `-` and `%`.
 fn is_unit(cell: &str) -> bool {
     let text = bare(cell);
     let in_brackets =
@@ -52,9 +54,9 @@ fn is_unit(cell: &str) -> bool {
     in_brackets || is_sign || is_label || is_symbol(text)
 }
 
-/// Whether a line is the second of a header, below a line of `names`: a unit of time stands below the name of a time, or
-/// every cell may be a unit. Where all are single letters they may be names below a line of prose, unless a letter is
-/// repeated or a name above says what it is.
+/// Whether a line is the second of a header, below a line of `names`: a unit of time stands below
+/// the name of a time, or every cell may be a unit. Where all are single letters they may be names
+/// below a line of prose, unless a letter is repeated or a name above says what it is.
 pub(super) fn is_second(names: &[&str], second: &[&str]) -> bool {
     let role = |name: &str| Name::of(name).role();
     let units = second.iter().map(|cell| bare(cell));

@@ -165,7 +165,8 @@ impl Row<'_> {
             && columns.any(|(_, c)| is_number(c, self.decimal))
     }
 
-    /// Cells of a line above the rows. A separator at the end of it, or of the rows only, makes no column.
+    /// Cells of a line above the rows. A separator at the end of it, or of the rows only, makes no
+    /// column.
     fn head<'a>(&self, line: &'a str) -> Vec<&'a str> {
         let count = self.is_number.len();
         let mut cells = split(line, self.separator);
@@ -185,7 +186,8 @@ impl Row<'_> {
             && !columns.any(|(n, c)| *n && is_number(c, self.decimal))
     }
 
-    /// Place and cells of the last line that names the columns, and the cells of the second line of the header below it.
+    /// Place and cells of the last line that names the columns, and the cells of the second line of
+    /// the header below it.
     fn header<'a>(&self, above: &[Vec<&'a str>]) -> Option<(usize, Vec<&'a str>, Vec<String>)> {
         if let [.., names, second] = above {
             // Cells may be missing at the end, but not between blanks.
@@ -258,7 +260,8 @@ fn split<'a>(line: &'a str, separator: &str) -> Vec<&'a str> {
     }
 }
 
-/// The cells of a line in which a separator may stand between quotation marks; `None` where there are none, or one is not closed.
+/// The cells of a line in which a separator may stand between quotation marks; `None` where there
+/// are none, or one is not closed.
 fn quoted<'a>(line: &'a str, separator: &str) -> Option<Vec<&'a str>> {
     if !line.contains('"') {
         return None;
@@ -289,7 +292,8 @@ fn has_kinds(lines: &[Line]) -> bool {
     10 * all >= 9 * lines.len() && words.len() > 1 && 5 * words.len() < all
 }
 
-/// The number of cells that nearly all lines have; `None` if they differ. The first half may be prose.
+/// The number of cells that nearly all lines have; `None` if they differ. The first half may be
+/// prose.
 fn usual(lines: &[Line], separator: &str) -> Option<usize> {
     let counts: Vec<usize> = lines[lines.len() / 2..]
         .iter()

@@ -1,5 +1,5 @@
-//! A first model file for logs that nobody has described yet: separator, header, roles and units as they seem to be, with the
-//! questions that only a person can answer.
+//! A first model file for logs that nobody has described yet: separator, header, roles and units as
+//! they seem to be, with the questions that only a person can answer.
 //!
 //! | file | concern |
 //! |---|---|
@@ -28,10 +28,12 @@ use std::path::{Path, PathBuf};
 /// Logs that are looked at until one has rows.
 const TRIES: usize = 20;
 
-/// Writes a model file for logs: what the first of them that has rows looks like, with open questions as comments.
+/// Writes a model file for logs: what the first of them that has rows looks like, with open
+/// questions as comments.
 ///
 /// # Errors
-/// [`Error::Io`] if no layout fits the first lines of any log, or if none can be read: that of the first one.
+/// [`Error::Io`] if no layout fits the first lines of any log, or if none can be read: that of the
+/// first one.
 pub fn guess(paths: &[PathBuf]) -> Result<String, Error> {
     let files = files::find_files(paths)?;
     let mut first = None;

@@ -160,7 +160,8 @@ impl Name {
             unit: "",
             scale: 1.0,
         };
-        // An `in` may be a side of something, and a letter part of a unit that is not known: a speed is not in s.
+        // An `in` may be a side of something, and a letter part of a unit that is not known: a
+        // speed is not in s.
         let role = name.role();
         let is_length = matches!(role, Some("angle" | "velocity"));
         let is_side = ending == ["in"] && !is_length;
@@ -215,7 +216,8 @@ fn parts(name: &str) -> Vec<String> {
     parts.map(str::to_string).collect()
 }
 
-/// How many of the last parts are a unit, the unit and its factor. A name that is nothing but a unit of time is a time.
+/// How many of the last parts are a unit, the unit and its factor. A name that is nothing but a
+/// unit of time is a time.
 fn unit(parts: &[String]) -> (usize, &'static str, f64) {
     for (ending, unit, scale) in UNITS {
         let count = ending.split('_').count();

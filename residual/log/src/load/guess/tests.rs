@@ -297,7 +297,8 @@ fn a_line_of_units_below_the_names_is_understood() {
 
 #[test]
 fn a_second_line_may_have_gaps_labels_and_words() {
-    // Names empty and repeated, a label before the units, a unit that is only text, the last cell missing.
+    // Names empty and repeated, a label before the units, a unit that is only text, the last cell
+    // missing.
     let (spec, text) = of(&format!(
         "Rig;4;cold\nName;\"Torque\";\nUnit;\"kNm\"\n{}",
         rows(";", ",")

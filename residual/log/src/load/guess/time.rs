@@ -10,7 +10,8 @@ const COUNTERS: &[&str] = &[
     "seq", "index", "row", "id", "no", "count", "counter", "sample", "frame", "line",
 ];
 
-/// Units of time: name, in seconds, and where the clock of a computer stands in it, in seconds since 1970.
+/// Units of time: name, in seconds, and where the clock of a computer stands in it, in seconds
+/// since 1970.
 const CLOCKS: &[(&str, f64)] = &[("s", 1.0), ("ms", 1e-3), ("µs", 1e-6), ("ns", 1e-9)];
 
 /// Seconds since 1970 of logs: from 2001 to 2065.
@@ -77,7 +78,8 @@ impl Growth {
         !self.up.is_empty() && self.repeats + self.falls == 0
     }
 
-    /// Whether a column with the name of a time may be one: repeated stamps and a second run are no hindrance.
+    /// Whether a column with the name of a time may be one: repeated stamps and a second run are no
+    /// hindrance.
     fn mostly(&self) -> bool {
         self.up.len() > self.repeats && 100 * self.falls < self.up.len()
     }
@@ -93,8 +95,9 @@ impl Growth {
     }
 }
 
-/// Finds the time: a column with such a name that grows, else one that grows in steps of about one size.
-/// `slope` gives, for a column taken as time, the slope of the angle as a multiple of the velocity.
+/// Finds the time: a column with such a name that grows, else one that grows in steps of about one
+/// size. `slope` gives, for a column taken as time, the slope of the angle as a multiple of the
+/// velocity.
 pub(super) fn find(columns: &[Column], slope: impl Fn(usize) -> Option<f64>) -> Option<Time> {
     let grown: Vec<Growth> = columns.iter().map(|c| Growth::of(c.values)).collect();
     let all = 0..columns.len();
@@ -137,7 +140,8 @@ pub(super) fn find(columns: &[Column], slope: impl Fn(usize) -> Option<f64>) -> 
     })
 }
 
-/// Seconds per unit of a column: by its name, by the date that it shows, by angle and velocity, else by the size of its steps.
+/// Seconds per unit of a column: by its name, by the date that it shows, by angle and velocity,
+/// else by the size of its steps.
 fn unit(column: &Column, step: f64, slope: Option<f64>) -> (f64, Option<String>) {
     if column.name.unit == "s" {
         return (column.name.scale, None);

@@ -4,7 +4,8 @@ use super::columns::Column;
 use residual_columns::format::num;
 use std::f64::consts::TAU;
 
-/// Rows between the two places whose difference is compared: quantised angles have no slope from row to row.
+/// Rows between the two places whose difference is compared: quantised angles have no slope from
+/// row to row.
 const REACH: usize = 10;
 
 /// A column in the model file.
@@ -39,7 +40,8 @@ impl Measure {
     }
 }
 
-/// The slope of the angle as a multiple of the velocity, with a column as time; `None` if the two do not move alike.
+/// The slope of the angle as a multiple of the velocity, with a column as time; `None` if the two
+/// do not move alike.
 pub(super) fn slope(time: &Column, angle: &Column, velocity: &Column) -> Option<f64> {
     let unit = |c: &Column| c.name.unit;
     let alike = match (unit(angle), unit(velocity)) {
@@ -67,7 +69,8 @@ pub(super) fn slope(time: &Column, angle: &Column, velocity: &Column) -> Option<
     (agreement > 0.9).then(|| ab / aa * angle.name.scale / velocity.name.scale)
 }
 
-/// The angle, with a unit by its range where its name has none. `velocity` is the column of the velocity.
+/// The angle, with a unit by its range where its name has none. `velocity` is the column of the
+/// velocity.
 pub(super) fn angle(column: &Column, velocity: Option<&Column>) -> Measure {
     let named = Measure::of(column);
     if !named.unit.is_empty() {
@@ -109,7 +112,8 @@ pub(super) fn velocity(column: &Column, angle: Option<&Measure>) -> Measure {
     }
 }
 
-/// What a slope of the angle other than the velocity means; `slope` is their ratio with the time in s.
+/// What a slope of the angle other than the velocity means; `slope` is their ratio with the time in
+/// s.
 pub(super) fn contradiction(slope: f64) -> Option<String> {
     if (0.8..1.25).contains(&slope) {
         return None;

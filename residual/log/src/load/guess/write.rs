@@ -200,7 +200,8 @@ fn roles(out: &mut String, columns: &[Column], chosen: &Chosen, time: Option<&Ti
     }
 }
 
-/// What else is to be asked: the deadband, columns that contradict each other, columns without a role.
+/// What else is to be asked: the deadband, columns that contradict each other, columns without a
+/// role.
 fn hints(
     out: &mut String,
     columns: &[Column],
@@ -252,7 +253,8 @@ fn holdout(out: &mut String, time: Option<&Time>) {
     };
 }
 
-/// Length of the blocks of time, in s: 10, or less where that makes too few groups; never of too few rows, but always two.
+/// Length of the blocks of time, in s: 10, or less where that makes too few groups; never of too
+/// few rows, but always two.
 fn block(span: f64, step: f64) -> f64 {
     let wanted = (span / GROUPS)
         .min(10.0)

@@ -1,0 +1,121 @@
+//! Effects that contradict each other.
+
+use super::refusal::{Against, Refusal};
+use crate::intervals::Parameters;
+use residual_columns::format::num;
+use residual_effects::{Nature, Param};
+use residual_search::Weight;
+
+/// Marks effects that contradict each other. Friction takes energy out of a motion, inertia is
+/// positive and a spring pulls back, so all of one motion has one sign: for the force of a drive
+/// that of the motion, for the force behind it the other. Of two with unlike signs the one that is
+/// worth less is none, but a correction of the other.
+pub(super) fn contradictions(
+    why: &mut [Option<Refusal>],
+    weights: &[Weight],
+    parameters: &[&Parameters],
+) {
+    let size = |index: usize| parameters[index].0.iter().find(|p| p.nature.has_one_sign());
+    // The most valuable first.
+    let mut first: Option<&Param> = None;
+    for w in weights {
+        if why[w.index].is_some() {
+            continue;
+        }
+        match (size(w.index), first) {
+            (Some(own), None) => first = Some(own),
+            (Some(own), Some(other)) if own.value * other.value < 0.0 => {
+                why[w.index] = Some(Against::Itself.refuses(format!(
+                    "{} {} beside {} {} of another effect: friction, damping, inertia and stiffness of one motion have one sign",
+                    own.name,
+                    num(own.value),
+                    other.name,
+                    num(other.value),
+                )));
+            }
+            _ => {}
+        }
+    }
+}
+
+/// Inertia up to which it may be that of a late velocity, over what the lateness makes of the
+/// damping.
+const OF_A_LAG: f64 = 1.5;
+
+/// Marks an inertia that is no larger than what a velocity column that is `late` by some seconds
+/// makes of the damping: the damping of the real velocity is that of the column and that times the
+/// lateness of the acceleration.
+pub(super) fn inertia_of_a_lag(why: &mut [Option<Refusal>], parameters: &[&Parameters], late: f64) {
+    let all = parameters.iter().flat_map(|(params, _)| params);
+    let damping: f64 = all
+        .filter(|p| p.nature == Nature::Damping)
+        .map(|p| p.value)
+        .sum();
+    let made = OF_A_LAG * late * damping;
+    for (why, (params, _)) in why.iter_mut().zip(parameters) {
+        let Some(own) = params.iter().find(|p| p.nature == Nature::Inertia) else {
+            continue;
+        };
+        // That of a mass has its weight beside it.
+        let alone = params.iter().all(|p| p.nature != Nature::Weight);
+        if why.is_none() && alone && own.value * made > 0.0 && own.value.abs() <= made.abs() {
+            *why = Some(Against::Itself.refuses(format!(
+                "inertia {} is no more than the damping makes of the velocity column, which is {} s late against the slope of the angle",
+                num(own.value),
+                num(late)
+            )));
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::reasons::tests::weights;
+    use super::*;
+
+    fn parameter(nature: Nature, value: f64) -> Parameters {
+        let param = Param::new("", value, "").being(nature);
+        (vec![param], Default::default())
+    }
+
+    #[test]
+    fn of_two_with_unlike_signs_the_weaker_is_none() {
+        use Nature::{Damping, Friction, Inertia, Other, Stiffness};
+        let of = |natures: [Nature; 3], values: [f64; 3]| {
+            let all = natures.into_iter().zip(values);
+            let parameters: Vec<Parameters> = all.map(|(n, v)| parameter(n, v)).collect();
+            let mut why = vec![None; 3];
+            let weights = weights(&[1.1, 3.0, 2.0]);
+            contradictions(&mut why, &weights, &parameters.iter().collect::<Vec<_>>());
+            why.iter().map(Option::is_some).collect::<Vec<_>>()
+        };
+        let with = |values| of([Inertia; 3], values);
+        assert_eq!(with([0.1, 0.2, 0.3]), [false, false, false]);
+        assert_eq!(with([-0.1, 0.2, 0.3]), [true, false, false]);
+        // A spring pulls back as inertia does.
+        let all = [Stiffness, Inertia, Damping];
+        assert_eq!(of(all, [-0.1, 0.2, 0.3]), [true, false, false]);
+        // The sign is that of the most valuable one, whatever it is.
+        assert_eq!(with([0.1, -0.2, 0.3]), [true, false, true]);
+        // The loop of a position is friction, that of a load is not.
+        let beside = |a_loop| of([Inertia, a_loop, Damping], [0.1, -0.2, 0.3]);
+        assert_eq!(beside(Friction), [true, false, true]);
+        assert_eq!(beside(Other), [false, false, false]);
+    }
+
+    #[test]
+    fn an_inertia_that_a_late_velocity_makes_of_damping_is_none() {
+        let refused = |inertia: f64, late: f64| {
+            let parameters = [
+                parameter(Nature::Damping, -2.0),
+                parameter(Nature::Inertia, inertia),
+            ];
+            let mut why = vec![None; 2];
+            inertia_of_a_lag(&mut why, &parameters.iter().collect::<Vec<_>>(), late);
+            assert!(why[0].is_none());
+            why[1].is_some()
+        };
+        assert!(refused(-0.04, 0.02) && refused(-0.055, 0.02));
+        assert!(!refused(-0.07, 0.02) && !refused(0.04, 0.02) && !refused(-0.04, 0.005));
+    }
+}
