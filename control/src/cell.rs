@@ -55,15 +55,6 @@ impl CellConfig {
         }
     }
 
-    /// Without a force: the numbers of a configuration that could not be made.
-    pub const NONE: Self = Self {
-        scale: 0,
-        zero: 0,
-        curve: 0,
-        creep_q16: 0,
-        creep_rate: 0,
-    };
-
     /// Code to force by zero and scale alone.
     pub const fn straight(&self, code: AdcCode) -> Newton {
         let counts = code.get() as i64 - self.zero as i64;
