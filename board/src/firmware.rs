@@ -13,13 +13,13 @@ use board::hw::{dac, gpio, pac, sensors, startup, time, usart, usb};
 use board::machine::{Effects, Health, LoopFigures, Machine, LINKS};
 use board::pins;
 use board::telemetry::Outstanding;
-use control::{AdcCode, DacCode, EncoderCounts, Fault, Micros, SystemState};
+use control::{AdcCode, DacCode, EncoderCounts, Fault, Micros, SystemState, UnitIndex, UNITS};
 use defmt_rtt as _;
 use heapless::{Deque, String};
 use wire::message::{BoardInfo, FaultReport};
-use wire::{BoardMessage, ABI_VERSION, SCHEMA_HASH, UNITS};
+use wire::{BoardMessage, ABI_VERSION, SCHEMA_HASH};
 
-defmt::timestamp!("{=u32:us}", time::now());
+defmt::timestamp!("{=u32:us}", time::now().0);
 
 /// Period of the status frames in milliseconds.
 const STATUS_MS: u32 = 50;
@@ -46,7 +46,7 @@ pub struct Board {
     reports: Reports,
     clock: Clock,
     status_ms: u32,
-    encoder_checked: u8,
+    encoder_checked: usize,
 }
 
 /// Executes the effects of the machine; fault reports wait here for the links.
@@ -54,15 +54,15 @@ pub struct Board {
 struct Reports(Deque<FaultReport, REPORTS>);
 
 impl Effects for Reports {
-    fn start_sensor(&mut self, unit: u8) {
+    fn start_sensor(&mut self, unit: UnitIndex) {
         sensors::start_sensor(unit);
     }
 
-    fn stop_sensor(&mut self, unit: u8) {
+    fn stop_sensor(&mut self, unit: UnitIndex) {
         sensors::stop_sensor(unit);
     }
 
-    fn zero_output(&mut self, unit: u8) {
+    fn zero_output(&mut self, unit: UnitIndex) {
         dac::write(unit, DacCode::ZERO_VOLT);
     }
 
@@ -75,10 +75,10 @@ impl Effects for Reports {
 /// Time figures of the superloop.
 #[derive(Default)]
 struct Clock {
-    pass_began: u32,
+    pass_began: Micros,
     longest_pass: u32,
     asleep: u32,
-    second_began: u32,
+    second_began: Micros,
     figures: LoopFigures,
 }
 
@@ -151,12 +151,9 @@ impl Board {
             encoder_checked: 0,
         };
         if let Some(chip) = broken_counter {
-            board.machine.fault_board(
-                Fault::CounterBus,
-                chip,
-                Micros(time::now()),
-                &mut board.reports,
-            );
+            board
+                .machine
+                .fault_board(Fault::CounterBus, chip, time::now(), &mut board.reports);
         }
         board
     }
@@ -176,9 +173,7 @@ impl Board {
             match event {
                 // During the converter's I2C read, so outside the path from its result to the DAC word.
                 Event::Edge { unit } => {
-                    if let Some(counts) = self.counts.get_mut(usize::from(unit)) {
-                        *counts = EncoderCounts(self.counters.read(unit));
-                    }
+                    self.counts[unit as usize] = self.counters.read(unit);
                 }
                 Event::Sample {
                     unit,
@@ -186,30 +181,18 @@ impl Board {
                     at,
                     missed,
                 } => {
-                    let counts = self
-                        .counts
-                        .get(usize::from(unit))
-                        .copied()
-                        .unwrap_or_default();
+                    let counts = self.counts[unit as usize];
                     let code = AdcCode::new(code.counts());
-                    let (word, mut pending) = self.machine.sample(
-                        unit,
-                        code,
-                        counts,
-                        Micros(at),
-                        missed,
-                        &mut self.reports,
-                    );
+                    let (word, mut pending) =
+                        (self.machine).sample(unit, code, counts, at, missed, &mut self.reports);
                     dac::write(unit, word);
                     self.machine.check(&mut pending, &mut self.reports);
                     let telemetry = pending.describe();
-                    if let Some((at, late)) = self.outstanding.insert(at, telemetry) {
+                    if let Some((at, late)) = self.outstanding.insert(unit, at, telemetry) {
                         stream(&mut self.links, &self.machine, at, late);
                     }
                 }
-                other => self
-                    .machine
-                    .bus_event(other, Micros(time::now()), &mut self.reports),
+                other => (self.machine).bus_event(other, time::now(), &mut self.reports),
             }
         }
     }
@@ -218,11 +201,9 @@ impl Board {
     pub fn outputs(&mut self) {
         crash_record::set_stage(Stage::Outputs);
         let (done, at) = dac::take_done();
-        for (unit, at) in at.into_iter().enumerate() {
-            if done & (1 << unit) != 0 {
-                if let Some((edge, sample)) = self.outstanding.complete(unit, at) {
-                    stream(&mut self.links, &self.machine, edge, sample);
-                }
+        for unit in done.iter() {
+            if let Some((edge, sample)) = self.outstanding.complete(unit, at[unit as usize]) {
+                stream(&mut self.links, &self.machine, edge, sample);
             }
         }
     }
@@ -238,24 +219,22 @@ impl Board {
         let dac_error = dac::take_error();
         let health = Health {
             estop_closed: gpio::read(pins::E_STOP),
-            estop_opened_at: Micros(sensors::estop_opened_at()),
+            estop_opened_at: sensors::estop_opened_at(),
             longest_pass_us: core::mem::take(&mut self.clock.longest_pass),
             events_lost: sensors::events_lost(),
             dac_error,
             register_changed,
         };
-        let blind = self.machine.wants_encoders();
-        for unit in (0..UNITS as u8).filter(|unit| blind & (1 << unit) != 0) {
-            let counts = EncoderCounts(self.counters.read(unit));
-            self.machine.encoder(unit, counts);
+        for unit in self.machine.wants_encoders().iter() {
+            self.machine.encoder(unit, self.counters.read(unit));
         }
-        self.machine.tick(Micros(now), health, &mut self.reports);
+        self.machine.tick(now, health, &mut self.reports);
         sensors::set_pointer_ahead(self.machine.pointer_ahead());
         // One counter a millisecond: noise at an encoder is seen within six.
-        self.encoder_checked = (self.encoder_checked + 1) % UNITS as u8;
-        if let Some(flags) = self.counters.noise(self.encoder_checked) {
-            self.machine
-                .encoder_noise(self.encoder_checked, flags, Micros(now), &mut self.reports);
+        self.encoder_checked = (self.encoder_checked + 1) % UNITS;
+        let unit = UnitIndex::ALL[self.encoder_checked];
+        if let Some(flags) = self.counters.noise(unit) {
+            (self.machine).encoder_noise(unit, flags, now, &mut self.reports);
         }
         let state = self.machine.system();
         if self.machine.holds_dacs() && !dac::is_held() {
@@ -286,7 +265,7 @@ impl Board {
     }
 
     /// Sends fault reports, status and batches that are due.
-    fn publish_telemetry(&mut self, now: u32) {
+    fn publish_telemetry(&mut self, now: Micros) {
         while let Some(report) = self.reports.0.pop_front() {
             defmt::warn!(
                 "fault {=u16} unit {=u8} detail {=u32:#x}",
@@ -303,7 +282,7 @@ impl Board {
         for link in &mut self.links {
             if status_due {
                 link.send(BoardMessage::Status(self.machine.status(
-                    Micros(now),
+                    now,
                     self.clock.figures,
                     link.counters(),
                 )));
@@ -336,7 +315,7 @@ impl Board {
                 let response = machine.command(
                     number,
                     &frame,
-                    Micros(time::now()),
+                    time::now(),
                     clock.figures,
                     link.counters(),
                     reports,
@@ -360,7 +339,7 @@ impl Board {
     /// events per sample) run their handlers and the core sleeps again.
     pub fn sleep(&mut self) {
         crash_record::set_stage(Stage::Sleep);
-        let pass = time::now().wrapping_sub(self.clock.pass_began);
+        let pass = time::now().since(self.clock.pass_began);
         self.clock.longest_pass = self.clock.longest_pass.max(pass);
         while !(self.events.ready() || time::tick_waits() || usb::calls()) {
             // Interrupts are masked, so one that arrives between the check and WFI still ends the sleep (WFI wakes
@@ -372,7 +351,7 @@ impl Board {
                 let before = time::now();
                 cortex_m::asm::dsb();
                 cortex_m::asm::wfi();
-                time::now().wrapping_sub(before)
+                time::now().since(before)
             });
         }
         self.clock.pass_began = time::now();
@@ -380,7 +359,7 @@ impl Board {
 }
 
 /// Passes a sample to the batches of both links.
-fn stream(links: &mut [Link; LINKS], machine: &Machine, at: u32, sample: wire::message::Sample) {
+fn stream(links: &mut [Link; LINKS], machine: &Machine, at: Micros, sample: wire::message::Sample) {
     for (number, link) in links.iter_mut().enumerate() {
         if let Some(batch) = link.batcher.push(at, sample, machine.decimation(number)) {
             link.send(BoardMessage::Samples(batch));
@@ -390,8 +369,8 @@ fn stream(links: &mut [Link; LINKS], machine: &Machine, at: u32, sample: wire::m
 
 impl Clock {
     /// Updates the sleep figure once a second.
-    fn second(&mut self, now: u32) {
-        let elapsed = now.wrapping_sub(self.second_began);
+    fn second(&mut self, now: Micros) {
+        let elapsed = now.since(self.second_began);
         if elapsed >= 1_000_000 {
             self.figures.sleep_permille =
                 (u64::from(self.asleep) * 1_000 / u64::from(elapsed)).min(1_000) as u16;

@@ -5,6 +5,7 @@
 //! lock (interrupts masked) is not here: `hw::SamplePath`, the sender of `hw::usart`.
 
 use crate::atomics::{AtomicBool, AtomicU32, Ordering};
+use control::{UnitIndex, UnitSet};
 
 /// A flag that the SysTick handler sets and the superloop takes. What the handler wrote before it, the superloop sees after it
 /// has taken the flag. A superloop that is late finds one flag for several ticks.
@@ -42,27 +43,30 @@ impl Requests {
         Self(cell)
     }
 
-    fn replace(&self, unit: u8, word: u32) {
-        let both = 0x0001_0001 << (unit & 7);
-        let change = |now: u32| Some(now & !both | word << (unit & 7));
+    fn replace(&self, unit: UnitIndex, word: u32) {
+        let both = 0x0001_0001 << unit as u32;
+        let change = |present: u32| Some(present & !both | word << unit as u32);
         // The closure always returns a value.
         let _ = (self.0).fetch_update(Ordering::Relaxed, Ordering::Relaxed, change);
     }
 
-    /// Asks to start this unit (0 to 7), and takes back a request to stop it; the superloop.
-    pub fn start(&self, unit: u8) {
+    /// Asks to start this unit, and takes back a request to stop it; the superloop.
+    pub fn start(&self, unit: UnitIndex) {
         self.replace(unit, 1);
     }
 
-    /// Asks to stop this unit (0 to 7), and takes back a request to start it; the superloop.
-    pub fn stop(&self, unit: u8) {
+    /// Asks to stop this unit, and takes back a request to start it; the superloop.
+    pub fn stop(&self, unit: UnitIndex) {
         self.replace(unit, 1 << 16);
     }
 
-    /// Takes the units to start and those to stop, as masks; the handler. No unit is in both.
-    pub fn take(&self) -> (u8, u8) {
+    /// Takes the units to start and those to stop; the handler. No unit is in both.
+    pub fn take(&self) -> (UnitSet, UnitSet) {
         let word = self.0.swap(0, Ordering::Relaxed);
-        (word as u8, (word >> 16) as u8)
+        (
+            UnitSet::from_mask(word as u8),
+            UnitSet::from_mask((word >> 16) as u8),
+        )
     }
 }
 

@@ -3,9 +3,8 @@
 
 use board::bus::{Bus, Event, Sink, Transfer, TransferError, Work, STUCK_AFTER};
 use board::clocks::{I2C_DEADLINE_US, RECOVERY_STEP_US};
+use control::{Micros, UnitIndex, UnitSet, UNITS};
 use drivers::nau7802::AdcCode;
-
-const UNITS: usize = 6;
 
 #[derive(Default)]
 struct Received(Vec<Event>);
@@ -22,11 +21,11 @@ struct Chip {
     pointer: usize,
     registers: [u8; 0x20],
     period: u32,
-    next: u32,
+    next: Micros,
     drdy: bool,
     running: bool,
     answers: bool,
-    calibrated_at: Option<u32>,
+    calibrated_at: Option<Micros>,
     conversions: u32,
 }
 
@@ -35,11 +34,11 @@ struct Bench {
     bus: Bus,
     received: Received,
     chips: Vec<Chip>,
-    now: u32,
+    now: Micros,
     mask: u8,
     mux_answers: bool,
     /// End of what is on the bus: a transaction or a recovery step.
-    ends: Option<(u32, End)>,
+    ends: Option<(Micros, End)>,
     /// SDA is held until so many clocks have come; a reset of the multiplexer frees it too.
     held: Option<u32>,
     reset_frees: bool,
@@ -48,7 +47,7 @@ struct Bench {
     mux_resets: u32,
     selects: u32,
     on_gpio: bool,
-    blind: u8,
+    blind: UnitSet,
     latencies: Vec<u32>,
 }
 
@@ -65,7 +64,7 @@ impl Bench {
             registers: [0; 0x20],
             // 310 to 330 a second, none like the other.
             period: 3_030 + n * 39,
-            next: 0,
+            next: Micros(0),
             drdy: false,
             running: false,
             answers: true,
@@ -76,7 +75,7 @@ impl Bench {
             bus: Bus::new(),
             received: Received::default(),
             chips: (0..UNITS as u32).map(chip).collect(),
-            now: 0xFFFF_0000, // the clock wraps early in every test
+            now: Micros(0xFFFF_0000), // the clock wraps early in every test
             mask: 0,
             mux_answers: true,
             ends: None,
@@ -87,7 +86,7 @@ impl Bench {
             mux_resets: 0,
             selects: 0,
             on_gpio: false,
-            blind: 0,
+            blind: UnitSet::default(),
             latencies: Vec::new(),
         }
     }
@@ -114,7 +113,7 @@ impl Bench {
                     } else {
                         End::Transfer(transfer)
                     };
-                    self.ends = Some((self.now.wrapping_add(bits * 5 / 2 + 5), end));
+                    self.ends = Some((self.now.plus(bits * 5 / 2 + 5), end));
                     return;
                 }
                 Work::TakeLines => {
@@ -132,7 +131,7 @@ impl Bench {
                             .filter(|left| *left > 0);
                     }
                     self.scl = scl;
-                    self.ends = Some((self.now.wrapping_add(RECOVERY_STEP_US), End::Step));
+                    self.ends = Some((self.now.plus(RECOVERY_STEP_US), End::Step));
                     return;
                 }
                 Work::MuxReset { low } => {
@@ -143,7 +142,7 @@ impl Bench {
                             self.held = None;
                         }
                     }
-                    self.ends = Some((self.now.wrapping_add(RECOVERY_STEP_US), End::Step));
+                    self.ends = Some((self.now.plus(RECOVERY_STEP_US), End::Step));
                     return;
                 }
                 Work::GiveLines => self.on_gpio = false,
@@ -176,11 +175,11 @@ impl Bench {
             match register {
                 0x00 => {
                     chip.running = transfer.write[1] & 0x10 != 0;
-                    chip.next = now.wrapping_add(chip.period * 7);
+                    chip.next = now.plus(chip.period * 7);
                     chip.drdy = false;
                 }
                 0x02 if transfer.write[1] & 0x04 != 0 => {
-                    chip.calibrated_at = Some(now.wrapping_add(344_000))
+                    chip.calibrated_at = Some(now.plus(344_000))
                 }
                 _ => {}
             }
@@ -199,10 +198,7 @@ impl Bench {
         let value = match register {
             0x00 => chip.registers[0] | 0x08,
             0x02 => {
-                if chip
-                    .calibrated_at
-                    .is_some_and(|at| now.wrapping_sub(at) < u32::MAX / 2)
-                {
+                if chip.calibrated_at.is_some_and(|at| at.until(now) >= 0) {
                     chip.registers[2] &= !0x04;
                 }
                 chip.registers[2]
@@ -216,16 +212,16 @@ impl Bench {
     /// Lets time pass, microsecond by microsecond.
     fn run(&mut self, us: u32) {
         for _ in 0..us {
-            self.now = self.now.wrapping_add(1);
-            for n in 0..UNITS {
-                let chip = &mut self.chips[n];
+            self.now = self.now.plus(1);
+            for unit in UnitIndex::ALL {
+                let chip = &mut self.chips[unit as usize];
                 if chip.running && chip.answers && chip.next == self.now {
-                    chip.next = self.now.wrapping_add(chip.period);
+                    chip.next = self.now.plus(chip.period);
                     chip.conversions += 1;
                     if !chip.drdy {
                         chip.drdy = true;
-                        if self.blind & (1 << n) == 0 {
-                            self.bus.drdy(n as u8, self.now, &mut self.received);
+                        if !self.blind.contains(unit) {
+                            self.bus.drdy(unit, self.now, &mut self.received);
                             self.work();
                         }
                     }
@@ -238,7 +234,7 @@ impl Bench {
                         let before = self.received.0.len();
                         self.bus.finished(result, self.now, &mut self.received);
                         if let Some(Event::Sample { at, .. }) = self.received.0.get(before) {
-                            self.latencies.push(self.now.wrapping_sub(*at));
+                            self.latencies.push(self.now.since(*at));
                         }
                     }
                     Some((_, End::Step)) => self.bus.stepped(self.held.is_none()),
@@ -246,17 +242,17 @@ impl Bench {
                 }
                 self.work();
             }
-            if self.now.is_multiple_of(1_000) {
-                let levels = (0..UNITS)
-                    .filter(|n| self.chips[*n].drdy)
-                    .fold(0, |all, n| all | 1 << n);
-                self.bus.tick(self.now, levels, &mut self.received);
+            if self.now.0.is_multiple_of(1_000) {
+                let high = UnitIndex::zip(&self.chips)
+                    .filter_map(|(unit, chip)| chip.drdy.then_some(unit))
+                    .collect();
+                self.bus.tick(self.now, high, &mut self.received);
                 self.work();
             }
         }
     }
 
-    fn start(&mut self, units: impl IntoIterator<Item = u8>) {
+    fn start(&mut self, units: impl IntoIterator<Item = UnitIndex>) {
         for unit in units {
             self.bus.start(unit, self.now);
         }
@@ -265,7 +261,7 @@ impl Bench {
     /// All six up and streaming.
     fn streaming() -> Self {
         let mut bench = Self::new();
-        bench.start(0..6);
+        bench.start(UnitIndex::ALL);
         bench.run(750_000);
         let up = bench
             .received
@@ -279,7 +275,7 @@ impl Bench {
         bench
     }
 
-    fn samples(&self, of: u8) -> Vec<(AdcCode, u8)> {
+    fn samples(&self, of: UnitIndex) -> Vec<(AdcCode, u8)> {
         self.received
             .0
             .iter()
@@ -293,20 +289,16 @@ impl Bench {
     }
 
     /// Asserts that a unit's samples follow each other without a gap.
-    fn gapless(&self, unit: u8) {
+    fn gapless(&self, unit: UnitIndex) {
         let samples = self.samples(unit);
-        assert!(
-            samples.len() > 10,
-            "unit {unit} has {} samples",
-            samples.len()
-        );
+        assert!(samples.len() > 10, "{unit:?} has {} samples", samples.len());
         for pair in samples.windows(2) {
             assert_eq!(
                 pair[1].0.counts() - pair[0].0.counts(),
                 1,
-                "unit {unit} lost a conversion"
+                "{unit:?} lost a conversion"
             );
-            assert_eq!(pair[1].1, 0, "unit {unit} claims a loss");
+            assert_eq!(pair[1].1, 0, "{unit:?} claims a loss");
         }
     }
 }
@@ -315,9 +307,9 @@ impl Bench {
 fn six_bring_ups_overlap_and_all_units_stream_without_loss() {
     let mut bench = Bench::streaming(); // 0.75 s for what takes 0.62 s alone
     bench.run(2_000_000);
-    for unit in 0..6 {
+    for unit in UnitIndex::ALL {
         bench.gapless(unit);
-        let expected = 2_000_000 / bench.chips[usize::from(unit)].period;
+        let expected = 2_000_000 / bench.chips[unit as usize].period;
         assert!(bench.samples(unit).len() as u32 >= expected - 1);
     }
     assert!(!bench
@@ -350,17 +342,30 @@ fn a_unit_that_vanishes_does_not_disturb_the_others() {
     bench.run(100_000);
     bench.chips[2].answers = false;
     bench.chips[2].drdy = true; // its last edge; then the converter is gone
-    bench.bus.drdy(2, bench.now, &mut bench.received);
+    bench
+        .bus
+        .drdy(UnitIndex::Unit3, bench.now, &mut bench.received);
     bench.work();
     bench.run(500_000);
-    for unit in [0, 1, 3, 4, 5] {
+    for unit in UnitIndex::ALL
+        .into_iter()
+        .filter(|unit| *unit != UnitIndex::Unit3)
+    {
         bench.gapless(unit);
     }
     let failed = bench
         .received
         .0
         .iter()
-        .filter(|event| matches!(event, Event::ReadFailed { unit: 2, .. }))
+        .filter(|event| {
+            matches!(
+                event,
+                Event::ReadFailed {
+                    unit: UnitIndex::Unit3,
+                    ..
+                }
+            )
+        })
         .count();
     assert!(failed >= 2, "one retry at least");
     assert!(
@@ -373,22 +378,26 @@ fn a_unit_that_vanishes_does_not_disturb_the_others() {
 fn a_unit_comes_back_while_the_others_stream() {
     let mut bench = Bench::streaming();
     bench.chips[4].answers = false;
-    bench.bus.stop(4);
-    bench.start([4]);
+    bench.bus.stop(UnitIndex::Unit5);
+    bench.start([UnitIndex::Unit5]);
     bench.run(100_000);
     assert!(
-        bench
-            .received
-            .0
-            .iter()
-            .any(|event| matches!(event, Event::BringUpFailed { unit: 4, .. })),
+        bench.received.0.iter().any(|event| matches!(
+            event,
+            Event::BringUpFailed {
+                unit: UnitIndex::Unit5,
+                ..
+            }
+        )),
         "an empty socket is reported"
     );
     bench.chips[4].answers = true;
-    bench.start([4]);
+    bench.start([UnitIndex::Unit5]);
     bench.run(900_000);
-    assert!(bench.received.0.contains(&Event::Up { unit: 4 }));
-    for unit in 0..6 {
+    assert!(bench.received.0.contains(&Event::Up {
+        unit: UnitIndex::Unit5
+    }));
+    for unit in UnitIndex::ALL {
         bench.gapless(unit);
     }
 }
@@ -402,7 +411,7 @@ fn a_held_sda_is_clocked_free_within_a_sample_period() {
         bench.run(200_000);
         assert!(bench.received.0.contains(&Event::Recovery));
         assert!(bench.clocks >= clocks && bench.mux_resets == 0, "{clocks}");
-        for unit in 0..6 {
+        for unit in UnitIndex::ALL {
             bench.gapless(unit);
         }
     }
@@ -414,7 +423,7 @@ fn what_clocks_do_not_free_the_multiplexers_reset_does() {
     bench.held = Some(1_000);
     bench.run(200_000);
     assert_eq!(bench.mux_resets, 1);
-    for unit in 0..6 {
+    for unit in UnitIndex::ALL {
         bench.gapless(unit);
     }
 }
@@ -450,7 +459,8 @@ fn a_bus_that_stays_held_is_reported_and_taken_up_again_when_it_is_free() {
     bench.held = None;
     bench.received.0.clear();
     bench.run(300_000);
-    let losses: u32 = (0..6)
+    let losses: u32 = UnitIndex::ALL
+        .into_iter()
         .map(|unit| {
             bench
                 .samples(unit)
@@ -463,8 +473,8 @@ fn a_bus_that_stays_held_is_reported_and_taken_up_again_when_it_is_free() {
         losses > 6 * 50,
         "what was lost meanwhile is counted: {losses}"
     );
-    for unit in 0..6 {
-        assert!(bench.samples(unit).len() > 80, "unit {unit} streams again");
+    for unit in UnitIndex::ALL {
+        assert!(bench.samples(unit).len() > 80, "{unit:?} streams again");
     }
 }
 
@@ -482,7 +492,7 @@ fn a_silent_multiplexer_is_reset_and_reported() {
     bench.mux_answers = true;
     bench.received.0.clear();
     bench.run(200_000);
-    for unit in 0..6 {
+    for unit in UnitIndex::ALL {
         assert!(bench.samples(unit).len() > 30);
     }
 }
@@ -491,11 +501,11 @@ fn a_silent_multiplexer_is_reset_and_reported() {
 fn an_edge_that_was_never_seen_is_found_by_its_level() {
     let mut bench = Bench::streaming();
     bench.run(50_000);
-    bench.blind = 1 << 3;
+    bench.blind.insert(UnitIndex::Unit4);
     bench.run(10_000);
-    bench.blind = 0;
+    bench.blind = UnitSet::default();
     bench.run(100_000);
-    let samples = bench.samples(3);
+    let samples = bench.samples(UnitIndex::Unit4);
     assert!(
         samples.len() > 40,
         "the unit fell silent after a lost edge: {}",
@@ -511,17 +521,17 @@ fn a_dip_in_a_high_line_is_no_conversion() {
     let (mut dips, mut beside) = (0, 0);
     for _ in 0..10_000 {
         bench.run(20);
-        for unit in 0..UNITS {
-            if bench.chips[unit].drdy {
+        for unit in UnitIndex::ALL {
+            if bench.chips[unit as usize].drdy {
                 dips += 1;
-                bench.bus.drdy(unit as u8, bench.now, &mut bench.received);
+                bench.bus.drdy(unit, bench.now, &mut bench.received);
                 bench.work();
             }
         }
         beside += usize::from(bench.chips.iter().any(|chip| chip.drdy));
     }
     assert!(dips > 500 && beside > 500, "{dips} {beside}");
-    for unit in 0..6 {
+    for unit in UnitIndex::ALL {
         bench.gapless(unit);
         let edges = |event: &&Event| matches!(event, Event::Edge { unit: of } if *of == unit);
         let edges = bench.received.0.iter().filter(edges).count();
@@ -538,10 +548,14 @@ fn an_unread_conversion_is_counted() {
     let mut bench = Bench::streaming();
     bench.run(50_000);
     // Three periods of silence on one line, as a stalled core would leave it.
-    let at = bench.now.wrapping_add(20_000);
+    let at = bench.now.plus(20_000);
     bench.chips[1].next = at;
     bench.run(60_000);
-    let most = bench.samples(1).iter().map(|(_, missed)| *missed).max();
+    let most = bench
+        .samples(UnitIndex::Unit2)
+        .iter()
+        .map(|(_, missed)| *missed)
+        .max();
     assert!(most >= Some(5), "{most:?}");
 }
 

@@ -5,7 +5,7 @@ use common::Bench;
 
 use control::let_go::LET_GO_US;
 use control::plausible::{FROZEN_SAMPLES, LIMIT_SAMPLES, NEGATIVE_SAMPLES};
-use control::{Config, EncoderCounts, Fault, SystemState};
+use control::{Config, EncoderCounts, Fault, SystemState, UnitIndex};
 use wire::message::{CommandError, Response};
 use wire::Command;
 
@@ -344,8 +344,13 @@ fn a_reel_without_a_load_cell_that_speeds_up_loses_the_power() {
         if bench.machine.withholds_alive() {
             break;
         }
-        assert_ne!(bench.machine.wants_encoders() & 0b100, 0, "{ms}");
-        bench.machine.encoder(2, EncoderCounts(counts));
+        assert!(
+            bench.machine.wants_encoders().contains(UnitIndex::Unit3),
+            "{ms}"
+        );
+        bench
+            .machine
+            .encoder(UnitIndex::Unit3, EncoderCounts(counts));
         if ms >= 60 {
             // 4 N: 8 mm/s more each millisecond.
             speed += 2;
@@ -375,8 +380,10 @@ fn a_motor_without_a_load_cell_is_watched_by_its_encoder() {
         for _ in 0..40 {
             bench.setpoints(6_000_000);
             bench.run(5);
-            if bench.machine.wants_encoders() & 0b100 != 0 {
-                bench.machine.encoder(2, EncoderCounts(counts));
+            if bench.machine.wants_encoders().contains(UnitIndex::Unit3) {
+                bench
+                    .machine
+                    .encoder(UnitIndex::Unit3, EncoderCounts(counts));
             }
         }
         assert_eq!(fault(&bench, 2), Fault::SensorSilent.code());

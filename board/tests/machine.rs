@@ -2,7 +2,9 @@
 
 use board::machine::{config_crc, Health, COMMANDER_SILENT_US, FIRST_SAMPLE_MS};
 use board::telemetry::{Batcher, Outstanding, FLUSH_US};
-use control::{AdcCode, Config, DacCode, EncoderCounts, Fault, Micros, MotorState, SystemState};
+use control::{
+    AdcCode, Config, DacCode, EncoderCounts, Fault, Micros, MotorState, SystemState, UnitIndex,
+};
 use wire::message::{
     flags, CellCorrection, CommandError, CrashRecord, FilterChoice, Response, Ripple, Sample,
     UnitConfig, UnitSetpoint, BATCH, RIPPLES,
@@ -310,7 +312,7 @@ fn armed_motors_pull_and_a_silent_host_stops_them_all() {
     bench.run(3);
     assert_eq!(bench.machine.system(), SystemState::Fault);
     assert_eq!(bench.status().fault, Fault::SetpointsExpired.code());
-    for unit in 0..UNITS as u8 {
+    for unit in UnitIndex::ALL {
         assert!(
             bench.board.zeroed.contains(&unit),
             "0 V at once, not with the next sample"
@@ -410,7 +412,10 @@ fn a_silent_sensor_takes_its_unit_out_and_leaves_the_others() {
         (status.fault, status.state),
         (0, SystemState::Running as u8)
     );
-    assert!(bench.board.zeroed.contains(&1) && bench.board.stopped.contains(&1));
+    assert!(
+        bench.board.zeroed.contains(&UnitIndex::Unit2)
+            && bench.board.stopped.contains(&UnitIndex::Unit2)
+    );
     assert!(bench.last[0].steps() > 100);
     bench.done(Command::Disarm);
     bench.run(1_000);
@@ -427,7 +432,7 @@ fn noise_at_an_encoder_is_a_fault_when_it_goes_on() {
             bench.now.0 = bench.now.0.wrapping_add(gap_us);
             bench
                 .machine
-                .encoder_noise(2, 0x10, bench.now, &mut bench.board);
+                .encoder_noise(UnitIndex::Unit3, 0x10, bench.now, &mut bench.board);
         }
     };
     noisy(&mut bench, 300_000);
@@ -437,7 +442,7 @@ fn noise_at_an_encoder_is_a_fault_when_it_goes_on() {
     assert_eq!(Fault::from_code(unit.fault), Some(Fault::EncoderError));
     assert_eq!(unit.fault_detail, 0x10);
     assert_eq!(bench.status().units[1].fault, 0);
-    assert!(bench.board.zeroed.contains(&2));
+    assert!(bench.board.zeroed.contains(&UnitIndex::Unit3));
 }
 
 #[test]
@@ -583,7 +588,7 @@ fn a_changed_register_is_cleared_only_once_it_has_its_value_again() {
 fn a_missed_conversion_is_counted_and_flagged() {
     let mut bench = Bench::ready();
     let (_, pending) = bench.machine.sample(
-        0,
+        UnitIndex::Unit1,
         AdcCode::new(0),
         EncoderCounts(0),
         Micros(bench.now.0 + 9_375),
@@ -597,27 +602,27 @@ fn a_missed_conversion_is_counted_and_flagged() {
 #[test]
 fn batches_fill_decimate_and_are_sent_in_time() {
     let mut batcher = Batcher::default();
-    let at = 0xFFFF_FFF0u32;
+    let at = Micros(0xFFFF_FFF0);
     for n in 0..BATCH as u32 - 1 {
         assert!(batcher
-            .push(at.wrapping_add(n * 500), Sample::default(), 1)
+            .push(at.plus(n * 500), Sample::default(), 1)
             .is_none());
     }
     // The last one was taken before the first: times stay right.
     let batch = batcher
-        .push(at.wrapping_sub(100), Sample::default(), 1)
+        .push(Micros(at.0 - 100), Sample::default(), 1)
         .expect("full");
-    assert_eq!(batch.t_us, at.wrapping_sub(100));
+    assert_eq!(batch.t_us, at.0 - 100);
     let times: Vec<_> = batch.samples.iter().map(|sample| sample.dt_us).collect();
     assert_eq!(times, [100, 600, 1_100, 0]);
 
-    assert!(batcher.push(0, Sample::default(), 0).is_none());
-    assert!(batcher.flush(1_000_000).is_none(), "0 means none");
+    assert!(batcher.push(Micros(0), Sample::default(), 0).is_none());
+    assert!(batcher.flush(Micros(1_000_000)).is_none(), "0 means none");
     let sent = (0..30)
         .filter(|n| {
             batcher
                 .push(
-                    n * 10,
+                    Micros(n * 10),
                     Sample {
                         unit: 1,
                         ..Sample::default()
@@ -628,10 +633,10 @@ fn batches_fill_decimate_and_are_sent_in_time() {
         })
         .count();
     assert_eq!(sent, 2, "ten of thirty, four a batch");
-    assert!(batcher.flush(300).is_none());
+    assert!(batcher.flush(Micros(300)).is_none());
     assert_eq!(
         batcher
-            .flush(300 + FLUSH_US)
+            .flush(Micros(300).plus(FLUSH_US))
             .map(|batch| batch.samples.len()),
         Some(2)
     );
@@ -640,15 +645,14 @@ fn batches_fill_decimate_and_are_sent_in_time() {
 #[test]
 fn latency_is_from_edge_to_word_and_a_word_that_was_never_sent_shows() {
     let mut outstanding = Outstanding::default();
-    let sample = Sample {
-        unit: 4,
-        ..Sample::default()
-    };
-    assert!(outstanding.insert(u32::MAX - 9, sample).is_none());
-    let (_, done) = outstanding.complete(4, 190).expect("it was there");
-    assert_eq!(done.latency_us, 200);
-    assert!(outstanding.complete(4, 200).is_none());
-    outstanding.insert(0, sample);
-    let (_, late) = outstanding.insert(3_125, sample).expect("the one before");
+    let (unit, sample) = (UnitIndex::Unit5, Sample::default());
+    let mut insert = |at| outstanding.insert(unit, Micros(at), sample);
+    assert!(insert(u32::MAX - 3_134).is_none());
+    let (_, late) = insert(u32::MAX - 9).expect("the one before");
     assert_eq!(late.latency_us, u16::MAX);
+    let (_, done) = outstanding
+        .complete(unit, Micros(190))
+        .expect("it was there");
+    assert_eq!(done.latency_us, 200);
+    assert!(outstanding.complete(unit, Micros(200)).is_none());
 }

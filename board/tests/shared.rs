@@ -11,6 +11,7 @@ mod atomics {
 mod shared;
 
 use atomics::{AtomicBool, AtomicU32, Ordering};
+use control::UnitIndex;
 use loom::sync::{Arc, Mutex};
 use loom::thread::spawn;
 use shared::{Call, Requests, Setting, Tick, Word};
@@ -52,17 +53,17 @@ fn no_tick_is_lost_and_what_was_before_it_is_seen() {
 fn last_request_decides(first_starts: bool) {
     loom::model(move || {
         let requests = Arc::new(Requests::of(AtomicU32::new(0)));
-        // What the handler has made of unit 2 (`true`: started), and of unit 4.
+        // What the handler has made of unit 3 (`true`: started), and of unit 5.
         let state = Arc::new(Mutex::new([None; 2]));
         let take = |requests: &Requests, state: &Mutex<[Option<bool>; 2]>| {
             let (start, stop) = requests.take();
-            assert_eq!(start & stop, 0, "start and stop at once");
+            assert_eq!(start.mask() & stop.mask(), 0, "start and stop at once");
             let mut state = state.lock().unwrap();
-            for (slot, unit) in state.iter_mut().zip([2, 4]) {
-                if stop & 1 << unit != 0 {
+            for (slot, unit) in state.iter_mut().zip([UnitIndex::Unit3, UnitIndex::Unit5]) {
+                if stop.contains(unit) {
                     *slot = Some(false);
                 }
-                if start & 1 << unit != 0 {
+                if start.contains(unit) {
                     *slot = Some(true);
                 }
             }
@@ -78,9 +79,9 @@ fn last_request_decides(first_starts: bool) {
                 requests.stop(unit);
             }
         };
-        ask(2, first_starts);
-        ask(4, first_starts);
-        ask(2, !first_starts);
+        ask(UnitIndex::Unit3, first_starts);
+        ask(UnitIndex::Unit5, first_starts);
+        ask(UnitIndex::Unit3, !first_starts);
         handler.join().unwrap();
         // The next millisecond.
         take(&requests, &state);

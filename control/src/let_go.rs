@@ -16,6 +16,7 @@
 use crate::friction::travel;
 use crate::plausible::milli;
 use crate::units::{EncoderCounts, Micros, Newton};
+use wire::UnitIndex;
 
 /// Tension that a cable must come down to after 0 V: what the friction of a reel at rest holds, 1.1 N, and a margin.
 pub const LET_GO: Newton = Newton::from_un(1_700_000);
@@ -278,10 +279,10 @@ impl LetGo {
         self.was_driven = false;
     }
 
-    /// Detail of [`Fault::OutputStuck`](crate::Fault::OutputStuck) for this unit (from 0).
+    /// Detail of [`Fault::OutputStuck`](crate::Fault::OutputStuck) for this unit.
     #[must_use]
-    pub fn detail(unit: u8, left: Option<Newton>) -> u32 {
+    pub fn detail(unit: UnitIndex, left: Option<Newton>) -> u32 {
         let left = left.map_or(0xFF_FFFF, |tension| milli(tension).min(0xFF_FFFE));
-        (u32::from(unit) + 1) << 24 | left
+        (unit as u32 + 1) << 24 | left
     }
 }

@@ -69,7 +69,7 @@ pub use faults::Fault;
 pub use state::{MotorState, SystemState};
 pub use unit::{Controller, Input, Output, State};
 pub use units::{AdcCode, DacCode, EncoderCounts, InvCos, Micros, Newton};
-pub use wire::UNITS;
+pub use wire::{UnitIndex, UnitSet, UNITS};
 
 /// Nominal sample rate of a NAU7802 at CRS = 7, in samples a second (datasheet 11.3). The RC oscillator
 /// makes it 310 to 330.

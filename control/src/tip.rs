@@ -59,12 +59,10 @@ impl TipGuard {
     /// The cables' directions of new setpoints.
     pub fn set_directions(&mut self, q14: &[[i16; 3]; UNITS]) {
         let scale = 1.0 / f32::from(DIRECTION_ONE);
-        for (n, direction) in q14.iter().enumerate() {
+        for (n, (direction, unknown)) in q14.iter().zip(&mut self.unknown).enumerate() {
             let [x, y, z] = direction.map(|v| f32::from(v) * scale);
             self.directions.set_column(n, &Vector3::new(x, y, z));
-            if let Some(unknown) = self.unknown.get_mut(n) {
-                *unknown = if *direction == [0; 3] { 1.0 } else { 0.0 };
-            }
+            *unknown = if *direction == [0; 3] { 1.0 } else { 0.0 };
         }
         self.force = self.directions * self.tensions;
         self.unknown_n = self.unknown.dot(&self.tensions);

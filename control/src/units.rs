@@ -84,6 +84,18 @@ impl Micros {
     pub const fn since(self, earlier: Self) -> u32 {
         self.0.wrapping_sub(earlier.0)
     }
+
+    /// Microseconds from this time to `other`, negative where `other` is earlier; right for times within 35 minutes.
+    #[must_use]
+    pub const fn until(self, other: Self) -> i32 {
+        other.since(self).cast_signed()
+    }
+
+    /// The time `us` microseconds later.
+    #[must_use]
+    pub const fn plus(self, us: u32) -> Self {
+        Self(self.0.wrapping_add(us))
+    }
 }
 
 /// 1 / cos of the angle between cable and load-cell axis, times 65,536.

@@ -14,14 +14,13 @@
 
 pub mod frame;
 pub mod message;
+mod unit;
 
 pub use frame::{encode, Decoder, FrameError, MAX_FRAME};
 pub use message::{BoardFrame, BoardMessage, Command, HostFrame};
+pub use unit::{UnitIndex, UnitSet, UNITS};
 
 use postcard_schema::key::Key;
-
-/// Number of force units of a board.
-pub const UNITS: usize = 6;
 
 /// Meaning of the messages. Counted up by hand when a field keeps its type but not its meaning.
 pub const ABI_VERSION: u16 = 3;

@@ -53,11 +53,11 @@ mod unit;
 pub use types::{Event, Sink, Transfer, TransferError, Work};
 
 use crate::clocks::I2C_DEADLINE_US;
+use control::{Micros, UnitIndex, UnitSet, UNITS};
 use drivers::nau7802::{self, Action, Bringup};
 use drivers::tca9548::{ChannelMask, Selector};
 use recovery::Recovery;
 use unit::{Next, Phase, Unit};
-use wire::UNITS;
 
 /// A step of a bring-up starts only if no sample is due within this time, in microseconds: select and the
 /// longest step, 50 + 100 us, and 50 us to select back.
@@ -79,15 +79,15 @@ enum Job {
     Select(ChannelMask),
     /// `left_over`: a result from before the first edge, to be dropped.
     Read {
-        unit: u8,
-        at: u32,
+        unit: UnitIndex,
+        at: Micros,
         left_over: bool,
     },
     SetPointer {
-        unit: u8,
+        unit: UnitIndex,
     },
     Sequence {
-        unit: u8,
+        unit: UnitIndex,
     },
 }
 
@@ -98,7 +98,7 @@ pub struct Bus {
     mux: Selector,
     mux_nacks: u8,
     /// Current job and its start.
-    current: Option<(Job, u32)>,
+    current: Option<(Job, Micros)>,
     recovery: Option<Recovery>,
     /// A step of the recovery is in progress.
     stepping: bool,
@@ -114,8 +114,8 @@ impl Default for Bus {
     }
 }
 
-const fn mask_of(unit: u8) -> ChannelMask {
-    ChannelMask::from_bits(1 << unit)
+const fn mask_of(unit: UnitIndex) -> ChannelMask {
+    ChannelMask::from_bits(1 << unit as u8)
 }
 
 impl Bus {
@@ -147,39 +147,33 @@ impl Bus {
     }
 
     /// Starts the bring-up of a unit's converter, from any state.
-    pub fn start(&mut self, unit: u8, now: u32) {
-        if let Some(slot) = self.units.get_mut(usize::from(unit)) {
-            let mut machine = Bringup::new(nau7802::Config::FORCE_UNIT);
-            let next = Next::Do(machine.next(nau7802::Event::Start));
-            *slot = Unit {
-                phase: Phase::BringUp {
-                    machine,
-                    next,
-                    since: now,
-                },
-                ..Unit::new()
-            };
-            self.settle(unit, now, &mut Discard);
-        }
+    pub fn start(&mut self, unit: UnitIndex, now: Micros) {
+        let mut machine = Bringup::new(nau7802::Config::FORCE_UNIT);
+        let next = Next::Do(machine.next(nau7802::Event::Start));
+        self.units[unit as usize] = Unit {
+            phase: Phase::BringUp {
+                machine,
+                next,
+                since: now,
+            },
+            ..Unit::new()
+        };
+        self.settle(unit, now, &mut Discard);
     }
 
     /// Takes a unit out of service.
-    pub fn stop(&mut self, unit: u8) {
-        if let Some(slot) = self.units.get_mut(usize::from(unit)) {
-            *slot = Unit::new();
-        }
+    pub fn stop(&mut self, unit: UnitIndex) {
+        self.units[unit as usize] = Unit::new();
     }
 
     /// A DRDY line rose.
-    pub fn drdy(&mut self, unit: u8, now: u32, sink: &mut impl Sink) {
-        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
-            return;
-        };
+    pub fn drdy(&mut self, unit: UnitIndex, now: Micros, sink: &mut impl Sink) {
+        let slot = &mut self.units[unit as usize];
         if !matches!(slot.phase, Phase::Streaming) {
             return;
         }
         if let Some(last) = slot.last_edge {
-            let interval = now.wrapping_sub(last);
+            let interval = now.since(last);
             let period = slot.period();
             if slot.ready.is_some() && interval < period / 2 {
                 return; // the tick has already reported this edge
@@ -209,18 +203,18 @@ impl Bus {
         sink.event(Event::Edge { unit });
     }
 
-    /// Call it once a millisecond: checks deadlines, and finds edges that caused no interrupt. `drdy_levels` has a
-    /// bit for each line that is high.
-    pub fn tick(&mut self, now: u32, drdy_levels: u8, sink: &mut impl Sink) {
+    /// Call it once a millisecond: checks deadlines, and finds edges that caused no interrupt. `drdy`: the units whose line
+    /// is high.
+    pub fn tick(&mut self, now: Micros, drdy: UnitSet, sink: &mut impl Sink) {
         self.check_deadline(now, sink);
-        for (n, unit) in self.units.iter_mut().enumerate() {
+        for (n, unit) in UnitIndex::zip(&mut self.units) {
             // A line that is high before the first edge shows a result from before the start, or none at all: whether a
             // start lowers DRDY is not documented. It is read, which lowers the line, and its code is dropped.
             if matches!(unit.phase, Phase::Streaming)
-                && drdy_levels & (1 << n) != 0
+                && drdy.contains(n)
                 && unit.last_edge.is_none()
                 && unit.ready.is_none()
-                && !matches!(self.current, Some((Job::Read { unit, .. }, _)) if usize::from(unit) == n)
+                && !matches!(self.current, Some((Job::Read { unit, .. }, _)) if unit == n)
             {
                 unit.ready = Some(now);
                 unit.left_over = true;
@@ -228,18 +222,18 @@ impl Bus {
             }
             let overdue = unit
                 .last_edge
-                .is_some_and(|last| now.wrapping_sub(last) > PERIOD_US + PERIOD_US / 4);
+                .is_some_and(|last| now.since(last) > PERIOD_US + PERIOD_US / 4);
             // The line stays high until the result is read: a high line without an edge is a lost edge.
             if matches!(unit.phase, Phase::Streaming)
-                && drdy_levels & (1 << n) != 0
+                && drdy.contains(n)
                 && unit.ready.is_none()
                 && overdue
-                && !matches!(self.current, Some((Job::Read { unit, .. }, _)) if usize::from(unit) == n)
+                && !matches!(self.current, Some((Job::Read { unit, .. }, _)) if unit == n)
             {
                 unit.missed = unit.missed.saturating_add(1);
                 unit.last_edge = Some(now);
                 unit.ready = Some(now);
-                sink.event(Event::Edge { unit: n as u8 });
+                sink.event(Event::Edge { unit: n });
             }
         }
     }
@@ -248,7 +242,7 @@ impl Bus {
     pub fn finished(
         &mut self,
         result: Result<[u8; 3], TransferError>,
-        now: u32,
+        now: Micros,
         sink: &mut impl Sink,
     ) {
         let Some((job, _)) = self.current.take() else {
@@ -279,7 +273,7 @@ impl Bus {
 
     /// The next action of the hardware. Call it after every other call. `None`: no work, or an action is in
     /// progress.
-    pub fn next(&mut self, now: u32, sink: &mut impl Sink) -> Option<Work> {
+    pub fn next(&mut self, now: Micros, sink: &mut impl Sink) -> Option<Work> {
         if self.stepping {
             return None;
         }
@@ -295,7 +289,7 @@ impl Bus {
             return None;
         }
         if let Some(unit) = self.choose_ready(now) {
-            return self.read_or_select(unit, now);
+            return Some(self.read_or_select(unit, now));
         }
         if let Some(unit) = self.unit_without_pointer().filter(|_| self.pointer_ahead) {
             let transfer = Transfer::write(nau7802::ADDRESS, [nau7802::proto::READ_ADC[0], 0], 1);
@@ -312,17 +306,15 @@ impl Bus {
     }
 
     /// Executes the actions of a bring-up that need no bus.
-    fn settle(&mut self, unit: u8, now: u32, sink: &mut impl Sink) {
-        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
-            return;
-        };
+    fn settle(&mut self, unit: UnitIndex, now: Micros, sink: &mut impl Sink) {
+        let slot = &mut self.units[unit as usize];
         let Phase::BringUp { next, since, .. } = &mut slot.phase else {
             return;
         };
         match *next {
             Next::Do(Action::WaitUs(time)) => {
                 *next = Next::Wait {
-                    until: now.wrapping_add(time),
+                    until: now.plus(time),
                 }
             }
             Next::Do(Action::Done) => {
@@ -340,15 +332,20 @@ impl Bus {
         }
     }
 
-    fn advance(&mut self, unit: u8, event: nau7802::Event, now: u32, sink: &mut impl Sink) {
-        let phase = (self.units.get_mut(usize::from(unit))).map(|slot| &mut slot.phase);
-        if let Some(Phase::BringUp { machine, next, .. }) = phase {
+    fn advance(
+        &mut self,
+        unit: UnitIndex,
+        event: nau7802::Event,
+        now: Micros,
+        sink: &mut impl Sink,
+    ) {
+        if let Phase::BringUp { machine, next, .. } = &mut self.units[unit as usize].phase {
             *next = Next::Do(machine.next(event));
             self.settle(unit, now, sink);
         }
     }
 
-    fn succeeded(&mut self, job: Job, bytes: [u8; 3], now: u32, sink: &mut impl Sink) {
+    fn succeeded(&mut self, job: Job, bytes: [u8; 3], now: Micros, sink: &mut impl Sink) {
         match job {
             Job::Select(mask) => {
                 self.mux_nacks = 0;
@@ -359,9 +356,7 @@ impl Bus {
                 at,
                 left_over,
             } => {
-                let Some(slot) = self.units.get_mut(usize::from(unit)) else {
-                    return;
-                };
+                let slot = &mut self.units[unit as usize];
                 slot.failures = 0;
                 if matches!(slot.phase, Phase::Streaming) && !left_over {
                     let missed = core::mem::take(&mut slot.missed);
@@ -374,16 +369,14 @@ impl Bus {
                 }
             }
             Job::SetPointer { unit } => {
-                if let Some(slot) = self.units.get_mut(usize::from(unit)) {
-                    slot.pointer_set = true;
-                }
+                self.units[unit as usize].pointer_set = true;
             }
             Job::Sequence { unit } => {
-                let event = match self.units.get(usize::from(unit)).map(|slot| &slot.phase) {
-                    Some(Phase::BringUp {
+                let event = match self.units[unit as usize].phase {
+                    Phase::BringUp {
                         next: Next::Do(Action::WriteRead(_)),
                         ..
-                    }) => nau7802::Event::Read(bytes[0]),
+                    } => nau7802::Event::Read(bytes[0]),
                     _ => nau7802::Event::Written,
                 };
                 self.advance(unit, event, now, sink);
@@ -391,7 +384,7 @@ impl Bus {
         }
     }
 
-    fn failed(&mut self, job: Job, error: TransferError, now: u32, sink: &mut impl Sink) {
+    fn failed(&mut self, job: Job, error: TransferError, now: Micros, sink: &mut impl Sink) {
         self.mux.invalidate();
         for unit in &mut self.units {
             unit.pointer_set = false;
@@ -412,8 +405,8 @@ impl Bus {
                 at,
                 left_over,
             } => {
-                let slot = self.units.get_mut(usize::from(unit));
-                if let Some(slot) = slot.filter(|slot| matches!(slot.phase, Phase::Streaming)) {
+                let slot = &mut self.units[unit as usize];
+                if matches!(slot.phase, Phase::Streaming) {
                     slot.failures = slot.failures.saturating_add(1);
                     sink.event(Event::ReadFailed {
                         unit,
@@ -436,10 +429,10 @@ impl Bus {
         }
     }
 
-    fn check_deadline(&mut self, now: u32, sink: &mut impl Sink) {
+    fn check_deadline(&mut self, now: Micros, sink: &mut impl Sink) {
         if self
             .current
-            .is_some_and(|(_, started)| now.wrapping_sub(started) > I2C_DEADLINE_US)
+            .is_some_and(|(_, started)| now.since(started) > I2C_DEADLINE_US)
         {
             self.finished(Err(TransferError::Timeout), now, sink);
         }

@@ -3,6 +3,7 @@
 
 use super::types::{Event, Sink, Work};
 use super::{Bus, STUCK_AFTER, STUCK_PAUSE_US};
+use control::Micros;
 use drivers::tca9548::recovery::{self, RecoveryStep};
 
 /// State of the recovery.
@@ -16,12 +17,12 @@ pub(super) enum Recovery {
         sda_high: bool,
     },
     /// The bus is stuck; the next round starts later.
-    Pause { until: u32 },
+    Pause { until: Micros },
 }
 
 impl Bus {
     /// The next step of the recovery. `None`: the recovery is over (`self.recovery` is `None`) or pauses.
-    pub(super) fn recover(&mut self, now: u32, sink: &mut impl Sink) -> Option<Work> {
+    pub(super) fn recover(&mut self, now: Micros, sink: &mut impl Sink) -> Option<Work> {
         loop {
             match self.recovery.as_mut()? {
                 Recovery::Due => {
@@ -52,14 +53,14 @@ impl Bus {
                                 sda_low: !released,
                             });
                             self.recovery = Some(Recovery::Pause {
-                                until: now.wrapping_add(STUCK_PAUSE_US),
+                                until: now.plus(STUCK_PAUSE_US),
                             });
                         }
                         return Some(Work::GiveLines);
                     }
                 },
                 Recovery::Pause { until } => {
-                    if now.wrapping_sub(*until).cast_signed() < 0 {
+                    if now.until(*until) > 0 {
                         return None;
                     }
                     self.recovery = None;

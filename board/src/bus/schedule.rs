@@ -3,18 +3,19 @@
 use super::types::{Sink, Transfer, Work};
 use super::unit::{Next, Phase};
 use super::{mask_of, Bus, Job, SEQUENCE_PATIENCE_US, SEQUENCE_ROOM_US};
+use control::{Micros, UnitIndex};
 use drivers::nau7802::{self, Action};
 use drivers::tca9548::{Address, ChannelMask, MuxState};
 
 impl Bus {
-    pub(super) fn choose_ready(&self, now: u32) -> Option<u8> {
-        let mut oldest: Option<(u8, u32)> = None;
-        for (n, unit) in (0..).zip(&self.units) {
+    pub(super) fn choose_ready(&self, now: Micros) -> Option<UnitIndex> {
+        let mut oldest: Option<(UnitIndex, u32)> = None;
+        for (n, unit) in UnitIndex::zip(&self.units) {
             let Some(at) = unit.ready else { continue };
             if self.mux.state() == MuxState::Known(mask_of(n)) {
                 return Some(n);
             }
-            let age = now.wrapping_sub(at);
+            let age = now.since(at);
             if oldest.is_none_or(|(_, oldest_age)| age > oldest_age) {
                 oldest = Some((n, age));
             }
@@ -22,7 +23,7 @@ impl Bus {
         oldest.map(|(n, _)| n)
     }
 
-    pub(super) fn choose_sequence(&mut self, now: u32) -> Option<u8> {
+    pub(super) fn choose_sequence(&mut self, now: Micros) -> Option<UnitIndex> {
         if !self
             .units
             .iter()
@@ -35,8 +36,8 @@ impl Bus {
             .iter()
             .filter_map(|unit| unit.due_in(now))
             .all(|due| due > SEQUENCE_ROOM_US);
-        let mut longest: Option<(u8, u32)> = None;
-        for (n, unit) in (0..).zip(&mut self.units) {
+        let mut longest: Option<(UnitIndex, u32)> = None;
+        for (n, unit) in UnitIndex::zip(&mut self.units) {
             let Phase::BringUp {
                 machine,
                 next,
@@ -46,13 +47,13 @@ impl Bus {
                 continue;
             };
             if let Next::Wait { until } = *next {
-                if now.wrapping_sub(until).cast_signed() < 0 {
+                if now.until(until) > 0 {
                     continue;
                 }
                 *next = Next::Do(machine.next(nau7802::Event::Waited));
                 *since = now;
             }
-            let waited = now.wrapping_sub(*since);
+            let waited = now.since(*since);
             if (room || waited > SEQUENCE_PATIENCE_US)
                 && longest.is_none_or(|(_, most)| waited > most)
             {
@@ -63,18 +64,18 @@ impl Bus {
     }
 
     /// The selected unit, if the register pointer of its converter does not address the result.
-    pub(super) fn unit_without_pointer(&self) -> Option<u8> {
+    pub(super) fn unit_without_pointer(&self) -> Option<UnitIndex> {
         let MuxState::Known(mask) = self.mux.state() else {
             return None;
         };
-        let selected = mask.bits().trailing_zeros() as u8;
-        let unit = self.units.get(usize::from(selected))?;
+        let selected = UnitIndex::new(mask.bits().trailing_zeros() as u8)?;
+        let unit = &self.units[selected as usize];
         (matches!(unit.phase, Phase::Streaming) && !unit.pointer_set).then_some(selected)
     }
 
-    pub(super) fn due_next(&self, now: u32) -> Option<u8> {
-        let mut soonest: Option<(u8, i32)> = None;
-        for (n, unit) in (0..).zip(&self.units) {
+    pub(super) fn due_next(&self, now: Micros) -> Option<UnitIndex> {
+        let mut soonest: Option<(UnitIndex, i32)> = None;
+        for (n, unit) in UnitIndex::zip(&self.units) {
             if let Some(due) = unit.due_in(now) {
                 if soonest.is_none_or(|(_, least)| due < least) {
                     soonest = Some((n, due));
@@ -84,12 +85,12 @@ impl Bus {
         soonest.map(|(n, _)| n)
     }
 
-    pub(super) fn begin(&mut self, job: Job, transfer: Transfer, now: u32) -> Work {
+    pub(super) fn begin(&mut self, job: Job, transfer: Transfer, now: Micros) -> Work {
         self.current = Some((job, now));
         Work::Transfer(transfer)
     }
 
-    pub(super) fn select(&mut self, byte: u8, mask: ChannelMask, now: u32) -> Work {
+    pub(super) fn select(&mut self, byte: u8, mask: ChannelMask, now: Micros) -> Work {
         self.begin(
             Job::Select(mask),
             Transfer::write(Address::DEFAULT.get(), [byte, 0], 1),
@@ -97,13 +98,12 @@ impl Bus {
         )
     }
 
-    /// `None` where there is no such unit.
-    pub(super) fn read_or_select(&mut self, unit: u8, now: u32) -> Option<Work> {
+    pub(super) fn read_or_select(&mut self, unit: UnitIndex, now: Micros) -> Work {
         let mask = mask_of(unit);
         if let Some(byte) = self.mux.request(mask) {
-            return Some(self.select(byte[0], mask, now));
+            return self.select(byte[0], mask, now);
         }
-        let slot = self.units.get_mut(usize::from(unit))?;
+        let slot = &mut self.units[unit as usize];
         let at = slot.ready.take().unwrap_or(now);
         let left_over = core::mem::take(&mut slot.left_over);
         let mut transfer = Transfer::write_read(
@@ -119,19 +119,19 @@ impl Bus {
             at,
             left_over,
         };
-        Some(self.begin(job, transfer, now))
+        self.begin(job, transfer, now)
     }
 
     pub(super) fn sequence_or_select(
         &mut self,
-        unit: u8,
-        now: u32,
+        unit: UnitIndex,
+        now: Micros,
         sink: &mut impl Sink,
     ) -> Option<Work> {
         let Phase::BringUp {
             next: Next::Do(action),
             ..
-        } = self.units.get(usize::from(unit))?.phase
+        } = self.units[unit as usize].phase
         else {
             return None;
         };

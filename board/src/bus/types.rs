@@ -1,6 +1,7 @@
 //! Types between the scheduler and its callers: transactions and line levels for the hardware, events for the
 //! superloop.
 
+use control::{Micros, UnitIndex};
 use drivers::nau7802::{AdcCode, SequenceError};
 
 /// One transaction: a write, a read, or a read after a write, with STOP at the end.
@@ -75,36 +76,36 @@ pub enum Work {
 pub enum Event {
     /// A conversion has ended and its result will follow. The encoder position of this sample is read now.
     Edge {
-        /// Unit, from 0.
-        unit: u8,
+        /// Unit.
+        unit: UnitIndex,
     },
     /// A sample.
     Sample {
-        /// Unit, from 0.
-        unit: u8,
+        /// Unit.
+        unit: UnitIndex,
         /// Conversion result.
         code: AdcCode,
-        /// DRDY edge, board time in microseconds.
-        at: u32,
+        /// DRDY edge.
+        at: Micros,
         /// Conversions that were lost between the sample before and this one.
         missed: u8,
     },
     /// The bring-up of a converter is complete; samples follow.
     Up {
-        /// Unit, from 0.
-        unit: u8,
+        /// Unit.
+        unit: UnitIndex,
     },
     /// The bring-up of a converter has failed.
     BringUpFailed {
-        /// Unit, from 0.
-        unit: u8,
+        /// Unit.
+        unit: UnitIndex,
         /// Stage, register and cause.
         error: SequenceError,
     },
     /// A sample was ready and could not be read.
     ReadFailed {
-        /// Unit, from 0.
-        unit: u8,
+        /// Unit.
+        unit: UnitIndex,
         /// Failures in a row.
         in_a_row: u8,
     },

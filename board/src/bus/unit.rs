@@ -1,12 +1,13 @@
 //! One unit as the scheduler sees it: phase of its converter, expected edge, pending sample.
 
 use super::PERIOD_US;
+use control::Micros;
 use drivers::nau7802::{Action, Bringup};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Next {
     Do(Action),
-    Wait { until: u32 },
+    Wait { until: Micros },
 }
 
 #[derive(Debug, Clone)]
@@ -17,7 +18,7 @@ pub(super) enum Phase {
     BringUp {
         machine: Bringup,
         next: Next,
-        since: u32,
+        since: Micros,
     },
     Streaming,
 }
@@ -26,8 +27,8 @@ pub(super) enum Phase {
 pub(super) struct Unit {
     pub(super) phase: Phase,
     /// DRDY edge whose sample is still in the converter.
-    pub(super) ready: Option<u32>,
-    pub(super) last_edge: Option<u32>,
+    pub(super) ready: Option<Micros>,
+    pub(super) last_edge: Option<Micros>,
     /// Averaged period in microseconds times 16.
     pub(super) period_q4: u32,
     pub(super) missed: u8,
@@ -58,15 +59,12 @@ impl Unit {
 
     /// Microseconds until the next expected edge (negative: overdue). `None`: no edge yet, or overdue by more than a
     /// quarter of a period.
-    pub(super) fn due_in(&self, now: u32) -> Option<i32> {
+    pub(super) fn due_in(&self, now: Micros) -> Option<i32> {
         let last = match (&self.phase, self.last_edge) {
             (Phase::Streaming, Some(last)) => last,
             _ => return None,
         };
-        let due = last
-            .wrapping_add(self.period())
-            .wrapping_sub(now)
-            .cast_signed();
+        let due = now.until(last.plus(self.period()));
         // Long overdue: unplugged rather than late.
         (due > -(PERIOD_US.cast_signed() / 4)).then_some(due)
     }

@@ -8,12 +8,11 @@
 
 use super::gpio;
 use crate::pins::{self, Pin};
+use control::{EncoderCounts, UnitIndex, UNITS};
 use core::convert::Infallible;
 use drivers::ls7266r1::{
-    Axis, Config, CounterValue, Direction, Error, Ls7266r1, ParallelBus, Port,
+    Axis, Config, Direction, Error, Ls7266r1, ParallelBus, Port, PositionTracker, Target,
 };
-use drivers::ls7266r1::{PositionTracker, Target};
-use wire::UNITS;
 
 // Times in core cycles at 400 MHz. The part's minima are WR# 45 ns, RD# 80 ns, 90 ns between reads: 18, 32
 // and 36 cycles. The register accesses around each come on top: 10 ns and more.
@@ -94,10 +93,10 @@ pub struct Counters {
     positions: [PositionTracker; UNITS],
 }
 
-const fn target(unit: usize) -> Target {
+const fn target(unit: UnitIndex) -> Target {
     Target {
-        chip: (unit / 2) as u8,
-        axis: if unit.is_multiple_of(2) {
+        chip: unit as u8 / 2,
+        axis: if (unit as u8).is_multiple_of(2) {
             Axis::X
         } else {
             Axis::Y
@@ -114,7 +113,7 @@ impl Counters {
             positions: [PositionTracker::new(Direction::Normal); UNITS],
         };
         let mut broken = None;
-        for unit in 0..UNITS {
+        for unit in UnitIndex::ALL {
             if let Err(Error::SelfTest { target, .. }) =
                 counters.chips.init(target(unit), Config::MOTOR_ENCODER)
             {
@@ -124,20 +123,19 @@ impl Counters {
         (counters, broken)
     }
 
-    /// Position of a unit's motor in counts, now.
-    pub fn read(&mut self, unit: u8) -> i64 {
-        let unit = usize::from(unit) % UNITS;
-        let Ok(value) = self.chips.read(target(unit)) else {
-            return self.positions[unit].position();
-        };
-        let value: CounterValue = value;
-        self.positions[unit].update(value)
+    /// Position of a unit's motor, now.
+    pub fn read(&mut self, unit: UnitIndex) -> EncoderCounts {
+        let position = &mut self.positions[unit as usize];
+        EncoderCounts(match self.chips.read(target(unit)) {
+            Ok(value) => position.update(value),
+            Err(_) => position.position(),
+        })
     }
 
     /// The FLAG register of a unit's counter if its E flag reports noise at the encoder's inputs. E is sticky:
     /// it is cleared here, so that each event is reported once.
-    pub fn noise(&mut self, unit: u8) -> Option<u8> {
-        let target = target(usize::from(unit) % UNITS);
+    pub fn noise(&mut self, unit: UnitIndex) -> Option<u8> {
+        let target = target(unit);
         let flags = self.chips.flags(target).ok()?;
         if !flags.noise() {
             return None;

@@ -18,8 +18,7 @@ use super::pac::{self, interrupt, SPI1};
 use super::{gpio, startup, time, SamplePath};
 use crate::clocks;
 use crate::pins;
-use control::DacCode;
-use wire::UNITS;
+use control::{DacCode, Micros, UnitIndex, UnitSet, UNITS};
 
 /// LDAC and RST pulses in core cycles: 50 ns and more.
 const PULSE_CYCLES: u32 = 40;
@@ -30,15 +29,15 @@ struct Dacs {
     /// Words to send.
     slots: [Option<u16>; UNITS],
     /// Unit whose word is being sent, and the start time.
-    sending: Option<(usize, u32)>,
+    sending: Option<(UnitIndex, Micros)>,
     /// The word that is being sent was sent before.
     repeats: bool,
     /// Last word of each unit, and the units whose word is to be sent again.
     last: [u16; UNITS],
-    again: u8,
+    again: UnitSet,
     /// Units whose word was sent since the last [`take_done`], and the times.
-    done: u8,
-    done_at: [u32; UNITS],
+    done: UnitSet,
+    done_at: [Micros; UNITS],
     /// SPI1_SR of a word that did not complete.
     error: Option<u32>,
 }
@@ -82,9 +81,9 @@ pub fn start() {
         sending: None,
         repeats: false,
         last: [DacCode::ZERO_VOLT.0; UNITS],
-        again: 0,
-        done: 0,
-        done_at: [0; UNITS],
+        again: UnitSet::default(),
+        done: UnitSet::default(),
+        done_at: [Micros::default(); UNITS],
         error: None,
     });
     startup::unmask(pac::Interrupt::SPI1);
@@ -96,33 +95,29 @@ pub fn start() {
 /// Loads 0 V into all six and waits until the words are sent: 15 us, at start-up and after a fault only.
 fn load_zero() {
     take_done();
-    for unit in 0..UNITS as u8 {
+    for unit in UnitIndex::ALL {
         write(unit, DacCode::ZERO_VOLT);
     }
-    let mut out = 0;
+    let mut out = UnitSet::default();
     startup::wait_for(10_000, || {
-        out |= take_done().0;
-        out == (1 << UNITS) - 1
+        out.extend(take_done().0.iter());
+        out == UnitSet::ALL
     });
 }
 
 /// Queues a word. It is sent 2 us later, or up to 12 us where all six come at once.
-pub fn write(unit: u8, code: DacCode) {
+pub fn write(unit: UnitIndex, code: DacCode) {
     STATE.masked(|dacs| {
-        if let Some(slot) = dacs.slots.get_mut(usize::from(unit)) {
-            *slot = Some(code.0);
-            if let Some(last) = dacs.last.get_mut(usize::from(unit)) {
-                *last = code.0;
-            }
-            if dacs.sending.is_none() {
-                dacs.send_next();
-            }
+        dacs.slots[unit as usize] = Some(code.0);
+        dacs.last[unit as usize] = code.0;
+        if dacs.sending.is_none() {
+            dacs.send_next();
         }
     });
 }
 
-/// Units whose word was sent since the last call, as a mask, and the time of each.
-pub fn take_done() -> (u8, [u32; UNITS]) {
+/// Units whose word was sent since the last call, and the time of each.
+pub fn take_done() -> (UnitSet, [Micros; UNITS]) {
     STATE
         .masked(|dacs| (core::mem::take(&mut dacs.done), dacs.done_at))
         .unwrap_or_default()
@@ -162,13 +157,13 @@ pub fn tick() {
     unsafe {
         STATE.in_interrupt(|dacs| {
             if let Some((_, since)) = dacs.sending {
-                if time::now().wrapping_sub(since) > clocks::DAC_DEADLINE_US {
+                if time::now().since(since) > clocks::DAC_DEADLINE_US {
                     gpio::write(pins::DAC_RST, false);
                     dacs.error = Some(spi1().sr().read().bits());
                     dacs.abort();
                 }
             } else {
-                dacs.again = (1 << UNITS) - 1;
+                dacs.again = UnitSet::ALL;
                 dacs.send_next();
             }
         });
@@ -176,10 +171,8 @@ pub fn tick() {
 }
 
 /// Sets the level of a unit's select wire.
-fn select(unit: usize, high: bool) {
-    if let Some(pin) = pins::DAC_CS.get(unit) {
-        gpio::write(*pin, high);
-    }
+fn select(unit: UnitIndex, high: bool) {
+    gpio::write(pins::DAC_CS[unit as usize], high);
 }
 
 impl Dacs {
@@ -195,17 +188,14 @@ impl Dacs {
     }
 
     /// A unit whose word is to be sent again, and the word.
-    fn next_again(&mut self) -> Option<(usize, u16)> {
-        let unit = (0..UNITS).find(|unit| self.again & (1 << unit) != 0)?;
-        self.again &= !(1 << unit);
-        self.last.get(unit).map(|word| (unit, *word))
+    fn next_again(&mut self) -> Option<(UnitIndex, u16)> {
+        let unit = self.again.iter().next()?;
+        self.again.remove(unit);
+        Some((unit, self.last[unit as usize]))
     }
 
     fn send_next(&mut self) {
-        let new = self
-            .slots
-            .iter_mut()
-            .enumerate()
+        let new = UnitIndex::zip(&mut self.slots)
             .find_map(|(unit, slot)| slot.take().map(|word| (unit, word)));
         self.repeats = new.is_none();
         let Some((unit, word)) = new.or_else(|| self.next_again()) else {
@@ -243,10 +233,8 @@ fn SPI1() {
                 cortex_m::asm::delay(PULSE_CYCLES);
                 gpio::write(pins::DAC_LDAC, true);
                 if !dacs.repeats {
-                    dacs.done |= 1 << unit;
-                    if let Some(at) = dacs.done_at.get_mut(unit) {
-                        *at = time::now();
-                    }
+                    dacs.done.insert(unit);
+                    dacs.done_at[unit as usize] = time::now();
                 }
             }
             // Only now: switched off too soon after EOT, the last SCLK pulse would be cut (errata 2.22.6).

@@ -26,6 +26,7 @@ use crate::bus::{Bus, Event, Sink, Transfer, TransferError, Work};
 use crate::clocks;
 use crate::pins;
 use crate::shared::{Requests, Setting, Word};
+use control::{Micros, UnitIndex, UnitSet};
 use core::sync::atomic::{AtomicBool, AtomicU32};
 use heapless::spsc;
 use pac::interrupt;
@@ -189,12 +190,12 @@ pub fn start(syscfg: &SYSCFG, exti: &EXTI) -> Events {
 }
 
 /// Requests the bring-up of a unit's converter. It begins within a millisecond.
-pub fn start_sensor(unit: u8) {
+pub fn start_sensor(unit: UnitIndex) {
     REQUESTS.start(unit);
 }
 
 /// Requests that a unit's converter is no longer serviced. Takes effect within a millisecond.
-pub fn stop_sensor(unit: u8) {
+pub fn stop_sensor(unit: UnitIndex) {
     REQUESTS.stop(unit);
 }
 
@@ -209,8 +210,8 @@ pub fn events_lost() -> u32 {
 }
 
 /// Board time when the E-stop loop opened last.
-pub fn estop_opened_at() -> u32 {
-    ESTOP_OPENED.get()
+pub fn estop_opened_at() -> Micros {
+    Micros(ESTOP_OPENED.get())
 }
 
 const DRDY_LINES: u32 = 0x3F;
@@ -231,7 +232,7 @@ fn exti() -> &'static pac::exti::RegisterBlock {
 ///
 /// # Safety
 /// As [`SamplePath::in_interrupt`].
-unsafe fn with(f: impl FnOnce(&mut Sensors, u32)) {
+unsafe fn with(f: impl FnOnce(&mut Sensors, Micros)) {
     // SAFETY: passed on.
     unsafe {
         STATE.in_interrupt(|sensors| {
@@ -247,17 +248,12 @@ pub fn tick() {
     unsafe {
         with(|sensors, now| {
             let (start, stop) = REQUESTS.take();
-            for unit in 0..wire::UNITS as u8 {
-                if stop & (1 << unit) != 0 {
-                    sensors.bus.stop(unit);
-                }
-                if start & (1 << unit) != 0 {
-                    sensors.bus.start(unit, now);
-                }
-            }
+            stop.iter().for_each(|unit| sensors.bus.stop(unit));
+            start.iter().for_each(|unit| sensors.bus.start(unit, now));
             sensors.bus.set_pointer_ahead(POINTER_AHEAD.get());
             let levels = gpio::registers(pins::DRDY[0].port).idr().read().bits() & DRDY_LINES;
-            sensors.bus.tick(now, levels as u8, &mut sensors.queue);
+            let high = UnitSet::from_mask(levels as u8);
+            sensors.bus.tick(now, high, &mut sensors.queue);
         });
     }
 }
@@ -428,13 +424,12 @@ fn TIM2() {
 ///
 /// # Safety
 /// Only from handlers of level SAMPLE_PATH.
-unsafe fn edge(unit: u8) {
+unsafe fn edge(unit: UnitIndex) {
     // SAFETY: writing one bit clears one flag (section 20.6.16).
-    exti().cpupr1().write(|w| unsafe { w.bits(1 << unit) });
-    if !pins::DRDY
-        .get(usize::from(unit))
-        .is_some_and(|pin| gpio::read(*pin))
-    {
+    exti()
+        .cpupr1()
+        .write(|w| unsafe { w.bits(1 << unit as u32) });
+    if !gpio::read(pins::DRDY[unit as usize]) {
         return;
     }
     // SAFETY: passed on.
@@ -442,15 +437,15 @@ unsafe fn edge(unit: u8) {
 }
 
 macro_rules! drdy_lines {
-    ($($interrupt:ident => $unit:literal),*) => {$(
+    ($($interrupt:ident => $unit:ident),*) => {$(
         #[interrupt]
         fn $interrupt() {
             // SAFETY: a handler of level SAMPLE_PATH.
-            unsafe { edge($unit) };
+            unsafe { edge(UnitIndex::$unit) };
         }
     )*};
 }
-drdy_lines!(EXTI0 => 0, EXTI1 => 1, EXTI2 => 2, EXTI3 => 3, EXTI4 => 4);
+drdy_lines!(EXTI0 => Unit1, EXTI1 => Unit2, EXTI2 => Unit3, EXTI3 => Unit4, EXTI4 => Unit5);
 
 #[interrupt]
 fn EXTI9_5() {
@@ -458,10 +453,10 @@ fn EXTI9_5() {
     if pending & ESTOP_LINE != 0 {
         // SAFETY: as in `edge`.
         exti().cpupr1().write(|w| unsafe { w.bits(ESTOP_LINE) });
-        ESTOP_OPENED.set(time::now());
+        ESTOP_OPENED.set(time::now().0);
     }
     if pending & (1 << 5) != 0 {
         // SAFETY: a handler of level SAMPLE_PATH.
-        unsafe { edge(5) };
+        unsafe { edge(UnitIndex::Unit6) };
     }
 }

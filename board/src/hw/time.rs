@@ -8,6 +8,7 @@
 use super::pac::TIM2;
 use crate::clocks;
 use crate::shared::Tick;
+use control::Micros;
 use core::sync::atomic::AtomicBool;
 use cortex_m::peripheral::{syst::SystClkSource, SYST};
 
@@ -38,18 +39,17 @@ pub fn start(syst: &mut SYST) {
     syst.enable_interrupt();
 }
 
-/// Board time in microseconds; wraps after 71.6 minutes.
+/// Board time.
 #[inline(always)]
-pub fn now() -> u32 {
-    tim2().cnt().read().bits()
+pub fn now() -> Micros {
+    Micros(tim2().cnt().read().bits())
 }
 
 /// Requests a TIM2 interrupt in `us` microseconds.
 pub fn set_alarm(us: u32) {
     let tim = tim2();
     // SAFETY: any 32-bit value.
-    tim.ccr1()
-        .write(|w| unsafe { w.bits(now().wrapping_add(us)) });
+    tim.ccr1().write(|w| unsafe { w.bits(now().plus(us).0) });
     // SAFETY: rc_w0 flags: writing 1 leaves the others alone; CC1IF is cleared.
     tim.sr().write(|w| unsafe { w.bits(!2) });
     tim.dier().modify(|_, w| w.cc1ie().set_bit());

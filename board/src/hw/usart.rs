@@ -18,6 +18,7 @@ use super::startup;
 use crate::clocks;
 use bbqueue::nicknames::Churrasco;
 use bbqueue::prod_cons::stream::{StreamConsumer, StreamGrantR, StreamProducer};
+use control::Micros;
 use core::cell::UnsafeCell;
 use core::sync::atomic::{compiler_fence, Ordering};
 
@@ -54,7 +55,7 @@ struct Sender {
     /// TRBUFF, where the silicon has it.
     trbuff: u32,
     /// Bytes that were left at the last progress, and its time.
-    progress: (u16, u32),
+    progress: (u16, Micros),
 }
 
 struct Shared(UnsafeCell<Option<Sender>>);
@@ -71,7 +72,7 @@ pub struct Usart {
     taken: usize,
     trbuff: u32,
     /// Bytes left in the receiving stream at its last progress, and its time.
-    progress: (u16, u32),
+    progress: (u16, Micros),
 }
 
 fn dma() -> &'static pac::dma1::RegisterBlock {
@@ -88,7 +89,7 @@ pub fn start(usart: &USART3, dmamux: &DMAMUX1, silicon: u16) -> (Usart, Producer
             consumer: SENT.stream_consumer(),
             grant: None,
             trbuff,
-            progress: (0, 0),
+            progress: (0, Micros::default()),
         })
     };
 
@@ -120,7 +121,7 @@ pub fn start(usart: &USART3, dmamux: &DMAMUX1, silicon: u16) -> (Usart, Producer
     let usart = Usart {
         taken: 0,
         trbuff,
-        progress: (0, 0),
+        progress: (0, Micros::default()),
     };
     (usart, SENT.stream_producer())
 }
@@ -149,7 +150,7 @@ impl Usart {
     }
 
     /// Starts sending if something waits and the line is idle; restarts streams that have stalled.
-    pub fn send(&mut self, now: u32) {
+    pub fn send(&mut self, now: Micros) {
         cortex_m::interrupt::free(|_| {
             // SAFETY: interrupts are masked and thread mode is here.
             if let Some(sender) = unsafe { &mut *SENDER.0.get() } {
@@ -170,14 +171,14 @@ impl Usart {
     }
 
     /// Restarts the receiving stream if a byte waits in the receiver's FIFO and the stream does not take it.
-    fn restart_if_stalled(&mut self, now: u32) {
+    fn restart_if_stalled(&mut self, now: Micros) {
         let stream = dma().st(1);
         let left = stream.ndtr().read().ndt().bits();
         // SAFETY: read-only access to a status register.
         let waits = unsafe { (*USART3::PTR).isr().read().rxne().bit_is_set() };
         if left != self.progress.0 || !waits {
             self.progress = (left, now);
-        } else if now.wrapping_sub(self.progress.1) > STALL_US {
+        } else if now.since(self.progress.1) > STALL_US {
             self.progress.1 = now;
             stop(1);
             // The ring starts anew, and what was in it has been taken.
@@ -234,7 +235,7 @@ fn clear_flags(stream: usize) {
 }
 
 impl Sender {
-    fn start(&mut self, now: u32) {
+    fn start(&mut self, now: Micros) {
         if self.grant.is_some() {
             return;
         }
@@ -247,7 +248,7 @@ impl Sender {
     }
 
     /// Starts the transfer of `length` bytes of the grant, from `first` on.
-    fn begin(&mut self, first: u32, length: u16, now: u32) {
+    fn begin(&mut self, first: u32, length: u16, now: Micros) {
         let stream = dma().st(0);
         clear_flags(0);
         // SAFETY: the grant's bytes, which stay untouched until it is released after the transfer.
@@ -272,7 +273,7 @@ impl Sender {
     }
 
     /// Goes on with the rest of a transfer that has not moved a byte for [`STALL_US`].
-    fn restart_if_stalled(&mut self, now: u32) {
+    fn restart_if_stalled(&mut self, now: Micros) {
         let Some(grant) = &self.grant else {
             return;
         };
@@ -280,7 +281,7 @@ impl Sender {
         let left = dma().st(0).ndtr().read().ndt().bits();
         if left != self.progress.0 || left == 0 {
             self.progress = (left, now);
-        } else if now.wrapping_sub(self.progress.1) > STALL_US {
+        } else if now.since(self.progress.1) > STALL_US {
             stop(0);
             let sent = length.saturating_sub(left);
             self.begin(first + u32::from(sent), left, now);

@@ -1,11 +1,12 @@
 //! Commands of the host and their responses.
 
 use super::{
-    Effects, LinkCounters, LoopFigures, Machine, COMMANDER_SILENT_US, FIRST_SETPOINT_MS, LINKS,
+    Effects, LinkCounters, LoopFigures, Machine, Unit, COMMANDER_SILENT_US, FIRST_SETPOINT_MS,
+    LINKS,
 };
 use control::system::{Denied, Request};
 use control::unit::Setpoint;
-use control::{Config, Fault, Micros, SystemState};
+use control::{Config, Fault, Micros, SystemState, UnitIndex, UnitSet};
 use wire::message::{
     BoardConfig, CommandError, Response, Status, UnitConfig, UnitSetpoint, UnitStatus,
 };
@@ -16,6 +17,10 @@ const TIP_FORCE_LIMIT_UN: core::ops::RangeInclusive<i32> = 1_000_000..=100_000_0
 
 /// Longest validity of setpoints, in milliseconds.
 const MAX_VALID_MS: u16 = 1_000;
+
+fn known(unit: u8) -> Result<UnitIndex, CommandError> {
+    UnitIndex::new(unit).ok_or(CommandError::UnknownUnit(unit))
+}
 
 impl Machine {
     /// Executes a command. `None`: no response (setpoints within their ranges).
@@ -36,9 +41,9 @@ impl Machine {
             }
             Command::GetConfig { unit } => {
                 self.exchange_configs();
-                return Some(match self.units.get(usize::from(*unit)) {
-                    Some(slot) => Response::Config(*slot.config.wire()),
-                    None => Response::Rejected(CommandError::UnknownUnit(*unit)),
+                return Some(match known(*unit) {
+                    Ok(unit) => Response::Config(*self.units[unit as usize].config.wire()),
+                    Err(error) => Response::Rejected(error),
                 });
             }
             Command::GetBoard => {
@@ -129,10 +134,7 @@ impl Machine {
         if self.system.drives() {
             return Err(CommandError::State(self.system as u8));
         }
-        let slot = self
-            .units
-            .get_mut(usize::from(unit))
-            .ok_or(CommandError::UnknownUnit(unit))?;
+        let slot = &mut self.units[known(unit)? as usize];
         let config = Config::from_wire(config).map_err(|error| CommandError::Range {
             unit,
             field: error.field.number,
@@ -155,20 +157,13 @@ impl Machine {
                 mask.trailing_zeros().max(UNITS as u32) as u8,
             ));
         }
-        for (n, unit) in (0..).zip(&self.units) {
-            if mask & (1 << n) != 0 && !unit.usable() {
-                return Err(match unit.latch.get() {
-                    Some((fault, _)) => CommandError::Faulted(fault.code()),
-                    None => CommandError::UnitNotReady {
-                        unit: n,
-                        state: unit.motor as u8,
-                    },
-                });
-            }
+        let units = UnitSet::from_mask(mask);
+        if let Some(why) = self.why_not_ready(|n, _| units.contains(n)) {
+            return Err(why);
         }
         self.request(Request::Zero, fx)?;
-        for (n, unit) in self.units.iter_mut().enumerate() {
-            unit.zero = (mask & (1 << n) != 0).then(|| unit.config.zero_averager());
+        for (n, unit) in UnitIndex::zip(&mut self.units) {
+            unit.zero = units.contains(n).then(|| unit.config.zero_averager());
         }
         Ok(())
     }
@@ -198,25 +193,23 @@ impl Machine {
             Some(Denied::Faulted) => Err(CommandError::Faulted(self.latch.code())),
             Some(Denied::EStopOpen) => Err(CommandError::Faulted(Fault::EStop.code())),
             Some(Denied::State) => Err(CommandError::State(self.system as u8)),
-            Some(Denied::UnitNotReady) => Err(self.why_not_ready()),
+            Some(Denied::UnitNotReady) => Err(self
+                .why_not_ready(|_, unit| unit.config.enabled())
+                .unwrap_or(CommandError::State(self.system as u8))),
         }
     }
 
-    /// Error for the first enabled unit that is not ready: its fault, or its state.
-    fn why_not_ready(&self) -> CommandError {
-        (0..)
-            .zip(&self.units)
-            .find(|(_, unit)| unit.config.enabled() && !unit.usable())
-            .map_or(
-                CommandError::State(self.system as u8),
-                |(n, unit)| match unit.latch.get() {
-                    Some((fault, _)) => CommandError::Faulted(fault.code()),
-                    None => CommandError::UnitNotReady {
-                        unit: n,
-                        state: unit.motor as u8,
-                    },
-                },
-            )
+    /// Error for the first of these units that is not ready: its fault, or its state.
+    fn why_not_ready(&self, of: impl Fn(UnitIndex, &Unit) -> bool) -> Option<CommandError> {
+        let (n, unit) =
+            UnitIndex::zip(&self.units).find(|(n, unit)| of(*n, unit) && !unit.usable())?;
+        Some(match unit.latch.get() {
+            Some((fault, _)) => CommandError::Faulted(fault.code()),
+            None => CommandError::UnitNotReady {
+                unit: n as u8,
+                state: unit.motor as u8,
+            },
+        })
     }
 
     fn clear_faults(&mut self, fx: &mut impl Effects) -> Result<(), CommandError> {

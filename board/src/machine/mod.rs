@@ -29,10 +29,9 @@ use control::system::{self, Denied, Request};
 use control::tip::TipGuard;
 use control::unit::{self, Setpoint};
 use control::zero::Averager;
-use control::{Config, Fault, Micros, MotorState, SystemState};
+use control::{Config, Fault, Micros, MotorState, SystemState, UnitIndex, UNITS};
 use wire::frame::crc32;
 use wire::message::{BoardConfig, BoardInfo, FaultReport, UnitConfig};
-use wire::UNITS;
 
 /// Links that the board has.
 pub const LINKS: usize = 2;
@@ -57,11 +56,11 @@ pub const COMMANDER_SILENT_US: u32 = 200_000;
 /// Actions of the machine on the board, apart from the DAC code that a sample returns.
 pub trait Effects {
     /// Start the bring-up of this unit's converter.
-    fn start_sensor(&mut self, unit: u8);
+    fn start_sensor(&mut self, unit: UnitIndex);
     /// Stop servicing this unit's converter.
-    fn stop_sensor(&mut self, unit: u8);
+    fn stop_sensor(&mut self, unit: UnitIndex);
     /// 0 V on this unit's motor now.
-    fn zero_output(&mut self, unit: u8);
+    fn zero_output(&mut self, unit: UnitIndex);
     /// Send a fault report on both links.
     fn report(&mut self, report: FaultReport);
 }
@@ -236,10 +235,8 @@ impl Machine {
 
     /// Flips a bit of what was computed from a unit's configuration, see [`control::config::Config::flip`]: a fault of the memory.
     #[cfg(feature = "injection")]
-    pub fn flip_config(&mut self, unit: usize, bit: u32) {
-        if let Some(slot) = self.units.get_mut(unit) {
-            slot.config.flip(bit);
-        }
+    pub fn flip_config(&mut self, unit: UnitIndex, bit: u32) {
+        self.units[unit as usize].config.flip(bit);
     }
 
     /// State of the board.
@@ -320,7 +317,7 @@ impl Machine {
                 unit.setpoint = Setpoint::default();
             }
         }
-        for (n, unit) in (0..).zip(&mut self.units) {
+        for (n, unit) in UnitIndex::zip(&mut self.units) {
             let conditions = motor::Conditions {
                 enabled: unit.config.enabled(),
                 faulted: unit.latch.is_set(),

@@ -4,13 +4,15 @@ use super::{Effects, Machine};
 use control::let_go::Released;
 use control::unit::{Controller, Drive};
 use control::zero::Progress;
-use control::{AdcCode, DacCode, EncoderCounts, Fault, Input, Micros, MotorState, Output};
+use control::{
+    AdcCode, DacCode, EncoderCounts, Fault, Input, Micros, MotorState, Output, UnitIndex,
+};
 use wire::message::{flags, Sample};
 
 /// A sample whose DAC word is being sent. Becomes telemetry afterwards, off the latency path.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy)]
 pub struct PendingSample {
-    unit: u8,
+    unit: UnitIndex,
     adc_code: AdcCode,
     encoder_counts: EncoderCounts,
     at: Micros,
@@ -27,7 +29,7 @@ impl PendingSample {
     #[must_use]
     pub fn describe(&self) -> Sample {
         let mut sample = Sample {
-            unit: self.unit,
+            unit: self.unit as u8,
             adc_code: self.adc_code.get(),
             encoder_counts: self.encoder_counts.0 as i32,
             ..Sample::default()
@@ -44,20 +46,28 @@ impl PendingSample {
 impl Machine {
     /// Processes one sample of one unit: the DAC code to write, and the sample for telemetry.
     ///
-    /// `at` is the time of its DRDY edge, `missed` the number of conversions lost before it. An unknown unit
-    /// gives 0 V.
+    /// `at` is the time of its DRDY edge, `missed` the number of conversions lost before it.
     pub fn sample(
         &mut self,
-        unit: u8,
+        unit: UnitIndex,
         adc_code: AdcCode,
         encoder_counts: EncoderCounts,
         at: Micros,
         missed: u8,
         fx: &mut impl Effects,
     ) -> (DacCode, PendingSample) {
-        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
-            return (DacCode::ZERO_VOLT, PendingSample::default());
+        let pending = |drive, output, measured| PendingSample {
+            unit,
+            adc_code,
+            encoder_counts,
+            at,
+            missed: missed > 0,
+            drive,
+            tip_force_mn: 0,
+            output,
+            measured,
         };
+        let slot = &mut self.units[unit as usize];
         slot.samples = slot.samples.wrapping_add(1);
         slot.missed = slot.missed.wrapping_add(u32::from(missed));
         slot.rate.observe(at, missed);
@@ -65,19 +75,10 @@ impl Machine {
         slot.came_up = None;
         if !slot.config.is_sealed() {
             // The output follows from numbers that are wrong: none.
-            self.fault_board_once(Fault::ConfigCrc, u32::from(unit) + 1, at, fx);
+            self.fault_board_once(Fault::ConfigCrc, unit as u32 + 1, at, fx);
             // Nor can the tension tell whether the cable lets go: the encoder has to.
-            if let Some(slot) = self.units.get_mut(usize::from(unit)) {
-                slot.let_go.blind();
-            }
-            let pending = PendingSample {
-                unit,
-                adc_code,
-                encoder_counts,
-                at,
-                missed: missed > 0,
-                ..PendingSample::default()
-            };
+            self.units[unit as usize].let_go.blind();
+            let pending = pending(Drive::Off, Output::default(), false);
             return (DacCode::ZERO_VOLT, pending);
         }
         let drive = match slot.motor {
@@ -95,21 +96,10 @@ impl Machine {
         };
         let output = Controller::step(&slot.config, &mut slot.control, input);
         slot.at_zero = output.at_zero;
-        let pending = PendingSample {
-            unit,
-            adc_code,
-            encoder_counts,
-            at,
-            missed: missed > 0,
-            drive,
-            tip_force_mn: 0,
-            output,
-            measured: true,
-        };
         if let Some((fault, detail)) = output.fault {
             self.fault_unit(unit, fault, detail, at, fx);
         }
-        (output.dac, pending)
+        (output.dac, pending(drive, output, true))
     }
 
     /// What must be checked of a sample, and does not have to stand between it and its DAC word: whether load cell, motor
@@ -117,14 +107,11 @@ impl Machine {
     /// fault writes 0 V behind it.
     pub fn check(&mut self, pending: &mut PendingSample, fx: &mut impl Effects) {
         let (unit, at, output) = (pending.unit, pending.at, pending.output);
-        let others_drive = self.system.drives();
-        let Some(slot) = self
-            .units
-            .get_mut(usize::from(unit))
-            .filter(|_| pending.measured)
-        else {
+        if !pending.measured {
             return;
-        };
+        }
+        let others_drive = self.system.drives();
+        let slot = &mut self.units[unit as usize];
         if output.flags & flags::SPIKE != 0 {
             slot.spikes = slot.spikes.wrapping_add(1);
         }
@@ -151,7 +138,7 @@ impl Machine {
             };
             slot.let_go.released(at, released);
         }
-        pending.tip_force_mn = self.tip.sample(usize::from(unit), output.tension);
+        pending.tip_force_mn = self.tip.sample(unit as usize, output.tension);
         if slot.zero.is_some() {
             self.average_zero(unit, pending.adc_code, at, fx);
         }
@@ -170,10 +157,8 @@ impl Machine {
         }
     }
 
-    fn average_zero(&mut self, unit: u8, code: AdcCode, at: Micros, fx: &mut impl Effects) {
-        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
-            return;
-        };
+    fn average_zero(&mut self, unit: UnitIndex, code: AdcCode, at: Micros, fx: &mut impl Effects) {
+        let slot = &mut self.units[unit as usize];
         let Some(averager) = &mut slot.zero else {
             return;
         };

@@ -8,10 +8,9 @@ use crate::bus;
 use control::let_go::LetGo;
 use control::supervisor::{RateLimits, Verdict};
 use control::system::Request;
-use control::{EncoderCounts, Fault, Micros, SystemState};
+use control::{EncoderCounts, Fault, Micros, SystemState, UnitIndex, UnitSet, UNITS};
 use drivers::nau7802::{Cause, SequenceError, Stage};
 use wire::message::FaultReport;
-use wire::UNITS;
 
 /// Noise events at an encoder within [`ENCODER_NOISE_WINDOW_US`] that are a fault.
 const ENCODER_NOISE_EVENTS: u8 = 5;
@@ -29,9 +28,7 @@ impl Machine {
         match event {
             bus::Event::Edge { .. } | bus::Event::Sample { .. } => {}
             bus::Event::Up { unit } => {
-                if let Some(slot) = self.units.get_mut(usize::from(unit)) {
-                    slot.came_up = Some(now);
-                }
+                self.units[unit as usize].came_up = Some(now);
             }
             bus::Event::BringUpFailed { unit, error } => {
                 self.fault_unit(unit, Fault::BringUpFailed, bring_up_detail(&error), now, fx);
@@ -56,9 +53,9 @@ impl Machine {
     pub fn tick(&mut self, now: Micros, health: Health, fx: &mut impl Effects) {
         self.exchange_configs();
         self.watch_board(now, health, fx);
-        for n in 0..UNITS as u8 {
-            self.watch_unit(n, now, fx);
-            self.watch_let_go(n, now, fx);
+        for unit in UnitIndex::ALL {
+            self.watch_unit(unit, now, fx);
+            self.watch_let_go(unit, now, fx);
         }
         self.advance(Request::None, fx);
     }
@@ -75,7 +72,7 @@ impl Machine {
             });
         }
         // At once, not with the next sample; repeated for each fault.
-        for (unit, slot) in (0..).zip(&mut self.units) {
+        for (unit, slot) in UnitIndex::zip(&mut self.units) {
             fx.zero_output(unit);
             slot.let_go.switched_off(now);
         }
@@ -85,10 +82,14 @@ impl Machine {
 
     /// Counts a noise event at a unit's encoder; `flags` is the counter's FLAG register. One event does not prove
     /// a wrong count. `ENCODER_NOISE_EVENTS` within a second mean a loose plug and are a fault.
-    pub fn encoder_noise(&mut self, unit: u8, flags: u8, now: Micros, fx: &mut impl Effects) {
-        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
-            return;
-        };
+    pub fn encoder_noise(
+        &mut self,
+        unit: UnitIndex,
+        flags: u8,
+        now: Micros,
+        fx: &mut impl Effects,
+    ) {
+        let slot = &mut self.units[unit as usize];
         if !slot.config.enabled() {
             return;
         }
@@ -106,19 +107,17 @@ impl Machine {
 
     pub(super) fn fault_unit(
         &mut self,
-        unit: u8,
+        unit: UnitIndex,
         fault: Fault,
         detail: u32,
         now: Micros,
         fx: &mut impl Effects,
     ) {
-        let Some(slot) = self.units.get_mut(usize::from(unit)) else {
-            return;
-        };
+        let slot = &mut self.units[unit as usize];
         if slot.latch.latch(fault, detail) {
             fx.report(FaultReport {
                 t_us: now.0,
-                unit,
+                unit: unit as u8,
                 code: fault.code(),
                 detail,
             });
@@ -147,7 +146,7 @@ impl Machine {
             slot.sensor_up = false;
             slot.came_up = None;
             slot.let_go.blind();
-            self.tip.forget(usize::from(unit));
+            self.tip.forget(unit as usize);
             fx.stop_sensor(unit);
         }
         self.advance(Request::None, fx);
@@ -206,27 +205,26 @@ impl Machine {
         }
     }
 
-    /// Units whose encoder [`Self::encoder`] needs now, as a mask: their load cells do not measure, and whether their cables
+    /// Units whose encoder [`Self::encoder`] needs now: their load cells do not measure, and whether their cables
     /// let go shows there.
     #[must_use]
-    pub fn wants_encoders(&self) -> u8 {
-        (0..)
-            .zip(&self.units)
+    pub fn wants_encoders(&self) -> UnitSet {
+        UnitIndex::zip(&self.units)
             .filter(|(_, unit)| unit.let_go.needs_encoder(self.system.drives()))
-            .fold(0, |mask, (n, _)| mask | 1 << n)
+            .map(|(n, _)| n)
+            .collect()
     }
 
     /// Position of an encoder of [`Self::wants_encoders`], each millisecond.
-    pub fn encoder(&mut self, unit: u8, counts: EncoderCounts) {
-        if let Some(slot) = self.units.get_mut(usize::from(unit)) {
-            slot.let_go.turned(counts, slot.config.nm_per_count());
-        }
+    pub fn encoder(&mut self, unit: UnitIndex, counts: EncoderCounts) {
+        let slot = &mut self.units[unit as usize];
+        slot.let_go.turned(counts, slot.config.nm_per_count());
     }
 
-    pub(super) fn watch_let_go(&mut self, n: u8, now: Micros, fx: &mut impl Effects) {
-        let left = self.units[usize::from(n)].let_go.overdue(now);
+    pub(super) fn watch_let_go(&mut self, unit: UnitIndex, now: Micros, fx: &mut impl Effects) {
+        let left = self.units[unit as usize].let_go.overdue(now);
         if let Some(left) = left.filter(|_| !self.withheld) {
-            self.fault_board(Fault::OutputStuck, LetGo::detail(n, left), now, fx);
+            self.fault_board(Fault::OutputStuck, LetGo::detail(unit, left), now, fx);
         }
     }
 
@@ -243,14 +241,14 @@ impl Machine {
         }
     }
 
-    fn watch_unit(&mut self, n: u8, now: Micros, fx: &mut impl Effects) {
-        let slot = &self.units[usize::from(n)];
+    fn watch_unit(&mut self, unit: UnitIndex, now: Micros, fx: &mut impl Effects) {
+        let slot = &self.units[unit as usize];
         if slot.latch.is_set() || !slot.config.enabled() {
             return;
         }
         if let Some(since) = slot.came_up {
             if now.since(since) > FIRST_SAMPLE_MS * 1_000 {
-                self.fault_unit(n, Fault::BringUpFailed, FIRST_SAMPLE_STAGE << 8, now, fx);
+                self.fault_unit(unit, Fault::BringUpFailed, FIRST_SAMPLE_STAGE << 8, now, fx);
             }
             return;
         }
@@ -261,10 +259,10 @@ impl Machine {
             Verdict::Ok => {}
             Verdict::Silent => {
                 let silent_us = slot.rate.last().map_or(0, |last| now.since(last));
-                self.fault_unit(n, Fault::SensorSilent, silent_us, now, fx);
+                self.fault_unit(unit, Fault::SensorSilent, silent_us, now, fx);
             }
-            Verdict::TooSlow(period) => self.fault_unit(n, Fault::SensorSlow, period, now, fx),
-            Verdict::TooFast(period) => self.fault_unit(n, Fault::SensorFast, period, now, fx),
+            Verdict::TooSlow(period) => self.fault_unit(unit, Fault::SensorSlow, period, now, fx),
+            Verdict::TooFast(period) => self.fault_unit(unit, Fault::SensorFast, period, now, fx),
         }
     }
 }

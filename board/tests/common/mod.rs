@@ -3,7 +3,7 @@
 
 use board::bus;
 use board::machine::{Effects, Health, LinkCounters, LoopFigures, Machine};
-use control::{AdcCode, Config, DacCode, EncoderCounts, Micros, SystemState};
+use control::{AdcCode, Config, DacCode, EncoderCounts, Micros, SystemState, UnitIndex};
 use wire::message::{
     BoardInfo, CrashRecord, FaultReport, Response, Sample, Status, UnitSetpoint, DIRECTION_ONE,
 };
@@ -21,20 +21,20 @@ pub const BALANCED: [[i16; 3]; UNITS] = [
 
 #[derive(Default)]
 pub struct Board {
-    pub started: Vec<u8>,
-    pub stopped: Vec<u8>,
-    pub zeroed: Vec<u8>,
+    pub started: Vec<UnitIndex>,
+    pub stopped: Vec<UnitIndex>,
+    pub zeroed: Vec<UnitIndex>,
     pub reports: Vec<FaultReport>,
 }
 
 impl Effects for Board {
-    fn start_sensor(&mut self, unit: u8) {
+    fn start_sensor(&mut self, unit: UnitIndex) {
         self.started.push(unit);
     }
-    fn stop_sensor(&mut self, unit: u8) {
+    fn stop_sensor(&mut self, unit: UnitIndex) {
         self.stopped.push(unit);
     }
-    fn zero_output(&mut self, unit: u8) {
+    fn zero_output(&mut self, unit: UnitIndex) {
         self.zeroed.push(unit);
     }
     fn report(&mut self, report: FaultReport) {
@@ -137,14 +137,14 @@ impl Bench {
                 ..Health::default()
             };
             // Encoders of units that do not stream are the test's.
-            let wanted = self.machine.wants_encoders();
-            for unit in (0..UNITS).filter(|&n| self.streaming[n] && wanted & (1 << n) != 0) {
-                let counts = EncoderCounts(self.counts(unit));
-                self.machine.encoder(unit as u8, counts);
+            let wanted = self.machine.wants_encoders().iter();
+            for unit in wanted.filter(|unit| self.streaming[*unit as usize]) {
+                let counts = EncoderCounts(self.counts(unit as usize));
+                self.machine.encoder(unit, counts);
             }
             self.machine.tick(self.now, health, &mut self.board);
             for unit in core::mem::take(&mut self.board.started) {
-                self.streaming[usize::from(unit)] = true;
+                self.streaming[unit as usize] = true;
                 self.machine
                     .bus_event(bus::Event::Up { unit }, self.now, &mut self.board);
             }
@@ -172,7 +172,7 @@ impl Bench {
         let code = AdcCode::new((load_n / 6.85e-6) as i32 + noise);
         self.encoder[unit] = self.counts(unit);
         let (dac, mut pending) = self.machine.sample(
-            unit as u8,
+            UnitIndex::ALL[unit],
             code,
             EncoderCounts(self.encoder[unit]),
             self.now,
@@ -183,7 +183,7 @@ impl Bench {
         self.last[unit] = dac;
         let zeroed = self.board.zeroed.len();
         self.machine.check(&mut pending, &mut self.board);
-        if self.board.zeroed[zeroed..].contains(&(unit as u8)) {
+        if self.board.zeroed[zeroed..].contains(&UnitIndex::ALL[unit]) {
             self.last[unit] = DacCode::ZERO_VOLT;
         }
         if self.stuck[unit] {

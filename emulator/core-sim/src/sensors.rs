@@ -3,9 +3,9 @@
 use crate::timing::{transfer_ns, HANDLER_NS};
 use board::bus::{Bus, Event, Sink, Transfer, TransferError, Work};
 use board::clocks;
+use control::{Micros, UnitIndex, UnitSet};
 use emulator::board::Board;
 use emulator::wiring;
-use wire::UNITS;
 
 /// Events for the superloop, in the order in which they occurred.
 #[derive(Debug, Default)]
@@ -31,18 +31,18 @@ enum Busy {
 pub(crate) struct Sensors {
     bus: Bus,
     busy: Option<Busy>,
-    /// Bit n: DRDY of unit n is high.
-    drdy: u8,
+    /// Units whose DRDY is high.
+    drdy: UnitSet,
     /// Levels that a recovery has put on the lines.
     scl: bool,
-    start: u8,
-    stop: u8,
+    start: UnitSet,
+    stop: UnitSet,
     pub events: Events,
 }
 
-/// Board time, microseconds.
-pub(crate) const fn micros(t_ns: u64) -> u32 {
-    (t_ns / 1_000) as u32
+/// Board time.
+pub(crate) const fn micros(t_ns: u64) -> Micros {
+    Micros((t_ns / 1_000) as u32)
 }
 
 impl Sensors {
@@ -50,24 +50,24 @@ impl Sensors {
         Self {
             bus: Bus::new(),
             busy: None,
-            drdy: 0,
+            drdy: UnitSet::default(),
             scl: true,
-            start: 0,
-            stop: 0,
+            start: UnitSet::default(),
+            stop: UnitSet::default(),
             events: Events::default(),
         }
     }
 
     /// As the firmware's `start_sensor`: takes effect with the next tick.
-    pub fn request_start(&mut self, unit: u8) {
-        self.stop &= !(1 << unit);
-        self.start |= 1 << unit;
+    pub fn request_start(&mut self, unit: UnitIndex) {
+        self.stop.remove(unit);
+        self.start.insert(unit);
     }
 
     /// As the firmware's `stop_sensor`.
-    pub fn request_stop(&mut self, unit: u8) {
-        self.start &= !(1 << unit);
-        self.stop |= 1 << unit;
+    pub fn request_stop(&mut self, unit: UnitIndex) {
+        self.start.remove(unit);
+        self.stop.insert(unit);
     }
 
     /// When the transaction or step in progress ends.
@@ -82,27 +82,25 @@ impl Sensors {
         if !board.has_drives() {
             return;
         }
-        let mut rose = 0_u8;
+        let mut rose = UnitSet::default();
         for (pin, level) in board.take_drives() {
-            let Some(unit) = wiring::DRDY.iter().position(|drdy| *drdy == pin) else {
+            let Some((unit, _)) = UnitIndex::zip(wiring::DRDY).find(|(_, drdy)| *drdy == pin)
+            else {
                 continue;
             };
-            let bit = 1 << unit;
-            let high = level == Some(true);
-            if high && self.drdy & bit == 0 {
-                rose |= bit;
-            }
-            self.drdy = if high {
-                self.drdy | bit
+            if level == Some(true) {
+                if self.drdy.insert(unit) {
+                    rose.insert(unit);
+                }
             } else {
-                self.drdy & !bit
-            };
+                self.drdy.remove(unit);
+            }
         }
-        for unit in (0..UNITS as u8).filter(|unit| rose >> unit & 1 == 1) {
+        for unit in rose.iter() {
             self.bus
                 .drdy(unit, micros(t_ns + HANDLER_NS), &mut self.events);
         }
-        if rose != 0 {
+        if rose != UnitSet::default() {
             self.work(board, t_ns);
         }
     }
@@ -110,17 +108,11 @@ impl Sensors {
     /// The millisecond: units to start and stop, deadlines, lost edges.
     pub fn tick(&mut self, board: &mut Board, t_ns: u64) {
         let now = micros(t_ns);
-        let (start, stop) = (
-            std::mem::take(&mut self.start),
-            std::mem::take(&mut self.stop),
-        );
-        for unit in 0..UNITS as u8 {
-            if stop >> unit & 1 == 1 {
-                self.bus.stop(unit);
-            }
-            if start >> unit & 1 == 1 {
-                self.bus.start(unit, now);
-            }
+        for unit in std::mem::take(&mut self.stop).iter() {
+            self.bus.stop(unit);
+        }
+        for unit in std::mem::take(&mut self.start).iter() {
+            self.bus.start(unit, now);
         }
         self.bus.tick(now, self.drdy, &mut self.events);
         // A transaction past its deadline was given up there.

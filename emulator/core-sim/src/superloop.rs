@@ -7,10 +7,10 @@ use board::bus::Event;
 use board::clocks;
 use board::machine::{Effects, Health, LoopFigures, Machine};
 use board::telemetry::Outstanding;
-use control::{AdcCode, DacCode, EncoderCounts, Micros};
+use control::{AdcCode, DacCode, EncoderCounts, Micros, UnitIndex, UnitSet, UNITS};
 use emulator::board::Board;
 use wire::message::{BoardInfo, FaultReport};
-use wire::{BoardMessage, ABI_VERSION, SCHEMA_HASH, UNITS};
+use wire::{BoardMessage, ABI_VERSION, SCHEMA_HASH};
 
 /// Period of the status frames in milliseconds, as in the firmware.
 const STATUS_MS: u32 = 50;
@@ -18,25 +18,25 @@ const STATUS_MS: u32 = 50;
 /// Effects of the machine, until the superloop executes them.
 #[derive(Debug, Default)]
 struct Requests {
-    start: u8,
-    stop: u8,
-    zero: u8,
+    start: UnitSet,
+    stop: UnitSet,
+    zero: UnitSet,
     reports: Vec<FaultReport>,
 }
 
 impl Effects for Requests {
-    fn start_sensor(&mut self, unit: u8) {
-        self.stop &= !(1 << unit);
-        self.start |= 1 << unit;
+    fn start_sensor(&mut self, unit: UnitIndex) {
+        self.stop.remove(unit);
+        self.start.insert(unit);
     }
 
-    fn stop_sensor(&mut self, unit: u8) {
-        self.start &= !(1 << unit);
-        self.stop |= 1 << unit;
+    fn stop_sensor(&mut self, unit: UnitIndex) {
+        self.start.remove(unit);
+        self.stop.insert(unit);
     }
 
-    fn zero_output(&mut self, unit: u8) {
-        self.zero |= 1 << unit;
+    fn zero_output(&mut self, unit: UnitIndex) {
+        self.zero.insert(unit);
     }
 
     fn report(&mut self, report: FaultReport) {
@@ -102,7 +102,7 @@ impl Superloop {
         for event in events.drain(..) {
             match event {
                 Event::Edge { unit } => {
-                    let unit = usize::from(unit);
+                    let unit = unit as usize;
                     self.counts[unit] = EncoderCounts(board.encoder_position(t_ns, unit));
                 }
                 Event::Sample {
@@ -112,8 +112,7 @@ impl Superloop {
                     missed,
                 } => self.sample(unit, AdcCode::new(code.counts()), at, missed, t_ns),
                 other => {
-                    let now = Micros(micros(t_ns));
-                    self.machine.bus_event(other, now, &mut self.requests);
+                    (self.machine).bus_event(other, micros(t_ns), &mut self.requests);
                 }
             }
         }
@@ -122,20 +121,19 @@ impl Superloop {
         self.execute(board, sensors, t_ns);
     }
 
-    fn sample(&mut self, unit: u8, code: AdcCode, at: u32, missed: u8, t_ns: u64) {
-        let counts = self.counts[usize::from(unit)];
+    fn sample(&mut self, unit: UnitIndex, code: AdcCode, at: Micros, missed: u8, t_ns: u64) {
+        let counts = self.counts[unit as usize];
         let (word, mut pending) =
-            self.machine
-                .sample(unit, code, counts, Micros(at), missed, &mut self.requests);
+            (self.machine).sample(unit, code, counts, at, missed, &mut self.requests);
         let done = t_ns + SAMPLE_TO_DAC_NS;
-        self.words[usize::from(unit)] = Some((done, word));
+        self.words[unit as usize] = Some((done, word));
         self.machine.check(&mut pending, &mut self.requests);
-        if let Some((at, late)) = self.outstanding.insert(at, pending.describe()) {
+        if let Some((at, late)) = self.outstanding.insert(unit, at, pending.describe()) {
             self.stream(t_ns, at, late);
         }
     }
 
-    fn stream(&mut self, t_ns: u64, at: u32, sample: wire::message::Sample) {
+    fn stream(&mut self, t_ns: u64, at: Micros, sample: wire::message::Sample) {
         let decimation = self.machine.decimation(USART);
         if let Some(batch) = self.line.batcher.push(at, sample, decimation) {
             self.line.send(t_ns, BoardMessage::Samples(batch));
@@ -144,10 +142,10 @@ impl Superloop {
 
     /// DAC words and bytes of the host that are due at `t_ns`.
     pub fn advance(&mut self, board: &mut Board, sensors: &mut Sensors, t_ns: u64) {
-        for unit in 0..UNITS {
-            if let Some((_, word)) = self.words[unit].filter(|(at, _)| *at <= t_ns) {
-                self.words[unit] = None;
-                board.dac_code(t_ns, unit, word.0);
+        for unit in UnitIndex::ALL {
+            let waiting = &mut self.words[unit as usize];
+            if let Some((_, word)) = waiting.take_if(|(at, _)| *at <= t_ns) {
+                board.dac_code(t_ns, unit as usize, word.0);
                 if let Some((edge, sample)) = self.outstanding.complete(unit, micros(t_ns)) {
                     self.stream(t_ns, edge, sample);
                 }
@@ -158,7 +156,7 @@ impl Superloop {
                 let response = self.machine.command(
                     USART,
                     &frame,
-                    Micros(micros(t_ns)),
+                    micros(t_ns),
                     LoopFigures::default(),
                     self.line.counters(),
                     &mut self.requests,
@@ -175,7 +173,7 @@ impl Superloop {
     pub fn tick(&mut self, board: &mut Board, sensors: &mut Sensors, t_ns: u64) {
         let closed = board.estop_closed();
         if self.estop_closed && !closed {
-            self.estop_opened_at = Micros(micros(t_ns));
+            self.estop_opened_at = micros(t_ns);
         }
         self.estop_closed = closed;
         let health = Health {
@@ -184,12 +182,11 @@ impl Superloop {
             ..Health::default()
         };
         let now = micros(t_ns);
-        let blind = self.machine.wants_encoders();
-        for unit in (0..UNITS).filter(|unit| blind >> unit & 1 == 1) {
-            let counts = EncoderCounts(board.encoder_position(t_ns, unit));
-            self.machine.encoder(unit as u8, counts);
+        for unit in self.machine.wants_encoders().iter() {
+            let counts = EncoderCounts(board.encoder_position(t_ns, unit as usize));
+            self.machine.encoder(unit, counts);
         }
-        self.machine.tick(Micros(now), health, &mut self.requests);
+        self.machine.tick(now, health, &mut self.requests);
         self.execute(board, sensors, t_ns);
         if !self.machine.withholds_alive() {
             self.alive = !self.alive;
@@ -203,9 +200,7 @@ impl Superloop {
         if self.status_ms >= STATUS_MS {
             self.status_ms = 0;
             let figures = LoopFigures::default();
-            let status = self
-                .machine
-                .status(Micros(now), figures, self.line.counters());
+            let status = self.machine.status(now, figures, self.line.counters());
             self.line.send(t_ns, BoardMessage::Status(status));
         }
         if let Some(batch) = self.line.batcher.flush(now) {
@@ -220,21 +215,14 @@ impl Superloop {
             std::mem::take(&mut self.requests.start),
             std::mem::take(&mut self.requests.stop),
         );
-        for unit in 0..UNITS as u8 {
-            let bit = 1 << unit;
-            if zero & bit != 0 {
-                // A word that is on its way comes before the zero on the part, too.
-                if let Some(word) = &mut self.words[usize::from(unit)] {
-                    word.1 = DacCode::ZERO_VOLT;
-                }
-                board.dac_code(t_ns, usize::from(unit), DacCode::ZERO_VOLT.0);
+        for unit in zero.iter().map(|unit| unit as usize) {
+            // A word that is on its way comes before the zero on the part, too.
+            if let Some(word) = &mut self.words[unit] {
+                word.1 = DacCode::ZERO_VOLT;
             }
-            if stop & bit != 0 {
-                sensors.request_stop(unit);
-            }
-            if start & bit != 0 {
-                sensors.request_start(unit);
-            }
+            board.dac_code(t_ns, unit, DacCode::ZERO_VOLT.0);
         }
+        stop.iter().for_each(|unit| sensors.request_stop(unit));
+        start.iter().for_each(|unit| sensors.request_start(unit));
     }
 }

@@ -8,7 +8,7 @@ use crate::random::Random;
 use board::bus;
 use board::machine::{Effects, Health, LinkCounters, LoopFigures, Machine};
 use control::geometry::{cable_direction, cos_cell_angle, direction_q14, inv_cos_q16};
-use control::{AdcCode, Config, DacCode, EncoderCounts, Fault, Micros, SystemState};
+use control::{AdcCode, Config, DacCode, EncoderCounts, Fault, Micros, SystemState, UnitIndex};
 use plant::{Plant, PlantConfig};
 use std::collections::VecDeque;
 use wire::message::{
@@ -80,20 +80,20 @@ struct Output {
 /// What the machine asks for, until the rig carries it out.
 #[derive(Debug, Clone, Default)]
 struct Asked {
-    start: Vec<u8>,
-    stop: Vec<u8>,
-    zero: Vec<u8>,
+    start: Vec<UnitIndex>,
+    stop: Vec<UnitIndex>,
+    zero: Vec<UnitIndex>,
     reports: Vec<FaultReport>,
 }
 
 impl Effects for Asked {
-    fn start_sensor(&mut self, unit: u8) {
+    fn start_sensor(&mut self, unit: UnitIndex) {
         self.start.push(unit);
     }
-    fn stop_sensor(&mut self, unit: u8) {
+    fn stop_sensor(&mut self, unit: UnitIndex) {
         self.stop.push(unit);
     }
-    fn zero_output(&mut self, unit: u8) {
+    fn zero_output(&mut self, unit: UnitIndex) {
         self.zero.push(unit);
     }
     fn report(&mut self, report: FaultReport) {
@@ -346,7 +346,7 @@ impl Rig {
             Injection::EventsLost => self.events_lost += 1,
             Injection::Hang => self.hung_since = Some(self.step),
             Injection::Reset => self.reset(None),
-            Injection::ConfigBit(unit, bit) => self.machine.flip_config(unit, bit),
+            Injection::ConfigBit(unit, bit) => self.machine.flip_config(UnitIndex::ALL[unit], bit),
             Injection::RobotMoves => self.plant.set_robot_moving(true),
             Injection::EStop => self.estop_closed = false,
             Injection::StopElsewhere => {
@@ -479,7 +479,7 @@ impl Rig {
             self.converters[unit].failed_reads =
                 self.converters[unit].failed_reads.saturating_add(2);
             let event = bus::Event::ReadFailed {
-                unit: unit as u8,
+                unit: UnitIndex::ALL[unit],
                 in_a_row: self.converters[unit].failed_reads,
             };
             let now = self.now();
@@ -582,7 +582,7 @@ impl Rig {
         let counts = EncoderCounts(self.counts(unit));
         let now = self.now();
         let (word, mut pending) = self.machine.sample(
-            unit as u8,
+            UnitIndex::ALL[unit],
             AdcCode::new(code),
             counts,
             now,
@@ -652,14 +652,14 @@ impl Rig {
     /// Carries out what the machine asked for.
     fn carry_out(&mut self) {
         for unit in std::mem::take(&mut self.asked.zero) {
-            self.write(usize::from(unit), DacCode::ZERO_VOLT.0);
+            self.write(unit as usize, DacCode::ZERO_VOLT.0);
         }
         for unit in std::mem::take(&mut self.asked.stop) {
-            self.converters[usize::from(unit)].streams = false;
-            self.converters[usize::from(unit)].up_at = None;
+            self.converters[unit as usize].streams = false;
+            self.converters[unit as usize].up_at = None;
         }
         for unit in std::mem::take(&mut self.asked.start) {
-            self.converters[usize::from(unit)].up_at = Some(self.step + BRING_UP_STEPS);
+            self.converters[unit as usize].up_at = Some(self.step + BRING_UP_STEPS);
         }
         self.asked.reports.clear();
     }
@@ -697,7 +697,9 @@ impl Rig {
             {
                 self.converters[unit].up_at = None;
                 self.converters[unit].streams = true;
-                let event = bus::Event::Up { unit: unit as u8 };
+                let event = bus::Event::Up {
+                    unit: UnitIndex::ALL[unit],
+                };
                 self.machine.bus_event(event, now, &mut self.asked);
             }
             let noise = self.find(|what| match what {
@@ -706,14 +708,13 @@ impl Rig {
             });
             if noise.is_some_and(|n| (self.step / 20).is_multiple_of(1_000 / n)) {
                 self.machine
-                    .encoder_noise(unit as u8, 0x10, now, &mut self.asked);
+                    .encoder_noise(UnitIndex::ALL[unit], 0x10, now, &mut self.asked);
             }
         }
         self.bus_reports(now);
-        let blind = self.machine.wants_encoders();
-        for unit in (0..UNITS).filter(|unit| blind >> unit & 1 == 1) {
-            let counts = EncoderCounts(self.counts(unit));
-            self.machine.encoder(unit as u8, counts);
+        for unit in self.machine.wants_encoders().iter() {
+            let counts = EncoderCounts(self.counts(unit as usize));
+            self.machine.encoder(unit, counts);
         }
         let overrun = self.find(|what| match what {
             Injection::Overrun(us) => Some(*us),

@@ -1,7 +1,7 @@
 //! Frames of both directions, damaged on the line, and well-framed ones whose content nobody would send.
 
 use board::machine::{Effects, Health, LinkCounters, LoopFigures, Machine, LINKS};
-use control::Micros;
+use control::{Micros, UnitIndex};
 use fuzz::{check, damaged, damages};
 use proptest::collection::vec;
 use proptest::prelude::any;
@@ -66,9 +66,9 @@ fn commands() -> Vec<HostFrame> {
 struct Nothing;
 
 impl Effects for Nothing {
-    fn start_sensor(&mut self, _: u8) {}
-    fn stop_sensor(&mut self, _: u8) {}
-    fn zero_output(&mut self, _: u8) {}
+    fn start_sensor(&mut self, _: UnitIndex) {}
+    fn stop_sensor(&mut self, _: UnitIndex) {}
+    fn zero_output(&mut self, _: UnitIndex) {}
     fn report(&mut self, _: FaultReport) {}
 }
 

@@ -16,7 +16,7 @@ mod tests {
     use board::hw::counters::Counters;
     use board::hw::{dac, gpio, pac, startup, time};
     use board::pins;
-    use control::DacCode;
+    use control::{DacCode, UnitIndex, UnitSet};
     use defmt::{assert, assert_eq, unwrap};
 
     /// What the tests share.
@@ -45,7 +45,7 @@ mod tests {
         time::take_tick();
         let (from, cycles) = (time::now(), cortex_m::peripheral::DWT::cycle_count());
         let mut ticks = 0;
-        while time::now().wrapping_sub(from) < 100_000 {
+        while time::now().since(from) < 100_000 {
             ticks += u32::from(time::take_tick());
         }
         let core_hz_by_dwt = cortex_m::peripheral::DWT::cycle_count().wrapping_sub(cycles) * 10;
@@ -92,11 +92,11 @@ mod tests {
     /// Motors at rest: two readings of each encoder lie within a few counts of each other.
     #[test]
     fn encoders_stand_still(rig: &mut Rig) {
-        for unit in 0..6 {
-            let first = rig.counters.read(unit);
+        for unit in UnitIndex::ALL {
+            let first = rig.counters.read(unit).0;
             let from = time::now();
-            while time::now().wrapping_sub(from) < 10_000 {}
-            assert!((rig.counters.read(unit) - first).abs() < 8);
+            while time::now().since(from) < 10_000 {}
+            assert!((rig.counters.read(unit).0 - first).abs() < 8);
         }
     }
 
@@ -108,13 +108,13 @@ mod tests {
             "RST of the DACs is still low after start-up"
         );
         dac::take_done();
-        dac::write(0, DacCode::ZERO_VOLT);
+        dac::write(UnitIndex::Unit1, DacCode::ZERO_VOLT);
         let from = time::now();
-        let mut done = 0;
-        while done == 0 && time::now().wrapping_sub(from) < clocks::DAC_DEADLINE_US {
+        let mut done = UnitSet::default();
+        while done == UnitSet::default() && time::now().since(from) < clocks::DAC_DEADLINE_US {
             done = dac::take_done().0;
         }
-        assert_eq!(done, 1);
+        assert!(done.contains(UnitIndex::Unit1));
         assert_eq!(dac::take_error(), None);
     }
 }
