@@ -20,15 +20,28 @@ impl ConfigError {
     }
 }
 
-/// Refuses what is not finite or outside `low..=high`.
-pub(crate) fn within(key: &str, value: f64, low: f64, high: f64) -> Result<(), ConfigError> {
-    if value.is_finite() && (low..=high).contains(&value) {
-        Ok(())
-    } else {
+/// A number, or each of several.
+pub(crate) trait Within {
+    /// Refuses what is not finite or outside `low..=high`; `key` is where it stands in the configuration.
+    fn within(&self, key: &str, low: f64, high: f64) -> Result<(), ConfigError>;
+}
+
+impl Within for f64 {
+    fn within(&self, key: &str, low: f64, high: f64) -> Result<(), ConfigError> {
+        if self.is_finite() && (low..=high).contains(self) {
+            return Ok(());
+        }
         Err(ConfigError::new(
             key,
-            format!("{value} found, {low} to {high} expected"),
+            format!("{self} found, {low} to {high} expected"),
         ))
+    }
+}
+
+impl<const N: usize> Within for [f64; N] {
+    fn within(&self, key: &str, low: f64, high: f64) -> Result<(), ConfigError> {
+        self.iter()
+            .try_for_each(|value| value.within(key, low, high))
     }
 }
 

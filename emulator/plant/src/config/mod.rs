@@ -8,6 +8,7 @@
 mod validate;
 
 use crate::effects::Effect;
+use crate::error::{ConfigError, Within};
 use crate::vector::Vec3;
 use serde::{Deserialize, Serialize};
 
@@ -84,75 +85,196 @@ impl Default for PlantConfig {
     }
 }
 
-/// Servo amplifier in current mode.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct AmplifierConfig {
-    /// Current per input volt, A/V. Z6A6: 0.6 (Raven); Z12A8: 1.2 (Raven).
-    pub gain_a_per_v: f64,
-    /// Inputs beyond this are clamped, V. 10 (range of the DAC).
-    pub input_limit_v: f64,
-    /// Bandwidth of the current loop, first order, Hz. 1500: estimate, 1 to 2.5 kHz is usual for analogue
-    /// drives on small inductances.
-    pub bandwidth_hz: f64,
-    /// Largest current, A. 6: the "6" of Z6A6 is its peak current.
-    pub current_limit_a: f64,
-    /// Motor supply, V. 48 (thesis 3.4.1). With back-EMF and resistance it bounds the reel's speed.
-    pub supply_v: f64,
+/// The parts of the rig. A row: name, type and default of a figure, and its range where it has one; each number of a vector
+/// is within it.
+macro_rules! figures {
+    ($($(#[$doc:meta])* $part:ident {
+        $($(#[$field_doc:meta])* $field:ident: $type:ident = $default:expr $(, $low:literal ..= $high:literal)?;)*
+    })*) => {$(
+        $(#[$doc])*
+        #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+        #[serde(default, deny_unknown_fields)]
+        pub struct $part {
+            $($(#[$field_doc])* pub $field: $type,)*
+        }
+
+        impl Default for $part {
+            fn default() -> Self {
+                Self { $($field: $default,)* }
+            }
+        }
+
+        impl $part {
+            /// Checks each figure against its range; `key` is where the part stands in the configuration.
+            fn check(&self, key: &str) -> Result<(), ConfigError> {
+                $($(self.$field.within(&format!("{key}.{}", stringify!($field)), $low, $high)?;)?)*
+                Ok(())
+            }
+        }
+    )*};
 }
 
-impl Default for AmplifierConfig {
-    fn default() -> Self {
-        Self {
-            gain_a_per_v: 0.6,
-            input_limit_v: 10.0,
-            bandwidth_hz: 1500.0,
-            current_limit_a: 6.0,
-            supply_v: 48.0,
-        }
+figures! {
+    /// Servo amplifier in current mode.
+    AmplifierConfig {
+        /// Current per input volt, A/V. Z6A6: 0.6 (Raven); Z12A8: 1.2 (Raven).
+        gain_a_per_v: f64 = 0.6, 1e-3 ..= 100.0;
+        /// Inputs beyond this are clamped, V. 10 (range of the DAC).
+        input_limit_v: f64 = 10.0, 0.1 ..= 100.0;
+        /// Bandwidth of the current loop, first order, Hz. 1500: estimate, 1 to 2.5 kHz is usual for analogue
+        /// drives on small inductances.
+        bandwidth_hz: f64 = 1500.0, 1.0 ..= 1e5;
+        /// Largest current, A. 6: the "6" of Z6A6 is its peak current.
+        current_limit_a: f64 = 6.0, 1e-2 ..= 1e3;
+        /// Motor supply, V. 48 (thesis 3.4.1). With back-EMF and resistance it bounds the reel's speed.
+        supply_v: f64 = 48.0, 1.0 ..= 1e3;
     }
-}
 
-/// Motor, planetary gear, reel and encoder.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct DriveConfig {
-    /// Torque constant, N.m/A. 0.0521 (thesis 3.2.2).
-    pub torque_constant_n_m_per_a: f64,
-    /// Winding resistance, ohm. 2.5: estimate, class of a 30 mm, 48 V coreless maxon motor (RE 30) with
-    /// a torque constant near 52 mN.m/A; the rig's motor is custom-made.
-    pub resistance_ohm: f64,
-    /// Rotor inertia, kg.m^2. 3.4e-6 (34 g.cm^2): estimate, same class.
-    pub rotor_inertia_kg_m2: f64,
-    /// Inertia of gear and encoder disc at the motor shaft, kg.m^2. 1.5e-7: estimate, 32 mm planetary gear.
-    pub gear_inertia_kg_m2: f64,
-    /// Inertia of the reel at its own shaft, kg.m^2. 2e-6: estimate, a printed PLA reel of 10 mm with flanges
-    /// and coupling.
-    pub reel_inertia_kg_m2: f64,
-    /// Motor turns per reel turn. 26/7 (thesis: 3.7:1).
-    pub gear_ratio: f64,
-    /// Reel radius at the cable, m. 0.010 (thesis 3.2.4).
-    pub reel_radius_m: f64,
-    /// Quadrature counts per motor turn at x4. 4000 (Raven).
-    pub encoder_counts_per_turn: u32,
-    /// True when the counts fall while the reel winds cable in under positive current, as on Raven,
-    /// whose software negates them.
-    pub encoder_inverted: bool,
-}
+    /// Motor, planetary gear, reel and encoder.
+    DriveConfig {
+        /// Torque constant, N.m/A. 0.0521 (thesis 3.2.2).
+        torque_constant_n_m_per_a: f64 = 0.0521, 1e-4 ..= 10.0;
+        /// Winding resistance, ohm. 2.5: estimate, class of a 30 mm, 48 V coreless maxon motor (RE 30) with
+        /// a torque constant near 52 mN.m/A; the rig's motor is custom-made.
+        resistance_ohm: f64 = 2.5, 1e-3 ..= 1e3;
+        /// Rotor inertia, kg.m^2. 3.4e-6 (34 g.cm^2): estimate, same class.
+        rotor_inertia_kg_m2: f64 = 3.4e-6, 1e-8 ..= 1.0;
+        /// Inertia of gear and encoder disc at the motor shaft, kg.m^2. 1.5e-7: estimate, 32 mm planetary gear.
+        gear_inertia_kg_m2: f64 = 1.5e-7, 0.0 ..= 1.0;
+        /// Inertia of the reel at its own shaft, kg.m^2. 2e-6: estimate, a printed PLA reel of 10 mm with flanges
+        /// and coupling.
+        reel_inertia_kg_m2: f64 = 2.0e-6, 0.0 ..= 1.0;
+        /// Motor turns per reel turn. 26/7 (thesis: 3.7:1).
+        gear_ratio: f64 = 26.0 / 7.0, 0.1 ..= 1e3;
+        /// Reel radius at the cable, m. 0.010 (thesis 3.2.4).
+        reel_radius_m: f64 = 0.010, 1e-3 ..= 1.0;
+        /// Quadrature counts per motor turn at x4. 4000 (Raven).
+        encoder_counts_per_turn: u32 = 4000;
+        /// True when the counts fall while the reel winds cable in under positive current, as on Raven,
+        /// whose software negates them.
+        encoder_inverted: bool = true;
+    }
 
-impl Default for DriveConfig {
-    fn default() -> Self {
-        Self {
-            torque_constant_n_m_per_a: 0.0521,
-            resistance_ohm: 2.5,
-            rotor_inertia_kg_m2: 3.4e-6,
-            gear_inertia_kg_m2: 1.5e-7,
-            reel_inertia_kg_m2: 2.0e-6,
-            gear_ratio: 26.0 / 7.0,
-            reel_radius_m: 0.010,
-            encoder_counts_per_turn: 4000,
-            encoder_inverted: true,
-        }
+    /// Friction of the drive at the cable. The measured law, over the rig's units, with `u` the loss-free
+    /// pull: `T = offset + gain u - sign(v) (coulomb + per_load u)`.
+    FrictionConfig {
+        /// Constant pull, N. 0.155 (measured).
+        offset_n: f64 = 0.155, -10.0 ..= 10.0;
+        /// Standard deviation of the offset between units, N. 0.027 (measured: units fitted one by one).
+        offset_sd_n: f64 = 0.027, 0.0 ..= 1.0;
+        /// Real pull per loss-free pull. 1.018 (measured).
+        gain: f64 = 1.018, 0.1 ..= 10.0;
+        /// Standard deviation of the gain between units. 0.007 (measured).
+        gain_sd: f64 = 0.007, 0.0 ..= 0.2;
+        /// Coulomb friction without load, N. 0.909 (measured).
+        coulomb_n: f64 = 0.909, 0.0 ..= 100.0;
+        /// Relative standard deviation of the Coulomb friction between units. 0.05 (measured: 0.065 with
+        /// the error of the fit in it).
+        coulomb_relative_sd: f64 = 0.05, 0.0 ..= 0.3;
+        /// Friction per motor pull. 0.154 (measured).
+        per_load: f64 = 0.154, 0.0 ..= 0.9;
+        /// Relative standard deviation of `per_load` between units. 0.08 (measured: 0.10, see above).
+        per_load_relative_sd: f64 = 0.08, 0.0 ..= 0.3;
+        /// Breakaway over kinetic friction, >= 1. 1.04: estimate; static above Coulomb friction by thesis 3.6, and
+        /// small, since a Stribeck term explains under 1 % of the measured error and larger values make the rig
+        /// stick and slip at its usual speeds.
+        breakaway_ratio: f64 = 1.04, 1.0 ..= 3.0;
+        /// Cable speed at which the excess of breakaway has fallen to a quarter, m/s. 1e-3: estimate.
+        stribeck_velocity_m_per_s: f64 = 1.0e-3, 1e-5 ..= 1.0;
+        /// Cable travel from relaxed contact to sliding at the friction level of a 6 N pull, m. 3e-5 (7 counts of the
+        /// encoder): estimate, elastic wind-up of gear and bearings.
+        presliding_m: f64 = 3.0e-5, 1e-6 ..= 1e-2;
+        /// Damping ratio of the rotor on the sticking contact. 0.1: estimate.
+        presliding_damping_ratio: f64 = 0.1, 0.0 ..= 1.0;
+        /// Viscous friction, N.s/m at the cable. 0.5: estimate, a few mN at the rig's speeds; measured as
+        /// immaterial.
+        viscous_n_s_per_m: f64 = 0.5, 0.0 ..= 1e3;
+    }
+
+    /// Cable between reel and tip.
+    CableConfig {
+        /// Axial stiffness EA, N: tension per strain. 10_000: estimate, a 0.8 mm braid of high-modulus polyethylene
+        /// of about 300 tex at some 35 N/tex (fibre: 110 N/tex; braids without matrix lie far below, see
+        /// Sry et al., Appl. Sci. 8 (2018) 1096). At 0.42 m: 24 N/mm. 0.5 mm stranded steel is alike.
+        axial_stiffness_n: f64 = 10_000.0, 10.0 ..= 2e5;
+        /// Damping time of the cable, s: damping is stiffness times this. 8e-4: estimate, 9 % of critical with
+        /// the reflected rotor mass: braids and a printed reel are lossy.
+        damping_s: f64 = 8.0e-4, 0.0 ..= 5e-3;
+        /// Slack at the start, m, >= 0. 0: just taut at zero tension.
+        initial_slack_m: f64 = 0.0, 0.0 ..= 1.0;
+    }
+
+    /// Shear-beam load cell between motor mount and base.
+    LoadCellConfig {
+        /// Capacity, kg. 3 (thesis 3.2.3).
+        capacity_kg: f64 = 3.0, 1e-2 ..= 1e4;
+        /// Output at capacity, V/V. 0.002 (2 mV/V, usual for this cell).
+        rated_output_v_per_v: f64 = 0.002, 1e-5 ..= 0.1;
+        /// Standard deviation of the relative gain error between cells. 0.04 (calibration factors on file spread
+        /// from 6.2e-6 to 7.3e-6 N/count).
+        gain_error_sd: f64 = 0.04, 0.0 ..= 0.3;
+        /// Standard deviation of the output without load, V/V. 3e-5: estimate, zero balance of cheap cells.
+        zero_sd_v_per_v: f64 = 3.0e-5, 0.0 ..= 0.01;
+        /// Flexure stiffness, N/m. 1e5: estimate, 0.3 mm at capacity.
+        stiffness_n_per_m: f64 = 1.0e5, 1e2 ..= 1e7;
+        /// Damping ratio of the motor assembly on the flexure. 0.05: estimate, printed PLA parts.
+        damping_ratio: f64 = 0.05, 0.0 ..= 2.0;
+        /// Mass of motor and rack carried by the cell, kg. 0.5 (thesis 3.5.1): gravity along the axis is part of
+        /// the zero offset, and mass and flexure ring at about 70 Hz.
+        assembly_mass_kg: f64 = 0.5, 1e-2 ..= 1e2;
+        /// Gravity in the robot frame, m/s^2.
+        gravity_m_per_s2: Vec3 = [0.0, 0.0, -STANDARD_GRAVITY_M_PER_S2], -100.0 ..= 100.0;
+    }
+
+    /// The robot's tip.
+    RobotConfig {
+        /// Centre of the workspace, robot frame, m. An example (estimate): the thesis prints none.
+        workspace_center_m: Vec3 = [-0.080, 0.025, -0.140], -100.0 ..= 100.0;
+        /// Time in which motion ramps in and out, s, >= 0.
+        ramp_s: f64 = 1.0, 0.0 ..= 1e3;
+        /// Give of the position-controlled tip, m/N, the same in all directions. 0: stiff.
+        tip_compliance_m_per_n: f64 = 0.0, 0.0 ..= 0.01;
+        /// Time constant with which the tip gives, s, >= 1e-3.
+        tip_relaxation_s: f64 = 5.0e-3, 1e-3 ..= 10.0;
+        /// Where the tip goes while the robot moves.
+        path: PathConfig = PathConfig::default();
+    }
+
+    /// Seed-drawn sums of sinusoids, one sum per axis.
+    RandomPath {
+        /// Half the box that the path never leaves, m.
+        half_extent_m: Vec3 = [0.030; 3], 0.0 ..= 10.0;
+        /// Root mean square of the tip's speed, m/s. 0.012: estimate, the slow moves of the thesis.
+        rms_speed_m_per_s: f64 = 0.012, 0.0 ..= 10.0;
+        /// Sinusoids per axis, 1 to 16.
+        harmonics: usize = 3;
+        /// Longest over shortest period, > 1. The periods themselves follow from the speed.
+        period_ratio: f64 = 4.0, 1.0 ..= 1e3;
+    }
+
+    /// A triangle wave along a line through the centre.
+    SweepPath {
+        /// Direction of the line, any length but zero.
+        direction: Vec3 = [1.0, 0.0, 0.0], -1e6 ..= 1e6;
+        /// Largest distance from the centre, m.
+        amplitude_m: f64 = 0.015, 1e-6 ..= 10.0;
+        /// Speed between the turning points, m/s.
+        speed_m_per_s: f64 = 0.005, 0.0 ..= 10.0;
+    }
+
+    /// A tip that stands still.
+    FixedPath {
+        /// Offset from the workspace centre, m.
+        offset_m: Vec3 = [0.0; 3], -10.0 ..= 10.0;
+    }
+
+    /// Errors of the survey with the coordinate measuring arm (thesis 3.5.2), drawn per unit from the seed.
+    SurveyConfig {
+        /// Standard deviation of a unit's position per coordinate, m. 5e-4: estimate, a chain of plates adds to the
+        /// arm's own 0.05 to 0.1 mm.
+        position_sd_m: f64 = 5.0e-4, 0.0 ..= 0.02;
+        /// Standard deviation of an axis about each perpendicular, rad. 5e-3: estimate, three points on 30 mm.
+        axis_sd_rad: f64 = 5.0e-3, 0.0 ..= 0.2;
     }
 }
 
@@ -167,156 +289,6 @@ impl DriveConfig {
         let motor_side =
             (self.rotor_inertia_kg_m2 + self.gear_inertia_kg_m2) * self.gear_ratio.powi(2);
         (motor_side + self.reel_inertia_kg_m2) / self.reel_radius_m.powi(2)
-    }
-}
-
-/// Friction of the drive at the cable. The measured law, over the rig's units, with `u` the loss-free
-/// pull: `T = offset + gain u - sign(v) (coulomb + per_load u)`.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct FrictionConfig {
-    /// Constant pull, N. 0.155 (measured).
-    pub offset_n: f64,
-    /// Standard deviation of the offset between units, N. 0.027 (measured: units fitted one by one).
-    pub offset_sd_n: f64,
-    /// Real pull per loss-free pull. 1.018 (measured).
-    pub gain: f64,
-    /// Standard deviation of the gain between units. 0.007 (measured).
-    pub gain_sd: f64,
-    /// Coulomb friction without load, N. 0.909 (measured).
-    pub coulomb_n: f64,
-    /// Relative standard deviation of the Coulomb friction between units. 0.05 (measured: 0.065 with
-    /// the error of the fit in it).
-    pub coulomb_relative_sd: f64,
-    /// Friction per motor pull. 0.154 (measured).
-    pub per_load: f64,
-    /// Relative standard deviation of `per_load` between units. 0.08 (measured: 0.10, see above).
-    pub per_load_relative_sd: f64,
-    /// Breakaway over kinetic friction, >= 1. 1.04: estimate; static above Coulomb friction by thesis 3.6, and
-    /// small, since a Stribeck term explains under 1 % of the measured error and larger values make the rig
-    /// stick and slip at its usual speeds.
-    pub breakaway_ratio: f64,
-    /// Cable speed at which the excess of breakaway has fallen to a quarter, m/s. 1e-3: estimate.
-    pub stribeck_velocity_m_per_s: f64,
-    /// Cable travel from relaxed contact to sliding at the friction level of a 6 N pull, m. 3e-5 (7 counts of the
-    /// encoder): estimate, elastic wind-up of gear and bearings.
-    pub presliding_m: f64,
-    /// Damping ratio of the rotor on the sticking contact. 0.1: estimate.
-    pub presliding_damping_ratio: f64,
-    /// Viscous friction, N.s/m at the cable. 0.5: estimate, a few mN at the rig's speeds; measured as
-    /// immaterial.
-    pub viscous_n_s_per_m: f64,
-}
-
-impl Default for FrictionConfig {
-    fn default() -> Self {
-        Self {
-            offset_n: 0.155,
-            offset_sd_n: 0.027,
-            gain: 1.018,
-            gain_sd: 0.007,
-            coulomb_n: 0.909,
-            coulomb_relative_sd: 0.05,
-            per_load: 0.154,
-            per_load_relative_sd: 0.08,
-            breakaway_ratio: 1.04,
-            stribeck_velocity_m_per_s: 1.0e-3,
-            presliding_m: 3.0e-5,
-            presliding_damping_ratio: 0.1,
-            viscous_n_s_per_m: 0.5,
-        }
-    }
-}
-
-/// Cable between reel and tip.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct CableConfig {
-    /// Axial stiffness EA, N: tension per strain. 10_000: estimate, a 0.8 mm braid of high-modulus polyethylene
-    /// of about 300 tex at some 35 N/tex (fibre: 110 N/tex; braids without matrix lie far below, see
-    /// Sry et al., Appl. Sci. 8 (2018) 1096). At 0.42 m: 24 N/mm. 0.5 mm stranded steel is alike.
-    pub axial_stiffness_n: f64,
-    /// Damping time of the cable, s: damping is stiffness times this. 8e-4: estimate, 9 % of critical with
-    /// the reflected rotor mass: braids and a printed reel are lossy.
-    pub damping_s: f64,
-    /// Slack at the start, m, >= 0. 0: just taut at zero tension.
-    pub initial_slack_m: f64,
-}
-
-impl Default for CableConfig {
-    fn default() -> Self {
-        Self {
-            axial_stiffness_n: 10_000.0,
-            damping_s: 8.0e-4,
-            initial_slack_m: 0.0,
-        }
-    }
-}
-
-/// Shear-beam load cell between motor mount and base.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct LoadCellConfig {
-    /// Capacity, kg. 3 (thesis 3.2.3).
-    pub capacity_kg: f64,
-    /// Output at capacity, V/V. 0.002 (2 mV/V, usual for this cell).
-    pub rated_output_v_per_v: f64,
-    /// Standard deviation of the relative gain error between cells. 0.04 (calibration factors on file spread
-    /// from 6.2e-6 to 7.3e-6 N/count).
-    pub gain_error_sd: f64,
-    /// Standard deviation of the output without load, V/V. 3e-5: estimate, zero balance of cheap cells.
-    pub zero_sd_v_per_v: f64,
-    /// Flexure stiffness, N/m. 1e5: estimate, 0.3 mm at capacity.
-    pub stiffness_n_per_m: f64,
-    /// Damping ratio of the motor assembly on the flexure. 0.05: estimate, printed PLA parts.
-    pub damping_ratio: f64,
-    /// Mass of motor and rack carried by the cell, kg. 0.5 (thesis 3.5.1): gravity along the axis is part of
-    /// the zero offset, and mass and flexure ring at about 70 Hz.
-    pub assembly_mass_kg: f64,
-    /// Gravity in the robot frame, m/s^2.
-    pub gravity_m_per_s2: Vec3,
-}
-
-impl Default for LoadCellConfig {
-    fn default() -> Self {
-        Self {
-            capacity_kg: 3.0,
-            rated_output_v_per_v: 0.002,
-            gain_error_sd: 0.04,
-            zero_sd_v_per_v: 3.0e-5,
-            stiffness_n_per_m: 1.0e5,
-            damping_ratio: 0.05,
-            assembly_mass_kg: 0.5,
-            gravity_m_per_s2: [0.0, 0.0, -STANDARD_GRAVITY_M_PER_S2],
-        }
-    }
-}
-
-/// The robot's tip.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RobotConfig {
-    /// Centre of the workspace, robot frame, m. An example (estimate): the thesis prints none.
-    pub workspace_center_m: Vec3,
-    /// Time in which motion ramps in and out, s, >= 0.
-    pub ramp_s: f64,
-    /// Give of the position-controlled tip, m/N, the same in all directions. 0: stiff.
-    pub tip_compliance_m_per_n: f64,
-    /// Time constant with which the tip gives, s, >= 1e-3.
-    pub tip_relaxation_s: f64,
-    /// Where the tip goes while the robot moves.
-    pub path: PathConfig,
-}
-
-impl Default for RobotConfig {
-    fn default() -> Self {
-        Self {
-            workspace_center_m: [-0.080, 0.025, -0.140],
-            ramp_s: 1.0,
-            tip_compliance_m_per_n: 0.0,
-            tip_relaxation_s: 5.0e-3,
-            path: PathConfig::default(),
-        }
     }
 }
 
@@ -335,81 +307,6 @@ pub enum PathConfig {
 impl Default for PathConfig {
     fn default() -> Self {
         Self::Random(RandomPath::default())
-    }
-}
-
-/// Seed-drawn sums of sinusoids, one sum per axis.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RandomPath {
-    /// Half the box that the path never leaves, m.
-    pub half_extent_m: Vec3,
-    /// Root mean square of the tip's speed, m/s. 0.012: estimate, the slow moves of the thesis.
-    pub rms_speed_m_per_s: f64,
-    /// Sinusoids per axis, 1 to 16.
-    pub harmonics: usize,
-    /// Longest over shortest period, > 1. The periods themselves follow from the speed.
-    pub period_ratio: f64,
-}
-
-impl Default for RandomPath {
-    fn default() -> Self {
-        Self {
-            half_extent_m: [0.030; 3],
-            rms_speed_m_per_s: 0.012,
-            harmonics: 3,
-            period_ratio: 4.0,
-        }
-    }
-}
-
-/// A triangle wave along a line through the centre.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SweepPath {
-    /// Direction of the line, any length but zero.
-    pub direction: Vec3,
-    /// Largest distance from the centre, m.
-    pub amplitude_m: f64,
-    /// Speed between the turning points, m/s.
-    pub speed_m_per_s: f64,
-}
-
-impl Default for SweepPath {
-    fn default() -> Self {
-        Self {
-            direction: [1.0, 0.0, 0.0],
-            amplitude_m: 0.015,
-            speed_m_per_s: 0.005,
-        }
-    }
-}
-
-/// A tip that stands still.
-#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct FixedPath {
-    /// Offset from the workspace centre, m.
-    pub offset_m: Vec3,
-}
-
-/// Errors of the survey with the coordinate measuring arm (thesis 3.5.2), drawn per unit from the seed.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct SurveyConfig {
-    /// Standard deviation of a unit's position per coordinate, m. 5e-4: estimate, a chain of plates adds to the
-    /// arm's own 0.05 to 0.1 mm.
-    pub position_sd_m: f64,
-    /// Standard deviation of an axis about each perpendicular, rad. 5e-3: estimate, three points on 30 mm.
-    pub axis_sd_rad: f64,
-}
-
-impl Default for SurveyConfig {
-    fn default() -> Self {
-        Self {
-            position_sd_m: 5.0e-4,
-            axis_sd_rad: 5.0e-3,
-        }
     }
 }
 

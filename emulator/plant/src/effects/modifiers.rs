@@ -33,7 +33,7 @@ impl Modifiers {
         let mut modifiers = Self::default();
         for effect in effects {
             if effect.concerns(unit) {
-                effect.parts().0.install(&mut modifiers);
+                effect.install(&mut modifiers);
             }
         }
         modifiers
