@@ -6,7 +6,7 @@
 use crate::units::Newton;
 use nalgebra::{Matrix3x6, Vector3, Vector6};
 use wire::message::DIRECTION_ONE;
-use wire::UNITS;
+use wire::{UnitIndex, UNITS};
 
 /// Samples in a row above the limit that make a fault: 10 ms at six units, longer than the spike gate holds.
 pub const TRIP_SAMPLES: u8 = 20;
@@ -69,7 +69,7 @@ impl TipGuard {
     }
 
     /// One sample: this unit's cable has this tension now. Returns the force in millinewton, at most 65,535.
-    pub fn sample(&mut self, unit: usize, tension: Newton) -> u16 {
+    pub fn sample(&mut self, unit: UnitIndex, tension: Newton) -> u16 {
         const PER_BIT: f32 = 1.0 / (1u32 << Newton::FRAC_BITS) as f32;
         self.set(unit, tension.to_bits() as f32 * PER_BIT);
         let size = self.size_n();
@@ -83,12 +83,13 @@ impl TipGuard {
     }
 
     /// Forgets the tension of a unit whose load cell does not measure.
-    pub fn forget(&mut self, unit: usize) {
+    pub fn forget(&mut self, unit: UnitIndex) {
         self.set(unit, 0.0);
     }
 
     /// A cable's tension changes: the sums change by its part. Rounding errors end with the next directions.
-    fn set(&mut self, unit: usize, tension_n: f32) {
+    fn set(&mut self, unit: UnitIndex, tension_n: f32) {
+        let unit = unit as usize;
         if let Some(slot) = self.tensions.get_mut(unit) {
             let change = tension_n - core::mem::replace(slot, tension_n);
             // By element: a column as a matrix of its own is a copy whose size nalgebra checks with a panic.
@@ -135,19 +136,19 @@ mod tests {
     fn opposite_cables_cancel_and_one_alone_trips() {
         let mut guard = TipGuard::new(10_000_000);
         guard.set_directions(&[X, MINUS_X, X, MINUS_X, X, MINUS_X]);
-        for unit in 0..UNITS {
+        for unit in UnitIndex::ALL {
             guard.sample(unit, newton(12));
         }
         let [x, ..] = guard.force_un();
         assert!(x.abs() < 10, "{x} uN");
         for _ in 0..TRIP_SAMPLES - 1 {
-            let mn = guard.sample(1, newton(0));
+            let mn = guard.sample(UnitIndex::Unit2, newton(0));
             assert!((11_976..12_024).contains(&mn), "{mn} mN");
             assert_eq!(guard.exceeded(), None);
         }
-        guard.sample(1, newton(0));
+        guard.sample(UnitIndex::Unit2, newton(0));
         assert!(guard.exceeded().is_some());
-        guard.sample(1, newton(12));
+        guard.sample(UnitIndex::Unit2, newton(12));
         assert_eq!(guard.exceeded(), None);
     }
 
@@ -155,10 +156,10 @@ mod tests {
     fn a_cable_without_a_direction_counts_in_full() {
         let mut guard = TipGuard::new(10_000_000);
         guard.set_directions(&[X, MINUS_X, [0; 3], X, MINUS_X, X]);
-        assert_eq!(guard.sample(2, newton(7)), 7_000);
-        guard.sample(2, newton(-7));
-        guard.forget(2);
-        assert_eq!(guard.sample(0, newton(0)), 0);
+        assert_eq!(guard.sample(UnitIndex::Unit3, newton(7)), 7_000);
+        guard.sample(UnitIndex::Unit3, newton(-7));
+        guard.forget(UnitIndex::Unit3);
+        assert_eq!(guard.sample(UnitIndex::Unit1, newton(0)), 0);
     }
 
     #[test]

@@ -138,7 +138,7 @@ impl Machine {
             };
             slot.let_go.released(at, released);
         }
-        pending.tip_force_mn = self.tip.sample(unit as usize, output.tension);
+        pending.tip_force_mn = self.tip.sample(unit, output.tension);
         if slot.zero.is_some() {
             self.average_zero(unit, pending.adc_code, at, fx);
         }

@@ -146,7 +146,7 @@ impl Machine {
             slot.sensor_up = false;
             slot.came_up = None;
             slot.let_go.blind();
-            self.tip.forget(unit as usize);
+            self.tip.forget(unit);
             fx.stop_sensor(unit);
         }
         self.advance(Request::None, fx);

@@ -3,7 +3,9 @@
 use super::{Behavior, FakeBoard, MS};
 use control::unit::Drive;
 use control::zero::Progress;
-use control::{AdcCode, Controller, EncoderCounts, Fault, Input, Micros, MotorState, SystemState};
+use control::{
+    AdcCode, Controller, EncoderCounts, Fault, Input, Micros, MotorState, SystemState, UnitIndex,
+};
 use emulator_link::Truth;
 use wire::message::{Batch, Sample, BATCH};
 use wire::{BoardMessage, UNITS};
@@ -68,7 +70,7 @@ impl FakeBoard {
             ..Sample::default()
         };
         output.describe(&mut sample);
-        sample.tip_force_mn = self.tip.sample(i, output.tension);
+        sample.tip_force_mn = self.tip.sample(UnitIndex::ALL[i], output.tension);
         let t_us = self.t_us();
         let batch = self.batch.get_or_insert(Batch {
             t_us,
