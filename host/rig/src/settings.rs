@@ -1,5 +1,6 @@
 //! Settings of the workspace, the host's controller and the units, in SI units, and the units' form on the wire.
 
+use control::config::field;
 use nalgebra::Vector3;
 use serde::Serialize;
 use wire::message::{BoardConfig, CellCorrection, FilterChoice, Ripple, UnitConfig, RIPPLES};
@@ -42,7 +43,7 @@ impl ControllerSettings {
     #[must_use]
     pub fn board_config(&self) -> BoardConfig {
         BoardConfig {
-            tip_force_limit_un: micro(self.tip_force_limit_n),
+            tip_force_limit_un: (self.tip_force_limit_n * 1e6).round() as i32,
             pointer_ahead: self.pointer_ahead,
         }
     }
@@ -173,9 +174,9 @@ impl CellSettings {
 
     fn to_wire(self) -> CellCorrection {
         CellCorrection {
-            curve_nn_per_n2: (self.curve_per_n * 1e9).round() as i32,
-            creep_q16: q16(self.creep),
-            creep_ms: (self.creep_s * 1e3).round() as i32,
+            curve_nn_per_n2: field::CELL_CURVE.to_wire(self.curve_per_n),
+            creep_q16: field::CELL_CREEP.to_wire(self.creep),
+            creep_ms: field::CELL_CREEP_TIME.to_wire(self.creep_s),
         }
     }
 }
@@ -257,23 +258,13 @@ impl RippleSettings {
         let turn = 4_294_967_296.0;
         let turns = self.phase_rad / std::f64::consts::TAU;
         Ripple {
-            periods_per_count_q32: (travel_m_per_count / self.period_m * turn).round() as i32,
+            periods_per_count_q32: field::RIPPLE_RATE.to_wire(travel_m_per_count / self.period_m),
             // Half a turn exactly would not fit and is minus half a turn.
             phase_q32: ((turns - turns.round()) * turn).round() as i64 as i32,
-            amplitude_un: micro(self.amplitude_n),
-            amplitude_load_q16: q16(self.amplitude_per_n),
+            amplitude_un: field::RIPPLE_AMPLITUDE.to_wire(self.amplitude_n),
+            amplitude_load_q16: field::RIPPLE_LOAD.to_wire(self.amplitude_per_n),
         }
     }
-}
-
-/// A number times 65,536, rounded. The reader's ranges keep every product within `i32`.
-fn q16(value: f64) -> i32 {
-    (value * 65_536.0).round() as i32
-}
-
-/// Newtons as micronewtons, rounded.
-fn micro(value: f64) -> i32 {
-    (value * 1e6).round() as i32
 }
 
 impl UnitSettings {
@@ -282,35 +273,35 @@ impl UnitSettings {
     pub fn to_wire(&self) -> UnitConfig {
         UnitConfig {
             enabled: self.enabled,
-            scale_pn_per_count: (self.scale_n_per_count * 1e12).round() as i32,
+            scale_pn_per_count: field::SCALE.to_wire(self.scale_n_per_count),
             zero_code: 0,
-            stored_zero_code: self.checks.zero_code.round() as i32,
-            zero_deviation_un: micro(self.checks.zero_deviation_n),
+            stored_zero_code: field::STORED_ZERO.to_wire(self.checks.zero_code),
+            zero_deviation_un: field::ZERO_DEVIATION.to_wire(self.checks.zero_deviation_n),
             filter: match self.filter {
                 Filter::MovingAverage(n) => FilterChoice::MovingAverage(n),
                 Filter::LowPass(corner_hz) => FilterChoice::LowPass {
-                    corner_chz: (corner_hz * 100.0).round() as u16,
+                    corner_chz: field::FILTER.to_wire(corner_hz) as u16,
                 },
             },
-            spike_limit_un: micro(self.spike_limit_n),
-            kp_q16: q16(self.kp),
-            ki_q16: q16(self.ki_per_s),
-            kd_q16: q16(self.kd_s),
-            damping_q16: q16(self.damping_n_s_per_m),
+            spike_limit_un: field::SPIKE_LIMIT.to_wire(self.spike_limit_n),
+            kp_q16: field::KP.to_wire(self.kp),
+            ki_q16: field::KI.to_wire(self.ki_per_s),
+            kd_q16: field::KD.to_wire(self.kd_s),
+            damping_q16: field::DAMPING.to_wire(self.damping_n_s_per_m),
             friction_feedforward: self.friction_feedforward,
-            friction_offset_un: micro(self.friction_offset_n),
-            friction_gain_q16: q16(self.friction_gain),
-            coulomb_un: micro(self.coulomb_n),
-            coulomb_load_q16: q16(self.coulomb_per_n),
-            reversal_nm: (self.reversal_m * 1e9).round() as i32,
-            travel_nm_per_count: (self.travel_m_per_count * 1e9).round() as i32,
-            dac_counts_per_n_q16: q16(self.dac_codes_per_n),
-            force_limit_un: micro(self.force_limit_n),
-            authority_un: micro(self.checks.authority_n),
-            plausible_un: micro(self.checks.plausible_n),
-            slew_un_per_s: micro(self.slew_n_per_s),
-            over_tension_un: micro(self.over_tension_n),
-            viscous_q16: q16(self.viscous_n_s_per_m),
+            friction_offset_un: field::OFFSET.to_wire(self.friction_offset_n),
+            friction_gain_q16: field::GAIN.to_wire(self.friction_gain),
+            coulomb_un: field::COULOMB.to_wire(self.coulomb_n),
+            coulomb_load_q16: field::COULOMB_LOAD.to_wire(self.coulomb_per_n),
+            reversal_nm: field::REVERSAL.to_wire(self.reversal_m),
+            travel_nm_per_count: field::TRAVEL.to_wire(self.travel_m_per_count),
+            dac_counts_per_n_q16: field::DAC_SCALE.to_wire(self.dac_codes_per_n),
+            force_limit_un: field::FORCE_LIMIT.to_wire(self.force_limit_n),
+            authority_un: field::AUTHORITY.to_wire(self.checks.authority_n),
+            plausible_un: field::PLAUSIBLE.to_wire(self.checks.plausible_n),
+            slew_un_per_s: field::SLEW.to_wire(self.slew_n_per_s),
+            over_tension_un: field::OVER_TENSION.to_wire(self.over_tension_n),
+            viscous_q16: field::VISCOUS.to_wire(self.viscous_n_s_per_m),
             ripples: self
                 .ripples
                 .map(|ripple| ripple.to_wire(self.travel_m_per_count)),

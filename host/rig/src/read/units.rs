@@ -3,6 +3,7 @@
 use super::check::{check_geometry, check_limits};
 use super::section::Section;
 use crate::{CellSettings, Filter, RippleSettings, UnitChecks, UnitSettings, Workspace};
+use control::config::{field, Field};
 use nalgebra::Vector3;
 use std::cell::RefCell;
 use std::collections::BTreeSet;
@@ -161,8 +162,12 @@ fn stand_in(number: u8) -> UnitSettings {
 fn read_ripple(section: &Section<'_, '_>, n: usize) -> RippleSettings {
     let prefix = ["ripple", "ripple2"][n.min(1)];
     let amplitude_key = format!("{prefix}_amplitude_n");
-    let amplitude = section.optional(&amplitude_key, 0.0..=3.0, 0.0);
-    let per_n = section.optional(&format!("{prefix}_amplitude_per_n"), 0.0..=0.2, 0.0);
+    let amplitude = section.optional(&amplitude_key, field::RIPPLE_AMPLITUDE.range(), 0.0);
+    let per_n = section.optional(
+        &format!("{prefix}_amplitude_per_n"),
+        field::RIPPLE_LOAD.range(),
+        0.0,
+    );
     let period_key = format!("{prefix}_period_m");
     let period = section.optional(&period_key, 5e-4..=1.0, 0.0);
     let ripple = RippleSettings {
@@ -184,11 +189,11 @@ fn read_ripple(section: &Section<'_, '_>, n: usize) -> RippleSettings {
 }
 
 fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
-    let n = |key, range, example| section.number(key, range, example);
+    let n = |key, field: &Field, example| section.number(key, field.range(), example);
     let exit = section.vector("exit_m", 10.0, "[0.335, 0.045, -0.110]");
     let axis = section.vector("axis", 2.0, "[-1.0, 0.0, 0.0]");
-    let scale = n("scale_n_per_count", -3e-5..=3e-5, "6.85e-6");
-    if scale.good && scale.value.abs() < 1e-6 {
+    let scale = n("scale_n_per_count", &field::SCALE, "6.85e-6");
+    if scale.good && scale.value.abs() < field::SCALE.least_size {
         section.report(
             scale.at,
             "scale_n_per_count",
@@ -198,16 +203,17 @@ fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
             ),
         );
     }
-    let tension_min = n("tension_min_n", 0.1..=60.0, "2.0");
-    let tension_max = n("tension_max_n", 0.1..=60.0, "12.0");
-    let force_limit = n("force_limit_n", 0.1..=40.0, "16.0");
-    let over_tension = n("over_tension_n", 1.0..=50.0, "20.0");
-    let travel = n("travel_m_per_count", -1e-4..=1e-4, "-4.229e-6");
-    if travel.good && travel.value.abs() < 1e-7 {
+    let tension_min = section.number("tension_min_n", 0.1..=60.0, "2.0");
+    let tension_max = section.number("tension_max_n", 0.1..=60.0, "12.0");
+    let most = *field::FORCE_LIMIT.range().end();
+    let force_limit = section.number("force_limit_n", 0.1..=most, "16.0");
+    let over_tension = n("over_tension_n", &field::OVER_TENSION, "20.0");
+    let travel = n("travel_m_per_count", &field::TRAVEL, "-4.229e-6");
+    if travel.good && travel.value.abs() < field::TRAVEL.least_size {
         section.report(travel.at, "travel_m_per_count", "is (nearly) zero; nominal is 2 pi 10 mm / (4000 * 26 / 7) = 4.229e-6, negative where winding in counts down");
     }
-    let dac = n("dac_codes_per_n", -1000.0..=1000.0, "282.2");
-    if dac.good && dac.value.abs() < 10.0 {
+    let dac = n("dac_codes_per_n", &field::DAC_SCALE, "282.2");
+    if dac.good && dac.value.abs() < field::DAC_SCALE.least_size {
         section.report(dac.at, "dac_codes_per_n", "is (nearly) zero; nominal is 282.2, negative where the motor turns the other way round");
     }
     let unit = UnitSettings {
@@ -219,24 +225,24 @@ fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
         tension_min_n: tension_min.value,
         tension_max_n: tension_max.value,
         filter: read_filter(section),
-        spike_limit_n: n("spike_limit_n", 0.05..=60.0, "1.5").value,
-        kp: n("kp", 0.0..=20.0, "1.0").value,
-        ki_per_s: n("ki_per_s", 0.0..=200.0, "20.0").value,
-        kd_s: n("kd_s", 0.0..=0.5, "0.0").value,
-        damping_n_s_per_m: n("damping_n_s_per_m", 0.0..=1000.0, "60.0").value,
+        spike_limit_n: n("spike_limit_n", &field::SPIKE_LIMIT, "1.5").value,
+        kp: n("kp", &field::KP, "1.0").value,
+        ki_per_s: n("ki_per_s", &field::KI, "20.0").value,
+        kd_s: n("kd_s", &field::KD, "0.0").value,
+        damping_n_s_per_m: n("damping_n_s_per_m", &field::DAMPING, "60.0").value,
         friction_feedforward: section.flag("friction_feedforward", None),
-        friction_offset_n: n("friction_offset_n", -3.0..=3.0, "0.155").value,
-        friction_gain: n("friction_gain", 0.5..=2.0, "1.018").value,
-        coulomb_n: n("coulomb_n", 0.0..=5.0, "0.909").value,
-        coulomb_per_n: n("coulomb_per_n", 0.0..=0.4, "0.154").value,
-        reversal_m: n("reversal_m", 1e-5..=5e-3, "1e-4").value,
+        friction_offset_n: n("friction_offset_n", &field::OFFSET, "0.155").value,
+        friction_gain: n("friction_gain", &field::GAIN, "1.018").value,
+        coulomb_n: n("coulomb_n", &field::COULOMB, "0.909").value,
+        coulomb_per_n: n("coulomb_per_n", &field::COULOMB_LOAD, "0.154").value,
+        reversal_m: n("reversal_m", &field::REVERSAL, "1e-4").value,
         travel_m_per_count: travel.value,
         dac_codes_per_n: dac.value,
         force_limit_n: force_limit.value,
-        slew_n_per_s: n("slew_n_per_s", 1.0..=2000.0, "400.0").value,
+        slew_n_per_s: n("slew_n_per_s", &field::SLEW, "400.0").value,
         over_tension_n: over_tension.value,
         viscous_n_s_per_m: section
-            .optional("viscous_n_s_per_m", 0.0..=100.0, 0.0)
+            .optional("viscous_n_s_per_m", field::VISCOUS.range(), 0.0)
             .value,
         checks: read_checks(section),
         ripples: core::array::from_fn(|n| read_ripple(section, n)),
@@ -268,30 +274,38 @@ fn read_unit(section: &Section<'_, '_>, workspace: Workspace) -> UnitSettings {
 /// Curve and creep of the load cell; none unless given.
 fn read_cell(section: &Section<'_, '_>) -> CellSettings {
     let default = CellSettings::default();
-    let n = |key, range, or| section.optional(key, range, or).value;
+    let n = |key, field: &Field, or| section.optional(key, field.range(), or).value;
     CellSettings {
-        curve_per_n: n("cell_curve_per_n", -0.02..=0.02, default.curve_per_n),
-        creep: n("cell_creep", -0.2..=0.2, default.creep),
-        creep_s: n("cell_creep_s", 0.5..=3600.0, default.creep_s),
+        curve_per_n: n("cell_curve_per_n", &field::CELL_CURVE, default.curve_per_n),
+        creep: n("cell_creep", &field::CELL_CREEP, default.creep),
+        creep_s: n("cell_creep_s", &field::CELL_CREEP_TIME, default.creep_s),
     }
 }
 
 fn read_checks(section: &Section<'_, '_>) -> UnitChecks {
     let default = UnitChecks::default();
-    let n = |key, range, or| section.optional(key, range, or).value;
+    let n = |key, field: &Field, or| section.optional(key, field.range(), or).value;
     UnitChecks {
-        zero_code: n("zero_code", -8_388_608.0..=8_388_607.0, default.zero_code),
-        zero_deviation_n: n("zero_deviation_n", 0.1..=10.0, default.zero_deviation_n),
-        authority_n: n("authority_n", 0.5..=40.0, default.authority_n),
-        plausible_n: n("plausible_n", 0.5..=20.0, default.plausible_n),
+        zero_code: n("zero_code", &field::STORED_ZERO, default.zero_code),
+        zero_deviation_n: n(
+            "zero_deviation_n",
+            &field::ZERO_DEVIATION,
+            default.zero_deviation_n,
+        ),
+        authority_n: n("authority_n", &field::AUTHORITY, default.authority_n),
+        plausible_n: n("plausible_n", &field::PLAUSIBLE, default.plausible_n),
     }
 }
 
 fn read_filter(section: &Section<'_, '_>) -> Filter {
     let kind = section.text("filter", "low_pass");
     // Both keys are known, so that the one not in use may stay in [defaults].
-    let corner = |s: &Section<'_, '_>| s.number("filter_corner_hz", 5.0..=120.0, "100.0").value;
-    let samples = |s: &Section<'_, '_>| s.number("filter_samples", 1.0..=16.0, "4");
+    let corner = |s: &Section<'_, '_>| {
+        s.number("filter_corner_hz", field::FILTER.range(), "100.0")
+            .value
+    };
+    let samples =
+        |s: &Section<'_, '_>| s.number("filter_samples", field::FILTER_SAMPLES.range(), "4");
     match kind.value.as_str() {
         "low_pass" => {
             section
