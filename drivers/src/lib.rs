@@ -28,6 +28,31 @@
 //! `defmt`: derives `defmt::Format` on error and state types.
 #![no_std]
 
+/// An enum whose numbers and texts stand in one table: a row is what it is, its number, its text.
+macro_rules! numbered {
+    ($(#[$meta:meta])* $type:ident, $(#[$text_doc:meta])* $text:ident {
+        $($(#[$doc:meta])* $variant:ident = $number:literal, $words:literal;)*
+    }) => {
+        $(#[$meta])*
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        #[repr(u8)]
+        pub enum $type {
+            $($(#[$doc])* $variant = $number,)*
+        }
+
+        impl $type {
+            /// Each one, in the order of the table.
+            pub const ALL: [Self; [$($number),*].len()] = [$(Self::$variant),*];
+
+            $(#[$text_doc])*
+            pub const fn $text(self) -> &'static str {
+                match self { $(Self::$variant => $words,)* }
+            }
+        }
+    };
+}
+
 pub mod dac7731;
 pub mod ls7266r1;
 pub mod nau7802;

@@ -23,39 +23,25 @@ impl Config {
     };
 }
 
-/// Procedure that failed. The number goes into fault records: never renumber.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[repr(u8)]
-pub enum Stage {
-    /// Registers of the set-up (IOR, PSC, CMR, IDR).
-    Configure = 1,
-    /// Patterns through PR, CNTR and OL.
-    SelfTest = 2,
-    /// Clearing (RLD) and enabling the inputs (IOR).
-    Start = 3,
-    /// Latch and read (RLD, OL).
-    ReadCounter = 4,
-    /// PR to CNTR.
-    LoadCounter = 5,
-    /// FLAG.
-    ReadFlags = 6,
-    /// Reset of E.
-    ClearNoise = 7,
-}
-
-impl Stage {
+numbered! {
+    /// Procedure that failed. The number goes into fault records: never renumber.
+    Stage,
     /// Register or path that the stage is about, for messages.
-    pub const fn register(self) -> &'static str {
-        match self {
-            Self::Configure => "IOR/PSC/CMR/IDR",
-            Self::SelfTest => "PR -> CNTR -> OL",
-            Self::Start => "RLD/IOR",
-            Self::ReadCounter => "OL",
-            Self::LoadCounter => "PR",
-            Self::ReadFlags => "FLAG",
-            Self::ClearNoise => "RLD",
-        }
+    register {
+        /// Registers of the set-up (IOR, PSC, CMR, IDR).
+        Configure = 1, "IOR/PSC/CMR/IDR";
+        /// Patterns through PR, CNTR and OL.
+        SelfTest = 2, "PR -> CNTR -> OL";
+        /// Clearing (RLD) and enabling the inputs (IOR).
+        Start = 3, "RLD/IOR";
+        /// Latch and read (RLD, OL).
+        ReadCounter = 4, "OL";
+        /// PR to CNTR.
+        LoadCounter = 5, "PR";
+        /// FLAG.
+        ReadFlags = 6, "FLAG";
+        /// Reset of E.
+        ClearNoise = 7, "RLD";
     }
 }
 

@@ -6,63 +6,45 @@
 /// 7-bit I2C address, fixed in silicon (datasheet section 8.3.1: device address byte 0101010x).
 pub const ADDRESS: u8 = 0x2A;
 
-/// Addresses of the registers this driver uses. Multi-byte registers are named by their first byte;
-/// the register pointer auto-increments (0x7F wraps to 0x00).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[repr(u8)]
-pub enum Register {
-    /// 0x00, power-up control (section 11.1).
-    PuCtrl = 0x00,
-    /// 0x01, LDO voltage, gain and the DRDY pin.
-    Ctrl1 = 0x01,
-    /// 0x02, channel, rate and calibration.
-    Ctrl2 = 0x02,
-    /// 0x03..=0x05, offset coefficient of channel 1.
-    Ocal1 = 0x03,
-    /// 0x06..=0x09, gain coefficient of channel 1.
-    Gcal1 = 0x06,
-    /// 0x0A..=0x0C, offset coefficient of channel 2.
-    Ocal2 = 0x0A,
-    /// 0x0D..=0x10, gain coefficient of channel 2.
-    Gcal2 = 0x0D,
-    /// 0x11, bus pull-ups, fast read, input test switches.
-    I2cCtrl = 0x11,
-    /// 0x12..=0x14, conversion result, most significant byte first.
-    Adco = 0x12,
-    /// 0x15, chopper and common-mode settings of the modulator.
-    Adc = 0x15,
-    /// 0x1B, amplifier options and the read-back selector of 0x15.
-    Pga = 0x1B,
-    /// 0x1C, bias currents and the amplifier's output capacitor.
-    Power = 0x1C,
-    /// 0x1F, device revision.
-    Revision = 0x1F,
+numbered! {
+    /// Addresses of the registers this driver uses. Multi-byte registers are named by their first byte;
+    /// the register pointer auto-increments (0x7F wraps to 0x00).
+    Register,
+    /// The datasheet's name, for messages.
+    name {
+        /// 0x00, power-up control (section 11.1).
+        PuCtrl = 0x00, "PU_CTRL";
+        /// 0x01, LDO voltage, gain and the DRDY pin.
+        Ctrl1 = 0x01, "CTRL1";
+        /// 0x02, channel, rate and calibration.
+        Ctrl2 = 0x02, "CTRL2";
+        /// 0x03..=0x05, offset coefficient of channel 1.
+        Ocal1 = 0x03, "OCAL1";
+        /// 0x06..=0x09, gain coefficient of channel 1.
+        Gcal1 = 0x06, "GCAL1";
+        /// 0x0A..=0x0C, offset coefficient of channel 2.
+        Ocal2 = 0x0A, "OCAL2";
+        /// 0x0D..=0x10, gain coefficient of channel 2.
+        Gcal2 = 0x0D, "GCAL2";
+        /// 0x11, bus pull-ups, fast read, input test switches.
+        I2cCtrl = 0x11, "I2C_CTRL";
+        /// 0x12..=0x14, conversion result, most significant byte first.
+        Adco = 0x12, "ADCO";
+        /// 0x15, chopper and common-mode settings of the modulator.
+        Adc = 0x15, "ADC";
+        /// 0x1B, amplifier options and the read-back selector of 0x15.
+        Pga = 0x1B, "PGA";
+        /// 0x1C, bias currents and the amplifier's output capacitor.
+        Power = 0x1C, "POWER";
+        /// 0x1F, device revision.
+        Revision = 0x1F, "REVISION";
+    }
 }
 
 impl Register {
     /// The address byte that goes on the bus.
     pub const fn address(self) -> u8 {
         self as u8
-    }
-
-    /// The datasheet's name, for messages.
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::PuCtrl => "PU_CTRL",
-            Self::Ctrl1 => "CTRL1",
-            Self::Ctrl2 => "CTRL2",
-            Self::Ocal1 => "OCAL1",
-            Self::Gcal1 => "GCAL1",
-            Self::Ocal2 => "OCAL2",
-            Self::Gcal2 => "GCAL2",
-            Self::I2cCtrl => "I2C_CTRL",
-            Self::Adco => "ADCO",
-            Self::Adc => "ADC",
-            Self::Pga => "PGA",
-            Self::Power => "POWER",
-            Self::Revision => "REVISION",
-        }
     }
 }
 

@@ -34,134 +34,73 @@ pub enum Event {
     BusFault,
 }
 
-/// Steps of the sequence. The number goes into fault records: never renumber.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[repr(u8)]
-pub enum Stage {
-    /// RR=1.
-    ResetAssert = 1,
-    /// RR=0.
-    ResetRelease = 2,
-    /// PUD=1 and the wait after it.
-    PowerUpDigital = 3,
-    /// Waiting for PUR.
-    PowerUpReady = 4,
-    /// Revision check.
-    RevisionCheck = 5,
-    /// Voltage, gain and DRDY polarity.
-    WriteCtrl1 = 6,
-    /// Analog power; conversions stopped.
-    PowerUpAnalog = 7,
-    /// Wait for the analog supply.
-    SupplySettle = 8,
-    /// Channel and rate.
-    WriteCtrl2 = 9,
-    /// Bus options.
-    WriteI2cCtrl = 10,
-    /// Amplifier options.
-    WritePga = 11,
-    /// Amplifier capacitor.
-    WritePower = 12,
-    /// Chopper off.
-    WriteAdc = 13,
-    /// Read-back of PU_CTRL.
-    VerifyPuCtrl = 14,
-    /// Read-back of CTRL1.
-    VerifyCtrl1 = 15,
-    /// Read-back of CTRL2.
-    VerifyCtrl2 = 16,
-    /// Read-back of I2C_CTRL.
-    VerifyI2cCtrl = 17,
-    /// Read-back of PGA; also makes sure that the next read-back reads the ADC register.
-    VerifyPga = 18,
-    /// Read-back of POWER.
-    VerifyPower = 19,
-    /// Read-back of ADC.
-    VerifyAdc = 20,
-    /// CS=1: a calibration needs the converter running.
-    CycleStart = 21,
-    /// CALS=1.
-    CalibrationStart = 22,
-    /// Waiting for CALS=0, then checking CAL_ERR.
-    CalibrationWait = 23,
-    /// CS=0.
-    CycleStop = 24,
-    /// CS=1 again, so that the first result comes from a whole cycle after the calibration.
-    CycleRestart = 25,
-    /// Nothing left to do.
-    Finished = 26,
+numbered! {
+    /// Steps of the sequence. The number goes into fault records: never renumber.
+    Stage,
+    /// What the stage does, for messages and documentation.
+    description {
+        /// RR=1.
+        ResetAssert = 1, "assert the register reset";
+        /// RR=0.
+        ResetRelease = 2, "release the register reset";
+        /// PUD=1 and the wait after it.
+        PowerUpDigital = 3, "power up the digital part";
+        /// Waiting for PUR.
+        PowerUpReady = 4, "wait for power-up ready";
+        /// Revision check.
+        RevisionCheck = 5, "check the revision";
+        /// Voltage, gain and DRDY polarity.
+        WriteCtrl1 = 6, "set supply voltage, gain and DRDY polarity";
+        /// Analog power; conversions stopped.
+        PowerUpAnalog = 7, "power up the analog part";
+        /// Wait for the analog supply.
+        SupplySettle = 8, "let the analog supply settle";
+        /// Channel and rate.
+        WriteCtrl2 = 9, "set channel and rate";
+        /// Bus options.
+        WriteI2cCtrl = 10, "set the bus options";
+        /// Amplifier options.
+        WritePga = 11, "set the amplifier options";
+        /// Amplifier capacitor.
+        WritePower = 12, "set the amplifier capacitor";
+        /// Chopper off.
+        WriteAdc = 13, "turn the modulator chopper off";
+        /// Read-back of PU_CTRL.
+        VerifyPuCtrl = 14, "read the power control back";
+        /// Read-back of CTRL1.
+        VerifyCtrl1 = 15, "read supply voltage, gain and DRDY polarity back";
+        /// Read-back of CTRL2.
+        VerifyCtrl2 = 16, "read channel and rate back";
+        /// Read-back of I2C_CTRL.
+        VerifyI2cCtrl = 17, "read the bus options back";
+        /// Read-back of PGA; also makes sure that the next read-back reads the ADC register.
+        VerifyPga = 18, "read the amplifier options back";
+        /// Read-back of POWER.
+        VerifyPower = 19, "read the amplifier capacitor back";
+        /// Read-back of ADC.
+        VerifyAdc = 20, "read the modulator chopper back";
+        /// CS=1: a calibration needs the converter running.
+        CycleStart = 21, "start the converter";
+        /// CALS=1.
+        CalibrationStart = 22, "start the calibration";
+        /// Waiting for CALS=0, then checking CAL_ERR.
+        CalibrationWait = 23, "wait for the calibration and check it";
+        /// CS=0.
+        CycleStop = 24, "stop the converter";
+        /// CS=1 again, so that the first result comes from a whole cycle after the calibration.
+        CycleRestart = 25, "start a fresh conversion cycle";
+        /// Nothing left to do.
+        Finished = 26, "finished";
+    }
 }
 
 impl Stage {
-    /// Every stage, in order.
-    pub const ALL: [Self; 26] = [
-        Self::ResetAssert,
-        Self::ResetRelease,
-        Self::PowerUpDigital,
-        Self::PowerUpReady,
-        Self::RevisionCheck,
-        Self::WriteCtrl1,
-        Self::PowerUpAnalog,
-        Self::SupplySettle,
-        Self::WriteCtrl2,
-        Self::WriteI2cCtrl,
-        Self::WritePga,
-        Self::WritePower,
-        Self::WriteAdc,
-        Self::VerifyPuCtrl,
-        Self::VerifyCtrl1,
-        Self::VerifyCtrl2,
-        Self::VerifyI2cCtrl,
-        Self::VerifyPga,
-        Self::VerifyPower,
-        Self::VerifyAdc,
-        Self::CycleStart,
-        Self::CalibrationStart,
-        Self::CalibrationWait,
-        Self::CycleStop,
-        Self::CycleRestart,
-        Self::Finished,
-    ];
-
     /// The stage of a fault record: the top byte of [`SequenceError::detail`].
     pub const fn from_number(number: u8) -> Option<Self> {
         if number >= 1 && number as usize <= Self::ALL.len() {
             Some(Self::ALL[number as usize - 1])
         } else {
             None
-        }
-    }
-
-    /// What the stage does, for messages and documentation.
-    pub const fn description(self) -> &'static str {
-        match self {
-            Self::ResetAssert => "assert the register reset",
-            Self::ResetRelease => "release the register reset",
-            Self::PowerUpDigital => "power up the digital part",
-            Self::PowerUpReady => "wait for power-up ready",
-            Self::RevisionCheck => "check the revision",
-            Self::WriteCtrl1 => "set supply voltage, gain and DRDY polarity",
-            Self::PowerUpAnalog => "power up the analog part",
-            Self::SupplySettle => "let the analog supply settle",
-            Self::WriteCtrl2 => "set channel and rate",
-            Self::WriteI2cCtrl => "set the bus options",
-            Self::WritePga => "set the amplifier options",
-            Self::WritePower => "set the amplifier capacitor",
-            Self::WriteAdc => "turn the modulator chopper off",
-            Self::VerifyPuCtrl => "read the power control back",
-            Self::VerifyCtrl1 => "read supply voltage, gain and DRDY polarity back",
-            Self::VerifyCtrl2 => "read channel and rate back",
-            Self::VerifyI2cCtrl => "read the bus options back",
-            Self::VerifyPga => "read the amplifier options back",
-            Self::VerifyPower => "read the amplifier capacitor back",
-            Self::VerifyAdc => "read the modulator chopper back",
-            Self::CycleStart => "start the converter",
-            Self::CalibrationStart => "start the calibration",
-            Self::CalibrationWait => "wait for the calibration and check it",
-            Self::CycleStop => "stop the converter",
-            Self::CycleRestart => "start a fresh conversion cycle",
-            Self::Finished => "finished",
         }
     }
 }
