@@ -8,22 +8,11 @@
 //! The time at which a load came on has an error. A change from `F0` to `F1` that comes by `e` later moves `s` at a time `t`
 //! after it by `share e (F0 - F1)/tau exp(-t/tau)`: an error that the readings after the change share.
 
-use super::least_squares::{design, force_n, Model, Solution};
-use super::{Options, Reading, Term};
+use super::{Options, Reading};
 use nalgebra::{DMatrix, DVector};
 
 /// Readings of one load in a row that make a hold.
 const HOLD: usize = 5;
-/// Time constants looked at, from the shortest to the longest.
-const STEPS: usize = 30;
-/// Shortest time constant, s: below it, a cell has crept before it is read.
-const SHORTEST_S: f64 = 0.5;
-/// Chance levels by which the search over time constants multiplies a p-value: about the number of different shapes in it.
-pub(super) const SEARCHED: f64 = 8.0;
-
-/// Chance level at which creep stays once its time constant is free: the usual one, as it was found at a stricter one before.
-const STAYS: f64 = 0.05;
-
 /// How a cell creeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CreepTerm {
@@ -51,12 +40,6 @@ pub(super) fn can_tell(used: &[Reading]) -> bool {
     timed && held
 }
 
-/// Whether the share of the creep differs from 0 in a fit with a free time constant.
-pub(super) fn is_significant(model: &Model, solution: &Solution) -> bool {
-    let at = model.terms.iter().position(|term| *term == Term::Creep);
-    at.is_some_and(|at| solution.coefficient(2 + at).p < STAYS)
-}
-
 /// A change of the load within a series.
 struct Change {
     /// The first reading after it.
@@ -74,8 +57,8 @@ fn changes(used: &[Reading], options: &Options) -> Vec<Change> {
     let mut out = Vec::new();
     for (i, pair) in used.windows(2).enumerate() {
         let load = (
-            force_n(pair[0].weight_g, options),
-            force_n(pair[1].weight_g, options),
+            options.force_n(pair[0].weight_g),
+            options.force_n(pair[1].weight_g),
         );
         if load.0 == load.1 {
             continue;
@@ -104,7 +87,7 @@ fn changes(used: &[Reading], options: &Options) -> Vec<Change> {
 pub(super) fn course(used: &[Reading], options: &Options, tau_s: f64) -> Vec<f64> {
     let mut crept = 0.0;
     let mut at = used.first().and_then(|r| r.time_s).unwrap_or(0.0);
-    let mut load = used.first().map_or(0.0, |r| force_n(r.weight_g, options));
+    let mut load = used.first().map_or(0.0, |r| options.force_n(r.weight_g));
     let mut changes = changes(used, options).into_iter().peekable();
     let mut out = Vec::with_capacity(used.len());
     for (i, reading) in used.iter().enumerate() {
@@ -122,27 +105,27 @@ pub(super) fn course(used: &[Reading], options: &Options, tau_s: f64) -> Vec<f64
 }
 
 /// Covariance of the codes from the errors of the times at which the loads came on, codes^2. Times that were seen have errors
-/// of their own. Guessed ones have one error in common: who hangs weights does it at the same pace each time.
+/// of their own. Guessed ones have one error in common: who hangs weights does it at the same pace each time. `creep`: its share, and its time constant, s.
 pub(super) fn time_covariance(
     used: &[Reading],
     options: &Options,
-    model: &Model,
+    creep: (f64, f64),
     codes_per_n: f64,
 ) -> DMatrix<f64> {
     let n = used.len();
     let mut out = DMatrix::zeros(n, n);
-    if model.share == 0.0 {
+    let (share, tau_s) = creep;
+    if share == 0.0 {
         // Not known yet, and neither is the time constant.
         return out;
     }
     let mut guessed = DVector::zeros(n);
     for change in changes(used, options) {
         let (at_s, sd_s) = change.at;
-        let moved =
-            model.share * codes_per_n * sd_s * (change.load.0 - change.load.1) / model.tau_s;
+        let moved = share * codes_per_n * sd_s * (change.load.0 - change.load.1) / tau_s;
         let error = DVector::from_fn(n, |i, _| match used[i].time_s {
             Some(time_s) if i >= change.reading => {
-                moved * (-(time_s - at_s).max(0.0) / model.tau_s).exp()
+                moved * (-(time_s - at_s).max(0.0) / tau_s).exp()
             }
             _ => 0.0,
         });
@@ -167,83 +150,4 @@ pub(super) fn course_by_log_tau(used: &[Reading], options: &Options, tau_s: f64)
     let below = course(used, options, tau_s * (-STEP).exp());
     let pairs = above.iter().zip(&below);
     pairs.map(|(a, b)| (a - b) / (2.0 * STEP)).collect()
-}
-
-/// The time constant, s, with which a model with creep leaves least.
-///
-/// `inverse` is the inverse covariance of the codes. `None` where no time constant gives a fit.
-pub(super) fn search(
-    used: &[Reading],
-    options: &Options,
-    model: &Model,
-    inverse: &DMatrix<f64>,
-) -> Option<f64> {
-    let first = used.first()?.time_s?;
-    let span = used.last()?.time_s? - first;
-    let y = DVector::from_iterator(used.len(), used.iter().map(|r| r.code));
-    let longest = (2.0 * span).max(2.0 * SHORTEST_S);
-    let at = |i: f64| SHORTEST_S * (longest / SHORTEST_S).powf(i / (STEPS - 1) as f64);
-    let cost = |i: f64| {
-        let model = Model {
-            tau_s: at(i),
-            ..model.clone()
-        };
-        let x = design(used, options, &model);
-        left(&x, &y, inverse).unwrap_or(f64::INFINITY)
-    };
-    let costs: Vec<f64> = (0..STEPS).map(|i| cost(i as f64)).collect();
-    let best = (0..STEPS).min_by(|&a, &b| costs[a].total_cmp(&costs[b]))?;
-    if !costs[best].is_finite() {
-        return None;
-    }
-    // Golden section between the neighbours.
-    let mut low = best.saturating_sub(1) as f64;
-    let mut high = (best + 1).min(STEPS - 1) as f64;
-    let ratio = 0.5 * (5f64.sqrt() - 1.0);
-    for _ in 0..16 {
-        let (c, d) = (high - ratio * (high - low), low + ratio * (high - low));
-        if cost(c) < cost(d) {
-            high = d;
-        } else {
-            low = c;
-        }
-    }
-    Some(at(0.5 * (low + high)))
-}
-
-/// The share of the creep with the model's time constant. A curve bends what has crept as well, so that its column depends on
-/// the share: each round takes the error of it down by the bend of the cell.
-pub(super) fn share(
-    used: &[Reading],
-    options: &Options,
-    model: &Model,
-    inverse: &DMatrix<f64>,
-) -> Option<f64> {
-    const ROUNDS: usize = 12;
-    let at = 2 + model.terms.iter().position(|t| *t == Term::Creep)?;
-    let y = DVector::from_iterator(used.len(), used.iter().map(|r| r.code));
-    let mut model = model.clone();
-    for _ in 0..ROUNDS {
-        let beta = coefficients(&design(used, options, &model), &y, inverse)?;
-        model.share = beta[at] / beta[1];
-        if !model.has(Term::Quadratic) {
-            break;
-        }
-    }
-    Some(model.share)
-}
-
-fn coefficients(
-    x: &DMatrix<f64>,
-    y: &DVector<f64>,
-    inverse: &DMatrix<f64>,
-) -> Option<DVector<f64>> {
-    let xtw = x.transpose() * inverse;
-    Some((&xtw * x).cholesky()?.solve(&(&xtw * y)))
-}
-
-/// Sum of squares that a fit leaves, in units of the codes' covariance.
-fn left(x: &DMatrix<f64>, y: &DVector<f64>, inverse: &DMatrix<f64>) -> Option<f64> {
-    let residuals = y - x * coefficients(x, y, inverse)?;
-    Some((residuals.transpose() * inverse * &residuals)[0])
 }

@@ -58,10 +58,6 @@ impl Solution {
     }
 }
 
-pub(super) fn force_n(weight_g: f64, options: &Options) -> f64 {
-    1e-3 * weight_g * options.gravity_m_per_s2
-}
-
 pub(super) fn mean_temperature(used: &[Reading]) -> Option<f64> {
     let values: Option<Vec<f64>> = used.iter().map(|r| r.temperature_c).collect();
     values.map(|v| v.iter().sum::<f64>() / v.len() as f64)
@@ -85,7 +81,7 @@ pub(super) fn design(used: &[Reading], options: &Options, model: &Model) -> DMat
             return by_log_tau[row];
         }
         let r = &used[row];
-        let force = force_n(r.weight_g, options);
+        let force = options.force_n(r.weight_g);
         let warmer = r.temperature_c.map_or(0.0, |t| t - reference);
         match column {
             0 => 1.0,
@@ -172,7 +168,7 @@ pub(super) fn weight_covariance(
     let relative = options.weight_limit_relative / 3f64.sqrt();
     DMatrix::from_fn(used.len(), used.len(), |i, j| {
         if used[i].weight_g == used[j].weight_g {
-            (relative * codes_per_n * force_n(used[i].weight_g, options)).powi(2)
+            (relative * codes_per_n * options.force_n(used[i].weight_g)).powi(2)
         } else {
             0.0
         }
@@ -192,7 +188,7 @@ pub(super) fn own_covariance(
         .map(|r| r.standard_error_codes.powi(2) + repeatability * repeatability);
     let own = DMatrix::from_diagonal(&DVector::from_iterator(used.len(), variances));
     if model.has(Term::Creep) {
-        own + creep::time_covariance(used, options, model, codes_per_n)
+        own + creep::time_covariance(used, options, (model.share, model.tau_s), codes_per_n)
     } else {
         own
     }

@@ -23,6 +23,7 @@
 
 pub mod conversion;
 pub mod creep;
+mod creep_search;
 pub mod entries;
 mod error;
 pub mod figures;
@@ -36,7 +37,7 @@ use crate::input::Location;
 use crate::{stats, STANDARD_GRAVITY_M_PER_S2};
 use creep::CreepTerm;
 use least_squares::{
-    design, force_n, mean_temperature, own_covariance, solve, weight_covariance, Model, Solution,
+    design, mean_temperature, own_covariance, solve, weight_covariance, Model, Solution,
 };
 use reading::{different_weights, usable};
 use std::collections::BTreeMap;
@@ -80,6 +81,12 @@ impl Default for Options {
             left_out: Vec::new(),
             corrections_g: BTreeMap::new(),
         }
+    }
+}
+
+impl Options {
+    fn force_n(&self, weight_g: f64) -> f64 {
+        1e-3 * weight_g * self.gravity_m_per_s2
     }
 }
 
@@ -193,7 +200,7 @@ pub fn fit(readings: &[Reading], options: &Options) -> Result<Gain, GainError> {
             ..model.clone()
         };
         match solve(&used, options, &free) {
-            Ok(solution) if creep::is_significant(&free, &solution) => {
+            Ok(solution) if creep_search::is_significant(&free, &solution) => {
                 (model, best) = (free, solution);
             }
             // Creep that a free time constant takes the significance from would only widen the interval of the gain.
@@ -221,7 +228,7 @@ fn select(
                 continue;
             };
             let searched = if term == Term::Creep {
-                creep::SEARCHED
+                creep_search::SEARCHED
             } else {
                 1.0
             };
@@ -260,8 +267,8 @@ fn with(
         let covariance = own_covariance(used, options, &more, slope, repeatability)
             + weight_covariance(used, options, slope);
         let inverse = covariance.cholesky()?.inverse();
-        more.tau_s = creep::search(used, options, &more, &inverse)?;
-        more.share = creep::share(used, options, &more, &inverse)?;
+        more.tau_s = creep_search::search(used, options, &more, &inverse)?;
+        more.share = creep_search::share(used, options, &more, &inverse)?;
         let solution = solve(used, options, &more).ok()?;
         (repeatability, slope) = (solution.repeatability, solution.beta[1]);
         found = Some(solution);
@@ -398,7 +405,7 @@ fn finish(
     let coverage = stats::student_quantile(0.975, dof);
     let sd_of = |r: &Reading| {
         let weight =
-            options.weight_limit_relative / 3f64.sqrt() * force_n(r.weight_g, options) * slope;
+            options.weight_limit_relative / 3f64.sqrt() * options.force_n(r.weight_g) * slope;
         (r.standard_error_codes.powi(2) + solution.repeatability.powi(2) + weight * weight).sqrt()
     };
     Ok(Gain {
@@ -442,7 +449,7 @@ fn finish(
             .zip(solution.residuals.iter())
             .map(|(r, residual)| Residual {
                 at: r.at.clone(),
-                force_n: force_n(r.weight_g, options),
+                force_n: options.force_n(r.weight_g),
                 direction: r.direction,
                 residual_n: residual / slope,
                 sd_n: (sd_of(r) / slope).abs(),
@@ -450,7 +457,7 @@ fn finish(
             .collect(),
         largest_n: used
             .iter()
-            .map(|r| force_n(r.weight_g, options))
+            .map(|r| options.force_n(r.weight_g))
             .fold(0.0, f64::max),
     })
 }
