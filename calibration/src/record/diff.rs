@@ -98,6 +98,9 @@ impl Record {
     }
 }
 
+/// A number of a unit's record.
+type Number = fn(&UnitRecord) -> f64;
+
 fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord) -> Vec<Difference> {
     let mut out = Vec::new();
     let mut push = |key: &str, a: String, b: String, sigmas: Option<f64>| {
@@ -110,57 +113,23 @@ fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord) -> Vec<Difference> 
             });
         }
     };
-    let apart = |a: f64, b: f64, sa: f64, sb: f64| Some((b - a).abs() / sa.hypot(sb));
-    push(
-        "n_per_code",
-        old.n_per_code.to_string(),
-        new.n_per_code.to_string(),
-        apart(
-            old.n_per_code,
-            new.n_per_code,
-            old.n_per_code_sd,
-            new.n_per_code_sd,
-        ),
-    );
-    push(
-        "n_per_code2",
-        old.n_per_code2.to_string(),
-        new.n_per_code2.to_string(),
-        apart(
-            old.n_per_code2,
-            new.n_per_code2,
-            old.n_per_code2_sd,
-            new.n_per_code2_sd,
-        ),
-    );
-    push(
-        "creep",
-        old.creep.to_string(),
-        new.creep.to_string(),
-        apart(old.creep, new.creep, old.creep_sd, new.creep_sd),
-    );
     // A zero moves by a step at each power-up: that is the scale of its change.
     let step = |u: &UnitRecord| {
         u.zero_sd_codes
             .hypot(u.power_up_step_n / u.n_per_code.abs())
     };
-    push(
-        "zero_codes",
-        old.zero_codes.to_string(),
-        new.zero_codes.to_string(),
-        apart(old.zero_codes, new.zero_codes, step(old), step(new)),
-    );
-    push(
-        "mounting_n",
-        old.mounting_n.to_string(),
-        new.mounting_n.to_string(),
-        apart(
-            old.mounting_n,
-            new.mounting_n,
-            old.mounting_sd_n,
-            new.mounting_sd_n,
-        ),
-    );
+    let numbers: [(&str, Number, Number); 5] = [
+        ("n_per_code", |u| u.n_per_code, |u| u.n_per_code_sd),
+        ("n_per_code2", |u| u.n_per_code2, |u| u.n_per_code2_sd),
+        ("creep", |u| u.creep, |u| u.creep_sd),
+        ("zero_codes", |u| u.zero_codes, step),
+        ("mounting_n", |u| u.mounting_n, |u| u.mounting_sd_n),
+    ];
+    for (key, value, sd) in numbers {
+        let (a, b) = (value(old), value(new));
+        let sigmas = (b - a).abs() / sd(old).hypot(sd(new));
+        push(key, a.to_string(), b.to_string(), Some(sigmas));
+    }
     for (key, a, b) in [
         ("n_per_code_sd", old.n_per_code_sd, new.n_per_code_sd),
         ("n_per_code2_sd", old.n_per_code2_sd, new.n_per_code2_sd),
