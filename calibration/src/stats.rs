@@ -1,6 +1,9 @@
 //! The statistics that the calibration needs: robust location and scale, and the normal, chi-square and
 //! Student distributions.
 
+use statrs::function::beta::checked_beta_reg;
+use statrs::function::gamma::{checked_gamma_lr, checked_gamma_ur};
+
 /// Factor from the median absolute deviation to the standard deviation of normal data, 1 / 0.6745.
 pub const MAD_TO_SD: f64 = 1.482_602_218_505_602;
 
@@ -44,7 +47,7 @@ pub fn chi_square_survival(x: f64, dof: usize) -> f64 {
     if dof == 0 || x <= 0.0 {
         return 1.0;
     }
-    1.0 - gamma_p(0.5 * dof as f64, 0.5 * x)
+    checked_gamma_ur(0.5 * dof as f64, 0.5 * x).unwrap_or(f64::NAN)
 }
 
 /// The `p` quantile of chi-square with `dof` degrees of freedom.
@@ -52,7 +55,8 @@ pub fn chi_square_survival(x: f64, dof: usize) -> f64 {
 pub fn chi_square_quantile(p: f64, dof: usize) -> f64 {
     let k = dof as f64;
     invert(p, 0.0, k + 40.0 * (2.0 * k).sqrt() + 100.0, |x| {
-        gamma_p(0.5 * k, 0.5 * x)
+        // Refused where k or x is 0.
+        checked_gamma_lr(0.5 * k, 0.5 * x).unwrap_or(0.0)
     })
 }
 
@@ -72,7 +76,7 @@ pub fn student_two_sided(t: f64, dof: f64) -> f64 {
     if dof > 1e6 {
         return libm::erfc(t.abs() / std::f64::consts::SQRT_2);
     }
-    incomplete_beta(0.5 * dof, 0.5, dof / (dof + t * t))
+    checked_beta_reg(0.5 * dof, 0.5, dof / (dof + t * t)).unwrap_or(f64::NAN)
 }
 
 fn student_cdf(t: f64, dof: f64) -> f64 {
@@ -99,90 +103,6 @@ fn invert(p: f64, mut low: f64, mut high: f64, cdf: impl Fn(f64) -> f64) -> f64 
         }
     }
     0.5 * (low + high)
-}
-
-/// Regularised lower incomplete gamma function P(a, x): series below a + 1, Lentz's continued fraction above.
-fn gamma_p(a: f64, x: f64) -> f64 {
-    if x <= 0.0 {
-        return 0.0;
-    }
-    let front = (a * x.ln() - x - libm::lgamma(a)).exp();
-    if x < a + 1.0 {
-        let (mut term, mut sum, mut n) = (1.0 / a, 1.0 / a, a);
-        for _ in 0..10_000 {
-            n += 1.0;
-            term *= x / n;
-            sum += term;
-            if term < sum * 1e-16 {
-                break;
-            }
-        }
-        (front * sum).clamp(0.0, 1.0)
-    } else {
-        let tiny = 1e-300;
-        let mut b = x + 1.0 - a;
-        let mut c = 1.0 / tiny;
-        let mut d = 1.0 / b;
-        let mut h = d;
-        for i in 1..10_000 {
-            let i = f64::from(i);
-            let an = -i * (i - a);
-            b += 2.0;
-            d = 1.0 / nonzero(an * d + b, tiny);
-            c = nonzero(b + an / c, tiny);
-            let step = d * c;
-            h *= step;
-            if (step - 1.0).abs() < 1e-15 {
-                break;
-            }
-        }
-        (1.0 - front * h).clamp(0.0, 1.0)
-    }
-}
-
-/// Regularised incomplete beta function I_x(a, b) by Lentz's continued fraction.
-fn incomplete_beta(a: f64, b: f64, x: f64) -> f64 {
-    if x <= 0.0 {
-        return 0.0;
-    }
-    if x >= 1.0 {
-        return 1.0;
-    }
-    if x > (a + 1.0) / (a + b + 2.0) {
-        return 1.0 - incomplete_beta(b, a, 1.0 - x);
-    }
-    let front =
-        (a * x.ln() + b * (-x).ln_1p() + libm::lgamma(a + b) - libm::lgamma(a) - libm::lgamma(b))
-            .exp()
-            / a;
-    let tiny = 1e-300;
-    let mut c = 1.0;
-    let mut d = 1.0 / nonzero(1.0 - (a + b) * x / (a + 1.0), tiny);
-    let mut h = d;
-    for m in 1..10_000 {
-        let m = f64::from(m);
-        let even = m * (b - m) * x / ((a + 2.0 * m - 1.0) * (a + 2.0 * m));
-        d = 1.0 / nonzero(1.0 + even * d, tiny);
-        c = nonzero(1.0 + even / c, tiny);
-        h *= d * c;
-        let odd = -(a + m) * (a + b + m) * x / ((a + 2.0 * m) * (a + 2.0 * m + 1.0));
-        d = 1.0 / nonzero(1.0 + odd * d, tiny);
-        c = nonzero(1.0 + odd / c, tiny);
-        let step = d * c;
-        h *= step;
-        if (step - 1.0).abs() < 1e-15 {
-            break;
-        }
-    }
-    (front * h).clamp(0.0, 1.0)
-}
-
-fn nonzero(value: f64, tiny: f64) -> f64 {
-    if value.abs() < tiny {
-        tiny
-    } else {
-        value
-    }
 }
 
 #[cfg(test)]
