@@ -8,7 +8,7 @@ use wire::message::{Batch, Sample, BATCH};
 pub const FLUSH_US: u32 = 5_000;
 
 /// Samples whose DAC word is not sent yet, one for each unit.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Outstanding {
     samples: [Option<(Micros, Sample)>; UNITS],
 }
@@ -38,7 +38,7 @@ impl Outstanding {
 }
 
 /// Fills the batches of one link.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Batcher {
     first: Micros,
     samples: Vec<Sample, BATCH>,

@@ -19,7 +19,7 @@ struct Open {
 }
 
 /// See the module's page.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Probe {
     drdy_ns: [u64; UNITS],
     mux_start: Option<u64>,

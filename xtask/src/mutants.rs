@@ -84,12 +84,18 @@ mutants! {
 }
 
 /// What the campaign is built from, besides the workspace's own files.
-const PARTS: [&str; 6] = [
+const PARTS: [&str; 12] = [
     "board",
     "control",
     "drivers",
     "wire",
+    "emulator",
+    "emulator/core-sim",
+    "emulator/link",
     "emulator/plant",
+    "emulator/usb",
+    "common/random",
+    "robot",
     "evaluations/faults",
 ];
 

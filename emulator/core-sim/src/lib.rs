@@ -18,15 +18,18 @@
 //! | I2C byte by byte | the transaction at its end, with the duration of its bits at 400 kHz |
 //! | USB, watchdog, crash record, RTT log | none; the injections that need them are refused |
 //!
-//! So faults of the superloop's timing can't occur here. Everything else can be injected. How far the results are from the
+//! So faults of the superloop's timing can't occur here. Everything else can be injected; [`Defects`] has what is broken in the
+//! controller itself. How far the results are from the
 //! image's is tested by `tests/scenarios/tests/fast_mode.rs`.
 
 #![forbid(unsafe_code)]
 
+mod defects;
 mod line;
 mod rig;
 mod sensors;
 mod superloop;
 pub mod timing;
 
+pub use defects::{Bits, Defects};
 pub use rig::{CoreRig, Options, RigError};

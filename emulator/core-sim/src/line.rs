@@ -7,14 +7,16 @@ use std::collections::VecDeque;
 use wire::message::{Reply, Response};
 use wire::{encode, BoardFrame, BoardMessage, Decoder, HostFrame, MAX_FRAME};
 
-/// Number of USART3 among the board's links.
+/// Number of the USB link among the board's links.
+pub(crate) const USB: usize = 0;
+/// Number of USART3 among them.
 pub(crate) const USART: usize = 1;
 
 /// Bytes that may wait for the line: the firmware's queue.
 const QUEUE: usize = 4_096;
 
 /// The line.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Line {
     decoder: Decoder,
     sequence: u16,

@@ -1,5 +1,7 @@
 //! The rig as one object: the same interface as `emulator::Rig`, without an image.
 
+use crate::defects::Defects;
+use crate::line::USB;
 use crate::sensors::Sensors;
 use crate::superloop::Superloop;
 use crate::timing::TICK_NS;
@@ -9,7 +11,8 @@ use plant::{ConfigError, Plant, PlantConfig};
 use robot::arm::{ArmConfig, ArmError, VirtualArm};
 use std::any::Any;
 use std::time::Instant;
-use wire::UNITS;
+use wire::message::{Command, CrashRecord, Response, Status};
+use wire::{HostFrame, UNITS};
 
 /// Slack of the cables at power-on where a virtual arm holds them, m: an operator lays them loose for the zeroing, and the
 /// arm moves by a millimetre when it takes hold.
@@ -55,8 +58,8 @@ pub enum RigError {
     Refused(String),
 }
 
-/// The rig. See the crate's page.
-#[derive(Debug)]
+/// The rig. See the crate's page. A copy goes on by itself from the same state.
+#[derive(Debug, Clone)]
 pub struct CoreRig {
     board: Board,
     sensors: Sensors,
@@ -65,6 +68,7 @@ pub struct CoreRig {
     next_tick_ns: u64,
     wall_ns: u64,
     seed: u64,
+    resets: u32,
 }
 
 impl CoreRig {
@@ -104,11 +108,12 @@ impl CoreRig {
         Ok(Self {
             board: Board::new(plant, chips_seed).map_err(RigError::Refused)?,
             sensors: Sensors::new(),
-            superloop: Superloop::new(),
+            superloop: Superloop::new(None),
             now_ns: 0,
             next_tick_ns: TICK_NS,
             wall_ns: 0,
             seed,
+            resets: 0,
         })
     }
 
@@ -136,7 +141,7 @@ impl CoreRig {
             from_board: self.superloop.line.sent(end),
             pose: self.pose(),
             truth,
-            resets: 0,
+            resets: self.resets,
         }
     }
 
@@ -190,11 +195,64 @@ impl CoreRig {
                 self.sensors.tick(&mut self.board, at);
                 self.superloop
                     .events(&mut self.board, &mut self.sensors, at);
-                self.superloop.tick(&mut self.board, &mut self.sensors, at);
+                let reset = self.superloop.tick(&mut self.board, &mut self.sensors, at);
+                if reset.is_some() {
+                    self.reset(reset);
+                }
             }
         }
         self.board.advance(end);
         self.now_ns = end;
+    }
+
+    /// Resets the controller: the DACs go to 0 V, and it begins anew with what is still broken. `record`: what it left behind.
+    pub fn reset(&mut self, record: Option<CrashRecord>) {
+        let defects = Defects {
+            hung: false,
+            ..self.superloop.defects.clone()
+        };
+        self.superloop = Superloop::new(record);
+        self.superloop.defects = defects;
+        self.sensors = self.sensors.reset();
+        self.board.i2c_stop();
+        self.board.hold_dacs(self.now_ns, true);
+        self.board.hold_dacs(self.now_ns, false);
+        self.resets += 1;
+    }
+
+    /// What is broken in the controller, to be changed.
+    pub fn defects(&mut self) -> &mut Defects {
+        &mut self.superloop.defects
+    }
+
+    /// The board with its chips.
+    #[must_use]
+    pub const fn board(&self) -> &Board {
+        &self.board
+    }
+
+    /// The board's chips, to break them.
+    pub fn board_mut(&mut self) -> &mut Board {
+        &mut self.board
+    }
+
+    /// Flips a bit of what was computed from the configuration of `unit` (from 0): a fault of the memory.
+    #[cfg(feature = "injection")]
+    pub fn flip_config(&mut self, unit: usize, bit: u32) {
+        self.superloop.flip_config(unit, bit);
+    }
+
+    /// The board's status, past the line.
+    #[must_use]
+    pub fn status(&self) -> Status {
+        self.superloop.status(self.now_ns)
+    }
+
+    /// A command on the other link, which this rig has no host program for.
+    pub fn command_over_usb(&mut self, command: Command) -> Option<Response> {
+        let frame = HostFrame { seq: 1, command };
+        self.superloop
+            .command(&mut self.board, &mut self.sensors, self.now_ns, USB, &frame)
     }
 
     /// Starts or stops the robot's path.

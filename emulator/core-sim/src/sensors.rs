@@ -8,7 +8,7 @@ use emulator::board::Board;
 use emulator::wiring;
 
 /// Events for the superloop, in the order in which they occurred.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 pub(crate) struct Events(pub Vec<Event>);
 
 impl Sink for Events {
@@ -27,7 +27,7 @@ enum Busy {
 }
 
 /// See the module's page.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Sensors {
     bus: Bus,
     busy: Option<Busy>,
@@ -55,6 +55,14 @@ impl Sensors {
             start: UnitSet::default(),
             stop: UnitSet::default(),
             events: Events::default(),
+        }
+    }
+
+    /// The controller's half after a reset: the lines keep their levels.
+    pub fn reset(&self) -> Self {
+        Self {
+            drdy: self.drdy,
+            ..Self::new()
         }
     }
 

@@ -1,22 +1,28 @@
 //! The superloop of the image on the host: samples to the machine, the supervisor's millisecond, commands and telemetry.
 
+use crate::defects::Defects;
 use crate::line::{Line, USART};
 use crate::sensors::{micros, Sensors};
-use crate::timing::SAMPLE_TO_DAC_NS;
+use crate::timing::{SAMPLE_TO_DAC_NS, TICK_NS, WATCHDOG_NS};
 use board::bus::Event;
 use board::clocks;
 use board::machine::{Effects, Health, LoopFigures, Machine};
 use board::telemetry::Outstanding;
-use control::{AdcCode, DacCode, EncoderCounts, Micros, UnitIndex, UnitSet, UNITS};
+use control::{
+    AdcCode, DacCode, EncoderCounts, Fault, Micros, UnitIndex, UnitSet, UNITS,
+};
 use emulator::board::Board;
-use wire::message::{BoardInfo, FaultReport};
-use wire::{BoardMessage, ABI_VERSION, SCHEMA_HASH};
+use wire::message::{BoardInfo, CrashRecord, FaultReport, Response, Status};
+use wire::{BoardMessage, HostFrame, ABI_VERSION, SCHEMA_HASH};
 
 /// Period of the status frames in milliseconds, as in the firmware.
 const STATUS_MS: u32 = 50;
 
+/// FLAG of a counter that reports noise at its encoder.
+const NOISE_FLAG: u8 = 0x10;
+
 /// Effects of the machine, until the superloop executes them.
-#[derive(Debug, Default)]
+#[derive(Debug, Clone, Default)]
 struct Requests {
     start: UnitSet,
     stop: UnitSet,
@@ -45,7 +51,7 @@ impl Effects for Requests {
 }
 
 /// See the module's page.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Superloop {
     machine: Machine,
     requests: Requests,
@@ -53,16 +59,24 @@ pub(crate) struct Superloop {
     outstanding: Outstanding,
     /// DAC words on their way to the outputs.
     words: [Option<(u64, DacCode)>; UNITS],
+    /// Words that the DACs got last; each is sent again with every millisecond.
+    sent: [DacCode; UNITS],
+    dacs_held: bool,
+    /// How long the superloop has been hanging.
+    hung_ns: u64,
     status_ms: u32,
     alive: bool,
     estop_closed: bool,
     estop_opened_at: Micros,
     /// The serial line.
     pub line: Line,
+    /// What is broken.
+    pub defects: Defects,
 }
 
 impl Superloop {
-    pub fn new() -> Self {
+    /// A controller that comes out of a reset, with what the one before left behind.
+    pub fn new(crash_record: Option<CrashRecord>) -> Self {
         Self {
             machine: Machine::new(BoardInfo {
                 abi: ABI_VERSION,
@@ -72,30 +86,67 @@ impl Superloop {
                 silicon: 0x2003,
                 hse: true,
                 reset_flags: 0,
-                crash_record: None,
+                crash_record,
             }),
             requests: Requests::default(),
             counts: [EncoderCounts::default(); UNITS],
             outstanding: Outstanding::default(),
             words: [None; UNITS],
+            sent: [DacCode::ZERO_VOLT; UNITS],
+            dacs_held: false,
+            hung_ns: 0,
             status_ms: 0,
             alive: false,
             estop_closed: true,
             estop_opened_at: Micros(0),
             line: Line::default(),
+            defects: Defects::default(),
         }
     }
 
     /// When the next DAC word reaches its output, or a byte of the host the board.
     pub fn due(&self) -> Option<u64> {
         (self.words.iter().flatten().map(|(at, _)| *at))
-            .chain(self.line.due())
+            .chain(self.line.due().filter(|_| !self.defects.hung))
             .min()
+    }
+
+    /// The board's status.
+    pub fn status(&self, t_ns: u64) -> Status {
+        self.machine
+            .status(micros(t_ns), LoopFigures::default(), self.line.counters())
+    }
+
+    /// Flips a bit of a unit's configuration in memory.
+    #[cfg(feature = "injection")]
+    pub fn flip_config(&mut self, unit: usize, bit: u32) {
+        self.machine.flip_config(UnitIndex::ALL[unit], bit);
+    }
+
+    /// Executes a command that came over a link.
+    pub fn command(
+        &mut self,
+        board: &mut Board,
+        sensors: &mut Sensors,
+        t_ns: u64,
+        link: usize,
+        frame: &HostFrame,
+    ) -> Option<Response> {
+        let response = self.machine.command(
+            link,
+            frame,
+            micros(t_ns),
+            LoopFigures::default(),
+            self.line.counters(),
+            &mut self.requests,
+        );
+        self.execute(board, sensors, t_ns);
+        response
     }
 
     /// Takes the events of the bus.
     pub fn events(&mut self, board: &mut Board, sensors: &mut Sensors, t_ns: u64) {
-        if sensors.events.0.is_empty() {
+        if sensors.events.0.is_empty() || self.defects.hung {
             return;
         }
         let mut events = std::mem::take(&mut sensors.events.0);
@@ -110,7 +161,18 @@ impl Superloop {
                     code,
                     at,
                     missed,
-                } => self.sample(unit, AdcCode::new(code.counts()), at, missed, t_ns),
+                } => {
+                    let slot = unit as usize;
+                    let bits = self.defects.codes[slot].pass(code.counts() as u32);
+                    // 24 bits, sign extended.
+                    let code = AdcCode::new(((bits << 8) as i32) >> 8);
+                    for missed in [missed, 0]
+                        .into_iter()
+                        .take(1 + usize::from(self.defects.twice[slot]))
+                    {
+                        self.sample(unit, code, at, missed, t_ns);
+                    }
+                }
                 other => {
                     (self.machine).bus_event(other, micros(t_ns), &mut self.requests);
                 }
@@ -145,7 +207,7 @@ impl Superloop {
         for unit in UnitIndex::ALL {
             let waiting = &mut self.words[unit as usize];
             if let Some((_, word)) = waiting.take_if(|(at, _)| *at <= t_ns) {
-                board.dac_code(t_ns, unit as usize, word.0);
+                self.output(board, t_ns, unit as usize, word);
                 if let Some((edge, sample)) = self.outstanding.complete(unit, micros(t_ns)) {
                     self.stream(t_ns, edge, sample);
                 }
@@ -153,24 +215,51 @@ impl Superloop {
         }
         while self.line.due().is_some_and(|at| at <= t_ns) {
             if let Some(frame) = self.line.receive(t_ns) {
-                let response = self.machine.command(
-                    USART,
-                    &frame,
-                    micros(t_ns),
-                    LoopFigures::default(),
-                    self.line.counters(),
-                    &mut self.requests,
-                );
-                if let Some(response) = response {
+                if let Some(response) = self.command(board, sensors, t_ns, USART, &frame) {
                     self.line.reply(t_ns, frame.seq, response);
                 }
-                self.execute(board, sensors, t_ns);
             }
         }
     }
 
-    /// The supervisor's millisecond.
-    pub fn tick(&mut self, board: &mut Board, sensors: &mut Sensors, t_ns: u64) {
+    /// A word reaches the DAC of a unit, or what a defect makes of both.
+    fn output(&mut self, board: &mut Board, t_ns: u64, unit: usize, word: DacCode) {
+        self.sent[unit] = word;
+        let word = self.defects.words[unit].pass(word.0.into()) as u16;
+        board.dac_code(t_ns, self.defects.dac_of[unit].unwrap_or(unit), word);
+    }
+
+    /// The DACs' millisecond: words that wait behind no new one are sent again, whatever the superloop does.
+    fn outputs_again(&mut self, board: &mut Board, t_ns: u64) {
+        for unit in 0..UNITS {
+            if self.words[unit].is_none() {
+                self.output(board, t_ns, unit, self.sent[unit]);
+            }
+        }
+    }
+
+    /// A superloop that hangs sees nothing of its millisecond. `Some`: the watchdog resets the controller now.
+    fn hangs(&mut self) -> Option<CrashRecord> {
+        self.hung_ns += TICK_NS;
+        (self.hung_ns > WATCHDOG_NS).then(|| CrashRecord {
+            code: Fault::WatchdogReset.code(),
+            detail: 0,
+            pc: 0,
+            text: Default::default(),
+        })
+    }
+
+    /// The supervisor's millisecond. `Some`: the watchdog resets the controller, with this record.
+    pub fn tick(
+        &mut self,
+        board: &mut Board,
+        sensors: &mut Sensors,
+        t_ns: u64,
+    ) -> Option<CrashRecord> {
+        self.outputs_again(board, t_ns);
+        if self.defects.hung {
+            return self.hangs();
+        }
         let closed = board.estop_closed();
         if self.estop_closed && !closed {
             self.estop_opened_at = micros(t_ns);
@@ -179,7 +268,7 @@ impl Superloop {
         let health = Health {
             estop_closed: closed,
             estop_opened_at: self.estop_opened_at,
-            ..Health::default()
+            ..self.defects.health
         };
         let now = micros(t_ns);
         for unit in self.machine.wants_encoders().iter() {
@@ -187,7 +276,12 @@ impl Superloop {
             self.machine.encoder(unit, counts);
         }
         self.machine.tick(now, health, &mut self.requests);
+        self.encoder_noise(t_ns);
         self.execute(board, sensors, t_ns);
+        if self.machine.holds_dacs() != self.dacs_held {
+            self.dacs_held = !self.dacs_held;
+            board.hold_dacs(t_ns, self.dacs_held);
+        }
         if !self.machine.withholds_alive() {
             self.alive = !self.alive;
             board.alive_edge(t_ns);
@@ -199,12 +293,21 @@ impl Superloop {
         self.status_ms += 1;
         if self.status_ms >= STATUS_MS {
             self.status_ms = 0;
-            let figures = LoopFigures::default();
-            let status = self.machine.status(now, figures, self.line.counters());
+            let status = self.status(t_ns);
             self.line.send(t_ns, BoardMessage::Status(status));
         }
         if let Some(batch) = self.line.batcher.flush(now) {
             self.line.send(t_ns, BoardMessage::Samples(batch));
+        }
+        None
+    }
+
+    /// Noise that the counters report of their encoders.
+    fn encoder_noise(&mut self, t_ns: u64) {
+        for (unit, hz) in UnitIndex::zip(self.defects.encoder_noise_hz) {
+            if hz > 0 && (t_ns / TICK_NS).is_multiple_of(1_000 / u64::from(hz)) {
+                (self.machine).encoder_noise(unit, NOISE_FLAG, micros(t_ns), &mut self.requests);
+            }
         }
     }
 
@@ -220,7 +323,7 @@ impl Superloop {
             if let Some(word) = &mut self.words[unit] {
                 word.1 = DacCode::ZERO_VOLT;
             }
-            board.dac_code(t_ns, unit, DacCode::ZERO_VOLT.0);
+            self.output(board, t_ns, unit, DacCode::ZERO_VOLT);
         }
         stop.iter().for_each(|unit| sensors.request_stop(unit));
         start.iter().for_each(|unit| sensors.request_start(unit));

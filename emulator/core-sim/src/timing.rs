@@ -20,6 +20,9 @@ pub const SERIAL_BYTE_NS: u64 = 5_000;
 /// Period of the superloop's supervisor and of the alive line, ns.
 pub const TICK_NS: u64 = 1_000_000;
 
+/// After so long without a pass of the superloop the watchdog resets the controller, ns.
+pub const WATCHDOG_NS: u64 = 50_000_000;
+
 /// Duration of an I2C transaction: START, addresses and bytes with their acknowledge bits, STOP.
 #[must_use]
 pub const fn transfer_ns(write_len: u8, read_len: u8) -> u64 {

@@ -4,6 +4,7 @@
 
 use super::Board;
 use crate::devices::dac7731::Mode;
+use crate::devices::nau7802::Defects;
 use plant::{Plant, TipModel};
 
 /// SPI mode 3, as the firmware sets it.
@@ -27,13 +28,19 @@ impl Board {
         self.move_outputs(t_ns);
     }
 
+    /// RST of all DACs; `low`: their outputs are at 0 V and stay there.
+    pub fn hold_dacs(&mut self, t_ns: u64, low: bool) {
+        self.dacs.iter_mut().for_each(|dac| dac.set_reset(low));
+        self.move_outputs(t_ns);
+    }
+
     /// Extended position of the encoder of `unit` (from 0) at `t_ns`, counts.
     ///
     /// # Panics
     /// No such unit.
     pub fn encoder_position(&mut self, t_ns: u64, unit: usize) -> i64 {
         self.advance_plant(t_ns);
-        self.frozen_encoder[unit].unwrap_or_else(|| self.plant.encoder_counts(unit))
+        self.frozen_encoder[unit].unwrap_or_else(|| self.encoder_edges(unit))
     }
 
     /// The alive line changes its level at `t_ns`.
@@ -65,6 +72,44 @@ impl Board {
     /// The robot at the cables' ends, where a model moves it ([`Plant::with_robot`]).
     pub fn robot_mut(&mut self) -> Option<&mut dyn TipModel> {
         self.plant.robot_mut()
+    }
+
+    /// What is broken at the load cell of `unit` (from 0) and in its converter, to be changed.
+    ///
+    /// # Panics
+    /// No such unit.
+    pub fn converter_defects(&mut self, unit: usize) -> &mut Defects {
+        self.converters[unit].defects()
+    }
+
+    /// The amplifier of `unit` (from 0) gives this share of its current: 1 in order, 0 off, negative where the motor's wires are
+    /// exchanged.
+    ///
+    /// # Panics
+    /// No such unit.
+    pub fn set_amplifier_share(&mut self, unit: usize, share: f64) {
+        self.amplifier_share[unit] = share;
+        self.move_outputs(self.now_ns);
+    }
+
+    /// The encoder of `unit` (from 0) jumps by this many counts.
+    ///
+    /// # Panics
+    /// No such unit.
+    pub fn jump_encoder(&mut self, unit: usize, counts: i64) {
+        self.advance_plant(self.now_ns);
+        self.encoder_jump[unit] += counts;
+    }
+
+    /// The multiplexer connects each of two converters where the other is selected.
+    pub fn exchange_channels(&mut self, units: [usize; 2]) {
+        self.exchanged = Some(units);
+    }
+
+    /// Whether the amplifiers have power.
+    #[must_use]
+    pub const fn powered(&self) -> bool {
+        self.plc.powered()
     }
 
     /// The plant behind the board, at the time it was last advanced to.

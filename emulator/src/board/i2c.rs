@@ -19,6 +19,16 @@ impl Board {
         self.sda_held
     }
 
+    /// Whether the multiplexer connects the converter of `unit` (from 0).
+    fn is_connected(&self, unit: usize) -> bool {
+        let channel = match self.exchanged {
+            Some([a, b]) if unit == a => b,
+            Some([a, b]) if unit == b => a,
+            _ => unit,
+        };
+        self.mux.mask() >> channel & 1 == 1
+    }
+
     /// The controller begins a START for `address`.
     pub fn i2c_begins(&mut self, t_ns: u64, address: u8) {
         self.start_ns = t_ns;
@@ -45,7 +55,7 @@ impl Board {
         if address == nau7802::ADDRESS {
             self.transaction.adc = true;
             for unit in 0..UNITS {
-                if self.mux.mask() >> unit & 1 == 1 {
+                if self.is_connected(unit) {
                     acknowledged |= self.converters[unit].start(read, t_ns, &mut self.complaints);
                 }
             }
@@ -93,7 +103,7 @@ impl Board {
         }
         let mut byte = 0xFF;
         for unit in 0..UNITS {
-            if self.mux.mask() >> unit & 1 == 1 {
+            if self.is_connected(unit) {
                 let result_done = self.converters[unit].pointer() == 0x14;
                 byte &= self.converters[unit].read(t_ns);
                 if result_done {

@@ -81,8 +81,7 @@ impl Board {
             }
             Injection::MuteMux(on) => self.mux.set_mute(on),
             Injection::AmplifierOff(number, on) => {
-                self.amplifier_off[unit(number)?] = on;
-                self.move_outputs(now);
+                self.set_amplifier_share(unit(number)?, if on { 0.0 } else { 1.0 });
             }
             Injection::ReverseEncoder(number, on) => {
                 let unit = unit(number)?;

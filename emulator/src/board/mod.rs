@@ -56,7 +56,7 @@ impl Port {
 }
 
 /// See the module's page.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub struct Board {
     now_ns: u64,
     /// When the converters or the PLC next do something on their own.
@@ -67,7 +67,12 @@ pub struct Board {
     frozen_encoder: [Option<i64>; UNITS],
     /// Encoders that count the other way: the count at which they turned round, times two.
     reversed_encoder: [Option<i64>; UNITS],
-    amplifier_off: [bool; UNITS],
+    /// Counts by which encoders have jumped.
+    encoder_jump: [i64; UNITS],
+    /// Share of the current that is asked for; 1: in order, 0: off, negative: the motor turns the other way.
+    amplifier_share: [f64; UNITS],
+    /// Two channels of the multiplexer that are exchanged.
+    exchanged: Option<[usize; 2]>,
     /// Amplifier inputs that another controller drives in place of the DACs, V.
     outside_v: Option<[f64; UNITS]>,
     /// Rising edges of a DRDY line that are still to be lost.
@@ -129,7 +134,9 @@ impl Board {
             pull_n: [0.0; UNITS],
             frozen_encoder: [None; UNITS],
             reversed_encoder: [None; UNITS],
-            amplifier_off: [false; UNITS],
+            encoder_jump: [0; UNITS],
+            amplifier_share: [1.0; UNITS],
+            exchanged: None,
             outside_v: None,
             lose_drdy: [0; UNITS],
             converters: std::array::from_fn(|unit| Nau7802::new(unit as u8 + 1, seed)),
@@ -235,7 +242,7 @@ impl Board {
     /// Edges that a unit's encoder has given so far, with its defects.
     fn encoder_edges(&self, unit: usize) -> i64 {
         let edges = self.plant.encoder_counts(unit);
-        self.reversed_encoder[unit].map_or(edges, |turned| turned - edges)
+        self.reversed_encoder[unit].map_or(edges, |turned| turned - edges) + self.encoder_jump[unit]
     }
 
     /// A unit's encoder counts the other way from its present count on, or the right way again.

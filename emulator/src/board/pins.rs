@@ -116,10 +116,13 @@ impl Board {
     pub(super) fn move_outputs(&mut self, t_ns: u64) {
         self.advance_plant(t_ns);
         for (unit, dac) in self.dacs.iter().enumerate() {
-            let volts = match self.outside_v {
-                _ if self.amplifier_off[unit] => 0.0,
-                Some(outside_v) => outside_v[unit],
-                None => dac.volts(),
+            let volts = self
+                .outside_v
+                .map_or_else(|| dac.volts(), |outside_v| outside_v[unit]);
+            // An amplifier that is off gives 0, not the -0 of a product.
+            let volts = match self.amplifier_share[unit] {
+                0.0 => 0.0,
+                share => share * volts,
             };
             self.plant
                 .set_amplifier_volts(unit, volts)

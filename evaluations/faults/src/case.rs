@@ -1,13 +1,10 @@
 //! One case: an armed rig, one injection or two, and a watch on the truth.
 
-use crate::injection::{Injection, Plan};
+use crate::injection::{Injection, Plan, BASES};
 use crate::outcome::Outcome;
 use crate::rig::Rig;
 use crate::watch::{View, Watch};
 use control::{MotorState, SystemState};
-
-/// Armed rigs that cases begin from, each with its own plant and tensions.
-pub const BASES: u64 = 8;
 
 /// How long a case is watched after its last injection, in milliseconds.
 pub const WATCH_MS: u32 = 700;

@@ -4,6 +4,9 @@ use crate::random::Random;
 use control::config::Config;
 use serde::{Deserialize, Serialize};
 
+/// Armed rigs that cases begin from, each with its own plant and tensions.
+pub const BASES: u64 = 8;
+
 /// Where an injection acts: the rows of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 pub enum Category {
@@ -153,6 +156,27 @@ pub enum Injection {
 }
 
 impl Injection {
+    /// Unit whose load cell or converter it breaks.
+    #[must_use]
+    pub const fn unit(&self) -> Option<usize> {
+        use Injection as I;
+        match *self {
+            I::OpenBridge(unit)
+            | I::Frozen(unit)
+            | I::WrongSign(unit)
+            | I::Sensitivity(unit, _)
+            | I::Offset(unit, _)
+            | I::Drift(unit, _)
+            | I::Saturated(unit, _)
+            | I::Silent(unit)
+            | I::Missing(unit, _)
+            | I::Period(unit, _)
+            | I::Spikes(unit, _)
+            | I::Noise(unit, _) => Some(unit),
+            _ => None,
+        }
+    }
+
     /// Where it acts.
     #[must_use]
     pub const fn category(&self) -> Category {
@@ -286,7 +310,7 @@ impl Injection {
 /// What a case injects: one thing, or a second one some time after the first.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
-    /// Seed of the plant, 0 to [`crate::case::BASES`] - 1.
+    /// Seed of the plant, 0 to [`BASES`] - 1.
     pub base: u64,
     /// The first.
     pub first: Injection,
@@ -307,7 +331,7 @@ impl Plan {
             (Injection::draw(other, &mut r), r.below(300) as u32)
         });
         Self {
-            base: r.below(crate::case::BASES),
+            base: r.below(BASES),
             first,
             second,
         }

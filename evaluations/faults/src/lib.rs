@@ -1,14 +1,14 @@
 //! The fault campaign: thousands of injections, one or two at a time, into an armed rig, and what came of each.
 //!
-//! What runs is the firmware's own code from the converter's code to the DAC's code: [`board::machine::Machine`] with the
-//! crate `control`, frames through `wire`, on the plant that every emulator uses. What is left out is the processor: its
-//! interrupts, its buses and the superloop are a delay and a millisecond's tick here ([`rig`]). The scenarios of
+//! What runs is `core-sim`: the firmware's machine, bus scheduler and control core on the host, with the board's chips and the
+//! plant, brought up as every rig is, with a host on its serial line. What is left out is the processor. The scenarios of
 //! `tests/scenarios` inject into the whole image.
 //!
 //! | module | question |
 //! | --- | --- |
-//! | [`rig`] | what is the machine connected to |
 //! | [`injection`] | what can be broken, and how is it drawn from a seed |
+//! | [`rig`] | how is a rig brought up, armed and broken |
+//! | [`host`] | what does the host send, and what becomes of it on the line |
 //! | [`case`] | one run: prepare, inject, watch |
 //! | [`expected`] | which fault must an injection cause |
 //! | [`watch`] | what does the truth show in each millisecond |
@@ -20,6 +20,7 @@
 pub mod campaign;
 pub mod case;
 pub mod expected;
+pub mod host;
 pub mod injection;
 pub mod outcome;
 pub mod random;

@@ -52,7 +52,8 @@ impl Nau7802 {
 
     pub(super) fn schedule(&mut self, from_ns: f64) {
         self.clock_wander += CLOCK_WALK * self.rng.normal() - CLOCK_PULL * self.clock_wander;
-        self.period_ns = 1e9 / (self.rate() * (1.0 + self.clock_error + self.clock_wander));
+        self.period_ns = 1e9 / (self.rate() * (1.0 + self.clock_error + self.clock_wander))
+            * (1.0 + self.defects.stretch);
         self.next_conversion = Some(from_ns + self.period_ns);
     }
 
@@ -107,11 +108,16 @@ impl Nau7802 {
             self.settling -= 1;
             return false;
         }
+        self.conversions += 1;
+        if self.defects.one_in > 1 && !self.conversions.is_multiple_of(self.defects.one_in) {
+            return false;
+        }
         if !self.defects.frozen {
-            self.result = self.convert(bridge(due.ceil() as u64, period));
+            let end = due.ceil() as u64;
+            let signal = bridge(end, period);
+            self.result = self.convert(self.defects.distort(signal, end, self.conversions));
         }
         self.result_number += 1;
-        self.conversions += 1;
         let was_ready = self.ready;
         self.ready = true;
         !was_ready
@@ -144,7 +150,10 @@ impl Nau7802 {
     }
 
     pub(super) fn convert(&mut self, bridge_v_per_v: f64) -> i32 {
-        let noise = self.noise_v() / self.lsb_v() * self.rng.normal();
+        let mut noise = self.noise_v() / self.lsb_v() * self.rng.normal();
+        if self.defects.noise > 0.0 {
+            noise += self.input_codes(self.defects.noise) * self.rng.normal();
+        }
         let raw = self.input_codes(bridge_v_per_v) + self.raw_offset * self.gain() / 128.0 + noise;
         let offset = f64::from(sign_extend(&self.registers[reg::OCAL1..reg::OCAL1 + 3]));
         let gain = f64::from(u32::from_be_bytes([

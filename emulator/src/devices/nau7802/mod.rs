@@ -31,7 +31,7 @@ use register_map::{bit, reg, reset_values, REGISTERS};
 pub const ADDRESS: u8 = 0x2A;
 
 /// What is broken at a load cell or in its converter.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Defects {
     /// An excitation wire is open: the bridge gives nothing.
     pub open_bridge: bool,
@@ -47,6 +47,35 @@ pub struct Defects {
     pub latches_at_pointer: bool,
     /// Another variant: DRDY rises at the end of a calibration, and a start leaves it as it was.
     pub keeps_ready: bool,
+    /// One conversion in so many becomes ready; 0 and 1: each.
+    pub one_in: u64,
+    /// Periods are longer by this share.
+    pub stretch: f64,
+    /// The signal lacks this share.
+    pub lost_share: f64,
+    /// Added to the signal, V/V, and what it grows by in a second since [`Defects::drift_from_ns`].
+    pub offset: f64,
+    /// See [`Defects::offset`]; V/V a second.
+    pub drift: f64,
+    /// Beginning of the drift.
+    pub drift_from_ns: u64,
+    /// Added to one conversion in ten, V/V.
+    pub spike: f64,
+    /// Noise beside the chip's own, V/V SD.
+    pub noise: f64,
+}
+
+impl Defects {
+    /// The signal of the conversion with this number that ends at `t_ns`, V/V.
+    fn distort(&self, signal: f64, t_ns: u64, conversion: u64) -> f64 {
+        let seconds = t_ns.saturating_sub(self.drift_from_ns) as f64 * 1e-9;
+        let spike = if conversion.is_multiple_of(10) {
+            self.spike
+        } else {
+            0.0
+        };
+        signal * (1.0 - self.lost_share) + self.offset + self.drift * seconds + spike
+    }
 }
 
 /// One converter with its load cell's bridge on channel 1.

@@ -1,0 +1,219 @@
+//! The host on the serial line: setpoints that move, every 10 ms, and what becomes of its frames.
+
+use crate::injection::Injection as I;
+use crate::random::Random;
+use control::geometry::{cable_direction, cos_cell_angle, direction_q14, inv_cos_q16};
+use plant::Plant;
+use std::collections::VecDeque;
+use wire::message::{Command, Response, UnitSetpoint, DIRECTION_ONE};
+use wire::{
+    encode, BoardFrame, BoardMessage, Decoder, HostFrame, ABI_VERSION, MAX_FRAME, SCHEMA_HASH,
+    UNITS,
+};
+
+/// Period of the host, in milliseconds.
+const PERIOD_MS: u64 = 10;
+/// Validity of its setpoints, in milliseconds.
+const VALID_MS: u16 = 100;
+/// The wave of its setpoints is here when it begins to hold, in milliseconds: a second and a half later, where injections come,
+/// each unit is at the point of its wave that the expected faults are written for.
+const WAVE_MS: u64 = 1_120;
+/// Frames that it remembers, to send one again.
+const REMEMBERED: usize = 50;
+
+/// See the module's page.
+#[derive(Clone)]
+pub struct Host {
+    /// Tensions that it holds, N, and since when, in milliseconds; `None`: it sends nothing.
+    hold: Option<([f64; UNITS], u64)>,
+    /// Everything random on its side.
+    pub random: Random,
+    seq: u16,
+    next_ms: u64,
+    old_frames: VecDeque<Vec<u8>>,
+    decoder: Decoder,
+    /// What is injected, and how often it may still act.
+    active: Vec<(I, u32)>,
+}
+
+impl Host {
+    /// A host that sends nothing yet.
+    #[must_use]
+    pub fn new(random: Random) -> Self {
+        Self {
+            hold: None,
+            random,
+            seq: 0,
+            next_ms: 0,
+            old_frames: VecDeque::new(),
+            decoder: Decoder::new(),
+            active: Vec::new(),
+        }
+    }
+
+    /// From `now_ms` on it sends setpoints around these tensions, N.
+    pub fn hold(&mut self, tensions_n: [f64; UNITS], now_ms: u64) {
+        self.hold = Some((tensions_n, now_ms));
+    }
+
+    /// Puts an injection in force at `now_ms`.
+    pub fn inject(&mut self, what: I, now_ms: u64) {
+        let often = match what {
+            I::FrameBit(_, n) | I::FrameCut(n) | I::Replay(n) | I::Garbage(n) => n,
+            _ => u32::MAX,
+        };
+        match what {
+            I::HostStops => self.hold = None,
+            I::HostPauses(ms) => self.next_ms = now_ms + u64::from(ms),
+            _ => {}
+        }
+        self.active.push((what, often));
+    }
+
+    fn find<T>(&self, pick: impl Fn(&I) -> Option<T>) -> Option<T> {
+        self.active.iter().find_map(|(what, _)| pick(what))
+    }
+
+    fn is(&self, what: I) -> bool {
+        self.active.iter().any(|(active, _)| *active == what)
+    }
+
+    /// As [`Self::find`], for what acts a limited number of times; a find uses one of them up.
+    fn take<T>(&mut self, pick: impl Fn(&I) -> Option<T>) -> Option<T> {
+        let (what, left) =
+            (self.active.iter_mut()).find(|(what, left)| *left > 0 && pick(what).is_some())?;
+        *left -= u32::from(*left != u32::MAX);
+        pick(what)
+    }
+
+    /// A command as a frame.
+    pub fn frame(&mut self, command: Command) -> Vec<u8> {
+        self.seq = self.seq.wrapping_add(1);
+        let frame = HostFrame {
+            seq: self.seq,
+            command,
+        };
+        let mut room = [0; MAX_FRAME];
+        let length = encode(&frame, &mut room).expect("fits");
+        room[..length].to_vec()
+    }
+
+    /// The response to the last command, where the board's bytes have it.
+    pub fn response(&mut self, bytes: &[u8]) -> Option<Response> {
+        let mut found = None;
+        for byte in bytes {
+            if let Ok(Some(frame)) = self.decoder.push::<BoardFrame>(*byte) {
+                match frame.message {
+                    BoardMessage::Reply(reply) if reply.seq == self.seq => {
+                        found = Some(reply.response);
+                    }
+                    _ => {}
+                }
+            }
+        }
+        found
+    }
+
+    /// What another program sends over the other link at `now_ms`.
+    pub fn elsewhere(&self, now_ms: u64) -> Vec<Command> {
+        if now_ms < self.next_ms || !self.is(I::StatusElsewhere) {
+            return Vec::new();
+        }
+        let hello = Command::Hello {
+            abi: ABI_VERSION,
+            schema: SCHEMA_HASH,
+        };
+        vec![hello, Command::GetStatus, Command::Disarm]
+    }
+
+    /// The bytes that reach the line at `now_ms`.
+    pub fn send(&mut self, now_ms: u64, plant: &Plant) -> Vec<u8> {
+        if now_ms < self.next_ms {
+            return Vec::new();
+        }
+        let slow = self.find(|what| match what {
+            I::HostSlow(ms) => Some(u64::from(*ms)),
+            _ => None,
+        });
+        self.next_ms = now_ms + slow.unwrap_or(PERIOD_MS);
+        let Some((hold_n, since_ms)) = self.hold else {
+            return Vec::new();
+        };
+        let command = self.setpoints(hold_n, (now_ms - since_ms + WAVE_MS) as f64 * 1e-3, plant);
+        let frame = self.frame(command);
+        self.on_the_line(frame)
+    }
+
+    fn setpoints(&self, hold_n: [f64; UNITS], t_s: f64, plant: &Plant) -> Command {
+        let offset = self.find(|what| match what {
+            I::SetpointOffset(n) => Some(*n),
+            _ => None,
+        });
+        let tip = plant.tip_position_m().into();
+        let units = std::array::from_fn(|unit| {
+            let parameters = plant.parameters(unit);
+            let direction = cable_direction(parameters.position_m.into(), tip);
+            let axis: nalgebra::Vector3<f64> = parameters.axis.into();
+            let cos = direction.and_then(|direction| cos_cell_angle(direction, -axis));
+            let factor = self.find(|what| match what {
+                I::WrongCosine(u, factor) if *u == unit => Some(*factor),
+                _ => None,
+            });
+            let inv_cos = cos.and_then(inv_cos_q16).unwrap_or(65_536);
+            let out_of_range = self.find(|what| match what {
+                I::SetpointRange(u, value) if *u == unit => Some(*value),
+                _ => None,
+            });
+            let wave = 0.6 * (6.0 * t_s + unit as f64).sin();
+            let tension_n = hold_n[unit] + wave + offset.unwrap_or(0.0);
+            UnitSetpoint {
+                tension_un: out_of_range.unwrap_or((tension_n.max(0.0) * 1e6) as i32),
+                inv_cos_q16: (f64::from(inv_cos) * factor.unwrap_or(1.0)) as i32,
+                direction_q14: if self.is(I::WrongDirections) {
+                    [0, 0, DIRECTION_ONE]
+                } else {
+                    direction.map_or([0; 3], |d| direction_q14(&d))
+                },
+            }
+        });
+        Command::Setpoints {
+            valid_ms: VALID_MS,
+            units,
+        }
+    }
+
+    /// What arrives of a frame.
+    fn on_the_line(&mut self, mut frame: Vec<u8>) -> Vec<u8> {
+        self.old_frames.push_back(frame.clone());
+        if self.old_frames.len() > REMEMBERED {
+            self.old_frames.pop_front();
+        }
+        if let Some(bit) = self.take(|what| match what {
+            I::FrameBit(bit, _) => Some(*bit as usize),
+            _ => None,
+        }) {
+            let bit = bit % (8 * frame.len());
+            frame[bit / 8] ^= 1 << (bit % 8);
+        }
+        if self
+            .take(|what| matches!(what, I::FrameCut(_)).then_some(()))
+            .is_some()
+        {
+            frame.truncate(frame.len() / 2);
+        }
+        if self
+            .take(|what| matches!(what, I::Replay(_)).then_some(()))
+            .is_some()
+        {
+            frame = self.old_frames.front().cloned().unwrap_or(frame);
+        }
+        if self
+            .take(|what| matches!(what, I::Garbage(_)).then_some(()))
+            .is_some()
+        {
+            let noise = (0..20).map(|_| self.random.bits() as u8).collect();
+            frame = [noise, frame].concat();
+        }
+        frame
+    }
+}
