@@ -84,7 +84,7 @@ mutants! {
 }
 
 /// What the campaign is built from, besides the workspace's own files.
-const PARTS: [&str; 12] = [
+const PARTS: [&str; 13] = [
     "board",
     "control",
     "drivers",
@@ -96,6 +96,7 @@ const PARTS: [&str; 12] = [
     "emulator/usb",
     "common/random",
     "robot",
+    "evaluations/evaluation",
     "evaluations/faults",
 ];
 

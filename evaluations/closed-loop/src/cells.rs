@@ -33,7 +33,7 @@ fn in_the_cells(seed: u64) -> bool {
 /// # Errors
 /// A command failed.
 pub fn page(options: &Options) -> Result<String, String> {
-    let (first, last) = options.seeds;
+    let (first, last) = (*options.seeds.start(), *options.seeds.end());
     let mut rows = String::new();
     let mut costs: Vec<(f64, f64)> = Vec::new();
     for seed in (first..=last).filter(|seed| in_the_cells(*seed)) {

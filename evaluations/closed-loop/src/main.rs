@@ -15,35 +15,31 @@ mod run;
 mod table;
 
 use effect::truth;
-use options::{options, Options, HELP};
+use options::Options;
 use page::{names, page};
 use run::{run, NoFindings};
-use std::path::Path;
 use std::process::ExitCode;
 use table::{cost, row, Kinds, HEAD};
 
 fn main() -> ExitCode {
-    let options = match options() {
-        Ok(Some(options)) => options,
-        Ok(None) => {
-            print!("{HELP}");
-            return ExitCode::SUCCESS;
+    evaluation::run(|options: Options| {
+        if options.cells {
+            let page = cells::page(&options)?;
+            evaluation::publish(options.markdown.as_deref(), &page)?;
+            return Ok(ExitCode::SUCCESS);
         }
-        Err(why) => {
-            eprintln!("closed-loop: {why}\n\n{HELP}");
-            return ExitCode::from(2);
-        }
-    };
-    if options.cells {
-        return cells(&options);
-    }
+        effects(&options)
+    })
+}
+
+fn effects(options: &Options) -> Result<ExitCode, String> {
     let mut rows = String::new();
     let mut kinds = Kinds::default();
     let mut failed = false;
     print!("{HEAD}");
-    for seed in options.seeds.0..=options.seeds.1 {
+    for seed in options.seeds.clone() {
         let truth = truth(seed, options.size);
-        let findings = run(&options, seed, &truth);
+        let findings = run(options, seed, &truth);
         failed |= matches!(findings, Err(NoFindings::Failed(_)));
         let stopped = matches!(findings, Err(NoFindings::Stopped));
         let (text, gained) = row(seed, &truth, &findings);
@@ -60,36 +56,7 @@ fn main() -> ExitCode {
         names(&kinds.back)
     );
     if let Some(path) = &options.markdown {
-        if let Err(why) = write(path, &page(&options, &rows, &kinds)) {
-            eprintln!("closed-loop: {why}");
-            return ExitCode::FAILURE;
-        }
+        evaluation::write(path, &page(options, &rows, &kinds))?;
     }
-    if failed {
-        ExitCode::FAILURE
-    } else {
-        ExitCode::SUCCESS
-    }
-}
-
-/// Weights on the rigs whose cells are curved or creep.
-fn cells(options: &Options) -> ExitCode {
-    let done = cells::page(options).and_then(|page| match &options.markdown {
-        Some(path) => write(path, &page),
-        None => {
-            print!("{page}");
-            Ok(())
-        }
-    });
-    match done {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(why) => {
-            eprintln!("closed-loop: {why}");
-            ExitCode::FAILURE
-        }
-    }
-}
-
-fn write(path: &Path, text: &str) -> Result<(), String> {
-    std::fs::write(path, text).map_err(|e| format!("{}: {e}", path.display()))
+    Ok(evaluation::exit_code(failed))
 }

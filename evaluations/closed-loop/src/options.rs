@@ -1,70 +1,51 @@
 //! The command line.
 
-use lexopt::{Arg, Parser, ValueExt};
+use evaluation::clap::{self, Parser};
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 
-/// What `--help` prints; `cargo xtask closed-loop --help` as well.
-pub const HELP: &str = include_str!("help.txt");
-
-/// The command line.
+/// Finds, declares and re-runs one undeclared effect for each seed, with `forcectl identify` on the embedded rig.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask closed-loop")]
 pub struct Options {
-    pub forcectl: PathBuf,
-    pub seeds: (u64, u64),
+    /// Seeds to run, both included; ten in a row have each kind of effect once.
+    #[arg(long, value_name = "A..B", default_value = "1..10", value_parser = seeds)]
+    pub seeds: RangeInclusive<u64>,
+    /// Length of the recorded session in seconds.
+    #[arg(long = "drive-duration", value_name = "S", default_value = "40")]
     pub drive: String,
+    /// Time for which the force is held before and after, in seconds.
+    #[arg(long = "duration", value_name = "S", default_value = "16")]
     pub hold: String,
+    /// Factor on the drawn sizes, 0.1 to 1.
+    #[arg(long, value_name = "F", default_value = "1", value_parser = size)]
     pub size: f64,
+    /// Folder for plant files, recordings and reports.
+    #[arg(long, value_name = "DIR", default_value = "target/closed-loop")]
     pub out: PathBuf,
-    pub markdown: Option<PathBuf>,
-    pub reuse: bool,
-    /// Weights on the rigs whose cells are curved or creep, in place of the identification.
+    /// The seeds whose load cells are curved or creep, with weights in place of the identification.
+    #[arg(long)]
     pub cells: bool,
+    /// Write the table to FILE as well.
+    #[arg(long, value_name = "FILE")]
+    pub markdown: Option<PathBuf>,
+    /// Read the reports that an earlier run left in DIR, and run nothing (to join several runs).
+    #[arg(long)]
+    pub reuse: bool,
+    /// The program forcectl; xtask gives it.
+    #[arg(long, value_name = "PROGRAM")]
+    pub forcectl: PathBuf,
 }
 
-/// Reads the command line; `None` for `--help`.
-pub fn options() -> Result<Option<Options>, lexopt::Error> {
-    let mut options = Options {
-        forcectl: PathBuf::new(),
-        seeds: (1, 10),
-        drive: "40".to_owned(),
-        hold: "16".to_owned(),
-        size: 1.0,
-        out: PathBuf::from("target/closed-loop"),
-        markdown: None,
-        reuse: false,
-        cells: false,
-    };
-    let mut parser = Parser::from_env();
-    while let Some(argument) = parser.next()? {
-        match argument {
-            Arg::Long("forcectl") => options.forcectl = parser.value()?.into(),
-            Arg::Long("seeds") => options.seeds = parser.value()?.parse_with(seeds)?,
-            Arg::Long("drive-duration") => options.drive = parser.value()?.string()?,
-            Arg::Long("duration") => options.hold = parser.value()?.string()?,
-            Arg::Long("size") => options.size = parser.value()?.parse_with(size)?,
-            Arg::Long("out") => options.out = parser.value()?.into(),
-            Arg::Long("reuse") => options.reuse = true,
-            Arg::Long("cells") => options.cells = true,
-            Arg::Long("markdown") => options.markdown = Some(parser.value()?.into()),
-            Arg::Short('h') | Arg::Long("help") => return Ok(None),
-            other => return Err(other.unexpected()),
-        }
+fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
+    let seeds = evaluation::seeds(text)?;
+    if *seeds.start() == 0 {
+        return Err("seeds begin with 1".to_owned());
     }
-    if options.forcectl.as_os_str().is_empty() {
-        return Err("--forcectl is missing".into());
-    }
-    Ok(Some(options))
-}
-
-fn seeds(text: &str) -> Result<(u64, u64), String> {
-    let (first, last) = text.split_once("..").unwrap_or((text, text));
-    let seed = |t: &str| t.trim_start_matches('=').parse::<u64>().ok();
-    seed(first)
-        .zip(seed(last))
-        .filter(|(first, last)| (1..=*last).contains(first))
-        .ok_or_else(|| format!("{text}: give FIRST..LAST, whole numbers from 1"))
+    Ok(seeds)
 }
 
 fn size(text: &str) -> Result<f64, String> {
     let size = text.parse().ok().filter(|x| (0.1..=1.0).contains(x));
-    size.ok_or_else(|| format!("{text}: give 0.1 to 1"))
+    size.ok_or_else(|| "give 0.1 to 1".to_owned())
 }

@@ -37,7 +37,7 @@ const NOTES: [(Kind, Cost, &str); 5] = [
 
 /// The page docs/residual/closed-loop.md.
 pub fn page(options: &Options, rows: &str, kinds: &Kinds) -> String {
-    let (first, last) = options.seeds;
+    let (first, last) = (*options.seeds.start(), *options.seeds.end());
     let Kinds {
         better,
         back,
@@ -131,7 +131,7 @@ mod tests {
     fn the_page_names_kinds_in_words_and_notes_only_what_happened() {
         let options = Options {
             forcectl: PathBuf::new(),
-            seeds: (1, 10),
+            seeds: 1..=10,
             drive: "40".to_owned(),
             hold: "16".to_owned(),
             size: 0.5,

@@ -1,92 +1,92 @@
 //! `faults`: runs the fault campaign, or a shard of it, and prints its table.
 
+use evaluation::clap::{self, Parser};
 use faults::campaign::{read, Campaign, CURRENT_LIMIT_A};
 use faults::case::{self, Bases};
 use faults::expected;
 use faults::injection::Plan;
 use faults::table;
-use lexopt::{Arg, Parser, ValueExt};
 use std::collections::BTreeMap;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
-const USAGE: &str = "\
-usage: faults [--cases N] [--seed S] [--shard I/N] [--jobs J] [--out FILE] [--merge FILE...] [--quiet]
-
-  --cases N    cases of the campaign (default 4292)
-  --seed S     seed (default 1)
-  --shard I/N  only every Nth case, beginning with the Ith (1 to N)
-  --jobs J     threads (default: all processors)
-  --current-limit A  current limit of the amplifiers (default 0.9, as docs/bring-up.md has it set)
-  --out FILE   where outcomes are kept, one JSON a line; cases that are there are not run again (default faults.jsonl)
-  --merge      only print the table of these files together
-  --check      the expected fault of each kind of injection, then the first cases, without a file; ends at the first
-               hazard or wrong fault
-  --quiet      the table without the list of hazards
-
-Exit code 1 where a hazard went undetected.";
-
-fn main() -> ExitCode {
-    match run() {
-        Ok(code) => code,
-        Err(error) => {
-            eprintln!("faults: {error}\n{USAGE}");
-            ExitCode::from(2)
-        }
-    }
+/// Injects thousands of faults into the firmware's core on the plant, and prints what came of them.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask faults", after_help = OTHERS)]
+struct Options {
+    /// Cases of the campaign.
+    #[arg(long, value_name = "N", default_value_t = 4_292)]
+    cases: u64,
+    /// Seed.
+    #[arg(long, value_name = "S", default_value_t = 1)]
+    seed: u64,
+    /// Only every Nth case, beginning with the Ith (1 to N).
+    #[arg(long, value_name = "I/N", default_value = "1/1", value_parser = shard)]
+    shard: (u64, u64),
+    /// Threads (default: all processors).
+    #[arg(long, value_name = "J")]
+    jobs: Option<usize>,
+    /// Current limit of the amplifiers (as docs/bring-up.md has it set).
+    #[arg(long, value_name = "A", default_value_t = CURRENT_LIMIT_A)]
+    current_limit: f64,
+    /// Where outcomes are kept, one JSON a line; cases that are there are not run again (xtask: target/faults/seed-S.jsonl).
+    #[arg(long, value_name = "FILE", default_value = "faults.jsonl")]
+    out: PathBuf,
+    /// Only print the table of these files together.
+    #[arg(long, value_name = "FILE", num_args = 1..)]
+    merge: Vec<PathBuf>,
+    /// The expected fault of each kind of injection, then the first cases, without a file; ends at the first hazard or wrong fault.
+    #[arg(long)]
+    check: bool,
+    /// The table without the list of hazards.
+    #[arg(long)]
+    quiet: bool,
 }
 
-fn run() -> Result<ExitCode, Box<dyn std::error::Error>> {
-    let mut campaign = Campaign {
-        seed: 1,
-        cases: 4_292,
-        shard: (0, 1),
-        current_limit_a: CURRENT_LIMIT_A,
-        jobs: std::thread::available_parallelism().map_or(1, usize::from),
+const OTHERS: &str = "\
+cargo xtask faults --image [--cases N] [--seed S] [--jobs J] [--list]: boots the whole image in the embedded rig for each case
+(default 110), arms it, and flips one bit of a core register, the variables, the stack or a peripheral's register.
+
+cargo xtask faults --mutants [NAME...]: builds the firmware's core once for each mutant of its supervision, in a copy of
+the sources, and shows that the campaign kills it.
+
+Exit code 1 where a hazard went undetected (--image: where one happened), or a mutant survived.";
+
+fn main() -> ExitCode {
+    evaluation::run(run)
+}
+
+fn run(options: Options) -> Result<ExitCode, String> {
+    let campaign = Campaign {
+        seed: options.seed,
+        cases: options.cases,
+        shard: options.shard,
+        current_limit_a: options.current_limit,
+        jobs: options
+            .jobs
+            .unwrap_or_else(|| std::thread::available_parallelism().map_or(1, usize::from)),
     };
-    let mut out = PathBuf::from("faults.jsonl");
-    let mut merge: Vec<PathBuf> = Vec::new();
-    let mut quiet = false;
-    let mut check = false;
-    let mut parser = Parser::from_env();
-    while let Some(argument) = parser.next()? {
-        match argument {
-            Arg::Long("cases") => campaign.cases = parser.value()?.parse()?,
-            Arg::Long("seed") => campaign.seed = parser.value()?.parse()?,
-            Arg::Long("jobs") => campaign.jobs = parser.value()?.parse()?,
-            Arg::Long("current-limit") => campaign.current_limit_a = parser.value()?.parse()?,
-            Arg::Long("out") => out = parser.value()?.into(),
-            Arg::Long("shard") => campaign.shard = shard(&parser.value()?.string()?)?,
-            Arg::Long("merge") => merge.extend(parser.values()?.map(PathBuf::from)),
-            Arg::Long("quiet") => quiet = true,
-            Arg::Long("check") => check = true,
-            Arg::Short('h') | Arg::Long("help") => {
-                println!("{USAGE}");
-                return Ok(ExitCode::SUCCESS);
-            }
-            other => return Err(other.unexpected().into()),
-        }
-    }
-    if check {
+    if options.check {
         return Ok(check_quickly(campaign));
     }
-    if merge.is_empty() {
+    let mut files = options.merge;
+    if files.is_empty() {
         campaign
-            .run(&out)
-            .map_err(|error| format!("{}: {error}", out.display()))?;
-        merge.push(out);
+            .run(&options.out)
+            .map_err(|error| format!("{}: {error}", options.out.display()))?;
+        files.push(options.out);
     }
     let mut outcomes = BTreeMap::new();
-    for file in merge {
+    for file in files {
         outcomes.extend(read(&file).map_err(|error| format!("{}: {error}", file.display()))?);
     }
     outcomes.retain(|number, _| *number < campaign.cases);
-    if !quiet {
+    if !options.quiet {
         print!("{}", table::hazards(&outcomes));
     }
     print!("{}", table::summary(&outcomes));
     let undetected = outcomes.values().any(|outcome| outcome.is_undetected());
-    Ok(ExitCode::from(u8::from(undetected)))
+    Ok(evaluation::exit_code(undetected))
 }
 
 /// The expected faults, then the campaign's first cases, in memory; ends at the first thing that is wrong.
@@ -112,12 +112,10 @@ fn check_quickly(campaign: Campaign) -> ExitCode {
 }
 
 fn shard(text: &str) -> Result<(u64, u64), String> {
-    let wrong = || format!("--shard {text}: write I/N, as in 2/4");
-    let (number, of) = text.split_once('/').ok_or_else(wrong)?;
-    let number: u64 = number.parse().map_err(|_| wrong())?;
-    let of: u64 = of.parse().map_err(|_| wrong())?;
-    if number == 0 || number > of {
-        return Err(wrong());
-    }
-    Ok((number - 1, of))
+    let number = |text: &str| text.parse::<u64>().ok();
+    text.split_once('/')
+        .and_then(|(shard, of)| number(shard).zip(number(of)))
+        .filter(|(shard, of)| (1..=*of).contains(shard))
+        .map(|(shard, of)| (shard - 1, of))
+        .ok_or_else(|| "write I/N, as in 2/4".to_owned())
 }

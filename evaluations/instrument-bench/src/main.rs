@@ -1,84 +1,39 @@
 //! `instrument-bench`: the torque at the jaw of da Vinci instruments, from public measured data.
 
+use evaluation::clap::{self, Parser};
+use evaluation::{publish, write};
 use instrument_bench::{page, picture, results};
-use lexopt::{Arg, Parser};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::process::ExitCode;
 
-const HELP: &str = include_str!("help.txt");
-
+/// Estimates the torque at the jaw of da Vinci instruments from motor current and positions, on public measured data, and prints
+/// the errors.
+#[derive(Parser)]
 struct Options {
+    /// Clone of https://github.com/MRDLab/mis-tool-characterization (Open Database License), or its folder `data`.
+    #[arg(long, value_name = "DIR")]
     data: PathBuf,
+    /// Write the page into this file instead of printing it.
+    #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
+    /// Write the pictures (SVG) into this folder.
+    #[arg(long, value_name = "DIR")]
     pictures: Option<PathBuf>,
 }
 
-fn options() -> Result<Option<Options>, lexopt::Error> {
-    let (mut data, mut markdown, mut pictures) = (None, None, None);
-    let mut parser = Parser::from_env();
-    while let Some(argument) = parser.next()? {
-        match argument {
-            Arg::Long("data") => data = Some(parser.value()?.into()),
-            Arg::Long("markdown") => markdown = Some(parser.value()?.into()),
-            Arg::Long("pictures") => pictures = Some(parser.value()?.into()),
-            Arg::Short('h') | Arg::Long("help") => return Ok(None),
-            other => return Err(other.unexpected()),
-        }
-    }
-    let data = data.ok_or_else(|| {
-        let source = instrument_bench::data::SOURCE;
-        format!("--data DIR is missing: DIR is a clone of {source} (Open Database License)")
-    })?;
-    Ok(Some(Options {
-        data,
-        markdown,
-        pictures,
-    }))
-}
-
 fn main() -> ExitCode {
-    let options = match options() {
-        Ok(Some(options)) => options,
-        Ok(None) => {
-            print!("{HELP}");
-            return ExitCode::SUCCESS;
-        }
-        Err(error) => {
-            eprintln!("instrument-bench: {error}\nSee --help.");
-            return ExitCode::from(2);
-        }
-    };
-    match run(&options) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("instrument-bench: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    evaluation::run(|options: Options| run(&options))
 }
 
-fn run(options: &Options) -> Result<(), String> {
+fn run(options: &Options) -> Result<ExitCode, String> {
     let results = results::compute(&options.data, &mut |what| eprintln!("{what}"))
         .map_err(|e| e.to_string())?;
     if let Some(folder) = &options.pictures {
         std::fs::create_dir_all(folder).map_err(|e| format!("{}: {e}", folder.display()))?;
-        write(
-            &folder.join("instruments-time.svg"),
-            &picture::over_time(&results)?,
-        )?;
-        write(
-            &folder.join("instruments-load.svg"),
-            &picture::by_load(&results)?,
-        )?;
+        let (time, load) = (picture::over_time(&results)?, picture::by_load(&results)?);
+        write(&folder.join("instruments-time.svg"), &time)?;
+        write(&folder.join("instruments-load.svg"), &load)?;
     }
-    let page = page::page(&results);
-    match &options.markdown {
-        None => print!("{page}"),
-        Some(path) => write(path, &page)?,
-    }
-    Ok(())
-}
-
-fn write(path: &Path, text: &str) -> Result<(), String> {
-    std::fs::write(path, text).map_err(|e| format!("{} can't be written: {e}", path.display()))
+    publish(options.markdown.as_deref(), &page::page(&results))?;
+    Ok(ExitCode::SUCCESS)
 }

@@ -1,9 +1,10 @@
 //! Which sets are made.
 
+use evaluation::clap::{self, ValueEnum};
 use synthetic_sets::{Kind, Recipe};
 
 /// What a set is there to test.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ValueEnum)]
 pub enum Group {
     /// One effect of the catalogue, commanded open loop.
     Known,

@@ -8,7 +8,6 @@
 //! * [`evaluate`]: one set through the analysis, and its outcome;
 //! * [`judge`]: what counts as right: names that mean the same physics, and parameters;
 //! * [`literature`]: the same for the second generator, `literature_sets`, with a binary of its own;
-//! * [`progress`]: how far a long run is;
 //! * [`real`]: public measured data sets, with a binary of their own;
 //! * [`table`]: confusion table, rates beside their targets, closing summary.
 
@@ -16,6 +15,5 @@ pub mod case;
 pub mod evaluate;
 pub mod judge;
 pub mod literature;
-pub mod progress;
 pub mod real;
 pub mod table;

@@ -1,123 +1,70 @@
 //! `residual-bench`: runs the benchmark and prints the tables. `cargo xtask residual-bench` builds and starts it.
 
-use lexopt::{Arg, Parser, ValueExt};
+use evaluation::clap::{self, Parser};
+use evaluation::{command_line, seeds, write, Progress};
 use rayon::prelude::*;
 use residual_bench::case::{kind_named, Group, Plan};
 use residual_bench::evaluate::{self, evaluate, Outcome};
 use residual_bench::judge::Class;
-use residual_bench::progress::Progress;
 use residual_bench::table;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
+use synthetic_sets::Kind;
 
 /// Columns come and go by the thousand; the system's allocator gives their memory back each time.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
 
-/// What `--help` prints; `cargo xtask residual-bench --help` as well.
-const HELP: &str = include_str!("help.txt");
-
+/// Analyses synthetic logs with undeclared effects and compares the verdicts with the truth.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask residual-bench")]
 struct Options {
-    plan: Plan,
+    /// Seeds, both included (1..20 are the reported ones; tune on 10000 and up).
+    #[arg(long, value_name = "A..B", default_value = "1..20", value_parser = seeds)]
+    seeds: RangeInclusive<u64>,
+    /// Only sets with this effect.
+    #[arg(long, value_name = "NAME", value_parser = kind)]
+    kind: Option<Kind>,
+    /// Only sets of this group.
+    #[arg(long, value_name = "NAME")]
     group: Option<Group>,
+    /// Only sets of this strength (3, 1 or 0.3).
+    #[arg(long, value_name = "X")]
     strength: Option<f64>,
+    /// A small selection.
+    #[arg(long)]
+    quick: bool,
+    /// Print one line for each set that is not right.
+    #[arg(long)]
     list: bool,
+    /// Write the logs of the chosen sets instead of analysing them.
+    #[arg(long, value_name = "FOLDER")]
     csv: Option<PathBuf>,
+    /// Write every outcome.
+    #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Write the tables with a heading.
+    #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
-    /// The command line, for the page's heading.
-    line: String,
 }
 
-fn options() -> Result<Option<Options>, lexopt::Error> {
-    let mut out = Options {
-        plan: Plan {
-            seeds: 1..=20,
-            kind: None,
-            quick: false,
-        },
-        group: None,
-        strength: None,
-        list: false,
-        csv: None,
-        json: None,
-        markdown: None,
-        line: std::env::args()
-            .skip(1)
-            .fold("cargo xtask residual-bench".into(), |line, word| {
-                line + " " + &word
-            }),
-    };
-    let mut parser = Parser::from_env();
-    while let Some(argument) = parser.next()? {
-        match argument {
-            Arg::Long("seeds") => {
-                out.plan.seeds = parser.value()?.parse_with(|text| {
-                    let (a, b) = text
-                        .split_once("..")
-                        .ok_or("two numbers with `..` between")?;
-                    let number = |x: &str| x.parse::<u64>().map_err(|_| "a seed is a whole number");
-                    let (a, b) = (number(a)?, number(b)?);
-                    if a > b || b > 1_000_000 {
-                        return Err("the first seed must not exceed the last, nor that 1000000");
-                    }
-                    Ok(a..=b)
-                })?;
-            }
-            Arg::Long("kind") => {
-                out.plan.kind = Some(parser.value()?.parse_with(|text| {
-                    kind_named(text).ok_or("no effect of the generator has that name")
-                })?);
-            }
-            Arg::Long("group") => {
-                out.group = Some(parser.value()?.parse_with(|text| {
-                    Ok::<_, &str>(match text {
-                        "known" => Group::Known,
-                        "closed" => Group::Closed,
-                        "empty" => Group::Empty,
-                        "two" => Group::Two,
-                        "uncatalogued" => Group::Uncatalogued,
-                        _ => return Err("groups are known, closed, empty, two, uncatalogued"),
-                    })
-                })?);
-            }
-            Arg::Long("strength") => out.strength = Some(parser.value()?.parse()?),
-            Arg::Long("quick") => out.plan.quick = true,
-            Arg::Long("list") => out.list = true,
-            Arg::Long("csv") => out.csv = Some(parser.value()?.into()),
-            Arg::Long("json") => out.json = Some(parser.value()?.into()),
-            Arg::Long("markdown") => out.markdown = Some(parser.value()?.into()),
-            Arg::Short('h') | Arg::Long("help") => {
-                print!("{HELP}");
-                return Ok(None);
-            }
-            other => return Err(other.unexpected()),
-        }
-    }
-    Ok(Some(out))
+fn kind(text: &str) -> Result<Kind, &'static str> {
+    kind_named(text).ok_or("no effect of the generator has that name")
 }
 
 fn main() -> ExitCode {
-    let options = match options() {
-        Ok(Some(options)) => options,
-        Ok(None) => return ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("residual-bench: {error}\n\n{HELP}");
-            return ExitCode::from(2);
-        }
-    };
-    match run(&options) {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("residual-bench: error: {error}");
-            ExitCode::FAILURE
-        }
-    }
+    evaluation::run(|options: Options| run(&options))
 }
 
-fn run(options: &Options) -> Result<(), String> {
-    let mut cases = options.plan.cases();
+fn run(options: &Options) -> Result<ExitCode, String> {
+    let plan = Plan {
+        seeds: options.seeds.clone(),
+        kind: options.kind,
+        quick: options.quick,
+    };
+    let mut cases = plan.cases();
     cases.retain(|case| {
         options.group.is_none_or(|group| case.group == group)
             && options
@@ -128,9 +75,11 @@ fn run(options: &Options) -> Result<(), String> {
         return Err("no set fits these options".into());
     }
     if let Some(folder) = &options.csv {
-        return cases.iter().try_for_each(|case| {
-            evaluate::write(case, folder).map_err(|error| format!("{}: {error}", folder.display()))
-        });
+        for case in &cases {
+            evaluate::write(case, folder)
+                .map_err(|error| format!("{}: {error}", folder.display()))?;
+        }
+        return Ok(ExitCode::SUCCESS);
     }
     let started = Instant::now();
     let progress = Progress::new(cases.len());
@@ -171,16 +120,14 @@ fn run(options: &Options) -> Result<(), String> {
         started.elapsed().as_secs_f64(),
         cpu / outcomes.len() as f64
     );
-    let write = |path: &PathBuf, text: String| {
-        std::fs::write(path, text).map_err(|error| format!("{}: {error}", path.display()))
-    };
     if let Some(path) = &options.json {
-        write(path, table::json(&outcomes))?;
+        write(path, &table::json(&outcomes))?;
     }
     if let Some(path) = &options.markdown {
-        write(path, format!("{}{text}", heading(&options.line)))?;
+        let line = command_line("cargo xtask residual-bench");
+        write(path, &format!("{}{text}", heading(&line)))?;
     }
-    Ok(())
+    Ok(ExitCode::SUCCESS)
 }
 
 /// What stands above the tables on the page.

@@ -1,33 +1,18 @@
 //! `literature-bench`: runs the analysis on sets of the literature generator and prints rates beside the goals.
 
-use lexopt::prelude::*;
+use evaluation::clap::{self, Parser};
+use evaluation::{command_line, seeds, write, Progress};
 use literature_sets::excitation::Measured;
 use rayon::prelude::*;
 use residual_bench::literature::judge::Class;
 use residual_bench::literature::{evaluate, table, Outcome, Plan};
-use residual_bench::progress::Progress;
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::process::ExitCode;
 
 /// Columns come and go by the thousand; the system's allocator gives their memory back each time.
 #[global_allocator]
 static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
-
-const HELP: &str = "\
-Runs the residual analysis on sets of evaluations/literature-sets and prints rates beside the goals.
-
-Usage: literature-bench [options]
-
-  --seeds A..B       seeds, both ends included (default 1..1); tune on seeds from 1000, report on others
-  --sizes X,Y,...    RMS of each effect over the RMS of the noise (default 1,0.3)
-  --only A,B,...     only sets whose effects' names (joined by +; `none`) are in this list
-  --empty N          empty sets for each seed (default 10)
-  --some N           sets with two or three effects for each seed and size (default 0)
-  --excitation DIR   take motion and command from the measured logs in this folder
-  --list             print each set that is not right, or has a name that is not there, and each interval
-  --markdown FILE    write the tables to a file
-  --help             this text
-";
 
 /// Head of the page.
 const HEADING: &str = "\
@@ -42,87 +27,49 @@ by the command below; don't edit.
 group* is the first effect with those that the report says cannot be distinguished from it.
 ";
 
+/// Runs the residual analysis on sets of evaluations/literature-sets and prints rates beside the goals.
+#[derive(Parser)]
+#[command(name = "literature-bench")]
 struct Options {
-    plan: Plan,
+    /// Seeds, both ends included; tune on seeds from 1000, report on others.
+    #[arg(long, value_name = "A..B", default_value = "1..1", value_parser = seeds)]
+    seeds: RangeInclusive<u64>,
+    /// RMS of each effect over the RMS of the noise.
+    #[arg(long, value_name = "X,Y,...", default_value = "1,0.3", value_delimiter = ',')]
+    sizes: Vec<f64>,
+    /// Only sets whose effects' names (joined by +; `none`) are in this list.
+    #[arg(long, value_name = "A,B,...", value_delimiter = ',')]
     only: Vec<String>,
-    excitation: Option<Measured>,
+    /// Empty sets for each seed.
+    #[arg(long, value_name = "N", default_value_t = 10)]
+    empty: u64,
+    /// Sets with two or three effects for each seed and size.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    some: u64,
+    /// Take motion and command from the measured logs in this folder.
+    #[arg(long, value_name = "DIR")]
+    excitation: Option<PathBuf>,
+    /// Print each set that is not right, or has a name that is not there, and each interval.
+    #[arg(long)]
     list: bool,
+    /// Write the tables to a file.
+    #[arg(long, value_name = "FILE")]
     markdown: Option<PathBuf>,
 }
 
 fn main() -> ExitCode {
-    let result = options()
-        .map_err(|e| e.to_string())
-        .and_then(|options| options.map_or(Ok(()), |options| run(&options)));
-    match result {
-        Ok(()) => ExitCode::SUCCESS,
-        Err(error) => {
-            eprintln!("literature-bench: error: {error}; see --help");
-            ExitCode::FAILURE
-        }
-    }
+    evaluation::run(|options: Options| run(&options))
 }
 
-fn options() -> Result<Option<Options>, lexopt::Error> {
-    let mut out = Options {
-        plan: Plan {
-            seeds: 1..=1,
-            sizes: vec![1.0, 0.3],
-            empty: 10,
-            some: 0,
-        },
-        only: vec![],
-        excitation: None,
-        list: false,
-        markdown: None,
+fn run(options: &Options) -> Result<ExitCode, String> {
+    let plan = Plan {
+        seeds: options.seeds.clone(),
+        sizes: options.sizes.clone(),
+        empty: options.empty,
+        some: options.some,
     };
-    let mut parser = lexopt::Parser::from_env();
-    while let Some(argument) = parser.next()? {
-        match argument {
-            Long("seeds") => {
-                out.plan.seeds = parser.value()?.parse_with(|text| {
-                    let (a, b) = text
-                        .split_once("..")
-                        .ok_or("two numbers with `..` between")?;
-                    let number = |x: &str| x.parse::<u64>().map_err(|_| "a seed is a whole number");
-                    Ok::<_, &str>(number(a)?..=number(b)?)
-                })?;
-            }
-            Long("sizes") => {
-                out.plan.sizes = parser.value()?.parse_with(|text| {
-                    text.split(',')
-                        .map(str::parse)
-                        .collect::<Result<_, std::num::ParseFloatError>>()
-                })?;
-            }
-            Long("only") => {
-                out.only = parser
-                    .value()?
-                    .string()?
-                    .split(',')
-                    .map(String::from)
-                    .collect();
-            }
-            Long("empty") => out.plan.empty = parser.value()?.parse()?,
-            Long("some") => out.plan.some = parser.value()?.parse()?,
-            Long("excitation") => {
-                let folder = PathBuf::from(parser.value()?);
-                out.excitation = Some(Measured::read(&folder)?);
-            }
-            Long("list") => out.list = true,
-            Long("markdown") => out.markdown = Some(parser.value()?.into()),
-            Short('h') | Long("help") => {
-                print!("{HELP}");
-                return Ok(None);
-            }
-            other => return Err(other.unexpected()),
-        }
-    }
-    Ok(Some(out))
-}
-
-fn run(options: &Options) -> Result<(), String> {
-    let mut cases = options.plan.cases();
+    let excitation = options.excitation.as_deref().map(Measured::read).transpose()?;
+    let mut cases = plan.cases();
     cases.retain(|c| options.only.is_empty() || options.only.contains(&c.truth()));
     if cases.is_empty() {
         return Err("no set fits these options".into());
@@ -131,7 +78,7 @@ fn run(options: &Options) -> Result<(), String> {
     let outcomes: Vec<Option<Outcome>> = cases
         .par_iter()
         .map(|case| {
-            let outcome = evaluate(case, options.excitation.as_ref());
+            let outcome = evaluate(case, excitation.as_ref());
             progress.step();
             outcome
         })
@@ -173,10 +120,7 @@ fn run(options: &Options) -> Result<(), String> {
             }
         }
     }
-    let line = std::env::args().skip(1).fold(
-        String::from("cargo run --release -p residual-bench --bin literature-bench --"),
-        |l, w| l + " " + &w,
-    );
+    let line = command_line("cargo run --release -p residual-bench --bin literature-bench --");
     let seconds: f64 = outcomes.iter().map(|o| o.seconds).sum();
     let text = format!(
         "{HEADING}\n    {line}\n\n{} sets. Left out, as their effect cannot have its size on the motion: {impossible}.\n\n{}",
@@ -188,8 +132,8 @@ fn run(options: &Options) -> Result<(), String> {
         "{:.2} s a set while others ran beside it",
         seconds / outcomes.len().max(1) as f64
     );
-    match &options.markdown {
-        None => Ok(()),
-        Some(path) => std::fs::write(path, text).map_err(|e| format!("{}: {e}", path.display())),
+    if let Some(path) = &options.markdown {
+        write(path, &text)?;
     }
+    Ok(ExitCode::SUCCESS)
 }
