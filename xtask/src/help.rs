@@ -15,6 +15,10 @@ pub struct Entry {
     page: &'static str,
 }
 
+/// The page of a command whose program has a help of its own.
+const OF_PROGRAM: &str =
+    "`--help` behind the command prints the options; the program is built for it.\n";
+
 /// Every command, in the order of the list.
 pub const ENTRIES: &[Entry] = &[
     Entry {
@@ -63,7 +67,7 @@ pub const ENTRIES: &[Entry] = &[
         name: "forcectl",
         arguments: "ARGS...",
         summary: "build what the call needs, then run forcectl (also: cargo forcectl ARGS...)",
-        page: "",
+        page: OF_PROGRAM,
     },
     Entry {
         name: "test",
@@ -99,19 +103,19 @@ pub const ENTRIES: &[Entry] = &[
         name: "bench",
         arguments: "[OPTIONS]",
         summary: "measure the figures into target/bench/figures.json",
-        page: include_str!("../../evaluations/bench/src/help.txt"),
+        page: OF_PROGRAM,
     },
     Entry {
         name: "faults",
         arguments: "[OPTIONS] | --image [OPTIONS] | --mutants [NAME...]",
         summary: "inject thousands of faults into the firmware's core on the plant, and print what came of them",
-        page: include_str!("../../evaluations/faults/src/help.txt"),
+        page: OF_PROGRAM,
     },
     Entry {
         name: "calibration-bench",
         arguments: "[OPTIONS]",
         summary: "calibrate made-up rigs whose truth is known, and print the errors",
-        page: include_str!("../../evaluations/calibration-bench/src/help.txt"),
+        page: OF_PROGRAM,
     },
     Entry {
         name: "fuzz",
@@ -123,13 +127,13 @@ pub const ENTRIES: &[Entry] = &[
         name: "residual-bench",
         arguments: "[OPTIONS]",
         summary: "run the residual analysis on synthetic logs with undeclared effects",
-        page: include_str!("../../evaluations/residual-bench/src/help.txt"),
+        page: OF_PROGRAM,
     },
     Entry {
         name: "closed-loop",
         arguments: "[OPTIONS]",
         summary: "find, declare and re-run one undeclared effect for each seed",
-        page: include_str!("../../evaluations/closed-loop/src/help.txt"),
+        page: OF_PROGRAM,
     },
     Entry {
         name: "experiment-report",
@@ -208,10 +212,6 @@ More: docs/developing.md
 /// The help of one command; `None` where there is no such command.
 pub fn page(name: &str) -> Option<String> {
     let entry = ENTRIES.iter().find(|entry| entry.name == name)?;
-    // The page of an evaluation is that of its program, with its own usage.
-    if entry.page.contains("Usage: ") {
-        return Some(entry.page.to_owned());
-    }
     let mut summary = entry.summary.to_owned();
     if let Some(first) = summary.get_mut(..1) {
         first.make_ascii_uppercase();
@@ -222,6 +222,11 @@ pub fn page(name: &str) -> Option<String> {
         let _ = write!(text, "\n{}", entry.page);
     }
     Some(text)
+}
+
+/// Whether `--help` behind a command is its program's.
+pub fn is_of_program(name: &str) -> bool {
+    (ENTRIES.iter()).any(|entry| entry.name == name && entry.page == OF_PROGRAM)
 }
 
 /// Whether a command's arguments ask for its help.

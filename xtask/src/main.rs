@@ -83,7 +83,7 @@ fn dispatch() -> Result<u8, Stop> {
         Some(other) => return Err(other.unexpected().into()),
     };
     let after: Vec<OsString> = std::env::args_os().skip(2).collect();
-    if command != "forcectl" && help::is_requested(&after) {
+    if !help::is_of_program(&command) && help::is_requested(&after) {
         if let Some(page) = help::page(&command) {
             print!("{page}");
             return Ok(0);
@@ -124,9 +124,10 @@ fn dispatch() -> Result<u8, Stop> {
         "fuzz" => run_fuzz(&workspace, parser),
         "faults" => Ok(rig::faults(&workspace, &rest(parser)?)?),
         "closed-loop" => Ok(rig::closed_loop(&workspace, &rest(parser)?)?),
-        "calibration-bench" => Ok(rig::calibration_bench(&workspace, &rest(parser)?)?),
+        "calibration-bench" | "residual-bench" => {
+            Ok(rig::evaluation(&workspace, &command, &rest(parser)?)?)
+        }
         "experiment-report" => Ok(experiment::report(&workspace, &rest(parser)?)?),
-        "residual-bench" => Ok(rig::residual_bench(&workspace, &rest(parser)?)?),
         "residual-report" => Ok(measured::report(&workspace, &rest(parser)?)?),
         "residual-compare" => Ok(measured::compare(&workspace, &rest(parser)?)?),
         "deny" => {

@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use std::process::Command;
 
 use crate::firmware;
+use crate::help;
 use crate::mutants;
 use crate::process::{self, Sees};
 use crate::report::{say, Failure, Result};
@@ -149,25 +150,43 @@ pub fn forcectl(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     hand_over(command)
 }
 
+/// Builds an evaluation on the embedded rig, with firmware and rig, and prepares its call. Its help needs the program alone.
+fn evaluation_on_rig(
+    workspace: &Workspace,
+    program: &str,
+    arguments: &[OsString],
+) -> Result<Command> {
+    if help::is_requested(arguments) {
+        build(workspace, &[program])?;
+    } else {
+        let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
+        firmware::build(workspace, &arm)?;
+        build(workspace, &["rig", "forcectl", program])?;
+    }
+    let mut command = Command::new(workspace.release_program(program));
+    command
+        .current_dir(workspace.root())
+        .env(ELF_VARIABLE, workspace.firmware_elf())
+        .env(RIG_VARIABLE, workspace.release_program("rig"));
+    Ok(command)
+}
+
+/// Makes a folder below `target/`.
+fn folder(workspace: &Workspace, name: &str) -> Result<PathBuf> {
+    let folder = workspace.target().join(name);
+    fs::create_dir_all(&folder)
+        .map_err(|error| Failure::new(format!("{} can't be made: {error}", folder.display())))?;
+    Ok(folder)
+}
+
 /// Builds and runs the bench, which writes `target/bench/figures.json`.
 ///
 /// # Errors
 /// When something can't be built or started.
 pub fn bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
-    let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
-    firmware::build(workspace, &arm)?;
-    build(workspace, &["rig", "forcectl", "bench"])?;
-    let folder = workspace.target().join("bench");
-    fs::create_dir_all(&folder)
-        .map_err(|error| Failure::new(format!("{} can't be made: {error}", folder.display())))?;
-    let mut command = Command::new(workspace.release_program("bench"));
-    command
-        .current_dir(workspace.root())
-        .arg("--out")
-        .arg(folder.join("figures.json"))
-        .args(arguments)
-        .env(ELF_VARIABLE, workspace.firmware_elf())
-        .env(RIG_VARIABLE, workspace.release_program("rig"));
+    let mut command = evaluation_on_rig(workspace, "bench", arguments)?;
+    let out = folder(workspace, "bench")?.join("figures.json");
+    command.arg("--out").arg(out).args(arguments);
     hand_over(command)
 }
 
@@ -186,24 +205,12 @@ pub fn build_host_program(workspace: &Workspace, package: &str, program: &str) -
     Ok(workspace.release_program(program))
 }
 
-/// Builds and runs the synthetic benchmark of the residual analysis. It needs neither firmware nor embedded rig.
+/// Builds and runs an evaluation that needs neither firmware nor embedded rig; package and program have one name.
 ///
 /// # Errors
 /// When it can't be built or started.
-pub fn residual_bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
-    let program = build_host_program(workspace, "residual-bench", "residual-bench")?;
-    let mut command = Command::new(program);
-    command.args(arguments);
-    hand_over(command)
-}
-
-/// Builds and runs the Monte Carlo of the calibration. It needs neither firmware nor embedded rig.
-///
-/// # Errors
-/// When it can't be built or started.
-pub fn calibration_bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
-    let program = build_host_program(workspace, "calibration-bench", "calibration-bench")?;
-    let mut command = Command::new(program);
+pub fn evaluation(workspace: &Workspace, name: &str, arguments: &[OsString]) -> Result<u8> {
+    let mut command = Command::new(build_host_program(workspace, name, name)?);
     command.args(arguments);
     hand_over(command)
 }
@@ -223,7 +230,9 @@ pub fn faults(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
         return Ok(u8::from(!killed));
     }
     if words.iter().any(|word| word == "--image") {
-        return image_faults(workspace, arguments);
+        let mut command = evaluation_on_rig(workspace, "image-faults", arguments)?;
+        command.args(arguments);
+        return hand_over(command);
     }
     let program = build_host_program(workspace, "faults", "faults")?;
     let mut command = Command::new(program);
@@ -233,28 +242,10 @@ pub fn faults(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
             .position(|word| word == "--seed")
             .and_then(|at| words.get(at + 1))
             .map_or("1", String::as_str);
-        let folder = workspace.target().join("faults");
-        fs::create_dir_all(&folder).map_err(|error| {
-            Failure::new(format!("{} can't be made: {error}", folder.display()))
-        })?;
-        command
-            .arg("--out")
-            .arg(folder.join(format!("seed-{seed}.jsonl")));
+        let file = folder(workspace, "faults")?.join(format!("seed-{seed}.jsonl"));
+        command.arg("--out").arg(file);
     }
     command.args(arguments);
-    hand_over(command)
-}
-
-/// Builds and runs the flips of single bits in the running image.
-fn image_faults(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
-    let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
-    firmware::build(workspace, &arm)?;
-    build(workspace, &["rig", "forcectl", "image-faults"])?;
-    let mut command = Command::new(workspace.release_program("image-faults"));
-    command
-        .args(arguments)
-        .env(ELF_VARIABLE, workspace.firmware_elf())
-        .env(RIG_VARIABLE, workspace.release_program("rig"));
     hand_over(command)
 }
 
@@ -263,19 +254,13 @@ fn image_faults(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
 /// # Errors
 /// When something can't be built or started.
 pub fn closed_loop(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
-    let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
-    firmware::build(workspace, &arm)?;
-    build(workspace, &["rig", "forcectl", "closed-loop"])?;
-    let mut command = Command::new(workspace.release_program("closed-loop"));
+    let mut command = evaluation_on_rig(workspace, "closed-loop", arguments)?;
     command
-        .current_dir(workspace.root())
         .arg("--forcectl")
         .arg(workspace.release_program("forcectl"))
         .arg("--out")
         .arg(workspace.target().join("closed-loop"))
-        .args(arguments)
-        .env(ELF_VARIABLE, workspace.firmware_elf())
-        .env(RIG_VARIABLE, workspace.release_program("rig"));
+        .args(arguments);
     hand_over(command)
 }
 

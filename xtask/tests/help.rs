@@ -27,15 +27,17 @@ fn every_command_prints_its_usage() {
         .map_while(|line| line.split_whitespace().next())
         .collect();
     assert!(names.len() > 12, "{names:?}");
-    // forcectl has a help of its own, for which it is built.
-    for name in names.into_iter().filter(|name| *name != "forcectl") {
-        let (code, out, err) = xtask(&[name, "--help"]);
+    for name in names {
+        let (code, page, err) = xtask(&["help", name]);
         assert_eq!(code, Some(0), "{name}: {err}");
         assert!(
-            out.contains(&format!("Usage: cargo xtask {name}")) && err.is_empty(),
-            "{name}: {out}{err}"
+            page.contains(&format!("Usage: cargo xtask {name}")) && err.is_empty(),
+            "{name}: {page}{err}"
         );
-        assert_eq!(xtask(&["help", name]).1, out, "{name}");
+        // The help of a program is the program's, for which it is built.
+        if !page.contains("the program is built for it") {
+            assert_eq!(xtask(&[name, "--help"]).1, page, "{name}");
+        }
     }
 }
 

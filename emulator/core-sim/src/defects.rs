@@ -7,10 +7,8 @@ use wire::UNITS;
 /// Bits of the words on a bus.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Bits {
-    /// Bits that are inverted in the next [`Bits::words`] words.
-    pub invert: u32,
-    /// See [`Bits::invert`]; `u32::MAX`: in all of them.
-    pub words: u32,
+    invert: u32,
+    words: u32,
     /// Bits that are always set.
     pub set: u32,
     /// Bits that are never set.
@@ -18,6 +16,11 @@ pub struct Bits {
 }
 
 impl Bits {
+    /// Inverts a bit of the next words, so many of them; `u32::MAX`: of all.
+    pub fn flip(&mut self, bit: u8, words: u32) {
+        (self.invert, self.words) = (1 << bit, words);
+    }
+
     /// What arrives of a word.
     pub(crate) fn pass(&mut self, word: u32) -> u32 {
         let mut out = word;

@@ -27,7 +27,8 @@ use stopping::stopping;
 
 /// Measures the figures of the rig on the embedded rig and prints them beside their goals.
 #[derive(Parser)]
-#[command(bin_name = "cargo xtask bench")]
+// xtask gives some of the options before those of the user, which count.
+#[command(bin_name = "cargo xtask bench", args_override_self = true)]
 struct Arguments {
     /// Write the figures as one flat JSON object (xtask: target/bench/figures.json).
     #[arg(long, value_name = "FILE")]

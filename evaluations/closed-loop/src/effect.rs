@@ -7,6 +7,9 @@ const SLACK_M: f64 = 0.003;
 /// Mean command of the excitation, N: where friction that grows with load is compared.
 pub const MIDDLE_N: f64 = 4.5;
 
+/// Names by which friction of the reel counts as named, with its load or without.
+const FRICTION: &[&str] = &["coulomb", "load_dependent_coulomb"];
+
 /// Draws numbers from a seed: SplitMix64.
 struct Draw(u64);
 
@@ -103,138 +106,113 @@ pub fn truth(seed: u64, size: f64) -> Truth {
     let sign = if draw.next() & 1 == 0 { 1.0 } else { -1.0 };
     let x = draw.between(0.0, 1.0);
     let within = |low: f64, high: f64| size * (low + (high - low) * x);
-    match kind {
-        Kind::Coulomb => coulomb(within(0.4, 0.8)),
+    let (words, effect, names, value, unit) = match kind {
+        Kind::Coulomb => {
+            let n = within(0.4, 0.8);
+            (
+                format!("Coulomb friction +{n:.3} N"),
+                format!("kind = \"coulomb\"\nconstant_n = {n}"),
+                FRICTION,
+                n,
+                "N",
+            )
+        }
         // A cable over one more guide, by a quarter turn, loses 1 - exp(-mu pi / 2) of its pull: mu of 0.10 to 0.14.
-        Kind::LoadFriction => load_friction(within(0.15, 0.20)),
-        Kind::Ripple => ripple(within(0.4, 0.8)),
-        Kind::Gain => gain(sign * within(0.2, 0.3)),
-        Kind::Delay => delay(within(4.0, 10.0)),
-        Kind::Viscous => viscous(within(20.0, 50.0)),
-        Kind::Backlash => backlash(within(0.4, 1.0)),
-        Kind::Creep => creep(within(0.06, 0.12)),
-        Kind::CellCurve => cell_curve(within(0.006, 0.012)),
-        Kind::Nothing => Truth {
-            kind,
-            words: "nothing but the units' own scatter".to_owned(),
-            plant: plant_text(""),
-            names: &[],
-            value: 0.0,
-            unit: "",
-        },
-    }
-}
-
-fn coulomb(n: f64) -> Truth {
+        Kind::LoadFriction => {
+            let share = within(0.15, 0.20);
+            (
+                format!("friction +{share:.3} of the pull"),
+                format!("kind = \"coulomb\"\nconstant_n = 0.0\nper_load = {share}"),
+                FRICTION,
+                share * MIDDLE_N,
+                "N at 4.5 N",
+            )
+        }
+        Kind::Ripple => {
+            let n = within(0.4, 0.8);
+            (
+                format!("ripple {n:.3} N, once a motor turn"),
+                format!("kind = \"periodic\"\nshaft = \"motor\"\norder = 1.0\namplitude_n = {n}"),
+                &["periodic_angle"][..],
+                n,
+                "N",
+            )
+        }
+        Kind::Gain => {
+            let error = sign * within(0.2, 0.3);
+            (
+                format!("amplifier gain {:+.1} %", 100.0 * error),
+                format!("kind = \"amplifier_gain\"\nrelative_error = {error}"),
+                &["gain"][..],
+                100.0 * error,
+                "%",
+            )
+        }
+        Kind::Delay => {
+            let ms = within(4.0, 10.0);
+            (
+                format!("command delayed by {ms:.2} ms"),
+                format!("kind = \"command_delay\"\ndelay_s = {}", ms * 1e-3),
+                &["delay", "cable_stretch"][..],
+                ms,
+                "ms",
+            )
+        }
+        Kind::Viscous => {
+            let c = within(20.0, 50.0);
+            (
+                format!("viscous friction +{c:.1} N s/m"),
+                format!("kind = \"viscous\"\ncoefficient_n_s_per_m = {c}"),
+                &["viscous"][..],
+                c,
+                "N s/m",
+            )
+        }
+        Kind::Backlash => {
+            let mm = within(0.4, 1.0);
+            (
+                format!("backlash of {mm:.2} mm"),
+                format!(
+                    "kind = \"backlash\"\ngap_m = {}\nreel_friction_n = 0.2",
+                    mm * 1e-3
+                ),
+                &["backlash"][..],
+                mm,
+                "mm",
+            )
+        }
+        Kind::Creep => {
+            let part = within(0.06, 0.12);
+            (
+                format!("creep of the cells, {:.1} % in 6 s", 100.0 * part),
+                format!("kind = \"creep\"\nfraction = {part}\ntime_constant_s = 6.0"),
+                &["creep"][..],
+                100.0 * part,
+                "%",
+            )
+        }
+        Kind::CellCurve => {
+            let k = within(0.006, 0.012);
+            (
+                format!("cells curved by {k:.4} /N"),
+                format!("kind = \"cell_quadratic\"\nper_n = {k}"),
+                &["quadratic"][..],
+                k,
+                "1/N",
+            )
+        }
+        Kind::Nothing => {
+            let words = "nothing but the units' own scatter".to_owned();
+            (words, String::new(), &[][..], 0.0, "")
+        }
+    };
     Truth {
-        kind: Kind::Coulomb,
-        words: format!("Coulomb friction +{n:.3} N"),
-        plant: plant_text(&format!("kind = \"coulomb\"\nconstant_n = {n}")),
-        names: &["coulomb", "load_dependent_coulomb"],
-        value: n,
-        unit: "N",
-    }
-}
-
-fn load_friction(share: f64) -> Truth {
-    Truth {
-        kind: Kind::LoadFriction,
-        words: format!("friction +{share:.3} of the pull"),
-        plant: plant_text(&format!(
-            "kind = \"coulomb\"\nconstant_n = 0.0\nper_load = {share}"
-        )),
-        names: &["coulomb", "load_dependent_coulomb"],
-        value: share * MIDDLE_N,
-        unit: "N at 4.5 N",
-    }
-}
-
-fn ripple(n: f64) -> Truth {
-    Truth {
-        kind: Kind::Ripple,
-        words: format!("ripple {n:.3} N, once a motor turn"),
-        plant: plant_text(&format!(
-            "kind = \"periodic\"\nshaft = \"motor\"\norder = 1.0\namplitude_n = {n}"
-        )),
-        names: &["periodic_angle"],
-        value: n,
-        unit: "N",
-    }
-}
-
-fn gain(error: f64) -> Truth {
-    Truth {
-        kind: Kind::Gain,
-        words: format!("amplifier gain {:+.1} %", 100.0 * error),
-        plant: plant_text(&format!(
-            "kind = \"amplifier_gain\"\nrelative_error = {error}"
-        )),
-        names: &["gain"],
-        value: 100.0 * error,
-        unit: "%",
-    }
-}
-
-fn delay(ms: f64) -> Truth {
-    Truth {
-        kind: Kind::Delay,
-        words: format!("command delayed by {ms:.2} ms"),
-        plant: plant_text(&format!(
-            "kind = \"command_delay\"\ndelay_s = {}",
-            ms * 1e-3
-        )),
-        names: &["delay", "cable_stretch"],
-        value: ms,
-        unit: "ms",
-    }
-}
-
-fn viscous(c: f64) -> Truth {
-    Truth {
-        kind: Kind::Viscous,
-        words: format!("viscous friction +{c:.1} N s/m"),
-        plant: plant_text(&format!("kind = \"viscous\"\ncoefficient_n_s_per_m = {c}")),
-        names: &["viscous"],
-        value: c,
-        unit: "N s/m",
-    }
-}
-
-fn backlash(mm: f64) -> Truth {
-    Truth {
-        kind: Kind::Backlash,
-        words: format!("backlash of {mm:.2} mm"),
-        plant: plant_text(&format!(
-            "kind = \"backlash\"\ngap_m = {}\nreel_friction_n = 0.2",
-            mm * 1e-3
-        )),
-        names: &["backlash"],
-        value: mm,
-        unit: "mm",
-    }
-}
-
-fn creep(part: f64) -> Truth {
-    Truth {
-        kind: Kind::Creep,
-        words: format!("creep of the cells, {:.1} % in 6 s", 100.0 * part),
-        plant: plant_text(&format!(
-            "kind = \"creep\"\nfraction = {part}\ntime_constant_s = 6.0"
-        )),
-        names: &["creep"],
-        value: 100.0 * part,
-        unit: "%",
-    }
-}
-
-fn cell_curve(k: f64) -> Truth {
-    Truth {
-        kind: Kind::CellCurve,
-        words: format!("cells curved by {k:.4} /N"),
-        plant: plant_text(&format!("kind = \"cell_quadratic\"\nper_n = {k}")),
-        names: &["quadratic"],
-        value: k,
-        unit: "1/N",
+        kind,
+        words,
+        plant: plant_text(&effect),
+        names,
+        value,
+        unit,
     }
 }
 

@@ -6,7 +6,8 @@ use std::path::PathBuf;
 
 /// Finds, declares and re-runs one undeclared effect for each seed, with `forcectl identify` on the embedded rig.
 #[derive(Parser)]
-#[command(bin_name = "cargo xtask closed-loop")]
+// xtask gives some of the options before those of the user, which count.
+#[command(bin_name = "cargo xtask closed-loop", args_override_self = true)]
 pub struct Options {
     /// Seeds to run, both included; ten in a row have each kind of effect once.
     #[arg(long, value_name = "A..B", default_value = "1..10", value_parser = seeds)]

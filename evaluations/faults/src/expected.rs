@@ -36,6 +36,29 @@ const fn one(first: I, fault: F, within_ms: u32) -> Expected {
     }
 }
 
+impl Expected {
+    /// A second one so many milliseconds later.
+    const fn then(mut self, ms: u32, second: I) -> Self {
+        self.second = Some((second, ms));
+        self
+    }
+
+    const fn power_off(mut self) -> Self {
+        self.power_off = true;
+        self
+    }
+
+    const fn at_most_n(mut self, n: f64) -> Self {
+        self.at_most_n = n;
+        self
+    }
+
+    const fn at_base(mut self, base: u64) -> Self {
+        self.base = base;
+        self
+    }
+}
+
 /// The list.
 pub const EXPECTED: &[Expected] = &[
     one(I::Saturated(0, true), F::AdcSaturated, 40),
@@ -66,103 +89,38 @@ pub const EXPECTED: &[Expected] = &[
     one(I::FrameBit(77, u32::MAX), F::SetpointsExpired, 110),
     one(I::SetpointRange(0, 30_000_000), F::SetpointsExpired, 110),
     one(I::WrongDirections, F::TipForce, 60),
-    Expected {
-        base: 0,
-        first: I::DacLink,
-        second: None,
-        fault: Some(F::DacLink),
-        within_ms: 2,
-        power_off: true,
-        at_most_n: TENSION_N,
-    },
-    Expected {
-        base: 0,
-        first: I::DacStuck(3),
-        second: Some((I::StopElsewhere, 5)),
-        fault: Some(F::HostStop),
-        within_ms: 8,
-        power_off: true,
-        at_most_n: TENSION_N,
-    },
-    Expected {
-        base: 0,
-        first: I::EncoderFrozen(0),
-        // From 3 to 10 N, more than friction lets a resting reel swing.
-        second: Some((I::SetpointRange(0, 10_000_000), 100)),
-        fault: Some(F::EncoderStill),
-        within_ms: 800,
-        power_off: false,
-        at_most_n: TENSION_N,
-    },
-    Expected {
-        base: 0,
-        // The cell drifts to 2.4 N too much, which the whole band permits; the robot's motion makes the reel slide.
-        first: I::Drift(5, 3.4),
-        second: Some((I::RobotMoves, 250)),
-        fault: Some(F::Implausible),
-        within_ms: 800,
-        power_off: false,
-        at_most_n: TENSION_N,
-    },
+    one(I::DacLink, F::DacLink, 2).power_off(),
+    one(I::DacStuck(3), F::HostStop, 8)
+        .then(5, I::StopElsewhere)
+        .power_off(),
+    // From 3 to 10 N, more than friction lets a resting reel swing.
+    one(I::EncoderFrozen(0), F::EncoderStill, 800).then(100, I::SetpointRange(0, 10_000_000)),
+    // The cell drifts to 2.4 N too much, which the whole band permits; the robot's motion makes the reel slide.
+    one(I::Drift(5, 3.4), F::Implausible, 800).then(250, I::RobotMoves),
     // Without the encoder only the whole band is left, and the limit of the command bounds the pull until then.
-    Expected {
-        base: 0,
-        first: I::EncoderFrozen(0),
-        second: Some((I::AmplifierOff(0), 5)),
-        fault: Some(F::Implausible),
-        within_ms: 150,
-        power_off: false,
-        at_most_n: TENSION_N,
-    },
-    Expected {
-        base: 0,
-        first: I::EncoderFrozen(2),
-        second: Some((I::OpenBridge(2), 5)),
-        fault: Some(F::Implausible),
-        within_ms: 100,
-        power_off: false,
-        at_most_n: 9.5,
-    },
+    one(I::EncoderFrozen(0), F::Implausible, 150).then(5, I::AmplifierOff(0)),
+    one(I::EncoderFrozen(2), F::Implausible, 100)
+        .then(5, I::OpenBridge(2))
+        .at_most_n(9.5),
     // Another unit's words pull a cable at 0 V whose load cell shows too little of it: the reel speeds up.
-    Expected {
-        base: 0,
-        first: I::Sensitivity(1, 0.18),
-        second: Some((I::DacSelect(3, 1), 194)),
-        fault: Some(F::Implausible),
-        within_ms: 100,
-        power_off: true,
-        at_most_n: 9.0,
-    },
+    one(I::Sensitivity(1, 0.18), F::Implausible, 100)
+        .then(194, I::DacSelect(3, 1))
+        .power_off()
+        .at_most_n(9.0),
     // The same with a load cell that can be believed: the cable that is pulled again shows it too, but only after 75 ms.
-    Expected {
-        base: 1,
-        first: I::Extra(1),
-        second: Some((I::DacSelect(3, 1), 194)),
-        fault: Some(F::SensorFast),
-        within_ms: 150,
-        power_off: true,
-        at_most_n: 9.0,
-    },
+    one(I::Extra(1), F::SensorFast, 150)
+        .then(194, I::DacSelect(3, 1))
+        .at_base(1)
+        .power_off()
+        .at_most_n(9.0),
     // A load cell that begins to read too little behind a stuck DAC says that the cable has let go.
-    Expected {
-        base: 0,
-        first: I::DacStuck(3),
-        second: Some((I::OpenBridge(3), 5)),
-        fault: Some(F::EncoderStill),
-        within_ms: 150,
-        power_off: true,
-        at_most_n: TENSION_N,
-    },
+    one(I::DacStuck(3), F::EncoderStill, 150)
+        .then(5, I::OpenBridge(3))
+        .power_off(),
     // Damage of the memory behind a stuck DAC: the tension cannot tell any more whether the cable lets go.
-    Expected {
-        base: 0,
-        first: I::DacStuck(4),
-        second: Some((I::ConfigBit(4, 27), 190)),
-        fault: Some(F::ConfigCrc),
-        within_ms: 200,
-        power_off: true,
-        at_most_n: TENSION_N,
-    },
+    one(I::DacStuck(4), F::ConfigCrc, 200)
+        .then(190, I::ConfigBit(4, 27))
+        .power_off(),
     Expected {
         base: 0,
         first: I::StatusElsewhere,

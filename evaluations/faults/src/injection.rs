@@ -156,27 +156,6 @@ pub enum Injection {
 }
 
 impl Injection {
-    /// Unit whose load cell or converter it breaks.
-    #[must_use]
-    pub const fn unit(&self) -> Option<usize> {
-        use Injection as I;
-        match *self {
-            I::OpenBridge(unit)
-            | I::Frozen(unit)
-            | I::WrongSign(unit)
-            | I::Sensitivity(unit, _)
-            | I::Offset(unit, _)
-            | I::Drift(unit, _)
-            | I::Saturated(unit, _)
-            | I::Silent(unit)
-            | I::Missing(unit, _)
-            | I::Period(unit, _)
-            | I::Spikes(unit, _)
-            | I::Noise(unit, _) => Some(unit),
-            _ => None,
-        }
-    }
-
     /// Where it acts.
     #[must_use]
     pub const fn category(&self) -> Category {

@@ -5,9 +5,10 @@ use crate::injection::Injection as I;
 use crate::random::Random;
 use control::{Config, SystemState};
 use core_sim::CoreRig;
+use emulator::devices::nau7802::Defects;
 use emulator_link::Injection as Fault;
 use plant::{Plant, PlantConfig};
-use wire::message::{Command, CrashRecord, Response, Status, UnitConfig};
+use wire::message::{Command, Response, Status, UnitConfig};
 use wire::{ABI_VERSION, SCHEMA_HASH, UNITS};
 
 /// A millisecond, ns.
@@ -79,9 +80,8 @@ impl Rig {
 
     /// The configuration of a unit that was calibrated to 1 %.
     fn config(&mut self, unit: usize) -> UnitConfig {
-        let parameters = self.core.plant().parameters(unit);
-        let per_n = parameters.bridge_per_n * (1.0 + 0.005 * self.host.random.normal());
-        let zero = parameters.bridge_zero_v_per_v + parameters.assembly_weight_n * per_n;
+        let per_n = self.per_n(unit) * (1.0 + 0.005 * self.host.random.normal());
+        let zero = self.zero_of(unit, per_n);
         let zero_code = (zero * CODES_PER_BRIDGE) as i32;
         UnitConfig {
             scale_pn_per_count: (1e12 / (per_n * CODES_PER_BRIDGE)).round() as i32,
@@ -166,38 +166,45 @@ impl Rig {
     /// Puts an injection in force.
     pub fn inject(&mut self, what: I) {
         let number = |unit: usize| unit as u8 + 1;
+        let now_ns = self.core.now_ns();
         match what {
-            I::OpenBridge(_)
-            | I::Frozen(_)
-            | I::WrongSign(_)
-            | I::Sensitivity(..)
-            | I::Offset(..)
-            | I::Drift(..)
-            | I::Saturated(..)
-            | I::Silent(_)
-            | I::Missing(..)
-            | I::Period(..)
-            | I::Spikes(..)
-            | I::Noise(..) => self.break_converter(what),
-            I::CodeBit(..)
-            | I::CodeBitStuck(..)
-            | I::DacBit(..)
-            | I::DacSelect(..)
-            | I::Extra(_)
-            | I::EncoderNoise(..)
-            | I::Hang
-            | I::Overrun(_)
-            | I::EventsLost
-            | I::RegisterChanged => self.break_controller(what),
+            I::OpenBridge(unit) => self.cell(unit).open_bridge = true,
+            I::Frozen(unit) => self.cell(unit).frozen = true,
+            I::WrongSign(unit) => self.cell(unit).wrong_sign = true,
+            I::Sensitivity(unit, share) => {
+                let zero = self.zero_of(unit, self.per_n(unit));
+                let cell = self.cell(unit);
+                cell.lost_share = 1.0 - share;
+                cell.offset += zero * (1.0 - share);
+            }
+            I::Offset(unit, n) => {
+                let offset = n * self.per_n(unit);
+                self.cell(unit).offset += offset;
+            }
+            I::Drift(unit, n) => {
+                self.cell(unit).drift = n * self.per_n(unit);
+                self.cell(unit).drift_from_ns = now_ns;
+            }
+            // The whole supply at the input.
+            I::Saturated(unit, high) => self.cell(unit).offset = if high { 1.0 } else { -1.0 },
+            I::Silent(unit) => self.cell(unit).one_in = u64::MAX,
+            I::Missing(unit, n) => self.cell(unit).one_in = n.into(),
+            I::Period(unit, factor) => self.cell(unit).stretch = factor - 1.0,
+            I::Spikes(unit, n) => self.cell(unit).spike = n * self.per_n(unit),
+            I::Noise(unit, n) => self.cell(unit).noise = n * self.per_n(unit),
+            I::Extra(unit) => self.core.defects().twice[unit] = true,
+            I::CodeBit(unit, bit, often) => self.core.defects().codes[unit].flip(bit, often),
+            I::CodeBitStuck(unit, bit, true) => self.core.defects().codes[unit].set |= 1 << bit,
+            I::CodeBitStuck(unit, bit, false) => self.core.defects().codes[unit].clear |= 1 << bit,
             I::Exchanged(a, b) => self.core.board_mut().exchange_channels([a, b]),
             I::ReadsFail(unit) => self.on_the_board(Fault::Nack(number(unit))),
             I::BusHeld => self.on_the_board(Fault::HoldSda(true)),
             I::MuxSilent => self.on_the_board(Fault::MuteMux(true)),
             I::DacStuck(unit) => self.on_the_board(Fault::StuckDac(number(unit), true)),
+            I::DacBit(unit, bit, often) => self.core.defects().words[unit].flip(bit, often),
+            I::DacSelect(unit, other) => self.core.defects().dac_of[unit] = Some(other),
             I::DacLink => {
-                for unit in 0..UNITS {
-                    self.on_the_board(Fault::StuckDac(number(unit), true));
-                }
+                (0..UNITS).for_each(|unit| self.inject(I::DacStuck(unit)));
                 self.core.defects().health.dac_error = Some(0x1002);
             }
             I::AmplifierOff(unit) => self.core.board_mut().set_amplifier_share(unit, 0.0),
@@ -205,13 +212,20 @@ impl Rig {
             I::Reversed(unit) => self.core.board_mut().set_amplifier_share(unit, -1.0),
             I::EncoderFrozen(unit) => self.on_the_board(Fault::FreezeEncoder(number(unit), true)),
             I::EncoderReversed(unit) => {
-                self.on_the_board(Fault::ReverseEncoder(number(unit), true))
+                self.on_the_board(Fault::ReverseEncoder(number(unit), true));
             }
             I::EncoderJump(unit, counts) => self.core.board_mut().jump_encoder(unit, counts),
+            I::EncoderNoise(unit, hz) => self.core.defects().encoder_noise_hz[unit] = hz,
             I::StopElsewhere => {
                 self.core.command_over_usb(Command::Stop);
             }
-            I::Reset => self.core.reset(None::<CrashRecord>),
+            I::Hang => self.core.defects().hung = true,
+            I::Overrun(us) => self.core.defects().health.longest_pass_us = us,
+            I::EventsLost => self.core.defects().health.events_lost += 1,
+            I::RegisterChanged => {
+                self.core.defects().health.register_changed = Some(0x4001_300C);
+            }
+            I::Reset => self.core.reset(None),
             I::ConfigBit(unit, bit) => self.core.flip_config(unit, bit),
             I::RobotMoves => self.core.set_robot_moving(true),
             I::EStop => self.on_the_board(Fault::EStop(true)),
@@ -226,7 +240,7 @@ impl Rig {
             | I::HostStops
             | I::HostPauses(_)
             | I::HostSlow(_)
-            | I::StatusElsewhere => self.host.inject(what, self.core.now_ns() / MS_NS),
+            | I::StatusElsewhere => self.host.inject(what, now_ns / MS_NS),
         }
     }
 
@@ -234,60 +248,19 @@ impl Rig {
         self.core.inject(fault).expect("such a unit and chip");
     }
 
-    /// A load cell or its converter.
-    fn break_converter(&mut self, what: I) {
-        let now_ns = self.core.now_ns();
-        let Some(unit) = what.unit() else { return };
-        let parameters = self.core.plant().parameters(unit);
-        let per_n = parameters.bridge_per_n;
-        let zero = parameters.bridge_zero_v_per_v + parameters.assembly_weight_n * per_n;
-        let broken = self.core.board_mut().converter_defects(unit);
-        match what {
-            I::OpenBridge(_) => broken.open_bridge = true,
-            I::Frozen(_) => broken.frozen = true,
-            I::WrongSign(_) => broken.wrong_sign = true,
-            I::Sensitivity(_, share) => {
-                broken.lost_share = 1.0 - share;
-                broken.offset += zero * (1.0 - share);
-            }
-            I::Offset(_, n) => broken.offset += n * per_n,
-            I::Drift(_, n) => {
-                broken.drift = n * per_n;
-                broken.drift_from_ns = now_ns;
-            }
-            // The whole supply at the input.
-            I::Saturated(_, high) => broken.offset = if high { 1.0 } else { -1.0 },
-            I::Silent(_) => broken.one_in = u64::MAX,
-            I::Missing(_, n) => broken.one_in = n.into(),
-            I::Period(_, factor) => broken.stretch = factor - 1.0,
-            I::Spikes(_, n) => broken.spike = n * per_n,
-            I::Noise(_, n) => broken.noise = n * per_n,
-            _ => {}
-        }
+    /// What is broken at a unit's load cell and converter.
+    fn cell(&mut self, unit: usize) -> &mut Defects {
+        self.core.board_mut().converter_defects(unit)
     }
 
-    /// The controller, its buses and counters.
-    fn break_controller(&mut self, what: I) {
-        let broken = self.core.defects();
-        match what {
-            I::CodeBit(unit, bit, often) => {
-                broken.codes[unit].invert = 1 << bit;
-                broken.codes[unit].words = often;
-            }
-            I::CodeBitStuck(unit, bit, true) => broken.codes[unit].set |= 1 << bit,
-            I::CodeBitStuck(unit, bit, false) => broken.codes[unit].clear |= 1 << bit,
-            I::DacBit(unit, bit, often) => {
-                broken.words[unit].invert = 1 << bit;
-                broken.words[unit].words = often;
-            }
-            I::DacSelect(unit, other) => broken.dac_of[unit] = Some(other),
-            I::Extra(unit) => broken.twice[unit] = true,
-            I::EncoderNoise(unit, hz) => broken.encoder_noise_hz[unit] = hz,
-            I::Hang => broken.hung = true,
-            I::Overrun(us) => broken.health.longest_pass_us = us,
-            I::EventsLost => broken.health.events_lost += 1,
-            I::RegisterChanged => broken.health.register_changed = Some(0x4001_300C),
-            _ => {}
-        }
+    /// Bridge output of a newton at a unit's cell, V/V.
+    fn per_n(&self, unit: usize) -> f64 {
+        self.core.plant().parameters(unit).bridge_per_n
+    }
+
+    /// Bridge output of a unit's slack cable where a newton gives `per_n`, V/V.
+    fn zero_of(&self, unit: usize, per_n: f64) -> f64 {
+        let parameters = self.core.plant().parameters(unit);
+        parameters.bridge_zero_v_per_v + parameters.assembly_weight_n * per_n
     }
 }

@@ -74,7 +74,11 @@ fn main() -> ExitCode {
 }
 
 fn sets(options: &Options, out: &Path) -> Result<(), String> {
-    let excitation = options.excitation.as_deref().map(Measured::read).transpose()?;
+    let excitation = options
+        .excitation
+        .as_deref()
+        .map(Measured::read)
+        .transpose()?;
     for seed in (0..options.sets).map(|n| options.seed.wrapping_add(n)) {
         let request = Request {
             seed,

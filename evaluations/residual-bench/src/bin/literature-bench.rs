@@ -35,7 +35,12 @@ struct Options {
     #[arg(long, value_name = "A..B", default_value = "1..1", value_parser = seeds)]
     seeds: RangeInclusive<u64>,
     /// RMS of each effect over the RMS of the noise.
-    #[arg(long, value_name = "X,Y,...", default_value = "1,0.3", value_delimiter = ',')]
+    #[arg(
+        long,
+        value_name = "X,Y,...",
+        default_value = "1,0.3",
+        value_delimiter = ','
+    )]
     sizes: Vec<f64>,
     /// Only sets whose effects' names (joined by +; `none`) are in this list.
     #[arg(long, value_name = "A,B,...", value_delimiter = ',')]
@@ -68,7 +73,11 @@ fn run(options: &Options) -> Result<ExitCode, String> {
         empty: options.empty,
         some: options.some,
     };
-    let excitation = options.excitation.as_deref().map(Measured::read).transpose()?;
+    let excitation = options
+        .excitation
+        .as_deref()
+        .map(Measured::read)
+        .transpose()?;
     let mut cases = plan.cases();
     cases.retain(|c| options.only.is_empty() || options.only.contains(&c.truth()));
     if cases.is_empty() {
