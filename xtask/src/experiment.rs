@@ -21,7 +21,8 @@ pub fn report(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
         eprintln!("xtask: usage: cargo xtask experiment-report [--shards N], N from 1 to 64");
         return Ok(2);
     };
-    let program = rig::build_host_program(workspace, "host-cli", "forcectl")?;
+    rig::build(workspace, &["forcectl"])?;
+    let program = workspace.program("forcectl");
     let folder = workspace.target().join("experiment");
     let forcectl = || {
         let mut command = Command::new(&program);

@@ -197,12 +197,13 @@ impl<'w> Tester<'w> {
     }
 
     fn scenario_passes(&self, elf: &Path, file: &str, test: &str) -> bool {
-        let mut command = rig::cargo(self.workspace, "test");
+        let mut command = rig::cargo_for(self.workspace, "test");
         command
-            .args(["--quiet", "--package", "emulator", "--package", "scenarios"])
+            .arg("--quiet")
+            .args(rig::EMULATED)
             .args(["--test", file, "--", "--exact", test])
             .env(ELF_VARIABLE, elf)
-            .env(RIG_VARIABLE, self.workspace.release_program("rig"))
+            .env(RIG_VARIABLE, self.workspace.program("rig"))
             .stdout(Stdio::null())
             .stderr(Stdio::null());
         process::run(&mut command).is_ok()

@@ -30,7 +30,7 @@ pub fn install(workspace: &Workspace, prefix: Option<PathBuf>) -> Result<()> {
     let program = prefix
         .join("bin")
         .join(format!("forcectl{}", env::consts::EXE_SUFFIX));
-    copy(&workspace.release_program("forcectl"), &program)?;
+    copy(&workspace.program("forcectl"), &program)?;
     let pages = prefix.join("share/man/man1");
     process::run(
         Command::new(&program)

@@ -13,7 +13,6 @@ mod help;
 mod image_mutants;
 mod inspect;
 mod install;
-mod licences;
 mod links;
 mod measured;
 mod mutants;

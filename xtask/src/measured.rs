@@ -44,10 +44,7 @@ pub fn report(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
             return Ok(2);
         }
     }
-    let program = rig::build_host_program(workspace, "measured-rig", "measured-rig")?;
-    let mut command = Command::new(program);
-    command.current_dir(workspace.root()).args(arguments);
-    rig::hand_over(command)
+    rig::evaluation(workspace, "measured-rig", arguments)
 }
 
 /// Compares the analysis with public Python tools on the same rows.
@@ -56,7 +53,7 @@ pub fn report(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
 /// When Python, its packages or the analysis can't be had.
 pub fn compare(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     let python = environment(workspace)?;
-    let program = rig::build_host_program(workspace, "host-cli", "forcectl")?;
+    rig::build(workspace, &["forcectl"])?;
     let script = workspace.root().join(SCRIPTS).join("compare.py");
     let mut command = Command::new(python);
     command
@@ -64,7 +61,7 @@ pub fn compare(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
         .arg("-B")
         .arg(script)
         .arg("--forcectl")
-        .arg(program)
+        .arg(workspace.program("forcectl"))
         .args(arguments);
     rig::hand_over(command)
 }

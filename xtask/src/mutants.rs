@@ -146,20 +146,13 @@ fn campaign(workspace: &Workspace, folder: &Path) -> Result<Verdict> {
     let mut build = process::cargo(Sees::CompilerAndFlags);
     build
         .current_dir(folder)
-        .args([
-            "build",
-            "--release",
-            "--quiet",
-            "--package",
-            "faults",
-            "--target-dir",
-        ])
+        .args(["build", "--quiet", "--package", "faults", "--target-dir"])
         .arg(workspace.target().join("mutants-build"))
         .stderr(Stdio::null());
     if process::run(&mut build).is_err() {
         return Ok(Verdict::Wrong("does not build".into()));
     }
-    let program = workspace.target().join("mutants-build/release/faults");
+    let program = workspace.target().join("mutants-build/debug/faults");
     let output = Command::new(&program)
         .args(["--check", "--cases", CASES])
         .output()

@@ -169,17 +169,16 @@ pub fn install(workspace: &Workspace) -> Result<()> {
 /// Builds what the suites need beside the firmware image: plant library, `renode-rig`, forcectl.
 fn build_programs(workspace: &Workspace) -> Result<()> {
     rig::build(workspace, &["forcectl"])?;
-    let mut command = process::cargo(Sees::CompilerAndFlags);
-    command
-        .current_dir(workspace.root())
-        .args(["build", "--release", "--target-dir"])
-        .arg(workspace.target())
-        .args(["--package", "plant-abi", "--package", "renode-rig"]);
-    process::run(&mut command)
+    process::run(rig::cargo_for(workspace, "build").args([
+        "--package",
+        "plant-abi",
+        "--package",
+        "renode-rig",
+    ]))
 }
 
 fn plant_library(workspace: &Workspace) -> PathBuf {
-    workspace.target().join("release").join(format!(
+    workspace.target().join("debug").join(format!(
         "{}plant_abi{}",
         env::consts::DLL_PREFIX,
         env::consts::DLL_SUFFIX
@@ -262,11 +261,8 @@ pub fn run_image(
         .arg(&results)
         .args(variable("ELF", elf))
         .args(variable("PLANT", &plant_library(workspace)))
-        .args(variable("FORCECTL", &workspace.release_program("forcectl")))
-        .args(variable(
-            "RENODE_RIG",
-            &workspace.release_program("renode-rig"),
-        ))
+        .args(variable("FORCECTL", &workspace.program("forcectl")))
+        .args(variable("RENODE_RIG", &workspace.program("renode-rig")))
         // The models hold a native plant, which no snapshot can take along.
         .args(["--variable", "CREATE_SNAPSHOT_ON_FAIL:False"])
         // The keywords' compiled form has no place among the sources.
@@ -320,15 +316,15 @@ fn count(xml: &str) -> Option<Tally> {
 pub fn agree(workspace: &Workspace, renode: &Renode, arguments: &[OsString]) -> Result<u8> {
     rig::build(workspace, &["rig"])?;
     build_programs(workspace)?;
-    let mut command = process::command(workspace.release_program("agree"), Sees::CompilerAndFlags);
+    let mut command = process::command(workspace.program("agree"), Sees::CompilerAndFlags);
     command
         .current_dir(workspace.root())
         .arg("--elf")
         .arg(workspace.firmware_elf())
         .arg("--rig")
-        .arg(workspace.release_program("rig"))
+        .arg(workspace.program("rig"))
         .arg("--renode-rig")
-        .arg(workspace.release_program("renode-rig"))
+        .arg(workspace.program("renode-rig"))
         .args(arguments)
         .env(RENODE_VARIABLE, &renode.program)
         .env("FORCE_RENODE_DIR", workspace.root().join("renode"))

@@ -1,4 +1,4 @@
-//! Builds the host programs of a run (embedded rig, forcectl, bench) and hands over to them.
+//! Builds the host programs (embedded rig, forcectl, evaluations) and hands over to them.
 
 use std::ffi::OsString;
 use std::fs;
@@ -20,113 +20,150 @@ pub const RIG_VARIABLE: &str = "FORCE_RIG_BIN";
 /// Tells the scenarios how many bytes of stack the image's machine code can take.
 pub const STACK_VARIABLE: &str = "FORCE_STACK_BOUND";
 
-/// A cargo command for the packages around the embedded rig.
+/// Commands of forcectl that may start an embedded rig, one a line.
+const EMULATING: &str = include_str!("../../host-cli/emulating.txt");
+
+/// Commands that must not wait for a compiler where forcectl has been built before.
+const AT_ONCE: [&str; 3] = ["clear", "disarm", "stop"];
+
+/// Commands on an embedded rig that need nothing of recordings, experiments, estimation and analysis. The
+/// first build for such a command leaves these out, and so takes minutes less.
+const LIGHT: [&str; 5] = ["hold", "monitor", "rig", "set-force", "status"];
+
+/// The same forcectl and rig without those crates. `features` makes the dependencies those of all packages.
+const LIGHT_BUILD: [&str; 7] = [
+    "--package=emulator",
+    "--package=host-cli",
+    "--package=features",
+    "--no-default-features",
+    "--features=emulator/default",
+    "--bin=forcectl",
+    "--bin=rig",
+];
+
+/// A cargo command for all packages of this computer.
 ///
-/// Always the same packages, profile and options: cargo unites the features of the packages it is
-/// given, so any other choice could compile the emulator a second time. `--ignore-rust-version`:
-/// see docs/developing.md.
+/// Always all of them, in the same profile: cargo unites the features of the packages that it is given,
+/// so any other choice could compile dependencies a second time. `--ignore-rust-version`: see
+/// docs/developing.md.
 pub fn cargo(workspace: &Workspace, subcommand: &str) -> Command {
+    let mut cargo = cargo_for(workspace, subcommand);
+    cargo.args(["--workspace", "--exclude", "on-target"]);
+    cargo
+}
+
+/// What selects the packages whose tests run the embedded rig; `features` makes their dependencies those
+/// of all packages.
+pub const EMULATED: [&str; 6] = [
+    "--package",
+    "emulator",
+    "--package",
+    "scenarios",
+    "--package",
+    "features",
+];
+
+/// A cargo command whose packages the caller names.
+pub fn cargo_for(workspace: &Workspace, subcommand: &str) -> Command {
     let mut cargo = process::cargo(Sees::CompilerAndFlags);
     cargo
         .current_dir(workspace.root())
-        .args([subcommand, "--release", "--ignore-rust-version"])
-        .arg("--target-dir")
+        .args([subcommand, "--ignore-rust-version", "--target-dir"])
         .arg(workspace.target());
     cargo
 }
 
-/// The command that builds some of the programs.
-pub fn build_command(workspace: &Workspace, programs: &[&str]) -> Command {
-    let mut command = cargo(workspace, "build");
-    // Always the same packages, whichever program is needed: other packages would mean other features of
-    // their common dependencies, and a second build of them.
-    for package in ["emulator", "host-cli", "bench", "closed-loop", "scenarios"] {
-        command.args(["--package", package]);
-    }
-    for program in programs {
-        command.args(["--bin", program]);
-    }
-    command
-}
-
-/// Builds some of the programs `rig`, `forcectl`, `bench` and `closed-loop` into `target/release`.
+/// Builds some of the host programs.
 ///
 /// # Errors
 /// When cargo fails.
 pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
-    let first = if programs
-        .iter()
-        .all(|name| workspace.release_program(name).is_file())
-    {
+    let first = if (programs.iter()).all(|name| workspace.program(name).is_file()) {
         ""
     } else {
-        " (the first time takes two to five minutes)"
+        " (the first time takes minutes, see Times in docs/developing.md)"
     };
     say(format!("{}: building{first}", programs.join(" and ")));
-    process::run(&mut build_command(workspace, programs)).map_err(|failure| {
-        Failure::new(format!("{} can't be built: {failure}", programs.join(", "))).remedy(
-            "cargo's message is above; a failed download is retried by running the command again",
-        )
-    })
+    let mut command = cargo(workspace, "build");
+    for program in programs {
+        command.args(["--bin", program]);
+    }
+    process::run(&mut command).map_err(not_built)?;
+    // From now on nothing is left out, so that no call replaces forcectl by a smaller one.
+    if programs.contains(&"forcectl") {
+        fs::create_dir_all(workspace.notes())
+            .and_then(|()| fs::write(whole(workspace), ""))
+            .map_err(|error| Failure::new(format!("target/xtask can't be written: {error}")))?;
+    }
+    Ok(())
 }
 
-/// Whether a call of forcectl works on the embedded rig, and so needs firmware and rig built.
-///
-/// Errs on the side of building: only a call that clearly goes elsewhere is excepted.
+fn not_built(failure: Failure) -> Failure {
+    Failure::new(format!("it can't be built: {failure}")).remedy(
+        "cargo's message is above; a failed download is retried by running the command again",
+    )
+}
+
+/// A note that forcectl was built with everything in it.
+fn whole(workspace: &Workspace) -> PathBuf {
+    workspace.notes().join("whole-forcectl")
+}
+
+/// Whether a call of forcectl does without the crates that the light build leaves out.
+fn is_light(words: &[&str]) -> bool {
+    let more = ["--record", "--foxglove", "--help", "-h"];
+    let mut options = words
+        .iter()
+        .map(|word| word.split('=').next().unwrap_or(word));
+    (command(words).first()).is_some_and(|word| LIGHT.contains(word))
+        && !options.any(|option| more.contains(&option))
+}
+
+/// Builds the firmware image.
+fn build_image(workspace: &Workspace) -> Result<()> {
+    let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
+    firmware::build(workspace, &arm).map(|_| ())
+}
+
+/// A program, told where image and embedded rig are.
+fn program(workspace: &Workspace, name: &str) -> Command {
+    let mut command = Command::new(workspace.program(name));
+    command
+        .env(ELF_VARIABLE, workspace.firmware_elf())
+        .env(RIG_VARIABLE, workspace.program("rig"));
+    command
+}
+
+/// Whether a call of forcectl may start an embedded rig, and so needs firmware and rig built.
 pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
-    // Those that never start an emulation are offline as well: `stop` must not wait for a compiler.
-    const OFFLINE: [&str; 15] = [
-        "arm",
-        "check",
-        "clear",
-        "completions",
-        "disarm",
-        "experiment",
-        "explain",
-        "help",
-        "init",
-        "inject",
-        "man",
-        "residual",
-        "serve",
-        "stop",
-        "zero",
-    ];
-    const ONLINE: [&str; 7] = [
-        "hold",
-        "identify",
-        "monitor",
-        "record",
-        "rig",
-        "set-force",
-        "status",
-    ];
     let words: Vec<&str> = arguments
         .iter()
         .filter_map(|argument| argument.to_str())
         .take_while(|word| *word != "--")
         .collect();
-    if words.is_empty()
-        || words
-            .iter()
-            .any(|word| ["-h", "--help", "-V", "--version"].contains(word))
+    if help::is_requested(arguments) || words.iter().any(|word| ["-V", "--version"].contains(word))
     {
         return false;
     }
     let link = words.iter().enumerate().find_map(|(index, word)| {
-        word.strip_prefix("--link=").or_else(|| {
-            (*word == "--link")
-                .then(|| words.get(index + 1).copied())
-                .flatten()
-        })
+        let next = || words.get(index + 1).copied();
+        word.strip_prefix("--link=")
+            .or_else(|| next().filter(|_| *word == "--link"))
     });
-    if link.is_some_and(|link| !link.starts_with("embedded")) {
-        return false;
+    if let Some(link) = link {
+        return link.starts_with("embedded");
     }
-    words
-        .iter()
-        .find(|word| OFFLINE.contains(word) || ONLINE.contains(word))
-        .is_none_or(|word| ONLINE.contains(word))
+    let command = command(&words);
+    EMULATING
+        .lines()
+        .any(|line| command.starts_with(&line.split(' ').collect::<Vec<_>>()))
+}
+
+/// The words that name a command of forcectl and the step below it. Options that may stand before them
+/// take no value.
+fn command<'a>(words: &[&'a str]) -> Vec<&'a str> {
+    let plain = words.iter().filter(|word| !word.starts_with('-'));
+    plain.copied().take(2).collect()
 }
 
 /// Builds what a call of forcectl needs, then becomes forcectl: its exit code and Ctrl-C are the
@@ -135,39 +172,39 @@ pub fn needs_embedded_rig(arguments: &[OsString]) -> bool {
 /// # Errors
 /// When something can't be built or started; otherwise doesn't return.
 pub fn forcectl(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
-    if needs_embedded_rig(arguments) {
-        let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
-        firmware::build(workspace, &arm)?;
+    let words: Vec<&str> = arguments.iter().filter_map(|word| word.to_str()).collect();
+    let light = is_light(&words) && !whole(workspace).is_file();
+    let at_once = (command(&words).first()).is_some_and(|word| AT_ONCE.contains(word));
+    let emulated = needs_embedded_rig(arguments);
+    if emulated {
+        build_image(workspace)?;
+    }
+    if at_once && workspace.program("forcectl").is_file() {
+        // The program that there is.
+    } else if light && emulated {
+        say("forcectl and rig: building what this command needs (docs/developing.md, Times)");
+        process::run(cargo_for(workspace, "build").args(LIGHT_BUILD)).map_err(not_built)?;
+    } else if emulated {
         build(workspace, &["rig", "forcectl"])?;
     } else {
         build(workspace, &["forcectl"])?;
     }
-    let mut command = Command::new(workspace.release_program("forcectl"));
-    command
-        .args(arguments)
-        .env(ELF_VARIABLE, workspace.firmware_elf())
-        .env(RIG_VARIABLE, workspace.release_program("rig"));
+    let mut command = program(workspace, "forcectl");
+    command.args(arguments);
     hand_over(command)
 }
 
-/// Builds an evaluation on the embedded rig, with firmware and rig, and prepares its call. Its help needs the program alone.
-fn evaluation_on_rig(
-    workspace: &Workspace,
-    program: &str,
-    arguments: &[OsString],
-) -> Result<Command> {
+/// Builds an evaluation on the embedded rig, with firmware and rig, and prepares its call. Its help needs
+/// the program alone.
+fn evaluation_on_rig(workspace: &Workspace, name: &str, arguments: &[OsString]) -> Result<Command> {
     if help::is_requested(arguments) {
-        build(workspace, &[program])?;
+        build(workspace, &[name])?;
     } else {
-        let arm = setup::ensure(workspace, setup::route_from_environment()?)?;
-        firmware::build(workspace, &arm)?;
-        build(workspace, &["rig", "forcectl", program])?;
+        build_image(workspace)?;
+        build(workspace, &["rig", "forcectl", name])?;
     }
-    let mut command = Command::new(workspace.release_program(program));
-    command
-        .current_dir(workspace.root())
-        .env(ELF_VARIABLE, workspace.firmware_elf())
-        .env(RIG_VARIABLE, workspace.release_program("rig"));
+    let mut command = program(workspace, name);
+    command.current_dir(workspace.root());
     Ok(command)
 }
 
@@ -190,27 +227,13 @@ pub fn bench(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     hand_over(command)
 }
 
-/// Builds a program that needs nothing of the embedded rig, and says where it is.
-///
-/// # Errors
-/// When cargo fails.
-pub fn build_host_program(workspace: &Workspace, package: &str, program: &str) -> Result<PathBuf> {
-    process::run(
-        process::cargo(Sees::CompilerAndFlags)
-            .current_dir(workspace.root())
-            .args(["build", "--release", "--package", package, "--bin", program])
-            .arg("--target-dir")
-            .arg(workspace.target()),
-    )?;
-    Ok(workspace.release_program(program))
-}
-
-/// Builds and runs an evaluation that needs neither firmware nor embedded rig; package and program have one name.
+/// Builds and runs an evaluation that needs neither firmware nor embedded rig.
 ///
 /// # Errors
 /// When it can't be built or started.
 pub fn evaluation(workspace: &Workspace, name: &str, arguments: &[OsString]) -> Result<u8> {
-    let mut command = Command::new(build_host_program(workspace, name, name)?);
+    build(workspace, &[name])?;
+    let mut command = program(workspace, name);
     command.args(arguments);
     hand_over(command)
 }
@@ -234,8 +257,8 @@ pub fn faults(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
         command.args(arguments);
         return hand_over(command);
     }
-    let program = build_host_program(workspace, "faults", "faults")?;
-    let mut command = Command::new(program);
+    build(workspace, &["faults"])?;
+    let mut command = program(workspace, "faults");
     if !words.iter().any(|word| word.starts_with("--out")) {
         let seed = words
             .iter()
@@ -257,7 +280,7 @@ pub fn closed_loop(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> 
     let mut command = evaluation_on_rig(workspace, "closed-loop", arguments)?;
     command
         .arg("--forcectl")
-        .arg(workspace.release_program("forcectl"))
+        .arg(workspace.program("forcectl"))
         .arg("--out")
         .arg(workspace.target().join("closed-loop"))
         .args(arguments);
@@ -304,6 +327,8 @@ mod tests {
         assert!(needs("record data/check"));
         assert!(needs("identify --out out"));
         assert!(needs("monitor --duration 3"));
+        assert!(needs("calibrate zero --yes"));
+        assert!(needs("experiment run --link embedded"));
     }
 
     #[test]
@@ -331,15 +356,14 @@ mod tests {
             "completions bash",
             "man --out pages",
             "residual --data logs",
+            "calibrate show",
+            "estimate train",
+            "recording check data",
+            "workspace",
+            "some-later-command",
             "--version",
         ] {
             assert!(!needs(line), "`{line}` builds the firmware without need");
         }
-    }
-
-    #[test]
-    fn in_doubt_it_is_built() {
-        assert!(needs("some-later-command"));
-        assert!(needs("status --link"));
     }
 }

@@ -4,7 +4,7 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader, Write};
-use std::process::{Child, Command, Stdio};
+use std::process::{Command, Stdio};
 use std::time::Instant;
 
 use crate::process::{self, Sees};
@@ -12,7 +12,7 @@ use crate::report::{elapsed, say, Failure, Result};
 use crate::tally::{is_news, Tally};
 use crate::toolchain::{setup, Arm, TARGET};
 use crate::workspace::Workspace;
-use crate::{firmware, inspect, licences, links, optional, renode, rig, rust_version};
+use crate::{firmware, inspect, links, optional, renode, rig, rust_version};
 
 /// How a step ended when it didn't fail.
 enum Outcome {
@@ -32,7 +32,7 @@ struct Step {
 }
 
 /// Cheap checks first; what later steps need before them.
-const STEPS: [Step; 18] = [
+const STEPS: [Step; 17] = [
     Step {
         name: "lock",
         title: "Cargo.lock fits the manifests",
@@ -59,13 +59,8 @@ const STEPS: [Step; 18] = [
         run: oldest_rust,
     },
     Step {
-        name: "licences",
-        title: "licences of all packages that are compiled",
-        run: all_licences,
-    },
-    Step {
         name: "deny",
-        title: "dependencies by deny.toml: licences, sources, duplicates",
+        title: "dependencies by deny.toml: sources, duplicates",
         run: deny,
     },
     Step {
@@ -136,10 +131,6 @@ struct Suite<'a> {
     image: Option<Result<()>>,
     /// The step that is running.
     current: &'static str,
-    /// All steps of this run.
-    chosen: Vec<&'static str>,
-    /// Builds for later steps that run beside the host tests.
-    ahead: Vec<Child>,
 }
 
 /// Which steps to run, and how much to print.
@@ -180,8 +171,6 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
         arm: None,
         image: None,
         current: "",
-        chosen: chosen.iter().map(|step| step.name).collect(),
-        ahead: Vec::new(),
     };
     let started = Instant::now();
     let mut failures = Vec::new();
@@ -190,9 +179,6 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
         let label = format!("[{}/{}] {}", index + 1, chosen.len(), step.name);
         say(format!("{label}: {}", step.title));
         suite.current = step.name;
-        if step.name != "host" {
-            suite.wait_for_builds();
-        }
         let before = suite.tally;
         let step_started = Instant::now();
         let outcome = (step.run)(&mut suite);
@@ -216,7 +202,6 @@ pub fn run(workspace: &Workspace, options: &Options) -> Result<bool> {
         }
     }
 
-    suite.wait_for_builds();
     say(format!("finished in {}", elapsed(started.elapsed())));
     for line in &skipped {
         println!("{line}");
@@ -247,38 +232,6 @@ impl Suite<'_> {
         arm
     }
 
-    /// Starts what later steps build in other folders of the target directory: the image, which ends in
-    /// a minute on one core, and the embedded rig. The tests of the host crates leave cores idle meanwhile.
-    ///
-    /// Nothing is printed and no result is kept: the step itself builds again, which is immediate after a
-    /// success and shows the messages after a failure.
-    fn build_ahead(&mut self) {
-        let chosen = |names: &[&str]| self.chosen.iter().any(|name| names.contains(name));
-        let image = chosen(&["no-std", "firmware", "on-target", "emulated"]);
-        let rig = chosen(&["rig", "emulated"]);
-        let mut commands = Vec::new();
-        if image {
-            if let Ok(arm) = self.arm() {
-                commands.push(firmware::build_command(self.workspace, &arm));
-            }
-        }
-        if rig {
-            commands.push(rig::build_command(self.workspace, &["rig", "forcectl"]));
-        }
-        for mut command in commands {
-            let started = command.stdout(Stdio::null()).stderr(Stdio::null()).spawn();
-            self.ahead.extend(started.ok());
-        }
-    }
-
-    /// Waits for the builds that [`Self::build_ahead`] started.
-    fn wait_for_builds(&mut self) {
-        for mut build in self.ahead.drain(..) {
-            // The step that needs it builds again and judges.
-            let _ = build.wait();
-        }
-    }
-
     /// Builds the image, once in a run.
     fn image(&mut self) -> Result<()> {
         if let Some(known) = &self.image {
@@ -291,16 +244,6 @@ impl Suite<'_> {
         });
         self.image = Some(built.clone());
         built
-    }
-
-    fn cargo(&self, subcommand: &str) -> Command {
-        let mut cargo = process::cargo(Sees::CompilerAndFlags);
-        cargo
-            .current_dir(self.workspace.root())
-            .arg(subcommand)
-            .arg("--target-dir")
-            .arg(self.workspace.target());
-        cargo
     }
 
     /// Runs a `cargo test`, counts its results, shows what is news and keeps everything in a log.
@@ -361,18 +304,11 @@ fn ok() -> Result<Outcome> {
     Ok(Outcome::Done(String::new()))
 }
 
-/// What selects everything that builds on any host with plain cargo, `board`'s pure half included.
-const HOST_PACKAGES: [&str; 9] = [
-    "--features",
-    "estimator/networks",
-    "--workspace",
-    "--exclude",
-    "emulator",
-    "--exclude",
-    "scenarios",
-    "--exclude",
-    "on-target",
-];
+/// Switches on what no program has by default.
+const NETWORKS: [&str; 2] = ["--features", "estimator/networks"];
+
+/// Leaves out what needs the image, and so a compiler for the board.
+const NO_IMAGE: [&str; 4] = ["--exclude", "emulator", "--exclude", "scenarios"];
 
 fn lock(suite: &mut Suite) -> Result<Outcome> {
     if firmware::lock_is_current(suite.workspace) {
@@ -412,10 +348,6 @@ fn oldest_rust(suite: &mut Suite) -> Result<Outcome> {
     rust_version::check(suite.workspace).map(Outcome::Done)
 }
 
-fn all_licences(suite: &mut Suite) -> Result<Outcome> {
-    licences::check(suite.workspace).map(Outcome::Done)
-}
-
 fn deny(suite: &mut Suite) -> Result<Outcome> {
     by_tool(suite, &optional::DENY)
 }
@@ -432,9 +364,8 @@ fn by_tool(suite: &Suite, tool: &optional::Tool) -> Result<Outcome> {
 }
 
 fn host(suite: &mut Suite) -> Result<Outcome> {
-    suite.build_ahead();
-    let mut command = suite.cargo("test");
-    command.arg("--no-fail-fast").args(HOST_PACKAGES);
+    let mut command = rig::cargo(suite.workspace, "test");
+    command.arg("--no-fail-fast").args(NO_IMAGE).args(NETWORKS);
     suite.tests(&mut command)
 }
 
@@ -480,12 +411,12 @@ fn emulated(suite: &mut Suite) -> Result<Outcome> {
     suite.image()?;
     let workspace = suite.workspace;
     rig::build(workspace, &["rig", "forcectl"])?;
-    let mut command = rig::cargo(workspace, "test");
+    let mut command = rig::cargo_for(workspace, "test");
     command
-        .args(["--no-fail-fast", "--package", "emulator"])
-        .args(["--package", "scenarios"])
+        .arg("--no-fail-fast")
+        .args(rig::EMULATED)
         .env(rig::ELF_VARIABLE, workspace.firmware_elf())
-        .env(rig::RIG_VARIABLE, workspace.release_program("rig"))
+        .env(rig::RIG_VARIABLE, workspace.program("rig"))
         .env(
             rig::STACK_VARIABLE,
             inspect::stack_bound(workspace)?.to_string(),
@@ -500,7 +431,7 @@ fn ros1(suite: &mut Suite) -> Result<Outcome> {
             "{missing} is not installed (Debian: python3-roslaunch, python3-rostopic, python3-rosbag, python3-rosmaster, python3-sensor-msgs)"
         )));
     }
-    let mut command = suite.cargo("test");
+    let mut command = rig::cargo_for(suite.workspace, "test");
     command.args(["--package", "robot", "--package", "host-cli"]);
     command.args(["--features", "ros1", "--test", "ros1"]);
     suite.tests(&mut command)
@@ -517,7 +448,7 @@ fn ros2(suite: &mut Suite) -> Result<Outcome> {
             "{python} has no cyclonedds (pip install cyclonedds; ROS2_TEST_PYTHON names another Python)"
         )));
     }
-    let mut command = suite.cargo("test");
+    let mut command = rig::cargo_for(suite.workspace, "test");
     command.args(["--package", "robot", "--features", "ros2", "--test", "ros2"]);
     suite.tests(&mut command)
 }
@@ -537,16 +468,9 @@ fn clippy(suite: &mut Suite) -> Result<Outcome> {
         }
     };
     attempt(
-        suite
-            .cargo("clippy")
-            .arg("--all-targets")
-            .args(HOST_PACKAGES)
-            .args(DENY),
-    );
-    attempt(
         rig::cargo(suite.workspace, "clippy")
-            .args(["--package", "emulator", "--package", "scenarios"])
             .arg("--all-targets")
+            .args(NETWORKS)
             .args(DENY),
     );
     // Debian's packages bring no clippy for their compiler.
@@ -567,10 +491,11 @@ fn clippy(suite: &mut Suite) -> Result<Outcome> {
 }
 
 fn doc(suite: &mut Suite) -> Result<Outcome> {
-    let mut command = suite.cargo("doc");
+    let mut command = rig::cargo(suite.workspace, "doc");
     command
         .arg("--no-deps")
-        .args(HOST_PACKAGES)
+        .args(NO_IMAGE)
+        .args(NETWORKS)
         .env("RUSTDOCFLAGS", "-D warnings");
     process::run(&mut command)?;
     ok()

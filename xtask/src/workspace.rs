@@ -60,10 +60,10 @@ impl Workspace {
         self.firmware_target().join("force-board.bin")
     }
 
-    /// A host program built in release mode.
-    pub fn release_program(&self, name: &str) -> PathBuf {
+    /// A host program. All are built in the profile `dev`, whose folder is `debug`.
+    pub fn program(&self, name: &str) -> PathBuf {
         self.target
-            .join("release")
+            .join("debug")
             .join(format!("{name}{}", env::consts::EXE_SUFFIX))
     }
 

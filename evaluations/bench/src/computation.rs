@@ -13,7 +13,6 @@ pub fn fixed_point(figures: &mut Figures) -> Result<(), String> {
         .args([
             "run",
             "--quiet",
-            "--release",
             "--package",
             "control",
             "--example",

@@ -230,9 +230,33 @@ fn dispatch(command: &Command, context: &Context) -> Result<Reply> {
 mod tests {
     use super::*;
     use clap::CommandFactory;
+    use std::collections::BTreeSet;
 
     #[test]
     fn the_definition_is_consistent() {
         Cli::command().debug_assert();
+    }
+
+    /// Adds the commands that may start an embedded rig: those with its option `--usb`.
+    fn add_emulating(command: &clap::Command, path: &str, found: &mut BTreeSet<String>) {
+        if (command.get_arguments()).any(|argument| argument.get_long() == Some("usb")) {
+            found.insert(path.to_owned());
+        }
+        for step in command.get_subcommands() {
+            let path = format!("{path} {}", step.get_name());
+            add_emulating(step, path.trim_start(), found);
+        }
+    }
+
+    #[test]
+    fn the_list_of_commands_that_start_a_rig_is_complete() {
+        let mut found = BTreeSet::new();
+        add_emulating(&Cli::command(), "", &mut found);
+        let listed = include_str!("../../emulating.txt")
+            .lines()
+            .filter(|line| !line.starts_with('#'))
+            .map(|line| line.trim_start_matches("not ").to_owned())
+            .collect();
+        assert_eq!(found, listed);
     }
 }

@@ -16,6 +16,14 @@ const RENAMED: [(&str, Option<&str>, &str); 4] = [
     ("--seconds", None, "--duration"),
 ];
 
+/// Whether nothing is left out. `cargo forcectl` builds less for the first commands.
+const WHOLE: bool = cfg!(all(
+    feature = "estimate",
+    feature = "foxglove",
+    feature = "record",
+    feature = "residual"
+));
+
 /// Reads the command line. Where it is wrong, or asks for help, the answer is printed and the exit code returned.
 pub fn parse(arguments: &[OsString]) -> Result<Cli, u8> {
     Cli::try_parse_from(arguments).map_err(|error| answer(error, arguments))
@@ -32,7 +40,7 @@ fn answer(mut error: clap::Error, arguments: &[OsString]) -> u8 {
         json: words.contains(&"--json"),
         ..OutputArgs::default()
     });
-    if let Some(hint) = hint(&error, &words) {
+    if let Some(hint) = hint(&error, &words).or_else(|| left_out(&error)) {
         error.insert(
             ContextKind::Suggested,
             ContextValue::StyledStrs(vec![hint.into()]),
@@ -78,6 +86,16 @@ fn message(error: &clap::Error, text: &str) -> String {
         .unwrap_or(text.len());
     let words: Vec<&str> = text[..end].split_whitespace().collect();
     words.join(" ").trim_start_matches("error: ").to_owned()
+}
+
+/// Where a forcectl that lacks some commands and options gets them.
+fn left_out(error: &clap::Error) -> Option<String> {
+    let unknown = [ErrorKind::InvalidSubcommand, ErrorKind::UnknownArgument];
+    (!WHOLE && unknown.contains(&error.kind())).then(|| {
+        "this forcectl was built for the first commands only; `cargo forcectl` in place of `forcectl` \
+         builds the rest"
+            .to_owned()
+    })
 }
 
 /// What is known about an option that clap does not expect.

@@ -153,7 +153,7 @@ fn spawn(arguments: &Arguments, port: u16) -> Result<Child, String> {
     };
     let library = existing(
         &library,
-        "build it with `cargo build --release -p plant-abi`, or name it in FORCE_PLANT_LIBRARY",
+        "build it with `cargo build -p plant-abi`, or name it in FORCE_PLANT_LIBRARY",
     )?;
     let elf = existing(&arguments.elf, "`cargo xtask build` makes it")?;
     let mut script = format!("$bin=@{elf}; $plant=@{library}; $seed={}; ", arguments.seed);
