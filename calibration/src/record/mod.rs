@@ -20,7 +20,6 @@
 use crate::input::Location;
 use nalgebra::{DMatrix, SMatrix, SymmetricEigen, Vector3};
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use std::sync::Arc;
 
 mod diff;
@@ -234,9 +233,7 @@ impl Record {
         bare.hash = String::new();
         // Serialising plain numbers and strings to a String can't fail; an empty text would match no hash.
         let text = toml::to_string(&bare).unwrap_or_default();
-        let digest = Sha256::digest(text.as_bytes());
-        let hex: String = digest.iter().map(|b| format!("{b:02x}")).collect();
-        format!("sha256:{hex}")
+        format!("sha256:{}", files::sha256_of(text))
     }
 
     fn check(&self, lines: &Lines<'_>) -> Result<(), RecordError> {

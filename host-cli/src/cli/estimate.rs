@@ -13,7 +13,6 @@ use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::model::Progress;
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
-use experiment::folder::sha256_of;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -147,9 +146,8 @@ impl Export {
             }
         }
         estimator.write_onnx(&self.out).map_err(refused)?;
-        let sha = |path: &Path| sha256_of(path).map_err(|error| Failure::new(exit::FILE, error));
         let text = estimator
-            .onnx_card(&sha(&self.model)?, &sha(&self.out)?)
+            .onnx_card(&sha256(&self.model)?, &sha256(&self.out)?)
             .map_err(refused)?;
         std::fs::write(&card, text + "\n").map_err(|error| Failure::file(&card, &error))?;
         let text = format!(
@@ -279,7 +277,7 @@ impl Train {
             .to_json()
             .map_err(|error| Failure::new(exit::FILE, error))?;
         std::fs::write(&self.out, text).map_err(|error| Failure::file(&self.out, &error))?;
-        let sha = sha256_of(&self.out).map_err(|error| Failure::new(exit::FILE, error))?;
+        let sha = sha256(&self.out)?;
         let card = ModelCard::new(&trained, sha, &data, &run, Some(evaluation));
         let written = card
             .write(&self.out)
@@ -440,4 +438,9 @@ fn check_robot(estimator: &Estimator, robot: &str, any: bool) -> Result<()> {
         "the model was trained on the robot `{}`, these data are of `{robot}`: friction differs from robot to robot. Train on this robot, or see the error with --any-robot",
         estimator.robot
     )))
+}
+
+fn sha256(path: &Path) -> Result<String> {
+    files::sha256(path)
+        .map_err(|error| Failure::new(exit::FILE, format!("{}: {error}", path.display())))
 }

@@ -442,12 +442,7 @@ fn replace(path: &Path, old: &str, new: &str) -> Result<(PathBuf, PathBuf)> {
             ),
         )
     })?;
-    // Written beside it and renamed, so that the name never stands for half a file.
-    let mut name = path.as_os_str().to_owned();
-    name.push(".new");
-    let fresh = PathBuf::from(name);
-    std::fs::write(&fresh, new).map_err(|error| Failure::file(&fresh, error))?;
-    std::fs::rename(&fresh, path).map_err(|error| Failure::file(path, error))?;
+    files::replace(path, new).map_err(|error| Failure::file(path, error))?;
     Ok((path.to_owned(), kept))
 }
 

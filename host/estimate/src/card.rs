@@ -4,7 +4,6 @@ use super::evaluate::Evaluation;
 use super::load::{Data, LoadError, Sampling, Source};
 use estimator::estimator::Estimator;
 use estimator::model::Epochs;
-use experiment::folder::sha256_of;
 use serde::{Deserialize, Serialize};
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -182,7 +181,7 @@ impl ModelCard {
         let text = std::fs::read_to_string(&path).map_err(|error| bad(error.to_string()))?;
         let card: Self = serde_json::from_str(&text)
             .map_err(|error| bad(format!("it cannot be read as a model card: {error}")))?;
-        let sha = sha256_of(model).map_err(|error| bad(error.to_string()))?;
+        let sha = files::sha256(model).map_err(|error| bad(error.to_string()))?;
         if sha != card.model_sha256 {
             return Err(bad(format!(
                 "it is the card of another model file (SHA-256 {}, {} has {sha})",

@@ -5,7 +5,6 @@ use estimator::estimator::Estimator;
 use estimator::geometry::Base;
 use estimator::model::ModelError;
 use estimator::sequence::Sequence;
-use experiment::folder::sha256_of;
 use experiment::table::Table;
 use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
@@ -198,7 +197,7 @@ pub fn load(
             file: file
                 .file_name()
                 .map_or_else(String::new, |n| n.to_string_lossy().into_owned()),
-            sha256: sha256_of(file).map_err(|e| LoadError(e.to_string()))?,
+            sha256: files::sha256(file).map_err(|e| failed(file, e))?,
             trials,
             rows_not_usable: part.unusable,
         });

@@ -4,7 +4,6 @@ use nalgebra::Vector3;
 use robot::source::SourceConfig;
 use robot::trajectory::TrajectoryConfig;
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use std::path::{Path, PathBuf};
 use wire::UNITS;
 
@@ -246,9 +245,7 @@ impl Experiment {
     /// SHA-256, in hexadecimal, of everything the file says.
     #[must_use]
     pub fn hash(&self) -> String {
-        hex(&Sha256::digest(
-            serde_json::to_vec(self).unwrap_or_default(),
-        ))
+        files::sha256_of(serde_json::to_vec(self).unwrap_or_default())
     }
 
     /// The rig file that it names, or the built-in one.
@@ -401,11 +398,6 @@ impl Experiment {
         }
         Ok(())
     }
-}
-
-/// Bytes in hexadecimal.
-pub(crate) fn hex(bytes: &[u8]) -> String {
-    bytes.iter().map(|b| format!("{b:02x}")).collect()
 }
 
 #[cfg(test)]

@@ -14,12 +14,11 @@
 
 use super::dataset::{table, Column, Joiner, COLUMNS, ROWS, TRUTH, TRUTH_COLUMNS};
 use super::figures::{Figures, GateResult};
-use super::file::{hex, Experiment};
+use super::file::Experiment;
 use super::table::{failed, Table};
 use super::ExperimentError;
 use recording::read::{mcap_of, Entry, Reader};
 use serde::{Deserialize, Serialize};
-use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
@@ -107,12 +106,9 @@ fn io(path: &Path, error: &std::io::Error) -> ExperimentError {
     failed(path, error).into()
 }
 
-/// Writes a text beside its place and then moves it there.
+/// Writes a text so that the file is there whole or as it was before.
 fn write_whole(path: &Path, text: &str) -> Result<(), ExperimentError> {
-    let beside = path.with_extension("part");
-    std::fs::write(&beside, text)
-        .and_then(|()| std::fs::rename(&beside, path))
-        .map_err(|error| io(path, &error))
+    files::replace(path, text).map_err(|error| io(path, &error))
 }
 
 fn make(path: &Path) -> Result<(), ExperimentError> {
@@ -446,21 +442,11 @@ impl AttemptFolder {
             }
             let name = path.strip_prefix(&self.root).unwrap_or(&path);
             let name = name.display().to_string();
-            attempt.files.insert(name, sha256_of(&path)?);
+            let hash = files::sha256(&path).map_err(|error| io(&path, &error))?;
+            attempt.files.insert(name, hash);
         }
         let text = serde_json::to_string_pretty(&attempt).unwrap_or_default();
         write_whole(&self.path.join("result.json"), &format!("{text}\n"))?;
         Ok(attempt)
     }
-}
-
-/// SHA-256 of a file, in hexadecimal.
-///
-/// # Errors
-/// It can't be read.
-pub fn sha256_of(path: &Path) -> Result<String, ExperimentError> {
-    let mut file = std::fs::File::open(path).map_err(|error| io(path, &error))?;
-    let mut hash = Sha256::new();
-    std::io::copy(&mut file, &mut hash).map_err(|error| io(path, &error))?;
-    Ok(hex(&hash.finalize()))
 }

@@ -1,5 +1,6 @@
 //! Tables of numbers in Parquet: written as a whole, read column by column.
 
+use files::Part;
 use parquet::basic::Compression;
 use parquet::column::reader::ColumnReader;
 use parquet::data_type::DoubleType;
@@ -98,12 +99,11 @@ impl Table {
         }
     }
 
-    /// Writes the rows to a file: first beside it, then under its name, so that there is never half a file.
+    /// Writes the rows to a file, which is there whole or as it was before.
     ///
     /// # Errors
     /// [`TableError`].
     pub fn write(&self, path: &Path, metadata: &[(&str, String)]) -> Result<(), TableError> {
-        let beside = path.with_extension("parquet.part");
         let write = || -> Result<(), Box<dyn std::error::Error>> {
             let fields: String = (self.names.iter())
                 .map(|name| format!("optional double {name}; "))
@@ -117,7 +117,7 @@ impl Table {
                 .set_compression(Compression::SNAPPY)
                 .set_key_value_metadata(Some(metadata))
                 .build();
-            let file = File::create(&beside)?;
+            let (part, file) = Part::begin(path)?;
             let mut writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
             let mut start = 0;
             while start < self.rows() {
@@ -137,15 +137,9 @@ impl Table {
                 group.close()?;
                 start = end;
             }
-            writer.into_inner()?.sync_all()?;
-            std::fs::rename(&beside, path)?;
-            Ok(())
+            Ok(part.finish(writer.into_inner()?)?)
         };
-        write().map_err(|error| {
-            // Nothing but half a file: what counts is the first error.
-            let _ = std::fs::remove_file(&beside);
-            failed(path, format!("cannot be written: {error}"))
-        })
+        write().map_err(|error| failed(path, format!("cannot be written: {error}")))
     }
 
     /// Reads a file whose columns are all numbers.

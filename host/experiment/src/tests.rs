@@ -344,7 +344,7 @@ fn an_experiment_goes_on_where_it_was_broken_off_and_shards_share_the_folder() {
     assert_eq!(card["trials"].as_array().unwrap().len(), 3);
     assert_eq!(card["attempts_not_used"][0]["status"], "broken_off");
     let file = &card["trials"][0]["files"]["dataset/trial-01.parquet"];
-    assert_eq!(*file, folder::sha256_of(&open.dataset(1)).unwrap());
+    assert_eq!(*file, files::sha256(&open.dataset(1)).unwrap());
 }
 
 #[test]

@@ -189,17 +189,9 @@ fn read(path: &Path, text: &str) -> Result<Record> {
     Record::read(&path.display().to_string(), text).map_err(StoreError::input)
 }
 
-/// Writes a file beside the old one and puts it in its place.
+/// Writes a file so that it is there whole or as it was before.
 pub fn replace(path: &Path, text: &str) -> Result<()> {
-    let write = || {
-        if let Some(folder) = path.parent() {
-            std::fs::create_dir_all(folder)?;
-        }
-        let new = path.with_extension("new");
-        std::fs::write(&new, text)?;
-        std::fs::rename(new, path)
-    };
-    write().map_err(|error: std::io::Error| StoreError::file(path, error))
+    files::replace(path, text).map_err(|error| StoreError::file(path, error))
 }
 
 /// Readings of a step that is going on: kept line by line, so that a break loses nothing.

@@ -145,17 +145,10 @@ impl ZeroStore {
             let base = base_of(&file.zero);
             file.zero.remove(usize::from(base == 0));
         }
-        let write = || {
-            let text = toml::to_string(&file).map_err(std::io::Error::other)?;
-            if let Some(folder) = path.parent() {
-                std::fs::create_dir_all(folder)?;
-            }
-            // Replaced as a whole: a full disk leaves the old file.
-            let new = path.with_extension("toml.new");
-            std::fs::write(&new, text)?;
-            std::fs::rename(new, path)
-        };
-        write().map_err(|error: std::io::Error| unusable(path, &error))
+        toml::to_string(&file)
+            .map_err(std::io::Error::other)
+            .and_then(|text| files::replace(path, text))
+            .map_err(|error| unusable(path, &error))
     }
 }
 

@@ -8,7 +8,6 @@ use super::times::Clocks;
 use super::{RecordError, CONFIGURATION_METADATA, FORMAT, METADATA, RIG_ATTACHMENT, SUMS_FILE};
 use rig::board_crc;
 use serde::Serialize;
-use sha2::{Digest, Sha256};
 use std::collections::BTreeMap;
 use std::path::Path;
 use wire::message::UnitConfig;
@@ -169,10 +168,7 @@ impl Gathered {
             }
             Entry::Metadata { pairs, .. } => self.checked.metadata.extend(pairs),
             Entry::Attachment { name, data } if name == RIG_ATTACHMENT => {
-                let hash: String = Sha256::digest(&data)
-                    .iter()
-                    .map(|b| format!("{b:02x}"))
-                    .collect();
+                let hash = files::sha256_of(&data);
                 if self.checked.metadata.get("rig_hash_sha256") != Some(&hash) {
                     self.checked.problems.push(
                         "the rig file in the recording has another hash than its metadata say"

@@ -1,9 +1,6 @@
 //! The folder of a recording: whether it may be used, files that appear whole or not at all, and their hashes.
 
 use super::{read, RecordError, JSON_FILE, MCAP_FILE, SUMS_FILE, TABLES};
-use sha2::{Digest, Sha256};
-use std::fs::File;
-use std::io::{Read, Write};
 use std::path::Path;
 
 /// Makes a folder ready for a recording.
@@ -48,43 +45,12 @@ fn holds_rows(folder: &Path) -> bool {
 
 /// Writes a file so that it is there whole or as it was before.
 pub(super) fn replace(path: &Path, bytes: &[u8]) -> Result<(), RecordError> {
-    let part = part_of(path);
-    let write = || -> std::io::Result<()> {
-        let mut file = File::create(&part)?;
-        file.write_all(bytes)?;
-        file.sync_all()?;
-        std::fs::rename(&part, path)
-    };
-    write().map_err(|error| {
-        let _ = std::fs::remove_file(&part);
-        RecordError::new(path, &error)
-    })
-}
-
-/// Name of a file while it is written.
-pub(super) fn part_of(path: &Path) -> std::path::PathBuf {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".part");
-    path.with_file_name(name)
+    files::replace(path, bytes).map_err(|error| RecordError::new(path, &error))
 }
 
 /// SHA-256 of a file, in hexadecimal.
-///
-/// # Errors
-/// It can't be read.
-pub fn sha256(path: &Path) -> Result<String, RecordError> {
-    let mut hash = Sha256::new();
-    let mut file = File::open(path).map_err(|error| RecordError::unreadable(path, &error))?;
-    let mut bytes = vec![0; 1 << 20];
-    loop {
-        match file.read(&mut bytes) {
-            Ok(0) => break,
-            Ok(count) => hash.update(&bytes[..count]),
-            Err(error) if error.kind() == std::io::ErrorKind::Interrupted => {}
-            Err(error) => return Err(RecordError::unreadable(path, &error)),
-        }
-    }
-    Ok(hash.finalize().iter().map(|b| format!("{b:02x}")).collect())
+pub(super) fn sha256(path: &Path) -> Result<String, RecordError> {
+    files::sha256(path).map_err(|error| RecordError::unreadable(path, &error))
 }
 
 /// Writes the hashes of all files, in the form that `sha256sum --check` reads.

@@ -3,12 +3,12 @@
 //! The clocks of each row are computed anew, from the readings before and after it. Each file is finished on its own: it is
 //! written beside its place and moved there when it is complete.
 
-use super::folder::part_of;
 use super::read::{mcap_of, End, Entry, Reader};
 use super::rows::{ClockRow, CounterRow, CycleRow, EventRow, SampleRow};
 use super::table::{Cell, Kind, Row, Table};
 use super::times::Clocks;
 use super::{RecordError, BOARD_METADATA, CONFIGURATION_METADATA, METADATA, RIG_ATTACHMENT};
+use files::Part;
 use parquet::basic::{Compression, LogicalType, Repetition, TimeUnit, Type as Physical};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int32Type, Int64Type};
 use parquet::file::metadata::KeyValue;
@@ -125,7 +125,6 @@ impl Outputs {
         if let Err(error) = written {
             self.failures.push(error);
             *output = None;
-            let _ = std::fs::remove_file(part_of(&path));
         }
     }
 }
@@ -168,6 +167,7 @@ fn parquet_schema(columns: &Columns) -> parquet::errors::Result<Type> {
 /// A Parquet file that is filled row by row.
 pub(super) struct Output {
     path: PathBuf,
+    part: Part,
     writer: SerializedFileWriter<File>,
     kinds: Vec<(Kind, bool)>,
     columns: Vec<Vec<Cell>>,
@@ -186,20 +186,18 @@ impl Output {
             let properties = WriterProperties::builder()
                 .set_compression(Compression::SNAPPY)
                 .build();
-            let file = File::create(part_of(path))?;
-            Ok(SerializedFileWriter::new(
-                file,
-                schema,
-                Arc::new(properties),
-            )?)
+            let (part, file) = Part::begin(path)?;
+            let writer = SerializedFileWriter::new(file, schema, Arc::new(properties))?;
+            Ok((part, writer))
         };
-        let writer = open().map_err(|error| RecordError::new(path, &error))?;
+        let (part, writer) = open().map_err(|error| RecordError::new(path, &error))?;
         let kinds: Vec<_> = columns
             .iter()
             .map(|(_, kind, optional)| (*kind, *optional))
             .collect();
         Ok(Self {
             path: path.to_owned(),
+            part,
             writer,
             columns: vec![Vec::new(); kinds.len()],
             kinds,
@@ -238,26 +236,18 @@ impl Output {
     }
 
     pub(super) fn finish(mut self, pairs: &BTreeMap<String, String>) -> Result<u64, RecordError> {
-        let part = part_of(&self.path);
-        let path = self.path.clone();
-        let rows = self.rows;
-        let written = self.flush().and_then(|()| {
-            for (key, value) in pairs {
-                self.writer
-                    .append_key_value_metadata(KeyValue::new(key.clone(), value.clone()));
-            }
-            let file = self
-                .writer
-                .into_inner()
-                .map_err(|error| RecordError::new(&path, &error))?;
-            file.sync_all()
-                .and_then(|()| std::fs::rename(&part, &path))
-                .map_err(|error| RecordError::new(&path, &error))
-        });
-        if written.is_err() {
-            let _ = std::fs::remove_file(&part);
+        self.flush()?;
+        for (key, value) in pairs {
+            self.writer
+                .append_key_value_metadata(KeyValue::new(key.clone(), value.clone()));
         }
-        written.map(|()| rows)
+        let file = self
+            .writer
+            .into_inner()
+            .map_err(|error| RecordError::new(&self.path, &error))?;
+        let finished = self.part.finish(file);
+        finished.map_err(|error| RecordError::new(&self.path, &error))?;
+        Ok(self.rows)
     }
 }
 

@@ -22,7 +22,6 @@ pub use settings::{
 
 use nalgebra::Vector3;
 use serde::Serialize;
-use sha2::{Digest, Sha256};
 use std::path::Path;
 use wire::message::UnitConfig;
 use wire::UNITS;
@@ -102,10 +101,7 @@ impl RigFile {
     pub fn hash(&self) -> String {
         // Serialising plain numbers and strings to memory cannot fail; an empty text would still hash.
         let json = serde_json::to_vec(self).unwrap_or_default();
-        Sha256::digest(json)
-            .iter()
-            .map(|b| format!("{b:02x}"))
-            .collect()
+        files::sha256_of(json)
     }
 
     /// Whether a calibration gave the scale of unit `i` (from 0).

@@ -91,29 +91,13 @@ pub fn by_name(name: &str) -> Result<&'static Effect, String> {
     CATALOGUE.iter().find(|e| e.name == name).ok_or_else(|| {
         let nearest = CATALOGUE
             .iter()
-            .min_by_key(|e| distance(e.name, name))
+            .min_by_key(|e| strsim::levenshtein(e.name, name))
             .map_or("", |e| e.name);
         format!(
             "no effect `{name}`; did you mean `{nearest}`? `--list` shows all {}",
             CATALOGUE.len()
         )
     })
-}
-
-/// Edit distance (Levenshtein 1966).
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let replaced = diagonal + usize::from(x != *y);
-            diagonal = row[j + 1];
-            row[j + 1] = replaced.min(row[j] + 1).min(diagonal + 1);
-        }
-    }
-    row[b.len()]
 }
 
 const fn same(

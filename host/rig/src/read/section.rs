@@ -320,7 +320,7 @@ impl<'c, 't> Section<'c, 't> {
             if !known.contains(key.as_ref()) {
                 let near = known
                     .iter()
-                    .map(|name| (distance(name, key), name))
+                    .map(|name| (strsim::levenshtein(name, key), name))
                     .min()
                     .filter(|(d, _)| *d <= 3);
                 let hint = match near {
@@ -342,20 +342,4 @@ fn as_number(value: &DeValue<'_>) -> Option<f64> {
         DeValue::Float(x) => x.as_str().parse().ok(),
         _ => None,
     }
-}
-
-/// Edit distance of two keys.
-fn distance(a: &str, b: &str) -> usize {
-    let b: Vec<char> = b.chars().collect();
-    let mut row: Vec<usize> = (0..=b.len()).collect();
-    for (i, x) in a.chars().enumerate() {
-        let mut diagonal = row[0];
-        row[0] = i + 1;
-        for (j, y) in b.iter().enumerate() {
-            let change = diagonal + usize::from(x != *y);
-            diagonal = row[j + 1];
-            row[j + 1] = change.min(diagonal + 1).min(row[j] + 1);
-        }
-    }
-    row[b.len()]
 }
