@@ -86,10 +86,7 @@ impl Folder {
 
 /// A number in -1..1 that depends on the row only.
 fn noise(i: u64) -> f64 {
-    let mut z = i.wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    2.0 * random::of(i) - 1.0
 }
 
 fn log(run: u32, friction_n: f64) -> String {

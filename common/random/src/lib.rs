@@ -34,7 +34,7 @@ impl SplitMix64 {
 
     /// The next 64 bits.
     pub const fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
+        self.0 = self.0.wrapping_add(STEP);
         let z = (self.0 ^ (self.0 >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
         let z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
         z ^ (z >> 31)
@@ -67,9 +67,18 @@ impl SplitMix64 {
     }
 }
 
+/// Uniform in [0, 1), the same for the same number: the draw of this number from the stream that begins at 0.
+#[must_use]
+pub const fn of(number: u64) -> f64 {
+    SplitMix64(number.wrapping_sub(1).wrapping_mul(STEP)).unit()
+}
+
+/// What the counter grows by: 2^64 by the golden section, odd.
+const STEP: u64 = 0x9e37_79b9_7f4a_7c15;
+
 #[cfg(test)]
 mod tests {
-    use super::SplitMix64;
+    use super::{of, SplitMix64};
 
     #[test]
     fn bits_match_the_published_sequence() {
@@ -77,6 +86,10 @@ mod tests {
         let mut random = SplitMix64::new(1_234_567);
         assert_eq!(random.bits(), 6_457_827_717_110_365_317);
         assert_eq!(random.bits(), 3_203_168_211_198_807_973);
+        let mut random = SplitMix64::new(0);
+        for number in 1..4 {
+            assert_eq!(of(number), random.unit());
+        }
     }
 
     #[test]

@@ -2,8 +2,8 @@
 //! that a caller brings ([`TipModel`]).
 
 use crate::config::{PathConfig, RobotConfig};
-use crate::rng::Rng;
 use crate::vector::{add, norm, scale, sub, Vec3};
+use random::SplitMix64;
 use std::any::Any;
 use std::f64::consts::TAU;
 use std::fmt::Debug;
@@ -80,7 +80,7 @@ impl Path {
             PathConfig::Random(p) => {
                 let mut axes: [Vec<Sinusoid>; 3] = Default::default();
                 for (k, axis) in axes.iter_mut().enumerate() {
-                    let mut rng = Rng::stream(seed, "path", k);
+                    let mut rng = SplitMix64::stream(seed, "path", k);
                     let weights: Vec<f64> =
                         (0..p.harmonics).map(|_| rng.uniform(0.4, 1.0)).collect();
                     let total: f64 = weights.iter().sum();

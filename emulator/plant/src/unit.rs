@@ -4,8 +4,9 @@ use crate::config::{PlantConfig, STANDARD_GRAVITY_M_PER_S2};
 use crate::effects::{Backlash, Modifiers};
 use crate::friction::MaxwellSlip;
 use crate::geometry::NominalUnit;
-use crate::rng::Rng;
+use crate::rng::FURTHEST;
 use crate::vector::{add, dot, norm, scale, sub, tilted, Vec3};
+use random::SplitMix64;
 use serde::Serialize;
 use std::collections::VecDeque;
 use std::f64::consts::TAU;
@@ -49,21 +50,23 @@ pub struct UnitParameters {
 
 impl UnitParameters {
     fn draw(config: &PlantConfig, nominal: &NominalUnit, unit: usize, seed: u64) -> Self {
-        let mut survey = Rng::stream(seed, "survey", unit);
+        let mut survey = SplitMix64::stream(seed, "survey", unit);
         let sd = config.survey.position_sd_m;
-        let position_error = [0; 3].map(|_| sd * survey.normal());
-        let tilt = [0; 2].map(|_| config.survey.axis_sd_rad * survey.normal());
+        let position_error = [0; 3].map(|_| sd * survey.normal_within(FURTHEST));
+        let tilt = [0; 2].map(|_| config.survey.axis_sd_rad * survey.normal_within(FURTHEST));
         let axis = tilted(nominal.axis, tilt);
 
         let f = &config.friction;
-        let mut friction = Rng::stream(seed, "friction", unit);
-        let offset_n = f.offset_n + f.offset_sd_n * friction.normal();
-        let gain = f.gain + f.gain_sd * friction.normal();
-        let coulomb_n = f.coulomb_n * (1.0 + f.coulomb_relative_sd * friction.normal());
-        let per_load = f.per_load * (1.0 + f.per_load_relative_sd * friction.normal());
+        let mut friction = SplitMix64::stream(seed, "friction", unit);
+        let offset_n = f.offset_n + f.offset_sd_n * friction.normal_within(FURTHEST);
+        let gain = f.gain + f.gain_sd * friction.normal_within(FURTHEST);
+        let coulomb_n =
+            f.coulomb_n * (1.0 + f.coulomb_relative_sd * friction.normal_within(FURTHEST));
+        let per_load =
+            f.per_load * (1.0 + f.per_load_relative_sd * friction.normal_within(FURTHEST));
 
         let l = &config.load_cell;
-        let mut cell = Rng::stream(seed, "load cell", unit);
+        let mut cell = SplitMix64::stream(seed, "load cell", unit);
         let nominal_per_n = l.rated_output_v_per_v / (l.capacity_kg * STANDARD_GRAVITY_M_PER_S2);
         Self {
             position_m: add(nominal.position_m, position_error),
@@ -72,10 +75,10 @@ impl UnitParameters {
             gain,
             coulomb_n,
             per_load,
-            bridge_per_n: nominal_per_n * (1.0 + l.gain_error_sd * cell.normal()),
-            bridge_zero_v_per_v: l.zero_sd_v_per_v * cell.normal(),
+            bridge_per_n: nominal_per_n * (1.0 + l.gain_error_sd * cell.normal_within(FURTHEST)),
+            bridge_zero_v_per_v: l.zero_sd_v_per_v * cell.normal_within(FURTHEST),
             assembly_weight_n: l.assembly_mass_kg * dot(l.gravity_m_per_s2, axis),
-            encoder_phase_counts: Rng::stream(seed, "encoder", unit).unit(),
+            encoder_phase_counts: SplitMix64::stream(seed, "encoder", unit).unit(),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! Configuration files: defaults, round trip, and errors that name the key.
 
-use plant::rng::Rng;
 use plant::{Plant, PlantConfig};
+use random::SplitMix64;
 
 fn refused(change: impl FnOnce(&mut PlantConfig)) -> String {
     let mut config = PlantConfig::default();
@@ -137,8 +137,8 @@ fn values_out_of_range_are_refused_by_name() {
 fn every_accepted_configuration_stays_finite() {
     let (mut accepted, mut refused) = (0, 0);
     for case in 0..200 {
-        let mut rng = Rng::stream(77, "corner", case);
-        let mut corner = |low: f64, high: f64| match rng.next_u64() % 3 {
+        let mut rng = SplitMix64::stream(77, "corner", case);
+        let mut corner = |low: f64, high: f64| match rng.bits() % 3 {
             0 => low,
             1 => high,
             _ => (low * high).sqrt(),

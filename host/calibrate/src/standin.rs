@@ -4,8 +4,9 @@
 use calibration::geometry::Label;
 use calibration::se3::{self, Pose};
 use nalgebra::{Vector3, Vector6};
-use plant::rng::Rng;
+use plant::rng::FURTHEST;
 use plant::{Plant, PlantConfig};
+use random::SplitMix64;
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
@@ -96,7 +97,7 @@ impl Weights {
             .iter()
             .position(|(asked, _)| *asked == weight_g);
         let hung = at.map_or(weight_g, |at| self.mistakes.remove(at).1);
-        let mut rng = Rng::stream(self.seed, "weights", (hung * 1000.0) as usize);
+        let mut rng = SplitMix64::stream(self.seed, "weights", (hung * 1000.0) as usize);
         let error = rng.uniform(-WEIGHT_LIMIT, WEIGHT_LIMIT);
         1e-3 * hung * (1.0 + error) * calibration::STANDARD_GRAVITY_M_PER_S2
     }
@@ -108,7 +109,7 @@ pub struct Digitizer {
     points_m: BTreeMap<Label, Vector3<f64>>,
     stations: BTreeMap<String, Pose>,
     units: Vec<(Vector3<f64>, Vector3<f64>)>,
-    noise: Rng,
+    noise: SplitMix64,
     seed: u64,
     bump: Option<(String, f64)>,
     touched: BTreeMap<String, usize>,
@@ -127,7 +128,7 @@ impl Digitizer {
                 (p.position_m.into(), p.axis.into())
             })
             .collect();
-        let mut rng = Rng::stream(seed, "digitizer room", 0);
+        let mut rng = SplitMix64::stream(seed, "digitizer room", 0);
         let mut points_m: BTreeMap<Label, Vector3<f64>> = BASE
             .iter()
             .map(|(name, at)| (Label::Base((*name).to_owned()), Vector3::from(*at)))
@@ -144,9 +145,9 @@ impl Digitizer {
                 0.0,
                 0.0,
                 0.0,
-                0.2 * rng.normal(),
-                0.2 * rng.normal(),
-                rng.normal(),
+                0.2 * rng.normal_within(FURTHEST),
+                0.2 * rng.normal_within(FURTHEST),
+                rng.normal_within(FURTHEST),
             ));
             for hole in 1..=4u8 {
                 let at = std::f64::consts::TAU * f64::from(hole) / 4.0;
@@ -171,15 +172,15 @@ impl Digitizer {
             points_m,
             stations: BTreeMap::new(),
             units,
-            noise: Rng::stream(seed, "digitizer noise", 0),
+            noise: SplitMix64::stream(seed, "digitizer noise", 0),
             seed,
             bump: None,
             touched: BTreeMap::new(),
         };
         for name in ["A", "B", "C", "D"] {
-            let mut rng = Rng::stream(seed, name, 1);
+            let mut rng = SplitMix64::stream(seed, name, 1);
             let pose = se3::exp(&Vector6::from_fn(|i, _| {
-                [0.3, 0.3, 0.3, 0.2, 0.2, 2.0][i] * rng.normal()
+                [0.3, 0.3, 0.3, 0.2, 0.2, 2.0][i] * rng.normal_within(FURTHEST)
             }));
             out.stations.insert(name.to_owned(), pose);
         }
@@ -220,12 +221,12 @@ impl Digitizer {
         let mut seen = pose.apply(&at);
         if let Some((_, mm)) = self.bump.as_ref().filter(|(name, _)| name == station) {
             if *count > BUMP_AFTER {
-                let mut rng = Rng::stream(self.seed, "bump", 0);
-                let way = Vector3::from_fn(|_, _| rng.normal()).normalize();
+                let mut rng = SplitMix64::stream(self.seed, "bump", 0);
+                let way = Vector3::from_fn(|_, _| rng.normal_within(FURTHEST)).normalize();
                 seen += way * (1e-3 * mm);
             }
         }
-        seen += Vector3::from_fn(|_, _| gauss(&mut self.noise)) * DIGITIZER_SD_M;
+        seen += Vector3::from_fn(|_, _| self.noise.normal()) * DIGITIZER_SD_M;
         let mm = seen * 1e3;
         Some(format!("{:.3} {:.3} {:.3}", mm.x, mm.y, mm.z))
     }
@@ -235,12 +236,6 @@ impl Digitizer {
     pub fn unit(&self, number: u8) -> (Vector3<f64>, Vector3<f64>) {
         self.units[usize::from(number) - 1]
     }
-}
-
-/// A number from the standard normal distribution (Box and Muller). The plant's own is cut off at 2.5.
-fn gauss(rng: &mut Rng) -> f64 {
-    let radius = (-2.0 * (1.0 - rng.unit()).ln()).sqrt();
-    radius * (std::f64::consts::TAU * rng.unit()).cos()
 }
 
 #[cfg(test)]

@@ -306,9 +306,9 @@ mod tests {
 
     /// A stream of codes about a middle with 3 mN of noise.
     fn stream(middle: i32) -> Vec<i32> {
-        let mut noise = plant::rng::Rng::stream(5, "codes", middle as usize);
+        let mut noise = random::SplitMix64::stream(5, "codes", middle as usize);
         (0..3200)
-            .map(|_| middle + (400.0 * noise.normal()) as i32)
+            .map(|_| middle + (400.0 * noise.normal_within(2.5)) as i32)
             .collect()
     }
 

@@ -2,6 +2,7 @@
 //! generator.
 
 use crate::parallel;
+use random::SplitMix64;
 use statrs::distribution::{ContinuousCDF, FisherSnedecor, StudentsT};
 
 /// Sorts in place and returns the median; `None` if empty.
@@ -116,28 +117,20 @@ pub fn f_tail(f: f64, upper: f64, lower: f64) -> f64 {
     }
 }
 
-/// SplitMix64 (Steele, Lea and Flood 2014): small, reproducible on every platform.
+/// The analysis's own draws.
 #[derive(Debug, Clone)]
-pub struct Rng(u64);
+pub struct Rng(SplitMix64);
 
 impl Rng {
     /// A generator from a seed.
     pub fn new(seed: u64) -> Rng {
-        Rng(seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x5851_f42d_4c95_7f2d)
-    }
-
-    /// Next 64 bits.
-    pub fn bits(&mut self) -> u64 {
-        self.0 = self.0.wrapping_add(0x9e37_79b9_7f4a_7c15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-        z ^ (z >> 31)
+        let state = seed.wrapping_mul(0x9e37_79b9_7f4a_7c15) ^ 0x5851_f42d_4c95_7f2d;
+        Rng(SplitMix64::new(state))
     }
 
     /// Uniform in [0, 1).
     pub fn uniform(&mut self) -> f64 {
-        (self.bits() >> 11) as f64 / (1u64 << 53) as f64
+        self.0.unit()
     }
 
     /// Whole number below `n`.
@@ -147,7 +140,7 @@ impl Rng {
 
     /// -1 or 1.
     pub fn sign(&mut self) -> f64 {
-        if self.bits() >> 63 == 0 {
+        if self.0.bits() >> 63 == 0 {
             1.0
         } else {
             -1.0
@@ -159,10 +152,9 @@ impl Rng {
         -(1.0 - self.uniform()).ln()
     }
 
-    /// Standard normal (Box and Muller).
+    /// Standard normal.
     pub fn normal(&mut self) -> f64 {
-        let u = 1.0 - self.uniform();
-        (-2.0 * u.ln()).sqrt() * (std::f64::consts::TAU * self.uniform()).cos()
+        self.0.normal()
     }
 }
 

@@ -40,10 +40,7 @@ fixed = 1.0
 
 /// Pseudo-random number in -1..1 that depends on the row only.
 fn hash(i: usize, salt: u64) -> f64 {
-    let mut z = (i as u64 ^ salt << 40).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    2.0 * random::of(i as u64 ^ salt << 40) - 1.0
 }
 
 /// Rows (time, target, command, velocity) of one run with Coulomb friction of 0.5 N.

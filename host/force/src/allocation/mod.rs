@@ -573,8 +573,9 @@ fn solve_free(
 
 #[cfg(test)]
 mod tests {
-    use super::study::{random_problem, Random};
+    use super::study::random_problem;
     use super::*;
+    use random::SplitMix64;
 
     /// Three orthogonal antiparallel pairs.
     fn cross() -> Problem {
@@ -661,7 +662,7 @@ mod tests {
     #[test]
     fn agrees_with_all_active_sets() {
         let mut allocator = Allocator::new().unwrap();
-        let mut random = Random::new(7);
+        let mut random = SplitMix64::new(7);
         let mut worst: f64 = 0.0;
         let mut enumerated = 0;
         for case in 0..3000 {
@@ -683,7 +684,7 @@ mod tests {
     #[test]
     fn a_warm_start_changes_the_time_and_not_the_answer() {
         let mut warm = Allocator::warm().unwrap();
-        let mut random = Random::new(9);
+        let mut random = SplitMix64::new(9);
         let mut by_path = [0; 2];
         for case in 0..600 {
             let mut problem = random_problem(&mut random);

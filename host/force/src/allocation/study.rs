@@ -3,52 +3,27 @@
 use super::{oracle, thesis, AllocationError, Allocator, Path, Problem};
 use control::geometry::cable_direction;
 use nalgebra::Vector3;
+use random::SplitMix64;
 use std::time::{Duration, Instant};
 use wire::UNITS;
 
-/// A small deterministic generator (splitmix64) for cases.
-#[derive(Debug, Clone)]
-pub struct Random(u64);
-
-impl Random {
-    /// Starts at a seed.
-    #[must_use]
-    pub const fn new(seed: u64) -> Self {
-        Self(seed)
-    }
-
-    /// Next number, uniform in 0 to 1.
-    pub fn unit(&mut self) -> f64 {
-        self.0 = self.0.wrapping_add(0x9E37_79B9_7F4A_7C15);
-        let mut z = self.0;
-        z = (z ^ (z >> 30)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
-        z = (z ^ (z >> 27)).wrapping_mul(0x94D0_49BB_1331_11EB);
-        ((z ^ (z >> 31)) >> 11) as f64 / (1_u64 << 53) as f64
-    }
-
-    /// Next number, uniform between two.
-    pub fn between(&mut self, low: f64, high: f64) -> f64 {
-        low + (high - low) * self.unit()
-    }
-
-    /// A direction, uniform on the sphere.
-    pub fn direction(&mut self) -> Vector3<f64> {
-        loop {
-            let v = Vector3::from_fn(|_, _| self.between(-1.0, 1.0));
-            let n = v.norm();
-            if (0.1..=1.0).contains(&n) {
-                return v * (1.0 / n);
-            }
+/// A direction, uniform on the sphere.
+fn direction(random: &mut SplitMix64) -> Vector3<f64> {
+    loop {
+        let v = Vector3::from_fn(|_, _| random.uniform(-1.0, 1.0));
+        let n = v.norm();
+        if (0.1..=1.0).contains(&n) {
+            return v * (1.0 / n);
         }
     }
 }
 
 /// Six exits around a workspace, in three roughly antiparallel pairs, each moved by up to `spread_m`.
-fn exits(random: &mut Random, spread_m: f64) -> [Vector3<f64>; UNITS] {
+fn exits(random: &mut SplitMix64, spread_m: f64) -> [Vector3<f64>; UNITS] {
     core::array::from_fn(|i| {
         let mut exit = Vector3::zeros();
         exit[i / 2] = if i % 2 == 0 { 0.42 } else { -0.42 };
-        exit + Vector3::from_fn(|_, _| random.between(-spread_m, spread_m))
+        exit + Vector3::from_fn(|_, _| random.uniform(-spread_m, spread_m))
     })
 }
 
@@ -58,18 +33,18 @@ fn directions(exits: &[Vector3<f64>; UNITS], tip_m: Vector3<f64>) -> [Vector3<f6
 
 /// A random case: a rig near the thesis's or (one in four) six directions at random, a force up to 20 N, so
 /// that some are out of reach, either reference, sometimes a unit missing.
-pub fn random_problem(random: &mut Random) -> Problem {
+pub fn random_problem(random: &mut SplitMix64) -> Problem {
     let directions = if random.unit() < 0.25 {
-        core::array::from_fn(|_| random.direction())
+        core::array::from_fn(|_| direction(random))
     } else {
         let exits = exits(random, 0.12);
-        let tip_m = Vector3::from_fn(|_, _| random.between(-0.1, 0.1));
+        let tip_m = Vector3::from_fn(|_, _| random.uniform(-0.1, 0.1));
         directions(&exits, tip_m)
     };
     let size = 20.0 * random.unit().powi(2);
     let mut problem = Problem {
         directions,
-        force_n: random.direction() * size,
+        force_n: direction(random) * size,
         lower_n: [2.0; UNITS],
         upper_n: [12.0; UNITS],
         reference_n: [if random.unit() < 0.5 { 2.0 } else { 7.0 }; UNITS],
@@ -102,7 +77,7 @@ pub struct OracleReport {
 /// [`AllocationError`] where a case can't be solved at all.
 pub fn oracle_comparison(cases: u32, seed: u64) -> Result<OracleReport, AllocationError> {
     let mut allocator = Allocator::new()?;
-    let mut random = Random::new(seed);
+    let mut random = SplitMix64::new(seed);
     let mut report = OracleReport {
         cases,
         max_error_n: 0.0,
@@ -161,7 +136,7 @@ impl SolveTimes {
 /// [`AllocationError`] where a case can't be solved at all.
 pub fn cycle_times(cycles: u32, seed: u64) -> Result<SolveTimes, AllocationError> {
     let mut allocator = Allocator::warm()?;
-    let exits = exits(&mut Random::new(seed), 0.05);
+    let exits = exits(&mut SplitMix64::new(seed), 0.05);
     let problems = (0..cycles).map(|cycle| path_problem(&exits, f64::from(cycle) * PATH_STEP_RAD));
     times(&mut allocator, problems)
 }
@@ -172,7 +147,7 @@ pub fn cycle_times(cycles: u32, seed: u64) -> Result<SolveTimes, AllocationError
 /// [`AllocationError`] where a case can't be solved at all.
 pub fn cold_times(cases: u32, seed: u64) -> Result<SolveTimes, AllocationError> {
     let mut allocator = Allocator::new()?;
-    let mut random = Random::new(seed);
+    let mut random = SplitMix64::new(seed);
     let problems = (0..cases).map(|_| random_problem(&mut random));
     times(&mut allocator, problems)
 }
@@ -223,7 +198,7 @@ pub struct PathSteps {
 /// [`AllocationError`] where a case can't be solved at all.
 pub fn path_steps(seed: u64) -> Result<PathSteps, AllocationError> {
     let mut allocator = Allocator::new()?;
-    let mut random = Random::new(seed);
+    let mut random = SplitMix64::new(seed);
     let exits = exits(&mut random, 0.05);
     let mut steps = PathSteps {
         largest_step_n: 0.0,
@@ -234,7 +209,7 @@ pub fn path_steps(seed: u64) -> Result<PathSteps, AllocationError> {
     for step in 0..=400 {
         let problem = path_problem(&exits, f64::from(step) * PATH_STEP_RAD);
         let (tied, _) = allocator.tensions(&problem)?;
-        let start = core::array::from_fn(|_| random.between(2.0, 12.0));
+        let start = core::array::from_fn(|_| random.uniform(2.0, 12.0));
         let untied = thesis::solve(&problem, start);
         let apart = problem.force_of(&tied) - problem.force_of(&untied);
         steps.force_difference_n = steps.force_difference_n.max(apart.norm());

@@ -41,10 +41,7 @@ impl Folder {
 
 /// Pseudo-random number in -1..1 that depends on the row and the run only.
 fn noise(row: usize, run: usize) -> f64 {
-    let mut z = ((row + 1_000_003 * run) as u64).wrapping_mul(0x9e37_79b9_7f4a_7c15);
-    z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
-    z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
-    ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+    2.0 * random::of((row + 1_000_003 * run) as u64) - 1.0
 }
 
 /// Time, target and command of one run.
