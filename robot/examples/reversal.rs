@@ -6,9 +6,9 @@
 
 use robot::arm::{commanded_efforts, ArmConfig, VirtualArm};
 use robot::trajectory::Trajectory;
+use scene::{color, range, Axes, Color, Scene};
 use std::error::Error;
 use std::f64::consts::TAU;
-use std::fmt::Write as _;
 
 /// Grid of the simulation, s.
 const H: f64 = 50e-6;
@@ -99,88 +99,37 @@ fn share(rows: &[Row]) -> f64 {
     amplitude(|row| row.command) / amplitude(|row| row.contact)
 }
 
-const WIDTH: f64 = 860.0;
-const LEFT: f64 = 70.0;
-const RIGHT: f64 = 20.0;
-
-/// A colour and the value that is drawn in it.
-type Line<'a> = (&'a str, &'a dyn Fn(&Row) -> f64);
-
-/// A panel with its lines.
+/// A panel over the whole time with one curve; shaded where the joint stands.
 fn panel(
-    svg: &mut String,
+    scene: &mut Scene,
     rows: &[Row],
-    top: f64,
-    height: f64,
-    title: &str,
-    lines: &[Line],
-) -> std::fmt::Result {
-    let values = || lines.iter().flat_map(|(_, value)| rows.iter().map(value));
-    let (low, high) = (
-        values().fold(f64::MAX, f64::min),
-        values().fold(f64::MIN, f64::max),
-    );
-    let (low, high) = (low - 0.05 * (high - low), high + 0.05 * (high - low));
-    let x = |t: f64| LEFT + t / PARTS_S[2] * (WIDTH - LEFT - RIGHT);
-    let y = |v: f64| top + height * (high - v) / (high - low);
-    writeln!(
-        svg,
-        r##"<rect x="{}" y="{top}" width="{}" height="{height}" fill="#f3e9d8"/>"##,
-        x(PARTS_S[0]),
-        x(PARTS_S[1]) - x(PARTS_S[0])
-    )?;
-    writeln!(
-        svg,
-        r##"<rect x="{LEFT}" y="{top}" width="{}" height="{height}" fill="none" stroke="#888"/>"##,
-        WIDTH - LEFT - RIGHT
-    )?;
-    writeln!(
-        svg,
-        r##"<text x="{LEFT}" y="{}">{title}</text>"##,
-        top - 6.0
-    )?;
-    let step = nice((high - low) / 4.0);
-    let mut tick = (low / step).ceil() * step;
-    while tick <= high {
-        writeln!(
-            svg,
-            r##"<line x1="{LEFT}" x2="{}" y1="{1}" y2="{1}" stroke="#ddd"/><text x="{2}" y="{3}" text-anchor="end">{tick:.1}</text>"##,
-            WIDTH - RIGHT,
-            y(tick),
-            LEFT - 6.0,
-            y(tick) + 4.0
-        )?;
-        tick += step;
-    }
-    for (colour, value) in lines {
-        write!(
-            svg,
-            r##"<polyline fill="none" stroke="{colour}" stroke-width="1.3" points=""##
-        )?;
-        for row in rows.iter().step_by(20) {
-            write!(svg, "{:.1},{:.1} ", x(row.t_s), y(value(row)))?;
-        }
-        writeln!(svg, r##""/>"##)?;
-    }
-    Ok(())
+    (top, height): (f32, f32),
+    words: [&str; 2],
+    color: Color,
+    value: impl Fn(&Row) -> f64,
+) {
+    let axes = Axes {
+        left: 70.0,
+        top,
+        width: 770.0,
+        height,
+        x: (0.0, PARTS_S[2]),
+        y: range(rows.iter().map(&value)),
+    };
+    let stands = axes.at_x(PARTS_S[0]);
+    let width = axes.at_x(PARTS_S[1]) - stands;
+    scene.rectangle(stands, top, width, height, STANDING);
+    axes.grid(scene);
+    axes.draw(scene, words[0], words[1]);
+    let points = rows.iter().step_by(20).map(|row| (row.t_s, value(row)));
+    scene.line(&axes.at(points), 1.3, color, false);
 }
 
-/// 1, 2 or 5 times a power of ten, at least `value`.
-fn nice(value: f64) -> f64 {
-    let ten = 10_f64.powf(value.log10().floor());
-    [1.0, 2.0, 5.0, 10.0]
-        .map(|n| n * ten)
-        .into_iter()
-        .find(|n| *n >= value)
-        .unwrap_or(value)
-}
+/// Part in which the joint stands.
+const STANDING: Color = Color(0xf3, 0xe9, 0xd8);
 
-fn draw(rows: &[Row]) -> Result<String, std::fmt::Error> {
-    let mut svg = String::new();
-    writeln!(
-        svg,
-        r##"<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} 520" font-family="sans-serif" font-size="13"><rect width="100%" height="100%" fill="white"/>"##
-    )?;
+fn draw(rows: &[Row]) -> Scene {
+    let mut scene = Scene::new(860.0, 560.0);
     let standing: Vec<f64> = rows
         .iter()
         .filter(|row| (PARTS_S[0]..PARTS_S[1]).contains(&row.t_s))
@@ -188,42 +137,36 @@ fn draw(rows: &[Row]) -> Result<String, std::fmt::Error> {
         .collect();
     let middle = standing.iter().sum::<f64>() / standing.len() as f64;
     panel(
-        &mut svg,
+        &mut scene,
         rows,
-        30.0,
-        110.0,
-        "speed of the shoulder, mrad/s (shaded: the joint stands)",
-        &[("#0b6e99", &|r: &Row| r.speed)],
-    )?;
+        (30.0, 110.0),
+        [
+            "speed of the shoulder, mrad/s (shaded: the joint stands)",
+            "",
+        ],
+        color(0),
+        |r| r.speed,
+    );
     panel(
-        &mut svg,
+        &mut scene,
         rows,
-        170.0,
-        110.0,
-        "contact torque at the shoulder, sign turned, N·m",
-        &[("#2a9d4b", &|r: &Row| -r.contact)],
-    )?;
+        (190.0, 110.0),
+        ["contact torque at the shoulder, sign turned, N·m", ""],
+        color(2),
+        |r| -r.contact,
+    );
     panel(
-        &mut svg,
+        &mut scene,
         rows,
-        310.0,
-        160.0,
-        "torque command of the arm's software, mean over 0.3 s, less its value at standstill, N·m",
-        &[("#b3261e", &|r: &Row| r.command - middle)],
-    )?;
-    for t in (0..=26).step_by(2) {
-        let x = LEFT + f64::from(t) / PARTS_S[2] * (WIDTH - LEFT - RIGHT);
-        writeln!(
-            svg,
-            r##"<text x="{x}" y="488" text-anchor="middle">{t}</text>"##
-        )?;
-    }
-    writeln!(
-        svg,
-        r##"<text x="{}" y="508" text-anchor="middle">time, s</text></svg>"##,
-        WIDTH / 2.0
-    )?;
-    Ok(svg)
+        (350.0, 160.0),
+        [
+            "torque command of the arm's software, mean over 0.3 s, less its value at standstill, N·m",
+            "time, s",
+        ],
+        color(1),
+        |r| r.command - middle,
+    );
+    scene
 }
 
 fn main() -> Result<(), Box<dyn Error>> {
@@ -244,7 +187,7 @@ fn main() -> Result<(), Box<dyn Error>> {
         - part(20.5, 22.1).iter().map(|r| r.command).sum::<f64>() / part(20.5, 22.1).len() as f64;
     println!("command moving up less moving down at the same place: {step:.2} N·m");
     let path = std::path::Path::new(&folder).join("dead-zone.svg");
-    std::fs::write(&path, draw(&rows)?)?;
+    std::fs::write(&path, draw(&rows).to_svg())?;
     println!("{}", path.display());
     Ok(())
 }

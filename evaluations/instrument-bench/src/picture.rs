@@ -5,15 +5,8 @@ use crate::protocol::Inputs;
 use crate::results::Results;
 use crate::score::fit;
 use crate::split::Apart;
-use plotters::prelude::*;
-use plotters::style::RelativeSize;
+use scene::{color, Axes, Scene, BLACK};
 
-const SIZE: (u32, u32) = (900, 420);
-/// Okabe and Ito's palette: also distinguishable for colour-blind readers.
-const BLUE: RGBColor = RGBColor(0x00, 0x72, 0xB2);
-const ORANGE: RGBColor = RGBColor(0xD5, 0x5E, 0x00);
-const GREEN: RGBColor = RGBColor(0x00, 0x9E, 0x73);
-const DARK: RGBColor = RGBColor(0x22, 0x22, 0x22);
 /// Loads and the speed that are drawn over time.
 const LEVELS: [u8; 3] = [1, 5, 9];
 const SPEED: u8 = 2;
@@ -25,16 +18,36 @@ const GAP: usize = 20;
 /// A stretch of points.
 type Stroke = Vec<(f64, f64)>;
 
-fn words(error: impl std::fmt::Display) -> String {
-    format!("the picture can't be drawn: {error}")
+/// A chart with its heading and axes, and room for a legend beside it.
+fn chart(heading: &str, x: (f64, f64), y: (f64, f64), words: [&str; 2]) -> (Scene, Axes) {
+    let mut scene = Scene::new(1120.0, 440.0);
+    let axes = Axes {
+        left: 60.0,
+        top: 60.0,
+        width: 780.0,
+        height: 320.0,
+        x,
+        y,
+    };
+    scene.heading((axes.left, 24.0), heading);
+    axes.grid(&mut scene);
+    axes.draw(&mut scene, words[1], words[0]);
+    (scene, axes)
 }
 
 /// Truth and estimate of three loads that the training did not have, causal, over time.
-///
-/// # Errors
-/// The drawing library's words.
-pub fn over_time(results: &Results) -> Result<String, String> {
-    let mut strokes: Vec<(Vec<Stroke>, Vec<Stroke>)> = Vec::new();
+#[must_use]
+pub fn over_time(results: &Results) -> String {
+    let (mut scene, axes) = chart(
+        "Torque at the jaw, loads of 20, 60 and 100 % at 0.3 Hz, none of them trained on",
+        (1.0, 19.0),
+        (-145.0, 0.0),
+        ["time, s", "torque, mN·m"],
+    );
+    let kinds = [(BLACK, "measured"), (color(1), "estimated, causal")];
+    for (n, (color, name)) in kinds.into_iter().enumerate() {
+        axes.legend(&mut scene, n, name, color);
+    }
     let labels = results.set.labels();
     for level in LEVELS {
         let train: Vec<usize> = (0..labels.len())
@@ -45,51 +58,14 @@ pub fn over_time(results: &Results) -> Result<String, String> {
         let (Some(weights), Some(run)) = (weights, run) else {
             continue;
         };
-        strokes.push(curves(results, run, &Bilinear::new(weights)));
-    }
-    let mut svg = String::new();
-    {
-        let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-        area.fill(&WHITE).map_err(words)?;
-        let mut chart = ChartBuilder::on(&area)
-            .caption(
-                "Torque at the jaw, loads of 20, 60 and 100 % at 0.3 Hz, none of them trained on",
-                ("sans-serif", 15),
-            )
-            .margin(10)
-            .x_label_area_size(40)
-            .y_label_area_size(60)
-            .build_cartesian_2d(1.0..19.0, -145.0..0.0)
-            .map_err(words)?;
-        chart
-            .configure_mesh()
-            .x_desc("time, s")
-            .y_desc("torque, mN·m")
-            .light_line_style(TRANSPARENT)
-            .draw()
-            .map_err(words)?;
-        for (style, which, name) in [(DARK, 0, "measured"), (ORANGE, 1, "estimated, causal")] {
-            let all = strokes
-                .iter()
-                .flat_map(|s| if which == 0 { &s.0 } else { &s.1 });
-            for (number, stroke) in all.enumerate() {
-                let drawn = chart
-                    .draw_series(LineSeries::new(
-                        stroke.iter().copied(),
-                        style.stroke_width(1),
-                    ))
-                    .map_err(words)?;
-                if number == 0 {
-                    drawn
-                        .label(name)
-                        .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
-                }
+        let (truth, estimate) = curves(results, run, &Bilinear::new(weights));
+        for (strokes, (color, _)) in [truth, estimate].into_iter().zip(kinds) {
+            for stroke in strokes {
+                scene.line(&axes.at(stroke), 1.0, color, false);
             }
         }
-        legend(&mut chart)?;
-        area.present().map_err(words)?;
     }
-    Ok(svg)
+    scene.to_svg()
 }
 
 /// Truth and estimate of a run, in strokes.
@@ -122,77 +98,38 @@ fn curves(results: &Results, run: usize, model: &Bilinear) -> (Vec<Stroke>, Vec<
 }
 
 /// Error by the load that was left out.
-///
-/// # Errors
-/// The drawing library's words.
-pub fn by_load(results: &Results) -> Result<String, String> {
+#[must_use]
+pub fn by_load(results: &Results) -> String {
     let causal = &results.splits[results.causal];
     let filtered = &results.splits[results.filtered];
-    let mut svg = String::new();
-    {
-        let area = SVGBackend::with_string(&mut svg, SIZE).into_drawing_area();
-        area.fill(&WHITE).map_err(words)?;
-        let mut chart = ChartBuilder::on(&area)
-            .caption("Error by the load that was left out", ("sans-serif", 15))
-            .margin(10)
-            .x_label_area_size(40)
-            .y_label_area_size(60)
-            .build_cartesian_2d(5.0..105.0, 0.0..8.0)
-            .map_err(words)?;
-        chart
-            .configure_mesh()
-            .x_desc("load, % of the load motor's current")
-            .y_desc("RMSE, mN·m")
-            .light_line_style(TRANSPARENT)
-            .draw()
-            .map_err(words)?;
-        for (style, figure, name) in [
-            (
-                GREEN,
-                &filtered.level,
-                "one load left out, the publication's filter",
-            ),
-            (BLUE, &causal.level, "one load left out, causal"),
-            (
-                ORANGE,
-                &causal.level_and_speed,
-                "load and speed left out, causal",
-            ),
-        ] {
-            let points: Stroke = (0..10u8)
-                .filter_map(|level| {
-                    Some((
-                        10.0 * (f64::from(level) + 1.0),
-                        figure.part(|l| l.level == level)?,
-                    ))
-                })
-                .collect();
-            chart
-                .draw_series(LineSeries::new(points, style.stroke_width(2)).point_size(3))
-                .map_err(words)?
-                .label(name)
-                .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], style));
-        }
-        legend(&mut chart)?;
-        area.present().map_err(words)?;
+    let (mut scene, axes) = chart(
+        "Error by the load that was left out",
+        (5.0, 105.0),
+        (0.0, 8.0),
+        ["load, % of the load motor's current", "RMSE, mN·m"],
+    );
+    let curves = [
+        (
+            &filtered.level,
+            2,
+            "load left out, the publication's filter",
+        ),
+        (&causal.level, 0, "load left out, causal"),
+        (
+            &causal.level_and_speed,
+            1,
+            "load and speed left out, causal",
+        ),
+    ];
+    for (n, (figure, hue, name)) in curves.into_iter().enumerate() {
+        let error = |level: u8| {
+            let part = figure.part(|l| l.level == level)?;
+            Some((10.0 * (f64::from(level) + 1.0), part))
+        };
+        let points = axes.at((0..10).filter_map(error));
+        scene.line(&points, 2.0, color(hue), false);
+        scene.points(&points, 6.0, color(hue), 1.0);
+        axes.legend(&mut scene, n, name, color(hue));
     }
-    Ok(svg)
-}
-
-/// A chart over two linear axes.
-type Chart<'a, 'b> = ChartContext<
-    'a,
-    SVGBackend<'b>,
-    Cartesian2d<plotters::coord::types::RangedCoordf64, plotters::coord::types::RangedCoordf64>,
->;
-
-fn legend<'a, 'b: 'a>(chart: &mut Chart<'a, 'b>) -> Result<(), String> {
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::UpperRight)
-        .legend_area_size(RelativeSize::Width(0.03))
-        .background_style(WHITE.mix(0.8))
-        .border_style(DARK)
-        .draw()
-        .map_err(words)
+    scene.to_svg()
 }

@@ -1,12 +1,9 @@
 //! Pictures of a calibration: residuals of readings and points, feasible forces over the workspace.
 
-use scene::{Anchor, Color, Scene};
+use scene::{color, Anchor, Color, Scene, BAND, GRAY};
 
-const BLACK: Color = Color(0x22, 0x22, 0x22);
-const GRAY: Color = Color(0xB8, 0xB8, 0xB8);
-const BAND: Color = Color(0xE4, 0xF2, 0xEC);
-const BLUE: Color = Color(0x00, 0x72, 0xB2);
-const RED: Color = Color(0xD5, 0x5E, 0x00);
+const BLUE: Color = color(0);
+const RED: Color = color(1);
 const ROW: f32 = 16.0;
 
 /// A value with its name and what is to be expected of it.
@@ -26,7 +23,7 @@ pub fn bars(title: &str, unit: &str, bars: &[Bar]) -> Scene {
     let (left, width) = (190.0, 560.0);
     let height = 60.0 + ROW * bars.len() as f32 + 30.0;
     let mut scene = Scene::new(left + width + 120.0, height);
-    scene.text(16.0, 24.0, title, Anchor::Start, true, BLACK);
+    scene.heading((16.0, 24.0), title);
     let reach = bars
         .iter()
         .map(|b| b.value.abs().max(3.0 * b.sd))
@@ -39,14 +36,7 @@ pub fn bars(title: &str, unit: &str, bars: &[Bar]) -> Scene {
         let top = 50.0 + ROW * i as f32;
         let band = at(2.0 * bar.sd) - middle;
         scene.rectangle(middle - band, top, 2.0 * band, ROW, BAND);
-        scene.text(
-            left - 10.0,
-            top + 12.0,
-            &bar.label,
-            Anchor::End,
-            false,
-            BLACK,
-        );
+        scene.text((left - 10.0, top + 12.0), Anchor::End, &bar.label);
         let color = if bar.value.abs() > 3.0 * bar.sd {
             RED
         } else {
@@ -55,14 +45,7 @@ pub fn bars(title: &str, unit: &str, bars: &[Bar]) -> Scene {
         let (a, b) = (at(bar.value).min(middle), at(bar.value).max(middle));
         scene.rectangle(a, top + 3.0, (b - a).max(1.0), ROW - 6.0, color);
         let text = format!("{:+.3}", bar.value);
-        scene.text(
-            left + width + 10.0,
-            top + 12.0,
-            &text,
-            Anchor::Start,
-            false,
-            BLACK,
-        );
+        scene.text((left + width + 10.0, top + 12.0), Anchor::Start, &text);
     }
     scene.line(&[(middle, 50.0), (middle, bottom)], 1.0, GRAY, false);
     for (value, anchor) in [
@@ -71,7 +54,7 @@ pub fn bars(title: &str, unit: &str, bars: &[Bar]) -> Scene {
         (reach, Anchor::End),
     ] {
         let text = format!("{value:.3} {unit}");
-        scene.text(at(value), bottom + 18.0, &text, anchor, false, BLACK);
+        scene.text((at(value), bottom + 18.0), anchor, &text);
     }
     scene
 }
@@ -95,7 +78,7 @@ pub fn maps(title: &str, unit: &str, maps: &[Map]) -> Scene {
     let (side, gap, left, top) = (300.0f32, 70.0f32, 60.0f32, 80.0f32);
     let width = left + maps.len() as f32 * (side + gap) + 100.0;
     let mut scene = Scene::new(width, top + side + 60.0);
-    scene.text(left, 28.0, title, Anchor::Start, true, BLACK);
+    scene.heading((left, 28.0), title);
     let all = maps.iter().flat_map(|m| m.values.iter().flatten());
     let (low, high) = all
         .filter(|v| v.is_finite())
@@ -109,7 +92,7 @@ pub fn maps(title: &str, unit: &str, maps: &[Map]) -> Scene {
     };
     for (k, map) in maps.iter().enumerate() {
         let x0 = left + k as f32 * (side + gap);
-        scene.text(x0, top - 12.0, &map.title, Anchor::Start, false, BLACK);
+        scene.text((x0, top - 12.0), Anchor::Start, &map.title);
         let rows = map.values.len().max(1);
         let columns = map.values.first().map_or(1, Vec::len).max(1);
         let (w, h) = (side / columns as f32, side / rows as f32);
@@ -121,44 +104,37 @@ pub fn maps(title: &str, unit: &str, maps: &[Map]) -> Scene {
                     y,
                     w,
                     h,
-                    color((value - low) / (high - low)),
+                    viridis((value - low) / (high - low)),
                 );
             }
         }
         let text = |v: f64| format!("{v:.0}");
         let [(xa, xb), (ya, yb)] = map.span_mm;
         let base = top + side + 16.0;
-        scene.text(x0, base, &text(xa), Anchor::Start, false, BLACK);
-        scene.text(x0 + side, base, &text(xb), Anchor::End, false, BLACK);
+        scene.text((x0, base), Anchor::Start, &text(xa));
+        scene.text((x0 + side, base), Anchor::End, &text(xb));
         let name = format!("{}, mm", map.axes.0);
-        scene.text(x0 + side / 2.0, base, &name, Anchor::Middle, false, BLACK);
-        scene.text(x0 - 6.0, top + side, &text(ya), Anchor::End, false, BLACK);
-        scene.text(x0 - 6.0, top + 10.0, &text(yb), Anchor::End, false, BLACK);
+        scene.text((x0 + side / 2.0, base), Anchor::Middle, &name);
+        scene.text((x0 - 6.0, top + side), Anchor::End, &text(ya));
+        scene.text((x0 - 6.0, top + 10.0), Anchor::End, &text(yb));
         let name = format!("{}, mm", map.axes.1);
-        scene.text(x0 - 6.0, top + side / 2.0, &name, Anchor::End, false, BLACK);
+        scene.text((x0 - 6.0, top + side / 2.0), Anchor::End, &name);
     }
     let x = left + maps.len() as f32 * (side + gap) - 20.0;
     for i in 0..50u8 {
         let part = f64::from(i) / 49.0;
         let y = top + side - side * f32::from(i + 1) / 50.0;
-        scene.rectangle(x, y, 20.0, side / 50.0 + 0.5, color(part));
+        scene.rectangle(x, y, 20.0, side / 50.0 + 0.5, viridis(part));
     }
     for (part, value) in [(0.0f32, low), (0.5, 0.5 * (low + high)), (1.0, high)] {
         let y = top + side - side * part + 4.0;
-        scene.text(
-            x + 26.0,
-            y,
-            &format!("{value:.2} {unit}"),
-            Anchor::Start,
-            false,
-            BLACK,
-        );
+        scene.text((x + 26.0, y), Anchor::Start, &format!("{value:.2} {unit}"));
     }
     scene
 }
 
 /// Dark blue over green to yellow: five stops of the viridis scale, legible without colour too.
-fn color(part: f64) -> Color {
+fn viridis(part: f64) -> Color {
     const STOPS: [[f64; 3]; 5] = [
         [68.0, 1.0, 84.0],
         [59.0, 82.0, 139.0],
@@ -209,7 +185,7 @@ mod tests {
         let svg = maps("forces", "N", &[map]).to_svg();
         // Background, three squares, fifty of the scale.
         assert_eq!(svg.matches("<rect").count(), 1 + 3 + 50);
-        assert_eq!(color(0.0), Color(68, 1, 84));
-        assert_eq!(color(2.0), Color(253, 231, 37));
+        assert_eq!(viridis(0.0), Color(68, 1, 84));
+        assert_eq!(viridis(2.0), Color(253, 231, 37));
     }
 }

@@ -1,9 +1,7 @@
 //! Pictures of estimates as the thesis has them: prediction against truth, errors of each model, errors over joints and speed.
 
 use estimator::metrics::Rows;
-use experiment::pictures::{range, shade, Frame};
-use scene::{Anchor, Color, Scene};
-use scene::{BLACK, GRAY};
+use scene::{color, range, shade, Anchor, Axes, Color, Scene, BLACK, GRAY};
 
 /// Most points of a curve.
 const POINTS: usize = 1_200;
@@ -19,24 +17,10 @@ const CELLS: usize = 24;
 const SIDE: f32 = 230.0;
 /// Rows in a cell of a map at least; fewer say nothing.
 const CELL_ROWS: usize = 20;
-/// Colors of the models, told apart by people with any colour vision (Okabe and Ito), then gray and brown.
-const PALETTE: [Color; 8] = [
-    Color(0x00, 0x72, 0xB2),
-    Color(0xD5, 0x5E, 0x00),
-    Color(0x00, 0x9E, 0x73),
-    Color(0xCC, 0x79, 0xA7),
-    Color(0xE6, 0x9F, 0x00),
-    Color(0x56, 0xB4, 0xE9),
-    Color(0x88, 0x88, 0x88),
-    Color(0x8C, 0x56, 0x4B),
-];
-/// Color of the label's curve.
-const LABEL: Color = Color(0x22, 0x22, 0x22);
-
-fn wide(title: &str) -> (Scene, Frame) {
+fn wide(title: &str) -> (Scene, Axes) {
     let mut scene = Scene::new(LEFT + WIDE + LEGEND, TOP + HIGH + BELOW);
-    scene.text(LEFT, 22.0, title, Anchor::Start, true, BLACK);
-    let frame = Frame {
+    scene.heading((LEFT, 22.0), title);
+    let axes = Axes {
         left: LEFT,
         top: TOP,
         width: WIDE,
@@ -44,13 +28,7 @@ fn wide(title: &str) -> (Scene, Frame) {
         x: (0.0, 1.0),
         y: (0.0, 1.0),
     };
-    (scene, frame)
-}
-
-fn legend(scene: &mut Scene, n: usize, name: &str, color: Color) {
-    let (x, y) = (LEFT + WIDE + 12.0, TOP + 14.0 + 18.0 * n as f32);
-    scene.line(&[(x, y - 4.0), (x + 20.0, y - 4.0)], 2.0, color, false);
-    scene.text(x + 26.0, y, name, Anchor::Start, false, BLACK);
+    (scene, axes)
 }
 
 /// Label and estimates over `seconds` of a trial from `from_s`, with the interval's half widths of the last model.
@@ -62,13 +40,13 @@ pub fn prediction(
     from_s: f64,
     seconds: f64,
 ) -> Scene {
-    let (mut scene, mut frame) = wide(title);
+    let (mut scene, mut axes) = wide(title);
     let Some((_, first)) = models.first() else {
         return scene;
     };
     let from = ((from_s / step_s) as usize).min(first.label.len());
     let to = (from + (seconds / step_s) as usize).min(first.label.len());
-    frame.x = (
+    axes.x = (
         from as f64 * step_s,
         (to as f64 * step_s).max(from as f64 * step_s + 1.0),
     );
@@ -79,27 +57,20 @@ pub fn prediction(
             .copied()
             .collect::<Vec<f64>>()
     };
-    frame.y = range(models.iter().flat_map(|(_, rows)| shown(rows)));
+    axes.y = range(models.iter().flat_map(|(_, rows)| shown(rows)));
     let stride = (to - from).div_ceil(POINTS).max(1);
-    let points = |values: &[f64], frame: &Frame| -> Vec<(f32, f32)> {
-        (from..to)
-            .step_by(stride)
-            .map(|k| (frame.at_x(k as f64 * step_s), frame.at_y(values[k])))
-            .collect()
+    let points = |values: &[f64]| {
+        let rows = (from..to).step_by(stride);
+        axes.at(rows.map(|k| (k as f64 * step_s, values[k])))
     };
     for (n, (name, rows)) in models.iter().enumerate() {
-        let color = PALETTE[n % PALETTE.len()];
-        scene.line(&points(&rows.estimate, &frame), 1.2, color, false);
-        legend(&mut scene, n + 1, name, color);
+        let color = color(n);
+        scene.line(&points(&rows.estimate), 1.2, color, false);
+        axes.legend(&mut scene, n + 1, name, color);
     }
-    scene.line(&points(&first.label, &frame), 1.6, LABEL, false);
-    legend(&mut scene, 0, "measured", LABEL);
-    frame.draw(
-        &mut scene,
-        "force on the tool, N",
-        "time in the trial, s",
-        true,
-    );
+    scene.line(&points(&first.label), 1.6, BLACK, false);
+    axes.legend(&mut scene, 0, "measured", BLACK);
+    axes.draw(&mut scene, "force on the tool, N", "time in the trial, s");
     scene
 }
 
@@ -113,7 +84,7 @@ pub fn over_trajectory(
     seconds: f64,
 ) -> Scene {
     let mut scene = Scene::new(LEFT + WIDE + LEGEND, 2.0 * (TOP + HIGH) + BELOW);
-    scene.text(LEFT, 22.0, title, Anchor::Start, true, BLACK);
+    scene.heading((LEFT, 22.0), title);
     let Some((_, first)) = models.first() else {
         return scene;
     };
@@ -125,7 +96,7 @@ pub fn over_trajectory(
         from as f64 * step_s,
         (to as f64 * step_s).max(from as f64 * step_s + 1.0),
     );
-    let frame = |top: f32, y: (f64, f64)| Frame {
+    let axes = |top: f32, y: (f64, f64)| Axes {
         left: LEFT,
         top,
         width: WIDE,
@@ -136,19 +107,17 @@ pub fn over_trajectory(
     let middle = |start: usize| (start + second / 2) as f64 * step_s;
     // Joints in shares of their range in this trial, so that one axis holds angles and a length.
     let names = ["shoulder", "elbow", "insertion"];
-    let upper = frame(TOP, (0.0, 1.0));
+    let upper = axes(TOP, (0.0, 1.0));
     for (joint, name) in names.into_iter().enumerate() {
         let (low, high) = range(first.joints.iter().map(|q| q[joint]));
-        let line: Vec<(f32, f32)> = (starts.iter())
-            .map(|start| {
-                let share = (first.joints[*start][joint] - low) / (high - low);
-                (upper.at_x(*start as f64 * step_s), upper.at_y(share))
-            })
-            .collect();
-        scene.line(&line, 1.4, PALETTE[joint % PALETTE.len()], false);
-        legend(&mut scene, joint, name, PALETTE[joint % PALETTE.len()]);
+        let line = starts.iter().map(|start| {
+            let share = (first.joints[*start][joint] - low) / (high - low);
+            (*start as f64 * step_s, share)
+        });
+        scene.line(&upper.at(line), 1.4, color(joint), false);
+        upper.legend(&mut scene, joint, name, color(joint));
     }
-    upper.draw(&mut scene, "joint, share of its range", "", true);
+    upper.draw(&mut scene, "joint, share of its range", "");
     let errors: Vec<Vec<f64>> = (models.iter())
         .map(|(_, rows)| {
             let mean = |start: &usize| {
@@ -159,22 +128,14 @@ pub fn over_trajectory(
         })
         .collect();
     let most = errors.iter().flatten().copied().fold(1e-9, f64::max);
-    let lower = frame(2.0 * TOP + HIGH, (0.0, 1.05 * most));
+    let lower = axes(2.0 * TOP + HIGH, (0.0, 1.05 * most));
     for (n, ((name, _), errors)) in models.iter().zip(&errors).enumerate() {
-        let line: Vec<(f32, f32)> = (starts.iter().zip(errors))
-            .map(|(start, error)| (lower.at_x(middle(*start)), lower.at_y(*error)))
-            .collect();
-        let color = PALETTE[n % PALETTE.len()];
-        scene.line(&line, 1.2, color, false);
-        // Below the names of the joints.
-        legend(&mut scene, n + 20, name, color);
+        let line = starts.iter().zip(errors);
+        let line = lower.at(line.map(|(start, error)| (middle(*start), *error)));
+        scene.line(&line, 1.2, color(n), false);
+        lower.legend(&mut scene, n, name, color(n));
     }
-    lower.draw(
-        &mut scene,
-        "absolute error, N",
-        "time in the trial, s",
-        true,
-    );
+    lower.draw(&mut scene, "absolute error, N", "time in the trial, s");
     scene
 }
 
@@ -188,7 +149,7 @@ fn quantile(sorted: &[f64], share: f64) -> f64 {
 /// Box plots of the errors: median, quartiles, and the 5 % and 95 % points.
 #[must_use]
 pub fn boxes(title: &str, models: &[(String, &[Rows])]) -> Scene {
-    let (mut scene, mut frame) = wide(title);
+    let (mut scene, mut axes) = wide(title);
     let marks: Vec<[f64; 5]> = models
         .iter()
         .map(|(_, trials)| {
@@ -200,13 +161,12 @@ pub fn boxes(title: &str, models: &[(String, &[Rows])]) -> Scene {
             [0.05, 0.25, 0.5, 0.75, 0.95].map(|share| quantile(&errors, share))
         })
         .collect();
-    frame.y = range(marks.iter().flatten().copied());
-    frame.x = (0.0, models.len().max(1) as f64);
-    frame.draw(
+    axes.y = range(marks.iter().flatten().copied());
+    axes.x = (0.0, models.len().max(1) as f64);
+    axes.draw(
         &mut scene,
         "error of the estimate, N (5, 25, 50, 75, 95 %)",
         "",
-        true,
     );
     // The ticks of x number the models; their names cover them.
     scene.rectangle(
@@ -216,12 +176,12 @@ pub fn boxes(title: &str, models: &[(String, &[Rows])]) -> Scene {
         24.0,
         Color(255, 255, 255),
     );
-    let zero = frame.at_y(0.0);
+    let zero = axes.at_y(0.0);
     scene.line(&[(LEFT, zero), (LEFT + WIDE, zero)], 0.8, GRAY, true);
     for (n, ((name, _), m)) in models.iter().zip(&marks).enumerate() {
-        let x = frame.at_x(n as f64 + 0.5);
-        let y = m.map(|v| frame.at_y(v));
-        let color = PALETTE[n % PALETTE.len()];
+        let x = axes.at_x(n as f64 + 0.5);
+        let y = m.map(|v| axes.at_y(v));
+        let color = color(n);
         scene.line(&[(x, y[0]), (x, y[4])], 1.4, color, false);
         scene.rectangle(x - 18.0, y[3], 36.0, (y[1] - y[3]).max(1.0), color);
         scene.line(
@@ -230,7 +190,7 @@ pub fn boxes(title: &str, models: &[(String, &[Rows])]) -> Scene {
             Color(255, 255, 255),
             false,
         );
-        scene.text(x, TOP + HIGH + 17.0, name, Anchor::Middle, false, BLACK);
+        scene.text((x, TOP + HIGH + 17.0), Anchor::Middle, name);
     }
     scene
 }
@@ -238,29 +198,28 @@ pub fn boxes(title: &str, models: &[(String, &[Rows])]) -> Scene {
 /// Mean absolute error in six bins of speed, a group of bars for each bin.
 #[must_use]
 pub fn by_speed(title: &str, below_m_per_s: &[f64], models: &[(String, Vec<f64>)]) -> Scene {
-    let (mut scene, mut frame) = wide(title);
+    let (mut scene, mut axes) = wide(title);
     let most = models
         .iter()
         .flat_map(|(_, e)| e.iter().copied())
         .fold(0.0, f64::max);
-    frame.y = (0.0, if most > 0.0 { 1.05 * most } else { 1.0 });
+    axes.y = (0.0, if most > 0.0 { 1.05 * most } else { 1.0 });
     let width_mm = below_m_per_s.first().map_or(1.0, |v| v * 1e3);
-    frame.x = (0.0, width_mm * below_m_per_s.len().max(1) as f64);
+    axes.x = (0.0, width_mm * below_m_per_s.len().max(1) as f64);
     let bar = 0.8 * width_mm / models.len().max(1) as f64;
     for (n, (name, errors)) in models.iter().enumerate() {
-        let color = PALETTE[n % PALETTE.len()];
+        let color = color(n);
         for (bin, error) in errors.iter().enumerate() {
             let from = width_mm * bin as f64 + 0.1 * width_mm + bar * n as f64;
-            let (x, y) = (frame.at_x(from), frame.at_y(*error));
-            scene.rectangle(x, y, frame.at_x(from + bar) - x, frame.at_y(0.0) - y, color);
+            let (x, y) = (axes.at_x(from), axes.at_y(*error));
+            scene.rectangle(x, y, axes.at_x(from + bar) - x, axes.at_y(0.0) - y, color);
         }
-        legend(&mut scene, n, name, color);
+        axes.legend(&mut scene, n, name, color);
     }
-    frame.draw(
+    axes.draw(
         &mut scene,
         "mean absolute error, N",
         "speed of the tip, mm/s",
-        true,
     );
     scene
 }
@@ -273,23 +232,20 @@ pub fn curves(
     y_words: &str,
     models: &[(String, Vec<(f64, f64)>)],
 ) -> Scene {
-    let (mut scene, mut frame) = wide(title);
+    let (mut scene, mut axes) = wide(title);
     let points = || models.iter().flat_map(|(_, p)| p.iter());
-    frame.x = range(points().map(|p| p.0));
-    frame.y = (0.0, 1.05 * points().map(|p| p.1).fold(1e-9, f64::max));
+    axes.x = range(points().map(|p| p.0));
+    axes.y = (0.0, 1.05 * points().map(|p| p.1).fold(1e-9, f64::max));
     for (n, (name, points)) in models.iter().enumerate() {
-        let color = PALETTE[n % PALETTE.len()];
-        let line: Vec<(f32, f32)> = points
-            .iter()
-            .map(|(x, y)| (frame.at_x(*x), frame.at_y(*y)))
-            .collect();
+        let color = color(n);
+        let line = axes.at(points.iter().copied());
         scene.line(&line, 1.6, color, false);
         for (x, y) in line {
             scene.rectangle(x - 3.0, y - 3.0, 6.0, 6.0, color);
         }
-        legend(&mut scene, n, name, color);
+        axes.legend(&mut scene, n, name, color);
     }
-    frame.draw(&mut scene, y_words, x_words, true);
+    axes.draw(&mut scene, y_words, x_words);
     scene
 }
 
@@ -301,14 +257,14 @@ pub type Place<'a> = (&'a str, &'a str, &'a dyn Fn(&Rows, usize) -> (f64, f64));
 pub fn error_maps(title: &str, trials: &[Rows], places: &[Place<'_>]) -> Scene {
     let (w, h) = (LEFT + SIDE + 20.0, 34.0 + SIDE + BELOW);
     let mut scene = Scene::new(w * 3.0, 40.0 + h * places.len().div_ceil(3) as f32);
-    scene.text(LEFT, 22.0, title, Anchor::Start, true, BLACK);
+    scene.heading((LEFT, 22.0), title);
     for (n, (x_words, y_words, place)) in places.iter().enumerate() {
         let points = || {
             trials
                 .iter()
                 .flat_map(|t| (0..t.error.len()).map(move |k| (t, k)))
         };
-        let frame = Frame {
+        let axes = Axes {
             left: (n % 3) as f32 * w + LEFT,
             top: 40.0 + (n / 3) as f32 * h + 34.0,
             width: SIDE,
@@ -322,7 +278,7 @@ pub fn error_maps(title: &str, trials: &[Rows], places: &[Place<'_>]) -> Scene {
             let cell = |v: f64, (low, high): (f64, f64)| {
                 (((v - low) / (high - low) * CELLS as f64) as usize).min(CELLS - 1)
             };
-            let (sum, rows) = &mut cells[cell(y, frame.y) * CELLS + cell(x, frame.x)];
+            let (sum, rows) = &mut cells[cell(y, axes.y) * CELLS + cell(x, axes.x)];
             *sum += t.error[k].abs();
             *rows += 1;
         }
@@ -335,17 +291,16 @@ pub fn error_maps(title: &str, trials: &[Rows], places: &[Place<'_>]) -> Scene {
         for (c, cell) in cells.iter().enumerate() {
             if let Some(mean) = mean(cell) {
                 let (left, top) = (
-                    frame.left + (c % CELLS) as f32 * size,
-                    frame.top + SIDE - (c / CELLS + 1) as f32 * size,
+                    axes.left + (c % CELLS) as f32 * size,
+                    axes.top + SIDE - (c / CELLS + 1) as f32 * size,
                 );
                 scene.rectangle(left, top, size + 0.3, size + 0.3, shade(mean / most));
             }
         }
-        frame.draw(
+        axes.draw(
             &mut scene,
             &format!("{y_words}; darkest: {most:.2} N"),
             x_words,
-            true,
         );
     }
     scene

@@ -1,7 +1,6 @@
 //! Pictures of an experiment: maps of how often something occurred, histograms, curves.
 
-use scene::{label, tick, ticks, BLACK, COLORS, GRAY};
-use scene::{Anchor, Color, Scene};
+use scene::{color, range, shade, Axes, Scene};
 
 /// Cells of a map along each side.
 const CELLS: usize = 30;
@@ -42,113 +41,6 @@ impl Axis {
     }
 }
 
-/// Range of finite values, a little wider; never empty.
-#[must_use]
-pub fn range(values: impl Iterator<Item = f64>) -> (f64, f64) {
-    let (low, high) = values
-        .filter(|v| v.is_finite())
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
-            (l.min(v), h.max(v))
-        });
-    if high > low {
-        let margin = 0.02 * (high - low);
-        (low - margin, high + margin)
-    } else if low.is_finite() {
-        (low - 0.5, low + 0.5)
-    } else {
-        (0.0, 1.0)
-    }
-}
-
-/// Where a panel's inside lies, and its ranges.
-#[derive(Debug, Clone, Copy)]
-pub struct Frame {
-    /// Left edge, px.
-    pub left: f32,
-    /// Upper edge, px.
-    pub top: f32,
-    /// Width, px.
-    pub width: f32,
-    /// Height, px.
-    pub height: f32,
-    /// Range from left to right.
-    pub x: (f64, f64),
-    /// Range from bottom to top.
-    pub y: (f64, f64),
-}
-
-impl Frame {
-    /// Where a value lies from left to right, px.
-    #[must_use]
-    pub fn at_x(&self, v: f64) -> f32 {
-        self.left + ((v - self.x.0) / (self.x.1 - self.x.0)) as f32 * self.width
-    }
-
-    /// Where a value lies from top to bottom, px.
-    #[must_use]
-    pub fn at_y(&self, v: f64) -> f32 {
-        self.top + self.height - ((v - self.y.0) / (self.y.1 - self.y.0)) as f32 * self.height
-    }
-
-    /// Lines, ticks and words around the inside.
-    pub fn draw(&self, scene: &mut Scene, title: &str, x_words: &str, with_y: bool) {
-        let (right, bottom) = (self.left + self.width, self.top + self.height);
-        let corners = [
-            (self.left, self.top),
-            (right, self.top),
-            (right, bottom),
-            (self.left, bottom),
-            (self.left, self.top),
-        ];
-        scene.line(&corners, 0.8, GRAY, false);
-        let step = tick(self.x.1 - self.x.0);
-        for v in ticks(self.x.0, self.x.1) {
-            let x = self.at_x(v);
-            scene.line(&[(x, bottom), (x, bottom + 4.0)], 0.8, GRAY, false);
-            scene.text(
-                x,
-                bottom + 17.0,
-                &label(v, step),
-                Anchor::Middle,
-                false,
-                BLACK,
-            );
-        }
-        if with_y {
-            let step = tick(self.y.1 - self.y.0);
-            for v in ticks(self.y.0, self.y.1) {
-                let y = self.at_y(v);
-                scene.line(&[(self.left - 4.0, y), (self.left, y)], 0.8, GRAY, false);
-                scene.text(
-                    self.left - 7.0,
-                    y + 4.0,
-                    &label(v, step),
-                    Anchor::End,
-                    false,
-                    BLACK,
-                );
-            }
-        }
-        let middle = self.left + 0.5 * self.width;
-        scene.text(middle, bottom + 36.0, x_words, Anchor::Middle, false, BLACK);
-        scene.text(
-            self.left,
-            self.top - 9.0,
-            title,
-            Anchor::Start,
-            false,
-            BLACK,
-        );
-    }
-}
-
-/// White to dark blue.
-#[must_use]
-pub fn shade(part: f64) -> Color {
-    let mix = |from: f64, to: f64| (from + (to - from) * part.clamp(0.0, 1.0)).round() as u8;
-    Color(mix(222.0, 8.0), mix(235.0, 48.0), mix(247.0, 107.0))
-}
-
 /// Maps of how often pairs of values occurred, three in a row; the darker, the more often (logarithmic).
 #[must_use]
 pub fn maps(title: &str, pairs: &[(&Axis, &Axis)]) -> Scene {
@@ -156,9 +48,9 @@ pub fn maps(title: &str, pairs: &[(&Axis, &Axis)]) -> Scene {
     let rows = pairs.len().div_ceil(columns);
     let (w, h) = (LEFT + SIDE + RIGHT, TOP + SIDE + BELOW);
     let mut scene = Scene::new(w * columns as f32, TITLE + h * rows as f32);
-    scene.text(LEFT, 22.0, title, Anchor::Start, true, BLACK);
+    scene.heading((LEFT, 22.0), title);
     for (n, (x, y)) in pairs.iter().enumerate() {
-        let frame = Frame {
+        let axes = Axes {
             left: (n % columns) as f32 * w + LEFT,
             top: TITLE + (n / columns) as f32 * h + TOP,
             width: SIDE,
@@ -166,16 +58,16 @@ pub fn maps(title: &str, pairs: &[(&Axis, &Axis)]) -> Scene {
             x: range(x.values.iter().copied()),
             y: range(y.values.iter().copied()),
         };
-        let counts = cells(&x.values, &y.values, &frame);
+        let counts = cells((&x.values, axes.x), (&y.values, axes.y));
         let most = f64::from(counts.iter().copied().max().unwrap_or(1).max(1));
         let size = SIDE / CELLS as f32;
         let level = |count: u32| (f64::from(count).ln_1p() / most.ln_1p() * SHADES).ceil();
         for (row, counts) in counts.chunks(CELLS).enumerate() {
-            let top = frame.top + SIDE - (row + 1) as f32 * size;
+            let top = axes.top + SIDE - (row + 1) as f32 * size;
             let mut column = 0;
             // Neighbours of one shade are one rectangle: a small file.
             for run in counts.chunk_by(|a, b| level(*a) == level(*b)) {
-                let left = frame.left + column as f32 * size;
+                let left = axes.left + column as f32 * size;
                 column += run.len();
                 if run[0] > 0 {
                     let width = run.len() as f32 * size;
@@ -185,20 +77,23 @@ pub fn maps(title: &str, pairs: &[(&Axis, &Axis)]) -> Scene {
                 }
             }
         }
-        frame.draw(&mut scene, &y.words, &x.words, true);
+        axes.draw(&mut scene, &y.words, &x.words);
     }
     scene
 }
 
+/// Values and the range that the cells divide.
+type Values<'a> = (&'a [f64], (f64, f64));
+
 /// How often pairs fall into each cell.
-fn cells(x: &[f64], y: &[f64], frame: &Frame) -> Vec<u32> {
+fn cells((x, x_range): Values, (y, y_range): Values) -> Vec<u32> {
     let mut counts = vec![0; CELLS * CELLS];
     let place = |v: f64, (low, high): (f64, f64)| {
         let cell = (v - low) / (high - low) * CELLS as f64;
         (cell >= 0.0 && cell < CELLS as f64).then_some(cell as usize)
     };
     for (x, y) in x.iter().zip(y) {
-        if let (Some(cx), Some(cy)) = (place(*x, frame.x), place(*y, frame.y)) {
+        if let (Some(cx), Some(cy)) = (place(*x, x_range), place(*y, y_range)) {
             counts[cy * CELLS + cx] += 1;
         }
     }
@@ -208,15 +103,8 @@ fn cells(x: &[f64], y: &[f64], frame: &Frame) -> Vec<u32> {
 /// Share of the cells of a map that are visited.
 #[must_use]
 pub fn visited(x: &[f64], y: &[f64]) -> f64 {
-    let frame = Frame {
-        left: 0.0,
-        top: 0.0,
-        width: 1.0,
-        height: 1.0,
-        x: range(x.iter().copied()),
-        y: range(y.iter().copied()),
-    };
-    let counts = cells(x, y, &frame);
+    let (x_range, y_range) = (range(x.iter().copied()), range(y.iter().copied()));
+    let counts = cells((x, x_range), (y, y_range));
     counts.iter().filter(|count| **count > 0).count() as f64 / counts.len() as f64
 }
 
@@ -248,7 +136,7 @@ pub enum Panel {
 pub fn tall(title: &str, panels: &[Panel]) -> Scene {
     let h = TOP + HIGH + BELOW;
     let mut scene = Scene::new(LEFT + WIDE + 120.0, TITLE + h * panels.len() as f32);
-    scene.text(LEFT, 22.0, title, Anchor::Start, true, BLACK);
+    scene.heading((LEFT, 22.0), title);
     for (n, panel) in panels.iter().enumerate() {
         let top = TITLE + n as f32 * h + TOP;
         match panel {
@@ -263,22 +151,11 @@ pub fn tall(title: &str, panels: &[Panel]) -> Scene {
     scene
 }
 
-fn legend(scene: &mut Scene, top: f32, n: usize, name: &str) {
-    let (x, y) = (LEFT + WIDE + 12.0, top + 14.0 + 18.0 * n as f32);
-    scene.line(
-        &[(x, y - 4.0), (x + 20.0, y - 4.0)],
-        2.0,
-        COLORS[n % COLORS.len()],
-        false,
-    );
-    scene.text(x + 26.0, y, name, Anchor::Start, false, BLACK);
-}
-
 fn histogram(scene: &mut Scene, top: f32, title: &str, x_words: &str, sets: &[(String, Vec<f64>)]) {
     let x = range(sets.iter().flat_map(|(_, v)| v.iter().copied()));
     let shares: Vec<Vec<f64>> = sets.iter().map(|(_, v)| bins(v, x)).collect();
     let most = shares.iter().flatten().copied().fold(0.0, f64::max);
-    let frame = Frame {
+    let axes = Axes {
         left: LEFT,
         top,
         width: WIDE,
@@ -291,13 +168,12 @@ fn histogram(scene: &mut Scene, top: f32, title: &str, x_words: &str, sets: &[(S
         let mut points = Vec::new();
         for (i, share) in shares.iter().enumerate() {
             let from = x.0 + width * i as f64;
-            points.push((frame.at_x(from), frame.at_y(*share)));
-            points.push((frame.at_x(from + width), frame.at_y(*share)));
+            points.extend([(from, *share), (from + width, *share)]);
         }
-        scene.line(&points, 1.6, COLORS[n % COLORS.len()], false);
-        legend(scene, top, n, name);
+        scene.line(&axes.at(points), 1.6, color(n), false);
+        axes.legend(scene, n, name, color(n));
     }
-    frame.draw(scene, title, x_words, true);
+    axes.draw(scene, title, x_words);
 }
 
 /// Share of the values in each bin, per cent.
@@ -316,7 +192,7 @@ fn bins(values: &[f64], x: (f64, f64)) -> Vec<f64> {
 const POINTS: usize = 1500;
 
 fn curves(scene: &mut Scene, top: f32, title: &str, t_s: &[f64], sets: &[(String, Vec<f64>)]) {
-    let frame = Frame {
+    let axes = Axes {
         left: LEFT,
         top,
         width: WIDE,
@@ -326,14 +202,13 @@ fn curves(scene: &mut Scene, top: f32, title: &str, t_s: &[f64], sets: &[(String
     };
     for (n, (name, values)) in sets.iter().enumerate() {
         let stride = t_s.len().div_ceil(POINTS).max(1);
-        let points: Vec<(f32, f32)> = (t_s.iter().zip(values).step_by(stride))
-            .filter(|(_, v)| v.is_finite())
-            .map(|(t, v)| (frame.at_x(*t), frame.at_y(*v)))
-            .collect();
-        scene.line(&points, 1.2, COLORS[n % COLORS.len()], false);
-        legend(scene, top, n, name);
+        let points = (t_s.iter().copied().zip(values.iter().copied()))
+            .step_by(stride)
+            .filter(|(_, v)| v.is_finite());
+        scene.line(&axes.at(points), 1.2, color(n), false);
+        axes.legend(scene, n, name, color(n));
     }
-    frame.draw(scene, title, "time in the trial, s", true);
+    axes.draw(scene, title, "time in the trial, s");
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 use crate::Outcome;
 use force::metrics::{Step, SETTLED_WITHIN_N, STEADY_AFTER_S};
 use nalgebra::Vector3;
-use scene::{label, tick, ticks, Anchor, Color, Scene, BAND, BLACK, COLORS, GRAY};
+use scene::{color, Anchor, Axes, Color, Scene, BAND, BLACK};
 use wire::UNITS;
 
 const WIDTH: f32 = 1000.0;
@@ -59,7 +59,7 @@ pub fn draw(outcome: &Outcome) -> Scene {
         "forcectl set-force {} {} {}, {}, firmware {}",
         commanded_n.x, commanded_n.y, commanded_n.z, outcome.link, outcome.firmware
     );
-    scene.text(LEFT, 24.0, &title, Anchor::Start, true, BLACK);
+    scene.heading((LEFT, 24.0), &title);
     let span = match (steps.first(), steps.last()) {
         (Some(first), Some(last)) if last.t_s > first.t_s => (first.t_s, last.t_s),
         _ => (0.0, 1.0),
@@ -76,8 +76,8 @@ pub fn draw(outcome: &Outcome) -> Scene {
 #[must_use]
 pub fn compare(before: &Outcome, after: &Outcome) -> Scene {
     let runs = [
-        ("before", COLORS[1], thinned(&before.steps)),
-        ("after", COLORS[0], thinned(&after.steps)),
+        ("before", color(1), thinned(&before.steps)),
+        ("after", color(0), thinned(&after.steps)),
     ];
     let worst = before.metrics.as_ref().map_or(0, |m| {
         let rms = m.tension_rms_n;
@@ -123,7 +123,7 @@ pub fn compare(before: &Outcome, after: &Outcome) -> Scene {
     let height = TOP + panels.len() as f32 * (PANEL + GAP) + 10.0;
     let mut scene = Scene::new(WIDTH, height);
     let title = format!("forcectl identify, {}", before.link);
-    scene.text(LEFT, 24.0, &title, Anchor::Start, true, BLACK);
+    scene.heading((LEFT, 24.0), &title);
     let end = before.steps.last().map_or(1.0, |s| s.t_s.max(1.0));
     for (i, panel) in panels.iter().enumerate() {
         let top = TOP + i as f32 * (PANEL + GAP);
@@ -165,7 +165,7 @@ fn from_truth(outcome: &Outcome) -> bool {
 fn force_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
     let mut curves = Vec::new();
     for (axis, name) in ["x", "y", "z"].into_iter().enumerate() {
-        let color = COLORS[axis];
+        let color = color(axis);
         curves.push(curve(format!("F{name}"), color, 1.6, false, steps, |s| {
             s.best_force_n()[axis]
         }));
@@ -207,7 +207,7 @@ fn error_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
         unit: "N",
         curves: vec![curve(
             "|error|".to_owned(),
-            COLORS[1],
+            color(1),
             1.4,
             false,
             steps,
@@ -221,16 +221,16 @@ fn error_panel(steps: &[&Step], outcome: &Outcome) -> Panel {
 
 fn tension_panel(steps: &[&Step]) -> Panel {
     let mut curves = Vec::new();
-    for (i, color) in COLORS.into_iter().enumerate() {
+    for i in 0..UNITS {
         curves.push(curve(
             format!("cable {}", i + 1),
-            color,
+            color(i),
             1.4,
             false,
             steps,
             |s| s.best_tension_n()[i],
         ));
-        curves.push(curve(String::new(), color, 1.0, true, steps, |s| {
+        curves.push(curve(String::new(), color(i), 1.0, true, steps, |s| {
             s.tension_setpoint_n[i]
         }));
     }
@@ -252,93 +252,44 @@ fn draw_panel(scene: &mut Scene, panel: &Panel, top: f32, span: (f64, f64), last
         .map(|y| panel.clip.map_or(y, |clip| y.min(clip)));
     let (low, high) = values.fold(panel.at_least, |(l, h), y| (l.min(y), h.max(y)));
     let margin = 0.05 * (high - low);
-    let (low, high) = (if low == 0.0 { 0.0 } else { low - margin }, high + margin);
-    let (right, bottom) = (WIDTH - RIGHT, top + PANEL);
-    let x = |t: f64| LEFT + ((t - span.0) / (span.1 - span.0)) as f32 * (right - LEFT);
-    let y = |v: f64| bottom - ((v - low) / (high - low)) as f32 * PANEL;
+    let axes = Axes {
+        left: LEFT,
+        top,
+        width: WIDTH - LEFT - RIGHT,
+        height: PANEL,
+        x: span,
+        y: (if low == 0.0 { 0.0 } else { low - margin }, high + margin),
+    };
     if let Some(band) = panel.band {
-        scene.rectangle(LEFT, y(band), right - LEFT, bottom - y(band), BAND);
+        let band = axes.at_y(band);
+        scene.rectangle(LEFT, band, axes.width, axes.bottom() - band, BAND);
     }
-    let step = tick(high - low);
-    for value in ticks(low, high) {
-        scene.line(&[(LEFT, y(value)), (right, y(value))], 0.5, GRAY, false);
-        scene.text(
-            LEFT - 6.0,
-            y(value) + 4.0,
-            &label(value, step),
-            Anchor::End,
-            false,
-            BLACK,
-        );
-    }
-    for value in ticks(span.0, span.1) {
-        scene.line(&[(x(value), top), (x(value), bottom)], 0.5, GRAY, false);
-        if last {
-            let text = label(value, tick(span.1 - span.0));
-            scene.text(x(value), bottom + 16.0, &text, Anchor::Middle, false, BLACK);
-        }
-    }
+    axes.grid(scene);
     if (span.0..span.1).contains(&0.0) {
-        scene.line(&[(x(0.0), top), (x(0.0), bottom)], 1.0, BLACK, true);
+        let x = axes.at_x(0.0);
+        scene.line(&[(x, top), (x, axes.bottom())], 1.0, BLACK, true);
     }
-    let frame = [
-        (LEFT, top),
-        (right, top),
-        (right, bottom),
-        (LEFT, bottom),
-        (LEFT, top),
-    ];
-    scene.line(&frame, 1.0, BLACK, false);
-    scene.text(
-        LEFT,
-        top - 7.0,
-        &format!("{}, {}", panel.title, panel.unit),
-        Anchor::Start,
-        false,
-        BLACK,
-    );
-    if last {
-        scene.text(
-            right,
-            bottom + 32.0,
-            "time since the command, s",
-            Anchor::End,
-            false,
-            BLACK,
-        );
-    }
+    let words = if last {
+        "time since the command, s"
+    } else {
+        ""
+    };
+    axes.draw(scene, &format!("{}, {}", panel.title, panel.unit), words);
     if let Some(clip) = panel.clip {
-        mark_clipped(scene, panel, clip, (top, right), x);
+        mark_clipped(scene, panel, clip, &axes);
     }
-    let mut row = top + 12.0;
+    let named = panel.curves.iter().filter(|curve| !curve.label.is_empty());
+    for (n, curve) in named.enumerate() {
+        axes.legend(scene, n, &curve.label, curve.color);
+    }
     for curve in &panel.curves {
-        let points: Vec<(f32, f32)> = curve
-            .points
-            .iter()
-            .map(|(t, v)| (x(*t), y(*v).clamp(top, bottom)))
-            .collect();
-        scene.line(&points, curve.width, curve.color, curve.dashed);
-        if !curve.label.is_empty() {
-            scene.line(
-                &[(right + 12.0, row - 4.0), (right + 34.0, row - 4.0)],
-                2.0,
-                curve.color,
-                false,
-            );
-            scene.text(right + 40.0, row, &curve.label, Anchor::Start, false, BLACK);
-            row += 18.0;
-        }
+        let points = curve.points.iter().map(|(t, v)| (*t, v.min(axes.y.1)));
+        scene.line(&axes.at(points), curve.width, curve.color, curve.dashed);
     }
 }
 
 /// Marks at the upper edge where curves are above `clip`, and says how far they go.
-fn mark_clipped(
-    scene: &mut Scene,
-    panel: &Panel,
-    clip: f64,
-    (top, right): (f32, f32),
-    x: impl Fn(f64) -> f32,
-) {
+fn mark_clipped(scene: &mut Scene, panel: &Panel, clip: f64, axes: &Axes) {
     let mut largest = clip;
     for curve in &panel.curves {
         for group in curve.points.chunk_by(|a, b| (a.1 > clip) == (b.1 > clip)) {
@@ -347,14 +298,15 @@ fn mark_clipped(
             };
             if first.1 > clip {
                 largest = group.iter().map(|p| p.1).fold(largest, f64::max);
-                let width = (x(last.0) - x(first.0)).max(2.0);
-                scene.rectangle(x(first.0), top, width, MARK, CLIPPED);
+                let x = axes.at_x(first.0);
+                let width = (axes.at_x(last.0) - x).max(2.0);
+                scene.rectangle(x, axes.top, width, MARK, CLIPPED);
             }
         }
     }
     if largest > clip {
         let text = format!("red: above {clip:.1}, up to {largest:.2}");
-        scene.text(right, top - 7.0, &text, Anchor::End, false, CLIPPED);
+        scene.colored_text((axes.right(), axes.top - 9.0), Anchor::End, &text, CLIPPED);
     }
 }
 
