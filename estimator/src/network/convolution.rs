@@ -8,7 +8,7 @@ use burn::tensor::{activation::relu, Tensor};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{layer::Layer, matrix::Matrix, mlp::Dense, Config};
+use super::{matrix::Matrix, Config};
 
 /// A layer that joins groups of neighbours in time, oldest first, then ReLU.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -38,34 +38,21 @@ pub(super) fn kernel(config: &Config) -> Result<usize, String> {
     })
 }
 
-/// Layers with their initial weights: convolutions, a dense one, the output.
-pub(super) fn build(
-    config: &Config,
-    inputs: usize,
-    targets: usize,
-    random: &mut impl Rng,
-) -> Result<Vec<Layer>, String> {
-    let kernel = kernel(config)?;
-    let (dense, channels) = config
-        .layers
-        .split_last()
-        .expect("checked: two layers or more");
-    let mut layers = Vec::new();
-    let mut width = inputs;
-    for &channels in channels {
-        layers.push(Layer::Convolution(Convolution {
-            weight: Matrix::glorot(kernel * width, channels, random),
+impl Convolution {
+    /// Initial weights; no offset.
+    pub(super) fn new(
+        kernel: usize,
+        inputs: usize,
+        channels: usize,
+        random: &mut impl Rng,
+    ) -> Self {
+        Self {
+            weight: Matrix::glorot(kernel * inputs, channels, random),
             bias: Matrix::filled(1, channels, 0.0),
             kernel,
-        }));
-        width = channels;
+        }
     }
-    layers.push(Layer::Dense(Dense::new(width, *dense, true, random)));
-    layers.push(Layer::Dense(Dense::new(*dense, targets, false, random)));
-    Ok(layers)
-}
 
-impl Convolution {
     /// The layer on a batch of windows, row after row: `[batch, rows * inputs]` to `[batch, rows / kernel * channels]`.
     pub(super) fn forward(&self, weights: &[Tensor<2>], input: Tensor<2>) -> Tensor<2> {
         let [batch, width] = input.dims();

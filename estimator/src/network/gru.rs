@@ -18,7 +18,7 @@ use burn::tensor::{
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{layer::Layer, matrix::Matrix, mlp::Dense, Config};
+use super::matrix::{logistic, Matrix};
 
 /// A layer of gated recurrent units. Columns of each matrix: update, reset, candidate.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -33,34 +33,14 @@ pub struct Gru {
     pub recurrent_bias: Matrix,
 }
 
-/// Layers with their initial weights: recurrent ones, a dense one, the output.
-pub(super) fn build(
-    config: &Config,
-    inputs: usize,
-    targets: usize,
-    random: &mut impl Rng,
-) -> Vec<Layer> {
-    let (dense, recurrent) = config
-        .layers
-        .split_last()
-        .expect("checked: two layers or more");
-    let mut layers = Vec::new();
-    let mut width = inputs;
-    for &units in recurrent {
-        layers.push(Layer::Gru(Gru::new(width, units, random)));
-        width = units;
-    }
-    layers.push(Layer::Dense(Dense::new(width, *dense, true, random)));
-    layers.push(Layer::Dense(Dense::new(*dense, targets, false, random)));
-    layers
-}
-
 impl Gru {
-    fn new(inputs: usize, units: usize, random: &mut impl Rng) -> Self {
-        let gates: Vec<Matrix> = (0..3).map(|_| Matrix::orthogonal(units, random)).collect();
+    /// Initial weights.
+    pub(super) fn new(inputs: usize, units: usize, random: &mut impl Rng) -> Self {
+        // Drawn before the inputs' weights, or the same seed would give other networks.
+        let recurrent = Matrix::orthogonal_gates::<3>(units, random);
         Self {
             input: Matrix::glorot(inputs, 3 * units, random),
-            recurrent: Matrix::beside(&gates.iter().collect::<Vec<_>>()),
+            recurrent,
             bias: Matrix::filled(1, 3 * units, 0.0),
             recurrent_bias: Matrix::filled(1, 3 * units, 0.0),
         }
@@ -73,7 +53,7 @@ impl Gru {
 
     /// The layer on a batch, one frame `[batch, inputs]` a row. Returns the state after each.
     ///
-    /// `weights`: [`Layer::parts`] on the device.
+    /// `weights`: [`Layer::parts`](super::layer::Layer::parts) on the device.
     pub(super) fn forward(
         weights: &[Tensor<2>],
         frames: Vec<Tensor<2>>,
@@ -104,7 +84,6 @@ impl Gru {
 
     /// The parts of the matrices gate by gate, as training holds them: a slice of a product costs a copy on the way back.
     pub(super) fn parts(&self) -> Vec<Matrix> {
-        let units = self.units();
         [
             &self.input,
             &self.recurrent,
@@ -112,13 +91,13 @@ impl Gru {
             &self.recurrent_bias,
         ]
         .into_iter()
-        .flat_map(|matrix| (0..3).map(move |gate| matrix.slice(gate * units, units)))
+        .flat_map(|matrix| matrix.gates(3))
         .collect()
     }
 
     /// The layer of these parts.
     pub(super) fn of_parts(parts: &[Matrix]) -> Self {
-        let whole = |at: usize| Matrix::beside(&parts[at..at + 3].iter().collect::<Vec<_>>());
+        let whole = |at: usize| Matrix::beside(&parts[at..at + 3]);
         Self {
             input: whole(0),
             recurrent: whole(3),
@@ -143,9 +122,4 @@ impl Gru {
             state[unit] = candidate + update * (state[unit] - candidate);
         }
     }
-}
-
-/// The logistic function.
-pub(super) fn logistic(x: f32) -> f32 {
-    1.0 / (1.0 + (-x).exp())
 }

@@ -6,11 +6,12 @@ use rand_chacha::ChaCha8Rng;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    convolution::Convolution,
+    convolution::{kernel, Convolution},
     gru::Gru,
     lstm::Lstm,
     matrix::Matrix,
     mlp::{BatchNorm, Dense},
+    Config, Kind,
 };
 
 /// A layer with its weights.
@@ -26,6 +27,43 @@ pub enum Layer {
     Lstm(Lstm),
     /// See [`Convolution`].
     Convolution(Convolution),
+}
+
+/// Layers with their initial weights: those of the kind, a dense one where they are not dense, the output.
+///
+/// # Errors
+///
+/// As [`kernel`].
+pub(super) fn build(
+    config: &Config,
+    inputs: usize,
+    targets: usize,
+    random: &mut impl Rng,
+) -> Result<Vec<Layer>, String> {
+    let normalised = config.batch_norm && config.kind == Kind::Mlp;
+    let mut layers = Vec::new();
+    let mut width = inputs;
+    for (at, &units) in config.layers.iter().enumerate() {
+        // The last one is dense in every kind.
+        let kind = match config.kind {
+            _ if at + 1 == config.layers.len() => Kind::Mlp,
+            kind => kind,
+        };
+        layers.push(match kind {
+            Kind::Mlp => Layer::Dense(Dense::new(width, units, !normalised, random)),
+            Kind::Gru | Kind::CarriedGru => Layer::Gru(Gru::new(width, units, random)),
+            Kind::Lstm => Layer::Lstm(Lstm::new(width, units, random)),
+            Kind::Convolution => {
+                Layer::Convolution(Convolution::new(kernel(config)?, width, units, random))
+            }
+        });
+        if normalised {
+            layers.push(Layer::BatchNorm(BatchNorm::new(units)));
+        }
+        width = units;
+    }
+    layers.push(Layer::Dense(Dense::new(width, targets, false, random)));
+    Ok(layers)
 }
 
 impl Layer {

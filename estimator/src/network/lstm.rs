@@ -18,7 +18,7 @@ use burn::tensor::{
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{gru::logistic, layer::Layer, matrix::Matrix, mlp::Dense, Config};
+use super::matrix::{logistic, Matrix};
 
 /// A layer of long short-term memory. Columns of each matrix: input, forget, candidate, output.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -31,37 +31,17 @@ pub struct Lstm {
     pub bias: Matrix,
 }
 
-/// Layers with their initial weights: recurrent ones, a dense one, the output.
-pub(super) fn build(
-    config: &Config,
-    inputs: usize,
-    targets: usize,
-    random: &mut impl Rng,
-) -> Vec<Layer> {
-    let (dense, recurrent) = config
-        .layers
-        .split_last()
-        .expect("checked: two layers or more");
-    let mut layers = Vec::new();
-    let mut width = inputs;
-    for &units in recurrent {
-        layers.push(Layer::Lstm(Lstm::new(width, units, random)));
-        width = units;
-    }
-    layers.push(Layer::Dense(Dense::new(width, *dense, true, random)));
-    layers.push(Layer::Dense(Dense::new(*dense, targets, false, random)));
-    layers
-}
-
 impl Lstm {
-    fn new(inputs: usize, units: usize, random: &mut impl Rng) -> Self {
-        let gates: Vec<Matrix> = (0..4).map(|_| Matrix::orthogonal(units, random)).collect();
+    /// Initial weights.
+    pub(super) fn new(inputs: usize, units: usize, random: &mut impl Rng) -> Self {
+        // Drawn before the inputs' weights, or the same seed would give other networks.
+        let recurrent = Matrix::orthogonal_gates::<4>(units, random);
         let mut bias = Matrix::filled(1, 4 * units, 0.0);
         // A cell that remembers at first learns long effects sooner (Keras: `unit_forget_bias`).
         bias.values[units..2 * units].fill(1.0);
         Self {
             input: Matrix::glorot(inputs, 4 * units, random),
-            recurrent: Matrix::beside(&gates.iter().collect::<Vec<_>>()),
+            recurrent,
             bias,
         }
     }
@@ -73,7 +53,7 @@ impl Lstm {
 
     /// The layer on a batch, one frame `[batch, inputs]` a row. Returns the state after each.
     ///
-    /// `weights`: [`Layer::parts`] on the device.
+    /// `weights`: [`Layer::parts`](super::layer::Layer::parts) on the device.
     pub(super) fn forward(
         weights: &[Tensor<2>],
         frames: Vec<Tensor<2>>,
@@ -96,16 +76,15 @@ impl Lstm {
 
     /// The parts of the matrices gate by gate, as training holds them.
     pub(super) fn parts(&self) -> Vec<Matrix> {
-        let units = self.units();
         [&self.input, &self.recurrent, &self.bias]
             .into_iter()
-            .flat_map(|matrix| (0..4).map(move |gate| matrix.slice(gate * units, units)))
+            .flat_map(|matrix| matrix.gates(4))
             .collect()
     }
 
     /// The layer of these parts.
     pub(super) fn of_parts(parts: &[Matrix]) -> Self {
-        let whole = |at: usize| Matrix::beside(&parts[at..at + 4].iter().collect::<Vec<_>>());
+        let whole = |at: usize| Matrix::beside(&parts[at..at + 4]);
         Self {
             input: whole(0),
             recurrent: whole(4),

@@ -73,6 +73,14 @@ impl Matrix {
         }
     }
 
+    /// The recurrent weights of a layer of gates: one orthogonal matrix each.
+    pub(super) fn orthogonal_gates<const GATES: usize>(
+        units: usize,
+        random: &mut impl Rng,
+    ) -> Self {
+        Self::beside(&[(); GATES].map(|()| Self::orthogonal(units, random)))
+    }
+
     /// Adds `input * self` to `sum`.
     ///
     /// Four rows at a time: the sums stay in registers four times as long.
@@ -131,13 +139,19 @@ impl Matrix {
         }
     }
 
+    /// The columns of each of so many gates.
+    pub(super) fn gates(&self, count: usize) -> impl Iterator<Item = Self> + '_ {
+        let units = self.columns / count;
+        (0..count).map(move |gate| self.slice(gate * units, units))
+    }
+
     /// Matrices of as many rows side by side.
     ///
     /// # Panics
     ///
     /// If there is none.
     #[must_use]
-    pub fn beside(parts: &[&Self]) -> Self {
+    pub fn beside(parts: &[Self]) -> Self {
         let rows = parts[0].rows;
         let columns = parts.iter().map(|part| part.columns).sum();
         let mut values = Vec::with_capacity(rows * columns);
@@ -167,6 +181,11 @@ impl Matrix {
             values,
         }
     }
+}
+
+/// The logistic function.
+pub(super) fn logistic(x: f32) -> f32 {
+    1.0 / (1.0 + (-x).exp())
 }
 
 #[cfg(test)]
@@ -218,7 +237,7 @@ mod tests {
     fn slices_side_by_side_give_the_whole() {
         let whole = Matrix::glorot(3, 7, &mut ChaCha8Rng::seed_from_u64(3));
         assert_eq!(
-            Matrix::beside(&[&whole.slice(0, 2), &whole.slice(2, 5)]),
+            Matrix::beside(&[whole.slice(0, 2), whole.slice(2, 5)]),
             whole
         );
         assert_eq!(whole.transposed().transposed(), whole);

@@ -8,7 +8,7 @@ use burn::tensor::{activation::relu, module::batch_norm_train, Tensor};
 use rand::Rng;
 use serde::{Deserialize, Serialize};
 
-use super::{layer::Layer, matrix::Matrix, Config};
+use super::matrix::Matrix;
 
 /// Added to a variance before its root is taken: the value of Keras.
 pub(super) const EPSILON: f64 = 1e-3;
@@ -35,31 +35,6 @@ pub struct BatchNorm {
     pub mean: Matrix,
     /// Variance over training rows.
     pub variance: Matrix,
-}
-
-/// Layers with their initial weights.
-pub(super) fn build(
-    config: &Config,
-    inputs: usize,
-    targets: usize,
-    random: &mut impl Rng,
-) -> Vec<Layer> {
-    let mut layers = Vec::new();
-    let mut width = inputs;
-    for &units in &config.layers {
-        layers.push(Layer::Dense(Dense::new(
-            width,
-            units,
-            !config.batch_norm,
-            random,
-        )));
-        if config.batch_norm {
-            layers.push(Layer::BatchNorm(BatchNorm::new(units)));
-        }
-        width = units;
-    }
-    layers.push(Layer::Dense(Dense::new(width, targets, false, random)));
-    layers
 }
 
 impl Dense {
@@ -93,7 +68,7 @@ impl Dense {
 }
 
 impl BatchNorm {
-    fn new(units: usize) -> Self {
+    pub(super) fn new(units: usize) -> Self {
         let row = |value| Matrix::filled(1, units, value);
         Self {
             gamma: row(1.0),

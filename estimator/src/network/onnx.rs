@@ -393,7 +393,7 @@ impl GraphProto {
 fn operator_weights(layer: &Layer) -> (&'static str, usize, [Matrix; 3], Vec<AttributeProto>) {
     match layer {
         Layer::Gru(gru) => {
-            let bias = Matrix::beside(&[&gru.bias, &gru.recurrent_bias]);
+            let bias = Matrix::beside(&[gru.bias.clone(), gru.recurrent_bias.clone()]);
             (
                 "GRU",
                 3,
@@ -404,7 +404,7 @@ fn operator_weights(layer: &Layer) -> (&'static str, usize, [Matrix; 3], Vec<Att
         Layer::Lstm(lstm) => {
             let ordered = |matrix: &Matrix| in_onnx_order(lstm, matrix);
             let none = Matrix::filled(1, lstm.bias.columns, 0.0);
-            let bias = Matrix::beside(&[&ordered(&lstm.bias), &none]);
+            let bias = Matrix::beside(&[ordered(&lstm.bias), none]);
             (
                 "LSTM",
                 4,
@@ -426,7 +426,7 @@ fn operator_weights(layer: &Layer) -> (&'static str, usize, [Matrix; 3], Vec<Att
 fn in_onnx_order(lstm: &Lstm, matrix: &Matrix) -> Matrix {
     let units = lstm.units();
     let gate = |at: usize| matrix.slice(at * units, units);
-    Matrix::beside(&[&gate(0), &gate(3), &gate(1), &gate(2)])
+    Matrix::beside(&[gate(0), gate(3), gate(1), gate(2)])
 }
 
 fn int(name: &str, value: i64) -> AttributeProto {

@@ -11,7 +11,9 @@ use safetensors::{serialize, tensor::TensorView, Dtype, SafeTensors};
 use serde::{Deserialize, Serialize};
 
 use super::{
-    convolution, data::Scaling, gru, layer::Layer, lstm, mlp, Config, Epoch, Kind, Network,
+    data::Scaling,
+    layer::{self, Layer},
+    Config, Epoch, Network,
 };
 use crate::model::ModelError;
 
@@ -172,16 +174,7 @@ fn empty_layers(header: &Header) -> Result<Vec<Layer>, String> {
     }
     // The initial weights are overwritten, or reading fails.
     let mut random = ChaCha8Rng::seed_from_u64(0);
-    Ok(match config.kind {
-        Kind::Mlp => mlp::build(config, header.inputs, header.targets, &mut random),
-        Kind::Gru | Kind::CarriedGru => {
-            gru::build(config, header.inputs, header.targets, &mut random)
-        }
-        Kind::Lstm => lstm::build(config, header.inputs, header.targets, &mut random),
-        Kind::Convolution => {
-            convolution::build(config, header.inputs, header.targets, &mut random)?
-        }
-    })
+    layer::build(config, header.inputs, header.targets, &mut random)
 }
 
 /// Values of a tensor, which must be finite.

@@ -13,11 +13,9 @@ use rand_chacha::ChaCha8Rng;
 
 use super::{
     batch::{frames, matrix, predict_rows, tensor, values},
-    convolution,
     data::{self, At, Rows, Scaling},
-    gru,
-    layer::{forward, Dropout, Layer, Run},
-    lstm, mlp, normal, Config, Epoch, Kind, Loss, Network, Reads,
+    layer::{self, forward, Dropout, Layer, Run},
+    normal, Config, Epoch, Loss, Network, Reads,
 };
 use crate::{
     model::{Model, ModelError, Progress},
@@ -69,14 +67,7 @@ pub fn train(
         )));
     }
     let mut random = ChaCha8Rng::seed_from_u64(config.seed);
-    let layers = match config.kind {
-        Kind::Mlp => mlp::build(config, inputs, targets, &mut random),
-        Kind::Gru | Kind::CarriedGru => gru::build(config, inputs, targets, &mut random),
-        Kind::Lstm => lstm::build(config, inputs, targets, &mut random),
-        Kind::Convolution => {
-            convolution::build(config, inputs, targets, &mut random).map_err(ModelError::Data)?
-        }
-    };
+    let layers = layer::build(config, inputs, targets, &mut random).map_err(ModelError::Data)?;
     let scaling = Scaling::of(training);
     let rows = Rows::new(training, &scaling);
     let network = Network {
