@@ -509,7 +509,7 @@ impl Connection {
     /// [`Connection::load`].
     pub fn calibrated(&self, rig: RigFile, context: &Context) -> Result<RigFile> {
         let seed = self.seed(&rig);
-        let rig = base::in_force(rig, seed)?;
+        let rig = base::with_calibration(rig, seed)?;
         if let Some(words) = base::words(&rig) {
             context.output.note(&words);
         }

@@ -146,7 +146,7 @@ impl Run {
         let rig = if emulated {
             rig
         } else {
-            base::in_force(rig, None)?
+            base::with_calibration(rig, None)?
         };
         if let Some(words) = base::words(&rig) {
             context.output.note(&words);

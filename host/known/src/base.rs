@@ -198,7 +198,7 @@ pub fn conversion(unit: &UnitRecord) -> Conversion {
 ///
 /// # Errors
 /// The stored calibration is there and can't be used.
-pub fn in_force(rig: RigFile, seed: Option<u64>) -> Result<RigFile> {
+pub fn with_calibration(rig: RigFile, seed: Option<u64>) -> Result<RigFile> {
     // Without a folder for it, nothing was ever stored.
     let Ok(store) = Store::of_rig(&rig.name, seed) else {
         return Ok(rig);

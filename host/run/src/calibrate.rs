@@ -4,7 +4,7 @@
 //! rig, whose cells differ by some percent, and no rig file can know them. On a real rig the rig file holds the
 //! calibration, and this step does nothing.
 
-use super::{begin, in_force, Observer, Phase, RunError};
+use super::{begin, configured, Observer, Phase, RunError};
 use emulator_link::Injection;
 use rig::RigFile;
 use session::link::LinkError;
@@ -53,7 +53,7 @@ pub(super) fn calibrate(
         }
     }
     session.configure(configs)?;
-    in_force(session, observer, configs);
+    configured(session, observer, configs);
     observer.progress(Phase::Calibrate, 1.0);
     Ok(())
 }

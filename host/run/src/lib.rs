@@ -32,7 +32,7 @@ mod tests;
 pub use disarm::ramp_down_and_disarm;
 use outcome::unit_fault;
 pub use outcome::{describe_reach, Ended, LatencyMs, Outcome, RunFault};
-use phase::in_force;
+use phase::configured;
 pub use phase::{begin, connect};
 pub use phase::{NoopObserver, Observer, Phase};
 pub use prepare::{prepare_board, Prepared};

@@ -4,7 +4,7 @@
 //! read back at the end: nothing is armed with another one than was sent.
 
 use super::{
-    begin, calibrate, in_force, unit_fault, Observer, Phase, RunError, RunFault, PRETENSION_S,
+    begin, calibrate, configured, unit_fault, Observer, Phase, RunError, RunFault, PRETENSION_S,
     ROBOT_START_S,
 };
 use control::{MotorState, SystemState};
@@ -82,7 +82,7 @@ pub(super) fn bring_up(
     begin(session, observer, Phase::Configure);
     session.stage_board(rig.controller.board_config())?;
     session.configure(configs)?;
-    in_force(session, observer, configs);
+    configured(session, observer, configs);
     check_stop(stop)?;
     begin(session, observer, Phase::BringUp);
     let status = wait_ready(session, BRING_UP_TIMEOUT, Phase::BringUp, stop, observer)?;
@@ -101,7 +101,7 @@ impl Prepared {
         observer: &mut dyn Observer,
     ) -> Result<Self, RunError> {
         let (status, config_crc) = verify(session, &configs)?;
-        in_force(session, observer, &configs);
+        configured(session, observer, &configs);
         let available = configs.map(|config| config.enabled);
         if !available.contains(&true) {
             return Err(RunError::Fault(
@@ -151,7 +151,7 @@ pub(super) fn zero(
     for (config, in_force) in configs.iter_mut().zip(session.get_configs()?) {
         config.zero_code = in_force.zero_code;
     }
-    super::in_force(session, observer, configs);
+    super::configured(session, observer, configs);
     leave_out_faulted(session, configs, &status, observer)
 }
 
@@ -235,7 +235,7 @@ pub(super) fn leave_out_faulted(
     }
     if !faults.is_empty() {
         session.configure(configs)?;
-        in_force(session, observer, configs);
+        configured(session, observer, configs);
     }
     Ok(faults)
 }

@@ -186,7 +186,7 @@ impl Hub {
         // A calibration that can't be read is named to whoever drives; the view then has the rig file's numbers.
         let rig = RigFile::parse(file, text)
             .ok()
-            .map(|rig| base::in_force(rig.clone(), seed).unwrap_or(rig));
+            .map(|rig| base::with_calibration(rig.clone(), seed).unwrap_or(rig));
         let gatherer = Gatherer::new(rig.as_ref());
         let mut clients = BTreeMap::new();
         if let Some(terminal) = &terminal {

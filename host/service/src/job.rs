@@ -133,7 +133,7 @@ fn run(
     let rig = RigFile::parse(file, text).map_err(|error| words(&error))?;
     let client = Client::over(stream, &rig.name, name, None).map_err(|error| words(&error))?;
     let seed = client.welcome().seed;
-    let rig = base::in_force(rig, seed).map_err(|error| words(&error))?;
+    let rig = base::with_calibration(rig, seed).map_err(|error| words(&error))?;
     let store = store(&rig, seed);
     let mut link = ServiceLink::commander(client).map_err(|error| words(&error))?;
     match &order.kind {
