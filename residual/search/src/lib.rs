@@ -28,6 +28,7 @@ pub mod ranking;
 mod rivals;
 mod run;
 pub mod scan;
+mod scanned;
 mod screening;
 mod state;
 

@@ -1,6 +1,6 @@
 //! What a search works on: the problem, the declared model on it, and what was scanned so far.
 
-use super::screening::Scanned;
+use super::scanned::Scanned;
 use super::{without, Outcome, Weight};
 use crate::declared::{self, fit_declared};
 use crate::model::{Chosen, Fit, Fitted, Model};

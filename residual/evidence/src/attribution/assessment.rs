@@ -43,7 +43,8 @@ impl Assessment {
         };
         if !now.refused_by_itself(search)? {
             let forms = Forms::new(search, &now.outcome.fitted)?;
-            reasons(search, &mut now, &forms, check)?;
+            let (outcome, weights) = (&now.outcome, &now.weights);
+            now.why = reasons(search, outcome, weights, &now.parameters, &forms, check)?;
             now.forms = Some(forms);
         }
         Ok(now)

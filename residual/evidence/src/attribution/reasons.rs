@@ -1,7 +1,6 @@
 //! Why names are not supported that their own parameters allow: too weak, not needed, no help on
 //! check data.
 
-use super::assessment::Assessment;
 use super::refusal::{Against, Refusal};
 use crate::check::Checked;
 use crate::intervals::Parameters;
@@ -10,16 +9,17 @@ use residual_columns::error::Error;
 use residual_columns::format::{num, percent};
 use residual_effects::Param;
 use residual_search::model::Chosen;
-use residual_search::{without, Search, Weight};
+use residual_search::{without, Outcome, Search, Weight};
 
 /// Why the name of each effect is not supported, where its own parameters do not stand against it.
 pub(super) fn reasons(
     search: &Search,
-    now: &mut Assessment,
+    outcome: &Outcome,
+    weights: &[Weight],
+    parameters: &[Option<Parameters>],
     forms: &Forms,
     check: Option<&Checked>,
-) -> Result<(), Error> {
-    let (outcome, weights) = (&now.outcome, &now.weights);
+) -> Result<Vec<Option<Refusal>>, Error> {
     let rows = search.problem.y.len() as f64;
     let mut why: Vec<Option<Refusal>> = vec![None; outcome.chosen.len()];
     for w in weights {
@@ -37,7 +37,7 @@ pub(super) fn reasons(
             ))
         };
         let own = &outcome.chosen[w.index];
-        why[w.index] = now.parameters[w.index]
+        why[w.index] = parameters[w.index]
             .as_ref()
             .and_then(|parameters| undetermined(own, parameters))
             .or_else(weaker)
@@ -75,8 +75,7 @@ pub(super) fn reasons(
             }
         }
     }
-    now.why = why;
-    Ok(())
+    Ok(why)
 }
 
 /// Marks the weakest effect if it is worth less than half of what counts, as in the search.
