@@ -8,9 +8,7 @@ use board::bus::Event;
 use board::clocks;
 use board::machine::{Effects, Health, LoopFigures, Machine};
 use board::telemetry::Outstanding;
-use control::{
-    AdcCode, DacCode, EncoderCounts, Fault, Micros, UnitIndex, UnitSet, UNITS,
-};
+use control::{AdcCode, DacCode, EncoderCounts, Fault, Micros, UnitIndex, UnitSet, UNITS};
 use emulator::board::Board;
 use wire::message::{BoardInfo, CrashRecord, FaultReport, Response, Status};
 use wire::{BoardMessage, HostFrame, ABI_VERSION, SCHEMA_HASH};
