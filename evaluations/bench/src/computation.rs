@@ -1,7 +1,7 @@
 //! What needs no rig: fixed point against f64, and the allocation against its oracle.
 
 use crate::figures::{Figures, Goal};
-use force::allocation::study;
+use crate::study;
 use std::process::Command;
 use std::time::Duration;
 

@@ -11,6 +11,7 @@ mod page;
 mod rig;
 mod sample_path;
 mod stopping;
+mod study;
 
 use computation::{allocation, fixed_point};
 use controllers::controllers;

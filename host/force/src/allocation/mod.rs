@@ -16,9 +16,8 @@
 //! A force out of reach is never silently replaced: [`Allocation`] holds the nearest one, how far it
 //! is, and the largest fraction of the commanded one that the cables can apply (a linear program).
 
+pub mod cases;
 pub mod oracle;
-pub mod study;
-pub mod thesis;
 
 use clarabel::algebra::CscMatrix;
 use clarabel::solver::{
@@ -573,7 +572,7 @@ fn solve_free(
 
 #[cfg(test)]
 mod tests {
-    use super::study::random_problem;
+    use super::cases::random_problem;
     use super::*;
     use random::SplitMix64;
 
@@ -723,15 +722,5 @@ mod tests {
         assert_eq!(allocator.solve(&problem), Err(AllocationError::NotFinite));
         // And the allocator works on afterwards.
         assert!(allocator.solve(&cross()).unwrap().feasible);
-    }
-
-    #[test]
-    fn tensions_follow_a_path_without_jumps_where_the_untied_problem_jumps() {
-        let steps = study::path_steps(11).unwrap();
-        assert!(steps.largest_step_n < 0.5, "{steps:?}");
-        assert!(
-            steps.thesis_largest_step_n > 4.0 * steps.largest_step_n,
-            "{steps:?}"
-        );
     }
 }

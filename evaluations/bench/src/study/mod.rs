@@ -1,62 +1,13 @@
 //! Figures on the allocation: agreement with the oracle, time of a solve, steps along a path.
 
-use super::{oracle, thesis, AllocationError, Allocator, Path, Problem};
-use control::geometry::cable_direction;
+mod thesis;
+
+use force::allocation::cases::{directions, exits, random_problem};
+use force::allocation::{oracle, AllocationError, Allocator, Path, Problem};
 use nalgebra::Vector3;
 use random::SplitMix64;
 use std::time::{Duration, Instant};
 use wire::UNITS;
-
-/// A direction, uniform on the sphere.
-fn direction(random: &mut SplitMix64) -> Vector3<f64> {
-    loop {
-        let v = Vector3::from_fn(|_, _| random.uniform(-1.0, 1.0));
-        let n = v.norm();
-        if (0.1..=1.0).contains(&n) {
-            return v * (1.0 / n);
-        }
-    }
-}
-
-/// Six exits around a workspace, in three roughly antiparallel pairs, each moved by up to `spread_m`.
-fn exits(random: &mut SplitMix64, spread_m: f64) -> [Vector3<f64>; UNITS] {
-    core::array::from_fn(|i| {
-        let mut exit = Vector3::zeros();
-        exit[i / 2] = if i % 2 == 0 { 0.42 } else { -0.42 };
-        exit + Vector3::from_fn(|_, _| random.uniform(-spread_m, spread_m))
-    })
-}
-
-fn directions(exits: &[Vector3<f64>; UNITS], tip_m: Vector3<f64>) -> [Vector3<f64>; UNITS] {
-    exits.map(|exit| cable_direction(exit, tip_m).unwrap_or_else(Vector3::x))
-}
-
-/// A random case: a rig near the thesis's or (one in four) six directions at random, a force up to 20 N, so
-/// that some are out of reach, either reference, sometimes a unit missing.
-pub fn random_problem(random: &mut SplitMix64) -> Problem {
-    let directions = if random.unit() < 0.25 {
-        core::array::from_fn(|_| direction(random))
-    } else {
-        let exits = exits(random, 0.12);
-        let tip_m = Vector3::from_fn(|_, _| random.uniform(-0.1, 0.1));
-        directions(&exits, tip_m)
-    };
-    let size = 20.0 * random.unit().powi(2);
-    let mut problem = Problem {
-        directions,
-        force_n: direction(random) * size,
-        lower_n: [2.0; UNITS],
-        upper_n: [12.0; UNITS],
-        reference_n: [if random.unit() < 0.5 { 2.0 } else { 7.0 }; UNITS],
-        tie_break: 1e-4,
-    };
-    if random.unit() < 0.15 {
-        let gone = ((random.unit() * UNITS as f64) as usize).min(UNITS - 1);
-        problem.lower_n[gone] = 0.0;
-        problem.upper_n[gone] = 0.0;
-    }
-    problem
-}
 
 /// What [`oracle_comparison`] found.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -129,7 +80,7 @@ impl SolveTimes {
     }
 }
 
-/// Times of the solves of a control loop, as [`crate::controller::Controller`] has them: the tip moves on a circle of
+/// Times of the solves of a control loop, as [`force::controller::Controller`] has them: the tip moves on a circle of
 /// 50 mm and the force turns with it, at 100 Hz, and each solve knows the active set of the one before.
 ///
 /// # Errors
@@ -224,4 +175,19 @@ pub fn path_steps(seed: u64) -> Result<PathSteps, AllocationError> {
         before = Some((tied, untied));
     }
     Ok(steps)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn tensions_follow_a_path_without_jumps_where_the_untied_problem_jumps() {
+        let steps = path_steps(11).unwrap();
+        assert!(steps.largest_step_n < 0.5, "{steps:?}");
+        assert!(
+            steps.thesis_largest_step_n > 4.0 * steps.largest_step_n,
+            "{steps:?}"
+        );
+    }
 }

@@ -2,7 +2,7 @@
 //! are a whole polytope, and which one a numerical solver returns depends on where it starts. Here for
 //! comparison only.
 
-use super::Problem;
+use force::allocation::Problem;
 use wire::UNITS;
 
 /// Projected gradient descent from `start` (N) until the tensions stand still: one of the minimisers.
