@@ -1,7 +1,7 @@
 //! `forcectl arm`: arms a rig that stays, and leaves it armed.
 
 use super::connection::Existing;
-use super::exit::{self, Failure, Reply, Result};
+use super::exit::{Failure, Reply, Result};
 use super::Context;
 use clap::Args;
 
@@ -20,12 +20,9 @@ impl Arm {
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
             let theirs =
-                rig::RigFile::parse(&client.welcome().rig_file, &client.welcome().rig_text)
-                    .map_err(|error| Failure::new(exit::RIG_FILE, error))?;
+                rig::RigFile::parse(&client.welcome().rig_file, &client.welcome().rig_text)?;
             if theirs.hash() != rig.hash() {
-                return Err(Failure::new(
-                    exit::USAGE,
-                    format!(
+                return Err(Failure::usage(format!(
                         "the service holds with its own rig file ({}), which differs from this one; use `forcectl hold` with \
                          this one, or start the service with it",
                         client.welcome().rig_file
@@ -37,9 +34,7 @@ impl Arm {
                 "armed; the service holds zero force with the least tensions until `forcectl disarm`",
             ));
         }
-        Err(Failure::new(
-            exit::USAGE,
-            "`arm` leaves the rig armed after it has ended, and only a service can send setpoints then; omit --direct, or use \
+        Err(Failure::usage("`arm` leaves the rig armed after it has ended, and only a service can send setpoints then; omit --direct, or use \
              `forcectl hold --direct`",
         ))
     }

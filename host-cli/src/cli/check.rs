@@ -27,7 +27,7 @@ impl Check {
             context.output.refuse_json("`check --print`")?;
             return Ok(Reply::text(rig::DEFAULT_TEXT));
         };
-        let rig = RigFile::load(file).map_err(|error| Failure::new(exit::RIG_FILE, error))?;
+        let rig = RigFile::load(file)?;
         let enabled = rig.units.map(|unit| unit.enabled);
         let wrong =
             |why: String| Failure::new(exit::RIG_FILE, format!("{}: {why}", file.display()));

@@ -1,6 +1,7 @@
 //! Exit codes, and the failure that carries one.
 
 use known::StoreError;
+use rig::RigFileError;
 use run::RunError;
 use serde_json::{json, Value};
 use session::link::LinkError;
@@ -107,6 +108,11 @@ impl Failure {
         }
     }
 
+    /// Arguments that are wrong.
+    pub fn usage(message: impl ToString) -> Self {
+        Self::new(USAGE, message)
+    }
+
     /// A file that cannot be written.
     pub fn file(path: &Path, error: impl std::fmt::Display) -> Self {
         Self::new(
@@ -135,6 +141,12 @@ impl Failure {
             object["result"] = result.clone();
         }
         object
+    }
+}
+
+impl From<RigFileError> for Failure {
+    fn from(error: RigFileError) -> Self {
+        Self::new(RIG_FILE, error)
     }
 }
 
@@ -216,5 +228,38 @@ impl From<identify::FindError> for Failure {
             FindError::RigFile(_) => RIG_FILE,
         };
         Self::new(code, error)
+    }
+}
+
+#[cfg(feature = "residual")]
+impl From<identify::FileError> for Failure {
+    fn from(error: identify::FileError) -> Self {
+        Self::new(FILE, error)
+    }
+}
+
+#[cfg(feature = "residual")]
+impl From<identify::HoldError> for Failure {
+    fn from(error: identify::HoldError) -> Self {
+        use identify::HoldError;
+        match error {
+            HoldError::Run(error) => error.into(),
+            HoldError::Implausible(_) => Self::new(BOARD, error),
+            HoldError::Short => Self::new(USAGE, error),
+        }
+    }
+}
+
+#[cfg(feature = "residual")]
+impl From<identify::BoardFileError> for Failure {
+    fn from(error: identify::BoardFileError) -> Self {
+        use identify::BoardFileError;
+        match error {
+            BoardFileError::Missing(_) | BoardFileError::RigFile(_) | BoardFileError::Edit(_) => {
+                Self::new(RIG_FILE, error)
+            }
+            BoardFileError::Unit(_) | BoardFileError::Terms(_) => Self::new(USAGE, error),
+            BoardFileError::File(error) => error.into(),
+        }
     }
 }

@@ -3,12 +3,11 @@
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
-use identify::findings::{self, Frame};
+use identify::{Applied, BoardFile};
 use residual::spec::Spec;
-use residual::{Compensation, Options, Report, Verdict};
-use rig::RigFile;
+use residual::{Options, Report, Verdict};
 use std::fmt::Write as _;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 /// The model file for recordings.
 const RECORDING: &str = include_str!("../../models/recording.toml");
@@ -105,13 +104,10 @@ fn init(arguments: &Residual) -> Result<Reply> {
     check_data("--data", &arguments.data)?;
     let path = &arguments.model;
     if path.exists() {
-        return Err(Failure::new(
-            2,
-            format!(
-                "--init: {} exists; give --model the name of a new file",
-                path.display()
-            ),
-        ));
+        return Err(Failure::usage(format!(
+            "--init: {} exists; give --model the name of a new file",
+            path.display()
+        )));
     }
     if let Some(samples) = samples_of_recordings(&arguments.data) {
         std::fs::write(path, RECORDING).map_err(|error| Failure::file(path, &error))?;
@@ -157,11 +153,10 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
         residual::clear(out).map_err(|error| Failure::new(7, error))?;
     }
     // Everything that may be wrong with the arguments comes before the analysis, which takes longer.
-    let model = Spec::load(&arguments.model).map_err(|error| Failure::new(2, error))?;
-    let rig = match &arguments.apply {
-        Some(path) => Some(BoardFile::open(path, &model, arguments)?),
-        None => None,
-    };
+    let model = Spec::load(&arguments.model).map_err(Failure::usage)?;
+    let rig = (arguments.apply.as_ref())
+        .map(|path| BoardFile::open(path, &model, arguments.increment))
+        .transpose()?;
     check_data("--data", &arguments.data)?;
     check_data("--check", &arguments.check)?;
     let options = Options {
@@ -191,7 +186,7 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
         row!(text, "report: {}", out.join("report.html").display());
     }
     if let Some(applied) = &applied {
-        applied.describe(&mut text);
+        describe(applied, &mut text);
     }
     let code = match &applied {
         Some(applied) if applied.file.is_none() => exit::DEGRADED,
@@ -243,180 +238,29 @@ fn check_data(option: &str, paths: &[PathBuf]) -> Result<()> {
     }
 }
 
-/// A rig file that findings go into.
-struct BoardFile {
-    path: PathBuf,
-    text: String,
-    rig: RigFile,
-    increment: bool,
-    velocity_m_per_s: Option<f64>,
-}
-
-/// What became of the findings.
-#[derive(Debug)]
-struct Applied {
-    /// The rig file written; `None` if there was nothing to change.
-    file: Option<PathBuf>,
-    changed: Vec<String>,
-    not_used: Vec<String>,
-    /// A rig file that an earlier run wrote and this one did not.
-    earlier: Option<PathBuf>,
-}
-
-impl Applied {
-    fn describe(&self, text: &mut String) {
-        match &self.file {
-            Some(file) => row!(text, "rig file: {}", file.display()),
-            None => row!(
-                text,
-                "no rig file written: the board can use nothing of this"
-            ),
-        }
-        if let Some(earlier) = &self.earlier {
-            row!(text, "  {} is of an earlier run", earlier.display());
-        }
-        for line in &self.changed {
-            row!(text, "  changed   {line}");
-        }
-        for line in &self.not_used {
-            row!(text, "  not used  {line}");
-        }
-    }
-}
-
-impl BoardFile {
-    fn open(path: &Path, model: &Spec, arguments: &Residual) -> Result<Self> {
-        if !path.is_file() {
-            return Err(Failure::new(
-                3,
-                format!(
-                    "--apply {}: this file does not exist; give the path of a rig file (`forcectl check --print` prints the built-in one)",
-                    path.display()
-                ),
-            ));
-        }
-        let rig = RigFile::load(path).map_err(|error| Failure::new(3, error))?;
-        let text = std::fs::read_to_string(path)
-            .map_err(|error| Failure::new(3, format!("{}: {error}", path.display())))?;
-        if model.roles.target.unit != "N" {
-            return Err(Failure::new(
-                2,
-                format!(
-                    "--apply needs a target in N, and the model's is in `{}`: give it `unit = \"N\"` with the scale that makes it so",
-                    model.roles.target.unit
-                ),
-            ));
-        }
-        if model.terms.len() > 1 && !arguments.increment {
-            return Err(Failure::new(
-                2,
-                format!(
-                    "--apply: the model declares {} terms, so what is found comes on top of them. If they are what the rig file \
-                     says already, add --increment; if not, declare the command alone",
-                    model.terms.len()
-                ),
-            ));
-        }
-        Ok(Self {
-            path: path.to_owned(),
+/// What became of the findings, in lines.
+fn describe(applied: &Applied, text: &mut String) {
+    match &applied.file {
+        Some(file) => row!(text, "rig file: {}", file.display()),
+        None => row!(
             text,
-            rig,
-            increment: arguments.increment,
-            velocity_m_per_s: model.roles.velocity.as_ref().and_then(|velocity| {
-                match velocity.unit.as_str() {
-                    "m/s" => Some(1.0),
-                    "mm/s" => Some(1e-3),
-                    _ => None,
-                }
-            }),
-        })
+            "no rig file written: the board can use nothing of this"
+        ),
     }
-
-    fn apply(&self, report: &Report, out: &Path) -> Result<Applied> {
-        let stem = self.path.file_stem().unwrap_or_default().to_string_lossy();
-        let file = out.join(format!("{stem}.residual.toml"));
-        let mut applied = match identify::usable(report) {
-            Ok(board) => {
-                let (text, mut applied) =
-                    self.edit(&board).map_err(|what| Failure::new(3, what))?;
-                if !applied.changed.is_empty() {
-                    std::fs::write(&file, text).map_err(|error| Failure::file(&file, error))?;
-                    applied.file = Some(file.clone());
-                }
-                applied
-            }
-            Err(why) => Applied {
-                file: None,
-                changed: vec![],
-                not_used: std::iter::once(why)
-                    .chain(identify::advice(report))
-                    .collect(),
-                earlier: None,
-            },
-        };
-        if applied.file.is_none() && file.exists() {
-            applied.earlier = Some(file);
-        }
-        Ok(applied)
+    if let Some(earlier) = &applied.earlier {
+        row!(text, "  {} is of an earlier run", earlier.display());
     }
-
-    /// The rig file's text with the findings in it, comments and layout kept.
-    fn edit(&self, board: &Compensation) -> std::result::Result<(String, Applied), String> {
-        let frame = Frame {
-            increment: self.increment,
-            velocity_m_per_s: self.velocity_m_per_s,
-            ..Frame::default()
-        };
-        let mut units = self.rig.units;
-        let mut not_used = Vec::new();
-        for unit in &mut units {
-            let corrected = findings::correct(unit, board, &frame);
-            *unit = corrected.unit;
-            for line in corrected.not_used {
-                if !not_used.contains(&line) {
-                    not_used.push(line);
-                }
-            }
-        }
-        let name = self.path.display().to_string();
-        let rewritten = findings::rewrite(&name, &self.text, &self.rig, &units)?;
-        Ok((
-            rewritten.text,
-            Applied {
-                file: None,
-                changed: rewritten.changed,
-                not_used,
-                earlier: None,
-            },
-        ))
+    for line in &applied.changed {
+        row!(text, "  changed   {line}");
+    }
+    for line in &applied.not_used {
+        row!(text, "  not used  {line}");
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rig::UnitSettings;
-
-    fn file(increment: bool) -> BoardFile {
-        BoardFile {
-            path: "rig.toml".into(),
-            text: rig::DEFAULT_TEXT.to_owned(),
-            rig: RigFile::built_in().expect("the built-in rig is good"),
-            increment,
-            velocity_m_per_s: None,
-        }
-    }
-
-    fn board() -> Compensation {
-        Compensation {
-            friction: -0.8,
-            friction_per_load: -0.1,
-            offset: 0.25,
-            viscous: -0.01,
-            left_out: vec!["creep".into()],
-            ..Compensation::default()
-        }
-    }
 
     /// Friction in a log, as the analysis reports it.
     fn analysed() -> Report {
@@ -477,79 +321,5 @@ mod tests {
         assert!(report
             .markdown()
             .contains("Approximating effect 1: coulomb or viscous"));
-    }
-
-    #[test]
-    fn findings_replace_the_friction_of_every_unit_and_nothing_else() {
-        let (text, applied) = file(false).edit(&board()).expect("applies");
-        let rig = RigFile::parse("new", &text).expect("still a rig file");
-        let before = RigFile::built_in().expect("good");
-        for (new, old) in rig.units.iter().zip(&before.units) {
-            let expected = UnitSettings {
-                friction_offset_n: 0.25,
-                // 0.1 N below what was found.
-                coulomb_n: 0.7,
-                coulomb_per_n: 0.1,
-                ..*old
-            };
-            assert_eq!(*new, expected);
-        }
-        assert_eq!(applied.changed.len(), 3, "{applied:?}");
-        assert!(
-            applied.not_used.iter().any(|s| s.contains("viscous")),
-            "{applied:?}"
-        );
-        assert!(
-            applied.not_used.iter().any(|s| s.contains("creep")),
-            "{applied:?}"
-        );
-        assert_eq!(text.lines().count(), file(false).text.lines().count());
-    }
-
-    #[test]
-    fn increments_come_on_top_also_of_a_units_own_value() {
-        let mut file = file(true);
-        file.text = file
-            .text
-            .replacen("number = 2 ", "coulomb_n = 0.5 # its own\nnumber = 2 ", 1);
-        file.rig = RigFile::parse("rig.toml", &file.text).expect("good");
-        let (text, _) = file
-            .edit(&Compensation {
-                friction: -0.2,
-                gain_error: 0.01,
-                ..Compensation::default()
-            })
-            .expect("applies");
-        let rig = RigFile::parse("new", &text).expect("still a rig file");
-        assert!((rig.units[0].coulomb_n - 1.009).abs() < 1e-9);
-        assert!((rig.units[1].coulomb_n - 0.6).abs() < 1e-9);
-        assert!((rig.units[0].friction_gain - 1.0282).abs() < 1e-9);
-        assert!((rig.units[0].coulomb_per_n - 0.1555).abs() < 1e-9);
-        assert!(text.contains("coulomb_n = 0.6 # its own"), "{text}");
-    }
-
-    #[test]
-    fn friction_of_the_wrong_sign_is_not_sent_to_a_board() {
-        let (text, applied) = file(false)
-            .edit(&Compensation {
-                friction: 0.4,
-                ..Compensation::default()
-            })
-            .expect("is said, not failed");
-        assert_eq!(text, file(false).text);
-        assert!(applied.changed.is_empty());
-        assert!(applied.not_used[0].contains("winding in"), "{applied:?}");
-    }
-
-    #[test]
-    fn a_quoted_key_is_changed_too() {
-        let mut file = file(false);
-        file.text = file
-            .text
-            .replacen("coulomb_n = 0.909", "\"coulomb_n\" = 0.909", 1);
-        file.rig = RigFile::parse("rig.toml", &file.text).expect("quoted keys are TOML");
-        let (text, _) = file.edit(&board()).expect("quoted keys can be changed");
-        assert!(text.contains("\"coulomb_n\" = 0.7\n"), "{text}");
-        RigFile::parse("rig.toml", &text).expect("the result is a rig file");
     }
 }

@@ -7,7 +7,7 @@ use super::watch::Watch;
 use super::{values, Context};
 use clap::Args;
 use emulator_link::Injection;
-use rig::LinkChoice;
+use rig::{LinkChoice, RigText};
 use service::{socket, ServeOptions};
 use session::link::{self, EmbeddedOptions};
 use session::Session;
@@ -41,7 +41,8 @@ pub struct Rig {
 impl Rig {
     /// Runs the command, which ends with the rig: by Ctrl-C, or `forcectl serve --end --name rig`.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        let (rig, rig_file) = serve::rig_file(self.rig.as_deref())?;
+        let text = RigText::read(self.rig.as_deref())?;
+        let rig = text.parse()?;
         let name = self
             .listen
             .name
@@ -74,7 +75,7 @@ impl Rig {
         prepared?;
         let options = ServeOptions {
             name,
-            rig_file,
+            rig_file: (text.name, text.text),
             terminal: true,
             tcp,
             reopen: None,

@@ -3,7 +3,7 @@
 use super::exit::{self, Failure, Reply, Result};
 use super::{values, Context};
 use clap::Args;
-use rig::{LinkChoice, RigFile, DEFAULT_NAME, DEFAULT_TEXT};
+use rig::{LinkChoice, RigText};
 use service::protocol::Call;
 use service::server::{Addresses, ServeError};
 use service::socket::{self, Listening};
@@ -48,12 +48,10 @@ impl Listen {
             return Ok(None);
         };
         let text = std::fs::read_to_string(file)
-            .map_err(|error| Failure::new(exit::USAGE, format!("{}: {error}", file.display())))?;
+            .map_err(|error| Failure::usage(format!("{}: {error}", file.display())))?;
         let token = text.trim().to_owned();
         if token.len() < 16 {
-            return Err(Failure::new(
-                exit::USAGE,
-                format!(
+            return Err(Failure::usage(format!(
                     "{}: the token has {} characters, 16 are the least; `openssl rand -hex 16` makes one",
                     file.display(),
                     token.len()
@@ -89,7 +87,8 @@ pub struct Serve {
 impl Serve {
     /// Runs the command, which ends with the service.
     pub fn run(&self, context: &Context) -> Result<Reply> {
-        let (rig, rig_file) = rig_file(self.rig.as_deref())?;
+        let text = RigText::read(self.rig.as_deref())?;
+        let rig = text.parse()?;
         let choice = self.link.as_ref().unwrap_or(&rig.link);
         let name = self
             .listen
@@ -104,9 +103,7 @@ impl Serve {
         let port = match choice {
             LinkChoice::Usb | LinkChoice::Serial(_) => choice.clone(),
             LinkChoice::Embedded | LinkChoice::Fast | LinkChoice::Kept(_) => {
-                return Err(Failure::new(
-                    exit::USAGE,
-                    format!("`serve` is for a board, and the link is {choice}; use --link usb or --link serial:PORT, or `forcectl rig` for an emulated rig"),
+                return Err(Failure::usage(format!("`serve` is for a board, and the link is {choice}; use --link usb or --link serial:PORT, or `forcectl rig` for an emulated rig"),
                 ))
             }
         };
@@ -120,7 +117,7 @@ impl Serve {
         let listening = listen(&name)?;
         let options = ServeOptions {
             name,
-            rig_file,
+            rig_file: (text.name, text.text),
             terminal: self.pty,
             tcp: self.listen.tcp()?,
             reopen: Some(Box::new(open)),
@@ -130,19 +127,6 @@ impl Serve {
         };
         run(link, listening, options, context)
     }
-}
-
-/// The rig file: parsed, and its name and text.
-pub fn rig_file(path: Option<&Path>) -> Result<(RigFile, (String, String))> {
-    let file = |error| Failure::new(exit::RIG_FILE, error);
-    let Some(path) = path else {
-        let rig = RigFile::built_in().map_err(file)?;
-        return Ok((rig, (DEFAULT_NAME.to_owned(), DEFAULT_TEXT.to_owned())));
-    };
-    let rig = RigFile::load(path).map_err(file)?;
-    let text = std::fs::read_to_string(path)
-        .map_err(|error| Failure::new(exit::RIG_FILE, format!("{}: {error}", path.display())))?;
-    Ok((rig, (path.display().to_string(), text)))
 }
 
 /// Takes the socket of a rig.

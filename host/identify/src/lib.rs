@@ -8,7 +8,10 @@
 //! | analysis of each unit | `find` |
 //! | findings to settings, settings to text | [`findings`] |
 //! | errors of a run | `figures` |
-//! | better or not, over pairs of runs | `gain` |
+//! | better or not, over pairs of runs | `gain`, `trial` |
+//! | what is said of it | `report` |
+//! | findings in logs, put into a rig file | `board_file` |
+//! | the rig file replaced | `file` |
 //!
 //! # Why the loop is opened
 //!
@@ -33,19 +36,26 @@
 //! command, travel and speed from that much earlier, and the command half a sample later again, since the DAC holds it
 //! for one.
 
+mod board_file;
 mod excite;
 mod figures;
+mod file;
 mod find;
 pub mod findings;
 mod gain;
 mod model;
 mod recording;
+mod report;
 #[cfg(test)]
 mod tests;
+mod trial;
 
+pub use board_file::{Applied, BoardFile, BoardFileError};
 pub use excite::{check, excite};
 pub use figures::Figures;
+pub use file::{replace, write, FileError};
 pub use find::{advice, find, usable, FindError, Findings, UnitFinding, MAX_UNEXPLAINED};
 pub use gain::{Gain, Pair, FEWEST_PAIRS, MOST_PAIRS};
 pub use model::{model, MODEL};
 pub use recording::{Recording, Row};
+pub use trial::{hold, Held, HoldError, Left, Run, Trial};

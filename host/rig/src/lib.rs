@@ -58,6 +58,48 @@ pub struct RigFile {
     pub calibration: Option<Box<calibration::record::Record>>,
 }
 
+/// The text of a rig file.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct RigText {
+    /// Its name, for messages.
+    pub name: String,
+    /// The text.
+    pub text: String,
+}
+
+impl RigText {
+    /// Reads a file; without one, the built-in text.
+    ///
+    /// # Errors
+    /// Why the file could not be read.
+    pub fn read(path: Option<&Path>) -> Result<Self, RigFileError> {
+        let (name, text) = match path {
+            None => (DEFAULT_NAME.to_owned(), Ok(DEFAULT_TEXT.to_owned())),
+            Some(path) => (path.display().to_string(), read_regular(path)),
+        };
+        match text {
+            Ok(text) => Ok(Self { name, text }),
+            Err(error) => Err(RigFileError {
+                file: name,
+                problems: vec![Problem {
+                    line: 0,
+                    unit: None,
+                    key: String::new(),
+                    message: format!("cannot be read ({error}); give the path of a rig file, or leave it out for the built-in one"),
+                }],
+            }),
+        }
+    }
+
+    /// Checks it.
+    ///
+    /// # Errors
+    /// Every problem found.
+    pub fn parse(&self) -> Result<RigFile, RigFileError> {
+        RigFile::parse(&self.name, &self.text)
+    }
+}
+
 impl RigFile {
     /// The built-in example.
     ///
@@ -72,17 +114,7 @@ impl RigFile {
     /// # Errors
     /// Every problem found, or why the file could not be read.
     pub fn load(path: &Path) -> Result<Self, RigFileError> {
-        let name = path.display().to_string();
-        let text = read_regular(path).map_err(|error| RigFileError {
-            file: name.clone(),
-            problems: vec![Problem {
-                line: 0,
-                unit: None,
-                key: String::new(),
-                message: format!("cannot be read ({error}); give the path of a rig file, or leave it out for the built-in one"),
-            }],
-        })?;
-        Self::parse(&name, &text)
+        RigText::read(Some(path))?.parse()
     }
 
     /// Checks the text of a rig file; `file` is its name for messages.

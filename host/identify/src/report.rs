@@ -1,0 +1,194 @@
+//! The report of a trial, for people and for programs.
+
+use super::file::{self, FileError};
+use super::{Figures, Trial, UnitFinding};
+use run::plot;
+use serde_json::{json, Value};
+use std::path::Path;
+use wire::UNITS;
+
+impl Trial {
+    /// The report in JSON.
+    #[must_use]
+    pub fn record(&self, rig_name: &str) -> Value {
+        let unit = |u: &UnitFinding| {
+            json!({
+                "unit": u.unit,
+                "verdict": u.report.verdict,
+                "heldout_rmse_before": u.report.baseline.heldout_rmse,
+                "heldout_rmse_after": u.report.last.heldout_rmse,
+                "effects": u.report.effects,
+                "not_identifiable": u.report.not_identifiable,
+                "structure": u.report.structure,
+                "not_used": u.not_used,
+            })
+        };
+        let applied = self.applied.as_ref();
+        json!({
+            "rig": self.before.link,
+            "firmware": self.before.firmware,
+            "rig_file": rig_name,
+            "units": self.findings.units.iter().map(unit).collect::<Vec<_>>(),
+            "excitation_swing": self.swing,
+            "changed": self.findings.rewritten.changed,
+            "before": self.figures.0,
+            "before_fault": self.stopped,
+            "after": self.figures.1,
+            "gain": self.gain,
+            "better": match (&self.stopped, &self.gain) {
+                (Some(_), _) => Some(self.left.is_none()),
+                (None, gain) => gain.map(|gain| gain.is_better()),
+            },
+            "left": self.left.as_ref().map(ToString::to_string),
+            "applied": applied.map(|(file, kept)| json!({"file": file, "kept": kept})),
+        })
+    }
+
+    /// Writes the report, its JSON and a plot to a folder. A file that can't be written costs only itself. Returns what went
+    /// wrong.
+    #[must_use]
+    pub fn write(&self, out: &Path, rig_name: &str) -> Vec<FileError> {
+        let plot = self.after.as_ref().map(|after| {
+            let svg = plot::compare(&self.before, after).to_svg();
+            ("compare.svg", svg)
+        });
+        plot.into_iter()
+            .chain([
+                ("report.md", self.markdown(rig_name)),
+                ("identify.json", format!("{:#}", self.record(rig_name))),
+            ])
+            .filter_map(|(name, text)| file::write(&out.join(name), &text).err())
+            .collect()
+    }
+
+    /// The report in Markdown.
+    #[must_use]
+    pub fn markdown(&self, rig_name: &str) -> String {
+        let mut lines = vec![
+            format!("# What {rig_name} lacks\n"),
+            format!("{}, firmware {}.\n", self.before.link, self.before.firmware),
+        ];
+        self.found(&mut lines);
+        self.changed(&mut lines);
+        self.before_and_after(&mut lines);
+        if let Some(left) = &self.left {
+            lines.push(format!("\nThe rig file is left as it is: {left}."));
+        }
+        if let Some((file, kept)) = &self.applied {
+            lines.push(format!(
+                "\nApplied to {}; the old one is {}.",
+                file.display(),
+                kept.display()
+            ));
+        }
+        lines.join("\n") + "\n"
+    }
+
+    fn found(&self, lines: &mut Vec<String>) {
+        let units = &self.findings.units;
+        lines.push(
+            "## Found\n\n\
+             | unit | verdict | tension error of the model, N | found |\n\
+             |---|---|---|---|"
+                .to_owned(),
+        );
+        for UnitFinding { unit, report, .. } in units {
+            let effects: Vec<String> = report.effects.iter().map(effect).collect();
+            lines.push(format!(
+                "| {unit} | {} | {:.3} -> {:.3} | {} |",
+                report.verdict.word(),
+                report.baseline.heldout_rmse,
+                report.last.heldout_rmse,
+                if effects.is_empty() {
+                    "-".to_owned()
+                } else {
+                    effects.join("; ")
+                }
+            ));
+        }
+        let reports: Vec<String> = units
+            .iter()
+            .map(|u| format!("unit{}/report.md", u.unit))
+            .collect();
+        lines.push(format!(
+            "\nEach unit's report with its plots, rivals and intervals is in its folder: {}.",
+            reports.join(", ")
+        ));
+        if self.swing < 1.0 {
+            lines.push(format!(
+                "\nThe force at the tip came near `force_limit_n`, so the commands swung less from then on: {:.0} % at the end.",
+                100.0 * self.swing
+            ));
+        }
+    }
+
+    fn changed(&self, lines: &mut Vec<String>) {
+        lines.push("\n## Changed in the rig file\n".to_owned());
+        let changed = &self.findings.rewritten.changed;
+        lines.extend(changed.iter().map(|change| format!("- {change}")));
+        if changed.is_empty() {
+            lines.push("Nothing.".to_owned());
+        }
+        for u in &self.findings.units {
+            let not_used = u.not_used.iter();
+            lines.extend(not_used.map(|why| format!("- unit {}, not used: {why}", u.unit)));
+        }
+    }
+
+    fn before_and_after(&self, lines: &mut Vec<String>) {
+        let (before, after) = self.figures;
+        let source = if before.or(after).is_some_and(|f| f.from_truth) {
+            "by the plant's truth"
+        } else {
+            "by the load cells"
+        };
+        lines.push(format!(
+            "\n## Before and after\n\n\
+             RMS errors while the force is held, N, {source}.\n\n\
+             | | before | after |\n\
+             |---|---|---|"
+        ));
+        let mut row = |name: &str, value: &dyn Fn(&Figures) -> f64| {
+            let cell = |figures: Option<Figures>| {
+                figures.map_or("-".to_owned(), |f| format!("{:.4}", value(&f)))
+            };
+            lines.push(format!("| {name} | {} | {} |", cell(before), cell(after)));
+        };
+        for i in 0..UNITS {
+            row(&format!("tension of cable {}", i + 1), &|f| {
+                f.tension_rms_n[i]
+            });
+        }
+        row("worst cable", &|f| f.worst_tension_rms_n);
+        row("force at the tip", &|f| f.tip_rms_n);
+        if let Some(why) = &self.stopped {
+            lines.push(format!(
+                "\nWithout the findings the force was not held to the end: {why}."
+            ));
+        }
+        if let Some(gain) = &self.gain {
+            lines.push(format!(
+                "\nReduction of the worst cable's error: {gain}. The table has the means of these runs."
+            ));
+        }
+        if after.is_some() {
+            lines.push("\n![Errors before and after](compare.svg)".to_owned());
+        }
+    }
+}
+
+/// An effect with its numbers, in a line.
+fn effect(e: &residual::Effect) -> String {
+    let numbers: Vec<String> = e
+        .params
+        .iter()
+        .map(|(name, value)| {
+            let unit = e.units.get(name).map_or("", String::as_str);
+            let unit = if unit == "1" { "" } else { unit };
+            format!("{} {value:.4} {unit}", name.replace('_', " "))
+                .trim_end()
+                .to_owned()
+        })
+        .collect();
+    format!("{} ({})", e.name, numbers.join(", "))
+}

@@ -1,0 +1,299 @@
+//! The trial of the findings: pairs of runs without and with them, until it is decided whether the force is held better.
+
+use super::{Figures, Findings, Gain, Pair, FEWEST_PAIRS};
+use control::Fault;
+use rig::RigFile;
+use run::{Ended, Observer, Options, Outcome, RunError, RunFault, Stopped};
+use session::link::RigLink;
+use session::Session;
+use std::fmt;
+use std::path::PathBuf;
+use std::sync::atomic::Ordering;
+use wire::Command;
+
+/// A session in which a force was held.
+#[derive(Debug)]
+pub enum Held {
+    /// To the end.
+    Whole(Outcome, Figures),
+    /// Until units dropped out with a fault 45; which, in words.
+    Implausible(Outcome, String),
+}
+
+/// Why a session in which a force is held says nothing.
+#[derive(Debug, thiserror::Error)]
+pub enum HoldError {
+    /// The run failed.
+    #[error(transparent)]
+    Run(#[from] RunError),
+    /// A fault 45 ended it, and nobody said that it may be cleared.
+    #[error(
+        "{0}\nA drive with a delay oscillates in a closed loop until this fault ends it. If cables, cells and amplifiers are \
+         as they should be, --clear-implausible clears the fault and goes on with open loops, to find the cause"
+    )]
+    Implausible(RunError),
+    /// It was too short.
+    #[error("--duration is too short for figures; give 2 s or more")]
+    Short,
+}
+
+/// Holds a force in a session of its own. With `clear`, a fault 45 that ended it is cleared. Where its cause is still there it
+/// stays latched, and the next session does not begin.
+///
+/// # Errors
+/// [`HoldError`]; the rig was made safe as far as the link allowed.
+pub fn hold(
+    link: &mut dyn RigLink,
+    rig: &RigFile,
+    options: &Options,
+    clear: bool,
+    observer: &mut dyn Observer,
+) -> Result<Held, HoldError> {
+    let outcome = match run::hold_force(link, rig, options, observer) {
+        Ok(outcome) => outcome,
+        Err(Stopped { error, outcome }) => {
+            let units = outcome.as_ref().and_then(|o| implausible(&o.faults));
+            return match (units, outcome) {
+                (Some(units), Some(outcome)) if clear => {
+                    let why = format!("fault 45 (tension implausible) of {units} ended a session");
+                    observer.notice(&format!("{why}; it is cleared"));
+                    Session::connect(link)
+                        .and_then(|mut session| session.command(&Command::ClearFaults))
+                        .map_err(RunError::from)?;
+                    Ok(Held::Implausible(*outcome, why))
+                }
+                (Some(_), _) => Err(HoldError::Implausible(error)),
+                (None, _) => Err(error.into()),
+            };
+        }
+    };
+    if outcome.ended == Ended::Interrupted || options.stop.load(Ordering::SeqCst) {
+        return Err(RunError::Interrupted.into());
+    }
+    let figures = Figures::of(&outcome).ok_or(HoldError::Short)?;
+    Ok(Held::Whole(outcome, figures))
+}
+
+/// The units in words, where all faults of a session are fault 45 of units.
+fn implausible(faults: &[RunFault]) -> Option<String> {
+    let unit = |fault: &RunFault| {
+        fault
+            .unit
+            .filter(|_| fault.code == Fault::Implausible.code())
+    };
+    let mut units: Vec<u8> = faults.iter().map(unit).collect::<Option<_>>()?;
+    units.sort_unstable();
+    units.dedup();
+    let names: Vec<String> = units.iter().map(u8::to_string).collect();
+    match names.len() {
+        0 => None,
+        1 => Some(format!("unit {}", names[0])),
+        _ => Some(format!("units {}", names.join(", "))),
+    }
+}
+
+/// Why the rig file is left as it is.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Left {
+    /// No finding changes a setting.
+    NothingClear,
+    /// A fault 45 ended a session with the findings; of which units, in words.
+    NotHeld(String),
+    /// The error of a run is zero, infinite or NaN.
+    NoError,
+    /// The runs of an emulated rig without any scatter decide nothing.
+    Repeats,
+    /// The gain does not support a change.
+    NotBetter(Gain),
+}
+
+impl fmt::Display for Left {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::NothingClear => {
+                f.write_str("nothing was found that is clear and that the board can use")
+            }
+            Self::NotHeld(why) => write!(f, "the force was not held with it to the end: {why}"),
+            Self::NoError => f.write_str("a run has no error to compare"),
+            Self::Repeats => f.write_str(
+                "this rig repeats a pair of runs to the last digit, so further pairs do not confirm the gain",
+            ),
+            Self::NotBetter(gain) => {
+                let why = if !gain.is_decided() {
+                    "its interval does not exclude zero; more --pairs or a longer --duration may decide it"
+                } else if gain.tip_growth > 0.0 && gain.mean > 0.0 {
+                    "the force error at the tip did not fall with it"
+                } else {
+                    "less than 2 % does not count"
+                };
+                write!(
+                    f,
+                    "the force was held no better with it: the worst cable gained {gain}; {why}"
+                )
+            }
+        }
+    }
+}
+
+/// A run that the trial asks for.
+#[derive(Debug, Clone, Copy)]
+pub struct Run<'a> {
+    /// Its pair, from 1.
+    pub pair: usize,
+    /// Whether it is with the findings.
+    pub with_findings: bool,
+    /// The rig to drive.
+    pub rig: &'a RigFile,
+}
+
+/// What was found on a rig, and what it is worth.
+#[derive(Debug)]
+pub struct Trial {
+    /// What was found.
+    pub findings: Findings,
+    /// Part of the excitation's amplitude that was left at the end.
+    pub swing: f64,
+    /// The first run without the findings.
+    pub before: Outcome,
+    /// The fault that ended a session without the findings.
+    pub stopped: Option<String>,
+    /// The first run with the findings, where it went to the end.
+    pub after: Option<Outcome>,
+    /// Means over the runs without and with the findings; `None` without such a run to the end.
+    pub figures: (Option<Figures>, Option<Figures>),
+    /// How much better it is with the findings.
+    pub gain: Option<Gain>,
+    /// Why nothing was changed.
+    pub left: Option<Left>,
+    /// Where the rig file was put, and where the old one is kept.
+    pub applied: Option<(PathBuf, PathBuf)>,
+}
+
+impl Trial {
+    /// Of what was found, after the first run without it. `swing` is that of the recording.
+    #[must_use]
+    pub fn new(first: Held, findings: Findings, swing: f64) -> Self {
+        let (before, figures, stopped) = match first {
+            Held::Whole(outcome, figures) => (outcome, Some(figures), None),
+            Held::Implausible(outcome, why) => (outcome, None, Some(why)),
+        };
+        Self {
+            findings,
+            swing,
+            before,
+            stopped,
+            after: None,
+            figures: (figures, None),
+            gain: None,
+            left: None,
+            applied: None,
+        }
+    }
+
+    /// Holds the force with the findings, and repeats the pair of runs until the gain is decided or `most` pairs are
+    /// there. Without findings nothing is driven. [`Trial::left`] says why it is not better with them.
+    ///
+    /// # Errors
+    /// Those of `hold`, which does a run.
+    pub fn compare<E>(
+        &mut self,
+        rig: &RigFile,
+        most: usize,
+        hold: &mut dyn FnMut(Run<'_>) -> Result<Held, E>,
+    ) -> Result<(), E> {
+        self.left = if self.findings.rewritten.changed.is_empty() {
+            Some(Left::NothingClear)
+        } else {
+            self.decide(rig, most, hold)?
+        };
+        Ok(())
+    }
+
+    /// The pairs. `None` if it is better with the findings, else why not.
+    fn decide<E>(
+        &mut self,
+        rig: &RigFile,
+        most: usize,
+        hold: &mut dyn FnMut(Run<'_>) -> Result<Held, E>,
+    ) -> Result<Option<Left>, E> {
+        let mut before = self.figures.0;
+        let mut pairs: Vec<Pair> = Vec::new();
+        let mut afters: Vec<Figures> = Vec::new();
+        for pair in 1.. {
+            let mut run = |with_findings, rig| {
+                hold(Run {
+                    pair,
+                    with_findings,
+                    rig,
+                })
+            };
+            if pair > 1 && self.stopped.is_none() {
+                match run(false, rig)? {
+                    Held::Whole(_, figures) => before = Some(figures),
+                    Held::Implausible(_, why) => self.stopped = Some(why),
+                }
+            }
+            match run(true, &self.findings.rig)? {
+                Held::Whole(outcome, figures) => {
+                    self.after.get_or_insert(outcome);
+                    afters.push(figures);
+                }
+                Held::Implausible(_, why) => return Ok(Some(Left::NotHeld(why))),
+            }
+            self.figures.1 = Figures::mean(&afters);
+            // Without a session to the end there is nothing to compare. What holds the force again and again is better.
+            let (None, Some(without)) = (&self.stopped, before) else {
+                if pair < FEWEST_PAIRS {
+                    continue;
+                }
+                break;
+            };
+            let new = Pair {
+                before: without,
+                after: afters[pair - 1],
+            };
+            let repeats = pairs.contains(&new);
+            pairs.push(new);
+            let Some(gain) = Gain::of(&pairs) else {
+                return Ok(Some(Left::NoError));
+            };
+            self.gain = Some(gain);
+            if repeats || gain.is_decided() || pair >= most {
+                let befores: Vec<Figures> = pairs.iter().map(|pair| pair.before).collect();
+                self.figures.0 = Figures::mean(&befores);
+                return Ok(match gain.is_better() {
+                    true => None,
+                    false if repeats => Some(Left::Repeats),
+                    false => Some(Left::NotBetter(gain)),
+                });
+            }
+        }
+        Ok(None)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_fault_45_of_units_may_be_cleared() {
+        let fault = |unit: Option<u8>, fault: Fault| RunFault {
+            t_s: 1.0,
+            unit,
+            code: fault.code(),
+            text: String::new(),
+        };
+        let of = |unit: u8| fault(Some(unit), Fault::Implausible);
+        let words = |faults: &[RunFault]| implausible(faults);
+        assert_eq!(words(&[of(3)]).as_deref(), Some("unit 3"));
+        assert_eq!(
+            words(&[of(6), of(1), of(3), of(1)]).as_deref(),
+            Some("units 1, 3, 6")
+        );
+        assert_eq!(words(&[]), None);
+        assert_eq!(words(&[of(1), fault(None, Fault::TipForce)]), None);
+        assert_eq!(words(&[of(1), fault(Some(2), Fault::SensorFrozen)]), None);
+        assert_eq!(words(&[fault(None, Fault::Implausible)]), None);
+    }
+}
