@@ -61,6 +61,37 @@ pub fn configure(
     Ok(())
 }
 
+/// Sends the scales and zeros of a calibrated rig to the board, reads them back and compares. `zeros`: unit and code of the zeros
+/// to put in force (units without one keep the board's). Returns how many units the board has.
+///
+/// # Errors
+/// The board refuses it, does not come up, or reads back something else.
+pub fn push(session: &mut Session<'_>, rig: &RigFile, zeros: &[(u8, i32)]) -> Result<usize> {
+    let before = session.get_configs()?;
+    let mut wanted = rig.units.map(|unit| unit.to_wire());
+    for (i, config) in wanted.iter_mut().enumerate() {
+        config.zero_code = before[i].zero_code;
+        config.enabled = before[i].enabled || before[i].zero_code == 0;
+        if !rig.has_measured_gain(i) && before[i].zero_code != 0 {
+            config.scale_pn_per_count = before[i].scale_pn_per_count;
+        }
+        if let Some((_, zero)) = zeros.iter().find(|(unit, _)| *unit == rig.units[i].number) {
+            config.zero_code = *zero;
+        }
+        config.enabled &= rig.units[i].enabled;
+    }
+    configure(session, rig, &wanted)?;
+    let now = session.get_configs()?;
+    let wrong: Vec<String> = (0..now.len())
+        .filter(|&i| now[i] != wanted[i])
+        .map(|i| (i + 1).to_string())
+        .collect();
+    if !wrong.is_empty() {
+        return Err(CalibrateError::ReadBack(wrong.join(", ")));
+    }
+    Ok(now.iter().filter(|config| config.enabled).count())
+}
+
 /// The codes of all units over a time. `progress` gets the part that is over, 0 to 1.
 ///
 /// # Errors

@@ -37,6 +37,9 @@ pub enum CalibrateError {
     /// The readings are sound, and they give no calibration: a zero that drifts, a fit that contradicts them.
     #[error("{0}\nnothing was stored")]
     Refused(String),
+    /// The board took another configuration than it was sent; of which units.
+    #[error("the board reads back another configuration of unit {0} than was sent; check the link and run `forcectl calibrate push`")]
+    ReadBack(String),
     /// What is known of the rig can't be read or kept.
     #[error(transparent)]
     Store(#[from] StoreError),

@@ -6,19 +6,19 @@ use calibration::record::Record;
 use calibration::zero::{
     self, History, Limits, Mounting, Parts, PayOut, PowerUp, Verdict, Zero, LEAST_TRAVEL_M,
 };
-use known::store::{self, Store};
+use known::store::Store;
+use known::zeros::{UnitZero, POWER_UP_MISS_N};
 use nalgebra::{Matrix3, Vector3};
 
-/// How far a calibration of the converter can miss the zero, N (device facts, NAU7802: 0.5 to 1 % of a 3 kg cell's range).
-pub const POWER_UP_MISS_N: f64 = 0.3;
-/// The same as a standard deviation, N: all misses up to it are equally likely.
+/// [`POWER_UP_MISS_N`] as a standard deviation, N: all misses up to it are equally likely.
 pub const POWER_UP_SD_N: f64 = POWER_UP_MISS_N / 1.732_050_8;
 /// Zeros further than this many standard deviations from the earlier ones are refused (docs/calibration/figures.md).
 pub const LIMIT_SD: f64 = 3.0;
 /// Mass of motor and rack, kg (thesis 3.5.1), and how well it is known.
 pub const MOTOR_KG: (f64, f64) = (0.5, 0.02);
-/// Header of the file of the power-ups.
-const HEADER: &str = "unit,date,zero_n,se_n,mounting_n";
+/// Standard error of a zero that the board took by itself, N: a slack cell creeps and drifts by as much from one reading to
+/// the next (docs/calibration/figures.md, pay-out test).
+const BOARD_ZERO_SE_N: f64 = 0.005;
 
 /// The zero of one unit and what it means.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,6 +31,14 @@ pub struct Found {
     pub parts: Parts,
     /// Against the earlier power-ups.
     pub verdict: Verdict,
+}
+
+impl Found {
+    /// The zero as the board takes it, ADC code.
+    #[must_use]
+    pub fn code(&self) -> i32 {
+        self.zero.at_end_codes.round() as i32
+    }
 }
 
 /// A zero of an earlier power-up, as the store has it.
@@ -211,11 +219,55 @@ fn refusal(unit: u8, verdict: &Verdict) -> String {
     }
 }
 
-/// The power-ups in the store's file, by unit, oldest first.
+/// The zeros over the power-ups, oldest first, whichever command took them. Of the zeros of one power-up the last counts, so
+/// that measuring twice teaches nothing about power-ups. A zero that was accepted whatever the former ones were makes the unit
+/// forget those. `record` has the scales and the mounting parts for zeros that the board took by itself.
 ///
 /// # Errors
-/// The file is there and can't be used; the message names the line.
-pub fn history(store: &Store) -> Result<Vec<Past>> {
+/// A file is there and can't be used; the message names it.
+pub fn history(store: &Store, record: &Record) -> Result<Vec<Past>> {
+    let mut all: Vec<(Past, bool)> = power_ups(store)?.into_iter().map(|p| (p, false)).collect();
+    for (date, zero) in store.zeros().all()? {
+        let Some(unit) = record.units.iter().find(|u| u.number == zero.unit) else {
+            continue;
+        };
+        let scale = unit.n_per_code.abs();
+        let (se_n, mounting_n) = match zero.parts {
+            Some((se_codes, mounting_n)) => (scale * se_codes, mounting_n),
+            None => (BOARD_ZERO_SE_N, unit.mounting_n),
+        };
+        let entry = PowerUp {
+            zero_n: unit.n_per_code * f64::from(zero.code),
+            se_n,
+            mounting_n,
+        };
+        let past = Past {
+            unit: zero.unit,
+            date,
+            entry,
+        };
+        all.push((past, zero.accepted));
+    }
+    all.sort_by(|(a, _), (b, _)| a.date.cmp(&b.date));
+    let mut history: Vec<Past> = Vec::new();
+    for (past, accepted) in all {
+        if accepted {
+            history.retain(|earlier| earlier.unit != past.unit);
+        }
+        let last = history
+            .iter()
+            .rposition(|earlier| earlier.unit == past.unit);
+        if let Some(last) = last.filter(|n| history[*n].entry.is_of_the_same_power_up(&past.entry))
+        {
+            history.remove(last);
+        }
+        history.push(past);
+    }
+    Ok(history)
+}
+
+/// The zeros that an older version kept in a file of their own.
+fn power_ups(store: &Store) -> Result<Vec<Past>> {
     let path = store.power_ups();
     let text = match std::fs::read_to_string(&path) {
         Ok(text) => text,
@@ -251,51 +303,19 @@ pub fn history(store: &Store) -> Result<Vec<Past>> {
     read().map_err(CalibrateError::input)
 }
 
-/// Adds zeros to the store's file of power-ups. A zero of the same power-up as the unit's last one takes its place, so that
-/// measuring twice teaches nothing about power-ups. `fresh` has the units (of `--replace`) whose earlier ones are dropped.
+/// Adds zeros to those of the rig. `fresh` has the units (of `--replace`) whose earlier ones are forgotten.
 ///
 /// # Errors
 /// The file can't be written.
-pub fn remember(
-    store: &Store,
-    earlier: &[Past],
-    found: &[Found],
-    record: &Record,
-    fresh: &[u8],
-) -> Result<()> {
-    let replaced = |unit: u8| fresh.contains(&unit) && found.iter().any(|f| f.unit == unit);
-    let mut all: Vec<Past> = earlier
-        .iter()
-        .filter(|past| !replaced(past.unit))
-        .cloned()
-        .collect();
-    for f in found {
-        if let Some(unit) = record.units.iter().find(|u| u.number == f.unit) {
-            let entry = PowerUp {
-                zero_n: unit.n_per_code * unit.zero_codes,
-                se_n: unit.n_per_code.abs() * unit.zero_sd_codes,
-                mounting_n: unit.mounting_n,
-            };
-            if let Some(last) = all.iter().rposition(|past| past.unit == f.unit) {
-                if all[last].entry.is_of_the_same_power_up(&entry) {
-                    all.remove(last);
-                }
-            }
-            all.push(Past {
-                unit: f.unit,
-                date: record.date.clone(),
-                entry,
-            });
-        }
-    }
-    let mut text = format!("{HEADER}\n");
-    for Past { unit, date, entry } in &all {
-        text.push_str(&format!(
-            "{unit},{date},{},{},{}\n",
-            entry.zero_n, entry.se_n, entry.mounting_n
-        ));
-    }
-    Ok(store::replace(&store.power_ups(), &text)?)
+pub fn remember(store: &Store, rig: &str, found: &[Found], fresh: &[u8]) -> Result<()> {
+    let zero = |f: &Found| UnitZero {
+        unit: f.unit,
+        code: f.code(),
+        parts: Some((f.zero.at_end_se_codes, f.parts.mounting_n)),
+        accepted: fresh.contains(&f.unit),
+    };
+    let zeros: Vec<UnitZero> = found.iter().map(zero).collect();
+    Ok(store.zeros().add_units(rig, &zeros)?)
 }
 
 #[cfg(test)]
@@ -360,8 +380,8 @@ mod tests {
         let first = first.unwrap();
         assert!((record.units[0].zero_codes - 20_000.0).abs() < 40.0);
         assert_eq!(record.units[1].zero_date, "2026-11-22");
-        remember(&store, &[], &first, &record, &[]).unwrap();
-        let past = history(&store).unwrap();
+        remember(&store, &rig.name, &first, &[]).unwrap();
+        let past = history(&store, &record).unwrap();
         assert_eq!(past.len(), 2);
         // 0.9 N more on unit 1.
         let before = record.clone();
@@ -383,16 +403,12 @@ mod tests {
         let again = evaluate(&pulled, &mut record, &past, &accept(1)).unwrap();
         // One power-up is known of unit 1, and two of unit 2.
         assert!((record.units[0].power_up_step_n - POWER_UP_SD_N).abs() < 1e-12);
-        remember(&store, &past, &again, &record, &[1]).unwrap();
-        let kept = history(&store).unwrap();
-        let of = |unit| -> Vec<&str> {
-            let of = kept.iter().filter(|past| past.unit == unit);
-            of.map(|past| past.date.as_str()).collect()
-        };
-        assert_eq!(of(1), ["2026-11-23"]);
-        assert_eq!(of(2), ["2026-11-22", "2026-11-23"]);
+        remember(&store, &rig.name, &again, &[1]).unwrap();
+        let kept = history(&store, &record).unwrap();
+        let of = |unit| kept.iter().filter(|past| past.unit == unit).count();
+        assert_eq!((of(1), of(2)), (1, 2));
         std::fs::write(store.power_ups(), "unit,zero_n,se_n,mounting_n\n1,x,0,0\n").unwrap();
-        let error = history(&store).unwrap_err().to_string();
+        let error = history(&store, &record).unwrap_err().to_string();
         assert!(error.contains("power-ups.csv:2"), "{error}");
     }
 
@@ -402,17 +418,49 @@ mod tests {
         let store = Store::at(folder.path());
         let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
         // Ten codes are 0.07 mN, and the standard error of a zero is about as much.
-        for (day, middle, power_ups) in [(22, 20_000, 1), (23, 20_010, 1), (24, 9_000, 2)] {
-            record.date = format!("2026-11-{day}");
-            let past = history(&store).unwrap();
+        for (middle, power_ups) in [(20_000, 1), (20_010, 1), (9_000, 2)] {
+            let past = history(&store, &record).unwrap();
             let codes = [(1, stream(middle))];
             let found = evaluate(&codes, &mut record, &past, &options()).unwrap();
-            remember(&store, &past, &found, &record, &[]).unwrap();
-            let kept = history(&store).unwrap();
+            remember(&store, "a rig", &found, &[]).unwrap();
+            let kept = history(&store, &record).unwrap();
             assert_eq!(kept.len(), power_ups, "{kept:?}");
-            assert_eq!(kept[power_ups - 1].date, record.date);
         }
-        // The first power-up keeps the date of its last measurement.
-        assert_eq!(history(&store).unwrap()[0].date, "2026-11-23");
+    }
+
+    /// What `forcectl zero` and runs measured counts here, what is measured here is what they compare with, and an older
+    /// version's file is read.
+    #[test]
+    fn zeros_of_all_commands_are_one_history() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let rig = RigFile::built_in().unwrap();
+        let mut record = base::nominal(&rig, "2026-11-22");
+        let scale = record.units[0].n_per_code;
+        let text = format!(
+            "unit,date,zero_n,se_n,mounting_n\n1,2026-11-20,{},0.0001,0\n",
+            scale * 1_000.0
+        );
+        std::fs::write(store.power_ups(), text).unwrap();
+        let mut configs = rig.units.map(|unit| unit.to_wire());
+        configs[0].zero_code = 20_000;
+        store.zeros().add(&rig.name, &configs, false).unwrap();
+        let past = history(&store, &record).unwrap();
+        let codes: Vec<f64> = past.iter().map(|p| p.entry.zero_n / scale).collect();
+        assert_eq!(codes.len(), 2, "{past:?}");
+        assert!((codes[0] - 1_000.0).abs() < 1e-6 && (codes[1] - 20_000.0).abs() < 1e-6);
+        // 0.9 N more than both.
+        let pulled = [(1, stream(20_000 + 131_000))];
+        assert!(evaluate(&pulled, &mut record, &past, &options()).is_err());
+        let accept = Options {
+            replace: vec![1],
+            ..options()
+        };
+        let found = evaluate(&pulled, &mut record, &past, &accept).unwrap();
+        remember(&store, &rig.name, &found, &[1]).unwrap();
+        let references = store.zeros().references().unwrap();
+        assert_eq!(references.len(), 2);
+        assert!(references.iter().all(|codes| codes[0] == found[0].code()));
+        assert_eq!(history(&store, &record).unwrap().len(), 1);
     }
 }

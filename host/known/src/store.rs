@@ -5,13 +5,14 @@
 //! calibration-RIG/versions/0003.toml         every calibration that was ever in force, in order
 //! calibration-RIG/drafts/gain-unit3.csv      readings of a step that is not finished
 //! calibration-RIG/readings/0003-gain-unit3.csv   readings of the step that made version 3
-//! calibration-RIG/power-ups.csv              zeros over the power-ups
+//! calibration-RIG/power-ups.csv              zeros that an older version kept there
+//! zeros-RIG.toml                             all zeros since, whichever command took them ([`ZeroStore`])
 //! ```
 //!
-//! An emulated rig has a folder for each seed: another seed is another rig.
+//! An emulated rig has a folder and a file of zeros for each seed: another seed is another rig.
 
-use crate::state_folder;
-use crate::{Result, StoreError};
+use crate::zeros::{file_name, ZeroStore};
+use crate::{state_folder, Result, StoreError};
 use calibration::record::Record;
 use std::io::{ErrorKind, Write};
 use std::path::{Path, PathBuf};
@@ -20,6 +21,7 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Store {
     folder: PathBuf,
+    zeros: ZeroStore,
 }
 
 /// A calibration that was stored.
@@ -37,24 +39,31 @@ impl Store {
     /// # Errors
     /// There is no folder to keep anything in.
     pub fn of_rig(name: &str, seed: Option<u64>) -> Result<Self> {
-        let safe: String = name
-            .chars()
-            .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
-            .collect();
-        let seed = seed.map_or_else(String::new, |seed| format!("-seed{seed}"));
+        let name = file_name(name, seed);
         let folder = state_folder().ok_or_else(|| StoreError::File {
             path: "calibrations".to_owned(),
             cause: "no folder is known to keep them in; set FORCECTL_STATE_DIR".to_owned(),
         })?;
-        Ok(Self::at(folder.join(format!("calibration-{safe}{seed}"))))
+        Ok(Self {
+            folder: folder.join(format!("calibration-{name}")),
+            zeros: ZeroStore::at(folder.join(format!("zeros-{name}.toml"))),
+        })
     }
 
-    /// A store in this folder.
+    /// A store in this folder, with the zeros.
     #[must_use]
     pub fn at(folder: impl Into<PathBuf>) -> Self {
+        let folder = folder.into();
         Self {
-            folder: folder.into(),
+            zeros: ZeroStore::at(folder.join("zeros.toml")),
+            folder,
         }
+    }
+
+    /// The zeros of the rig.
+    #[must_use]
+    pub fn zeros(&self) -> &ZeroStore {
+        &self.zeros
     }
 
     /// The folder.
@@ -178,7 +187,7 @@ impl Store {
         }
     }
 
-    /// The file of the zeros over the power-ups.
+    /// The file in which an older version kept the zeros over the power-ups.
     #[must_use]
     pub fn power_ups(&self) -> PathBuf {
         self.folder.join("power-ups.csv")
@@ -190,7 +199,7 @@ fn read(path: &Path, text: &str) -> Result<Record> {
 }
 
 /// Writes a file so that it is there whole or as it was before.
-pub fn replace(path: &Path, text: &str) -> Result<()> {
+fn replace(path: &Path, text: &str) -> Result<()> {
     files::replace(path, text).map_err(|error| StoreError::file(path, error))
 }
 

@@ -1,4 +1,4 @@
-//! Zeros that were measured on a rig, with their time: what later zeros are compared with.
+//! Zeros that were measured on a rig, with their time: what later zeros are compared with, whichever command took them.
 
 use crate::{Result, StoreError};
 use serde::{Deserialize, Serialize};
@@ -7,6 +7,14 @@ use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 use wire::message::UnitConfig;
 use wire::UNITS;
+
+/// How far a calibration of the converter misses the bridge's zero at most, N: the NAU7802 calibrates its offset at each
+/// power-up, to 0.5 to 1 % of the range of a 3 kg cell (29 N).
+pub const POWER_UP_MISS_N: f64 = 0.3;
+/// How far apart two zeros of a slack cable may lie, N: two calibrations that miss by [`POWER_UP_MISS_N`] to either side.
+/// A smaller limit would refuse slack cables: 0.45 N those of one unit at each 16th power-up, where all misses are equally likely.
+/// Friction leaves 0.7 N and more in a cable that pulls.
+pub const ZERO_TOLERANCE_N: f64 = 2.0 * POWER_UP_MISS_N;
 
 /// Zeros kept of each rig.
 const MAX_ENTRIES: usize = 200;
@@ -39,9 +47,37 @@ struct Entry {
     /// Whether the user had them accepted whatever the former ones were (`forcectl zero --replace`).
     #[serde(default, skip_serializing_if = "std::ops::Not::not")]
     accepted: bool,
+    /// Units of which this was accepted whatever the former ones were (`forcectl calibrate zero --replace`).
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    replaced: Vec<u8>,
+    /// Standard errors, ADC codes, and mounting parts, N, of units 1 to 6, where `forcectl calibrate zero` took them.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    standard_error_codes: Option<[f64; UNITS]>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    mounting_n: Option<[f64; UNITS]>,
     /// Temperature in degrees Celsius, where a sensor gives it.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     temperature_c: Option<f64>,
+}
+
+/// A zero of one unit.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UnitZero {
+    /// Unit, from 1.
+    pub unit: u8,
+    /// ADC code.
+    pub code: i32,
+    /// What `forcectl calibrate zero` knows of it beside: standard error, ADC codes, and mounting part, N.
+    pub parts: Option<(f64, f64)>,
+    /// Whether it was accepted whatever the former ones of the unit were.
+    pub accepted: bool,
+}
+
+impl Entry {
+    /// Whether the zero of a unit (index) was accepted whatever the former ones were.
+    fn accepts(&self, i: usize) -> bool {
+        self.accepted || self.replaced.iter().any(|unit| usize::from(*unit) == i + 1)
+    }
 }
 
 /// The user's folder for what is known of rigs: [`FOLDER_VARIABLE`], else `forcectl` in `XDG_STATE_HOME` or
@@ -76,14 +112,9 @@ impl ZeroStore {
     /// `~/.local/state`.
     #[must_use]
     pub fn of_rig(name: &str) -> Self {
-        let Some(folder) = state_folder() else {
-            return Self::none();
-        };
-        let safe: String = name
-            .chars()
-            .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
-            .collect();
-        Self::at(folder.join(format!("zeros-{safe}.toml")))
+        state_folder().map_or_else(Self::none, |folder| {
+            Self::at(folder.join(format!("zeros-{}.toml", file_name(name, None))))
+        })
     }
 
     fn read(&self) -> Result<File> {
@@ -98,15 +129,21 @@ impl ZeroStore {
         toml::from_str(&text).map_err(|error| unusable(path, &error))
     }
 
-    /// What zeros are compared with: the last ones, and those that the user last accepted as they are (else the first). Each
-    /// accepted zero may lie a step from the last one; the second keeps such steps from adding up. Empty where none are stored.
+    /// What zeros are compared with: the last ones, and of each unit the one that the user last accepted as it is (else the
+    /// first). Each accepted zero may lie a step from the last one; the second keeps such steps from adding up. Empty where none
+    /// are stored.
     ///
     /// # Errors
     /// The file can't be read.
     pub fn references(&self) -> Result<Vec<[i32; UNITS]>> {
         let zeros = self.read()?.zero;
-        let both = zeros.last().into_iter().chain(zeros.get(base_of(&zeros)));
-        Ok(both.map(|entry| entry.zero_code).collect())
+        let bases = bases_of(&zeros);
+        let last = zeros.last().map(|entry| entry.zero_code);
+        let base = |i: usize| zeros.get(bases[i]).map_or(0, |entry| entry.zero_code[i]);
+        Ok(last
+            .into_iter()
+            .flat_map(|last| [last, std::array::from_fn(base)])
+            .collect())
     }
 
     /// The last zeros, ADC codes; `None` where none are stored.
@@ -117,33 +154,79 @@ impl ZeroStore {
         Ok(self.read()?.zero.last().map(|entry| entry.zero_code))
     }
 
-    /// Adds zeros. A unit that is disabled keeps its last one. `accepted`: the user had them accepted whatever the former ones were.
+    /// Every zero with its date, `YYYY-MM-DD`, oldest first; not those of units that were disabled or out of order.
+    ///
+    /// # Errors
+    /// The file can't be read.
+    pub fn all(&self) -> Result<Vec<(String, UnitZero)>> {
+        let of = |entry: &Entry, i: usize| UnitZero {
+            unit: i as u8 + 1,
+            code: entry.zero_code[i],
+            parts: (entry.standard_error_codes.zip(entry.mounting_n))
+                .map(|(errors, mountings)| (errors[i], mountings[i]))
+                .filter(|(error, _)| *error > 0.0),
+            accepted: entry.accepts(i),
+        };
+        let zeros = self.read()?.zero;
+        let all = zeros.iter().flat_map(|entry| {
+            let date: String = entry.measured_at.chars().take(10).collect();
+            (0..UNITS).map(move |i| (date.clone(), of(entry, i)))
+        });
+        Ok(all.filter(|(_, zero)| zero.code != 0).collect())
+    }
+
+    /// Adds the zeros of a run. A unit that is disabled keeps its last one. `accepted`: the user had them accepted whatever the
+    /// former ones were.
     ///
     /// # Errors
     /// The file can't be written.
     pub fn add(&self, rig: &str, configs: &[UnitConfig; UNITS], accepted: bool) -> Result<()> {
+        let enabled = configs.iter().zip(1..).filter(|(config, _)| config.enabled);
+        let zeros = enabled.map(|(config, unit)| UnitZero {
+            unit,
+            code: config.zero_code,
+            parts: None,
+            accepted,
+        });
+        self.add_units(rig, &zeros.collect::<Vec<_>>())
+    }
+
+    /// Adds zeros of some units. The others keep their last ones.
+    ///
+    /// # Errors
+    /// The file can't be written.
+    pub fn add_units(&self, rig: &str, zeros: &[UnitZero]) -> Result<()> {
         let Some(path) = &self.path else {
             return Ok(());
         };
         let mut file = self.read()?;
-        let last = file.zero.last().map_or([0; UNITS], |entry| entry.zero_code);
-        rig.clone_into(&mut file.rig);
-        file.zero.push(Entry {
+        let mut entry = Entry {
             measured_at: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
-            zero_code: std::array::from_fn(|i| {
-                if configs[i].enabled {
-                    configs[i].zero_code
-                } else {
-                    last[i]
-                }
-            }),
-            accepted,
+            zero_code: file.zero.last().map_or([0; UNITS], |last| last.zero_code),
+            accepted: !zeros.is_empty() && zeros.iter().all(|zero| zero.accepted),
             temperature_c: None,
-        });
+            replaced: Vec::new(),
+            standard_error_codes: None,
+            mounting_n: None,
+        };
+        for zero in zeros {
+            let i = usize::from(zero.unit) - 1;
+            entry.zero_code[i] = zero.code;
+            if let Some((error, mounting)) = zero.parts {
+                entry.standard_error_codes.get_or_insert_default()[i] = error;
+                entry.mounting_n.get_or_insert_default()[i] = mounting;
+            }
+            if zero.accepted && !entry.accepted {
+                entry.replaced.push(zero.unit);
+            }
+        }
+        rig.clone_into(&mut file.rig);
+        file.zero.push(entry);
         // The oldest go, but not those that later ones are compared with.
         while file.zero.len() > MAX_ENTRIES {
-            let base = base_of(&file.zero);
-            file.zero.remove(usize::from(base == 0));
+            let bases = bases_of(&file.zero);
+            let oldest = (0..file.zero.len()).find(|n| !bases.contains(n));
+            file.zero.remove(oldest.unwrap_or(0));
         }
         toml::to_string(&file)
             .map_err(std::io::Error::other)
@@ -152,9 +235,23 @@ impl ZeroStore {
     }
 }
 
-/// Index of the entry that all later ones are compared with: the last that the user had accepted, else the first.
-fn base_of(zeros: &[Entry]) -> usize {
-    zeros.iter().rposition(|entry| entry.accepted).unwrap_or(0)
+/// Index of the entry that all later ones of each unit are compared with: the last that the user had accepted, else the first
+/// that has a zero of the unit.
+fn bases_of(zeros: &[Entry]) -> [usize; UNITS] {
+    std::array::from_fn(|i| {
+        let accepted = zeros.iter().rposition(|entry| entry.accepts(i));
+        let first = || zeros.iter().position(|entry| entry.zero_code[i] != 0);
+        accepted.or_else(first).unwrap_or(0)
+    })
+}
+
+/// A rig's part of the names of its files and folders. `seed`: that of an emulated rig, which is another rig with each.
+pub(crate) fn file_name(rig: &str, seed: Option<u64>) -> String {
+    let safe: String = rig
+        .chars()
+        .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
+        .collect();
+    seed.map_or(safe.clone(), |seed| format!("{safe}-seed{seed}"))
 }
 
 fn unusable(path: &Path, error: &dyn std::fmt::Display) -> StoreError {
@@ -203,5 +300,34 @@ mod tests {
         let error = store.last().unwrap_err().to_string();
         assert!(error.contains("zeros.toml"), "{error}");
         assert_eq!(ZeroStore::none().last().unwrap(), None);
+    }
+
+    #[test]
+    fn units_are_accepted_one_by_one_and_old_files_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("zeros.toml");
+        // As older versions wrote it.
+        let old = "rig = \"a\"\n[[zero]]\nmeasured_at = \"2026-11-20T10:00:00Z\"\nzero_code = [1, 2, 3, 4, 5, 0]\n";
+        std::fs::write(&path, old).unwrap();
+        let store = ZeroStore::at(&path);
+        let zero = |unit, code, accepted| UnitZero {
+            unit,
+            code,
+            parts: Some((9.0, -0.5)),
+            accepted,
+        };
+        store
+            .add_units("a", &[zero(1, 10, false), zero(3, 30, true)])
+            .unwrap();
+        let last = [10, 2, 30, 4, 5, 0];
+        let base = [1, 2, 30, 4, 5, 0];
+        assert_eq!(store.references().unwrap(), [last, base]);
+        let all = store.all().unwrap();
+        assert_eq!(all.len(), 10);
+        assert_eq!(all[0].0, "2026-11-20");
+        assert_eq!(all[0].1.parts, None);
+        assert_eq!(all[7].1, zero(3, 30, true));
+        // A unit that was not measured has no parts.
+        assert_eq!(all[6].1.parts, None);
     }
 }

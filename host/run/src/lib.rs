@@ -37,7 +37,7 @@ pub use phase::{begin, connect};
 pub use phase::{NoopObserver, Observer, Phase};
 pub use prepare::{prepare_board, Prepared};
 pub use quality::{Shortfall, ShortfallKind};
-pub use ready::{ready_board, Zeroing, ZERO_TOLERANCE_N};
+pub use ready::{ready_board, Zeroing};
 pub use tension::{hold_tensions, HeldTensions, TensionOptions};
 
 use emulator_link::Injection;

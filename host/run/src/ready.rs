@@ -11,17 +11,13 @@ use super::prepare::{
 };
 use super::{Observer, Phase, RunError};
 use control::SystemState;
-use known::zeros::ZeroStore;
+use known::zeros::{ZeroStore, ZERO_TOLERANCE_N};
 use rig::RigFile;
 use session::Session;
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
 use wire::message::UnitConfig;
 use wire::{Command, UNITS};
-
-/// How far a zero may lie from the last one, N. The NAU7802's calibration moves it at each power-up by up to 1 % of a 3 kg
-/// cell's range, 0.3 N (device facts, NAU7802); friction leaves 0.7 N and more.
-pub const ZERO_TOLERANCE_N: f64 = 0.45;
 
 /// How long zeroing goes on at most after its command.
 const ZERO_END: Duration = Duration::from_secs(5);

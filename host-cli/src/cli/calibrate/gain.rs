@@ -1,9 +1,9 @@
 //! `calibrate gain`.
 
-use super::super::exit::{self, Failure, Reply, Result};
+use super::super::exit::{Failure, Reply, Result};
 use super::super::Context;
 use super::series::{Plan, Series};
-use super::{picture, push, read, Bench, ByHand};
+use super::{picture, read, Bench, ByHand};
 use calibrate::cells;
 use calibrate::picture::{bars, Bar};
 use calibrate::standin::Weights;
@@ -91,15 +91,11 @@ impl Gain {
             .iter()
             .find(|u| !bench.rig.units.iter().any(|unit| unit.number == **u))
         {
-            return Err(Failure::new(
-                exit::USAGE,
-                format!("there is no unit {wrong}"),
-            ));
+            return Err(Failure::usage(format!("there is no unit {wrong}")));
         }
         if let Some(serial) = &self.cell {
             let [unit] = units[..] else {
-                return Err(Failure::new(
-                    exit::USAGE,
+                return Err(Failure::usage(
                     "--cell is the serial number of one cell: name its unit with --unit N",
                 ));
             };
@@ -107,8 +103,7 @@ impl Gain {
         }
         if let Some(path) = &self.readings {
             let [unit] = units[..] else {
-                return Err(Failure::new(
-                    exit::USAGE,
+                return Err(Failure::usage(
                     "--readings has the readings of one unit: name it with --unit N",
                 ));
             };
@@ -145,7 +140,7 @@ impl Gain {
             fitted.push((unit, self.fit(&bench, unit, &name, &text)?));
         }
         let reply = self.finish(&mut bench, fitted, true, context)?;
-        push(&mut session, &bench.calibrated(), &[])?;
+        cells::push(&mut session, &bench.calibrated(), &[])?;
         Ok(reply)
     }
 

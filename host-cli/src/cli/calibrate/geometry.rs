@@ -1,6 +1,6 @@
 //! `calibrate geometry`: exit points and axes from a digitizer.
 
-use super::super::exit::{self, Failure, Reply, Result};
+use super::super::exit::{Failure, Reply, Result};
 use super::super::Context;
 use super::guide::{self, Answer};
 use super::{picture, read, Bench, ByHand};
@@ -53,16 +53,13 @@ impl Geometry {
             ("--hole-sd", self.hole_sd, true),
         ] {
             if !(value.is_finite() && (value > 0.0 || (zero && value == 0.0)) && value < 10.0) {
-                return Err(Failure::new(
-                    exit::USAGE,
-                    format!("{name} has to be above 0 and below 10 mm"),
-                ));
+                return Err(Failure::usage(format!(
+                    "{name} has to be above 0 and below 10 mm"
+                )));
             }
         }
         if self.digitizer_sd < LEAST_DIGITIZER_SD_MM {
-            return Err(Failure::new(
-                exit::USAGE,
-                format!(
+            return Err(Failure::usage(format!(
                     "--digitizer-sd {}: no digitizer is better than {LEAST_DIGITIZER_SD_MM} mm; is it in mm, not m?",
                     self.digitizer_sd
                 ),
@@ -80,9 +77,7 @@ impl Geometry {
             (Some(path), _) => read(path)?,
             (None, Some(digitizer)) => ("base holes of the emulated rig".to_owned(), digitizer.base_csv()),
             (None, None) => {
-                return Err(Failure::new(
-                    exit::USAGE,
-                    "--base FILE is needed: the holes of the robot's base from the CAD model (label, x_mm, y_mm, z_mm)",
+                return Err(Failure::usage("--base FILE is needed: the holes of the robot's base from the CAD model (label, x_mm, y_mm, z_mm)",
                 ))
             }
         };
@@ -120,8 +115,7 @@ impl Geometry {
     }
 
     fn standin(&self, seed: u64) -> Result<Digitizer> {
-        let mut digitizer =
-            Digitizer::new(seed, None).map_err(|why| Failure::new(exit::USAGE, why))?;
+        let mut digitizer = Digitizer::new(seed, None).map_err(Failure::usage)?;
         for mistake in &self.by_hand.inject {
             digitizer.inject(mistake);
         }
@@ -141,8 +135,8 @@ impl Geometry {
         if self.by_hand.restart || yes {
             draft.discard()?;
         }
-        let reference = calibration::geometry::read_reference("base", base, 0.0)
-            .map_err(|error| Failure::new(exit::USAGE, error))?;
+        let reference =
+            calibration::geometry::read_reference("base", base, 0.0).map_err(Failure::usage)?;
         let holes: Vec<String> = reference.holes_m.keys().cloned().collect();
         let units = bench.rig.units.iter().filter(|unit| unit.enabled);
         let units: Vec<u8> = units.map(|unit| unit.number).collect();

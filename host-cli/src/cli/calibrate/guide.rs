@@ -53,10 +53,7 @@ fn read_answer(at_end: Answer) -> Result<Answer> {
     match std::io::stdin().lock().read_line(&mut line) {
         Ok(0) => Ok(at_end),
         Ok(_) => Ok(answer(&line)),
-        Err(error) => Err(Failure::new(
-            exit::USAGE,
-            format!("the answer can't be read: {error}"),
-        )),
+        Err(error) => Err(Failure::usage(format!("the answer can't be read: {error}"))),
     }
 }
 

@@ -64,7 +64,7 @@ impl ByHand {
             }
             (false, false, false) => "--inject works with an emulated rig only".to_owned(),
         };
-        Err(Failure::new(exit::USAGE, wrong))
+        Err(Failure::usage(wrong))
     }
 }
 
@@ -133,6 +133,7 @@ impl From<CalibrateError> for Failure {
             CalibrateError::Run(error) => error.into(),
             CalibrateError::Input(_) => Self::new(exit::USAGE, error),
             CalibrateError::Refused(_) => Self::new(exit::DEGRADED, error),
+            CalibrateError::ReadBack(_) => Self::new(exit::BOARD, error),
             CalibrateError::Store(error) => error.into(),
         }
     }
@@ -173,40 +174,6 @@ impl Bench {
     }
 }
 
-/// Sends the scales and zeros of a calibrated rig to the board, reads them back and compares. `zeros`: zeros to put in force
-/// (units without one keep the board's). Returns how many units the board has.
-fn push(session: &mut Session<'_>, rig: &RigFile, zeros: &[(u8, i32)]) -> Result<usize> {
-    let before = session.get_configs().map_err(CalibrateError::from)?;
-    let mut wanted = rig.units.map(|unit| unit.to_wire());
-    for (i, config) in wanted.iter_mut().enumerate() {
-        config.zero_code = before[i].zero_code;
-        config.enabled = before[i].enabled || before[i].zero_code == 0;
-        if !rig.has_measured_gain(i) && before[i].zero_code != 0 {
-            config.scale_pn_per_count = before[i].scale_pn_per_count;
-        }
-        if let Some((_, zero)) = zeros.iter().find(|(unit, _)| *unit == rig.units[i].number) {
-            config.zero_code = *zero;
-        }
-        config.enabled &= rig.units[i].enabled;
-    }
-    calibrate::cells::configure(session, rig, &wanted)?;
-    let now = session.get_configs().map_err(CalibrateError::from)?;
-    let wrong: Vec<String> = (0..now.len())
-        .filter(|&i| now[i] != wanted[i])
-        .map(|i| (i + 1).to_string())
-        .collect();
-    if !wrong.is_empty() {
-        return Err(Failure::new(
-            exit::BOARD,
-            format!(
-                "the board reads back another configuration of unit {} than was sent; check the link and run `forcectl calibrate push`",
-                wrong.join(", ")
-            ),
-        ));
-    }
-    Ok(now.iter().filter(|config| config.enabled).count())
-}
-
 /// Pulls on the cells of a group of an emulated rig.
 fn hang(session: &mut Session<'_>, group: &[u8], force_n: f64) -> Result<()> {
     if let Some(controls) = session.link().controls() {
@@ -218,7 +185,7 @@ fn hang(session: &mut Session<'_>, group: &[u8], force_n: f64) -> Result<()> {
 }
 
 /// Writes a picture into the folder for output.
-fn picture(out: &Path, name: &str, svg: &str) -> Result<PathBuf> {
+pub(super) fn picture(out: &Path, name: &str, svg: &str) -> Result<PathBuf> {
     let path = out.join(name);
     std::fs::create_dir_all(out)
         .and_then(|()| std::fs::write(&path, svg))
@@ -240,6 +207,6 @@ fn read(path: &Path) -> Result<(String, String)> {
         } else {
             error.to_string()
         };
-        Failure::new(exit::USAGE, format!("{name}: {why}; nothing was stored"))
+        Failure::usage(format!("{name}: {why}; nothing was stored"))
     })
 }

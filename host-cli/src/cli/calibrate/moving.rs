@@ -45,10 +45,10 @@ impl Moving {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         if !(self.tip_sd.is_finite() && (0.0..100.0).contains(&self.tip_sd)) {
-            return Err(Failure::new(exit::USAGE, "--tip-sd has to be 0 to 100 mm"));
+            return Err(Failure::usage("--tip-sd has to be 0 to 100 mm"));
         }
         if !(self.aim.is_finite() && (0.01..=100.0).contains(&self.aim)) {
-            return Err(Failure::new(exit::USAGE, "--aim has to be 0.01 to 100 mm"));
+            return Err(Failure::usage("--aim has to be 0.01 to 100 mm"));
         }
         let mut bench = Bench::load(&self.connection, context)?;
         let rig = bench.calibrated();
@@ -247,9 +247,7 @@ impl Verify {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let least_s = STEADY_AFTER_S + 1.0;
         if self.duration < least_s {
-            return Err(Failure::new(
-                exit::USAGE,
-                format!(
+            return Err(Failure::usage(format!(
                     "--duration {}: the first {STEADY_AFTER_S:.0} s of each force are left out until it is steady; give at least {least_s:.0} s",
                     self.duration
                 ),
@@ -259,7 +257,7 @@ impl Verify {
         let stored = bench.store.current()?.is_some();
         let rig = bench.calibrated();
         rig.check_force(Vector3::new(self.force, 0.0, 0.0))
-            .map_err(|why| Failure::new(exit::USAGE, why))?;
+            .map_err(Failure::usage)?;
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;
         let mut watch = Watch::new(&context.output);

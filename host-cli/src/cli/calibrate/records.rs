@@ -3,7 +3,7 @@
 use super::super::connection::Connection;
 use super::super::exit::{self, Failure, Reply, Result};
 use super::super::Context;
-use super::{push, Bench};
+use super::Bench;
 use calibrate::cells;
 use calibration::record::Record;
 use clap::Args;
@@ -183,8 +183,7 @@ impl Push {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         let bench = Bench::load(&self.connection, context)?;
         let Some(record) = bench.store.current()? else {
-            return Err(Failure::new(
-                exit::USAGE,
+            return Err(Failure::usage(
                 "this rig has no calibration yet; `forcectl calibrate gain` begins one",
             ));
         };
@@ -192,7 +191,7 @@ impl Push {
         let mut link = self.connection.open(&rig, context)?;
         let mut session = Session::connect(link.as_mut())?;
         cells::prepare(&mut session, &rig)?;
-        let units = push(&mut session, &rig, &[])?;
+        let units = cells::push(&mut session, &rig, &[])?;
         Ok(Reply::new(
             format!(
                 "calibration of {} is in force on the board: {units} units read back and compared\n",

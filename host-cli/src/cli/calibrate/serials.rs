@@ -1,7 +1,7 @@
 //! `calibrate serials`: which parts a calibration is of.
 
 use super::super::connection::Connection;
-use super::super::exit::{self, Failure, Reply, Result};
+use super::super::exit::{Failure, Reply, Result};
 use super::super::Context;
 use super::Bench;
 use calibration::record::Record;
@@ -47,8 +47,7 @@ impl Command {
         };
         let Some(unit) = self.unit.filter(|_| !new.is_empty()) else {
             if self.unit.is_some() {
-                return Err(Failure::new(
-                    exit::USAGE,
+                return Err(Failure::usage(
                     "--unit needs a number to set: --whole, --motor, --cell or --converter",
                 ));
             }

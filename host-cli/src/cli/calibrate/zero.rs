@@ -1,11 +1,11 @@
 //! `calibrate zero`.
 
 use super::super::connection::Connection;
-use super::super::exit::{self, Failure, Reply, Result};
+use super::super::exit::{Failure, Reply, Result};
 use super::super::progress::Progress;
 use super::super::Context;
 use super::guide::{self, Answer};
-use super::{hang, push, Bench};
+use super::{hang, Bench};
 use calibrate::standin::Mistake;
 use calibrate::{cells, weights, zeros, CalibrateError};
 use clap::Args;
@@ -48,7 +48,7 @@ impl Zero {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         if !(0.0..=10.0).contains(&self.motor_kg) {
-            return Err(Failure::new(exit::USAGE, "--motor-kg has to be 0 to 10 kg"));
+            return Err(Failure::usage("--motor-kg has to be 0 to 10 kg"));
         }
         let mut bench = Bench::load(&self.connection, context)?;
         let rig = bench.calibrated();
@@ -57,10 +57,9 @@ impl Zero {
             units.any(|unit| unit.enabled && unit.number == number)
         };
         if let Some(wrong) = self.replace.iter().find(|unit| !enabled(**unit)) {
-            return Err(Failure::new(
-                exit::USAGE,
-                format!("--replace {wrong}: no unit {wrong} is enabled on this rig"),
-            ));
+            return Err(Failure::usage(format!(
+                "--replace {wrong}: no unit {wrong} is enabled on this rig"
+            )));
         }
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;
@@ -73,7 +72,7 @@ impl Zero {
             .filter(|(_, unit)| unit.enabled)
             .map(|(codes, unit)| (unit.number, codes))
             .collect();
-        let earlier = zeros::history(&bench.store)?;
+        let earlier = zeros::history(&bench.store, &bench.record)?;
         let found = zeros::evaluate(
             &codes,
             &mut bench.record,
@@ -85,12 +84,10 @@ impl Zero {
             },
         )?;
         let kept = bench.keep(context)?;
-        zeros::remember(&bench.store, &earlier, &found, &bench.record, &self.replace)?;
-        let in_force: Vec<(u8, i32)> = found
-            .iter()
-            .map(|f| (f.unit, f.zero.at_end_codes.round() as i32))
-            .collect();
-        let units = push(&mut session, &bench.calibrated(), &in_force)?;
+        let in_force: Vec<(u8, i32)> = found.iter().map(|f| (f.unit, f.code())).collect();
+        let units = cells::push(&mut session, &bench.calibrated(), &in_force)?;
+        // Runs compare the board's zeros with these: they have to be in force.
+        zeros::remember(&bench.store, &rig.name, &found, &self.replace)?;
         Ok(zero_reply(&found, &self.replace, &kept.version, units))
     }
 
@@ -103,10 +100,7 @@ impl Zero {
     ) -> Result<[Vec<i32>; UNITS]> {
         let emulated = session.link().controls().is_some();
         if !emulated && !self.inject.is_empty() {
-            return Err(Failure::new(
-                exit::USAGE,
-                "--inject works with an emulated rig only",
-            ));
+            return Err(Failure::usage("--inject works with an emulated rig only"));
         }
         self.ask("Let all cables hang slack and keep the robot still, then press Enter (q: stop)")?;
         self.preload(session, 1.0)?;
