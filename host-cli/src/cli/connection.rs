@@ -118,8 +118,7 @@ impl Existing {
         let given = match &self.rig {
             Some(path) => RigFile::load(path),
             None => RigFile::built_in(),
-        }
-        .map_err(|error| Failure::new(exit::RIG_FILE, error))?;
+        }?;
         self.only_embedded(
             &given,
             &[
@@ -160,8 +159,7 @@ impl Existing {
         let used = if self.rig.is_some() {
             (given, name)
         } else {
-            let rig = RigFile::parse(&welcome.rig_file, &welcome.rig_text)
-                .map_err(|error| Failure::new(exit::RIG_FILE, error))?;
+            let rig = RigFile::parse(&welcome.rig_file, &welcome.rig_text)?;
             (rig, format!("{} (of the service)", welcome.rig_file))
         };
         *self.client.borrow_mut() = Some(client);
@@ -190,9 +188,7 @@ impl Existing {
         if self.rig.is_some() || !example {
             return Ok(());
         }
-        Err(Failure::new(
-            exit::USAGE,
-            format!(
+        Err(Failure::usage(format!(
                 "the link {port} leads to a real rig, and without --rig its geometry and limits would be those of the \
                  built-in example; give its own file with --rig FILE (`forcectl init` makes one); nothing was driven"
             ),
@@ -260,13 +256,9 @@ impl Existing {
             .iter()
             .find(|(name, given)| *given && (!kept || at_start.contains(name)));
         match wrong {
-            Some((name, _)) if kept => Err(Failure::new(
-                exit::USAGE,
-                format!("{name} belongs to the start of a rig: `forcectl rig {name} ...`; the link is {choice}"),
+            Some((name, _)) if kept => Err(Failure::usage(format!("{name} belongs to the start of a rig: `forcectl rig {name} ...`; the link is {choice}"),
             )),
-            Some((name, _)) => Err(Failure::new(
-                exit::USAGE,
-                format!(
+            Some((name, _)) => Err(Failure::usage(format!(
                     "{name} works with the embedded rig only, and the link is {choice}{}; omit {name} or use --link embedded",
                     if self.link.is_some() { "" } else { " (from the rig file)" }
                 ),
@@ -338,39 +330,18 @@ impl Existing {
         Ok(link)
     }
 
-    /// Stops the rigs that have a service: that of `--link`, else all of them. `None`: no service is concerned.
+    /// Names of the running services that this means: that of `--link`, else all of them.
     #[cfg(unix)]
-    pub fn stop_services(&self, context: &Context) -> Result<Option<super::exit::Reply>> {
-        use service::protocol::Call;
+    pub fn services(&self) -> Vec<String> {
         let running = socket::running();
-        let names: Vec<String> = match &self.link {
+        match &self.link {
             _ if self.direct => Vec::new(),
             None => running,
             Some(link) => running
                 .into_iter()
                 .filter(|name| *name == name_of(link) || serves(name, link))
                 .collect(),
-        };
-        let mut stopped = Vec::new();
-        let mut failed = Vec::new();
-        for name in &names {
-            let done = Client::connect(name, "forcectl stop").and_then(|mut client| {
-                client
-                    .call(Call::Stop)
-                    .map(|_| client.welcome().link.clone())
-            });
-            match done {
-                Ok(link) => stopped.push(format!("rig `{name}`: {link}")),
-                Err(error) => failed.push(format!("rig `{name}`: {error}")),
-            }
         }
-        for line in &stopped {
-            context.output.note(line);
-        }
-        if !failed.is_empty() {
-            return Err(Failure::new(exit::LINK, failed.join("\n")));
-        }
-        Ok((!stopped.is_empty()).then(|| super::exit::Reply::done(super::stop::STOPPED)))
     }
 
     /// A connection to the service; `None` where the rig is reached in another way.
