@@ -1,50 +1,21 @@
 //! The program itself, without a rig: what it refuses, what it prints where, and its exit codes.
 #![cfg(all(feature = "record", feature = "residual"))]
 
-#[cfg(unix)]
 mod common;
 
+use common::{folder, said, words, Said};
 use serde_json::Value;
 use std::path::Path;
-use std::process::{Command, Output, Stdio};
-use tempfile::TempDir;
-
-fn folder() -> TempDir {
-    tempfile::tempdir().expect("a temporary folder")
-}
+use std::process::{Command, Stdio};
 
 /// `forcectl` in a folder, without the embedded rig's variables, as on a machine without any rig.
 fn command(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_forcectl"));
+    let mut command = common::forcectl(folder, arguments);
     command
-        .args(arguments)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .env("FORCECTL_RUNTIME_DIR", folder.join("run"))
-        .env("FORCECTL_STATE_DIR", folder.join("state"))
         .env_remove("FORCE_RIG_BIN")
         .env_remove("FORCE_FIRMWARE_ELF")
         .env_remove("FORCE_DATA");
     command
-}
-
-/// What a call printed, and its exit code.
-#[derive(Debug)]
-struct Said {
-    code: Option<i32>,
-    out: String,
-    err: String,
-}
-
-fn said(output: &Output) -> Said {
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    let said = Said {
-        code: output.status.code(),
-        out: text(&output.stdout),
-        err: text(&output.stderr),
-    };
-    assert!(!said.err.contains("panicked"), "{said:?}");
-    said
 }
 
 fn forcectl_in(folder: &Path, arguments: &[&str]) -> Said {
@@ -53,11 +24,6 @@ fn forcectl_in(folder: &Path, arguments: &[&str]) -> Said {
 
 fn forcectl(arguments: &[&str]) -> Said {
     forcectl_in(folder().path(), arguments)
-}
-
-/// Splits a line at its spaces.
-fn words(line: &str) -> Vec<&str> {
-    line.split_whitespace().collect()
 }
 
 /// Standard output, which is one JSON object and nothing else.
@@ -96,137 +62,48 @@ fn rig_files(folder: &Path) {
 }
 
 /// A minimal call of each command that is not refused for its arguments, and the options that it has beside those of
-/// every command.
-const COMMANDS: [(&str, &[&str]); 25] = [
+/// every command. `{OLD}`: those of a rig that exists; `{NEW}`: those of a new one as well.
+const COMMANDS: [(&str, &str); 25] = [
     (
         "set-force 0 1 0",
-        &[
-            "--link",
-            "--rig",
-            "--direct",
-            "--seed",
-            "--plant",
-            "--paced",
-            "--duration",
-            "--out",
-            "--record",
-            "--still",
-            "--inject",
-        ],
+        "{NEW} --duration --out --record --still --inject",
     ),
-    (
-        "status",
-        &[
-            "--link", "--rig", "--direct", "--seed", "--plant", "--paced",
-        ],
-    ),
-    (
-        "monitor",
-        &[
-            "--link",
-            "--rig",
-            "--direct",
-            "--seed",
-            "--plant",
-            "--paced",
-            "--duration",
-        ],
-    ),
-    ("zero", &["--link", "--rig", "--direct", "--replace"]),
-    (
-        "calibrate show",
-        &[
-            "--link", "--rig", "--direct", "--seed", "--plant", "--paced",
-        ],
-    ),
-    (
-        "workspace --rig good.toml",
-        &[
-            "--link", "--rig", "--direct", "--seed", "--plant", "--paced", "--out",
-        ],
-    ),
+    ("status", "{NEW}"),
+    ("monitor", "{NEW} --duration"),
+    ("zero", "{OLD} --replace"),
+    ("calibrate show", "{NEW}"),
+    ("workspace --rig good.toml", "{NEW} --out"),
     (
         "rig",
-        &[
-            "--rig",
-            "--seed",
-            "--plant",
-            "--inject",
-            "--name",
-            "--tcp",
-            "--token-file",
-        ],
+        "--rig --seed --plant --inject --name --tcp --token-file",
     ),
     (
         "serve",
-        &[
-            "--link",
-            "--rig",
-            "--name",
-            "--tcp",
-            "--token-file",
-            "--pty",
-            "--end",
-        ],
+        "--link --rig --name --tcp --token-file --pty --end",
     ),
-    (
-        "hold",
-        &[
-            "--link",
-            "--rig",
-            "--direct",
-            "--seed",
-            "--plant",
-            "--paced",
-            "--duration",
-            "--tension",
-        ],
-    ),
-    ("arm", &["--link", "--rig", "--direct"]),
-    ("disarm", &["--link", "--rig", "--direct"]),
-    ("stop", &["--link", "--rig", "--direct"]),
-    ("clear", &["--link", "--rig", "--direct"]),
-    ("inject estop", &["--link", "--rig", "--direct"]),
-    ("explain 33", &[]),
-    ("check good.toml", &["--print"]),
-    ("init good.toml", &["--answers", "--set"]),
-    (
-        "record samples",
-        &[
-            "--link",
-            "--rig",
-            "--direct",
-            "--seed",
-            "--plant",
-            "--paced",
-            "--duration",
-        ],
-    ),
-    ("recording check samples", &[]),
-    ("experiment check none.toml", &["--print"]),
-    ("estimate export none.model --out found", &["--out"]),
+    ("hold", "{NEW} --duration --tension"),
+    ("arm", "{OLD}"),
+    ("disarm", "{OLD}"),
+    ("stop", "{OLD}"),
+    ("clear", "{OLD}"),
+    ("inject estop", "{OLD}"),
+    ("explain 33", ""),
+    ("check good.toml", "--print"),
+    ("init good.toml", "--answers --set"),
+    ("record samples", "{NEW} --duration"),
+    ("recording check samples", ""),
+    ("experiment check none.toml", "--print"),
+    ("estimate export none.model --out found", "--out"),
     (
         "residual --data logs --model none.toml --out found",
-        &["--data", "--model", "--out", "--apply", "--increment"],
+        "--data --model --out --apply --increment",
     ),
     (
         "identify --out found",
-        &[
-            "--link",
-            "--rig",
-            "--direct",
-            "--seed",
-            "--plant",
-            "--paced",
-            "--duration",
-            "--drive-duration",
-            "--force",
-            "--out",
-            "--apply",
-        ],
+        "{NEW} --duration --drive-duration --force --out --apply",
     ),
-    ("completions bash", &[]),
-    ("man --out pages", &["--out"]),
+    ("completions bash", ""),
+    ("man --out pages", "--out"),
 ];
 
 /// Every option, with a value that is good.
@@ -266,6 +143,10 @@ fn an_option_that_a_command_does_not_use_is_rejected() {
     let folder = folder();
     rig_files(folder.path());
     for (line, has) in COMMANDS {
+        let has = has
+            .replace("{NEW}", "{OLD} --seed --plant --paced")
+            .replace("{OLD}", "--link --rig --direct");
+        let has = words(&has);
         let command = words(line)[0];
         for (option, value) in OPTIONS {
             let mut arguments = words(line);
@@ -586,13 +467,18 @@ fn a_name_with_escape_codes_does_not_reach_the_terminal() {
     }
 }
 
+/// Makes a named pipe.
+#[cfg(unix)]
+fn pipe(path: &Path) {
+    let made = Command::new("mkfifo").arg(path).status();
+    assert!(made.expect("mkfifo runs").success());
+}
+
 #[cfg(unix)]
 #[test]
 fn a_pipe_is_no_rig_file() {
     let folder = folder();
-    let pipe = folder.path().join("pipe.toml");
-    let made = Command::new("mkfifo").arg(&pipe).status();
-    assert!(made.expect("mkfifo runs").success());
+    pipe(&folder.path().join("pipe.toml"));
     let said = forcectl_in(folder.path(), &["check", "pipe.toml"]);
     assert_eq!(said.code, Some(3), "{said:?}");
     assert!(said.err.contains("not a regular file"), "{said:?}");
@@ -623,6 +509,10 @@ exit = [[0.335, 0.045, -0.110], [-0.480, 0.010, -0.165], [-0.055, 0.440, -0.120]
     let said = run("init far.toml --answers answers.toml --set name=far --set radius=0.9");
     assert_eq!(said.code, Some(3), "{said:?}");
     assert!(!folder.path().join("far.toml").exists());
+    let said = run("init one.toml --answers answers.toml --set name=one --set units=3");
+    assert_eq!(said.code, Some(3), "{said:?}");
+    assert!(said.err.contains("zero force"), "{said:?}");
+    assert!(!folder.path().join("one.toml").exists());
     let said = run("init x.toml --set colour=red");
     assert!(
         said.code == Some(2) && said.err.contains("tension"),
@@ -686,7 +576,6 @@ fn a_closed_pipe_ends_the_output_and_nothing_else() {
         drop(reader);
         let output = command(folder.path(), &words(line))
             .stdout(writer)
-            .stderr(Stdio::piped())
             .output()
             .expect("forcectl runs");
         let said = said(&output);
@@ -725,7 +614,6 @@ fn a_full_disk_is_told_once() {
         let full = std::fs::File::options().write(true).open("/dev/full");
         let output = command(folder.path(), &words(line))
             .stdout(full.expect("Linux has /dev/full"))
-            .stderr(Stdio::piped())
             .output()
             .expect("forcectl runs");
         let said = said(&output);
@@ -753,18 +641,30 @@ fn a_full_disk_is_told_once() {
 /// Signals, on systems that have them.
 #[cfg(unix)]
 mod signals {
-    use super::common::signals;
+    use super::common::{signal, signals};
     use super::*;
+    use std::fs::File;
     use std::io::Write;
     use std::os::unix::fs::PermissionsExt;
     use std::process::Child;
     use std::time::{Duration, Instant};
 
-    fn signal(child: &Child, name: &str) {
-        let sent = Command::new("kill")
-            .args(["-s", name, &child.id().to_string()])
-            .status();
-        assert!(sent.expect("kill runs").success());
+    /// A command that is held where it reads its model file.
+    const HELD: &str = "residual --data logs --model model.toml --out found";
+
+    /// Starts it with a pipe as its model file, which holds it until the test writes there.
+    fn held(folder: &Path, mut command: Command) -> (Child, File) {
+        let model = folder.join("model.toml");
+        pipe(&model);
+        let child = command.spawn().expect("forcectl runs");
+        // Opened when the command reads. In a thread, because it waits for the command for ever.
+        let (send, opened) = std::sync::mpsc::channel();
+        std::thread::spawn(move || {
+            let _ = send.send(File::options().write(true).open(model));
+        });
+        let opened = opened.recv_timeout(Duration::from_secs(60));
+        let pipe = opened.expect("the command reads its model file");
+        (child, pipe.expect("a pipe"))
     }
 
     /// Waits for a condition; a minute at most, as the machine may be busy.
@@ -781,26 +681,9 @@ mod signals {
         for name in signals() {
             for json in [false, true] {
                 let folder = folder();
-                // A model file that is a pipe holds the command until the test writes to it.
-                let model = folder.path().join("model.toml");
-                let made = Command::new("mkfifo").arg(&model).status();
-                assert!(made.expect("mkfifo runs").success());
-                let mut arguments = words("residual --data logs --model model.toml --out found");
+                let mut arguments = words(HELD);
                 arguments.extend(json.then_some("--json"));
-                let child = command(folder.path(), &arguments)
-                    .stdout(Stdio::piped())
-                    .stderr(Stdio::piped())
-                    .spawn()
-                    .expect("forcectl runs");
-                // Opened when the command reads. In a thread, because it waits for the command for ever.
-                let (send, opened) = std::sync::mpsc::channel();
-                std::thread::spawn(move || {
-                    let _ = send.send(std::fs::File::options().write(true).open(model));
-                });
-                let mut pipe = opened
-                    .recv_timeout(Duration::from_secs(60))
-                    .expect("the command reads its model file")
-                    .expect("a pipe");
+                let (child, mut pipe) = held(folder.path(), command(folder.path(), &arguments));
                 pipe.write_all(b"#").expect("written");
                 signal(&child, name);
                 let said = said(&child.wait_with_output().expect("ends"));
@@ -819,29 +702,15 @@ mod signals {
     #[test]
     fn an_ignored_hangup_stays_ignored() {
         let folder = folder();
-        let model = folder.path().join("model.toml");
-        let made = Command::new("mkfifo").arg(&model).status();
-        assert!(made.expect("mkfifo runs").success());
-        let child = Command::new("sh")
+        let mut shell = Command::new("sh");
+        shell
             .current_dir(folder.path())
-            .args([
-                "-c",
-                "trap '' HUP; exec \"$0\" \"$@\"",
-                env!("CARGO_BIN_EXE_forcectl"),
-            ])
-            .args(words("residual --data logs --model model.toml --out found"))
+            .args(["-c", "trap '' HUP; exec \"$0\" \"$@\""])
+            .arg(env!("CARGO_BIN_EXE_forcectl"))
+            .args(words(HELD))
             .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .expect("sh runs");
-        let (send, opened) = std::sync::mpsc::channel();
-        std::thread::spawn(move || {
-            let _ = send.send(std::fs::File::options().write(true).open(model));
-        });
-        let mut pipe = opened
-            .recv_timeout(Duration::from_secs(60))
-            .expect("the command reads its model file")
-            .expect("a pipe");
+            .stderr(Stdio::piped());
+        let (child, mut pipe) = held(folder.path(), shell);
         signal(&child, "HUP");
         std::thread::sleep(Duration::from_millis(100));
         pipe.write_all(b"# no roles")
@@ -862,10 +731,7 @@ mod signals {
             let mut child = command(folder.path(), &["status", "--json", "-v"])
                 .env("FORCE_RIG_BIN", &rig)
                 .env("FORCE_FIRMWARE_ELF", &rig)
-                .stdout(Stdio::piped())
-                .stderr(Stdio::from(
-                    std::fs::File::create(folder.path().join("err")).expect("made"),
-                ))
+                .stderr(File::create(folder.path().join("err")).expect("made"))
                 .spawn()
                 .expect("forcectl runs");
             wait("the rig starts", || folder.path().join("started").exists());

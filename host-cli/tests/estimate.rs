@@ -2,27 +2,12 @@
 
 #![cfg(feature = "estimate")]
 
+mod common;
+
+use common::{expect, folder, run};
 use robot::kinematics::{forward, to_crtk};
 use std::fmt::Write as _;
 use std::path::Path;
-use std::process::{Command, Stdio};
-
-fn forcectl(folder: &Path, arguments: &[&str]) -> (Option<i32>, String, String) {
-    let output = Command::new(env!("CARGO_BIN_EXE_forcectl"))
-        .args(arguments)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .env("FORCECTL_RUNTIME_DIR", folder.join("run"))
-        .env("FORCECTL_STATE_DIR", folder.join("state"))
-        .output()
-        .expect("forcectl runs");
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    (
-        output.status.code(),
-        text(&output.stdout),
-        text(&output.stderr),
-    )
-}
 
 /// A log of `seconds` at 50 Hz: a moving arm with a force along y, of which the efforts tell a part. `but`: columns that it lacks.
 fn log(folder: &Path, trial: u32, seconds: u32, force_n: f64, but: &[&str]) {
@@ -91,27 +76,22 @@ fn day(folder: &Path, force_n: f64, but: &[&str]) {
     }
 }
 
+/// A quick training on a folder of logs; the rest of a line.
+const LINEAR: &str = "--model linear --no-intervals --out";
+
 #[test]
 fn without_a_card_no_trial_is_taken_for_unseen() {
-    let temporary = tempfile::tempdir().unwrap();
+    let temporary = folder();
     let folder = temporary.path();
     day(&folder.join("day"), 3.0, &[]);
-    let train = [
-        "estimate",
-        "train",
-        "day",
-        "--model",
-        "linear",
-        "--no-intervals",
-        "--out",
-        "a.model",
-    ];
-    let (code, _, err) = forcectl(folder, &train);
-    assert_eq!(code, Some(0), "{err}");
-    let eval = ["estimate", "eval", "a.model", "day"];
-    let (code, out, err) = forcectl(folder, &eval);
-    assert_eq!(code, Some(0), "{err}");
-    assert!(out.contains("trials [3], 1000 rows"), "{out}");
+    expect(
+        folder,
+        &format!("estimate train day {LINEAR} a.model"),
+        0,
+        &[],
+    );
+    let eval = "estimate eval a.model day";
+    expect(folder, eval, 0, &["trials [3], 1000 rows"]);
 
     let card = folder.join("a.card.json");
     let text = std::fs::read_to_string(&card).unwrap();
@@ -120,318 +100,210 @@ fn without_a_card_no_trial_is_taken_for_unseen() {
     let broken = format!("{}\"mae_n\": null{}", &text[..at], &text[end..]);
     std::fs::write(&card, broken).unwrap();
     for what in ["cannot be read as a model card", "No such file"] {
-        let (code, out, err) = forcectl(folder, &eval);
-        assert_eq!(code, Some(2), "{out}");
-        assert!(
-            err.contains("a.card.json") && err.contains(what) && err.contains("--trials"),
-            "{err}"
-        );
+        expect(folder, eval, 2, &["a.card.json", what, "--trials"]);
         // Who names the trials needs no card.
-        let (code, out, err) = forcectl(folder, &[&eval[..], &["--trials", "2"]].concat());
-        assert_eq!(code, Some(0), "{err}");
-        assert!(out.contains("trials [2]"), "{out}");
+        expect(folder, &format!("{eval} --trials 2"), 0, &["trials [2]"]);
         let _ = std::fs::remove_file(&card);
     }
 }
 
 #[test]
 fn a_force_without_a_range_leaves_a_card_that_can_be_read() {
-    let temporary = tempfile::tempdir().unwrap();
+    let temporary = folder();
     let folder = temporary.path();
     day(&folder.join("still"), 0.0, &[]);
-    let train = [
-        "estimate",
-        "train",
-        "still",
-        "--model",
-        "zero",
-        "--no-intervals",
-        "--out",
-        "z.model",
-    ];
-    let (code, _, err) = forcectl(folder, &train);
-    assert_eq!(code, Some(0), "{err}");
-    let (code, out, err) = forcectl(folder, &["estimate", "eval", "z.model", "still"]);
-    assert_eq!(code, Some(0), "{err}");
-    assert!(
-        out.contains("trials [3]") && out.contains("NRMSE -\n"),
-        "{out}"
-    );
+    let train = "estimate train still --model zero --no-intervals --out z.model";
+    expect(folder, train, 0, &[]);
+    let figures = ["trials [3]", "NRMSE -\n"];
+    expect(folder, "estimate eval z.model still", 0, &figures);
 
     // Ten seconds are left out: a log that is not longer has no figure.
     log(&folder.join("short"), 9, 9, 1.0, &[]);
-    let (code, _, err) = forcectl(folder, &["estimate", "eval", "z.model", "short"]);
-    assert_eq!(code, Some(2));
-    assert!(err.contains("no row is left to test on"), "{err}");
+    let eval = "estimate eval z.model short";
+    expect(folder, eval, 2, &["no row is left to test on"]);
 }
 
 #[test]
 fn a_log_without_an_effort_is_refused_or_has_a_model_of_its_own() {
-    let temporary = tempfile::tempdir().unwrap();
+    let temporary = folder();
     let folder = temporary.path();
     day(&folder.join("whole"), 3.0, &[]);
     day(&folder.join("less"), 3.0, &["joint_effort_1"]);
-    let train = |data: &'static str, out: &'static str| {
-        vec![
-            "estimate",
-            "train",
-            data,
-            "--model",
-            "linear",
-            "--no-intervals",
-            "--out",
-            out,
-        ]
-    };
-    let (code, _, err) = forcectl(folder, &train("less", "less.model"));
-    assert_eq!(code, Some(2));
-    assert!(
-        err.contains("`joint_effort_1`") && err.contains("absent = true"),
-        "{err}"
-    );
+    let train = format!("estimate train less {LINEAR} less.model");
+    expect(folder, &train, 2, &["`joint_effort_1`", "absent = true"]);
     std::fs::write(
         folder.join("less.toml"),
         "effort = [{ absent = true }, { column = \"joint_effort_2\" }, { column = \"joint_effort_3\" }]\n",
     )
     .unwrap();
-    let with = ["--mapping", "less.toml"];
-    let (code, out, err) = forcectl(folder, &[&train("less", "less.model")[..], &with].concat());
-    assert_eq!(code, Some(0), "{err}");
-    assert!(out.contains("joint_effort_1 (absent)"), "{out}");
+    let with = "--mapping less.toml";
+    let trained = expect(folder, &format!("{train} {with}"), 0, &[]);
+    assert!(trained.out.contains("joint_effort_1 (absent)"));
 
     // On logs with and without the column the model gives the same figures: it does not look at it.
-    let mae = |arguments: &[&str]| {
-        let (code, out, err) = forcectl(folder, arguments);
-        assert_eq!(code, Some(0), "{err}");
-        let line = out
-            .lines()
-            .find(|l| l.starts_with("MAE"))
-            .map(str::to_owned);
-        line.expect("a figure")
+    let mae = |data: &str| {
+        let line = format!("estimate eval less.model {data} --trials 3");
+        let said = expect(folder, &line, 0, &[]);
+        let mae = said.out.lines().find(|l| l.starts_with("MAE"));
+        mae.expect("a figure").to_owned()
     };
-    let on = |data: &'static str| vec!["estimate", "eval", "less.model", data, "--trials", "3"];
-    assert_eq!(mae(&on("whole")), mae(&[&on("less")[..], &with].concat()));
+    assert_eq!(mae("whole"), mae(&format!("less {with}")));
 
     // A model of all inputs has no use for a log that lacks one.
-    let (code, _, err) = forcectl(folder, &train("whole", "whole.model"));
-    assert_eq!(code, Some(0), "{err}");
-    let eval = [
-        "estimate",
-        "eval",
-        "whole.model",
-        "less",
-        "--mapping",
-        "less.toml",
-    ];
-    let (code, _, err) = forcectl(folder, &eval);
-    assert_eq!(code, Some(2));
-    assert!(
-        err.contains("joint_effort_1") && err.contains("which these data lack"),
-        "{err}"
+    expect(
+        folder,
+        &format!("estimate train whole {LINEAR} whole.model"),
+        0,
+        &[],
+    );
+    let eval = format!("estimate eval whole.model less {with}");
+    expect(
+        folder,
+        &eval,
+        2,
+        &["joint_effort_1", "which these data lack"],
     );
 }
 
 #[test]
 fn a_report_goes_through_all_input_groups() {
-    let temporary = tempfile::tempdir().unwrap();
+    let temporary = folder();
     let folder = temporary.path();
     day(&folder.join("day"), 3.0, &[]);
     log(&folder.join("more"), 7, 30, 3.0, &[]);
-    let report = [
-        "estimate",
-        "report",
-        "day",
-        "--into",
-        "page",
-        "--unseen",
-        "more",
-        "--also",
-        "itself=more",
-        "--group-minutes",
-        "1",
-        // Fewer rows: the models are poor, the way through all of them is the same.
-        "--rate",
-        "10",
-    ];
-    let (code, out, err) = forcectl(folder, &report);
-    assert_eq!(code, Some(0), "{err}");
-    assert!(
-        err.contains("model `hybrid`") && err.contains("input groups"),
-        "{err}"
-    );
+    // At 10 rows a second the models are poor, the way through all of them is the same.
+    let report = "estimate report day --into page --unseen more --also itself=more --group-minutes 1 --rate 10";
+    let said = expect(folder, report, 0, &["model `hybrid`", "input groups"]);
     let page = std::fs::read_to_string(folder.join("page/figures.md")).unwrap();
-    assert_eq!(page.trim(), out.trim());
+    assert_eq!(page.trim(), said.out.trim());
     for words in [
         "| all positions | ",
         "| shipped model: MAE at most 0.25 N | ",
         "and the 1 trials of `more`",
         "| itself | hybrid | ",
         "| 60 chosen minutes match 160 random ones | not tried | - |",
+        // The last of the 12 columns of the table of models.
+        "| epochs | training, s |",
     ] {
         assert!(page.contains(words), "{words}: {page}");
     }
-    // The 12 columns of the table of models, and the page's end.
-    assert!(page.contains("| epochs | training, s |"), "{page}");
     assert!(!page.contains("Unfinished"), "{page}");
     for picture in ["prediction", "trajectory", "errors", "speed", "maps"] {
         let path = folder.join(format!("page/{picture}.svg"));
         assert!(path.is_file(), "{picture}");
     }
     // The same trials again are no unseen ones.
-    let again = [
-        "estimate", "report", "day", "--into", "page", "--unseen", "day",
-    ];
-    let (code, _, err) = forcectl(folder, &again);
-    assert_eq!(code, Some(2));
-    assert!(err.contains("is a file of day too"), "{err}");
+    let again = "estimate report day --into page --unseen day";
+    expect(folder, again, 2, &["is a file of day too"]);
 }
 
 #[test]
 fn a_report_refuses_before_it_trains() {
-    let temporary = tempfile::tempdir().unwrap();
+    let temporary = folder();
     let folder = temporary.path();
     day(&folder.join("day"), 3.0, &[]);
     for trial in 1..3 {
         log(&folder.join("two"), trial, 30, 3.0, &[]);
     }
     log(&folder.join("one"), 8, 30, 3.0, &[]);
-    let train = |model: &'static str, more: &[&'static str]| {
-        let start = ["estimate", "train", "day", "--model", "linear", "--out"];
-        let arguments = [&start[..], &[model, "--no-intervals"], more].concat();
-        let (code, _, err) = forcectl(folder, &arguments);
-        assert_eq!(code, Some(0), "{err}");
-    };
-    train("fast.model", &[]);
-    train("all.model", &["--rate", "10", "--all-axes"]);
-    std::fs::write(folder.join("file"), "").unwrap();
-    let refused = |data: &str, more: &[&str], exit: i32, words: &[&str]| {
-        let start = ["estimate", "report", data, "--rate", "10"];
-        let (code, _, err) = forcectl(folder, &[&start[..], more].concat());
-        assert_eq!(code, Some(exit), "{err}");
-        for word in words {
-            assert!(err.contains(word), "{word}: {err}");
-        }
-        assert!(!err.contains("model `zero`"), "{err}");
-    };
-    let page = ["--into", "page"];
-    let with = |more: &[&'static str]| [&page[..], more].concat();
-    refused(
-        "day",
-        &["--into", "file/page"],
-        7,
-        &["file/page", "cannot be written"],
-    );
-    refused("two", &page, 2, &["two", "at least 3 trials"]);
-    refused(
-        "day",
-        &with(&["--three-axes", "one"]),
-        2,
-        &["one", "--three-axes needs at least 2 trials"],
-    );
-    refused(
-        "day",
-        &with(&["--with", "fast.model"]),
-        2,
-        &["fast.model", "rate (50.00 Hz, 10.00 Hz)"],
-    );
-    refused(
-        "day",
-        &with(&["--with", "all.model"]),
-        2,
-        &[
-            "all.model",
-            "components of the force ([0, 1, 2], [1]; 0 is x)",
-        ],
-    );
     // Of 30 s in each of six trials 10 s are left.
     for trial in 1..9 {
         log(&folder.join("long"), trial, 30, 3.0, &[]);
     }
-    refused(
-        "long",
-        &with(&["--group-minutes", "1"]),
-        2,
-        &["--group-minutes 1", "trial 1 of long"],
-    );
+    for model in ["fast.model", "all.model --rate 10 --all-axes"] {
+        expect(
+            folder,
+            &format!("estimate train day {LINEAR} {model}"),
+            0,
+            &[],
+        );
+    }
+    std::fs::write(folder.join("file"), "").unwrap();
+    let refused: [(&str, i32, &[&str]); 6] = [
+        (
+            "day --into file/page",
+            7,
+            &["file/page", "cannot be written"],
+        ),
+        ("two --into page", 2, &["two", "at least 3 trials"]),
+        (
+            "day --into page --three-axes one",
+            2,
+            &["one", "--three-axes needs at least 2 trials"],
+        ),
+        (
+            "day --into page --with fast.model",
+            2,
+            &["fast.model", "rate (50.00 Hz, 10.00 Hz)"],
+        ),
+        (
+            "day --into page --with all.model",
+            2,
+            &[
+                "all.model",
+                "components of the force ([0, 1, 2], [1]; 0 is x)",
+            ],
+        ),
+        (
+            "long --into page --group-minutes 1",
+            2,
+            &["--group-minutes 1", "trial 1 of long"],
+        ),
+    ];
+    for (arguments, code, words) in refused {
+        let line = format!("estimate report {arguments} --rate 10");
+        let said = expect(folder, &line, code, words);
+        assert!(!said.err.contains("model `zero`"), "{said:?}");
+    }
     // Nothing was written, and nothing is left of the probing.
     assert_eq!(std::fs::read_dir(folder.join("page")).unwrap().count(), 0);
 }
 
 #[test]
 fn a_file_of_a_dataset_is_of_the_robot_of_its_card() {
-    let temporary = tempfile::tempdir().unwrap();
+    let temporary = folder();
     let folder = temporary.path();
     day(&folder.join("day"), 3.0, &[]);
-    let train = |model: &'static str, kind: &'static str| {
-        let arguments = [
-            "estimate",
-            "train",
-            "day",
-            "--model",
-            kind,
-            "--no-intervals",
-            "--out",
-            model,
-        ];
-        let (code, _, err) = forcectl(folder, &arguments);
-        assert_eq!(code, Some(0), "{err}");
+    for (model, kind) in [("m.1", "linear"), ("m.2", "zero")] {
+        let line = format!("estimate train day --model {kind} --no-intervals --out {model}");
+        expect(folder, &line, 0, &[]);
+    }
+    let replay = |log: &str, code: i32, words: &[&str]| {
+        let line = format!("estimate run m.1 --replay {log}");
+        expect(folder, &line, code, words)
     };
-    train("m.1", "linear");
-    train("m.2", "zero");
-    let replay = |log: &str| forcectl(folder, &["estimate", "run", "m.1", "--replay", log]);
-    let (code, out, err) = replay("day/trial-2.csv");
-    assert_eq!(code, Some(0), "{err}");
-    assert!(out.contains("1500 rows, begun anew 0 times"), "{out}");
-    assert!(!err.contains("names the robot"), "{err}");
+    let rows = ["1500 rows, begun anew 0 times"];
+    let said = replay("day/trial-2.csv", 0, &rows);
+    assert!(!said.err.contains("names the robot"), "{said:?}");
 
     // The same log alone, then beside the card of another robot.
     std::fs::create_dir(folder.join("other")).unwrap();
     std::fs::copy(folder.join("day/trial-2.csv"), folder.join("other/log.csv")).unwrap();
-    let (code, _, err) = replay("other/log.csv");
-    assert_eq!(code, Some(0), "{err}");
-    assert!(
-        err.contains("names the robot of this log") && err.contains("`virtual seed 1`"),
-        "{err}"
-    );
+    let warned = ["names the robot of this log", "`virtual seed 1`"];
+    replay("other/log.csv", 0, &warned);
     let card = std::fs::read_to_string(folder.join("day/card.json")).unwrap();
     let card = card.replace("\"seed\": 1", "\"seed\": 2");
     std::fs::write(folder.join("other/card.json"), card).unwrap();
-    let (code, _, err) = replay("other/log.csv");
-    assert_eq!(code, Some(2));
-    assert!(err.contains("these data are of `virtual seed 2`"), "{err}");
+    replay("other/log.csv", 2, &["these data are of `virtual seed 2`"]);
 
     // Each model has its own card, and takes no other.
-    let eval = ["estimate", "eval", "m.1", "day"];
-    let (code, out, err) = forcectl(folder, &eval);
-    assert_eq!(code, Some(0), "{err}");
-    assert!(out.contains("model linear on day"), "{out}");
+    let eval = "estimate eval m.1 day";
+    expect(folder, eval, 0, &["model linear on day"]);
     std::fs::copy(folder.join("m.2.card.json"), folder.join("m.1.card.json")).unwrap();
-    let (code, _, err) = forcectl(folder, &eval);
-    assert_eq!(code, Some(2));
-    assert!(
-        err.contains("m.1.card.json") && err.contains("card of another model file"),
-        "{err}"
-    );
+    let refused = ["m.1.card.json", "card of another model file"];
+    expect(folder, eval, 2, &refused);
 }
 
 #[test]
 fn trials_without_numbers_and_a_single_trial_are_refused() {
-    let temporary = tempfile::tempdir().unwrap();
+    let temporary = folder();
     let folder = temporary.path();
     log(&folder.join("one"), 1, 30, 3.0, &[]);
-    let train = |data: &'static str| {
-        let start = ["estimate", "train", data, "--model", "linear"];
-        forcectl(
-            folder,
-            &[&start[..], &["--no-intervals", "--out", "a.model"]].concat(),
-        )
+    let train = |data: &str, words: &[&str]| {
+        let line = format!("estimate train {data} {LINEAR} a.model");
+        expect(folder, &line, 2, words);
     };
-    let (code, _, err) = train("one");
-    assert_eq!(code, Some(2));
-    assert!(
-        err.contains("one") && err.contains("none is left for testing"),
-        "{err}"
-    );
+    train("one", &["one", "none is left for testing"]);
     // T1 in place of 1.
     day(&folder.join("text"), 3.0, &[]);
     let file = folder.join("text/trial-1.csv");
@@ -444,51 +316,33 @@ fn trials_without_numbers_and_a_single_trial_are_refused() {
         .collect();
     assert!(rows[1].ends_with(",T1"), "{}", rows[1]);
     std::fs::write(&file, rows.join("\n") + "\n").unwrap();
-    let (code, _, err) = train("text");
-    assert_eq!(code, Some(2));
-    for word in ["trial-1.csv", "`trial`", "line 2", "`trial = \"\"`"] {
-        assert!(err.contains(word), "{word}: {err}");
-    }
+    train(
+        "text",
+        &["trial-1.csv", "`trial`", "line 2", "`trial = \"\"`"],
+    );
 }
 
 #[test]
 fn an_exported_network_has_a_card_of_its_inputs() {
-    let temporary = tempfile::tempdir().unwrap();
+    let temporary = folder();
     let folder = temporary.path();
     day(&folder.join("day"), 3.0, &[]);
-    let train = [
-        "estimate",
-        "train",
-        "day",
-        "--model",
-        "carried-gru",
-        "--no-intervals",
-        "--rate",
-        "10",
-        "--limit",
-        "0.1",
-        "--epochs",
-        "100000",
-        "--out",
-        "net.model",
-    ];
-    let (code, out, err) = forcectl(folder, &train);
-    if err.contains("built without neural networks") {
+    let trained = run(
+        folder,
+        "estimate train day --model carried-gru --no-intervals --rate 10 --limit 0.1 --epochs 100000 --out net.model",
+    );
+    if trained.err.contains("built without neural networks") {
         return;
     }
-    assert_eq!(code, Some(0), "{err}");
-    assert!(
-        out.contains("of 100000; --limit ended the training"),
-        "{out}"
-    );
+    assert_eq!(trained.code, Some(0), "{trained:?}");
+    let ended = "of 100000; --limit ended the training";
+    assert!(trained.out.contains(ended), "{trained:?}");
     let before = std::fs::read(folder.join("net.model")).unwrap();
-    let export = |out: &str| forcectl(folder, &["estimate", "export", "net.model", "--out", out]);
-    let (code, _, err) = export("./net.model");
-    assert_eq!(code, Some(2));
-    assert!(err.contains("is the model file and would be lost"), "{err}");
+    let export = "estimate export net.model --out";
+    let lost = ["is the model file and would be lost"];
+    expect(folder, &format!("{export} ./net.model"), 2, &lost);
     assert_eq!(std::fs::read(folder.join("net.model")).unwrap(), before);
-    let (code, _, err) = export("net.onnx");
-    assert_eq!(code, Some(0), "{err}");
+    expect(folder, &format!("{export} net.onnx"), 0, &[]);
     let card = std::fs::read_to_string(folder.join("net.onnx.card.json")).unwrap();
     for words in [
         "\"joint_1\"",

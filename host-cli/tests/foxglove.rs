@@ -5,8 +5,10 @@
 //! packages (`python3` where it is not set). Without them the tests say so and do nothing.
 #![cfg(feature = "foxglove")]
 
+mod common;
+
+use common::{expect, folder, forcectl, words};
 use std::net::TcpListener;
-use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
@@ -27,18 +29,6 @@ fn python() -> Option<String> {
         "skipped: {python} has not jsonschema, mcap and websockets (FOXGLOVE_TEST_PYTHON names another Python)"
     );
     None
-}
-
-fn forcectl(folder: &Path, arguments: &[&str]) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_forcectl"));
-    command
-        .args(arguments)
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .stdout(Stdio::null())
-        .env("FORCECTL_RUNTIME_DIR", folder.join("run"))
-        .env("FORCECTL_STATE_DIR", folder.join("state"));
-    command
 }
 
 /// What the reader found: messages by topic, and the layout's paths that have a topic.
@@ -64,24 +54,10 @@ fn plots(found: &serde_json::Value, topics: &[&str]) {
 #[test]
 fn a_recording_keeps_its_schemas_and_the_layout_fits_it() {
     let Some(python) = python() else { return };
-    let temporary = tempfile::tempdir().expect("a folder");
+    let temporary = folder();
     let folder = temporary.path();
-    let arguments = [
-        "set-force",
-        "0",
-        "2.5",
-        "0",
-        "--duration",
-        "2",
-        "--link",
-        "fast",
-        "--record",
-        "recording",
-    ];
-    let status = forcectl(folder, &arguments)
-        .status()
-        .expect("forcectl runs");
-    assert!(status.success(), "{status}");
+    let line = "set-force 0 2.5 0 --duration 2 --link fast --record recording";
+    expect(folder, line, 0, &[]);
     let mcap = folder.join("recording/run.mcap");
     let found = read(&python, "recording", mcap.to_str().expect("a path"));
     for topic in ["/sample", "/cycle", "/clock", "/counters", "/log", "/tip"] {
@@ -106,23 +82,17 @@ impl Drop for Running {
 #[test]
 fn the_live_stream_keeps_its_schemas_and_the_layout_fits_it() {
     let Some(python) = python() else { return };
-    let temporary = tempfile::tempdir().expect("a folder");
+    let temporary = folder();
     let port = TcpListener::bind("127.0.0.1:0")
         .and_then(|socket| socket.local_addr())
         .expect("a free port")
         .port();
     let address = format!("127.0.0.1:{port}");
-    let arguments = [
-        "monitor",
-        "--plain",
-        "--duration",
-        "36000",
-        "--link",
-        "fast",
-        "--foxglove",
-        &address,
-    ];
-    let child = forcectl(temporary.path(), &arguments).spawn();
+    let line = format!("monitor --plain --duration 36000 --link fast --foxglove {address}");
+    let child = forcectl(temporary.path(), &words(&line))
+        .stdout(Stdio::null())
+        .stderr(Stdio::inherit())
+        .spawn();
     let _running = Running(child.expect("forcectl runs"));
     let began = Instant::now();
     while std::net::TcpStream::connect(&address).is_err() {

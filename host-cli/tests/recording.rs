@@ -1,48 +1,25 @@
 //! Recordings of the program itself: killed, terminated, on a full disk, read by others.
 #![cfg(all(feature = "record", unix))]
 
+mod common;
+
+use common::{expect, folder, forcectl, run, said, signal, words};
 use recording::check::check;
 use recording::read::{End, Entry, Reader};
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
-use tempfile::TempDir;
-
-fn forcectl(folder: &Path, arguments: &str) -> Command {
-    let mut command = Command::new(env!("CARGO_BIN_EXE_forcectl"));
-    command
-        .args(arguments.split_whitespace())
-        .current_dir(folder)
-        .stdin(Stdio::null())
-        .stdout(Stdio::piped())
-        .stderr(Stdio::piped())
-        .env("FORCECTL_RUNTIME_DIR", folder.join("run"))
-        .env("FORCECTL_STATE_DIR", folder.join("state"));
-    command
-}
-
-fn folder() -> TempDir {
-    tempfile::tempdir().expect("a temporary folder")
-}
 
 /// A run that lasts, once its recording holds some chunks.
 fn recording(folder: &Path) -> Child {
-    let mut command = forcectl(
-        folder,
-        "set-force 0 1 0 --link fast --duration 3600 --record rec",
-    );
-    let child = command.spawn().expect("forcectl runs");
+    let line = "set-force 0 1 0 --link fast --duration 3600 --record rec";
+    let child = forcectl(folder, &words(line))
+        .spawn()
+        .expect("forcectl runs");
     let mcap = folder.join("rec/run.mcap");
     while std::fs::metadata(&mcap).map_or(0, |file| file.len()) < 100_000 {
         std::thread::sleep(std::time::Duration::from_millis(20));
     }
     child
-}
-
-fn signal(child: &Child, name: &str) {
-    let sent = Command::new("kill")
-        .args(["-s", name, &child.id().to_string()])
-        .status();
-    assert!(sent.expect("kill runs").success());
 }
 
 /// Samples in a file, and how it ends.
@@ -53,16 +30,6 @@ fn read(path: &Path) -> (u64, End) {
         .filter(|entry| matches!(entry, Entry::Message { topic, .. } if topic == "/sample"))
         .count();
     (samples as u64, reader.end().clone())
-}
-
-fn run(folder: &Path, arguments: &str) -> (Option<i32>, String, String) {
-    let output = forcectl(folder, arguments).output().expect("forcectl runs");
-    let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-    (
-        output.status.code(),
-        text(&output.stdout),
-        text(&output.stderr),
-    )
 }
 
 /// Python with these modules: that of `FORCE_PYTHON`, else `python3`. Where one is missing, the test says so and does nothing.
@@ -124,24 +91,14 @@ print(samples)
         assert_eq!(said.trim(), samples.to_string(), "{output:?}");
     }
     // Parquet afterwards, and what the check says.
-    let (code, out, err) = run(folder.path(), "recording export rec");
-    assert_eq!(code, Some(6), "{out}{err}");
-    assert!(
-        out.contains(&format!("samples.parquet: {samples} rows")),
-        "{out}"
-    );
+    let rows = format!("samples.parquet: {samples} rows");
+    expect(folder.path(), "recording export rec", 6, &[&rows]);
     let checked = check(&folder.path().join("rec")).expect("reads");
     assert_eq!(checked.end, "cut off");
-    let (code, out, err) = run(folder.path(), "recording check rec");
-    assert_eq!(code, Some(6), "{out}{err}");
-    assert!(out.contains("cut off"), "{out}");
+    expect(folder.path(), "recording check rec", 6, &["cut off"]);
     // The folder holds rows: it is not used again.
-    let (code, _, err) = run(
-        folder.path(),
-        "set-force 0 1 0 --link fast --duration 1 --record rec",
-    );
-    assert_eq!(code, Some(7), "{err}");
-    assert!(err.contains("another folder"), "{err}");
+    let again = "set-force 0 1 0 --link fast --duration 1 --record rec";
+    expect(folder.path(), again, 7, &["another folder"]);
 }
 
 #[test]
@@ -157,9 +114,8 @@ fn a_signal_completes_every_file_and_a_second_one_keeps_the_chunks() {
         assert!(samples > 0, "{names:?}");
         if names.len() == 1 {
             assert_eq!(end, End::Complete, "{names:?}");
-            let (code, out, err) = run(folder.path(), "recording check rec");
-            assert_eq!(code, Some(0), "{out}{err}");
-            assert!(out.contains("Nothing is missing"), "{out}");
+            let whole = ["Nothing is missing"];
+            expect(folder.path(), "recording check rec", 0, &whole);
         }
     }
 }
@@ -179,34 +135,25 @@ fn a_full_disk_ends_neither_the_run_nor_what_was_recorded() {
         .env("FORCECTL_STATE_DIR", folder.path().join("state"))
         .output()
         .expect("bash runs");
-    let (out, err) = (
-        String::from_utf8_lossy(&output.stdout).into_owned(),
-        String::from_utf8_lossy(&output.stderr).into_owned(),
-    );
-    assert_eq!(output.status.code(), Some(7), "{out}{err}");
-    assert!(
-        out.contains("force at the tip, N"),
-        "the run went on: {out}"
-    );
-    assert!(err.contains("run.mcap"), "{err}");
+    let said = said(&output);
+    assert_eq!(said.code, Some(7), "{said:?}");
+    let went_on = said.out.contains("force at the tip, N");
+    assert!(went_on && said.err.contains("run.mcap"), "{said:?}");
     assert!(folder.path().join("out/set-force.json").is_file());
     let (samples, end) = read(&folder.path().join("rec/run.mcap"));
     assert_eq!(end, End::CutOff);
     assert!(samples > 0);
     // Where there is room, the Parquet files can be written later.
-    let (code, out, err) = run(folder.path(), "recording export rec --out later");
-    assert_eq!(code, Some(6), "{out}{err}");
+    expect(folder.path(), "recording export rec --out later", 6, &[]);
     assert!(folder.path().join("later/samples.parquet").is_file());
 }
 
 #[test]
 fn a_log_is_joined_by_time_with_the_error_of_the_join() {
     let folder = folder();
-    let (code, out, err) = run(
-        folder.path(),
-        "set-force 0 1.5 0 --link fast --duration 4 --record rec",
-    );
-    assert!(matches!(code, Some(0 | 6)), "{out}{err}");
+    let line = "set-force 0 1.5 0 --link fast --duration 4 --record rec";
+    let said = run(folder.path(), line);
+    assert!(matches!(said.code, Some(0 | 6)), "{said:?}");
     let checked = check(&folder.path().join("rec")).expect("reads");
     let holding = checked
         .phases
@@ -223,31 +170,30 @@ fn a_log_is_joined_by_time_with_the_error_of_the_join() {
         log += &format!("{secs},{nsecs},{},x\n", 0.1 * f64::from(n));
     }
     std::fs::write(folder.path().join("robot.csv"), log).expect("written");
-    let (code, out, err) = run(
-        folder.path(),
-        "recording merge rec --log robot.csv --time secs+nsecs --out joined.parquet --json",
-    );
-    assert_eq!(code, Some(0), "{out}{err}");
+    let merge = "recording merge rec --log robot.csv --out joined.parquet --time";
+    let line = format!("{merge} secs+nsecs --json");
+    let out = expect(folder.path(), &line, 0, &[]).out;
     let merged: serde_json::Value = serde_json::from_str(&out).expect("JSON");
     assert_eq!(merged["joined"], 100, "{out}");
     assert_eq!(merged["outside"], 100, "{out}");
     let error_s = merged["error_max_s"].as_f64().expect("is known");
     assert!(error_s > 0.0 && error_s < 2e-3, "{error_s}");
     // Another column of time.
-    let (code, _, err) = run(
-        folder.path(),
-        "recording merge rec --log robot.csv --time q1 --out joined.parquet",
-    );
-    assert_eq!(code, Some(7), "{err}");
-    assert!(err.contains("row 1 has no time"), "{err}");
+    let line = format!("{merge} q1");
+    expect(folder.path(), &line, 7, &["row 1 has no time"]);
+}
+
+/// A page of the documents.
+fn page(name: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR"))
+        .join("../docs")
+        .join(name);
+    std::fs::read_to_string(path).expect("the page is there")
 }
 
 /// The commands of a fence of docs/recordings.md after a marker.
 fn fenced(marker: &str) -> String {
-    let page = std::fs::read_to_string(
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/recordings.md"),
-    )
-    .expect("the page is there");
+    let page = page("recordings.md");
     let after = page.split_once(marker).expect("the marker is there").1;
     let code = after.split_once("```python\n").expect("a fence").1;
     code.split_once("```").expect("its end").0.to_owned()
@@ -261,11 +207,9 @@ fn the_ten_lines_of_pandas_in_the_documents_plot_a_run() {
         return;
     };
     let folder = folder();
-    let (code, out, err) = run(
-        folder.path(),
-        "set-force 0 1.5 0 --link fast --duration 2 --record recording",
-    );
-    assert!(matches!(code, Some(0 | 6)), "{out}{err}");
+    let line = "set-force 0 1.5 0 --link fast --duration 2 --record recording";
+    let said = run(folder.path(), line);
+    assert!(matches!(said.code, Some(0 | 6)), "{said:?}");
     let output = Command::new(python)
         .args(["-c", &script])
         .current_dir(folder.path())
@@ -280,10 +224,7 @@ fn the_ten_lines_of_pandas_in_the_documents_plot_a_run() {
 
 #[test]
 fn the_documents_list_every_column_with_its_unit() {
-    let page = std::fs::read_to_string(
-        Path::new(env!("CARGO_MANIFEST_DIR")).join("../docs/recording-columns.md"),
-    )
-    .expect("the page is there");
+    let page = page("recording-columns.md");
     let page: Vec<&str> = page.lines().collect();
     let mut rows = 0;
     for table in recording::TABLES {

@@ -2,9 +2,10 @@
 //! What the analysis makes of bad logs is tested where it lives, in `residual/tests`.
 #![cfg(feature = "residual")]
 
+mod common;
+
 use residual::{Report, Verdict};
 use std::path::Path;
-use std::process::{Command, Output};
 
 const MODEL: &str = r#"
 [roles]
@@ -26,7 +27,7 @@ struct Folder(tempfile::TempDir);
 
 impl Folder {
     fn new() -> Self {
-        Self(tempfile::tempdir().expect("a temporary folder"))
+        Self(common::folder())
     }
 
     /// A folder with three logs of a drive with that much Coulomb friction (N), and a model file.
@@ -56,31 +57,14 @@ impl Folder {
         self.path().join(name).exists()
     }
 
-    /// Runs `forcectl` in the folder: exit code, standard output and error.
-    fn forcectl(&self, arguments: &str) -> (i32, String, String) {
-        let output: Output = Command::new(env!("CARGO_BIN_EXE_forcectl"))
-            .args(arguments.split_whitespace())
-            .current_dir(self.path())
-            .output()
-            .expect("forcectl runs");
-        let text = |bytes: &[u8]| String::from_utf8_lossy(bytes).into_owned();
-        (
-            output.status.code().expect("was not killed"),
-            text(&output.stdout),
-            text(&output.stderr),
-        )
+    /// Runs `forcectl` in the folder.
+    fn forcectl(&self, line: &str) -> common::Said {
+        common::run(self.path(), line)
     }
 
     /// Runs it, and expects the exit code and all words in what it says.
-    fn expect(&self, arguments: &str, code: i32, words: &[&str]) -> String {
-        let (got, out, err) = self.forcectl(arguments);
-        let said = format!("{out}{err}");
-        assert_eq!(got, code, "{arguments}: {said}");
-        for word in words {
-            assert!(said.contains(word), "{arguments}: no `{word}` in: {said}");
-        }
-        assert!(!said.contains("panicked"), "{arguments}: {said}");
-        said
+    fn expect(&self, line: &str, code: i32, words: &[&str]) -> common::Said {
+        common::expect(self.path(), line, code, words)
     }
 }
 
@@ -124,88 +108,73 @@ fn wrong_arguments_end_before_anything_is_written() {
         ),
     );
     folder.put("two.toml", &format!("{MODEL}{SECOND_TERM}"));
-    let (_, rig, _) = folder.forcectl("check --print");
+    let rig = folder.forcectl("check --print").out;
     folder.put("rig.toml", &rig);
     folder.put("broken.toml", "[rig\n");
     folder.put("logs/notes.md", "no log");
     let cases: &[(&str, i32, &[&str])] = &[
-        ("residual --data logs --out out", 2, &["--model"]),
-        ("residual --model MODEL.toml --out out", 2, &["--data"]),
+        ("--data logs --out out", 2, &["--model"]),
+        ("--model MODEL.toml --out out", 2, &["--data"]),
         (
-            "residual --data logs --model MODEL.toml --apply rig.toml",
+            "--data logs --model MODEL.toml --apply rig.toml",
             2,
             &["--out"],
         ),
+        ("logs --model MODEL.toml --increment", 2, &["--apply"]),
+        ("logs --model key.toml", 2, &["key.toml", "fixd", "line 10"]),
+        ("logs --model no.toml", 2, &["no.toml", "model file"]),
         (
-            "residual --data logs --model MODEL.toml --out out --increment",
-            2,
-            &["--apply"],
-        ),
-        (
-            "residual --data logs --model key.toml --out out",
-            2,
-            &["key.toml", "fixd", "line 10"],
-        ),
-        (
-            "residual --data logs --model no.toml --out out",
-            2,
-            &["no.toml", "model file"],
-        ),
-        (
-            "residual --data logs --model logs --out out",
+            "logs --model logs",
             2,
             &["logs: cannot be read", "model file"],
         ),
         (
-            "residual --data runs --model MODEL.toml --out out",
+            "runs --model MODEL.toml",
             3,
             &["--data runs", "check the path"],
         ),
+        ("logs runs --model MODEL.toml", 3, &["--data runs"]),
         (
-            "residual --data logs runs --model MODEL.toml --out out",
-            3,
-            &["--data runs"],
-        ),
-        (
-            "residual --data logs/run0.csv --model MODEL.toml --out out",
+            "logs/run0.csv --model MODEL.toml",
             4,
             &["one group", "block_s"],
         ),
         (
-            "residual --data logs --model MODEL.toml --out out --apply no.toml",
+            "logs --model MODEL.toml --apply no.toml",
             3,
             &["--apply no.toml", "rig file"],
         ),
         (
-            "residual --data logs --model MODEL.toml --out out --apply broken.toml",
+            "logs --model MODEL.toml --apply broken.toml",
             3,
             &["broken.toml:1"],
         ),
         (
-            "residual --data logs --model newton.toml --out out --apply rig.toml",
+            "logs --model newton.toml --apply rig.toml",
             2,
             &["target in N"],
         ),
         (
-            "residual --data logs --model two.toml --out out --apply rig.toml",
+            "logs --model two.toml --apply rig.toml",
             2,
             &["2 terms", "--increment"],
         ),
     ];
     for (arguments, code, words) in cases {
-        folder.expect(arguments, *code, words);
+        let line = if arguments.starts_with("--") {
+            format!("residual {arguments}")
+        } else {
+            format!("residual --out out --data {arguments}")
+        };
+        folder.expect(&line, *code, words);
         assert!(!folder.has("out"), "{arguments} wrote something");
     }
-    let (code, out, _) =
-        folder.forcectl("--json residual --data logs/run0.csv --model MODEL.toml --out out");
-    let json: serde_json::Value = serde_json::from_str(&out).expect("JSON");
-    assert!(code == 4 && json["exit_code"] == 4, "{out}");
-    assert!(
-        json["error"]
-            .as_str()
-            .is_some_and(|e| e.contains("one group")),
-        "{out}"
-    );
+    let line = "--json residual --data logs/run0.csv --model MODEL.toml --out out";
+    let said = folder.expect(line, 4, &[]);
+    let json: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
+    assert_eq!(json["exit_code"], 4, "{json}");
+    let error = json["error"].as_str().expect("a text");
+    assert!(error.contains("one group"), "{error}");
 }
 
 #[test]
@@ -252,16 +221,10 @@ fn reports_are_written_replaced_and_gone_when_a_run_fails() {
     let folder = Folder::with_logs(0.5);
     // The folder of reports lies among the data: reports are no logs.
     let good = "residual --data . --model MODEL.toml --out out";
-    let (code, out, _) = folder.forcectl("residual --data . --model MODEL.toml");
-    assert!(
-        code == 0 && out.contains("The model lacks coulomb"),
-        "{out}"
-    );
-    assert_eq!(
-        std::fs::read_dir(folder.path()).expect("is there").count(),
-        2,
-        "without --out nothing is written"
-    );
+    let found = ["The model lacks coulomb"];
+    folder.expect("residual --data . --model MODEL.toml", 0, &found);
+    let entries = std::fs::read_dir(folder.path()).expect("is there").count();
+    assert_eq!(entries, 2, "without --out nothing is written");
     for _ in 0..2 {
         folder.expect(good, 0, &["The model lacks coulomb", "out/report.html"]);
         assert_eq!(reports(&folder.path().join("out")).len(), 3);
@@ -287,7 +250,7 @@ fn reports_are_written_replaced_and_gone_when_a_run_fails() {
 #[test]
 fn a_rig_file_is_copied_with_what_the_board_can_use_or_not_at_all() {
     let folder = Folder::with_logs(0.5);
-    let (_, rig, _) = folder.forcectl("check --print");
+    let rig = folder.forcectl("check --print").out;
     folder.put("rig.toml", &rig);
     let base = "residual --model MODEL.toml --out out --apply rig.toml --data";
     folder.expect(
@@ -318,9 +281,9 @@ fn a_rig_file_is_copied_with_what_the_board_can_use_or_not_at_all() {
         ],
     );
     assert_eq!(folder.read("out/rig.residual.toml"), changed);
-    let (code, out, _) = folder.forcectl(&format!("--json {base} logs"));
-    let json: serde_json::Value = serde_json::from_str(&out).expect("JSON");
-    assert!(code == 6 && json["applied"]["file"].is_null(), "{out}");
+    let said = folder.expect(&format!("--json {base} logs"), 6, &[]);
+    let json: serde_json::Value = serde_json::from_str(&said.out).expect("JSON");
+    assert!(json["applied"]["file"].is_null(), "{json}");
     assert_eq!(json["report"]["verdict"], "none");
 }
 
