@@ -138,17 +138,17 @@ impl Export {
                 a == b || matches!((a.canonicalize(), b.canonicalize()), (Ok(a), Ok(b)) if a == b)
             };
             if same(out, &self.model) {
-                return Err(refused(format!(
+                return Err(Failure::usage(format!(
                     "--out {}: {} is the model file and would be lost; name another file",
                     self.out.display(),
                     out.display()
                 )));
             }
         }
-        estimator.write_onnx(&self.out).map_err(refused)?;
+        estimator.write_onnx(&self.out).map_err(Failure::usage)?;
         let text = estimator
             .onnx_card(&sha256(&self.model)?, &sha256(&self.out)?)
-            .map_err(refused)?;
+            .map_err(Failure::usage)?;
         std::fs::write(&card, text + "\n").map_err(|error| Failure::file(&card, &error))?;
         let text = format!(
             "{} written, inputs and outputs in {}\n",
@@ -191,15 +191,12 @@ fn mapping(file: Option<&PathBuf>) -> Result<Mapping> {
     })
 }
 
-fn refused(error: impl ToString) -> Failure {
-    Failure::new(exit::USAGE, error)
-}
-
 /// Reads a model file.
 fn model(path: &Path) -> Result<Estimator> {
     let text = std::fs::read_to_string(path)
-        .map_err(|error| refused(format!("{}: {error}", path.display())))?;
-    Estimator::from_json(&text).map_err(|error| refused(format!("{}: {error}", path.display())))
+        .map_err(|error| Failure::usage(format!("{}: {error}", path.display())))?;
+    Estimator::from_json(&text)
+        .map_err(|error| Failure::usage(format!("{}: {error}", path.display())))
 }
 
 impl Estimate {
@@ -218,7 +215,7 @@ impl Estimate {
 impl DataArgs {
     fn load(&self, path: &Path) -> Result<Data> {
         if !(1.0..=1000.0).contains(&self.rate) {
-            return Err(refused(format!(
+            return Err(Failure::usage(format!(
                 "--rate {}: allowed are 1 to 1000 Hz",
                 self.rate
             )));
@@ -262,7 +259,7 @@ impl Train {
         let trained = Estimator::train(&settings, &rows, &mut |p: &Progress| {
             context.output.note(&p.text)
         })
-        .map_err(refused)?;
+        .map_err(Failure::usage)?;
         let run = Run {
             training,
             test,
@@ -270,7 +267,9 @@ impl Train {
             training_s: began.elapsed().as_secs_f64(),
         };
         let unseen = data.of(&run.test);
-        let evaluation = evaluate::evaluate(&trained, &unseen).map_err(refused)?.0;
+        let evaluation = evaluate::evaluate(&trained, &unseen)
+            .map_err(Failure::usage)?
+            .0;
         // From here on Ctrl-C must not leave a model without its card.
         let _controlled_stop = context.interrupt.controlled_stop();
         let text = trained
@@ -302,7 +301,7 @@ impl Train {
 fn split(data: &Data, test: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
     let all = data.trials();
     if let Some(wrong) = test.iter().find(|t| !all.contains(t)) {
-        return Err(refused(format!(
+        return Err(Failure::usage(format!(
             "--test {wrong}: {} has the trials {all:?}",
             data.name
         )));
@@ -314,14 +313,14 @@ fn split(data: &Data, test: &[usize]) -> Result<(Vec<usize>, Vec<usize>)> {
         test.to_vec()
     };
     if test.is_empty() {
-        return Err(refused(format!(
+        return Err(Failure::usage(format!(
             "{}: there is one trial ({all:?}), and none is left for testing; the split is between trials, never within one. Give more trials, or write `trial = \"\"` in a mapping file (--mapping) where each file is a trial",
             data.name
         )));
     }
     let training: Vec<usize> = all.into_iter().filter(|t| !test.contains(t)).collect();
     if training.is_empty() {
-        return Err(refused(
+        return Err(Failure::usage(
             "no trial is left for training; the split is between trials, never within one",
         ));
     }
@@ -338,7 +337,7 @@ impl Eval {
             true,
         )?;
         check_robot(&estimator, &data.robot, self.any_robot)?;
-        data.fit_inputs(&estimator).map_err(refused)?;
+        data.fit_inputs(&estimator).map_err(Failure::usage)?;
         let trials = if self.trials.is_empty() {
             self.unseen(&data)?
         } else {
@@ -346,13 +345,13 @@ impl Eval {
         };
         let sequences = data.of(&trials);
         if sequences.is_empty() {
-            return Err(refused(format!(
+            return Err(Failure::usage(format!(
                 "{}: no trial is left to evaluate (it has {:?}); name some with --trials",
                 data.name,
                 data.trials()
             )));
         }
-        let (evaluation, _) = evaluate::evaluate(&estimator, &sequences).map_err(refused)?;
+        let (evaluation, _) = evaluate::evaluate(&estimator, &sequences).map_err(Failure::usage)?;
         let mut text = String::new();
         let f = &evaluation.figures;
         let half = f
@@ -410,8 +409,9 @@ impl Eval {
 
     /// Trials that the model's card does not list as training of these same files.
     fn unseen(&self, data: &Data) -> Result<Vec<usize>> {
-        let card = ModelCard::read(&self.model)
-            .map_err(|error| refused(format!("{error}, or name unseen trials with --trials")))?;
+        let card = ModelCard::read(&self.model).map_err(|error| {
+            Failure::usage(format!("{error}, or name unseen trials with --trials"))
+        })?;
         let known: Vec<&str> = card
             .sources
             .iter()
@@ -434,7 +434,7 @@ fn check_robot(estimator: &Estimator, robot: &str, any: bool) -> Result<()> {
     if any || estimator.robot == robot {
         return Ok(());
     }
-    Err(refused(format!(
+    Err(Failure::usage(format!(
         "the model was trained on the robot `{}`, these data are of `{robot}`: friction differs from robot to robot. Train on this robot, or see the error with --any-robot",
         estimator.robot
     )))

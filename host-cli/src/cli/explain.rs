@@ -1,6 +1,6 @@
 //! `forcectl explain`: what a fault means and how to clear it.
 
-use super::exit::{self, Failure, Reply, Result};
+use super::exit::{Failure, Reply, Result};
 use super::values;
 use clap::Args;
 use control::faults::Scope;
@@ -30,10 +30,9 @@ impl Explain {
             return Ok(list());
         };
         let fault = Fault::from_code(number).ok_or_else(|| {
-            Failure::new(
-                exit::USAGE,
-                format!("there is no fault {number}; `forcectl explain` lists all faults"),
-            )
+            Failure::usage(format!(
+                "there is no fault {number}; `forcectl explain` lists all faults"
+            ))
         })?;
         Ok(page(fault))
     }

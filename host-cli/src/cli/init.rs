@@ -54,13 +54,10 @@ impl Init {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
         if self.file.exists() {
-            return Err(Failure::new(
-                exit::USAGE,
-                format!(
-                    "{} is there already and is not overwritten; give another name",
-                    self.file.display()
-                ),
-            ));
+            return Err(Failure::usage(format!(
+                "{} is there already and is not overwritten; give another name",
+                self.file.display()
+            )));
         }
         let mut answers = match &self.answers {
             Some(path) => read(path)?,
@@ -70,8 +67,8 @@ impl Init {
         if std::io::IsTerminal::is_terminal(&std::io::stdin()) && !context.output.json() {
             ask(&mut answers)?;
         }
-        let text = init::rig_file(&answers)
-            .map_err(|problems| Failure::new(exit::USAGE, problems.join("\n")))?;
+        let text =
+            init::rig_file(&answers).map_err(|problems| Failure::usage(problems.join("\n")))?;
         let name = self.file.display().to_string();
         let unwritten =
             |why: String| Failure::new(exit::RIG_FILE, format!("{why}\nthe file was not written"));
@@ -97,8 +94,7 @@ fn ask(answers: &mut BTreeMap<String, String>) -> Result<()> {
         output::to_stderr(prompt);
         match lines.next() {
             Some(Ok(line)) => Ok(line.trim().to_owned()),
-            _ => Err(Failure::new(
-                exit::USAGE,
+            _ => Err(Failure::usage(
                 "the questions were not answered; nothing was written",
             )),
         }
@@ -145,7 +141,7 @@ fn asked_units(question: &Question, answers: &BTreeMap<String, String>) -> Vec<O
 
 /// Answers from a file.
 fn read(path: &Path) -> Result<BTreeMap<String, String>> {
-    let wrong = |why: String| Failure::new(exit::USAGE, format!("{}: {why}", path.display()));
+    let wrong = |why: String| Failure::usage(format!("{}: {why}", path.display()));
     let text = std::fs::read_to_string(path).map_err(|error| wrong(error.to_string()))?;
     let table: toml::Table = toml::from_str(&text).map_err(|error| wrong(error.to_string()))?;
     table

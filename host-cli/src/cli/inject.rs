@@ -1,7 +1,7 @@
 //! `forcectl inject`: causes a fault in an emulated rig that is kept.
 
 use super::connection::Existing;
-use super::exit::{self, Failure, Reply, Result};
+use super::exit::{Failure, Reply, Result};
 use super::Context;
 use clap::Args;
 use service::protocol::Call;
@@ -26,8 +26,7 @@ impl Inject {
     pub fn run(&self, context: &Context) -> Result<Reply> {
         self.connection.load(context)?;
         let Some(mut client) = self.connection.client(context) else {
-            return Err(Failure::new(
-                exit::USAGE,
+            return Err(Failure::usage(
                 "nothing can be injected into a real rig; `forcectl rig` keeps an emulated one",
             ));
         };

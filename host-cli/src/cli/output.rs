@@ -124,10 +124,9 @@ impl Output {
     /// Refuses `--json` for a command whose output has no JSON form.
     pub fn refuse_json(&self, what: &str) -> Result<()> {
         if self.args.json {
-            return Err(Failure::new(
-                exit::USAGE,
-                format!("{what} has no JSON form; omit --json"),
-            ));
+            return Err(Failure::usage(format!(
+                "{what} has no JSON form; omit --json"
+            )));
         }
         Ok(())
     }

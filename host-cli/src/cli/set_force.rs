@@ -79,7 +79,7 @@ impl SetForce {
             ..Options::new([self.x, self.y, self.z], self.duration)
         };
         rig.check_force(options.commanded_n)
-            .map_err(|why| Failure::new(exit::USAGE, why))?;
+            .map_err(Failure::usage)?;
         std::fs::create_dir_all(&self.out).map_err(|error| Failure::file(&self.out, error))?;
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.connection.open(&rig, context)?;
@@ -217,8 +217,8 @@ fn remove(path: &Path) -> Result<()> {
     }
 }
 
-/// The reply of a run, or its failure with the results there are. The gravest failure gives the exit
-/// code: a run that was stopped, then a file that could not be written, then a force that was not held.
+/// The reply of a run; after a failure, the failure with what results there are. The exit code is that of the first that
+/// applies: the run was stopped, a file could not be written, the force was not held.
 fn conclude(
     outcome: Option<&Outcome>,
     error: Option<RunError>,

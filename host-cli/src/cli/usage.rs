@@ -61,7 +61,7 @@ fn answer(mut error: clap::Error, arguments: &[OsString]) -> u8 {
     }
     if output.json() {
         let message = message(&error, &text.to_string());
-        return output.finish(&Err(Failure::new(exit::USAGE, message)));
+        return output.finish(&Err(Failure::usage(message)));
     }
     output::to_stderr(&if output::stderr_is_terminal() {
         text.ansi().to_string()

@@ -1,7 +1,7 @@
 //! `forcectl workspace`: which forces a rig can apply where, and where its units should stand.
 
 use super::connection::Connection;
-use super::exit::{self, Failure, Reply, Result};
+use super::exit::{Failure, Reply, Result};
 use super::Context;
 use calibrate::picture;
 use calibrate::workspace::{self, Options};
@@ -50,10 +50,9 @@ impl Workspace {
             ("--clearance", self.clearance),
         ] {
             if !(value.is_finite() && value > 0.0 && value < 5.0) {
-                return Err(Failure::new(
-                    exit::USAGE,
-                    format!("{name} has to be above 0 and below 5 m"),
-                ));
+                return Err(Failure::usage(format!(
+                    "{name} has to be above 0 and below 5 m"
+                )));
             }
         }
         let options = Options {
@@ -61,28 +60,21 @@ impl Workspace {
             across: usize::from(self.across),
         };
         let found = workspace::report(&rig, &options)?;
-        let least = |of: &dyn Fn(&calibration::workspace::PoseReport) -> f64| {
-            found.iter().map(of).fold(f64::INFINITY, f64::min)
-        };
-        let count = found.len() as f64;
-        let mean = found.iter().map(|r| r.radius_n).sum::<f64>() / count;
         let mut text = String::new();
         row!(
             text,
             "{} poses within {:.0} mm of the centre; tensions as in the rig file",
-            found.len(),
+            found.poses,
             1e3 * radius_m
         );
         row!(
             text,
-            "feasible in every direction   {:.2} N at the worst pose, {mean:.2} N on average",
-            least(&|r| r.radius_n)
+            "feasible in every direction   {:.2} N at the worst pose, {:.2} N on average",
+            found.least_n,
+            found.mean_n
         );
         let names = ["+x", "-x", "+y", "-y", "+z", "-z"];
-        let along: Vec<f64> = (0..6)
-            .map(|k| least(&|r| r.along_n[k].unwrap_or(f64::NEG_INFINITY)))
-            .collect();
-        for (name, value) in names.iter().zip(&along) {
+        for (name, value) in names.iter().zip(found.along_n) {
             row!(
                 text,
                 "  along {name}                    {value:.2} N at the worst pose"
@@ -90,11 +82,8 @@ impl Workspace {
         }
         let title = format!("{}: force that is feasible in every direction", rig.name);
         let svg = picture::maps(&title, "N", &workspace::planes(&rig, &options)).to_svg();
-        let path = self.out.join("workspace.svg");
-        std::fs::create_dir_all(&self.out)
-            .and_then(|()| std::fs::write(&path, svg))
-            .map_err(|error| Failure::file(&path, error))?;
-        let mut json = json!({"poses": found.len(), "least_n": least(&|r| r.radius_n), "mean_n": mean, "along_n": along,
+        let path = super::calibrate::picture(&self.out, "workspace.svg", &svg)?;
+        let mut json = json!({"poses": found.poses, "least_n": found.least_n, "mean_n": found.mean_n, "along_n": found.along_n,
             "picture_svg": path.display().to_string()});
         if self.place {
             self.placed(&rig, &options, &mut text, &mut json)?;

@@ -27,14 +27,35 @@ fn cables(rig: &RigFile) -> (Vec<Vector3<f64>>, Vec<(f64, f64)>) {
         .unzip()
 }
 
+/// Feasible forces over the workspace, N.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Feasible {
+    /// Poses that were looked at.
+    pub poses: usize,
+    /// Force that is feasible in every direction, at the worst pose.
+    pub least_n: f64,
+    /// The same on average.
+    pub mean_n: f64,
+    /// Force that is feasible along +x, -x, +y, -y, +z and -z, at the worst pose.
+    pub along_n: [f64; 6],
+}
+
 /// Feasible forces at the poses of a ball about the workspace's centre.
 ///
 /// # Errors
 /// The cables can't be: in a plane, a tip in an exit point.
-pub fn report(rig: &RigFile, options: &Options) -> Result<Vec<PoseReport>> {
+pub fn report(rig: &RigFile, options: &Options) -> Result<Feasible> {
     let (exits, bounds) = cables(rig);
     let poses = map::ball_grid(&rig.workspace.center_m, options.radius_m, options.across);
-    map::map(&exits, &bounds, &poses).map_err(CalibrateError::refused)
+    let found = map::map(&exits, &bounds, &poses).map_err(CalibrateError::refused)?;
+    let least =
+        |of: &dyn Fn(&PoseReport) -> f64| found.iter().map(of).fold(f64::INFINITY, f64::min);
+    Ok(Feasible {
+        poses: found.len(),
+        least_n: least(&|r| r.radius_n),
+        mean_n: found.iter().map(|r| r.radius_n).sum::<f64>() / found.len() as f64,
+        along_n: std::array::from_fn(|k| least(&|r| r.along_n[k].unwrap_or(f64::NEG_INFINITY))),
+    })
 }
 
 /// Maps of the force that is feasible in every direction, over the three planes through the centre.
@@ -128,11 +149,7 @@ mod tests {
             across: 3,
         };
         let found = report(&rig, &options).unwrap();
-        let least = found
-            .iter()
-            .map(|r| r.radius_n)
-            .fold(f64::INFINITY, f64::min);
-        assert!((7.0..10.0).contains(&least), "{least}");
+        assert!((7.0..10.0).contains(&found.least_n), "{found:?}");
         let maps = planes(&rig, &options);
         assert_eq!(maps.len(), 3);
         // The corners of the square are outside of the ball.

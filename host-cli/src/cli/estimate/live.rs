@@ -1,6 +1,6 @@
 //! `forcectl estimate run`: a force for each row, as the rows come.
 
-use super::{check_robot, mapping, model, refused};
+use super::{check_robot, mapping, model};
 use crate::cli::exit::{self, Failure, Reply, Result};
 use crate::cli::Context;
 use clap::Args;
@@ -132,7 +132,7 @@ impl Live {
         match (&self.replay, &self.robot) {
             (Some(log), _) => self.replay(context, &estimator, log),
             (None, Some(file)) => self.live(context, &estimator, file),
-            (None, None) => Err(refused("give --replay FILE or --robot FILE")),
+            (None, None) => Err(Failure::usage("give --replay FILE or --robot FILE")),
         }
     }
 
@@ -152,7 +152,7 @@ impl Live {
         } else {
             check_robot(estimator, &data.robot, self.any_robot)?;
         }
-        data.fit_inputs(estimator).map_err(refused)?;
+        data.fit_inputs(estimator).map_err(Failure::usage)?;
         let mut stream = Stream::new(estimator);
         for (number, sequence) in data.sequences.iter().enumerate() {
             if number > 0 {
@@ -180,7 +180,7 @@ impl Live {
         let config = robot_table(file)?;
         let name = match &config {
             SourceConfig::Virtual(_) => {
-                return Err(refused("the virtual arm lives inside a run of `forcectl experiment run`; estimate from its dataset with --replay"));
+                return Err(Failure::usage("the virtual arm lives inside a run of `forcectl experiment run`; estimate from its dataset with --replay"));
             }
             SourceConfig::CrtkRos1(c) => format!("crtk-ros1 {}", c.namespace),
             SourceConfig::Udp(c) => format!("udp {}", c.listen),
@@ -214,7 +214,7 @@ impl Live {
             }
             for state in &poll.states {
                 let t_ns = state.stamp.t_ns;
-                match pace.take(t_ns).map_err(refused)? {
+                match pace.take(t_ns).map_err(Failure::usage)? {
                     Take::Between => continue,
                     Take::Next => {}
                     Take::Anew(why) => {
@@ -246,15 +246,15 @@ impl Live {
 /// `[robot]` of a TOML file.
 fn robot_table(file: &Path) -> Result<SourceConfig> {
     let text = std::fs::read_to_string(file)
-        .map_err(|error| refused(format!("{}: {error}", file.display())))?;
-    let mut table: toml::Table =
-        toml::from_str(&text).map_err(|error| refused(format!("{}: {error}", file.display())))?;
+        .map_err(|error| Failure::usage(format!("{}: {error}", file.display())))?;
+    let mut table: toml::Table = toml::from_str(&text)
+        .map_err(|error| Failure::usage(format!("{}: {error}", file.display())))?;
     let robot = table
         .remove("robot")
-        .ok_or_else(|| refused(format!("{}: there is no [robot] table", file.display())))?;
+        .ok_or_else(|| Failure::usage(format!("{}: there is no [robot] table", file.display())))?;
     robot
         .try_into()
-        .map_err(|error| refused(format!("{}: [robot] {error}", file.display())))
+        .map_err(|error| Failure::usage(format!("{}: [robot] {error}", file.display())))
 }
 
 /// A state as the row of a model. Inputs without which the model was trained are 0; a robot need not publish them.

@@ -1,6 +1,6 @@
 //! `forcectl estimate report`: all models side by side.
 
-use super::{check_robot, model, refused, split, DataArgs};
+use super::{check_robot, model, split, DataArgs};
 use crate::cli::exit::{self, Failure, Reply, Result};
 use crate::cli::Context;
 use clap::Args;
@@ -100,14 +100,14 @@ impl Report {
     fn same_robot(&self, dir: &Path, data: &Data) -> Result<Data> {
         let more = self.read.load(dir)?;
         if more.robot != data.robot || more.axes != data.axes {
-            return Err(refused(format!(
+            return Err(Failure::usage(format!(
                 "--unseen {}: it is of the robot `{}`, components {:?}; {} is of `{}`, components {:?}. Give other robots with --also",
                 more.name, more.robot, more.axes, data.name, data.robot, data.axes
             )));
         }
         let known = |s: &load::Source| data.sources.iter().any(|k| k.sha256 == s.sha256);
         if let Some(same) = more.sources.iter().find(|s| known(s)) {
-            return Err(refused(format!(
+            return Err(Failure::usage(format!(
                 "--unseen {}: {} is a file of {} too",
                 more.name, same.file, data.name
             )));
@@ -124,7 +124,7 @@ fn beside(path: &Path, data: &Data, training: &[usize]) -> Result<(Estimator, f6
     let card = ModelCard::read(path)?;
     let differences = differences(&estimator, &card, data, training);
     if !differences.is_empty() {
-        return Err(refused(format!(
+        return Err(Failure::usage(format!(
             "--with {}: it was not trained as the report trains, so their figures cannot be compared. The model and the report differ in: {}. Train it again on {}",
             path.display(),
             differences.join("; "),
