@@ -136,7 +136,7 @@ impl<'l> Stand<'l> {
     pub fn run(&mut self, seconds: f64) {
         for _ in 0..(seconds * 100.0).round() as u32 {
             self.session
-                .advance(session::PERIOD)
+                .exchange(session::PERIOD)
                 .unwrap_or_else(|error| panic!("{error}"));
         }
     }

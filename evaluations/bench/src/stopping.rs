@@ -3,7 +3,7 @@
 use crate::figures::{Figures, Goal};
 use crate::rig;
 use ::rig::{DEFAULT_NAME, DEFAULT_TEXT};
-use run::{prepare_board, NoopObserver};
+use run::{ready_board, NoopObserver, Zeroing};
 use service::client::ServiceLink;
 use service::protocol::Call;
 use service::socket::Listening;
@@ -71,8 +71,14 @@ fn prepared() -> Result<Box<dyn RigLink>, String> {
     let mut link: Box<dyn RigLink> = Box::new(rig::start_paced(1)?);
     let mut session = Session::connect(link.as_mut()).map_err(|error| error.to_string())?;
     let never = AtomicBool::new(false);
-    prepare_board(&mut session, &rig_file(), &never, &mut NoopObserver)
-        .map_err(|error| error.to_string())?;
+    ready_board(
+        &mut session,
+        &rig_file(),
+        &Zeroing::Measure,
+        &never,
+        &mut NoopObserver,
+    )
+    .map_err(|error| error.to_string())?;
     Ok(link)
 }
 
@@ -85,15 +91,13 @@ fn one_stop(path: &Path) -> Result<f64, String> {
     session
         .command(&Command::Arm)
         .map_err(|error| words(&error))?;
-    session.set_setpoints(Some(
-        [UnitSetpoint {
-            tension_un: 2_000_000,
-            inv_cos_q16: 65_536,
-            ..UnitSetpoint::default()
-        }; UNITS],
-    ));
+    let setpoints = [UnitSetpoint {
+        tension_un: 2_000_000,
+        inv_cos_q16: 65_536,
+        ..UnitSetpoint::default()
+    }; UNITS];
     session
-        .advance(Duration::from_millis(500))
+        .send_setpoints(setpoints, Duration::from_millis(500))
         .map_err(|error| words(&error))?;
     let mut other = client("another terminal")?;
     // From here the commander neither sends nor reads.

@@ -24,7 +24,7 @@ impl Clear {
             .with_session(Role::Commander, context, |session, _| {
                 session.command(&Command::ClearFaults)?;
                 for _ in 0..CYCLES {
-                    session.advance(PERIOD)?;
+                    session.exchange(PERIOD)?;
                 }
                 let status = session.get_status()?;
                 let board = (status.fault != 0)

@@ -50,7 +50,7 @@ impl Record {
                 let end = End::after(session, self.duration);
                 let mut lost = None;
                 while !end.reached(session, context) {
-                    if let Err(error) = session.advance(PERIOD) {
+                    if let Err(error) = session.exchange(PERIOD) {
                         lost = Some(error);
                         break;
                     }

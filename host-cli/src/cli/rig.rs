@@ -69,7 +69,13 @@ impl Rig {
         // Cables are slack at power-on: the only time at which zeros are sure.
         let prepared = {
             let mut session = Session::connect(link.as_mut())?;
-            run::prepare_board(&mut session, &rig, &stop, &mut watch)
+            run::ready_board(
+                &mut session,
+                &rig,
+                &run::Zeroing::Measure,
+                &stop,
+                &mut watch,
+            )
         };
         watch.progress.done();
         prepared?;

@@ -54,7 +54,7 @@ pub fn configure(
     session.stage_board(rig.controller.board_config())?;
     session.configure(configs)?;
     // A status that was on its way before does not count.
-    session.advance(STEP)?;
+    session.exchange(STEP)?;
     session.wait_for(BRING_UP, "bringing up the sensors", |status| {
         status.state == SystemState::Ready as u8
     })?;
@@ -110,7 +110,7 @@ pub fn codes(
             return Err(RunError::Interrupted.into());
         }
         let step = STEP.min(duration - passed);
-        session.advance(step)?;
+        session.exchange(step)?;
         passed += step;
         for timed in session.drain().samples {
             if let Some(codes) = out.get_mut(usize::from(timed.sample.unit)) {
@@ -128,7 +128,7 @@ pub fn codes(
 /// The link.
 pub fn encoders(session: &mut Session<'_>) -> Result<[Option<i32>; UNITS]> {
     let _ = session.drain();
-    session.advance(STEP)?;
+    session.exchange(STEP)?;
     let mut out = [None; UNITS];
     for timed in session.drain().samples {
         if let Some(newest) = out.get_mut(usize::from(timed.sample.unit)) {

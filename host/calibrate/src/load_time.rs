@@ -45,7 +45,7 @@ pub fn step(
     watches: &mut [(u8, Watch)],
     time_s: impl Fn(u64) -> f64,
 ) -> Result<()> {
-    session.advance(STEP)?;
+    session.exchange(STEP)?;
     let now_s = time_s(session.now_ns());
     let samples = session.drain().samples;
     // The newest sample is as old as a frame; board and link differ by a constant within a step.

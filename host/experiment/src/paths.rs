@@ -13,7 +13,7 @@ use rig::RigFile;
 use run::{ready_board, NoopObserver, Prepared, RunError, Zeroing};
 use serde::Serialize;
 use session::link::fast::FastRig;
-use session::{Received, Session, TimedSample};
+use session::{LatchedFault, Received, Session, TimedSample};
 use std::sync::atomic::AtomicBool;
 use wire::{Command, UNITS};
 
@@ -153,13 +153,10 @@ impl<'a> Hold<'a> {
             if cycle % FORCE_EVERY == 0 {
                 self.allocate(session, t_s)?;
             }
-            session.advance(RAVEN_CYCLE)?;
+            session.exchange(RAVEN_CYCLE)?;
             let received = session.drain();
             if let Some(fault) = received.faults.first() {
-                return Err(RunError::Fault(session::explain_fault(
-                    fault.code,
-                    fault.detail,
-                )));
+                return Err(LatchedFault::new(fault.code, fault.detail).into());
             }
             match self.path {
                 Path::Board => {

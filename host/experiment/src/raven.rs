@@ -7,7 +7,7 @@
 use control::unit::{Controller, Drive, Input, Setpoint, State};
 use control::{AdcCode, Config, EncoderCounts, Micros};
 use rig::RigFile;
-use run::RunError;
+use run::{ArgumentError, RunError};
 use session::link::LinkError;
 use session::{Session, TimedSample};
 use std::collections::VecDeque;
@@ -41,14 +41,9 @@ impl RavenLoop {
     /// # Errors
     /// The control law refuses a configuration.
     pub fn new(rig: &RigFile, in_force: &[UnitConfig; UNITS]) -> Result<Self, RunError> {
-        let mut configs = Vec::new();
-        for wire in in_force {
-            configs.push(Config::from_wire(wire).map_err(|error| {
-                RunError::Argument(format!("the configuration in force is refused: {error:?}"))
-            })?);
-        }
-        let configs = <[Config; UNITS]>::try_from(configs)
-            .map_err(|_| RunError::Argument("six units are expected".to_owned()))?;
+        let [a, b, c, d, e, f] = (in_force.each_ref())
+            .map(|wire| Config::from_wire(wire).map_err(ArgumentError::Config));
+        let configs = [a?, b?, c?, d?, e?, f?];
         Ok(Self {
             used: rig.units.map(|unit| unit.enabled),
             configs,

@@ -77,6 +77,28 @@ pub struct Reach {
     pub fraction: Fraction,
 }
 
+impl Reach {
+    /// In words, for the user.
+    #[must_use]
+    pub fn describe(&self) -> String {
+        let nearest = format!(
+            "the force is out of reach of the cables and their limits: the nearest one is held, {:.3} N away",
+            self.residual_n
+        );
+        match self.fraction {
+            _ if self.feasible => "the force is within reach".to_owned(),
+            Fraction::Of(fraction) => format!(
+                "{nearest}; in exactly this direction {:.1} % of it would be within reach",
+                100.0 * fraction
+            ),
+            Fraction::NotEvenZero => format!("{nearest}; not even zero force is within reach"),
+            Fraction::Unknown => format!(
+                "{nearest}; how much of it would be within reach is not known, because the solver of that question failed"
+            ),
+        }
+    }
+}
+
 /// Why there can be no setpoints. The caller has to make the rig safe.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ControlError {
@@ -507,5 +529,29 @@ mod tests {
         let mut input = input(&rig());
         input.available = [false; UNITS];
         assert_eq!(controller.step(&input), Err(ControlError::NoUnit));
+    }
+
+    #[test]
+    fn reach_is_told_in_newtons_and_percent() {
+        let reach = |feasible, fraction| {
+            Reach {
+                feasible,
+                residual_n: 1.25,
+                fraction,
+            }
+            .describe()
+        };
+        assert!(reach(true, Fraction::Of(1.0)).ends_with("within reach"));
+        let text = reach(false, Fraction::Of(0.4));
+        assert!(
+            text.contains("1.250 N") && text.contains("40.0 %"),
+            "{text}"
+        );
+        assert!(reach(false, Fraction::NotEvenZero).contains("not even zero force"));
+        let text = reach(false, Fraction::Unknown);
+        assert!(
+            text.contains("solver") && !text.contains("not even zero"),
+            "{text}"
+        );
     }
 }

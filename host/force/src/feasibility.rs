@@ -42,16 +42,30 @@ pub struct Residual {
 impl Feasibility {
     /// Why nothing may be armed; `None` where zero force is within reach everywhere.
     #[must_use]
-    pub fn refusal(&self) -> Option<String> {
-        let worst = self.worst?;
-        let [x, y, z] = worst.tip_m.into();
-        Some(format!(
-            "zero force is out of reach at {} of {} poses: with every cable at `tension_min_n` or more the tip is pulled with \
-             at least {:.2} N at [{x:.3}, {y:.3}, {z:.3}] m; check `exit_m` and `enabled` of the units (two units in one \
-             place?), or give a smaller `tension_min_n` or `radius_m`",
-            self.out_of_reach, self.poses, worst.force_n
-        ))
+    pub fn refusal(&self) -> Option<ZeroOutOfReach> {
+        self.worst.map(|worst| ZeroOutOfReach {
+            poses: self.poses,
+            out_of_reach: self.out_of_reach,
+            worst,
+        })
     }
+}
+
+/// Zero force is out of reach at some poses of a rig file.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[error(
+    "zero force is out of reach at {out_of_reach} of {poses} poses: with every cable at `tension_min_n` or more the tip is \
+     pulled with at least {:.2} N at [{:.3}, {:.3}, {:.3}] m; check `exit_m` and `enabled` of the units (two units in one \
+     place?), or give a smaller `tension_min_n` or `radius_m`",
+    worst.force_n, worst.tip_m.x, worst.tip_m.y, worst.tip_m.z
+)]
+pub struct ZeroOutOfReach {
+    /// Poses that were examined.
+    pub poses: usize,
+    /// Those at which it is out of reach.
+    pub out_of_reach: usize,
+    /// The pose at which the nearest force is furthest from zero.
+    pub worst: Residual,
 }
 
 /// Examines the poses of a rig file with the units that are available.
@@ -194,7 +208,7 @@ mod tests {
         assert!(found.worst.unwrap().force_n > 3.0, "{found:?}");
         let zero = examine_zero(&copied, &[true; UNITS]).unwrap();
         assert_eq!(zero.worst, found.worst);
-        let text = found.refusal().unwrap();
+        let text = found.refusal().unwrap().to_string();
         assert!(text.contains("zero force is out of reach"), "{text}");
         for lost in 0..UNITS {
             let mut available = [true; UNITS];

@@ -4,9 +4,9 @@ use super::Recording;
 use force::pose::PoseSource;
 use nalgebra::Vector3;
 use rig::{RigFile, UnitSettings};
-use run::{Observer, Phase, Prepared, RunError};
+use run::{ArgumentError, Fault, Observer, Phase, Prepared, RunError};
 use session::link::RigLink;
-use session::{explain_fault, Received, Session, TimedSample, PERIOD};
+use session::{LatchedFault, Received, Session, TimedSample, PERIOD};
 use std::f64::consts::TAU;
 use std::sync::atomic::{AtomicBool, Ordering};
 use wire::message::{Status, UnitSetpoint};
@@ -89,9 +89,12 @@ pub fn check(rig: &RigFile, seconds: f64) -> Result<(), RunError> {
 /// The rig with the tension loops open: the command is the setpoint.
 fn opened(rig: &RigFile, seconds: f64) -> Result<RigFile, RunError> {
     if !(MIN_SESSION_S..=MAX_SESSION_S).contains(&seconds) {
-        return Err(RunError::Argument(format!(
-            "a session of {seconds} s; give {MIN_SESSION_S} to {MAX_SESSION_S} (blocks of it are held out in turn)"
-        )));
+        return Err(ArgumentError::Excitation {
+            seconds,
+            min_s: MIN_SESSION_S,
+            max_s: MAX_SESSION_S,
+        }
+        .into());
     }
     let mut open = rig.clone();
     for unit in &mut open.units {
@@ -101,13 +104,13 @@ fn opened(rig: &RigFile, seconds: f64) -> Result<RigFile, RunError> {
         unit.damping_n_s_per_m = 0.0;
         unit.friction_feedforward = false;
         if unit.enabled && sines(unit, 1.0).1 < MIN_AMPLITUDE_N {
-            return Err(RunError::Argument(format!(
-                "unit {}: between tension_min_n = {} and tension_max_n = {} there is not enough range for an excitation; it needs {} N at least",
-                unit.number,
-                unit.tension_min_n,
-                unit.tension_max_n,
-                2.0 * (MARGIN_N + MIN_AMPLITUDE_N)
-            )));
+            return Err(ArgumentError::Range {
+                unit: unit.number,
+                min_n: unit.tension_min_n,
+                max_n: unit.tension_max_n,
+                least_n: 2.0 * (MARGIN_N + MIN_AMPLITUDE_N),
+            }
+            .into());
         }
     }
     Ok(open)
@@ -182,8 +185,7 @@ impl Excitation<'_> {
             }
             let cycle = self.setpoints(session, t_s)?;
             self.limit_force(cycle.force_n.norm())?;
-            session.set_setpoints(Some(cycle.setpoints));
-            session.advance(PERIOD)?;
+            session.send_setpoints(cycle.setpoints, PERIOD)?;
             let received = session.drain();
             observer.received(&received);
             self.check_faults(&received, session.status())?;
@@ -206,10 +208,11 @@ impl Excitation<'_> {
         let workspace = &self.rig.workspace;
         let off_m = (tip_m - workspace.center_m).norm();
         if off_m.is_nan() || off_m > workspace.radius_m {
-            return Err(RunError::Fault(format!(
-                "the tip is {off_m:.3} m from the workspace's centre, {} m are allowed (`radius_m` in [workspace])",
-                workspace.radius_m
-            )));
+            return Err(Fault::OutsideWorkspace {
+                off_m,
+                radius_m: workspace.radius_m,
+            }
+            .into());
         }
         let mut cycle = Cycle {
             setpoints: [UnitSetpoint {
@@ -227,10 +230,7 @@ impl Excitation<'_> {
             let cable = unit.cable_at(tip_m);
             let q16 = cable.and_then(|(_, cos)| control::geometry::inv_cos_q16(cos));
             let (Some((direction, _)), Some(q16)) = (cable, q16) else {
-                return Err(RunError::Fault(format!(
-                    "unit {}: the cable is too far off its load cell's axis; check pose, exit_m and axis",
-                    unit.number
-                )));
+                return Err(Fault::Angle { unit: unit.number }.into());
             };
             if let Some((tension, _)) = session.tension_n()[i] {
                 cycle.force_n += direction * tension;
@@ -249,9 +249,7 @@ impl Excitation<'_> {
     fn limit_force(&mut self, force_n: f64) -> Result<(), RunError> {
         let limit_n = self.rig.controller.force_limit_n;
         if force_n > limit_n {
-            return Err(RunError::Fault(format!(
-                "the force at the tip reached {force_n:.1} N, {limit_n} N are allowed (`force_limit_n` in [controller])"
-            )));
+            return Err(Fault::AboveLimit { force_n, limit_n }.into());
         }
         // Never increased again: a command that follows the force is feedback, which the analysis would take for drive.
         if force_n > EASE_ABOVE * limit_n {
@@ -274,7 +272,7 @@ impl Excitation<'_> {
                 .find(|(code, _)| *code != 0)
         });
         match reported.or(in_status) {
-            Some((code, detail)) => Err(RunError::Fault(explain_fault(code, detail))),
+            Some((code, detail)) => Err(LatchedFault::new(code, detail).into()),
             None => Ok(()),
         }
     }

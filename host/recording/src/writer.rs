@@ -11,7 +11,7 @@ use mcap::write::NoSeek;
 use rig::board_crc;
 use serde::Serialize;
 use session::clock::{Bin, BoardClock, Estimate, Reading};
-use session::{explain_report, Received};
+use session::{LatchedFault, Received};
 use std::collections::BTreeMap;
 use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::{Receiver, RecvTimeoutError};
@@ -265,7 +265,7 @@ impl Writer {
             self.shared.samples.fetch_add(1, Ordering::Relaxed);
         }
         for fault in &received.faults {
-            self.event(ERROR, "fault", &explain_report(fault));
+            self.event(ERROR, "fault", &LatchedFault::from(fault).to_string());
         }
         if let Some(status) = &received.status {
             self.board_counts = Some((

@@ -8,7 +8,7 @@
 
 use emulator_link::{Injection, Report};
 use rig::RigFile;
-use run::{prepare_board, NoopObserver};
+use run::{ready_board, NoopObserver, Zeroing};
 use session::clock::{BoardClock, Estimate};
 use session::link::fast::FastRig;
 use session::link::{EmbeddedOptions, Exchange, LinkError, RigControls, RigLink};
@@ -107,9 +107,10 @@ fn run(seconds: f64) -> Result<(), Box<dyn std::error::Error>> {
     let rig = RigFile::built_in()?;
     let mut link = Drifting(FastRig::open(&EmbeddedOptions::default())?);
     let mut session = Session::connect(&mut link)?;
-    prepare_board(
+    ready_board(
         &mut session,
         &rig,
+        &Zeroing::Measure,
         &AtomicBool::new(false),
         &mut NoopObserver,
     )?;
@@ -120,7 +121,7 @@ fn run(seconds: f64) -> Result<(), Box<dyn std::error::Error>> {
     let start_ns = session.now_ns();
     let mut next_ns = start_ns + 5_000_000_000;
     while ((session.now_ns() - start_ns) as f64) < seconds * 1e9 {
-        session.advance(PERIOD)?;
+        session.exchange(PERIOD)?;
         let received = session.drain();
         for reading in &received.readings {
             live.push(reading);

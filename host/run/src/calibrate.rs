@@ -4,7 +4,8 @@
 //! rig, whose cells differ by some percent, and no rig file can know them. On a real rig the rig file holds the
 //! calibration, and this step does nothing.
 
-use super::{begin, configured, Observer, Phase, RunError};
+use crate::error::RunError;
+use crate::phase::{begin, tell_configs, Observer, Phase};
 use emulator_link::Injection;
 use rig::RigFile;
 use session::link::LinkError;
@@ -53,7 +54,7 @@ pub(super) fn calibrate(
         }
     }
     session.configure(configs)?;
-    configured(session, observer, configs);
+    tell_configs(session, observer, configs);
     observer.progress(Phase::Calibrate, 1.0);
     Ok(())
 }
@@ -64,13 +65,13 @@ fn weigh(
     observer: &mut dyn Observer,
 ) -> Result<Vec<TimedSample>, RunError> {
     hang_weights(session, WEIGHT_N)?;
-    session.advance(WEIGHT_SETTLE_TIME)?;
+    session.exchange(WEIGHT_SETTLE_TIME)?;
     observer.received(&session.drain());
-    session.advance(WEIGHING_TIME)?;
+    session.exchange(WEIGHING_TIME)?;
     let received = session.drain();
     observer.received(&received);
     hang_weights(session, 0.0)?;
-    session.advance(WEIGHT_SETTLE_TIME)?;
+    session.exchange(WEIGHT_SETTLE_TIME)?;
     observer.received(&session.drain());
     Ok(received.samples)
 }

@@ -1,7 +1,7 @@
 //! The end of a run: tensions ramp down, then the board disarms.
 
 use control::SystemState;
-use session::{explain_fault, system_state_name, Patience, Session, SessionError, PERIOD};
+use session::{system_state_name, LatchedFault, Patience, Session, SessionError, PERIOD};
 use std::time::Duration;
 use wire::Command;
 
@@ -23,10 +23,7 @@ pub fn ramp_down_and_disarm(session: &mut Session<'_>) -> Result<(), SessionErro
         let status = session.get_status()?;
         if SystemState::from_u8(status.state).is_some_and(|state| !state.drives()) {
             if status.fault != 0 {
-                return Err(SessionError::Fault(explain_fault(
-                    status.fault,
-                    status.fault_detail,
-                )));
+                return Err(SessionError::Fault(LatchedFault::of_board(&status)));
             }
             break;
         }
@@ -37,7 +34,7 @@ pub fn ramp_down_and_disarm(session: &mut Session<'_>) -> Result<(), SessionErro
                 system_state_name(status.state)
             )));
         }
-        session.advance(PERIOD)?;
+        session.exchange(PERIOD)?;
     }
     if let Some(controls) = session.link().controls() {
         controls.robot(false)?;
@@ -55,7 +52,7 @@ mod tests {
         let mut board = FakeBoard::new(Behavior::Good);
         let mut session = Session::connect(&mut board).unwrap();
         ramp_down_and_disarm(&mut session).unwrap();
-        session.advance(Duration::from_secs(2)).unwrap();
+        session.exchange(Duration::from_secs(2)).unwrap();
         session.command(&Command::Arm).unwrap();
         ramp_down_and_disarm(&mut session).unwrap();
         assert_eq!(board.system, SystemState::Ready);

@@ -4,13 +4,14 @@
 //! cannot, the rig is ramped down, because the cables that are left would pull the tip aside. A fault of the whole board
 //! ends the run.
 
-use super::outcome::{samples_lost, unit_fault, Ended, LatencyMs, Outcome, RunFault};
-use super::prepare::check_stop;
-use super::quality::{Evidence, Saturation};
-use super::{
-    begin, describe_reach, Observer, Options, Phase, Prepared, RunError, PRETENSION_S,
-    ROBOT_START_S,
-};
+use crate::checks::{check_stop, fresh_pose};
+use crate::error::{Fault, RunError, UnitLost};
+use crate::fault::RunFault;
+use crate::options::{Options, PRETENSION_S, ROBOT_START_S};
+use crate::outcome::{Ended, LatencyMs, Outcome};
+use crate::phase::{begin, Observer, Phase};
+use crate::quality::{Evidence, Saturation};
+use crate::ready::Prepared;
 use emulator_link::{Injection, Truth};
 use force::controller::{ControlError, Controller, Input, Output, Reach};
 use force::feasibility;
@@ -19,9 +20,9 @@ use force::pose::PoseSource;
 use known::uncertainty;
 use nalgebra::Vector3;
 use rig::RigFile;
-use session::{explain_fault, Received, Session, SessionError, PERIOD};
+use session::{LatchedFault, Received, Session, SessionError, PERIOD};
 use std::collections::VecDeque;
-use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::atomic::Ordering;
 use wire::message::{FaultReport, Status};
 use wire::{Command, UNITS};
 
@@ -114,10 +115,7 @@ impl<'a> Hold<'a> {
         let tip_m = fresh_pose(session, &mut self.pose, &self.options.stop, self.observer)?;
         match feasibility::residual_at(self.rig, tip_m, &self.available)? {
             None => Ok(()),
-            Some(force_n) => Err(RunError::Fault(format!(
-                "zero force is out of reach with the units that are ready: the tip would be pulled with {force_n:.2} N; \
-                 nothing was armed"
-            ))),
+            Some(residual_n) => Err(Fault::ZeroOutOfReach { residual_n }.into()),
         }
     }
 
@@ -136,15 +134,14 @@ impl<'a> Hold<'a> {
         Ok(())
     }
 
-    /// One cycle of 10 ms: compute, send, let time pass, evaluate what arrived.
+    /// One cycle of 10 ms: compute, send while time passes, evaluate what arrived.
     fn cycle(&mut self, session: &mut Session<'_>, t_s: f64) -> Result<(), RunError> {
         let input = self.input(session, t_s)?;
         let output = self.controller.step(&input)?;
-        session.set_setpoints(Some(output.setpoints));
         if t_s >= 0.0 {
             self.note_reach(output.reach);
         }
-        session.advance(PERIOD)?;
+        session.send_setpoints(output.setpoints, PERIOD)?;
         let received = session.drain();
         let end_s = t_s + PERIOD.as_secs_f64();
         let step = self.step_of(&output, &input, session, received.truth.last(), end_s);
@@ -162,24 +159,23 @@ impl<'a> Hold<'a> {
         if self.available == input.available && self.available == self.armed {
             return Ok(());
         }
-        let left = match feasibility::residual_at(self.rig, input.tip_m, &self.available) {
+        let residual_n = match feasibility::residual_at(self.rig, input.tip_m, &self.available) {
             Ok(None) => return Ok(()),
-            Ok(Some(force_n)) => format!("would pull the tip with {force_n:.2} N at least"),
-            Err(error) => format!("are no help ({error})"),
+            Ok(Some(residual_n)) => Ok(residual_n),
+            Err(error) => Err(error),
         };
-        let lost: Vec<String> = (1..=UNITS)
-            .filter(|n| self.armed[n - 1] && !self.available[n - 1])
-            .map(|n| n.to_string())
-            .collect();
-        let faults: Vec<&str> = (self.faults.iter())
-            .filter(|fault| fault.t_s > -(PRETENSION_S + ROBOT_START_S))
-            .map(|fault| fault.text.as_str())
-            .collect();
-        Err(RunError::UnitLost(format!(
-            "unit {} dropped out, and the cables that are left {left}; the rig was ramped down and disarmed. {}",
-            lost.join(", "),
-            faults.join("; ")
-        )))
+        let since_arming = |fault: &&RunFault| fault.t_s > -(PRETENSION_S + ROBOT_START_S);
+        Err(UnitLost {
+            units: (1..=UNITS as u8)
+                .filter(|n| {
+                    let i = usize::from(*n) - 1;
+                    self.armed[i] && !self.available[i]
+                })
+                .collect(),
+            residual_n,
+            faults: (self.faults.iter().filter(since_arming).cloned()).collect(),
+        }
+        .into())
     }
 
     /// The controller's input: pose, tensions that are recent enough, commanded force.
@@ -228,7 +224,7 @@ impl<'a> Hold<'a> {
     fn note_reach(&mut self, reach: Reach) {
         let was_out = self.reach.is_some_and(|reach| !reach.feasible);
         if !reach.feasible && !was_out {
-            self.observer.notice(&describe_reach(&reach));
+            self.observer.notice(&reach.describe());
         }
         if self
             .reach
@@ -269,7 +265,7 @@ impl<'a> Hold<'a> {
         for fault in faults {
             let i = usize::from(fault.unit);
             if i >= UNITS {
-                return Err(RunError::Fault(explain_fault(fault.code, fault.detail)));
+                return Err(LatchedFault::from(fault).into());
             }
             if self.available[i] {
                 self.drop_unit(i, fault.code, fault.detail, t_s);
@@ -280,10 +276,7 @@ impl<'a> Hold<'a> {
         };
         // A report may be lost with its frame; the status holds the fault as well.
         if status.fault != 0 {
-            return Err(RunError::Fault(explain_fault(
-                status.fault,
-                status.fault_detail,
-            )));
+            return Err(LatchedFault::of_board(status).into());
         }
         for (i, unit) in status.units.iter().enumerate() {
             if self.available[i] && unit.fault != 0 {
@@ -296,7 +289,7 @@ impl<'a> Hold<'a> {
     /// Takes a unit (from 0) out of the allocation. The others continue.
     fn drop_unit(&mut self, i: usize, code: u16, detail: u32, t_s: f64) {
         self.available[i] = false;
-        let fault = unit_fault(t_s, i, code, detail);
+        let fault = RunFault::of_unit(t_s, i, code, detail);
         self.observer
             .notice(&format!("unit {} dropped out: {}", i + 1, fault.text));
         self.faults.push(fault);
@@ -377,7 +370,7 @@ impl<'a> Hold<'a> {
             faults: self.faults,
             latency_ms,
             samples_lost: status
-                .map_or(0, |status| samples_lost(report.as_ref(), &status, prepared)),
+                .map_or(0, |status| prepared.samples_lost(report.as_ref(), &status)),
             samples: self.samples,
             link_counters: session.counters(),
             amplifiers_off_s,
@@ -386,29 +379,6 @@ impl<'a> Hold<'a> {
             configs: prepared.configs,
             link: session.link().name(),
         })
-    }
-}
-
-/// The tip by a pose that is received from now on, robot base frame, m.
-///
-/// # Errors
-/// None comes, or the run was interrupted.
-pub(super) fn fresh_pose(
-    session: &mut Session<'_>,
-    pose: &mut PoseSource,
-    stop: &AtomicBool,
-    observer: &mut dyn Observer,
-) -> Result<Vector3<f64>, RunError> {
-    pose.discard();
-    loop {
-        session.advance(PERIOD)?;
-        observer.received(&session.drain());
-        check_stop(stop)?;
-        match pose.tip_m(session.pose().map(|pose| pose.position_m.into())) {
-            Ok(tip_m) => return Ok(tip_m),
-            Err(_) if pose.may_still_come() => {}
-            Err(error) => return Err(error.into()),
-        }
     }
 }
 

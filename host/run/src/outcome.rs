@@ -1,39 +1,15 @@
 //! Result of a run: how it ended, its figures, faults and losses.
 
-use super::quality::Shortfall;
-use super::Prepared;
+use crate::fault::RunFault;
+use crate::quality::Shortfall;
 use emulator_link::Report;
-use force::allocation::Fraction;
 use force::controller::Reach;
 use force::metrics::{Metrics, Step};
 use nalgebra::Vector3;
 use serde::Serialize;
-use session::{explain_fault, LinkCounters};
-use wire::message::{Status, UnitConfig};
+use session::LinkCounters;
+use wire::message::UnitConfig;
 use wire::UNITS;
-
-/// A fault that was latched during a run.
-#[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct RunFault {
-    /// Time since the force was commanded, s.
-    pub t_s: f64,
-    /// Unit from 1; `None`: the whole board.
-    pub unit: Option<u8>,
-    /// Number.
-    pub code: u16,
-    /// What it means and how to clear it.
-    pub text: String,
-}
-
-/// A fault of unit `i` (from 0) at a time, s.
-pub(super) fn unit_fault(t_s: f64, i: usize, code: u16, detail: u32) -> RunFault {
-    RunFault {
-        t_s,
-        unit: Some(i as u8 + 1),
-        code,
-        text: explain_fault(code, detail),
-    }
-}
 
 /// Latency from the DRDY edge to the DAC, of samples while holding, ms.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
@@ -174,47 +150,6 @@ impl Outcome {
     }
 }
 
-/// Conversions that were not read in time since the board was prepared. The embedded rig counts them itself; on a real
-/// rig the board's own count is all there is.
-pub(super) fn samples_lost(report: Option<&Report>, status: &Status, prepared: &Prepared) -> u64 {
-    let missed: u64 = status
-        .units
-        .iter()
-        .zip(prepared.missed_before)
-        .map(|(unit, before)| u64::from(unit.missed.wrapping_sub(before)))
-        .sum();
-    let Some(report) = report else {
-        return missed;
-    };
-    let all: u64 = report.conversions.iter().sum();
-    let read: u64 = report.conversions_read.iter().sum();
-    let lost = all
-        .saturating_sub(read)
-        .saturating_sub(prepared.lost_before);
-    // A conversion that became ready just now is not lost.
-    lost.saturating_sub(UNITS as u64).max(missed)
-}
-
-/// Message on a commanded force and its reach.
-#[must_use]
-pub fn describe_reach(reach: &Reach) -> String {
-    let nearest = format!(
-        "the force is out of reach of the cables and their limits: the nearest one is held, {:.3} N away",
-        reach.residual_n
-    );
-    match reach.fraction {
-        _ if reach.feasible => "the force is within reach".to_owned(),
-        Fraction::Of(fraction) => format!(
-            "{nearest}; in exactly this direction {:.1} % of it would be within reach",
-            100.0 * fraction
-        ),
-        Fraction::NotEvenZero => format!("{nearest}; not even zero force is within reach"),
-        Fraction::Unknown => format!(
-            "{nearest}; how much of it would be within reach is not known, because the solver of that question failed"
-        ),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -241,28 +176,5 @@ mod tests {
         assert!((found.p99 - 1.0).abs() < 1e-12, "{found:?}");
         assert!(!found.measured_outside);
         assert_eq!(LatencyMs::of(None, 0, &[]), None);
-    }
-
-    #[test]
-    fn reach_is_told_in_newtons_and_percent() {
-        let reach = |feasible, fraction| {
-            describe_reach(&Reach {
-                feasible,
-                residual_n: 1.25,
-                fraction,
-            })
-        };
-        assert!(reach(true, Fraction::Of(1.0)).ends_with("within reach"));
-        let text = reach(false, Fraction::Of(0.4));
-        assert!(
-            text.contains("1.250 N") && text.contains("40.0 %"),
-            "{text}"
-        );
-        assert!(reach(false, Fraction::NotEvenZero).contains("not even zero force"));
-        let text = reach(false, Fraction::Unknown);
-        assert!(
-            text.contains("solver") && !text.contains("not even zero"),
-            "{text}"
-        );
     }
 }

@@ -111,7 +111,7 @@ pub fn begin(session: &mut Session<'_>, observer: &mut dyn Observer, phase: Phas
 }
 
 /// Hands over what arrived, then the configurations that are in force from now on.
-pub fn configured(
+pub(super) fn tell_configs(
     session: &mut Session<'_>,
     observer: &mut dyn Observer,
     configs: &[UnitConfig; UNITS],

@@ -1,6 +1,6 @@
 //! The picture of a run: force at the tip, its error, tensions, over time, as SVG.
 
-use crate::Outcome;
+use crate::outcome::Outcome;
 use force::metrics::{Step, SETTLED_WITHIN_N, STEADY_AFTER_S};
 use nalgebra::Vector3;
 use scene::{color, Anchor, Axes, Color, Scene, BAND, BLACK};

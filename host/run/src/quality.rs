@@ -9,7 +9,7 @@
 //! * no unit dropped out, and the amplifiers had power;
 //! * every injection that was asked for happened.
 
-use super::outcome::{describe_reach, RunFault};
+use crate::fault::RunFault;
 use emulator_link::Injection;
 use force::controller::{Output, Reach};
 use force::metrics::{Metrics, Step, SETTLED_FOR_S, SETTLED_WITHIN_N, STEADY_AFTER_S};
@@ -206,7 +206,7 @@ impl Evidence<'_> {
             );
         }
         if let Some(reach) = self.reach.filter(|reach| !reach.feasible) {
-            add(Kind::OutOfReach, describe_reach(reach));
+            add(Kind::OutOfReach, reach.describe());
         }
         let limit = self.saturation.describe(self.rig);
         let unsteady = self.unsteady(limit.as_deref());

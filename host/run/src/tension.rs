@@ -1,7 +1,11 @@
 //! Holding tensions: arm, hold zero force at least tension or given tensions, until it is ended.
 
-use super::ready::{ready_board, Zeroing};
-use super::{begin, connect, ramp_down_and_disarm, Observer, Phase, RunError};
+use crate::checks::{fresh_pose, require_feasible};
+use crate::disarm::ramp_down_and_disarm;
+use crate::error::{ArgumentError, RunError};
+use crate::options::Zeroing;
+use crate::phase::{begin, connect, Observer, Phase};
+use crate::ready::ready_board;
 use force::controller::{ControlError, Controller, Input};
 use force::pose::PoseSource;
 use nalgebra::Vector3;
@@ -98,17 +102,20 @@ fn check(rig: &RigFile, options: &TensionOptions) -> Result<(), RunError> {
         // A single unit pulls at a fixed hook, during bring-up.
         let several = rig.units.iter().filter(|unit| unit.enabled).count() > 1;
         return if several {
-            super::require_feasible(rig)
+            require_feasible(rig)
         } else {
             Ok(())
         };
     };
     for (unit, tension) in rig.units.iter().zip(tension_n) {
         if !(unit.tension_min_n..=unit.tension_max_n).contains(&tension) {
-            return Err(RunError::Argument(format!(
-                "unit {}: a tension of {tension} N is not within {} to {} N (`tension_min_n` and `tension_max_n` of the rig file); nothing was driven",
-                unit.number, unit.tension_min_n, unit.tension_max_n
-            )));
+            return Err(ArgumentError::Tension {
+                unit: unit.number,
+                tension_n: tension,
+                min_n: unit.tension_min_n,
+                max_n: unit.tension_max_n,
+            }
+            .into());
         }
     }
     Ok(())
@@ -123,7 +130,7 @@ fn hold(
     observer: &mut dyn Observer,
     holding: &mut dyn FnMut(),
 ) -> Result<HeldTensions, RunError> {
-    super::hold::fresh_pose(session, pose, &options.stop, observer)?;
+    fresh_pose(session, pose, &options.stop, observer)?;
     begin(session, observer, Phase::Tension);
     session.command(&Command::Arm)?;
     let start_ns = session.now_ns();
@@ -155,12 +162,11 @@ fn hold(
                     .setpoints
             }
         };
-        session.set_setpoints(Some(setpoints));
-        session.advance(PERIOD)?;
+        session.send_setpoints(setpoints, PERIOD)?;
         let received = session.drain();
         observer.received(&received);
         if let Some(fault) = session.fault_in(&received) {
-            return Err(RunError::Fault(fault));
+            return Err(fault.into());
         }
         let elapsed_s = (session.now_ns() - start_ns) as f64 * 1e-9;
         if elapsed_s < SETTLE_S {

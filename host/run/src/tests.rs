@@ -2,11 +2,16 @@
 
 use super::*;
 use control::SystemState;
+use emulator_link::Injection;
 use force::metrics::Step;
 use plant::effects::AmplifierGain;
+use rig::RigFile;
 use session::link::fake::{Behavior, FakeBoard};
+use session::link::RigLink;
 use session::TimedSample;
+use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering;
+use std::sync::Arc;
 use std::time::Duration;
 use wire::Command;
 

@@ -7,7 +7,7 @@ use super::server::{serve, ServeOptions};
 use super::socket::Listening;
 use known::ZeroStore;
 use rig::{RigFile, DEFAULT_NAME, DEFAULT_TEXT};
-use run::{prepare_board, set_force, NoopObserver, Options, RunError, Zeroing};
+use run::{ready_board, set_force, NoopObserver, Options, RunError, Zeroing};
 use session::link::fake::{Behavior, FakeBoard};
 use session::link::{Exchange, LinkError, RigControls, RigLink};
 use session::Session;
@@ -170,7 +170,14 @@ impl Rig {
                     let rig = RigFile::built_in().unwrap();
                     let mut session = Session::connect(&mut board).unwrap();
                     let stop = AtomicBool::new(false);
-                    prepare_board(&mut session, &rig, &stop, &mut NoopObserver).unwrap();
+                    ready_board(
+                        &mut session,
+                        &rig,
+                        &Zeroing::Measure,
+                        &stop,
+                        &mut NoopObserver,
+                    )
+                    .unwrap();
                 }
                 board.commands.clear();
                 Box::new(Paced {
@@ -276,7 +283,7 @@ fn a_run_over_the_service_holds_the_force_with_others_watching() {
                 let mut session = Session::connect(&mut link).unwrap();
                 let mut samples = 0;
                 for _ in 0..200 {
-                    session.advance(Duration::from_millis(10)).unwrap();
+                    session.exchange(Duration::from_millis(10)).unwrap();
                     samples += session.drain().samples.len();
                 }
                 (samples, session.counters().frames_lost)
@@ -583,7 +590,7 @@ fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
         };
         let mut session = Session::connect(&mut link).unwrap();
         for _ in 0..50 {
-            session.advance(Duration::from_millis(10)).unwrap();
+            session.exchange(Duration::from_millis(10)).unwrap();
             samples += session.drain().samples.len();
         }
         let counters = session.counters();

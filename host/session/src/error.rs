@@ -1,5 +1,6 @@
 //! What can go wrong in a session, with what to do about it.
 
+use crate::explain::LatchedFault;
 use crate::link::LinkError;
 use wire::message::CommandError;
 
@@ -55,7 +56,7 @@ pub enum SessionError {
     },
     /// A fault of the whole board is latched.
     #[error("{0}")]
-    Fault(String),
+    Fault(LatchedFault),
     /// Something took longer than it may.
     #[error("{0}")]
     TooLong(String),

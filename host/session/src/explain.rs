@@ -2,7 +2,7 @@
 
 use control::config::FIELDS;
 use control::{Fault, MotorState, SystemState};
-use wire::message::{CommandError, CrashRecord, FaultReport};
+use wire::message::{CommandError, CrashRecord, FaultReport, Status};
 use wire::{Command, UNITS};
 
 /// Name of a command in messages.
@@ -44,16 +44,54 @@ pub fn motor_state_name(number: u8) -> String {
     )
 }
 
-/// A reported fault in one line: the unit, where it is one's, and [`explain_fault`].
-#[must_use]
-pub fn explain_report(fault: &FaultReport) -> String {
-    let text = explain_fault(fault.code, fault.detail);
-    if usize::from(fault.unit) < UNITS {
-        format!("unit {}: {text}", fault.unit + 1)
-    } else {
-        text
+/// A fault that the board has latched. Displayed in one line: the unit, where it is one's, and [`explain_fault`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct LatchedFault {
+    /// Unit from 1; `None`: the whole board, or not told.
+    pub unit: Option<u8>,
+    /// Number.
+    pub code: u16,
+    /// Its detail.
+    pub detail: u32,
+}
+
+impl LatchedFault {
+    /// A fault that is told without its unit.
+    #[must_use]
+    pub const fn new(code: u16, detail: u32) -> Self {
+        Self {
+            unit: None,
+            code,
+            detail,
+        }
+    }
+
+    /// The fault of the whole board that its status names.
+    #[must_use]
+    pub const fn of_board(status: &Status) -> Self {
+        Self::new(status.fault, status.fault_detail)
     }
 }
+
+impl From<&FaultReport> for LatchedFault {
+    fn from(fault: &FaultReport) -> Self {
+        Self {
+            unit: (usize::from(fault.unit) < UNITS).then(|| fault.unit + 1),
+            ..Self::new(fault.code, fault.detail)
+        }
+    }
+}
+
+impl std::fmt::Display for LatchedFault {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        if let Some(unit) = self.unit {
+            write!(f, "unit {unit}: ")?;
+        }
+        f.write_str(&explain_fault(self.code, self.detail))
+    }
+}
+
+impl std::error::Error for LatchedFault {}
 
 /// A fault in one line: number, name, meaning, way out.
 #[must_use]

@@ -1,80 +1,16 @@
 //! Receiving: bytes to frames, frames to samples, faults and status, board time without its wrap.
 
-use super::{
-    explain_crash_record, timekeeping, Session, SessionError, TimedSample, SILENCE_TIMEOUT,
-};
-use std::time::Duration;
+use super::{Session, TimedSample};
+use crate::clock::Reading;
 use wire::message::{Response, Status};
-use wire::{BoardFrame, BoardMessage, FrameError};
+use wire::{BoardFrame, BoardMessage};
 
 /// A step of board time further back than this is a reset and not telemetry out of order, in microseconds.
 const RESET_STEP_US: i32 = -500_000;
 
 impl Session<'_> {
-    /// Lets time pass: sends what is queued and receives what arrives.
-    ///
-    /// # Errors
-    /// The link is gone, the board stopped sending or was reset.
-    pub fn advance(&mut self, duration: Duration) -> Result<(), SessionError> {
-        self.exchange_with_reading(duration)?;
-        if self.info.is_some() {
-            if self.reset_seen {
-                return Err(self.after_reset());
-            }
-            let limit = self.pace.on_host(SILENCE_TIMEOUT);
-            if self.now_ns.saturating_sub(self.last_frame_ns) > limit.as_nanos() as u64 {
-                return Err(SessionError::NoAnswer { command: "status" });
-            }
-        }
-        Ok(())
-    }
-
-    /// Connects again to a board that was reset, and reports its crash record.
-    pub(super) fn after_reset(&mut self) -> SessionError {
-        self.setpoints = None;
-        self.info = None;
-        self.outbox.clear();
-        let crash_record = match self.handshake() {
-            Ok(()) => self
-                .info
-                .as_ref()
-                .and_then(|info| info.crash_record.as_ref())
-                .map(explain_crash_record),
-            Err(_) => None,
-        };
-        SessionError::Reset { crash_record }
-    }
-
-    /// Sends the queued bytes, lets time pass and evaluates what arrived.
-    pub(super) fn exchange(&mut self, duration: Duration) -> Result<(), SessionError> {
-        if self.now_ns >= self.setpoints_due_ns {
-            self.queue_setpoints();
-        }
-        let outbox = std::mem::take(&mut self.outbox);
-        let exchange = self.link.exchange(&outbox, duration)?;
-        self.now_ns = exchange.now_ns;
-        self.utc_ns = timekeeping::utc_now_ns();
-        if exchange.pose.is_some() {
-            self.pose = exchange.pose;
-        }
-        if self.resets.is_some_and(|before| exchange.resets != before) {
-            self.reset_seen = true;
-        }
-        self.resets = Some(exchange.resets);
-        self.received.truth.extend(exchange.truth);
-        self.counters.bytes += exchange.from_board.len() as u64;
-        for byte in exchange.from_board {
-            match self.decoder.push::<BoardFrame>(byte) {
-                Ok(None) => {}
-                Ok(Some(frame)) => self.receive(frame),
-                Err(FrameError::Message) => self.counters.frames_unknown += 1,
-                Err(_) => self.counters.frames_bad += 1,
-            }
-        }
-        Ok(())
-    }
-
-    fn receive(&mut self, frame: BoardFrame) {
+    /// Evaluates a frame.
+    pub(super) fn receive(&mut self, frame: BoardFrame) {
         self.counters.frames += 1;
         self.last_frame_ns = self.now_ns;
         self.counters.frames_lost += u64::from(self.gaps.arrived(frame.seq));
@@ -113,6 +49,26 @@ impl Session<'_> {
         self.note_time(board_us, sent_ns);
         self.received.status = Some(status.clone());
         self.status = Some(status);
+    }
+
+    /// Takes note that the board read its clock.
+    fn note_time(&mut self, board_us: u64, sent_ns: Option<u64>) {
+        let reading = Reading {
+            board_us,
+            sent_ns,
+            received_ns: self.now_ns,
+        };
+        // Of the frames that arrived together the newest says most.
+        match self.received.readings.last_mut() {
+            Some(last)
+                if last.received_ns == reading.received_ns
+                    && last.sent_ns.is_none()
+                    && last.board_us <= board_us =>
+            {
+                *last = reading;
+            }
+            _ => self.received.readings.push(reading),
+        }
     }
 
     /// Continues the board's 32-bit microseconds past their wrap, and notices a restart.

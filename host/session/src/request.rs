@@ -1,8 +1,8 @@
 //! Requests: a command goes out, its response comes back, several times where frames get lost.
 
 use super::{
-    command_name, explain_fault, explain_refusal, system_state_name, Patience, Session,
-    SessionError, PERIOD, SETPOINTS_VALID_MS,
+    command_name, explain_refusal, system_state_name, LatchedFault, Patience, Session,
+    SessionError, PERIOD,
 };
 use std::time::Duration;
 use wire::message::{BoardConfig, CommandError, Response, Status, UnitConfig};
@@ -16,17 +16,6 @@ const MAX_ATTEMPTS: u32 = 4;
 const POLL_PERIOD: Duration = Duration::from_millis(1);
 
 impl Session<'_> {
-    /// Queues the setpoints in force, if any.
-    pub(super) fn queue_setpoints(&mut self) {
-        if let Some(units) = self.setpoints {
-            self.setpoints_due_ns = self.now_ns + PERIOD.as_nanos() as u64;
-            self.queue(Command::Setpoints {
-                valid_ms: SETPOINTS_VALID_MS,
-                units,
-            });
-        }
-    }
-
     /// Encodes a command for the next exchange; returns its number.
     pub(super) fn queue(&mut self, command: Command) -> u16 {
         self.seq = self.seq.wrapping_add(1);
@@ -56,7 +45,7 @@ impl Session<'_> {
         let seq = self.queue(command.clone());
         let mut waited = Duration::ZERO;
         while waited < self.pace.on_host(timeout) {
-            self.exchange(POLL_PERIOD)?;
+            self.exchange_once(POLL_PERIOD)?;
             waited += POLL_PERIOD;
             if let Some((number, response)) = self.reply.take() {
                 if number == seq {
@@ -179,16 +168,13 @@ impl Session<'_> {
         // What is there already may be older than the command that is waited for.
         self.status = None;
         loop {
-            self.advance(PERIOD)?;
+            self.exchange(PERIOD)?;
             if let Some(status) = &self.status {
                 if done(status) {
                     return Ok(status.clone());
                 }
                 if status.fault != 0 {
-                    return Err(SessionError::Fault(explain_fault(
-                        status.fault,
-                        status.fault_detail,
-                    )));
+                    return Err(SessionError::Fault(LatchedFault::of_board(status)));
                 }
             }
             if patience.is_over(self.now_ns, self.status.as_ref().map(|status| status.t_us)) {

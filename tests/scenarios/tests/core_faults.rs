@@ -20,7 +20,7 @@ fn reset_by(link: &mut dyn RigLink, injection: Injection) -> (BoardInfo, usize) 
         let mut stand = Stand::armed(link, 3.0);
         stand.truth();
         stand.inject(injection);
-        let ended = (0..50).any(|_| stand.session.advance(session::PERIOD).is_err());
+        let ended = (0..50).any(|_| stand.session.exchange(session::PERIOD).is_err());
         assert!(ended, "the session does not notice the reset");
         stand.truth()
     };

@@ -245,7 +245,7 @@ fn a_hung_loop_is_reset_by_the_watchdog_and_reported() {
         stand.inject(Injection::HangLoop);
         let mut error = None;
         for _ in 0..100 {
-            if let Err(stop) = stand.session.advance(session::PERIOD) {
+            if let Err(stop) = stand.session.exchange(session::PERIOD) {
                 error = Some(stop);
                 break;
             }

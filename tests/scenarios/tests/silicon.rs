@@ -78,7 +78,7 @@ fn the_crash_record_survives_the_reset_that_follows_it() {
         let mut stand = Stand::armed(&mut link, 3.0);
         stand.inject(Injection::HangLoop);
         for _ in 0..100 {
-            if stand.session.advance(session::PERIOD).is_err() {
+            if stand.session.exchange(session::PERIOD).is_err() {
                 break;
             }
         }

@@ -147,7 +147,7 @@ impl Zero {
             if let Mistake::Preload(unit, force_n) = mistake {
                 hang(session, &[*unit], part * force_n)?;
                 session
-                    .advance(weights::SETTLE)
+                    .exchange(weights::SETTLE)
                     .map_err(CalibrateError::from)?;
             }
         }

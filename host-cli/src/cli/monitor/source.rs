@@ -118,7 +118,7 @@ impl<'s, 'l> SessionSource<'s, 'l> {
     }
 
     fn advance(&mut self) -> Result<()> {
-        match self.session.advance(PERIOD) {
+        match self.session.exchange(PERIOD) {
             Ok(()) => {}
             // The session has connected again.
             Err(error @ SessionError::Reset { .. }) => {

@@ -82,7 +82,7 @@ impl Run<'_> {
         let began_ns = session.now_ns();
         let _ = feed.poll(session.link(), began_ns);
         loop {
-            session.advance(PERIOD)?;
+            session.exchange(PERIOD)?;
             let now_ns = session.now_ns();
             let fresh = feed
                 .poll(session.link(), now_ns)
@@ -296,8 +296,7 @@ impl LoopAt {
     ) -> Result<(), End> {
         let (raven, transport_ms) = match self {
             Self::Board => {
-                session.set_setpoints(Some(setpoints));
-                return Ok(session.advance(PERIOD)?);
+                return Ok(session.send_setpoints(setpoints, PERIOD)?);
             }
             Self::Host {
                 raven,
@@ -307,7 +306,7 @@ impl LoopAt {
         raven.set(setpoints);
         let mut seen = session.undrained_samples().len();
         for _ in 0..PERIOD.as_millis() / RAVEN_CYCLE.as_millis() {
-            session.advance(RAVEN_CYCLE)?;
+            session.exchange(RAVEN_CYCLE)?;
             let fresh = session.undrained_samples()[seen..].to_vec();
             seen += fresh.len();
             raven.cycle(session, &fresh, transport_ms)?;

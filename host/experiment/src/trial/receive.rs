@@ -43,7 +43,7 @@ impl Run<'_> {
             )));
         }
         match session.fault_in(&received) {
-            Some(fault) => Err(End::Stopped(fault)),
+            Some(fault) => Err(End::Stopped(fault.to_string())),
             None => Ok(()),
         }
     }

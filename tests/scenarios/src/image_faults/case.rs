@@ -152,7 +152,7 @@ impl Stage {
                 let mut left = Duration::from_micros(plan.at_us);
                 while !left.is_zero() {
                     let step = left.min(PERIOD);
-                    (stand.session.advance(step)).unwrap_or_else(|error| panic!("{error}"));
+                    (stand.session.exchange(step)).unwrap_or_else(|error| panic!("{error}"));
                     left -= step;
                 }
                 let mut observer = Observer::new(&self.plant, watch_ms);
@@ -275,7 +275,7 @@ impl Observer {
     fn watch(&mut self, stand: &mut Stand<'_>, plan: &Plan) -> bool {
         while self.ms < self.end_ms() {
             stand.hold(setpoints(plan, self.ms));
-            let advanced = stand.session.advance(PERIOD);
+            let advanced = stand.session.exchange(PERIOD);
             let received = stand.session.drain();
             let ms = self.ms;
             if let Some(status) = received.status {
