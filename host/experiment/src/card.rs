@@ -1,9 +1,9 @@
 //! The data card: what a dataset is, as JSON for programs and Markdown for people.
 
 use super::dataset::{Column, CELL_DELAY_S, COLUMNS, TRUTH_COLUMNS};
+use super::error::ExperimentError;
 use super::file::Experiment;
 use super::folder::{Attempt, Folder, Status};
-use super::ExperimentError;
 use serde_json::{json, Value};
 use std::fmt::Write as _;
 

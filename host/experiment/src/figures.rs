@@ -3,7 +3,6 @@
 use super::dataset::Joiner;
 use super::file::{Experiment, Gates};
 use super::pull::OneAxis;
-use super::trial::Setup;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use session::{LinkCounters, TimedSample};
@@ -85,13 +84,9 @@ pub struct GateResult {
 }
 
 impl Counts {
-    /// Nothing counted yet.
+    /// Nothing counted yet. `used`: units that take part.
     #[must_use]
-    pub fn new(setup: &Setup<'_>) -> Self {
-        Self::of(setup.experiment, setup.rig.units.map(|unit| unit.enabled))
-    }
-
-    fn of(experiment: &Experiment, used: [bool; UNITS]) -> Self {
+    pub fn new(experiment: &Experiment, used: [bool; UNITS]) -> Self {
         Self {
             one_axis: OneAxis::of(&experiment.force),
             used,
@@ -144,7 +139,7 @@ impl Counts {
     }
 
     /// The rows of the trial.
-    pub fn rows(&mut self, joiner: &Joiner, _: &Setup<'_>) {
+    pub fn rows(&mut self, joiner: &Joiner) {
         let column = |name: &str| joiner.rows.column(name).unwrap_or_default();
         let measured = ["force_x_n", "force_y_n", "force_z_n"].map(column);
         let commanded = [
@@ -241,7 +236,7 @@ mod tests {
     #[test]
     fn missing_samples_are_counted_by_their_gaps_and_units_that_are_not_used_do_not_count() {
         let thesis = Experiment::thesis().unwrap();
-        let mut counts = Counts::of(&thesis, [true, false, false, false, false, false]);
+        let mut counts = Counts::new(&thesis, [true, false, false, false, false, false]);
         let sample = |unit, t_us, limited: bool| TimedSample {
             t_us,
             sample: Sample {

@@ -13,10 +13,10 @@
 //! share no file, so shards can run at the same time.
 
 use super::dataset::{table, Column, Joiner, COLUMNS, ROWS, TRUTH, TRUTH_COLUMNS};
+use super::error::ExperimentError;
 use super::figures::{Figures, GateResult};
 use super::file::Experiment;
 use super::table::{failed, Table};
-use super::ExperimentError;
 use recording::read::{mcap_of, Entry, Reader};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;

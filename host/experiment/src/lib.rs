@@ -15,6 +15,7 @@
 
 pub mod card;
 pub mod dataset;
+mod error;
 pub mod feed;
 pub mod figures;
 pub mod file;
@@ -31,37 +32,12 @@ pub mod sequence;
 pub mod table;
 pub mod trial;
 
+pub use error::ExperimentError;
 pub use file::{Experiment, FileError, THESIS, THESIS_NAME};
 pub use folder::{Attempt, Folder, Status};
 pub use plan::PlanError;
 pub use sequence::{run, Options, Shard, Summary};
 pub use trial::{NoopWatcher, Watcher};
-
-/// Why an experiment could not go on. Attempts that failed are no error: they are in the folder.
-#[derive(Debug, thiserror::Error)]
-pub enum ExperimentError {
-    /// The experiment file; nothing was driven.
-    #[error(transparent)]
-    File(#[from] FileError),
-    /// The rig file; nothing was driven.
-    #[error(transparent)]
-    Rig(#[from] rig::RigFileError),
-    /// A trial can't be done; nothing was driven.
-    #[error(transparent)]
-    Plan(#[from] PlanError),
-    /// The folder does not fit.
-    #[error("{0}")]
-    Folder(String),
-    /// A table or another file.
-    #[error(transparent)]
-    Table(#[from] table::TableError),
-    /// The recording of the samples.
-    #[error(transparent)]
-    Record(#[from] recording::RecordError),
-    /// The link can't be opened.
-    #[error(transparent)]
-    Link(#[from] session::link::LinkError),
-}
 
 #[cfg(test)]
 mod tests;

@@ -3,9 +3,9 @@
 //! The lock is the operating system's on the open file (`flock` or its like), so it ends with the process however that ends; the
 //! file that stays behind is no lock. On network file systems it holds where these pass locks on (NFS 4 and NFS 3 with lockd do).
 
+use super::error::ExperimentError;
 use super::folder::Folder;
 use super::table::failed;
-use super::ExperimentError;
 use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, Write};
 use std::time::SystemTime;

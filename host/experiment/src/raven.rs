@@ -36,7 +36,7 @@ pub struct RavenLoop {
 }
 
 impl RavenLoop {
-    /// For the enabled units of a rig with these configurations in force, at rest.
+    /// For the enabled units of a rig with these configurations, at rest.
     ///
     /// # Errors
     /// The control law refuses a configuration.

@@ -1,12 +1,12 @@
 //! The report of an experiment: figures over all trials, and pictures of what the data cover.
 
 use super::card::{line, Card};
+use super::error::ExperimentError;
 use super::file::{Experiment, Force};
 use super::folder::Folder;
 use super::pictures::{maps, tall, visited, Axis, Panel};
 use super::pull::OneAxis;
 use super::table::{failed, Table};
-use super::ExperimentError;
 use nalgebra::Vector3;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};

@@ -1,5 +1,6 @@
 //! The trials of an experiment one after another: which are left, attempts, shards, resuming.
 
+use super::error::ExperimentError;
 use super::feed::Tamper;
 use super::figures::judge;
 use super::file::Experiment;
@@ -7,7 +8,6 @@ use super::folder::{Attempt, AttemptFolder, Folder, Status};
 use super::lock::TrialLock;
 use super::plan::{self, derive, Trial};
 use super::trial::{run_trial, Ending, Setup, Shown, Watcher};
-use super::ExperimentError;
 use rig::{LinkChoice, RigFile};
 use robot::source::SourceConfig;
 use run::Zeroing;

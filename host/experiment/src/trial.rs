@@ -16,12 +16,12 @@ mod receive;
 mod rows;
 
 use super::dataset::{Joiner, ROWS, TRUTH};
+use super::error::ExperimentError;
 use super::feed::Tamper;
 use super::figures::Counts;
 use super::file::Experiment;
 use super::folder::AttemptFolder;
 use super::plan::Trial;
-use super::ExperimentError;
 use clocks::Clocks;
 use emulator_link::Truth as PlantTruth;
 use nalgebra::Vector3;
@@ -142,7 +142,7 @@ pub fn run_trial(
         },
         shown: Shown {
             ending: Ending::Complete,
-            counts: Counts::new(setup),
+            counts: Counts::new(setup.experiment, setup.rig.units.map(|unit| unit.enabled)),
             firmware: String::new(),
             config_crc: 0,
             disarmed: false,

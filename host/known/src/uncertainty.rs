@@ -13,7 +13,7 @@ use super::base::{conversion, BOARD_ZERO_SD_N};
 
 /// Uncertainty of the force at the tip. All of it one standard deviation, unless it says otherwise.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct Applied {
+pub struct ForceUncertainty {
     /// Hash of the calibration.
     pub calibration: String,
     /// Its date.
@@ -70,7 +70,7 @@ impl Steady {
 
     /// Uncertainty of the mean force. `None` without a steady cycle or where a cable stands across its cell.
     #[must_use]
-    pub fn uncertainty(&self, record: &Record) -> Option<Applied> {
+    pub fn uncertainty(&self, record: &Record) -> Option<ForceUncertainty> {
         if self.count == 0 {
             return None;
         }
@@ -88,7 +88,7 @@ impl Steady {
 
 /// Uncertainty of the mean force that a run held while steady; see [`Steady::uncertainty`].
 #[must_use]
-pub fn of_run(record: &Record, steps: &[Step]) -> Option<Applied> {
+pub fn of_run(record: &Record, steps: &[Step]) -> Option<ForceUncertainty> {
     let mut steady = Steady::default();
     steps.iter().for_each(|step| steady.add(step));
     steady.uncertainty(record)
@@ -102,7 +102,7 @@ pub fn of_tensions(
     tension_n: &[f64; UNITS],
     held_n: &[f64; UNITS],
     available: &[bool; UNITS],
-) -> Option<Applied> {
+) -> Option<ForceUncertainty> {
     let mut nominal = Vec::new();
     let inputs: Vec<UnitInput> = record
         .units
@@ -142,7 +142,7 @@ pub fn of_tensions(
     let found =
         uncertainty::tip_force(&inputs, tip_m, &geometry, record.common_gain_relative_sd).ok()?;
     let worst = |m: &Matrix3<f64>| SymmetricEigen::new(*m).eigenvalues.max().max(0.0).sqrt();
-    Some(Applied {
+    Some(ForceUncertainty {
         calibration: record.content_hash(),
         date: record.date.clone(),
         size_sd_n: found.size_sd_n(),

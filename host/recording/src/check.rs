@@ -1,11 +1,12 @@
 //! What a recording holds and what it lacks: `forcectl recording check`.
 
+use super::error::RecordError;
 use super::folder::sha256;
+use super::format::{CONFIGURATION_METADATA, FORMAT, METADATA, RIG_ATTACHMENT, SUMS_FILE};
 use super::read::{mcap_of, End, Entry, Reader};
 use super::rows::{ClockRow, CounterRow, CycleRow, EventRow, SampleRow, PREPARING};
 use super::table::Row;
 use super::times::Clocks;
-use super::{RecordError, CONFIGURATION_METADATA, FORMAT, METADATA, RIG_ATTACHMENT, SUMS_FILE};
 use rig::board_crc;
 use serde::Serialize;
 use std::collections::BTreeMap;

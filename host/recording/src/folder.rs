@@ -1,6 +1,8 @@
 //! The folder of a recording: whether it may be used, files that appear whole or not at all, and their hashes.
 
-use super::{read, RecordError, JSON_FILE, MCAP_FILE, SUMS_FILE, TABLES};
+use super::error::RecordError;
+use super::format::{JSON_FILE, MCAP_FILE, SUMS_FILE, TABLES};
+use super::read;
 use std::path::Path;
 
 /// Makes a folder ready for a recording.

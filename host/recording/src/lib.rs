@@ -11,10 +11,10 @@
 //!
 //! | question | file here |
 //! | --- | --- |
-//! | what a recording is fed with | `recorder` |
-//! | rows, clocks, chunks | `writer`, `utc`, `sink` |
+//! | what a recording is fed with; what it says of itself | `recorder`, `metadata` |
+//! | what waits for the writer; rows, clocks, chunks | `queue`, `writer`, `utc`, `sink` |
 //! | the clocks as they are known afterwards | `times` |
-//! | columns and schemas | `table`, `rows` |
+//! | names, columns and schemas | `format`, `table`, `rows` |
 //! | reading it, cut off or not | `read` |
 //! | Parquet from it | `parquet` |
 //! | what it holds and lacks | `check` |
@@ -22,9 +22,13 @@
 //! | whether a folder may be used; hashes | `folder` |
 
 pub mod check;
+mod error;
 pub(crate) mod folder;
+mod format;
 pub mod merge;
+mod metadata;
 mod parquet;
+mod queue;
 pub mod read;
 mod recorder;
 pub mod rows;
@@ -36,68 +40,13 @@ pub mod times;
 mod utc;
 mod writer;
 
+pub use error::RecordError;
+pub use format::{
+    BOARD_METADATA, CONFIGURATION_METADATA, FORMAT, JSON_FILE, MCAP_FILE, METADATA, RIG_ATTACHMENT,
+    SUMS_FILE, TABLES,
+};
+pub use metadata::Metadata;
 pub use parquet::{export, Exported};
-pub use recorder::{Finished, Metadata, Recorder};
+pub use recorder::{Finished, Recorder};
 pub use sink::Storage;
 pub use writer::CHUNK_PERIOD;
-
-use std::path::Path;
-use table::{Row, Table};
-
-/// The MCAP file.
-pub const MCAP_FILE: &str = "run.mcap";
-/// The configuration.
-pub const JSON_FILE: &str = "configuration.json";
-/// Hashes.
-pub const SUMS_FILE: &str = "SHA256SUMS";
-/// Version of all of this; another number where a reader of this one would be misled.
-pub const FORMAT: &str = "force-rig-recording 2";
-/// Name of the first metadata record.
-pub const METADATA: &str = "recording";
-/// Name of the metadata record of each configuration.
-pub const CONFIGURATION_METADATA: &str = "configuration";
-/// Name of the metadata record of the board.
-pub const BOARD_METADATA: &str = "board";
-/// Name of the attachment with the rig file.
-pub const RIG_ATTACHMENT: &str = "rig.json";
-
-/// All tables.
-pub const TABLES: [Table; 5] = [
-    rows::SampleRow::TABLE,
-    rows::CycleRow::TABLE,
-    rows::ClockRow::TABLE,
-    rows::CounterRow::TABLE,
-    rows::EventRow::TABLE,
-];
-
-/// Why a recording could not be written or read.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error("recording {path}: {cause}; {advice}")]
-pub struct RecordError {
-    /// File.
-    pub path: String,
-    /// What went wrong.
-    pub cause: String,
-    /// What to do.
-    pub advice: &'static str,
-}
-
-impl RecordError {
-    /// A file that can't be written.
-    pub(crate) fn new(path: &Path, cause: &dyn std::fmt::Display) -> Self {
-        Self {
-            path: path.display().to_string(),
-            cause: cause.to_string(),
-            advice: "check the folder and the space on the disk",
-        }
-    }
-
-    /// A file that can't be read.
-    pub(crate) fn unreadable(path: &Path, cause: &dyn std::fmt::Display) -> Self {
-        Self {
-            path: path.display().to_string(),
-            cause: cause.to_string(),
-            advice: "give a run.mcap of `forcectl`, or the folder that holds it",
-        }
-    }
-}

@@ -4,12 +4,12 @@
 //! the log's own time where it is given. The force changes meanwhile by less than `join_error_n`, which takes the steepest
 //! change of the force within that time from the recording itself.
 
+use super::error::RecordError;
 use super::parquet::{Columns, Output};
 use super::read::{mcap_of, Entry, Reader};
 use super::rows::{CycleRow, SampleRow};
 use super::table::{Cell, Kind, Row};
 use super::times::Clocks;
-use super::RecordError;
 use ::parquet::file::reader::{FileReader, SerializedFileReader};
 use ::parquet::record::Field;
 use serde::Serialize;

@@ -3,11 +3,11 @@
 //! The clocks of each row are computed anew, from the readings before and after it. Each file is finished on its own: it is
 //! written beside its place and moved there when it is complete.
 
+use super::error::RecordError;
 use super::read::{mcap_of, End, Entry, Reader};
 use super::rows::{ClockRow, CounterRow, CycleRow, EventRow, SampleRow};
 use super::table::{Cell, Kind, Row, Table};
 use super::times::Clocks;
-use super::{RecordError, BOARD_METADATA, CONFIGURATION_METADATA, METADATA, RIG_ATTACHMENT};
 use files::Part;
 use parquet::basic::{Compression, LogicalType, Repetition, TimeUnit, Type as Physical};
 use parquet::data_type::{ByteArray, ByteArrayType, DoubleType, Int32Type, Int64Type};
@@ -248,28 +248,6 @@ impl Output {
         let finished = self.part.finish(file);
         finished.map_err(|error| RecordError::new(&self.path, &error))?;
         Ok(self.rows)
-    }
-}
-
-/// Metadata of the Parquet files: that of the recording, the rig file, and the newest configuration.
-pub(super) fn metadata_pairs(entry: &Entry, pairs: &mut BTreeMap<String, String>) {
-    match entry {
-        Entry::Metadata { name, pairs: found } if name == METADATA || name == BOARD_METADATA => {
-            pairs.extend(found.clone());
-        }
-        Entry::Metadata { name, pairs: found } if name == CONFIGURATION_METADATA => {
-            let index = found.get("configuration").cloned().unwrap_or_default();
-            for (key, value) in found {
-                if key != "configuration" {
-                    pairs.insert(key.clone(), value.clone());
-                    pairs.insert(format!("{key}.{index}"), value.clone());
-                }
-            }
-        }
-        Entry::Attachment { name, data } if name == RIG_ATTACHMENT => {
-            pairs.insert("rig".to_owned(), String::from_utf8_lossy(data).into_owned());
-        }
-        _ => {}
     }
 }
 

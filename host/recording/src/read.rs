@@ -1,6 +1,7 @@
 //! Reading a recording's MCAP file from start to end, complete or cut off in the middle.
 
-use super::{RecordError, MCAP_FILE};
+use super::error::RecordError;
+use super::format::{BOARD_METADATA, CONFIGURATION_METADATA, MCAP_FILE, METADATA, RIG_ATTACHMENT};
 use mcap::records::Record;
 use mcap::sans_io::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use std::collections::{BTreeMap, HashMap};
@@ -187,5 +188,27 @@ impl Iterator for Reader {
                 None
             }
         }
+    }
+}
+
+/// Metadata of an entry, as the Parquet files have it: that of the recording, the rig file, and the newest configuration.
+pub(super) fn metadata_pairs(entry: &Entry, pairs: &mut BTreeMap<String, String>) {
+    match entry {
+        Entry::Metadata { name, pairs: found } if name == METADATA || name == BOARD_METADATA => {
+            pairs.extend(found.clone());
+        }
+        Entry::Metadata { name, pairs: found } if name == CONFIGURATION_METADATA => {
+            let index = found.get("configuration").cloned().unwrap_or_default();
+            for (key, value) in found {
+                if key != "configuration" {
+                    pairs.insert(key.clone(), value.clone());
+                    pairs.insert(format!("{key}.{index}"), value.clone());
+                }
+            }
+        }
+        Entry::Attachment { name, data } if name == RIG_ATTACHMENT => {
+            pairs.insert("rig".to_owned(), String::from_utf8_lossy(data).into_owned());
+        }
+        _ => {}
     }
 }

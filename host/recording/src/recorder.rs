@@ -1,182 +1,28 @@
 //! The recorder: takes what a run produces without ever waiting for a disk, and hands it to the thread that writes.
 
-use super::parquet;
-use super::rows::phase_name;
-use super::sink::Storage;
-use super::table::{ColumnTable, Utc};
-use super::writer::{configuration_pairs, Writer};
-use super::{folder, RecordError, MCAP_FILE};
+use crate::error::RecordError;
+use crate::format::{BOARD_METADATA, JSON_FILE, MCAP_FILE};
+use crate::metadata::{configuration_pairs, Metadata};
+use crate::queue::{Item, Shared};
+use crate::rows::phase_name;
+use crate::sink::Storage;
+use crate::writer::Writer;
+use crate::{folder, parquet};
 use force::metrics::Step;
 use known::uncertainty::Steady;
-use rig::RigFile;
 use run::Phase;
 use session::Received;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::{AtomicU64, Ordering};
+use std::sync::atomic::Ordering;
 use std::sync::mpsc::{sync_channel, SyncSender, TrySendError};
-use std::sync::{Arc, Mutex, PoisonError};
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::sync::{Arc, PoisonError};
 use wire::message::UnitConfig;
 use wire::UNITS;
 
 /// Items that wait for the writer at most: two a control cycle, 40 s.
 const QUEUE: usize = 8192;
-
-/// What a recording says of itself from its first byte on.
-#[derive(Debug, Clone)]
-pub struct Metadata {
-    /// The rig file.
-    pub rig: RigFile,
-    /// Whether time is that of an emulation: UTC then begins at `utc_start` and passes with it.
-    pub emulated: bool,
-    /// Start of the recording.
-    pub utc_start: Utc,
-    /// Whether a run may wait for the disk where 40 s of rows wait already: where the rig's time is the run's own to stop.
-    pub waits: bool,
-    /// Whether load-cell samples and control cycles are recorded.
-    pub samples: bool,
-    /// Tables that the run adds.
-    pub columns: Vec<ColumnTable>,
-    /// Anything else: trial, seed, who, what for.
-    pub notes: BTreeMap<String, String>,
-}
-
-impl Metadata {
-    /// Of a recording that starts now.
-    #[must_use]
-    pub fn new(rig: &RigFile, emulated: bool) -> Self {
-        let now_ns = SystemTime::now()
-            .duration_since(UNIX_EPOCH)
-            .map_or(0, |passed| u64::try_from(passed.as_nanos()).unwrap_or(0));
-        Self {
-            rig: rig.clone(),
-            emulated,
-            waits: emulated,
-            samples: true,
-            columns: Vec::new(),
-            utc_start: Utc::from_ns(now_ns),
-            notes: BTreeMap::new(),
-        }
-    }
-
-    /// For a rig whose time does not wait: a real one, one that others share, one that is paced.
-    #[must_use]
-    pub fn never_waits(mut self) -> Self {
-        self.waits = false;
-        self
-    }
-
-    /// Records neither load-cell samples nor control cycles.
-    #[must_use]
-    pub fn without_samples(mut self) -> Self {
-        self.samples = false;
-        self
-    }
-
-    /// Adds tables of numbers.
-    #[must_use]
-    pub fn with_columns(mut self, tables: &[ColumnTable]) -> Self {
-        self.columns.extend_from_slice(tables);
-        self
-    }
-
-    /// Adds a note, for example a trial's seed.
-    #[must_use]
-    pub fn with(mut self, key: impl Into<String>, value: impl ToString) -> Self {
-        self.notes.insert(key.into(), value.to_string());
-        self
-    }
-
-    /// The rig file as it is hashed: SHA-256 of these bytes is [`RigFile::hash`].
-    #[must_use]
-    pub fn rig_json(&self) -> Vec<u8> {
-        // Plain numbers and strings to memory: cannot fail.
-        serde_json::to_vec(&self.rig).unwrap_or_default()
-    }
-
-    /// As pairs of texts.
-    #[must_use]
-    pub fn pairs(&self) -> BTreeMap<String, String> {
-        let start = UNIX_EPOCH + std::time::Duration::from_nanos(self.utc_start.ns());
-        let own = [
-            ("format", super::FORMAT.to_owned()),
-            ("forcectl_version", env!("CARGO_PKG_VERSION").to_owned()),
-            ("wire_abi", wire::ABI_VERSION.to_string()),
-            ("rig_name", self.rig.name.clone()),
-            ("rig_hash_sha256", self.rig.hash()),
-            (
-                "utc_start",
-                humantime::format_rfc3339_nanos(start).to_string(),
-            ),
-            (
-                "time_source",
-                if self.emulated { "emulated" } else { "real" }.to_owned(),
-            ),
-            ("frame", super::rows::FRAME.to_owned()),
-            ("force_sign", "on the tool".to_owned()),
-        ];
-        let mut pairs = self.notes.clone();
-        pairs.extend(own.map(|(key, value)| (key.to_owned(), value)));
-        pairs
-    }
-}
-
-/// What goes to the writer.
-pub(super) enum Item {
-    Received(Box<Received>),
-    /// A cycle, and its host time, ns; 0: that of what was received last.
-    Cycle(Box<Step>, u64),
-    Phase(&'static str),
-    Configured(Box<[UnitConfig; UNITS]>),
-    Notice(String),
-    /// A row of a table of numbers: its topic, board time (s) and values.
-    Columns(&'static str, f64, Vec<f64>),
-    Metadata(String, BTreeMap<String, String>),
-}
-
-/// What both sides know.
-#[derive(Debug, Default)]
-pub(super) struct Shared {
-    pub(super) samples: AtomicU64,
-    pub(super) cycles: AtomicU64,
-    dropped_samples: AtomicU64,
-    dropped_cycles: AtomicU64,
-    /// Why the disk takes nothing at the moment.
-    trouble: Mutex<Option<String>>,
-    /// Why the file is not complete.
-    failure: Mutex<Option<String>>,
-}
-
-impl Shared {
-    pub(super) fn drop_samples(&self, count: u64) {
-        self.dropped_samples.fetch_add(count, Ordering::Relaxed);
-    }
-
-    pub(super) fn drop_cycles(&self, count: u64) {
-        self.dropped_cycles.fetch_add(count, Ordering::Relaxed);
-    }
-
-    /// Samples and cycles that there was no room for.
-    pub(super) fn dropped(&self) -> (u64, u64) {
-        (
-            self.dropped_samples.load(Ordering::Relaxed),
-            self.dropped_cycles.load(Ordering::Relaxed),
-        )
-    }
-
-    pub(super) fn trouble(&self, why: &str) {
-        *self.trouble.lock().unwrap_or_else(PoisonError::into_inner) = Some(why.to_owned());
-    }
-
-    pub(super) fn fail(&self, why: &str) {
-        self.failure
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .get_or_insert_with(|| why.to_owned());
-    }
-}
 
 /// What a recording holds when it is complete.
 #[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
@@ -338,7 +184,7 @@ impl Recorder {
             ("silicon", format!("{:#06x}", board.silicon)),
         ];
         let pairs = pairs.map(|(key, value)| (key.to_owned(), value));
-        self.describe(super::BOARD_METADATA, BTreeMap::from(pairs));
+        self.describe(BOARD_METADATA, BTreeMap::from(pairs));
     }
 
     /// What arrived: samples, faults, readings of the clock.
@@ -551,7 +397,7 @@ impl Recorder {
         }
         json.insert("configurations".to_owned(), list.into());
         let text = serde_json::to_string_pretty(&json).unwrap_or_default();
-        if let Err(error) = folder::replace(&self.folder.join(super::JSON_FILE), text.as_bytes()) {
+        if let Err(error) = folder::replace(&self.folder.join(JSON_FILE), text.as_bytes()) {
             self.failures.push(error);
         }
     }

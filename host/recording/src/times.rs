@@ -1,10 +1,9 @@
 //! The clocks of a recording as they are known afterwards: each time from the readings before and after it.
 
-use super::parquet::metadata_pairs;
-use super::read::{Entry, Reader};
+use super::error::RecordError;
+use super::read::{metadata_pairs, Entry, Reader};
 use super::rows::ClockRow;
 use super::table::{Row, Times, Utc};
-use super::RecordError;
 use session::clock::{Bin, BoardClock, Bound, Estimate};
 use std::collections::BTreeMap;
 use std::path::Path;

@@ -1,14 +1,15 @@
 //! The thread that writes: turns what was received into rows, and brings a chunk to the disk twice a second.
 
-use super::recorder::{Item, Metadata, Shared};
-use super::rows::{At, ClockRow, CounterRow, CycleRow, EventRow, SampleRow, TipPose, OBSERVING};
-use super::sink::{Sink, Storage};
-use super::table::{row, ColumnTable, Row, Times, Utc};
-use super::utc::UtcClock;
+use crate::format::{CONFIGURATION_METADATA, METADATA, RIG_ATTACHMENT, TABLES};
+use crate::metadata::{configuration_pairs, Metadata};
+use crate::queue::{Item, Shared};
+use crate::rows::{At, ClockRow, CounterRow, CycleRow, EventRow, SampleRow, TipPose, OBSERVING};
+use crate::sink::{Sink, Storage};
+use crate::table::{row, ColumnTable, Row, Times, Utc};
+use crate::utc::UtcClock;
 use force::metrics::Step;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
-use rig::board_crc;
 use serde::Serialize;
 use session::clock::{Bin, BoardClock, Estimate, Reading};
 use session::{LatchedFault, Received};
@@ -94,7 +95,7 @@ impl Writer {
             );
             Ok(())
         };
-        for table in super::TABLES {
+        for table in TABLES {
             let schema = table.json_schema().to_string();
             add(table.topic, table.schema_name, schema)?;
         }
@@ -108,13 +109,13 @@ impl Writer {
             TipPose::json_schema().to_string(),
         )?;
         mcap.write_metadata(&mcap::records::Metadata {
-            name: super::METADATA.to_owned(),
+            name: METADATA.to_owned(),
             metadata: metadata.pairs(),
         })?;
         mcap.attach(&mcap::Attachment {
             log_time: metadata.utc_start.ns(),
             create_time: metadata.utc_start.ns(),
-            name: super::RIG_ATTACHMENT.to_owned(),
+            name: RIG_ATTACHMENT.to_owned(),
             media_type: "application/json".to_owned(),
             data: metadata.rig_json().into(),
         })?;
@@ -225,7 +226,7 @@ impl Writer {
         self.configuration += 1;
         let pairs = configuration_pairs(self.configuration, configs);
         let crc = pairs["board_config_crc32"].clone();
-        self.metadata(super::CONFIGURATION_METADATA, pairs);
+        self.metadata(CONFIGURATION_METADATA, pairs);
         let text = format!(
             "configuration {} is in force, CRC {crc}",
             self.configuration
@@ -452,20 +453,4 @@ impl Writer {
             self.shared.fail(&error.to_string());
         }
     }
-}
-
-/// Metadata of a configuration.
-pub(super) fn configuration_pairs(
-    index: i32,
-    configs: &[UnitConfig; UNITS],
-) -> BTreeMap<String, String> {
-    let json = serde_json::to_string(configs).unwrap_or_default();
-    BTreeMap::from([
-        ("configuration".to_owned(), index.to_string()),
-        (
-            "board_config_crc32".to_owned(),
-            format!("{:08x}", board_crc(configs)),
-        ),
-        ("board_config".to_owned(), json),
-    ])
 }

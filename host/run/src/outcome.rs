@@ -93,7 +93,7 @@ pub struct Outcome {
     /// Figures; `None` where the run was too short.
     pub metrics: Option<Metrics>,
     /// How well the applied force is known; `None` where no calibration of this rig is stored.
-    pub uncertainty: Option<known::uncertainty::Applied>,
+    pub uncertainty: Option<known::uncertainty::ForceUncertainty>,
     /// How the commanded force compared with what the cables can apply, in the worst cycle.
     pub reach: Option<Reach>,
     /// Faults, in order.

@@ -1,34 +1,13 @@
 //! One connection: a thread reads lines into the hub's queue, another writes what the hub wants to say.
-//!
-//! The hub never waits for a client. What a client does not read in time is dropped where it is telemetry, and ends the
-//! connection where it is an answer.
 
-use super::hub::{ClientId, Inbound};
+use super::inbound::{ClientId, Inbound};
+use super::outbox::{Closing, Outbox};
 use super::protocol::{self, Request, MAX_LINE};
-use std::collections::VecDeque;
 use std::io::{self, BufRead, BufReader, Read, Write};
 use std::net::TcpStream;
 use std::os::unix::net::UnixStream;
-use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::mpsc::Sender;
-use std::sync::{Arc, Condvar, Mutex, PoisonError};
-
-/// Lines of telemetry that wait for a client at most: 8 s of ticks.
-const MAX_TELEMETRY: usize = 4096;
-/// Lines in all that wait for a client at most. One that leaves more unread is disconnected.
-const MAX_WAITING: usize = 5120;
-
-/// Requests of one client that the hub has not carried out at most. More are left unread: a client that floods the service makes
-/// itself wait, and nobody else.
-const MAX_REQUESTS: usize = 64;
-
-/// Numbers of clients: 0 is the pseudo-terminal.
-static NEXT_ID: AtomicU64 = AtomicU64::new(1);
-
-/// A number for a new client.
-pub(super) fn next_id() -> ClientId {
-    NEXT_ID.fetch_add(1, Ordering::Relaxed)
-}
+use std::sync::Arc;
 
 /// A stream in both directions.
 pub(super) trait Stream: Send {
@@ -45,12 +24,6 @@ type Parts = (
     Box<dyn Write + Send>,
     Arc<dyn Closing>,
 );
-
-/// Ends a connection.
-pub(super) trait Closing: Send + Sync {
-    /// Ends both directions at once.
-    fn close(&self);
-}
 
 impl Closing for UnixStream {
     fn close(&self) {
@@ -79,97 +52,6 @@ impl Stream for TcpStream {
     }
 }
 
-#[derive(Default)]
-struct Waiting {
-    lines: VecDeque<Arc<str>>,
-    dropped: u64,
-    closed: bool,
-    /// Requests on their way to the hub.
-    requests: usize,
-    connection: Option<Arc<dyn Closing>>,
-}
-
-/// Lines on their way to a client, and requests on theirs to the hub. Clones share them.
-#[derive(Clone, Default)]
-pub(super) struct Outbox {
-    shared: Arc<(Mutex<Waiting>, Condvar)>,
-}
-
-impl Outbox {
-    fn with<T>(&self, act: impl FnOnce(&mut Waiting) -> T) -> T {
-        let (lock, signal) = &*self.shared;
-        let result = act(&mut lock.lock().unwrap_or_else(PoisonError::into_inner));
-        signal.notify_all();
-        result
-    }
-
-    /// Telemetry: dropped and counted where the client is behind.
-    pub(super) fn telemetry(&self, line: Arc<str>) {
-        self.with(|waiting| {
-            if waiting.lines.len() >= MAX_TELEMETRY {
-                waiting.dropped += 1;
-            } else {
-                waiting.lines.push_back(line);
-            }
-        });
-    }
-
-    /// An answer or an event. Ends the connection where the client has left too much unread.
-    pub(super) fn line(&self, line: impl Into<Arc<str>>) {
-        let line = line.into();
-        self.with(|waiting| {
-            if waiting.lines.len() >= MAX_WAITING {
-                waiting.closed = true;
-                // The thread that writes is blocked by a client that does not read.
-                if let Some(connection) = &waiting.connection {
-                    connection.close();
-                }
-            } else {
-                waiting.lines.push_back(line);
-            }
-        });
-    }
-
-    /// What the client did not read in time.
-    pub(super) fn dropped(&self) -> u64 {
-        self.with(|waiting| waiting.dropped)
-    }
-
-    /// Ends the connection after what is waiting.
-    pub(super) fn close(&self) {
-        self.with(|waiting| waiting.closed = true);
-    }
-
-    /// The hub has carried out a request.
-    pub(super) fn carried_out(&self) {
-        self.with(|waiting| waiting.requests = waiting.requests.saturating_sub(1));
-    }
-
-    /// Waits until the hub may be given another request; `false` at the end.
-    fn may_request(&self) -> bool {
-        let (lock, signal) = &*self.shared;
-        let mut waiting = lock.lock().unwrap_or_else(PoisonError::into_inner);
-        while waiting.requests >= MAX_REQUESTS && !waiting.closed {
-            waiting = signal.wait(waiting).unwrap_or_else(PoisonError::into_inner);
-        }
-        waiting.requests += 1;
-        !waiting.closed
-    }
-
-    /// The next lines; `None` at the end.
-    fn next(&self) -> Option<Vec<Arc<str>>> {
-        let (lock, signal) = &*self.shared;
-        let mut waiting = lock.lock().unwrap_or_else(PoisonError::into_inner);
-        while waiting.lines.is_empty() && !waiting.closed {
-            waiting = signal.wait(waiting).unwrap_or_else(PoisonError::into_inner);
-        }
-        if waiting.lines.is_empty() || (waiting.closed && waiting.lines.len() >= MAX_WAITING) {
-            return None;
-        }
-        Some(waiting.lines.drain(..).collect())
-    }
-}
-
 /// Starts the two threads of a connection and reports it to the hub.
 ///
 /// # Errors
@@ -181,8 +63,7 @@ pub(super) fn start(
     hub: &Sender<Inbound>,
 ) -> io::Result<()> {
     let (reader, mut writer, connection) = stream.parts()?;
-    let outbox = Outbox::default();
-    outbox.with(|waiting| waiting.connection = Some(Arc::clone(&connection)));
+    let outbox = Outbox::of(Arc::clone(&connection));
     let to_hub = hub.clone();
     let writing = outbox.clone();
     std::thread::Builder::new()
@@ -250,6 +131,7 @@ fn read(reader: impl Read, id: ClientId, outbox: &Outbox, hub: &Sender<Inbound>)
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::outbox::{MAX_REQUESTS, MAX_WAITING};
     use std::sync::mpsc::channel;
     use std::time::Duration;
 

@@ -12,10 +12,9 @@
 mod calls;
 mod clients;
 
-use super::connection::Outbox;
+use super::inbound::{ClientId, Inbound, TERMINAL};
 use super::job;
-use super::protocol::{notification, Event, Request, Tick};
-use super::server::Opener;
+use super::protocol::{notification, Event, Tick};
 use super::terminal::Terminal;
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use clients::{Client, Waiter};
@@ -59,38 +58,6 @@ const REOPEN: Duration = Duration::from_millis(500);
 /// What the hub takes of clients in one cycle at most; the board's bytes must not wait for more.
 const MAX_INBOUND: usize = 1000;
 
-/// Number of a client.
-pub(super) type ClientId = u64;
-/// The program on the pseudo-terminal.
-pub(super) const TERMINAL: ClientId = 0;
-
-/// What reaches the hub.
-pub(super) enum Inbound {
-    /// A client connected.
-    Opened {
-        /// Its number.
-        id: ClientId,
-        /// Whether it needs no token.
-        trusted: bool,
-        /// Lines to it.
-        outbox: Outbox,
-    },
-    /// A client requests something.
-    Request {
-        /// Its number.
-        id: ClientId,
-        /// The request.
-        request: Request,
-    },
-    /// A client is gone.
-    Closed {
-        /// Its number.
-        id: ClientId,
-    },
-    /// The job reports.
-    Job(job::Report),
-}
-
 /// Who waits for the reply to a frame.
 #[derive(Debug, Clone)]
 enum Origin {
@@ -110,6 +77,9 @@ struct Pending {
     due_ns: u64,
     attempts: u32,
 }
+
+/// Opens the link again.
+pub type Opener = Box<dyn Fn() -> Result<Box<dyn RigLink>, LinkError>>;
 
 /// What the service is for.
 pub(super) struct Setup {

@@ -4,7 +4,7 @@
 
 use super::client::{Client, ServiceLink};
 use super::connection;
-use super::hub::{ClientId, Inbound};
+use super::inbound::{next_id, ClientId, Inbound, JobReport};
 use super::protocol::{ForceParams, HoldParams};
 use known::base;
 use known::ZeroStore;
@@ -61,27 +61,13 @@ impl Running {
     }
 }
 
-/// What a job reports.
-pub(super) struct Report {
-    /// Number of the job.
-    pub number: u64,
-    /// Name of the job.
-    pub name: String,
-    /// Whether it has ended.
-    pub ended: bool,
-    /// What to answer to whom.
-    pub answer: Option<(ClientId, Option<Value>)>,
-    /// The result.
-    pub result: Result<Value, String>,
-}
-
 /// Starts a job.
 ///
 /// # Errors
 /// Those of the operating system.
 pub(super) fn start(order: Order, hub: &Sender<Inbound>) -> io::Result<Running> {
     let (ours, hubs) = UnixStream::pair()?;
-    connection::start(hubs, connection::next_id(), true, hub)?;
+    connection::start(hubs, next_id(), true, hub)?;
     let stop = Arc::new(AtomicBool::new(false));
     let running = Running {
         stop: Arc::clone(&stop),
@@ -101,7 +87,7 @@ pub(super) fn start(order: Order, hub: &Sender<Inbound>) -> io::Result<Running> 
             let name = format!("the service's {what} for {}", order.name);
             let mut answer = Some((order.for_client, order.request.clone()));
             let holding = |answer: &mut Option<_>| {
-                let _ = to_hub.send(Inbound::Job(Report {
+                let _ = to_hub.send(Inbound::Job(JobReport {
                     number: order.number,
                     name: name.clone(),
                     ended: false,
@@ -110,7 +96,7 @@ pub(super) fn start(order: Order, hub: &Sender<Inbound>) -> io::Result<Running> 
                 }));
             };
             let result = run(&order, ours, &name, &stop, &mut || holding(&mut answer));
-            let _ = to_hub.send(Inbound::Job(Report {
+            let _ = to_hub.send(Inbound::Job(JobReport {
                 number: order.number,
                 name,
                 ended: true,

@@ -14,6 +14,7 @@
 //! | where is the socket | `socket` |
 //! | who may do what, which bytes go where | `hub` |
 //! | sequence numbers of frames for each client | `frames` |
+//! | what reaches the hub, and what waits for a client | `inbound`, `outbox` |
 //! | one connection: reading and writing lines | `connection` |
 //! | a client of this library: the service as a [`session::link::RigLink`] | `client` |
 //! | what the service does by itself | `job` |
@@ -27,7 +28,9 @@ pub mod client;
 mod connection;
 mod frames;
 mod hub;
+mod inbound;
 mod job;
+mod outbox;
 pub mod protocol;
 pub mod server;
 pub mod socket;
@@ -36,5 +39,5 @@ mod terminal;
 mod tests;
 
 pub use client::{Client, ServiceError};
-pub use hub::CYCLE;
-pub use server::{serve, Opener, ServeOptions};
+pub use hub::{Opener, CYCLE};
+pub use server::{serve, ServeOptions};

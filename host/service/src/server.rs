@@ -1,7 +1,8 @@
 //! A service from its start to its end: the socket, the threads that accept clients, the hub.
 
-use super::connection::{self, next_id};
-use super::hub::{Hub, Inbound, Setup};
+use super::connection;
+use super::hub::{Hub, Opener, Setup};
+use super::inbound::{next_id, Inbound};
 use super::socket::Listening;
 use super::terminal::Terminal;
 use session::link::{LinkError, RigLink};
@@ -11,9 +12,6 @@ use std::sync::atomic::AtomicBool;
 use std::sync::mpsc::Sender;
 use std::sync::Arc;
 use std::time::Duration;
-
-/// Opens the link again.
-pub type Opener = Box<dyn Fn() -> Result<Box<dyn RigLink>, LinkError>>;
 
 /// What a service is for.
 #[derive(Default)]

@@ -1,8 +1,8 @@
 //! The rows of a trial: which states become one, their way to the recorder, their files at the end.
 
 use super::super::dataset::{Waiting, BOARD_TIME, ROWS, TRUTH};
-use super::super::ExperimentError;
 use super::{Run, Shown};
+use crate::error::ExperimentError;
 use emulator_link::Truth as PlantTruth;
 use recording::Finished;
 use robot::arm::Truth as ArmTruth;
@@ -71,7 +71,7 @@ impl Run<'_> {
     pub(super) fn finish(mut self) -> Result<Shown, ExperimentError> {
         let mut error = self.file_error.take();
         if let Some(joiner) = &self.joiner {
-            self.shown.counts.rows(joiner, self.setup);
+            self.shown.counts.rows(joiner);
             let has_truth = joiner
                 .truth
                 .column("true_force_y_n")

@@ -1,7 +1,8 @@
 //! Requests of clients, and their answers.
 
 use super::clients::Waiter;
-use super::{ClientId, Hub, Origin, TERMINAL};
+use super::{Hub, Origin};
+use crate::inbound::{ClientId, JobReport, TERMINAL};
 use crate::job::{self, Kind};
 use crate::protocol::{
     self, code, Call, ClientStatus, Hello, Request, ServiceStatus, Welcome, VERSION,
@@ -212,7 +213,7 @@ impl Hub {
         }
     }
 
-    pub(super) fn job_reports(&mut self, report: job::Report) {
+    pub(super) fn job_reports(&mut self, report: JobReport) {
         if report.ended {
             self.job.take_if(|job| job.number == report.number);
             let text = match &report.result {

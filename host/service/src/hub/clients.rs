@@ -1,8 +1,9 @@
 //! Clients of the hub: their frames, and which of them commands.
 
-use super::{ClientId, Hub, Inbound, Origin, TERMINAL};
-use crate::connection::Outbox;
+use super::{Hub, Origin};
 use crate::frames::Numbering;
+use crate::inbound::{ClientId, Inbound, TERMINAL};
+use crate::outbox::Outbox;
 use crate::protocol::{code, Hello, Topics};
 use serde_json::Value;
 use wire::message::{CommandError, Reply, Response};
@@ -144,8 +145,8 @@ impl Hub {
     pub(super) fn other_commander(&self, id: ClientId) -> Option<ClientId> {
         let other = self.commander.filter(|other| *other != id)?;
         // Whether a program still has the pseudo-terminal open is not known: it keeps the role while it drives.
-        let silent = other == super::TERMINAL
-            || self.now_ns.saturating_sub(self.commander_ns) > super::SILENT_NS;
+        let silent =
+            other == TERMINAL || self.now_ns.saturating_sub(self.commander_ns) > super::SILENT_NS;
         (!silent || self.drives()).then_some(other)
     }
 

@@ -1,0 +1,35 @@
+//! Why a recording could not be written or read.
+
+use std::path::Path;
+
+/// Why a recording could not be written or read.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("recording {path}: {cause}; {advice}")]
+pub struct RecordError {
+    /// File.
+    pub path: String,
+    /// What went wrong.
+    pub cause: String,
+    /// What to do.
+    pub advice: &'static str,
+}
+
+impl RecordError {
+    /// A file that can't be written.
+    pub(crate) fn new(path: &Path, cause: &dyn std::fmt::Display) -> Self {
+        Self {
+            path: path.display().to_string(),
+            cause: cause.to_string(),
+            advice: "check the folder and the space on the disk",
+        }
+    }
+
+    /// A file that can't be read.
+    pub(crate) fn unreadable(path: &Path, cause: &dyn std::fmt::Display) -> Self {
+        Self {
+            path: path.display().to_string(),
+            cause: cause.to_string(),
+            advice: "give a run.mcap of `forcectl`, or the folder that holds it",
+        }
+    }
+}
