@@ -11,10 +11,10 @@ use wire::UNITS;
 /// How far a calibration of the converter misses the bridge's zero at most, N: the NAU7802 calibrates its offset at each
 /// power-up, to 0.5 to 1 % of the range of a 3 kg cell (29 N).
 pub const POWER_UP_MISS_N: f64 = 0.3;
-/// How far apart two zeros of a slack cable may lie, N: two calibrations that miss by [`POWER_UP_MISS_N`] to either side.
-/// A smaller limit would refuse slack cables: 0.45 N those of one unit at each 16th power-up, where all misses are equally likely.
-/// Friction leaves 0.7 N and more in a cable that pulls.
-pub const ZERO_TOLERANCE_N: f64 = 2.0 * POWER_UP_MISS_N;
+/// How far apart two zeros of a slack cable may lie, N, whichever command measured them: half again [`POWER_UP_MISS_N`].
+/// Friction leaves 0.7 N and more in a cable that pulls. Two calibrations that miss to opposite sides lie up to 0.6 N apart: that
+/// slack cable is refused once (`--replace` takes it), as a pulling one that is accepted makes every later force wrong.
+pub const ZERO_TOLERANCE_N: f64 = 0.45;
 
 /// Zeros kept of each rig.
 const MAX_ENTRIES: usize = 200;
