@@ -7,7 +7,7 @@
 use experiment::{self, Experiment, Options, Status, Summary};
 use experiment::{table::Table, NoopWatcher};
 use recording::merge::{merge, Merge};
-use rig::RigFile;
+use rig::Rig;
 use ros::{Process, Ros};
 use std::path::{Path, PathBuf};
 use std::process::Stdio;
@@ -109,7 +109,7 @@ fn robot() -> Option<(Ros, Process, Process)> {
 fn run(ros: &Ros, root: &Path) -> Summary {
     let text = EXPERIMENT.replace("MASTER", &ros.master());
     let experiment = Experiment::parse("ros1.toml", &text).expect("the experiment");
-    let rig = RigFile::built_in().expect("the built-in rig");
+    let rig = Rig::built_in().expect("the built-in rig");
     experiment::run(
         &experiment,
         &rig,

@@ -8,7 +8,7 @@
 use control::geometry::direction_q14;
 use control::{MotorState, SystemState};
 use emulator_link::{Injection, Report, Truth};
-use rig::RigFile;
+use rig::Rig;
 use session::link::embedded::{EmbeddedRig, Programs};
 use session::link::{EmbeddedOptions, RigLink};
 use session::Session;
@@ -41,8 +41,8 @@ pub fn rig(seed: u64) -> EmbeddedRig {
 /// # Panics
 /// Where it is not valid.
 #[must_use]
-pub fn rig_file() -> RigFile {
-    RigFile::built_in().unwrap_or_else(|error| panic!("{error}"))
+pub fn rig_file() -> Rig {
+    Rig::built_in().unwrap_or_else(|error| panic!("{error}"))
 }
 
 /// A session with a board, for scenarios: every error of the session ends the test.

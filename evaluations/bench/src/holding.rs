@@ -2,7 +2,7 @@
 
 use crate::figures::{Figures, Goal};
 use crate::rig::start;
-use ::rig::RigFile;
+use ::rig::Rig;
 use force::metrics::Metrics;
 use run::{self, NoopObserver, Options};
 use session::link::RigLink;
@@ -12,7 +12,7 @@ use test_stand::rig_file;
 const SEEDS: [u64; 3] = [1, 2, 3];
 
 /// A run of some seconds, and its figures.
-fn hold(rig: &RigFile, seed: u64, seconds: f64) -> Result<Metrics, String> {
+fn hold(rig: &Rig, seed: u64, seconds: f64) -> Result<Metrics, String> {
     let mut link = start(seed)?;
     let options = Options::new([0.0, 2.5, 0.0], seconds);
     let link: &mut dyn RigLink = &mut link;
@@ -35,7 +35,7 @@ pub fn holding(figures: &mut Figures) -> Result<(), String> {
     for unit in &mut without.units {
         unit.friction_feedforward = false;
     }
-    let runs = |rig: &RigFile| {
+    let runs = |rig: &Rig| {
         SEEDS
             .iter()
             .map(|seed| hold(rig, *seed, 10.0))

@@ -19,8 +19,7 @@ impl Arm {
         self.connection.require_rig_file(&rig)?;
         #[cfg(unix)]
         if let Some(mut client) = self.connection.client(context) {
-            let theirs =
-                rig::RigFile::parse(&client.welcome().rig_file, &client.welcome().rig_text)?;
+            let theirs = rig::Rig::parse(&client.welcome().rig_file, &client.welcome().rig_text)?;
             if theirs.hash() != rig.hash() {
                 return Err(Failure::usage(format!(
                         "the service holds with its own rig file ({}), which differs from this one; use `forcectl hold` with \

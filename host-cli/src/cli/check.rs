@@ -4,7 +4,7 @@ use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
 use force::feasibility;
-use rig::{self, RigFile};
+use rig::{self, Rig};
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::PathBuf;
@@ -27,7 +27,7 @@ impl Check {
             context.output.refuse_json("`check --print`")?;
             return Ok(Reply::text(rig::DEFAULT_TEXT));
         };
-        let rig = RigFile::load(file)?;
+        let rig = Rig::load(file)?;
         let enabled = rig.units.map(|unit| unit.enabled);
         let wrong =
             |why: String| Failure::new(exit::RIG_FILE, format!("{}: {why}", file.display()));

@@ -10,7 +10,7 @@ use clap::Args;
 use control::SystemState;
 use known::base;
 use known::ZeroStore;
-use rig::{LinkChoice, RigFile};
+use rig::{LinkChoice, Rig};
 use run::Zeroing;
 #[cfg(unix)]
 use service::{self, client::ServiceLink, socket, Client};
@@ -109,15 +109,10 @@ impl New {
 impl Existing {
     /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses options of the embedded rig
     /// where the link leads elsewhere.
-    fn load_with(
-        &self,
-        new: &New,
-        embedded: &[(&str, bool)],
-        context: &Context,
-    ) -> Result<RigFile> {
+    fn load_with(&self, new: &New, embedded: &[(&str, bool)], context: &Context) -> Result<Rig> {
         let given = match &self.rig {
-            Some(path) => RigFile::load(path),
-            None => RigFile::built_in(),
+            Some(path) => Rig::load(path),
+            None => Rig::built_in(),
         }?;
         self.only_embedded(
             &given,
@@ -141,12 +136,7 @@ impl Existing {
 
     /// The rig file to use with a target. Connects to the service, where the target has one.
     #[cfg(unix)]
-    fn rig_of(
-        &self,
-        target: &Target,
-        given: RigFile,
-        context: &Context,
-    ) -> Result<(RigFile, String)> {
+    fn rig_of(&self, target: &Target, given: Rig, context: &Context) -> Result<(Rig, String)> {
         let name = self
             .rig
             .as_ref()
@@ -159,7 +149,7 @@ impl Existing {
         let used = if self.rig.is_some() {
             (given, name)
         } else {
-            let rig = RigFile::parse(&welcome.rig_file, &welcome.rig_text)?;
+            let rig = Rig::parse(&welcome.rig_file, &welcome.rig_text)?;
             (rig, format!("{} (of the service)", welcome.rig_file))
         };
         *self.client.borrow_mut() = Some(client);
@@ -168,13 +158,13 @@ impl Existing {
     }
 
     #[cfg(not(unix))]
-    fn rig_of(&self, _: &Target, given: RigFile, _: &Context) -> Result<(RigFile, String)> {
+    fn rig_of(&self, _: &Target, given: Rig, _: &Context) -> Result<(Rig, String)> {
         Ok((given, "given or built in".to_owned()))
     }
 
     /// Refuses to drive a real rig with the geometry and limits of the built-in example. A rig file that `--rig` names is
     /// the user's own, whatever it says.
-    pub fn require_rig_file(&self, rig: &RigFile) -> Result<()> {
+    pub fn require_rig_file(&self, rig: &Rig) -> Result<()> {
         let port = self.choice(rig);
         let real = match port {
             LinkChoice::Usb | LinkChoice::Serial(_) => true,
@@ -184,7 +174,7 @@ impl Existing {
         if !real {
             return Ok(());
         }
-        let example = RigFile::built_in().is_ok_and(|example| example.hash() == rig.hash());
+        let example = Rig::built_in().is_ok_and(|example| example.hash() == rig.hash());
         if self.rig.is_some() || !example {
             return Ok(());
         }
@@ -210,12 +200,12 @@ impl Existing {
     }
 
     /// The link: that of `--link`, else that of the rig file.
-    fn choice<'a>(&'a self, rig: &'a RigFile) -> &'a LinkChoice {
+    fn choice<'a>(&'a self, rig: &'a Rig) -> &'a LinkChoice {
         self.link.as_ref().unwrap_or(&rig.link)
     }
 
     /// Seed of the emulated rig that this leads to; `None` for a board.
-    fn seed(&self, new: &New, rig: &RigFile) -> Option<u64> {
+    fn seed(&self, new: &New, rig: &Rig) -> Option<u64> {
         match self.target(new, rig) {
             Target::Own => Some(new.seed.unwrap_or(DEFAULT_SEED)),
             Target::Direct(_) => None,
@@ -231,7 +221,7 @@ impl Existing {
 
     /// How the rig is reached. Without `--link`, an embedded rig that is kept comes before one of the command's own;
     /// options of a new rig ask for a new one.
-    fn target(&self, new: &New, rig: &RigFile) -> Target {
+    fn target(&self, new: &New, rig: &Rig) -> Target {
         match self.choice(rig) {
             LinkChoice::Fast => Target::Own,
             LinkChoice::Embedded if self.link.is_some() || new.any() || !kept() => Target::Own,
@@ -243,7 +233,7 @@ impl Existing {
     }
 
     /// Refuses options that only an embedded rig of the command's own has, where the link leads elsewhere.
-    fn only_embedded(&self, rig: &RigFile, options: &[(&str, bool)]) -> Result<()> {
+    fn only_embedded(&self, rig: &Rig, options: &[(&str, bool)]) -> Result<()> {
         let choice = self.choice(rig);
         let fixed = matches!(choice, LinkChoice::Embedded | LinkChoice::Fast);
         if fixed {
@@ -272,7 +262,7 @@ impl Existing {
         &self,
         new: &New,
         role: Role,
-        rig: &RigFile,
+        rig: &Rig,
         context: &Context,
     ) -> Result<Box<dyn RigLink>> {
         self.open_run(new, role, rig, 0, context)
@@ -284,7 +274,7 @@ impl Existing {
         &self,
         new: &New,
         role: Role,
-        rig: &RigFile,
+        rig: &Rig,
         run: u64,
         context: &Context,
     ) -> Result<Box<dyn RigLink>> {
@@ -370,7 +360,7 @@ impl Existing {
     }
 
     /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses where no rig exists.
-    pub fn load(&self, context: &Context) -> Result<RigFile> {
+    pub fn load(&self, context: &Context) -> Result<Rig> {
         let rig = self.load_with(&New::default(), &[], context)?;
         if self.target(&New::default(), &rig) != Target::Own {
             return Ok(rig);
@@ -398,7 +388,7 @@ impl Existing {
         &self,
         role: Role,
         context: &Context,
-        command: impl FnOnce(&mut Session<'_>, &RigFile) -> Result<T>,
+        command: impl FnOnce(&mut Session<'_>, &Rig) -> Result<T>,
     ) -> Result<T> {
         let rig = self.load(context)?;
         self.session(&New::default(), role, &rig, context, command)
@@ -408,9 +398,9 @@ impl Existing {
         &self,
         new: &New,
         role: Role,
-        rig: &RigFile,
+        rig: &Rig,
         context: &Context,
-        command: impl FnOnce(&mut Session<'_>, &RigFile) -> Result<T>,
+        command: impl FnOnce(&mut Session<'_>, &Rig) -> Result<T>,
     ) -> Result<T> {
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.open_as(new, role, rig, context)?;
@@ -426,19 +416,19 @@ impl Existing {
 
 impl Connection {
     /// As [`Existing::require_rig_file`].
-    pub fn require_rig_file(&self, rig: &RigFile) -> Result<()> {
+    pub fn require_rig_file(&self, rig: &Rig) -> Result<()> {
         self.at.require_rig_file(rig)
     }
 
     /// Loads the rig file: that of `--rig`, of the rig's service, or the built-in one. Refuses options of the embedded rig
     /// where the link leads elsewhere.
-    pub fn load(&self, context: &Context) -> Result<RigFile> {
+    pub fn load(&self, context: &Context) -> Result<Rig> {
         self.load_for(context, &[])
     }
 
     /// The same for a command with more options that only the embedded rig has (name, whether it was given). They are
     /// checked before anything is opened.
-    pub fn load_for(&self, context: &Context, embedded: &[(&str, bool)]) -> Result<RigFile> {
+    pub fn load_for(&self, context: &Context, embedded: &[(&str, bool)]) -> Result<Rig> {
         self.at.load_with(&self.new, embedded, context)
     }
 
@@ -449,18 +439,13 @@ impl Connection {
     }
 
     /// Opens the connection as a commander, and names the rig.
-    pub fn open(&self, rig: &RigFile, context: &Context) -> Result<Box<dyn RigLink>> {
+    pub fn open(&self, rig: &Rig, context: &Context) -> Result<Box<dyn RigLink>> {
         self.open_again(rig, 0, context)
     }
 
     /// The same for run `run` (from 0) of a command that opens it several times: runs of an emulated rig of its own differ as
     /// repetitions on a real one do.
-    pub fn open_again(
-        &self,
-        rig: &RigFile,
-        run: u64,
-        context: &Context,
-    ) -> Result<Box<dyn RigLink>> {
+    pub fn open_again(&self, rig: &Rig, run: u64, context: &Context) -> Result<Box<dyn RigLink>> {
         self.at
             .open_run(&self.new, Role::Commander, rig, run, context)
     }
@@ -472,13 +457,13 @@ impl Connection {
     }
 
     /// Seed of the emulated rig that this leads to; `None` for a board. Call it after [`Connection::load`].
-    pub fn seed(&self, rig: &RigFile) -> Option<u64> {
+    pub fn seed(&self, rig: &Rig) -> Option<u64> {
         self.at.seed(&self.new, rig)
     }
 
     /// The rig with its stored calibration in place of the rig file's numbers, where there is one. Call it after
     /// [`Connection::load`].
-    pub fn calibrated(&self, rig: RigFile, context: &Context) -> Result<RigFile> {
+    pub fn calibrated(&self, rig: Rig, context: &Context) -> Result<Rig> {
         let seed = self.seed(&rig);
         let rig = base::with_calibration(rig, seed)?;
         if let Some(words) = base::words(&rig) {
@@ -502,7 +487,7 @@ impl Connection {
         &self,
         role: Role,
         context: &Context,
-        command: impl FnOnce(&mut Session<'_>, &RigFile) -> Result<T>,
+        command: impl FnOnce(&mut Session<'_>, &Rig) -> Result<T>,
     ) -> Result<T> {
         let rig = self.load(context)?;
         self.at.session(&self.new, role, &rig, context, command)
@@ -560,7 +545,7 @@ pub fn booted_here(session: &mut Session<'_>) -> bool {
 
 /// Configures a freshly booted embedded rig with the rig file, so that its units have values to show. A rig that was there
 /// before is left as it is.
-pub fn configure_embedded(session: &mut Session<'_>, rig: &RigFile) -> Result<()> {
+pub fn configure_embedded(session: &mut Session<'_>, rig: &Rig) -> Result<()> {
     if booted_here(session) {
         session.stage_board(rig.controller.board_config())?;
         session.configure(&rig.units.map(|unit| unit.to_wire()))?;

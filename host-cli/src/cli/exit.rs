@@ -255,7 +255,7 @@ impl From<identify::BoardFileError> for Failure {
     fn from(error: identify::BoardFileError) -> Self {
         use identify::BoardFileError;
         match error {
-            BoardFileError::Missing(_) | BoardFileError::RigFile(_) | BoardFileError::Edit(_) => {
+            BoardFileError::Missing(_) | BoardFileError::Rig(_) | BoardFileError::Edit(_) => {
                 Self::new(RIG_FILE, error)
             }
             BoardFileError::Unit(_) | BoardFileError::Terms(_) => Self::new(USAGE, error),

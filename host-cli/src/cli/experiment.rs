@@ -11,7 +11,7 @@ use experiment::{
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 use known::base;
 use known::ZeroStore;
-use rig::{LinkChoice, RigFile};
+use rig::{LinkChoice, Rig};
 use run::{Phase, Zeroing};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -194,7 +194,7 @@ impl Run {
 }
 
 /// Zeros of a rig that boots with the command are measured, those of a rig that stays powered are kept.
-fn zeroing(link: &LinkChoice, rig: &RigFile) -> Zeroing {
+fn zeroing(link: &LinkChoice, rig: &Rig) -> Zeroing {
     match link {
         LinkChoice::Embedded | LinkChoice::Fast => Zeroing::Measure,
         _ => Zeroing::Keep(ZeroStore::of_rig(&rig.name)),
@@ -249,7 +249,7 @@ const TRANSPORT_MS: [u32; 3] = [0, 1, 3];
 
 impl Paths {
     fn run(&self) -> Result<Reply> {
-        let rig = RigFile::built_in().map_err(ExperimentError::from)?;
+        let rig = Rig::built_in().map_err(ExperimentError::from)?;
         let mut figures = Vec::new();
         let raven = TRANSPORT_MS.map(|transport_ms| paths::Path::Raven { transport_ms });
         for path in std::iter::once(paths::Path::Board).chain(raven) {

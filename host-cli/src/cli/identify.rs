@@ -7,7 +7,7 @@ use super::watch::Watch;
 use super::{values, Context};
 use clap::Args;
 use identify::{Held, Run, Trial};
-use rig::{RigFile, RigText};
+use rig::{Rig, RigText};
 use run::{Options, RunError};
 use session::link::RigLink;
 use std::cell::Cell;
@@ -121,7 +121,7 @@ impl Identify {
     }
 
     /// Opens the connection for the next session.
-    fn open(&self, rig: &RigFile, context: &Context) -> Result<Box<dyn RigLink>> {
+    fn open(&self, rig: &Rig, context: &Context) -> Result<Box<dyn RigLink>> {
         let run = self.sessions.get();
         self.sessions.set(run + 1);
         self.connection.open_again(rig, run, context)
@@ -151,7 +151,7 @@ impl Identify {
     }
 
     /// Drives the cables with the loops open, and records it.
-    fn drive(&self, context: &Context, rig: &RigFile) -> Result<identify::Recording> {
+    fn drive(&self, context: &Context, rig: &Rig) -> Result<identify::Recording> {
         let _controlled_stop = context.interrupt.controlled_stop();
         let mut link = self.open(rig, context)?;
         let mut watch = Watch::new(&context.output);

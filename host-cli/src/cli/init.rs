@@ -4,7 +4,7 @@ use super::exit::{self, Failure, Reply, Result};
 use super::{output, Context};
 use clap::Args;
 use rig::init::{self, Question, QUESTIONS};
-use rig::RigFile;
+use rig::Rig;
 use serde_json::json;
 use std::collections::BTreeMap;
 use std::io::{BufRead, Write};
@@ -72,7 +72,7 @@ impl Init {
         let name = self.file.display().to_string();
         let unwritten =
             |why: String| Failure::new(exit::RIG_FILE, format!("{why}\nthe file was not written"));
-        let rig = RigFile::parse(&name, &text).map_err(|error| unwritten(error.to_string()))?;
+        let rig = Rig::parse(&name, &text).map_err(|error| unwritten(error.to_string()))?;
         run::require_feasible(&rig).map_err(|error| unwritten(format!("{name}: {error}")))?;
         std::fs::File::create_new(&self.file)
             .and_then(|mut file| file.write_all(text.as_bytes()))

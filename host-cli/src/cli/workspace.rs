@@ -94,7 +94,7 @@ impl Workspace {
 
     fn placed(
         &self,
-        rig: &rig::RigFile,
+        rig: &rig::Rig,
         options: &Options,
         text: &mut String,
         json: &mut serde_json::Value,

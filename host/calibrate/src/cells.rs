@@ -2,7 +2,7 @@
 
 use super::{CalibrateError, Result};
 use control::SystemState;
-use rig::RigFile;
+use rig::Rig;
 use run::RunError;
 use session::Session;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -19,7 +19,7 @@ const BRING_UP: Duration = Duration::from_secs(15);
 ///
 /// # Errors
 /// The board is armed, a fault is latched, or it does not come up.
-pub fn prepare(session: &mut Session<'_>, rig: &RigFile) -> Result<()> {
+pub fn prepare(session: &mut Session<'_>, rig: &Rig) -> Result<()> {
     let status = session.get_status()?;
     let state = SystemState::from_u8(status.state);
     if state.is_some_and(SystemState::drives) {
@@ -48,7 +48,7 @@ pub fn prepare(session: &mut Session<'_>, rig: &RigFile) -> Result<()> {
 /// The board refuses it, or does not come up.
 pub fn configure(
     session: &mut Session<'_>,
-    rig: &RigFile,
+    rig: &Rig,
     configs: &[UnitConfig; UNITS],
 ) -> Result<()> {
     session.stage_board(rig.controller.board_config())?;
@@ -66,7 +66,7 @@ pub fn configure(
 ///
 /// # Errors
 /// The board refuses it, does not come up, or reads back something else.
-pub fn push(session: &mut Session<'_>, rig: &RigFile, zeros: &[(u8, i32)]) -> Result<usize> {
+pub fn push(session: &mut Session<'_>, rig: &Rig, zeros: &[(u8, i32)]) -> Result<usize> {
     let before = session.get_configs()?;
     let mut wanted = rig.units.map(|unit| unit.to_wire());
     for (i, config) in wanted.iter_mut().enumerate() {
@@ -145,7 +145,7 @@ mod tests {
 
     #[test]
     fn a_board_that_was_just_switched_on_is_brought_up_and_read() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut link = FastRig::open(&EmbeddedOptions::default()).unwrap();
         let mut session = Session::connect(&mut link).unwrap();
         prepare(&mut session, &rig).unwrap();

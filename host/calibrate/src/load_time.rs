@@ -114,7 +114,7 @@ mod tests {
     use crate::cells;
     use emulator_link::Injection;
     use plant::PlantConfig;
-    use rig::RigFile;
+    use rig::Rig;
     use session::link::fake::{Behavior, FakeBoard};
     use session::link::RigLink;
 
@@ -169,7 +169,7 @@ mod tests {
 
     #[test]
     fn the_board_is_watched_and_other_units_do_not_count() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut board = FakeBoard::with(Behavior::Good, 3, PlantConfig::default());
         let mut session = Session::connect(&mut board as &mut dyn RigLink).unwrap();
         cells::prepare(&mut session, &rig).unwrap();

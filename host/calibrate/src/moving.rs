@@ -8,7 +8,7 @@ use calibration::self_calibration::{
 };
 use force::metrics::Step;
 use nalgebra::{Matrix3, Vector3};
-use rig::RigFile;
+use rig::Rig;
 use run::{Observer, Phase};
 use session::Received;
 use wire::message::{BoardInfo, UnitConfig};
@@ -25,7 +25,7 @@ pub struct Collector<'o> {
 
 impl<'o> Collector<'o> {
     /// A collector for a rig; everything goes on to `inner`.
-    pub fn new(rig: &RigFile, inner: &'o mut dyn Observer) -> Self {
+    pub fn new(rig: &Rig, inner: &'o mut dyn Observer) -> Self {
         Self {
             inner,
             travel_m_per_count: rig.units.map(|unit| unit.travel_m_per_count),
@@ -297,7 +297,7 @@ mod tests {
 
     #[test]
     fn a_run_agrees_with_the_truth_and_tells_what_moved() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut record = base::nominal(&rig, "2026-11-22");
         for unit in &mut record.units {
             let small = unit.covariance_matrix() * 0.01;

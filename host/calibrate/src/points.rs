@@ -4,7 +4,7 @@ use super::{CalibrateError, Result};
 use calibration::geometry::{self, GeometryError, Options, Survey};
 use calibration::record::Record;
 use nalgebra::Vector3;
-use rig::RigFile;
+use rig::Rig;
 
 /// Header of the points; `calibration::geometry::read_points` takes it.
 pub const HEADER: &str = "label,x_mm,y_mm,z_mm,station";
@@ -78,7 +78,7 @@ pub fn row(typed: &str, label: &str, station: &str) -> std::result::Result<Strin
 pub fn survey(
     points: (&str, &str),
     base: (&str, &str),
-    rig: &RigFile,
+    rig: &Rig,
     digitizer_sd_m: f64,
     hole_sd_m: f64,
 ) -> Result<Survey> {
@@ -228,7 +228,7 @@ mod tests {
     use known::base;
 
     fn digitized(inject: Option<&str>, touches: usize) -> (String, String) {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut digitizer = Digitizer::new(3, None).unwrap();
         if let Some(what) = inject {
             digitizer.inject(&what.parse().unwrap());
@@ -245,7 +245,7 @@ mod tests {
 
     #[test]
     fn the_survey_finds_the_plant_behind_the_stand_in() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let (points, base_csv) = digitized(None, 10);
         let found = survey(("p.csv", &points), ("b.csv", &base_csv), &rig, 2e-4, 0.0).unwrap();
         let truth = Digitizer::new(3, None).unwrap();
@@ -264,7 +264,7 @@ mod tests {
 
     #[test]
     fn bad_points_are_named_with_file_and_line() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let (points, base_csv) = digitized(None, 1);
         let fails = |points: &str| {
             survey(("p.csv", points), ("b.csv", &base_csv), &rig, 2e-4, 0.0)
@@ -311,7 +311,7 @@ mod tests {
 
     #[test]
     fn points_of_two_units_under_each_others_labels_are_named() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let (points, base_csv) = digitized(None, 1);
         let find = |points: &str| {
             survey(("p.csv", points), ("b.csv", &base_csv), &rig, 2e-4, 0.0).unwrap()
@@ -344,7 +344,7 @@ mod tests {
 
     #[test]
     fn a_mirrored_table_is_told_as_a_whole() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let (points, base_csv) = digitized(None, 1);
         let exchanged: Vec<String> = points
             .lines()
@@ -369,7 +369,7 @@ mod tests {
 
     #[test]
     fn a_bad_touch_is_left_out_and_the_others_keep_their_lines() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let (points, base_csv) = digitized(None, 2);
         let mut lines: Vec<String> = points.lines().map(str::to_owned).collect();
         let mut cells: Vec<String> = lines[20].split(',').map(str::to_owned).collect();
@@ -402,7 +402,7 @@ mod tests {
 
     #[test]
     fn a_bumped_station_is_named() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let (points, base_csv) = digitized(Some("bump=B:3"), 1);
         let told = survey(("p.csv", &points), ("b.csv", &base_csv), &rig, 2e-4, 0.0)
             .unwrap_err()

@@ -330,7 +330,7 @@ mod tests {
     use calibration::STANDARD_GRAVITY_M_PER_S2;
     use known::base;
     use known::store::Store;
-    use rig::RigFile;
+    use rig::Rig;
 
     /// Readings of a cell of 7e-6 N per code, with line `wrong` entered as another weight.
     fn table(wrong: Option<(usize, f64)>) -> String {
@@ -362,7 +362,7 @@ mod tests {
         let options = Options::default();
         let found = fit("w.csv", &table(None), &options).unwrap();
         assert!((found.gain.n_per_code / 7e-6 - 1.0).abs() < 5e-4);
-        let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        let mut record = base::nominal(&Rig::built_in().unwrap(), "2026-11-22");
         let notes = apply(&mut record, &[(4, &found.gain)], &options).unwrap();
         assert!(notes.is_empty(), "{notes:?}");
         assert_eq!(record.units[3].gain_date, "2026-11-22");
@@ -375,7 +375,7 @@ mod tests {
     fn readings_of_another_unit_do_not_take_the_place_of_a_gain() {
         let options = Options::default();
         let gain = |scale| fit("w.csv", &table_of(scale, None), &options).unwrap().gain;
-        let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        let mut record = base::nominal(&Rig::built_in().unwrap(), "2026-11-22");
         let (three, four) = (gain(7e-6), gain(6.8e-6));
         // Nothing was measured: anything is taken.
         check_changes(&record, &[(3, &three), (4, &four)], &options).unwrap();
@@ -418,7 +418,7 @@ mod tests {
         };
         let gain = |options: &Options| fit("w.csv", &table(None), options).unwrap().gain;
         let (first, again) = (gain(&rough), gain(&fine));
-        let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        let mut record = base::nominal(&Rig::built_in().unwrap(), "2026-11-22");
         apply(&mut record, &[(1, &first), (2, &first)], &rough).unwrap();
         let before = record.clone();
         let notes = apply(&mut record, &[(2, &again)], &fine).unwrap();

@@ -4,7 +4,7 @@ use super::picture::Map;
 use super::{CalibrateError, Result};
 use calibration::workspace::{map, place, Mount, Objective, Placement, PoseReport};
 use nalgebra::Vector3;
-use rig::RigFile;
+use rig::Rig;
 
 /// What to look at.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -19,7 +19,7 @@ pub struct Options {
 const FINEST: usize = 25;
 
 /// Exit points and tension ranges of the units that take part.
-fn cables(rig: &RigFile) -> (Vec<Vector3<f64>>, Vec<(f64, f64)>) {
+fn cables(rig: &Rig) -> (Vec<Vector3<f64>>, Vec<(f64, f64)>) {
     rig.units
         .iter()
         .filter(|unit| unit.enabled)
@@ -44,7 +44,7 @@ pub struct Feasible {
 ///
 /// # Errors
 /// The cables can't be: in a plane, a tip in an exit point.
-pub fn report(rig: &RigFile, options: &Options) -> Result<Feasible> {
+pub fn report(rig: &Rig, options: &Options) -> Result<Feasible> {
     let (exits, bounds) = cables(rig);
     let poses = map::ball_grid(&rig.workspace.center_m, options.radius_m, options.across);
     let found = map::map(&exits, &bounds, &poses).map_err(CalibrateError::refused)?;
@@ -60,7 +60,7 @@ pub fn report(rig: &RigFile, options: &Options) -> Result<Feasible> {
 
 /// Maps of the force that is feasible in every direction, over the three planes through the centre.
 #[must_use]
-pub fn planes(rig: &RigFile, options: &Options) -> Vec<Map> {
+pub fn planes(rig: &Rig, options: &Options) -> Vec<Map> {
     let (exits, bounds) = cables(rig);
     let center = rig.workspace.center_m;
     let count = options.across.max(FINEST);
@@ -103,7 +103,7 @@ pub fn planes(rig: &RigFile, options: &Options) -> Vec<Map> {
 /// # Errors
 /// No such placement can be looked for.
 pub fn placed(
-    rig: &RigFile,
+    rig: &Rig,
     options: &Options,
     within_m: f64,
     fixed: &[u8],
@@ -143,7 +143,7 @@ mod tests {
 
     #[test]
     fn the_example_rig_pulls_everywhere_and_better_when_placed_anew() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let options = Options {
             radius_m: 0.05,
             across: 3,

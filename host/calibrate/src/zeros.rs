@@ -322,7 +322,7 @@ pub fn remember(store: &Store, rig: &str, found: &[Found], fresh: &[u8]) -> Resu
 mod tests {
     use super::*;
     use known::base;
-    use rig::RigFile;
+    use rig::Rig;
 
     /// A stream of codes about a middle with 3 mN of noise.
     fn stream(middle: i32) -> Vec<i32> {
@@ -342,7 +342,7 @@ mod tests {
 
     #[test]
     fn a_cable_that_pulled_before_it_was_paid_out_is_named() {
-        let record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        let record = base::nominal(&Rig::built_in().unwrap(), "2026-11-22");
         let cable = |unit, before, travel_m| PaidOut {
             unit,
             codes: [stream(before), stream(20_000)],
@@ -369,7 +369,7 @@ mod tests {
     fn a_preloaded_cable_is_refused_and_the_record_keeps_its_zero() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path());
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut record = base::nominal(&rig, "2026-11-22");
         let first = evaluate(
             &[(1, stream(20_000)), (2, stream(-9_000))],
@@ -416,7 +416,7 @@ mod tests {
     fn a_zero_taken_twice_in_one_power_up_counts_once() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path());
-        let mut record = base::nominal(&RigFile::built_in().unwrap(), "2026-11-22");
+        let mut record = base::nominal(&Rig::built_in().unwrap(), "2026-11-22");
         // Ten codes are 0.07 mN, and the standard error of a zero is about as much.
         for (middle, power_ups) in [(20_000, 1), (20_010, 1), (9_000, 2)] {
             let past = history(&store, &record).unwrap();
@@ -434,7 +434,7 @@ mod tests {
     fn zeros_of_all_commands_are_one_history() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path());
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut record = base::nominal(&rig, "2026-11-22");
         let scale = record.units[0].n_per_code;
         let text = format!(

@@ -8,7 +8,7 @@ use force::controller::{problem, Cables};
 use nalgebra::Vector3;
 pub use recording::table::Column;
 use recording::table::ColumnTable;
-use rig::RigFile;
+use rig::Rig;
 use robot::state::RobotState;
 use session::TimedSample;
 use std::collections::VecDeque;
@@ -210,7 +210,7 @@ pub struct Worst {
 /// Turns states and samples into rows.
 #[derive(Debug)]
 pub struct Joiner {
-    rig: RigFile,
+    rig: Rig,
     configs: [UnitConfig; UNITS],
     /// Time and force along the cell's axis of each unit's latest samples, s and N.
     samples: [VecDeque<(f64, f64)>; UNITS],
@@ -231,7 +231,7 @@ impl Joiner {
     /// For a rig with these configurations in force; `start_s` is the board time of the force profile's start.
     #[must_use]
     pub fn new(
-        rig: &RigFile,
+        rig: &Rig,
         configs: &[UnitConfig; UNITS],
         start_s: f64,
         trial: usize,
@@ -374,7 +374,7 @@ mod tests {
     use robot::state::{Clock, Frame, Stamp, TipState};
     use wire::message::Sample;
 
-    fn state(rig: &RigFile, at_s: f64) -> Waiting {
+    fn state(rig: &Rig, at_s: f64) -> Waiting {
         Waiting {
             state: RobotState {
                 publisher: "test".into(),
@@ -416,7 +416,7 @@ mod tests {
 
     #[test]
     fn tensions_are_interpolated_at_the_time_of_the_state_and_the_filter_s_delay_is_taken_off() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let configs = rig.units.map(|unit| unit.to_wire());
         let mut joiner = Joiner::new(&rig, &configs, 1.0, 4, 1);
         // Each cell's force rises by its number of N per second; units are sampled one after another.
@@ -445,7 +445,7 @@ mod tests {
 
     #[test]
     fn a_gap_of_samples_gives_a_row_without_force_and_none_is_lost() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let configs = rig.units.map(|unit| unit.to_wire());
         let mut joiner = Joiner::new(&rig, &configs, 0.0, 1, 1);
         for n in (0..100).chain(140..160) {

@@ -7,7 +7,7 @@ use serde::{Deserialize, Serialize};
 use std::path::{Path, PathBuf};
 use wire::UNITS;
 
-use rig::RigFile;
+use rig::Rig;
 
 /// Version of the file's keys.
 pub const SCHEMA: u32 = 1;
@@ -252,10 +252,10 @@ impl Experiment {
     ///
     /// # Errors
     /// Every mistake in the rig file.
-    pub fn load_rig(&self) -> Result<RigFile, rig::RigFileError> {
+    pub fn load_rig(&self) -> Result<Rig, rig::RigFileError> {
         self.rig
             .as_ref()
-            .map_or_else(RigFile::built_in, |path| RigFile::load(path))
+            .map_or_else(Rig::built_in, |path| Rig::load(path))
     }
 
     /// Length of a trial, s.
@@ -284,7 +284,7 @@ impl Experiment {
     ///
     /// # Errors
     /// Which unit is not enabled.
-    pub fn prepare_rig(&self, rig: &RigFile) -> Result<RigFile, String> {
+    pub fn prepare_rig(&self, rig: &Rig) -> Result<Rig, String> {
         let mut rig = rig.clone();
         let Force::OneAxis {
             toward_plus,
@@ -422,7 +422,7 @@ mod tests {
         assert_eq!(quick.trials as f64 * quick.trial_s(), 60.0);
         assert_ne!(thesis.hash(), quick.hash());
         let enabled = thesis
-            .prepare_rig(&RigFile::built_in().unwrap())
+            .prepare_rig(&Rig::built_in().unwrap())
             .unwrap()
             .units
             .map(|unit| unit.enabled);

@@ -144,7 +144,7 @@ impl Folder {
     pub fn create(
         root: &Path,
         experiment: &Experiment,
-        rig: &rig::RigFile,
+        rig: &rig::Rig,
     ) -> Result<Self, ExperimentError> {
         let folder = Self {
             root: root.to_owned(),

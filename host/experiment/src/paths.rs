@@ -9,7 +9,7 @@
 use super::raven::{RavenLoop, RAVEN_CYCLE, REEL_RADIUS_M};
 use force::controller::{ControlError, Controller as ForceController, Input as ForceInput};
 use nalgebra::Vector3;
-use rig::RigFile;
+use rig::Rig;
 use run::{ready_board, NoopObserver, Prepared, RunError, Zeroing};
 use serde::Serialize;
 use session::link::fast::FastRig;
@@ -74,7 +74,7 @@ impl PathFigures {
 /// [`RunError`] where the rig can't be made ready.
 pub fn hold(
     path: Path,
-    rig: &RigFile,
+    rig: &Rig,
     commanded_n: Vector3<f64>,
     seconds: f64,
     seed: u64,
@@ -118,7 +118,7 @@ struct Hold<'a> {
 impl<'a> Hold<'a> {
     fn new(
         path: Path,
-        rig: &RigFile,
+        rig: &Rig,
         commanded_n: Vector3<f64>,
         prepared: &'a Prepared,
     ) -> Result<Self, RunError> {
@@ -216,7 +216,7 @@ impl<'a> Hold<'a> {
         self.force_square += (force - self.commanded_n).norm_squared();
     }
 
-    fn figures(mut self, rig: &RigFile, stopped: Option<String>) -> PathFigures {
+    fn figures(mut self, rig: &Rig, stopped: Option<String>) -> PathFigures {
         self.latencies_us.sort_by(f64::total_cmp);
         let quantile = |q: f64| {
             let last = self.latencies_us.len().saturating_sub(1) as f64;
@@ -273,7 +273,7 @@ mod tests {
 
     #[test]
     fn the_board_is_faster_finer_and_nearer_to_its_setpoints_than_the_raven_s_software() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let of = |path| hold(path, &rig, Vector3::new(0.0, 2.5, 0.0), 4.0, 1).unwrap();
         let board = of(Path::Board);
         let raven = of(Path::Raven { transport_ms: 1 });

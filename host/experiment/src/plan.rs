@@ -5,7 +5,7 @@ use super::profile::Profile;
 use super::pull::{Examiner, Reach};
 use force::controller::ControlError;
 use nalgebra::Vector3;
-use rig::RigFile;
+use rig::Rig;
 use robot::kinematics::{forward, to_crtk};
 use robot::source::SourceConfig;
 use robot::state::{Frame, Mount, TipState};
@@ -172,11 +172,7 @@ pub fn tip_m(joints: [f64; 3], mount: &Mount) -> Vector3<f64> {
 ///
 /// # Errors
 /// [`PlanError`], with the first place that is out of reach and what is within reach.
-pub fn examine(
-    experiment: &Experiment,
-    rig: &RigFile,
-    numbers: &[usize],
-) -> Result<usize, PlanError> {
+pub fn examine(experiment: &Experiment, rig: &Rig, numbers: &[usize]) -> Result<usize, PlanError> {
     let rig = experiment.prepare_rig(rig).map_err(PlanError::Rig)?;
     let largest_n = experiment.force.largest_n();
     if largest_n > rig.controller.force_limit_n {
@@ -220,7 +216,7 @@ pub fn examine(
 
 struct Walk<'a> {
     examiner: Examiner,
-    rig: &'a RigFile,
+    rig: &'a Rig,
     first: Option<OutOfReach>,
     places: usize,
     out_of_reach: usize,
@@ -288,7 +284,7 @@ mod tests {
 
     #[test]
     fn the_default_experiment_is_within_reach() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let numbers: Vec<usize> = (1..=9).collect();
         let places = examine(&thesis(), &rig, &numbers).unwrap();
         assert_eq!(places, 9 * 12_001);
@@ -296,7 +292,7 @@ mod tests {
 
     #[test]
     fn a_force_out_of_reach_is_refused_with_the_nearest_and_what_is_within() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut wanted = thesis().quick();
         wanted.minutes = 5.0;
         let Force::OneAxis {
@@ -338,7 +334,7 @@ mod tests {
 
     #[test]
     fn a_pose_out_of_reach_is_refused_with_the_nearest_pose() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut wanted = thesis().quick();
         let mut config = VirtualConfig::default();
         config.arm.mount.translation_m[1] += 0.2;

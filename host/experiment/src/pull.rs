@@ -4,7 +4,7 @@ use super::file::Force;
 use force::allocation::{Allocator, Problem};
 use force::controller::{problem, Cables, ControlError, Controller, Input};
 use nalgebra::Vector3;
-use rig::RigFile;
+use rig::Rig;
 use wire::message::UnitSetpoint;
 use wire::UNITS;
 
@@ -86,7 +86,7 @@ pub enum Reach {
 /// Examines forces at tips.
 #[derive(Debug)]
 pub struct Examiner {
-    rig: RigFile,
+    rig: Rig,
     enabled: [bool; UNITS],
     one_axis: Option<OneAxis>,
     allocator: Allocator,
@@ -97,7 +97,7 @@ impl Examiner {
     ///
     /// # Errors
     /// As [`Allocator::new`].
-    pub fn new(rig: &RigFile, force: &Force) -> Result<Self, ControlError> {
+    pub fn new(rig: &Rig, force: &Force) -> Result<Self, ControlError> {
         Ok(Self {
             rig: rig.clone(),
             enabled: rig.units.map(|unit| unit.enabled),
@@ -168,7 +168,7 @@ pub struct Pulled {
 /// The force loop of a trial.
 #[derive(Debug)]
 pub struct Puller {
-    rig: RigFile,
+    rig: Rig,
     controller: Controller,
     one_axis: Option<OneAxis>,
     held_n: [f64; UNITS],
@@ -179,7 +179,7 @@ impl Puller {
     ///
     /// # Errors
     /// As [`Controller::new`].
-    pub fn new(rig: &RigFile, force: &Force) -> Result<Self, ControlError> {
+    pub fn new(rig: &Rig, force: &Force) -> Result<Self, ControlError> {
         Ok(Self {
             rig: rig.clone(),
             controller: Controller::new(rig)?,
@@ -230,7 +230,7 @@ mod tests {
     #[test]
     fn the_axis_component_is_the_commanded_one_and_both_cables_stay_taut() {
         let thesis = Experiment::thesis().unwrap();
-        let rig = thesis.prepare_rig(&RigFile::built_in().unwrap()).unwrap();
+        let rig = thesis.prepare_rig(&Rig::built_in().unwrap()).unwrap();
         let one = OneAxis::of(&thesis.force).unwrap();
         let enabled = rig.units.map(|unit| unit.enabled);
         for dx in [-0.06, 0.0, 0.06] {
@@ -250,7 +250,7 @@ mod tests {
     #[test]
     fn what_is_out_of_reach_comes_with_the_nearest_force() {
         let thesis = Experiment::thesis().unwrap();
-        let rig = thesis.prepare_rig(&RigFile::built_in().unwrap()).unwrap();
+        let rig = thesis.prepare_rig(&Rig::built_in().unwrap()).unwrap();
         let mut examiner = Examiner::new(&rig, &thesis.force).unwrap();
         let tip_m = rig.workspace.center_m;
         let reach = examiner

@@ -6,7 +6,7 @@
 
 use control::unit::{Controller, Drive, Input, Setpoint, State};
 use control::{AdcCode, Config, EncoderCounts, Micros};
-use rig::RigFile;
+use rig::Rig;
 use run::{ArgumentError, RunError};
 use session::link::LinkError;
 use session::{Session, TimedSample};
@@ -40,7 +40,7 @@ impl RavenLoop {
     ///
     /// # Errors
     /// The control law refuses a configuration.
-    pub fn new(rig: &RigFile, in_force: &[UnitConfig; UNITS]) -> Result<Self, RunError> {
+    pub fn new(rig: &Rig, in_force: &[UnitConfig; UNITS]) -> Result<Self, RunError> {
         let [a, b, c, d, e, f] = (in_force.each_ref())
             .map(|wire| Config::from_wire(wire).map_err(ArgumentError::Config));
         let configs = [a?, b?, c?, d?, e?, f?];

@@ -8,7 +8,7 @@ use super::folder::{Attempt, AttemptFolder, Folder, Status};
 use super::lock::TrialLock;
 use super::plan::{self, derive, Trial};
 use super::trial::{run_trial, Ending, Setup, Shown, Watcher};
-use rig::{LinkChoice, RigFile};
+use rig::{LinkChoice, Rig};
 use robot::source::SourceConfig;
 use run::Zeroing;
 use session::link::{fast::FastRig, EmbeddedOptions, RigLink};
@@ -106,7 +106,7 @@ pub struct Summary {
 /// [`ExperimentError`]; nothing was driven where files, plan or folder do not fit.
 pub fn run(
     experiment: &Experiment,
-    rig: &RigFile,
+    rig: &Rig,
     root: &Path,
     options: &Options,
     watcher: &mut dyn Watcher,
@@ -117,7 +117,7 @@ pub fn run(
 /// As [`run`], with something that goes wrong in an attempt (trial, attempt).
 pub(crate) fn run_tampered(
     experiment: &Experiment,
-    rig: &RigFile,
+    rig: &Rig,
     root: &Path,
     options: &Options,
     watcher: &mut dyn Watcher,
@@ -178,7 +178,7 @@ pub(crate) fn run_tampered(
 
 struct Sequence<'a> {
     experiment: &'a Experiment,
-    rig: &'a RigFile,
+    rig: &'a Rig,
     folder: &'a Folder,
     options: &'a Options,
     watcher: &'a mut dyn Watcher,

@@ -5,7 +5,7 @@ use super::feed::Tamper;
 use super::sequence::run_tampered;
 use super::table::Table;
 use super::*;
-use rig::RigFile;
+use rig::Rig;
 use std::path::Path;
 
 /// Seconds of a trial of these tests.
@@ -23,7 +23,7 @@ fn run_with(
     options: &Options,
     tamper: &mut dyn FnMut(usize, u32) -> Option<Tamper>,
 ) -> Summary {
-    let rig = RigFile::built_in().unwrap();
+    let rig = Rig::built_in().unwrap();
     run_tampered(experiment, &rig, root, options, &mut NoopWatcher, tamper).unwrap()
 }
 
@@ -207,7 +207,7 @@ fn a_trial_outside_its_gates_is_kept_and_repeated_and_stays_left_to_do() {
 fn leave_recording(attempt: &folder::AttemptFolder, rows: &Table, truth: &Table) {
     use super::dataset::{BOARD_TIME, ROWS, TRUTH};
     use recording::{Metadata, Recorder, CHUNK_PERIOD, MCAP_FILE};
-    let metadata = Metadata::new(&RigFile::built_in().unwrap(), true)
+    let metadata = Metadata::new(&Rig::built_in().unwrap(), true)
         .without_samples()
         .with_columns(&[ROWS, TRUTH]);
     let mut recorder = Recorder::create(&attempt.recording(), &metadata).unwrap();
@@ -257,7 +257,7 @@ fn an_experiment_goes_on_where_it_was_broken_off_and_shards_share_the_folder() {
         trials: 3,
         ..short(4.0)
     };
-    let rig = RigFile::built_in().unwrap();
+    let rig = Rig::built_in().unwrap();
     let second = Options {
         shard: "2/2".parse().unwrap(),
         ..Options::default()
@@ -355,7 +355,7 @@ fn a_trial_that_another_process_runs_is_refused_and_left_as_it_is() {
         trials: 2,
         ..short(3.0)
     };
-    let rig = RigFile::built_in().unwrap();
+    let rig = Rig::built_in().unwrap();
     let folder = Folder::create(root, &experiment, &rig).unwrap();
     let attempt = folder.attempt(2, 1);
     attempt.begin().unwrap();

@@ -26,7 +26,7 @@ use clocks::Clocks;
 use emulator_link::Truth as PlantTruth;
 use nalgebra::Vector3;
 use recording::{Metadata, Recorder};
-use rig::RigFile;
+use rig::Rig;
 use robot::arm::Truth as ArmTruth;
 use robot::source::{SourceConfig, SourceError};
 use robot::state::RobotState;
@@ -73,7 +73,7 @@ pub struct Setup<'a> {
     /// The experiment.
     pub experiment: &'a Experiment,
     /// The rig, with the units enabled that the experiment uses.
-    pub rig: &'a RigFile,
+    pub rig: &'a Rig,
     /// The trial.
     pub trial: &'a Trial,
     /// Where its files go.

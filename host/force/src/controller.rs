@@ -19,7 +19,7 @@
 
 use crate::allocation::{Allocation, AllocationError, Allocator, Fraction, Problem};
 use nalgebra::Vector3;
-use rig::{RigFile, UnitSettings};
+use rig::{Rig, UnitSettings};
 use wire::message::UnitSetpoint;
 use wire::UNITS;
 
@@ -135,7 +135,7 @@ pub enum ControlError {
 /// The controller and its memory.
 #[derive(Debug)]
 pub struct Controller {
-    rig: RigFile,
+    rig: Rig,
     allocator: Allocator,
     slewed_n: Vector3<f64>,
     integral_n: Vector3<f64>,
@@ -147,7 +147,7 @@ impl Controller {
     ///
     /// # Errors
     /// As [`Allocator::new`].
-    pub fn new(rig: &RigFile) -> Result<Self, AllocationError> {
+    pub fn new(rig: &Rig) -> Result<Self, AllocationError> {
         Ok(Self {
             rig: rig.clone(),
             allocator: Allocator::warm()?,
@@ -292,7 +292,7 @@ impl Cables {
     /// # Errors
     /// The tip is outside the workspace, a cable is too far off its load cell's axis, or no unit is available.
     pub fn at(
-        rig: &RigFile,
+        rig: &Rig,
         tip_m: Vector3<f64>,
         available: &[bool; UNITS],
     ) -> Result<Self, ControlError> {
@@ -340,7 +340,7 @@ impl Cables {
 
 /// The allocation of zero force to the available units.
 #[must_use]
-pub fn problem(rig: &RigFile, cables: &Cables, available: &[bool; UNITS]) -> Problem {
+pub fn problem(rig: &Rig, cables: &Cables, available: &[bool; UNITS]) -> Problem {
     let bound = |value: fn(&UnitSettings) -> f64| {
         core::array::from_fn(|i| {
             if available[i] {
@@ -364,11 +364,11 @@ pub fn problem(rig: &RigFile, cables: &Cables, available: &[bool; UNITS]) -> Pro
 mod tests {
     use super::*;
 
-    fn rig() -> RigFile {
-        RigFile::built_in().unwrap()
+    fn rig() -> Rig {
+        Rig::built_in().unwrap()
     }
 
-    fn input(rig: &RigFile) -> Input {
+    fn input(rig: &Rig) -> Input {
         Input {
             dt_s: 0.01,
             tip_m: rig.workspace.center_m,
@@ -380,7 +380,7 @@ mod tests {
 
     /// Runs against cables that follow their setpoints with first-order lag and gain errors.
     fn run(
-        rig: &RigFile,
+        rig: &Rig,
         cycles: usize,
         change: impl Fn(usize, &mut Input),
     ) -> (Controller, Vec<Output>) {

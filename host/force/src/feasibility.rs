@@ -8,7 +8,7 @@
 use crate::allocation::{AllocationError, Allocator, Problem};
 use crate::controller::{problem, Cables, ControlError};
 use nalgebra::Vector3;
-use rig::{PoseChoice, RigFile};
+use rig::{PoseChoice, Rig};
 use serde::Serialize;
 use wire::UNITS;
 
@@ -73,7 +73,7 @@ pub struct ZeroOutOfReach {
 /// # Errors
 /// A cable is too far off its load cell's axis at one of the poses, the clamped tip is outside the workspace, or no unit
 /// is available.
-pub fn examine(rig: &RigFile, available: &[bool; UNITS]) -> Result<Feasibility, ControlError> {
+pub fn examine(rig: &Rig, available: &[bool; UNITS]) -> Result<Feasibility, ControlError> {
     walk(rig, available, true)
 }
 
@@ -81,15 +81,11 @@ pub fn examine(rig: &RigFile, available: &[bool; UNITS]) -> Result<Feasibility, 
 ///
 /// # Errors
 /// As [`examine`].
-pub fn examine_zero(rig: &RigFile, available: &[bool; UNITS]) -> Result<Feasibility, ControlError> {
+pub fn examine_zero(rig: &Rig, available: &[bool; UNITS]) -> Result<Feasibility, ControlError> {
     walk(rig, available, false)
 }
 
-fn walk(
-    rig: &RigFile,
-    available: &[bool; UNITS],
-    forces: bool,
-) -> Result<Feasibility, ControlError> {
+fn walk(rig: &Rig, available: &[bool; UNITS], forces: bool) -> Result<Feasibility, ControlError> {
     let mut allocator = Allocator::new()?;
     let mut found = Feasibility {
         poses: 0,
@@ -125,7 +121,7 @@ fn walk(
 /// # Errors
 /// As [`examine`], at this tip.
 pub fn residual_at(
-    rig: &RigFile,
+    rig: &Rig,
     tip_m: Vector3<f64>,
     available: &[bool; UNITS],
 ) -> Result<Option<f64>, ControlError> {
@@ -151,7 +147,7 @@ fn largest_n(
 }
 
 /// The poses that are examined, robot base frame, m.
-fn poses(rig: &RigFile) -> Vec<Vector3<f64>> {
+fn poses(rig: &Rig) -> Vec<Vector3<f64>> {
     if let PoseChoice::Static { position_m } = rig.pose {
         return vec![position_m];
     }
@@ -183,8 +179,8 @@ fn poses(rig: &RigFile) -> Vec<Vector3<f64>> {
 mod tests {
     use super::*;
 
-    fn rig() -> RigFile {
-        RigFile::built_in().unwrap()
+    fn rig() -> Rig {
+        Rig::built_in().unwrap()
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::file::{self, FileError};
 use super::findings::{self, Frame};
 use residual::spec::Spec;
 use residual::{Compensation, Report};
-use rig::{RigFile, RigFileError, RigText};
+use rig::{Rig, RigFileError, RigText};
 use std::path::{Path, PathBuf};
 
 /// A rig file that findings go into.
@@ -12,7 +12,7 @@ use std::path::{Path, PathBuf};
 pub struct BoardFile {
     path: PathBuf,
     text: String,
-    rig: RigFile,
+    rig: Rig,
     increment: bool,
     velocity_m_per_s: Option<f64>,
 }
@@ -41,7 +41,7 @@ pub enum BoardFileError {
     Missing(PathBuf),
     /// It is no rig file.
     #[error(transparent)]
-    RigFile(#[from] RigFileError),
+    Rig(#[from] RigFileError),
     /// Its text can't be edited.
     #[error("{0}")]
     Edit(String),
@@ -163,7 +163,7 @@ mod tests {
         BoardFile {
             path: "rig.toml".into(),
             text: rig::DEFAULT_TEXT.to_owned(),
-            rig: RigFile::built_in().expect("the built-in rig is good"),
+            rig: Rig::built_in().expect("the built-in rig is good"),
             increment,
             velocity_m_per_s: None,
         }
@@ -183,8 +183,8 @@ mod tests {
     #[test]
     fn findings_replace_the_friction_of_every_unit_and_nothing_else() {
         let (text, applied) = file(false).edit(&board()).expect("applies");
-        let rig = RigFile::parse("new", &text).expect("still a rig file");
-        let before = RigFile::built_in().expect("good");
+        let rig = Rig::parse("new", &text).expect("still a rig file");
+        let before = Rig::built_in().expect("good");
         for (new, old) in rig.units.iter().zip(&before.units) {
             let expected = UnitSettings {
                 friction_offset_n: 0.25,
@@ -213,7 +213,7 @@ mod tests {
         file.text = file
             .text
             .replacen("number = 2 ", "coulomb_n = 0.5 # its own\nnumber = 2 ", 1);
-        file.rig = RigFile::parse("rig.toml", &file.text).expect("good");
+        file.rig = Rig::parse("rig.toml", &file.text).expect("good");
         let (text, _) = file
             .edit(&Compensation {
                 friction: -0.2,
@@ -221,7 +221,7 @@ mod tests {
                 ..Compensation::default()
             })
             .expect("applies");
-        let rig = RigFile::parse("new", &text).expect("still a rig file");
+        let rig = Rig::parse("new", &text).expect("still a rig file");
         assert!((rig.units[0].coulomb_n - 1.009).abs() < 1e-9);
         assert!((rig.units[1].coulomb_n - 0.6).abs() < 1e-9);
         assert!((rig.units[0].friction_gain - 1.0282).abs() < 1e-9);
@@ -248,9 +248,9 @@ mod tests {
         file.text = file
             .text
             .replacen("coulomb_n = 0.909", "\"coulomb_n\" = 0.909", 1);
-        file.rig = RigFile::parse("rig.toml", &file.text).expect("quoted keys are TOML");
+        file.rig = Rig::parse("rig.toml", &file.text).expect("quoted keys are TOML");
         let (text, _) = file.edit(&board()).expect("quoted keys can be changed");
         assert!(text.contains("\"coulomb_n\" = 0.7\n"), "{text}");
-        RigFile::parse("rig.toml", &text).expect("the result is a rig file");
+        Rig::parse("rig.toml", &text).expect("the result is a rig file");
     }
 }

@@ -3,7 +3,7 @@
 use super::Recording;
 use force::pose::PoseSource;
 use nalgebra::Vector3;
-use rig::{RigFile, UnitSettings};
+use rig::{Rig, UnitSettings};
 use run::{ArgumentError, Fault, Observer, Phase, Prepared, RunError};
 use session::link::RigLink;
 use session::{LatchedFault, Received, Session, TimedSample, PERIOD};
@@ -39,7 +39,7 @@ const MAX_SESSION_S: f64 = 600.0;
 /// [`RunError`]; the rig was made safe as far as the link allowed. Any fault ends the session: a part of it can't be analysed.
 pub fn excite(
     link: &mut dyn RigLink,
-    rig: &RigFile,
+    rig: &Rig,
     seconds: f64,
     zeroing: &run::Zeroing,
     stop: &AtomicBool,
@@ -82,12 +82,12 @@ pub fn excite(
 ///
 /// # Errors
 /// The session is too short or too long, or a unit's tensions leave no range for it.
-pub fn check(rig: &RigFile, seconds: f64) -> Result<(), RunError> {
+pub fn check(rig: &Rig, seconds: f64) -> Result<(), RunError> {
     opened(rig, seconds).map(|_| ())
 }
 
 /// The rig with the tension loops open: the command is the setpoint.
-fn opened(rig: &RigFile, seconds: f64) -> Result<RigFile, RunError> {
+fn opened(rig: &Rig, seconds: f64) -> Result<Rig, RunError> {
     if !(MIN_SESSION_S..=MAX_SESSION_S).contains(&seconds) {
         return Err(ArgumentError::Excitation {
             seconds,
@@ -141,7 +141,7 @@ fn command_n(unit: &UnitSettings, i: usize, t_s: f64, swing: f64) -> f64 {
 
 /// A session that is being driven.
 struct Excitation<'a> {
-    rig: &'a RigFile,
+    rig: &'a Rig,
     prepared: &'a Prepared,
     pose: PoseSource,
     /// Part of the amplitude that is left.
@@ -297,8 +297,8 @@ mod tests {
     use run::NoopObserver;
     use session::link::fake::{Behavior, FakeBoard};
 
-    fn rig() -> RigFile {
-        RigFile::built_in().unwrap()
+    fn rig() -> Rig {
+        Rig::built_in().unwrap()
     }
 
     #[test]

@@ -4,7 +4,7 @@ use super::findings::{self, Frame, Rewritten};
 use super::{model, Recording};
 use control::convert::REEL_RADIUS_M;
 use residual::{Report, Verdict};
-use rig::{RigFile, UnitSettings};
+use rig::{Rig, UnitSettings};
 use serde::Serialize;
 use std::path::Path;
 
@@ -33,7 +33,7 @@ pub struct Findings {
     /// Unit by unit.
     pub units: Vec<UnitFinding>,
     /// The rig with what the board can use.
-    pub rig: RigFile,
+    pub rig: Rig,
     /// The text of the rig file with it, and the changes.
     pub rewritten: Rewritten,
 }
@@ -69,7 +69,7 @@ pub enum FindError {
 /// [`FindError`].
 pub fn find(
     recording: &Recording,
-    rig: &RigFile,
+    rig: &Rig,
     rig_name: &str,
     rig_text: &str,
     out: &Path,
@@ -199,12 +199,12 @@ pub fn usable(report: &Report) -> Result<residual::Compensation, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rig::RigFile;
+    use rig::Rig;
 
     /// Nobody who drives a rig can set a key of the model that is built in.
     #[test]
     fn what_a_recording_lacks_is_said_in_options_of_the_command() {
-        let unit = RigFile::built_in().unwrap().units[0];
+        let unit = Rig::built_in().unwrap().units[0];
         let out = tempfile::tempdir().unwrap();
         let mut csv = "time_s,tension_n,command_n,speed_m_s,angle_rad\n".to_owned();
         for i in 0..900 {

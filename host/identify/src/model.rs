@@ -56,11 +56,11 @@ pub fn model(unit: &UnitSettings) -> Result<Spec, residual::Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rig::RigFile;
+    use rig::Rig;
 
     #[test]
     fn a_model_declares_what_the_rig_file_says() {
-        let mut unit = RigFile::built_in().unwrap().units[0];
+        let mut unit = Rig::built_in().unwrap().units[0];
         assert_eq!(model(&unit).unwrap().terms.len(), 4);
         unit.coulomb_n = 1.5;
         unit.viscous_n_s_per_m = 7.0;

@@ -7,15 +7,15 @@ use control::SystemState;
 use plant::effects::{AmplifierGain, Coulomb, Effect, Periodic, Shaft};
 use plant::PlantConfig;
 use residual::Report;
-use rig::{RigFile, UnitSettings, DEFAULT_TEXT};
+use rig::{Rig, UnitSettings, DEFAULT_TEXT};
 use run::NoopObserver;
 use session::link::fake::{Behavior, FakeBoard};
 use std::f64::consts::TAU;
 use std::sync::atomic::AtomicBool;
 use wire::UNITS;
 
-fn rig() -> RigFile {
-    RigFile::built_in().unwrap()
+fn rig() -> Rig {
+    Rig::built_in().unwrap()
 }
 
 /// Records, analyses, corrects; and the part of the swing that was left.
@@ -80,7 +80,7 @@ fn what_each_unit_has_beyond_the_rig_file_is_found_and_declared() {
         assert!((friction(&new[i]) - friction(&old[i])).abs() < 0.3);
         assert!(new[i].ripples[0].is_none());
     }
-    let parsed = RigFile::parse("rig", &findings.rewritten.text).unwrap();
+    let parsed = Rig::parse("rig", &findings.rewritten.text).unwrap();
     assert_eq!(parsed, findings.rig);
     refuses_what_is_not_clear(&findings.units[0].report);
 }

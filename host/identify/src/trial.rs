@@ -2,7 +2,7 @@
 
 use super::{Figures, Findings, Gain, Pair, FEWEST_PAIRS};
 use control::Fault;
-use rig::RigFile;
+use rig::Rig;
 use run::{Ended, Observer, Options, Outcome, RunError, RunFault, Stopped};
 use session::link::RigLink;
 use session::Session;
@@ -44,7 +44,7 @@ pub enum HoldError {
 /// [`HoldError`]; the rig was made safe as far as the link allowed.
 pub fn hold(
     link: &mut dyn RigLink,
-    rig: &RigFile,
+    rig: &Rig,
     options: &Options,
     clear: bool,
     observer: &mut dyn Observer,
@@ -143,7 +143,7 @@ pub struct Run<'a> {
     /// Whether it is with the findings.
     pub with_findings: bool,
     /// The rig to drive.
-    pub rig: &'a RigFile,
+    pub rig: &'a Rig,
 }
 
 /// What was found on a rig, and what it is worth.
@@ -197,7 +197,7 @@ impl Trial {
     /// Those of `hold`, which does a run.
     pub fn compare<E>(
         &mut self,
-        rig: &RigFile,
+        rig: &Rig,
         most: usize,
         hold: &mut dyn FnMut(Run<'_>) -> Result<Held, E>,
     ) -> Result<(), E> {
@@ -212,7 +212,7 @@ impl Trial {
     /// The pairs. `None` if it is better with the findings, else why not.
     fn decide<E>(
         &mut self,
-        rig: &RigFile,
+        rig: &Rig,
         most: usize,
         hold: &mut dyn FnMut(Run<'_>) -> Result<Held, E>,
     ) -> Result<Option<Left>, E> {

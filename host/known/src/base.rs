@@ -8,7 +8,7 @@ use crate::{Result, StoreError};
 use calibration::record::{Record, UnitRecord, SCHEMA};
 use calibration::STANDARD_GRAVITY_M_PER_S2;
 use nalgebra::{Matrix3, SMatrix};
-use rig::{CellSettings, RigFile};
+use rig::{CellSettings, Rig};
 
 /// Relative standard uncertainty of a nominal scale: the rig's files have 6.2e-6 to 7.3e-6 N per code.
 pub const NOMINAL_SCALE_SD: f64 = 0.05;
@@ -21,7 +21,7 @@ pub const BOARD_ZERO_SD_N: f64 = 0.0005;
 
 /// The calibration of a rig of which nothing was measured.
 #[must_use]
-pub fn nominal(rig: &RigFile, date: &str) -> Record {
+pub fn nominal(rig: &Rig, date: &str) -> Record {
     let units = rig
         .units
         .iter()
@@ -83,7 +83,7 @@ pub fn nominal(rig: &RigFile, date: &str) -> Record {
 /// # Errors
 /// The stored record is of another rig.
 pub fn continued(
-    rig: &RigFile,
+    rig: &Rig,
     stored: Option<Record>,
     date: &str,
 ) -> std::result::Result<Record, String> {
@@ -198,7 +198,7 @@ pub fn conversion(unit: &UnitRecord) -> Conversion {
 ///
 /// # Errors
 /// The stored calibration is there and can't be used.
-pub fn with_calibration(rig: RigFile, seed: Option<u64>) -> Result<RigFile> {
+pub fn with_calibration(rig: Rig, seed: Option<u64>) -> Result<Rig> {
     // Without a folder for it, nothing was ever stored.
     let Ok(store) = Store::of_rig(&rig.name, seed) else {
         return Ok(rig);
@@ -219,7 +219,7 @@ pub fn with_calibration(rig: RigFile, seed: Option<u64>) -> Result<RigFile> {
 
 /// The calibration in force, in words; `None` where the rig file's numbers are.
 #[must_use]
-pub fn words(rig: &RigFile) -> Option<String> {
+pub fn words(rig: &Rig) -> Option<String> {
     rig.calibration.as_ref().map(|record| {
         let hash = record.hash.get(..19).unwrap_or(&record.hash);
         format!("calibration of {}, {hash}", record.date)
@@ -228,7 +228,7 @@ pub fn words(rig: &RigFile) -> Option<String> {
 
 /// The rig with what was measured in place of the rig file's numbers.
 #[must_use]
-pub fn overlay(rig: &RigFile, record: &Record) -> RigFile {
+pub fn overlay(rig: &Rig, record: &Record) -> Rig {
     let mut out = rig.clone();
     for unit in &mut out.units {
         let Some(found) = record.units.iter().find(|u| u.number == unit.number) else {
@@ -257,7 +257,7 @@ mod tests {
 
     #[test]
     fn only_what_was_measured_replaces_the_rig_file() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut record = nominal(&rig, "2026-11-22");
         for unit in &mut record.units {
             unit.n_per_code = 7e-6;

@@ -6,7 +6,7 @@ use crate::base::nominal;
 use crate::store::Store;
 use crate::{Result, StoreError};
 use calibration::record::{Record, UnitRecord};
-use rig::RigFile;
+use rig::Rig;
 
 /// Longest serial number, characters.
 const LONGEST: usize = 40;
@@ -57,7 +57,7 @@ pub fn parse(text: &str) -> std::result::Result<String, String> {
 /// and `replace` is not set.
 pub fn set(
     record: &mut Record,
-    rig: &RigFile,
+    rig: &Rig,
     unit: u8,
     serials: &Serials,
     replace: bool,
@@ -199,7 +199,7 @@ mod tests {
 
     #[test]
     fn an_exchanged_cell_takes_its_gain_with_it() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut record = nominal(&rig, "2026-11-22");
         assert_eq!(
             set(&mut record, &rig, 3, &cell("SBA-1"), false).unwrap(),
@@ -237,7 +237,7 @@ mod tests {
     fn readings_of_a_cell_do_not_outlive_its_exchange() {
         let folder = tempfile::tempdir().unwrap();
         let store = Store::at(folder.path());
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut record = nominal(&rig, "2026-11-22");
         for unit in [3, 4] {
             let draft = store.draft(&format!("gain-unit{unit}"));
@@ -261,7 +261,7 @@ mod tests {
 
     #[test]
     fn a_cell_of_another_unit_is_named() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut record = nominal(&rig, "2026-11-22");
         check_cell(&mut record, 3, "SBA-1").unwrap();
         assert_eq!(record.units[2].cell_serial, "SBA-1");

@@ -337,7 +337,7 @@ impl Draft {
 mod tests {
     use super::*;
     use crate::base;
-    use rig::RigFile;
+    use rig::Rig;
 
     #[test]
     fn versions_stay_and_an_edit_by_hand_is_seen() {
@@ -345,7 +345,7 @@ mod tests {
         let store = Store::at(folder.path().join("deep/store"));
         assert_eq!(store.current().unwrap(), None);
         assert!(store.version("current").is_err());
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut record = base::nominal(&rig, "2026-11-22");
         assert_eq!(store.keep(&record).unwrap().version, "0001");
         record.units[0].n_per_code *= 1.01;

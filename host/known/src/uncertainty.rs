@@ -162,11 +162,11 @@ pub fn of_tensions(
 mod tests {
     use super::*;
     use crate::base;
-    use rig::RigFile;
+    use rig::Rig;
 
     #[test]
     fn a_measured_rig_is_known_better_than_a_nominal_one() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut record = base::nominal(&rig, "2026-11-22");
         let tip = rig.workspace.center_m;
         let at = |record: &Record| {

@@ -264,7 +264,7 @@ fn unusable(path: &Path, error: &dyn std::fmt::Display) -> StoreError {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rig::RigFile;
+    use rig::Rig;
 
     #[test]
     fn zeros_are_kept_with_their_time_and_a_disabled_unit_keeps_its_own() {
@@ -272,10 +272,7 @@ mod tests {
         let path = folder.path().join("deep/zeros.toml");
         let store = ZeroStore::at(&path);
         assert_eq!(store.last().unwrap(), None);
-        let mut configs = RigFile::built_in()
-            .unwrap()
-            .units
-            .map(|unit| unit.to_wire());
+        let mut configs = Rig::built_in().unwrap().units.map(|unit| unit.to_wire());
         for (i, config) in configs.iter_mut().enumerate() {
             config.zero_code = 100 * (i as i32 + 1);
         }

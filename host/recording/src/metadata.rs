@@ -3,7 +3,7 @@
 use crate::format::FORMAT;
 use crate::rows::FRAME;
 use crate::table::{ColumnTable, Utc};
-use rig::{board_crc, RigFile};
+use rig::{board_crc, Rig};
 use std::collections::BTreeMap;
 use std::time::{SystemTime, UNIX_EPOCH};
 use wire::message::UnitConfig;
@@ -13,7 +13,7 @@ use wire::UNITS;
 #[derive(Debug, Clone)]
 pub struct Metadata {
     /// The rig file.
-    pub rig: RigFile,
+    pub rig: Rig,
     /// Whether time is that of an emulation: UTC then begins at `utc_start` and passes with it.
     pub emulated: bool,
     /// Start of the recording.
@@ -31,7 +31,7 @@ pub struct Metadata {
 impl Metadata {
     /// Of a recording that starts now.
     #[must_use]
-    pub fn new(rig: &RigFile, emulated: bool) -> Self {
+    pub fn new(rig: &Rig, emulated: bool) -> Self {
         let now_ns = SystemTime::now()
             .duration_since(UNIX_EPOCH)
             .map_or(0, |passed| u64::try_from(passed.as_nanos()).unwrap_or(0));
@@ -74,7 +74,7 @@ impl Metadata {
         self
     }
 
-    /// The rig file as it is hashed: SHA-256 of these bytes is [`RigFile::hash`].
+    /// The rig file as it is hashed: SHA-256 of these bytes is [`Rig::hash`].
     #[must_use]
     pub fn rig_json(&self) -> Vec<u8> {
         // Plain numbers and strings to memory: cannot fail.

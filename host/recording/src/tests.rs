@@ -6,7 +6,7 @@ use super::table::{Row, Table};
 use super::*;
 use ::parquet::file::reader::{FileReader, SerializedFileReader};
 use ::parquet::record::RowAccessor;
-use rig::{board_crc, RigFile};
+use rig::{board_crc, Rig};
 use run::{Observer, Options, Phase};
 use session::clock::Reading;
 use session::link::fake::{Behavior, FakeBoard};
@@ -67,7 +67,7 @@ fn received(n: u64) -> Received {
 }
 
 fn metadata() -> Metadata {
-    Metadata::new(&RigFile::built_in().unwrap(), true).with("trial", 3)
+    Metadata::new(&Rig::built_in().unwrap(), true).with("trial", 3)
 }
 
 /// All entries of a file, and how it ends.
@@ -91,7 +91,7 @@ fn rows<R: Row>(entries: &[Entry]) -> Vec<R> {
 
 /// A run on the board in memory.
 fn run_into(folder: &std::path::Path) -> Finished {
-    let rig = RigFile::built_in().unwrap();
+    let rig = Rig::built_in().unwrap();
     let mut recording = Recording(Recorder::create(folder, &metadata()).unwrap());
     let mut board = FakeBoard::new(Behavior::Good);
     let options = Options::new([0.0, 1.0, 0.0], 1.5);
@@ -203,10 +203,7 @@ fn parquet_files_hold_the_same_rows_with_metadata_and_better_clocks() {
     };
     assert_eq!(value("trial"), "3");
     assert_eq!(value("format"), FORMAT);
-    assert_eq!(
-        value("rig_hash_sha256"),
-        RigFile::built_in().unwrap().hash()
-    );
+    assert_eq!(value("rig_hash_sha256"), Rig::built_in().unwrap().hash());
     let last = samples.last().unwrap().configuration;
     assert_eq!(
         value("board_config"),
@@ -294,10 +291,7 @@ fn a_message_that_lacks_a_field_or_has_one_more_is_not_of_the_schema() {
             t_us: 0,
             sample: Sample::default(),
         },
-        &RigFile::built_in()
-            .unwrap()
-            .units
-            .map(|unit| unit.to_wire()),
+        &Rig::built_in().unwrap().units.map(|unit| unit.to_wire()),
     );
     let table: Table = SampleRow::TABLE;
     let validator = jsonschema::validator_for(&table.json_schema()).unwrap();
@@ -484,7 +478,7 @@ fn a_recording_of_a_calibrated_rig_has_calibration_and_uncertainty() {
     use known::base;
     let temporary = tempfile::tempdir().unwrap();
     let folder = temporary.path().join("recording");
-    let rig = RigFile::built_in().unwrap();
+    let rig = Rig::built_in().unwrap();
     let rig = base::overlay(&rig, &base::nominal(&rig, "2026-11-22"));
     let mut recorder = Recorder::create(&folder, &Metadata::new(&rig, true)).unwrap();
     for t_s in [0.5, 2.0, 2.01] {

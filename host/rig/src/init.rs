@@ -372,7 +372,7 @@ fn by_unit(key: &str, answer: &str) -> Result<BTreeMap<u8, String>, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{PoseChoice, RigFile};
+    use crate::{PoseChoice, Rig};
 
     const EXITS: &str = "1: 0.335 0.045 -0.110; 2: -0.480 0.010 -0.165; 3: -0.055 0.440 -0.120; \
                          4: -0.090 -0.375 -0.190; 5: -0.065 0.055 0.275; 6: -0.100, -0.030, -0.520";
@@ -392,7 +392,7 @@ mod tests {
     #[test]
     fn the_answers_that_have_no_default_make_a_good_file_with_comments() {
         let text = rig_file(&answers(&[])).unwrap();
-        let rig = RigFile::parse("lab.toml", &text).unwrap();
+        let rig = Rig::parse("lab.toml", &text).unwrap();
         assert_eq!(rig.name, "lab-3");
         assert_eq!(rig.link, LinkChoice::Usb);
         assert!(matches!(rig.pose, PoseChoice::Udp { .. }));
@@ -416,7 +416,7 @@ mod tests {
             ("tension", "1.5 9"),
         ]))
         .unwrap();
-        let rig = RigFile::parse("lab.toml", &text).unwrap();
+        let rig = Rig::parse("lab.toml", &text).unwrap();
         assert_eq!(rig.link, LinkChoice::Serial("/dev/ttyACM7".into()));
         assert!(matches!(rig.pose, PoseChoice::Static { .. }));
         assert_eq!(rig.workspace.radius_m, 0.07);
@@ -435,7 +435,7 @@ mod tests {
         );
         // One unit alone: a good file.
         let text = rig_file(&answers(&[("units", "3")])).unwrap();
-        assert!(!RigFile::parse("one.toml", &text).unwrap().units[0].enabled);
+        assert!(!Rig::parse("one.toml", &text).unwrap().units[0].enabled);
     }
 
     #[test]

@@ -37,7 +37,7 @@ pub const SCHEMA: i64 = 1;
 
 /// A checked rig file.
 #[derive(Debug, Clone, PartialEq, Serialize)]
-pub struct RigFile {
+pub struct Rig {
     /// Name of the rig.
     pub name: String,
     /// How the board is reached where the command line doesn't say.
@@ -95,12 +95,12 @@ impl RigText {
     ///
     /// # Errors
     /// Every problem found.
-    pub fn parse(&self) -> Result<RigFile, RigFileError> {
-        RigFile::parse(&self.name, &self.text)
+    pub fn parse(&self) -> Result<Rig, RigFileError> {
+        Rig::parse(&self.name, &self.text)
     }
 }
 
-impl RigFile {
+impl Rig {
     /// The built-in example.
     ///
     /// # Errors
@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn a_force_above_the_limit_is_shown_above_it() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         for (force_n, shown) in [
             (12.5, "a force of 12.5 N"),
             (12.000_04, "a force of 12.00004 N"),

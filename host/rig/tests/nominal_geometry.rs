@@ -2,11 +2,11 @@
 //! that the file describes.
 
 use plant::{nominal_geometry, PlantConfig};
-use rig::RigFile;
+use rig::Rig;
 
 #[test]
 fn the_example_rig_file_holds_the_plants_surveyed_geometry() {
-    let rig = RigFile::built_in().expect("the example is right");
+    let rig = Rig::built_in().expect("the example is right");
     let plant = PlantConfig::default();
     let units = nominal_geometry(&plant);
     assert_eq!(units.len(), rig.units.len());
@@ -37,7 +37,7 @@ fn the_example_rig_file_holds_the_plants_surveyed_geometry() {
 
 #[test]
 fn the_example_rig_file_holds_the_plants_drive() {
-    let rig = RigFile::built_in().expect("the example is right");
+    let rig = Rig::built_in().expect("the example is right");
     let plant = PlantConfig::default();
     let drive = &plant.drive;
     let turn_m = std::f64::consts::TAU * drive.reel_radius_m;

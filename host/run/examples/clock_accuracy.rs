@@ -7,7 +7,7 @@
 //! known while the run goes on, and for the one from readings before and after.
 
 use emulator_link::{Injection, Report};
-use rig::RigFile;
+use rig::Rig;
 use run::{ready_board, NoopObserver, Zeroing};
 use session::clock::{BoardClock, Estimate};
 use session::link::fast::FastRig;
@@ -104,7 +104,7 @@ impl Errors {
 }
 
 fn run(seconds: f64) -> Result<(), Box<dyn std::error::Error>> {
-    let rig = RigFile::built_in()?;
+    let rig = Rig::built_in()?;
     let mut link = Drifting(FastRig::open(&EmbeddedOptions::default())?);
     let mut session = Session::connect(&mut link)?;
     ready_board(

@@ -7,7 +7,7 @@
 //! The second factor counts the processor's time instead of the clock's (Linux): what the run would reach with a core of its own.
 
 use core_sim::Options;
-use rig::RigFile;
+use rig::Rig;
 use robot::arm::ArmConfig;
 use robot::trajectory::{Trajectory, TrajectoryConfig};
 use run::NoopObserver;
@@ -77,7 +77,7 @@ fn rig(seed: u64, seconds: f64, arm: bool) -> Result<FastRig, String> {
 }
 
 fn whole(seconds: f64, arm: bool) -> Result<(), String> {
-    let file = RigFile::built_in().map_err(|error| error.to_string())?;
+    let file = Rig::built_in().map_err(|error| error.to_string())?;
     let mut link = rig(1, seconds, arm)?;
     let watch = Stopwatch::start();
     let options = run::Options::new([0.0, 2.5, 0.0], seconds);

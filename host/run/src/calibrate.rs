@@ -7,7 +7,7 @@
 use crate::error::RunError;
 use crate::phase::{begin, tell_configs, Observer, Phase};
 use emulator_link::Injection;
-use rig::RigFile;
+use rig::Rig;
 use session::link::LinkError;
 use session::{Session, TimedSample};
 use std::time::Duration;
@@ -27,7 +27,7 @@ const MAX_SCALE_CHANGE: f64 = 0.25;
 /// alone whose gain was measured (`forcectl calibrate gain`).
 pub(super) fn calibrate(
     session: &mut Session<'_>,
-    rig: &RigFile,
+    rig: &Rig,
     configs: &mut [UnitConfig; UNITS],
     observer: &mut dyn Observer,
 ) -> Result<(), RunError> {
@@ -111,7 +111,7 @@ mod tests {
 
     #[test]
     fn a_scale_follows_the_weight_within_its_limit() {
-        let mut config = RigFile::built_in().unwrap().units[0].to_wire();
+        let mut config = Rig::built_in().unwrap().units[0].to_wire();
         config.zero_code = 1000;
         let per_count_n = f64::from(config.scale_pn_per_count) * 1e-12;
         let with = |factor: f64| {

@@ -6,7 +6,7 @@ use crate::phase::Observer;
 use force::feasibility;
 use force::pose::PoseSource;
 use nalgebra::Vector3;
-use rig::RigFile;
+use rig::Rig;
 use session::link::RigLink;
 use session::{Session, PERIOD};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -16,7 +16,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 ///
 /// # Errors
 /// [`RunError::Infeasible`] with the reason.
-pub fn require_feasible(rig: &RigFile) -> Result<(), RunError> {
+pub fn require_feasible(rig: &Rig) -> Result<(), RunError> {
     let enabled = rig.units.map(|unit| unit.enabled);
     let refusal = match feasibility::examine_zero(rig, &enabled) {
         Ok(found) => found.refusal().map(Infeasible::OutOfReach),
@@ -28,7 +28,7 @@ pub fn require_feasible(rig: &RigFile) -> Result<(), RunError> {
 /// Checks the arguments of a run before anything is sent.
 pub(super) fn check_arguments(
     link: &mut dyn RigLink,
-    rig: &RigFile,
+    rig: &Rig,
     options: &Options,
 ) -> Result<(), RunError> {
     rig.check_force(options.commanded_n)

@@ -57,7 +57,7 @@ impl From<LatchedFault> for RunError {
 /// An argument that is not usable.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ArgumentError {
-    /// The commanded force, by [`rig::RigFile::check_force`].
+    /// The commanded force, by [`rig::Rig::check_force`].
     #[error("{0}")]
     Force(String),
     /// The time for which a force is to be held, s.

@@ -19,7 +19,7 @@ use force::metrics::{self, Step};
 use force::pose::PoseSource;
 use known::uncertainty;
 use nalgebra::Vector3;
-use rig::RigFile;
+use rig::Rig;
 use session::{LatchedFault, Received, Session, SessionError, PERIOD};
 use std::collections::VecDeque;
 use std::sync::atomic::Ordering;
@@ -28,7 +28,7 @@ use wire::{Command, UNITS};
 
 /// A run that is being held, and what it has collected so far.
 pub(super) struct Hold<'a> {
-    rig: &'a RigFile,
+    rig: &'a Rig,
     options: &'a Options,
     pub(super) observer: &'a mut dyn Observer,
     pose: PoseSource,
@@ -54,7 +54,7 @@ pub(super) struct Hold<'a> {
 
 impl<'a> Hold<'a> {
     pub(super) fn new(
-        rig: &'a RigFile,
+        rig: &'a Rig,
         options: &'a Options,
         observer: &'a mut dyn Observer,
         pose: PoseSource,

@@ -142,7 +142,7 @@ impl Outcome {
             amplifiers_off_s: 0.0,
             steps,
             report: None,
-            configs: rig::RigFile::built_in()
+            configs: rig::Rig::built_in()
                 .unwrap()
                 .units
                 .map(|unit| unit.to_wire()),

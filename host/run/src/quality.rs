@@ -13,7 +13,7 @@ use crate::fault::RunFault;
 use emulator_link::Injection;
 use force::controller::{Output, Reach};
 use force::metrics::{Metrics, Step, SETTLED_FOR_S, SETTLED_WITHIN_N, STEADY_AFTER_S};
-use rig::RigFile;
+use rig::Rig;
 use serde::Serialize;
 use session::inject;
 use session::TimedSample;
@@ -90,7 +90,7 @@ pub(super) struct Saturation {
 
 impl Saturation {
     /// Counts a cycle at a time after the command, s.
-    pub(super) fn note_cycle(&mut self, t_s: f64, output: &Output, rig: &RigFile) {
+    pub(super) fn note_cycle(&mut self, t_s: f64, output: &Output, rig: &Rig) {
         if t_s < STEADY_AFTER_S {
             return;
         }
@@ -119,7 +119,7 @@ impl Saturation {
     }
 
     /// The limit that was reached most, where that was too often.
-    fn describe(&self, rig: &RigFile) -> Option<String> {
+    fn describe(&self, rig: &Rig) -> Option<String> {
         let part = |count: u64, of: u64| count as f64 / of.max(1) as f64;
         let too_often = |part: f64| part > MOST_SATURATED;
         let worst = |counts: [u64; UNITS], of: [u64; UNITS]| {
@@ -159,7 +159,7 @@ impl Saturation {
 
 /// What a run has shown, to be judged.
 pub(super) struct Evidence<'a> {
-    pub(super) rig: &'a RigFile,
+    pub(super) rig: &'a Rig,
     /// Whether it was ended from outside.
     pub(super) interrupted: bool,
     pub(super) steps: &'a [Step],
@@ -345,7 +345,7 @@ mod tests {
     fn judge(steps: &[Step], saturation: &Saturation) -> Vec<Shortfall> {
         let metrics = metrics::of_run(Vector3::new(0.0, 2.5, 0.0), steps);
         Evidence {
-            rig: &RigFile::built_in().unwrap(),
+            rig: &Rig::built_in().unwrap(),
             interrupted: false,
             steps,
             metrics: metrics.as_ref(),

@@ -10,7 +10,7 @@ use crate::phase::{connect, Observer, Phase};
 use crate::ready::ready_board;
 use emulator_link::Injection;
 use force::pose::{PoseError, PoseSource};
-use rig::{PoseChoice, RigFile};
+use rig::{PoseChoice, Rig};
 use session::explain_crash_record;
 use session::link::{LinkError, RigLink};
 use std::collections::VecDeque;
@@ -39,7 +39,7 @@ impl<E: Into<RunError>> From<E> for Stopped {
 /// [`RunError`]; the rig was made safe as far as the link allowed.
 pub fn set_force(
     link: &mut dyn RigLink,
-    rig: &RigFile,
+    rig: &Rig,
     options: &Options,
     observer: &mut dyn Observer,
 ) -> Result<Outcome, RunError> {
@@ -52,7 +52,7 @@ pub fn set_force(
 /// [`Stopped`]; the rig was made safe as far as the link allowed.
 pub fn hold_force(
     link: &mut dyn RigLink,
-    rig: &RigFile,
+    rig: &Rig,
     options: &Options,
     observer: &mut dyn Observer,
 ) -> Result<Outcome, Stopped> {

@@ -9,7 +9,7 @@ use crate::ready::ready_board;
 use force::controller::{ControlError, Controller, Input};
 use force::pose::PoseSource;
 use nalgebra::Vector3;
-use rig::RigFile;
+use rig::Rig;
 use session::link::RigLink;
 use session::{Session, PERIOD};
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -60,7 +60,7 @@ struct Sums {
 /// [`RunError`]; the rig was made safe as far as the link allowed.
 pub fn hold_tensions(
     link: &mut dyn RigLink,
-    rig: &RigFile,
+    rig: &Rig,
     options: &TensionOptions,
     observer: &mut dyn Observer,
     holding: &mut dyn FnMut(),
@@ -97,7 +97,7 @@ pub fn hold_tensions(
 }
 
 /// Checks the tensions before anything is opened.
-fn check(rig: &RigFile, options: &TensionOptions) -> Result<(), RunError> {
+fn check(rig: &Rig, options: &TensionOptions) -> Result<(), RunError> {
     let Some(tension_n) = options.tension_n else {
         // A single unit pulls at a fixed hook, during bring-up.
         let several = rig.units.iter().filter(|unit| unit.enabled).count() > 1;
@@ -226,7 +226,7 @@ mod tests {
 
     #[test]
     fn given_tensions_are_held_and_the_rig_is_disarmed() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut board = FakeBoard::new(Behavior::Good);
         let options = TensionOptions {
             tension_n: Some([2.0, 3.0, 2.5, 4.0, 2.0, 3.5]),
@@ -248,7 +248,7 @@ mod tests {
 
     #[test]
     fn least_tensions_keep_the_tip_free_of_force() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut board = FakeBoard::new(Behavior::Good);
         let options = TensionOptions {
             duration_s: Some(1.0),
@@ -267,7 +267,7 @@ mod tests {
 
     #[test]
     fn nothing_is_armed_where_zero_force_is_out_of_reach_or_no_pose_comes() {
-        let mut copied = RigFile::built_in().unwrap();
+        let mut copied = Rig::built_in().unwrap();
         copied.units[1].exit_m = copied.units[0].exit_m;
         copied.units[1].axis = copied.units[0].axis;
         let options = TensionOptions {
@@ -279,7 +279,7 @@ mod tests {
         let error = error.unwrap_err();
         assert!(matches!(error, RunError::Infeasible(_)), "{error}");
         assert!(board.commands.is_empty());
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut board = FakeBoard::new(Behavior::NoPose);
         let error = hold_tensions(&mut board, &rig, &options, &mut NoopObserver, &mut || {});
         let error = error.unwrap_err().to_string();
@@ -289,7 +289,7 @@ mod tests {
 
     #[test]
     fn tensions_outside_the_limits_are_refused_before_anything_is_driven() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut board = FakeBoard::new(Behavior::Good);
         for wrong in [0.1, 40.0, f64::NAN] {
             let options = TensionOptions {

@@ -5,7 +5,7 @@ use control::SystemState;
 use emulator_link::Injection;
 use force::metrics::Step;
 use plant::effects::AmplifierGain;
-use rig::RigFile;
+use rig::Rig;
 use session::link::fake::{Behavior, FakeBoard};
 use session::link::RigLink;
 use session::TimedSample;
@@ -27,8 +27,8 @@ impl Observer for Notes {
     }
 }
 
-fn rig() -> RigFile {
-    RigFile::built_in().unwrap()
+fn rig() -> Rig {
+    Rig::built_in().unwrap()
 }
 
 fn options() -> Options {
@@ -186,7 +186,7 @@ fn nothing_is_armed_without_a_pose() {
     let listen = std::net::UdpSocket::bind("127.0.0.1:0").unwrap();
     let address = listen.local_addr().unwrap();
     drop(listen);
-    let rig = RigFile {
+    let rig = Rig {
         pose: rig::PoseChoice::Udp {
             listen: address.to_string(),
             max_age_s: 1.0,

@@ -20,7 +20,7 @@ use base64::prelude::{Engine as _, BASE64_STANDARD};
 use clients::{Client, Waiter};
 use control::SystemState;
 use known::base;
-use rig::RigFile;
+use rig::Rig;
 use serde_json::Value;
 use session::link::{Exchange, LinkError, RigLink};
 use session::telemetry::Gatherer;
@@ -154,7 +154,7 @@ impl Hub {
         let seed = link.controls().map(|controls| controls.seed());
         let (file, text) = &setup.rig_file;
         // A calibration that can't be read is named to whoever drives; the view then has the rig file's numbers.
-        let rig = RigFile::parse(file, text)
+        let rig = Rig::parse(file, text)
             .ok()
             .map(|rig| base::with_calibration(rig.clone(), seed).unwrap_or(rig));
         let gatherer = Gatherer::new(rig.as_ref());

@@ -8,7 +8,7 @@ use super::inbound::{next_id, ClientId, Inbound, JobReport};
 use super::protocol::{ForceParams, HoldParams};
 use known::base;
 use known::ZeroStore;
-use rig::RigFile;
+use rig::Rig;
 use run::{hold_tensions, set_force, NoopObserver, Options, TensionOptions, Zeroing};
 use serde_json::{json, Value};
 use std::io;
@@ -116,7 +116,7 @@ fn run(
 ) -> Result<Value, String> {
     let words = |error: &dyn std::fmt::Display| error.to_string();
     let (file, text) = &order.rig_file;
-    let rig = RigFile::parse(file, text).map_err(|error| words(&error))?;
+    let rig = Rig::parse(file, text).map_err(|error| words(&error))?;
     let client = Client::over(stream, &rig.name, name, None).map_err(|error| words(&error))?;
     let seed = client.welcome().seed;
     let rig = base::with_calibration(rig, seed).map_err(|error| words(&error))?;
@@ -149,7 +149,7 @@ fn run(
 
 /// Where the zeros of a rig are stored: nowhere for an emulated one, which is another one each time.
 #[must_use]
-pub(super) fn store(rig: &RigFile, seed: Option<u64>) -> ZeroStore {
+pub(super) fn store(rig: &Rig, seed: Option<u64>) -> ZeroStore {
     if seed.is_some() {
         ZeroStore::none()
     } else {

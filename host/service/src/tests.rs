@@ -6,7 +6,7 @@ use super::protocol::{code, Call, ForceParams, HoldParams, Topics};
 use super::server::{serve, ServeOptions};
 use super::socket::Listening;
 use known::ZeroStore;
-use rig::{RigFile, DEFAULT_NAME, DEFAULT_TEXT};
+use rig::{Rig, DEFAULT_NAME, DEFAULT_TEXT};
 use run::{ready_board, set_force, NoopObserver, Options, RunError, Zeroing};
 use session::link::fake::{Behavior, FakeBoard};
 use session::link::{Exchange, LinkError, RigControls, RigLink};
@@ -131,7 +131,7 @@ impl RigLink for Leash {
 }
 
 /// A service with such a board.
-struct Rig {
+struct KeptRig {
     _folder: tempfile::TempDir,
     path: std::path::PathBuf,
     stop: Arc<AtomicBool>,
@@ -142,7 +142,7 @@ struct Rig {
     thread: Option<std::thread::JoinHandle<bool>>,
 }
 
-impl Rig {
+impl KeptRig {
     fn start(behavior: Behavior, prepared: bool) -> Self {
         Self::with_bit_errors(behavior, prepared, 0.0)
     }
@@ -167,7 +167,7 @@ impl Rig {
             let make = move |prepared: bool| {
                 let mut board = FakeBoard::new(behavior);
                 if prepared {
-                    let rig = RigFile::built_in().unwrap();
+                    let rig = Rig::built_in().unwrap();
                     let mut session = Session::connect(&mut board).unwrap();
                     let stop = AtomicBool::new(false);
                     ready_board(
@@ -257,7 +257,7 @@ impl Rig {
     }
 }
 
-impl Drop for Rig {
+impl Drop for KeptRig {
     fn drop(&mut self) {
         self.end();
     }
@@ -273,8 +273,8 @@ fn kept(hold_s: f64, stop: &Arc<AtomicBool>) -> Options {
 
 #[test]
 fn a_run_over_the_service_holds_the_force_with_others_watching() {
-    let mut rig = Rig::start(Behavior::Good, true);
-    let file = RigFile::built_in().unwrap();
+    let mut rig = KeptRig::start(Behavior::Good, true);
+    let file = Rig::built_in().unwrap();
     let observers: Vec<_> = (0..3)
         .map(|n| {
             let link = ServiceLink::observer(rig.client(&format!("observer {n}"))).unwrap();
@@ -309,8 +309,8 @@ fn a_run_over_the_service_holds_the_force_with_others_watching() {
 
 #[test]
 fn one_commands_and_anyone_stops() {
-    let rig = Rig::start(Behavior::Good, true);
-    let file = RigFile::built_in().unwrap();
+    let rig = KeptRig::start(Behavior::Good, true);
+    let file = Rig::built_in().unwrap();
     let mut link = rig.commander("the first");
     let running = std::thread::spawn(move || {
         let stop = Arc::default();
@@ -342,7 +342,7 @@ fn one_commands_and_anyone_stops() {
 
 #[test]
 fn a_commander_that_goes_away_has_the_rig_disarmed() {
-    let rig = Rig::start(Behavior::Good, true);
+    let rig = KeptRig::start(Behavior::Good, true);
     let mut client = rig.client("events");
     client
         .call(Call::Subscribe(Topics {
@@ -371,7 +371,7 @@ fn a_commander_that_goes_away_has_the_rig_disarmed() {
 
 #[test]
 fn the_service_holds_by_itself_until_it_is_disarmed() {
-    let rig = Rig::start(Behavior::Good, true);
+    let rig = KeptRig::start(Behavior::Good, true);
     let mut client = rig.client("arm");
     client.hold(HoldParams::default()).unwrap();
     // Who asked may leave: the service holds.
@@ -390,7 +390,7 @@ fn the_service_holds_by_itself_until_it_is_disarmed() {
 
 #[test]
 fn a_program_without_this_library_commands_a_force() {
-    let rig = Rig::start(Behavior::Good, true);
+    let rig = KeptRig::start(Behavior::Good, true);
     let mut client = rig.client("a script");
     client
         .call(Call::Subscribe(Topics {
@@ -431,8 +431,8 @@ fn a_program_without_this_library_commands_a_force() {
 
 #[test]
 fn a_zero_is_kept_between_runs_whatever_friction_leaves_in_the_cables() {
-    let rig = Rig::start(Behavior::Good, true);
-    let file = RigFile::built_in().unwrap();
+    let rig = KeptRig::start(Behavior::Good, true);
+    let file = Rig::built_in().unwrap();
     let stop = Arc::default();
     for _ in 0..2 {
         let mut link = rig.commander("a run");
@@ -456,8 +456,8 @@ fn a_zero_is_kept_between_runs_whatever_friction_leaves_in_the_cables() {
 
 #[test]
 fn a_link_that_comes_back_is_used_again() {
-    let rig = Rig::start(Behavior::Good, true);
-    let file = RigFile::built_in().unwrap();
+    let rig = KeptRig::start(Behavior::Good, true);
+    let file = Rig::built_in().unwrap();
     let mut link = rig.commander("a run");
     let its_file = file.clone();
     let running = std::thread::spawn(move || {
@@ -496,7 +496,7 @@ fn a_link_that_comes_back_is_used_again() {
 #[test]
 fn damaged_lines_and_frames_harm_nobody_else() {
     use std::io::Write;
-    let rig = Rig::start(Behavior::Noisy(1000), true);
+    let rig = KeptRig::start(Behavior::Noisy(1000), true);
     let mut bad = std::os::unix::net::UnixStream::connect(&rig.path).unwrap();
     bad.write_all(b"GET / HTTP/1.1\r\n\r\n{\"id\":1,\"method\":\"stop\"}\n\xff\xfe\n")
         .unwrap();
@@ -504,7 +504,7 @@ fn damaged_lines_and_frames_harm_nobody_else() {
     std::thread::sleep(Duration::from_millis(50));
     assert_eq!(rig.got(&Command::Stop), 0);
     // Every thousandth byte of the board is damaged, and the run goes on.
-    let file = RigFile::built_in().unwrap();
+    let file = Rig::built_in().unwrap();
     let stop = Arc::default();
     let mut link = rig.commander("a run");
     let outcome = set_force(&mut link, &file, &kept(2.0, &stop), &mut NoopObserver).unwrap();
@@ -518,7 +518,7 @@ fn damaged_lines_and_frames_harm_nobody_else() {
 
 #[test]
 fn a_client_that_does_not_read_is_no_burden() {
-    let rig = Rig::start(Behavior::Good, true);
+    let rig = KeptRig::start(Behavior::Good, true);
     let lazy = ServiceLink::observer(rig.client("lazy")).unwrap();
     let mut client = rig.client("busy");
     for _ in 0..20 {
@@ -533,7 +533,7 @@ fn a_client_that_does_not_read_is_no_burden() {
 
 #[test]
 fn two_services_of_one_rig_are_refused_and_a_dead_socket_is_replaced() {
-    let mut rig = Rig::start(Behavior::Good, false);
+    let mut rig = KeptRig::start(Behavior::Good, false);
     let error = Listening::bind_at(rig.path.clone()).unwrap_err();
     assert_eq!(error.kind(), std::io::ErrorKind::AddrInUse);
     rig.end();
@@ -569,7 +569,7 @@ fn soak_hours() -> Option<f64> {
 #[allow(clippy::print_stdout)]
 fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
     let hours = soak_hours().unwrap_or(20.0 / 3600.0);
-    let rig = Rig::start(Behavior::Good, true);
+    let rig = KeptRig::start(Behavior::Good, true);
     let mut holder = rig.client("holder");
     holder.hold(HoldParams::default()).unwrap();
     let started = holder.status().unwrap();
@@ -649,8 +649,8 @@ fn memory_stays_flat_and_nothing_is_lost_however_many_clients_come_and_go() {
 
 #[test]
 fn a_line_with_a_bit_error_rate_of_1e_3_holds_or_ends_with_a_reason_and_never_does_anything_else() {
-    let rig = Rig::with_bit_errors(Behavior::Good, true, 1e-3);
-    let file = RigFile::built_in().unwrap();
+    let rig = KeptRig::with_bit_errors(Behavior::Good, true, 1e-3);
+    let file = Rig::built_in().unwrap();
     let stop = Arc::default();
     let mut link = rig.commander("a run");
     let ended = set_force(&mut link, &file, &kept(2.0, &stop), &mut NoopObserver);
@@ -695,7 +695,7 @@ fn a_line_with_a_bit_error_rate_of_1e_3_holds_or_ends_with_a_reason_and_never_do
 
 #[test]
 fn setpoints_that_wait_are_replaced_and_not_queued() {
-    let rig = Rig::start(Behavior::Good, true);
+    let rig = KeptRig::start(Behavior::Good, true);
     let mut link = rig.commander("a run on a slow rig");
     let setpoints = |tension_un| Command::Setpoints {
         valid_ms: 100,
@@ -736,7 +736,7 @@ fn setpoints_that_wait_are_replaced_and_not_queued() {
 
 #[test]
 fn a_force_ends_with_the_client_that_asked_for_it() {
-    let rig = Rig::start(Behavior::Good, true);
+    let rig = KeptRig::start(Behavior::Good, true);
     {
         let mut client = rig.client("a script");
         let force = Call::SetForce(ForceParams {
@@ -752,7 +752,7 @@ fn a_force_ends_with_the_client_that_asked_for_it() {
 
 #[test]
 fn a_second_hold_does_not_make_the_first_one_lost() {
-    let rig = Rig::start(Behavior::Good, true);
+    let rig = KeptRig::start(Behavior::Good, true);
     let mut first = rig.client("first");
     let mut second = rig.client("second");
     // Both before the first job commands.

@@ -9,7 +9,7 @@ use control::geometry::{applied_force, cable_direction};
 use control::{MotorState, SystemState};
 use emulator_link::Truth;
 use nalgebra::Vector3;
-use rig::{PoseChoice, RigFile};
+use rig::{PoseChoice, Rig};
 use serde::{Deserialize, Serialize};
 use wire::message::{Sample, Status, UnitConfig};
 use wire::UNITS;
@@ -120,7 +120,7 @@ impl Gatherer {
     /// For the rig of this rig file: where its cables leave the reels, and where the tip is if it is clamped. Without a
     /// rig file there is no force.
     #[must_use]
-    pub fn new(rig: Option<&RigFile>) -> Self {
+    pub fn new(rig: Option<&Rig>) -> Self {
         Self {
             exits_m: rig.map(|rig| rig.units.map(|unit| unit.exit_m)),
             fixed_tip_m: rig.and_then(|rig| match rig.pose {
@@ -318,7 +318,7 @@ mod tests {
     }
 
     /// Every unit has a zero and pulls with 1 N, 2 N, ...
-    fn gathered(rig: &RigFile) -> Gatherer {
+    fn gathered(rig: &Rig) -> Gatherer {
         let mut gatherer = Gatherer::new(Some(rig));
         for (i, unit) in rig.units.iter().enumerate() {
             let config = UnitConfig {
@@ -339,7 +339,7 @@ mod tests {
     }
 
     /// Force of some units along their cables.
-    fn by_hand(rig: &RigFile, units: &[usize]) -> Vector3<f64> {
+    fn by_hand(rig: &Rig, units: &[usize]) -> Vector3<f64> {
         let tip = Vector3::from(TIP_M);
         units.iter().fold(Vector3::zeros(), |sum, &i| {
             let span = rig.units[i].exit_m - tip;
@@ -349,7 +349,7 @@ mod tests {
 
     #[test]
     fn the_force_is_that_of_the_cables_that_take_part() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut gatherer = gathered(&rig);
         let mut status = status();
         let now = gatherer.telemetry(NOW_NS, Some(&status), "");
@@ -373,7 +373,7 @@ mod tests {
 
     #[test]
     fn there_is_no_force_without_zero_sample_or_pose() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let status = status();
         let force =
             |gatherer: &mut Gatherer, now_ns| gatherer.telemetry(now_ns, Some(&status), "").force_n;

@@ -6,7 +6,7 @@ use proptest::prelude::{any, Strategy};
 use proptest::sample::select;
 use residual::expr::Expr;
 use residual::spec::Spec;
-use rig::{RigFile, DEFAULT_TEXT as RIG};
+use rig::{Rig, DEFAULT_TEXT as RIG};
 
 const MODEL: &str = r#"
 [roles]
@@ -27,9 +27,9 @@ expr = "sign(velocity) * (0.9 + 0.15 * command)"
 
 #[test]
 fn rig_files() {
-    assert!(RigFile::parse("rig.toml", RIG).is_ok());
+    assert!(Rig::parse("rig.toml", RIG).is_ok());
     check(2, damages(), |damages| {
-        let _ = RigFile::parse("rig.toml", &damaged_text(RIG, &damages));
+        let _ = Rig::parse("rig.toml", &damaged_text(RIG, &damages));
     });
 }
 
@@ -89,7 +89,7 @@ fn deep_nesting() {
     for (open, close) in [("[", "]"), ("{a=", "}")] {
         let text = format!("a = {}", around(open, close));
         assert!(Spec::parse(&text).is_err());
-        assert!(RigFile::parse("rig.toml", &text).is_err());
+        assert!(Rig::parse("rig.toml", &text).is_err());
     }
     // As deep as it may be: the deepest that is read must also be printed and dropped.
     for depth in [100, 150, 190] {

@@ -2,7 +2,7 @@
 
 use identify::findings::FRICTION_MARGIN_N;
 use identify::{self, Figures};
-use rig::{RigFile, DEFAULT_TEXT};
+use rig::{Rig, DEFAULT_TEXT};
 use run::{self, NoopObserver, Options};
 use session::link::embedded::{EmbeddedRig, Programs};
 use session::link::EmbeddedOptions;
@@ -30,7 +30,7 @@ fn start(plant: &Path) -> EmbeddedRig {
     EmbeddedRig::start(&programs, &options).unwrap_or_else(|error| panic!("{error}"))
 }
 
-fn hold(plant: &Path, rig: &RigFile) -> Figures {
+fn hold(plant: &Path, rig: &Rig) -> Figures {
     let options = Options::new([0.0, 2.5, 0.0], 10.0);
     let outcome = run::set_force(&mut start(plant), rig, &options, &mut NoopObserver)
         .unwrap_or_else(|error| panic!("{error}"));

@@ -29,7 +29,7 @@ use clap::{Args, Subcommand};
 use emulator_link::Injection;
 use known::base;
 use known::store::{Kept, Store};
-use rig::RigFile;
+use rig::Rig;
 use session::Session;
 use std::path::{Path, PathBuf};
 
@@ -141,7 +141,7 @@ impl From<CalibrateError> for Failure {
 
 /// A rig with its store and the record that a step changes.
 struct Bench {
-    rig: RigFile,
+    rig: Rig,
     store: Store,
     record: calibration::record::Record,
 }
@@ -158,7 +158,7 @@ impl Bench {
     }
 
     /// The rig with what the record has measured.
-    fn calibrated(&self) -> RigFile {
+    fn calibrated(&self) -> Rig {
         base::overlay(&self.rig, &self.record)
     }
 

@@ -13,7 +13,7 @@ use clap::Args;
 use force::metrics::STEADY_AFTER_S;
 use known::ZeroStore;
 use nalgebra::Vector3;
-use rig::RigFile;
+use rig::Rig;
 use run::{Options, Outcome, Zeroing};
 use serde_json::json;
 use std::fmt::Write as _;
@@ -304,7 +304,7 @@ impl Verify {
     /// `stored`: whether the rig has a stored calibration.
     fn reply(
         &self,
-        (rig, stored): (&RigFile, bool),
+        (rig, stored): (&Rig, bool),
         held: &[Held],
         samples: Option<&[Vec<calibration::self_calibration::Sample>; wire::UNITS]>,
         context: &Context,

@@ -31,7 +31,7 @@ use super::{values, Context};
 use clap::Args;
 use model::Model;
 use plain::Plain;
-use rig::RigFile;
+use rig::Rig;
 use screen::{Key, Screen};
 use session::Session;
 use source::{Event, SessionSource, Source, Update};
@@ -186,7 +186,7 @@ impl<'a> Watching<'a> {
     fn new(
         context: &'a Context,
         title: String,
-        rig: &RigFile,
+        rig: &Rig,
         duration_s: Option<f64>,
         own: bool,
     ) -> Self {

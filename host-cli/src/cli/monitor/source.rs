@@ -1,7 +1,7 @@
 //! Where the monitor's data come from: the service of a rig, or a session of the command's own. Both give the same.
 
 use crate::cli::exit::Result;
-use rig::RigFile;
+use rig::Rig;
 #[cfg(unix)]
 use service::client::Notification;
 #[cfg(unix)]
@@ -107,7 +107,7 @@ pub struct SessionSource<'s, 'l> {
 
 impl<'s, 'l> SessionSource<'s, 'l> {
     /// Asks the board for every sample.
-    pub fn new(session: &'s mut Session<'l>, rig: &RigFile) -> Result<Self> {
+    pub fn new(session: &'s mut Session<'l>, rig: &Rig) -> Result<Self> {
         session.command(&Command::Stream { decimation: 1 })?;
         Ok(Self {
             session,

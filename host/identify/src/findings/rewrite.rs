@@ -5,7 +5,7 @@
 
 use super::KEYS;
 use known::base::overlay;
-use rig::{RigFile, UnitSettings};
+use rig::{Rig, UnitSettings};
 use toml_edit::{DocumentMut, Item, TableLike, Value};
 use wire::UNITS;
 
@@ -26,7 +26,7 @@ pub struct Rewritten {
 pub fn rewrite(
     name: &str,
     text: &str,
-    rig: &RigFile,
+    rig: &Rig,
     units: &[UnitSettings; UNITS],
 ) -> Result<Rewritten, String> {
     let changed = changes(rig, units);
@@ -52,9 +52,9 @@ pub fn rewrite(
     }
     let before = text;
     let text = with_line_ends_of(before, document.to_string());
-    let parsed = RigFile::parse(name, &text).map_err(|error| failed(&error))?;
+    let parsed = Rig::parse(name, &text).map_err(|error| failed(&error))?;
     // The numbers in use may be those of a stored calibration, which the file has not.
-    let mut intended = RigFile::parse(name, before).map_err(|error| failed(&error))?;
+    let mut intended = Rig::parse(name, before).map_err(|error| failed(&error))?;
     let in_use = match &rig.calibration {
         Some(record) => overlay(&intended, record),
         None => intended.clone(),
@@ -76,7 +76,7 @@ pub fn rewrite(
 }
 
 /// What differs between a rig's settings and new ones, equal changes of several units in one line.
-fn changes(rig: &RigFile, units: &[UnitSettings; UNITS]) -> Vec<String> {
+fn changes(rig: &Rig, units: &[UnitSettings; UNITS]) -> Vec<String> {
     let mut changed = Vec::new();
     for key in &KEYS {
         let mut groups: Vec<(String, Vec<String>)> = Vec::new();
@@ -215,19 +215,19 @@ mod tests {
 
     /// Rewrites with `change` on all units; the text must read back as intended.
     fn rewritten(text: &str, change: impl Fn(usize, &mut UnitSettings)) -> Rewritten {
-        let rig = RigFile::parse("rig", text).unwrap_or_else(|error| panic!("{error}"));
+        let rig = Rig::parse("rig", text).unwrap_or_else(|error| panic!("{error}"));
         let mut units = rig.units;
         for (i, unit) in units.iter_mut().enumerate() {
             change(i, unit);
         }
         let new = rewrite("rig", text, &rig, &units).unwrap_or_else(|error| panic!("{error}"));
-        assert_eq!(RigFile::parse("rig", &new.text).unwrap().units, units);
+        assert_eq!(Rig::parse("rig", &new.text).unwrap().units, units);
         new
     }
 
     #[test]
     fn a_rig_file_is_changed_where_its_values_stand() {
-        let rig = RigFile::built_in().expect("the built-in rig is good");
+        let rig = Rig::built_in().expect("the built-in rig is good");
         let mut units = rig.units;
         for unit in &mut units {
             unit.coulomb_n = 1.3;
@@ -241,7 +241,7 @@ mod tests {
         };
         units[4].kp = 0.1;
         let new = rewrite("rig", DEFAULT_TEXT, &rig, &units).expect("changes");
-        let parsed = RigFile::parse("rig", &new.text).expect("still a rig file");
+        let parsed = Rig::parse("rig", &new.text).expect("still a rig file");
         assert_eq!(parsed.units, units);
         // Comments are all there; new keys got lines of their own.
         let comments = |text: &str| text.matches('#').count();
@@ -260,10 +260,7 @@ mod tests {
         again[2].ripples[0].phase_rad = 0.0;
         let newer = rewrite("rig", &new.text, &parsed, &again).expect("changes");
         assert_eq!(newer.text.lines().count(), new.text.lines().count());
-        assert_eq!(
-            RigFile::parse("rig", &newer.text).expect("good").units,
-            again
-        );
+        assert_eq!(Rig::parse("rig", &newer.text).expect("good").units, again);
         // Nothing to do leaves every byte.
         let same = rewrite("rig", &new.text, &parsed, &units).expect("nothing");
         assert_eq!((same.text, same.changed.len()), (new.text, 0));
@@ -271,7 +268,7 @@ mod tests {
 
     #[test]
     fn a_stored_calibration_stays_out_of_the_file() {
-        let file = RigFile::built_in().unwrap();
+        let file = Rig::built_in().unwrap();
         let mut record = known::base::nominal(&file, "2026-11-22");
         record.units[1].gain_date = "2026-11-22".to_owned();
         record.units[1].n_per_code = 7e-6;
@@ -279,7 +276,7 @@ mod tests {
         let mut units = rig.units;
         units[1].coulomb_n = 1.3;
         let new = rewrite("rig", DEFAULT_TEXT, &rig, &units).unwrap();
-        let parsed = RigFile::parse("rig", &new.text).unwrap();
+        let parsed = Rig::parse("rig", &new.text).unwrap();
         assert_eq!(parsed.units[1].coulomb_n, 1.3);
         assert_eq!(
             parsed.units[1].scale_n_per_count,
@@ -404,7 +401,7 @@ mod tests {
             .chain(units.iter().map(|unit| format!("[[unit]]{unit}\n")))
             .collect();
         let new = rewritten(&text, |i, unit| unit.kp = 0.1 * (i + 1) as f64);
-        for (i, unit) in RigFile::parse("rig", &new.text)
+        for (i, unit) in Rig::parse("rig", &new.text)
             .unwrap()
             .units
             .iter()
@@ -432,7 +429,7 @@ mod tests {
 
     #[test]
     fn a_text_that_is_not_the_rigs_is_left_with_the_changes_listed() {
-        let rig = RigFile::built_in().unwrap();
+        let rig = Rig::built_in().unwrap();
         let mut units = rig.units;
         units.iter_mut().for_each(|unit| unit.kp = 0.2);
         let cut = DEFAULT_TEXT.rfind("[[unit]]").unwrap();

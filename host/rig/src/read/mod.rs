@@ -1,4 +1,4 @@
-//! From TOML text to a checked [`RigFile`]: every value by hand, so that each message can name the line.
+//! From TOML text to a checked [`Rig`]: every value by hand, so that each message can name the line.
 //!
 //! | part | file |
 //! | --- | --- |
@@ -13,8 +13,8 @@ mod tests;
 mod units;
 
 use super::{
-    AllocationSettings, ControllerSettings, PoseChoice, Problem, Reference, RigFile, Workspace,
-    SCHEMA, TIP_FORCE_LIMIT_N,
+    AllocationSettings, ControllerSettings, PoseChoice, Problem, Reference, Rig, Workspace, SCHEMA,
+    TIP_FORCE_LIMIT_N,
 };
 use section::{Context, Section};
 use std::cell::RefCell;
@@ -25,7 +25,7 @@ use units::read_units;
 use wire::UNITS;
 
 /// Parses and checks.
-pub(super) fn parse(text: &str) -> Result<RigFile, Vec<Problem>> {
+pub(super) fn parse(text: &str) -> Result<Rig, Vec<Problem>> {
     let context = Context {
         text,
         problems: RefCell::default(),
@@ -73,7 +73,7 @@ fn merge_units(problems: &mut Vec<Problem>) {
     }
 }
 
-fn read_root<'c, 't>(context: &'c Context<'t>, table: &'c Spanned<DeTable<'t>>) -> RigFile {
+fn read_root<'c, 't>(context: &'c Context<'t>, table: &'c Spanned<DeTable<'t>>) -> Rig {
     let root = Section {
         context,
         name: String::new(),
@@ -99,7 +99,7 @@ fn read_root<'c, 't>(context: &'c Context<'t>, table: &'c Spanned<DeTable<'t>>) 
     let allocation = read_allocation(&root);
     let units = read_units(&root, workspace);
     root.finish();
-    RigFile {
+    Rig {
         name,
         link,
         pose,

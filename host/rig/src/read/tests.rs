@@ -1,10 +1,10 @@
 //! Every kind of mistake in a rig file, and its message.
 
-use crate::{RigFile, RigFileError, DEFAULT_TEXT};
+use crate::{Rig, RigFileError, DEFAULT_TEXT};
 use wire::UNITS;
 
 fn problems(text: &str) -> RigFileError {
-    RigFile::parse("rig.toml", text).expect_err("a problem was put in")
+    Rig::parse("rig.toml", text).expect_err("a problem was put in")
 }
 
 /// Line (from 1) of the n-th occurrence of a text in the example.
@@ -18,7 +18,7 @@ fn line_of(needle: &str, n: usize) -> usize {
 
 #[test]
 fn the_built_in_file_is_right() {
-    let rig = RigFile::built_in().unwrap_or_else(|e| panic!("{e}"));
+    let rig = Rig::built_in().unwrap_or_else(|e| panic!("{e}"));
     assert_eq!(rig.units.map(|u| u.number), [1, 2, 3, 4, 5, 6]);
     assert_eq!(rig.hash().len(), 64);
     let config = rig.units[0].to_wire();
@@ -28,11 +28,11 @@ fn the_built_in_file_is_right() {
 
 #[test]
 fn the_hash_follows_the_values_and_not_the_comments() {
-    let rig = RigFile::built_in().unwrap();
-    let commented = RigFile::parse("x", &format!("# more\n{DEFAULT_TEXT}")).unwrap();
+    let rig = Rig::built_in().unwrap();
+    let commented = Rig::parse("x", &format!("# more\n{DEFAULT_TEXT}")).unwrap();
     assert_eq!(rig.hash(), commented.hash());
     let changed = DEFAULT_TEXT.replacen("coulomb_n = 0.909", "coulomb_n = 0.91", 1);
-    assert_ne!(rig.hash(), RigFile::parse("x", &changed).unwrap().hash());
+    assert_ne!(rig.hash(), Rig::parse("x", &changed).unwrap().hash());
 }
 
 #[test]
@@ -213,5 +213,5 @@ fn a_file_without_an_enabled_unit_names_the_line() {
     assert!(error.to_string().contains("no unit is enabled"), "{error}");
     // One unit is enough.
     let one = text.replacen("number = 3 ", "enabled = true\nnumber = 3 ", 1);
-    RigFile::parse("rig.toml", &one).unwrap();
+    Rig::parse("rig.toml", &one).unwrap();
 }

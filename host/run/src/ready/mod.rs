@@ -23,7 +23,7 @@ use crate::options::{Zeroing, PRETENSION_S, ROBOT_START_S};
 use crate::phase::{begin, tell_configs, Observer, Phase};
 use control::{MotorState, SystemState};
 use known::zeros::ZeroStore;
-use rig::RigFile;
+use rig::Rig;
 use session::{system_state_name, LatchedFault, Patience, Session, SessionError, PERIOD};
 use std::sync::atomic::AtomicBool;
 use std::time::Duration;
@@ -44,7 +44,7 @@ const ZERO_END: Duration = Duration::from_secs(5);
 /// [`RunError`]; nothing was armed, and zeros that were refused are not in force.
 pub fn ready_board(
     session: &mut Session<'_>,
-    rig: &RigFile,
+    rig: &Rig,
     zeroing: &Zeroing,
     stop: &AtomicBool,
     observer: &mut dyn Observer,
@@ -67,7 +67,7 @@ pub fn ready_board(
 /// Measures the zeros, whatever they are.
 fn at_power_on(
     session: &mut Session<'_>,
-    rig: &RigFile,
+    rig: &Rig,
     stop: &AtomicBool,
     observer: &mut dyn Observer,
 ) -> Result<Prepared, RunError> {
@@ -81,7 +81,7 @@ fn at_power_on(
 /// Uses the zeros that the board holds.
 fn keep(
     session: &mut Session<'_>,
-    rig: &RigFile,
+    rig: &Rig,
     store: &ZeroStore,
     stop: &AtomicBool,
     observer: &mut dyn Observer,
@@ -132,7 +132,7 @@ fn keep(
 /// Measures zeros. Where they disagree with the references, the board gets `before` back.
 fn measure(
     session: &mut Session<'_>,
-    rig: &RigFile,
+    rig: &Rig,
     before: &[UnitConfig; UNITS],
     references: &References,
     store: &ZeroStore,
@@ -169,7 +169,7 @@ fn measure(
 /// returned.
 fn bring_up(
     session: &mut Session<'_>,
-    rig: &RigFile,
+    rig: &Rig,
     configs: &mut [UnitConfig; UNITS],
     stop: &AtomicBool,
     observer: &mut dyn Observer,

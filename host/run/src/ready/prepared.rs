@@ -130,14 +130,11 @@ fn conversions_lost(link: &mut dyn RigLink) -> Result<u64, LinkError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use rig::RigFile;
+    use rig::Rig;
 
     #[test]
     fn a_configuration_that_differs_is_named_by_unit_and_field() {
-        let sent = RigFile::built_in()
-            .unwrap()
-            .units
-            .map(|unit| unit.to_wire());
+        let sent = Rig::built_in().unwrap().units.map(|unit| unit.to_wire());
         assert!(differences(&sent, &sent).is_empty());
         let mut back = sent;
         back[2].kp_q16 += 1;

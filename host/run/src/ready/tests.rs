@@ -7,11 +7,7 @@ use rig::board_crc;
 use session::link::fake::{Behavior, FakeBoard};
 use session::link::RigControls;
 
-fn ready(
-    session: &mut Session<'_>,
-    rig: &RigFile,
-    zeroing: &Zeroing,
-) -> Result<Prepared, RunError> {
+fn ready(session: &mut Session<'_>, rig: &Rig, zeroing: &Zeroing) -> Result<Prepared, RunError> {
     ready_board(
         session,
         rig,
@@ -29,7 +25,7 @@ fn pull(board: &mut FakeBoard, newton: f64) {
 fn a_zero_far_from_the_last_one_is_refused_and_not_in_force() {
     let folder = tempfile::tempdir().unwrap();
     let store = ZeroStore::at(folder.path().join("zeros.toml"));
-    let rig = RigFile::built_in().unwrap();
+    let rig = Rig::built_in().unwrap();
     let mut board = FakeBoard::new(Behavior::Good);
     let first = {
         let mut session = Session::connect(&mut board).unwrap();
@@ -59,7 +55,7 @@ fn a_zero_far_from_the_last_one_is_refused_and_not_in_force() {
 
 #[test]
 fn a_run_that_keeps_its_zeros_sends_the_boards_limits() {
-    let mut rig = RigFile::built_in().unwrap();
+    let mut rig = Rig::built_in().unwrap();
     let mut board = FakeBoard::new(Behavior::Good);
     let mut session = Session::connect(&mut board).unwrap();
     ready(&mut session, &rig, &Zeroing::Measure).unwrap();
@@ -72,7 +68,7 @@ fn a_run_that_keeps_its_zeros_sends_the_boards_limits() {
 fn steps_that_are_accepted_do_not_add_up() {
     let folder = tempfile::tempdir().unwrap();
     let store = ZeroStore::at(folder.path().join("zeros.toml"));
-    let rig = RigFile::built_in().unwrap();
+    let rig = Rig::built_in().unwrap();
     let mut board = FakeBoard::new(Behavior::Good);
     let mut zero = |newton: f64, zeroing: &Zeroing| {
         pull(&mut board, newton);
@@ -93,7 +89,7 @@ fn steps_that_are_accepted_do_not_add_up() {
 
 #[test]
 fn an_interrupted_zero_is_not_in_force() {
-    let rig = RigFile::built_in().unwrap();
+    let rig = Rig::built_in().unwrap();
     let mut board = FakeBoard::new(Behavior::Good);
     let mut session = Session::connect(&mut board).unwrap();
     let first = ready(&mut session, &rig, &Zeroing::Measure).unwrap();
@@ -117,7 +113,7 @@ fn an_interrupted_zero_is_not_in_force() {
 fn a_board_without_zeros_needs_stored_ones() {
     let folder = tempfile::tempdir().unwrap();
     let store = ZeroStore::at(folder.path().join("zeros.toml"));
-    let rig = RigFile::built_in().unwrap();
+    let rig = Rig::built_in().unwrap();
     let mut board = FakeBoard::new(Behavior::Good);
     let mut session = Session::connect(&mut board).unwrap();
     let error = ready(&mut session, &rig, &Zeroing::Keep(store.clone())).unwrap_err();
@@ -137,7 +133,7 @@ fn a_board_without_zeros_needs_stored_ones() {
 
 #[test]
 fn a_prepared_board_holds_the_configuration_and_is_disarmed() {
-    let rig = RigFile::built_in().unwrap();
+    let rig = Rig::built_in().unwrap();
     let mut board = FakeBoard::new(Behavior::Good);
     let mut session = Session::connect(&mut board).unwrap();
     let prepared = ready(&mut session, &rig, &Zeroing::Measure).unwrap();
@@ -151,7 +147,7 @@ fn a_prepared_board_holds_the_configuration_and_is_disarmed() {
 
 #[test]
 fn a_board_that_is_armed_or_faulted_is_left_as_it_is() {
-    let rig = RigFile::built_in().unwrap();
+    let rig = Rig::built_in().unwrap();
     for (command, words) in [
         (Command::Arm, "armed already"),
         (Command::Stop, "a fault is latched"),

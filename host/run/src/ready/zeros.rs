@@ -2,7 +2,7 @@
 
 use crate::error::{MovedZero, RunError};
 use known::zeros::{ZeroStore, ZERO_TOLERANCE_N};
-use rig::RigFile;
+use rig::Rig;
 use session::Session;
 use wire::message::UnitConfig;
 use wire::UNITS;
@@ -10,7 +10,7 @@ use wire::UNITS;
 /// The rig file's configuration with what belongs to the board: its zeros, and an emulated rig's calibrated scales.
 pub(super) fn carried_over(
     session: &mut Session<'_>,
-    rig: &RigFile,
+    rig: &Rig,
     in_force: &[UnitConfig; UNITS],
 ) -> [UnitConfig; UNITS] {
     let emulated = session.link().controls().is_some();

@@ -2,7 +2,7 @@
 
 use super::*;
 use residual::Ripple;
-use rig::RigFile;
+use rig::Rig;
 
 fn frame() -> Frame {
     Frame {
@@ -13,8 +13,8 @@ fn frame() -> Frame {
     }
 }
 
-fn rig() -> RigFile {
-    RigFile::built_in().expect("the built-in rig is good")
+fn rig() -> Rig {
+    Rig::built_in().expect("the built-in rig is good")
 }
 
 fn ripple(order: f64, amplitude: f64, phase: f64, of_load: bool) -> Ripple {
