@@ -526,9 +526,9 @@ fn the_command_explains_itself_and_its_errors() {
             &["--out", "x", "--effect", "dall"][..],
             "did you mean `dahl`",
         ),
-        (&["--out", "x", "--rate", "fast"], "--rate fast"),
+        (&["--out", "x", "--rate", "fast"], "'fast' for '--rate"),
         (&["--nonsense"], "--nonsense"),
-        (&["--seed", "1"], "no --out"),
+        (&["--seed", "1"], "--out"),
         (&["--out"], "--help"),
     ] {
         let (good, text) = command(arguments);
