@@ -64,7 +64,7 @@ pub fn write(path: &Path, text: &str) -> Result<(), String> {
 /// Writes a page into a file where one is given, and prints it otherwise.
 ///
 /// # Errors
-/// As [`write`].
+/// As [`write()`].
 pub fn publish(markdown: Option<&Path>, page: &str) -> Result<(), String> {
     match markdown {
         Some(path) => write(path, page),
