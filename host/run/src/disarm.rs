@@ -14,7 +14,7 @@ const DISARM_TIMEOUT: Duration = Duration::from_secs(3);
 /// while the newest status says that the board is running.
 ///
 /// # Errors
-/// As [`Session::command`]; the board latches a fault, or it is not disarmed after [`DISARM_TIMEOUT`].
+/// As [`Session::command`]; the board latches a fault, or it is not disarmed after 3 s.
 pub fn ramp_down_and_disarm(session: &mut Session<'_>) -> Result<(), SessionError> {
     session.command(&Command::Disarm)?;
     session.set_setpoints(None);
