@@ -52,7 +52,7 @@ pub struct Rig {
     pub allocation: AllocationSettings,
     /// The units, unit 1 first.
     pub units: [UnitSettings; UNITS],
-    /// The calibration whose numbers replaced the file's ([`known::base::overlay`]). Not part of the hash; its numbers
+    /// The calibration whose numbers replaced the file's (`known::base`). Not part of the hash; its numbers
     /// are.
     #[serde(skip)]
     pub calibration: Option<Box<calibration::record::Record>>,

@@ -67,7 +67,7 @@ impl fmt::Display for LinkChoice {
 pub enum PoseChoice {
     /// The link brings it (the embedded rig does).
     Rig,
-    /// JSON lines over UDP, see [`force::pose`].
+    /// JSON lines over UDP, see `force::pose`.
     Udp {
         /// Address and port to listen on.
         listen: String,
