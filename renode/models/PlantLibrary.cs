@@ -22,7 +22,7 @@ namespace Antmicro.Renode.Peripherals.ForceRig
             IntPtr library;
             if(!SharedLibraries.TryLoadLibrary(path, out library))
             {
-                throw new ConstructionException("plant library " + path + " can't be loaded; build it with `cargo build --release -p plant-abi`");
+                throw new ConstructionException("plant library " + path + " can't be loaded; build it with `cargo build -p plant-abi`");
             }
             var version = Bind<NoneToUint>(library, "plant_abi_version")();
             if(version != AbiVersion)

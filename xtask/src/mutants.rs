@@ -108,14 +108,15 @@ const CASES: &str = "300";
 /// # Errors
 /// A mutant's place is not found once, or the unchanged sources fail.
 pub fn run(workspace: &Workspace, names: &[String]) -> Result<bool> {
-    let folder = workspace.target().join("mutants");
     let chosen: Vec<&Mutant> = MUTANTS
         .iter()
         .filter(|mutant| names.is_empty() || names.iter().any(|name| name == mutant.name))
         .collect();
-    copy_workspace(workspace, &folder)?;
+    let target = workspace.target();
+    let copy = Workspace::of_copy(target.join("mutants"), target.join("mutants-build"));
+    copy_workspace(workspace, copy.root())?;
     say("mutants: the unchanged sources first");
-    if let Verdict::Wrong(why) = campaign(workspace, &folder)? {
+    if let Verdict::Wrong(why) = campaign(&copy)? {
         return Err(Failure::new(format!(
             "without a mutant the campaign ends with: {why}"
         )));
@@ -123,7 +124,7 @@ pub fn run(workspace: &Workspace, names: &[String]) -> Result<bool> {
     println!("| mutant | killed by |\n| --- | --- |");
     let mut survived = 0;
     for mutant in &chosen {
-        let verdict = mutant.applied(&folder, || campaign(workspace, &folder));
+        let verdict = mutant.applied(copy.root(), || campaign(&copy));
         match verdict? {
             Verdict::Wrong(why) => println!("| {} | {why} |", mutant.name),
             Verdict::Fine => {
@@ -141,18 +142,18 @@ enum Verdict {
     Wrong(String),
 }
 
-/// Builds the campaign in `folder` and runs its check.
-fn campaign(workspace: &Workspace, folder: &Path) -> Result<Verdict> {
+/// Builds the campaign in the copy and runs its check.
+fn campaign(copy: &Workspace) -> Result<Verdict> {
     let mut build = process::cargo(Sees::CompilerAndFlags);
     build
-        .current_dir(folder)
+        .current_dir(copy.root())
         .args(["build", "--quiet", "--package", "faults", "--target-dir"])
-        .arg(workspace.target().join("mutants-build"))
+        .arg(copy.target())
         .stderr(Stdio::null());
     if process::run(&mut build).is_err() {
         return Ok(Verdict::Wrong("does not build".into()));
     }
-    let program = workspace.target().join("mutants-build/debug/faults");
+    let program = copy.program("faults");
     let output = Command::new(&program)
         .args(["--check", "--cases", CASES])
         .output()

@@ -178,7 +178,7 @@ fn build_programs(workspace: &Workspace) -> Result<()> {
 }
 
 fn plant_library(workspace: &Workspace) -> PathBuf {
-    workspace.target().join("debug").join(format!(
+    workspace.programs().join(format!(
         "{}plant_abi{}",
         env::consts::DLL_PREFIX,
         env::consts::DLL_SUFFIX

@@ -60,10 +60,14 @@ impl Workspace {
         self.firmware_target().join("force-board.bin")
     }
 
-    /// A host program. All are built in the profile `dev`, whose folder is `debug`.
+    /// The host programs and libraries. All are built in the profile `dev`, whose folder is `debug`.
+    pub fn programs(&self) -> PathBuf {
+        self.target.join("debug")
+    }
+
+    /// A host program.
     pub fn program(&self, name: &str) -> PathBuf {
-        self.target
-            .join("debug")
+        self.programs()
             .join(format!("{name}{}", env::consts::EXE_SUFFIX))
     }
 
