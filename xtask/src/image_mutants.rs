@@ -8,7 +8,7 @@ use std::path::Path;
 use std::process::Stdio;
 
 use crate::firmware;
-use crate::mutants::{copy_workspace, Mutant};
+use crate::mutants::{choose, copy_workspace, Mutant};
 use crate::process;
 use crate::renode;
 use crate::report::{say, Failure, Result};
@@ -123,13 +123,10 @@ rows! {
 /// Builds every mutant of `machine`, or those named, and runs its test. `true`: every test found its mutant.
 ///
 /// # Errors
-/// A place is not found once, or a test fails without a mutant.
+/// A name is unknown, a place is not found once, or a test fails without a mutant.
 pub fn run(workspace: &Workspace, arm: &Arm, machine: Machine, names: &[String]) -> Result<bool> {
-    let chosen: Vec<&Row> = ROWS
-        .iter()
-        .filter(|row| row.machine == machine)
-        .filter(|row| names.is_empty() || names.iter().any(|name| name == row.mutant.name))
-        .collect();
+    let rows = ROWS.iter().filter(|row| row.machine == machine).collect();
+    let chosen = choose(rows, |row| row.mutant.name, names)?;
     let folder = workspace.target().join("mutants");
     copy_workspace(workspace, &folder)?;
     let copy = Workspace::of_copy(folder.clone(), workspace.target().join("mutants-image"));

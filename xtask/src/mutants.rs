@@ -106,12 +106,9 @@ const CASES: &str = "300";
 /// Builds and runs every mutant, or those named. `true`: all were killed.
 ///
 /// # Errors
-/// A mutant's place is not found once, or the unchanged sources fail.
+/// A name is unknown, a mutant's place is not found once, or the unchanged sources fail.
 pub fn run(workspace: &Workspace, names: &[String]) -> Result<bool> {
-    let chosen: Vec<&Mutant> = MUTANTS
-        .iter()
-        .filter(|mutant| names.is_empty() || names.iter().any(|name| name == mutant.name))
-        .collect();
+    let chosen = choose(MUTANTS.iter().collect(), |mutant| mutant.name, names)?;
     let target = workspace.target();
     let copy = Workspace::of_copy(target.join("mutants"), target.join("mutants-build"));
     copy_workspace(workspace, copy.root())?;
@@ -135,6 +132,24 @@ pub fn run(workspace: &Workspace, names: &[String]) -> Result<bool> {
     }
     println!("{} mutants, {survived} survived", chosen.len());
     Ok(survived == 0)
+}
+
+/// Those that are named; all where no name is given.
+///
+/// # Errors
+/// A name that none of them has.
+pub(crate) fn choose<'a, T>(
+    mut all: Vec<&'a T>,
+    name: fn(&T) -> &str,
+    names: &[String],
+) -> Result<Vec<&'a T>> {
+    let known: Vec<&str> = all.iter().map(|one| name(one)).collect();
+    if let Some(unknown) = names.iter().find(|name| !known.contains(&name.as_str())) {
+        return Err(Failure::new(format!("`{unknown}` is not a mutant"))
+            .remedy(format!("the mutants are {}", known.join(", "))));
+    }
+    all.retain(|one| names.is_empty() || names.iter().any(|given| given == name(one)));
+    Ok(all)
 }
 
 enum Verdict {
@@ -226,6 +241,20 @@ fn problem(path: &Path, error: &std::io::Error) -> Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_name_that_no_mutant_has_is_refused() {
+        let choose = |names: &[&str]| {
+            let names: Vec<String> = names.iter().map(|&name| name.into()).collect();
+            choose(MUTANTS.iter().collect(), |mutant| mutant.name, &names)
+        };
+        assert_eq!(choose(&[]).unwrap().len(), MUTANTS.len());
+        assert_eq!(choose(&["surge-off"]).unwrap().len(), 1);
+        for names in [&["surge-of"][..], &["surge-off", "--quick"]] {
+            let error = choose(names).err().unwrap().to_string();
+            assert!(error.contains(names[names.len() - 1]) && error.contains("surge-off"));
+        }
+    }
 
     /// A mutant whose place has changed would be no mutant.
     #[test]

@@ -238,8 +238,8 @@ pub fn evaluation(workspace: &Workspace, name: &str, arguments: &[OsString]) -> 
     hand_over(command)
 }
 
-/// Builds and runs the fault campaign, into `target/faults`, or its mutants, which need neither firmware nor embedded rig; or the
-/// flips of the running image, which need both.
+/// Builds and runs the fault campaign or its mutants, which need neither firmware nor embedded rig; or the flips of the running
+/// image, which need both.
 ///
 /// # Errors
 /// When it can't be built or started.
@@ -249,6 +249,9 @@ pub fn faults(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
         .map(|argument| argument.to_string_lossy().into_owned())
         .collect();
     if let Some(at) = words.iter().position(|word| word == "--mutants") {
+        if help::is_requested(arguments) {
+            return evaluation(workspace, "faults", &["--help".into()]);
+        }
         let killed = mutants::run(workspace, &words[at + 1..])?;
         return Ok(u8::from(!killed));
     }
@@ -257,19 +260,7 @@ pub fn faults(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
         command.args(arguments);
         return hand_over(command);
     }
-    build(workspace, &["faults"])?;
-    let mut command = program(workspace, "faults");
-    if !words.iter().any(|word| word.starts_with("--out")) {
-        let seed = words
-            .iter()
-            .position(|word| word == "--seed")
-            .and_then(|at| words.get(at + 1))
-            .map_or("1", String::as_str);
-        let file = folder(workspace, "faults")?.join(format!("seed-{seed}.jsonl"));
-        command.arg("--out").arg(file);
-    }
-    command.args(arguments);
-    hand_over(command)
+    evaluation(workspace, "faults", arguments)
 }
 
 /// Builds and runs the closed loop on rigs with undeclared effects, into `target/closed-loop`.

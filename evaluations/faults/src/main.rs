@@ -7,7 +7,7 @@ use faults::expected;
 use faults::injection::Plan;
 use faults::table;
 use std::collections::BTreeMap;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 /// Injects thousands of faults into the firmware's core on the plant, and prints what came of them.
@@ -29,9 +29,10 @@ struct Options {
     /// Current limit of the amplifiers (as docs/bring-up.md has it set).
     #[arg(long, value_name = "A", default_value_t = CURRENT_LIMIT_A)]
     current_limit: f64,
-    /// Where outcomes are kept, one JSON a line; cases that are there are not run again (xtask: target/faults/seed-S.jsonl).
-    #[arg(long, value_name = "FILE", default_value = "faults.jsonl")]
-    out: PathBuf,
+    /// Where outcomes are kept, one JSON a line; cases that are there are not run again (default:
+    /// target/faults/seed-S.jsonl).
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
     /// Only print the table of these files together.
     #[arg(long, value_name = "FILE", num_args = 1..)]
     merge: Vec<PathBuf>,
@@ -71,10 +72,14 @@ fn run(options: Options) -> Result<ExitCode, String> {
     }
     let mut files = options.merge;
     if files.is_empty() {
+        let out = match options.out {
+            Some(out) => out,
+            None => outcomes_of(campaign.seed)?,
+        };
         campaign
-            .run(&options.out)
-            .map_err(|error| format!("{}: {error}", options.out.display()))?;
-        files.push(options.out);
+            .run(&out)
+            .map_err(|error| format!("{}: {error}", out.display()))?;
+        files.push(out);
     }
     let mut outcomes = BTreeMap::new();
     for file in files {
@@ -87,6 +92,13 @@ fn run(options: Options) -> Result<ExitCode, String> {
     print!("{}", table::summary(&outcomes));
     let undetected = outcomes.values().any(|outcome| outcome.is_undetected());
     Ok(evaluation::exit_code(undetected))
+}
+
+/// Where the outcomes of a seed are kept unless another file is named.
+fn outcomes_of(seed: u64) -> Result<PathBuf, String> {
+    let folder = Path::new("target/faults");
+    std::fs::create_dir_all(folder).map_err(|error| format!("{}: {error}", folder.display()))?;
+    Ok(folder.join(format!("seed-{seed}.jsonl")))
 }
 
 /// The expected faults, then the campaign's first cases, in memory; ends at the first thing that is wrong.
