@@ -53,12 +53,6 @@ impl UnitSet {
         Self(mask & Self::ALL.0)
     }
 
-    /// The mask.
-    #[must_use]
-    pub const fn mask(self) -> u8 {
-        self.0
-    }
-
     /// Whether a unit is among them.
     #[must_use]
     pub const fn contains(self, unit: UnitIndex) -> bool {

@@ -84,7 +84,7 @@ mutants! {
 }
 
 /// What the campaign is built from, besides the workspace's own files.
-const PARTS: [&str; 13] = [
+const PARTS: [&str; 14] = [
     "board",
     "control",
     "drivers",
@@ -95,6 +95,7 @@ const PARTS: [&str; 13] = [
     "emulator/plant",
     "emulator/usb",
     "common/random",
+    "common/scene",
     "robot",
     "evaluations/evaluation",
     "evaluations/faults",

@@ -16,11 +16,12 @@
 //! | instructions of the core, interrupts | fixed delays: [`timing`] |
 //! | registers, SPI and counter bus bit by bit | whole operations on the same chip models (`emulator::board`) |
 //! | I2C byte by byte | the transaction at its end, with the duration of its bits at 400 kHz |
-//! | USB, watchdog, crash record, RTT log | none; the injections that need them are refused |
+//! | USB | commands of one caller, without its bytes; the injections that need its plug are refused |
+//! | watchdog, crash record | a reset 50 ms after the superloop hangs; the record's code |
+//! | RTT log | none |
 //!
-//! So faults of the superloop's timing can't occur here. Everything else can be injected; [`Defects`] has what is broken in the
-//! controller itself. How far the results are from the
-//! image's is tested by `tests/scenarios/tests/fast_mode.rs`.
+//! Faults of the superloop's timing can't occur here, but for those of [`Defects`], which has what is broken in the controller
+//! itself. How far the results are from the image's is tested by `tests/scenarios/tests/fast_mode.rs`.
 
 #![forbid(unsafe_code)]
 

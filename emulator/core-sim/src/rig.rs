@@ -250,6 +250,9 @@ impl CoreRig {
 
     /// A command on the other link, which this rig has no host program for.
     pub fn command_over_usb(&mut self, command: Command) -> Option<Response> {
+        if self.superloop.defects.hung {
+            return None;
+        }
         let frame = HostFrame { seq: 1, command };
         self.superloop
             .command(&mut self.board, &mut self.sensors, self.now_ns, USB, &frame)

@@ -211,7 +211,7 @@ impl Superloop {
                 }
             }
         }
-        while self.line.due().is_some_and(|at| at <= t_ns) {
+        while !self.defects.hung && self.line.due().is_some_and(|at| at <= t_ns) {
             if let Some(frame) = self.line.receive(t_ns) {
                 if let Some(response) = self.command(board, sensors, t_ns, USART, &frame) {
                     self.line.reply(t_ns, frame.seq, response);

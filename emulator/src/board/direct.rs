@@ -92,6 +92,14 @@ impl Board {
         self.move_outputs(self.now_ns);
     }
 
+    /// A defect of the amplifier of `unit` (from 0) beside those that it has: its share of the current is multiplied by this one.
+    ///
+    /// # Panics
+    /// No such unit.
+    pub fn scale_amplifier(&mut self, unit: usize, share: f64) {
+        self.set_amplifier_share(unit, self.amplifier_share[unit] * share);
+    }
+
     /// The encoder of `unit` (from 0) jumps by this many counts.
     ///
     /// # Panics

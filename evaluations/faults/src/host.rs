@@ -15,8 +15,8 @@ use wire::{
 const PERIOD_MS: u64 = 10;
 /// Validity of its setpoints, in milliseconds.
 const VALID_MS: u16 = 100;
-/// The wave of its setpoints is here when it begins to hold, in milliseconds: a second and a half later, where injections come,
-/// each unit is at the point of its wave that the expected faults are written for.
+/// The phase of the wave of its setpoints where it begins to hold, as though it had run for so many milliseconds. The expected
+/// faults were written for a wave that ran from power-on and a host that began to hold after 1.12 s.
 const WAVE_MS: u64 = 1_120;
 /// Frames that it remembers, to send one again.
 const REMEMBERED: usize = 50;

@@ -207,9 +207,9 @@ impl Rig {
                 (0..UNITS).for_each(|unit| self.inject(I::DacStuck(unit)));
                 self.core.defects().health.dac_error = Some(0x1002);
             }
-            I::AmplifierOff(unit) => self.core.board_mut().set_amplifier_share(unit, 0.0),
-            I::AmplifierGain(unit, share) => self.core.board_mut().set_amplifier_share(unit, share),
-            I::Reversed(unit) => self.core.board_mut().set_amplifier_share(unit, -1.0),
+            I::AmplifierOff(unit) => self.core.board_mut().scale_amplifier(unit, 0.0),
+            I::AmplifierGain(unit, share) => self.core.board_mut().scale_amplifier(unit, share),
+            I::Reversed(unit) => self.core.board_mut().scale_amplifier(unit, -1.0),
             I::EncoderFrozen(unit) => self.on_the_board(Fault::FreezeEncoder(number(unit), true)),
             I::EncoderReversed(unit) => {
                 self.on_the_board(Fault::ReverseEncoder(number(unit), true));

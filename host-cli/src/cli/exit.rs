@@ -225,7 +225,7 @@ impl From<identify::FindError> for Failure {
         let code = match &error {
             FindError::File { .. } => FILE,
             FindError::Analysis { .. } => ANALYSIS,
-            FindError::RigFile(_) => RIG_FILE,
+            FindError::Rewrite(_) => RIG_FILE,
         };
         Self::new(code, error)
     }

@@ -428,6 +428,33 @@ mod tests {
         }
     }
 
+    /// The files of two days and an older version's file, in the order of their dates; a code that is carried on is no zero.
+    #[test]
+    fn zeros_have_the_date_of_their_measurement() {
+        let folder = tempfile::tempdir().unwrap();
+        let store = Store::at(folder.path());
+        let record = base::nominal(&Rig::built_in().unwrap(), "2026-11-22");
+        let entry = |day: u8, codes: &str| {
+            format!("[[zero]]\nmeasured_at = \"2026-11-{day}T10:00:00Z\"\nzero_code = [{codes}]\n")
+        };
+        let zeros = [
+            entry(20, "20000, 70000, 0, 0, 0, 0"),
+            entry(22, "20000, 90000, 0, 0, 0, 0"),
+            entry(23, "40000, 90000, 0, 0, 0, 0"),
+        ];
+        let text = format!("rig = \"a rig\"\n{}", zeros.concat());
+        std::fs::write(folder.path().join("zeros.toml"), text).unwrap();
+        let older = "unit,date,zero_n,se_n,mounting_n\n1,2026-11-21,0.01,0.0001,0\n";
+        std::fs::write(store.power_ups(), older).unwrap();
+        let past = history(&store, &record).unwrap();
+        let of = |unit| -> Vec<&str> {
+            let of = past.iter().filter(|past| past.unit == unit);
+            of.map(|past| past.date.as_str()).collect()
+        };
+        assert_eq!(of(1), ["2026-11-20", "2026-11-21", "2026-11-23"]);
+        assert_eq!(of(2), ["2026-11-20", "2026-11-22"]);
+    }
+
     /// What `forcectl zero` and runs measured counts here, what is measured here is what they compare with, and an older
     /// version's file is read.
     #[test]

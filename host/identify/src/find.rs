@@ -59,7 +59,7 @@ pub enum FindError {
     },
     /// The rig file's text can't be changed.
     #[error("{0}")]
-    RigFile(String),
+    Rewrite(String),
 }
 
 /// Analyses a recording unit by unit, with reports in folders below `out`, and puts what the board can use into the
@@ -106,7 +106,7 @@ pub fn find(
             not_used,
         });
     }
-    let rewritten = findings::rewrite(rig_name, rig_text, rig, &new).map_err(FindError::RigFile)?;
+    let rewritten = findings::rewrite(rig_name, rig_text, rig, &new).map_err(FindError::Rewrite)?;
     let mut rig = rig.clone();
     rig.units = new;
     Ok(Findings {

@@ -46,7 +46,7 @@ impl Store {
         })?;
         Ok(Self {
             folder: folder.join(format!("calibration-{name}")),
-            zeros: ZeroStore::at(folder.join(format!("zeros-{name}.toml"))),
+            zeros: ZeroStore::in_folder(&folder, &name),
         })
     }
 

@@ -21,7 +21,7 @@ const MAX_ENTRIES: usize = 200;
 /// Variable with the folder of the stored zeros.
 pub const FOLDER_VARIABLE: &str = "FORCECTL_STATE_DIR";
 
-/// The stored zeros of one rig, a TOML file; or none, for a rig that forgets (an emulated one).
+/// The stored zeros of one rig, a TOML file; or none, for runs of an emulated rig: its calibration has one for each seed.
 #[derive(Debug, Clone, PartialEq, Eq, Default)]
 pub struct ZeroStore {
     path: Option<PathBuf>,
@@ -44,10 +44,10 @@ struct Entry {
     measured_at: String,
     /// Zeros of units 1 to 6, ADC codes; 0: the unit was disabled or out of order.
     zero_code: [i32; UNITS],
-    /// Whether the user had them accepted whatever the former ones were (`forcectl zero --replace`).
-    #[serde(default, skip_serializing_if = "std::ops::Not::not")]
+    /// Whether the user had those of all units accepted whatever the former ones were. Read only: files of before 0.2.0 have it.
+    #[serde(default, skip_serializing)]
     accepted: bool,
-    /// Units of which this was accepted whatever the former ones were (`forcectl calibrate zero --replace`).
+    /// Units of which this was accepted whatever the former ones were (`--replace`).
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     replaced: Vec<u8>,
     /// Standard errors, ADC codes, and mounting parts, N, of units 1 to 6, where `forcectl calibrate zero` took them.
@@ -113,8 +113,13 @@ impl ZeroStore {
     #[must_use]
     pub fn of_rig(name: &str) -> Self {
         state_folder().map_or_else(Self::none, |folder| {
-            Self::at(folder.join(format!("zeros-{}.toml", file_name(name, None))))
+            Self::in_folder(&folder, &file_name(name, None))
         })
+    }
+
+    /// The store in the user's folder of a rig by its [`file_name`].
+    pub(crate) fn in_folder(folder: &Path, name: &str) -> Self {
+        Self::at(folder.join(format!("zeros-{name}.toml")))
     }
 
     fn read(&self) -> Result<File> {
@@ -154,7 +159,8 @@ impl ZeroStore {
         Ok(self.read()?.zero.last().map(|entry| entry.zero_code))
     }
 
-    /// Every zero with its date, `YYYY-MM-DD`, oldest first; not those of units that were disabled or out of order.
+    /// Every zero with its date, `YYYY-MM-DD`, oldest first; not those of units that were not measured: their code is 0 or the one
+    /// before it.
     ///
     /// # Errors
     /// The file can't be read.
@@ -168,11 +174,18 @@ impl ZeroStore {
             accepted: entry.accepts(i),
         };
         let zeros = self.read()?.zero;
-        let all = zeros.iter().flat_map(|entry| {
+        let mut all = Vec::new();
+        let mut last = [0; UNITS];
+        for entry in &zeros {
             let date: String = entry.measured_at.chars().take(10).collect();
-            (0..UNITS).map(move |i| (date.clone(), of(entry, i)))
-        });
-        Ok(all.filter(|(_, zero)| zero.code != 0).collect())
+            let measured = (0..UNITS)
+                .filter(|i| entry.zero_code[*i] != 0)
+                .map(|i| (i, of(entry, i)))
+                .filter(|(i, zero)| zero.code != last[*i] || zero.parts.is_some() || zero.accepted);
+            all.extend(measured.map(|(_, zero)| (date.clone(), zero)));
+            last = entry.zero_code;
+        }
+        Ok(all)
     }
 
     /// Adds the zeros of a run. A unit that is disabled keeps its last one. `accepted`: the user had them accepted whatever the
@@ -203,7 +216,7 @@ impl ZeroStore {
         let mut entry = Entry {
             measured_at: humantime::format_rfc3339_seconds(SystemTime::now()).to_string(),
             zero_code: file.zero.last().map_or([0; UNITS], |last| last.zero_code),
-            accepted: !zeros.is_empty() && zeros.iter().all(|zero| zero.accepted),
+            accepted: false,
             temperature_c: None,
             replaced: Vec::new(),
             standard_error_codes: None,
@@ -216,7 +229,7 @@ impl ZeroStore {
                 entry.standard_error_codes.get_or_insert_default()[i] = error;
                 entry.mounting_n.get_or_insert_default()[i] = mounting;
             }
-            if zero.accepted && !entry.accepted {
+            if zero.accepted {
                 entry.replaced.push(zero.unit);
             }
         }
@@ -245,12 +258,16 @@ fn bases_of(zeros: &[Entry]) -> [usize; UNITS] {
     })
 }
 
+/// A text as a part of the name of a file: what is neither letter nor digit becomes `-`.
+#[must_use]
+pub fn file_name_part(text: &str) -> String {
+    let safe = |c: char| if c.is_ascii_alphanumeric() { c } else { '-' };
+    text.chars().map(safe).collect()
+}
+
 /// A rig's part of the names of its files and folders. `seed`: that of an emulated rig, which is another rig with each.
 pub(crate) fn file_name(rig: &str, seed: Option<u64>) -> String {
-    let safe: String = rig
-        .chars()
-        .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
-        .collect();
+    let safe = file_name_part(rig);
     seed.map_or(safe.clone(), |seed| format!("{safe}-seed{seed}"))
 }
 
@@ -320,11 +337,21 @@ mod tests {
         let base = [1, 2, 30, 4, 5, 0];
         assert_eq!(store.references().unwrap(), [last, base]);
         let all = store.all().unwrap();
-        assert_eq!(all.len(), 10);
-        assert_eq!(all[0].0, "2026-11-20");
-        assert_eq!(all[0].1.parts, None);
-        assert_eq!(all[7].1, zero(3, 30, true));
-        // A unit that was not measured has no parts.
-        assert_eq!(all[6].1.parts, None);
+        // Five of the old file and the two that were measured, not what the others carry on.
+        assert_eq!(all.len(), 7);
+        assert_eq!((all[0].0.as_str(), all[0].1.parts), ("2026-11-20", None));
+        assert_eq!(all[5].1, zero(1, 10, false));
+        assert_eq!(all[6].1, zero(3, 30, true));
+        // All that were measured are accepted, and the others still keep what they are compared with.
+        store
+            .add_units("a", &[zero(1, 11, true), zero(2, 12, true)])
+            .unwrap();
+        store
+            .add_units("a", &[zero(4, 44, false), zero(1, 99, true)])
+            .unwrap();
+        let base = [99, 12, 30, 4, 5, 0];
+        assert_eq!(store.references().unwrap()[1], base);
+        let text = std::fs::read_to_string(&path).unwrap();
+        assert!(!text.contains("accepted"), "{text}");
     }
 }

@@ -24,12 +24,7 @@ pub fn name_of(link: &LinkChoice) -> String {
         LinkChoice::Serial(port) => {
             // The same port by whatever name (`/dev/serial/by-id/...`, a relative path).
             let path = fs::canonicalize(port).unwrap_or_else(|_| PathBuf::from(port));
-            path.display()
-                .to_string()
-                .trim_start_matches("/dev/")
-                .chars()
-                .map(|c| if c.is_ascii_alphanumeric() { c } else { '-' })
-                .collect()
+            known::zeros::file_name_part(path.display().to_string().trim_start_matches("/dev/"))
         }
         LinkChoice::Kept(name) => name.clone(),
     }

@@ -1,7 +1,7 @@
 //! Power-up, conversions and calibrations in time.
 
 use super::register_map::{bit, reg};
-use super::{sign_extend, Defects, Nau7802};
+use super::{sign_extend, Nau7802};
 
 /// Positive full scale as a code.
 pub(super) const FULL_SCALE: f64 = 8_388_608.0;
@@ -91,7 +91,7 @@ impl Nau7802 {
         if let Some((at, mode)) = self.calibrating {
             if t_ns >= at {
                 self.calibrating = None;
-                let input = bridge(at, 1e9 / 80.0);
+                let input = self.defects.wired(bridge(at, 1e9 / 80.0));
                 self.finish_calibration(mode, input);
                 self.restart(at);
             }
@@ -136,15 +136,6 @@ impl Nau7802 {
             // reference, and the ratio of the two is anything.
             return FULL_SCALE;
         }
-        let bridge_v_per_v = match self.defects {
-            Defects {
-                open_bridge: true, ..
-            } => 0.0,
-            Defects {
-                wrong_sign: true, ..
-            } => -bridge_v_per_v,
-            _ => bridge_v_per_v,
-        };
         // Ratiometric: the bridge is fed from AVDD, which is the reference too.
         bridge_v_per_v * self.gain() / 0.5 * FULL_SCALE
     }

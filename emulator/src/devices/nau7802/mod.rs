@@ -66,6 +66,19 @@ pub struct Defects {
 }
 
 impl Defects {
+    /// What the wires to the bridge make of its signal, V/V.
+    fn wired(&self, signal: f64) -> f64 {
+        match self {
+            Self {
+                open_bridge: true, ..
+            } => 0.0,
+            Self {
+                wrong_sign: true, ..
+            } => -signal,
+            _ => signal,
+        }
+    }
+
     /// The signal of the conversion with this number that ends at `t_ns`, V/V.
     fn distort(&self, signal: f64, t_ns: u64, conversion: u64) -> f64 {
         let seconds = t_ns.saturating_sub(self.drift_from_ns) as f64 * 1e-9;
@@ -74,7 +87,7 @@ impl Defects {
         } else {
             0.0
         };
-        signal * (1.0 - self.lost_share) + self.offset + self.drift * seconds + spike
+        self.wired(signal) * (1.0 - self.lost_share) + self.offset + self.drift * seconds + spike
     }
 }
 

@@ -86,7 +86,8 @@ impl Zero {
         let kept = bench.keep(context)?;
         let in_force: Vec<(u8, i32)> = found.iter().map(|f| (f.unit, f.code())).collect();
         let units = cells::push(&mut session, &bench.calibrated(), &in_force)?;
-        // Runs compare the board's zeros with these: they have to be in force.
+        // Runs compare the board's zeros with these: they have to be in force. If this fails, the next run asks for `forcectl
+        // zero`.
         zeros::remember(&bench.store, &rig.name, &found, &self.replace)?;
         Ok(zero_reply(&found, &self.replace, &kept.version, units))
     }
