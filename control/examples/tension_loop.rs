@@ -1,6 +1,6 @@
 //! Tension error of six controllers on the plant while the robot's tip moves; for tuning.
 //!
-//! `cargo run --release -p control --example tension_loop -- ff=0 ki=30 ea=3000`
+//! `cargo run -p control --example tension_loop -- ff=0 ki=30 ea=3000`
 //!
 //! Prints RMS over all cables, the worst cable's RMS and the largest error, in N. Keys: `kp`, `ki`, `kd`,
 //! `damping` (N, s, m), `ff` (0 or 1), `reversal` (um), `corner` (Hz) or `average` (samples), `slew` (N/s);

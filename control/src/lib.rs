@@ -24,7 +24,7 @@
 //! half a code, 1.77 mN). `tests/reference.rs` compares every sample with an independent `f64` version of
 //! the whole step, written from these pages, over configurations anywhere in their ranges and runs of up to
 //! 100,000 samples, integrators included; found: 0.26 mN at worst in 32 million samples.
-//! `cargo run --release -p control --example fixed_point_error` prints the figure.
+//! `cargo run -p control --example fixed_point_error` prints the figure.
 //!
 //! # Cost
 //!

@@ -1,7 +1,7 @@
 //! Nested evaluation of one's own data: how far the held-out figure of a report is from the error
 //! on groups that took no part in the selection.
 //!
-//! `cargo run --release -p residual --example nested -- --data PATH... --model MODEL.toml`
+//! `cargo run -p residual --example nested -- --data PATH... --model MODEL.toml`
 
 use residual::spec::Spec;
 use residual::{analyse, load, nested, num, Console, Error};

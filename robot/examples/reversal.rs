@@ -2,7 +2,7 @@
 //! force while the joint moves and not while it stands. Writes `dead-zone.svg` to the folder given (default: the current one)
 //! and prints how much of the force the torque shows.
 //!
-//! `cargo run --release -p robot --example reversal -- docs/images [SEED]`
+//! `cargo run -p robot --example reversal -- docs/images [SEED]`
 
 use robot::arm::{commanded_efforts, ArmConfig, VirtualArm};
 use robot::trajectory::Trajectory;

@@ -257,6 +257,38 @@ mod tests {
         }
     }
 
+    /// What a part needs of the workspace, in its tests as well, is copied with it.
+    #[test]
+    fn parts_need_only_parts() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let output = Command::new(env!("CARGO"))
+            .current_dir(root)
+            .args(["metadata", "--no-deps", "--offline", "--format-version=1"])
+            .output()
+            .unwrap();
+        let metadata: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+        let list = |value: &serde_json::Value| value.as_array().unwrap().clone();
+        let parts = PARTS.map(|part| root.join(part));
+        let mut found = 0;
+        for package in list(&metadata["packages"]) {
+            let manifest = Path::new(package["manifest_path"].as_str().unwrap());
+            if !parts.iter().any(|part| manifest.parent() == Some(part)) {
+                continue;
+            }
+            found += 1;
+            for needed in list(&package["dependencies"]) {
+                let copied = |path| parts.iter().any(|part| Path::new(path).starts_with(part));
+                assert!(
+                    needed["path"].as_str().is_none_or(copied),
+                    "{} needs {}, which is not in PARTS",
+                    package["name"],
+                    needed["path"]
+                );
+            }
+        }
+        assert_eq!(found, PARTS.len());
+    }
+
     /// A mutant whose place has changed would be no mutant.
     #[test]
     fn every_mutant_has_its_place_once() {

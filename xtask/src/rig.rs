@@ -23,22 +23,21 @@ pub const STACK_VARIABLE: &str = "FORCE_STACK_BOUND";
 /// Commands of forcectl that may start an embedded rig, one a line.
 const EMULATING: &str = include_str!("../../host-cli/emulating.txt");
 
-/// Commands that must not wait for a compiler where forcectl has been built before.
+/// Commands that take the forcectl that has been built before, and so don't wait for a compiler.
 const AT_ONCE: [&str; 3] = ["clear", "disarm", "stop"];
 
-/// Commands on an embedded rig that need nothing of recordings, experiments, estimation and analysis. The
-/// first build for such a command leaves these out, and so takes minutes less.
+/// Commands that need nothing of recordings, experiments, estimation and analysis. The first build for
+/// such a command leaves these out, and so takes minutes less.
 const LIGHT: [&str; 5] = ["hold", "monitor", "rig", "set-force", "status"];
 
-/// The same forcectl and rig without those crates. `features` makes the dependencies those of all packages.
-const LIGHT_BUILD: [&str; 7] = [
+/// forcectl and what it starts without those crates. `features` makes the dependencies those of all packages.
+pub const LIGHT_BUILD: [&str; 6] = [
     "--package=emulator",
     "--package=host-cli",
     "--package=features",
     "--no-default-features",
     "--features=emulator/default",
     "--bin=forcectl",
-    "--bin=rig",
 ];
 
 /// A cargo command for all packages of this computer.
@@ -88,14 +87,7 @@ pub fn build(workspace: &Workspace, programs: &[&str]) -> Result<()> {
     for program in programs {
         command.args(["--bin", program]);
     }
-    process::run(&mut command).map_err(not_built)?;
-    // From now on nothing is left out, so that no call replaces forcectl by a smaller one.
-    if programs.contains(&"forcectl") {
-        fs::create_dir_all(workspace.notes())
-            .and_then(|()| fs::write(whole(workspace), ""))
-            .map_err(|error| Failure::new(format!("target/xtask can't be written: {error}")))?;
-    }
-    Ok(())
+    process::run(&mut command).map_err(not_built)
 }
 
 fn not_built(failure: Failure) -> Failure {
@@ -104,9 +96,34 @@ fn not_built(failure: Failure) -> Failure {
     )
 }
 
-/// A note that forcectl was built with everything in it.
-fn whole(workspace: &Workspace) -> PathBuf {
-    workspace.notes().join("whole-forcectl")
+/// Builds forcectl, and the rig, with what a light command needs.
+fn build_light(workspace: &Workspace, with_rig: bool) -> Result<()> {
+    say("forcectl: building what this command needs (docs/developing.md, Times)");
+    let mut command = cargo_for(workspace, "build");
+    command.args(LIGHT_BUILD);
+    if with_rig {
+        command.arg("--bin=rig");
+    }
+    process::run(&mut command).map_err(not_built)?;
+    fs::metadata(workspace.program("forcectl"))
+        .and_then(|file| {
+            fs::create_dir_all(workspace.notes())?;
+            fs::write(light_note(workspace), file.len().to_string())
+        })
+        .map_err(|error| Failure::new(format!("target/xtask can't be written: {error}")))
+}
+
+/// A note of the last light build: the length of its forcectl.
+fn light_note(workspace: &Workspace) -> PathBuf {
+    workspace.notes().join("light-forcectl")
+}
+
+/// Whether a light build replaces no whole forcectl. One of any other build, by plain cargo too, has another length than
+/// the note says.
+fn may_be_light(workspace: &Workspace) -> bool {
+    fs::metadata(workspace.program("forcectl")).map_or(true, |file| {
+        fs::read_to_string(light_note(workspace)).is_ok_and(|note| note == file.len().to_string())
+    })
 }
 
 /// Whether a call of forcectl does without the crates that the light build leaves out.
@@ -173,7 +190,7 @@ fn command<'a>(words: &[&'a str]) -> Vec<&'a str> {
 /// When something can't be built or started; otherwise doesn't return.
 pub fn forcectl(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     let words: Vec<&str> = arguments.iter().filter_map(|word| word.to_str()).collect();
-    let light = is_light(&words) && !whole(workspace).is_file();
+    let light = is_light(&words) && may_be_light(workspace);
     let at_once = (command(&words).first()).is_some_and(|word| AT_ONCE.contains(word));
     let emulated = needs_embedded_rig(arguments);
     if emulated {
@@ -181,9 +198,8 @@ pub fn forcectl(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     }
     if at_once && workspace.program("forcectl").is_file() {
         // The program that there is.
-    } else if light && emulated {
-        say("forcectl and rig: building what this command needs (docs/developing.md, Times)");
-        process::run(cargo_for(workspace, "build").args(LIGHT_BUILD)).map_err(not_built)?;
+    } else if light {
+        build_light(workspace, emulated)?;
     } else if emulated {
         build(workspace, &["rig", "forcectl"])?;
     } else {
@@ -301,6 +317,63 @@ pub fn hand_over(mut command: Command) -> Result<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::collections::BTreeSet;
+    use std::path::Path;
+
+    /// Cargo compiles a package again for each set of features: no smaller selection may ask for a set of its own. What this
+    /// prints belongs into tests/features/Cargo.toml.
+    #[test]
+    fn smaller_selections_take_over_what_the_whole_workspace_compiles() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
+        let compiled = |edges: &str, selection: &[&str]| -> BTreeSet<String> {
+            let output = Command::new(env!("CARGO"))
+                .current_dir(root)
+                .args(["tree", "--locked", "--prefix=none", "--format={p} [{f}]"])
+                .args(["--edges", edges])
+                .args(selection)
+                .output()
+                .unwrap();
+            let errors = String::from_utf8_lossy(&output.stderr);
+            assert!(output.status.success(), "{errors}");
+            // Packages of the workspace, which name a folder, may differ: that is what a smaller selection leaves out.
+            String::from_utf8_lossy(&output.stdout)
+                .lines()
+                .filter(|line| !line.contains(&root.display().to_string()))
+                .map(|line| line.trim_end_matches(" (*)").to_owned())
+                .collect()
+        };
+        let whole = ["--workspace", "--exclude=on-target"];
+        let tests = [&whole[..], &["--features=estimator/networks"]].concat();
+        let all = compiled("normal,build,dev", &tests);
+        assert!(all.len() > 100);
+        // `cargo tree` knows no programs.
+        let light = LIGHT_BUILD.split(|word| word.starts_with("--bin")).next();
+        for (edges, selection) in [
+            ("normal,build", &whole[..]),
+            ("normal,build", light.unwrap()),
+            ("normal,build,dev", &EMULATED),
+            ("normal,build", &["--package=xtask"]),
+        ] {
+            let others: Vec<_> = (compiled(edges, selection).difference(&all).cloned()).collect();
+            assert!(others.is_empty(), "{selection:?}: {others:#?}");
+        }
+    }
+
+    #[test]
+    fn a_whole_forcectl_is_not_replaced_by_a_light_one() {
+        let folder = tempfile::tempdir().unwrap();
+        let workspace = Workspace::of_copy(folder.path().into(), folder.path().into());
+        fs::create_dir_all(workspace.programs()).unwrap();
+        fs::create_dir_all(workspace.notes()).unwrap();
+        assert!(may_be_light(&workspace));
+        fs::write(workspace.program("forcectl"), "by plain cargo").unwrap();
+        assert!(!may_be_light(&workspace));
+        fs::write(workspace.program("forcectl"), "light").unwrap();
+        fs::write(light_note(&workspace), "5").unwrap();
+        assert!(may_be_light(&workspace));
+        fs::write(workspace.program("forcectl"), "whole again").unwrap();
+        assert!(!may_be_light(&workspace));
+    }
 
     fn needs(line: &str) -> bool {
         let arguments: Vec<OsString> = line.split_whitespace().map(OsString::from).collect();

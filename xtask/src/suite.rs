@@ -60,7 +60,7 @@ const STEPS: [Step; 17] = [
     },
     Step {
         name: "deny",
-        title: "dependencies by deny.toml: sources, duplicates",
+        title: "dependencies by deny.toml: licences, sources, duplicates",
         run: deny,
     },
     Step {
@@ -471,6 +471,12 @@ fn clippy(suite: &mut Suite) -> Result<Outcome> {
         rig::cargo(suite.workspace, "clippy")
             .arg("--all-targets")
             .args(NETWORKS)
+            .args(DENY),
+    );
+    // The first build of a new user, with code that no other build has.
+    attempt(
+        rig::cargo_for(suite.workspace, "clippy")
+            .args(rig::LIGHT_BUILD)
             .args(DENY),
     );
     // Debian's packages bring no clippy for their compiler.

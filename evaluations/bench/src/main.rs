@@ -42,6 +42,8 @@ struct Arguments {
     quick: bool,
 }
 
+evaluation::test_options!(Arguments);
+
 fn main() -> ExitCode {
     evaluation::run(|arguments: Arguments| bench(&arguments))
 }

@@ -16,6 +16,8 @@ struct Options {
     markdown: Option<PathBuf>,
 }
 
+evaluation::test_options!(Options);
+
 fn main() -> ExitCode {
     evaluation::run(|options: Options| {
         let page = calibration_bench::page::draw(options.draws, &mut |what| eprintln!("{what}"));

@@ -38,6 +38,8 @@ pub struct Options {
     pub forcectl: PathBuf,
 }
 
+evaluation::test_options!(Options);
+
 fn seeds(text: &str) -> Result<RangeInclusive<u64>, String> {
     let seeds = evaluation::seeds(text)?;
     if *seeds.start() == 0 {

@@ -24,6 +24,18 @@ pub fn run<A: Parser>(work: impl FnOnce(A) -> Result<ExitCode, String>) -> ExitC
     })
 }
 
+/// Makes a test that clap finds nothing wrong in a program's options.
+#[macro_export]
+macro_rules! test_options {
+    ($options:ty) => {
+        #[cfg(test)]
+        #[test]
+        fn clap_accepts_the_options() {
+            <$options as $crate::clap::CommandFactory>::command().debug_assert();
+        }
+    };
+}
+
 /// The exit code of work whose result is bad where `bad`.
 #[must_use]
 pub fn exit_code(bad: bool) -> ExitCode {

@@ -53,6 +53,8 @@ the sources, and shows that the campaign kills it.
 
 Exit code 1 where a hazard went undetected (--image: where one happened), or a mutant survived.";
 
+evaluation::test_options!(Options);
+
 fn main() -> ExitCode {
     evaluation::run(run)
 }

@@ -21,6 +21,8 @@ struct Options {
     pictures: Option<PathBuf>,
 }
 
+evaluation::test_options!(Options);
+
 fn main() -> ExitCode {
     evaluation::run(|options: Options| run(&options))
 }

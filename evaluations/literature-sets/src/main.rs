@@ -61,6 +61,8 @@ enum Choice {
     Random,
 }
 
+evaluation::test_options!(Options);
+
 fn main() -> ExitCode {
     evaluation::run(|options: Options| {
         match &options.out {

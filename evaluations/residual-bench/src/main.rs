@@ -54,6 +54,8 @@ fn kind(text: &str) -> Result<Kind, &'static str> {
     kind_named(text).ok_or("no effect of the generator has that name")
 }
 
+evaluation::test_options!(Options);
+
 fn main() -> ExitCode {
     evaluation::run(|options: Options| run(&options))
 }

@@ -62,6 +62,8 @@ struct Options {
     markdown: Option<PathBuf>,
 }
 
+evaluation::test_options!(Options);
+
 fn main() -> ExitCode {
     evaluation::run(|options: Options| run(&options))
 }
@@ -129,7 +131,7 @@ fn run(options: &Options) -> Result<ExitCode, String> {
             }
         }
     }
-    let line = command_line("cargo run --release -p residual-bench --bin literature-bench --");
+    let line = command_line("cargo run -p residual-bench --bin literature-bench --");
     let seconds: f64 = outcomes.iter().map(|o| o.seconds).sum();
     let text = format!(
         "{HEADING}\n    {line}\n\n{} sets. Left out, as their effect cannot have its size on the motion: {impossible}.\n\n{}",

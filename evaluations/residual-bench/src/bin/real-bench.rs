@@ -26,6 +26,8 @@ struct Request {
     markdown: Option<PathBuf>,
 }
 
+evaluation::test_options!(Request);
+
 fn main() -> ExitCode {
     evaluation::run(|request: Request| bench(&request))
 }

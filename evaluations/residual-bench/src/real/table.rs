@@ -9,7 +9,7 @@ use std::fmt::Write as _;
 pub fn page(all: &[Outcome], absent: usize) -> String {
     let mut out = String::from(
         "# The residual analysis on public measured data\n\n\
-         Written by `cargo run --release -p residual-bench --bin real-bench -- --data DIR --markdown docs/residual/real-data.md`; don't edit.\n\n\
+         Written by `cargo run -p residual-bench --bin real-bench -- --data DIR --markdown docs/residual/real-data.md`; don't edit.\n\n\
          `DIR` is a folder with clones of the repositories below. None of their data is part of this project. Which names are right \
          is written in `evaluations/residual-bench/models/cases.toml`, with the reason, from what is known about each machine. \
          *check* is other data of the same machine: errors of the declared model, with the effects found, and with everything \
