@@ -38,3 +38,27 @@ pub const SCHEMA_HASH: [u8; 8] = {
     }
     hash
 };
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use std::fmt::Write;
+
+    /// A host and a board of two releases find in the changelog whether they talk.
+    #[test]
+    fn the_changelog_names_both_numbers() {
+        let mut line = std::format!("ABI {ABI_VERSION}, schema ");
+        for byte in SCHEMA_HASH {
+            write!(line, "{byte:02x}").unwrap();
+        }
+        let newest = include_str!("../../CHANGELOG.md")
+            .lines()
+            .find(|line| line.contains("schema"));
+        let wanted = "the newest section with a part \"Wire\" should begin it with this pair";
+        assert!(
+            newest.is_some_and(|n| n.contains(&line)),
+            "{wanted}: {line}"
+        );
+    }
+}

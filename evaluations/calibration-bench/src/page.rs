@@ -88,10 +88,11 @@ pub fn draw(draws: u64, progress: &mut dyn FnMut(&str)) -> String {
 }
 
 fn head(out: &mut String, draws: u64) {
+    let sources = evaluation::sources();
     let _ = write!(
         out,
         "# Accuracy of the calibration\n\n\
-Written by `cargo xtask calibration-bench --draws {draws} --markdown docs/calibration/figures.md`; don't edit. What the figures\n\
+Written by `cargo xtask calibration-bench --draws {draws} --markdown docs/calibration/figures.md` ({sources}); don't edit. What the figures\n\
 mean for a lab is in the [guide](../calibration.md).\n\n\
 Monte Carlo over {draws} made-up rigs of six units. The code under test sees readings only, never the truth. Assumptions: weights\n\
 within +-0.1 % (equally likely), one set for all units; local gravity known to 0.01 %; load-cell noise 1.7 to 5 mN a sample, correlated\n\

@@ -68,10 +68,11 @@ pub fn page(options: &Options) -> Result<String, String> {
     }
     let mean =
         |part: fn(&(f64, f64)) -> f64| costs.iter().map(part).sum::<f64>() / costs.len() as f64;
+    let sources = evaluation::sources();
     Ok(format!(
         "# Load cells that are curved or creep
 
-Printed by `cargo xtask closed-loop --cells --seeds {first}..{last} --markdown docs/calibration/cells.md`; don't edit. What
+Printed by `cargo xtask closed-loop --cells --seeds {first}..{last} --markdown docs/calibration/cells.md` ({sources}); don't edit. What
 to do on a rig is in the [guide](../calibration.md).
 
 Each seed is another rig whose six cells are curved or creep; the rig file knows nothing of it. The force of 2.5 N along y is held at the

@@ -69,10 +69,11 @@ Such a drive is to be put right before anything is identified; `--size 0.5` halv
     } else {
         String::new()
     };
+    let sources = evaluation::sources();
     format!(
         "# Closed loop: an effect that the rig file doesn't declare
 
-Printed by `cargo xtask closed-loop --seeds {first}..{last}{size} --markdown docs/residual/closed-loop.md`.
+Printed by `cargo xtask closed-loop --seeds {first}..{last}{size} --markdown docs/residual/closed-loop.md` ({sources}).
 
 Each seed is another rig (scatter of units, survey, noise, the robot's path) with one effect in all its units that the rig
 file does not have. `forcectl identify --clear-implausible` runs as a process of its own on the real firmware. It holds 2.5 N along y

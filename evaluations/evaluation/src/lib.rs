@@ -11,7 +11,7 @@ pub use progress::Progress;
 use clap::Parser;
 use std::ops::RangeInclusive;
 use std::path::Path;
-use std::process::ExitCode;
+use std::process::{Command, ExitCode};
 
 /// Largest seed: some programs multiply it.
 const MAX_SEED: u64 = 1_000_000;
@@ -62,6 +62,25 @@ pub fn command_line(program: &str) -> String {
     std::env::args()
         .skip(1)
         .fold(program.to_owned(), |line, word| line + " " + &word)
+}
+
+/// The sources that a page was printed with, for its heading: "version 0.2.0, commit abcdef0", and whether files differed from it.
+#[must_use]
+pub fn sources() -> String {
+    let git = |arguments: &[&str]| {
+        let output = Command::new("git").args(arguments).output().ok()?;
+        let text = String::from_utf8(output.stdout).ok()?;
+        output.status.success().then(|| text.trim().to_owned())
+    };
+    let version = concat!("version ", env!("CARGO_PKG_VERSION"));
+    match git(&["rev-parse", "--short", "HEAD"]) {
+        None => format!("{version}, commit unknown"),
+        Some(commit) => {
+            let clean = git(&["status", "--porcelain"]).is_some_and(|changes| changes.is_empty());
+            let changes = if clean { "" } else { " with changes" };
+            format!("{version}, commit {commit}{changes}")
+        }
+    }
 }
 
 /// Writes a file.
