@@ -23,7 +23,8 @@ pub const STACK_VARIABLE: &str = "FORCE_STACK_BOUND";
 /// Commands of forcectl that may start an embedded rig, one a line.
 const EMULATING: &str = include_str!("../../host-cli/emulating.txt");
 
-/// Commands that take the forcectl that has been built before, and so don't wait for a compiler.
+/// Commands that take the forcectl that has been built before, for whoever calls `cargo xtask forcectl`; `cargo forcectl`
+/// does not get here with them (launcher/main.rs).
 const AT_ONCE: [&str; 3] = ["clear", "disarm", "stop"];
 
 /// Commands that need nothing of recordings, experiments, estimation and analysis. The first build for
@@ -205,9 +206,27 @@ pub fn forcectl(workspace: &Workspace, arguments: &[OsString]) -> Result<u8> {
     } else {
         build(workspace, &["forcectl"])?;
     }
+    note_target(workspace)?;
     let mut command = program(workspace, "forcectl");
     command.args(arguments);
     hand_over(command)
+}
+
+/// Tells the launcher a target folder that cargo's configuration has chosen: it asks no cargo.
+fn note_target(workspace: &Workspace) -> Result<()> {
+    let usual = workspace.root().join("target");
+    if workspace.target() == usual {
+        return Ok(());
+    }
+    let note = usual.join("launcher");
+    fs::create_dir_all(&note)
+        .and_then(|()| {
+            fs::write(
+                note.join("target"),
+                workspace.target().display().to_string(),
+            )
+        })
+        .map_err(|error| Failure::new(format!("{} can't be written: {error}", note.display())))
 }
 
 /// Builds an evaluation on the embedded rig, with firmware and rig, and prepares its call. Its help needs
