@@ -315,6 +315,16 @@ fn wrong_values_are_refused_before_anything_is_opened() {
 }
 
 #[test]
+fn a_port_that_is_missing_is_named_and_faults_are_listed() {
+    let said = forcectl(&["status", "--link", "serial:/some/path"]);
+    assert_eq!(said.code, Some(4), "{said:?}");
+    assert!(said.err.contains("port /some/path"), "{said:?}");
+    let said = forcectl(&["inject", "help"]);
+    assert_eq!(said.code, Some(0), "{said:?}");
+    assert!(said.out.contains("unplug=UNIT"), "{said:?}");
+}
+
+#[test]
 fn without_the_rigs_variables_it_says_how_to_run() {
     let said = forcectl(&["set-force", "0", "-2.5", "0"]);
     assert_eq!(said.code, Some(4), "{said:?}");

@@ -15,6 +15,7 @@ use super::startup;
 use super::usart::{Consumer, Producer, Queue};
 use super::usb_class::{self, Corrections};
 use crate::clocks;
+use crate::serial_number;
 use crate::shared::Call;
 use core::sync::atomic::AtomicBool;
 use synopsys_usb_otg::{UsbBus, UsbPeripheral};
@@ -81,11 +82,14 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
     let Some(bus) = bus else {
         return (None, producer);
     };
+    let Some(serial_number) = serial_number() else {
+        return (None, producer);
+    };
     let port = SerialPort::new(bus);
     let strings = StringDescriptors::default()
         .manufacturer("force rig")
         .product("force board")
-        .serial_number("1");
+        .serial_number(serial_number);
     let builder = UsbDeviceBuilder::new(bus, ID)
         .self_powered(true)
         .strings(&[strings]);
@@ -106,6 +110,17 @@ pub fn start(supplied: bool) -> (Option<Usb>, Producer) {
         }),
         producer,
     )
+}
+
+/// The unique number of this controller: one computer may have two boards.
+fn serial_number() -> Option<&'static str> {
+    /// Unique device ID, three words (section 61.1).
+    const UNIQUE_ID: *const [u32; 3] = 0x1FF1_E800 as *const [u32; 3];
+    // SAFETY: system memory that every part of the family has and nothing writes.
+    let unique = unsafe { UNIQUE_ID.read_volatile() };
+    let digits = cortex_m::singleton!(: [u8; serial_number::LENGTH] = [0; serial_number::LENGTH])?;
+    *digits = serial_number::hexadecimal(unique);
+    core::str::from_utf8(digits).ok()
 }
 
 /// Tries with bounded waits what the driver does without bounds: idle bus, soft reset, FIFO flush (section 57.14).

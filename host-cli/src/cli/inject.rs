@@ -9,7 +9,7 @@ use service::protocol::Call;
 /// Arguments of `inject`.
 #[derive(Debug, Args)]
 pub struct Inject {
-    /// The fault, for example unplug=3; `help` lists the faults
+    /// The fault, for example unplug=3; `help` lists the faults and starts nothing
     #[arg(value_name = "WHAT", value_parser = fault, allow_hyphen_values = true)]
     what: String,
     #[command(flatten)]
@@ -18,12 +18,18 @@ pub struct Inject {
 
 /// A fault without a time: it happens now.
 fn fault(text: &str) -> std::result::Result<String, String> {
-    session::inject::parse(&format!("{text}@start")).map(|_| text.to_owned())
+    match text {
+        "help" => Ok(text.to_owned()),
+        _ => session::inject::parse(&format!("{text}@start")).map(|_| text.to_owned()),
+    }
 }
 
 impl Inject {
     /// Runs the command. Any client may inject, whoever commands.
     pub fn run(&self, context: &Context) -> Result<Reply> {
+        if self.what == "help" {
+            return Ok(Reply::done(session::inject::WORDS));
+        }
         self.connection.load(context)?;
         let Some(mut client) = self.connection.client(context) else {
             return Err(Failure::usage(

@@ -24,7 +24,9 @@ pub fn name_of(link: &LinkChoice) -> String {
         LinkChoice::Serial(port) => {
             // The same port by whatever name (`/dev/serial/by-id/...`, a relative path).
             let path = fs::canonicalize(port).unwrap_or_else(|_| PathBuf::from(port));
-            known::zeros::file_name_part(path.display().to_string().trim_start_matches("/dev/"))
+            let path = path.display().to_string();
+            // Not `-some-path`: on a command line that would be an option.
+            known::zeros::file_name_part(path.trim_start_matches("/dev").trim_start_matches('/'))
         }
         LinkChoice::Kept(name) => name.clone(),
     }

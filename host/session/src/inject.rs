@@ -2,8 +2,23 @@
 
 use emulator_link::{Injection, UNITS};
 
-/// The words, for help texts.
-pub const HELP: &str = "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop, estop-release, spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, open-bridge=UNIT, frozen-code=UNIT, wrong-sign=UNIT, stuck-dac=UNIT, amplifier-off=UNIT, hang, usb-out, usb-in, usb-suspend, usb-resume (a rig started with --usb); each with @TIME (seconds after the force is commanded, or `start` for power-on), as in unplug=3@2s";
+macro_rules! words {
+    () => {
+        "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop (the same: estop=open), estop-release (estop=close), \
+         spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, open-bridge=UNIT, \
+         frozen-code=UNIT, wrong-sign=UNIT, stuck-dac=UNIT, amplifier-off=UNIT, hang, usb-out, usb-in, \
+         usb-suspend, usb-resume (a rig started with --usb)"
+    };
+}
+
+/// The words with times, for help texts.
+pub const HELP: &str = concat!(
+    words!(),
+    "; each with @TIME (seconds after the force is commanded, or `start` for power-on), as in unplug=3@2s"
+);
+
+/// The words where the time is now.
+pub const WORDS: &str = words!();
 
 /// Reads one injection and its time in seconds after the force is commanded (`-inf`: at power-on).
 ///
@@ -41,7 +56,9 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
         "plug" => Injection::PlugSensor(unit()?),
         "nack" => Injection::Nack(unit()?),
         "stuck-sda" => Injection::StuckSda,
-        "estop" => Injection::EStop(true),
+        "estop" if argument == "close" => Injection::EStop(false),
+        "estop" if argument.is_empty() || argument == "open" => Injection::EStop(true),
+        "estop" => return Err(wrong("open or close is needed")),
         "estop-release" => Injection::EStop(false),
         "spike" => Injection::Spike(
             unit()?,
@@ -70,6 +87,12 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
         "usb-resume" => Injection::SuspendUsb(false),
         _ => return Err(wrong("unknown")),
     };
+    // A value that nobody looks at is a mistake of the user: `estop-release=3`.
+    let values = |text: &str| text.matches(['=', ':']).count();
+    let taken = describe(&injection).map_or(usize::MAX, |words| values(&words));
+    if name != "estop" && values(what) > taken {
+        return Err(wrong("it has a value too many"));
+    }
     Ok((at_s, injection))
 }
 
@@ -116,6 +139,27 @@ pub fn describe_at(at_s: f64, injection: &Injection) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn values_that_nobody_looks_at_are_refused() {
+        for text in [
+            "hang=3",
+            "usb-out=1",
+            "estop-release=close",
+            "unplug=3:5",
+            "estop=3",
+        ] {
+            assert!(parse(&format!("{text}@1s")).is_err(), "{text}");
+        }
+        for (text, open) in [
+            ("estop", true),
+            ("estop=open", true),
+            ("estop=close", false),
+        ] {
+            let read = parse(&format!("{text}@1s"));
+            assert_eq!(read, Ok((1.0, Injection::EStop(open))), "{text}");
+        }
+    }
 
     #[test]
     fn words() {

@@ -43,6 +43,8 @@ fn a_host_enumerates_the_board_and_opens_its_port() {
     assert_eq!(device.configuration[7] & 0x40, 0x40, "bmAttributes");
     assert_eq!(device.text(1).as_deref(), Some("force rig"));
     assert_eq!(device.text(2).as_deref(), Some("force board"));
+    // The emulated controller's unique number is zero.
+    assert_eq!(device.text(3), Some("0".repeat(24)));
     is_sound(&mut rig);
 }
 

@@ -82,7 +82,8 @@ impl Port {
                 cause: error.to_string(),
                 hint: match error.kind() {
                     serialport::ErrorKind::Io(ErrorKind::PermissionDenied) => {
-                        "add yourself to the port's group (dialout or uucp) and log in again"
+                        "this user may not open it: install docs/udev/70-force-rig.rules (its head says how), or add yourself to the \
+                         port's group (dialout or uucp) and log in again"
                             .to_owned()
                     }
                     _ => holder(path).unwrap_or_else(ports_here),
@@ -101,17 +102,18 @@ impl Port {
     /// # Errors
     /// [`LinkError::Open`] where there is none, or more than one.
     pub fn usb() -> Result<Self, LinkError> {
-        let boards: Vec<String> = serialport::available_ports()
+        let boards: Vec<(String, String)> = serialport::available_ports()
             .unwrap_or_default()
             .into_iter()
-            .filter(|port| match &port.port_type {
-                SerialPortType::UsbPort(usb) => (usb.vid, usb.pid) == USB_ID,
-                _ => false,
+            .filter_map(|port| match port.port_type {
+                SerialPortType::UsbPort(usb) if (usb.vid, usb.pid) == USB_ID => {
+                    Some((port.port_name, usb.serial_number.unwrap_or_default()))
+                }
+                _ => None,
             })
-            .map(|port| port.port_name)
             .collect();
         match boards.as_slice() {
-            [path] => Self::serial(path),
+            [(path, _)] => Self::serial(path),
             [] => Err(LinkError::Open {
                 name: "USB".to_owned(),
                 cause: format!("no device {:04x}:{:04x} is there", USB_ID.0, USB_ID.1),
@@ -123,10 +125,11 @@ impl Port {
             several => Err(LinkError::Open {
                 name: "USB".to_owned(),
                 cause: format!("{} boards are there", several.len()),
-                hint: format!(
-                    "choose one: --link serial:{}",
-                    several.join(" or --link serial:")
-                ),
+                hint: several
+                    .iter()
+                    .map(|(path, number)| format!("--link serial:{path} (board {number})"))
+                    .reduce(|one, other| format!("{one} or {other}"))
+                    .map_or_else(String::new, |choice| format!("choose one: {choice}")),
             }),
         }
     }
