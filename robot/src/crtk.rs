@@ -9,7 +9,9 @@
 //!
 //! | robot | trap | what the adapter does |
 //! | --- | --- | --- |
-//! | all | a stamp of 0 marks invalid data, an empty list an unavailable one | [`StateError::Invalid`]; `None` |
+//! | all | a stamp of 0 marks invalid data, an empty list an unavailable one | `measured_js`: [`StateError::Invalid`]; the others are left out until they are valid again; `None` |
+//! | all | `operating_state` is published on change, its stamp often left at 0 | its stamp does not count, the last one holds |
+//! | all | joints without names, NaN for what is unknown | left out, see [`RobotState::leave_out_flaws`] |
 //! | Raven | `measured_js.effort` is always 0: the field behind it is written in commented-out code only | no effort; take it from `ravenstate` |
 //! | Raven | the arms are swapped in `measured_js` (arm1 carries green) and, where gold is the first board, in `measured_cp` | [`raven_topics`] |
 //! | Raven | `setpoint_cp` is in frame 0 while `measured_cp` is in the CRTK frame; frame_id is empty | declared by topic |
@@ -138,8 +140,20 @@ impl AdapterConfig {
 #[derive(Debug, Clone)]
 pub struct Adapter {
     config: AdapterConfig,
-    newest: HashMap<u8, (i64, Topic)>,
+    newest: HashMap<u8, Newest>,
+    /// Who publishes each topic.
+    publishers: HashMap<u8, Arc<str>>,
+    /// The last name of a frame: one copy.
+    frame_id: Arc<str>,
     names: Option<Arc<[String]>>,
+}
+
+/// The newest message of a topic.
+#[derive(Debug, Clone)]
+struct Newest {
+    stamp_ns: i64,
+    frame_id: Arc<str>,
+    topic: Topic,
 }
 
 /// Which slot of the newest messages a topic has.
@@ -154,6 +168,15 @@ const fn slot(topic: &Topic) -> u8 {
     }
 }
 const OPERATING: u8 = 5;
+/// Names of the topics by slot.
+const NAMES: [&str; 6] = [
+    "measured_js",
+    "setpoint_js",
+    "measured_cp",
+    "measured_cv",
+    "measured_cf",
+    "operating_state",
+];
 
 impl Adapter {
     /// Nothing received yet.
@@ -162,6 +185,8 @@ impl Adapter {
         Self {
             config,
             newest: HashMap::new(),
+            publishers: HashMap::new(),
+            frame_id: "".into(),
             names: None,
         }
     }
@@ -169,36 +194,59 @@ impl Adapter {
     /// Takes a message; a state where it completes one.
     ///
     /// # Errors
-    /// The message is invalid. It is not used.
+    /// The message is invalid, and is not used. [`StateError::Optional`]: states are made without it.
     pub fn take(
         &mut self,
         publisher: &Arc<str>,
         header: &Header,
         topic: Topic,
     ) -> Result<Option<RobotState>, StateError> {
-        if header.stamp_ns == 0 {
-            return Err(StateError::Invalid);
+        let slot = slot(&topic);
+        let name = NAMES[usize::from(slot)];
+        let first = (self.publishers.entry(slot)).or_insert_with(|| Arc::clone(publisher));
+        if *first != *publisher {
+            return Err(StateError::TwoPublishers {
+                topic: name,
+                first: Arc::clone(first),
+                second: Arc::clone(publisher),
+            });
         }
         let makes_state = match topic {
             Topic::MeasuredJs(_) => true,
             Topic::MeasuredCp(_) => !self.config.joints,
             _ => false,
         };
-        self.newest.insert(slot(&topic), (header.stamp_ns, topic));
-        if !makes_state {
-            return Ok(None);
+        if header.stamp_ns == 0 && slot != OPERATING {
+            // What it told before is no longer true.
+            self.newest.remove(&slot);
+            return Err(match makes_state {
+                true => StateError::Invalid,
+                false => StateError::Invalid.of_optional(name),
+            });
         }
-        let state = self.state(publisher, header);
-        state.check()?;
-        Ok(Some(state))
+        if *self.frame_id != *header.frame_id {
+            self.frame_id = header.frame_id.as_str().into();
+        }
+        let newest = Newest {
+            stamp_ns: header.stamp_ns,
+            frame_id: Arc::clone(&self.frame_id),
+            topic,
+        };
+        self.newest.insert(slot, newest);
+        Ok(makes_state.then(|| self.state(publisher, header)))
     }
 
     /// The newest message of a slot, if its stamp is near `stamp_ns`.
-    fn near(&self, slot: u8, stamp_ns: i64) -> Option<&Topic> {
-        let (at, topic) = self.newest.get(&slot)?;
+    fn near(&self, slot: u8, stamp_ns: i64) -> Option<&Newest> {
+        let newest = self.newest.get(&slot)?;
         // An operating state is published on change: the last one holds.
-        let skew_s = (stamp_ns.saturating_sub(*at) as f64 * 1e-9).abs();
-        (slot == OPERATING || skew_s <= self.config.max_skew_s).then_some(topic)
+        let skew_s = (stamp_ns.saturating_sub(newest.stamp_ns) as f64 * 1e-9).abs();
+        (slot == OPERATING || skew_s <= self.config.max_skew_s).then_some(newest)
+    }
+
+    /// The same, without its header.
+    fn topic_near(&self, slot: u8, stamp_ns: i64) -> Option<&Topic> {
+        self.near(slot, stamp_ns).map(|newest| &newest.topic)
     }
 
     fn state(&mut self, publisher: &Arc<str>, header: &Header) -> RobotState {
@@ -220,11 +268,14 @@ impl Adapter {
     }
 
     fn joints(&mut self, at: i64) -> Option<JointState> {
-        let Some(Topic::MeasuredJs(joints)) = self.near(0, at).cloned() else {
+        let Some(Topic::MeasuredJs(joints)) = self.topic_near(0, at).cloned() else {
             return None;
         };
-        let setpoint = match self.near(1, at) {
-            Some(Topic::SetpointJs(setpoint)) if setpoint.name == joints.name => {
+        let setpoint = match self.topic_near(1, at) {
+            // Without names their places have to do.
+            Some(Topic::SetpointJs(setpoint))
+                if setpoint.name == joints.name || setpoint.name.is_empty() =>
+            {
                 some(&setpoint.position)
             }
             _ => None,
@@ -255,15 +306,18 @@ impl Adapter {
     }
 
     fn tip(&self, at: i64) -> Option<TipState> {
-        let Some(Topic::MeasuredCp(pose)) = self.near(2, at) else {
+        let newest = self.near(2, at)?;
+        let Topic::MeasuredCp(pose) = &newest.topic else {
             return None;
         };
-        let velocity = match self.near(3, at) {
+        let velocity = match self.topic_near(3, at) {
             Some(Topic::MeasuredCv(twist)) => Some(twist),
             _ => None,
         };
         Some(TipState {
             frame: self.config.frame.clone(),
+            frame_id: Arc::clone(&newest.frame_id),
+            stamp_ns: Some(newest.stamp_ns),
             position_m: pose.position_m,
             orientation_xyzw: Some(pose.orientation_xyzw),
             velocity_m_per_s: velocity.map(|twist| twist.linear),
@@ -272,7 +326,7 @@ impl Adapter {
     }
 
     fn force(&self, at: i64) -> Option<TipForce> {
-        let Some(Topic::MeasuredCf(wrench)) = self.near(4, at) else {
+        let Some(Topic::MeasuredCf(wrench)) = self.topic_near(4, at) else {
             return None;
         };
         Some(TipForce {
@@ -288,21 +342,26 @@ impl Adapter {
     }
 
     fn operating(&self, at: i64) -> Option<OperatingState> {
-        let Some(Topic::OperatingState(word, is_homed, is_busy)) = self.near(OPERATING, at) else {
+        let Some(Topic::OperatingState(word, is_homed, is_busy)) = self.topic_near(OPERATING, at)
+        else {
             return None;
         };
-        let state = match word.as_str() {
-            "DISABLED" => Operating::Disabled,
-            "ENABLED" => Operating::Enabled,
-            "PAUSED" => Operating::Paused,
-            // A word that CRTK does not know is no reason to go on.
-            _ => Operating::Fault,
-        };
         Some(OperatingState {
-            state,
+            state: operating(word),
             is_homed: *is_homed,
             is_busy: *is_busy,
         })
+    }
+}
+
+/// The state of a word. One that CRTK does not know is no reason to go on.
+#[must_use]
+pub fn operating(word: &str) -> Operating {
+    match word {
+        "DISABLED" => Operating::Disabled,
+        "ENABLED" => Operating::Enabled,
+        "PAUSED" => Operating::Paused,
+        _ => Operating::Fault,
     }
 }
 
@@ -399,6 +458,102 @@ mod tests {
     }
 
     #[test]
+    fn a_stamp_of_zero_in_an_optional_topic_leaves_that_topic_out_and_keeps_the_pose() {
+        let pair = Pair {
+            linear: [1.0; 3],
+            angular: [0.0; 3],
+        };
+        let others = [
+            ("setpoint_js", Topic::SetpointJs(joints())),
+            ("measured_cv", Topic::MeasuredCv(pair)),
+            ("measured_cf", Topic::MeasuredCf(pair)),
+        ];
+        for (name, topic) in others {
+            let mut adapter = Adapter::new(AdapterConfig {
+                measured_cf: Some(Acts::OnTool),
+                ..AdapterConfig::default()
+            });
+            take(&mut adapter, 5, Topic::MeasuredCp(POSE));
+            take(&mut adapter, 5, topic.clone());
+            let with = take(&mut adapter, 6, Topic::MeasuredJs(joints())).unwrap();
+            let error = (adapter.take(&"robot".into(), &header(0), topic)).unwrap_err();
+            assert_eq!(error, StateError::Invalid.of_optional(name));
+            let without = take(&mut adapter, 7, Topic::MeasuredJs(joints())).unwrap();
+            assert_eq!(without.tip.as_ref().unwrap().position_m, POSE.position_m);
+            // What it said before is not told any more.
+            let parts = |state: &RobotState| {
+                [
+                    state.joints.as_ref().unwrap().setpoint.is_some(),
+                    state.tip.as_ref().unwrap().velocity_m_per_s.is_some(),
+                    state.force.is_some(),
+                ]
+            };
+            assert!(parts(&with).contains(&true), "{name}");
+            assert_eq!(parts(&without), [false; 3], "{name}");
+        }
+    }
+
+    #[test]
+    fn a_pose_of_stamp_zero_is_none_and_its_frame_and_stamp_travel_with_the_others() {
+        let mut adapter = Adapter::new(AdapterConfig::default());
+        let named = Header {
+            stamp_ns: 5,
+            frame_id: "PSM1_base".to_owned(),
+            ..Header::default()
+        };
+        let pose = |header: &Header, adapter: &mut Adapter| {
+            adapter.take(&"robot".into(), header, Topic::MeasuredCp(POSE))
+        };
+        pose(&named, &mut adapter).unwrap();
+        let tip = take(&mut adapter, 7, Topic::MeasuredJs(joints()))
+            .unwrap()
+            .tip;
+        let tip = tip.unwrap();
+        assert_eq!((&*tip.frame_id, tip.stamp_ns), ("PSM1_base", Some(5)));
+        assert!(pose(&header(0), &mut adapter).is_err());
+        let state = take(&mut adapter, 8, Topic::MeasuredJs(joints())).unwrap();
+        assert!(state.tip.is_none());
+    }
+
+    #[test]
+    fn a_fault_counts_whatever_its_stamp_and_a_second_publisher_of_a_pose_is_named() {
+        let mut adapter = Adapter::new(AdapterConfig::default());
+        take(
+            &mut adapter,
+            0,
+            Topic::OperatingState("FAULT".into(), true, false),
+        );
+        let state = take(&mut adapter, 5, Topic::MeasuredJs(joints())).unwrap();
+        assert_eq!(state.operating.unwrap().state, Operating::Fault);
+        take(&mut adapter, 5, Topic::MeasuredCp(POSE));
+        let error = adapter
+            .take(&"another".into(), &header(6), Topic::MeasuredCp(POSE))
+            .unwrap_err()
+            .to_string();
+        assert!(
+            error.contains("measured_cp") && error.contains("another"),
+            "{error}"
+        );
+    }
+
+    #[test]
+    fn set_points_without_names_go_by_their_place() {
+        let mut adapter = Adapter::new(AdapterConfig::default());
+        for (names, told) in [
+            (vec![], true),
+            (vec!["x".to_owned(), "y".to_owned()], false),
+        ] {
+            let setpoint = Joints {
+                name: names,
+                ..joints()
+            };
+            take(&mut adapter, 5, Topic::SetpointJs(setpoint));
+            let state = take(&mut adapter, 5, Topic::MeasuredJs(joints())).unwrap();
+            assert_eq!(state.joints.unwrap().setpoint.is_some(), told);
+        }
+    }
+
+    #[test]
     fn a_ravens_effort_is_not_a_torque_of_zero() {
         let mut raven = Adapter::new(AdapterConfig::raven());
         let state = take(&mut raven, 5, Topic::MeasuredJs(joints())).unwrap();
@@ -481,9 +636,8 @@ mod tests {
         });
         let mut pose = POSE;
         pose.position_m[2] = f64::NAN;
-        let error = adapter
-            .take(&"robot".into(), &header(5), Topic::MeasuredCp(pose))
-            .unwrap_err();
+        let state = take(&mut adapter, 5, Topic::MeasuredCp(pose)).unwrap();
+        let error = state.check().unwrap_err();
         assert!(
             matches!(error, StateError::NotFinite { index: 2, .. }),
             "{error}"

@@ -119,6 +119,8 @@ pub struct Adapter {
     /// Name of the publisher in the states.
     pub publisher: Arc<str>,
     names: Arc<[String]>,
+    /// The message tells none.
+    frame_id: Arc<str>,
 }
 
 /// Current of gold's drives per torque: negative except for jaw 1.
@@ -136,6 +138,7 @@ impl Adapter {
                 .iter()
                 .map(|name| (*name).to_owned())
                 .collect(),
+            frame_id: "".into(),
         }
     }
 
@@ -205,6 +208,8 @@ impl Adapter {
         let valid = (rotation * rotation.transpose() - Matrix3::identity()).norm() < 1e-3;
         TipState {
             frame: Frame::Raven0,
+            frame_id: Arc::clone(&self.frame_id),
+            stamp_ns: None,
             position_m: core::array::from_fn(|i| f64::from(position[i]) * 1e-6),
             orientation_xyzw: valid.then(|| {
                 let q = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(

@@ -151,6 +151,10 @@ pub struct JointState {
 pub struct TipState {
     /// Frame of all components.
     pub frame: Frame,
+    /// The frame's name as the robot itself tells it, empty where it tells none. It is compared, never used.
+    pub frame_id: Arc<str>,
+    /// Time of the pose on the robot's clock, ns, where that is not the time of the state.
+    pub stamp_ns: Option<i64>,
     /// Position, m.
     pub position_m: [f64; 3],
     /// Orientation of the tool as a unit quaternion x, y, z, w.
@@ -242,66 +246,164 @@ pub enum StateError {
     /// Neither joints nor tip.
     #[error("the state holds neither joints nor a tip")]
     Empty,
+    /// The joints have no names.
+    #[error("{0} joints have no names; their place tells them apart")]
+    Nameless(usize),
+    /// Two nodes send the same topic.
+    #[error("two publishers send {topic}: `{first}` and now `{second}`; stop one of them")]
+    TwoPublishers {
+        /// The topic's name.
+        topic: &'static str,
+        /// Whose messages are used.
+        first: Arc<str>,
+        /// Whose are not.
+        second: Arc<str>,
+    },
+    /// A part without which the state can be used.
+    #[error("{field}: {why}")]
+    Optional {
+        /// Which part.
+        field: &'static str,
+        /// What is wrong with it.
+        why: Box<StateError>,
+    },
+}
+
+impl StateError {
+    /// The same flaw of a part without which the state can be used.
+    #[must_use]
+    pub fn of_optional(self, field: &'static str) -> Self {
+        Self::Optional {
+            field,
+            why: Box::new(self),
+        }
+    }
 }
 
 /// How far a quaternion's length may be from 1: single precision over a whole chain.
 const QUATERNION_TOLERANCE: f64 = 1e-3;
 
 impl RobotState {
-    /// Checks that every number is finite, every list has its length and an orientation is one.
+    /// Leaves out each part that has a flaw and without which the state can still be used: velocities, efforts, set points,
+    /// an orientation, the robot's own force, and the joints where there is a tip. Returns what was left out
+    /// ([`StateError::Optional`]). Joints without names keep their place and go without.
+    pub fn leave_out_flaws(&mut self) -> Vec<StateError> {
+        let mut flaws = Flaws::default();
+        if let Some(joints) = &mut self.joints {
+            let count = joints.position.len();
+            if joints.names.is_empty() && count > 0 {
+                joints.names = (1..=count).map(|n| format!("joint_{n}")).collect();
+                flaws.note("joint names", StateError::Nameless(count));
+            }
+            let expected = joints.names.len();
+            let sound = |field, list: &[f64]| of_length(field, list, expected);
+            flaws.part("joint velocity", &mut joints.velocity, |v| {
+                sound("joint velocity", v)
+            });
+            flaws.part("joint effort", &mut joints.effort, |e| {
+                sound("joint effort", &e.value)
+            });
+            flaws.part("joint setpoint", &mut joints.setpoint, |s| {
+                sound("joint setpoint", s)
+            });
+        }
+        if self.tip.is_some() {
+            flaws.part("joints", &mut self.joints, JointState::check);
+        }
+        if let Some(tip) = &mut self.tip {
+            flaws.part("tip orientation", &mut tip.orientation_xyzw, |q| {
+                unit_quaternion("tip orientation", q)
+            });
+            flaws.part("tip velocity", &mut tip.velocity_m_per_s, |v| {
+                finite("tip velocity", v)
+            });
+            let turning = &mut tip.angular_velocity_rad_per_s;
+            flaws.part("tip angular velocity", turning, |v| {
+                finite("tip angular velocity", v)
+            });
+        }
+        if let Some(force) = &mut self.force {
+            flaws.part("torque", &mut force.torque_n_m, |t| finite("torque", t));
+        }
+        flaws.part("force", &mut self.force, |f| finite("force", &f.force_n));
+        flaws.0
+    }
+
+    /// Checks that the state holds a tip or joints, that every number is finite, every list has its length and an orientation
+    /// is one, and that the publisher does not mark it as invalid.
     ///
     /// # Errors
     /// The first flaw.
     pub fn check(&self) -> Result<(), StateError> {
+        if self.stamp.clock == Clock::RobotUtc && self.stamp.t_ns == 0 {
+            return Err(StateError::Invalid);
+        }
         if self.joints.is_none() && self.tip.is_none() {
             return Err(StateError::Empty);
         }
-        if let Some(joints) = &self.joints {
-            let expected = joints.names.len();
-            let lists = [
-                ("joint position", Some(&joints.position)),
-                ("joint velocity", joints.velocity.as_ref()),
-                ("joint effort", joints.effort.as_ref().map(|e| &e.value)),
-                ("joint setpoint", joints.setpoint.as_ref()),
-            ];
-            for (field, list) in lists {
-                let Some(list) = list else { continue };
-                if list.len() != expected {
-                    return Err(StateError::Length {
-                        field,
-                        got: list.len(),
-                        expected,
-                    });
-                }
-                finite(field, list)?;
-            }
-        }
         if let Some(tip) = &self.tip {
             finite("tip position", &tip.position_m)?;
-            if let Some(q) = &tip.orientation_xyzw {
-                finite("tip orientation", q)?;
-                let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
-                if (length - 1.0).abs() > QUATERNION_TOLERANCE {
-                    return Err(StateError::Quaternion(length));
-                }
-            }
-            for (field, list) in [
-                ("tip velocity", &tip.velocity_m_per_s),
-                ("tip angular velocity", &tip.angular_velocity_rad_per_s),
-            ] {
-                if let Some(list) = list {
-                    finite(field, list)?;
-                }
-            }
         }
-        if let Some(force) = &self.force {
-            finite("force", &force.force_n)?;
-            if let Some(torque) = &force.torque_n_m {
-                finite("torque", torque)?;
-            }
+        if let Some(joints) = &self.joints {
+            joints.check()?;
         }
-        Ok(())
+        // What is left is optional.
+        match self.clone().leave_out_flaws().into_iter().next() {
+            Some(StateError::Optional { why, .. }) => Err(*why),
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
     }
+}
+
+impl JointState {
+    /// Whether there is a finite position for each name.
+    fn check(&self) -> Result<(), StateError> {
+        of_length("joint position", &self.position, self.names.len())
+    }
+}
+
+/// What was left out of a state.
+#[derive(Default)]
+struct Flaws(Vec<StateError>);
+
+impl Flaws {
+    fn note(&mut self, field: &'static str, why: StateError) {
+        self.0.push(why.of_optional(field));
+    }
+
+    /// Leaves a part out where it does not pass.
+    fn part<T>(
+        &mut self,
+        field: &'static str,
+        part: &mut Option<T>,
+        check: impl Fn(&T) -> Result<(), StateError>,
+    ) {
+        if let Some(Err(why)) = part.as_ref().map(check) {
+            *part = None;
+            self.note(field, why);
+        }
+    }
+}
+
+fn of_length(field: &'static str, list: &[f64], expected: usize) -> Result<(), StateError> {
+    if list.len() != expected {
+        return Err(StateError::Length {
+            field,
+            got: list.len(),
+            expected,
+        });
+    }
+    finite(field, list)
+}
+
+fn unit_quaternion(field: &'static str, q: &[f64; 4]) -> Result<(), StateError> {
+    finite(field, q)?;
+    let length = q.iter().map(|v| v * v).sum::<f64>().sqrt();
+    if (length - 1.0).abs() > QUATERNION_TOLERANCE {
+        return Err(StateError::Quaternion(length));
+    }
+    Ok(())
 }
 
 fn finite(field: &'static str, list: &[f64]) -> Result<(), StateError> {
@@ -348,12 +450,7 @@ impl Mount {
     /// What is wrong with them.
     pub fn check(&self) -> Result<(), StateError> {
         finite("mount.translation_m", &self.translation_m)?;
-        finite("mount.rotation_xyzw", &self.rotation_xyzw)?;
-        let length = self.rotation_xyzw.iter().map(|v| v * v).sum::<f64>().sqrt();
-        if (length - 1.0).abs() > QUATERNION_TOLERANCE {
-            return Err(StateError::Quaternion(length));
-        }
-        Ok(())
+        unit_quaternion("mount.rotation_xyzw", &self.rotation_xyzw)
     }
 
     /// A tip of the robot's frame in the rig's frame.
@@ -364,6 +461,8 @@ impl Mount {
         let position = rotation * Vector3::from(tip.position_m) + Vector3::from(self.translation_m);
         TipState {
             frame: Frame::Rig,
+            frame_id: Arc::clone(&tip.frame_id),
+            stamp_ns: tip.stamp_ns,
             position_m: position.into(),
             orientation_xyzw: tip.orientation_xyzw.map(|[x, y, z, w]| {
                 let q = rotation * UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));
@@ -423,6 +522,8 @@ mod tests {
             }),
             tip: Some(TipState {
                 frame: Frame::RavenCrtk,
+                frame_id: "".into(),
+                stamp_ns: None,
                 position_m: [0.1, 0.2, 0.3],
                 orientation_xyzw: Some([0.0, 0.0, 0.0, 1.0]),
                 velocity_m_per_s: Some([0.0, 1.0, 0.0]),
@@ -466,6 +567,71 @@ mod tests {
         let mut bad = state();
         (bad.joints, bad.tip) = (None, None);
         assert_eq!(bad.check(), Err(StateError::Empty));
+    }
+
+    #[test]
+    fn a_flaw_in_what_is_not_needed_leaves_a_state_that_can_be_used() {
+        type Spoil = fn(&mut RobotState);
+        let spoil: [(&str, Spoil); 8] = [
+            ("joint velocity", |s| {
+                s.joints.as_mut().unwrap().velocity = Some(vec![f64::NAN; 2])
+            }),
+            ("joint setpoint", |s| {
+                s.joints.as_mut().unwrap().setpoint = Some(vec![0.0; 3])
+            }),
+            ("joint effort", |s| {
+                s.joints.as_mut().unwrap().effort = Some(Effort {
+                    meaning: Meaning::Measured,
+                    value: vec![0.0, f64::NAN],
+                });
+            }),
+            ("joints", |s| {
+                s.joints.as_mut().unwrap().position[1] = f64::INFINITY
+            }),
+            ("tip orientation", |s| {
+                s.tip.as_mut().unwrap().orientation_xyzw = Some([0.0; 4])
+            }),
+            ("tip velocity", |s| {
+                s.tip.as_mut().unwrap().velocity_m_per_s = Some([f64::NAN; 3])
+            }),
+            ("tip angular velocity", |s| {
+                s.tip.as_mut().unwrap().angular_velocity_rad_per_s = Some([f64::NAN; 3]);
+            }),
+            ("force", |s| {
+                s.force = Some(TipForce {
+                    frame: Frame::Rig,
+                    acts: Acts::OnTool,
+                    meaning: Meaning::Measured,
+                    force_n: [f64::NAN; 3],
+                    torque_n_m: None,
+                });
+            }),
+        ];
+        for (part, spoil) in spoil {
+            let mut bad = state();
+            spoil(&mut bad);
+            assert!(bad.check().is_err(), "{part}");
+            let flaws = bad.leave_out_flaws();
+            assert!(
+                matches!(flaws.as_slice(), [StateError::Optional { field, .. }] if *field == part),
+                "{part}: {flaws:?}"
+            );
+            assert_eq!(bad.check(), Ok(()), "{part}");
+            assert_eq!(bad.tip.unwrap().position_m, state().tip.unwrap().position_m);
+            // Once only: the rest of the state has none.
+            assert_eq!(bad.joints.is_none(), part == "joints");
+        }
+        // What the state is about is needed.
+        let mut bad = state();
+        bad.tip.as_mut().unwrap().position_m[0] = f64::NAN;
+        assert!(bad.leave_out_flaws().is_empty() && bad.check().is_err());
+        let mut bad = state();
+        bad.tip = None;
+        bad.joints.as_mut().unwrap().position[0] = f64::NAN;
+        assert!(bad.leave_out_flaws().is_empty() && bad.check().is_err());
+        let mut bad = state();
+        bad.stamp.t_ns = 0;
+        assert_eq!(bad.check(), Err(StateError::Invalid));
     }
 
     #[test]

@@ -161,6 +161,11 @@ fn bad_datagrams_are_events_and_never_states() {
         r#"{"stamp_s": 100.01, "measured_cp": {"position": [0.1, 0.2, 1e999]}}"#,
         r#"{"stamp_s": 100.01}"#,
         r#"{"stamp_s": 100.01, "measured_js": {"name": ["a", "b"], "position": [1.0]}}"#,
+        r#"{"stamp_s": 0, "measured_cp": {"position": [0.1, 0.2, 0.3]}}"#,
+        r#"{"stamp_s": 100.01, "measured_cp": {"position": [0.1, 0.2, 0.308]}}"#,
+        r#"{"stamp_s": 100.01, "measured_cp": {"position": [0.1, 0.2, 0.3], "frame_id": "ECM"}}"#,
+        r#"{"stamp_s": 100.01, "measured_cp": {"position": [0.1, 0.2, 0.3]}, "operating_state": {"state": "FAULT"}}"#,
+        r#"{"stamp_s": 100.01, "measured_cp": {"position": [0.1, 0.2, 0.3]}, "operating_state": {"state": "ENABLED", "is_homed": false}}"#,
         r#"{"stamp_s": 105.01, "measured_cp": {"position": [0.1, 0.2, 0.3]}}"#,
         r#"{"stamp_s": 100.01, "measured_cp": {"position": [0.1, 0.9, 0.3]}}"#,
     ] {
@@ -169,6 +174,61 @@ fn bad_datagrams_are_events_and_never_states() {
         assert_eq!(events.len(), 1, "{bad}: {events:?}");
         assert!(events[0].stops(), "{bad}: {events:?}");
     }
+}
+
+#[test]
+fn flaws_of_what_is_not_needed_leave_the_pose_in_use() {
+    let good = r#"{"stamp_s": 100.0, "measured_cp": {"position": [0.1, 0.2, 0.3]}, "measured_js": {"name": ["NaN"], "position": [1.0]}}"#;
+    for (n, part) in [
+        // As Python's json module writes them.
+        (
+            r#""measured_js": {"name": ["NaN"], "position": [1.0], "effort": [NaN]}"#,
+            "joint effort",
+        ),
+        (
+            r#""measured_js": {"name": ["NaN"], "position": [1.0], "velocity": [-Infinity]}"#,
+            "joint velocity",
+        ),
+        (
+            r#""measured_js": {"name": ["NaN"], "position": [1.0], "velocity": [null]}"#,
+            "joint velocity",
+        ),
+        (
+            r#""measured_js": {"name": ["NaN"], "position": [NaN]}"#,
+            "joints",
+        ),
+        (r#""measured_js": {"position": [1.0]}"#, "joint names"),
+    ] {
+        let tip = r#""measured_cp": {"position": [0.1, 0.2, 0.301]}"#;
+        let flawed = format!(r#"{{"stamp_s": 100.01, {tip}, {n}}}"#);
+        let (states, events) = after(Frame::Rig, &[good, &flawed]);
+        assert_eq!(states.len(), 2, "{n}: {events:?}");
+        assert!((states[1].tip.as_ref().unwrap().position_m[2] - 1.301).abs() < 1e-12);
+        let [event @ Event::LeftOut(_)] = events.as_slice() else {
+            panic!("{n}: {events:?}")
+        };
+        assert!(
+            !event.stops() && event.to_string().contains(part),
+            "{event}"
+        );
+    }
+}
+
+#[test]
+fn a_fed_source_counts_what_it_leaves_out_and_tells_it_once() {
+    let mut source = Fed::new("virtual arm", WatchConfig::default());
+    let mut events = Vec::new();
+    let mut count = 0;
+    for n in 0..50 {
+        let mut state = fed_state(10 * n);
+        state.tip.as_mut().unwrap().orientation_xyzw = Some([0.0; 4]);
+        source.feed([state]);
+        let poll = source.poll(10 * n * MS).unwrap();
+        assert_eq!(poll.states.len(), 1);
+        count += poll.left_out.get("tip orientation").copied().unwrap_or(0);
+        events.extend(poll.events);
+    }
+    assert_eq!((count, events.len()), (50, 1), "{events:?}");
 }
 
 #[test]
@@ -212,6 +272,8 @@ fn fed_state(t_ms: i64) -> RobotState {
         joints: None,
         tip: Some(TipState {
             frame: Frame::Rig,
+            frame_id: "".into(),
+            stamp_ns: None,
             position_m: [0.0; 3],
             orientation_xyzw: None,
             velocity_m_per_s: None,

@@ -225,6 +225,8 @@ pub struct Joiner {
     pub truth: Table,
     /// Worst figures so far.
     pub worst: Worst,
+    /// Whether the robot tells its joints: a row needs them then.
+    has_joints: bool,
 }
 
 impl Joiner {
@@ -248,6 +250,7 @@ impl Joiner {
             rows: table(&COLUMNS),
             truth: table(&TRUTH_COLUMNS),
             worst: Worst::default(),
+            has_joints: false,
         }
     }
 
@@ -353,7 +356,9 @@ impl Joiner {
                 .operating
                 .map_or(f64::NAN, |o| f64::from(o.state as u8)),
         );
-        row.push(f64::from(u8::from(found.is_some())));
+        self.has_joints |= joints.is_some();
+        let complete = found.is_some() && joints.is_some() == self.has_joints;
+        row.push(f64::from(u8::from(complete)));
         row.extend([self.trial as f64, f64::from(self.attempt)]);
         self.rows.push(&row);
         let mut truth = vec![t_s];
@@ -364,7 +369,7 @@ impl Joiner {
         self.truth.push(&truth);
         self.worst.force_age_s = self.worst.force_age_s.max(age_s);
         self.worst.sync_error_s = self.worst.sync_error_s.max(waiting.sync_error_s);
-        self.worst.incomplete += u64::from(found.is_none());
+        self.worst.incomplete += u64::from(!complete);
     }
 }
 
@@ -387,6 +392,8 @@ mod tests {
                 joints: None,
                 tip: Some(TipState {
                     frame: Frame::Rig,
+                    frame_id: "".into(),
+                    stamp_ns: None,
                     position_m: rig.workspace.center_m.into(),
                     orientation_xyzw: None,
                     velocity_m_per_s: None,

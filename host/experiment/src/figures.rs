@@ -6,6 +6,7 @@ use super::pull::OneAxis;
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 use session::{LinkCounters, TimedSample};
+use std::collections::BTreeMap;
 use wire::message::flags;
 use wire::UNITS;
 
@@ -35,6 +36,8 @@ pub struct Counts {
     frames_lost: u64,
     /// Events of the robot's watch.
     pub robot_events: u64,
+    /// How often a part of the robot's states was left out for a flaw, by part.
+    pub robot_left_out: BTreeMap<String, u64>,
     /// Why the recording of samples ended early.
     pub record_error: Option<String>,
 }
@@ -68,6 +71,9 @@ pub struct Figures {
     pub sync_error_s: f64,
     /// Events of the robot's watch.
     pub robot_events: u64,
+    /// How often a part of the robot's states was left out for a flaw (NaN, no names, a stamp of 0), by part.
+    #[serde(default, skip_serializing_if = "BTreeMap::is_empty")]
+    pub robot_left_out: BTreeMap<String, u64>,
 }
 
 /// One gate.
@@ -107,6 +113,7 @@ impl Counts {
             sync_error_s: 0.0,
             frames_lost: 0,
             robot_events: 0,
+            robot_left_out: BTreeMap::new(),
             record_error: None,
         }
     }
@@ -189,6 +196,7 @@ impl Counts {
             force_age_s: self.force_age_s,
             sync_error_s: self.sync_error_s,
             robot_events: self.robot_events,
+            robot_left_out: self.robot_left_out.clone(),
         }
     }
 }

@@ -159,6 +159,8 @@ pub fn tip_m(joints: [f64; 3], mount: &Mount) -> Vector3<f64> {
     let [q1, q2, q3] = joints;
     let in_crtk = TipState {
         frame: Frame::RavenCrtk,
+        frame_id: "".into(),
+        stamp_ns: None,
         position_m: to_crtk(forward(&[q1, q2, q3, 0.0, 0.0, 0.0]).position_m).into(),
         orientation_xyzw: None,
         velocity_m_per_s: None,

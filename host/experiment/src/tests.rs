@@ -153,6 +153,92 @@ fn a_pose_that_is_not_a_number_ends_the_attempt() {
 }
 
 #[test]
+fn a_tip_that_is_lost_ends_the_attempt_while_the_joints_go_on() {
+    goes_wrong("published no tip", |mut state| {
+        state.tip = None;
+        vec![state]
+    });
+}
+
+#[test]
+fn a_robot_in_fault_or_disabled_or_not_homed_ends_the_attempt() {
+    use robot::state::{Operating, OperatingState};
+    for (operating, is_homed, words) in [
+        (Operating::Fault, true, "in FAULT"),
+        (Operating::Disabled, true, "DISABLED"),
+        (Operating::Enabled, false, "not homed"),
+    ] {
+        goes_wrong(words, move |mut state| {
+            state.operating = Some(OperatingState {
+                state: operating,
+                is_homed,
+                is_busy: false,
+            });
+            vec![state]
+        });
+    }
+}
+
+#[test]
+fn another_frame_and_a_jump_of_8_mm_end_the_attempt() {
+    goes_wrong("in the frame `ECM`", |mut state| {
+        state.tip.as_mut().unwrap().frame_id = "ECM".into();
+        vec![state]
+    });
+    goes_wrong("tip jumped", |mut state| {
+        state.tip.as_mut().unwrap().position_m[0] += 0.008;
+        vec![state]
+    });
+}
+
+#[test]
+fn a_clock_that_stands_ends_the_attempt() {
+    goes_wrong("published nothing that can be used", |mut state| {
+        state.stamp.t_ns = (DURING_S * 1e9) as i64 + 1;
+        vec![state]
+    });
+}
+
+#[test]
+fn efforts_that_are_not_known_are_left_out_and_counted_and_the_trial_is_good() {
+    let folder = tempfile::tempdir().unwrap();
+    let summary = run_with(
+        &short(SECONDS),
+        folder.path(),
+        &Options::default(),
+        &mut in_first_attempt(|mut state| {
+            let effort = state.joints.as_mut().unwrap().effort.as_mut().unwrap();
+            effort.value[1] = f64::NAN;
+            vec![state]
+        }),
+    );
+    let [attempt] = summary.attempts.as_slice() else {
+        panic!("one attempt: {:?}", summary.attempts);
+    };
+    assert_eq!(attempt.status, Status::Good, "{:?}", attempt.reason);
+    assert!(attempt.figures.robot_left_out["joint effort"] > 100);
+    assert_eq!(attempt.figures.robot_events, 1);
+    let [event] = attempt.events.as_slice() else {
+        panic!("{:?}", attempt.events);
+    };
+    assert!(event.contains("joint effort"), "{event}");
+    // Joints that are gone are another matter: rows without them are no rows.
+    let summary = run_with(
+        &short(SECONDS),
+        &folder.path().join("joints"),
+        &Options::default(),
+        &mut in_first_attempt(|mut state| {
+            state.joints.as_mut().unwrap().position[1] = f64::NAN;
+            vec![state]
+        }),
+    );
+    let first = &summary.attempts[0];
+    assert_eq!(first.status, Status::OutsideGates, "{:?}", first.reason);
+    assert!(first.figures.robot_left_out["joints"] > 100);
+    assert!(first.figures.rows_incomplete > 0);
+}
+
+#[test]
 fn a_clock_that_jumps_ends_the_attempt() {
     goes_wrong("clock jumped", |mut state| {
         state.stamp.t_ns += 3_000_000_000;

@@ -9,18 +9,18 @@
 //!   {"measured_cp": {"position": [-0.08, 0.025, -0.14]}}
 //!   ```
 //!
-//!   `{"position": [x, y, z]}` and `{"position": {"x": x, "y": y, "z": z}}` do as well (the shape of a ROS `Pose` turned
-//!   to JSON). Other keys are ignored. A pose older than `max_age_s`, or none at all, stops the rig.
+//!   The shapes are those of [`robot::source::Udp`]. `{"position": [x, y, z]}` and `{"position": {"x": x, "y": y, "z": z}}` do as
+//!   well, other keys are ignored. Every pose passes [`robot::watch::Watch`]: a pose older than `max_age_s`, or none at all, a
+//!   tip that jumps, another `frame_id`, a second sender, and an `operating_state` that is FAULT or DISABLED stop the rig.
 //! * `source = "static"`: the tip is clamped at `position_m`.
 
 use nalgebra::Vector3;
 use rig::PoseChoice;
-use serde::Deserialize;
-use std::net::UdpSocket;
+use robot::source::{Source, SourceError, Udp, UdpConfig};
+use robot::state::StateError;
+use robot::watch::{Event, WatchConfig};
 use std::time::{Duration, Instant};
 
-/// Longest datagram that is read, bytes.
-const DATAGRAM: usize = 4096;
 /// How long the first pose may take before arming: a robot that sends at 100 Hz needs 10 ms.
 const FIRST_POSE_WAIT: Duration = Duration::from_secs(1);
 
@@ -35,8 +35,8 @@ pub enum PoseError {
         /// The operating system's words.
         cause: std::io::Error,
     },
-    /// The link brings none.
-    #[error("this link reports no pose; set `source` in [pose] of the rig file to \"udp\" or \"static\"")]
+    /// The link brings none, or no longer.
+    #[error("this link reports no pose, or none any more; set `source` in [pose] of the rig file to \"udp\" or \"static\"")]
     NotFromLink,
     /// Nothing has come yet, or not for too long.
     #[error("no pose of the robot on {listen} for {age_s:.2} s ({bad} datagrams were no poses); is the robot's software sending?")]
@@ -48,6 +48,14 @@ pub enum PoseError {
         /// Datagrams that could not be read.
         bad: u64,
     },
+    /// What the robot tells on the way to its poses.
+    #[error("poses on {listen}: {event}")]
+    Robot {
+        /// The address.
+        listen: String,
+        /// What is not in order.
+        event: Event,
+    },
 }
 
 /// A source of poses.
@@ -56,7 +64,7 @@ pub enum PoseSource {
     /// The link.
     Rig,
     /// Datagrams.
-    Udp(UdpPoses),
+    Udp(Box<UdpPoses>),
     /// A clamped tip.
     Static(Vector3<f64>),
 }
@@ -65,9 +73,11 @@ pub enum PoseSource {
 #[derive(Debug)]
 pub struct UdpPoses {
     listen: String,
-    socket: UdpSocket,
-    max_age: Duration,
-    newest: Option<(Instant, Vector3<f64>)>,
+    source: Udp,
+    max_age_s: f64,
+    /// The newest pose and when it came, ns since `began`.
+    newest: Option<(i64, Vector3<f64>)>,
+    began: Instant,
     since: Instant,
     bad: u64,
 }
@@ -81,17 +91,16 @@ impl PoseSource {
         Ok(match choice {
             PoseChoice::Rig => Self::Rig,
             PoseChoice::Static { position_m } => Self::Static(*position_m),
-            PoseChoice::Udp { listen, max_age_s } => Self::Udp(UdpPoses::listen(
-                listen,
-                Duration::from_secs_f64(*max_age_s),
-            )?),
+            PoseChoice::Udp { listen, max_age_s } => {
+                Self::Udp(Box::new(UdpPoses::listen(listen, *max_age_s)?))
+            }
         })
     }
 
-    /// The tip now, robot base frame, m; `from_link` is what the link reported last.
+    /// The tip now, robot base frame, m; `from_link` is what the link reported last, where that is not too old.
     ///
     /// # Errors
-    /// There is none, or it is too old.
+    /// There is none, it is too old, or it is not to be believed.
     pub fn tip_m(&mut self, from_link: Option<Vector3<f64>>) -> Result<Vector3<f64>, PoseError> {
         match self {
             Self::Rig => from_link.ok_or(PoseError::NotFromLink),
@@ -99,14 +108,12 @@ impl PoseSource {
             Self::Udp(poses) => poses.newest(),
         }
     }
-}
 
-impl PoseSource {
     /// Drops every pose that was received until now, also those that wait in the socket: only a later one counts.
     /// Datagrams that queued up while the board was prepared are seconds old.
     pub fn discard(&mut self) {
         if let Self::Udp(poses) = self {
-            poses.receive();
+            poses.source.forget();
             poses.newest = None;
             poses.since = Instant::now();
         }
@@ -123,162 +130,188 @@ impl PoseSource {
 }
 
 impl UdpPoses {
-    fn listen(listen: &str, max_age: Duration) -> Result<Self, PoseError> {
-        let open = || {
-            let socket = UdpSocket::bind(listen)?;
-            socket.set_nonblocking(true)?;
-            Ok(socket)
-        };
-        Ok(Self {
-            socket: open().map_err(|cause| PoseError::Listen {
-                listen: listen.to_owned(),
-                cause,
-            })?,
+    fn listen(listen: &str, max_age_s: f64) -> Result<Self, PoseError> {
+        let config = UdpConfig {
             listen: listen.to_owned(),
-            max_age,
+            watch: WatchConfig {
+                max_age_s,
+                ..WatchConfig::default()
+            },
+            ..UdpConfig::default()
+        };
+        let source = Udp::listen(&config).map_err(|error| PoseError::Listen {
+            listen: listen.to_owned(),
+            cause: match error {
+                SourceError::Listen { cause, .. } => cause,
+                error => std::io::Error::other(error.to_string()),
+            },
+        })?;
+        Ok(Self {
+            source,
+            listen: listen.to_owned(),
+            max_age_s,
             newest: None,
+            began: Instant::now(),
             since: Instant::now(),
             bad: 0,
         })
     }
 
-    /// Reads the datagrams that have arrived.
-    fn receive(&mut self) {
-        let mut datagram = [0; DATAGRAM];
-        while let Ok(length) = self.socket.recv(&mut datagram) {
-            match parse(&datagram[..length]) {
-                Some(position_m) => self.newest = Some((Instant::now(), position_m)),
-                None => self.bad += 1,
+    fn newest(&mut self) -> Result<Vector3<f64>, PoseError> {
+        let now_ns = i64::try_from(self.began.elapsed().as_nanos()).unwrap_or(i64::MAX);
+        let wrong = |listen: &str, event| PoseError::Robot {
+            listen: listen.to_owned(),
+            event,
+        };
+        let poll = match self.source.poll(now_ns) {
+            Ok(poll) => poll,
+            Err(error) => {
+                let event = Event::Invalid(StateError::Format(error.to_string()));
+                return Err(wrong(&self.listen, event));
+            }
+        };
+        for event in poll.events {
+            match event {
+                // Too many of them in a row are a pose that is too old.
+                Event::Invalid(_) => self.bad += 1,
+                Event::Silent { .. } => {}
+                event if event.stops() => return Err(wrong(&self.listen, event)),
+                _ => {}
             }
         }
-    }
-
-    fn newest(&mut self) -> Result<Vector3<f64>, PoseError> {
-        self.receive();
-        let came = self.newest.map_or(self.since, |(at, _)| at);
+        for state in poll.states {
+            if let (Some(tip), Some(received)) = (state.tip, state.received) {
+                self.newest = Some((received.t_ns, tip.position_m.into()));
+            }
+        }
+        let age_s = match self.newest {
+            Some((at_ns, _)) => (now_ns - at_ns) as f64 * 1e-9,
+            None => self.since.elapsed().as_secs_f64(),
+        };
         match self.newest {
-            Some((at, position_m)) if at.elapsed() <= self.max_age => Ok(position_m),
+            Some((_, position_m)) if age_s <= self.max_age_s => Ok(position_m),
             _ => Err(PoseError::Stale {
                 listen: self.listen.clone(),
-                age_s: came.elapsed().as_secs_f64(),
+                age_s,
                 bad: self.bad,
             }),
         }
     }
 }
 
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum Position {
-    Array([f64; 3]),
-    Named { x: f64, y: f64, z: f64 },
-}
-
-#[derive(Deserialize)]
-#[serde(untagged)]
-enum Message {
-    Crtk { measured_cp: Body },
-    Plain(Body),
-}
-
-#[derive(Deserialize)]
-struct Body {
-    position: Position,
-}
-
-/// The position in a datagram, in m; `None` where it holds none, or not the last line of several.
-fn parse(datagram: &[u8]) -> Option<Vector3<f64>> {
-    let text = std::str::from_utf8(datagram).ok()?;
-    // Several lines in one datagram: the last one is the newest.
-    let line = text.lines().rev().find(|line| !line.trim().is_empty())?;
-    let body = match serde_json::from_str(line).ok()? {
-        Message::Crtk { measured_cp } => measured_cp,
-        Message::Plain(body) => body,
-    };
-    let position_m = match body.position {
-        Position::Array(position_m) => Vector3::from(position_m),
-        Position::Named { x, y, z } => Vector3::new(x, y, z),
-    };
-    position_m
-        .iter()
-        .all(|v| v.is_finite())
-        .then_some(position_m)
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::net::UdpSocket;
 
-    #[test]
-    fn shapes_of_poses() {
-        let p = Some(Vector3::new(0.1, -0.2, 0.3));
-        assert_eq!(
-            parse(br#"{"measured_cp": {"position": [0.1, -0.2, 0.3], "orientation": [0,0,0,1]}}"#),
-            p
-        );
-        assert_eq!(
-            parse(br#"{"position": {"x": 0.1, "y": -0.2, "z": 0.3}, "t": 5}"#),
-            p
-        );
-        assert_eq!(
-            parse(b"{\"position\": [9, 9, 9]}\n{\"position\": [0.1, -0.2, 0.3]}\n"),
-            p
-        );
-        for bad in [
-            &b""[..],
-            b"\n\n",
-            b"{}",
-            b"[1,2,3]",
-            b"\xff\xfe",
-            br#"{"position": [0.1, 0.2]}"#,
-            br#"{"position": [0.1, 0.2, null]}"#,
-        ] {
-            assert_eq!(parse(bad), None, "{bad:?}");
+    const POSE: &str = r#"{"position": [0.1, -0.2, 0.3]}"#;
+
+    /// A source for poses that never get too old, and who sends them.
+    struct Rig {
+        source: PoseSource,
+        sender: UdpSocket,
+    }
+
+    impl Rig {
+        fn new() -> Self {
+            let poses = UdpPoses::listen("127.0.0.1:0", 3600.0).unwrap();
+            let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+            sender.connect(poses.source.address()).unwrap();
+            Self {
+                source: PoseSource::Udp(Box::new(poses)),
+                sender,
+            }
+        }
+
+        fn poses(&mut self) -> &mut UdpPoses {
+            match &mut self.source {
+                PoseSource::Udp(poses) => poses,
+                _ => unreachable!("it is one"),
+            }
+        }
+
+        /// Sends a datagram, and waits until the source shows it.
+        fn until(
+            &mut self,
+            datagram: &str,
+            found: impl Fn(&Result<Vector3<f64>, PoseError>, u64) -> bool,
+        ) {
+            self.sender.send(datagram.as_bytes()).unwrap();
+            for _ in 0..20_000 {
+                let tip = self.source.tip_m(None);
+                let bad = self.poses().bad;
+                if found(&tip, bad) {
+                    return;
+                }
+                std::thread::sleep(Duration::from_micros(100));
+            }
+            panic!("never came: {datagram}");
+        }
+
+        fn reaches(&mut self, datagram: &str, tip_m: [f64; 3]) {
+            self.until(
+                datagram,
+                |tip, _| matches!(tip, Ok(tip) if *tip == Vector3::from(tip_m)),
+            );
+        }
+
+        fn stops(&mut self, datagram: &str, words: &str) {
+            self.until(datagram, |tip, _| {
+                matches!(tip, Err(error @ PoseError::Robot { .. }) if error.to_string().contains(words))
+            });
         }
     }
 
     #[test]
     fn datagrams_arrive_and_age() {
-        let mut source = UdpPoses::listen("127.0.0.1:0", Duration::from_secs(3600)).unwrap();
+        let mut rig = Rig::new();
         assert!(matches!(
-            source.newest(),
+            rig.source.tip_m(None),
             Err(PoseError::Stale { bad: 0, .. })
         ));
-        let sender = UdpSocket::bind("127.0.0.1:0").unwrap();
-        let to = source.socket.local_addr().unwrap();
-        sender.send_to(b"no pose", to).unwrap();
-        sender
-            .send_to(br#"{"position": [0.1, -0.2, 0.3]}"#, to)
-            .unwrap();
-        let found = (0..1000).find_map(|_| {
-            std::thread::sleep(Duration::from_millis(1));
-            source.newest().ok()
-        });
-        assert_eq!(found, Some(Vector3::new(0.1, -0.2, 0.3)));
-        assert_eq!(source.bad, 1);
-        let mut source = PoseSource::Udp(source);
-        // A pose that waits in the socket is dropped; one that comes later counts.
-        sender
-            .send_to(br#"{"position": [9.0, 9.0, 9.0]}"#, to)
-            .unwrap();
-        std::thread::sleep(Duration::from_millis(50));
-        source.discard();
-        assert!(source.may_still_come());
-        assert!(matches!(source.tip_m(None), Err(PoseError::Stale { .. })));
-        sender
-            .send_to(br#"{"position": [0.3, 0.2, 0.1]}"#, to)
-            .unwrap();
-        let found = (0..1000).find_map(|_| {
-            std::thread::sleep(Duration::from_millis(1));
-            source.tip_m(None).ok()
-        });
-        assert_eq!(found, Some(Vector3::new(0.3, 0.2, 0.1)));
-        assert!(!source.may_still_come());
-        let PoseSource::Udp(mut source) = source else {
-            unreachable!("it is one");
-        };
-        source.max_age = Duration::ZERO;
+        rig.until("no pose", |_, bad| bad == 1);
+        rig.until(r#"{"position": [0.1, -0.2, null]}"#, |_, bad| bad == 2);
+        rig.reaches(POSE, [0.1, -0.2, 0.3]);
+        rig.poses().max_age_s = 0.0;
         std::thread::sleep(Duration::from_millis(1));
-        assert!(source.newest().unwrap_err().to_string().contains("no pose"));
+        let error = rig.source.tip_m(None).unwrap_err();
+        assert!(error.to_string().contains("no pose"), "{error}");
+    }
+
+    #[test]
+    fn what_came_before_arming_does_not_count() {
+        let mut rig = Rig::new();
+        rig.reaches(r#"{"position": [0.9, 0.9, 0.9]}"#, [0.9, 0.9, 0.9]);
+        rig.source.discard();
+        assert!(rig.source.may_still_come());
+        assert!(matches!(
+            rig.source.tip_m(None),
+            Err(PoseError::Stale { .. })
+        ));
+        // The arm may have moved far since, and another program may send.
+        rig.sender = UdpSocket::bind("127.0.0.1:0").unwrap();
+        let to = rig.poses().source.address();
+        rig.sender.connect(to).unwrap();
+        rig.reaches(POSE, [0.1, -0.2, 0.3]);
+        assert!(!rig.source.may_still_come());
+    }
+
+    #[test]
+    fn a_tip_that_jumps_another_frame_and_a_robot_in_fault_stop_the_rig() {
+        let jump = r#"{"position": [0.1, -0.2, 0.308]}"#;
+        let frame = r#"{"measured_cp": {"position": [0.1, -0.2, 0.3], "frame_id": "ECM"}}"#;
+        let fault = r#"{"position": [0.1, -0.2, 0.3], "operating_state": {"state": "FAULT"}}"#;
+        for (datagram, words) in [(frame, "`ECM`"), (fault, "in FAULT")] {
+            let mut rig = Rig::new();
+            rig.reaches(POSE, [0.1, -0.2, 0.3]);
+            rig.stops(datagram, words);
+        }
+        // By the sender's own clock, 10 ms apart: this test may be held up for longer.
+        let mut rig = Rig::new();
+        let at =
+            |stamp_s: f64, pose: &str| pose.replace('}', &format!(r#", "stamp_s": {stamp_s}}}"#));
+        rig.poses().source.forget();
+        rig.reaches(&at(100.0, POSE), [0.1, -0.2, 0.3]);
+        rig.stops(&at(100.01, jump), "jumped");
     }
 }

@@ -209,6 +209,35 @@ fn nothing_is_armed_without_a_pose() {
     assert!(!board.commands.contains(&Command::Arm));
 }
 
+#[test]
+fn a_pose_that_the_link_no_longer_reports_ends_a_run_and_holding_tensions() {
+    // The board and its samples go on: only the pose gets old.
+    type Drive = fn(&mut FakeBoard) -> Result<(), RunError>;
+    let force: Drive = |board| set_force(board, &rig(), &options(), &mut NoopObserver).map(|_| ());
+    let tensions: Drive = |board| {
+        let options = TensionOptions {
+            tension_n: None,
+            duration_s: Some(4.0),
+            zeroing: options().zeroing,
+            stop: options().stop,
+        };
+        hold_tensions(board, &rig(), &options, &mut NoopObserver, &mut || {}).map(|_| ())
+    };
+    for drive in [force, tensions] {
+        let mut board = FakeBoard::new(Behavior::Good);
+        drive(&mut board).unwrap();
+        let until_ns = board.now_ns - 3_000_000_000;
+        let mut board = FakeBoard::new(Behavior::PoseUntil(until_ns));
+        let error = drive(&mut board).unwrap_err();
+        assert!(error.to_string().contains("no pose"), "{error}");
+        assert!(board.commands.contains(&Command::Arm));
+        assert_eq!(board.system, SystemState::Stopping);
+        // 100 ms of age, a cycle, and the way to the safe state.
+        let late_ns = board.now_ns - until_ns;
+        assert!(late_ns < 500_000_000, "{late_ns} ns");
+    }
+}
+
 /// Kinds of what was not as commanded.
 fn kinds(outcome: &Outcome) -> Vec<ShortfallKind> {
     outcome.shortfalls.iter().map(|s| s.kind).collect()

@@ -4,6 +4,7 @@
 //! Twice a second a status is requested for the sake of the clock alone. It is waited for a few milliseconds in steps
 //! of one, so that its arrival is known to a millisecond although the host's cycle has ten.
 
+use super::session::MAX_POSE_AGE_NS;
 use super::{
     explain_crash_record, timekeeping, Session, SessionError, PERIOD, SETPOINTS_VALID_MS,
     SILENCE_TIMEOUT,
@@ -90,7 +91,9 @@ impl Session<'_> {
         self.now_ns = exchange.now_ns;
         self.utc_ns = timekeeping::utc_now_ns();
         if exchange.pose.is_some() {
-            self.pose = exchange.pose;
+            (self.pose, self.pose_ns) = (exchange.pose, self.now_ns);
+        } else if self.now_ns.saturating_sub(self.pose_ns) > MAX_POSE_AGE_NS {
+            self.pose = None;
         }
         if self.resets.is_some_and(|before| exchange.resets != before) {
             self.reset_seen = true;

@@ -18,6 +18,8 @@ pub const PERIOD: Duration = Duration::from_millis(10);
 pub const SETPOINTS_VALID_MS: u16 = 100;
 /// A tension older than this, counted from the newest of all units, is not used, us: a few sample periods.
 const MAX_SAMPLE_AGE_US: u64 = 30_000;
+/// A pose older than this is not used, ns: as of a robot's own software (`max_age_s`).
+pub(super) const MAX_POSE_AGE_NS: u64 = 100_000_000;
 /// A board that sends nothing for this long of its own time is gone: its status comes every 50 ms.
 pub const SILENCE_TIMEOUT: Duration = Duration::from_millis(400);
 
@@ -79,6 +81,8 @@ pub struct Session<'l> {
     pub(super) status: Option<Status>,
     pub(super) info: Option<BoardInfo>,
     pub(super) pose: Option<Pose>,
+    /// When it came.
+    pub(super) pose_ns: u64,
     pub(super) counters: LinkCounters,
     pub(super) gaps: Gaps,
     /// Board time of the last frame, unwrapped.
@@ -123,6 +127,7 @@ impl<'l> Session<'l> {
             status: None,
             info: None,
             pose: None,
+            pose_ns: 0,
             counters: LinkCounters::default(),
             gaps: Gaps::default(),
             board_us: None,
@@ -153,7 +158,7 @@ impl<'l> Session<'l> {
         self.status.as_ref()
     }
 
-    /// The newest pose that the link itself reported.
+    /// The newest pose that the link itself reported; `None` where it has reported none for 100 ms.
     #[must_use]
     pub fn pose(&self) -> Option<Pose> {
         self.pose

@@ -409,6 +409,8 @@ impl VirtualArm {
         let tip = Vector3::from_fn(|i, _| f64::from(message.pos[i]) * 1e-6);
         let in_crtk = crate::state::TipState {
             frame: Frame::RavenCrtk,
+            frame_id: "".into(),
+            stamp_ns: None,
             position_m: to_crtk(tip).into(),
             orientation_xyzw: None,
             velocity_m_per_s: None,

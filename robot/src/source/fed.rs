@@ -48,8 +48,7 @@ impl Source for Fed {
         for state in std::mem::take(&mut self.waiting) {
             let at = state.stamp.t_ns.min(now_ns);
             let one = sift(vec![Ok(state)], &mut self.watch, &self.mount, at);
-            poll.states.extend(one.states);
-            poll.events.extend(one.events);
+            poll.extend(one);
         }
         poll.events.extend(self.watch.tick(now_ns));
         Ok(poll)

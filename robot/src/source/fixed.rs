@@ -49,6 +49,8 @@ impl Source for Fixed {
                 joints: None,
                 tip: Some(TipState {
                     frame: Frame::Rig,
+                    frame_id: "".into(),
+                    stamp_ns: None,
                     position_m: self.position_m,
                     orientation_xyzw: None,
                     velocity_m_per_s: Some([0.0; 3]),

@@ -42,6 +42,7 @@ use crate::crtk::AdapterConfig;
 use crate::state::{Clock, Frame, Mount, RobotState, Stamp, StateError, TipForce};
 use crate::watch::{Event, Watch, WatchConfig};
 use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
 
 /// What came since the last poll.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -52,6 +53,8 @@ pub struct Poll {
     pub events: Vec<Event>,
     /// Forces that the robot's side asks for (CRTK `servo_cf`), in order.
     pub requests: Vec<TipForce>,
+    /// How often a part of a state was left out for a flaw, by part; the state was used without it.
+    pub left_out: BTreeMap<&'static str, u64>,
 }
 
 impl Poll {
@@ -59,6 +62,24 @@ impl Poll {
     #[must_use]
     pub fn stop(&self) -> Option<&Event> {
         self.events.iter().find(|event| event.stops())
+    }
+
+    /// Counts a part that was left out of a state; the first one is an event.
+    fn note_left_out(&mut self, flaw: &StateError, watch: &mut Watch) {
+        if let StateError::Optional { field, .. } = flaw {
+            *self.left_out.entry(field).or_default() += 1;
+        }
+        self.events.extend(watch.left_out(flaw));
+    }
+
+    /// Adds what another poll brought after this one.
+    pub fn extend(&mut self, later: Self) {
+        self.states.extend(later.states);
+        self.events.extend(later.events);
+        self.requests.extend(later.requests);
+        for (part, count) in later.left_out {
+            *self.left_out.entry(part).or_default() += count;
+        }
     }
 }
 
@@ -352,11 +373,18 @@ fn sift(
     for state in received {
         let mut state = match state {
             Ok(state) => state,
+            Err(flaw @ StateError::Optional { .. }) => {
+                poll.note_left_out(&flaw, watch);
+                continue;
+            }
             Err(error) => {
                 poll.events.push(Event::Invalid(error));
                 continue;
             }
         };
+        for flaw in watch.settle(&mut state) {
+            poll.note_left_out(&flaw, watch);
+        }
         match watch.state(&state, now_ns) {
             Ok(event) => {
                 poll.events.extend(event);
@@ -366,7 +394,8 @@ fn sift(
                 state.force = state.force.map(|force| mount.force_in_rig(&force));
                 poll.states.push(state);
             }
-            Err(event) => poll.events.push(event),
+            Err(event) if watch.is_news(&event) => poll.events.push(event),
+            Err(_) => {}
         }
     }
     poll.events.extend(watch.tick(now_ns));
@@ -384,6 +413,8 @@ fn tip_in_rig(tip: &crate::state::TipState, mount: &Mount) -> crate::state::TipS
     let rotation = UnitQuaternion::from_rotation_matrix(&crtk_rotation());
     mount.tip_in_rig(&crate::state::TipState {
         frame: Frame::RavenCrtk,
+        frame_id: tip.frame_id.clone(),
+        stamp_ns: tip.stamp_ns,
         position_m: turn(tip.position_m),
         orientation_xyzw: tip.orientation_xyzw.map(|[x, y, z, w]| {
             let q = rotation * UnitQuaternion::from_quaternion(Quaternion::new(w, x, y, z));

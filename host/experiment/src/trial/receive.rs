@@ -26,9 +26,14 @@ impl Run<'_> {
             self.shown.events.push(format!("{t_s:.3} s: {event}"));
             self.shown.counts.robot_events += 1;
         }
+        for (part, count) in &fresh.poll.left_out {
+            let left_out = &mut self.shown.counts.robot_left_out;
+            *left_out.entry((*part).to_owned()).or_default() += count;
+        }
         // What came together with such an event is in doubt.
         let stop = fresh.poll.stop();
         for state in fresh.poll.states.iter().filter(|_| stop.is_none()) {
+            // A state without a tip leaves the one before in force. How old that may get is watched where states come from.
             self.newest = tip_of(state).or(self.newest);
             self.row(state, now_ns);
         }

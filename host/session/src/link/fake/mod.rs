@@ -45,6 +45,8 @@ pub enum Behavior {
     ResetsAt(u64),
     /// The link reports no pose, as a board's does.
     NoPose,
+    /// The link reports a pose until this time, ns, and the board goes on.
+    PoseUntil(u64),
     /// Every n-th frame of the board is dropped, though counted.
     Drops(u16),
 }

@@ -71,10 +71,15 @@ impl RigLink for FakeBoard {
             _ if muted(self) => from_board.clear(),
             _ => {}
         }
+        let tells_pose = match self.behavior {
+            Behavior::NoPose => false,
+            Behavior::PoseUntil(until_ns) => self.now_ns < until_ns,
+            _ => true,
+        };
         Ok(Exchange {
             now_ns: self.now_ns,
             from_board,
-            pose: (self.behavior != Behavior::NoPose).then(|| Pose {
+            pose: tells_pose.then(|| Pose {
                 position_m: self.plant.tip_position_m(),
                 velocity_m_s: self.plant.tip_velocity_m_per_s(),
             }),
