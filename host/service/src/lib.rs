@@ -23,6 +23,9 @@
 //!
 //! One client commands at a time, any number observe, and each of them may stop the rig. A commander that goes away
 //! has the rig disarmed. If the service itself ends, the setpoints expire and the board stops within 100 ms.
+//!
+//! It talks over Unix sockets and pseudo-terminals: on other systems this crate is empty, and every command opens the link itself.
+#![cfg(unix)]
 
 pub mod client;
 mod connection;
