@@ -1,4 +1,4 @@
-//! An experiment whose robot is a ROS 1 node, with Debian's roscore, rospy and rosbag beside it.
+//! An experiment whose robot is a ROS 1 node, with Debian's rosmaster, rospy and rosbag beside it.
 //!
 //! `cargo test -p host-cli --features ros1 --test ros1`. Where the tools are not installed the tests say so and do nothing.
 //! The board is the fast rig at the pace of real time; the robot is a script below.
@@ -138,6 +138,7 @@ fn a_robot_on_ros_1_gives_a_dataset_and_its_bag_merges_with_our_recording() {
     let root = tempfile::tempdir().expect("a folder");
     let summary = run(&ros, root.path());
     recorder.interrupt();
+    ros.finished(&bag, || ());
     assert_eq!(summary.good, [1], "{:#?}", summary.attempts);
 
     let rows = Table::read(&root.path().join("dataset/trial-01.parquet")).expect("the dataset");

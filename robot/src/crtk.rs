@@ -18,6 +18,7 @@
 //! | Raven | `_cp` is a TransformStamped (as in CRTK before 01/2022) | both types |
 //! | Raven, force_control branch | `force_applied` is the command, not a measurement | [`force_applied`]: [`Meaning::Commanded`] |
 //! | dVRK | `measured_cf` is computed from motor efforts, friction included | [`Meaning::Estimated`] |
+//! | dVRK | `measured_cf` is below `body/` and `spatial/`; `body/` is the frame of the tool | [`Robot::measured_cf`], [`frame_of_force`] |
 
 use crate::state::{
     Acts, Clock, Effort, Frame, JointState, Meaning, Operating, OperatingState, RobotState, Stamp,
@@ -91,9 +92,90 @@ pub enum Robot {
     #[default]
     Generic,
     /// A Raven-II with its crtk branch (@0d10caf).
+    #[serde(alias = "raven2")]
     Raven,
-    /// A da Vinci research kit (2.x).
+    /// A da Vinci research kit, version 1.x or 2.x, on ROS 1 or ROS 2: the topics are the same.
+    #[serde(alias = "dvrk1", alias = "dvrk2")]
     Dvrk,
+}
+
+impl Robot {
+    /// Name of its own force below its namespace.
+    const fn measured_cf(self) -> &'static str {
+        match self {
+            Self::Dvrk => "body/measured_cf",
+            Self::Generic | Self::Raven => "measured_cf",
+        }
+    }
+
+    /// Whether its poses are TransformStamped.
+    #[must_use]
+    pub const fn cp_is_transform(self) -> bool {
+        matches!(self, Self::Raven)
+    }
+}
+
+/// Names of the robot's topics, where they are not the usual ones: below its namespace, or whole if they begin with `/`.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct TopicNames {
+    /// Joints.
+    pub measured_js: Option<String>,
+    /// Set points of the joints.
+    pub setpoint_js: Option<String>,
+    /// Pose of the tip.
+    pub measured_cp: Option<String>,
+    /// Velocity of the tip.
+    pub measured_cv: Option<String>,
+    /// The robot's own force. A dVRK's: `body/measured_cf`.
+    pub measured_cf: Option<String>,
+    /// Operating state.
+    pub operating_state: Option<String>,
+}
+
+/// Whole names of a robot's topics.
+#[derive(Debug, Clone, PartialEq, Eq)]
+#[allow(missing_docs)] // CRTK's own names
+pub struct Topics {
+    pub measured_js: String,
+    pub setpoint_js: String,
+    pub measured_cp: String,
+    pub measured_cv: String,
+    pub measured_cf: String,
+    pub operating_state: String,
+}
+
+impl TopicNames {
+    /// The whole names: joints and operating state are below `namespace`, the tip's topics below `cp_namespace`.
+    #[must_use]
+    pub fn whole(&self, robot: Robot, namespace: &str, cp_namespace: &str) -> Topics {
+        let name = |space: &str, given: &Option<String>, usual: &str| {
+            let name = given.as_deref().unwrap_or(usual);
+            if name.starts_with('/') {
+                name.to_owned()
+            } else {
+                format!("{space}/{name}")
+            }
+        };
+        Topics {
+            measured_js: name(namespace, &self.measured_js, "measured_js"),
+            setpoint_js: name(namespace, &self.setpoint_js, "setpoint_js"),
+            measured_cp: name(cp_namespace, &self.measured_cp, "measured_cp"),
+            measured_cv: name(cp_namespace, &self.measured_cv, "measured_cv"),
+            measured_cf: name(cp_namespace, &self.measured_cf, robot.measured_cf()),
+            operating_state: name(namespace, &self.operating_state, "operating_state"),
+        }
+    }
+}
+
+/// Frame of a force by the name of its topic: CRTK's namespace `body` is that of the tool, all others are told by `frame`.
+#[must_use]
+pub fn frame_of_force(topic: &str, frame: &Frame) -> Frame {
+    if topic.split('/').any(|part| part == "body") {
+        Frame::Tool
+    } else {
+        frame.clone()
+    }
 }
 
 /// What the messages don't say.
@@ -102,8 +184,10 @@ pub enum Robot {
 pub struct AdapterConfig {
     /// Which robot.
     pub robot: Robot,
-    /// Frame of `measured_cp`, `measured_cv` and `measured_cf`.
+    /// Frame of `measured_cp` and `measured_cv`.
     pub frame: Frame,
+    /// Frame of `measured_cf`; `None`: by the name of its topic, see [`frame_of_force`].
+    pub force_frame: Option<Frame>,
     /// Sign of the robot's own `measured_cf`. The spec does not say; nothing is assumed.
     pub measured_cf: Option<Acts>,
     /// Whether the robot publishes `measured_js`. Without it each `measured_cp` makes a state.
@@ -117,6 +201,7 @@ impl Default for AdapterConfig {
         Self {
             robot: Robot::Generic,
             frame: Frame::Rig,
+            force_frame: None,
             measured_cf: None,
             joints: true,
             max_skew_s: 0.02,
@@ -206,7 +291,6 @@ impl Adapter {
         let first = (self.publishers.entry(slot)).or_insert_with(|| Arc::clone(publisher));
         if *first != *publisher {
             return Err(StateError::TwoPublishers {
-                topic: name,
                 first: Arc::clone(first),
                 second: Arc::clone(publisher),
             });
@@ -329,8 +413,9 @@ impl Adapter {
         let Some(Topic::MeasuredCf(wrench)) = self.topic_near(4, at) else {
             return None;
         };
+        let frame = self.config.force_frame.as_ref();
         Some(TipForce {
-            frame: self.config.frame.clone(),
+            frame: frame.unwrap_or(&self.config.frame).clone(),
             acts: self.config.measured_cf?,
             meaning: match self.config.robot {
                 Robot::Dvrk => Meaning::Estimated,
@@ -531,7 +616,7 @@ mod tests {
             .unwrap_err()
             .to_string();
         assert!(
-            error.contains("measured_cp") && error.contains("another"),
+            error.contains("robot") && error.contains("another"),
             "{error}"
         );
     }
@@ -562,6 +647,44 @@ mod tests {
         let mut other = Adapter::new(AdapterConfig::default());
         let state = take(&mut other, 5, Topic::MeasuredJs(joints())).unwrap();
         assert_eq!(state.joints.unwrap().effort.unwrap().value, [0.0, 0.0]);
+    }
+
+    #[test]
+    fn each_robot_has_its_topics_and_each_can_be_named() {
+        let of = |robot, names: &TopicNames| names.whole(robot, "/PSM1", "/PSM1");
+        let usual = of(Robot::Generic, &TopicNames::default());
+        assert_eq!(usual.measured_cf, "/PSM1/measured_cf");
+        let dvrk = of(Robot::Dvrk, &TopicNames::default());
+        assert_eq!(dvrk.measured_cf, "/PSM1/body/measured_cf");
+        assert_eq!(
+            (dvrk.measured_cp, dvrk.measured_js),
+            (usual.measured_cp, usual.measured_js)
+        );
+        let named = TopicNames {
+            measured_cf: Some("spatial/measured_cf".to_owned()),
+            operating_state: Some("/console/operating_state".to_owned()),
+            ..TopicNames::default()
+        };
+        let named = of(Robot::Dvrk, &named);
+        assert_eq!(named.measured_cf, "/PSM1/spatial/measured_cf");
+        assert_eq!(named.operating_state, "/console/operating_state");
+        for (topic, frame) in [
+            ("/PSM1/body/measured_cf", Frame::Tool),
+            ("/PSM1/spatial/measured_cf", Frame::Rig),
+            ("/somebody/measured_cf", Frame::Rig),
+        ] {
+            assert_eq!(frame_of_force(topic, &Frame::Rig), frame, "{topic}");
+        }
+        for (word, robot) in [
+            ("dvrk2", Robot::Dvrk),
+            ("dvrk1", Robot::Dvrk),
+            ("dvrk", Robot::Dvrk),
+            ("raven2", Robot::Raven),
+            ("raven", Robot::Raven),
+        ] {
+            let read: Robot = serde_json::from_value(word.into()).unwrap();
+            assert_eq!(read, robot, "{word}");
+        }
     }
 
     #[test]

@@ -179,6 +179,19 @@ pub enum Operating {
     Fault,
 }
 
+impl Operating {
+    /// CRTK's word.
+    #[must_use]
+    pub const fn word(self) -> &'static str {
+        match self {
+            Self::Disabled => "DISABLED",
+            Self::Enabled => "ENABLED",
+            Self::Paused => "PAUSED",
+            Self::Fault => "FAULT",
+        }
+    }
+}
+
 /// CRTK operating state with its flags.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct OperatingState {
@@ -249,11 +262,19 @@ pub enum StateError {
     /// The joints have no names.
     #[error("{0} joints have no names; their place tells them apart")]
     Nameless(usize),
+    /// A topic has another type.
+    #[error("{topic} is published as {found}, expected is {expected}; `rostopic info {topic}` names who does. A pose may be a TransformStamped: `cp_is_transform` in [robot]")]
+    TopicType {
+        /// The topic.
+        topic: String,
+        /// Its type.
+        found: String,
+        /// The type that is read.
+        expected: String,
+    },
     /// Two nodes send the same topic.
-    #[error("two publishers send {topic}: `{first}` and now `{second}`; stop one of them")]
+    #[error("two publishers: `{first}` and now `{second}`")]
     TwoPublishers {
-        /// The topic's name.
-        topic: &'static str,
         /// Whose messages are used.
         first: Arc<str>,
         /// Whose are not.

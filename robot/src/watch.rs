@@ -89,6 +89,14 @@ pub enum Event {
         /// Whose are not.
         second: Arc<str>,
     },
+    /// A publisher that is registered and gone.
+    #[error("`{name}` is registered as a publisher of {topic} and does not answer: it was killed, perhaps; `rosnode cleanup` removes it")]
+    DeadPublisher {
+        /// Its name.
+        name: String,
+        /// Of what.
+        topic: String,
+    },
     /// The robot says that it must not be used.
     #[error("the robot says that it is {0} (operating_state); nothing may pull it")]
     NotOperating(Unfit),
@@ -210,7 +218,11 @@ impl Event {
     /// Whether the rig has to go to its safe state.
     #[must_use]
     pub const fn stops(&self) -> bool {
-        !self.is_only_left_out() && !matches!(self, Self::Resumed { .. } | Self::LeftOut(_))
+        !self.is_only_left_out()
+            && !matches!(
+                self,
+                Self::Resumed { .. } | Self::LeftOut(_) | Self::DeadPublisher { .. }
+            )
     }
 
     /// Whether it is about a single state that is left out, as can happen. When no other comes, that is an event of its own.

@@ -1,8 +1,8 @@
-//! The ROS 1 source against Debian's own roscore, rostopic and rosbag: no double of ours in between.
+//! The ROS 1 source against Debian's own rosmaster, rostopic and rosbag: no double of ours in between.
 //!
 //! `cargo test -p robot --features ros1 --test ros1`. Where the tools are not installed the test says so and does nothing;
-//! `apt-get install python3-roslaunch python3-rostopic python3-rosbag python3-rosmaster python3-geometry-msgs
-//! python3-sensor-msgs` installs them.
+//! `apt-get install python3-rostopic python3-rosbag python3-rosmaster python3-geometry-msgs python3-sensor-msgs`
+//! installs them.
 #![cfg(feature = "ros1")]
 
 use common::{ros, Process, Ros, PATIENCE};
@@ -30,9 +30,7 @@ impl Listener {
             .source
             .poll(self.began.elapsed().as_nanos() as i64)
             .expect("the node lives");
-        self.all.states.extend(poll.states);
-        self.all.events.extend(poll.events);
-        self.all.requests.extend(poll.requests);
+        self.all.extend(poll);
     }
 
     /// Polls until `done`.
@@ -152,27 +150,24 @@ fn a_robot_on_debians_ros() {
 fn our_force_reaches_a_bag(ros: &Ros, listener: &mut Listener) {
     let bag = ros.folder.path().join("run.bag");
     let path = bag.to_str().expect("a path");
-    let mut recorder = ros.start(
+    // It ends by itself once it has so many messages of each topic: no time that has to be enough.
+    let _recorder = ros.start(
         "rosbag",
         &[
             "record",
+            "-l",
+            "20",
             "-O",
             path,
             "/cable_rig/spatial/measured_cf",
             "/arm/measured_js",
         ],
     );
-    let active = ros.folder.path().join("run.bag.active");
-    let mut published = 0;
-    listener.until("the bag grows with our topic", |l| {
-        published += 1;
-        l.source
-            .publish(&force(-2.5), &force(-2.5))
-            .expect("published");
-        // Well past the header and a chunk of messages.
-        published > 300 && active.exists()
+    ros.finished(&bag, || {
+        listener.poll();
+        let force = force(-2.5);
+        (listener.source.publish(&force, &force)).expect("published");
     });
-    recorder.interrupt();
     let info = ros
         .command("rosbag", &["info", path])
         .stdout(Stdio::piped())
@@ -196,9 +191,99 @@ fn our_force_reaches_a_bag(ros: &Ros, listener: &mut Listener) {
     // By the tool -2.5 N is 2.5 N on the tool, which is what we publish, and say.
     let line = text.lines().nth(1).unwrap_or_default();
     assert!(
-        line.contains("raven_crtk/force_on_tool") && line.contains(",2.5,"),
+        line.contains("raven_crtk") && line.contains(",2.5,"),
         "{text}"
     );
+}
+
+#[test]
+fn a_pose_that_stops_while_the_joints_go_on_is_told() {
+    let Some((ros, _core)) = ros() else { return };
+    let mut listener = listener(&ros);
+    let _joints = publish(&ros, "/arm/measured_js", "sensor_msgs/JointState", JOINTS);
+    let pose = publish(&ros, "/arm/measured_cp", "geometry_msgs/PoseStamped", POSE);
+    listener.until("states with a tip", |l| {
+        l.all.states.iter().any(|state| state.tip.is_some())
+    });
+    drop(pose);
+    listener.until("the end of the tip", |l| {
+        (l.all.events.iter()).any(|e| matches!(e, Event::TipSilent { .. }))
+    });
+    let before = listener.all.states.len();
+    listener.until("joints after that", |l| l.all.states.len() > before);
+}
+
+#[test]
+fn a_topic_of_another_type_is_named_with_both_types() {
+    let Some((ros, _core)) = ros() else { return };
+    let mut listener = listener(&ros);
+    let _joints = publish(&ros, "/arm/measured_js", "sensor_msgs/JointState", JOINTS);
+    let transform = "{header: auto, transform: {rotation: {w: 1.0}}}";
+    let kind = "geometry_msgs/TransformStamped";
+    let _pose = publish(&ros, "/arm/measured_cp", kind, transform);
+    listener.until("the wrong type", |l| {
+        let texts = l.all.events.iter().map(|event| (event, event.to_string()));
+        texts.into_iter().any(|(event, text)| {
+            event.stops()
+                && text.contains(kind)
+                && text.contains("geometry_msgs/PoseStamped")
+                && text.contains("cp_is_transform")
+        })
+    });
+}
+
+#[test]
+fn a_second_rig_of_the_same_name_is_refused_and_the_first_one_goes_on() {
+    let Some((ros, _core)) = ros() else { return };
+    let mut first = listener(&ros);
+    let config = Ros1Config {
+        master: Some(ros.master()),
+        ..Ros1Config::default()
+    };
+    let error = Ros1::open(&config).unwrap_err().to_string();
+    assert!(
+        error.contains("`/force_rig` is taken") && !error.contains("roscore` running"),
+        "{error}"
+    );
+    first.poll();
+    let second = Ros1Config {
+        node: "/force_rig_2".to_owned(),
+        ..config
+    };
+    Ros1::open(&second).expect("another name");
+    first.poll();
+}
+
+#[test]
+fn a_publisher_that_was_killed_is_named_and_the_other_is_used() {
+    let Some((ros, _core)) = ros() else { return };
+    let killed = publish(&ros, "/arm/measured_js", "sensor_msgs/JointState", JOINTS);
+    let count = |wanted: usize| {
+        let limit = Instant::now() + PATIENCE;
+        loop {
+            let info = ros
+                .command("rostopic", &["info", "/arm/measured_js"])
+                .stdout(Stdio::piped())
+                .output()
+                .expect("rostopic info");
+            let info = String::from_utf8_lossy(&info.stdout).into_owned();
+            if info.matches("http://").count() >= wanted {
+                return;
+            }
+            assert!(Instant::now() < limit, "{info}");
+        }
+    };
+    count(1);
+    // Killed, not ended: it stays registered.
+    drop(killed);
+    let _joints = publish(&ros, "/arm/measured_js", "sensor_msgs/JointState", JOINTS);
+    count(2);
+    let mut listener = listener(&ros);
+    listener.until("states", |l| l.all.states.len() > 5);
+    listener.until("the dead one's name", |l| {
+        (l.all.events.iter()).any(|event| event.to_string().contains("rosnode cleanup"))
+    });
+    assert!(!(listener.all.events.iter()).any(|e| matches!(e, Event::TwoPublishers { .. })));
 }
 
 /// A force that is asked for over servo_cf.

@@ -4,12 +4,12 @@
 //! cyclonedds (`python3` where it is not set). Without it the test says so and does nothing.
 #![cfg(feature = "ros2")]
 
-use robot::crtk::AdapterConfig;
+use robot::crtk::{AdapterConfig, Robot};
 use robot::source::ros2::Ros2;
 use robot::source::{Poll, Ros2Config, Source};
-use robot::state::{Acts, Frame, Meaning, TipForce};
-use robot::watch::{Event, WatchConfig};
-use std::io::{BufRead, BufReader};
+use robot::state::{Acts, Frame, Meaning, Operating, OperatingState, TipForce};
+use robot::watch::{Event, Unfit, WatchConfig};
+use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -21,6 +21,14 @@ const PATIENCE: Duration = Duration::from_secs(60);
 struct Peer {
     child: Child,
     lines: Arc<Mutex<Vec<String>>>,
+}
+
+impl Peer {
+    /// Gives it a command.
+    fn tell(&mut self, command: &str) {
+        let to = self.child.stdin.as_mut().expect("its input");
+        writeln!(to, "{command}").expect("it takes commands");
+    }
 }
 
 impl Drop for Peer {
@@ -66,7 +74,7 @@ fn domain(number: u16) -> Option<u16> {
         return None;
     }
     // Below 233, and hardly that of another run at the same time.
-    Some(50 + 2 * (std::process::id() % 80) as u16 + number)
+    Some(50 + 3 * (std::process::id() % 60) as u16 + number)
 }
 
 /// A source, polled on the host's clock, with everything that came so far.
@@ -82,7 +90,9 @@ impl Listener {
             domain: Some(domain),
             namespace: "/arm".to_owned(),
             adapter: AdapterConfig {
+                robot: Robot::Dvrk,
                 frame: Frame::RavenCrtk,
+                measured_cf: Some(Acts::ByTool),
                 max_skew_s: 0.2,
                 ..AdapterConfig::default()
             },
@@ -107,10 +117,9 @@ impl Listener {
         loop {
             let now_ns = self.began.elapsed().as_nanos() as i64;
             let poll = self.source.poll(now_ns).expect("the node lives");
-            self.all.states.extend(poll.states);
-            self.all.events.extend(poll.events);
-            self.all.requests.extend(poll.requests);
+            self.all.extend(poll);
             self.source.publish(&force(), &force()).expect("published");
+            (self.source.publish_estimate(&force())).expect("published");
             if done(self) {
                 return;
             }
@@ -172,9 +181,15 @@ fn a_robot_by_another_dds() {
 
     listener.until("our force at the peer", |_| {
         let lines = first.lines.lock().expect("lines");
-        lines.iter().any(|line| {
-            line.contains("raven_crtk/force_on_tool") && line.contains("[0.0, 2.5, 0.0]")
-        })
+        lines
+            .iter()
+            .any(|line| line.contains("\"PSM1_base\"") && line.contains("[0.0, 2.5, 0.0]"))
+    });
+    listener.until("our estimate at the peer", |_| {
+        let lines = first.lines.lock().expect("lines");
+        lines
+            .iter()
+            .any(|line| line.contains("estimated") && line.contains("[0.0, 2.5, 0.0]"))
     });
     assert_eq!(listener.all.stop(), None);
 
@@ -189,6 +204,83 @@ fn a_robot_by_another_dds() {
     drop(first);
     listener.until("silence", |l| {
         (l.all.events.iter()).any(|event| matches!(event, Event::Silent { .. }))
+    });
+}
+
+#[test]
+fn a_dvrk_2_keeps_its_operating_state_for_those_who_join_late() {
+    let Some(domain) = domain(1) else { return };
+    let mut robot = peer(domain);
+    let mut listener = Listener::new(domain);
+    // Published once, before we were there or not.
+    listener.until("an operating state", |l| {
+        l.all.states.iter().any(|state| state.operating.is_some())
+    });
+    let state = listener.all.states.last().expect("a state").clone();
+    let operating = state.operating.expect("it holds");
+    assert_eq!(
+        (operating.state, operating.is_homed),
+        (Operating::Enabled, true)
+    );
+    listener.until("a state with tip and force", |l| {
+        (l.all.states.iter()).any(|s| s.tip.is_some() && s.force.is_some())
+    });
+    let state = (listener.all.states.iter().rev())
+        .find(|state| state.tip.is_some() && state.force.is_some())
+        .expect("there is one");
+    assert_eq!(&*state.tip.as_ref().expect("a tip").frame_id, "PSM1_base");
+    // Of the body's frame, turned with the tip; of motor efforts, so it is an estimate.
+    let force = state.force.as_ref().expect("a force");
+    for (got, wanted) in force.force_n.iter().zip([0.1, -0.2, -0.3]) {
+        assert!((got - wanted).abs() < 1e-9, "{force:?}");
+    }
+    assert_eq!(
+        (force.acts, force.meaning),
+        (Acts::ByTool, Meaning::Estimated)
+    );
+    assert_eq!(listener.all.stop(), None);
+
+    robot.tell("FAULT");
+    listener.until("its fault", |l| {
+        (l.all.events.iter()).any(|event| *event == Event::NotOperating(Unfit::Fault))
+    });
+    robot.tell("ENABLED");
+    let before = listener.all.states.len();
+    listener.until("its return", |l| l.all.states.len() > before);
+    robot.tell("silence");
+    listener.until("the end of its poses", |l| {
+        (l.all.events.iter()).any(|event| matches!(event, Event::TipSilent { .. }))
+    });
+}
+
+#[test]
+fn the_rig_is_a_crtk_device() {
+    let Some(domain) = domain(2) else { return };
+    let mut listener = Listener::new(domain);
+    // Told before the robot's side is there: it is kept.
+    let mut peer = peer(domain);
+    let says = |peer: &Peer, state: &str| {
+        let lines = peer.lines.lock().expect("lines");
+        lines
+            .iter()
+            .any(|line| line.contains("\"rig\"") && line.contains(state))
+    };
+    listener.until("our first state at the peer", |_| says(&peer, "DISABLED"));
+    let enabled = OperatingState {
+        state: Operating::Enabled,
+        is_homed: true,
+        is_busy: true,
+    };
+    listener
+        .source
+        .publish_operating(enabled)
+        .expect("published");
+    listener.until("our next state at the peer", |_| says(&peer, "ENABLED"));
+    // The other side has found ours; ours may need longer to find the command's writer.
+    listener.until("the robot", |l| !l.all.states.is_empty());
+    listener.until("its command", |l| {
+        peer.tell("command disable");
+        l.all.commands.iter().any(|command| command == "disable")
     });
 }
 

@@ -22,7 +22,7 @@ fn every_kind_can_be_written_in_a_rig_file() {
     for (text, kind) in [
         ("[robot]\nkind = \"virtual\"\nseed = 3", "Virtual"),
         ("[robot]\nkind = \"crtk-ros1\"\nnamespace = \"/arm2\"\ncp_is_transform = true\n[robot.adapter]\nrobot = \"raven\"\nframe = \"raven_crtk\"", "CrtkRos1"),
-        ("[robot]\nkind = \"crtk-ros2\"\ndomain = 3", "CrtkRos2"),
+        ("[robot]\nkind = \"crtk-ros2\"\ndomain = 3\n[robot.adapter]\nrobot = \"dvrk2\"\n[robot.topics]\nmeasured_cf = \"spatial/measured_cf\"", "CrtkRos2"),
         ("[robot]\nkind = \"udp\"\nlisten = \"127.0.0.1:0\"\n[robot.watch]\nmax_age_s = 0.2", "Udp"),
         ("[robot]\nkind = \"static\"\nposition_m = [0.0, 0.1, -0.1]", "Static"),
     ] {
@@ -38,6 +38,10 @@ fn mistakes_are_named() {
         ("[robot]\nkind = \"udp\"\nport = 5", "port"),
         ("[robot]\nkind = \"static\"", "position_m"),
         ("[robot]\nkind = \"udp\"\n[robot.watch]\nage = 5", "age"),
+        (
+            "[robot]\nkind = \"crtk-ros1\"\n[robot.topics]\nforce = \"x\"",
+            "measured_cf",
+        ),
     ] {
         let error = read(text).unwrap_err();
         assert!(error.contains(word), "{text}: {error}");

@@ -95,7 +95,7 @@ const STEPS: [Step; 17] = [
     },
     Step {
         name: "ros1",
-        title: "robot on ROS 1: Debian's roscore, rostopic and rosbag",
+        title: "robot on ROS 1: Debian's rosmaster, rostopic and rosbag",
         run: ros1,
     },
     Step {
@@ -425,10 +425,10 @@ fn emulated(suite: &mut Suite) -> Result<Outcome> {
 }
 
 fn ros1(suite: &mut Suite) -> Result<Outcome> {
-    const TOOLS: [&str; 3] = ["roscore", "rostopic", "rosbag"];
+    const TOOLS: [&str; 3] = ["rosmaster", "rostopic", "rosbag"];
     if let Some(missing) = (TOOLS.iter()).find(|tool| process::find_program(tool).is_none()) {
         return Ok(Outcome::Skipped(format!(
-            "{missing} is not installed (Debian: python3-roslaunch, python3-rostopic, python3-rosbag, python3-rosmaster, python3-sensor-msgs)"
+            "{missing} is not installed (Debian: python3-rosmaster, python3-rostopic, python3-rosbag, python3-rospy, python3-sensor-msgs)"
         )));
     }
     let mut command = rig::cargo_for(suite.workspace, "test");

@@ -2,7 +2,7 @@
 
 use robot::arm::Truth as ArmTruth;
 use robot::source::{Fed, Poll, Source, SourceConfig, SourceError};
-use robot::state::{Mount, RobotState, TipForce};
+use robot::state::{Mount, Operating, OperatingState, RobotState, TipForce};
 use robot::trajectory::Trajectory;
 use session::link::RigLink;
 
@@ -109,6 +109,21 @@ impl Feed {
         match self {
             Self::Virtual { .. } => Ok(()),
             Self::Outside(source) => source.publish(applied, setpoint),
+        }
+    }
+
+    /// Tells the robot's side in which state the rig is.
+    ///
+    /// # Errors
+    /// The source is gone.
+    pub fn publish_operating(&mut self, state: Operating) -> Result<(), SourceError> {
+        match self {
+            Self::Virtual { .. } => Ok(()),
+            Self::Outside(source) => source.publish_operating(OperatingState {
+                state,
+                is_homed: true,
+                is_busy: state == Operating::Enabled,
+            }),
         }
     }
 

@@ -30,6 +30,7 @@ use rig::Rig;
 use robot::arm::Truth as ArmTruth;
 use robot::source::{SourceConfig, SourceError};
 use robot::state::RobotState;
+use rows::RowRate;
 use run::{Observer, Phase, RunError, Zeroing};
 use session::link::RigLink;
 use session::Received;
@@ -155,7 +156,7 @@ pub fn run_trial(
         file_error: None,
         recorded: 0,
         newest: None,
-        last_bucket: None,
+        rate: RowRate::new(setup.experiment.rate_hz),
         plant: VecDeque::new(),
         arm: VecDeque::new(),
         now_board_s: 0.0,
@@ -237,8 +238,8 @@ struct Run<'a> {
     recorded: usize,
     /// The newest usable tip, rig frame, m.
     newest: Option<Vector3<f64>>,
-    /// Number of the row period of the last state that became a row.
-    last_bucket: Option<i64>,
+    /// Which states become rows.
+    rate: RowRate,
     plant: VecDeque<PlantTruth>,
     arm: VecDeque<ArmTruth>,
     now_board_s: f64,

@@ -165,6 +165,8 @@ impl Excitation<'_> {
         stop: &AtomicBool,
         observer: &mut dyn Observer,
     ) -> Result<(), RunError> {
+        // A pose of the time before the preparation is old.
+        run::fresh_pose(session, &mut self.pose, stop, observer)?;
         run::begin(session, observer, Phase::Tension);
         session.command(&Command::Arm)?;
         let start_ns = session.now_ns();

@@ -55,7 +55,7 @@ pub(super) fn check_stop(stop: &AtomicBool) -> Result<(), RunError> {
 ///
 /// # Errors
 /// None comes, or the run was interrupted.
-pub(super) fn fresh_pose(
+pub fn fresh_pose(
     session: &mut Session<'_>,
     pose: &mut PoseSource,
     stop: &AtomicBool,

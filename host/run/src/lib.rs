@@ -36,7 +36,7 @@ mod tension;
 #[cfg(test)]
 mod tests;
 
-pub use checks::require_feasible;
+pub use checks::{fresh_pose, require_feasible};
 pub use disarm::ramp_down_and_disarm;
 pub use error::{ArgumentError, Fault, Infeasible, MovedZero, RunError, UnitLost};
 pub use fault::RunFault;

@@ -19,6 +19,8 @@ pub(super) enum Incoming {
     Raven(Box<Ravenstate>),
     /// `servo_cf`.
     Request(Pair),
+    /// `state_command`.
+    Command(String),
     /// Messages that were dropped because nobody polled, or that could not be read.
     Bad(String),
 }
@@ -32,6 +34,8 @@ pub(super) struct Intake {
     adapter: Adapter,
     raven: Option<ravenstate::Adapter>,
     frame: Frame,
+    /// The frame's name as the robot tells it, empty where it tells none.
+    frame_id: Arc<str>,
     mount: Mount,
     watch: Watch,
 }
@@ -48,6 +52,7 @@ impl Intake {
         let intake = Self {
             incoming,
             frame: adapter.frame.clone(),
+            frame_id: "".into(),
             adapter: Adapter::new(adapter.clone()),
             raven,
             mount,
@@ -61,6 +66,7 @@ impl Intake {
         let polled = Instant::now();
         let mut states: Vec<Result<RobotState, StateError>> = Vec::new();
         let mut requests = Vec::new();
+        let mut commands = Vec::new();
         while let Ok((came, incoming)) = self.incoming.try_recv() {
             let received = Some(arrival(now_ns, polled, came));
             let at = |state: RobotState| RobotState { received, ..state };
@@ -77,6 +83,7 @@ impl Intake {
                     Ok(request) => requests.push(request),
                     Err(error) => states.push(Err(error)),
                 },
+                Incoming::Command(command) => commands.push(command),
                 Incoming::Bad(why) => states.push(Err(StateError::Format(why))),
             }
         }
@@ -85,6 +92,11 @@ impl Intake {
         }
         let mut poll = sift(states, &mut self.watch, &self.mount, now_ns);
         poll.requests = requests;
+        poll.commands = commands;
+        let told = |state: &RobotState| state.tip.as_ref().map(|tip| Arc::clone(&tip.frame_id));
+        if let Some(frame_id) = poll.states.iter().rev().find_map(told) {
+            self.frame_id = frame_id;
+        }
         poll
     }
 
@@ -105,13 +117,18 @@ impl Intake {
         }
     }
 
-    /// A force as we publish it: name of the frame, force and torque *on the tool*.
+    /// A force as we publish it: name of the frame, force and torque *on the tool*. The frame is that of the robot's poses, by
+    /// the name that the robot gives it: tf knows that one.
     pub fn wrench(&self, force: &TipForce) -> (String, Pair) {
         let force = (self.mount).force_from_rig(&force.acting(Acts::OnTool), self.frame.clone());
         let wrench = Pair {
             linear: force.force_n.into(),
             angular: force.torque_n_m.unwrap_or_default().into(),
         };
-        (format!("{}/force_on_tool", force.frame), wrench)
+        let frame_id = match &*self.frame_id {
+            "" => force.frame.to_string(),
+            told => told.to_owned(),
+        };
+        (frame_id, wrench)
     }
 }

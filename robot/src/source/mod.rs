@@ -38,8 +38,10 @@ pub use fed::Fed;
 pub use fixed::Fixed;
 pub use udp::Udp;
 
-use crate::crtk::AdapterConfig;
-use crate::state::{Clock, Frame, Mount, RobotState, Stamp, StateError, TipForce};
+use crate::crtk::{frame_of_force, AdapterConfig, TopicNames, Topics};
+use crate::state::{
+    Clock, Frame, Mount, OperatingState, RobotState, Stamp, StateError, TipForce, TipState,
+};
 use crate::watch::{Event, Watch, WatchConfig};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
@@ -53,6 +55,8 @@ pub struct Poll {
     pub events: Vec<Event>,
     /// Forces that the robot's side asks for (CRTK `servo_cf`), in order.
     pub requests: Vec<TipForce>,
+    /// What the robot's side commands the rig (CRTK `state_command`): `disable`, `pause` and others, in order.
+    pub commands: Vec<String>,
     /// How often a part of a state was left out for a flaw, by part; the state was used without it.
     pub left_out: BTreeMap<&'static str, u64>,
 }
@@ -77,6 +81,7 @@ impl Poll {
         self.states.extend(later.states);
         self.events.extend(later.events);
         self.requests.extend(later.requests);
+        self.commands.extend(later.commands);
         for (part, count) in later.left_out {
             *self.left_out.entry(part).or_default() += count;
         }
@@ -101,6 +106,16 @@ pub trait Source: Send {
     /// The source is gone and stays so.
     fn publish(&mut self, applied: &TipForce, setpoint: &TipForce) -> Result<(), SourceError> {
         let _ = (applied, setpoint);
+        Ok(())
+    }
+
+    /// Tells the robot's side in which state the rig is (CRTK `operating_state`), when it changes. Who joins late is told too.
+    /// Sources without a way back do nothing.
+    ///
+    /// # Errors
+    /// The source is gone and stays so.
+    fn publish_operating(&mut self, operating: OperatingState) -> Result<(), SourceError> {
+        let _ = operating;
         Ok(())
     }
 
@@ -151,6 +166,14 @@ pub enum SourceError {
         /// Domain.
         domain: u16,
         /// What happened.
+        why: String,
+    },
+    /// ROS 1 is there, and something about a node or a topic is wrong.
+    #[error("ROS 1 at {master}: {why}")]
+    RosNode {
+        /// URI of the master.
+        master: String,
+        /// What happened, and what to do.
         why: String,
     },
     /// ROS is not there, or refuses.
@@ -206,13 +229,16 @@ pub struct Ros1Config {
     pub namespace: String,
     /// Namespace of its `measured_cp`, where that is another one.
     pub cp_namespace: Option<String>,
-    /// Whether `measured_cp` is a TransformStamped, as on a Raven and in CRTK before 01/2022.
-    pub cp_is_transform: bool,
+    /// Whether `measured_cp` is a TransformStamped, as in CRTK before 01/2022; `None`: on a Raven.
+    pub cp_is_transform: Option<bool>,
+    /// Names of the robot's topics, where they are not the usual ones.
+    pub topics: TopicNames,
     /// Topic of the Raven's own message, for example `/ravenstate`; states come from it in place of the CRTK topics.
     pub ravenstate: Option<String>,
     /// Slot of gold in it, 0 or 1.
     pub ravenstate_slot: u8,
-    /// Namespace below which we publish `measured_cf`, `setpoint_cf` and take `servo_cf`.
+    /// Namespace below which we publish `measured_cf`, `setpoint_cf` and take `servo_cf`; `operating_state` and `state_command`
+    /// are one above, where it ends with `spatial`, `body` or `local`.
     pub publish: String,
     /// What the messages don't say.
     pub adapter: AdapterConfig,
@@ -229,7 +255,8 @@ impl Default for Ros1Config {
             node: "/force_rig".to_owned(),
             namespace: "/PSM1".to_owned(),
             cp_namespace: None,
-            cp_is_transform: false,
+            cp_is_transform: None,
+            topics: TopicNames::default(),
             ravenstate: None,
             ravenstate_slot: 0,
             publish: "/cable_rig/spatial".to_owned(),
@@ -252,9 +279,12 @@ pub struct Ros2Config {
     pub namespace: String,
     /// Namespace of its `measured_cp`, where that is another one.
     pub cp_namespace: Option<String>,
-    /// Whether `measured_cp` is a TransformStamped, as in CRTK before 01/2022.
-    pub cp_is_transform: bool,
-    /// Namespace below which we publish `measured_cf`, `setpoint_cf` and take `servo_cf`.
+    /// Whether `measured_cp` is a TransformStamped, as in CRTK before 01/2022; `None`: on a Raven.
+    pub cp_is_transform: Option<bool>,
+    /// Names of the robot's topics, where they are not the usual ones.
+    pub topics: TopicNames,
+    /// Namespace below which we publish `measured_cf`, `setpoint_cf` and take `servo_cf`; `operating_state` and `state_command`
+    /// are one above, where it ends with `spatial`, `body` or `local`.
     pub publish: String,
     /// What the messages don't say.
     pub adapter: AdapterConfig,
@@ -271,12 +301,50 @@ impl Default for Ros2Config {
             node: "force_rig".to_owned(),
             namespace: "/PSM1".to_owned(),
             cp_namespace: None,
-            cp_is_transform: false,
+            cp_is_transform: None,
+            topics: TopicNames::default(),
             publish: "/cable_rig/spatial".to_owned(),
             adapter: AdapterConfig::default(),
             mount: Mount::default(),
             watch: WatchConfig::default(),
         }
+    }
+}
+
+impl Ros1Config {
+    /// Whole names of the robot's topics.
+    #[must_use]
+    pub fn topics(&self) -> Topics {
+        let cp = self.cp_namespace.as_deref().unwrap_or(&self.namespace);
+        self.topics.whole(self.adapter.robot, &self.namespace, cp)
+    }
+}
+
+impl Ros2Config {
+    /// Whole names of the robot's topics.
+    #[must_use]
+    pub fn topics(&self) -> Topics {
+        let cp = self.cp_namespace.as_deref().unwrap_or(&self.namespace);
+        self.topics.whole(self.adapter.robot, &self.namespace, cp)
+    }
+}
+
+/// Namespace of the rig as a CRTK device: the one below which its forces are, less their frame.
+#[cfg_attr(not(any(feature = "ros1", feature = "ros2")), allow(dead_code))]
+fn device(publish: &str) -> &str {
+    match publish.rsplit_once('/') {
+        Some((device, "spatial" | "body" | "local")) => device,
+        _ => publish,
+    }
+}
+
+/// The adapter of a robot with these topics.
+#[cfg_attr(not(any(feature = "ros1", feature = "ros2")), allow(dead_code))]
+fn adapter_for(config: &AdapterConfig, topics: &Topics) -> AdapterConfig {
+    let by_name = || frame_of_force(&topics.measured_cf, &config.frame);
+    AdapterConfig {
+        force_frame: Some(config.force_frame.clone().unwrap_or_else(by_name)),
+        ..config.clone()
     }
 }
 
@@ -377,6 +445,10 @@ fn sift(
                 poll.note_left_out(&flaw, watch);
                 continue;
             }
+            Err(StateError::TwoPublishers { first, second }) => {
+                poll.events.push(Event::TwoPublishers { first, second });
+                continue;
+            }
             Err(error) => {
                 poll.events.push(Event::Invalid(error));
                 continue;
@@ -391,7 +463,8 @@ fn sift(
                 if let Some(tip) = &mut state.tip {
                     *tip = tip_in_rig(tip, mount);
                 }
-                state.force = state.force.map(|force| mount.force_in_rig(&force));
+                state.force =
+                    (state.force).and_then(|force| force_in_rig(&force, state.tip.as_ref(), mount));
                 poll.states.push(state);
             }
             Err(event) if watch.is_news(&event) => poll.events.push(event),
@@ -402,8 +475,21 @@ fn sift(
     poll
 }
 
+/// A force in the rig's frame. One in the tool's turns with the tip, which is in the rig's frame already; without an orientation
+/// nobody knows its direction.
+fn force_in_rig(force: &TipForce, tip: Option<&TipState>, mount: &Mount) -> Option<TipForce> {
+    if force.frame != Frame::Tool {
+        return Some(mount.force_in_rig(force));
+    }
+    let turned = Mount {
+        rotation_xyzw: tip?.orientation_xyzw?,
+        ..Mount::default()
+    };
+    Some(turned.force_in_rig(force))
+}
+
 /// A tip in the rig's frame. One of frame 0 goes through the CRTK frame, on which the mount is defined.
-fn tip_in_rig(tip: &crate::state::TipState, mount: &Mount) -> crate::state::TipState {
+fn tip_in_rig(tip: &TipState, mount: &Mount) -> TipState {
     use crate::kinematics::{crtk_rotation, to_crtk};
     use nalgebra::{Quaternion, UnitQuaternion, Vector3};
     if tip.frame != Frame::Raven0 {
@@ -411,7 +497,7 @@ fn tip_in_rig(tip: &crate::state::TipState, mount: &Mount) -> crate::state::TipS
     }
     let turn = |v: [f64; 3]| <[f64; 3]>::from(to_crtk(Vector3::from(v)));
     let rotation = UnitQuaternion::from_rotation_matrix(&crtk_rotation());
-    mount.tip_in_rig(&crate::state::TipState {
+    mount.tip_in_rig(&TipState {
         frame: Frame::RavenCrtk,
         frame_id: tip.frame_id.clone(),
         stamp_ns: tip.stamp_ns,

@@ -6,7 +6,7 @@ use std::process::{Child, Command, Stdio};
 use std::time::{Duration, Instant};
 
 /// Programs that the test needs.
-pub const TOOLS: [&str; 3] = ["/usr/bin/roscore", "/usr/bin/rostopic", "/usr/bin/rosbag"];
+pub const TOOLS: [&str; 3] = ["/usr/bin/rosmaster", "/usr/bin/rostopic", "/usr/bin/rosbag"];
 /// How long to wait for something that must come. It is no measure of anything.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
@@ -15,6 +15,7 @@ pub struct Process(pub Child);
 
 impl Process {
     /// Ends it as Ctrl-C does, and waits for it.
+    #[allow(dead_code)] // not every test that includes this file does
     pub fn interrupt(&mut self) {
         signal(&self.0, "-INT");
         let _ = self.0.wait();
@@ -61,6 +62,16 @@ impl Ros {
         Process(self.command(program, arguments).spawn().expect(program))
     }
 
+    /// Waits until rosbag has finished this bag: it has another name before. Calls `meanwhile` again and again.
+    pub fn finished(&self, bag: &Path, mut meanwhile: impl FnMut()) {
+        let limit = Instant::now() + PATIENCE;
+        while !bag.exists() {
+            assert!(Instant::now() < limit, "{} is not finished", bag.display());
+            meanwhile();
+            std::thread::sleep(Duration::from_millis(10));
+        }
+    }
+
     pub fn master(&self) -> String {
         format!("http://127.0.0.1:{}", self.port)
     }
@@ -80,10 +91,11 @@ pub fn ros() -> Option<(Ros, Process)> {
         port,
         folder: tempfile::tempdir().expect("a folder"),
     };
-    let core = ros.start("roscore", &["-p", &port.to_string()]);
+    // The master alone: roscore puts it, and rosout, into sessions of their own, which outlive the test.
+    let core = ros.start("rosmaster", &["--core", "-p", &port.to_string()]);
     let limit = Instant::now() + PATIENCE;
     while TcpStream::connect(("127.0.0.1", port)).is_err() {
-        assert!(Instant::now() < limit, "roscore does not come up");
+        assert!(Instant::now() < limit, "rosmaster does not come up");
         std::thread::sleep(Duration::from_millis(50));
     }
     Some((ros, core))

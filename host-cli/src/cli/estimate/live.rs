@@ -192,6 +192,7 @@ impl Live {
         let began = Instant::now();
         let mut pace = Pace::new(estimator.step_s);
         let mut gap_noted = false;
+        let mut told = String::new();
         let _controlled_stop = context.interrupt.controlled_stop();
         while !context.interrupt.requested()
             && self
@@ -202,8 +203,12 @@ impl Live {
             let poll = source
                 .poll(now_ns)
                 .map_err(|error| Failure::new(exit::LINK, error))?;
-            for event in &poll.events {
-                context.output.note(&event.to_string());
+            for text in poll.events.iter().map(ToString::to_string) {
+                // A robot in fault says so with every state.
+                if text != told {
+                    context.output.note(&text);
+                    told = text;
+                }
             }
             if poll.stop().is_some() && pace.goes_on() {
                 context
@@ -227,8 +232,19 @@ impl Live {
                         stream.reset();
                     }
                 }
-                let input = inputs(state, &estimator.absent)
-                    .map_err(|why| Failure::new(exit::LINK, format!("{}: {why}", source.name())))?;
+                let input = match inputs(state, &estimator.absent) {
+                    Ok(input) => input,
+                    // Told with its flaw above; it may be there again in the next state.
+                    Err(_) if !poll.left_out.is_empty() => {
+                        stream.reset();
+                        pace.broke_off();
+                        continue;
+                    }
+                    Err(why) => {
+                        let why = format!("{}: {why}", source.name());
+                        return Err(Failure::new(exit::LINK, why));
+                    }
+                };
                 let width = stream.step(&input);
                 let published = source.publish_estimate(&tip_force(estimator, &stream.force));
                 published.map_err(|error| Failure::new(exit::LINK, error))?;

@@ -10,7 +10,8 @@ use force::controller::{ControlError, Input};
 use force::metrics::Step;
 use nalgebra::Vector3;
 use robot::source::SourceConfig;
-use robot::state::{Acts, Frame, Meaning, TipForce};
+use robot::state::{Acts, Frame, Meaning, Operating, TipForce};
+use robot::watch::Event;
 use run::{ramp_down_and_disarm, ready_board, Observer, Phase, Prepared, RunError};
 use session::link::RigLink;
 use session::{Session, PERIOD};
@@ -60,13 +61,22 @@ impl Run<'_> {
         }
         self.wait_for_robot(&mut session, &mut feed)?;
         let mut path = LoopAt::new(setup, &prepared)?;
-        let ended = self.hold(&mut session, &mut feed, &prepared, &mut path);
+        let ended = match feed.publish_operating(Operating::Enabled) {
+            Ok(()) => self.hold(&mut session, &mut feed, &prepared, &mut path),
+            Err(error) => Err(robot_gone(&error)),
+        };
         path.end(&mut session);
         self.log.progress(Phase::Disarm, 0.0);
         self.shown.disarmed = ramp_down_and_disarm(&mut session).is_ok();
         if !self.shown.disarmed {
             session.make_safe();
         }
+        let state = match (&ended, self.shown.disarmed) {
+            (Err(End::Stopped(_)), _) | (_, false) => Operating::Fault,
+            _ => Operating::Disabled,
+        };
+        // Where the robot's side is gone, nobody is left to be told.
+        let _ = feed.publish_operating(state);
         // Samples that were on their way belong to the last rows.
         let received = session.drain();
         self.take(&received);
@@ -80,6 +90,8 @@ impl Run<'_> {
     /// Waits for a usable state before anything is armed. What came during the preparation is old.
     fn wait_for_robot(&mut self, session: &mut Session<'_>, feed: &mut Feed) -> Result<(), End> {
         let began_ns = session.now_ns();
+        // What came last: a cause before a silence, which is only what follows from it.
+        let mut why: Option<Event> = None;
         let _ = feed.poll(session.link(), began_ns);
         loop {
             session.exchange(PERIOD)?;
@@ -89,14 +101,19 @@ impl Run<'_> {
                 .map_err(|error| robot_gone(&error))?;
             let received = session.drain();
             self.log.received(&received);
+            for event in fresh.poll.events {
+                let is_cause = !matches!(event, Event::Silent { .. });
+                if why.is_none() || is_cause {
+                    why = Some(event);
+                }
+            }
             self.newest = fresh.poll.states.iter().rev().find_map(tip_of);
             if self.newest.is_some() {
                 return Ok(());
             }
             let waited_s = (now_ns - began_ns) as f64 * 1e-9;
             if waited_s > FIRST_STATE_S {
-                let why =
-                    (fresh.poll.events.first()).map_or_else(String::new, |e| format!(": {e}"));
+                let why = why.map_or_else(String::new, |event| format!(": {event}"));
                 return Err(End::Stopped(format!(
                     "no usable state of the robot within {FIRST_STATE_S} s from {}{why}; nothing was armed",
                     feed.name()

@@ -47,6 +47,11 @@ impl Run<'_> {
                 "at {t_s:.2} s: {event}; the cables were ramped down and the rig disarmed"
             )));
         }
+        if let Some(command) = ends_trial(&fresh.poll.commands) {
+            return Err(End::Stopped(format!(
+                "at {t_s:.2} s: the robot's side commanded `{command}` (state_command); the cables were ramped down and the rig disarmed"
+            )));
+        }
         match session.fault_in(&received) {
             Some(fault) => Err(End::Stopped(fault.to_string())),
             None => Ok(()),
@@ -87,5 +92,28 @@ impl Run<'_> {
         );
         self.log.notice(&text);
         self.shown.events.push(text);
+    }
+}
+
+/// The first command of the robot's side that ends a trial. Whatever else it says, `enable` among it, changes nothing.
+fn ends_trial(commands: &[String]) -> Option<&String> {
+    let ends = |command: &&String| matches!(command.as_str(), "disable" | "pause" | "unhome");
+    commands.iter().find(ends)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_command_to_rest_ends_a_trial_and_no_command_begins_anything() {
+        let ends = |words: &[&str]| {
+            let commands: Vec<String> = words.iter().map(|word| (*word).to_owned()).collect();
+            ends_trial(&commands).cloned()
+        };
+        assert_eq!(ends(&["enable", "resume", "home", "dance"]), None);
+        for word in ["disable", "pause", "unhome"] {
+            assert_eq!(ends(&["enable", word]).as_deref(), Some(word));
+        }
     }
 }

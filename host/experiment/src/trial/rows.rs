@@ -9,6 +9,48 @@ use robot::arm::Truth as ArmTruth;
 use robot::state::RobotState;
 use std::collections::VecDeque;
 
+/// Which states become rows: one in each period, of a robot that publishes faster. Of one that publishes as often as there are
+/// rows each state does, however its clock drifts against ours and its stamps jitter.
+#[derive(Debug)]
+pub(super) struct RowRate {
+    period_ns: i64,
+    /// When the next row is due, on the robot's clock.
+    due_ns: Option<i64>,
+    /// The newest stamp.
+    last_ns: Option<i64>,
+    /// Half of the time between the last two states, at most a quarter of a period: a state is due if the next one would be
+    /// further from the row's time.
+    half_step_ns: i64,
+}
+
+impl RowRate {
+    /// So many rows a second.
+    pub fn new(rate_hz: f64) -> Self {
+        Self {
+            period_ns: (1e9 / rate_hz).round() as i64,
+            due_ns: None,
+            last_ns: None,
+            half_step_ns: 0,
+        }
+    }
+
+    /// Whether the next state, of this stamp, is a row.
+    fn takes(&mut self, stamp_ns: i64) -> bool {
+        if let Some(before_ns) = self.last_ns.replace(stamp_ns) {
+            self.half_step_ns = ((stamp_ns - before_ns) / 2).clamp(0, self.period_ns / 4);
+        }
+        (self.due_ns).is_none_or(|due_ns| stamp_ns >= due_ns - self.half_step_ns)
+    }
+
+    /// It became one.
+    fn took(&mut self, stamp_ns: i64) {
+        let began = |stamp_ns: i64| stamp_ns.div_euclid(self.period_ns) * self.period_ns;
+        let due_ns = self.due_ns.unwrap_or_else(|| began(stamp_ns));
+        // After a gap no row is made up for.
+        self.due_ns = Some((due_ns + self.period_ns).max(stamp_ns));
+    }
+}
+
 impl Run<'_> {
     /// A state becomes a row, where one is due.
     pub(super) fn row(&mut self, state: &RobotState, now_ns: u64) {
@@ -16,9 +58,7 @@ impl Run<'_> {
         let Some(joiner) = &mut self.joiner else {
             return;
         };
-        let period_ns = (1e9 / self.setup.experiment.rate_hz).round() as i64;
-        let bucket = state.stamp.t_ns.div_euclid(period_ns);
-        if self.last_bucket == Some(bucket) {
+        if !self.rate.takes(state.stamp.t_ns) {
             return;
         }
         let Some(when) = self.log.clocks.when(state) else {
@@ -28,7 +68,7 @@ impl Run<'_> {
         if t_s < 0.0 {
             return;
         }
-        self.last_bucket = Some(bucket);
+        self.rate.took(state.stamp.t_ns);
         if let Some(joints) = &state.joints {
             if self.shown.joint_names.is_empty() {
                 self.shown.joint_names = joints.names.to_vec();
@@ -138,4 +178,60 @@ fn truth_row(
     }
     row.extend(plant.tension_n);
     Some(row)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Stamps of the rows of a robot with this rate, offset and jitter (both ways) in ns, over some seconds at 100 rows a second.
+    fn rows(rate_hz: f64, offset_ns: i64, jitter_ns: i64, seconds: f64) -> Vec<i64> {
+        let mut rate = RowRate::new(100.0);
+        (0..(rate_hz * seconds) as i64)
+            .map(|n| {
+                let jitter_ns = (n * 7919 % 201 - 100) * jitter_ns / 100;
+                (n as f64 / rate_hz * 1e9).round() as i64 + offset_ns + jitter_ns
+            })
+            .filter(|stamp_ns| {
+                let takes = rate.takes(*stamp_ns);
+                if takes {
+                    rate.took(*stamp_ns);
+                }
+                takes
+            })
+            .collect()
+    }
+
+    #[test]
+    fn each_state_of_a_robot_at_the_rows_own_rate_is_one() {
+        for offset_us in (0..10_000).step_by(250) {
+            let rows = rows(100.0, offset_us * 1000, 50_000, 100.0);
+            assert_eq!(rows.len(), 10_000, "offset {offset_us} us");
+        }
+        // A crystal that is 100 ppm off: a slower one loses nothing, a faster one has that many states more than rows.
+        for (rate_hz, states) in [(99.99, 9_999), (100.01, 10_001)] {
+            for offset_us in [0, 2_500, 9_990] {
+                let rows = rows(rate_hz, offset_us * 1000, 50_000, 100.0).len();
+                assert!(
+                    (states - 2..=states).contains(&rows),
+                    "{rate_hz} {offset_us}: {rows}"
+                );
+            }
+        }
+    }
+
+    #[test]
+    fn a_faster_robot_has_a_row_in_each_period_at_its_beginning() {
+        for stamp_ns in rows(1000.0, 0, 0, 10.0) {
+            assert_eq!(stamp_ns % 10_000_000, 0);
+        }
+        assert_eq!(rows(1000.0, 300_000, 100_000, 10.0).len(), 1000);
+        let slow = rows(250.0, 1_000_000, 100_000, 10.0).len();
+        assert!((999..=1001).contains(&slow), "{slow}");
+        assert_eq!(
+            rows(40.0, 0, 0, 10.0).len(),
+            400,
+            "a slower robot has what it has"
+        );
+    }
 }

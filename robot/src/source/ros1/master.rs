@@ -1,34 +1,90 @@
-//! Who publishes a topic: one question to the ROS master (getSystemState) that roslibrust does not answer by name.
+//! Questions to the ROS master and to other nodes that roslibrust does not ask: who publishes a topic, of which type, and is a
+//! node that is registered still there?
 
+use serde::de::DeserializeOwned;
 use std::io::{self, Read, Write};
-use std::net::TcpStream;
+use std::net::{TcpStream, ToSocketAddrs};
 use std::time::Duration;
 
-/// For the master's answer.
+/// For an answer.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Longest answer: thousands of topics.
 const LONGEST: u64 = 4 << 20;
 
-/// Names of the nodes that publish `topic`; `caller` is our node.
-///
-/// # Errors
-/// The master can't be reached, or does not answer with its state.
-pub(super) fn publishers(master: &str, caller: &str, topic: &str) -> io::Result<Vec<String>> {
-    let body = serde_xmlrpc::request_to_string("getSystemState", vec![caller.into()])
-        .map_err(io::Error::other)?;
-    let answer = post(master, &body)?;
-    // Code, message, and for publishers, subscribers, services: lists of a name and its nodes.
-    type State = (i32, String, Vec<Vec<(String, Vec<String>)>>);
-    let (_, _, state): State =
+/// The master at a URI, asked by our node.
+#[derive(Debug, Clone)]
+pub(super) struct Master {
+    /// Its URI.
+    pub uri: String,
+    /// Our node's name.
+    pub caller: String,
+}
+
+impl Master {
+    /// Names of the nodes that publish `topic`.
+    ///
+    /// # Errors
+    /// The master can't be reached, or does not answer with its state.
+    pub fn publishers(&self, topic: &str) -> io::Result<Vec<String>> {
+        // For publishers, subscribers, services: lists of a name and its nodes.
+        let state: Vec<Vec<(String, Vec<String>)>> = self.ask("getSystemState", &[])?;
+        Ok(state
+            .into_iter()
+            .next()
+            .unwrap_or_default()
+            .into_iter()
+            .filter(|(name, _)| name == topic)
+            .flat_map(|(_, nodes)| nodes)
+            .collect())
+    }
+
+    /// Type of a topic, where somebody has told one.
+    ///
+    /// # Errors
+    /// As [`Master::publishers`].
+    pub fn type_of(&self, topic: &str) -> io::Result<Option<String>> {
+        let types: Vec<(String, String)> = self.ask("getTopicTypes", &[])?;
+        Ok(types
+            .into_iter()
+            .find(|(name, _)| name == topic)
+            .map(|(_, kind)| kind))
+    }
+
+    /// URI of a node, where one of that name is registered.
+    ///
+    /// # Errors
+    /// As [`Master::publishers`].
+    pub fn node(&self, name: &str) -> io::Result<Option<String>> {
+        let uri: String = self.ask("lookupNode", &[name])?;
+        Ok(Some(uri).filter(|uri| !uri.is_empty()))
+    }
+
+    /// Whether a node of that name is registered and answers. One that was killed stays registered.
+    pub fn is_alive(&self, name: &str) -> bool {
+        let uri = self.node(name).ok().flatten();
+        let pid = |uri: String| ask::<i32>(&uri, &self.caller, "getPid", &[]);
+        uri.is_some_and(|uri| pid(uri).is_ok())
+    }
+
+    fn ask<T: DeserializeOwned>(&self, method: &str, arguments: &[&str]) -> io::Result<T> {
+        ask(&self.uri, &self.caller, method, arguments)
+    }
+}
+
+/// Asks a node, or the master: the third part of its answer, after a code and a message.
+fn ask<T: DeserializeOwned>(
+    uri: &str,
+    caller: &str,
+    method: &str,
+    arguments: &[&str],
+) -> io::Result<T> {
+    let arguments = std::iter::once(&caller).chain(arguments);
+    let arguments = arguments.map(|argument| (*argument).into()).collect();
+    let body = serde_xmlrpc::request_to_string(method, arguments).map_err(io::Error::other)?;
+    let answer = post(uri, &body)?;
+    let (_, _, value): (i32, String, T) =
         serde_xmlrpc::response_from_str(&answer).map_err(io::Error::other)?;
-    Ok(state
-        .into_iter()
-        .next()
-        .unwrap_or_default()
-        .into_iter()
-        .filter(|(name, _)| name == topic)
-        .flat_map(|(_, nodes)| nodes)
-        .collect())
+    Ok(value)
 }
 
 /// An HTTP/1.0 POST; the answer's body.
@@ -38,7 +94,13 @@ fn post(uri: &str, body: &str) -> io::Result<String> {
         .split('/')
         .next()
         .unwrap_or_default();
-    let mut stream = TcpStream::connect(host)?;
+    let mut failed = io::Error::other(format!("`{uri}` names no host"));
+    let connected = host.to_socket_addrs()?.find_map(|address| {
+        TcpStream::connect_timeout(&address, PATIENCE)
+            .map_err(|error| failed = error)
+            .ok()
+    });
+    let mut stream = connected.ok_or(failed)?;
     stream.set_read_timeout(Some(PATIENCE))?;
     stream.set_write_timeout(Some(PATIENCE))?;
     write!(
@@ -51,5 +113,5 @@ fn post(uri: &str, body: &str) -> io::Result<String> {
     answer
         .split_once("\r\n\r\n")
         .map(|(_, body)| body.to_owned())
-        .ok_or_else(|| io::Error::other("the master's answer has no body"))
+        .ok_or_else(|| io::Error::other("the answer has no body"))
 }

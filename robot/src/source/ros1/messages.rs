@@ -75,6 +75,13 @@ pub struct OperatingState {
     pub is_busy: bool,
 }
 
+/// crtk_msgs/StringStamped.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct StringStamped {
+    pub header: Header,
+    pub string: String,
+}
+
 /// raven_2/raven_state, layout of 2023 (@d2307c5).
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[allow(non_snake_case)] // the message's names
@@ -147,7 +154,13 @@ message!(
     OperatingState,
     "crtk_msgs/OperatingState",
     "b1bd4021639d9d9c5fbfff78d6ff3158",
-    "std_msgs/Header header\nstring state\nbool is_homed\nbool is_busy\n"
+    OPERATING_STATE
+);
+message!(
+    StringStamped,
+    "crtk_msgs/StringStamped",
+    "5e3e46086181199270f1ac3a28a5977f",
+    "std_msgs/Header header\nstring string\n"
 );
 message!(
     RavenState,
@@ -155,6 +168,19 @@ message!(
     "ce9e7f4969049d8bb365de3c98461a01",
     "Header hdr\n"
 );
+
+const OPERATING_STATE: &str = "\
+std_msgs/Header header
+string state
+bool is_homed
+bool is_busy
+
+================================================================================
+MSG: std_msgs/Header
+uint32 seq
+time stamp
+string frame_id
+";
 
 /// What we publish goes into bags with its whole definition, so that they can be read without the package.
 const WRENCH_STAMPED: &str = "\

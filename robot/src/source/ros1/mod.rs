@@ -1,25 +1,28 @@
 //! A robot on ROS 1: CRTK topics or the Raven's `ravenstate` in, the rig's force out.
 //!
 //! We subscribe `measured_js`, `setpoint_js`, `measured_cp`, `measured_cv`, `measured_cf` and `operating_state` below the robot's
-//! namespace (or one `ravenstate`), publish `measured_cf`, `setpoint_cf` and an estimator's `measured_cf_estimated` below our own, and take `servo_cf` there. All
-//! forces that we publish act *on the tool* and say so: their frame_id is `<frame>/force_on_tool`. The other nodes, a bag
-//! recorder among them, need nothing of ours.
+//! namespace (or one `ravenstate`), publish `measured_cf`, `setpoint_cf` and an estimator's `measured_cf_estimated` below our
+//! own, and take `servo_cf` there. All forces that we publish act *on the tool*, in the frame of the robot's poses by the name
+//! that the robot gives it. As a CRTK device we publish `operating_state`, latched, and take `state_command`. The other nodes,
+//! a bag recorder among them, need nothing of ours.
 //!
 //! The client is roslibrust on a thread of its own; [`Source::poll`] takes what has come. roslibrust joins all publishers of a
-//! topic without telling them apart, so the master is asked for their names twice a second.
+//! topic without telling them apart, so the master is asked twice a second for their names and for the topics' types.
 
 mod master;
 mod messages;
 
 use super::intake::{Incoming, Intake, Outlet};
-use super::{Poll, Ros1Config, Source, SourceError};
+use super::{adapter_for, device, Poll, Ros1Config, Source, SourceError};
 use crate::crtk::{Header, Joints, Topic};
 use crate::ravenstate::{self, Ravenstate, Version};
-use crate::state::TipForce;
+use crate::state::{Operating, OperatingState, StateError, TipForce};
 use crate::watch::Event;
+use master::Master;
 use messages as m;
 use roslibrust::ros1::{NodeHandle, Publisher};
 use roslibrust::RosMessageType;
+use std::collections::BTreeSet;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::{Duration, Instant, SystemTime, UNIX_EPOCH};
 use tokio::runtime::Runtime;
@@ -28,29 +31,46 @@ use tokio::runtime::Runtime;
 const QUEUE: usize = 1_000;
 /// Between two looks at who publishes.
 const LOOK: Duration = Duration::from_millis(500);
-/// For the master's answers at the start.
-const PATIENCE: Duration = Duration::from_secs(5);
+/// For the start: each topic waits for its publishers, and one that was killed is tried for seconds.
+const PATIENCE: Duration = Duration::from_secs(20);
 
 /// See the module's page.
 pub struct Ros1 {
     config: Ros1Config,
-    master: String,
+    master: Master,
     // Dropped first to last: the node before its runtime.
     intake: Intake,
-    publishers: Arc<Mutex<Vec<String>>>,
+    seen: Arc<Mutex<Seen>>,
     measured_cf: Publisher<m::WrenchStamped>,
     setpoint_cf: Publisher<m::WrenchStamped>,
     estimated_cf: Publisher<m::WrenchStamped>,
+    operating: Publisher<m::OperatingState>,
     node: NodeHandle,
     runtime: Runtime,
     sequence: u32,
     reported_two: bool,
+    /// What was told once.
+    told: BTreeSet<String>,
 }
+
+/// What the master says of the topics that the states come from.
+#[derive(Debug, Default)]
+struct Seen {
+    /// Two nodes that publish the same one, both alive.
+    two: Option<[String; 2]>,
+    /// Nodes that are registered as publishers beside another and don't answer, with the topic.
+    dead: Vec<(String, String)>,
+    /// A topic of another type.
+    wrong: Option<StateError>,
+}
+
+/// A topic that is watched, and its type.
+type Watched = (String, &'static str);
 
 impl std::fmt::Debug for Ros1 {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("Ros1")
-            .field("master", &self.master)
+            .field("master", &self.master.uri)
             .finish_non_exhaustive()
     }
 }
@@ -62,15 +82,31 @@ impl Ros1 {
     /// [`SourceError::Ros`] where there is no master or it refuses, [`SourceError::Mount`].
     pub fn open(config: &Ros1Config) -> Result<Self, SourceError> {
         config.mount.check().map_err(SourceError::Mount)?;
-        let master = config
+        let uri = config
             .master
             .clone()
             .or_else(|| std::env::var("ROS_MASTER_URI").ok())
             .unwrap_or_else(|| "http://localhost:11311".to_owned());
         let ros = |why: String| SourceError::Ros {
-            master: master.clone(),
+            master: uri.clone(),
             why,
         };
+        let there = |why: String| SourceError::RosNode {
+            master: uri.clone(),
+            why,
+        };
+        let name = format!("/{}", config.node.trim_start_matches('/'));
+        let master = Master {
+            uri: uri.clone(),
+            caller: name.clone(),
+        };
+        // The master ends whoever has the name already: that may be a run that holds a force.
+        let taken = master.node(&name).map_err(|error| ros(error.to_string()))?;
+        if let Some(by) = taken.filter(|_| master.is_alive(&name)) {
+            return Err(there(format!(
+                "the node name `{name}` is taken by a program at {by}; is another forcectl running? Set `node` in [robot] to another name, or end that program"
+            )));
+        }
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .enable_all()
@@ -81,20 +117,30 @@ impl Ros1 {
             config.ravenstate_slot.into(),
             &state_topic(config),
         );
-        let (sender, intake) =
-            Intake::new(&config.adapter, Some(raven), config.mount, &config.watch);
-        let publishers = Arc::new(Mutex::new(Vec::new()));
-        let started = runtime.block_on(async {
-            tokio::time::timeout(PATIENCE, start(config, &master, sender)).await
-        });
-        let (node, [measured_cf, setpoint_cf, estimated_cf]) = started
-            .map_err(|_| ros(format!("no answer within {} s", PATIENCE.as_secs())))?
-            .map_err(ros)?;
-        let topic = state_topic(config);
-        look(master.clone(), config.node.clone(), topic, &publishers);
-        Ok(Self {
+        let adapter = adapter_for(&config.adapter, &config.topics());
+        let (sender, intake) = Intake::new(&adapter, Some(raven), config.mount, &config.watch);
+        let started = runtime
+            .block_on(async { tokio::time::timeout(PATIENCE, start(config, &uri, sender)).await });
+        let watched = watched(config);
+        let (node, [measured_cf, setpoint_cf, estimated_cf], operating) = started
+            .map_err(|_| {
+                let dead = look(&master, &watched, 0).dead;
+                let dead: Vec<String> = dead.into_iter().map(|(name, _)| name).collect();
+                there(if dead.is_empty() {
+                    format!("the topics did not open within {} s", PATIENCE.as_secs())
+                } else {
+                    format!(
+                        "the topics did not open within {} s: {dead:?} are registered as publishers and don't answer; `rosnode cleanup` removes them",
+                        PATIENCE.as_secs()
+                    )
+                })
+            })?
+            .map_err(there)?;
+        let seen = Arc::new(Mutex::new(Seen::default()));
+        keep_looking(master.clone(), watched, &seen);
+        let mut source = Self {
             intake,
-            publishers,
+            seen,
             measured_cf,
             setpoint_cf,
             estimated_cf,
@@ -102,47 +148,76 @@ impl Ros1 {
             runtime,
             sequence: 0,
             reported_two: false,
+            told: BTreeSet::new(),
+            operating,
             config: config.clone(),
             master,
-        })
+        };
+        source.publish_operating(OperatingState {
+            state: Operating::Disabled,
+            is_homed: true,
+            is_busy: false,
+        })?;
+        Ok(source)
     }
 
-    /// Event where more than one node publishes the states; one until it is one node again.
-    fn two_publishers(&mut self) -> Option<Event> {
-        let names = self
-            .publishers
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
-        match names.as_slice() {
-            [first, second, ..] => {
-                let event = Event::TwoPublishers {
-                    first: first.as_str().into(),
-                    second: second.as_str().into(),
-                };
-                (!std::mem::replace(&mut self.reported_two, true)).then_some(event)
+    /// Events of what the master says: each once, two publishers once until it is one again.
+    fn news(&mut self) -> Vec<Event> {
+        let mut news = Vec::new();
+        let seen = self.seen.lock().unwrap_or_else(PoisonError::into_inner);
+        match &seen.two {
+            Some([first, second]) => {
+                if !std::mem::replace(&mut self.reported_two, true) {
+                    news.push(Event::TwoPublishers {
+                        first: first.as_str().into(),
+                        second: second.as_str().into(),
+                    });
+                }
             }
-            _ => {
-                self.reported_two = false;
-                None
+            None => self.reported_two = false,
+        }
+        for (name, topic) in &seen.dead {
+            if self.told.insert(format!("{name} {topic}")) {
+                news.push(Event::DeadPublisher {
+                    name: name.clone(),
+                    topic: topic.clone(),
+                });
             }
+        }
+        if let Some(wrong) = &seen.wrong {
+            if self.told.insert(wrong.to_string()) {
+                news.push(Event::Invalid(wrong.clone()));
+            }
+        }
+        news
+    }
+
+    fn failed(&self, why: String) -> SourceError {
+        SourceError::RosNode {
+            master: self.master.uri.clone(),
+            why,
         }
     }
 
     fn wrench(&self, force: &TipForce) -> m::WrenchStamped {
+        let (frame_id, wrench) = self.intake.wrench(force);
+        m::WrenchStamped {
+            header: self.header(frame_id),
+            wrench,
+        }
+    }
+
+    fn header(&self, frame_id: String) -> m::Header {
         let now = SystemTime::now()
             .duration_since(UNIX_EPOCH)
             .unwrap_or_default();
-        let (frame_id, wrench) = self.intake.wrench(force);
-        m::WrenchStamped {
-            header: m::Header {
-                seq: self.sequence,
-                stamp: m::Time {
-                    secs: now.as_secs() as u32,
-                    nsecs: now.subsec_nanos(),
-                },
-                frame_id,
+        m::Header {
+            seq: self.sequence,
+            stamp: m::Time {
+                secs: now.as_secs() as u32,
+                nsecs: now.subsec_nanos(),
             },
-            wrench,
+            frame_id,
         }
     }
 }
@@ -151,16 +226,39 @@ impl Ros1 {
 fn state_topic(config: &Ros1Config) -> String {
     match &config.ravenstate {
         Some(topic) => topic.clone(),
-        None if config.adapter.joints => format!("{}/measured_js", config.namespace),
-        None => format!("{}/measured_cp", cp_namespace(config)),
+        None if config.adapter.joints => config.topics().measured_js,
+        None => config.topics().measured_cp,
     }
 }
 
-fn cp_namespace(config: &Ros1Config) -> &str {
-    config.cp_namespace.as_deref().unwrap_or(&config.namespace)
+fn cp_is_transform(config: &Ros1Config) -> bool {
+    (config.cp_is_transform).unwrap_or(config.adapter.robot.cp_is_transform())
 }
 
-type Started = (NodeHandle, [Publisher<m::WrenchStamped>; 3]);
+/// Topics on which the force depends, and the one that makes states.
+fn watched(config: &Ros1Config) -> Vec<Watched> {
+    if let Some(topic) = &config.ravenstate {
+        return vec![(topic.clone(), m::RavenState::DESCRIPTION.ros_type_name)];
+    }
+    let topics = config.topics();
+    let pose = if cp_is_transform(config) {
+        m::TransformStamped::DESCRIPTION.ros_type_name
+    } else {
+        m::PoseStamped::DESCRIPTION.ros_type_name
+    };
+    let joints = m::JointState::DESCRIPTION.ros_type_name;
+    let joints = (config.adapter.joints).then_some((topics.measured_js, joints));
+    joints
+        .into_iter()
+        .chain([(topics.measured_cp, pose)])
+        .collect()
+}
+
+type Started = (
+    NodeHandle,
+    [Publisher<m::WrenchStamped>; 3],
+    Publisher<m::OperatingState>,
+);
 
 /// Node, subscriptions and publishers.
 async fn start(config: &Ros1Config, master: &str, to: Outlet) -> Result<Started, String> {
@@ -191,7 +289,20 @@ async fn start(config: &Ros1Config, master: &str, to: Outlet) -> Result<Started,
     let measured_cf = advertise(own("measured_cf")).await?;
     let setpoint_cf = advertise(own("setpoint_cf")).await?;
     let estimated_cf = advertise(own("measured_cf_estimated")).await?;
-    Ok((node, [measured_cf, setpoint_cf, estimated_cf]))
+    let of_device = |topic: &str| format!("{}/{topic}", device(&config.publish));
+    subscribe(
+        &node,
+        &of_device("state_command"),
+        &to,
+        |message: m::StringStamped| Incoming::Command(message.string),
+    )
+    .await?;
+    let topic = of_device("operating_state");
+    let operating = node
+        .advertise::<m::OperatingState>(&topic, QUEUE, true)
+        .await;
+    let operating = operating.map_err(|error| format!("{topic}: {error}"))?;
+    Ok((node, [measured_cf, setpoint_cf, estimated_cf], operating))
 }
 
 async fn subscribe_crtk(node: &NodeHandle, config: &Ros1Config, to: &Outlet) -> Result<(), String> {
@@ -200,36 +311,35 @@ async fn subscribe_crtk(node: &NodeHandle, config: &Ros1Config, to: &Outlet) -> 
         to,
         publisher: state_topic(config).into(),
     };
-    let topic = |name: &str| format!("{}/{name}", config.namespace);
-    let cp = |name: &str| format!("{}/{name}", cp_namespace(config));
-    by.crtk(&topic("measured_js"), |m: m::JointState| {
+    let of = config.topics();
+    by.crtk(&of.measured_js, |m: m::JointState| {
         (header(&m.header), Topic::MeasuredJs(joints(m)))
     })
     .await?;
-    by.crtk(&topic("setpoint_js"), |m: m::JointState| {
+    by.crtk(&of.setpoint_js, |m: m::JointState| {
         (header(&m.header), Topic::SetpointJs(joints(m)))
     })
     .await?;
-    if config.cp_is_transform {
-        by.crtk(&cp("measured_cp"), |m: m::TransformStamped| {
+    if cp_is_transform(config) {
+        by.crtk(&of.measured_cp, |m: m::TransformStamped| {
             (header(&m.header), Topic::MeasuredCp(m.transform.into()))
         })
         .await?;
     } else {
-        by.crtk(&cp("measured_cp"), |m: m::PoseStamped| {
+        by.crtk(&of.measured_cp, |m: m::PoseStamped| {
             (header(&m.header), Topic::MeasuredCp(m.pose.into()))
         })
         .await?;
     }
-    by.crtk(&cp("measured_cv"), |m: m::TwistStamped| {
+    by.crtk(&of.measured_cv, |m: m::TwistStamped| {
         (header(&m.header), Topic::MeasuredCv(m.twist.into()))
     })
     .await?;
-    by.crtk(&cp("measured_cf"), |m: m::WrenchStamped| {
+    by.crtk(&of.measured_cf, |m: m::WrenchStamped| {
         (header(&m.header), Topic::MeasuredCf(m.wrench.into()))
     })
     .await?;
-    by.crtk(&topic("operating_state"), |m: m::OperatingState| {
+    by.crtk(&of.operating_state, |m: m::OperatingState| {
         let operating = Topic::OperatingState(m.state, m.is_homed, m.is_busy);
         (header(&m.header), operating)
     })
@@ -284,15 +394,41 @@ async fn subscribe<T: RosMessageType>(
     Ok(())
 }
 
-/// Asks the master now and then who publishes `topic`, for as long as somebody wants to know.
-fn look(master: String, node: String, topic: String, publishers: &Arc<Mutex<Vec<String>>>) {
-    let publishers = Arc::downgrade(publishers);
-    std::thread::spawn(move || {
-        while let Some(publishers) = publishers.upgrade() {
-            if let Ok(names) = master::publishers(&master, &node, &topic) {
-                *publishers.lock().unwrap_or_else(PoisonError::into_inner) = names;
+/// What the master says of topics now; a node counts as dead beside `beside` others and more. What it does not answer is as it
+/// should be.
+fn look(master: &Master, topics: &[Watched], beside: usize) -> Seen {
+    let mut seen = Seen::default();
+    for (topic, expected) in topics {
+        let names = master.publishers(topic).unwrap_or_default();
+        if names.len() > beside {
+            let (alive, dead): (Vec<String>, Vec<String>) =
+                names.into_iter().partition(|name| master.is_alive(name));
+            if let [first, second, ..] = alive.as_slice() {
+                seen.two = Some([first.clone(), second.clone()]);
             }
-            drop(publishers);
+            seen.dead
+                .extend(dead.into_iter().map(|name| (name, topic.clone())));
+        }
+        let found = master.type_of(topic).ok().flatten();
+        if let Some(found) = found.filter(|found| found != expected && found != "*") {
+            seen.wrong = Some(StateError::TopicType {
+                topic: topic.clone(),
+                found,
+                expected: (*expected).to_owned(),
+            });
+        }
+    }
+    seen
+}
+
+/// Asks the master now and then, for as long as somebody wants to know.
+fn keep_looking(master: Master, topics: Vec<Watched>, seen: &Arc<Mutex<Seen>>) {
+    let seen = Arc::downgrade(seen);
+    std::thread::spawn(move || {
+        while let Some(seen) = seen.upgrade() {
+            let now = look(&master, &topics, 1);
+            *seen.lock().unwrap_or_else(PoisonError::into_inner) = now;
+            drop(seen);
             std::thread::sleep(LOOK);
         }
     });
@@ -300,20 +436,20 @@ fn look(master: String, node: String, topic: String, publishers: &Arc<Mutex<Vec<
 
 impl Source for Ros1 {
     fn name(&self) -> String {
-        format!("ROS 1 {}, {}", self.master, state_topic(&self.config))
+        format!("ROS 1 {}, {}", self.master.uri, state_topic(&self.config))
     }
 
     fn poll(&mut self, now_ns: i64) -> Result<Poll, SourceError> {
-        let two = self.two_publishers();
+        let news = self.news();
         let mut poll = self.intake.poll(now_ns, !self.reported_two);
-        poll.events.extend(two);
+        poll.events.extend(news);
         if self.node.is_ok() {
             Ok(poll)
         } else {
-            Err(SourceError::Ros {
-                master: self.master.clone(),
-                why: "our node has ended".to_owned(),
-            })
+            Err(self.failed(format!(
+                "our node `{}` was ended from outside: another program has taken its name (`node` in [robot]), or `rosnode kill`",
+                self.master.caller
+            )))
         }
     }
 
@@ -324,20 +460,26 @@ impl Source for Ros1 {
             self.measured_cf.publish(&applied).await?;
             self.setpoint_cf.publish(&setpoint).await
         });
-        sent.map_err(|error| SourceError::Ros {
-            master: self.master.clone(),
-            why: error.to_string(),
-        })
+        sent.map_err(|error| self.failed(format!("a force can't be published: {error}")))
+    }
+
+    fn publish_operating(&mut self, operating: OperatingState) -> Result<(), SourceError> {
+        self.sequence = self.sequence.wrapping_add(1);
+        let message = m::OperatingState {
+            header: self.header(String::new()),
+            state: operating.state.word().to_owned(),
+            is_homed: operating.is_homed,
+            is_busy: operating.is_busy,
+        };
+        let sent = self.runtime.block_on(self.operating.publish(&message));
+        sent.map_err(|error| self.failed(format!("operating_state can't be published: {error}")))
     }
 
     fn publish_estimate(&mut self, estimated: &TipForce) -> Result<(), SourceError> {
         self.sequence = self.sequence.wrapping_add(1);
         let estimated = self.wrench(estimated);
         let sent = self.runtime.block_on(self.estimated_cf.publish(&estimated));
-        sent.map_err(|error| SourceError::Ros {
-            master: self.master.clone(),
-            why: error.to_string(),
-        })
+        sent.map_err(|error| self.failed(format!("a force can't be published: {error}")))
     }
 }
 

@@ -82,6 +82,14 @@ pub struct OperatingState {
     pub is_busy: bool,
 }
 
+/// crtk_msgs/StringStamped.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct StringStamped {
+    pub header: Header,
+    pub string: String,
+}
+
+impl Message for StringStamped {}
 impl Message for JointState {}
 impl Message for PoseStamped {}
 impl Message for TransformStamped {}

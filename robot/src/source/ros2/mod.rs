@@ -1,18 +1,21 @@
 //! A robot on ROS 2: CRTK topics in, the rig's force out.
 //!
 //! The same topics as over ROS 1: we subscribe `measured_js`, `setpoint_js`, `measured_cp`, `measured_cv`, `measured_cf` and
-//! `operating_state` below the robot's namespace, publish `measured_cf` and `setpoint_cf` below our own, and take `servo_cf`
-//! there. Subscriptions are best effort, which fits every publisher; what we publish is reliable. A message carries its
-//! publisher's identity, so two publishers of a topic are told apart message by message.
+//! `operating_state` below the robot's namespace, publish `measured_cf`, `setpoint_cf` and an estimator's
+//! `measured_cf_estimated` below our own, and take `servo_cf` there. Subscriptions are best effort and volatile, which fits
+//! every publisher; what we publish is reliable. `operating_state` is subscribed a second time, reliable and transient local:
+//! a dVRK 2 publishes it on change only and keeps the last one for late joiners. A message carries its publisher's identity,
+//! so two publishers of a topic are told apart message by message. As a CRTK device we publish `operating_state`, transient
+//! local, and take `state_command`.
 //!
 //! The client is ros2-client on RustDDS. A thread takes what has come, so that each message has its time of arrival.
 
 mod messages;
 
 use super::intake::{Incoming, Intake, Outlet};
-use super::{Poll, Ros2Config, Source, SourceError};
+use super::{adapter_for, device, Poll, Ros2Config, Source, SourceError};
 use crate::crtk::{self, Topic};
-use crate::state::TipForce;
+use crate::state::{Operating, OperatingState, TipForce};
 use messages as m;
 use ros2_client::qos::{Durability, History, Reliability, WhenFull};
 use ros2_client::{
@@ -36,6 +39,8 @@ pub struct Ros2 {
     intake: Intake,
     measured_cf: Publisher<m::PairStamped>,
     setpoint_cf: Publisher<m::PairStamped>,
+    estimated_cf: Publisher<m::PairStamped>,
+    operating: Publisher<m::OperatingState>,
     /// Dropped with the source: the thread ends then.
     _alive: Arc<()>,
     _node: Node,
@@ -63,44 +68,65 @@ impl Ros2 {
         let name = NodeName::new("/", &config.node).map_err(|error| failed(error.to_string()))?;
         let mut node = (context.new_node(name, NodeOptions::new()))
             .map_err(|error| failed(error.to_string()))?;
-        let (to, intake) = Intake::new(&config.adapter, None, config.mount, &config.watch);
+        let adapter = adapter_for(&config.adapter, &config.topics());
+        let (to, intake) = Intake::new(&adapter, None, config.mount, &config.watch);
         let topics = Topics {
             node: &mut node,
             config,
         };
-        let (subscriptions, measured_cf, setpoint_cf) = topics.all().map_err(failed)?;
+        let (subscriptions, [measured_cf, setpoint_cf, estimated_cf], operating) =
+            topics.all().map_err(failed)?;
         let alive = Arc::new(());
         let weak = Arc::downgrade(&alive);
         std::thread::Builder::new()
             .name("robot states over ROS 2".to_owned())
             .spawn(move || receive(&subscriptions, &weak, &to))
             .map_err(|error| failed(error.to_string()))?;
-        Ok(Self {
+        let mut source = Self {
             config: config.clone(),
             domain,
             intake,
             measured_cf,
             setpoint_cf,
+            estimated_cf,
+            operating,
             _alive: alive,
             _node: node,
-        })
+        };
+        source.publish_operating(OperatingState {
+            state: Operating::Disabled,
+            is_homed: true,
+            is_busy: false,
+        })?;
+        Ok(source)
+    }
+
+    fn not_published(&self, error: &dyn std::fmt::Display) -> SourceError {
+        SourceError::Ros2 {
+            domain: self.domain,
+            why: format!("nothing can be published: {error}"),
+        }
     }
 
     fn wrench(&self, force: &TipForce) -> m::PairStamped {
-        let now = SystemTime::now()
-            .duration_since(UNIX_EPOCH)
-            .unwrap_or_default();
         let (frame_id, pair) = self.intake.wrench(force);
         m::PairStamped {
-            header: m::Header {
-                stamp: m::Time {
-                    sec: now.as_secs() as i32,
-                    nanosec: now.subsec_nanos(),
-                },
-                frame_id,
-            },
+            header: header(frame_id),
             pair,
         }
+    }
+}
+
+fn header(frame_id: String) -> m::Header {
+    let now = SystemTime::now()
+        .duration_since(UNIX_EPOCH)
+        .unwrap_or_default();
+    m::Header {
+        stamp: m::Time {
+            sec: now.as_secs() as i32,
+            nanosec: now.subsec_nanos(),
+        },
+        frame_id,
     }
 }
 
@@ -138,8 +164,8 @@ type Look = Box<dyn Fn(&Outlet) -> bool + Send>;
 
 type All = (
     Vec<Look>,
-    Publisher<m::PairStamped>,
-    Publisher<m::PairStamped>,
+    [Publisher<m::PairStamped>; 3],
+    Publisher<m::OperatingState>,
 );
 
 /// Makes the topics of a node.
@@ -151,49 +177,43 @@ struct Topics<'a> {
 impl Topics<'_> {
     fn all(mut self) -> Result<All, String> {
         let c = self.config;
-        let of = |space: &str, name: &str| format!("{space}/{name}");
-        let (js, cp) = (
-            c.namespace.as_str(),
-            c.cp_namespace.as_deref().unwrap_or(&c.namespace),
-        );
+        let of = c.topics();
         let mut looks = vec![
+            self.crtk(&of.measured_js, SENSOR, "JointState", |m: m::JointState| {
+                ((&m.header).into(), Topic::MeasuredJs(m.into()))
+            })?,
+            self.crtk(&of.setpoint_js, SENSOR, "JointState", |m: m::JointState| {
+                ((&m.header).into(), Topic::SetpointJs(m.into()))
+            })?,
             self.crtk(
-                &of(js, "measured_js"),
-                SENSOR,
-                "JointState",
-                |m: m::JointState| ((&m.header).into(), Topic::MeasuredJs(m.into())),
-            )?,
-            self.crtk(
-                &of(js, "setpoint_js"),
-                SENSOR,
-                "JointState",
-                |m: m::JointState| ((&m.header).into(), Topic::SetpointJs(m.into())),
-            )?,
-            self.crtk(
-                &of(cp, "measured_cv"),
+                &of.measured_cv,
                 GEOMETRY,
                 "TwistStamped",
                 |m: m::PairStamped| ((&m.header).into(), Topic::MeasuredCv(m.pair.into())),
             )?,
             self.crtk(
-                &of(cp, "measured_cf"),
+                &of.measured_cf,
                 GEOMETRY,
                 "WrenchStamped",
                 |m: m::PairStamped| ((&m.header).into(), Topic::MeasuredCf(m.pair.into())),
             )?,
-            self.crtk(
-                &of(js, "operating_state"),
-                "crtk_msgs",
+        ];
+        for qos in [volatile(), latched()] {
+            looks.push(self.crtk_with(
+                &of.operating_state,
+                CRTK,
                 "OperatingState",
+                &qos,
                 |m: m::OperatingState| {
                     let operating = Topic::OperatingState(m.state, m.is_homed, m.is_busy);
                     ((&m.header).into(), operating)
                 },
-            )?,
-        ];
-        looks.push(if c.cp_is_transform {
+            )?);
+        }
+        let is_transform = (c.cp_is_transform).unwrap_or(c.adapter.robot.cp_is_transform());
+        looks.push(if is_transform {
             self.crtk(
-                &of(cp, "measured_cp"),
+                &of.measured_cp,
                 GEOMETRY,
                 "TransformStamped",
                 |m: m::TransformStamped| {
@@ -202,19 +222,40 @@ impl Topics<'_> {
             )?
         } else {
             self.crtk(
-                &of(cp, "measured_cp"),
+                &of.measured_cp,
                 GEOMETRY,
                 "PoseStamped",
                 |m: m::PoseStamped| ((&m.header).into(), Topic::MeasuredCp(m.pose.into())),
             )?
         });
-        let own = |name: &str| of(&c.publish, name);
-        let requests =
-            self.subscribe::<m::PairStamped>(&own("servo_cf"), GEOMETRY, "WrenchStamped")?;
+        let own = |name: &str| format!("{}/{name}", c.publish);
+        let requests = self.subscribe::<m::PairStamped>(
+            &own("servo_cf"),
+            GEOMETRY,
+            "WrenchStamped",
+            &volatile(),
+        )?;
         looks.push(look(requests, |_, m| Incoming::Request(m.pair)));
-        let measured_cf = self.publisher(&own("measured_cf"))?;
-        let setpoint_cf = self.publisher(&own("setpoint_cf"))?;
-        Ok((looks, measured_cf, setpoint_cf))
+        let forces = [
+            self.publisher(&own("measured_cf"))?,
+            self.publisher(&own("setpoint_cf"))?,
+            self.publisher(&own("measured_cf_estimated"))?,
+        ];
+        let of_device = |name: &str| format!("{}/{name}", device(&c.publish));
+        let commands = self.subscribe::<m::StringStamped>(
+            &of_device("state_command"),
+            CRTK,
+            "StringStamped",
+            &volatile(),
+        )?;
+        looks.push(look(commands, |_, m| Incoming::Command(m.string)));
+        let kept = (QosProfile::publisher_default())
+            .reliability_reliable(WhenFull::DEFAULT)
+            .durability(Durability::TransientLocal)
+            .history(History::KeepLast { depth: 1 });
+        let topic = of_device("operating_state");
+        let operating = self.publisher_of(&topic, CRTK, "OperatingState", kept)?;
+        Ok((looks, forces, operating))
     }
 
     fn crtk<T: Message + Send + 'static>(
@@ -224,7 +265,18 @@ impl Topics<'_> {
         kind: &str,
         convert: fn(T) -> (crtk::Header, Topic),
     ) -> Result<Look, String> {
-        let subscription = self.subscribe::<T>(topic, package, kind)?;
+        self.crtk_with(topic, package, kind, &volatile(), convert)
+    }
+
+    fn crtk_with<T: Message + Send + 'static>(
+        &mut self,
+        topic: &str,
+        package: &str,
+        kind: &str,
+        qos: &QosProfile,
+        convert: fn(T) -> (crtk::Header, Topic),
+    ) -> Result<Look, String> {
+        let subscription = self.subscribe::<T>(topic, package, kind, qos)?;
         let name: Arc<str> = topic.into();
         Ok(look(subscription, move |publisher, message| {
             let (header, topic) = convert(message);
@@ -237,14 +289,14 @@ impl Topics<'_> {
         topic: &str,
         package: &str,
         kind: &str,
+        qos: &QosProfile,
     ) -> Result<Subscription<T>, String> {
-        let qos = QosProfile::subscription_default()
-            .reliability(Reliability::BestEffort)
-            .durability(Durability::Volatile)
-            .history(History::KeepLast { depth: QUEUE });
         let made = (self.node)
-            .create_topic(&parse(topic)?, MessageTypeName::new(package, kind), &qos)
-            .and_then(|topic| self.node.create_subscription::<T>(&topic, Some(qos)));
+            .create_topic(&parse(topic)?, MessageTypeName::new(package, kind), qos)
+            .and_then(|topic| {
+                self.node
+                    .create_subscription::<T>(&topic, Some(qos.clone()))
+            });
         made.map_err(|error| format!("{topic}: {error}"))
     }
 
@@ -253,12 +305,37 @@ impl Topics<'_> {
             .reliability_reliable(WhenFull::DEFAULT)
             .durability(Durability::Volatile)
             .history(History::KeepLast { depth: KEPT });
-        let kind = MessageTypeName::new(GEOMETRY, "WrenchStamped");
+        self.publisher_of(topic, GEOMETRY, "WrenchStamped", qos)
+    }
+
+    fn publisher_of<T: Message>(
+        &mut self,
+        topic: &str,
+        package: &str,
+        kind: &str,
+        qos: QosProfile,
+    ) -> Result<Publisher<T>, String> {
         let made = (self.node)
-            .create_topic(&parse(topic)?, kind, &qos)
+            .create_topic(&parse(topic)?, MessageTypeName::new(package, kind), &qos)
             .and_then(|topic| self.node.create_publisher(&topic, Some(qos)));
         made.map_err(|error| format!("{topic}: {error}"))
     }
+}
+
+/// Fits every publisher.
+fn volatile() -> QosProfile {
+    QosProfile::subscription_default()
+        .reliability(Reliability::BestEffort)
+        .durability(Durability::Volatile)
+        .history(History::KeepLast { depth: QUEUE })
+}
+
+/// For what a publisher keeps for late joiners. It does not fit one that keeps nothing.
+fn latched() -> QosProfile {
+    QosProfile::subscription_default()
+        .reliability_reliable(WhenFull::DEFAULT)
+        .durability(Durability::TransientLocal)
+        .history(History::KeepLast { depth: 1 })
 }
 
 fn parse(topic: &str) -> Result<Name, String> {
@@ -267,6 +344,7 @@ fn parse(topic: &str) -> Result<Name, String> {
 
 const SENSOR: &str = "sensor_msgs";
 const GEOMETRY: &str = "geometry_msgs";
+const CRTK: &str = "crtk_msgs";
 
 /// Passes on what a subscription has; `false` once nobody wants it.
 fn look<T: Message + Send + 'static>(
@@ -306,9 +384,22 @@ impl Source for Ros2 {
             .measured_cf
             .publish(self.wrench(applied))
             .and_then(|()| self.setpoint_cf.publish(self.wrench(setpoint)));
-        sent.map_err(|error| SourceError::Ros2 {
-            domain: self.domain,
-            why: format!("a force can't be published: {error}"),
-        })
+        sent.map_err(|error| self.not_published(&error))
+    }
+
+    fn publish_operating(&mut self, operating: OperatingState) -> Result<(), SourceError> {
+        let message = m::OperatingState {
+            header: header(String::new()),
+            state: operating.state.word().to_owned(),
+            is_homed: operating.is_homed,
+            is_busy: operating.is_busy,
+        };
+        let sent = self.operating.publish(message);
+        sent.map_err(|error| self.not_published(&error))
+    }
+
+    fn publish_estimate(&mut self, estimated: &TipForce) -> Result<(), SourceError> {
+        let sent = self.estimated_cf.publish(self.wrench(estimated));
+        sent.map_err(|error| self.not_published(&error))
     }
 }
