@@ -735,6 +735,12 @@ mod tests {
                 assert!(!event.stops());
             }
         }
+        // Several by that way at once are no clock that was set back either.
+        for n in 13..18 {
+            let event = late.state(&state(10 * n), 295 * MS).unwrap_err();
+            assert!(matches!(event, Event::OutOfOrder { .. }), "{event}");
+        }
+        assert_eq!(late.state(&state(300), 300 * MS), Ok(None));
         // All of them, by a link that was held up: no state is usable, and that is said with its cause.
         let mut held_up = watch();
         let silent = held_up.tick(205 * MS).unwrap();
@@ -928,9 +934,19 @@ mod tests {
         moved.tip.as_mut().unwrap().position_m[2] = 0.008;
         let event = watch.state(&moved, 100 * MS).unwrap_err();
         assert!(matches!(event, Event::TipJump { .. }) && event.stops());
+        // Slow enough for 80 ms, and too far all the same.
+        let mut rare = super::tests::watch();
+        moved.stamp.t_ns = state(170).stamp.t_ns;
+        moved.tip.as_mut().unwrap().position_m[2] = 0.012;
+        let event = rare.state(&moved, 170 * MS).unwrap_err();
+        assert!(
+            matches!(event, Event::TipJump { limit_m: 0.01, .. }),
+            "{event}"
+        );
         // A tip that was away for long is compared with nothing: the arm may have moved.
         let mut away = super::tests::watch();
         assert!(away.tick(400 * MS).is_some());
+        moved.tip.as_mut().unwrap().position_m[2] = 0.05;
         moved.stamp.t_ns = state(410).stamp.t_ns;
         assert!(away.state(&moved, 410 * MS).is_ok());
     }
