@@ -6,6 +6,7 @@ use robot::ravenstate::{
     DEGREES,
 };
 use robot::state::{Clock, Frame, Meaning, Operating, RobotState};
+use robot::watch::{Watch, WatchConfig};
 
 /// What the Raven's software writes for these joints of gold, moving at these speeds.
 fn message(q: [f64; 3], qd: [f64; 3], slot: usize) -> Ravenstate {
@@ -53,6 +54,39 @@ fn the_insertion_is_in_metres_times_57() {
         assert!((joints.position[i] - q).abs() < 1e-6);
         assert!((joints.setpoint.as_ref().unwrap()[i] - q).abs() < 1e-6);
     }
+}
+
+#[test]
+fn an_e_stop_and_homing_stop_the_rig_and_the_pedal_does_not() {
+    for (runlevel, words) in [
+        (3, None),
+        (2, None),
+        (1, Some("DISABLED")),
+        (0, Some("FAULT")),
+        (-1, Some("DISABLED")),
+    ] {
+        let mut watch = Watch::new(WatchConfig::default());
+        let mut m = message(Q, QD, 0);
+        watch.state(&gold(0).state(&m), 0).unwrap();
+        m.stamp.1 += 1_000_000;
+        m.runlevel = runlevel;
+        let usable = watch.state(&gold(0).state(&m), 1_000_000);
+        match words {
+            None => assert_eq!(usable, Ok(None), "{runlevel}"),
+            Some(words) => {
+                let event = usable.unwrap_err();
+                assert!(
+                    event.stops() && event.to_string().contains(words),
+                    "{event}"
+                );
+            }
+        }
+    }
+    // A stamp of 0: the data are not valid.
+    let mut m = message(Q, QD, 0);
+    m.stamp = (0, 0);
+    let mut watch = Watch::new(WatchConfig::default());
+    assert!(watch.state(&gold(0).state(&m), 0).unwrap_err().stops());
 }
 
 #[test]
