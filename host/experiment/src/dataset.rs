@@ -83,7 +83,7 @@ const fn joined<const N: usize>(parts: &[&[Column]]) -> [Column; N] {
 }
 
 /// Columns of the dataset.
-pub const COLUMNS: [Column; 37] = joined(&[
+pub const COLUMNS: [Column; 38] = joined(&[
     &[
         ("t_s", "s", "time since the force profile's start, on the board's clock"),
         ("board_time_s", "s", "the same instant since the board's power-on"),
@@ -118,6 +118,7 @@ pub const COLUMNS: [Column; 37] = joined(&[
     &[
         ("force_age_s", "s", "distance in time from the row to the nearest load-cell sample, the largest of the used units"),
         ("sync_error_s", "s", "uncertainty of the time between robot and board"),
+        ("tip_age_s", "s", "age of the tip at the time of the row, by the robot's stamps of both; below 0: the tip is the younger one"),
         ("saturated", "1", "1: a unit's command was at its limit in the control cycle of this row"),
         ("operating_state", "1", "CRTK: 0 disabled, 1 enabled, 2 paused, 3 fault; missing where the robot tells none"),
         ("quality", "1", "1: the row can be used; 0: a value that it needs is missing"),
@@ -350,6 +351,10 @@ impl Joiner {
         row.extend(waiting.commanded_n.iter());
         row.extend(tension_n);
         row.extend([age_s, waiting.sync_error_s]);
+        row.push(state.tip.as_ref().map_or(f64::NAN, |tip| {
+            let tip_ns = tip.stamp_ns.unwrap_or(state.stamp.t_ns);
+            state.stamp.t_ns.saturating_sub(tip_ns) as f64 * 1e-9
+        }));
         row.push(f64::from(u8::from(waiting.saturated)));
         row.push(
             state
@@ -434,8 +439,11 @@ mod tests {
                 joiner.samples(&[sample(unit, t, 2.0 + f64::from(unit + 1) * true_at)]);
             }
         }
-        joiner.state(state(&rig, 1.1));
+        let mut waiting = state(&rig, 1.1);
+        waiting.state.tip.as_mut().unwrap().stamp_ns = Some(1_088_000_000);
+        joiner.state(waiting);
         joiner.join(1.2, false);
+        assert!((joiner.rows.column("tip_age_s").unwrap()[0] - 0.012).abs() < 1e-12);
         assert_eq!(joiner.rows.rows(), 1);
         let get = |name: &str| joiner.rows.column(name).unwrap()[0];
         assert!((get("t_s") - 0.1).abs() < 1e-12);
