@@ -285,6 +285,14 @@ impl Existing {
                 "rig `{}`: {} (service: process {})",
                 welcome.name, welcome.link, welcome.pid
             ));
+            if role == Role::Commander {
+                if let Ok(program) = std::env::current_exe() {
+                    context.output.note(&format!(
+                        "`{} stop` in any terminal stops it",
+                        program.display()
+                    ));
+                }
+            }
             let store = if welcome.seed.is_some() {
                 ZeroStore::none()
             } else {
@@ -320,18 +328,13 @@ impl Existing {
         Ok(link)
     }
 
-    /// Names of the running services that this means: that of `--link`, else all of them.
+    /// Whether a service is meant: that of `--link`, else any. Asks none, for one that hangs has no answer.
     #[cfg(unix)]
-    pub fn services(&self) -> Vec<String> {
-        let running = socket::running();
-        match &self.link {
-            _ if self.direct => Vec::new(),
-            None => running,
-            Some(link) => running
-                .into_iter()
-                .filter(|name| *name == name_of(link) || serves(name, link))
-                .collect(),
-        }
+    pub fn means(&self, socket: &socket::Socket) -> bool {
+        let Some(link) = &self.link else {
+            return true;
+        };
+        socket.name == name_of(link) || serves(socket, link)
     }
 
     /// A connection to the service; `None` where the rig is reached in another way.
@@ -370,6 +373,8 @@ impl Existing {
         } else {
             "no rig is running here and no board is named"
         };
+        #[cfg(unix)]
+        let why = format!("{why} (looked for a service in {})", folders());
         Err(Failure::new(
             exit::LINK,
             format!(
@@ -494,17 +499,24 @@ impl Connection {
     }
 }
 
-/// Whether a running service has this port under another name (`usb` and `ttyACM0`).
+/// Whether a service has this port under another name (`usb` and `ttyACM0`).
 #[cfg(unix)]
-fn serves(name: &str, link: &LinkChoice) -> bool {
-    let LinkChoice::Serial(port) = link else {
+fn serves(socket: &socket::Socket, link: &LinkChoice) -> bool {
+    let (LinkChoice::Serial(port), Some((_, theirs))) = (link, socket.holder()) else {
         return false;
     };
-    let path = std::fs::canonicalize(port).unwrap_or_else(|_| port.into());
-    Client::connect(name, "forcectl stop").is_ok_and(|client| {
-        let theirs = client.welcome().link.trim_start_matches("port ").to_owned();
-        std::fs::canonicalize(&theirs).unwrap_or_else(|_| theirs.into()) == path
-    })
+    let path = |port: &str| std::fs::canonicalize(port).unwrap_or_else(|_| port.into());
+    path(theirs.trim_start_matches("port ")) == path(port)
+}
+
+/// The folders in which services are looked for, for messages.
+#[cfg(unix)]
+fn folders() -> String {
+    let folders = socket::folders();
+    let names: Vec<String> = (folders.iter())
+        .map(|folder| folder.display().to_string())
+        .collect();
+    names.join(", ")
 }
 
 /// Whether an embedded rig is kept under the default name.

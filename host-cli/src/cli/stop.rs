@@ -4,6 +4,10 @@ use super::connection::{Existing, Role};
 use super::exit::{self, Failure, Reply, Result};
 use super::Context;
 use clap::Args;
+#[cfg(unix)]
+use service::socket::{self, Socket};
+#[cfg(unix)]
+use service::stop::{stop, StopError};
 use wire::Command;
 
 /// What a stop that was confirmed means.
@@ -37,24 +41,67 @@ impl Stop {
             })
     }
 
-    /// Stops the rigs that have a service. `false`: no service is concerned.
+    /// Stops the rigs that have a service, all at the same time: one that hangs keeps no other waiting. `false`: no service is
+    /// concerned.
     #[cfg(unix)]
     fn stop_services(&self, context: &Context) -> Result<bool> {
-        let names = self.connection.services();
-        let mut failed = Vec::new();
-        for name in &names {
-            let stopped = service::Client::connect(name, "forcectl stop").and_then(|mut client| {
-                client.call(service::protocol::Call::Stop)?;
-                Ok(client.welcome().link.clone())
-            });
-            match stopped {
-                Ok(link) => context.output.note(&format!("rig `{name}`: {link}")),
-                Err(error) => failed.push(format!("rig `{name}`: {error}")),
+        if self.connection.direct {
+            return Ok(false);
+        }
+        let found = socket::find();
+        let apart = std::env::var_os(socket::FOLDER_VARIABLE).is_some_and(|set| !set.is_empty());
+        // Who sets the variable keeps some rigs apart: others are named, and left alone.
+        for socket in found.elsewhere.iter().filter(|_| apart) {
+            context.output.error(&format!(
+                "a rig is served at {} (account {}), outside of {variable}, and is NOT stopped; `env -u {variable} forcectl stop` \
+                 stops it",
+                socket.path.display(),
+                socket.owner(),
+                variable = socket::FOLDER_VARIABLE
+            ));
+        }
+        let elsewhere = found.elsewhere.into_iter().filter(|_| !apart);
+        let closed = found.closed.iter().map(|(folder, error)| {
+            format!(
+                "{} can't be looked into ({error}); a rig may be served there, and was NOT stopped",
+                folder.display()
+            )
+        });
+        let sockets: Vec<Socket> = (found.sockets.into_iter().chain(elsewhere))
+            .filter(|socket| self.connection.means(socket))
+            .collect();
+        let results: Vec<_> = std::thread::scope(|scope| {
+            let stopping: Vec<_> = (sockets.iter())
+                .map(|socket| {
+                    let say = |words: &str| {
+                        (context.output).error(&format!("rig `{}`: {words}", socket.name));
+                    };
+                    scope.spawn(move || stop(socket, "forcectl stop", &say))
+                })
+                .collect();
+            (stopping.into_iter())
+                .map(std::thread::ScopedJoinHandle::join)
+                .collect()
+        });
+        let (mut failed, mut stopped) = (Vec::new(), false);
+        for (socket, result) in sockets.iter().zip(results) {
+            match result {
+                Ok(Ok(rig)) => {
+                    stopped = true;
+                    (context.output).note(&format!("rig `{}`: {}", socket.name, rig.link));
+                }
+                Ok(Err(StopError::NobodyThere)) => {}
+                Ok(Err(error)) => failed.push(format!("rig `{}`: {error}", socket.name)),
+                Err(_) => failed.push(format!("rig `{}`: this program failed", socket.name)),
             }
         }
-        if !failed.is_empty() {
-            return Err(Failure::new(exit::LINK, failed.join("\n")));
+        // Who names a link means that rig alone.
+        if self.connection.link.is_none() && !stopped {
+            failed.extend(closed);
         }
-        Ok(!names.is_empty())
+        if failed.is_empty() {
+            return Ok(stopped);
+        }
+        Err(Failure::new(exit::LINK, failed.join("\n")))
     }
 }

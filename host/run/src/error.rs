@@ -7,7 +7,7 @@ use force::feasibility::ZeroOutOfReach;
 use force::pose::PoseError;
 use known::zeros::ZERO_TOLERANCE_N;
 use known::StoreError;
-use session::link::LinkError;
+use session::link::{LinkError, RigLink};
 use session::{LatchedFault, SessionError};
 
 /// Why a run could not be done. The rig was made safe as far as the link allowed.
@@ -51,6 +51,21 @@ impl From<LinkError> for RunError {
 impl From<LatchedFault> for RunError {
     fn from(fault: LatchedFault) -> Self {
         Self::Fault(fault.into())
+    }
+}
+
+impl RunError {
+    /// The same, with who stopped the rig where that was it and the link knows.
+    pub(super) fn with_who(self, link: &dyn RigLink) -> Self {
+        match (self, link.stopped_by()) {
+            (Self::Fault(Fault::Latched(fault)), Some(by))
+                if fault.code == control::Fault::HostStop.code() =>
+            {
+                let by = by.to_owned();
+                Fault::Stopped { by, fault }.into()
+            }
+            (other, _) => other,
+        }
     }
 }
 
@@ -119,6 +134,14 @@ pub enum Fault {
     /// A fault was latched meanwhile.
     #[error("{0}")]
     Latched(#[from] LatchedFault),
+    /// Somebody stopped the rig, and the link knows who.
+    #[error("stopped by {by}: {fault}")]
+    Stopped {
+        /// Who.
+        by: String,
+        /// The fault that a stop latches.
+        fault: LatchedFault,
+    },
     /// A fault is latched from before.
     #[error("a fault is latched: {0}; then `forcectl clear`")]
     LatchedBefore(LatchedFault),

@@ -26,6 +26,9 @@ use std::sync::atomic::Ordering;
 use wire::message::{FaultReport, Status};
 use wire::{Command, UNITS};
 
+/// Period of the board's status, us (docs/protocol.md).
+const STATUS_PERIOD_US: u32 = 50_000;
+
 /// A run that is being held, and what it has collected so far.
 pub(super) struct Hold<'a> {
     rig: &'a Rig,
@@ -50,6 +53,8 @@ pub(super) struct Hold<'a> {
     /// Link time at which the force is commanded.
     t0_ns: Option<u64>,
     robot_moves: bool,
+    /// When the board latched the fault that ended the run, s.
+    fault_s: Option<f64>,
 }
 
 impl<'a> Hold<'a> {
@@ -79,6 +84,7 @@ impl<'a> Hold<'a> {
             saturation: Saturation::default(),
             t0_ns: None,
             robot_moves: false,
+            fault_s: None,
         })
     }
 
@@ -150,6 +156,7 @@ impl<'a> Hold<'a> {
         self.steps.push(step);
         self.saturation.note_cycle(t_s, &output, self.rig);
         self.note_power(&received.truth, end_s);
+        self.note_end(&received.faults, session, end_s);
         self.note_faults(&received.faults, session.status(), t_s)?;
         self.require_balance(&input)
     }
@@ -255,6 +262,21 @@ impl<'a> Hold<'a> {
         }
     }
 
+    /// Keeps when the board latched a fault of its own, at the end of a cycle: from then on its motors are at 0 V, and the error is
+    /// not that of a force that was held. A report has the time of the fault. A status has its own, and what it tells happened
+    /// after the one before it.
+    fn note_end(&mut self, faults: &[FaultReport], session: &Session<'_>, end_s: f64) {
+        let of_board = |fault: &&FaultReport| usize::from(fault.unit) >= UNITS;
+        let reported = faults.iter().find(of_board).map(|fault| fault.t_us);
+        let told = || {
+            let status = session.status().filter(|status| status.fault != 0)?;
+            Some(status.t_us.wrapping_sub(STATUS_PERIOD_US))
+        };
+        if let Some(age_s) = reported.or_else(told).and_then(|t_us| session.age_s(t_us)) {
+            self.fault_s = Some(end_s - age_s);
+        }
+    }
+
     /// Drops units that faulted; an error for a fault of the whole board.
     fn note_faults(
         &mut self,
@@ -335,7 +357,13 @@ impl<'a> Hold<'a> {
         let latency_ms = self
             .t0_ns
             .and_then(|t0_ns| LatencyMs::of(report.as_ref(), t0_ns, &self.latencies_us));
-        let metrics = metrics::of_run(self.options.commanded_n, &self.steps);
+        let until = self.fault_s.map_or(self.steps.len(), |fault_s| {
+            self.steps.partition_point(|step| step.t_s < fault_s)
+        });
+        let held = &self.steps[..until];
+        let metrics = metrics::of_run(self.options.commanded_n, held);
+        let uncertainty =
+            (self.rig.calibration.as_deref()).and_then(|record| uncertainty::of_run(record, held));
         let amplifiers_off_s = self.amplifiers_off_ms as f64 * 1e-3;
         if stopped.is_some() {
             self.append_truth(&last.truth);
@@ -364,8 +392,7 @@ impl<'a> Hold<'a> {
             config_crc: prepared.config_crc,
             commanded_n: self.options.commanded_n,
             metrics,
-            uncertainty: (self.rig.calibration.as_deref())
-                .and_then(|record| uncertainty::of_run(record, &self.steps)),
+            uncertainty,
             reach: self.reach,
             faults: self.faults,
             latency_ms,

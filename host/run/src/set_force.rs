@@ -72,7 +72,7 @@ pub fn hold_force(
     }
     let prepared = ready_board(&mut session, rig, &options.zeroing, &options.stop, observer)?;
     let mut hold = Hold::new(rig, options, observer, pose, injections, &prepared)?;
-    let ended = hold.run(&mut session);
+    let ended = (hold.run(&mut session)).map_err(|error| error.with_who(session.link()));
     let disarmed = match &ended {
         // The board is still driving as it should.
         Ok(_) | Err(RunError::UnitLost(_)) => {

@@ -90,6 +90,7 @@ pub fn hold_tensions(
             Ok(held)
         }
         Err(error) => {
+            let error = error.with_who(session.link());
             session.make_safe();
             Err(error)
         }

@@ -3,11 +3,11 @@
 use super::*;
 use control::SystemState;
 use emulator_link::Injection;
-use force::metrics::Step;
+use force::metrics::{self, Step};
 use plant::effects::AmplifierGain;
 use rig::Rig;
 use session::link::fake::{Behavior, FakeBoard};
-use session::link::RigLink;
+use session::link::{Exchange, LinkError, RigControls, RigLink};
 use session::TimedSample;
 use std::sync::atomic::AtomicBool;
 use std::sync::atomic::Ordering;
@@ -305,6 +305,83 @@ fn the_e_stop_ends_the_run_with_its_page() {
     assert_eq!(outcome.ended, Ended::Stopped);
     assert_eq!(kinds(&outcome)[0], ShortfallKind::Stopped);
     assert!((0.9..1.4).contains(&outcome.steps.last().unwrap().t_s));
+}
+
+/// A board that somebody stops over another link, a time after the force is commanded.
+struct StoppedByOthers {
+    board: FakeBoard,
+    after_s: f64,
+    at_ns: Option<u64>,
+    stopped: bool,
+}
+
+impl RigLink for StoppedByOthers {
+    fn name(&self) -> String {
+        self.board.name()
+    }
+
+    fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError> {
+        let mut bytes = to_board.to_vec();
+        let now_ns = self.board.now_ns;
+        if self.at_ns.is_none() && self.board.commands.contains(&Command::Arm) {
+            let after_s = options::PRETENSION_S + options::ROBOT_START_S + self.after_s;
+            self.at_ns = Some(now_ns + (after_s * 1e9) as u64);
+        }
+        let due = self.at_ns.is_some_and(|at_ns| now_ns >= at_ns);
+        if due && !std::mem::replace(&mut self.stopped, true) {
+            let frame = wire::HostFrame {
+                seq: 60_000,
+                command: Command::Stop,
+            };
+            let mut out = [0; wire::MAX_FRAME];
+            let length = wire::encode(&frame, &mut out).unwrap();
+            bytes.extend_from_slice(&out[..length]);
+        }
+        self.board.exchange(&bytes, duration)
+    }
+
+    fn stopped_by(&self) -> Option<&str> {
+        self.stopped.then_some("a test (process 7)")
+    }
+
+    fn controls(&mut self) -> Option<&mut dyn RigControls> {
+        self.board.controls()
+    }
+}
+
+#[test]
+fn a_run_that_is_stopped_says_by_whom_and_its_error_ends_there() {
+    let mut board = FakeBoard::new(Behavior::Good);
+    let whole = set_force(&mut board, &rig(), &options(), &mut NoopObserver).unwrap();
+    let until = |t_s| whole.steps.partition_point(|step| step.t_s < t_s);
+    // A report of the fault that is lost comes with the status, up to 50 ms later.
+    for behavior in [Behavior::Good, Behavior::Drops(7), Behavior::Drops(11)] {
+        for after_s in [1.5, 1.503] {
+            let mut link = StoppedByOthers {
+                board: FakeBoard::new(behavior),
+                after_s,
+                at_ns: None,
+                stopped: false,
+            };
+            let stopped = hold_force(&mut link, &rig(), &options(), &mut NoopObserver).unwrap_err();
+            let error = stopped.error.to_string();
+            assert!(
+                error.starts_with("stopped by a test (process 7): fault 3"),
+                "{error}"
+            );
+            let metrics = stopped.outcome.unwrap().metrics.unwrap();
+            let held = &whole.steps[..until(after_s)];
+            let undisturbed = metrics::of_run(options().commanded_n, held).unwrap();
+            let cycles = undisturbed.steady_cycles;
+            assert!(
+                (cycles - 10..=cycles + 1).contains(&metrics.steady_cycles),
+                "{behavior:?}: {} and {cycles}",
+                metrics.steady_cycles
+            );
+            let (rms, other) = (metrics.tip_force_rms_n, undisturbed.tip_force_rms_n);
+            assert!(rms < 1.5 * other, "{behavior:?}: {rms} and {other}");
+        }
+    }
 }
 
 #[test]

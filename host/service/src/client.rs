@@ -1,8 +1,8 @@
 //! A client of the service, and the service as a link: what runs on a port runs on a rig that others watch.
 
+use super::hub::STOPPED_BY;
 use super::protocol::{
     Call, Event, Hello, HoldParams, Request, ServiceStatus, Telemetry, Tick, Topics, Welcome,
-    VERSION,
 };
 use super::socket;
 use base64::prelude::{Engine as _, BASE64_STANDARD};
@@ -95,7 +95,7 @@ impl Client {
     /// # Errors
     /// No service answers, or one of another version.
     pub fn connect(name: &str, client: &str) -> Result<Self, ServiceError> {
-        let path = socket::path_of(name).map_err(|error| ServiceError::Io {
+        let path = socket::of(name).map_err(|error| ServiceError::Io {
             name: name.to_owned(),
             cause: error.to_string(),
         })?;
@@ -118,17 +118,11 @@ impl Client {
             },
             _ => failed(error),
         })?;
-        Self::over(stream, name, client, Some(std::process::id()))
+        Self::over(stream, name, Hello::of_this_process(client))
     }
 
     /// Uses a stream that is connected already.
-    /// `pid`: the process that others are told, if any.
-    pub(super) fn over(
-        stream: UnixStream,
-        name: &str,
-        client: &str,
-        pid: Option<u32>,
-    ) -> Result<Self, ServiceError> {
+    pub(super) fn over(stream: UnixStream, name: &str, hello: Hello) -> Result<Self, ServiceError> {
         let failed = |error: std::io::Error| ServiceError::Io {
             name: name.to_owned(),
             cause: error.to_string(),
@@ -155,13 +149,7 @@ impl Client {
             next_id: 0,
             welcome: Welcome::default(),
         };
-        let hello = Call::Hello(Hello {
-            version: VERSION,
-            client: client.to_owned(),
-            pid,
-            token: None,
-        });
-        let welcome = connected.call(hello)?;
+        let welcome = connected.call(Call::Hello(hello))?;
         connected.welcome = serde_json::from_value(welcome)
             .map_err(|error| connected.broken(&format!("its answer to hello: {error}")))?;
         Ok(connected)
@@ -318,6 +306,8 @@ pub struct ServiceLink {
     client: Client,
     commands: bool,
     now_ns: u64,
+    /// Who stopped the rig last, since this link exists.
+    stopped_by: Option<String>,
 }
 
 impl ServiceLink {
@@ -345,12 +335,14 @@ impl ServiceLink {
         client.call(Call::Subscribe(Topics {
             ticks: true,
             truth,
+            events: true,
             ..Topics::default()
         }))?;
         Ok(Self {
             client,
             commands: false,
             now_ns: 0,
+            stopped_by: None,
         })
     }
 
@@ -388,7 +380,14 @@ impl ServiceLink {
                 Ok(())
             }
             Notification::LinkLost(cause) => Err(self.lost(&cause)),
-            Notification::Telemetry(_) | Notification::Event(_) => Ok(()),
+            Notification::Event(event) => {
+                let who = event.text.strip_prefix(STOPPED_BY);
+                if let Some(who) = who.filter(|_| event.kind == "stop") {
+                    self.stopped_by = Some(who.to_owned());
+                }
+                Ok(())
+            }
+            Notification::Telemetry(_) => Ok(()),
         }
     }
 }
@@ -405,6 +404,10 @@ impl Drop for ServiceLink {
 impl RigLink for ServiceLink {
     fn name(&self) -> String {
         self.client.welcome.link.clone()
+    }
+
+    fn stopped_by(&self) -> Option<&str> {
+        self.stopped_by.as_deref()
     }
 
     fn exchange(&mut self, to_board: &[u8], duration: Duration) -> Result<Exchange, LinkError> {

@@ -5,7 +5,7 @@
 use super::client::{Client, ServiceLink};
 use super::connection;
 use super::inbound::{next_id, ClientId, Inbound, JobReport};
-use super::protocol::{ForceParams, HoldParams};
+use super::protocol::{ForceParams, Hello, HoldParams};
 use known::base;
 use known::ZeroStore;
 use rig::Rig;
@@ -117,7 +117,8 @@ fn run(
     let words = |error: &dyn std::fmt::Display| error.to_string();
     let (file, text) = &order.rig_file;
     let rig = Rig::parse(file, text).map_err(|error| words(&error))?;
-    let client = Client::over(stream, &rig.name, name, None).map_err(|error| words(&error))?;
+    let client =
+        Client::over(stream, &rig.name, Hello::nameless(name)).map_err(|error| words(&error))?;
     let seed = client.welcome().seed;
     let rig = base::with_calibration(rig, seed).map_err(|error| words(&error))?;
     let store = store(&rig, seed);

@@ -11,7 +11,8 @@
 //! | question | file |
 //! | --- | --- |
 //! | what do clients and service say | `protocol` |
-//! | where is the socket | `socket` |
+//! | where is the socket | `socket`, `account` |
+//! | a stop, whatever hangs | `stop` |
 //! | who may do what, which bytes go where | `hub` |
 //! | sequence numbers of frames for each client | `frames` |
 //! | what reaches the hub, and what waits for a client | `inbound`, `outbox` |
@@ -27,6 +28,7 @@
 //! It talks over Unix sockets and pseudo-terminals: on other systems this crate is empty, and every command opens the link itself.
 #![cfg(unix)]
 
+mod account;
 pub mod client;
 mod connection;
 mod frames;
@@ -37,6 +39,7 @@ mod outbox;
 pub mod protocol;
 pub mod server;
 pub mod socket;
+pub mod stop;
 mod terminal;
 #[cfg(test)]
 mod tests;

@@ -3,6 +3,7 @@
 //! A client sends requests `{"jsonrpc": "2.0", "id": 1, "method": "stop"}`. The service answers each request that has an
 //! `id`, and sends notifications (no `id`) for the topics that the client subscribed to. The first request is `hello`.
 
+use super::account;
 use emulator_link::{Pose, Truth};
 use serde::{Deserialize, Serialize};
 use serde_json::{json, Value};
@@ -80,7 +81,7 @@ pub enum Call {
 }
 
 /// The first request.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 pub struct Hello {
     /// [`VERSION`] of the client.
     pub version: u32,
@@ -89,6 +90,12 @@ pub struct Hello {
     /// Its process, for messages to others.
     #[serde(default)]
     pub pid: Option<u32>,
+    /// Its account, for messages to others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub user: Option<String>,
+    /// Its terminal, for messages to others.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub terminal: Option<String>,
     /// The token of a service that listens on TCP.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub token: Option<String>,
@@ -106,6 +113,44 @@ pub struct Topics {
     pub telemetry: bool,
     /// [`Event`]: faults, who commands, a link that is lost or back.
     pub events: bool,
+}
+
+impl Hello {
+    /// That of this process: `client` is the program's name.
+    #[must_use]
+    pub fn of_this_process(client: &str) -> Self {
+        Self {
+            pid: Some(std::process::id()),
+            user: Some(account::name(account::uid())),
+            terminal: account::terminal(),
+            ..Self::nameless(client)
+        }
+    }
+
+    /// That of a client without a process of its own.
+    #[must_use]
+    pub fn nameless(client: &str) -> Self {
+        Self {
+            version: VERSION,
+            client: client.to_owned(),
+            ..Self::default()
+        }
+    }
+
+    /// Client, process, account and terminal, as far as they are known.
+    #[must_use]
+    pub fn name(&self) -> String {
+        let known = [
+            self.pid.map(|pid| format!("process {pid}")),
+            self.user.as_ref().map(|user| format!("user {user}")),
+            (self.terminal.as_ref()).map(|terminal| format!("terminal {terminal}")),
+        ];
+        let known: Vec<String> = known.into_iter().flatten().collect();
+        if known.is_empty() {
+            return self.client.clone();
+        }
+        format!("{} ({})", self.client, known.join(", "))
+    }
 }
 
 /// What `hold` holds.
@@ -303,11 +348,10 @@ mod tests {
         for call in [
             Call::Stop,
             Call::Hello(Hello {
-                version: VERSION,
-                client: "a test".to_owned(),
                 pid: Some(7),
-                token: None,
+                ..Hello::nameless("a test")
             }),
+            Call::Hello(Hello::of_this_process("a test")),
             Call::Hold(HoldParams::default()),
             Call::SetForce(ForceParams {
                 force_n: [0.0, 2.5, 0.0],

@@ -74,7 +74,7 @@ pub enum ServeError {
 /// [`ServeError`].
 pub fn serve(
     link: Box<dyn RigLink>,
-    listening: Listening,
+    mut listening: Listening,
     options: ServeOptions,
     ready: impl FnOnce(&Addresses),
 ) -> Result<(), ServeError> {
@@ -82,6 +82,9 @@ pub fn serve(
         let what = what.to_owned();
         move |cause| ServeError::Io { what, cause }
     };
+    listening
+        .note(&link.name())
+        .map_err(failed("the lock beside the socket"))?;
     let (sender, inbound) = std::sync::mpsc::channel();
     let mut addresses = Addresses {
         socket: listening.path().to_owned(),

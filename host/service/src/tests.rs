@@ -4,7 +4,8 @@ use super::client::{Client, Notification, ServiceError, ServiceLink};
 use super::hub::CYCLE;
 use super::protocol::{code, Call, ForceParams, HoldParams, Topics};
 use super::server::{serve, ServeOptions};
-use super::socket::Listening;
+use super::socket::{Listening, Socket};
+use super::stop::stop;
 use known::ZeroStore;
 use rig::{Rig, DEFAULT_NAME, DEFAULT_TEXT};
 use run::{ready_board, set_force, NoopObserver, Options, RunError, Zeroing};
@@ -335,6 +336,9 @@ fn one_commands_and_anyone_stops() {
     assert_eq!(rig.got(&Command::Stop), 1);
     let error = running.join().unwrap().unwrap_err();
     assert!(matches!(error, RunError::Fault(_)), "{error}");
+    // The run says who it was.
+    let who = format!("stopped by anyone (process {}, user ", std::process::id());
+    assert!(error.to_string().starts_with(&who), "{error}");
     rig.wait_for("fault");
     assert!(other.call(Call::Clear).is_ok());
     rig.wait_for("ready");
@@ -776,4 +780,28 @@ fn a_second_hold_does_not_make_the_first_one_lost() {
     // Ended by whoever, as the documents say.
     second.call(Call::Disarm).unwrap();
     assert_eq!(second.status().unwrap().state, "ready");
+}
+
+#[test]
+fn a_stop_asks_the_service_first() {
+    let rig = KeptRig::start(Behavior::Good, true);
+    let socket = Socket {
+        name: "rig".to_owned(),
+        path: rig.path.clone(),
+    };
+    assert_eq!(
+        socket.holder(),
+        Some((std::process::id(), "fake board".to_owned()))
+    );
+    let stopped = stop(&socket, "a test", &|words| panic!("{words}")).unwrap();
+    assert_eq!(stopped.link, "fake board");
+    assert_eq!(rig.got(&Command::Stop), 1);
+    // A service whose link is gone is alive, and has not stopped anything.
+    rig.plugged.store(false, Ordering::SeqCst);
+    rig.wait_for("no link");
+    let error = stop(&socket, "a test", &|_| {}).unwrap_err().to_string();
+    assert!(
+        error.contains("NOT CONFIRMED") && error.contains("is gone"),
+        "{error}"
+    );
 }

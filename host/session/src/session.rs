@@ -194,6 +194,13 @@ impl<'l> Session<'l> {
         })
     }
 
+    /// How much older a board time of the wire is than the newest frame, s; `None` before the first.
+    #[must_use]
+    pub fn age_s(&self, t_us: u32) -> Option<f64> {
+        let newest_us = self.board_us? as u32;
+        Some(f64::from(newest_us.wrapping_sub(t_us) as i32) * 1e-6)
+    }
+
     /// The first fault among what was received, else the one that the board's status names.
     #[must_use]
     pub fn fault_in(&self, received: &Received) -> Option<LatchedFault> {

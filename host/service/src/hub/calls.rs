@@ -67,8 +67,7 @@ impl Hub {
     fn command(&mut self, id: ClientId, number: Option<&Value>, call: Call) {
         match call {
             Call::Stop => {
-                let text = format!("stopped by {}", self.name_of(id));
-                self.event("stop", text, None);
+                self.note_stop(id);
                 self.send(Origin::Call(id, number.cloned()), Command::Stop);
             }
             Call::Release => {

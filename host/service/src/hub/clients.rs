@@ -39,26 +39,13 @@ impl Client {
     pub(super) fn terminal(path: &str) -> Self {
         let mut client = Self::new(Outbox::default(), true);
         client.topics.ticks = true;
-        client.hello = Some(Hello {
-            version: crate::protocol::VERSION,
-            client: format!("the program on {path}"),
-            pid: None,
-            token: None,
-        });
+        client.hello = Some(Hello::nameless(&format!("the program on {path}")));
         client
     }
 
-    /// Name and process, for messages.
+    /// Name, process and account, for messages.
     pub(super) fn name(&self) -> String {
-        match &self.hello {
-            Some(Hello {
-                client,
-                pid: Some(pid),
-                ..
-            }) => format!("{client} (process {pid})"),
-            Some(hello) => hello.client.clone(),
-            None => "a client without a name".to_owned(),
-        }
+        (self.hello.as_ref()).map_or_else(|| "a client without a name".to_owned(), Hello::name)
     }
 
     /// Puts a frame into its bytes.
@@ -237,8 +224,7 @@ impl Hub {
                 self.send(Origin::Frame(id, seq), frame.command);
             }
             Command::Stop => {
-                let text = format!("stopped by {}", self.name_of(id));
-                self.event("stop", text, None);
+                self.note_stop(id);
                 self.send(Origin::Frame(id, seq), Command::Stop);
             }
             _ => {
@@ -250,6 +236,12 @@ impl Hub {
                 }
             }
         }
+    }
+
+    /// Tells everyone who stops the rig, before the board does it.
+    pub(super) fn note_stop(&mut self, id: ClientId) {
+        let text = format!("{}{}", super::STOPPED_BY, self.name_of(id));
+        self.event("stop", text, None);
     }
 
     /// A reply to a client's own frame.

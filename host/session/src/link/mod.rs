@@ -57,6 +57,11 @@ pub trait RigLink {
         false
     }
 
+    /// Who stopped the rig last while this link was open, where the link is told: a service is, a port is not.
+    fn stopped_by(&self) -> Option<&str> {
+        None
+    }
+
     /// What can be controlled and observed on an emulated rig only; `None` on a real board.
     fn controls(&mut self) -> Option<&mut dyn RigControls> {
         None
