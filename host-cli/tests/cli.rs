@@ -756,3 +756,36 @@ mod signals {
         }
     }
 }
+
+/// A folder's name may be any bytes.
+#[cfg(target_os = "linux")]
+#[test]
+fn names_that_are_not_utf_8_are_taken_as_they_are() {
+    use std::os::unix::ffi::OsStrExt;
+    let folder = common::folder();
+    let name = std::ffi::OsStr::from_bytes(b"caf\xe9");
+    let data = folder.path().join(name).with_extension("csv");
+    std::fs::write(&data, "t,f,x\n0,1,2\n1,2,3\n2,3,4\n").unwrap();
+    let said = |words: &[&std::ffi::OsStr]| {
+        let mut command = common::forcectl(folder.path(), &["--json"]);
+        common::said(&command.args(words).output().unwrap())
+    };
+    let word = std::ffi::OsStr::new;
+    let pages = said(&[word("man"), word("--out"), name]);
+    assert_eq!(pages.code, Some(0), "{pages:?}");
+    assert!(folder.path().join(name).is_dir());
+    assert!(pages.out.contains("caf\u{fffd}"), "{pages:?}");
+    let model = folder.path().join(name).join("model.toml");
+    let first = [word("residual"), word("--init"), word("--data")];
+    let model = [data.as_os_str(), word("--model"), model.as_os_str()];
+    let init = said(&[&first[..], &model[..]].concat());
+    assert!(matches!(init.code, Some(0 | 2 | 3)), "{init:?}");
+    // The name of a command in messages to others is read from all arguments.
+    let link = [
+        word("--link"),
+        word("serial:/dev/no-such-port"),
+        word("record"),
+    ];
+    let record = said(&[&link[2..], &[name], &link[..2]].concat());
+    assert_eq!(record.code, Some(4), "{record:?}");
+}

@@ -4,6 +4,7 @@ mod live;
 mod report;
 
 use super::exit::{self, Failure, Reply, Result};
+use super::output::path_json;
 use super::Context;
 use clap::{Args, Subcommand};
 use estimate::card::{percent, ModelCard, Run};
@@ -155,7 +156,10 @@ impl Export {
             self.out.display(),
             card.display()
         );
-        Ok(Reply::new(text, json!({"file": self.out, "card": card})))
+        Ok(Reply::new(
+            text,
+            json!({"file": path_json(&self.out), "card": card}),
+        ))
     }
 }
 

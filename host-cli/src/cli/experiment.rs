@@ -1,7 +1,7 @@
 //! `forcectl experiment`: trials with a moving robot and a known force, and the dataset that comes out.
 
 use super::exit::{self, Failure, Reply, Result};
-use super::output::Output;
+use super::output::{path_json, Output};
 use super::{values, Context};
 use clap::{Args, Subcommand};
 use experiment::{
@@ -237,7 +237,7 @@ impl Report {
     fn run(&self) -> Result<Reply> {
         let (folder, experiment) = Folder::open(&self.dir)?;
         let text = written(&folder, &experiment, self.report_into.as_ref())?;
-        let json = json!({ "folder": self.dir, "text": text });
+        let json = json!({ "folder": path_json(&self.dir), "text": text });
         Ok(Reply::new(format!("{text}\n"), json))
     }
 }

@@ -1,6 +1,7 @@
 //! `forcectl init`: makes a rig file from the answers to ten questions.
 
 use super::exit::{self, Failure, Reply, Result};
+use super::output::path_json;
 use super::{output, Context};
 use clap::Args;
 use rig::init::{self, Question, QUESTIONS};
@@ -82,7 +83,7 @@ impl Init {
                 "{name}: written and checked. Gains, limits and friction are those of the built-in example; see \
                  docs/bring-up.md before anything is armed.\n"
             ),
-            json!({"file": self.file, "name": rig.name, "hash": rig.hash()}),
+            json!({"file": path_json(&self.file), "name": rig.name, "hash": rig.hash()}),
         ))
     }
 }

@@ -1,6 +1,7 @@
 //! `forcectl man`: manual pages, one for each command.
 
 use super::exit::{Failure, Reply, Result};
+use super::output::path_json;
 use super::Cli;
 use clap::{Args, CommandFactory};
 use serde_json::json;
@@ -27,7 +28,7 @@ impl Man {
                 out.display(),
                 out.join("forcectl.1").display()
             ),
-            json!({ "folder": out }),
+            json!({ "folder": path_json(out) }),
         ))
     }
 }

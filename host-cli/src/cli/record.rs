@@ -3,6 +3,7 @@
 use super::connection::{booted_here, configure_embedded, Connection, Role};
 use super::exit::{Failure, Reply, Result};
 use super::monitor::End;
+use super::output::path_json;
 use super::progress::Progress;
 use super::{values, Context};
 use clap::Args;
@@ -72,7 +73,7 @@ impl Record {
                         counters.frames_lost,
                         counters.frames_bad
                     ),
-                    json!({"samples": finished.samples, "dropped_samples": finished.dropped_samples, "folder": self.folder, "link": counters}),
+                    json!({"samples": finished.samples, "dropped_samples": finished.dropped_samples, "folder": path_json(&self.folder), "link": counters}),
                 );
                 match lost {
                     Some(error) => Err(Failure::from(error).with_reply(reply)),

@@ -1,6 +1,7 @@
 //! `forcectl recording`: checks recordings, writes their Parquet files, joins them with a robot's log. Drives nothing.
 
 use super::exit::{self, Failure, Reply, Result};
+use super::output::path_json;
 use super::Context;
 use clap::{Args, Subcommand};
 use recording::check::{self, Checked};
@@ -131,7 +132,7 @@ fn export(mcap: &std::path::Path, folder: &std::path::Path) -> Result<Reply> {
     let files: Vec<_> = exported
         .files
         .iter()
-        .map(|(path, rows)| json!({"file": path, "rows": rows}))
+        .map(|(path, rows)| json!({"file": path_json(path), "rows": rows}))
         .collect();
     let whole = exported.end == End::Complete;
     if !whole {

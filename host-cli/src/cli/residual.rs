@@ -1,6 +1,7 @@
 //! `forcectl residual`: what a force model lacks, from logs, and what of it the board can use.
 
 use super::exit::{self, Failure, Reply, Result};
+use super::output::path_json;
 use super::Context;
 use clap::Args;
 use identify::{Applied, BoardFile};
@@ -111,7 +112,8 @@ fn init(arguments: &Residual) -> Result<Reply> {
     }
     if let Some(samples) = samples_of_recordings(&arguments.data) {
         std::fs::write(path, RECORDING).map_err(|error| Failure::file(path, &error))?;
-        let json = serde_json::json!({"model": path, "data": samples});
+        let data: Vec<_> = samples.iter().map(|path| path_json(path)).collect();
+        let json = serde_json::json!({"model": path_json(path), "data": data});
         let samples: Vec<String> = samples.iter().map(|p| p.display().to_string()).collect();
         let answer = format!(
             "{} written, for recordings of forcectl; analyse them with --data {} --model {}\n",
@@ -124,7 +126,7 @@ fn init(arguments: &Residual) -> Result<Reply> {
     let text = residual::load::guess(&arguments.data)
         .map_err(|error| Failure::new(error.exit_code(), error))?;
     std::fs::write(path, &text).map_err(|error| Failure::file(path, &error))?;
-    let json = serde_json::json!({"model": path});
+    let json = serde_json::json!({"model": path_json(path)});
     let answer = format!(
         "{} written; answer its questions (lines with `# ?`), then run the command without --init\n",
         path.display()

@@ -198,7 +198,9 @@ pub fn connect(
 
 /// This command, for the messages of others.
 fn client_name() -> String {
-    let command = std::env::args().skip(1).find(|word| !word.starts_with('-'));
+    let words = std::env::args_os().skip(1);
+    let command =
+        (words.map(|word| word.to_string_lossy().into_owned())).find(|word| !word.starts_with('-'));
     format!("forcectl {}", command.unwrap_or_default())
 }
 

@@ -24,8 +24,8 @@ pub(super) enum Item {
 /// What both sides know.
 #[derive(Debug, Default)]
 pub(super) struct Shared {
-    pub(super) samples: AtomicU64,
-    pub(super) cycles: AtomicU64,
+    samples: AtomicU64,
+    cycles: AtomicU64,
     dropped_samples: AtomicU64,
     dropped_cycles: AtomicU64,
     /// Why the disk takes nothing at the moment.
@@ -41,6 +41,27 @@ impl Shared {
 
     pub(super) fn drop_cycles(&self, count: u64) {
         self.dropped_cycles.fetch_add(count, Ordering::Relaxed);
+    }
+
+    /// The storage holds this many samples and cycles.
+    pub(super) fn stored(&self, (samples, cycles): (u64, u64)) {
+        self.samples.store(samples, Ordering::Relaxed);
+        self.cycles.store(cycles, Ordering::Relaxed);
+    }
+
+    /// The storage was never to take more: of so many, the rest counts as dropped.
+    pub(super) fn never_stored(&self, (samples, cycles): (u64, u64)) {
+        let (stored_samples, stored_cycles) = self.in_file();
+        self.drop_samples(samples - stored_samples);
+        self.drop_cycles(cycles - stored_cycles);
+    }
+
+    /// Samples and cycles that the storage holds.
+    pub(super) fn in_file(&self) -> (u64, u64) {
+        (
+            self.samples.load(Ordering::Relaxed),
+            self.cycles.load(Ordering::Relaxed),
+        )
     }
 
     /// Samples and cycles that there was no room for.

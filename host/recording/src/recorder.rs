@@ -15,7 +15,6 @@ use session::Received;
 use std::collections::{BTreeMap, VecDeque};
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::sync::atomic::Ordering;
 use std::sync::mpsc::{sync_channel, SyncSender, TrySendError};
 use std::sync::{Arc, PoisonError};
 use wire::message::UnitConfig;
@@ -27,13 +26,13 @@ const QUEUE: usize = 8192;
 /// What a recording holds when it is complete.
 #[derive(Debug, Clone, PartialEq, Eq, Default, serde::Serialize)]
 pub struct Finished {
-    /// Samples.
+    /// Samples in the file.
     pub samples: u64,
-    /// Cycles of the host's controller.
+    /// Cycles of the host's controller in the file.
     pub cycles: u64,
-    /// Samples that the recorder had no room for, because the disk was too slow or full.
+    /// Samples that are not in it, because the disk was too slow or full.
     pub dropped_samples: u64,
-    /// Cycles that it had no room for.
+    /// Cycles that are not in it.
     pub dropped_cycles: u64,
     /// Files that are not complete, with the reason.
     #[serde(skip)]
@@ -335,9 +334,10 @@ impl Recorder {
         failures.extend(parquet::export(&mcap, &self.folder).failures);
         failures.extend(folder::write_sums(&self.folder).err());
         let (dropped_samples, dropped_cycles) = self.shared.dropped();
+        let (samples, cycles) = self.shared.in_file();
         Finished {
-            samples: self.shared.samples.load(Ordering::Relaxed),
-            cycles: self.shared.cycles.load(Ordering::Relaxed),
+            samples,
+            cycles,
             dropped_samples,
             dropped_cycles,
             failures,

@@ -470,6 +470,33 @@ fn a_full_disk_costs_nothing_where_room_comes_back_and_the_rest_where_it_does_no
             let failure = finished.failures[0].to_string();
             assert!(failure.contains(MCAP_FILE), "{failure}");
         }
+        // What is told is what is in the file.
+        assert_eq!(finished.samples, there as u64);
+        assert_eq!(finished.samples + finished.dropped_samples, 201 * 20);
+    }
+}
+
+#[test]
+fn what_happens_before_the_first_sample_has_the_time_of_a_rig_that_was_there_before() {
+    let folder = tempfile::tempdir().unwrap();
+    let disk = Disk::default();
+    let mut recorder = on(&disk, folder.path());
+    recorder.phase(Phase::Zero);
+    recorder.notice("something");
+    // A service that has run for a while.
+    let first = received(360_000);
+    recorder.received(&first);
+    let _ = recorder.finish();
+    std::fs::write(folder.path().join(MCAP_FILE), &*disk.bytes.lock().unwrap()).unwrap();
+    let (entries, _) = entries(&folder.path().join(MCAP_FILE));
+    let events: Vec<EventRow> = rows(&entries);
+    let named: Vec<&str> = events.iter().map(|event| event.name.as_str()).collect();
+    assert_eq!(named, ["phase", "notice"]);
+    let samples: Vec<SampleRow> = rows(&entries);
+    for event in &events {
+        assert_eq!(event.host_s, first.host_ns as f64 * 1e-9);
+        // Within what arrived at once.
+        assert!(event.timestamp.ns().abs_diff(samples[0].utc.ns()) < 20_000_000);
     }
 }
 

@@ -64,6 +64,11 @@ pub(super) struct Writer {
     failing: bool,
     /// Bytes of messages since the last chunk.
     chunk_bytes: usize,
+    /// Samples and cycles among the rows so far.
+    rows: (u64, u64),
+    /// What happened before anything told the time of the link: a service's began long before.
+    early: Vec<Item>,
+    timed: bool,
 }
 
 impl Writer {
@@ -137,6 +142,9 @@ impl Writer {
             dropped_before: (0, 0),
             failing: false,
             chunk_bytes: 0,
+            rows: (0, 0),
+            early: Vec::new(),
+            timed: false,
         };
         writer.mcap.flush()?;
         Ok(writer)
@@ -156,6 +164,7 @@ impl Writer {
                 due = Instant::now() + CHUNK_PERIOD;
             }
         }
+        self.time_is_known();
         self.note_drops();
         if let Some(bin) = self.clock.open_bin() {
             self.write_clock(&bin);
@@ -163,11 +172,15 @@ impl Writer {
         let finished = self.mcap.finish();
         let mut sink = self.mcap.into_inner().into_inner();
         let stored = std::io::Write::flush(&mut sink).and_then(|()| sink.sync());
-        if let Err(error) = finished
+        match finished
             .map_err(McapError::from)
             .and(stored.map_err(Into::into))
         {
-            self.shared.fail(&error.to_string());
+            Ok(()) => self.shared.stored(self.rows),
+            Err(error) => {
+                self.shared.never_stored(self.rows);
+                self.shared.fail(&error.to_string());
+            }
         }
     }
 
@@ -176,6 +189,7 @@ impl Writer {
         self.chunk_bytes = 0;
         match self.mcap.flush() {
             Ok(()) => {
+                self.shared.stored(self.rows);
                 if self.failing {
                     self.failing = false;
                     self.event(WARNING, "drops", "the disk takes data again");
@@ -189,11 +203,18 @@ impl Writer {
     }
 
     fn take(&mut self, item: Item) {
-        self.note_drops();
+        match item {
+            Item::Phase(_) | Item::Configured(_) | Item::Notice(_) if !self.timed => {
+                self.early.push(item);
+                return;
+            }
+            _ => self.note_drops(),
+        }
         match item {
             Item::Received(received) => self.received(&received),
             Item::Cycle(step, host_ns) => {
                 self.host_ns = self.host_ns.max(host_ns);
+                self.time_is_known();
                 self.cycle(&step);
             }
             Item::Phase(name) => {
@@ -206,6 +227,14 @@ impl Writer {
             Item::Notice(text) => self.event(WARNING, "notice", &text),
             Item::Columns(topic, board_s, values) => self.columns(topic, board_s, &values),
             Item::Metadata(name, pairs) => self.metadata(&name, pairs),
+        }
+    }
+
+    /// Takes what waited for a time.
+    fn time_is_known(&mut self) {
+        self.timed = true;
+        for item in std::mem::take(&mut self.early) {
+            self.take(item);
         }
     }
 
@@ -243,6 +272,7 @@ impl Writer {
             );
             self.event(WARNING, "clock", &text);
         }
+        self.time_is_known();
         for reading in &received.readings {
             self.read_clock(reading);
         }
@@ -262,8 +292,7 @@ impl Writer {
                 timed,
                 &self.configs,
             );
-            self.write_row(&row);
-            self.shared.samples.fetch_add(1, Ordering::Relaxed);
+            self.rows.0 += u64::from(self.write_row(&row));
         }
         for fault in &received.faults {
             self.event(ERROR, "fault", &LatchedFault::from(fault).to_string());
@@ -341,9 +370,8 @@ impl Writer {
 
     fn cycle(&mut self, step: &Step) {
         let row = CycleRow::new(self.now(), step);
-        self.write_row(&row);
+        self.rows.1 += u64::from(self.write_row(&row));
         self.write(TipPose::TOPIC, row.utc, &TipPose::new(row.utc, row.tip_m));
-        self.shared.cycles.fetch_add(1, Ordering::Relaxed);
     }
 
     fn columns(&mut self, topic: &'static str, board_s: f64, values: &[f64]) {
@@ -415,21 +443,22 @@ impl Writer {
         }
     }
 
-    fn write_row<R: Row>(&mut self, row: &R) {
-        self.write(R::TABLE.topic, row.times().utc, row);
+    /// Writes a row; `false` where there is no room.
+    fn write_row<R: Row>(&mut self, row: &R) -> bool {
+        self.write(R::TABLE.topic, row.times().utc, row)
     }
 
-    fn write(&mut self, topic: &'static str, utc: Utc, message: &impl Serialize) {
+    fn write(&mut self, topic: &'static str, utc: Utc, message: &impl Serialize) -> bool {
         if self.full() {
             match topic {
                 "/sample" => self.shared.drop_samples(1),
                 "/cycle" => self.shared.drop_cycles(1),
                 _ => {}
             }
-            return;
+            return false;
         }
         let Some(topic) = self.topics.get_mut(topic) else {
-            return;
+            return false;
         };
         let header = MessageHeader {
             channel_id: topic.channel,
@@ -445,6 +474,7 @@ impl Writer {
                 Ok(self.mcap.write_to_known_channel(&header, &bytes)?)
             });
         self.check(written);
+        true
     }
 
     /// Errors here are not the disk's, which show in `flush`.

@@ -37,7 +37,8 @@ pub struct Telemetry {
     #[serde(default)]
     pub true_tension_n: Option<[f64; UNITS]>,
     /// Force at the tip by the measured tensions and the cable directions of the rig file, N. Units that are switched off
-    /// or faulted count as slack. `null` without a pose, or where a unit that takes part has no sample or no zero.
+    /// count as slack. One that is faulted is at 0 V, and friction may hold its cable: it counts with what its load cell reads.
+    /// `null` without a pose, or where a unit that is not switched off has no sample or no zero.
     #[serde(default)]
     pub force_n: Option<[f64; 3]>,
     /// Whether the board holds a zero of each unit; `null`: its configuration was not read yet.
@@ -250,12 +251,8 @@ impl Gatherer {
         let mut directions = Vec::with_capacity(UNITS);
         let mut tensions = Vec::with_capacity(UNITS);
         for i in 0..UNITS {
-            let takes_part = self.configs[i].is_some_and(|config| config.enabled)
-                && !matches!(
-                    MotorState::from_u8(status.units[i].state),
-                    Some(MotorState::Offline | MotorState::Faulted)
-                );
-            if !takes_part {
+            let off = MotorState::from_u8(status.units[i].state) == Some(MotorState::Offline);
+            if off || !self.configs[i].is_some_and(|config| config.enabled) {
                 continue;
             }
             if zeroed[i] != Some(true) {
@@ -358,17 +355,26 @@ mod tests {
         assert!((force - all).norm() < 1e-9, "{force} {all}");
         assert_eq!(now.latency_us, Some(105));
         assert_eq!(now.setpoint_age_ms, None);
-        // A faulted unit is at 0 V and named.
+        // A faulted unit is at 0 V and named; its cable pulls with what its load cell reads.
         status.units[2].state = MotorState::Faulted as u8;
         status.units[2].fault = 33;
         status.fault = 2;
         let now = gatherer.telemetry(NOW_NS, Some(&status), "");
-        let force = Vector3::from(now.force_n.unwrap());
-        assert!((force - by_hand(&rig, &[0, 1, 3, 4, 5])).norm() < 1e-9);
+        assert!((Vector3::from(now.force_n.unwrap()) - all).norm() < 1e-9);
         let codes: Vec<_> = now.faults.iter().map(|f| (f.unit, f.code)).collect();
         assert_eq!(codes, [(None, 2), (Some(3), 33)]);
         // Latencies are those since the last call.
         assert_eq!(now.latency_us, None);
+        // One that is switched off has no part.
+        status.units[2].state = MotorState::Offline as u8;
+        let now = gatherer.telemetry(NOW_NS, Some(&status), "");
+        let force = Vector3::from(now.force_n.unwrap());
+        assert!((force - by_hand(&rig, &[0, 1, 3, 4, 5])).norm() < 1e-9);
+        // What a faulted one pulls with is not known without a sample: the force is not known either.
+        status.units[2].state = MotorState::Faulted as u8;
+        gatherer.newest[2] = Newest::default();
+        let now = gatherer.telemetry(NOW_NS, Some(&status), "");
+        assert_eq!((now.force_n, now.tension_n[2]), (None, None));
     }
 
     #[test]
