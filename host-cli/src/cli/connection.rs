@@ -328,7 +328,8 @@ impl Existing {
         Ok(link)
     }
 
-    /// Whether a service is meant: that of `--link`, else any. Asks none, for one that hangs has no answer.
+    /// Whether a service is meant: that of `--link`, else any. Asks none, for one that hangs has no
+    /// answer.
     #[cfg(unix)]
     pub fn means(&self, socket: &socket::Socket) -> bool {
         let Some(link) = &self.link else {

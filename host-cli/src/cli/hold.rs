@@ -54,7 +54,9 @@ impl Hold {
 /// The table for people.
 fn table(held: &HeldTensions) -> String {
     let mut out = String::new();
-    let units = |values: [f64; UNITS]| values.map(|v| format!("{v:>7.3}")).join(" ");
+    let cell =
+        |value: Option<f64>| value.map_or_else(|| format!("{:>7}", "-"), |v| format!("{v:>7.3}"));
+    let units = |values: [Option<f64>; UNITS]| values.map(cell).join(" ");
     row!(out, "held for {:.1} s, then disarmed", held.held_s);
     row!(
         out,

@@ -232,8 +232,8 @@ pub fn to_stderr(text: &str) {
     let _ = writeln!(io::stderr(), "{text}");
 }
 
-/// A path as JSON. JSON is UTF-8: what a name has beside it becomes a replacement character, as in texts. `json!` of the path
-/// itself panics there.
+/// A path as JSON. JSON is UTF-8: what a name has beside it becomes a replacement character, as in
+/// texts. `json!` of the path itself panics there.
 pub fn path_json(path: &std::path::Path) -> Value {
     path.display().to_string().into()
 }

@@ -41,8 +41,8 @@ impl Stop {
             })
     }
 
-    /// Stops the rigs that have a service, all at the same time: one that hangs keeps no other waiting. `false`: no service is
-    /// concerned.
+    /// Stops the rigs that have a service, all at the same time: one that hangs keeps no other
+    /// waiting. `false`: no service is concerned.
     #[cfg(unix)]
     fn stop_services(&self, context: &Context) -> Result<bool> {
         if self.connection.direct {
@@ -51,16 +51,8 @@ impl Stop {
         let found = socket::find();
         let apart = std::env::var_os(socket::FOLDER_VARIABLE).is_some_and(|set| !set.is_empty());
         // Who sets the variable keeps some rigs apart: others are named, and left alone.
-        for socket in found.elsewhere.iter().filter(|_| apart) {
-            context.output.error(&format!(
-                "a rig is served at {} (account {}), outside of {variable}, and is NOT stopped; `env -u {variable} forcectl stop` \
-                 stops it",
-                socket.path.display(),
-                socket.owner(),
-                variable = socket::FOLDER_VARIABLE
-            ));
-        }
-        let elsewhere = found.elsewhere.into_iter().filter(|_| !apart);
+        let (apart, elsewhere): (Vec<Socket>, Vec<Socket>) =
+            (found.elsewhere.into_iter()).partition(|_| apart);
         let closed = found.closed.iter().map(|(folder, error)| {
             format!(
                 "{} can't be looked into ({error}); a rig may be served there, and was NOT stopped",
@@ -95,9 +87,22 @@ impl Stop {
                 Err(_) => failed.push(format!("rig `{}`: this program failed", socket.name)),
             }
         }
+        for socket in apart.iter().filter(|_| !stopped) {
+            context.output.error(&format!(
+                "a rig is served at {} (account {}), outside of {variable}, and is NOT stopped; `env -u {variable} forcectl stop` \
+                 stops it",
+                socket.path.display(),
+                socket.owner(),
+                variable = socket::FOLDER_VARIABLE
+            ));
+        }
         // Who names a link means that rig alone.
-        if self.connection.link.is_none() && !stopped {
-            failed.extend(closed);
+        if self.connection.link.is_none() {
+            if stopped {
+                closed.for_each(|words| context.output.error(&words));
+            } else {
+                failed.extend(closed);
+            }
         }
         if failed.is_empty() {
             return Ok(stopped);

@@ -262,9 +262,9 @@ impl<'a> Hold<'a> {
         }
     }
 
-    /// Keeps when the board latched a fault of its own, at the end of a cycle: from then on its motors are at 0 V, and the error is
-    /// not that of a force that was held. A report has the time of the fault. A status has its own, and what it tells happened
-    /// after the one before it.
+    /// Keeps when the board latched a fault of its own, at the end of a cycle: from then on its
+    /// motors are at 0 V, and the error is not that of a force that was held. A report has the time
+    /// of the fault. A status has its own, and what it tells happened after the one before it.
     fn note_end(&mut self, faults: &[FaultReport], session: &Session<'_>, end_s: f64) {
         let of_board = |fault: &&FaultReport| usize::from(fault.unit) >= UNITS;
         let reported = faults.iter().find(of_board).map(|fault| fault.t_us);

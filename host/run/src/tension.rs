@@ -37,10 +37,10 @@ pub struct TensionOptions {
 pub struct HeldTensions {
     /// For how long after settling, s.
     pub held_s: f64,
-    /// Mean measured tension of each unit after settling, N.
-    pub tension_n: [f64; UNITS],
-    /// RMS difference of measured tension and setpoint after settling, N.
-    pub error_rms_n: [f64; UNITS],
+    /// Mean measured tension of each unit after settling, N; `None` without a sample.
+    pub tension_n: [Option<f64>; UNITS],
+    /// RMS difference of measured tension and setpoint after settling, N; `None` without a sample.
+    pub error_rms_n: [Option<f64>; UNITS],
     /// Whether a signal or `disarm` ended it.
     pub interrupted: bool,
 }
@@ -202,17 +202,11 @@ impl Sums {
     }
 
     fn outcome(&self, held_s: f64, interrupted: bool) -> HeldTensions {
-        let per = |i: usize, sum: f64| {
-            if self.cycles[i] == 0 {
-                0.0
-            } else {
-                sum / self.cycles[i] as f64
-            }
-        };
+        let per = |i: usize, sum: f64| (self.cycles[i] > 0).then(|| sum / self.cycles[i] as f64);
         HeldTensions {
             held_s,
             tension_n: std::array::from_fn(|i| per(i, self.tension[i])),
-            error_rms_n: std::array::from_fn(|i| per(i, self.squared_error[i]).sqrt()),
+            error_rms_n: std::array::from_fn(|i| per(i, self.squared_error[i]).map(f64::sqrt)),
             interrupted,
         }
     }
@@ -241,6 +235,7 @@ mod tests {
         .unwrap();
         assert_eq!(calls, 1);
         for (held, wanted) in held.tension_n.iter().zip(options.tension_n.unwrap()) {
+            let held = held.unwrap();
             assert!((held - wanted).abs() < 0.1, "{held} {wanted}");
         }
         assert!((held.held_s - 2.0).abs() < 0.05, "{}", held.held_s);
@@ -259,11 +254,16 @@ mod tests {
         let held = held.unwrap();
         let tip_m = Vector3::from(board.plant.tip_position_m());
         let force: Vector3<f64> = (rig.units.iter().zip(held.tension_n))
-            .map(|(unit, tension)| unit.cable_at(tip_m).unwrap().0 * tension)
+            .map(|(unit, tension)| unit.cable_at(tip_m).unwrap().0 * tension.unwrap())
             .sum();
         assert!(force.norm() < 0.2, "{force}");
         let least = rig.units[0].tension_min_n;
-        assert!(held.tension_n.iter().all(|t| *t > least - 0.2), "{held:?}");
+        assert!(
+            held.tension_n.iter().all(|t| t.unwrap() > least - 0.2),
+            "{held:?}"
+        );
+        // Nothing was held: that is no tension of 0.
+        assert_eq!(Sums::default().outcome(0.0, true).tension_n, [None; UNITS]);
     }
 
     #[test]

@@ -1,4 +1,5 @@
-//! Whose process this is: for messages to others, and for the folders in which a service may listen.
+//! Whose process this is: for messages to others, and for the folders in which a service may
+//! listen.
 
 use rustix::termios::ttyname;
 use std::fs;

@@ -1,8 +1,9 @@
 //! Where a service listens: one Unix socket per rig, in a folder that only its user can enter.
 //!
-//! The folder depends on variables that differ between logins of one account (ssh, su, cron, an old tmux), so a client
-//! looks into every folder that they may have led to ([`folders`]). On Linux a service also announces its socket where
-//! every account can read it ([`elsewhere`]), so that a stop knows of a rig that it may not reach.
+//! The folder depends on variables that differ between logins of one account (ssh, su, cron, an old
+//! tmux), so a client looks into every folder that they may have led to ([`folders`]). On Linux a
+//! service also announces its socket where every account can read it ([`elsewhere`]), so that a
+//! stop knows of a rig that it may not reach.
 
 use super::account;
 use rig::LinkChoice;
@@ -17,7 +18,8 @@ use std::path::{Path, PathBuf};
 pub const FOLDER_VARIABLE: &str = "FORCECTL_RUNTIME_DIR";
 /// Name of the rig that `forcectl rig` keeps where no other is given.
 pub const EMBEDDED_NAME: &str = "rig";
-/// What a service's announcement begins with, in the abstract namespace of Unix sockets (unix(7)). Nobody connects to it.
+/// What a service's announcement begins with, in the abstract namespace of Unix sockets (unix(7)).
+/// Nobody connects to it.
 const ANNOUNCED: &str = "forcectl:";
 /// Longest path of a Unix socket (`sun_path`, unix(7)).
 const MAX_PATH: usize = 107;
@@ -59,8 +61,9 @@ fn folder_from(set: impl Fn(&str) -> Option<OsString>) -> io::Result<PathBuf> {
         })
 }
 
-/// Every folder in which a service of this account may listen, whatever the variables are here; [`folder`] comes first. Only
-/// that one where [`FOLDER_VARIABLE`] is set: who sets it keeps some rigs apart from others.
+/// Every folder in which a service of this account may listen, whatever the variables are here;
+/// [`folder`] comes first. Only that one where [`FOLDER_VARIABLE`] is set: who sets it keeps some
+/// rigs apart from others.
 #[must_use]
 pub fn folders() -> Vec<PathBuf> {
     let uid = account::uid();
@@ -157,7 +160,8 @@ impl Socket {
         })
     }
 
-    /// Process and link of the service that listens here, as it noted them beside its socket; `None` where it has ended.
+    /// Process and link of the service that listens here, as it noted them beside its socket;
+    /// `None` where it has ended.
     #[must_use]
     pub fn holder(&self) -> Option<(u32, String)> {
         let lock = self.path.with_extension("lock");
@@ -227,8 +231,8 @@ fn find_in(folders: &[PathBuf], announced: &str) -> Found {
     found
 }
 
-/// The sockets that services of this machine have announced, by the text of `/proc/net/unix` (proc_net(5)): the name is its
-/// last column, and `@` stands for the abstract namespace.
+/// The sockets that services of this machine have announced, by the text of `/proc/net/unix`
+/// (proc_net(5)): the name is its last column, and `@` stands for the abstract namespace.
 fn elsewhere(announced: &str) -> impl Iterator<Item = Socket> + '_ {
     announced.lines().filter_map(|line| {
         let (_, path) = line.split_once(&format!(" @{ANNOUNCED}"))?;
@@ -256,7 +260,8 @@ fn announce(_: &Path) -> Option<UnixDatagram> {
 fn answering() -> Vec<Socket> {
     let first = folder().ok();
     let mut sockets: Vec<Socket> = find().sockets;
-    // A client sends forces to whoever answers: not in a folder of another account, unless the variables name it.
+    // A client sends forces to whoever answers: not in a folder of another account, unless the
+    // variables name it.
     sockets.retain(|socket| {
         let parent = socket.path.parent();
         parent == first.as_deref()
@@ -275,7 +280,8 @@ pub fn running() -> Vec<String> {
     answering().into_iter().map(|socket| socket.name).collect()
 }
 
-/// The socket of a rig's service: the one that answers, else the one that would be listened on here.
+/// The socket of a rig's service: the one that answers, else the one that would be listened on
+/// here.
 ///
 /// # Errors
 /// As [`path_of`].
@@ -336,7 +342,8 @@ impl Listening {
         })
     }
 
-    /// Notes this process and its link beside the socket, for whoever finds that it does not answer.
+    /// Notes this process and its link beside the socket, for whoever finds that it does not
+    /// answer.
     ///
     /// # Errors
     /// Those of the operating system.

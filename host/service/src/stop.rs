@@ -1,4 +1,5 @@
-//! A stop that does not depend on the service: what `forcectl stop` does for each rig that it finds.
+//! A stop that does not depend on the service: what `forcectl stop` does for each rig that it
+//! finds.
 //!
 //! | when | what |
 //! | --- | --- |
@@ -7,8 +8,8 @@
 //! | no answer for [`END_AFTER`], and the service has a board's port | its process is killed, and its port asked |
 //! | [`GIVE_UP`] | an error says what was tried |
 //!
-//! A killed service sends no setpoints, so the board goes to 0 V within 100 ms whether its port can be opened or not. The
-//! service of an emulated rig is never killed: no motor hangs on it.
+//! A killed service sends no setpoints, so the board goes to 0 V within 100 ms whether its port can
+//! be opened or not. The service of an emulated rig is never killed: no motor hangs on it.
 
 use super::protocol::{Call, Hello, Request, Welcome};
 use super::socket::Socket;
@@ -26,8 +27,8 @@ use wire::Command;
 
 /// How long the service may take before the board is asked in another way.
 pub const PROMPT: Duration = Duration::from_millis(200);
-/// How long it may take before its process is killed. Far longer than any stop of a service that works: the longest of ten under load
-/// is in docs/service.md.
+/// How long it may take before its process is killed. Far longer than any stop of a service that
+/// works: the longest of ten under load is in docs/service.md.
 pub const END_AFTER: Duration = Duration::from_secs(1);
 /// How long anything may take.
 pub const GIVE_UP: Duration = Duration::from_secs(10);

@@ -194,7 +194,8 @@ impl<'l> Session<'l> {
         })
     }
 
-    /// How much older a board time of the wire is than the newest frame, s; `None` before the first.
+    /// How much older a board time of the wire is than the newest frame, s; `None` before the
+    /// first.
     #[must_use]
     pub fn age_s(&self, t_us: u32) -> Option<f64> {
         let newest_us = self.board_us? as u32;

@@ -37,8 +37,9 @@ pub struct Telemetry {
     #[serde(default)]
     pub true_tension_n: Option<[f64; UNITS]>,
     /// Force at the tip by the measured tensions and the cable directions of the rig file, N. Units that are switched off
-    /// count as slack. One that is faulted is at 0 V, and friction may hold its cable: it counts with what its load cell reads.
-    /// `null` without a pose, or where a unit that is not switched off has no sample or no zero.
+    /// count as slack. One that is faulted is at 0 V, and friction may hold its cable: it counts
+    /// with what its load cell reads. `null` without a pose, or where a unit that is not switched
+    /// off has no sample or no zero.
     #[serde(default)]
     pub force_n: Option<[f64; 3]>,
     /// Whether the board holds a zero of each unit; `null`: its configuration was not read yet.
@@ -370,7 +371,8 @@ mod tests {
         let now = gatherer.telemetry(NOW_NS, Some(&status), "");
         let force = Vector3::from(now.force_n.unwrap());
         assert!((force - by_hand(&rig, &[0, 1, 3, 4, 5])).norm() < 1e-9);
-        // What a faulted one pulls with is not known without a sample: the force is not known either.
+        // What a faulted one pulls with is not known without a sample: the force is not known
+        // either.
         status.units[2].state = MotorState::Faulted as u8;
         gatherer.newest[2] = Newest::default();
         let now = gatherer.telemetry(NOW_NS, Some(&status), "");

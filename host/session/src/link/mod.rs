@@ -57,7 +57,8 @@ pub trait RigLink {
         false
     }
 
-    /// Who stopped the rig last while this link was open, where the link is told: a service is, a port is not.
+    /// Who stopped the rig last while this link was open, where the link is told: a service is, a
+    /// port is not.
     fn stopped_by(&self) -> Option<&str> {
         None
     }

@@ -11,10 +11,12 @@ pub const BAUD: u32 = 2_000_000;
 /// USB vendor and product number of the board: the shared test pair of pid.codes for open hardware.
 pub const USB_ID: (u16, u16) = (0x1209, 0x0001);
 
-/// USB vendor of ST, and the range of its products that are ST-LINK probes: the Nucleo's virtual COM port is one's.
+/// USB vendor of ST, and the range of its products that are ST-LINK probes: the Nucleo's virtual
+/// COM port is one's.
 const ST_LINK: (u16, std::ops::RangeInclusive<u16>) = (0x0483, 0x3740..=0x375f);
 
-/// Names of the ports that may lead to a board: its own USB port, and the virtual COM ports of ST-LINK probes.
+/// Names of the ports that may lead to a board: its own USB port, and the virtual COM ports of
+/// ST-LINK probes.
 #[must_use]
 pub fn of_boards() -> Vec<String> {
     serialport::available_ports()
