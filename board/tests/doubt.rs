@@ -3,7 +3,7 @@
 mod common;
 use common::Bench;
 
-use control::let_go::LET_GO_US;
+use control::let_go::{LET_GO_US, TRIAL_MS};
 use control::plausible::{FROZEN_SAMPLES, LIMIT_SAMPLES, NEGATIVE_SAMPLES};
 use control::{Config, EncoderCounts, Fault, SystemState, UnitIndex};
 use wire::message::{CommandError, Response};
@@ -128,6 +128,7 @@ fn a_zero_with_15_n_of_preload_is_refused() {
     };
     bench.done(Command::StageConfig { unit: 2, config });
     bench.done(Command::CommitConfig);
+    bench.run(u32::from(TRIAL_MS));
     bench.load_n = Some(4.795 + 0.3);
     bench.done(Command::Zero { units: 0b100 });
     bench.run(1_000);
@@ -168,7 +169,7 @@ fn a_motor_that_does_not_let_go_loses_its_power() {
         bench.cell_n[3] = Some(1.0);
         bench.run(20);
         let _ = bench.ask(0, Command::ClearFaults);
-        bench.run(5);
+        bench.run(20);
         assert!(!bench.machine.withholds_alive());
     }
 }
@@ -244,30 +245,35 @@ fn a_reel_that_coasts_is_no_fault() {
 /// The output is stuck, and nobody repaired it: with the clear the power comes back, and the motor pulls again.
 #[test]
 fn an_output_that_is_still_stuck_after_a_clear_loses_its_power_again() {
-    let mut bench = held(6_000_000);
-    bench.cell_n[3] = Some(6.0);
-    bench.done(Command::Stop);
-    bench.run(200);
-    assert!(bench.machine.withholds_alive() && bench.machine.holds_dacs());
-    // The PLC took the power: the cable goes slack.
-    bench.cell_n[3] = Some(0.5);
-    bench.wound[3] -= 800;
-    bench.run(50);
-    bench.done(Command::ClearFaults);
-    bench.run(5);
-    assert!(!bench.machine.withholds_alive() && !bench.machine.holds_dacs());
-    // The reel winds in, and the load cell's filters show it later.
-    for _ in 0..5 {
-        bench.wound[3] += 160;
-        bench.run(3);
+    // At once with the power, and long after it.
+    for later_ms in [0, u32::from(TRIAL_MS)] {
+        let mut bench = held(6_000_000);
+        bench.cell_n[3] = Some(6.0);
+        bench.done(Command::Stop);
+        bench.run(200);
+        assert!(bench.machine.withholds_alive() && bench.machine.holds_dacs());
+        // The PLC took the power: the cable goes slack.
+        bench.cell_n[3] = Some(0.5);
+        bench.wound[3] -= 800;
+        bench.run(50);
+        bench.done(Command::ClearFaults);
+        bench.run(20 + later_ms);
+        assert!(!bench.machine.withholds_alive() && !bench.machine.holds_dacs());
+        // The reel winds in, and the load cell's filters show it later.
+        for _ in 0..5 {
+            bench.wound[3] += 160;
+            bench.run(3);
+        }
+        assert_eq!(bench.machine.withholds_alive(), later_ms == 0);
+        bench.run(9);
+        bench.cell_n[3] = Some(6.0);
+        bench.run(LET_GO_US / 1_000 + 20);
+        assert!(bench.machine.withholds_alive() && bench.machine.holds_dacs());
+        assert_eq!(bench.status().fault, Fault::OutputStuck.code());
     }
-    bench.run(9);
-    bench.cell_n[3] = Some(6.0);
-    bench.run(LET_GO_US / 1_000 + 20);
-    assert!(bench.machine.withholds_alive() && bench.machine.holds_dacs());
-    assert_eq!(bench.status().fault, Fault::OutputStuck.code());
     // Other electronics drive the motors of a board that only measures.
     let mut bench = Bench::ready();
+    bench.run(u32::from(TRIAL_MS));
     for _ in 0..5 {
         bench.wound[3] += 160;
         bench.run(3);

@@ -192,6 +192,7 @@ fn the_checksum_covers_the_longest_configuration() {
             creep_q16: n,
             creep_ms: n,
         },
+        tension_max_un: n,
     };
     let crc = config_crc(&[longest; UNITS]);
     assert_ne!(crc, 0, "the encoding did not fit");

@@ -221,6 +221,9 @@ numbers {
     /// Viscous friction.
     VISCOUS = 24, viscous_q16 = 0.0, "N s/m" x Q16, 0.0 ..= 100.0,
         "0 to 100 N s/m: below the loop's damping, which keeps the loop stable if this is too large";
+    /// Largest tension of a setpoint.
+    TENSION_MAX = 27, tension_max_un = 12.0, "N" x MICRO, 0.0 ..= 40.0,
+        "0 to 40 N, as the force limit: cables carry up to 12 N (thesis 3.7)";
 }
 parts {
     /// Samples of the moving average.
@@ -381,6 +384,23 @@ impl Config {
     #[must_use]
     pub const fn zero_averager(&self) -> crate::zero::Averager {
         crate::zero::Averager::new(self.wire.stored_zero_code, self.zero_deviation)
+    }
+
+    /// Permitted deviation of a zero in ADC counts.
+    #[must_use]
+    pub const fn zero_deviation(&self) -> u32 {
+        self.zero_deviation
+    }
+
+    /// How far the code of a slack cable would be from the stored zero where this tension is measured, in ADC counts. Not in the
+    /// sample path: it divides.
+    #[must_use]
+    pub fn from_stored_zero(&self, tension: Newton) -> i32 {
+        let scale = i64::from(self.wire.scale_pn_per_count);
+        let counts = (i64::from(tension.to_un()) * 1_000_000).checked_div(scale);
+        let zero = i64::from(self.wire.zero_code) - i64::from(self.wire.stored_zero_code);
+        let limit = i64::from(AdcCode::MAX.get());
+        (counts.unwrap_or(limit) + zero).clamp(-limit, limit) as i32
     }
 
     /// The same configuration with another zero (see [`crate::zero`]).

@@ -182,9 +182,9 @@ faults! {
         detail: "ADC code";
     /// Encoder error flag.
     EncoderError = 38, Unit, "encoder error",
-        meaning: "The counter's noise flag (E) was set several times within a second: a loose encoder plug, or noise on its lines. Counts may be lost, and friction feedforward and damping would act on wrong travel.",
+        meaning: "The counter's noise flag (E) was set several times within a second, or the position jumped further than a reel can move: a loose encoder plug, or noise on its lines. Counts may be lost, and friction feedforward and damping would act on wrong travel.",
         way_out: "Check the encoder's plug and shield, then clear and arm.",
-        detail: "FLAG register of the LS7266R1";
+        detail: "FLAG register of the LS7266R1; bit 31 set: micrometres by which the travel of a sample differed from the one before";
     /// Reel runs away with a slack cable.
     CableLost = 39, Unit, "cable lost",
         meaning: "The reel wound in far with hardly any tension: the cable is broken, unhooked or was very slack.",
@@ -228,6 +228,12 @@ faults! {
 }
 
 impl Fault {
+    /// Whether the amplifiers lose their power with it: 0 V of a DAC is not certain, or a motor that pulls would not be seen.
+    #[must_use]
+    pub const fn takes_power(self) -> bool {
+        matches!(self, Self::OutputStuck | Self::DacLink | Self::CounterBus)
+    }
+
     /// The number on the wire and in `forcectl explain`.
     #[must_use]
     pub const fn code(self) -> u16 {
@@ -241,42 +247,66 @@ impl Fault {
     }
 }
 
-/// Keeps the first fault until it is cleared: later faults are mostly its consequences.
+/// Room for the details of a latch: numbers of one scope count from 0 or 32 and are below this.
+const DETAILS: usize = 20;
+
+/// Keeps every fault until it is cleared. The first is the one that is shown: later ones are mostly its consequences. But one
+/// that stands behind it must not be lost with its clear.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Latch {
-    first: Option<(Fault, u32)>,
+    first: Option<Fault>,
+    /// Bit n: the fault with number n is latched.
+    latched: u64,
+    details: [u32; DETAILS],
 }
 
 impl Latch {
     /// An empty latch.
     #[must_use]
     pub const fn new() -> Self {
-        Self { first: None }
+        Self {
+            first: None,
+            latched: 0,
+            details: [0; DETAILS],
+        }
     }
 
-    /// Latches a fault unless one is latched already. `true`: this one is new and is to be reported.
+    /// Latches a fault with its detail, unless it is latched already. `true`: it was not.
     pub fn latch(&mut self, fault: Fault, detail: u32) -> bool {
-        let new = self.first.is_none();
-        if new {
-            self.first = Some((fault, detail));
+        if self.has(fault) {
+            return false;
         }
-        new
+        self.latched |= bit(fault);
+        if let Some(place) = self.details.get_mut(place(fault)) {
+            *place = detail;
+        }
+        self.first = self.first.or(Some(fault));
+        true
     }
 
-    /// Clears the fault if its cause is gone. `true`: nothing is latched now.
-    pub fn clear(&mut self, still_there: impl FnOnce(Fault) -> bool) -> bool {
-        if let Some((fault, _)) = self.first {
-            if !still_there(fault) {
-                self.first = None;
-            }
+    /// Clears each fault whose cause is gone. `true`: nothing is latched now.
+    pub fn clear(&mut self, still_there: impl Fn(Fault) -> bool) -> bool {
+        for fault in Fault::ALL.iter().filter(|fault| !still_there(**fault)) {
+            self.latched &= !bit(*fault);
         }
+        let left = |fault: &Fault| self.has(*fault);
+        self.first = self
+            .first
+            .filter(left)
+            .or_else(|| Fault::ALL.iter().copied().find(left));
         self.first.is_none()
     }
 
-    /// The latched fault and its detail.
+    /// Whether this fault is latched, first or behind another.
     #[must_use]
-    pub const fn get(&self) -> Option<(Fault, u32)> {
-        self.first
+    pub const fn has(&self, fault: Fault) -> bool {
+        self.latched & bit(fault) != 0
+    }
+
+    /// The fault that was latched first, and its detail.
+    #[must_use]
+    pub fn get(&self) -> Option<(Fault, u32)> {
+        self.first.map(|fault| (fault, self.detail()))
     }
 
     /// Whether a fault is latched.
@@ -285,21 +315,36 @@ impl Latch {
         self.first.is_some()
     }
 
-    /// The latched fault's number; 0: none.
+    /// The first fault's number; 0: none.
     #[must_use]
     pub const fn code(&self) -> u16 {
         match self.first {
-            Some((fault, _)) => fault.code(),
+            Some(fault) => fault.code(),
             None => 0,
         }
     }
 
-    /// The latched fault's detail; 0 where there is none.
+    /// The first fault's detail; 0 where there is none.
     #[must_use]
-    pub const fn detail(&self) -> u32 {
-        match self.first {
-            Some((_, detail)) => detail,
-            None => 0,
-        }
+    pub fn detail(&self) -> u32 {
+        let detail = self.first.and_then(|fault| self.details.get(place(fault)));
+        detail.copied().unwrap_or(0)
     }
 }
+
+const fn bit(fault: Fault) -> u64 {
+    1 << fault.code()
+}
+
+/// Where a fault's detail is.
+const fn place(fault: Fault) -> usize {
+    fault.code() as usize % 32
+}
+
+const _: () = {
+    let mut n = 0;
+    while n < Fault::ALL.len() {
+        assert!(Fault::ALL[n].code() < 64 && place(Fault::ALL[n]) < DETAILS);
+        n += 1;
+    }
+};

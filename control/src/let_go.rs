@@ -3,11 +3,13 @@
 //! | evidence | what it compares | time |
 //! | --- | --- | --- |
 //! | the cable lets go | tension before and after 0 V; without a load cell, whether the reel has paid out | [`LET_GO_US`] |
-//! | the cable is pulled again | a tension that comes back while other motors are driven, or with a reel that winds in | [`LET_GO_US`] |
+//! | the cable is pulled again | a tension that comes back while other motors are driven, or with a reel that winds in; one above the over-tension limit | [`LET_GO_US`] |
 //! | the reel speeds up | speed of winding in with the least since 0 V | two samples, 6 ms |
 //! | the reel winds in | without a load cell: travel from where it had paid out furthest | [`COASTING_MS`], then at once |
+//! | the reel winds in | for [`TRIAL_MS`] after the amplifiers got their power: travel from where it had paid out furthest | at once |
+//! | the cable tightens | for [`TRIAL_MS`] after the amplifiers got their power: tension above the least since then | [`TIGHTER_SAMPLES`] |
 //!
-//! The last two need no load cell that can be believed. At 0 V nothing drives a reel inwards: friction and the cable both brake
+//! Those of the reel need no load cell that can be believed. At 0 V nothing drives a reel inwards: friction and the cable both brake
 //! it. A reel that winds in faster than before, or on and on, is driven by its motor.
 //!
 //! A load cell that reads too little says at once that the cable has let go. After a fault that puts it in doubt the encoder has to
@@ -52,6 +54,14 @@ pub const DRIVEN_NM: i32 = 78_125;
 /// Travels after 0 V that are not compared: the word acts within the first, and the mean speed of an interval lags by half.
 const SETTLING_TRAVELS: u8 = 2;
 
+/// Time after the amplifiers got their power in which no reel may wind in, in milliseconds: the PLC waits for ten edges of the
+/// alive line (10 ms), an output that is stuck with 2 N winds in [`WOUND_IN_NM`] in 10 ms. The rest is for a relay and an amplifier
+/// that are slower than those of the emulated rig.
+pub const TRIAL_MS: u16 = 300;
+
+/// Samples in a row in [`TRIAL_MS`] with [`HELD`] more than before, 12.5 ms: what the converter's filter takes.
+const TIGHTER_SAMPLES: u8 = 4;
+
 /// Calls of [`LetGo::turned`], a millisecond apart, that make a travel of a nominal sample.
 const TURNS_PER_TRAVEL: u8 = 3;
 
@@ -68,6 +78,8 @@ pub struct Released {
     pub tension: Newton,
     /// Other motors of the board are driven.
     pub others_drive: bool,
+    /// The tension is above the over-tension limit.
+    pub over_tension: bool,
 }
 
 /// Watches whether a cable lets go after its motor was switched to 0 V, and whether the motor stays without force.
@@ -84,6 +96,21 @@ pub struct LetGo {
     /// Cable wound in since the tension was below [`HELD`], and shortly before, nanometres.
     wound_in_nm: i32,
     reel: Reel,
+    trial: Option<Trial>,
+}
+
+/// The reel since the amplifiers got their power.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+struct Trial {
+    /// Where it had paid out furthest.
+    outermost: Option<EncoderCounts>,
+    /// The least tension, whose zero may not be measured yet, and samples in a row that were far above it.
+    least: Option<Newton>,
+    tighter: u8,
+    /// The reel has wound in, or the cable has become tight.
+    driven: bool,
+    /// Calls of [`LetGo::turned`] that are left.
+    left: u16,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -179,7 +206,9 @@ impl LetGo {
             self.wound_in_nm
         };
         self.wound_in_nm = kept_nm.saturating_add(sample.travel_nm);
-        let pulled = sample.others_drive || self.was_driven && self.wound_in_nm > PULLED_NM;
+        let pulled = sample.others_drive
+            || sample.over_tension
+            || self.was_driven && self.wound_in_nm > PULLED_NM;
         if let Some(waiting) = &mut self.waiting {
             if believed || waiting.again {
                 waiting.tension = Some(sample.tension);
@@ -194,6 +223,16 @@ impl LetGo {
                 tension: Some(sample.tension),
                 again: true,
             });
+        }
+        if let Some(trial) = &mut self.trial {
+            let least = trial.least.get_or_insert(sample.tension);
+            *least = (*least).min(sample.tension);
+            trial.tighter = if sample.tension.saturating_sub(*least) >= HELD {
+                trial.tighter.saturating_add(1)
+            } else {
+                0
+            };
+            trial.driven |= trial.tighter >= TIGHTER_SAMPLES;
         }
         // With every motor at 0 V somebody may turn a reel by hand.
         if !sample.others_drive && self.waiting.is_none() {
@@ -222,13 +261,29 @@ impl LetGo {
     /// Whether the encoder is needed, each millisecond: the watch runs without a load cell.
     #[must_use]
     pub const fn needs_encoder(&self, others_drive: bool) -> bool {
-        (self.blind || self.doubted) && (self.waiting.is_some() || others_drive)
+        self.trial.is_some()
+            || (self.blind || self.doubted) && (self.waiting.is_some() || others_drive)
+    }
+
+    /// The amplifiers get their power, with the motor at 0 V.
+    pub fn powered(&mut self) {
+        self.trial = Some(Trial {
+            outermost: None,
+            least: None,
+            tighter: 0,
+            driven: false,
+            left: TRIAL_MS,
+        });
     }
 
     /// The encoder of a unit whose load cell does not measure, a millisecond after the last call.
     pub fn turned(&mut self, counts: EncoderCounts, nm_per_count: i32) {
+        self.try_out(counts, nm_per_count);
+        if !self.blind && !self.doubted {
+            return;
+        }
         // Only paying out is letting go: a robot that moves towards the unit can let a stuck motor wind in.
-        let let_go_nm = -LET_GO_COUNTS * nm_per_count.saturating_abs();
+        let let_go_nm = nm_per_count.saturating_abs().saturating_mul(-LET_GO_COUNTS);
         if self.waiting.is_some_and(|waiting| {
             !waiting.again && travel(waiting.at, counts, nm_per_count) <= let_go_nm
         }) {
@@ -247,10 +302,23 @@ impl LetGo {
         }
     }
 
+    fn try_out(&mut self, counts: EncoderCounts, nm_per_count: i32) {
+        let Some(trial) = &mut self.trial else { return };
+        let wound_in_nm = travel(*trial.outermost.get_or_insert(counts), counts, nm_per_count);
+        if wound_in_nm < 0 {
+            trial.outermost = Some(counts);
+        }
+        trial.driven |= wound_in_nm > WOUND_IN_NM;
+        trial.left = trial.left.saturating_sub(1);
+        if trial.left == 0 && !trial.driven {
+            self.trial = None;
+        }
+    }
+
     /// The tension, once a cable should have let go and has not, or a reel at 0 V is driven; `None` in it: not measured.
     #[must_use]
     pub fn overdue(&self, now: Micros) -> Option<Option<Newton>> {
-        if self.reel.driven {
+        if self.reel.driven || self.trial.is_some_and(|trial| trial.driven) {
             return Some(self.waiting.and_then(|waiting| waiting.tension));
         }
         let waiting = self.waiting?;
@@ -270,6 +338,7 @@ impl LetGo {
         *self = Self {
             blind: self.blind,
             was_driven: self.was_driven,
+            trial: self.trial.filter(|trial| !trial.driven),
             ..Self::default()
         };
     }

@@ -8,6 +8,7 @@
 //! | | the command with its limits, over time | [`Fault::CommandAtLimit`] |
 //! | | the tension with the friction model's band around the command, and the reel's motion with the difference | [`Fault::Implausible`] |
 //! | | the tension of a sliding reel with the edge of the band on that side | [`Fault::Implausible`] |
+//! | | a slack cable with what the command makes of a reel that rests, over time | [`Fault::Implausible`] |
 //! | | the speed that the reel gains while the tension rises, with what the command can give | [`Fault::Implausible`] |
 //!
 //! Whether 0 V has an effect: [`crate::let_go`].
@@ -88,6 +89,13 @@ const SURGE_ERROR: Newton = Newton::from_un(500_000);
 /// Samples over which [`Surge`] compares, 12.5 ms: the settling time of the converter's filter.
 const SURGE_SAMPLES: usize = 4;
 
+/// Tension below which a cable is slack for [`SLACK_SAMPLES`].
+const SLACK: Newton = Newton::from_un(500_000);
+
+/// Samples in a row in which a cable is slack, the reel rests and the command would tighten it by [`SLACK`] and more: 100 ms. A reel
+/// that takes up slack moves.
+pub const SLACK_SAMPLES: u8 = 32;
+
 /// How fast the command's envelopes follow it, 1/8 a sample (25 ms): the measured tension follows the command by the
 /// converter's 6 ms, the filter's 2 ms and a quarter of the cable's swing, 7 ms.
 const ENVELOPE_SHIFT: u32 = 3;
@@ -111,6 +119,7 @@ pub struct Watch {
     last_nm: i32,
     sliding_below: Difference,
     sliding_above: Difference,
+    slack: u8,
     surge: Surge,
 }
 
@@ -212,6 +221,7 @@ impl Watch {
             .or_else(|| self.limited(drive, output))
             .or_else(|| self.band(config, output))
             .or_else(|| self.sliding(config, output))
+            .or_else(|| self.slack(config, drive, output))
             .or_else(|| self.surges(config, drive, output))
     }
 
@@ -312,6 +322,21 @@ impl Watch {
             })
     }
 
+    /// A cable that stays slack though the command would tighten it. Call it behind [`Self::sliding`], which averages the travel.
+    fn slack(&mut self, config: &Config, drive: Drive, output: &Output) -> Option<(Fault, u32)> {
+        let least = config.friction.least(self.low);
+        let rests = (self.sliding_nm_x8 >> SLIDING_SHIFT).abs() < SLIDING_NM;
+        let slack = drive == Drive::Follow
+            && rests
+            && output.tension < SLACK
+            && least > SLACK.saturating_add(SLACK);
+        self.slack = count(self.slack, slack);
+        (self.slack >= SLACK_SAMPLES).then(|| {
+            let difference = least.saturating_sub(output.tension);
+            (Fault::Implausible, milli(difference))
+        })
+    }
+
     /// More speed than the command explains, while the tension rises above the setpoint.
     fn surges(&mut self, config: &Config, drive: Drive, output: &Output) -> Option<(Fault, u32)> {
         // The travel of a longer time than a sample's is no speed.
@@ -352,6 +377,7 @@ const fn count(seen: u8, now: bool) -> u8 {
 }
 
 /// Size in millinewton, rounded.
-pub(crate) const fn milli(force: Newton) -> u32 {
+#[must_use]
+pub const fn milli(force: Newton) -> u32 {
     (force.to_un() / 1_000).unsigned_abs()
 }

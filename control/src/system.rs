@@ -113,11 +113,9 @@ pub fn next(state: SystemState, on: Conditions) -> Transition {
             },
         },
         Zeroing if on.zero_done => stay(idle),
-        Zeroing => match on.request {
-            // Zeroing can always be cancelled.
-            Request::Disarm => go(idle),
-            _ => stay(Zeroing),
-        },
+        // A zeroing ends by itself, within a second and with every motor at 0 V. One that somebody else ends would leave the old
+        // zero to the program that asked for a new one.
+        Zeroing => stay(Zeroing),
         Running => match on.request {
             Request::Disarm => go(Stopping),
             Request::Arm => go(Running),

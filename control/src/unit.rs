@@ -32,6 +32,10 @@ pub const TRIP_SAMPLES: u8 = 2;
 /// allocation's smallest tension.
 pub const SLACK_TENSION: Newton = Newton::from_un(1_000_000);
 
+/// Largest setpoint while a cable is slack: the allocation's smallest tension. The ramp goes on from here once the cable is tight.
+/// A loop that works towards 12 N when a slack cable closes passes 13 N.
+pub const TAKE_UP_TENSION: Newton = Newton::from_un(2_000_000);
+
 /// Reel speed at which the brake on taking up slack begins, in nanometres a nominal sample: 30 mm/s. A cable
 /// that closes at that speed rises by v sqrt(k m) = 0.03 m/s * sqrt(5,000 N/m * 0.46 kg) = 1.4 N; a stiff one of
 /// 20 N/mm by 2.9 N.
@@ -43,6 +47,13 @@ const BRAKE_STEPS_PER_NM: i64 = 268;
 
 /// Travel wound in without tension after which the cable counts as lost, in nanometres: 150 mm.
 pub const LOST_TRAVEL_NM: i32 = 150_000_000;
+
+/// Change of travel from one sample to the next that no reel makes, in nanometres: 1 mm are 100 m/s^2, or 51 N on the 0.51 kg of
+/// reel and motor. The encoder's position has jumped. Damping and friction's direction would answer it with force.
+pub const JUMP_NM: i32 = 1_000_000;
+
+/// Bit of the detail of [`Fault::EncoderError`] for a position that jumped; the others are micrometres.
+pub const JUMPED: u32 = 1 << 31;
 
 /// What the motor is allowed to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -67,13 +78,17 @@ pub struct Setpoint {
 
 impl Setpoint {
     /// From the wire; the number of the first field that is out of its range: 0 `tension_un` (0 to the
-    /// force limit), 1 `inv_cos_q16` (65,536 to 262,144), 2 `direction_q14` (a unit vector, or zero).
+    /// largest tension, and to the force limit), 1 `inv_cos_q16` (65,536 to 262,144), 2 `direction_q14` (a unit vector, or zero).
     ///
     /// # Errors
     ///
     /// The field's number, from 0.
     pub fn from_wire(config: &Config, wire: &UnitSetpoint) -> Result<Self, u8> {
-        if !(0..=config.wire().force_limit_un).contains(&wire.tension_un) {
+        let most_un = config
+            .wire()
+            .tension_max_un
+            .min(config.wire().force_limit_un);
+        if !(0..=most_un).contains(&wire.tension_un) {
             return Err(0);
         }
         if !(InvCos::ONE.q16()..=InvCos::MAX.q16()).contains(&wire.inv_cos_q16) {
@@ -153,6 +168,8 @@ impl Output {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct State {
     last: Option<(EncoderCounts, Micros)>,
+    /// Travel of the last sample in nanometres, brought to a nominal period.
+    last_travel_nm: i32,
     gate: SpikeGate,
     creep: Creep,
     filter: Filter,
@@ -239,7 +256,17 @@ impl Controller {
         if dt >= NOMINAL_PERIOD_US + NOMINAL_PERIOD_US / 2 {
             flags |= flags::MISSED;
         }
-        let travel_nm = travel(last_counts, input.encoder_counts, config.travel_nm);
+        let moved_nm = travel(last_counts, input.encoder_counts, config.travel_nm);
+        let jump_nm = moved_nm
+            .saturating_sub(state.last_travel_nm)
+            .saturating_abs();
+        let jumped = jump_nm > JUMP_NM && flags & flags::MISSED == 0;
+        let travel_nm = if jumped {
+            state.last_travel_nm
+        } else {
+            moved_nm
+        };
+        state.last_travel_nm = travel_nm >> periods_shift(dt_us);
         state.reel_speed.step(travel_nm >> periods_shift(dt_us));
         let last_error = if state.closed {
             state.setpoint.value().saturating_sub(tension)
@@ -259,7 +286,12 @@ impl Controller {
         let direct = times_inv_cos(gated, input.setpoint.inv_cos);
         // A wrong correction of the cell must not hide a pull.
         let strongest = direct.max(times_inv_cos(uncorrected, input.setpoint.inv_cos));
-        let fault = state.watch(config, &input, strongest, tension, travel_nm);
+        let fault = state
+            .watch(config, &input, strongest, tension, travel_nm)
+            .or_else(|| {
+                let drives = jumped && input.drive != Drive::Off;
+                drives.then(|| (Fault::EncoderError, JUMPED | jump_nm.unsigned_abs() / 1_000))
+            });
         let mut output = Output {
             tension,
             direct,
@@ -299,9 +331,12 @@ impl Controller {
                         .setpoint
                         .set(tension.clamp_to(Newton::ZERO, config.force_limit));
                 }
-                state
-                    .setpoint
-                    .approach(requested, config.setpoint_slew, dt_us);
+                let target = if tension < SLACK_TENSION {
+                    requested.min(TAKE_UP_TENSION)
+                } else {
+                    requested
+                };
+                state.setpoint.approach(target, config.setpoint_slew, dt_us);
                 let setpoint = state.setpoint.value();
                 let measured = Measured {
                     error: setpoint.saturating_sub(tension),

@@ -59,7 +59,7 @@ proptest! {
 
     #[test]
     fn configurations_are_taken_or_refused(
-        numbers in prop::array::uniform26(any::<i32>()),
+        numbers in prop::array::uniform27(any::<i32>()),
         filter in prop_oneof![
             any::<u8>().prop_map(FilterChoice::MovingAverage),
             any::<u16>().prop_map(|corner_chz| FilterChoice::LowPass { corner_chz }),
@@ -77,7 +77,7 @@ proptest! {
                     periods_per_count_q32: n[18], phase_q32: n[19], amplitude_un: n[20], amplitude_load_q16: n[21],
                 },
             ],
-            stored_zero_code: n[22], zero_deviation_un: n[23], authority_un: n[24], plausible_un: n[25],
+            stored_zero_code: n[22], zero_deviation_un: n[23], authority_un: n[24], plausible_un: n[25], tension_max_un: n[26],
             ..Config::nominal()
         };
         if let Err(e) = Config::from_wire(&wire) {

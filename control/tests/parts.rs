@@ -7,6 +7,7 @@ use control::filter::{Filter, FilterConfig, SpikeGate};
 use control::friction::{
     sin_q30, Direction, DirectionEstimator, Model, ReelSpeed, REVERSAL_SHARE_Q16,
 };
+use control::let_go::LetGo;
 use control::supervisor::{CheckIn, EncoderWatch, Expiry, Rate, RateLimits, Verdict};
 use control::zero::{Averager, Progress, Refused, SAMPLES};
 use control::{geometry, AdcCode, Config, DacCode, EncoderCounts, Fault, InvCos, Micros, Newton};
@@ -93,6 +94,7 @@ fn set(config: &mut UnitConfig, field: &Field, value: i32) {
             "cell.creep_ms" => config.cell.creep_ms = value,
             other => panic!("no field {other}"),
         },
+        27 => config.tension_max_un = value,
         other => panic!("no field {other}"),
     }
 }
@@ -580,14 +582,32 @@ fn every_fault_explains_itself() {
 }
 
 #[test]
-fn latch_keeps_the_first_fault_until_its_cause_is_gone() {
-    let mut latch = Latch::new();
-    assert!(latch.latch(Fault::SensorSilent, 7));
-    assert!(!latch.latch(Fault::OverTension, 8));
-    assert_eq!(latch.get(), Some((Fault::SensorSilent, 7)));
-    assert!(!latch.clear(|fault| fault == Fault::SensorSilent));
-    assert!(latch.is_set());
-    assert!(latch.clear(|_| false));
+fn latch_keeps_every_fault_until_its_cause_is_gone_and_shows_the_first() {
+    for &first in Fault::ALL {
+        let others = Fault::ALL
+            .iter()
+            .filter(|other| other.scope() == first.scope());
+        for &second in others.filter(|second| **second != first) {
+            let mut latch = Latch::new();
+            assert!(latch.latch(first, 7));
+            assert!(!latch.latch(first, 9), "it is latched");
+            assert!(latch.latch(second, 8));
+            assert_eq!(latch.get(), Some((first, 7)));
+            assert!(latch.has(first) && latch.has(second));
+            // Its cause is there: it stays, and stays the one that is shown.
+            assert!(!latch.clear(|fault| fault == first));
+            assert_eq!(latch.get(), Some((first, 7)));
+            assert!(!latch.has(second));
+            // The one behind it stays.
+            latch.latch(second, 8);
+            assert!(!latch.clear(|fault| fault == second));
+            assert_eq!(latch.get(), Some((second, 8)));
+            assert!(latch.is_set() && !latch.has(first));
+            assert!(latch.clear(|_| false));
+            assert!(latch.get().is_none() && !latch.has(second));
+        }
+    }
+    let latch = Latch::new();
     assert_eq!(
         (latch.code(), latch.detail(), latch.is_set()),
         (0, 0, false)
@@ -654,4 +674,18 @@ fn an_encoder_that_stands_while_the_tension_swings_is_found() {
     assert_eq!(watch.observe(false, counts(0), newton(0.0)), None);
     assert_eq!(watch.observe(false, counts(0), newton(20.0)), None);
     assert_eq!(watch.observe(true, counts(0), newton(20.0)), None);
+}
+
+/// A bit of the memory may make any number of a unit's travel before the check of the configuration sees it.
+#[test]
+fn any_travel_of_a_count_is_taken_while_a_cable_is_to_let_go() {
+    for nm_per_count in [i32::MIN, i32::MAX, 0, -1] {
+        let mut watch = LetGo::default();
+        watch.driven(EncoderCounts(0), Newton::from_un(6_000_000), Newton::ZERO);
+        watch.switched_off(Micros(0));
+        watch.blind();
+        watch.turned(EncoderCounts(5), nm_per_count);
+        watch.turned(EncoderCounts(-5), nm_per_count);
+        let _ = watch.overdue(Micros(1_000));
+    }
 }

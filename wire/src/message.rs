@@ -200,6 +200,8 @@ pub struct UnitConfig {
     pub ripples: [Ripple; RIPPLES],
     /// What the load cell's conversion takes out besides zero and scale.
     pub cell: CellCorrection,
+    /// Largest tension of a setpoint, in micronewton: what the cable and the robot bear.
+    pub tension_max_un: i32,
 }
 
 /// Curve and creep of a load cell, taken out of its readings. A straight reading `x` (code less zero, times scale) becomes

@@ -61,6 +61,7 @@ fn config() -> UnitConfig {
         viscous_q16: 0,
         ripples: [Ripple::default(); RIPPLES],
         cell: CellCorrection::NONE,
+        tension_max_un: 12_000_000,
     }
 }
 

@@ -23,6 +23,12 @@ impl Bus {
         oldest.map(|(n, _)| n)
     }
 
+    /// Whether no sample is due within this time.
+    pub(super) fn has_room(&self, now: Micros, room_us: i32) -> bool {
+        let mut due = self.units.iter().filter_map(|unit| unit.due_in(now));
+        due.all(|due| due > room_us)
+    }
+
     pub(super) fn choose_sequence(&mut self, now: Micros) -> Option<UnitIndex> {
         if !self
             .units
@@ -31,11 +37,7 @@ impl Bus {
         {
             return None;
         }
-        let room = self
-            .units
-            .iter()
-            .filter_map(|unit| unit.due_in(now))
-            .all(|due| due > SEQUENCE_ROOM_US);
+        let room = self.has_room(now, SEQUENCE_ROOM_US);
         let mut longest: Option<(UnitIndex, u32)> = None;
         for (n, unit) in UnitIndex::zip(&mut self.units) {
             let Phase::BringUp {

@@ -27,6 +27,15 @@ impl Transfer {
         }
     }
 
+    pub(super) const fn read(address: u8, len: u8) -> Self {
+        Self {
+            address,
+            write: [0; 2],
+            write_len: 0,
+            read_len: len,
+        }
+    }
+
     pub(super) const fn write_read(address: u8, register: u8, len: u8) -> Self {
         Self {
             address,
@@ -118,10 +127,12 @@ pub enum Event {
         /// SDA is low.
         sda_low: bool,
     },
-    /// The multiplexer did not acknowledge [`super::MAX_MUX_NACKS`] selects in a row.
+    /// The multiplexer did not acknowledge [`super::MAX_MUX_NACKS`] selects in a row, or read back another mask as often.
     MuxSilent {
         /// Mask of the last one.
         mask: u8,
+        /// Mask that was read back; 0xFF: no answer.
+        found: u8,
     },
 }
 

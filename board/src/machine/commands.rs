@@ -111,6 +111,8 @@ impl Machine {
             Some((other, last)) if other != link && self.system.drives() => {
                 now.since(last) > COMMANDER_SILENT_US
             }
+            // A program that zeroes waits without a word, for less than a second.
+            Some((other, _)) if other != link => self.system != SystemState::Zeroing,
             _ => true,
         };
         open && free
@@ -182,19 +184,13 @@ impl Machine {
 
     fn request(&mut self, request: Request, fx: &mut impl Effects) -> Result<(), CommandError> {
         match self.advance(request, fx) {
-            None => {
-                if request == Request::Disarm {
-                    for unit in &mut self.units {
-                        unit.zero = None;
-                    }
-                }
-                Ok(())
-            }
+            None => Ok(()),
             Some(Denied::Faulted) => Err(CommandError::Faulted(self.latch.code())),
             Some(Denied::EStopOpen) => Err(CommandError::Faulted(Fault::EStop.code())),
             Some(Denied::State) => Err(CommandError::State(self.system as u8)),
             Some(Denied::UnitNotReady) => Err(self
                 .why_not_ready(|_, unit| unit.config.enabled())
+                .or_else(|| self.why_without_power())
                 .unwrap_or(CommandError::State(self.system as u8))),
         }
     }
@@ -209,6 +205,18 @@ impl Machine {
                 unit: n as u8,
                 state: unit.motor as u8,
             },
+        })
+    }
+
+    /// Error for the first unit that the amplifiers' power waits for.
+    fn why_without_power(&self) -> Option<CommandError> {
+        let enabled = || UnitIndex::zip(&self.units).filter(|(_, unit)| unit.config.enabled());
+        let (n, unit) = enabled()
+            .find(|(_, unit)| unit.at_rest().is_err())
+            .or_else(|| enabled().next())?;
+        Some(CommandError::UnitNotReady {
+            unit: n as u8,
+            state: unit.motor as u8,
         })
     }
 
@@ -231,7 +239,6 @@ impl Machine {
             return Err(CommandError::Faulted(self.latch.code()));
         }
         // A cable that is still held latches the fault again with the next millisecond.
-        self.withheld = false;
         for unit in &mut self.units {
             if !(unit.sensor_up && unit.let_go.holds(unit.control.tension())) {
                 unit.let_go.forget();

@@ -21,14 +21,14 @@ mod supervision;
 pub use sampling::PendingSample;
 
 use control::faults::Latch;
-use control::let_go::LetGo;
+use control::let_go::{LetGo, LET_GO};
 use control::motor;
-use control::plausible::Watch;
+use control::plausible::{milli, Watch, NEGATIVE};
 use control::supervisor::{EncoderWatch, Expiry, Rate};
 use control::system::{self, Denied, Request};
 use control::tip::TipGuard;
 use control::unit::{self, Setpoint};
-use control::zero::Averager;
+use control::zero::{Averager, Refused};
 use control::{Config, Fault, Micros, MotorState, SystemState, UnitIndex, UNITS};
 use wire::frame::crc32;
 use wire::message::{BoardConfig, BoardInfo, FaultReport, UnitConfig};
@@ -44,6 +44,13 @@ pub const FIRST_SAMPLE_MS: u32 = 100;
 
 /// Failed reads of a converter in a row that make a fault.
 pub const MAX_FAILED_READS: u8 = 4;
+
+/// Time for which each enabled unit must be at rest before the amplifiers get their power, in milliseconds: three samples.
+pub const AT_REST_MS: u8 = 10;
+
+/// Time after which a unit that is not at rest faults, in milliseconds: a cable that was tight when the power went has let go by
+/// then, and its load cell has stopped ringing.
+pub const UNREST_MS: u16 = 500;
 
 /// Longest pass of the superloop in microseconds. A pass takes some tens of them; a sample may wait for half a
 /// sample period at most.
@@ -115,6 +122,10 @@ struct Unit {
     latch: Latch,
     rate: Rate,
     setpoint: Setpoint,
+    /// The host has sent the configuration.
+    configured: bool,
+    /// The zero was measured, and the configuration has kept it.
+    zeroed: bool,
     /// The converter has been brought up and its first sample is in.
     sensor_up: bool,
     /// End of the bring-up, until the first sample arrives.
@@ -141,6 +152,8 @@ impl Unit {
             latch: Latch::new(),
             rate: Rate::default(),
             setpoint: Setpoint::default(),
+            configured: false,
+            zeroed: false,
             sensor_up: false,
             came_up: None,
             zero: None,
@@ -160,6 +173,26 @@ impl Unit {
                     | MotorState::Stopping
                     | MotorState::Zeroing
             )
+    }
+
+    /// Whether the load cell reads what it may with the motor at 0 V: a slack cable, or one that friction of the reel holds. Before a
+    /// zero is measured, what a zero may be. Otherwise the fault that it is.
+    fn at_rest(&self) -> Result<(), (Fault, u32)> {
+        let tension = self.control.tension();
+        if self.zeroed {
+            let above = u32::from(tension >= LET_GO) << 31;
+            return if (NEGATIVE..LET_GO).contains(&tension) {
+                Ok(())
+            } else {
+                Err((Fault::Implausible, milli(tension) | above))
+            };
+        }
+        let counts = self.config.from_stored_zero(tension);
+        if counts.unsigned_abs() <= self.config.zero_deviation() {
+            Ok(())
+        } else {
+            Err((Fault::ZeroRefused, Refused::FarOff(counts).detail()))
+        }
     }
 }
 
@@ -184,10 +217,13 @@ pub struct Machine {
     /// The link that commands, and when it did last.
     commander: Option<(usize, Micros)>,
     tip: TipGuard,
-    /// A configuration was committed since the start.
-    configured: bool,
-    /// A DAC cannot be trusted, though another fault was latched first.
-    withheld: bool,
+    /// The alive line may run. It may not after a start, nor once a converter is started anew or a fault has taken the power, until
+    /// each enabled unit measures again and is at rest.
+    released: bool,
+    /// Milliseconds for which that has been so.
+    at_rest_ms: u8,
+    /// Milliseconds for which each enabled unit has measured, and one was not at rest.
+    unrest_ms: u16,
     board: BoardConfig,
     staged_board: Option<BoardConfig>,
     decimation: [u8; LINKS],
@@ -222,8 +258,9 @@ impl Machine {
             open: [false; LINKS],
             commander: None,
             tip: TipGuard::new(BoardConfig::default().tip_force_limit_un),
-            configured: false,
-            withheld: false,
+            released: false,
+            at_rest_ms: 0,
+            unrest_ms: 0,
             board: BoardConfig::default(),
             staged_board: None,
             decimation: [0; LINKS],
@@ -252,21 +289,23 @@ impl Machine {
     }
 
     /// Whether the alive line is to stand still, so that the PLC removes the amplifiers' power: the DACs cannot be trusted
-    /// to be at 0 V, or the board has just started and knows of no unit. After a reset a DAC that is stuck would pull, and
-    /// no load cell is measured yet.
+    /// to be at 0 V, or an enabled unit has not been seen at rest since the start or since its converter was started anew. A DAC
+    /// that is stuck would pull, and no load cell would show it.
     #[must_use]
     pub fn withholds_alive(&self) -> bool {
-        matches!(
-            self.latch.get(),
-            Some((Fault::OutputStuck | Fault::DacLink, _))
-        ) || self.withheld
-            || !self.configured
+        !self.released || self.has_lost_power()
+    }
+
+    /// Whether a fault is latched that takes the amplifiers' power, first or behind another.
+    fn has_lost_power(&self) -> bool {
+        let mut faults = Fault::ALL.iter();
+        faults.any(|fault| fault.takes_power() && self.latch.has(*fault))
     }
 
     /// Whether the DACs' RST is to be low: a DAC that gets no words, as its select wire is broken, is at 0 V then all the same.
     #[must_use]
     pub const fn holds_dacs(&self) -> bool {
-        self.withheld
+        self.latch.has(Fault::OutputStuck) || self.latch.has(Fault::DacLink)
     }
 
     /// Whether the bus may write register pointers ahead of the samples ([`BoardConfig::pointer_ahead`]).
@@ -289,7 +328,8 @@ impl Machine {
             .filter(|unit| unit.config.enabled())
             .peekable();
         let any_enabled = enabled.peek().is_some();
-        let all_ready = any_enabled && enabled.all(Unit::usable);
+        // Without power no unit can act.
+        let all_ready = any_enabled && enabled.all(Unit::usable) && self.released;
         let transition = system::next(
             self.system,
             system::Conditions {
@@ -329,6 +369,8 @@ impl Machine {
             match next.action {
                 motor::Action::None => {}
                 motor::Action::StartBringUp => {
+                    // For half a second nothing is measured.
+                    self.released = false;
                     unit.sensor_up = false;
                     unit.came_up = None;
                     unit.rate.reset();
@@ -353,7 +395,6 @@ impl Machine {
         if !core::mem::take(&mut self.commit) || self.system.drives() {
             return;
         }
-        self.configured = true;
         if let Some(board) = self.staged_board.take() {
             self.board = board;
             self.board_crc = board_crc(&board);
@@ -361,6 +402,8 @@ impl Machine {
         }
         for unit in &mut self.units {
             if let Some(config) = unit.staged.take() {
+                unit.zeroed &= config.wire().zero_code == unit.config.wire().zero_code;
+                unit.configured = true;
                 unit.config = config;
                 unit.control.config_changed();
             }
@@ -376,9 +419,9 @@ impl Machine {
     }
 }
 
-/// Longest encoding of a [`UnitConfig`]: 22 numbers, two ripples of four numbers and a cell's three with at most 5
+/// Longest encoding of a [`UnitConfig`]: 23 numbers, two ripples of four numbers and a cell's three with at most 5
 /// bytes each, two flags of one byte, a filter of at most 4 bytes.
-const MAX_CONFIG_BYTES: usize = (22 + 8 + 3) * 5 + 2 + 4;
+const MAX_CONFIG_BYTES: usize = (23 + 8 + 3) * 5 + 2 + 4;
 
 /// CRC-32 over configurations: each as postcard encodes it, one after the other, unit 1 first.
 #[must_use]

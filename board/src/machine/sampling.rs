@@ -68,6 +68,11 @@ impl Machine {
             measured,
         };
         let slot = &mut self.units[unit as usize];
+        if !slot.sensor_up && slot.came_up.is_none() {
+            // It was under way when its converter was stopped or started anew: of nothing that is in force.
+            let pending = pending(Drive::Off, Output::default(), false);
+            return (DacCode::ZERO_VOLT, pending);
+        }
         slot.samples = slot.samples.wrapping_add(1);
         slot.missed = slot.missed.wrapping_add(u32::from(missed));
         slot.rate.observe(at, missed);
@@ -135,6 +140,7 @@ impl Machine {
                 missed: output.flags & flags::MISSED != 0,
                 tension: output.tension,
                 others_drive,
+                over_tension: matches!(output.fault, Some((Fault::OverTension, _))),
             };
             slot.let_go.released(at, released);
         }
@@ -166,6 +172,7 @@ impl Machine {
             Progress::Collecting(_) => {}
             Progress::Done(zero) => {
                 slot.zero = None;
+                slot.zeroed = true;
                 let zero = slot.control.relaxed_zero(&slot.config, zero);
                 slot.config = slot.config.with_zero(zero);
                 // A configuration that waits for its commit must not restore the old zero.

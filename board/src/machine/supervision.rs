@@ -3,7 +3,10 @@
 //! A fault of the board sets all outputs to 0 V, a fault of a unit sets its output to 0 V (docs/architecture.md,
 //! "Faults: unit or board").
 
-use super::{board_crc, Effects, Health, Machine, FIRST_SAMPLE_MS, MAX_FAILED_READS, MAX_PASS_US};
+use super::{
+    board_crc, Effects, Health, Machine, Unit, AT_REST_MS, FIRST_SAMPLE_MS, MAX_FAILED_READS,
+    MAX_PASS_US, UNREST_MS,
+};
 use crate::bus;
 use control::let_go::LetGo;
 use control::supervisor::{RateLimits, Verdict};
@@ -43,8 +46,9 @@ impl Machine {
                 let detail = u32::from(rounds) | u32::from(sda_low) << 31;
                 self.fault_board(Fault::BusStuck, detail, now, fx);
             }
-            bus::Event::MuxSilent { mask } => {
-                self.fault_board(Fault::MuxSilent, u32::from(mask) << 8 | 0xFF, now, fx);
+            bus::Event::MuxSilent { mask, found } => {
+                let detail = u32::from(mask) << 8 | u32::from(found);
+                self.fault_board(Fault::MuxSilent, detail, now, fx);
             }
         }
     }
@@ -57,13 +61,52 @@ impl Machine {
             self.watch_unit(unit, now, fx);
             self.watch_let_go(unit, now, fx);
         }
+        self.watch_power(now, fx);
         self.advance(Request::None, fx);
+    }
+
+    /// Gives the amplifiers their power back once every enabled unit measures and is at rest, and nothing of the board is faulted.
+    fn watch_power(&mut self, now: Micros, fx: &mut impl Effects) {
+        let mut enabled = self.units.iter().filter(|unit| unit.config.enabled());
+        let idle = self.released || self.latch.is_set() || self.system.drives();
+        if idle || enabled.clone().next().is_none() || !enabled.clone().all(Unit::usable) {
+            self.at_rest_ms = 0;
+            self.unrest_ms = 0;
+            return;
+        }
+        if enabled.all(|unit| unit.at_rest().is_ok()) {
+            self.at_rest_ms += 1;
+            if self.at_rest_ms >= AT_REST_MS {
+                self.released = true;
+                self.try_outputs();
+            }
+            return;
+        }
+        self.at_rest_ms = 0;
+        self.unrest_ms += 1;
+        if self.unrest_ms < UNREST_MS {
+            return;
+        }
+        for unit in UnitIndex::ALL {
+            let slot = &self.units[unit as usize];
+            if let (true, Err((fault, detail))) = (slot.config.enabled(), slot.at_rest()) {
+                self.fault_unit(unit, fault, detail, now, fx);
+            }
+        }
+    }
+
+    /// The amplifiers get their power: no reel may wind in.
+    fn try_outputs(&mut self) {
+        for unit in &mut self.units {
+            unit.let_go.powered();
+        }
     }
 
     /// Latches a fault of the board and sets all outputs to 0 V. Also for causes found outside the machine (a
     /// counter that does not respond).
     pub fn fault_board(&mut self, fault: Fault, detail: u32, now: Micros, fx: &mut impl Effects) {
-        if self.latch.latch(fault, detail) {
+        let first = !self.latch.is_set();
+        if self.latch.latch(fault, detail) && (first || fault.takes_power()) {
             fx.report(FaultReport {
                 t_us: now.0,
                 unit: u8::MAX,
@@ -71,12 +114,12 @@ impl Machine {
                 detail,
             });
         }
+        self.released &= !fault.takes_power();
         // At once, not with the next sample; repeated for each fault.
         for (unit, slot) in UnitIndex::zip(&mut self.units) {
             fx.zero_output(unit);
             slot.let_go.switched_off(now);
         }
-        self.withheld |= matches!(fault, Fault::OutputStuck | Fault::DacLink);
         self.advance(Request::None, fx);
     }
 
@@ -114,7 +157,8 @@ impl Machine {
         fx: &mut impl Effects,
     ) {
         let slot = &mut self.units[unit as usize];
-        if slot.latch.latch(fault, detail) {
+        let first = !slot.latch.is_set();
+        if slot.latch.latch(fault, detail) && first {
             fx.report(FaultReport {
                 t_us: now.0,
                 unit: unit as u8,
@@ -158,7 +202,11 @@ impl Machine {
         } else {
             self.estop_open_ms.saturating_add(1)
         };
+        let was_closed = self.estop_closed;
         self.estop_closed = self.estop_open_ms < ESTOP_OPEN_MS;
+        if self.estop_closed && !was_closed && self.released {
+            self.try_outputs();
+        }
         if !self.estop_closed {
             self.fault_board_once(Fault::EStop, health.estop_opened_at.0, now, fx);
         }
@@ -218,17 +266,23 @@ impl Machine {
     /// Position of an encoder of [`Self::wants_encoders`], each millisecond.
     pub fn encoder(&mut self, unit: UnitIndex, counts: EncoderCounts) {
         let slot = &mut self.units[unit as usize];
-        slot.let_go.turned(counts, slot.config.nm_per_count());
+        // The sign of a unit that was never configured is not known.
+        let nm = if slot.configured {
+            slot.config.nm_per_count()
+        } else {
+            0
+        };
+        slot.let_go.turned(counts, nm);
     }
 
     pub(super) fn watch_let_go(&mut self, unit: UnitIndex, now: Micros, fx: &mut impl Effects) {
         let left = self.units[unit as usize].let_go.overdue(now);
-        if let Some(left) = left.filter(|_| !self.withheld) {
+        if let Some(left) = left.filter(|_| !self.latch.has(Fault::OutputStuck)) {
             self.fault_board(Fault::OutputStuck, LetGo::detail(unit, left), now, fx);
         }
     }
 
-    /// As [`Self::fault_board`], for causes that persist: acts only while no fault is latched.
+    /// As [`Self::fault_board`], for causes that persist: acts once until it is cleared.
     pub(super) fn fault_board_once(
         &mut self,
         fault: Fault,
@@ -236,7 +290,7 @@ impl Machine {
         now: Micros,
         fx: &mut impl Effects,
     ) {
-        if !self.latch.is_set() {
+        if !self.latch.has(fault) {
             self.fault_board(fault, detail, now, fx);
         }
     }

@@ -64,6 +64,8 @@ pub struct Bench {
     /// SPI1_SR of a DAC word that did not complete.
     pub dac_error: Option<u32>,
     pub streaming: [bool; UNITS],
+    /// Converters whose bring-up does not end.
+    pub held_back: [bool; UNITS],
     /// Newton on each load cell; `None`: what the command makes of a drive without friction.
     pub load_n: Option<f64>,
     /// Newton on single cells, in place of that.
@@ -90,6 +92,7 @@ impl Bench {
             estop_closed: true,
             dac_error: None,
             streaming: [false; UNITS],
+            held_back: [false; UNITS],
             load_n: None,
             cell_n: [None; UNITS],
             noise: true,
@@ -144,6 +147,11 @@ impl Bench {
             }
             self.machine.tick(self.now, health, &mut self.board);
             for unit in core::mem::take(&mut self.board.started) {
+                self.streaming[unit as usize] = false;
+                if self.held_back[unit as usize] {
+                    self.board.started.push(unit);
+                    continue;
+                }
                 self.streaming[unit as usize] = true;
                 self.machine
                     .bus_event(bus::Event::Up { unit }, self.now, &mut self.board);

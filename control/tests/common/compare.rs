@@ -86,6 +86,7 @@ pub fn config(r: &mut Random) -> UnitConfig {
             creep_q16: (sign(r) * 65_536.0 * maybe(r, 1e-4, 0.2)) as i32,
             creep_ms: r.scale(500.0, 3.6e6) as i32,
         },
+        tension_max_un: r.between(1e6, 40e6) as i32,
     }
 }
 

@@ -51,6 +51,7 @@ pub struct Reference {
     over: u32,
     saturated: u32,
     lost_nm: f64,
+    travel_nm: f64,
 }
 
 fn q16(x: i32) -> f64 {
@@ -85,6 +86,7 @@ impl Reference {
             over: 0,
             saturated: 0,
             lost_nm: 0.0,
+            travel_nm: 0.0,
         }
     }
 
@@ -216,8 +218,12 @@ impl Reference {
             4.0
         };
         let largest = 4_194_304.0;
-        let travel = ((input.encoder_counts.0 - from) as f64 * f64::from(w.travel_nm_per_count))
+        let moved = ((input.encoder_counts.0 - from) as f64 * f64::from(w.travel_nm_per_count))
             .clamp(-largest, largest);
+        // A position that jumps, by more than a millimetre a sample in a sample.
+        let jumped = (moved - self.travel_nm).abs() > 1e6 && dt < 4_687.0;
+        let travel = if jumped { self.travel_nm } else { moved };
+        self.travel_nm = (travel / spans).floor();
 
         self.viscous_nm += ((travel / spans).floor() - self.viscous_nm) / 8.0;
 
@@ -258,7 +264,10 @@ impl Reference {
         } else {
             (self.lost_nm + travel).max(0.0)
         };
-        let tripped = self.over >= 2 || self.saturated >= 2 || self.lost_nm > 150e6;
+        let tripped = self.over >= 2
+            || self.saturated >= 2
+            || self.lost_nm > 150e6
+            || jumped && input.drive != Drive::Off;
 
         let limit = micro(w.force_limit_un);
         let slew = f64::from(w.slew_un_per_s) * 1e-12 * dt_us;
@@ -290,7 +299,12 @@ impl Reference {
                 } else {
                     tension.clamp(0.0, limit)
                 };
-                self.setpoint = start + (requested - start).clamp(-slew / 8.0, slew / 8.0);
+                let target = if tension < 1.0 {
+                    requested.min(2.0)
+                } else {
+                    requested
+                };
+                self.setpoint = start + (target - start).clamp(-slew / 8.0, slew / 8.0);
                 let error = self.setpoint - tension;
                 let feedforward = self.friction(self.setpoint, input.encoder_counts.0);
                 let p = q16(w.kp_q16) * error;

@@ -69,7 +69,7 @@ impl Board {
     /// SCL pulses by hand: the ninth frees a held SDA.
     pub(super) fn recovery_pins(&mut self, rose: u16) {
         if self.sda_held && rose & wiring::I2C_SCL.bit() != 0 {
-            self.scl_pulses += 1;
+            self.scl_pulses = self.scl_pulses.saturating_add(1);
             if self.scl_pulses >= RECOVERY_PULSES {
                 self.release_sda();
             }

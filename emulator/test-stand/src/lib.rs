@@ -78,6 +78,7 @@ impl<'l> Stand<'l> {
             .unwrap_or_else(|error| panic!("{error}"));
         stand.wait("all units are ready", 6.0, |status| {
             status.state == SystemState::Ready as u8
+                && !status.alive_withheld
                 && status
                     .units
                     .iter()

@@ -202,7 +202,7 @@ impl Controller {
             self.integral_n = unwound(self.integral_n, compensated_n - allocation.force_n);
         }
         let setpoints = core::array::from_fn(|i| UnitSetpoint {
-            tension_un: (allocation.tension_n[i] * 1e6).round() as i32,
+            tension_un: self.rig.units[i].setpoint_un(allocation.tension_n[i]),
             inv_cos_q16: cables.inv_cos_q16[i],
             direction_q14: control::geometry::direction_q14(&cables.directions[i]),
         });
@@ -233,7 +233,7 @@ impl Controller {
         let cables = Cables::at(&self.rig, tip_m, &available)?;
         Ok(core::array::from_fn(|i| UnitSetpoint {
             tension_un: if available[i] {
-                (tension_n[i] * 1e6).round() as i32
+                self.rig.units[i].setpoint_un(tension_n[i])
             } else {
                 0
             },

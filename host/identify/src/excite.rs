@@ -239,7 +239,7 @@ impl Excitation<'_> {
             }
             cycle.inv_cos[i] = f64::from(q16) / 65_536.0;
             cycle.setpoints[i] = UnitSetpoint {
-                tension_un: (command_n(unit, i, t_s, self.swing) * 1e6).round() as i32,
+                tension_un: unit.setpoint_un(command_n(unit, i, t_s, self.swing)),
                 inv_cos_q16: q16,
                 direction_q14: control::geometry::direction_q14(&direction),
             };

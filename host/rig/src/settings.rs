@@ -306,7 +306,14 @@ impl UnitSettings {
                 .ripples
                 .map(|ripple| ripple.to_wire(self.travel_m_per_count)),
             cell: self.cell.to_wire(),
+            tension_max_un: field::TENSION_MAX.to_wire(self.tension_max_n),
         }
+    }
+
+    /// A tension as a setpoint: at most the largest one, which rounding may pass.
+    #[must_use]
+    pub fn setpoint_un(&self, tension_n: f64) -> i32 {
+        ((tension_n * 1e6).round() as i32).min(field::TENSION_MAX.to_wire(self.tension_max_n))
     }
 
     /// Direction from the tip to where the cable leaves the reel, and the cosine of the angle between cable

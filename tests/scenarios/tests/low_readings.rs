@@ -1,5 +1,6 @@
 //! Load cells and outputs that cannot be believed: the true tension stays below what the robot bears, and the motor stops.
 
+use control::let_go::TRIAL_MS;
 use control::{Fault, MotorState, SystemState};
 use emulator_link::Injection;
 use test_stand::{all_at_zero, rig, Stand, ZERO_V};
@@ -89,6 +90,8 @@ fn a_stuck_dac_behind_a_load_cell_that_reads_low_loses_the_power() {
 fn a_preload_of_15_n_is_no_zero() {
     let mut link = rig(65);
     let mut stand = Stand::ready(&mut link);
+    // At once after the power came back, a cable that tightens is a stuck output.
+    stand.run(f64::from(TRIAL_MS) * 1e-3);
     stand.inject(Injection::PullCable(2, 15.0));
     stand.run(0.1);
     stand.ask(&Command::Zero { units: 0b11_1111 });
@@ -133,6 +136,36 @@ fn a_stuck_dac_loses_the_amplifiers_power() {
     assert!(rows
         .last()
         .is_some_and(|row| row.amplifier_on && all_at_zero(row)));
+}
+
+/// The same behind a load cell that reads nothing: the unit faults too, and a clear starts its converter anew. For 0.65 s nothing is
+/// measured then, and the motor must have no power.
+#[test]
+fn a_clear_of_a_units_fault_gives_a_stuck_dac_no_power_that_it_keeps() {
+    for broken in [Injection::OpenBridge(4, true), Injection::UnplugSensor(4)] {
+        let mut link = rig(66);
+        let mut stand = Stand::armed(&mut link, 6.0);
+        stand.inject(Injection::StuckDac(4, true));
+        stand.inject(broken);
+        stand.run(0.6);
+        assert!(stand.status().alive_withheld);
+        stand.session.set_setpoints(None);
+        if let Injection::UnplugSensor(unit) = broken {
+            stand.inject(Injection::PlugSensor(unit));
+        }
+        // Of two clears the second does not find the first one's fault alone.
+        for _ in 0..2 {
+            let _ = stand.session.command(&Command::ClearFaults);
+            stand.truth();
+            stand.run(2.0);
+            let rows = stand.truth();
+            let most = rows.iter().map(|row| row.tension_n[3]).fold(0.0, f64::max);
+            assert!(most < HAZARD_N, "{most:.1} N");
+            let powered = rows.iter().filter(|row| row.amplifier_on).count();
+            assert!(powered < 150, "{powered} ms of power");
+            assert!(rows.last().is_some_and(|row| !row.amplifier_on));
+        }
+    }
 }
 
 /// A unit loses its load cell while its DAC is stuck: only the encoder shows that the cable is still held.

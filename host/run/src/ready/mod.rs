@@ -246,8 +246,20 @@ fn leave_out_faulted(
     if !faults.is_empty() {
         session.configure(configs)?;
         tell_configs(session, observer, configs);
+        session.wait_for(BRING_UP_TIMEOUT, "the amplifiers' power", |status| {
+            !waits_for_power(status)
+        })?;
     }
     Ok(faults)
+}
+
+/// Whether the board is about to give the amplifiers their power: every unit that is used has come up, and it watches them for a
+/// moment. Until then it refuses to arm.
+fn waits_for_power(status: &Status) -> bool {
+    let ready = |number| MotorState::from_u8(number) == Some(MotorState::Ready);
+    status.alive_withheld
+        && status.units.iter().all(|unit| unit.fault == 0)
+        && status.units.iter().any(|unit| ready(unit.state))
 }
 
 /// Waits until the board is ready: every unit has come up, or failed.
@@ -270,7 +282,7 @@ fn wait_ready(
         if status.fault != 0 {
             return Err(Fault::from(LatchedFault::of_board(&status)).into());
         }
-        if status.state == SystemState::Ready as u8 {
+        if status.state == SystemState::Ready as u8 && !waits_for_power(&status) {
             observer.progress(phase, 1.0);
             return Ok(status);
         }
