@@ -126,7 +126,7 @@ impl Campaign {
             return Ok(BTreeSet::new());
         }
         match Origin::read(file)? {
-            Some(found) if found == *origin => Ok(read(file)?.into_keys().collect()),
+            Some(found) if found == *origin => Ok(read(file)?.1.into_keys().collect()),
             Some(found) if found.program == origin.program => Err(io::Error::other(format!(
                 "has the outcomes of seed {} at {} A; give another --out",
                 found.seed, found.current_limit_a
@@ -166,16 +166,18 @@ fn progress(done: usize, all: usize, began: Instant) {
     }
 }
 
-/// Outcomes of a file by number. A line that was cut off is left out: its case runs again.
+/// Seed of a file, and its outcomes by number. A line that was cut off is left out: its case runs again.
 ///
 /// # Errors
-/// The file cannot be read.
-pub fn read(file: &Path) -> io::Result<BTreeMap<u64, Outcome>> {
+/// The file cannot be read, or does not say what it is of.
+pub fn read(file: &Path) -> io::Result<(u64, BTreeMap<u64, Outcome>)> {
+    let origin = Origin::read(file)?
+        .ok_or_else(|| io::Error::other("does not begin with the line of a campaign"))?;
     let mut outcomes = BTreeMap::new();
     for line in BufReader::new(File::open(file)?).lines() {
         if let Ok(outcome) = serde_json::from_str::<Outcome>(&line?) {
             outcomes.insert(outcome.number, outcome);
         }
     }
-    Ok(outcomes)
+    Ok((origin.seed, outcomes))
 }

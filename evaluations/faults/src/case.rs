@@ -1,31 +1,48 @@
-//! One case: an armed rig, one injection or two, and a watch on the truth.
+//! One case: a rig in some phase, one injection or two, a clear or none, and a watch on the truth.
 
-use crate::injection::{Injection, Plan, BASES};
+use crate::injection::{Injection, Phase, Plan, BASES};
 use crate::outcome::Outcome;
 use crate::rig::Rig;
 use crate::watch::{View, Watch};
-use control::{MotorState, SystemState};
+use control::{MotorState, SystemState, UNITS};
 
 /// How long a case is watched after its last injection, in milliseconds.
 pub const WATCH_MS: u32 = 700;
+/// How much longer where the memory was hit: the board checks it once a second.
+pub const MEMORY_CHECK_MS: u32 = 350;
 /// How much longer where a hazard came and no fault yet: a sensor that drifts is noticed when its error is large enough.
 pub const AFTER_HAZARD_MS: u32 = 500;
 
-/// The armed rigs, from which each case takes a copy.
-pub struct Bases(Vec<Rig>);
+/// Least and largest tension of a base, N. The setpoints swing by 0.6 N around it: within 2 and 12 N, what a rig file permits.
+pub const HELD_N: (f64, f64) = (2.6, 11.4);
+/// Those of the expected faults, N: their times and tensions are of these.
+pub const EXPECTED_N: (f64, f64) = (3.0, 8.0);
+
+/// The rigs at the beginning of each phase, from which each case takes a copy.
+pub struct Bases(Vec<Vec<Rig>>);
 
 impl Bases {
-    /// Prepares them; takes some seconds.
+    /// Prepares them over the whole range of tension; takes some seconds.
     #[must_use]
     pub fn new(seed: u64, current_limit_a: f64) -> Self {
+        Self::between(seed, current_limit_a, HELD_N)
+    }
+
+    /// Prepares them with tensions of this range, N.
+    #[must_use]
+    pub fn between(seed: u64, current_limit_a: f64, range_n: (f64, f64)) -> Self {
         let rigs = (0..BASES).map(|n| {
-            // 3 to 8 N, pairs alike, so that the tip is in balance.
-            let pair = |k: u64| 3.0 + ((n * 3 + k * 5) % 11) as f64 * 0.5;
-            let hold_n = std::array::from_fn(|unit| pair(unit as u64 / 2));
             let plant = seed.wrapping_mul(1_000).wrapping_add(n + 1);
-            Rig::armed(plant, hold_n, current_limit_a)
+            Rig::phases(plant, Self::held_n(n, range_n), current_limit_a)
         });
         Self(rigs.collect())
+    }
+
+    /// Tensions of a base, N: pairs alike, so that the tip is in balance.
+    #[must_use]
+    fn held_n(base: u64, (least, largest): (f64, f64)) -> [f64; UNITS] {
+        let pair = |k: u64| least + ((base * 3 + k * 5) % 11) as f64 * 0.1 * (largest - least);
+        std::array::from_fn(|unit| pair(unit as u64 / 2))
     }
 }
 
@@ -50,7 +67,11 @@ impl Bases {
     /// A copy of the rig that a plan begins from.
     #[must_use]
     pub fn rig(&self, plan: &Plan) -> Rig {
-        self.0[(plan.base % BASES) as usize].clone()
+        let (phase, ms) = plan.phase;
+        let place = Phase::ALL.iter().position(|(one, _)| *one == phase);
+        let mut rig = self.0[(plan.base % BASES) as usize][place.unwrap_or(0)].clone();
+        rig.run_ms(ms.into());
+        rig
     }
 }
 
@@ -60,7 +81,7 @@ pub fn run(bases: &Bases, number: u64, plan: Plan) -> Outcome {
     run_on(bases.rig(&plan), number, plan)
 }
 
-/// Runs a case on an armed rig.
+/// Runs a case on a rig at its first injection.
 #[must_use]
 pub fn run_on(mut rig: Rig, number: u64, plan: Plan) -> Outcome {
     let mut watch = Watch::new(std::array::from_fn(|unit| rig.wound_m(unit)));
@@ -68,10 +89,20 @@ pub fn run_on(mut rig: Rig, number: u64, plan: Plan) -> Outcome {
     let second_at = plan.second.map_or(0, |(_, ms)| ms);
     // Two different things of one kind would fight over one place; the second is what counts then.
     let second = plan.second.map(|(what, _)| what);
-    let end = second_at + WATCH_MS;
+    let mut end = second_at + WATCH_MS;
+    if plan.hits_memory() {
+        end += MEMORY_CHECK_MS;
+    }
     for ms in 0.. {
+        // What began before motors had power shows once they have.
+        if rig.is_busy() {
+            end = end.max(ms + WATCH_MS / 2);
+        }
         if ms >= end + AFTER_HAZARD_MS || ms >= end && !watch.awaits_a_fault() {
             break;
+        }
+        if plan.clear_ms == Some(ms) {
+            rig.clear_twice();
         }
         if let Some(what) = second.filter(|_| ms == second_at) {
             rig.inject(what);
@@ -95,10 +126,5 @@ pub fn run_on(mut rig: Rig, number: u64, plan: Plan) -> Outcome {
 /// A case with one injection at the first base.
 #[must_use]
 pub fn single(bases: &Bases, first: Injection) -> Outcome {
-    let plan = Plan {
-        base: 0,
-        first,
-        second: None,
-    };
-    run(bases, 0, plan)
+    run(bases, 0, Plan::holding(0, first, None))
 }

@@ -76,6 +76,7 @@ pub const EXPECTED: &[Expected] = &[
     one(I::BusHeld, F::BusStuck, 12),
     one(I::MuxSilent, F::MuxSilent, 12),
     one(I::EncoderNoise(2, 20), F::EncoderError, 400),
+    one(I::EncoderJump(2, -5_000), F::EncoderError, 4).at_most_n(9.0),
     one(I::HostStops, F::SetpointsExpired, 110),
     one(I::StopElsewhere, F::HostStop, 2),
     // The scale of the DAC, which the next sample needs; the slew rate, which nothing but the check of each second sees.
@@ -138,11 +139,7 @@ pub const EXPECTED: &[Expected] = &[
 /// The first line that does not hold, in words.
 pub fn check(bases: &Bases) -> Result<(), String> {
     for expected in EXPECTED {
-        let plan = Plan {
-            base: expected.base,
-            first: expected.first,
-            second: expected.second,
-        };
+        let plan = Plan::holding(expected.base, expected.first, expected.second);
         let outcome = run(bases, 0, plan);
         let wrong = |what: String| {
             Err(format!(

@@ -18,18 +18,45 @@ const VALID_MS: u16 = 100;
 /// The phase of the wave of its setpoints where it begins to hold, as though it had run for so many milliseconds. The expected
 /// faults were written for a wave that ran from power-on and a host that began to hold after 1.12 s.
 const WAVE_MS: u64 = 1_120;
+/// Swing of its setpoints around the tensions that it holds, N.
+pub const SWING_N: f64 = 0.6;
 /// Frames that it remembers, to send one again.
 const REMEMBERED: usize = 50;
+
+/// A step of what the host does besides its setpoints.
+#[derive(Debug, Clone)]
+pub enum Step {
+    /// Sends a command. A refusal, or no answer, ends everything: the host sends nothing any more.
+    Must(Command),
+    /// Sends a command and goes on whatever comes of it.
+    Try(Command),
+    /// Waits until the board is ready and its motors have power, at most so many milliseconds; then it ends everything.
+    Ready(u64),
+    /// Waits for so many milliseconds.
+    Wait(u64),
+    /// Holds these tensions from now on, N; `None`: none.
+    Hold(Option<[f64; UNITS]>),
+}
+
+/// Longest time for an answer, in milliseconds.
+const ANSWER_MS: u64 = 20;
 
 /// See the module's page.
 #[derive(Clone)]
 pub struct Host {
+    /// What it is to do, the present step first, and since when it has done that, in milliseconds.
+    steps: VecDeque<Step>,
+    since_ms: Option<u64>,
     /// Tensions that it holds, N, and since when, in milliseconds; `None`: it sends nothing.
     hold: Option<([f64; UNITS], u64)>,
     /// Everything random on its side.
     pub random: Random,
     seq: u16,
+    /// The command that is to be answered.
+    asked: u16,
     next_ms: u64,
+    /// It pauses until then.
+    paused: bool,
     old_frames: VecDeque<Vec<u8>>,
     decoder: Decoder,
     /// What is injected, and how often it may still act.
@@ -41,19 +68,82 @@ impl Host {
     #[must_use]
     pub fn new(random: Random) -> Self {
         Self {
+            steps: VecDeque::new(),
+            since_ms: None,
             hold: None,
             random,
             seq: 0,
+            asked: 0,
             next_ms: 0,
+            paused: false,
             old_frames: VecDeque::new(),
             decoder: Decoder::new(),
             active: Vec::new(),
         }
     }
 
-    /// From `now_ms` on it sends setpoints around these tensions, N.
-    pub fn hold(&mut self, tensions_n: [f64; UNITS], now_ms: u64) {
-        self.hold = Some((tensions_n, now_ms));
+    /// What it does next, in place of what it was to do.
+    pub fn plan(&mut self, steps: impl IntoIterator<Item = Step>) {
+        self.steps = steps.into_iter().collect();
+        self.since_ms = None;
+    }
+
+    /// Steps that are left.
+    #[must_use]
+    pub fn steps_left(&self) -> usize {
+        self.steps.len()
+    }
+
+    fn next_step(&mut self) {
+        self.steps.pop_front();
+        self.since_ms = None;
+    }
+
+    /// A millisecond of its steps: bytes for the line. `ready`: the board is ready, and its motors have power.
+    pub fn act(&mut self, now_ms: u64, ready: bool) -> Vec<u8> {
+        if now_ms < self.next_ms && self.paused {
+            return Vec::new();
+        }
+        let Some(step) = self.steps.front().cloned() else {
+            return Vec::new();
+        };
+        let first = self.since_ms.is_none();
+        let waited_ms = now_ms - *self.since_ms.get_or_insert(now_ms);
+        match step {
+            Step::Must(command) | Step::Try(command) if first => {
+                let frame = self.frame(command);
+                return self.on_the_line(frame);
+            }
+            Step::Try(_) if waited_ms >= ANSWER_MS => self.next_step(),
+            Step::Must(_) if waited_ms >= ANSWER_MS => self.give_up(),
+            Step::Ready(_) if ready && waited_ms > 1 => self.next_step(),
+            Step::Ready(ms) if waited_ms >= ms => self.give_up(),
+            Step::Wait(ms) if waited_ms >= ms => self.next_step(),
+            Step::Hold(tensions_n) => {
+                self.hold = tensions_n.map(|tensions_n| (tensions_n, now_ms));
+                self.next_step();
+            }
+            Step::Must(_) | Step::Try(_) | Step::Ready(_) | Step::Wait(_) => {}
+        }
+        Vec::new()
+    }
+
+    /// What the board has sent.
+    pub fn hear(&mut self, bytes: &[u8]) {
+        let Some(response) = self.response(bytes) else {
+            return;
+        };
+        match (self.steps.front(), response) {
+            (Some(Step::Must(_)), Response::Rejected(_)) => self.give_up(),
+            (Some(Step::Must(_) | Step::Try(_)), _) => self.next_step(),
+            _ => {}
+        }
+    }
+
+    fn give_up(&mut self) {
+        self.steps.clear();
+        self.since_ms = None;
+        self.hold = None;
     }
 
     /// Puts an injection in force at `now_ms`.
@@ -63,8 +153,11 @@ impl Host {
             _ => u32::MAX,
         };
         match what {
-            I::HostStops => self.hold = None,
-            I::HostPauses(ms) => self.next_ms = now_ms + u64::from(ms),
+            I::HostStops => self.give_up(),
+            I::HostPauses(ms) => {
+                self.next_ms = now_ms + u64::from(ms);
+                self.paused = true;
+            }
             _ => {}
         }
         self.active.push((what, often));
@@ -89,6 +182,9 @@ impl Host {
     /// A command as a frame.
     pub fn frame(&mut self, command: Command) -> Vec<u8> {
         self.seq = self.seq.wrapping_add(1);
+        if !matches!(command, Command::Setpoints { .. }) {
+            self.asked = self.seq;
+        }
         let frame = HostFrame {
             seq: self.seq,
             command,
@@ -104,7 +200,7 @@ impl Host {
         for byte in bytes {
             if let Ok(Some(frame)) = self.decoder.push::<BoardFrame>(*byte) {
                 match frame.message {
-                    BoardMessage::Reply(reply) if reply.seq == self.seq => {
+                    BoardMessage::Reply(reply) if reply.seq == self.asked => {
                         found = Some(reply.response);
                     }
                     _ => {}
@@ -131,6 +227,7 @@ impl Host {
         if now_ms < self.next_ms {
             return Vec::new();
         }
+        self.paused = false;
         let slow = self.find(|what| match what {
             I::HostSlow(ms) => Some(u64::from(*ms)),
             _ => None,
@@ -164,7 +261,7 @@ impl Host {
                 I::SetpointRange(u, value) if *u == unit => Some(*value),
                 _ => None,
             });
-            let wave = 0.6 * (6.0 * t_s + unit as f64).sin();
+            let wave = SWING_N * (6.0 * t_s + unit as f64).sin();
             let tension_n = hold_n[unit] + wave + offset.unwrap_or(0.0);
             UnitSetpoint {
                 tension_un: out_of_range.unwrap_or((tension_n.max(0.0) * 1e6) as i32),

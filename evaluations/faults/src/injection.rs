@@ -4,8 +4,50 @@ use crate::random::Random;
 use control::config::Config;
 use serde::{Deserialize, Serialize};
 
-/// Armed rigs that cases begin from, each with its own plant and tensions.
+/// Rigs that cases begin from, each with its own plant and tensions.
 pub const BASES: u64 = 8;
+
+/// Bits of a DAC word from this one on ask for more than 14 N.
+const HIGH_BIT: u8 = 12;
+
+/// What a rig is doing when the first injection comes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
+pub enum Phase {
+    /// From power-on to the commit of the configuration.
+    Boot,
+    /// The converters are brought up.
+    BringUp,
+    /// Zeros are measured.
+    Zeroing,
+    /// The first second after arming.
+    FirstSecond,
+    /// Armed, after a second and a half.
+    Holding,
+    /// Stopped, cleared, armed again.
+    Clear,
+    /// Disarmed, a unit switched off and on again, armed.
+    Reconfiguration,
+}
+
+impl Phase {
+    /// All of them, and from how many milliseconds of each a case draws its beginning.
+    pub const ALL: [(Self, u32); 7] = [
+        (Self::Boot, 30),
+        (Self::BringUp, 650),
+        (Self::Zeroing, 900),
+        (Self::FirstSecond, 1_000),
+        (Self::Holding, 1),
+        (Self::Clear, 500),
+        (Self::Reconfiguration, 1_900),
+    ];
+
+    /// Draws one, and when in it: half of them hold.
+    fn draw(r: &mut Random) -> (Self, u32) {
+        let drawn = Self::ALL.get(r.below(14) as usize);
+        let (phase, ms) = *drawn.unwrap_or(&(Self::Holding, 1));
+        (phase, r.below(ms.into()) as u32)
+    }
+}
 
 /// Where an injection acts: the rows of the table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -83,6 +125,8 @@ pub enum Injection {
     CodeBitStuck(usize, u8, bool),
     /// Two units' codes are exchanged: the multiplexer connects another channel than was written.
     Exchanged(usize, usize),
+    /// The nth data bit from now on the sensor bus is inverted: an address of the multiplexer, a register, a result.
+    BusBit(u16),
     /// Reads of a unit fail.
     ReadsFail(usize),
     /// The bus is held: nothing is read, the scheduler reports it after its rounds of recovery.
@@ -93,6 +137,10 @@ pub enum Injection {
     DacStuck(usize),
     /// This bit of so many DAC words is inverted.
     DacBit(usize, u8, u32),
+    /// This bit of a unit's DAC words is always set or never.
+    DacBitStuck(usize, u8, bool),
+    /// The DAC jumps to the end of its range, pulling, and stays there.
+    DacFull(usize),
     /// Words of a unit reach another unit's DAC.
     DacSelect(usize, usize),
     /// The SPI stops, and its RST line has no effect.
@@ -177,10 +225,16 @@ impl Injection {
             I::CodeBit(..)
             | I::CodeBitStuck(..)
             | I::Exchanged(..)
+            | I::BusBit(_)
             | I::ReadsFail(_)
             | I::BusHeld
             | I::MuxSilent => Category::Bus,
-            I::DacStuck(_) | I::DacBit(..) | I::DacSelect(..) | I::DacLink => Category::Dac,
+            I::DacStuck(_)
+            | I::DacBit(..)
+            | I::DacBitStuck(..)
+            | I::DacFull(_)
+            | I::DacSelect(..)
+            | I::DacLink => Category::Dac,
             I::AmplifierOff(_) | I::AmplifierGain(..) | I::Reversed(_) => Category::Drive,
             I::EncoderFrozen(_)
             | I::EncoderReversed(_)
@@ -229,7 +283,8 @@ impl Injection {
                 10 => Self::Spikes(unit, r.between(-20.0, 20.0)),
                 _ => Self::Noise(unit, r.between(0.01, 1.0)),
             },
-            Category::Bus => match pick(r, 10) {
+            Category::Bus => match pick(r, 12) {
+                10..=11 => Self::BusBit(r.below(400) as u16),
                 0..=3 => Self::CodeBit(unit, r.below(24) as u8, often),
                 4..=5 => Self::CodeBitStuck(unit, r.below(24) as u8, r.unit() < 0.5),
                 6 => Self::Exchanged(unit, other),
@@ -237,10 +292,13 @@ impl Injection {
                 8 => Self::BusHeld,
                 _ => Self::MuxSilent,
             },
-            Category::Dac => match pick(r, 8) {
+            Category::Dac => match pick(r, 12) {
                 0..=1 => Self::DacStuck(unit),
                 2..=5 => Self::DacBit(unit, r.below(16) as u8, 1 + r.below(3) as u32),
                 6 => Self::DacSelect(unit, other),
+                7 => Self::DacBit(unit, r.below(16) as u8, u32::MAX),
+                8..=9 => Self::DacBitStuck(unit, r.below(16) as u8, r.unit() < 0.5),
+                10 => Self::DacFull(unit),
                 _ => Self::DacLink,
             },
             Category::Drive => match pick(r, 4) {
@@ -286,15 +344,19 @@ impl Injection {
     }
 }
 
-/// What a case injects: one thing, or a second one some time after the first.
+/// What a case injects, and when: one thing, or a second one some time after the first, and whether the host clears then.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Plan {
     /// Seed of the plant, 0 to [`BASES`] - 1.
     pub base: u64,
+    /// What the rig does meanwhile, and for how many milliseconds before the first injection.
+    pub phase: (Phase, u32),
     /// The first.
     pub first: Injection,
     /// The second, and how many milliseconds later.
     pub second: Option<(Injection, u32)>,
+    /// The host clears all faults, goes on, and clears once more, so many milliseconds after the first injection.
+    pub clear_ms: Option<u32>,
 }
 
 impl Plan {
@@ -311,8 +373,41 @@ impl Plan {
         });
         Self {
             base: r.below(BASES),
+            phase: Phase::draw(&mut r),
             first,
             second,
+            clear_ms: (r.below(4) == 0).then(|| 300 + r.below(700) as u32),
+        }
+    }
+
+    /// Whether the memory is hit, which may be seen only by the check of each second.
+    #[must_use]
+    pub fn hits_memory(&self) -> bool {
+        let memory = |injection: &Injection| injection.category() == Category::Memory;
+        memory(&self.first) || self.second.is_some_and(|(second, _)| memory(&second))
+    }
+
+    /// Whether an output stands at the end of its range, pulling: no sampling sees that before the cable does.
+    #[must_use]
+    pub fn has_full_output(&self) -> bool {
+        let full = |injection: Injection| match injection {
+            Injection::DacFull(_) => true,
+            Injection::DacBit(_, bit, often) => bit >= HIGH_BIT && often > 1,
+            Injection::DacBitStuck(_, bit, set) => set && (HIGH_BIT..15).contains(&bit),
+            _ => false,
+        };
+        full(self.first) || self.second.is_some_and(|(second, _)| full(second))
+    }
+
+    /// An injection into a rig that holds, and a second one so many milliseconds later.
+    #[must_use]
+    pub const fn holding(base: u64, first: Injection, second: Option<(Injection, u32)>) -> Self {
+        Self {
+            base,
+            phase: (Phase::Holding, 0),
+            first,
+            second,
+            clear_ms: None,
         }
     }
 }

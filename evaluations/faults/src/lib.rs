@@ -15,11 +15,13 @@
 //! | [`outcome`] | what counts as detected, harmless, hazard |
 //! | [`campaign`] | many cases: parallel, in shards, resumed, merged |
 //! | [`table`] | the summary |
+//! | [`full_output`] | what an output that jumps to the end of its range does, by the amplifier's current limit |
 //! | [`random`] | numbers from a seed |
 
 pub mod campaign;
 pub mod case;
 pub mod expected;
+pub mod full_output;
 pub mod host;
 pub mod injection;
 pub mod outcome;

@@ -13,7 +13,7 @@ pub const PULL_N: f64 = 1.5;
 /// Time after which a motor that is not allowed to pull must not, in milliseconds: the cable is given 75 ms to let go, then
 /// the PLC takes 10 ms; the rest is for a cable that is pulled again.
 pub const PULL_MS: u32 = 150;
-/// Cable that a reel may wind in after an injection, m.
+/// Cable that a reel may wind in while it is slack or its motor may not pull, m.
 pub const MOTION_M: f64 = 0.03;
 
 /// A hazard.
@@ -21,11 +21,11 @@ pub const MOTION_M: f64 = 0.03;
 pub enum Hazard {
     /// Tension above [`TENSION_N`].
     Tension,
-    /// A running unit's cable below [`SLACK_N`] for longer than [`SLACK_MS`].
+    /// A running unit's cable below [`SLACK_N`] for longer than [`SLACK_MS`], after it has once been tight.
     Slack,
     /// A motor that is not armed, or faulted, pulls with more than [`PULL_N`] for longer than [`PULL_MS`].
     Pull,
-    /// A reel wound in more than [`MOTION_M`].
+    /// A reel wound in more than [`MOTION_M`] that nobody asked for.
     Motion,
 }
 

@@ -1,7 +1,7 @@
 //! The rig of the campaign: `core-sim` with a host on its serial line, brought up, armed, and then broken.
 
-use crate::host::Host;
-use crate::injection::Injection as I;
+use crate::host::{Host, Step};
+use crate::injection::{Injection as I, Phase};
 use crate::random::Random;
 use control::{Config, SystemState};
 use core_sim::CoreRig;
@@ -17,21 +17,28 @@ const MS_NS: u64 = 1_000_000;
 const CODES_PER_BRIDGE: f64 = 128.0 * 16_777_216.0;
 /// Longest time for the six bring-ups, in milliseconds: each calibration takes 344.
 const BRING_UP_MS: u64 = 3_000;
+/// Time for which a zero is measured, in milliseconds: 256 samples, and some.
+const ZERO_MS: u64 = 900;
+/// The DAC's largest code, in straight binary: +10 V.
+const FULL_SCALE: u16 = 0xFFFF;
+/// All six.
+const ALL_UNITS: u8 = 0b11_1111;
 
 /// See the module's page.
 #[derive(Clone)]
 pub struct Rig {
     core: CoreRig,
     host: Host,
+    hold_n: [f64; UNITS],
 }
 
 impl Rig {
-    /// A rig that is configured, zeroed, armed and has held `hold_n` on each cable for a second and a half.
+    /// A rig at power-on, with a host that is to hold `hold_n` on each cable.
     ///
     /// # Panics
-    /// Where it does not get there: without it no case means anything.
+    /// Where there can be none.
     #[must_use]
-    pub fn armed(seed: u64, hold_n: [f64; UNITS], current_limit_a: f64) -> Self {
+    pub fn at_power_on(seed: u64, hold_n: [f64; UNITS], current_limit_a: f64) -> Self {
         let mut config = PlantConfig::default();
         config.amplifier.current_limit_a = current_limit_a;
         let plant = Plant::new(config, seed).expect("the default is valid");
@@ -39,43 +46,167 @@ impl Rig {
         let mut rig = Self {
             core: CoreRig::with_plant(plant, seed).expect("six units"),
             host: Host::new(random),
+            hold_n,
         };
-        rig.prepare(hold_n);
+        let steps = rig.from_power_on();
+        rig.host.plan(steps);
         rig
     }
 
-    fn prepare(&mut self, hold_n: [f64; UNITS]) {
-        self.run_ms(20);
-        let hello = self.command(Command::Hello {
-            abi: ABI_VERSION,
-            schema: SCHEMA_HASH,
-        });
-        assert!(matches!(hello, Response::Hello(_)), "{hello:?}");
-        for unit in 0..UNITS {
-            let config = self.config(unit);
-            self.must(Command::StageConfig {
-                unit: unit as u8,
-                config,
-            });
+    /// A rig that is configured, zeroed, armed and has held `hold_n` on each cable for a second and a half.
+    ///
+    /// # Panics
+    /// Where it does not get there: without it no case means anything.
+    #[must_use]
+    pub fn armed(seed: u64, hold_n: [f64; UNITS], current_limit_a: f64) -> Self {
+        Self::try_armed(seed, hold_n, current_limit_a).expect("armed and without a fault")
+    }
+
+    /// As [`Self::armed`]; `None` where it does not get there, as its motors are too weak.
+    #[must_use]
+    pub fn try_armed(seed: u64, hold_n: [f64; UNITS], current_limit_a: f64) -> Option<Self> {
+        let mut rig = Self::at_power_on(seed, hold_n, current_limit_a);
+        while rig.host.steps_left() > 0 {
+            rig.run_ms(1);
         }
-        self.must(Command::CommitConfig);
-        self.bring_up();
-        self.must(Command::Zero { units: 0b11_1111 });
-        self.run_ms(1_000);
-        self.must(Command::Arm);
-        self.host.hold(hold_n, self.core.now_ns() / MS_NS);
-        self.run_ms(1_500);
+        let running = rig.status().state == SystemState::Running as u8;
+        (running && !rig.is_faulted()).then_some(rig)
+    }
+
+    /// Rigs at the beginning of each phase, in the order of [`Phase::ALL`].
+    ///
+    /// # Panics
+    /// As [`Self::armed`].
+    #[must_use]
+    pub fn phases(seed: u64, hold_n: [f64; UNITS], current_limit_a: f64) -> Vec<Self> {
+        let begun = |phase| match phase {
+            Phase::Boot => usize::MAX,
+            Phase::BringUp => 6,
+            Phase::Zeroing => 4,
+            Phase::FirstSecond => 2,
+            Phase::Holding | Phase::Clear | Phase::Reconfiguration => 0,
+        };
+        let mut rig = Self::at_power_on(seed, hold_n, current_limit_a);
+        let rigs = Phase::ALL.iter().map(|(phase, _)| {
+            while rig.host.steps_left() > begun(*phase) {
+                rig.run_ms(1);
+            }
+            let mut begins = rig.clone();
+            match phase {
+                Phase::Holding => rig.assert_armed(),
+                Phase::Clear => begins.clear(),
+                Phase::Reconfiguration => begins.reconfigure(),
+                _ => {}
+            }
+            begins
+        });
+        rigs.collect()
+    }
+
+    fn assert_armed(&self) {
         let status = self.status();
         assert_eq!(status.state, SystemState::Running as u8, "{status:?}");
         assert!(!self.is_faulted(), "{status:?}");
     }
 
-    fn bring_up(&mut self) {
-        let waited = (0..BRING_UP_MS).find(|_| {
-            self.run_ms(1);
-            self.status().state == SystemState::Ready as u8
-        });
-        assert!(waited.is_some(), "{:?}", self.status());
+    /// What the host does before all else, and then as after a configuration.
+    fn from_power_on(&mut self) -> Vec<Step> {
+        let hello = Command::Hello {
+            abi: ABI_VERSION,
+            schema: SCHEMA_HASH,
+        };
+        let mut steps = vec![Step::Wait(20), Step::Must(hello)];
+        for unit in 0..UNITS {
+            let config = self.config(unit);
+            steps.push(Step::Must(Command::StageConfig {
+                unit: unit as u8,
+                config,
+            }));
+        }
+        steps.push(Step::Must(Command::CommitConfig));
+        steps.extend(self.from_commit());
+        steps
+    }
+
+    fn from_commit(&self) -> [Step; 6] {
+        let [arm, hold, wait] = self.from_ready();
+        [
+            Step::Ready(BRING_UP_MS),
+            Step::Must(Command::Zero { units: ALL_UNITS }),
+            Step::Wait(ZERO_MS),
+            arm,
+            hold,
+            wait,
+        ]
+    }
+
+    fn from_ready(&self) -> [Step; 3] {
+        [
+            Step::Must(Command::Arm),
+            Step::Hold(Some(self.hold_n)),
+            Step::Wait(1_500),
+        ]
+    }
+
+    /// The host stops, clears and arms again.
+    fn clear(&mut self) {
+        let hold = Step::Hold(Some(self.hold_n));
+        self.host.plan([
+            Step::Hold(None),
+            Step::Must(Command::Stop),
+            Step::Wait(200),
+            Step::Try(Command::ClearFaults),
+            Step::Ready(BRING_UP_MS),
+            Step::Must(Command::Arm),
+            hold,
+            Step::Wait(500),
+        ]);
+    }
+
+    /// The host clears what is latched and goes on with what it did, as far as the board lets it; and does that once more.
+    pub fn clear_twice(&mut self) {
+        let once = [
+            Step::Hold(None),
+            Step::Try(Command::ClearFaults),
+            Step::Wait(900),
+            Step::Try(Command::Arm),
+            Step::Hold(Some(self.hold_n)),
+            Step::Wait(600),
+        ];
+        self.host.plan(once.clone().into_iter().chain(once));
+    }
+
+    /// The host disarms, switches a unit off and on again, and arms. It takes no zeros: friction of the reels still holds the cables.
+    fn reconfigure(&mut self) {
+        let unit = self.host.random.below(UNITS as u64) as usize;
+        let config = self.config(unit);
+        let mut off = config;
+        off.enabled = false;
+        let stage = |config: UnitConfig| {
+            Step::Must(Command::StageConfig {
+                unit: unit as u8,
+                config,
+            })
+        };
+        let steps = [
+            Step::Must(Command::Disarm),
+            Step::Hold(None),
+            Step::Wait(600),
+            stage(off),
+            Step::Must(Command::CommitConfig),
+            Step::Wait(100),
+            stage(config),
+            Step::Must(Command::CommitConfig),
+            Step::Ready(BRING_UP_MS),
+        ];
+        let steps: Vec<Step> = steps.into_iter().chain(self.from_ready()).collect();
+        self.host.plan(steps);
+    }
+
+    /// Whether the host has something left to do.
+    #[must_use]
+    pub fn is_busy(&self) -> bool {
+        self.host.steps_left() > 0
     }
 
     /// The configuration of a unit that was calibrated to 1 %.
@@ -93,14 +224,11 @@ impl Rig {
         }
     }
 
-    /// Sends a command that must be accepted.
-    fn must(&mut self, command: Command) {
-        let response = self.command(command.clone());
-        assert_eq!(response, Response::Done, "{command:?}");
-    }
-
     /// Sends a command over the line and waits for its response.
-    fn command(&mut self, command: Command) -> Response {
+    ///
+    /// # Panics
+    /// Where none comes within 20 ms.
+    pub fn command(&mut self, command: Command) -> Response {
         let bytes = self.host.frame(command);
         let mut sent = self.core.advance(MS_NS, &bytes).from_board;
         for _ in 0..20 {
@@ -158,8 +286,12 @@ impl Rig {
             for command in self.host.elsewhere(now_ms) {
                 self.core.command_over_usb(command);
             }
-            let bytes = self.host.send(now_ms, self.core.plant());
-            self.core.advance(MS_NS, &bytes);
+            let status = self.status();
+            let ready = status.state == SystemState::Ready as u8 && !status.alive_withheld;
+            let mut bytes = self.host.act(now_ms, ready);
+            bytes.extend(self.host.send(now_ms, self.core.plant()));
+            let sent = self.core.advance(MS_NS, &bytes).from_board;
+            self.host.hear(&sent);
         }
     }
 
@@ -197,11 +329,18 @@ impl Rig {
             I::CodeBitStuck(unit, bit, true) => self.core.defects().codes[unit].set |= 1 << bit,
             I::CodeBitStuck(unit, bit, false) => self.core.defects().codes[unit].clear |= 1 << bit,
             I::Exchanged(a, b) => self.core.board_mut().exchange_channels([a, b]),
+            I::BusBit(bit) => self.on_the_board(Fault::FlipBusBit(bit)),
             I::ReadsFail(unit) => self.on_the_board(Fault::Nack(number(unit))),
             I::BusHeld => self.on_the_board(Fault::HoldSda(true)),
             I::MuxSilent => self.on_the_board(Fault::MuteMux(true)),
             I::DacStuck(unit) => self.on_the_board(Fault::StuckDac(number(unit), true)),
             I::DacBit(unit, bit, often) => self.core.defects().words[unit].flip(bit, often),
+            I::DacBitStuck(unit, bit, true) => self.core.defects().words[unit].set |= 1 << bit,
+            I::DacBitStuck(unit, bit, false) => self.core.defects().words[unit].clear |= 1 << bit,
+            I::DacFull(unit) => {
+                self.core.board_mut().dac_code(now_ns, unit, FULL_SCALE);
+                self.on_the_board(Fault::StuckDac(number(unit), true));
+            }
             I::DacSelect(unit, other) => self.core.defects().dac_of[unit] = Some(other),
             I::DacLink => {
                 (0..UNITS).for_each(|unit| self.inject(I::DacStuck(unit)));

@@ -1,10 +1,15 @@
 //! The summary of outcomes as text: a row for each category, pairs for themselves, and every hazard.
 
-use crate::injection::Category;
+use crate::case::HELD_N;
+use crate::host::SWING_N;
+use crate::injection::{Category, Phase, BASES};
 use crate::outcome::Outcome;
 use control::Fault;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
+
+/// Outcomes by seed and number.
+pub type Outcomes = BTreeMap<(u64, u64), Outcome>;
 
 /// Counts of a row.
 #[derive(Debug, Clone, Copy, Default)]
@@ -35,7 +40,7 @@ impl Row {
 
 /// The table.
 #[must_use]
-pub fn summary(outcomes: &BTreeMap<u64, Outcome>) -> String {
+pub fn summary(outcomes: &Outcomes) -> String {
     let mut text = String::from(
         "| injected | cases | detected | harmless | hazard despite a fault | hazard undetected | to safe, median ms | worst ms |\n| --- | ---: | ---: | ---: | ---: | ---: | ---: | ---: |\n",
     );
@@ -73,16 +78,99 @@ fn line<'a>(text: &mut String, name: &str, outcomes: impl Iterator<Item = &'a Ou
     );
 }
 
+/// What was drawn, and what the hazards say: seeds, range of tension, phases, the share of hazards and its upper bound.
+#[must_use]
+pub fn drawn(outcomes: &Outcomes, current_limit_a: f64) -> String {
+    let seeds: BTreeSet<u64> = outcomes.keys().map(|(seed, _)| *seed).collect();
+    let seeds: Vec<String> = seeds.iter().map(u64::to_string).collect();
+    let count = |of: &dyn Fn(&Outcome) -> bool| outcomes.values().filter(|o| of(o)).count();
+    let mut text = format!(
+        "\nseeds {}; amplifiers limited to {current_limit_a} A\n",
+        seeds.join(", ")
+    );
+    let (least, largest) = HELD_N;
+    let _ = writeln!(
+        text,
+        "tensions of {:.1} to {:.1} N: {BASES} plants a seed hold {least} to {largest} N, and their setpoints swing by {SWING_N} N",
+        least - SWING_N,
+        largest + SWING_N
+    );
+    let phases = Phase::ALL.map(|(phase, _)| {
+        let cases = count(&|outcome| outcome.plan.phase.0 == phase);
+        let hazards =
+            count(&|outcome| outcome.plan.phase.0 == phase && !outcome.hazards.is_empty());
+        format!("{phase:?} {cases} ({hazards})")
+    });
+    let _ = writeln!(
+        text,
+        "cases in each phase (with a hazard): {}",
+        phases.join(", ")
+    );
+    let cleared = |outcome: &Outcome| outcome.plan.clear_ms.is_some();
+    let _ = writeln!(
+        text,
+        "cases that the host clears twice: {} ({})",
+        count(&cleared),
+        count(&|outcome| cleared(outcome) && !outcome.hazards.is_empty())
+    );
+    let kinds: [(&str, &dyn Fn(&Outcome) -> bool); 3] = [
+        ("hazards", &|outcome| !outcome.hazards.is_empty()),
+        ("undetected", &Outcome::is_undetected),
+        (
+            "of an output that stands at the end of its range",
+            &|outcome| !outcome.hazards.is_empty() && outcome.plan.has_full_output(),
+        ),
+    ];
+    for (name, of) in kinds {
+        let found = count(of);
+        let _ = writeln!(
+            text,
+            "{name}: {found} of {}, {:.3} %, at most {:.3} % (95 %)",
+            outcomes.len(),
+            100.0 * found as f64 / outcomes.len().max(1) as f64,
+            100.0 * upper_bound(found) / outcomes.len().max(1) as f64
+        );
+    }
+    text
+}
+
+/// The number of rare events whose count is this or less in one of twenty campaigns (Poisson).
+fn upper_bound(found: usize) -> f64 {
+    let no_more = |mean: f64| {
+        let mut term = (-mean).exp();
+        (1..=found).fold(term, |sum, n| {
+            term *= mean / n as f64;
+            sum + term
+        })
+    };
+    let (mut low, mut high) = (found as f64, found as f64 * 2.0 + 10.0);
+    for _ in 0..60 {
+        let middle = 0.5 * (low + high);
+        if no_more(middle) > 0.05 {
+            low = middle;
+        } else {
+            high = middle;
+        }
+    }
+    high
+}
+
 /// Every case with a hazard, one a line.
 #[must_use]
-pub fn hazards(outcomes: &BTreeMap<u64, Outcome>) -> String {
+pub fn hazards(outcomes: &Outcomes) -> String {
     let mut text = String::new();
-    for outcome in outcomes.values().filter(|o| !o.hazards.is_empty()) {
+    for ((seed, _), outcome) in outcomes.iter().filter(|(_, o)| !o.hazards.is_empty()) {
         let fault = Fault::from_code(outcome.fault).map_or("no fault", Fault::name);
         let _ = writeln!(
             text,
-            "case {}: {:?}{}: {:?}, largest tension {:.1} N; {fault}{}",
+            "case {seed}/{}, {:?} {} ms{}: {:?}{}: {:?}, largest tension {:.1} N; {fault}{}",
             outcome.number,
+            outcome.plan.phase.0,
+            outcome.plan.phase.1,
+            outcome
+                .plan
+                .clear_ms
+                .map_or(String::new(), |ms| format!(", cleared after {ms} ms")),
             outcome.plan.first,
             outcome
                 .plan
@@ -98,4 +186,17 @@ pub fn hazards(outcomes: &BTreeMap<u64, Outcome>) -> String {
         );
     }
     text
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Tables of the Poisson distribution: 3.00 for none, 4.74 for one, 16.96 for ten.
+    #[test]
+    fn the_upper_bound_is_that_of_the_tables() {
+        for (found, bound) in [(0, 2.996), (1, 4.744), (10, 16.962)] {
+            assert!((upper_bound(found) - bound).abs() < 1e-3, "{found}");
+        }
+    }
 }

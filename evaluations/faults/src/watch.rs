@@ -33,6 +33,8 @@ pub struct Watch {
     slack_ms: [u32; UNITS],
     pull_ms: [u32; UNITS],
     began_m: [f64; UNITS],
+    /// The cable has been tight since the unit began to run: an arming takes up what a robot has left slack.
+    tight: [bool; UNITS],
     /// Hazards, each once with the millisecond at which it came.
     pub hazards: Vec<(Hazard, u32)>,
     /// The first fault; 0: none.
@@ -51,6 +53,7 @@ impl Watch {
     pub fn new(wound_m: [f64; UNITS]) -> Self {
         Self {
             began_m: wound_m,
+            tight: [true; UNITS],
             ..Self::default()
         }
     }
@@ -77,7 +80,13 @@ impl Watch {
             if tension_n > TENSION_N {
                 self.hazard(Hazard::Tension, ms);
             }
-            self.slack_ms[unit] = if running && view.power && tension_n < SLACK_N {
+            self.tight[unit] = running && (self.tight[unit] || tension_n >= SLACK_N);
+            // What a tight cable winds in the robot gives, and what is taken up after an arming was asked for.
+            if running && (!self.tight[unit] || tension_n >= SLACK_N) {
+                self.began_m[unit] = view.wound_m[unit];
+            }
+            let slack = self.tight[unit] && tension_n < SLACK_N;
+            self.slack_ms[unit] = if running && view.power && slack {
                 self.slack_ms[unit] + 1
             } else {
                 0

@@ -2,7 +2,7 @@
 //! encoder that stands. The campaign draws its pairs at random and seldom meets these.
 
 use faults::campaign::CURRENT_LIMIT_A;
-use faults::case::{run, Bases};
+use faults::case::{run, Bases, EXPECTED_N};
 use faults::injection::{Injection as I, Plan};
 
 const UNIT: usize = 3;
@@ -36,18 +36,14 @@ const OTHER: [I; 5] = [
 
 #[test]
 fn two_faults_of_one_unit_are_no_hazard() {
-    let bases = Bases::new(1, CURRENT_LIMIT_A);
+    let bases = Bases::between(1, CURRENT_LIMIT_A, EXPECTED_N);
     let mut wrong = Vec::new();
     for cell in CELL {
         for other in OTHER {
             for (first, second) in [(cell, other), (other, cell)] {
                 for ms in [5, 150] {
                     for base in [0, 3] {
-                        let plan = Plan {
-                            base,
-                            first,
-                            second: Some((second, ms)),
-                        };
+                        let plan = Plan::holding(base, first, Some((second, ms)));
                         let outcome = run(&bases, 0, plan);
                         if !outcome.hazards.is_empty() {
                             wrong.push(format!(
