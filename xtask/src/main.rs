@@ -24,6 +24,7 @@ mod rig;
 mod rust_version;
 mod suite;
 mod tally;
+mod tested_mutants;
 mod toolchain;
 mod workspace;
 

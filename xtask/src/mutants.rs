@@ -10,6 +10,7 @@ use std::process::{Command, Stdio};
 
 use crate::process::{self, Sees};
 use crate::report::{say, Failure, Result};
+use crate::tested_mutants::TESTED;
 use crate::workspace::Workspace;
 
 /// A change of one place in one file.
@@ -42,12 +43,13 @@ impl Mutant {
 }
 
 macro_rules! mutants {
-    ($($name:literal: $file:literal, $from:literal => $to:literal;)*) => {
-        const MUTANTS: &[Mutant] = &[$(Mutant { name: $name, file: $file, from: $from, to: $to },)*];
+    ($list:ident: $($name:literal: $file:literal, $from:literal => $to:literal;)*) => {
+        pub(crate) const $list: &[Mutant] = &[$(Mutant { name: $name, file: $file, from: $from, to: $to },)*];
     };
 }
+pub(crate) use mutants;
 
-mutants! {
+mutants! { MUTANTS:
     "over-tension-off": "control/src/unit.rs", "self.over >= TRIP_SAMPLES" => "self.over == u8::MAX";
     "saturation-off": "control/src/unit.rs", "self.saturated >= TRIP_SAMPLES" => "self.saturated == u8::MAX";
     "authority-ignored": "control/src/unit.rs", "most.saturating_add(config.authority)" => "most.saturating_add(config.force_limit)";
@@ -73,10 +75,10 @@ mutants! {
     "dac-link-ignored": "board/src/machine/supervision.rs", "if let Some(status) = health.dac_error {" => "if let Some(status) = health.dac_error.filter(|_| false) {";
     "register-change-ignored": "board/src/machine/supervision.rs", "if let Some(address) = health.register_changed {" => "if let Some(address) = health.register_changed.filter(|_| false) {";
     "failed-reads-ignored": "board/src/machine/mod.rs", "pub const MAX_FAILED_READS: u8 = 4;" => "pub const MAX_FAILED_READS: u8 = 255;";
-    "alive-never-withheld": "board/src/machine/mod.rs", "        ) || self.withheld\n            || !self.configured" => "        ) && false";
+    "alive-never-withheld": "board/src/machine/mod.rs", "!self.released || self.has_lost_power()" => "false";
     "stop-refused-elsewhere": "board/src/machine/commands.rs", "            Command::Stop => {" => "            Command::Stop if self.commander.is_some_and(|(commander, _)| commander == link) => {";
     "takeover-while-driving": "board/src/machine/commands.rs", "now.since(last) > COMMANDER_SILENT_US" => "now.since(last) < u32::MAX / 2";
-    "setpoint-range-ignored": "control/src/unit.rs", "if !(0..=config.wire().force_limit_un).contains(&wire.tension_un) {" => "if wire.tension_un == i32::MIN {";
+    "setpoint-range-ignored": "control/src/unit.rs", "if !(0..=most_un).contains(&wire.tension_un) {" => "if wire.tension_un == i32::MIN {";
     "memory-check-off": "control/src/config.rs", "Self::from_wire(&self.wire).is_ok_and(|fresh| fresh == *self)" => "Self::from_wire(&self.wire).is_ok()";
     "seal-ignored": "control/src/config.rs", "self.seal == self.sum()" => "self.seal != self.sum() || self.seal != 0";
     "frame-crc-off": "wire/src/frame.rs", "if crc32(payload) != u32::from_le_bytes(*crc) {" => "if crc32(payload) == 0 && *crc == [1; 4] {";
@@ -109,20 +111,23 @@ const CASES: &str = "300";
 /// # Errors
 /// A name is unknown, a mutant's place is not found once, or the unchanged sources fail.
 pub fn run(workspace: &Workspace, names: &[String]) -> Result<bool> {
-    let chosen = choose(MUTANTS.iter().collect(), |mutant| mutant.name, names)?;
+    let all = MUTANTS.iter().map(|mutant| (mutant, campaign as Judge));
+    let all = all.chain(TESTED.iter().map(|mutant| (mutant, tests as Judge)));
+    let all: Vec<(&Mutant, Judge)> = all.collect();
+    let chosen = choose(all.iter().collect(), |(mutant, _)| mutant.name, names)?;
     let target = workspace.target();
     let copy = Workspace::of_copy(target.join("mutants"), target.join("mutants-build"));
     copy_workspace(workspace, copy.root())?;
     say("mutants: the unchanged sources first");
-    if let Verdict::Wrong(why) = campaign(&copy)? {
-        return Err(Failure::new(format!(
-            "without a mutant the campaign ends with: {why}"
-        )));
+    for judge in [campaign as Judge, tests] {
+        if let Verdict::Wrong(why) = judge(&copy)? {
+            return Err(Failure::new(format!("without a mutant: {why}")));
+        }
     }
     println!("| mutant | killed by |\n| --- | --- |");
     let mut survived = 0;
-    for mutant in &chosen {
-        let verdict = mutant.applied(copy.root(), || campaign(&copy));
+    for (mutant, judge) in &chosen {
+        let verdict = mutant.applied(copy.root(), || judge(&copy));
         match verdict? {
             Verdict::Wrong(why) => println!("| {} | {why} |", mutant.name),
             Verdict::Fine => {
@@ -153,6 +158,9 @@ pub(crate) fn choose<'a, T>(
     Ok(all)
 }
 
+/// What finds a mutant or does not.
+type Judge = fn(&Workspace) -> Result<Verdict>;
+
 enum Verdict {
     Fine,
     Wrong(String),
@@ -180,6 +188,26 @@ fn campaign(copy: &Workspace) -> Result<Verdict> {
     let text = String::from_utf8_lossy(&output.stdout);
     let why = text.lines().next().unwrap_or("the rig cannot be armed");
     Ok(Verdict::Wrong(why.to_owned()))
+}
+
+/// Runs the tests of `control` and `board` in the copy.
+fn tests(copy: &Workspace) -> Result<Verdict> {
+    for package in ["control", "board"] {
+        let mut test = process::cargo(Sees::CompilerAndFlags);
+        test.current_dir(copy.root())
+            .args(["test", "--package", package, "--target-dir"])
+            .arg(copy.target());
+        let output = test
+            .output()
+            .map_err(|error| Failure::new(format!("{package}: {error}")))?;
+        if !output.status.success() {
+            let text = String::from_utf8_lossy(&output.stdout);
+            let failed = text.lines().find(|line| line.ends_with("FAILED"));
+            let why = failed.unwrap_or("does not build");
+            return Ok(Verdict::Wrong(why.to_owned()));
+        }
+    }
+    Ok(Verdict::Fine)
 }
 
 /// Copies the sources, with a workspace of these parts only.
@@ -293,8 +321,8 @@ mod tests {
     #[test]
     fn every_mutant_has_its_place_once() {
         let root = Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap();
-        assert!(MUTANTS.len() >= 20);
-        for mutant in MUTANTS {
+        assert!(MUTANTS.len() >= 20 && TESTED.len() >= 60);
+        for mutant in MUTANTS.iter().chain(TESTED) {
             let text = fs::read_to_string(root.join(mutant.file)).unwrap();
             assert_eq!(text.matches(mutant.from).count(), 1, "{}", mutant.name);
             assert_ne!(mutant.from, mutant.to, "{}", mutant.name);
