@@ -178,6 +178,25 @@ fn a_log_is_joined_by_time_with_the_error_of_the_join() {
     assert_eq!(merged["outside"], 100, "{out}");
     let error_s = merged["error_max_s"].as_f64().expect("is known");
     assert!(error_s > 0.0 && error_s < 2e-3, "{error_s}");
+    // A log of another day: nothing is written, and both spans are printed.
+    let other = "time,q1\n2020-01-01T01:00:00+01:00,0\n2020-01-01T01:00:01+01:00,1\n";
+    std::fs::write(folder.path().join("other.csv"), other).expect("written");
+    let line = "recording merge rec --log other.csv --out none.parquet --time time";
+    let said = expect(folder.path(), line, 6, &["no file written"]);
+    assert!(
+        said.err
+            .contains("no row of other.csv is within the recording"),
+        "{said:?}"
+    );
+    assert!(
+        said.out
+            .contains("log: 2020-01-01T00:00:00.000Z to 2020-01-01T00:00:01.000Z"),
+        "{said:?}"
+    );
+    assert!(!said.out.contains("0.000 ms"), "{said:?}");
+    assert!(!folder.path().join("none.parquet").exists());
+    std::fs::write(folder.path().join("other.csv"), other.replace("+01:00", "")).expect("written");
+    expect(folder.path(), line, 7, &["row 1 has a time without a zone"]);
     // Another column of time.
     let line = format!("{merge} q1");
     expect(folder.path(), &line, 7, &["row 1 has no time"]);

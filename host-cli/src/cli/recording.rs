@@ -48,8 +48,8 @@ enum What {
         /// The robot's log: CSV or Parquet
         #[arg(long, value_name = "FILE")]
         log: PathBuf,
-        /// Column with the time, UTC or ROS time: s, ms, us or ns since 1970 by its size, or RFC 3339; `SECS+NSECS` for a
-        /// ROS stamp in two columns
+        /// Column with the time, UTC or ROS time: s, ms, us or ns since 1970 by its size, or RFC 3339 with its zone;
+        /// `SECS+NSECS` for a ROS stamp, `DATE+TIME` for a date and a time of day in two columns
         #[arg(long, value_name = "COLUMN")]
         time: String,
         /// Time to add to that of the log, s, where its clock is known to differ
@@ -115,9 +115,13 @@ impl Recording {
                 for warning in &merged.warnings {
                     context.output.note(warning);
                 }
+                let code = match merged.joined {
+                    0 => exit::DEGRADED,
+                    _ => exit::DONE,
+                };
                 let json = serde_json::to_value(&merged)
                     .map_err(|error| Failure::new(exit::FILE, error))?;
-                Ok(Reply::new(merged.to_string(), json))
+                Ok(Reply::new(merged.to_string(), json).with_code(code))
             }
         }
     }

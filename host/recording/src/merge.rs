@@ -19,6 +19,9 @@ use wire::UNITS;
 /// A recorded row further away than this, s, is not used for a row of the log.
 const GAP_MAX_S: f64 = 0.05;
 
+/// Share of the rows of a log that may have the time of the row before without a word.
+const REPEATED_MAX: f64 = 0.1;
+
 /// What to join.
 #[derive(Debug)]
 pub struct Merge<'a> {
@@ -51,8 +54,12 @@ pub struct Merged {
     pub error_median_s: Option<f64>,
     /// Median of the force that this error may be worth, N.
     pub error_median_n: Option<f64>,
-    /// Largest distance to a recorded cycle, s.
-    pub distance_max_s: f64,
+    /// Largest distance to a recorded cycle, s; `null` where no row was joined.
+    pub distance_max_s: Option<f64>,
+    /// First and last time of the log, with the shift, UTC; `null` where it has no row.
+    pub log_utc: Option<[String; 2]>,
+    /// First and last time of the recording, UTC; `null` where it has no cycle.
+    pub recording_utc: Option<[String; 2]>,
     /// What to look at.
     pub warnings: Vec<String>,
 }
@@ -67,6 +74,20 @@ impl std::fmt::Display for Merged {
             "{} of {} rows joined, {} outside of the recording",
             self.joined, self.rows, self.outside
         )?;
+        let span = |span: &Option<[String; 2]>| {
+            span.as_ref().map_or_else(
+                || "nothing".to_owned(),
+                |[from, to]| format!("{from} to {to}"),
+            )
+        };
+        if self.joined == 0 {
+            return writeln!(
+                f,
+                "log: {}\nrecording: {}\nno file written: the two have no time in common",
+                span(&self.log_utc),
+                span(&self.recording_utc)
+            );
+        }
         writeln!(
             f,
             "error of the join: {} median, {} at most; worth {} N of force (median)",
@@ -77,8 +98,8 @@ impl std::fmt::Display for Merged {
         )?;
         writeln!(
             f,
-            "distance to the next recorded cycle: {:.3} ms at most",
-            self.distance_max_s * 1e3
+            "distance to the next recorded cycle: {} at most",
+            ms(self.distance_max_s)
         )
     }
 }
@@ -233,11 +254,35 @@ const ADDED: [(&str, Kind); 29] = [
 /// Joins a log with a recording.
 ///
 /// # Errors
-/// A file can't be read or written, or the log has no such column of times.
+/// A file can't be read or written, or the log has no such column of times. Where no row of the log
+/// is within the recording nothing is written.
 pub fn merge(options: &Merge<'_>) -> Result<Merged, RecordError> {
     let log = Log::read(options.log)?;
     let times = log.times(options)?;
     let recorded = Recorded::read(&mcap_of(options.recording))?;
+    let mut merged = Merged {
+        log_utc: span(times.iter().copied()),
+        recording_utc: span(recorded.cycles.utc_ns.iter().copied()),
+        ..Merged::default()
+    };
+    let repeated = times.windows(2).filter(|w| w[0] == w[1]).count();
+    if repeated as f64 > REPEATED_MAX * times.len() as f64 {
+        merged.warnings.push(format!(
+            "{repeated} of {} rows of {} have the time of the row before: it was written with too few digits, or rows are held",
+            times.len(),
+            options.log.display()
+        ));
+    }
+    let is_joined = |at: &u64| joined(&recorded, *at, options.log_error_s).is_some();
+    if !times.iter().any(is_joined) {
+        merged.rows = times.len() as u64;
+        merged.outside = merged.rows;
+        merged.warnings.push(format!(
+            "no row of {} is within the recording: check the time column and `--shift`",
+            options.log.display()
+        ));
+        return Ok(merged);
+    }
     let columns: Columns = log
         .names
         .iter()
@@ -249,7 +294,6 @@ pub fn merge(options: &Merge<'_>) -> Result<Merged, RecordError> {
         .chain(ADDED.map(|(name, kind)| (name.to_owned(), kind, true)))
         .collect();
     let mut output = Output::with_columns(options.out, columns)?;
-    let mut merged = Merged::default();
     let (mut errors_s, mut errors_n) = (Vec::new(), Vec::new());
     for (row, utc_ns) in log.rows.iter().zip(times) {
         let mut cells: Vec<Cell> = row.clone();
@@ -261,7 +305,8 @@ pub fn merge(options: &Merge<'_>) -> Result<Merged, RecordError> {
             }
             Some(join) => {
                 merged.joined += 1;
-                merged.distance_max_s = merged.distance_max_s.max(join.distance_s);
+                let before = merged.distance_max_s.unwrap_or(0.0);
+                merged.distance_max_s = Some(before.max(join.distance_s));
                 errors_s.extend(join.error_s);
                 errors_n.extend(join.error_n);
                 cells.extend(join.cells);
@@ -276,13 +321,16 @@ pub fn merge(options: &Merge<'_>) -> Result<Merged, RecordError> {
     merged.error_max_s = errors_s.last().copied();
     merged.error_median_s = errors_s.get(errors_s.len() / 2).copied();
     merged.error_median_n = errors_n.get(errors_n.len() / 2).copied();
-    if merged.joined == 0 {
-        merged.warnings.push(format!(
-            "no row of {} is within the recording: check the time column and `--shift`",
-            options.log.display()
-        ));
-    }
     Ok(merged)
+}
+
+/// First and last of some times, ns since 1970, as UTC; `None` if there is none.
+fn span(times: impl Iterator<Item = u64> + Clone) -> Option<[String; 2]> {
+    let utc = |ns: u64| {
+        let time = std::time::UNIX_EPOCH + std::time::Duration::from_nanos(ns);
+        humantime::format_rfc3339_millis(time).to_string()
+    };
+    Some([utc(times.clone().min()?), utc(times.max()?)])
 }
 
 /// What a row of the log gets.
@@ -409,7 +457,15 @@ impl Log {
             .enumerate()
             .map(|(n, row)| {
                 let cells: Vec<&Cell> = columns.iter().map(|k| &row[*k]).collect();
-                utc_ns(&cells)
+                let time = utc_ns(&cells);
+                if time == Err(NoTime::NoZone) {
+                    return Err(RecordError {
+                        path: self.path.clone(),
+                        cause: format!("row {} has a time without a zone in `{}`: {cells:?}", n + 1, options.time),
+                        advice: "write the zone behind each time: Z for UTC, +01:00 for an hour more than UTC",
+                    });
+                }
+                time.ok()
                     .and_then(|ns| u64::try_from(ns + shift_ns).ok())
                     .ok_or_else(|| RecordError {
                         path: self.path.clone(),
@@ -426,13 +482,21 @@ impl Log {
     }
 }
 
-/// UTC of a cell, or of seconds and nanoseconds, ns since 1970.
-fn utc_ns(cells: &[&Cell]) -> Option<i64> {
+/// Why cells are no time.
+#[derive(Debug, PartialEq, Eq)]
+enum NoTime {
+    /// A date and a time of day, of a zone that is not told.
+    NoZone,
+    Other,
+}
+
+/// UTC of a cell, or of seconds and nanoseconds, or of a date and a time of day, ns since 1970.
+fn utc_ns(cells: &[&Cell]) -> Result<i64, NoTime> {
     /// 2000 and 2100, s since 1970.
     const CENTURY: std::ops::Range<f64> = 946_684_800.0..4_102_444_800.0;
     match cells {
         [Cell::Double(secs), Cell::Double(nsecs)] if CENTURY.contains(secs) => {
-            Some(*secs as i64 * 1_000_000_000 + *nsecs as i64)
+            Ok(*secs as i64 * 1_000_000_000 + *nsecs as i64)
         }
         [Cell::Double(value)] => [1e9, 1e6, 1e3, 1.0]
             .iter()
@@ -442,14 +506,62 @@ fn utc_ns(cells: &[&Cell]) -> Option<i64> {
                 let per_second = 1e9 / scale;
                 let whole = (value / per_second).floor();
                 whole as i64 * 1_000_000_000 + ((value - whole * per_second) * scale).round() as i64
-            }),
-        [Cell::Text(text)] => {
-            let time = humantime::parse_rfc3339_weak(text.trim()).ok()?;
-            let passed = time.duration_since(std::time::UNIX_EPOCH).ok()?;
-            i64::try_from(passed.as_nanos()).ok()
+            })
+            .ok_or(NoTime::Other),
+        [Cell::Text(text)] => utc_of_text(text.trim()),
+        [Cell::Text(date), Cell::Text(time)] => {
+            utc_of_text(&format!("{} {}", date.trim(), time.trim()))
         }
-        _ => None,
+        _ => Err(NoTime::Other),
     }
+}
+
+/// UTC of a date, a time of day and their zone (RFC 3339, a blank for the T as well), ns since 1970.
+fn utc_of_text(text: &str) -> Result<i64, NoTime> {
+    // "2026-11-25T21:59:23" has 19 signs, then come the fraction and the zone.
+    const SECONDS: usize = 19;
+    if !text.is_ascii() || text.len() < SECONDS {
+        return Err(NoTime::Other);
+    }
+    let rest = &text[SECONDS..];
+    let fraction = match rest.strip_prefix('.') {
+        Some(digits) => 1 + digits.bytes().take_while(u8::is_ascii_digit).count(),
+        None => 0,
+    };
+    let (local, zone) = text.split_at(SECONDS + fraction);
+    let time = humantime::parse_rfc3339_weak(local).map_err(|_| NoTime::Other)?;
+    let offset_s = match zone.trim() {
+        "" => return Err(NoTime::NoZone),
+        "Z" | "z" | "UTC" => 0,
+        zone => offset_s(zone).ok_or(NoTime::Other)?,
+    };
+    let passed = time
+        .duration_since(std::time::UNIX_EPOCH)
+        .map_err(|_| NoTime::Other)?;
+    let local_ns = i64::try_from(passed.as_nanos()).map_err(|_| NoTime::Other)?;
+    Ok(local_ns - offset_s * 1_000_000_000)
+}
+
+/// A zone such as `+01:00`, `-0330` or `+01`, in s east of UTC.
+fn offset_s(zone: &str) -> Option<i64> {
+    let (sign, digits) = match zone.split_at_checked(1)? {
+        ("+", digits) => (1, digits),
+        ("-", digits) => (-1, digits),
+        _ => return None,
+    };
+    let digits = digits.replacen(':', "", 1);
+    let (hours, minutes) = match digits.len() {
+        2 => (digits.as_str(), "0"),
+        4 => digits.split_at(2),
+        _ => return None,
+    };
+    let number = |text: &str| {
+        text.bytes()
+            .all(|b| b.is_ascii_digit())
+            .then(|| text.parse().ok())?
+    };
+    let (hours, minutes): (i64, i64) = (number(hours)?, number(minutes)?);
+    (hours < 24 && minutes < 60).then_some(sign * (hours * 3600 + minutes * 60))
 }
 
 type Texts = (Vec<String>, Vec<Vec<String>>);
@@ -460,15 +572,41 @@ fn csv_rows(path: &Path) -> Result<Texts, RecordError> {
         cause: error.to_string(),
         advice: "give a CSV file with a header line, or Parquet",
     };
-    let mut reader = csv::Reader::from_path(path).map_err(unreadable)?;
+    let bytes = std::fs::read(path).map_err(|error| unreadable(error.into()))?;
+    // The header has no number: a semicolon or a tab in it separates, and numbers then have a
+    // decimal comma, or a point as well.
+    let head = bytes.split(|b| *b == b'\n').next().unwrap_or(&[]);
+    let has = |sign: u8| head.contains(&sign);
+    let separator = [b';', b'\t']
+        .into_iter()
+        .find(|sign| has(*sign) && !has(b','));
+    let mut reader = csv::ReaderBuilder::new()
+        .delimiter(separator.unwrap_or(b','))
+        .from_reader(bytes.as_slice());
     let names = reader.headers().map_err(unreadable)?;
-    let names = names.iter().map(|name| name.trim().to_owned()).collect();
+    let names = names
+        .iter()
+        .map(|name| name.trim().trim_start_matches('\u{feff}').to_owned());
+    let names = names.collect();
+    let cell = |text: &str| match separator {
+        Some(_) => with_point(text),
+        None => text.to_owned(),
+    };
     let rows = reader
         .records()
-        .map(|record| Ok(record?.iter().map(str::to_owned).collect()))
+        .map(|record| Ok(record?.iter().map(cell).collect()))
         .collect::<Result<_, csv::Error>>()
         .map_err(unreadable)?;
     Ok((names, rows))
+}
+
+/// A number with a decimal comma with a point; other text as it is.
+fn with_point(text: &str) -> String {
+    let point = text.trim().replacen(',', ".", 1);
+    match point.parse::<f64>() {
+        Ok(_) => point,
+        Err(_) => text.to_owned(),
+    }
 }
 
 fn parquet_rows(path: &Path) -> Result<Texts, RecordError> {
@@ -509,5 +647,71 @@ fn text_of(field: &Field) -> String {
         Field::Float(value) => format!("{value:?}"),
         Field::TimestampMillis(value) | Field::TimestampMicros(value) => value.to_string(),
         other => other.to_string(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn utc(text: &str) -> Result<i64, NoTime> {
+        utc_ns(&[&Cell::Text(text.into())])
+    }
+
+    #[test]
+    fn a_time_of_another_zone_is_converted() {
+        let ns = 1_795_640_363_877_021_589;
+        for text in [
+            "2026-11-25T20:59:23.877021589Z",
+            "2026-11-25T21:59:23.877021589+01:00",
+            "2026-11-25 21:59:23.877021589+0100",
+            "2026-11-25T22:59:23.877021589 +02",
+            "2026-11-25T17:29:23.877021589-03:30",
+            "2026-11-25 20:59:23.877021589 UTC",
+        ] {
+            assert_eq!(utc(text), Ok(ns), "{text}");
+        }
+        // Midnight between the zones.
+        assert_eq!(
+            utc("2026-11-26T00:30:00+01:00"),
+            utc("2026-11-25T23:30:00Z")
+        );
+        let date = Cell::Text("2026-11-25".into());
+        let time = Cell::Text("21:59:23.877021589+01:00".into());
+        assert_eq!(utc_ns(&[&date, &time]), Ok(ns));
+    }
+
+    #[test]
+    fn a_time_without_a_zone_is_none() {
+        for text in ["2026-11-25 20:59:23.877021", "2026-11-25T20:59:23"] {
+            assert_eq!(utc(text), Err(NoTime::NoZone), "{text}");
+        }
+        for text in [
+            "",
+            "12.5",
+            "2026-11-25T20:59:23+",
+            "2026-11-25T20:59:23+1",
+            "2026-11-25T20:59:23 CET",
+            "2026-11-25T20:59:23+25:00",
+            "20:59:23",
+            "2026-13-25T20:59:23Z",
+        ] {
+            assert_eq!(utc(text), Err(NoTime::Other), "{text}");
+        }
+    }
+
+    #[test]
+    fn semicolons_and_decimal_commas_are_read() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("log.csv");
+        std::fs::write(
+            &path,
+            "\u{feff}time;q;note\n1795640363,877022;-0,5;a, b\n1795640364;1.5;c\n",
+        )
+        .unwrap();
+        let (names, rows) = csv_rows(&path).unwrap();
+        assert_eq!(names, ["time", "q", "note"]);
+        assert_eq!(rows[0], ["1795640363.877022", "-0.5", "a, b"]);
+        assert_eq!(rows[1], ["1795640364", "1.5", "c"]);
     }
 }
