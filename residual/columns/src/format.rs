@@ -30,10 +30,14 @@ fn exponent(x: f64, decimals: usize) -> i32 {
 }
 
 /// A value and the ends `[lo, hi]` of its interval, each rounded to two digits of half the
-/// interval's width. Further digits would carry no information.
+/// interval's width. Further digits would carry no information. Ends that are equal are no interval:
+/// `-`.
 pub fn with_interval(x: f64, [lo, hi]: [f64; 2]) -> (String, String) {
     let half = 0.5 * (hi - lo);
     let reach = [x, lo, hi].into_iter().map(f64::abs).fold(0.0, f64::max);
+    if half == 0.0 {
+        return (num(x), "-".into());
+    }
     if !(half > 0.0 && half.is_finite() && reach.is_finite()) {
         return (num(x), format!("{} to {}", num(lo), num(hi)));
     }
@@ -104,7 +108,7 @@ mod tests {
             texts(-2.703e-5, [-3.08e-5, -0.228e-5]),
             "-2.7e-5 (-3.1e-5 to -2e-6)"
         );
-        assert_eq!(texts(0.5, [0.5, 0.5]), "0.5000 (0.5000 to 0.5000)");
+        assert_eq!(texts(0.5, [0.5, 0.5]), "0.5000 (-)");
         assert_eq!(percent(-1e-6), "0.00 %");
         assert_eq!(p_value(0.0), "< 1e-12");
         assert_eq!(p_value(1.04e-5), "1e-5");
