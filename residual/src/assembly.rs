@@ -6,6 +6,7 @@ use residual_columns::error::Error;
 use residual_effects::{effect as effect_of, Build, EffectKind, CATALOGUE};
 use residual_evidence::attribution::Improving;
 use residual_evidence::check::Checked;
+use residual_evidence::few::few_rows;
 use residual_evidence::intervals::Parameters;
 use residual_evidence::leftover::Leftover;
 use residual_evidence::residual_tests::residual_tests;
@@ -116,6 +117,7 @@ pub(crate) fn report(found: Found, data: &Data) -> Result<Report, Error> {
             .findings()
             .iter()
             .cloned()
+            .chain(few_rows(&fit.residual, data))
             .chain(found.left.notes)
             .collect(),
         residual_tests: residual_tests(

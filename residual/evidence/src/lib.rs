@@ -5,6 +5,7 @@
 pub mod attribution;
 pub mod check;
 pub mod feedback;
+pub mod few;
 pub mod intervals;
 pub mod leftover;
 pub mod residual_tests;

@@ -54,6 +54,8 @@ pub struct Data {
     /// does not repeat. Empty if it does nowhere.
     pub(crate) parts: Vec<u32>,
     pub(crate) files: Vec<PathBuf>,
+    /// Rows that are fitted though their target is no measurement.
+    pub(crate) suspects: Vec<usize>,
     pub(crate) hygiene: Vec<Finding>,
 }
 
@@ -118,6 +120,12 @@ impl Data {
     /// does not repeat. Empty if it does nowhere.
     pub fn parts(&self) -> &[u32] {
         &self.parts
+    }
+
+    /// Rows that are fitted though their target is far from its neighbours or stands for a missing
+    /// value: the model file did not ask to leave them out.
+    pub fn suspects(&self) -> &[usize] {
+        &self.suspects
     }
 
     /// Flaws of the data.
@@ -225,6 +233,7 @@ impl DataBuilder {
             groups,
             parts: vec![],
             files: vec![],
+            suspects: vec![],
             hygiene: vec![],
         })
     }

@@ -1,6 +1,14 @@
-//! Flaws of measured logs: time base, gaps, repeats, spikes, clipping, quantisation, a 256-fold
-//! scale, an angle that begins again after each turn. Each is reported, and handled only as the
-//! model file asks.
+//! Flaws of measured logs: time base, gaps, repeats, codes for missing values, spikes, clipping,
+//! quantisation, a 256-fold scale, an angle that begins again after each turn. Each is reported, and
+//! handled only as the model file asks.
+//!
+//! | file | concern |
+//! |---|---|
+//! | `values.rs` | values that are no measurement |
+//! | `clock.rs` | stamps that are not those of the rows |
+
+mod clock;
+mod values;
 
 use crate::finding::Findings;
 use crate::spec::{Action, Roles, Spec};
@@ -13,55 +21,66 @@ use std::f64::consts::TAU;
 use std::ops::Range;
 use std::path::PathBuf;
 
+/// What is said of a flaw that was left as it is.
+pub const REPORTED_ONLY: &str = "reported only";
+
 /// What was done about a flaw.
 fn done(action: Action) -> &'static str {
     match action {
-        Action::Report => "reported only",
+        Action::Report => REPORTED_ONLY,
         Action::Drop => "left out of the fit",
         Action::Fix => "corrected",
     }
 }
 
+/// Name of the check that few rows carry most of the squared error.
+pub const FEW_ROWS: &str = "few rows";
+
+/// Name of the check that the rows are stamped in bunches.
+pub const BUNCHED: &str = "stamps in bunches";
+
+/// Name of the check that the target is logged more often than it is measured.
+pub const HELD: &str = "held target";
+
 /// Looks for flaws in the target and the columns; corrects or masks rows as the model file says.
-/// `files` are those that the frame's `file` column counts.
+/// `files` are those that the frame's `file` column counts. Gives the rows whose target is no
+/// measurement and that are still fitted.
 pub fn inspect(
     frame: &mut Frame,
     keep: &mut [bool],
     spec: &Spec,
     files: &[PathBuf],
     log: &mut Findings,
-) {
+) -> Vec<usize> {
+    let mut suspects = stand_ins(frame, keep, spec, files, log);
     time_base(frame, log);
     wrapped_angle(frame, spec, files, log);
     let spec = &spec.hygiene;
     let mut y = frame.column("target").unwrap_or(&[]).to_vec();
     let mut found = |check: &str, rows: &[usize], action: Action, what: &str, frame: &Frame| {
-        let Some(&first) = rows.first() else {
-            return;
-        };
-        log.count(
-            check,
-            rows.len(),
-            &place(first, frame, files),
-            &format!("{what}: {}", done(action)),
-        );
-        if action == Action::Drop {
-            rows.iter().for_each(|&i| keep[i] = false);
-        }
+        left_out(check, rows, action, what, (frame, files), keep, log);
     };
 
-    let scaled = scaled256(&y);
+    // What stands for a missing value says nothing about the others.
+    let measured = values::bridged(&y, &suspects, frame);
+    let scaled = scaled256(&measured);
     let what = "target values 256 times too large (a 24-bit value left-justified in 32 bits)";
     found("scale256", &scaled, spec.scale256, what, frame);
+    let mut measured = measured;
     if spec.scale256 == Action::Fix && !scaled.is_empty() {
-        scaled.iter().for_each(|&i| y[i] /= 256.0);
+        for &i in &scaled {
+            y[i] /= 256.0;
+            measured[i] /= 256.0;
+        }
         frame.insert("target", y.clone());
     }
 
-    let what = "isolated target values far from both neighbours";
-    found("spike", &spikes(&y, frame), spec.spikes, what, frame);
+    let what = "isolated target values far from their neighbours";
+    let spikes = values::spikes(&measured, frame);
+    found("spike", &spikes, spec.spikes, what, frame);
+    let measured = values::bridged(&measured, &spikes, frame);
 
-    let clipped = clipped(&y, frame);
+    let clipped = values::clipped(&measured, frame);
     if let Some(&first) = clipped.first() {
         let what = format!("target stuck at {}, the end of its range", num(y[first]));
         found("clipping", &clipped, spec.clipping, &what, frame);
@@ -71,8 +90,95 @@ pub fn inspect(
     if repeated.len() * 100 > frame.len() {
         let what = "rows that repeat every value of the row before";
         found("repeat", &repeated, spec.repeats, what, frame);
+    } else if let Some(held) = values::held(&measured, frame) {
+        let [least, most] = held.lengths;
+        let rows = if least == most {
+            format!("{least}")
+        } else {
+            format!("{least} to {most}")
+        };
+        let what = format!(
+            "the target holds each value for {rows} rows: it has about {} values/s and was logged more often. Rows that repeat it \
+             count as measurements that they are not; hygiene.repeats = \"drop\" keeps the first row of each value",
+            num(held.rate)
+        );
+        found(HELD, &held.rows, spec.repeats, &what, frame);
     }
     quantised(frame, log);
+    suspects.extend(spikes);
+    suspects.extend(scaled.iter().filter(|_| spec.scale256 == Action::Report));
+    suspects.sort_unstable();
+    suspects.dedup();
+    suspects.retain(|i| keep[*i]);
+    suspects
+}
+
+/// Notes the rows of a check, and leaves them out of the fit where the model file asks for it.
+fn left_out(
+    check: &str,
+    rows: &[usize],
+    action: Action,
+    what: &str,
+    (frame, files): (&Frame, &[PathBuf]),
+    keep: &mut [bool],
+    log: &mut Findings,
+) {
+    let Some(&first) = rows.first() else {
+        return;
+    };
+    let place = place(first, frame, files);
+    let said = format!("{what}: {}", done(action));
+    log.count(check, rows.len(), &place, &said);
+    if action == Action::Drop {
+        let fitted = rows.iter().filter(|i| keep[**i]).count();
+        // The cause alone; the check says what to do about it.
+        let cause = what.split([':', ';']).next().unwrap_or(what);
+        log.lose(cause, fitted, &place);
+        rows.iter().for_each(|&i| keep[i] = false);
+    }
+}
+
+/// Notes values that stand for a missing one, in each column; leaves their rows out where the model
+/// file asks for it. Operators with memory then see the line between the rows beside them. Gives the
+/// rows of the target that have such a value.
+fn stand_ins(
+    frame: &mut Frame,
+    keep: &mut [bool],
+    spec: &Spec,
+    files: &[PathBuf],
+    log: &mut Findings,
+) -> Vec<usize> {
+    let roles = spec.roles.all();
+    let action = spec.hygiene.spikes;
+    let mut of_target = Vec::new();
+    let names = frame.names().to_vec();
+    let groups = &spec.roles.groups;
+    let is_made = |n: &str| crate::spec::MADE.contains(&n) || groups.contains_key(n);
+    for name in names.iter().filter(|n| !is_made(n)) {
+        let role = roles.iter().find(|(role, _)| role == name).map(|(_, c)| *c);
+        let x = frame.column(name).unwrap_or(&[]);
+        let codes = values::codes(x, frame, role, name == "target");
+        let mut rows: Vec<usize> = codes.iter().flat_map(|c| c.rows.iter().copied()).collect();
+        rows.sort_unstable();
+        let said: Vec<String> = codes
+            .iter()
+            .map(|c| format!("{} in {} row(s)", num(c.value), c.rows.len()))
+            .collect();
+        let column = role.map_or(name.as_str(), |c| c.column.as_str());
+        let what = format!(
+            "column `{column}` has {}: a value that stands for a missing one or for the end of a converter's range",
+            said.join(", ")
+        );
+        let check = format!("code in {name}");
+        left_out(&check, &rows, action, &what, (frame, files), keep, log);
+        if name == "target" {
+            of_target = rows;
+        } else if action == Action::Drop && !rows.is_empty() {
+            let bridged = values::bridged(x, &rows, frame);
+            frame.insert(name, bridged);
+        }
+    }
+    of_target
 }
 
 /// Where a row is: its file and time.
@@ -199,6 +305,8 @@ fn time_base(frame: &Frame, log: &mut Findings) {
         stats::quantile_sorted(&steps, 0.05),
         stats::quantile_sorted(&steps, 0.95),
     );
+    let bunches = clock::bunches(frame, mid);
+    let rate = bunches.as_ref().map_or(1.0 / mid, |(_, rate)| *rate);
     log.count(
         "time base",
         frame.len(),
@@ -206,62 +314,26 @@ fn time_base(frame: &Frame, log: &mut Findings) {
         &format!(
             "median step {} s ({} rows/s); 5 % to 95 %: {} to {} s; {} sequences",
             num(mid),
-            num(1.0 / mid),
+            num(rate),
             num(lo),
             num(hi),
             frame.sequences().len()
         ),
     );
-}
-
-/// Rows whose target is far from both neighbours, on the same side.
-fn spikes(y: &[f64], frame: &Frame) -> Vec<usize> {
-    let mut out = Vec::new();
-    for r in frame.sequences() {
-        if r.len() < 20 {
-            continue;
-        }
-        let bend = |i: usize| y[i] - 0.5 * (y[i - 1] + y[i + 1]);
-        let mut sizes: Vec<f64> = (r.start + 1..r.end - 1).map(|i| bend(i).abs()).collect();
-        let mad = stats::median(&mut sizes).unwrap_or(0.0);
-        let scale = (1.4826 * mad).max(0.2 * stats::quantile_sorted(&sizes, 0.95));
-        if scale == 0.0 {
-            continue;
-        }
-        for i in r.start + 1..r.end - 1 {
-            let (a, b) = (y[i] - y[i - 1], y[i] - y[i + 1]);
-            if a * b > 0.0 && a.abs().min(b.abs()) > 12.0 * scale {
-                out.push(i);
-            }
-        }
+    if let Some((bunch, rate)) = bunches {
+        log.count(
+            BUNCHED,
+            frame.len(),
+            "whole record",
+            &format!(
+                "the stamps come in bunches: {bunch}. They are the times at which the rows arrived and not those of the measurement, so \
+                 every slope, mass and delay is wrong; on the whole there are {} rows/s. Log the time of the measurement, or write even \
+                 stamps: input.rate = {} and roles.time with a name that is no column",
+                num(rate),
+                num(rate)
+            ),
+        );
     }
-    out
-}
-
-/// Rows in runs of five or more at the largest or smallest value of the record.
-fn clipped(y: &[f64], frame: &Frame) -> Vec<usize> {
-    let hi = y.iter().copied().fold(f64::NEG_INFINITY, f64::max);
-    let lo = y.iter().copied().fold(f64::INFINITY, f64::min);
-    if hi == lo {
-        return vec![];
-    }
-    let mut out = Vec::new();
-    for end in [hi, lo] {
-        let mut at_end = Vec::new();
-        for r in frame.sequences() {
-            let mut at = r.start;
-            for run in y[r.clone()].chunk_by(|a, b| a == b) {
-                if run[0] == end && run.len() >= 5 {
-                    at_end.extend(at..at + run.len());
-                }
-                at += run.len();
-            }
-        }
-        if at_end.len() * 200 >= y.len() {
-            out.extend(at_end);
-        }
-    }
-    out
 }
 
 /// Rows that repeat every value of the row before, apart from the time.
@@ -306,6 +378,7 @@ pub fn relations(
 ) {
     speed_against_angle(frame, roles, files, log);
     made_of_speed(frame, log);
+    alike(frame, roles, log);
     repeated_motion(frame, fold, log);
 }
 
@@ -351,6 +424,7 @@ fn speed_against_angle(frame: &Frame, roles: &Roles, files: &[PathBuf], log: &mu
     let (Some(x), Some(v)) = (frame.column("angle"), frame.column("velocity")) else {
         return;
     };
+    let (x, v) = (&values::tame(x), &values::tame(v));
     let mut of_file: BTreeMap<usize, Slope> = BTreeMap::new();
     for r in frame.sequences().iter().filter(|r| !r.is_empty()) {
         let file = frame.column("file").map_or(0, |f| f[r.start] as usize);
@@ -412,6 +486,7 @@ fn made_of_speed(frame: &Frame, log: &mut Findings) {
     let (Some(y), Some(v)) = (frame.column("target"), frame.column("velocity")) else {
         return;
     };
+    let (y, v) = (&values::tame(y), &values::tame(v));
     let mut slope = Slope::default();
     for r in frame.sequences() {
         slope.add(frame.time(), y, v, r);
@@ -430,6 +505,44 @@ fn made_of_speed(frame: &Frame, log: &mut Findings) {
     }
 }
 
+/// Correlation from which two columns are one: what is found in one of them is as well in the other.
+const ALIKE: f64 = 0.99999;
+
+/// Rows of which two columns are compared.
+const COMPARED_ROWS: usize = 20_000;
+
+/// Notes inputs that are alike, in time, size and all but scale and offset.
+fn alike(frame: &Frame, roles: &Roles, log: &mut Findings) {
+    let is_input = |n: &str| !["time", "target"].contains(&n) && !roles.groups.contains_key(n);
+    let stride = (frame.len() / COMPARED_ROWS).max(1);
+    let columns: Vec<(String, &str, Vec<f64>)> = roles
+        .all()
+        .into_iter()
+        .filter(|(n, _)| is_input(n))
+        .filter_map(|(n, c)| {
+            let values = values::tame(frame.column(&n)?);
+            let some = values.into_iter().step_by(stride).collect();
+            Some((n, c.column.as_str(), some))
+        })
+        .collect();
+    for (i, (a, column, x)) in columns.iter().enumerate() {
+        for (b, other, y) in &columns[i + 1..] {
+            let same = correlation(x, y);
+            if same.abs() >= ALIKE {
+                log.count(
+                    &format!("{a} like {b}"),
+                    frame.len(),
+                    "whole record",
+                    &format!(
+                        "columns `{column}` ({a}) and `{other}` ({b}) move alike (correlation {same:.6}): what acts with one cannot be \
+                         distinguished from what acts with the other; leave one of the roles out"
+                    ),
+                );
+            }
+        }
+    }
+}
+
 /// Runs of one motion do not confirm each other: what is special to that motion is in all of them.
 fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Findings) {
     let Some(motion) = ["velocity", "angle", "command"]
@@ -438,6 +551,7 @@ fn repeated_motion(frame: &Frame, fold: &[u32], log: &mut Findings) {
     else {
         return;
     };
+    let motion = values::tame(motion);
     let runs = runs_to_compare(frame);
     let same = |a: &Range<usize>, b: &Range<usize>| {
         let n = a.len().min(b.len());
@@ -496,6 +610,7 @@ pub fn period(frame: &Frame, run: &Range<usize>, roles: &Roles, block: f64) -> O
     let columns: Vec<Vec<f64>> = names
         .filter_map(|n| frame.column(n))
         .map(|c| at_times(frame, c, run, time[run.start], step, points))
+        .map(|c| values::tame(&c))
         .filter_map(|mut c| {
             let (mean, size) = (stats::mean(&c), stats::deviation(&c));
             c.iter_mut().for_each(|x| *x = (*x - mean) / size);
@@ -549,6 +664,7 @@ pub fn repeated_rows(frame: &Frame, other: &Frame) -> usize {
     else {
         return 0;
     };
+    let (here, there) = (&values::tame(here), &values::tame(there));
     let all: Vec<Range<usize>> = runs_to_compare(frame);
     if all.is_empty() {
         return 0;

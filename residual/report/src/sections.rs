@@ -47,7 +47,8 @@ impl Report {
             }
             Verdict::Unknown => format!(
                 "The effects below are not findings. They describe part of a structure that the catalogue does not contain: \
-                 do not use their names or their values. See \"{UNEXPLAINED}\"."
+                 do not use their names or their values.{} See \"{UNEXPLAINED}\".",
+                self.holding()
             ),
             Verdict::NotIdentifiable => {
                 "The section \"Not distinguishable\" names the experiments that would distinguish the effects.".into()
@@ -382,15 +383,18 @@ impl Report {
         };
         vec![
             Part::Heading("Declared terms".into()),
-            Part::Text("Coefficients of the declared model, before any effect was added.".into()),
+            Part::Text(
+                "Coefficients of the declared model before any effect was added, and beside the effects.".into(),
+            ),
             Part::table(
-                &["term", "coefficient", "unit", ""],
+                &["term", "coefficient", "beside the effects", "unit", ""],
                 self.declared
                     .iter()
                     .map(|t| {
                         vec![
                             t.name.clone(),
                             num(t.coefficient),
+                            self.beside_the_effects(t),
                             t.unit.clone(),
                             how(t).into(),
                         ]
@@ -398,6 +402,14 @@ impl Report {
                     .collect(),
             ),
         ]
+    }
+
+    /// Coefficient of a declared term in the final model.
+    fn beside_the_effects(&self, declared: &DeclaredTerm) -> String {
+        let mut own = self.extended.terms.iter().filter(|t| t.effect.is_empty());
+        let own = own.find(|t| t.name == declared.name);
+        own.and_then(|t| t.fixed.or(t.fitted))
+            .map_or("-".into(), num)
     }
 
     /// The last scan of the catalogue.

@@ -4,7 +4,10 @@ use super::sections::{CHECKS, UNEXPLAINED};
 use super::words::joined;
 use super::{Effect, Figures, Report, Structure, Verdict};
 use residual_columns::format::{num, percent};
-use residual_log::hygiene::{REPEATED_MOTION, SPEED_AGAINST_ANGLE};
+use residual_log::finding::LEFT_OUT;
+use residual_log::hygiene::{
+    BUNCHED, FEW_ROWS, HELD, REPEATED_MOTION, REPORTED_ONLY, SPEED_AGAINST_ANGLE,
+};
 
 /// Correlation of the residual with itself from which the verdict names it.
 const COLOURED: f64 = 0.1;
@@ -13,11 +16,23 @@ const COLOURED: f64 = 0.1;
 /// left beside the effects.
 const REMAINS: f64 = 0.1;
 
+/// How much more than all that is left without a name an effect must remove, in squared error, to
+/// hold by itself.
+const FAR_MORE: f64 = 10.0;
+
+/// Half the width of an interval, as a share of the value, up to which a value is certain. What is
+/// left may still be in it; more than that moves no name.
+const CERTAIN: f64 = 0.2;
+
+/// Checks of the data that make the answer doubtful.
+const AGAINST: [&str; 5] = [SPEED_AGAINST_ANGLE, FEW_ROWS, LEFT_OUT, BUNCHED, HELD];
+
 impl Report {
     /// The verdict in some sentences, with the errors before and after.
     pub fn summary(&self) -> String {
         format!(
-            "{}{}{}{}{}{}",
+            "{}{}{}{}{}{}{}",
+            self.before(),
             self.answer(),
             self.remains(),
             self.beside(),
@@ -39,7 +54,7 @@ impl Report {
             || self.left().is_some()
             || worse.is_some()
             || coloured
-            || self.flawed(SPEED_AGAINST_ANGLE);
+            || AGAINST.iter().any(|check| self.flawed(check));
         !doubtful
     }
 
@@ -61,14 +76,68 @@ impl Report {
         })
     }
 
+    /// The effects that hold by themselves under the verdict `unknown`, in a sentence.
+    pub(super) fn holding(&self) -> String {
+        let hold: Vec<&Effect> = self.effects.iter().filter(|e| self.holds(e)).collect();
+        match hold.len() {
+            0 => String::new(),
+            _ => format!(
+                " What is left is small beside {}, whose values can be used.",
+                self.listed(&hold)
+            ),
+        }
+    }
+
+    /// Whether an effect can be used although structure is left that no effect explains: without it
+    /// the squared error grows by far more than that structure takes of it, and its values are
+    /// certain.
+    pub fn holds(&self, effect: &Effect) -> bool {
+        let last = self.last.heldout_rmse.powi(2);
+        let own = effect.heldout_without.powi(2) - last;
+        let strongest = self.structure.iter().map(|s| s.gain).fold(0.0, f64::max);
+        let left = last * (1.0 - (1.0 - strongest.clamp(0.0, 1.0)).powi(2));
+        let certain = |(name, value): (&String, &f64)| {
+            let interval = effect.ci.get(name);
+            interval.is_some_and(|[low, high]| 0.5 * (high - low) <= CERTAIN * value.abs())
+        };
+        // A phase near 0 has no size of its own, and no value without an interval is certain.
+        let mut sizes = effect.params.iter().filter(|(name, _)| *name != "phase");
+        let alone = !self
+            .not_identifiable
+            .iter()
+            .any(|a| a.effects.contains(&effect.name));
+        !self.structure.is_empty() && alone && own > FAR_MORE * left && sizes.all(certain)
+    }
+
     /// Whether the data have a finding of this check.
     fn flawed(&self, check: &str) -> bool {
-        self.hygiene.iter().any(|f| f.check == check)
+        self.finding(check).is_some()
+    }
+
+    /// What a check of the data has seen.
+    fn finding(&self, check: &str) -> Option<&str> {
+        let mut all = self.hygiene.iter();
+        let found = all.find(|f| f.check == check);
+        found.map(|f| f.what.as_str())
+    }
+
+    /// What is to be known before the answer: few rows that decide it, stamps that are not those of
+    /// the rows.
+    fn before(&self) -> String {
+        let seen = [FEW_ROWS, BUNCHED].iter().filter_map(|c| self.finding(c));
+        seen.map(|what| format!("{}. ", capitalised(what.trim_end_matches('.'))))
+            .collect()
     }
 
     /// What the data themselves say against the answer.
     fn doubts(&self) -> String {
         let mut out = String::new();
+        let left = self
+            .finding(HELD)
+            .filter(|what| what.ends_with(REPORTED_ONLY));
+        for what in self.finding(LEFT_OUT).into_iter().chain(left) {
+            out += &format!(" {}.", capitalised(what));
+        }
         if self.flawed(SPEED_AGAINST_ANGLE) {
             out += &format!(
                 " The angle and the velocity contradict each other: the time stamps or a unit may be wrong; see \"{CHECKS}\"."
@@ -230,10 +299,19 @@ impl Report {
                     1 => format!(" The effect {list} describes only part of it."),
                     _ => format!(" The effects {list} describe only part of it."),
                 };
-                format!("Structure remains that no effect of the catalogue explains: {on}.{part} Held-out RMSE {b} -> {f} {u}.")
+                let hold = self.holding();
+                format!("Structure remains that no effect of the catalogue explains: {on}.{part}{hold} Held-out RMSE {b} -> {f} {u}.")
             }
         }
     }
+}
+
+/// A text that begins a sentence.
+fn capitalised(text: &str) -> String {
+    let mut chars = text.chars();
+    chars.next().map_or(String::new(), |first| {
+        first.to_uppercase().chain(chars).collect()
+    })
 }
 
 /// What structure depends on, without what only the table needs.
@@ -341,6 +419,72 @@ mod tests {
         // The check data are of another motion.
         report.check = example::report().check;
         assert!(!report.summary().contains("one motion"));
+    }
+
+    #[test]
+    fn an_effect_is_graded_by_itself() {
+        let mut report = clear();
+        report.verdict = Verdict::Unknown;
+        report.structure = vec![Structure::new("a band", 0.024, 0.0)];
+        let effect = &mut report.effects[0];
+        effect.heldout_without = 10.0 * report.last.heldout_rmse;
+        effect.params = [("inertia".to_string(), 0.2)].into();
+        effect.ci = [("inertia".to_string(), [0.19, 0.21])].into();
+        let clause = format!(
+            "small beside {}, whose values can be used",
+            report.effects[0].name
+        );
+        assert!(report.summary().contains(&clause), "{}", report.summary());
+        for spoil in [
+            |r: &mut Report| {
+                r.structure[0].gain = 0.9;
+                r.effects[0].heldout_without = 3.0 * r.last.heldout_rmse;
+            },
+            |r: &mut Report| r.structure.clear(),
+            |r: &mut Report| r.effects[0].heldout_without = 1.05 * r.last.heldout_rmse,
+            |r: &mut Report| r.effects[0].ci = [("inertia".to_string(), [0.1, 0.3])].into(),
+            |r: &mut Report| r.effects[0].ci.clear(),
+            |r: &mut Report| {
+                let both = vec![r.effects[0].name, EffectKind::Viscous];
+                r.not_identifiable = vec![super::super::Ambiguity::new(both, "x")];
+            },
+        ] {
+            let mut other = report.clone();
+            spoil(&mut other);
+            assert!(!other.holds(&other.effects[0]), "{}", other.summary());
+            assert!(!other.summary().contains("can be used"));
+        }
+    }
+
+    #[test]
+    fn what_the_data_lack_or_have_too_much_of_is_said() {
+        let mut report = clear();
+        let mut with = |check: &str, what: &str, clause: &str| {
+            report.hygiene = vec![Finding {
+                check: check.into(),
+                count: 3,
+                first: "a.csv".into(),
+                what: what.into(),
+            }];
+            says(&report, clause, "effect partly");
+        };
+        // First of all: whatever is said after it is about these rows.
+        with(
+            FEW_ROWS,
+            "3 of 9000 rows carry 99 %",
+            "3 of 9000 rows carry 99 %. The model lacks",
+        );
+        with(
+            BUNCHED,
+            "the stamps come in bunches",
+            "The stamps come in bunches. The model",
+        );
+        with(LEFT_OUT, "35.0 % of 600 rows", " 35.0 % of 600 rows.");
+        with(
+            HELD,
+            "the target holds: reported only",
+            " The target holds: reported only.",
+        );
     }
 
     #[test]

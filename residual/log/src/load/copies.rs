@@ -133,8 +133,13 @@ fn printed_otherwise(frame: &Frame, target: &[f64], fold: &[u32]) -> (usize, Opt
     // The change from row to row without the steps of the print: what is left of a straight line
     // through three rows.
     let steps = |values: &[f64]| {
-        let bends = values.windows(3).map(|w| w[1] - 0.5 * (w[0] + w[2]));
-        PRINT * stats::rms(&bends.collect::<Vec<f64>>())
+        let bends = values
+            .windows(3)
+            .map(|w| (w[1] - 0.5 * (w[0] + w[2])).abs());
+        let mut sizes: Vec<f64> = bends.collect();
+        sizes.sort_by(f64::total_cmp);
+        // Nine of ten are below 1.645 standard deviations: a few bad values must not set the limit.
+        PRINT * stats::quantile_sorted(&sizes, 0.9) / 1.645
     };
     let (mut count, mut place) = (0, None);
     for (k, a) in all.iter().enumerate() {

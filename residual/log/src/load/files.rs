@@ -66,7 +66,7 @@ pub(super) fn find(paths: &[PathBuf]) -> Result<Found, Error> {
         let first = paths.first().map_or(Path::new("."), PathBuf::as_path);
         return Err(Error::io(
             first,
-            "no log (.csv, .txt, .tsv, .dat, .log, each also as .gz, or .parquet) is in there; check the paths of the data",
+            "no log (.csv, .txt, .tsv, .dat, .log, .lvm, each also as .gz, or .parquet) is in there; check the paths of the data",
         ));
     }
     Ok(out)
@@ -81,7 +81,7 @@ enum Kind {
 /// The format of a log by the extension of its name; `None` if it is not that of a log.
 fn kind(path: &Path) -> Option<Kind> {
     match extension(path)?.as_str() {
-        "csv" | "txt" | "tsv" | "dat" | "log" => Some(Kind::Text),
+        "csv" | "txt" | "tsv" | "dat" | "log" | "lvm" | "ulg" => Some(Kind::Text),
         "parquet" | "pq" => Some(Kind::Parquet),
         _ => None,
     }

@@ -153,12 +153,12 @@ pub(super) fn read(path: &Path, spec: &Spec) -> Result<Table, Error> {
             others,
             "lines of other kinds than input.messages lists were left out",
         ),
-        Note::new(
+        Note::of_lost_rows(
             "messages without a time",
             without,
             "messages without a finite time were left out",
         ),
-        Note::new(
+        Note::of_lost_rows(
             "time of a kind",
             falls,
             "messages whose time is before that of one above were left out",
@@ -310,12 +310,12 @@ fn joined(kinds: &[Kind], spec: &Spec, path: &Path) -> Result<Table, Error> {
         }
     }
     table.notes = vec![
-        Note::new(
+        Note::of_lost_rows(
             "messages of others",
             outside,
             "rows before the first or after the last message of another kind were left out",
         ),
-        Note::new(
+        Note::of_lost_rows(
             "gap of a kind",
             in_gaps,
             "rows where another kind of message is missing for longer than hygiene.gap_s (0: 20 of its median steps) were left out",

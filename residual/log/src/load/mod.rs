@@ -6,15 +6,18 @@
 //! | `files.rs` | which files are logs |
 //! | `text.rs`, `parquet.rs` | one log of each format |
 //! | `arrow.rs` | which columns of a Parquet log are durations |
+//! | `dates.rs` | dates and times of day in text |
 //! | `messages.rs` | text logs with several kinds of message |
 //! | `guess/` | a first model file for logs that nobody has described |
 //! | `rows.rs` | rows in units of the model, sequences |
+//! | `stamps.rs` | time stamps that do not grow |
 //! | `folds.rs` | groups and folds for hold-out |
 //! | `copies.rs` | stretches that several groups have alike |
 
 #[cfg(feature = "parquet")]
 mod arrow;
 mod copies;
+mod dates;
 mod files;
 mod folds;
 mod guess;
@@ -22,6 +25,7 @@ mod messages;
 #[cfg(feature = "parquet")]
 mod parquet;
 mod rows;
+mod stamps;
 mod text;
 
 #[cfg(test)]
@@ -57,6 +61,8 @@ pub struct Table {
     times: Vec<(String, &'static str)>,
     /// Lines that are no rows, left out by `hygiene.text`.
     broken: usize,
+    /// Rows before which such lines stood.
+    breaks: Vec<usize>,
 }
 
 /// Something that was seen on reading a log.
@@ -68,6 +74,8 @@ struct Note {
     count: usize,
     /// What was seen and what was done.
     what: String,
+    /// Whether rows were left out.
+    lost: bool,
 }
 
 impl Note {
@@ -76,6 +84,15 @@ impl Note {
             check: check.into(),
             count,
             what: what.into(),
+            lost: false,
+        }
+    }
+
+    /// Cases in which a row was left out.
+    fn of_lost_rows(check: &str, count: usize, what: &str) -> Note {
+        Note {
+            lost: true,
+            ..Note::new(check, count, what)
         }
     }
 }
@@ -148,20 +165,19 @@ impl Table {
                     ),
                 ));
             }
-            if self.broken > 0 {
-                return Err(Error::data(
-                    format!(
-                        "{}: hygiene.text leaves out {} lines, and input.rate counts lines to know the time",
-                        self.source.display(),
-                        self.broken
-                    ),
-                    "Correct these lines, or log a time",
-                ));
-            }
             self.names.push(time.clone());
-            let seconds = (0..rows).map(|i| i as f64 / spec.input.rate);
+            // Nobody knows how long a line that was left out took: the clock begins again.
+            let mut breaks = self.breaks.iter().copied().peekable();
+            let mut start = 0;
+            let seconds = (0..rows).map(|i| {
+                while let Some(at) = breaks.next_if(|at| *at <= i) {
+                    start = at;
+                }
+                (i - start) as f64 / spec.input.rate
+            });
             self.columns.push(seconds.collect());
         }
+        self.add_time(time);
         self.note_shadowed(spec)?;
         let roles = spec.roles.all();
         let needed = roles.iter().map(|(_, c)| &c.column);
@@ -194,6 +210,25 @@ impl Table {
         }
         self.keep_only(&rows::used_columns(spec)?);
         Ok(self)
+    }
+
+    /// Makes the column of the time where the model names two with a plus between: seconds and
+    /// nanoseconds, a date and a time of day.
+    fn add_time(&mut self, time: &str) {
+        if self.column(time).is_some() {
+            return;
+        }
+        let Some((a, b)) = time.split_once('+') else {
+            return;
+        };
+        if let Some(sum) = self
+            .column(a.trim())
+            .zip(self.column(b.trim()))
+            .map(sum_of_times)
+        {
+            self.names.push(time.into());
+            self.columns.push(sum);
+        }
     }
 
     /// Notes columns whose name means something else in the expressions of the model.
@@ -293,6 +328,16 @@ impl Table {
     }
 }
 
+/// The sum of two columns of time. The second is in nanoseconds where its values are whole and more
+/// than the seconds of a day.
+fn sum_of_times((a, b): (&[f64], &[f64])) -> Vec<f64> {
+    const DAY_S: f64 = 86_400.0;
+    let (_, most) = residual_columns::stats::range(b);
+    let whole = b.iter().all(|x| !x.is_finite() || *x == x.round());
+    let unit = if whole && most > DAY_S { 1e-9 } else { 1.0 };
+    a.iter().zip(b).map(|(a, b)| a + unit * b).collect()
+}
+
 /// Whether a cell is a date or a time of day: digits, with at least two of the marks that stand in
 /// such.
 fn is_date(cell: &str) -> bool {
@@ -373,6 +418,7 @@ pub fn from_tables(tables: Vec<Table>, spec: &Spec) -> Result<Data, Error> {
 /// From tables that have every column to data that are ready.
 fn assemble(mut tables: Vec<Table>, spec: &Spec, mut findings: Findings) -> Result<Data, Error> {
     let mut frame = rows::frame(&mut tables, spec, &mut findings)?;
+    let read = frame.len() + findings.lost();
     let files: Vec<PathBuf> = tables.into_iter().map(|t| t.source).collect();
     if !spec.rows.sequences.is_empty() {
         frame = rows::keep_sequences(&frame, &Expr::parse(&spec.rows.sequences)?)?;
@@ -384,7 +430,7 @@ fn assemble(mut tables: Vec<Table>, spec: &Spec, mut findings: Findings) -> Resu
             .zip(&mask)
             .for_each(|(k, m)| *k = *m != 0.0 && !m.is_nan());
     }
-    hygiene::inspect(&mut frame, &mut keep, spec, &files, &mut findings);
+    let suspects = hygiene::inspect(&mut frame, &mut keep, spec, &files, &mut findings);
     let kept = keep.iter().filter(|k| **k).count();
     if kept < FEWEST_ROWS {
         return Err(Error::data(
@@ -423,6 +469,7 @@ fn assemble(mut tables: Vec<Table>, spec: &Spec, mut findings: Findings) -> Resu
         groups: folds.groups,
         parts: folds.parts,
         files: used,
-        hygiene: findings.done(),
+        suspects,
+        hygiene: findings.done(read),
     })
 }

@@ -1,6 +1,6 @@
 //! From the tables of all logs to one frame: units, rows that cannot be used, sequences.
 
-use super::Table;
+use super::{stamps, Table};
 use crate::data::largest;
 use crate::finding::Findings;
 use crate::spec::{Action, Column, Spec};
@@ -31,24 +31,27 @@ pub(super) fn frame(
         }
         for note in &table.notes {
             findings.count(&note.check, note.count, &label, &note.what);
+            if note.lost {
+                findings.lose(&note.what, note.count, &label);
+            }
         }
-        findings.count(
+        findings.count_lost(
             "broken lines",
             table.broken,
             &label,
             "lines that are no rows were left out (hygiene.text)",
         );
-        let before = rows.time.len();
+        let before: usize = rows.missing.iter().map(|m| m.rows).sum();
         for part in split_by(table, &spec.input.sequence) {
-            let begin = rows.time.len();
-            rows.add(table, index as u32, &part, &label, findings)?;
-            rows.cut_at_gaps(begin, &label, findings);
+            for run in rows.add(table, index as u32, &part, &label, findings)? {
+                rows.cut_at_gaps(run, &label, findings);
+            }
         }
-        let used = rows.time.len() - before;
-        if is_joined(table, &needed, used) {
+        let empty = rows.missing.iter().map(|m| m.rows).sum::<usize>() - before;
+        if is_joined(table, &needed, table.rows() - empty) {
             findings.count(
                 "joined columns",
-                table.rows() - used,
+                empty,
                 &label,
                 &format!("rows with an empty cell where each column has values, but in other rows. {JOINED}"),
             );
@@ -62,6 +65,7 @@ pub(super) fn frame(
     if rows.time.is_empty() {
         return Err(no_rows(tables, &needed));
     }
+    rows.note_missing(findings);
     let file: Vec<f64> = rows.file.into_iter().map(f64::from).collect();
     let mut named: Vec<(String, Vec<f64>)> = rows.names.into_iter().zip(rows.columns).collect();
     named.push(("file".into(), file));
@@ -78,7 +82,20 @@ struct Rows<'a> {
     /// Index of each row's table.
     file: Vec<u32>,
     sequences: Vec<Range<usize>>,
+    /// Rows that were left out as a cell of theirs has no number.
+    missing: Vec<Missing>,
 }
+
+/// Rows without a number in a cell, of one table.
+struct Missing {
+    rows: usize,
+    label: String,
+    /// How many of them each column has, by its name in the log.
+    of_column: BTreeMap<String, usize>,
+}
+
+/// Columns that are named where cells are empty.
+const NAMED: usize = 4;
 
 impl<'a> Rows<'a> {
     /// Room for `total` rows.
@@ -91,10 +108,34 @@ impl<'a> Rows<'a> {
             time: Vec::with_capacity(total),
             file: Vec::with_capacity(total),
             sequences: vec![],
+            missing: vec![],
         }
     }
 
-    /// Adds rows of a table, in units of the model. Rows with a missing value are left out.
+    /// Notes the rows without a number in a cell, with the columns whose cells these are.
+    fn note_missing(&self, findings: &mut Findings) {
+        let mut columns: BTreeMap<&str, usize> = BTreeMap::new();
+        for (name, count) in self.missing.iter().flat_map(|m| &m.of_column) {
+            *columns.entry(name).or_default() += count;
+        }
+        let mut columns: Vec<(&str, usize)> = columns.into_iter().collect();
+        columns.sort_by_key(|(_, count)| std::cmp::Reverse(*count));
+        let said: Vec<String> = columns
+            .iter()
+            .take(NAMED)
+            .map(|(name, count)| format!("`{name}` {count}"))
+            .collect();
+        let what = format!(
+            "rows with an empty or non-finite cell in a mapped column were left out: {}",
+            said.join(", ")
+        );
+        for missing in &self.missing {
+            findings.count_lost("non-finite", missing.rows, &missing.label, &what);
+        }
+    }
+
+    /// Adds rows of a table, in units of the model, and gives the runs of the clock among them. Rows
+    /// with a missing value are left out.
     fn add(
         &mut self,
         table: &Table,
@@ -102,63 +143,111 @@ impl<'a> Rows<'a> {
         rows: &[usize],
         label: &str,
         findings: &mut Findings,
-    ) -> Result<(), Error> {
+    ) -> Result<Vec<Range<usize>>, Error> {
         let tc = &self.spec.roles.time;
         let source = table.column(&tc.column).unwrap_or(&[]);
-        let cells: Vec<(&[f64], f64, f64)> = self
+        let cells: Vec<(&[f64], f64, f64, &str)> = self
             .names
             .iter()
             .map(|n| match self.roles.iter().find(|(role, _)| role == n) {
-                Some((_, c)) => (table.column(&c.column).unwrap_or(&[]), c.scale, c.offset),
-                None => (table.column(n).unwrap_or(&[]), 1.0, 0.0),
+                Some((_, c)) => {
+                    let cells = table.column(&c.column).unwrap_or(&[]);
+                    (cells, c.scale, c.offset, c.column.as_str())
+                }
+                None => (table.column(n).unwrap_or(&[]), 1.0, 0.0, n.as_str()),
             })
             .collect();
-        let (mut missing, mut backwards) = (0usize, 0usize);
-        let mut last = f64::NEG_INFINITY;
+        let mut missing = Missing {
+            rows: 0,
+            label: label.into(),
+            of_column: BTreeMap::new(),
+        };
+        let (mut usable, mut times) = (Vec::new(), Vec::new());
         for &i in rows {
             let t = source[i] * tc.scale + tc.offset;
-            if !t.is_finite() || cells.iter().any(|(c, ..)| !c[i].is_finite()) {
-                missing += 1;
-                continue;
-            }
-            if t <= last {
-                if self.spec.hygiene.time != Action::Drop {
-                    return Err(Error::data(
-                        format!("{label}: time does not grow at row {} of the data ({t} s after {last} s)", i + 1),
-                        "Split the file with input.sequence, or set hygiene.time = \"drop\" to leave such rows out",
-                    ));
-                }
-                backwards += 1;
-                continue;
-            }
-            last = t;
-            self.time.push(t);
-            self.file.push(file);
-            let refuse = |name: &str, value: f64| match too_large(value, largest(name)) {
-                None => Ok(value),
-                Some(why) => Err(Error::data(
-                    format!("{label}: row {} of the data: `{name}`: {why}", i + 1),
-                    "Correct the value or the scale of its column",
-                )),
-            };
-            refuse("time", t)?;
-            for ((out, (c, k, o)), name) in self.columns.iter_mut().zip(&cells).zip(&self.names) {
-                out.push(refuse(name, c[i] * k + o)?);
+            let empty = cells.iter().filter(|(c, ..)| !c[i].is_finite());
+            let empty = empty.map(|(.., name)| *name);
+            let mut empty = empty
+                .chain((!t.is_finite()).then_some(tc.column.as_str()))
+                .peekable();
+            if empty.peek().is_some() {
+                missing.rows += 1;
+                empty.for_each(|name| *missing.of_column.entry(name.into()).or_default() += 1);
+            } else {
+                usable.push(i);
+                times.push(t);
             }
         }
-        findings.count(
-            "non-finite",
-            missing,
-            label,
-            "rows with an empty or non-finite cell in a mapped column were left out",
-        );
-        findings.count(
+        self.missing.extend((missing.rows > 0).then_some(missing));
+        let stamps = stamps::read(&times);
+        let mut left_out: Vec<usize> = [&stamps.repeated[..], &stamps.early[..]].concat();
+        left_out.sort_unstable();
+        if let Some(&at) = left_out
+            .first()
+            .filter(|_| self.spec.hygiene.time != Action::Drop)
+        {
+            let last = times[..at]
+                .iter()
+                .copied()
+                .fold(f64::NEG_INFINITY, f64::max);
+            return Err(Error::data(
+                format!("{label}: time does not grow at row {} of the data ({} s after {last} s)", usable[at] + 1, times[at]),
+                "Split the file with input.sequence, or set hygiene.time = \"drop\" to leave such rows out",
+            ));
+        }
+        let mut left_out = left_out.into_iter().peekable();
+        let mut runs = Vec::new();
+        for run in stamps.runs.iter().filter(|r| !r.is_empty()) {
+            let begin = self.time.len();
+            for k in run.clone() {
+                if left_out.next_if_eq(&k).is_some() {
+                    continue;
+                }
+                let (i, t) = (usable[k], stamps.time[k]);
+                self.time.push(t);
+                self.file.push(file);
+                let refuse = |name: &str, value: f64| match too_large(value, largest(name)) {
+                    None => Ok(value),
+                    Some(why) => Err(Error::data(
+                        format!("{label}: row {} of the data: `{name}`: {why}", i + 1),
+                        "Correct the value or the scale of its column",
+                    )),
+                };
+                refuse("time", t)?;
+                for ((out, (c, k, o, _)), name) in
+                    self.columns.iter_mut().zip(&cells).zip(&self.names)
+                {
+                    out.push(refuse(name, c[i] * k + o)?);
+                }
+            }
+            runs.push(begin..self.time.len());
+        }
+        findings.count_lost(
             "time",
-            backwards,
+            stamps.repeated.len(),
             label,
-            "rows whose time did not grow were left out",
+            "rows whose time is that of the row before were left out",
         );
-        Ok(())
+        findings.count_lost(
+            "early time",
+            stamps.early.len(),
+            label,
+            "rows whose time is before that of a row above were left out",
+        );
+        findings.count(
+            "clock set back",
+            stamps.runs.len() - 1,
+            label,
+            "places where the time falls back and goes on from there: a new run of rows begins, as after a gap",
+        );
+        findings.count(
+            "coarse time",
+            stamps.even,
+            label,
+            "rows whose time is printed in steps longer than those of the rows: an even time between the first and the last stamp fits \
+             all of them and was taken",
+        );
+        Ok(runs)
     }
 }
 
@@ -363,28 +452,28 @@ const FEWEST_POINTS: usize = 5;
 const HELD: f64 = 10.0;
 
 impl Rows<'_> {
-    /// Cuts the rows from `begin` on into sequences at gaps in time; see [`longest_step`].
-    fn cut_at_gaps(&mut self, begin: usize, label: &str, log: &mut Findings) {
+    /// Cuts a run of rows into sequences at gaps in time; see [`longest_step`].
+    fn cut_at_gaps(&mut self, run: Range<usize>, label: &str, log: &mut Findings) {
         let time = &self.time;
-        if begin == time.len() {
+        if run.is_empty() {
             return;
         }
         let gap_s = self.spec.hygiene.gap_s;
-        let limit = longest_step(&time[begin..], gap_s);
+        let limit = longest_step(&time[run.clone()], gap_s);
         let mut pieces = Vec::new();
-        let mut start = begin;
-        for i in begin + 1..time.len() {
+        let mut start = run.start;
+        for i in run.start + 1..run.end {
             if time[i] - time[i - 1] > limit {
                 pieces.push(start..i);
                 start = i;
             }
         }
-        pieces.push(start..time.len());
+        pieces.push(start..run.end);
         let gaps = pieces.len() - 1;
         // A map that is sampled point by point has steps of every size: to cut it would leave
         // nothing with a history.
-        if gap_s == 0.0 && is_uneven(gaps, time.len() - begin) {
-            self.sequences.push(begin..time.len());
+        if gap_s == 0.0 && is_uneven(gaps, run.len()) {
+            self.sequences.push(run);
             log.count(
                 "uneven steps",
                 gaps,
@@ -392,7 +481,7 @@ impl Rows<'_> {
                 "steps of time longer than 20 median steps, too many to be gaps: the log was not cut there; set hygiene.gap_s to cut it",
             );
         } else if gap_s == 0.0 && self.is_map(&pieces) {
-            self.sequences.push(begin..time.len());
+            self.sequences.push(run);
             log.count(
                 "held points",
                 gaps,

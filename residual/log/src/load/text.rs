@@ -1,6 +1,6 @@
 //! Text logs: CSV and relatives, plain or gzip.
 
-use super::{rows, Table};
+use super::{dates, rows, Table};
 use crate::spec::{Action, Input};
 use residual_columns::error::Error;
 use std::collections::BTreeMap;
@@ -49,6 +49,7 @@ fn other_format(head: &[u8]) -> Option<&'static str> {
         ),
         (b"#ROSBAG", "a bag of ROS"),
         (b"\x89MCAP", "an MCAP recording"),
+        (b"ULog\x01\x12\x35", "a ULog of PX4"),
         (b"TDSm", "a TDMS file"),
         (b"MDF ", "an MDF file"),
         (b"\xff\xfe", "text in UTF-16 instead of UTF-8"),
@@ -384,7 +385,9 @@ pub(super) fn read(
         .map(|n| used.map_or(Some(f64::INFINITY), |used| used.get(n).copied()))
         .collect();
     let mut broken_lines = 0;
+    let mut breaks: Vec<usize> = Vec::new();
     let mut first_broken = None;
+    let mut times: Vec<Option<dates::Kind>> = vec![None; names.len()];
     loop {
         let first = columns.first().is_none_or(Vec::is_empty);
         let found = match csv.read_record(&mut record) {
@@ -399,7 +402,7 @@ pub(super) fn read(
                     path,
                 },
                 first,
-                &mut text,
+                (&mut text, &mut times),
                 &mut values,
             ),
             Err(e) if matches!(e.kind(), csv::ErrorKind::Utf8 { .. }) => {
@@ -417,6 +420,10 @@ pub(super) fn read(
             Line::Broken(why) => {
                 // A quotation mark that is not closed takes the lines behind it along.
                 broken_lines += lines_of(&record) as usize;
+                let rows = columns.first().map_or(0, Vec::len);
+                if rows > 0 && breaks.last() != Some(&rows) {
+                    breaks.push(rows);
+                }
                 first_broken.get_or_insert(why);
             }
         }
@@ -426,12 +433,16 @@ pub(super) fn read(
     }
     let mut table = Table {
         broken: broken_lines,
+        breaks,
         ..Table::default()
     };
-    for ((name, column), text) in names.into_iter().zip(columns).zip(text) {
+    for (((name, column), text), time) in names.into_iter().zip(columns).zip(text).zip(times) {
         match text {
             Some((cell, line)) => table.text.push((name, cell, line)),
             None => {
+                table
+                    .times
+                    .extend(time.map(|kind| (name.clone(), kind.words())));
                 table.names.push(name);
                 table.columns.push(column);
             }
@@ -463,7 +474,7 @@ fn row(
     line: u64,
     columns: &Columns,
     first: bool,
-    text: &mut [Option<(String, u64)>],
+    (text, times): (&mut [Option<(String, u64)>], &mut [Option<dates::Kind>]),
     values: &mut Vec<f64>,
 ) -> Line {
     let Columns {
@@ -490,26 +501,37 @@ fn row(
     }
     values.clear();
     for (c, cell) in record.iter().enumerate() {
-        values.push(match number(cell, decimal) {
-            Some(x) => match used[c].and_then(|largest| rows::too_large(x, largest)) {
-                None => x,
-                Some(why) => return Line::Broken(large(path, line, &names[c], &why)),
+        // A column is one of dates if its first cell is a date.
+        let dated = |times: &[Option<dates::Kind>]| {
+            let may_be = text[c].is_none() && (first || times[c].is_some());
+            may_be.then(|| dates::seconds(cell)).flatten()
+        };
+        values.push(
+            match number(cell, decimal).or_else(|| {
+                let (seconds, kind) = dated(times)?;
+                times[c] = Some(kind);
+                Some(seconds)
+            }) {
+                Some(x) => match used[c].and_then(|largest| rows::too_large(x, largest)) {
+                    None => x,
+                    Some(why) => return Line::Broken(large(path, line, &names[c], &why)),
+                },
+                None if text[c].is_some() => f64::NAN,
+                None if first => {
+                    text[c] = Some((cell.to_string(), line));
+                    f64::NAN
+                }
+                None if used[c].is_none() => f64::NAN,
+                None => {
+                    return Line::Broken(Error::BadCell {
+                        path: path.to_path_buf(),
+                        line,
+                        column: names[c].clone(),
+                        text: cell.to_string(),
+                    })
+                }
             },
-            None if text[c].is_some() => f64::NAN,
-            None if first => {
-                text[c] = Some((cell.to_string(), line));
-                f64::NAN
-            }
-            None if used[c].is_none() => f64::NAN,
-            None => {
-                return Line::Broken(Error::BadCell {
-                    path: path.to_path_buf(),
-                    line,
-                    column: names[c].clone(),
-                    text: cell.to_string(),
-                })
-            }
-        });
+        );
     }
     Line::Row
 }
