@@ -293,7 +293,18 @@ fn init_writes_a_model_file_that_runs_and_keeps_one_that_is_there() {
     folder.expect(
         "residual --data logs --model new.toml --init",
         0,
-        &["new.toml written", "questions"],
+        &[
+            "new.toml written",
+            "questions",
+            "tried on the data: ",
+            "rows are read with it",
+        ],
+    );
+    folder.put("text.csv", "t,y\n0,a\n0.1,b\n0.2,c\n");
+    folder.expect(
+        "residual --data text.csv --model text.toml --init",
+        0,
+        &["text.toml written", "it does not run yet: "],
     );
     let model = folder.read("new.toml");
     assert!(model.contains("target = { column = \"force\""), "{model}");

@@ -29,7 +29,7 @@ a tenth of what the findings took off the error. Read the changes before you arm
 
 `found` are effects whose names the data support; `A or B` are effects that the data cannot distinguish. `approximates`
 stands there under the verdict `unknown`: such an effect describes part of a structure that the catalogue does not contain, so
-do not use its name or its values. `improves` are effects that lower the error of these data under a name that the data do
+do not use its name or its values. `holds` stands there for an effect beside which that structure is small. `improves` are effects that lower the error of these data under a name that the data do
 not support; the line says why. --check gives logs that were never searched. Fit on A, freeze, run on B: analyse A, then
 give MODEL.frozen.toml of that report as the model of B with selection.max_effects = 0.
 
@@ -126,12 +126,29 @@ fn init(arguments: &Residual) -> Result<Reply> {
     let text = residual::load::guess(&arguments.data)
         .map_err(|error| Failure::new(error.exit_code(), error))?;
     std::fs::write(path, &text).map_err(|error| Failure::file(path, &error))?;
-    let json = serde_json::json!({"model": path_json(path)});
+    let tried = tried(&text, &arguments.data);
+    let (json, said) = match &tried {
+        Ok(rows) => (
+            serde_json::json!({"model": path_json(path), "rows": rows}),
+            format!("tried on the data: {rows} rows are read with it"),
+        ),
+        Err(why) => (
+            serde_json::json!({"model": path_json(path), "fails": why}),
+            format!("tried on the data: it does not run yet: {why}"),
+        ),
+    };
     let answer = format!(
-        "{} written; answer its questions (lines with `# ?`), then run the command without --init\n",
+        "{} written; answer its questions (lines with `# ?`), then run the command without --init\n{said}\n",
         path.display()
     );
     Ok(Reply::new(answer, json))
+}
+
+/// Loads the data once with a new model file: the rows that are fitted, or what fails.
+fn tried(model: &str, data: &[PathBuf]) -> std::result::Result<usize, String> {
+    let model = Spec::parse(model).map_err(|error| error.to_string())?;
+    let data = residual::load::load(data, &model).map_err(|error| error.to_string())?;
+    Ok(data.kept_rows().len())
 }
 
 /// The tables of samples, where all data are recordings of forcectl: folders of recordings or the tables themselves.
@@ -201,11 +218,12 @@ fn analyse(arguments: &Residual, context: &Context) -> Result<Reply> {
 
 /// A line for each effect, under the name that the written report gives it.
 fn effects(report: &Report, text: &mut String) {
-    let label = match report.verdict {
-        Verdict::Unknown => "approximates",
-        _ => "found",
-    };
     for effect in &report.effects {
+        let label = match report.verdict {
+            Verdict::Unknown if report.holds(effect) => "holds",
+            Verdict::Unknown => "approximates",
+            _ => "found",
+        };
         row!(
             text,
             "  {label:<12} {} ({}): held-out RMSE {} without it",

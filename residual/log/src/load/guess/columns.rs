@@ -2,6 +2,7 @@
 
 use super::header;
 use super::names::{self, Name};
+use super::time::COUNTERS;
 use super::Table;
 use residual_columns::stats;
 use std::cmp::Reverse;
@@ -134,7 +135,8 @@ fn moving_index(columns: &[Column]) -> String {
 fn target(columns: &[Column], time: Option<usize>) -> Option<(usize, Option<String>)> {
     let named: Vec<usize> = of_role(columns, "target", time).collect();
     if named.is_empty() {
-        let free = |i: &usize| Some(*i) != time && columns[*i].role.is_none();
+        let free =
+            |i: &usize| Some(*i) != time && columns[*i].role.is_none() && !is_counter(&columns[*i]);
         let last = (0..columns.len())
             .filter(free)
             .max_by_key(|i| (columns[*i].spread > 0.0, *i))?;
@@ -168,7 +170,22 @@ fn target(columns: &[Column], time: Option<usize>) -> Option<(usize, Option<Stri
         };
         format!("{why}: name another column for another joint")
     });
-    Some((best, question.or(alike)))
+    // What is measured elsewhere, as a force beside the torques of joints.
+    let elsewhere = others(columns, &named, best, |i| {
+        joints(&i) != joints(&best) && joints(&i).is_empty()
+    });
+    let question = match (question, elsewhere) {
+        (Some(question), Some(elsewhere)) => Some(format!("{question}; {elsewhere}")),
+        (question, _) => question.or(alike),
+    };
+    Some((best, question))
+}
+
+/// Whether a column counts rows or messages, or is a part of a stamp: nothing to predict.
+fn is_counter(column: &Column) -> bool {
+    let words = &column.name.words;
+    let has = |all: &[&str]| words.iter().any(|w| all.contains(&w.as_str()));
+    has(COUNTERS) || has(&["nsec", "nsecs", "nanosec", "secs", "stamp"])
 }
 
 /// Columns that are named in a question.

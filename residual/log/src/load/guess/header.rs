@@ -6,9 +6,10 @@ use std::collections::BTreeSet;
 /// Symbols of units. A prefix may stand before each; capitals count, so that `v` and `a` stay
 /// names.
 const SYMBOLS: &[&str] = &[
-    "s", "sec", "min", "h", "Hz", "m", "in", "ft", "g", "N", "Nm", "lb", "lbf", "V", "A", "W", "J",
-    "K", "C", "F", "Pa", "bar", "psi", "rad", "deg", "rev", "r", "rpm", "RPM", "U", "dps", "Ohm",
-    "Ω", "pulse", "pulses", "counts", "inc", "digit", "dB",
+    "s", "sec", "second", "seconds", "Second", "Volt", "Volts", "volt", "volts", "min", "h", "Hz",
+    "m", "in", "ft", "g", "N", "Nm", "lb", "lbf", "V", "A", "W", "J", "K", "C", "F", "Pa", "bar",
+    "psi", "rad", "deg", "rev", "r", "rpm", "RPM", "U", "dps", "Ohm", "Ω", "pulse", "pulses",
+    "counts", "inc", "digit", "dB",
 ];
 
 /// Prefixes of units.
@@ -74,6 +75,18 @@ pub(super) fn is_second(names: &[&str], second: &[&str]) -> bool {
             .any(|c| c.trim_matches('"').chars().count() != 1)
         || names.iter().any(|n| role(n).is_some());
     sure && second.iter().all(|c| is_unit(c)) && !names.iter().all(|n| is_unit(n))
+}
+
+/// Whether a line has nothing but units, two of them alike or below names that are numbers, as
+/// channels are: then the line above it names the columns whatever stands there.
+pub(super) fn are_units(names: &[&str], second: &[&str]) -> bool {
+    let filled: Vec<&str> = second
+        .iter()
+        .map(|c| bare(c))
+        .filter(|u| !u.is_empty())
+        .collect();
+    let symbols = filled.iter().all(|u| is_symbol(u) && u.chars().count() > 1);
+    names.len() == second.len() && filled.len() == second.len() && symbols
 }
 
 /// Names that can be used: without quotation marks, none empty and none twice.

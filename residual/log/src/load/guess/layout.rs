@@ -22,6 +22,8 @@ pub(super) enum Origin {
     Line(usize),
     /// A comment.
     Comment,
+    /// Texts before the numbers of each row.
+    Labels,
     /// Nothing names the columns.
     Nothing,
 }
@@ -34,6 +36,8 @@ pub(super) struct Layout {
     pub(super) is_text: bool,
     /// Cells of the second line of a header; none where it has one line.
     second: Vec<String>,
+    /// Rows per second, where the file says so above its rows.
+    pub(super) rate: Option<f64>,
 }
 
 impl Layout {
@@ -44,11 +48,12 @@ impl Layout {
             origin: Origin::Header,
             is_text: false,
             second: vec![],
+            rate: None,
         }
     }
 
     pub(super) fn of(path: &Path) -> Result<Layout, Error> {
-        let head = head(path)?;
+        let (head, is_utf8) = head(path)?;
         let is_comment = |l: &str| l.starts_with(['%', '#']);
         let comments: Vec<&str> = head.lines().filter(|l| is_comment(l)).collect();
         let lines: Vec<Line> = head
@@ -74,12 +79,14 @@ impl Layout {
             .iter()
             .find(|l| split(l.1, separator).len() == cells)
             .map_or("", |l| l.1);
-        let decimal = if separator != "," && row.contains(',') {
+        let row_cells = split(row, separator);
+        // A comma behind a unit is none.
+        let with_comma = |c: &&str| is_number(c, ',') && !is_number(c, '.');
+        let decimal = if separator != "," && row_cells.iter().any(with_comma) {
             ','
         } else {
             '.'
         };
-        let row_cells = split(row, separator);
         let row = Row {
             is_number: row_cells.iter().map(|c| is_number(c, decimal)).collect(),
             ends_empty: row_cells.last() == Some(&""),
@@ -102,6 +109,7 @@ impl Layout {
             origin: Origin::Nothing,
             is_text: true,
             second: vec![],
+            rate: rate(&lines[..data], separator),
         };
         let above: Vec<Vec<&str>> = lines[..data].iter().map(|l| row.head(l.1)).collect();
         let comments: Vec<Vec<&str>> = comments
@@ -109,9 +117,15 @@ impl Layout {
             .map(|c| split(c.trim_start_matches(['%', '#', ' ']), separator))
             .filter(|names| names.len() == cells)
             .collect();
-        let names = if let Some((at, names, second)) = row.header(&above) {
+        let longer = row.longer_header(&lines[..data]);
+        let names = if let Some(names) = longer {
+            layout.origin = Origin::Line(lines[data - 1].0 + 1);
+            names
+        } else if let Some((at, names, second)) = row.header(&above) {
             layout.second = second;
-            if at + 1 == data && split(lines[at].1, separator).len() == cells {
+            let own = split(lines[at].1, separator);
+            let as_they_are = own.len() == cells && is_utf8 && usable_as_they_are(&own);
+            if at + 1 == data && as_they_are {
                 layout.origin = Origin::Header;
                 layout.input.skip = if at > 0 { lines[at].0 } else { 0 };
                 return Ok(layout);
@@ -123,7 +137,11 @@ impl Layout {
             layout.second = second;
             names
         } else {
-            vec![""; cells]
+            let names = labels(&row_cells);
+            if names.iter().any(|n| !n.is_empty()) {
+                layout.origin = Origin::Labels;
+            }
+            names
         };
         layout.input.header = header::usable(&names);
         layout.input.skip = if data > 0 { lines[data].0 } else { 0 };
@@ -179,6 +197,17 @@ impl Row<'_> {
         cells
     }
 
+    /// Names of the line just above the rows where it has more cells than they, as one for comments:
+    /// none of it is a number, and the names are different.
+    fn longer_header<'a>(&self, above: &[Line<'a>]) -> Option<Vec<&'a str>> {
+        let cells = split(above.last()?.1, self.separator);
+        let count = self.is_number.len();
+        let is_text = |c: &&str| !c.is_empty() && !is_number(c, self.decimal);
+        let longer = cells.len() > count && cells.len() <= count + 2 && self.separator != "blank";
+        let named = longer && cells.iter().all(|c| is_text(&c)) && usable_as_they_are(&cells);
+        named.then(|| cells[..count].to_vec())
+    }
+
     /// Whether a line may name the columns: it has no number where a row has one.
     fn may_name(&self, cells: &[&str]) -> bool {
         let mut columns = self.is_number.iter().zip(cells);
@@ -194,7 +223,8 @@ impl Row<'_> {
             let count = self.is_number.len();
             let is_whole =
                 second.len() == count || (second.len() < count && self.separator != "blank");
-            if is_whole && self.may_name(names) && header::is_second(names, second) {
+            let is_header = self.may_name(names) && header::is_second(names, second);
+            if is_whole && (is_header || header::are_units(names, second)) {
                 let second = second.iter().map(|c| c.to_string()).collect();
                 return Some((above.len() - 2, names.clone(), second));
             }
@@ -208,21 +238,53 @@ impl Row<'_> {
     }
 }
 
-/// The first whole lines of a log.
-fn head(path: &Path) -> Result<String, Error> {
+/// Rows per second by the step that a LabVIEW measurement file states above its rows.
+fn rate(above: &[Line], separator: &str) -> Option<f64> {
+    let cells = above.iter().map(|l| split(l.1, separator));
+    let mut steps = cells.filter(|c| c.first() == Some(&"Delta_X"));
+    let step = value(steps.next()?.get(1)?, '.')?;
+    (step > 0.0 && step.is_finite()).then_some(1.0 / step)
+}
+
+/// Whether names can be used as the file has them: none is empty, none stands there twice.
+fn usable_as_they_are(names: &[&str]) -> bool {
+    let bare: Vec<&str> = names.iter().map(|n| n.trim_matches('"').trim()).collect();
+    header::usable(names) == bare
+}
+
+/// The texts before the numbers of a row that end like a label, as `speed:` and `speed =` do.
+fn labels<'a>(row: &[&'a str]) -> Vec<&'a str> {
+    let mut before = "";
+    let named = row.iter().map(|cell| {
+        let label = std::mem::replace(&mut before, cell);
+        let label = label.strip_suffix([':', '=']).unwrap_or("").trim();
+        if label.starts_with(char::is_alphabetic) {
+            label
+        } else {
+            ""
+        }
+    });
+    named.collect()
+}
+
+/// The first whole lines of a log, and whether they are UTF-8. Others are taken as those of an old
+/// Windows, in which a letter is a byte.
+fn head(path: &Path) -> Result<(String, bool), Error> {
     let mut bytes = Vec::new();
     text::open(path)?
         .take(LOOK)
         .read_to_end(&mut bytes)
         .map_err(|e| Error::io(path, e))?;
-    let mut head = String::from_utf8_lossy(&bytes)
-        .trim_start_matches('\u{feff}')
-        .to_string();
     // The last line may be cut off.
     if bytes.len() as u64 == LOOK {
-        head.truncate(head.rfind('\n').unwrap_or(0));
+        bytes.truncate(bytes.iter().rposition(|b| *b == b'\n').unwrap_or(0));
     }
-    Ok(head)
+    let (head, is_utf8) = match std::str::from_utf8(&bytes) {
+        Ok(text) => (text.to_string(), true),
+        // Damaged bytes among text of another code are rare in a head.
+        Err(_) => (bytes.iter().map(|b| char::from(*b)).collect(), false),
+    };
+    Ok((head.trim_start_matches('\u{feff}').to_string(), is_utf8))
 }
 
 /// The separator that makes the most numbers of a line in the middle, and the number of cells.

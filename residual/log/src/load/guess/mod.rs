@@ -19,7 +19,7 @@ mod time;
 mod units;
 mod write;
 
-use super::{files, text, Table};
+use super::{dates, files, text, Table};
 use crate::spec::Action;
 use layout::Layout;
 use residual_columns::error::Error;
@@ -61,7 +61,7 @@ fn of_file(path: &Path, files: usize) -> Result<String, Error> {
         None => text::read(path, &layout.input, Action::Report, None),
     };
     // A message or a line that was cut off need not keep the user from a model file.
-    let (table, first_broken) = match as_it_is {
+    let (mut table, first_broken) = match as_it_is {
         Ok(table) => (table, None),
         Err(why) if layout.is_text => match text::read(path, &layout.input, Action::Drop, None) {
             Ok(table) if 2 * table.broken < table.rows() => {
@@ -77,6 +77,7 @@ fn of_file(path: &Path, files: usize) -> Result<String, Error> {
             "the file has no row; give another one in --data",
         ));
     }
+    table.join_times();
     Ok(write::model(
         path,
         files,
@@ -84,6 +85,53 @@ fn of_file(path: &Path, files: usize) -> Result<String, Error> {
         &table,
         first_broken.as_deref(),
     ))
+}
+
+/// Ends of the names of columns that are seconds, and of those that are the nanoseconds beside them.
+const SECONDS: [&str; 3] = ["secs", "sec", "s"];
+const NANOSECONDS: [&str; 5] = ["nsecs", "nsec", "nanosec", "nanoseconds", "ns"];
+
+impl Table {
+    /// Puts one column in the place of a date and a time of day, or of seconds and nanoseconds.
+    fn join_times(&mut self) {
+        let of = |kind: dates::Kind| {
+            let found = self.times.iter().find(|(_, words)| *words == kind.words());
+            found.map(|(name, _)| name.clone())
+        };
+        let dated = of(dates::Kind::Date).zip(of(dates::Kind::TimeOfDay));
+        let pairs = self
+            .names
+            .iter()
+            .flat_map(|a| self.names.iter().map(move |b| (a, b)));
+        let stamped = pairs
+            .filter(|(a, b)| is_stamp(a, b))
+            .map(|(a, b)| (a.clone(), b.clone()));
+        let Some((a, b)) = dated.or_else(|| stamped.last()) else {
+            return;
+        };
+        let name = format!("{a}+{b}");
+        self.add_time(&name);
+        self.times.push((name, "a sum of times"));
+        for part in [a, b] {
+            if let Some(at) = self.names.iter().position(|n| *n == part) {
+                self.names.remove(at);
+                self.columns.remove(at);
+            }
+            self.times.retain(|(n, _)| *n != part);
+        }
+    }
+}
+
+/// Whether two columns are the seconds and the nanoseconds of one stamp, by their names.
+fn is_stamp(seconds: &str, nanoseconds: &str) -> bool {
+    SECONDS.iter().any(|s| {
+        let stem = seconds.strip_suffix(s);
+        stem.is_some_and(|stem| {
+            NANOSECONDS
+                .iter()
+                .any(|n| nanoseconds.strip_suffix(n) == Some(stem))
+        })
+    })
 }
 
 /// The text of an error without the folder of the file.

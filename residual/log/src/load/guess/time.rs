@@ -6,7 +6,7 @@ use residual_columns::format::num;
 use residual_columns::stats;
 
 /// Words of columns that count rows.
-const COUNTERS: &[&str] = &[
+pub(super) const COUNTERS: &[&str] = &[
     "seq", "index", "row", "id", "no", "count", "counter", "sample", "frame", "line",
 ];
 

@@ -51,10 +51,16 @@ pub(super) fn model(
          title = \"Which effect does the model lack?\"\n"
     );
     input(&mut out, layout);
-    if time.is_none() {
-        no_time(&mut out, table);
+    let rate = layout.rate.filter(|_| time.is_none());
+    match rate {
+        Some(rate) => {
+            let _ = writeln!(out, "rate = {rate:?}   # from Delta_X");
+        }
+        None if time.is_none() => no_time(&mut out, table),
+        None => {}
     }
     roles(&mut out, &columns, &chosen, time.as_ref());
+    several_in_a_cell(&mut out, table);
     hints(&mut out, &columns, &chosen, time.as_ref(), slope);
     let repeats = time.as_ref().is_some_and(|t| t.repeats > 0);
     if repeats || first_broken.is_some() {
@@ -75,7 +81,11 @@ pub(super) fn model(
         );
     }
     if files < 2 {
-        holdout(&mut out, time.as_ref());
+        let of_rate = rate.map(|rate| (table.rows() as f64 / rate, 1.0 / rate));
+        holdout(
+            &mut out,
+            time.as_ref().map(|t| (t.span, t.step)).or(of_rate),
+        );
     }
     terms(&mut out, &columns, &chosen);
     out
@@ -111,6 +121,7 @@ fn input(out: &mut String, layout: &Layout) {
             Origin::Comment => {
                 "from the last comment line that has as many names as columns".into()
             }
+            Origin::Labels => "from the labels in the rows".into(),
             _ => "the file has no header: name its columns".into(),
         };
         let _ = writeln!(out, "header = [{}]   # ? {origin}", names.join(", "));
@@ -122,6 +133,14 @@ fn no_time(out: &mut String, table: &Table) {
     out.push_str(
         "# rate = ...   # ? rows per second: no column grows as a time does. Remove the # and write the number\n",
     );
+    let read = table.times.first().map(|(name, what)| (name, *what));
+    if let Some((name, what)) = read {
+        let _ = writeln!(
+            out,
+            "# ? column {} is {what}, and does not grow",
+            quoted(name)
+        );
+    }
     if let Some((name, cell, _)) = table.text.iter().find(|(_, cell, _)| is_date(cell)) {
         let _ = writeln!(
             out,
@@ -129,6 +148,28 @@ fn no_time(out: &mut String, table: &Table) {
              and name it in roles.time, or set the rate",
             quoted(name),
             cell.replace(['\n', '\r'], " ")
+        );
+    }
+}
+
+/// Names the columns whose cells hold several numbers as text, as a list or a tuple of a converter.
+fn several_in_a_cell(out: &mut String, table: &Table) {
+    let is_list = |cell: &str| {
+        let inner = cell.trim().trim_matches(['(', ')', '[', ']', '"']);
+        let mut parts = inner
+            .split([',', ' ', ';'])
+            .map(str::trim)
+            .filter(|p| !p.is_empty());
+        let numbers = parts.clone().filter(|p| p.parse::<f64>().is_ok()).count();
+        numbers > 1 && parts.all(|p| p.parse::<f64>().is_ok())
+    };
+    let lists = table.text.iter().filter(|(_, cell, _)| is_list(cell));
+    let names: Vec<String> = lists.map(|(name, ..)| quoted(name)).collect();
+    if !names.is_empty() {
+        let _ = writeln!(
+            out,
+            "# ? several numbers in one cell, as text: {}. Split them into a column for each number",
+            names.join(", ")
         );
     }
 }
@@ -237,14 +278,14 @@ fn hints(
 }
 
 /// Blocks of time are held out where there is one file only.
-fn holdout(out: &mut String, time: Option<&Time>) {
+fn holdout(out: &mut String, span_and_step: Option<(f64, f64)>) {
     out.push_str("\n[holdout]\n");
-    let _ = match time {
-        Some(t) => writeln!(
+    let _ = match span_and_step {
+        Some((span, step)) => writeln!(
             out,
             "block_s = {:?}   # one file of {} s: blocks of time are held out",
-            block(t.span, t.step),
-            num(t.span)
+            block(span, step),
+            num(span)
         ),
         None => writeln!(
             out,
