@@ -5,9 +5,8 @@ use super::{
     Variant,
 };
 
-use super::gravity_angle::too_short;
+use super::gravity_angle::{angle_along, too_short};
 use residual_columns::format::num;
-use residual_columns::stats;
 use residual_columns::units::radians;
 use std::f64::consts::TAU;
 
@@ -89,12 +88,7 @@ impl Effect for CableStretch {
             );
         }
         if ctx.spec.roles.angle.is_some() && !declared.iter().any(|d| d == "angle") {
-            // The angle along the velocity, as inertia and damping are.
-            let against = ctx.velocity.iter().any(|v| {
-                let product = format!("{v} * deriv(angle, 2)");
-                stats::mean(&ctx.values(&product)) < 0.0
-            });
-            let angle = if against { "-1 * angle" } else { "angle" };
+            let angle = angle_along(ctx, "angle");
             let unit = ctx.per(&ctx.position_unit());
             let angles = ctx.angles();
             let arc = angles.iter().find(|(name, ..)| name == "angle");

@@ -1,6 +1,6 @@
 //! Weight of a part that turns with an angle.
 
-use super::{amplitude_phase, Context, Effect, EffectKind, Estimate, Piece, Psi, Variant};
+use super::{amplitude_phase, Context, Effect, EffectKind, Estimate, Nature, Piece, Psi, Variant};
 
 use residual_columns::format::num;
 use residual_columns::linalg::similarity;
@@ -10,6 +10,10 @@ use residual_columns::stats;
 const SHORTEST_ARC: f64 = 1.2;
 
 pub struct GravityAngle;
+
+/// Label of the weight of a part near the point on which it stands: over a short arc it rises with
+/// the angle as the force of a spring does, away from that point.
+const UPRIGHT: &str = "angle, near an unstable point";
 
 impl Effect for GravityAngle {
     fn kind(&self) -> EffectKind {
@@ -29,6 +33,15 @@ impl Effect for GravityAngle {
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let unit = ctx.unit();
+        let short = ctx
+            .angles()
+            .into_iter()
+            .find(|a| a.0 == "angle" && too_short(a).is_some());
+        let upright = short.map(|(_, q, _)| {
+            let per = ctx.per("rad");
+            let slope = Piece::new("weight_per_angle", per, angle_along(ctx, &q));
+            Variant::linear(UPRIGHT, vec![slope.being(Nature::Unstable)])
+        });
         ctx.angles()
             .into_iter()
             .filter(|a| a.0 != "angle" || turns_little(a))
@@ -42,7 +55,21 @@ impl Effect for GravityAngle {
                 v.psi = Some(Psi::new("order", "1/turn", vec![1.0]).given());
                 v
             })
+            .chain(upright)
             .collect()
+    }
+}
+
+/// An angle along the velocity, as inertia and damping are.
+pub(super) fn angle_along(ctx: &Context, angle: &str) -> String {
+    let against = ctx.velocity.iter().any(|v| {
+        let product = format!("{v} * deriv(angle, 2)");
+        stats::mean(&ctx.values(&product)) < 0.0
+    });
+    if against {
+        format!("-1 * {angle}")
+    } else {
+        angle.into()
     }
 }
 
@@ -71,8 +98,10 @@ pub(super) fn turns_little((_, _, range): &Angle) -> bool {
 /// Most joints of which sums are tried.
 const MOST_JOINTS: usize = 8;
 
-/// Squared correlation with the angle above which a pose is the same joint once more.
-const SAME_JOINT: f64 = 0.998;
+/// Squared correlation with another angle above which a pose is the same column once more, in other
+/// digits. Two joints that are driven alike are further apart, and the sum of their angles, which is
+/// twice the angle then, is that of the outer link. With 0.998 such a sum was called a ripple.
+const SAME_JOINT: f64 = 1.0 - 1e-7;
 
 /// The angle of the joint whose torque is the target, and those of the other joints. The angle is
 /// `None` where it is no joint's: where it is a length, or turns many times.
@@ -80,17 +109,23 @@ pub(super) fn joints(ctx: &Context) -> (Option<Angle>, Vec<Angle>) {
     let (own, mut others): (Vec<_>, Vec<_>) =
         ctx.angles().into_iter().partition(|(n, ..)| n == "angle");
     let own = own.into_iter().find(turns_little);
-    if own.is_some() {
-        let centred = |n: &str| {
-            let mut values = ctx.values(n);
-            let mean = stats::mean(&values);
-            values.iter_mut().for_each(|x| *x -= mean);
-            values
-        };
-        let angle = centred("angle");
-        let same = |n: &str| similarity(&angle, &centred(n)) > SAME_JOINT;
-        others.retain(|(n, ..)| !same(n));
-    }
+    let centred = |n: &str| {
+        let mut values = ctx.values(n);
+        let mean = stats::mean(&values);
+        values.iter_mut().for_each(|x| *x -= mean);
+        values
+    };
+    let mut seen: Vec<Vec<f64>> = own.iter().map(|_| centred("angle")).collect();
+    others.retain(|(n, ..)| {
+        let values = centred(n);
+        let once_more = seen
+            .iter()
+            .any(|other| similarity(other, &values) > SAME_JOINT);
+        if !once_more {
+            seen.push(values);
+        }
+        !once_more && seen.len() <= MOST_JOINTS + 1
+    });
     others.truncate(MOST_JOINTS);
     (own, others)
 }

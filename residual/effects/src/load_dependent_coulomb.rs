@@ -60,7 +60,10 @@ impl Effect for LoadDependentCoulomb {
         let (at_low, at_high) = (a + b * low, a + b * high);
         // An uncertain coefficient may cross zero at the end of the range.
         let smaller = at_low.abs().min(at_high.abs());
-        (at_low * at_high < 0.0 && smaller > 0.1 * at_low.abs().max(at_high.abs())).then(|| {
+        let half = |[lo, hi]: &[f64; 2]| 0.5 * (hi - lo);
+        let uncertain = e.intervals.get("friction_at_zero_load").map_or(0.0, half);
+        let least = uncertain.max(0.1 * at_low.abs().max(at_high.abs()));
+        (at_low * at_high < 0.0 && smaller > least).then(|| {
             format!(
                 "friction from {} to {}: it changes its sign with the load",
                 num(at_low),

@@ -19,6 +19,8 @@ pub enum Nature {
     Inertia,
     /// Force per displacement.
     Stiffness,
+    /// Force per displacement away from an unstable point.
+    Unstable,
     /// Weight of a mass whose inertia is another parameter of the effect.
     Weight,
     /// Size of a wave.

@@ -8,14 +8,27 @@ use residual_search::Weight;
 
 /// Marks effects that contradict each other. Friction takes energy out of a motion, inertia is
 /// positive and a spring pulls back, so all of one motion has one sign: for the force of a drive
-/// that of the motion, for the force behind it the other. Of two with unlike signs the one that is
-/// worth less is none, but a correction of the other.
+/// that of the motion, for the force behind it the other. A weight pushes away from an unstable
+/// point, against that sign. Of two with unlike signs the one that is worth less is none, but a
+/// correction of the other. A value whose interval holds 0 has no sign.
 pub(super) fn contradictions(
     why: &mut [Option<Refusal>],
     weights: &[Weight],
     parameters: &[&Parameters],
 ) {
-    let size = |index: usize| parameters[index].0.iter().find(|p| p.nature.has_one_sign());
+    let size = |index: usize| {
+        let (params, intervals) = parameters[index];
+        let own = params
+            .iter()
+            .find(|p| p.nature.has_one_sign() || p.nature == Nature::Unstable)?;
+        let certain = |[low, high]: &[f64; 2]| *low > 0.0 || *high < 0.0;
+        let is_certain = intervals.get(&own.name).is_none_or(certain);
+        is_certain.then_some(own)
+    };
+    let sign = |p: &Param| match p.nature {
+        Nature::Unstable => -p.value.signum(),
+        _ => p.value.signum(),
+    };
     // The most valuable first.
     let mut first: Option<&Param> = None;
     for w in weights {
@@ -24,7 +37,7 @@ pub(super) fn contradictions(
         }
         match (size(w.index), first) {
             (Some(own), None) => first = Some(own),
-            (Some(own), Some(other)) if own.value * other.value < 0.0 => {
+            (Some(own), Some(other)) if sign(own) * sign(other) < 0.0 => {
                 why[w.index] = Some(Against::Itself.refuses(format!(
                     "{} {} beside {} {} of another effect: friction, damping, inertia and stiffness of one motion have one sign",
                     own.name,
@@ -101,6 +114,36 @@ mod tests {
         let beside = |a_loop| of([Inertia, a_loop, Damping], [0.1, -0.2, 0.3]);
         assert_eq!(beside(Friction), [true, false, true]);
         assert_eq!(beside(Other), [false, false, false]);
+    }
+
+    #[test]
+    fn a_value_without_a_sign_contradicts_nothing() {
+        let of = |interval: [f64; 2]| {
+            let mut parameters = [
+                parameter(Nature::Friction, -0.4),
+                parameter(Nature::Friction, 0.19),
+            ];
+            parameters[1].1.insert(String::new(), interval);
+            let mut why = vec![None; 2];
+            let weights = weights(&[3.0, 2.0]);
+            contradictions(&mut why, &weights, &parameters.iter().collect::<Vec<_>>());
+            why.iter().map(Option::is_some).collect::<Vec<_>>()
+        };
+        assert_eq!(of([-0.18, 0.56]), [false, false]);
+        assert_eq!(of([0.05, 0.33]), [false, true]);
+    }
+
+    #[test]
+    fn a_weight_pushes_away_from_an_unstable_point() {
+        let of = |nature: Nature| {
+            let parameters = [parameter(Nature::Friction, 0.5), parameter(nature, -2.0)];
+            let mut why = vec![None; 2];
+            let weights = weights(&[3.0, 2.0]);
+            contradictions(&mut why, &weights, &parameters.iter().collect::<Vec<_>>());
+            assert!(why[0].is_none());
+            why[1].is_some()
+        };
+        assert!(!of(Nature::Unstable) && of(Nature::Stiffness));
     }
 
     #[test]

@@ -57,6 +57,28 @@ fn sums_contain_the_angle_of_the_joint() {
     );
 }
 
+/// Two joints driven alike are never quite in one place: the weight of the outer link turns with the
+/// sum of their angles, twice the angle.
+#[test]
+fn a_joint_that_is_driven_like_the_angle_offers_twice_the_angle() {
+    let of =
+        |f: &dyn Fn(f64) -> f64| -> Vec<f64> { (0..1200).map(|i| f(0.02 * i as f64)).collect() };
+    let columns = [
+        ("target", of(&|t| (0.7 * t).sin())),
+        ("angle", of(&|t| (0.9 * t).sin())),
+        ("velocity", of(&|t| 0.9 * (0.9 * t).cos())),
+        ("q1", of(&|t| (0.9 * t).sin() + 2e-3 * (7.0 * t).sin())),
+    ];
+    let spec = "[roles]\ntime = { column = \"t\" }\ntarget = { column = \"y\", unit = \"N·m\" }\n\
+                velocity = { column = \"v\", unit = \"rad/s\" }\nangle = { column = \"a\", unit = \"rad\" }\n\
+                pose.q1 = { column = \"q1\", unit = \"rad\" }\n[[terms]]\nname = \"a\"\nexpr = \"1\"\n";
+    knowing(spec, &columns, 600, |ctx| {
+        let forms = effect(EffectKind::GravityAngle).variants(ctx);
+        let labels: Vec<&str> = forms.iter().map(|v| v.label.as_str()).collect();
+        assert!(labels.contains(&"angle + q1"), "{labels:?}");
+    });
+}
+
 /// A motor that turns many times is no joint.
 #[test]
 fn sums_are_of_the_poses_where_the_angle_is_no_joint() {
@@ -70,4 +92,73 @@ fn sums_are_of_the_poses_where_the_angle_is_no_joint() {
 #[test]
 fn is_named() {
     crate::rig::names("gravity_angle", |s| 0.5 * (s.pose + 0.7).sin());
+}
+
+/// Over a short arc a weight rises with the angle as a spring does. About a point on which a part
+/// stands it pushes the other way than friction says of a spring.
+#[test]
+fn a_part_that_stands_has_a_weight_and_no_spring() {
+    let model = "[roles]\ntime = { column = \"t\", unit = \"s\" }\ntarget = { column = \"y\", unit = \"N·m\" }\n\
+                 angle = { column = \"a\", unit = \"rad\" }\n\
+                 velocity = { column = \"v\", unit = \"rad/s\", deadband = 0.005 }\n\
+                 [selection]\nonly = [\"coulomb\", \"viscous\", \"inertia\", \"cable_stretch\", \"gravity_angle\", \"geometry\"]\n\
+                 [[terms]]\nname = \"zero\"\nexpr = \"1\"\n";
+    let found = |weight: f64| {
+        let rows = 4 * 800;
+        let time = |i: usize| 0.02 * (i % 800) as f64;
+        let angle = |i: usize| {
+            let (t, run) = (time(i), (i / 800) as f64);
+            0.25 * (0.5 * t + run).sin()
+                + 0.15 * (1.37 * t + 2.0 * run).sin()
+                + 0.06 * (2.9 * t).sin()
+        };
+        let velocity = |i: usize| {
+            let (t, run) = (time(i), (i / 800) as f64);
+            0.125 * (0.5 * t + run).cos()
+                + 0.2055 * (1.37 * t + 2.0 * run).cos()
+                + 0.174 * (2.9 * t).cos()
+        };
+        let mut noise = residual_columns::stats::Rng::new(4);
+        let target: Vec<f64> = (0..rows)
+            .map(|i| 0.5 * velocity(i).signum() + weight * angle(i).sin() + 0.05 * noise.normal())
+            .collect();
+        let data = residual::Data::from_columns(
+            (0..rows).map(time).collect(),
+            [
+                ("angle", (0..rows).map(angle).collect::<Vec<f64>>()),
+                ("velocity", (0..rows).map(velocity).collect()),
+                ("target", target),
+            ],
+        )
+        .sequences((0..4).map(|run| 800 * run..800 * (run + 1)))
+        .build()
+        .unwrap();
+        let spec = residual::spec::Spec::parse(model).unwrap();
+        residual::analyse(&spec, data, &mut ()).unwrap()
+    };
+    let upright = found(-2.0);
+    let names: Vec<&str> = upright.effects.iter().map(|e| e.name.as_str()).collect();
+    assert_eq!(
+        names,
+        ["coulomb", "gravity_angle"],
+        "{}",
+        upright.markdown()
+    );
+    let slope = upright.effects[1].params["weight_per_angle"];
+    assert!((slope + 2.0).abs() < 0.1, "{slope}");
+    // Noise of 0.05 N·m, and friction that goes over within the deadband.
+    assert!(upright.last.heldout_rmse < 0.09, "{}", upright.markdown());
+    // Hanging it is a weight or a spring.
+    let hanging = found(2.0);
+    let names = &hanging.not_identifiable[0].effects;
+    assert!(
+        names.iter().any(|n| *n == "cable_stretch"),
+        "{}",
+        hanging.markdown()
+    );
+    assert!(
+        names.iter().any(|n| *n == "gravity_angle"),
+        "{}",
+        hanging.markdown()
+    );
 }
