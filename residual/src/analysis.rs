@@ -135,6 +135,7 @@ pub fn analyse_checked(
     }
     let mut search = Search::new(spec, &data, progress)?;
     let outcome = search.run(progress)?;
+    let outcome = search.other_paths(outcome, progress)?;
     let check = check.map(|data| Checked::new(data, spec));
     progress.stage("which names the data support");
     let Attributed {

@@ -94,7 +94,8 @@ pub fn nested(spec: &Spec, data: &Data, progress: &mut dyn Progress) -> Result<N
 /// Effects that the search chooses on some data.
 fn selected(spec: &Spec, data: &Data, progress: &mut dyn Progress) -> Result<Vec<Chosen>, Error> {
     let mut search = Search::new(spec, data, progress)?;
-    Ok(search.run(progress)?.chosen)
+    let outcome = search.run(progress)?;
+    Ok(search.other_paths(outcome, progress)?.chosen)
 }
 
 /// Values on the rows of one fold. A held-out residual there comes from a fit to the other folds.

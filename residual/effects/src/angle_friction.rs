@@ -62,6 +62,16 @@ impl Effect for AngleFriction {
     }
 }
 
+/// Label of the friction in a sector of this width, in radians.
+fn sector(width: f64) -> String {
+    format!("in a sector of {width} rad")
+}
+
+/// Width in radians of the sector of a form; `None` of another form.
+pub fn sector_of(label: &str) -> Option<f64> {
+    WIDTHS.into_iter().find(|width| sector(*width) == label)
+}
+
 /// Friction in a sector of the turn of this width.
 fn in_a_sector(ctx: &Context, sign: &str, angle: &str, width: f64) -> Variant {
     let (sign, angle, unit) = (sign.to_string(), angle.to_string(), ctx.unit().to_string());
@@ -73,7 +83,7 @@ fn in_a_sector(ctx: &Context, sign: &str, angle: &str, width: f64) -> Variant {
     )
     .within(step);
     let edge = (0.5 * width).cos();
-    let label = format!("in a sector of {width} rad");
+    let label = sector(width);
     Variant::profiled(&label, psi, move |middle| {
         let text = format!("{sign} * (cos({angle} - {middle}) > {edge})");
         Build::Add(vec![

@@ -340,6 +340,13 @@ impl Context<'_> {
         self.range(text).map_or(0.0, |(lo, hi)| hi - lo)
     }
 
+    /// Turns over which the position moves, between its 2 % and 98 % quantiles; `None` if it is no
+    /// angle.
+    pub fn turns(&self) -> Option<f64> {
+        let k = radians(&self.position_unit())?;
+        Some(self.width(self.position.as_ref()?) * k / std::f64::consts::TAU)
+    }
+
     /// Largest range of an expression within one sequence, between its 2 % and 98 % quantiles
     /// there.
     pub fn excursion(&self, text: &str) -> f64 {

@@ -40,6 +40,7 @@ mod tone;
 mod variant;
 mod viscous;
 
+pub use angle_friction::sector_of;
 pub use context::Context;
 pub use estimate::Estimate;
 pub use kind::{EffectKind, Form};

@@ -117,6 +117,18 @@ impl<'a> Search<'a> {
         self.barred.push((kind, for_now));
     }
 
+    /// Leaves kinds of effects out of the catalogue until they are offered again.
+    pub(super) fn leave_out(&mut self, kinds: &[EffectKind]) {
+        self.barred.extend(kinds.iter().map(|k| (*k, true)));
+        self.scans.clear();
+    }
+
+    /// Offers kinds of effects again that were left out.
+    pub(super) fn offer_again(&mut self, kinds: &[EffectKind]) {
+        self.barred.retain(|(k, _)| !kinds.contains(k));
+        self.scans.clear();
+    }
+
     pub(super) fn is_barred(&self, kind: EffectKind) -> bool {
         self.barred.iter().any(|(k, _)| *k == kind)
     }

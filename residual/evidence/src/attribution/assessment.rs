@@ -1,6 +1,7 @@
 //! Effects with what decides on their names.
 
 use super::contradiction::{contradictions, inertia_of_a_lag};
+use super::over_the_angle::shapes_of_the_angle;
 use super::reasons::reasons;
 use super::refusal::{at_end, contrary, impossible, Against, Refusal};
 use crate::check::Checked;
@@ -79,6 +80,7 @@ impl Assessment {
                 return Ok(true);
             }
         }
+        shapes_of_the_angle(&mut self.why, &self.outcome.chosen, &ctx);
         let known: Vec<&Parameters> = self.parameters.iter().flatten().collect();
         contradictions(&mut self.why, &self.weights, &known);
         let all = || known.iter().flat_map(|(params, _)| params);
@@ -94,6 +96,12 @@ impl Assessment {
     /// Indices of the effects to take away next, see [`next_gone`]; none if all names are
     /// supported.
     pub(super) fn next_refused(&self, search: &Search) -> Result<Vec<usize>, Error> {
+        let series: Vec<usize> = (0..self.why.len())
+            .filter(|i| matches!(&self.why[*i], Some(w) if w.against == Against::AsASeries))
+            .collect();
+        if !series.is_empty() {
+            return Ok(series);
+        }
         let of = |w: &Weight| Some((w.index, self.why[w.index].as_ref()?.against.order()));
         // The weights begin with the most valuable.
         let refused: Vec<(usize, f64)> = self.weights.iter().filter_map(of).collect();

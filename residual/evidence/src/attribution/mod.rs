@@ -5,6 +5,7 @@
 //!   fitted again, is larger than the strongest structure without a name that is left;
 //! * its parameters are possible ([`Effect::impossible`](residual_effects::Effect::impossible)),
 //!   and do not contradict those of another effect;
+//! * it does not, with others, take the shape of any curve over the angle;
 //! * it is worth something beside the other found effects alone;
 //! * on data that the search has not seen, where there are such data, the model is better with it
 //!   than without.
@@ -13,6 +14,7 @@
 
 mod assessment;
 mod contradiction;
+mod over_the_angle;
 mod reasons;
 mod refusal;
 
@@ -20,7 +22,6 @@ use crate::check::Checked;
 use crate::intervals::{parameters, Parameters};
 use crate::leftover::Leftover;
 use assessment::Assessment;
-use refusal::Against;
 use residual_columns::error::Error;
 use residual_effects::EffectKind;
 use residual_search::model::Chosen;
@@ -149,7 +150,7 @@ pub fn attribute(
                 continue;
             };
             if !last_round {
-                search.bar(effect.effect.kind(), refusal.against != Against::Itself);
+                search.bar(effect.effect.kind(), !refusal.against.is_final());
             }
             refused.push(Refused {
                 effect: effect.clone(),

@@ -19,6 +19,8 @@ pub(super) struct Refusal {
 pub(super) enum Against {
     /// Its own parameters.
     Itself,
+    /// What it makes together with others of its kind: all of them go at once.
+    AsASeries,
     /// The check data: the error with it over that without it.
     Check(f64),
     /// Other effects, or what is left: without them it may be supported.
@@ -30,10 +32,15 @@ impl Against {
         Refusal { why, against: self }
     }
 
+    /// Whether no other effect or data can support the name.
+    pub(super) fn is_final(self) -> bool {
+        matches!(self, Against::Itself | Against::AsASeries)
+    }
+
     /// In which order effects are taken away; of equal ones the weakest is first.
     pub(super) fn order(self) -> f64 {
         match self {
-            Against::Itself => f64::INFINITY,
+            Against::Itself | Against::AsASeries => f64::INFINITY,
             Against::Check(harm) => harm,
             Against::Others => f64::NEG_INFINITY,
         }
