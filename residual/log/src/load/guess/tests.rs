@@ -720,3 +720,22 @@ fn counters_are_no_target_and_lists_in_cells_are_named() {
         "{text}"
     );
 }
+
+#[test]
+fn topics_of_unlike_rates_are_named() {
+    let rows: String = (0..300)
+        .map(|i| {
+            let ([a, b, c], t) = (three(i), 0.01 * i as f64);
+            format!("{t:.4},{a:.4},{b:.4},\n{:.4},,,{c:.4}\n", t + 0.003)
+        })
+        .collect();
+    let (_, text) = of(&format!(
+        "__time,/rig/effort[0],/rig/velocity[0],/wrench/force/z\n{rows}"
+    ));
+    for part in [
+        "or is it \"/wrench/force/z\"",
+        "no row has both the target and \"/wrench/force/z\"",
+    ] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+}

@@ -61,6 +61,7 @@ pub(super) fn model(
     }
     roles(&mut out, &columns, &chosen, time.as_ref());
     several_in_a_cell(&mut out, table);
+    apart(&mut out, &columns, chosen.get("target"));
     hints(&mut out, &columns, &chosen, time.as_ref(), slope);
     let repeats = time.as_ref().is_some_and(|t| t.repeats > 0);
     if repeats || first_broken.is_some() {
@@ -170,6 +171,31 @@ fn several_in_a_cell(out: &mut String, table: &Table) {
             out,
             "# ? several numbers in one cell, as text: {}. Split them into a column for each number",
             names.join(", ")
+        );
+    }
+}
+
+/// Names the columns that have values only in rows without one of the target: topics of unlike rates
+/// that were joined.
+fn apart(out: &mut String, columns: &[Column], target: Option<usize>) {
+    let Some(target) = target.map(|i| &columns[i]) else {
+        return;
+    };
+    let is_apart = |c: &&Column| {
+        let mut pairs = c.values.iter().zip(target.values);
+        let some = c.values.iter().any(|v| v.is_finite());
+        some && !pairs.any(|(a, b)| a.is_finite() && b.is_finite())
+    };
+    let names: Vec<String> = columns
+        .iter()
+        .filter(is_apart)
+        .map(|c| quoted(c.title))
+        .collect();
+    if !names.is_empty() {
+        let _ = writeln!(
+            out,
+            "# ? columns of unlike rates are joined: no row has both the target and {}. Interpolate them to the times of the target first",
+            names[..names.len().min(LISTED)].join(", ")
         );
     }
 }
