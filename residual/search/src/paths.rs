@@ -19,6 +19,10 @@ pub const FEW_PERIODS: f64 = 8.0;
 /// Standard errors of the difference of two errors, block by block, below which they are equal.
 const EQUAL: f64 = 2.0;
 
+/// Effects that take the shape of others from which on they may have kept them out: one alone is put
+/// to the test by its rivals.
+const FEWEST_SHAPES: usize = 2;
+
 /// What belongs to a path beside its outcome.
 struct Path {
     outcome: Outcome,
@@ -92,11 +96,6 @@ impl Search<'_> {
     /// Whether an outcome predicts better than another by what counts, or as well with fewer
     /// parameters.
     fn is_better(&self, other: &Outcome, best: &Outcome) -> bool {
-        let parameters = |o: &Outcome| o.chosen.iter().map(Chosen::parameters).sum::<usize>();
-        let (new, old) = (other.fitted.rmse(), best.fitted.rmse());
-        if new < old * (1.0 - self.spec.selection.material) {
-            return true;
-        }
         let losses = |f: &Fitted| -> Vec<f64> {
             let of = |rows: &std::ops::Range<usize>| {
                 f.fit.held[rows.clone()].iter().map(|r| r * r).sum()
@@ -104,7 +103,11 @@ impl Search<'_> {
             self.problem.blocks.iter().map(|b| of(&b.range)).collect()
         };
         let worse = t_statistic(&losses(&other.fitted), &losses(&best.fitted));
-        parameters(other) < parameters(best) && worse < EQUAL
+        let of = |o: &Outcome| {
+            let parameters = o.chosen.iter().map(Chosen::parameters).sum();
+            (o.fitted.rmse(), parameters)
+        };
+        takes_over(of(other), of(best), worse, self.spec.selection.material)
     }
 
     /// The kinds among chosen effects that can take the shape of others: ripples of few periods in
@@ -117,12 +120,45 @@ impl Search<'_> {
             EffectKind::AngleFriction | EffectKind::Geometry => true,
             _ => false,
         };
+        let shapes: Vec<&Chosen> = chosen.iter().filter(|c| takes_a_shape(c)).collect();
+        if shapes.len() < FEWEST_SHAPES {
+            return Ok(vec![]);
+        }
         let mut kinds: Vec<EffectKind> = Vec::new();
-        for c in chosen.iter().filter(|c| takes_a_shape(c)) {
+        for c in shapes {
             if !kinds.contains(&c.effect.kind()) {
                 kinds.push(c.effect.kind());
             }
         }
         Ok(kinds)
+    }
+}
+
+/// Whether a path takes over from another, by their errors and numbers of parameters: it is better
+/// by what counts (`material`), or no `worse` in standard errors and smaller.
+fn takes_over(new: (f64, usize), old: (f64, usize), worse: f64, material: f64) -> bool {
+    new.0 < old.0 * (1.0 - material) || (new.1 < old.1 && worse < EQUAL)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::takes_over;
+
+    #[test]
+    fn a_path_must_be_better_or_as_good_and_smaller() {
+        for (new, old, worse, expected) in [
+            ((0.356, 9), (0.540, 13), -9.0, true),
+            ((0.356, 13), (0.540, 9), -9.0, true),
+            ((0.418_3, 7), (0.418_0, 10), 0.8, true),
+            ((0.43, 7), (0.418, 10), 3.0, false),
+            ((0.418_3, 10), (0.418_0, 10), 0.8, false),
+            ((0.415, 12), (0.418, 10), -1.0, false),
+        ] {
+            assert_eq!(
+                takes_over(new, old, worse, 0.02),
+                expected,
+                "{new:?} {old:?}"
+            );
+        }
     }
 }
