@@ -516,7 +516,8 @@ fn utc_ns(cells: &[&Cell]) -> Result<i64, NoTime> {
     }
 }
 
-/// UTC of a date, a time of day and their zone (RFC 3339, a blank for the T as well), ns since 1970.
+/// UTC of a date, a time of day and their zone (RFC 3339, a blank for the T as well), ns since
+/// 1970.
 fn utc_of_text(text: &str) -> Result<i64, NoTime> {
     // "2026-11-25T21:59:23" has 19 signs, then come the fraction and the zone.
     const SECONDS: usize = 19;

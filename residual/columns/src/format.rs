@@ -30,8 +30,8 @@ fn exponent(x: f64, decimals: usize) -> i32 {
 }
 
 /// A value and the ends `[lo, hi]` of its interval, each rounded to two digits of half the
-/// interval's width. Further digits would carry no information. Ends that are equal are no interval:
-/// `-`.
+/// interval's width. Further digits would carry no information. Ends that are equal are no
+/// interval: `-`.
 pub fn with_interval(x: f64, [lo, hi]: [f64; 2]) -> (String, String) {
     let half = 0.5 * (hi - lo);
     let reach = [x, lo, hi].into_iter().map(f64::abs).fold(0.0, f64::max);

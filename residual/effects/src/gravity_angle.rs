@@ -99,8 +99,8 @@ pub(super) fn turns_little((_, _, range): &Angle) -> bool {
 const MOST_JOINTS: usize = 8;
 
 /// Squared correlation with another angle above which a pose is the same column once more, in other
-/// digits. Two joints that are driven alike are further apart, and the sum of their angles, which is
-/// twice the angle then, is that of the outer link. With 0.998 such a sum was called a ripple.
+/// digits. Two joints that are driven alike are further apart, and the sum of their angles, which
+/// is twice the angle then, is that of the outer link. With 0.998 such a sum was called a ripple.
 const SAME_JOINT: f64 = 1.0 - 1e-7;
 
 /// The angle of the joint whose torque is the target, and those of the other joints. The angle is

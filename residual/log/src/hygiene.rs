@@ -1,6 +1,6 @@
 //! Flaws of measured logs: time base, gaps, repeats, codes for missing values, spikes, clipping,
-//! quantisation, a 256-fold scale, an angle that begins again after each turn. Each is reported, and
-//! handled only as the model file asks.
+//! quantisation, a 256-fold scale, an angle that begins again after each turn. Each is reported,
+//! and handled only as the model file asks.
 //!
 //! | file | concern |
 //! |---|---|
@@ -139,8 +139,8 @@ fn left_out(
 }
 
 /// Notes values that stand for a missing one, in each column; leaves their rows out where the model
-/// file asks for it. Operators with memory then see the line between the rows beside them. Gives the
-/// rows of the target that have such a value.
+/// file asks for it. Operators with memory then see the line between the rows beside them. Gives
+/// the rows of the target that have such a value.
 fn stand_ins(
     frame: &mut Frame,
     keep: &mut [bool],
@@ -505,7 +505,8 @@ fn made_of_speed(frame: &Frame, log: &mut Findings) {
     }
 }
 
-/// Correlation from which two columns are one: what is found in one of them is as well in the other.
+/// Correlation from which two columns are one: what is found in one of them is as well in the
+/// other.
 const ALIKE: f64 = 0.99999;
 
 /// Rows of which two columns are compared.

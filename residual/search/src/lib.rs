@@ -10,8 +10,8 @@
 //! `run` is the course of a search. Its steps: `forward` adds effects, `polish` refines their
 //! nonlinear parameters, `merge` puts one effect in the place of two, `rivals` lets the whole
 //! catalogue compete for each place, `exchange` tries another form of an effect with one more
-//! effect, `prune` removes what the others make superfluous. `paths` searches again without effects that
-//! take the shape of others.
+//! effect, `prune` removes what the others make superfluous. `paths` searches again without effects
+//! that take the shape of others.
 
 pub mod declared;
 mod exchange;

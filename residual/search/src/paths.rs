@@ -1,10 +1,10 @@
-//! More than one path: an effect that can take the shape of many others may be chosen first and keep
-//! them out.
+//! More than one path: an effect that can take the shape of many others may be chosen first and
+//! keep them out.
 //!
 //! Every step of a search changes one or two effects. Where several ripples of low order have taken
-//! the place of friction and weight, no such step leads out of it. So the search is repeated without
-//! these effects, which are offered again on top of what was found then, and the best of the paths
-//! is taken.
+//! the place of friction and weight, no such step leads out of it. So the search is repeated
+//! without these effects, which are offered again on top of what was found then, and the best of
+//! the paths is taken.
 
 use super::{declared, Outcome, Search};
 use crate::model::{Chosen, Fitted};
@@ -19,8 +19,8 @@ pub const FEW_PERIODS: f64 = 8.0;
 /// Standard errors of the difference of two errors, block by block, below which they are equal.
 const EQUAL: f64 = 2.0;
 
-/// Effects that take the shape of others from which on they may have kept them out: one alone is put
-/// to the test by its rivals.
+/// Effects that take the shape of others from which on they may have kept them out: one alone is
+/// put to the test by its rivals.
 const FEWEST_SHAPES: usize = 2;
 
 /// What belongs to a path beside its outcome.
@@ -31,10 +31,10 @@ struct Path {
 }
 
 impl Search<'_> {
-    /// Searches again without each kind of effect that can take the shape of others, and without all
-    /// of them, where the first search chose some. Gives the best outcome: one of another path must
-    /// predict better by what counts, or as well with fewer parameters. Nothing is repeated where
-    /// rows are many.
+    /// Searches again without each kind of effect that can take the shape of others, and without
+    /// all of them, where the first search chose some. Gives the best outcome: one of another path
+    /// must predict better by what counts, or as well with fewer parameters. Nothing is repeated
+    /// where rows are many.
     pub fn other_paths(
         &mut self,
         first: Outcome,

@@ -13,7 +13,8 @@ const FEW_TURNS: f64 = 1.5;
 /// How far an order is off a whole number that may be one.
 const WHOLE: f64 = 0.15;
 
-/// Ripples of whole low orders that may be found in few turns; beyond them they are a Fourier series.
+/// Ripples of whole low orders that may be found in few turns; beyond them they are a Fourier
+/// series.
 const MOST_WHOLE: usize = 3;
 
 /// Share of the motion from which a sector is as wide as the motion.

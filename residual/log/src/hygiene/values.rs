@@ -160,8 +160,8 @@ fn robust_size(sizes: &mut [f64]) -> f64 {
     (1.4826 * median).max(0.2 * stats::quantile_sorted(sizes, 0.95))
 }
 
-/// Whether a cell has a number that stands for "no value" or for the end of a converter: all bits of
-/// a word or all but the sign, nothing but nines, or beyond what is measured.
+/// Whether a cell has a number that stands for "no value" or for the end of a converter: all bits
+/// of a word or all but the sign, nothing but nines, or beyond what is measured.
 fn is_code(cell: f64) -> bool {
     let size = cell.abs();
     let nearly = |a: f64| (size - a).abs() <= 1e-9 * a;
@@ -204,8 +204,8 @@ pub(super) fn bridged(x: &[f64], rows: &[usize], frame: &Frame) -> Vec<f64> {
 /// Rows of the longest stretch of bad readings.
 const STRETCH: usize = 5;
 
-/// Rows whose target is far from both neighbours, on the same side; and stretches of a few rows, also
-/// at the ends of a sequence, that are far outside of nearly all other values too.
+/// Rows whose target is far from both neighbours, on the same side; and stretches of a few rows,
+/// also at the ends of a sequence, that are far outside of nearly all other values too.
 pub(super) fn spikes(y: &[f64], frame: &Frame) -> Vec<usize> {
     let mut sorted = y.to_vec();
     residual_columns::parallel::sort(&mut sorted, f64::total_cmp);
@@ -271,7 +271,8 @@ pub(super) fn clipped(y: &[f64], frame: &Frame) -> Vec<usize> {
 /// Longest run of one value, in rows, in a target that is logged more often than it is measured.
 const HELD_ROWS: usize = 10;
 
-/// Share of the rows that repeat the value before from which a target has a lower rate than its log.
+/// Share of the rows that repeat the value before from which a target has a lower rate than its
+/// log.
 const HELD_ROW_SHARE: f64 = 0.2;
 
 /// Change of such a target from value to value, in its smallest changes: a signal that moves by a

@@ -2,7 +2,7 @@
 //! a table of its own, and all of them one table at the times of the kind that has the target.
 
 use super::text::{large, no_text, number, open};
-use super::{rows, Note, Table};
+use super::{rows, stamps, Note, Table};
 use crate::spec::{Action, Message, Spec};
 use residual_columns::error::Error;
 use residual_columns::format::num;
@@ -67,7 +67,7 @@ impl Kind<'_> {
         let gap_s = spec.hygiene.gap_s / scale;
         let limit = rows::longest_step(own, gap_s);
         let gaps = own.windows(2).filter(|w| w[1] - w[0] > limit).count();
-        if gap_s == 0.0 && rows::is_uneven(gaps, own.len()) {
+        if gap_s == 0.0 && stamps::is_uneven(gaps, own.len()) {
             return f64::INFINITY;
         }
         let mut steps: Vec<f64> = at.windows(2).map(|w| w[1] - w[0]).collect();

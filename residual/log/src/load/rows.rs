@@ -1,6 +1,7 @@
 //! From the tables of all logs to one frame: units, rows that cannot be used, sequences.
 
-use super::{stamps, Table};
+use super::stamps::{self, is_uneven};
+use super::Table;
 use crate::data::largest;
 use crate::finding::Findings;
 use crate::spec::{Action, Column, Spec};
@@ -134,8 +135,8 @@ impl<'a> Rows<'a> {
         }
     }
 
-    /// Adds rows of a table, in units of the model, and gives the runs of the clock among them. Rows
-    /// with a missing value are left out.
+    /// Adds rows of a table, in units of the model, and gives the runs of the clock among them.
+    /// Rows with a missing value are left out.
     fn add(
         &mut self,
         table: &Table,
@@ -424,9 +425,6 @@ fn split_by(table: &Table, by: &[String]) -> Vec<Vec<usize>> {
     order.iter().filter_map(|k| groups.remove(k)).collect()
 }
 
-/// Rows that the pieces of a log must have on average for its gaps to be gaps.
-const SHORTEST_PIECE: usize = 20;
-
 /// Median steps beyond which a step of time is a gap, unless `hygiene.gap_s` says otherwise.
 const GAP_STEPS: f64 = 20.0;
 
@@ -438,11 +436,6 @@ pub(super) fn longest_step(time: &[f64], gap_s: f64) -> f64 {
     }
     let mut steps: Vec<f64> = time.windows(2).map(|w| w[1] - w[0]).collect();
     residual_columns::stats::median(&mut steps).map_or(f64::INFINITY, |step| GAP_STEPS * step)
-}
-
-/// Whether so many gaps in so many rows are steps of a log that has no usual step.
-pub(super) fn is_uneven(gaps: usize, rows: usize) -> bool {
-    gaps * SHORTEST_PIECE > rows
 }
 
 /// Pieces from which a log may be a map, held point by point.

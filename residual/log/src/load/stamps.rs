@@ -1,8 +1,15 @@
 //! Time stamps that do not grow: a clock that falls back, stamps printed too coarsely, rows out of
 //! order.
 
-use super::rows::is_uneven;
 use std::ops::Range;
+
+/// Rows that the pieces of a log must have on average for its gaps to be gaps.
+const SHORTEST_PIECE: usize = 20;
+
+/// Whether so many gaps in so many rows are steps of a log that has no usual step.
+pub(super) fn is_uneven(gaps: usize, rows: usize) -> bool {
+    gaps * SHORTEST_PIECE > rows
+}
 
 /// Rows of a log, as far as their stamps tell.
 #[derive(Debug)]
@@ -69,8 +76,8 @@ fn falls(stamps: &[f64]) -> Vec<usize> {
 /// Fewest rows that show what the steps of a print are.
 const FEWEST: usize = 30;
 
-/// Even times whose print in coarse steps gives these stamps; `None` where none does. Each stamp may
-/// be off by one step of the print.
+/// Even times whose print in coarse steps gives these stamps; `None` where none does. Each stamp
+/// may be off by one step of the print.
 fn evened(stamps: &[f64]) -> Option<Vec<f64>> {
     let n = stamps.len();
     let (first, last) = (*stamps.first()?, *stamps.last()?);

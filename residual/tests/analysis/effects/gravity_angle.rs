@@ -57,8 +57,8 @@ fn sums_contain_the_angle_of_the_joint() {
     );
 }
 
-/// Two joints driven alike are never quite in one place: the weight of the outer link turns with the
-/// sum of their angles, twice the angle.
+/// Two joints driven alike are never quite in one place: the weight of the outer link turns with
+/// the sum of their angles, twice the angle.
 #[test]
 fn a_joint_that_is_driven_like_the_angle_offers_twice_the_angle() {
     let of =

@@ -1,8 +1,7 @@
 //! Which column has which role: names first; of several joints the one that moves.
 
 use super::header;
-use super::names::{self, Name};
-use super::time::COUNTERS;
+use super::names::{self, Name, COUNTERS};
 use super::Table;
 use residual_columns::stats;
 use std::cmp::Reverse;

@@ -197,8 +197,8 @@ impl Row<'_> {
         cells
     }
 
-    /// Names of the line just above the rows where it has more cells than they, as one for comments:
-    /// none of it is a number, and the names are different.
+    /// Names of the line just above the rows where it has more cells than they, as one for
+    /// comments: none of it is a number, and the names are different.
     fn longer_header<'a>(&self, above: &[Line<'a>]) -> Option<Vec<&'a str>> {
         let cells = split(above.last()?.1, self.separator);
         let count = self.is_number.len();

@@ -87,7 +87,8 @@ fn of_file(path: &Path, files: usize) -> Result<String, Error> {
     ))
 }
 
-/// Ends of the names of columns that are seconds, and of those that are the nanoseconds beside them.
+/// Ends of the names of columns that are seconds, and of those that are the nanoseconds beside
+/// them.
 const SECONDS: [&str; 3] = ["secs", "sec", "s"];
 const NANOSECONDS: [&str; 5] = ["nsecs", "nsec", "nanosec", "nanoseconds", "ns"];
 

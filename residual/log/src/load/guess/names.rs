@@ -102,6 +102,11 @@ const WORDS: &[(&str, &[&str])] = &[
     ),
 ];
 
+/// Words of columns that count rows.
+pub(super) const COUNTERS: &[&str] = &[
+    "seq", "index", "row", "id", "no", "count", "counter", "sample", "frame", "line",
+];
+
 /// Endings of names and the units that they mean, with the factor to the unit of the model file.
 const UNITS: &[(&str, &str, f64)] = &[
     ("rad_s2", "rad/s²", 1.0),

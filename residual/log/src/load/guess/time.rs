@@ -1,14 +1,10 @@
 //! Which column is the time, and in which unit.
 
 use super::columns::Column;
+use super::names::COUNTERS;
 use crate::spec;
 use residual_columns::format::num;
 use residual_columns::stats;
-
-/// Words of columns that count rows.
-pub(super) const COUNTERS: &[&str] = &[
-    "seq", "index", "row", "id", "no", "count", "counter", "sample", "frame", "line",
-];
 
 /// Units of time: name, in seconds, and where the clock of a computer stands in it, in seconds
 /// since 1970.

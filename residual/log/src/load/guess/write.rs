@@ -175,8 +175,8 @@ fn several_in_a_cell(out: &mut String, table: &Table) {
     }
 }
 
-/// Names the columns that have values only in rows without one of the target: topics of unlike rates
-/// that were joined.
+/// Names the columns that have values only in rows without one of the target: topics of unlike
+/// rates that were joined.
 fn apart(out: &mut String, columns: &[Column], target: Option<usize>) {
     let Some(target) = target.map(|i| &columns[i]) else {
         return;
