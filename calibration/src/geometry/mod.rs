@@ -177,7 +177,7 @@ pub enum GeometryError {
     #[error("the points do not determine all stations; measure more common points")]
     Undetermined,
     /// The fit does not come to rest.
-    #[error("the joint fit does not converge; look at the chain's residuals for a wrong point")]
+    #[error("the joint fit does not converge: points or a station are far off, and no single mistake that is known explains it; leave out one station after the other to find which")]
     NoConvergence,
     /// The points do not fit together, and this explains it.
     #[error("{}", faults::describe(.0))]
@@ -216,9 +216,10 @@ pub fn survey(
             )?))
         }
         Err(error) => {
-            // A station in the wrong unit can look like one whose points all lie in one place.
+            // A station in the wrong unit can look like one whose points all lie in one place, or
+            // leave the fit no place to rest.
             let found = match error {
-                GeometryError::Collinear { .. } => {
+                GeometryError::Collinear { .. } | GeometryError::NoConvergence => {
                     faults::find(readings, &items, sd, options.alarm_level)?
                 }
                 _ => Vec::new(),

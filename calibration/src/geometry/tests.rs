@@ -274,6 +274,19 @@ fn mirrored_and_wrong_units_are_named() {
         (&Fault::Unit { factor: 1e3 }, Some("C"))
     );
 
+    // Inches: the joint fit does not come to rest.
+    for station in ["A", "B", "C"] {
+        let mut inch = clean.clone();
+        for r in inch.iter_mut().filter(|r| r.station == station) {
+            r.position_m /= 25.4;
+        }
+        let found = faults_of(&scene, &inch);
+        assert_eq!(
+            (&found[0].fault, found[0].station.as_deref()),
+            (&Fault::Unit { factor: 25.4 }, Some(station))
+        );
+    }
+
     let mut row = clean;
     row[8].position_m *= 1000.0;
     let found = faults_of(&scene, &row);
