@@ -7,6 +7,7 @@
 //! | --- | --- | --- |
 //! | [`zero`] | what does a load cell read with a slack cable, and is the cable slack | thesis 3.5.1 |
 //! | [`gain`] | how many newtons is one converter count | thesis 3.5.1 |
+//! | [`gravity`] | how heavy is a weight where the rig stands | |
 //! | [`geometry`] | where are the exit points and how are the cells mounted, from a digitizer | thesis 3.5.2 |
 //! | [`self_calibration`] | the same from a moving tip, and has the rig moved since | |
 //! | [`workspace`] | which forces are feasible at a pose; where should the units stand | thesis 3.7, 5.2 |
@@ -28,6 +29,7 @@ extern crate self as calibration;
 
 pub mod gain;
 pub mod geometry;
+pub mod gravity;
 pub mod input;
 pub mod kabsch;
 pub mod record;
@@ -38,5 +40,4 @@ pub mod uncertainty;
 pub mod workspace;
 pub mod zero;
 
-/// Standard acceleration of gravity, m/s^2 (ISO 80000-3). The local value lies within 0.27 % of it.
-pub const STANDARD_GRAVITY_M_PER_S2: f64 = 9.806_65;
+pub use gravity::STANDARD_M_PER_S2 as STANDARD_GRAVITY_M_PER_S2;

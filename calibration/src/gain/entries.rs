@@ -106,7 +106,7 @@ fn scatter(readings: &[Reading], zero: f64, codes_per_g: f64) -> f64 {
 
 /// Standard deviation of a code about the line, codes.
 fn sd(reading: &Reading, weight_g: f64, options: &Options, codes_per_g: f64, range: f64) -> f64 {
-    let tolerance = options.weight_limit_relative / 3f64.sqrt() * weight_g * codes_per_g;
+    let tolerance = options.weights.relative_sd(weight_g) * weight_g * codes_per_g;
     let repeatability = REPEATABILITY_N * codes_per_g / (1e-3 * options.gravity_m_per_s2);
     (reading.standard_error_codes.powi(2)
         + tolerance * tolerance
@@ -119,7 +119,7 @@ fn sd(reading: &Reading, weight_g: f64, options: &Options, codes_per_g: f64, ran
 fn consensus(readings: &[Reading], options: &Options, range: f64) -> Option<(f64, f64)> {
     let nominal = options
         .nominal_n_per_code
-        .map(|n| 1e-3 * options.gravity_m_per_s2 / n);
+        .map(|n| (1e-3 * options.gravity_m_per_s2 / n).abs());
     let mut best: Option<(f64, f64, f64)> = None;
     for (i, a) in readings.iter().enumerate() {
         for b in &readings[i + 1..] {

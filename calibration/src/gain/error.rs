@@ -1,5 +1,6 @@
 //! Why readings give no gain.
 
+use super::causes::Found;
 use super::entries::{self, WrongEntry};
 use crate::input::Location;
 
@@ -53,12 +54,25 @@ pub enum GainError {
     /// Readings that don't belong to the weight they are entered with.
     #[error("{}", entries::describe(.0))]
     WrongEntries(Vec<WrongEntry>),
+    /// One mistake behind many readings.
+    #[error("{0}")]
+    Mistake(Box<Found>),
     /// A scale that no cell of this kind has.
-    #[error("the scale would be {n_per_code:.3e} N per code, more than a factor of two from the nominal {nominal:.3e}; are the weights in gram, is the gain of the converter right?")]
+    #[error("the scale would be {n_per_code:.3e} N per code, more than a factor of two from the nominal {nominal:.3e}; {}", looks_like.map_or("are the weights in gram, is the gain of the converter right?".to_owned(), |unit| format!("the column `code` looks like {unit}: give the codes of the converter, whole numbers of up to 8388607")))]
     ImplausibleScale {
         /// The scale found, N per code.
         n_per_code: f64,
         /// The nominal one, N per code.
+        nominal: f64,
+        /// What the codes may be instead.
+        looks_like: Option<LooksLike>,
+    },
+    /// The codes fall as the load grows.
+    #[error("the codes fall as the load grows ({codes_per_n:.1} codes per N), and the nominal scale of {nominal:.3e} N per code rises: the signal wires S+ and S- of the cell are exchanged, or the weights pull it the other way than its cable does; correct that and weigh again")]
+    Falling {
+        /// The slope, codes per N.
+        codes_per_n: f64,
+        /// The nominal scale, N per code.
         nominal: f64,
     },
     /// The code does not follow the load.
@@ -69,4 +83,49 @@ pub enum GainError {
         /// Its standard error, codes per N.
         se: f64,
     },
+}
+
+/// What a column of codes may hold instead of codes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum LooksLike {
+    /// Output of the bridge, mV/V.
+    MilliVoltPerVolt,
+    /// Output of the bridge, V/V.
+    VoltPerVolt,
+    /// Newton.
+    Newton,
+    /// Gram.
+    Gram,
+    /// Kilogram.
+    Kilogram,
+}
+
+impl LooksLike {
+    /// The unit whose readings have this slope per newton; of a bridge of 2 mV/V at 3 kg (thesis
+    /// 3.2.3). `None`: none of them, within a factor of 1.2 (mV/V and kg differ by 1.5).
+    pub(super) fn of(per_n: f64) -> Option<Self> {
+        const G: f64 = crate::STANDARD_GRAVITY_M_PER_S2;
+        [
+            (Self::MilliVoltPerVolt, 2.0 / (3.0 * G)),
+            (Self::VoltPerVolt, 2e-3 / (3.0 * G)),
+            (Self::Newton, 1.0),
+            (Self::Gram, 1e3 / G),
+            (Self::Kilogram, 1.0 / G),
+        ]
+        .into_iter()
+        .find(|(_, slope)| (per_n.abs() / slope).ln().abs() < 1.2f64.ln())
+        .map(|(unit, _)| unit)
+    }
+}
+
+impl std::fmt::Display for LooksLike {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::MilliVoltPerVolt => "mV/V",
+            Self::VoltPerVolt => "V/V",
+            Self::Newton => "newtons",
+            Self::Gram => "gram",
+            Self::Kilogram => "kilogram",
+        })
+    }
 }

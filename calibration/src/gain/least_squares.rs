@@ -34,6 +34,9 @@ pub(super) struct Solution {
     pub(super) covariance: DMatrix<f64>,
     /// Part of `covariance` that comes from the readings, not from the weights.
     pub(super) from_readings: DMatrix<f64>,
+    /// Standard deviation of each coefficient by an error that all weights share, with its sign:
+    /// each weight is off by one standard uncertainty of its own.
+    pub(super) from_shared_weights: DVector<f64>,
     pub(super) residuals: DVector<f64>,
     pub(super) repeatability: f64,
     pub(super) chi_square: f64,
@@ -165,10 +168,9 @@ pub(super) fn weight_covariance(
     options: &Options,
     codes_per_n: f64,
 ) -> DMatrix<f64> {
-    let relative = options.weight_limit_relative / 3f64.sqrt();
     DMatrix::from_fn(used.len(), used.len(), |i, j| {
         if used[i].weight_g == used[j].weight_g {
-            (relative * codes_per_n * options.force_n(used[i].weight_g)).powi(2)
+            (codes_per_n * options.weight_sd_n(used[i].weight_g)).powi(2)
         } else {
             0.0
         }
@@ -237,6 +239,7 @@ fn gls(
     Some(Solution {
         beta,
         from_readings: &estimator * own * estimator.transpose(),
+        from_shared_weights: &estimator * from_weights.diagonal().map(f64::sqrt),
         covariance,
         residuals,
         repeatability,

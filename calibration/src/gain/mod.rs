@@ -1,7 +1,8 @@
 //! Gain of a load cell: newtons per converter code, from weights (thesis 3.5.1).
 //!
 //! [`read`] takes a table of readings, [`fit`] gives the scale with its interval. A reading that does not belong to the
-//! weight it is entered with is named ([`GainError::WrongEntries`]) and never averaged in: see [`entries`].
+//! weight it is entered with is named ([`GainError::WrongEntries`]) and never averaged in: see
+//! [`entries`]. So is one mistake behind many readings ([`GainError::Mistake`]): see [`causes`].
 //! How straight the cell is, its hysteresis and its creep: [`figures`].
 //!
 //! # Model
@@ -17,10 +18,13 @@
 //! shared out over the candidates). The error of a reading has three parts: its standard error, a repeatability that
 //! all readings share and that the readings themselves give (Paule and Mandel, *J. Res. NBS* 87 (1982) 377), and the
 //! error of the weight, which is the same each time this weight is put on. The last part makes the errors of
-//! readings with one weight correlated; generalised least squares allows for it. Where a cell creeps, the time at which a load
-//! came on has an error too ([`creep`]): it is the same in all readings after it. The error of g is common to
-//! everything and is added at the end.
+//! readings with one weight correlated; generalised least squares allows for it, with the errors of
+//! different weights taken as independent. What the weights of a set share moves the scale and not
+//! the shape: it enters the uncertainty of the scale ([`WeightSet::correlation`]). Where a cell
+//! creeps, the time at which a load came on has an error too ([`creep`]): it is the same in all
+//! readings after it. The error of g is common to everything and is added at the end.
 
+pub mod causes;
 pub mod conversion;
 pub mod creep;
 mod creep_search;
@@ -29,12 +33,15 @@ mod error;
 pub mod figures;
 mod least_squares;
 mod reading;
+pub mod weight_set;
 
-pub use error::GainError;
+pub use error::{GainError, LooksLike};
 pub use reading::{read, Direction, Reading};
+pub use weight_set::{Class, Tolerance, WeightSet};
 
 use crate::input::Location;
-use crate::{stats, STANDARD_GRAVITY_M_PER_S2};
+use crate::{gravity, stats};
+use causes::Rests;
 use creep::CreepTerm;
 use least_squares::{
     design, mean_temperature, own_covariance, solve, weight_covariance, Model, Solution,
@@ -50,18 +57,21 @@ pub const WEIGHTS_G: [f64; 7] = [10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0];
 pub struct Options {
     /// Local acceleration of gravity, m/s^2.
     pub gravity_m_per_s2: f64,
-    /// Relative standard uncertainty of it. 0.001 covers a laboratory that has not looked its value up (9.78 to 9.83
-    /// from equator to pole); with the local value 2e-5 is easy.
+    /// Relative standard uncertainty of it: [`gravity::UNKNOWN_PLACE_SD`] where nobody has said
+    /// where the rig stands; with the local value 2e-5 is easy.
     pub gravity_relative_sd: f64,
-    /// Limit of the weights' relative error: +-0.001 for +-0.1 %, equally likely within (standard uncertainty
-    /// limit / sqrt 3, GUM 4.3.7). Errors of different weights are independent.
-    pub weight_limit_relative: f64,
+    /// Part of the weights that air carries; [`gravity::AIR_BUOYANCY`] for weights marked with
+    /// their conventional mass.
+    pub air_buoyancy: f64,
+    /// The weights.
+    pub weights: WeightSet,
     /// Standard error of the time at which a load came on, s, for readings that do not give their own. A weight that is put
     /// on by hand takes some tenths of a second. It counts where a cell creeps.
     pub load_time_sd_s: f64,
     /// Weights that may have been meant, g: see [`entries`].
     pub weights_g: Vec<f64>,
-    /// Nominal scale, N per code; a scale further than a factor of two from it is refused. `None` accepts any.
+    /// Nominal scale, N per code; a scale further than a factor of two from it, or with another
+    /// sign, is refused. `None` accepts any.
     pub nominal_n_per_code: Option<f64>,
     /// Lines to leave out, because the user said so.
     pub left_out: Vec<usize>,
@@ -72,9 +82,10 @@ pub struct Options {
 impl Default for Options {
     fn default() -> Self {
         Self {
-            gravity_m_per_s2: STANDARD_GRAVITY_M_PER_S2,
-            gravity_relative_sd: 0.001,
-            weight_limit_relative: 0.001,
+            gravity_m_per_s2: gravity::STANDARD_M_PER_S2,
+            gravity_relative_sd: gravity::UNKNOWN_PLACE_SD,
+            air_buoyancy: gravity::AIR_BUOYANCY,
+            weights: WeightSet::default(),
             load_time_sd_s: 0.1,
             weights_g: WEIGHTS_G.to_vec(),
             nominal_n_per_code: Some(6.85e-6),
@@ -85,9 +96,21 @@ impl Default for Options {
 }
 
 impl Options {
-    fn force_n(&self, weight_g: f64) -> f64 {
-        1e-3 * weight_g * self.gravity_m_per_s2
+    /// Force of a weight in air at the place, N.
+    #[must_use]
+    pub fn force_n(&self, weight_g: f64) -> f64 {
+        1e-3 * weight_g * self.gravity_m_per_s2 * (1.0 - self.air_buoyancy)
     }
+
+    /// Standard uncertainty of that force by the weight's own error, N.
+    fn weight_sd_n(&self, weight_g: f64) -> f64 {
+        self.weights.relative_sd(weight_g) * self.force_n(weight_g)
+    }
+}
+
+/// The largest weight, g: the one that stays on for the creep.
+fn held_g(used: &[Reading]) -> f64 {
+    used.iter().map(|r| r.weight_g).fold(0.0, f64::max)
 }
 
 /// A term of the model beside zero and slope.
@@ -158,8 +181,11 @@ pub struct UncertaintyParts {
     pub readings: f64,
     /// Tolerance of the weights.
     pub weights: f64,
-    /// Local gravity.
+    /// Local gravity, and the air.
     pub gravity: f64,
+    /// Forces beyond the largest weight: a curve that the readings can't exclude, at
+    /// [`LARGEST_FORCE_N`].
+    pub beyond: f64,
 }
 
 /// What the model leaves of one reading.
@@ -177,6 +203,35 @@ pub struct Residual {
     pub sd_n: f64,
 }
 
+/// Largest force on a cell in use, N (thesis 3.7).
+pub const LARGEST_FORCE_N: f64 = 12.0;
+/// Standard deviation of the curve of a cell of which nothing is known, 1/N: half of the curves of
+/// the cells that the correction was made for (docs/calibration/cells.md).
+const CURVE_SD_PER_N: f64 = 4e-3;
+
+/// Relative standard uncertainty of the force at [`LARGEST_FORCE_N`] from a curve that readings up
+/// to a smaller load don't exclude.
+fn beyond(used: &[Reading], options: &Options, model: &Model, solution: &Solution) -> f64 {
+    let slope = solution.beta[1];
+    let largest_n = options.force_n(held_g(used));
+    let mut sd_per_n = CURVE_SD_PER_N;
+    let at = |model: &Model| model.terms.iter().position(|term| *term == Term::Quadratic);
+    let of = |model: &Model, solution: &Solution| {
+        at(model).map(|i| (solution.coefficient(2 + i).standard_error / slope).abs())
+    };
+    let seen = of(model, solution).or_else(|| {
+        let mut curved = model.clone();
+        curved.terms.push(Term::Quadratic);
+        let found =
+            (different_weights(used) >= 4).then(|| solve(used, options, &curved).ok())??;
+        of(&curved, &found)
+    });
+    if let Some(seen) = seen.filter(|sd| sd.is_finite()) {
+        sd_per_n = (sd_per_n.powi(-2) + seen.powi(-2)).sqrt().recip();
+    }
+    sd_per_n * (LARGEST_FORCE_N - largest_n).max(0.0)
+}
+
 /// Level at which a further term is taken in, shared out over the candidates.
 const TERM_LEVEL: f64 = 0.01;
 
@@ -189,7 +244,10 @@ pub fn fit(readings: &[Reading], options: &Options) -> Result<Gain, GainError> {
     let used = usable(readings, options)?;
     let wrong = entries::find(&used, options);
     if !wrong.is_empty() && !only_shaped(&used, options) {
-        return Err(GainError::WrongEntries(wrong));
+        return Err(match in_place_of(&wrong, &used, options) {
+            Some(found) => GainError::Mistake(Box::new(found)),
+            None => GainError::WrongEntries(wrong),
+        });
     }
     let mut candidates = candidates(&used);
     let (mut model, mut best) = select(&used, options, &candidates)?;
@@ -210,7 +268,35 @@ pub fn fit(readings: &[Reading], options: &Options) -> Result<Gain, GainError> {
             }
         }
     }
+    if let Some((found, _)) = causes::find(&used, options, &model, &best) {
+        return Err(GainError::Mistake(Box::new(found)));
+    }
+    match causes::curve_rests(&used, options, &model, &best) {
+        Rests::OnAll => {}
+        Rests::OnOne(Some(found)) => return Err(GainError::Mistake(found)),
+        // Too small to ask for: what it leaves is in the repeatability.
+        Rests::OnOne(None) => {
+            candidates.retain(|term| *term != Term::Quadratic);
+            (model, best) = select(&used, options, &candidates)?;
+        }
+    }
     finish(&used, options, &model, &best)
+}
+
+/// One mistake that explains entries which belong to no weight.
+fn in_place_of(
+    wrong: &[entries::WrongEntry],
+    used: &[Reading],
+    options: &Options,
+) -> Option<causes::Found> {
+    // A slip to another weight of the set explains itself.
+    if wrong.iter().all(|entry| entry.likely_g.is_some()) {
+        return None;
+    }
+    let line = Model::default();
+    let solution = solve(used, options, &line).ok()?;
+    let (found, right) = causes::find(used, options, &line, &solution)?;
+    entries::find(&right, options).is_empty().then_some(found)
 }
 
 /// The model with the terms that are significant, taken in one after the other, and its fit.
@@ -386,26 +472,46 @@ fn finish(
     }
     let n_per_code = 1.0 / slope;
     if let Some(nominal) = options.nominal_n_per_code {
-        let ratio = n_per_code.abs() / nominal;
+        let ratio = (n_per_code / nominal).abs();
         if !(0.5..=2.0).contains(&ratio) {
             return Err(GainError::ImplausibleScale {
                 n_per_code,
+                nominal,
+                looks_like: error::LooksLike::of(slope),
+            });
+        }
+        if n_per_code * nominal < 0.0 {
+            return Err(GainError::Falling {
+                codes_per_n: slope,
                 nominal,
             });
         }
     }
     let own = solution.from_readings[(1, 1)];
+    // The estimator takes the errors of the weights as independent. With a correlation r, a part r
+    // of their variance is of one error that all share.
+    let (apart, shared) = (
+        (solution.covariance[(1, 1)] - own).max(0.0),
+        solution.from_shared_weights[1].powi(2),
+    );
+    let r = options.weights.correlation;
     let parts = UncertaintyParts {
         readings: own.sqrt() / slope.abs(),
-        weights: (solution.covariance[(1, 1)] - own).max(0.0).sqrt() / slope.abs(),
-        gravity: options.gravity_relative_sd,
+        weights: ((1.0 - r) * apart + r * shared).sqrt() / slope.abs(),
+        gravity: options
+            .gravity_relative_sd
+            .hypot(gravity::AIR_BUOYANCY_SD * options.air_buoyancy / gravity::AIR_BUOYANCY),
+        beyond: beyond(used, options, model, solution),
     };
-    let relative = (parts.readings.powi(2) + parts.weights.powi(2) + parts.gravity.powi(2)).sqrt();
+    let relative = (parts.readings.powi(2)
+        + parts.weights.powi(2)
+        + parts.gravity.powi(2)
+        + parts.beyond.powi(2))
+    .sqrt();
     let dof = solution.dof as f64 * (relative / parts.readings).powi(4);
     let coverage = stats::student_quantile(0.975, dof);
     let sd_of = |r: &Reading| {
-        let weight =
-            options.weight_limit_relative / 3f64.sqrt() * options.force_n(r.weight_g) * slope;
+        let weight = options.weight_sd_n(r.weight_g) * slope;
         (r.standard_error_codes.powi(2) + solution.repeatability.powi(2) + weight * weight).sqrt()
     };
     Ok(Gain {
@@ -429,7 +535,7 @@ fn finish(
                 share: found.value / slope,
                 // The weight that stays has an error of its own.
                 share_se: (found.standard_error / slope)
-                    .hypot(found.value / slope * options.weight_limit_relative / 3f64.sqrt()),
+                    .hypot(found.value / slope * options.weights.relative_sd(held_g(used))),
                 time_s: model.tau_s,
                 time_95_s: (model.tau_s / spread, model.tau_s * spread),
             }

@@ -1,6 +1,7 @@
 //! The readings of a series of weights, and what can't be used among them.
 
-use super::{GainError, Options};
+use super::{GainError, Options, Tolerance};
+use crate::gravity;
 use crate::input::{InputError, Location, Row, Table};
 
 /// Whether a weight was put on or taken off to come to this load.
@@ -49,6 +50,7 @@ const COLUMNS: [&str; 8] = [
 
 /// Reads a table with the columns `weight_g`, `code`, `standard_error` (codes) and, where known, `direction`
 /// (`loading` or `unloading`), `time_s`, `since_s`, `since_sd_s`, `temperature_c`. `file` is the name that errors give.
+/// Without `standard_error`, the scatter of the readings of one weight stands for it.
 ///
 /// # Errors
 /// [`InputError`] with the line of the first cell that can't be used: weights from 0 to 3,000 g, codes of 24 bits,
@@ -58,7 +60,7 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
     table.check_columns(&COLUMNS)?;
     let weight = table.column("weight_g")?;
     let code = table.column("code")?;
-    let error = table.column("standard_error")?;
+    let error = table.find("standard_error");
     let direction = table.find("direction");
     let time = table.find("time_s");
     let since = table.find("since_s");
@@ -74,7 +76,7 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
             }
         }
     }
-    table
+    let readings: Result<Vec<Reading>, InputError> = table
         .rows()
         .iter()
         .map(|row| {
@@ -86,10 +88,17 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
             if mean.abs() > f64::from(1 << 23) {
                 return Err(table.bad_value(row, code, "a code has 24 bits: -8388608 to 8388607"));
             }
-            let standard_error_codes = table.number(row, error)?;
-            if standard_error_codes <= 0.0 {
-                return Err(table.bad_value(row, error, "a standard error is above 0"));
-            }
+            let standard_error_codes = match error {
+                Some(error) => {
+                    let found = table.number(row, error)?;
+                    if found <= 0.0 {
+                        return Err(table.bad_value(row, error, "a standard error is above 0"));
+                    }
+                    found
+                }
+                // From the repeats, below.
+                None => 0.0,
+            };
             let direction = match direction.map(|c| (c, table.text(row, c).to_lowercase())) {
                 None => None,
                 Some((_, text)) if text.is_empty() => None,
@@ -119,7 +128,44 @@ pub fn read(file: &str, text: &str) -> Result<Vec<Reading>, InputError> {
                 temperature_c: table.optional_number(row, temperature)?,
             })
         })
-        .collect()
+        .collect();
+    let mut readings = readings?;
+    if error.is_none() {
+        match scatter_of_repeats(&readings) {
+            Some(scatter) => {
+                for reading in &mut readings {
+                    reading.standard_error_codes = scatter;
+                }
+            }
+            // There is none: an error that names it.
+            None => {
+                table.column("standard_error")?;
+            }
+        }
+    }
+    Ok(readings)
+}
+
+/// Repeats beyond the first of each weight that give a standard error: fewer are known to a factor
+/// of two only.
+const LEAST_REPEATS: usize = 4;
+
+/// Standard deviation of a reading, codes, from the readings of the same weight. `None` with fewer
+/// than [`LEAST_REPEATS`] repeats.
+fn scatter_of_repeats(readings: &[Reading]) -> Option<f64> {
+    let (mut square, mut free) = (0.0, 0);
+    for (i, reading) in readings.iter().enumerate() {
+        let same = || readings.iter().filter(|r| r.weight_g == reading.weight_g);
+        let first = readings[..i].iter().all(|r| r.weight_g != reading.weight_g);
+        if first {
+            let count = same().count();
+            let mean = same().map(|r| r.code).sum::<f64>() / count as f64;
+            square += same().map(|r| (r.code - mean).powi(2)).sum::<f64>();
+            free += count - 1;
+        }
+    }
+    let scatter = (square / free as f64).sqrt();
+    (free >= LEAST_REPEATS && scatter > 0.0).then_some(scatter)
 }
 
 /// The readings with corrections made and lines left out, or what can't be used.
@@ -130,12 +176,21 @@ pub(super) fn usable(readings: &[Reading], options: &Options) -> Result<Vec<Read
         advice,
     };
     let g = options.gravity_m_per_s2;
-    if !(9.7..=9.9).contains(&g) {
+    if !gravity::ON_EARTH_M_PER_S2.contains(&g) {
         return Err(bad("gravity_m_per_s2", g, "on Earth it is 9.76 to 9.84"));
     }
+    let correlation = options.weights.correlation;
+    if !(0.0..=1.0).contains(&correlation) {
+        return Err(bad("correlation", correlation, "it is 0 to 1"));
+    }
+    let tolerance = match options.weights.tolerance {
+        Tolerance::Relative(part) => part,
+        Tolerance::Class(_) => 0.0,
+    };
     for (name, value) in [
         ("gravity_relative_sd", options.gravity_relative_sd),
-        ("weight_limit_relative", options.weight_limit_relative),
+        ("air_buoyancy", options.air_buoyancy),
+        ("tolerance", tolerance),
     ] {
         if !(0.0..0.1).contains(&value) {
             return Err(bad(

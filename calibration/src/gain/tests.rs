@@ -3,9 +3,12 @@
 use super::figures;
 use super::*;
 use crate::geometry::testing::normal;
+use crate::STANDARD_GRAVITY_M_PER_S2;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+
+mod causes;
 
 const CODES_PER_N: f64 = 146_000.0;
 const ZERO: f64 = 81_000.0;
@@ -52,10 +55,16 @@ fn straight(force: f64, _: Direction, _: f64) -> f64 {
     ZERO + CODES_PER_N * force
 }
 
-/// Gravity known: for tests that don't look at it.
+/// Gravity known, no air, weights of +-0.1 % with errors of their own: for tests that don't look at
+/// these.
 fn options() -> Options {
     Options {
         gravity_relative_sd: 0.0,
+        air_buoyancy: 0.0,
+        weights: WeightSet {
+            tolerance: Tolerance::Relative(1e-3),
+            correlation: 0.0,
+        },
         ..Options::default()
     }
 }
@@ -73,6 +82,82 @@ fn intervals_cover_the_truth() {
     // Binomial(300, 0.95): 285 +- 3.8; 4 standard deviations.
     assert!((270..=300).contains(&hits), "{hits}");
     assert!(within >= 297, "{within}");
+}
+
+#[test]
+fn an_error_that_the_set_shares_is_in_the_interval() {
+    // A set whose weights are all off by the same part of their limits, and weights with errors of
+    // their own.
+    let covered = |tolerance: Tolerance, correlation: f64, common: bool| {
+        let weights = WeightSet {
+            tolerance,
+            correlation,
+        };
+        let options = Options {
+            weights,
+            ..options()
+        };
+        let hits = (0..200).filter(|&seed| {
+            let mut rng = ChaCha8Rng::seed_from_u64(77 + seed);
+            let shared: f64 = rng.random_range(-1.0..1.0);
+            let errors = WEIGHTS_G.map(|w| {
+                let part = if common {
+                    shared
+                } else {
+                    rng.random_range(-1.0..1.0)
+                };
+                part * 3f64.sqrt() * weights.relative_sd(w)
+            });
+            let mut readings = series(seed, 0.0, 30.0, |_, _, _| 0.0);
+            for r in &mut readings {
+                let w = WEIGHTS_G.iter().position(|w| *w == r.weight_g).unwrap();
+                r.code += straight(
+                    options.force_n(r.weight_g) * (1.0 + errors[w]),
+                    Direction::Loading,
+                    0.0,
+                );
+            }
+            let gain = fit(&readings, &options).unwrap();
+            (gain.n_per_code * CODES_PER_N - 1.0).abs() * gain.n_per_code.signum()
+                < gain.n_per_code_half_95 * CODES_PER_N
+        });
+        hits.count()
+    };
+    let m2 = Tolerance::Class(Class::M2);
+    let tenth = Tolerance::Relative(1e-3);
+    for tolerance in [m2, tenth] {
+        // A rectangle of known width lies within 1.96 of its standard deviations nearly as a whole.
+        assert!(covered(tolerance, 1.0, true) >= 190, "{tolerance}");
+        assert!(covered(tolerance, 1.0, false) >= 190, "{tolerance}");
+        // Binomial(200, 0.95): 190 +- 3.1.
+        let own = covered(tolerance, 0.0, false);
+        assert!((180..=199).contains(&own), "{tolerance}: {own} of 200");
+    }
+    let wrong = covered(tenth, 0.0, true);
+    assert!(wrong < 140, "{wrong}: the test tells nothing");
+}
+
+#[test]
+fn air_carries_a_part_of_the_weights_and_gravity_is_of_the_earth() {
+    let in_air = Options {
+        air_buoyancy: gravity::AIR_BUOYANCY,
+        ..options()
+    };
+    let readings = series(1, 0.0, 1.0, straight);
+    let scale = |o: &Options| fit(&readings, o).unwrap().n_per_code;
+    let ratio = scale(&in_air) / scale(&options());
+    assert!((ratio - (1.0 - 1.5e-4)).abs() < 1e-9, "{ratio}");
+    for (g, fine) in [(9.75, false), (9.7807, true), (9.832, true), (9.88, false)] {
+        let there = Options {
+            gravity_m_per_s2: g,
+            ..options()
+        };
+        assert_eq!(fit(&readings, &there).is_ok(), fine, "{g}");
+    }
+    // A place that is not known: Singapore is inside.
+    let somewhere = Options::default();
+    let singapore = 9.7807 / somewhere.gravity_m_per_s2 - 1.0;
+    assert!(singapore.abs() < 1.96 * somewhere.gravity_relative_sd);
 }
 
 #[test]
@@ -240,7 +325,14 @@ fn curvature_is_taken_in_only_where_it_is() {
     // 0.3 % of the full load at half of it.
     let k = 0.004 * CODES_PER_N / 10.0;
     let curved = |f: f64, _: Direction, _: f64| ZERO + CODES_PER_N * f + k * f * f;
-    let gain = fit(&series(1, 1e-4, 60.0, curved), &options()).unwrap();
+    let fine = Options {
+        weights: WeightSet {
+            tolerance: Tolerance::Relative(1e-4),
+            correlation: 0.0,
+        },
+        ..options()
+    };
+    let gain = fit(&series(1, 1e-4, 60.0, curved), &fine).unwrap();
     let found = gain.terms[&Term::Quadratic];
     assert!((found.value / k - 1.0).abs() < 0.1, "{found:?}");
     for force in [0.5, 5.0, 9.5] {
@@ -339,6 +431,12 @@ fn bad_input_is_an_error_with_its_place() {
     let blank = "weight_g,code,standard_error,temperature_c\n50,1,1,22.1\n50,2,1,\n";
     assert!(message(blank).starts_with("w.csv:3: ``") && message(blank).contains("fill it in"));
     assert!(read("w.csv", &blank.replace("22.1", "")).is_ok());
+    // Repeats give the standard error.
+    let repeated =
+        "weight_g,code\n0,100\n0,112\n500,716100\n500,716090\n1000,1432080\n1000,1432120\n0,105\n";
+    let repeated = read("w.csv", repeated).unwrap();
+    assert!((10.0..25.0).contains(&repeated[3].standard_error_codes));
+    assert!(fit(&repeated, &options()).is_ok());
     let few = read(
         "w.csv",
         "weight_g,code,standard_error\n50,100,3\n50,101,3\n",

@@ -47,6 +47,16 @@ impl Record {
                 older.common_gain_relative_sd,
                 self.common_gain_relative_sd,
             ),
+            (
+                "gravity_relative_sd",
+                older.gravity_relative_sd,
+                self.gravity_relative_sd,
+            ),
+            (
+                "valid_days",
+                f64::from(older.valid_days),
+                f64::from(self.valid_days),
+            ),
         ] {
             text(key.into(), &old.to_string(), &new.to_string());
         }
@@ -91,7 +101,8 @@ impl Record {
         }
         for (number, new) in &now {
             if let Some(old) = before.get(number) {
-                out.extend(unit_diff(*number, old, new));
+                let common = [older, self].map(|record| record.common_gain_relative_sd);
+                out.extend(unit_diff(*number, old, new, common));
             }
         }
         out
@@ -101,7 +112,9 @@ impl Record {
 /// A number of a unit's record.
 type Number = fn(&UnitRecord) -> f64;
 
-fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord) -> Vec<Difference> {
+/// `common`: relative standard uncertainty that all gains of the older and of the newer record
+/// share.
+fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord, common: [f64; 2]) -> Vec<Difference> {
     let mut out = Vec::new();
     let mut push = |key: &str, a: String, b: String, sigmas: Option<f64>| {
         if a != b {
@@ -127,7 +140,11 @@ fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord) -> Vec<Difference> 
     ];
     for (key, value, sd) in numbers {
         let (a, b) = (value(old), value(new));
-        let sigmas = (b - a).abs() / sd(old).hypot(sd(new));
+        let mut both = sd(old).hypot(sd(new));
+        if key == "n_per_code" {
+            both = both.hypot(common[0] * a).hypot(common[1] * b);
+        }
+        let sigmas = (b - a).abs() / both;
         push(key, a.to_string(), b.to_string(), Some(sigmas));
     }
     for (key, a, b) in [
@@ -161,6 +178,12 @@ fn unit_diff(number: u8, old: &UnitRecord, new: &UnitRecord) -> Vec<Difference> 
         format!("{:?}", old.axis),
         format!("{:?}", new.axis),
         Some(turn / SymmetricEigen::new(block).eigenvalues.max().max(0.0).sqrt()),
+    );
+    push(
+        "gain_figures",
+        format!("{:?}", old.gain),
+        format!("{:?}", new.gain),
+        None,
     );
     push(
         "covariance",

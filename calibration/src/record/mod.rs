@@ -27,8 +27,10 @@ mod diff;
 pub use diff::Difference;
 
 /// Version of the keys. Version 2 has the creep of a cell, the uncertainty of its curve, and serial numbers of unit and motor;
-/// a record of version 1 is read as one of cells that do not creep.
-pub const SCHEMA: u32 = 2;
+/// a record of version 1 is read as one of cells that do not creep. Version 3 has what a
+/// certificate needs: operator, weights, how long the calibration is valid, and the figures of each
+/// gain.
+pub const SCHEMA: u32 = 3;
 /// The oldest version that is read.
 pub const OLDEST_SCHEMA: u32 = 1;
 
@@ -45,13 +47,19 @@ pub struct Record {
     pub date: String,
     /// Name of the rig.
     pub rig: String,
-    /// Who or what made it, and remarks.
+    /// Remarks.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub note: String,
+    /// Days from the date of a gain for which it is valid; 0: nobody said.
+    #[serde(default, skip_serializing_if = "is_none")]
+    pub valid_days: u32,
     /// Local acceleration of gravity used, m/s^2.
     pub gravity_m_per_s2: f64,
     /// Relative standard uncertainty of the gain that all units share: gravity, one set of weights.
     pub common_gain_relative_sd: f64,
+    /// The part of it that is from gravity.
+    #[serde(default, skip_serializing_if = "is_zero")]
+    pub gravity_relative_sd: f64,
     /// The units, unit 1 first.
     #[serde(rename = "unit")]
     pub units: Vec<UnitRecord>,
@@ -123,11 +131,93 @@ pub struct UnitRecord {
     pub axis: [f64; 3],
     /// Covariance of `[exit_m, axis]`, upper triangle by rows, 21 numbers: m^2, m, 1.
     pub covariance: Vec<f64>,
+    /// The figures of the gain.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub gain: Option<GainRecord>,
+}
+
+/// The weights that a gain is traced to.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct WeightsRecord {
+    /// Class or tolerance, in words.
+    pub tolerance: String,
+    /// Correlation of the errors of different weights.
+    pub correlation: f64,
+    /// Number of their calibration certificate; empty: none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub certificate: String,
+    /// Serial number of the set; empty: none.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub serial: String,
+}
+
+/// How good the fit of a gain was.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct GainRecord {
+    /// Readings.
+    pub readings: u32,
+    /// Largest load, N.
+    pub largest_n: f64,
+    /// Half of the 95 % interval of the scale, everything included, relative.
+    pub half_95_relative: f64,
+    /// Relative standard uncertainties of the scale: from the readings,
+    pub readings_sd: f64,
+    /// from the weights,
+    pub weights_sd: f64,
+    /// from gravity and air,
+    pub gravity_sd: f64,
+    /// and from what the largest weight leaves open beyond it.
+    pub beyond_sd: f64,
+    /// Repeatability beyond the readings' own standard errors, N (standard deviation).
+    pub repeatability_n: f64,
+    /// Chi-square of the fit without repeatability.
+    pub chi_square: f64,
+    /// Degrees of freedom.
+    pub degrees_of_freedom: u32,
+    /// Largest mean deviation from the fitted curve at one load, N.
+    pub linearity_n: f64,
+    /// Largest difference between unloading and loading, N; 0 where nothing was read in both
+    /// directions.
+    pub hysteresis_n: f64,
+    /// Standard error of that, N.
+    pub hysteresis_se_n: f64,
+    /// Gravity at the place, m/s^2.
+    pub gravity_m_per_s2: f64,
+    /// Who weighed; empty: nobody said.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub operator: String,
+    /// Remarks.
+    #[serde(default, skip_serializing_if = "String::is_empty")]
+    pub note: String,
+    /// Load (N), residual and its expected standard deviation (mN) of each reading.
+    pub residuals: Vec<[f64; 3]>,
+    /// The weights.
+    pub weights: WeightsRecord,
+}
+
+impl GainRecord {
+    /// Standard uncertainty of a force on the cell from its hysteresis, N. The scale goes through
+    /// the middle of the loop, and any place in it is as likely as another: a rectangle as wide as
+    /// the loop. 0 where the readings show none.
+    #[must_use]
+    pub fn hysteresis_sd_n(&self) -> f64 {
+        if self.hysteresis_n.abs() > 2.0 * self.hysteresis_se_n {
+            self.hysteresis_n.abs() / 12f64.sqrt()
+        } else {
+            0.0
+        }
+    }
 }
 
 // What is 0 is left out of the text and of the hash, so that a record of version 1 keeps its own.
 fn is_zero(value: &f64) -> bool {
     *value == 0.0
+}
+
+fn is_none(value: &u32) -> bool {
+    *value == 0
 }
 
 /// Covariance between the exit points of two units.
@@ -236,6 +326,21 @@ impl Record {
         format!("sha256:{}", files::sha256_of(text))
     }
 
+    /// SHA-256 of what makes forces of codes: the same until a gain is measured again, whatever
+    /// else changes.
+    #[must_use]
+    pub fn gains_hash(&self) -> String {
+        let gains: Vec<String> = (self.units.iter())
+            .map(|u| {
+                format!(
+                    "{} {:e} {:e} {:e} {:e}",
+                    u.number, u.n_per_code, u.n_per_code2, u.creep, u.creep_s
+                )
+            })
+            .collect();
+        files::sha256_of(gains.join("\n"))
+    }
+
     fn check(&self, lines: &Lines<'_>) -> Result<(), RecordError> {
         let fail = |unit: Option<usize>, key: &str, problem: &str| -> Result<(), RecordError> {
             Err(RecordError::Value {
@@ -250,7 +355,7 @@ impl Record {
         if !is_date(&self.date) {
             return fail(None, "date", "is not a date; write YYYY-MM-DD");
         }
-        if !(9.7..=9.9).contains(&self.gravity_m_per_s2) {
+        if !crate::gravity::ON_EARTH_M_PER_S2.contains(&self.gravity_m_per_s2) {
             return fail(
                 None,
                 "gravity_m_per_s2",
@@ -263,6 +368,9 @@ impl Record {
                 "common_gain_relative_sd",
                 "has to be 0 to 0.1 (relative)",
             );
+        }
+        if !(0.0..0.1).contains(&self.gravity_relative_sd) {
+            return fail(None, "gravity_relative_sd", "has to be 0 to 0.1 (relative)");
         }
         if self.units.is_empty() {
             return fail(
@@ -317,6 +425,32 @@ impl Record {
                         Some(i),
                         key,
                         "is a standard deviation: finite and 0 or above",
+                    );
+                }
+            }
+            if let Some(gain) = &unit.gain {
+                let numbers = [
+                    gain.largest_n,
+                    gain.half_95_relative,
+                    gain.readings_sd,
+                    gain.weights_sd,
+                    gain.gravity_sd,
+                    gain.beyond_sd,
+                    gain.repeatability_n,
+                    gain.chi_square,
+                    gain.hysteresis_se_n,
+                    gain.gravity_m_per_s2,
+                    gain.weights.correlation,
+                ];
+                let signed = [gain.linearity_n, gain.hysteresis_n];
+                let residuals = gain.residuals.iter().flatten();
+                let sound = numbers.iter().all(|v| *v >= 0.0 && v.is_finite())
+                    && signed.iter().chain(residuals).all(|v| v.is_finite());
+                if !sound {
+                    return fail(
+                        Some(i),
+                        "gain",
+                        "has a figure that is not finite, or negative where it can't be",
                     );
                 }
             }

@@ -5,6 +5,49 @@ use crate::geometry::testing::UNITS;
 use nalgebra::Matrix3;
 use proptest::prelude::*;
 
+fn gain_record() -> GainRecord {
+    GainRecord {
+        readings: 31,
+        largest_n: 9.8,
+        half_95_relative: 3.1e-4,
+        readings_sd: 4e-5,
+        weights_sd: 9e-5,
+        gravity_sd: 5e-5,
+        beyond_sd: 6e-5,
+        repeatability_n: 9e-4,
+        chi_square: 41.2,
+        degrees_of_freedom: 29,
+        linearity_n: -1.1e-3,
+        hysteresis_n: 0.049,
+        hysteresis_se_n: 2e-3,
+        gravity_m_per_s2: 9.81,
+        operator: "R. Hooke".into(),
+        note: String::new(),
+        residuals: vec![[0.0, 0.4, 1.0], [9.8, -0.2, 1.1]],
+        weights: WeightsRecord {
+            tolerance: "OIML class M2".into(),
+            correlation: 1.0,
+            certificate: "K-2026-117".into(),
+            serial: String::new(),
+        },
+    }
+}
+
+#[test]
+fn a_loop_is_a_rectangle_and_noise_is_none() {
+    let found = gain_record();
+    assert!((found.hysteresis_sd_n() - 0.049 / 12f64.sqrt()).abs() < 1e-12);
+    let noise = GainRecord {
+        hysteresis_n: -3e-3,
+        ..found
+    };
+    assert_eq!(noise.hysteresis_sd_n(), 0.0);
+    let mut bad = record();
+    bad.units[1].gain.as_mut().unwrap().readings_sd = -1e-4;
+    let told = bad.write().unwrap_err().to_string();
+    assert!(told.contains("unit[2].gain"), "{told}");
+}
+
 fn record() -> Record {
     let units = UNITS
         .iter()
@@ -34,6 +77,7 @@ fn record() -> Record {
                 exit_m: *exit,
                 axis: Vector3::from(*axis).normalize().into(),
                 covariance: Vec::new(),
+                gain: Some(gain_record()),
             };
             let axis = Vector3::from(unit.axis);
             let mut covariance = SMatrix::<f64, 6, 6>::identity() * 4e-8;
@@ -50,8 +94,10 @@ fn record() -> Record {
         date: "2026-03-14".into(),
         rig: "raven-left".into(),
         note: String::new(),
+        valid_days: 365,
         gravity_m_per_s2: 9.81,
         common_gain_relative_sd: 1e-4,
+        gravity_relative_sd: 5e-5,
         units,
         cross: Vec::new(),
     }
@@ -139,7 +185,7 @@ fn every_mistake_names_line_and_key() {
             line_of("zero_sd_codes"),
             "zero_sd",
         ),
-        ("schema = 2", "schema = 3", 1, "schema"),
+        ("schema = 3", "schema = 4", 1, "schema"),
         (
             "date = \"2026-03-14\"",
             "date = \"2026-02-30\"",
@@ -163,11 +209,8 @@ fn every_mistake_names_line_and_key() {
         );
         assert!(message.contains(word), "{word}: {message}");
     }
-    let missing: String = text
-        .lines()
-        .filter(|l| !l.starts_with("gravity"))
-        .map(|l| format!("{l}\n"))
-        .collect();
+    let missing = text.replacen("gravity_m_per_s2 = 9.81\n", "", 1);
+    assert_ne!(missing, text);
     let message = Record::read("c.toml", &missing).unwrap_err().to_string();
     assert!(message.contains("gravity_m_per_s2"), "{message}");
     assert!(Record::read("c.toml", "").is_err());

@@ -5,6 +5,7 @@ use super::exit::{self, Reply, Result};
 use super::Context;
 use clap::Args;
 use control::MotorState;
+use known::base;
 use serde_json::json;
 use session::{explain_crash_record, explain_fault, motor_state_name, system_state_name};
 use std::fmt::Write as _;
@@ -26,12 +27,21 @@ impl Status {
                 let status = session.get_status()?;
                 let (link, info) = (session.link().name(), session.info().cloned());
                 let faulted = status.fault != 0 || status.units.iter().any(|unit| unit.fault != 0);
-                let text = format!("link       {link}\n{}", table(info.as_ref(), &status));
+                let calibrated = base::with_calibration(rig.clone(), self.connection.seed(rig));
+                let calibration = match &calibrated {
+                    Ok(rig) => base::words(rig),
+                    Err(error) => Some(error.to_string()),
+                };
+                let mut text = format!("link       {link}\n{}", table(info.as_ref(), &status));
+                if let Some(words) = &calibration {
+                    row!(text, "\nin force   {words}");
+                }
                 let json = json!({
                     "link": link,
                     "board": info,
                     "status": status,
                     "state": system_state_name(status.state),
+                    "calibration": calibration,
                 });
                 Ok(
                     Reply::new(text, json).with_code(if faulted {

@@ -10,9 +10,11 @@
 //! | the same from a moving tip | [`moving`] |
 //! | who stands in for weights and digitizer on an emulated rig | [`standin`] |
 //! | which forces are feasible where | [`workspace`] |
+//! | a calibration as a page to sign | [`certificate`] |
 //! | pictures | [`picture`] |
 
 pub mod cells;
+pub mod certificate;
 pub mod load_time;
 pub mod moving;
 pub mod picture;

@@ -1,7 +1,9 @@
 //! Stand-ins for the people and tools of a calibration, on an emulated rig: weights that are hung, a digitizer that touches
 //! points. They know the truth of the plant; what they give has the errors of the real tools.
 
+use calibration::gain::Class;
 use calibration::geometry::Label;
+use calibration::gravity;
 use calibration::se3::{self, Pose};
 use nalgebra::{Vector3, Vector6};
 use plant::rng::FURTHEST;
@@ -10,8 +12,8 @@ use random::SplitMix64;
 use std::collections::BTreeMap;
 use std::str::FromStr;
 
-/// Limit of the weights' relative error.
-const WEIGHT_LIMIT: f64 = 1e-3;
+/// Class of the weights.
+const CLASS: Class = Class::M2;
 /// Standard deviation of the digitizer in one coordinate, m.
 const DIGITIZER_SD_M: f64 = 2e-4;
 /// Holes of the example base, m.
@@ -67,7 +69,8 @@ impl FromStr for Mistake {
     }
 }
 
-/// A set of weights: each has its own error, the same whenever it is hung.
+/// A set of weights, in air: each has its error, the same whenever it is hung. Half of its class's
+/// limit is for an error that the set shares, half for one of its own.
 #[derive(Debug, Clone)]
 pub struct Weights {
     seed: u64,
@@ -97,9 +100,11 @@ impl Weights {
             .iter()
             .position(|(asked, _)| *asked == weight_g);
         let hung = at.map_or(weight_g, |at| self.mistakes.remove(at).1);
-        let mut rng = SplitMix64::stream(self.seed, "weights", (hung * 1000.0) as usize);
-        let error = rng.uniform(-WEIGHT_LIMIT, WEIGHT_LIMIT);
-        1e-3 * hung * (1.0 + error) * calibration::STANDARD_GRAVITY_M_PER_S2
+        let mut own = SplitMix64::stream(self.seed, "weights", (hung * 1000.0) as usize);
+        let mut set = SplitMix64::stream(self.seed, "set of weights", 0);
+        let error = 0.5 * (own.uniform(-1.0, 1.0) + set.uniform(-1.0, 1.0));
+        let mass_g = hung + error * CLASS.limit_g(hung);
+        1e-3 * mass_g * gravity::STANDARD_M_PER_S2 * (1.0 - gravity::AIR_BUOYANCY)
     }
 }
 

@@ -3,7 +3,7 @@
 use super::load_time::CameOn;
 use super::{CalibrateError, Result};
 use calibration::gain::{self, figures, Direction, Gain, GainError, Options, Reading};
-use calibration::record::{Record, UnitRecord};
+use calibration::record::{GainRecord, Record, UnitRecord, WeightsRecord};
 use calibration::stats;
 use calibration::zero::{self, Limits};
 use known::store::Draft;
@@ -179,15 +179,17 @@ pub fn fit(file: &str, text: &str, options: &Options) -> Result<Fitted> {
     })
 }
 
-/// Gains that differ from the stored one by more than so many standard deviations of both are of another cell.
-const CHANGE_SD: f64 = 4.0;
-/// And by more than this, relative: smaller changes are the weights', the hand's and the temperature's.
-const CHANGE_PART: f64 = 0.005;
+/// Largest normalised error En of a gain against another that agrees with it (ISO/IEC 17043): their
+/// difference over the root of the sum of the squares of both 95 % uncertainties.
+const LARGEST_EN: f64 = 1.0;
+/// Coverage factor of 95 %.
+const COVERAGE: f64 = 2.0;
 /// Force at which gains are compared, N: the middle of what the weights cover. A curve may be in one of two gains only.
 const COMPARED_AT_N: f64 = 5.0;
 
-/// How far a new gain is from the stored one of a unit, measured with the same acceleration of gravity: relative, and in
-/// standard deviations of both. `None` where the unit's gain was not measured.
+/// How far a new gain is from the stored one of a unit, measured with the same acceleration of
+/// gravity: relative, and as normalised error En. `None` where the unit's gain was not measured. In
+/// one place, gravity is wrong by the same both times and counts in neither.
 fn change(
     record: &Record,
     unit: &UnitRecord,
@@ -203,9 +205,16 @@ fn change(
     let gravity = options.gravity_m_per_s2 / record.gravity_m_per_s2;
     let old_n = gravity * force_n(unit.n_per_code, unit.n_per_code2);
     let part = force_n(new.n_per_code, new.n_per_code2) / old_n - 1.0;
-    let old_sd = (unit.n_per_code_sd / unit.n_per_code).hypot(record.common_gain_relative_sd);
-    let sd = old_sd.hypot(gain.n_per_code_sd / gain.n_per_code);
-    Some((part, part.abs() / sd))
+    let here = gravity == 1.0;
+    let without = |all: f64, gravity: f64| {
+        let left = all.powi(2) - if here { gravity.powi(2) } else { 0.0 };
+        left.max(0.0)
+    };
+    let parts = &gain.relative_parts;
+    let variance = (unit.n_per_code_sd / unit.n_per_code).powi(2)
+        + without(record.common_gain_relative_sd, record.gravity_relative_sd)
+        + without(gain.n_per_code_sd / gain.n_per_code, parts.gravity);
+    Some((part, part.abs() / (COVERAGE * variance.sqrt())))
 }
 
 /// Compares gains (unit, gain) with the stored ones. The readings of another unit, or of another cell, are not to take the
@@ -217,10 +226,10 @@ pub fn check_changes(record: &Record, found: &[(u8, &Gain)], options: &Options) 
     let mut wrong = Vec::new();
     for (number, gain) in found {
         let own = record.units.iter().find(|unit| unit.number == *number);
-        let Some((part, sigmas)) = own.and_then(|unit| change(record, unit, gain, options)) else {
+        let Some((part, en)) = own.and_then(|unit| change(record, unit, gain, options)) else {
             continue;
         };
-        if sigmas <= CHANGE_SD || part.abs() <= CHANGE_PART {
+        if en <= LARGEST_EN {
             continue;
         }
         let fits = record
@@ -228,7 +237,7 @@ pub fn check_changes(record: &Record, found: &[(u8, &Gain)], options: &Options) 
             .iter()
             .filter(|unit| unit.number != *number)
             .filter_map(|unit| Some((unit.number, change(record, unit, gain, options)?.1)))
-            .filter(|(_, sigmas)| *sigmas <= CHANGE_SD)
+            .filter(|(_, en)| *en <= LARGEST_EN)
             .min_by(|a, b| a.1.total_cmp(&b.1));
         let other = fits.map_or_else(String::new, |(other, _)| {
             format!(
@@ -236,7 +245,7 @@ pub fn check_changes(record: &Record, found: &[(u8, &Gain)], options: &Options) 
             )
         });
         wrong.push(format!(
-            "unit {number}: these readings change its gain by {:+.2} % ({sigmas:.0} standard deviations of both){other}\nif the cell was exchanged: `forcectl calibrate serials --unit {number} --cell SERIAL --replace`; --replace accepts the gain",
+            "unit {number}: these readings change its gain by {:+.2} % (En {en:.1}: more than 1 is more than the uncertainties of both){other}\nare weights, gravity and place those of the last time, and is the cell at rest and warm? Weigh with another set, or hang one weight once more.\nif the cell was exchanged: `forcectl calibrate serials --unit {number} --cell SERIAL --replace`; --replace accepts the gain",
             100.0 * part
         ));
     }
@@ -247,6 +256,19 @@ pub fn check_changes(record: &Record, found: &[(u8, &Gain)], options: &Options) 
     }
 }
 
+/// What a certificate says of a gain beside its numbers; empty where nobody said.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Traced {
+    /// Number of the weights' calibration certificate.
+    pub certificate: String,
+    /// Serial number of the set of weights.
+    pub serial: String,
+    /// Who weighed.
+    pub operator: String,
+    /// Remarks.
+    pub note: String,
+}
+
 /// Puts gains (unit, gain) that were measured with one set of weights in one place into the record. Returns what that changed
 /// besides, in words.
 ///
@@ -255,7 +277,12 @@ pub fn check_changes(record: &Record, found: &[(u8, &Gain)], options: &Options) 
 ///
 /// # Errors
 /// The record has no such unit.
-pub fn apply(record: &mut Record, found: &[(u8, &Gain)], options: &Options) -> Result<Vec<String>> {
+pub fn apply(
+    record: &mut Record,
+    found: &[(u8, &Fitted)],
+    options: &Options,
+    traced: &Traced,
+) -> Result<Vec<String>> {
     // One set of weights and one place for all units of the run.
     let shared = |gain: &Gain| {
         gain.relative_parts
@@ -264,7 +291,7 @@ pub fn apply(record: &mut Record, found: &[(u8, &Gain)], options: &Options) -> R
     };
     let mut common = found
         .iter()
-        .map(|(_, gain)| shared(gain))
+        .map(|(_, found)| shared(&found.gain))
         .fold(0.0, f64::max);
     let old_gravity = record.gravity_m_per_s2;
     let ratio = options.gravity_m_per_s2 / old_gravity;
@@ -297,15 +324,23 @@ pub fn apply(record: &mut Record, found: &[(u8, &Gain)], options: &Options) -> R
     }
     record.gravity_m_per_s2 = options.gravity_m_per_s2;
     record.common_gain_relative_sd = common;
-    for (unit, gain) in found {
-        enter(record, *unit, gain)?;
+    record.gravity_relative_sd = options.gravity_relative_sd;
+    for (unit, found) in found {
+        enter(record, *unit, found, options, traced)?;
     }
     Ok(notes)
 }
 
 /// Puts the gain of one unit in.
-fn enter(record: &mut Record, unit: u8, gain: &Gain) -> Result<()> {
+fn enter(
+    record: &mut Record,
+    unit: u8,
+    fitted: &Fitted,
+    options: &Options,
+    traced: &Traced,
+) -> Result<()> {
     let date = record.date.clone();
+    let gain = &fitted.gain;
     let parts = gain.relative_parts;
     let found: &mut UnitRecord = record
         .units
@@ -314,19 +349,48 @@ fn enter(record: &mut Record, unit: u8, gain: &Gain) -> Result<()> {
         .ok_or_else(|| CalibrateError::refused(format!("there is no unit {unit}")))?;
     let conversion = gain.conversion();
     found.n_per_code = conversion.n_per_code;
-    found.n_per_code_sd = parts.readings * conversion.n_per_code.abs();
+    found.n_per_code_sd = parts.readings.hypot(parts.beyond) * conversion.n_per_code.abs();
     found.n_per_code2 = conversion.n_per_code2;
     found.n_per_code2_sd = conversion.n_per_code2_sd;
     (found.creep, found.creep_sd, found.creep_s) = gain
         .creep
         .map_or((0.0, 0.0, 0.0), |c| (c.share, c.share_se, c.time_s));
     found.gain_date = date;
+    let hysteresis = fitted.shape.hysteresis;
+    found.gain = Some(GainRecord {
+        readings: fitted.readings as u32,
+        largest_n: gain.largest_n,
+        half_95_relative: gain.n_per_code_half_95 / gain.n_per_code.abs(),
+        readings_sd: parts.readings,
+        weights_sd: parts.weights,
+        gravity_sd: parts.gravity,
+        beyond_sd: parts.beyond,
+        repeatability_n: gain.repeatability_codes * gain.n_per_code.abs(),
+        chi_square: gain.chi_square,
+        degrees_of_freedom: gain.degrees_of_freedom as u32,
+        linearity_n: fitted.shape.linearity_n,
+        hysteresis_n: hysteresis.map_or(0.0, |h| h.largest_n),
+        hysteresis_se_n: hysteresis.map_or(0.0, |h| h.standard_error_n),
+        residuals: (gain.residuals.iter())
+            .map(|r| [r.force_n, 1e3 * r.residual_n, 1e3 * r.sd_n])
+            .collect(),
+        gravity_m_per_s2: options.gravity_m_per_s2,
+        operator: traced.operator.clone(),
+        note: traced.note.clone(),
+        weights: WeightsRecord {
+            tolerance: options.weights.tolerance.to_string(),
+            correlation: options.weights.correlation,
+            certificate: traced.certificate.clone(),
+            serial: traced.serial.clone(),
+        },
+    });
     Ok(())
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use calibration::gain::{Class, Tolerance, WeightSet};
     use calibration::STANDARD_GRAVITY_M_PER_S2;
     use known::base;
     use known::store::Store;
@@ -363,24 +427,36 @@ mod tests {
         let found = fit("w.csv", &table(None), &options).unwrap();
         assert!((found.gain.n_per_code / 7e-6 - 1.0).abs() < 5e-4);
         let mut record = base::nominal(&Rig::built_in().unwrap(), "2026-11-22");
-        let notes = apply(&mut record, &[(4, &found.gain)], &options).unwrap();
+        let notes = apply(&mut record, &[(4, &found)], &options, &Traced::default()).unwrap();
         assert!(notes.is_empty(), "{notes:?}");
         assert_eq!(record.units[3].gain_date, "2026-11-22");
         assert!(record.common_gain_relative_sd >= 0.001);
-        assert!(apply(&mut record.clone(), &[(9, &found.gain)], &options).is_err());
+        assert!(apply(
+            &mut record.clone(),
+            &[(9, &found)],
+            &options,
+            &Traced::default()
+        )
+        .is_err());
         record.write().unwrap();
     }
 
     #[test]
     fn readings_of_another_unit_do_not_take_the_place_of_a_gain() {
         let options = Options::default();
-        let gain = |scale| fit("w.csv", &table_of(scale, None), &options).unwrap().gain;
+        let gain = |scale| fit("w.csv", &table_of(scale, None), &options).unwrap();
         let mut record = base::nominal(&Rig::built_in().unwrap(), "2026-11-22");
         let (three, four) = (gain(7e-6), gain(6.8e-6));
         // Nothing was measured: anything is taken.
-        check_changes(&record, &[(3, &three), (4, &four)], &options).unwrap();
-        apply(&mut record, &[(3, &three), (4, &four)], &options).unwrap();
-        let told = check_changes(&record, &[(3, &four)], &options)
+        check_changes(&record, &[(3, &three.gain), (4, &four.gain)], &options).unwrap();
+        apply(
+            &mut record,
+            &[(3, &three), (4, &four)],
+            &options,
+            &Traced::default(),
+        )
+        .unwrap();
+        let told = check_changes(&record, &[(3, &four.gain)], &options)
             .unwrap_err()
             .to_string();
         assert!(
@@ -390,20 +466,29 @@ mod tests {
             "{told}"
         );
         // A cell that no unit has.
-        let told = check_changes(&record, &[(3, &gain(6.9e-6))], &options)
+        let told = check_changes(&record, &[(3, &gain(6.9e-6).gain)], &options)
             .unwrap_err()
             .to_string();
         assert!(told.contains("-1.4") && !told.contains("fits"), "{told}");
-        // What a cell does from year to year, and the same cell in another place.
-        check_changes(&record, &[(3, &gain(7.02e-6))], &options).unwrap();
+        // What a cell does from year to year, a set of weights that is 0.5 % low, and the same cell
+        // in another place.
+        check_changes(&record, &[(3, &gain(7.001e-6).gain)], &options).unwrap();
+        let low = gain(0.995 * 7e-6);
+        let told = check_changes(&record, &[(3, &low.gain)], &options)
+            .unwrap_err()
+            .to_string();
+        assert!(
+            told.contains("-0.50 % (En ") && told.contains("--replace accepts"),
+            "{told}"
+        );
         let elsewhere = Options {
-            gravity_m_per_s2: 9.75,
+            gravity_m_per_s2: 9.79,
             ..Options::default()
         };
         let moved = fit("w.csv", &table_of(7e-6, None), &elsewhere)
             .unwrap()
             .gain;
-        assert!((moved.n_per_code / three.n_per_code - 0.9942).abs() < 1e-4);
+        assert!((moved.n_per_code / three.gain.n_per_code - 9.79 / 9.80665).abs() < 1e-5);
         check_changes(&record, &[(3, &moved)], &elsewhere).unwrap();
     }
 
@@ -413,15 +498,24 @@ mod tests {
         let fine = Options {
             gravity_m_per_s2: 9.7807,
             gravity_relative_sd: 2e-5,
-            weight_limit_relative: 1e-4,
+            weights: WeightSet {
+                tolerance: Tolerance::Class(Class::F2),
+                ..WeightSet::default()
+            },
             ..Options::default()
         };
-        let gain = |options: &Options| fit("w.csv", &table(None), options).unwrap().gain;
+        let gain = |options: &Options| fit("w.csv", &table(None), options).unwrap();
         let (first, again) = (gain(&rough), gain(&fine));
         let mut record = base::nominal(&Rig::built_in().unwrap(), "2026-11-22");
-        apply(&mut record, &[(1, &first), (2, &first)], &rough).unwrap();
+        apply(
+            &mut record,
+            &[(1, &first), (2, &first)],
+            &rough,
+            &Traced::default(),
+        )
+        .unwrap();
         let before = record.clone();
-        let notes = apply(&mut record, &[(2, &again)], &fine).unwrap();
+        let notes = apply(&mut record, &[(2, &again)], &fine, &Traced::default()).unwrap();
         assert!(
             notes.len() == 1 && notes[0].contains("gains of unit 1, which"),
             "{notes:?}"
@@ -439,7 +533,13 @@ mod tests {
         );
         assert_eq!(record.gravity_m_per_s2, 9.7807);
         // All that are measured in one run: its own error, and nothing is carried over.
-        let notes = apply(&mut record, &[(1, &again), (2, &again)], &fine).unwrap();
+        let notes = apply(
+            &mut record,
+            &[(1, &again), (2, &again)],
+            &fine,
+            &Traced::default(),
+        )
+        .unwrap();
         assert!(notes.is_empty(), "{notes:?}");
         assert!(record.common_gain_relative_sd < 1e-4);
         record.write().unwrap();

@@ -97,6 +97,7 @@ impl<'a> Card<'a> {
             "experiment_hash_sha256": self.experiment.hash(),
             "rig_hash_sha256": self.rig["hash"],
             "rig_name": self.rig["rig"]["name"],
+            "calibration": self.rig["calibration"],
             "robot": {
                 "joint_names": self.first().map(|a| &a.joint_names),
                 "effort": self.first().map(|a| &a.effort_meaning),
@@ -121,6 +122,30 @@ impl<'a> Card<'a> {
             "attempts_not_used": self.failed,
             "trials_left": self.left,
         })
+    }
+
+    /// The calibration that the labels rest on, in words: its age when the experiment began, and
+    /// the last check.
+    fn calibration(&self) -> String {
+        let of = &self.rig["calibration"];
+        let Some(date) = of["date"].as_str() else {
+            return "none was stored: the labels rest on the numbers of the rig file".to_owned();
+        };
+        let age = (of["age_days"].as_i64()).map_or_else(
+            || "no gain measured".to_owned(),
+            |days| format!("gains {days} days old"),
+        );
+        let valid = (of["validity"]["until"].as_str())
+            .map_or_else(String::new, |until| format!(", valid until {until}"));
+        let checks = of["checks"].as_array().map_or(&[][..], Vec::as_slice);
+        let last = checks.iter().filter_map(|c| c["date"].as_str()).max();
+        let held = checks.iter().all(|c| c["holds"] == true);
+        let check = match last {
+            None => "never checked with a known weight".to_owned(),
+            Some(day) if held => format!("checked with a known weight on {day}: holds"),
+            Some(day) => format!("checked with a known weight on {day}: DID NOT HOLD"),
+        };
+        format!("of {date}, {age}{valid}; {check}")
     }
 
     /// As Markdown.
@@ -161,6 +186,7 @@ impl<'a> Card<'a> {
             word(&self.rig["rig"]["name"]),
             word(&self.rig["hash"])
         );
+        line!(text, "- **Calibration**: {}", self.calibration());
         if let Some(first) = self.first() {
             let versions: Vec<String> = first
                 .versions

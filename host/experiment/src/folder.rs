@@ -179,7 +179,7 @@ impl Folder {
         for part in ["trials", "dataset"] {
             make(&root.join(part))?;
         }
-        let json = serde_json::json!({ "hash": rig.hash(), "rig": rig });
+        let json = serde_json::json!({ "hash": rig.hash(), "rig": rig, "calibration": known::checks::standing(rig) });
         write_whole(&root.join("rig.json"), &format!("{json:#}\n"))?;
         write_whole(&path, &text)?;
         Ok(folder)

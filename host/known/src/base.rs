@@ -3,6 +3,7 @@
 //! A [`Record`] has an entry for every unit, measured or not. What was not measured is the rig file's, with the
 //! uncertainty of a nominal value, and has no date. Only what has a date replaces the rig file's numbers.
 
+use crate::checks::Validity;
 use crate::store::Store;
 use crate::{Result, StoreError};
 use calibration::record::{Record, UnitRecord, SCHEMA};
@@ -52,6 +53,7 @@ pub fn nominal(rig: &Rig, date: &str) -> Record {
                 exit_m: unit.exit_m.into(),
                 axis: axis.into(),
                 covariance: Vec::new(),
+                gain: None,
             };
             let mut covariance = SMatrix::<f64, 6, 6>::zeros();
             let across = Matrix3::identity() - axis * axis.transpose();
@@ -71,8 +73,10 @@ pub fn nominal(rig: &Rig, date: &str) -> Record {
         date: date.to_owned(),
         rig: rig.name.clone(),
         note: String::new(),
+        valid_days: 0,
         gravity_m_per_s2: STANDARD_GRAVITY_M_PER_S2,
         common_gain_relative_sd: 0.0,
+        gravity_relative_sd: 0.0,
         units,
         cross: Vec::new(),
     }
@@ -222,8 +226,16 @@ pub fn with_calibration(rig: Rig, seed: Option<u64>) -> Result<Rig> {
 pub fn words(rig: &Rig) -> Option<String> {
     rig.calibration.as_ref().map(|record| {
         let hash = record.hash.get(..19).unwrap_or(&record.hash);
-        format!("calibration of {}, {hash}", record.date)
+        let warning = expiry(rig).map_or_else(String::new, |warning| format!("; {warning}"));
+        format!("calibration of {}, {hash}{warning}", record.date)
     })
+}
+
+/// A warning where the calibration in force is over, or soon will be.
+#[must_use]
+pub fn expiry(rig: &Rig) -> Option<String> {
+    let record = rig.calibration.as_deref()?;
+    Validity::of(record, &crate::today())?.warning()
 }
 
 /// The rig with what was measured in place of the rig file's numbers.

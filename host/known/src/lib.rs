@@ -4,11 +4,13 @@
 //! | --- | --- |
 //! | where are calibrations kept, which versions are there | [`store`] |
 //! | what is a rig's calibration before anything was measured; how does it enter the rig file's settings | [`base`] |
+//! | until when is it valid, what did checks with a known weight say | [`checks`] |
 //! | which parts is a calibration of | [`serials`] |
 //! | which zeros were measured, and when | [`zeros`] |
 //! | how well is the force at the tip known | [`uncertainty`] |
 
 pub mod base;
+pub mod checks;
 mod error;
 pub mod serials;
 pub mod store;

@@ -6,6 +6,7 @@
 //! calibration-RIG/drafts/gain-unit3.csv      readings of a step that is not finished
 //! calibration-RIG/readings/0003-gain-unit3.csv   readings of the step that made version 3
 //! calibration-RIG/power-ups.csv              zeros that an older version kept there
+//! calibration-RIG/checks.csv                 checks with a known weight ([`crate::checks`])
 //! zeros-RIG.toml                             all zeros since, whichever command took them ([`ZeroStore`])
 //! ```
 //!

@@ -3,13 +3,13 @@
 use super::super::exit::{Failure, Reply, Result};
 use super::super::Context;
 use super::series::{Plan, Series};
+use super::standards::{Standards, Traced};
 use super::{picture, read, Bench, ByHand};
 use calibrate::cells;
 use calibrate::picture::{bars, Bar};
 use calibrate::standin::Weights;
 use calibrate::weights::{self, Fitted};
 use calibration::gain::{Gain as Fit, Options, Term, WEIGHTS_G};
-use calibration::STANDARD_GRAVITY_M_PER_S2;
 use clap::Args;
 use known::{base, serials};
 use serde_json::json;
@@ -39,15 +39,6 @@ pub struct Gain {
     /// Time for which the largest weight is left on at the end, and off again, to see creep; 0: not at all
     #[arg(long, value_name = "SECONDS", default_value = "30", value_parser = super::super::values::seconds_or_zero)]
     creep: f64,
-    /// Local acceleration of gravity, m/s^2
-    #[arg(long, value_name = "G", default_value_t = STANDARD_GRAVITY_M_PER_S2)]
-    gravity: f64,
-    /// Relative standard uncertainty of it
-    #[arg(long, value_name = "PART", default_value_t = 0.001)]
-    gravity_sd: f64,
-    /// Largest relative error of the weights
-    #[arg(long, value_name = "PART", default_value_t = 0.001)]
-    tolerance: f64,
     /// Accept gains that are far from the stored ones: units or cells were exchanged
     #[arg(long)]
     replace: bool,
@@ -57,6 +48,10 @@ pub struct Gain {
     /// Leave out a line of the readings; repeatable
     #[arg(long, value_name = "LINE")]
     leave_out: Vec<usize>,
+    #[command(flatten)]
+    standards: Standards,
+    #[command(flatten)]
+    traced: Traced,
     #[command(flatten)]
     by_hand: ByHand,
 }
@@ -69,7 +64,7 @@ fn correction(text: &str) -> std::result::Result<(usize, f64), String> {
 }
 
 /// A weight that can be hung, g.
-fn weight(text: &str) -> std::result::Result<f64, String> {
+pub(super) fn weight(text: &str) -> std::result::Result<f64, String> {
     let parsed = text.parse().ok().filter(|g: &f64| *g > 0.0 && *g <= 3000.0);
     parsed.ok_or_else(|| {
         format!("`{text}` is not a weight; give gram, above 0 and up to 3000, for example 50")
@@ -161,14 +156,11 @@ impl Gain {
         let mut weights_g = WEIGHTS_G.to_vec();
         weights_g.extend(self.weights.iter().filter(|w| !WEIGHTS_G.contains(w)));
         Options {
-            gravity_m_per_s2: self.gravity,
-            gravity_relative_sd: self.gravity_sd,
-            weight_limit_relative: self.tolerance,
             weights_g,
-            nominal_n_per_code: nominal.map(|unit| unit.scale_n_per_count.abs()),
+            nominal_n_per_code: nominal.map(|unit| unit.scale_n_per_count),
             left_out: self.leave_out.clone(),
             corrections_g: self.correct.iter().copied().collect(),
-            ..Options::default()
+            ..self.standards.options()
         }
     }
 
@@ -185,6 +177,9 @@ impl Gain {
         context: &Context,
     ) -> Result<Reply> {
         let before = bench.record.clone();
+        if let Some(note) = self.standards.note() {
+            context.output.note(note);
+        }
         let gains: Vec<(u8, &Fit)> = fitted.iter().map(|(u, found)| (*u, &found.gain)).collect();
         // Gravity is the same for all units.
         if let Some((first, _)) = gains.first() {
@@ -192,12 +187,16 @@ impl Gain {
             if !self.replace {
                 weights::check_changes(&bench.record, &gains, &options)?;
             }
-            for note in weights::apply(&mut bench.record, &gains, &options)? {
+            bench.record.valid_days = self.traced.valid_days();
+            let found: Vec<(u8, &Fitted)> = fitted.iter().map(|(u, f)| (*u, f)).collect();
+            for note in
+                weights::apply(&mut bench.record, &found, &options, &self.traced.of_gains())?
+            {
                 context.output.note(&note);
             }
         }
         let kept = bench.keep(context)?;
-        let mut text = "unit      N per code    +- 95 %   readings   weights   gravity   linearity   hysteresis   change\n".to_owned();
+        let mut text = "unit      N per code    +- 95 %   readings   weights   gravity    beyond   linearity   hysteresis   change\n".to_owned();
         let mut rows = Vec::new();
         for (unit, found) in &fitted {
             let g = &found.gain;
@@ -210,14 +209,22 @@ impl Gain {
             let hysteresis = found.shape.hysteresis.map(|h| 1e3 * h.largest_n);
             row!(
                 text,
-                "{unit:>4} {:>15.6e} {:>8.3} % {:>8.3} % {:>7.3} % {:>7.3} % {:>8.1} mN {:>9} mN {change:>+7.2} %",
+                "{unit:>4} {:>15.6e} {:>8.3} % {:>8.3} % {:>7.3} % {:>7.3} % {:>7.3} % {:>8.1} mN {:>9} mN {change:>+7.2} %",
                 g.n_per_code,
                 100.0 * g.n_per_code_half_95 / g.n_per_code.abs(),
                 100.0 * g.relative_parts.readings,
                 100.0 * g.relative_parts.weights,
                 100.0 * g.relative_parts.gravity,
+                100.0 * g.relative_parts.beyond,
                 1e3 * found.shape.linearity_n,
                 hysteresis.map_or_else(|| "-".to_owned(), |h| format!("{h:.1}")),
+            );
+            row!(
+                text,
+                "       repeatability {:.2} mN; chi-squared {:.1} with {} degrees of freedom",
+                1e3 * g.repeatability_codes * g.n_per_code.abs(),
+                g.chi_square,
+                g.degrees_of_freedom
             );
             let in_force = conversion_of(bench, *unit);
             describe_conversion(&mut text, g, &in_force);
@@ -250,6 +257,8 @@ impl Gain {
                 "curve_per_n": g.terms.get(&Term::Quadratic).map(|curve| curve.value / g.codes_per_n), "creep": g.creep.map(|c| c.share),
                 "creep_s": g.creep.map(|c| c.time_s), "curve_on_board": in_force.curve.pays, "creep_on_board": in_force.creep.pays,
                 "linearity_n": found.shape.linearity_n,
+                "repeatability_n": g.repeatability_codes * g.n_per_code.abs(), "chi_square": g.chi_square, "degrees_of_freedom": g.degrees_of_freedom,
+                "parts_relative": {"readings": g.relative_parts.readings, "weights": g.relative_parts.weights, "gravity": g.relative_parts.gravity, "beyond": g.relative_parts.beyond},
                 "hysteresis_n": found.shape.hysteresis.map(|h| h.largest_n), "readings": found.readings}));
         }
         row!(text, "version {}", kept.version);

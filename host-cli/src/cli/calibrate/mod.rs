@@ -6,11 +6,16 @@
 //! | `gain.rs` | `gain` |
 //! | `geometry.rs` | `geometry` |
 //! | `moving.rs` | `self`, `verify` |
+//! | `check.rs` | `check` |
+//! | `certificate.rs` | `certificate` |
 //! | `records.rs` | `show`, `diff`, `use`, `push` |
 //! | `series.rs` | the readings of `gain` |
+//! | `standards.rs` | weights and place |
 //! | `serials.rs` | `serials` |
 //! | `guide.rs` | questions to the user |
 
+mod certificate;
+mod check;
 mod gain;
 mod geometry;
 mod guide;
@@ -18,6 +23,7 @@ mod moving;
 mod records;
 mod serials;
 mod series;
+mod standards;
 mod zero;
 
 use super::connection::Connection;
@@ -97,6 +103,10 @@ enum Step {
     Moving(moving::Moving),
     /// Hold forces, and compare what the calibration predicts with what is measured
     Verify(moving::Verify),
+    /// Check the gains with one known weight, and keep the history
+    Check(check::Check),
+    /// Write a calibration as a page to print and sign, and as JSON
+    Certificate(certificate::Certificate),
     /// Set and show the serial numbers of units, motors, cells and converters
     Serials(serials::Command),
     /// Show a calibration
@@ -118,6 +128,8 @@ impl Calibrate {
             Step::Geometry(step) => step.run(context),
             Step::Moving(step) => step.run(context),
             Step::Verify(step) => step.run(context),
+            Step::Check(step) => step.run(context),
+            Step::Certificate(step) => step.run(context),
             Step::Serials(step) => step.run(context),
             Step::Show(step) => step.run(context),
             Step::Diff(step) => step.run(context),

@@ -129,8 +129,8 @@ impl Diff {
                     }
                 )
             });
-            // Covariances are long; that they changed is enough.
-            if d.key.ends_with("covariance") {
+            // Covariances and lists of residuals are long; that they changed is enough.
+            if d.key.ends_with("covariance") || d.key.ends_with("gain_figures") {
                 row!(text, "{}: changed", d.key);
             } else {
                 row!(text, "{}: {} -> {}{sigmas}", d.key, d.old, d.new);
