@@ -53,7 +53,12 @@ pub fn chi_square_survival(x: f64, dof: usize) -> f64 {
 /// The `p` quantile of chi-square with `dof` degrees of freedom.
 #[must_use]
 pub fn chi_square_quantile(p: f64, dof: usize) -> f64 {
-    let k = dof as f64;
+    chi_square_quantile_of(p, dof as f64)
+}
+
+/// The same for a number of degrees of freedom that is not whole.
+#[must_use]
+pub fn chi_square_quantile_of(p: f64, k: f64) -> f64 {
     invert(p, 0.0, k + 40.0 * (2.0 * k).sqrt() + 100.0, |x| {
         // Refused where k or x is 0.
         checked_gamma_lr(0.5 * k, 0.5 * x).unwrap_or(0.0)

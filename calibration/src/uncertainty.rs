@@ -259,12 +259,35 @@ impl TipForce {
         Some(variance.max(0.0).sqrt() / self.force_n.norm())
     }
 
-    /// Radius of the ball about the stated force that holds the true one with 95 %, N (three equal components assumed at the
-    /// worst direction's standard deviation: never too small).
+    /// Radius of the ball about the stated force that holds the true one with 95 %, N.
     #[must_use]
     pub fn radius_95_n(&self) -> f64 {
-        self.worst_sd_n() * crate::stats::chi_square_quantile(0.95, 3).sqrt()
+        ball_radius_95(&self.covariance_n2)
     }
+}
+
+/// Radius of the ball that holds a normal error of this covariance with 95 %, in its unit; 0 for
+/// none.
+///
+/// The square of the error's length is a sum of chi-squares with the eigenvalues as weights. Its
+/// quantile is that of the chi-square with the same first three moments (Hall, Buckley and
+/// Eagleson; Bodenham and Adams, *Stat. Comput.* 26 (2016) 917), within 1 % of the radius for three
+/// weights at 95 %.
+#[must_use]
+pub fn ball_radius_95(covariance: &Matrix3<f64>) -> f64 {
+    let weights = SymmetricEigen::new(*covariance)
+        .eigenvalues
+        .map(|v| v.max(0.0));
+    let largest = weights.max();
+    if largest <= 0.0 || !largest.is_finite() {
+        return 0.0;
+    }
+    let sum = |power: i32| weights.map(|v| (v / largest).powi(power)).sum();
+    let (c1, c2, c3) = (sum(1), sum(2), sum(3));
+    // 1 for one direction alone to 3 for all alike.
+    let dof = c2.powi(3) / (c3 * c3);
+    let square = c1 + (crate::stats::chi_square_quantile_of(0.95, dof) - dof) * (c2 / dof).sqrt();
+    (largest * square).sqrt()
 }
 
 #[cfg(test)]
@@ -325,6 +348,29 @@ mod tests {
                 d * (c / -u.axis.dot(&d))
             })
             .sum()
+    }
+
+    #[test]
+    fn the_ball_holds_95_percent_whatever_its_shape() {
+        let mut rng = ChaCha8Rng::seed_from_u64(5);
+        for sd in [
+            [1.0, 1.0, 1.0],
+            [1.0, 0.5, 0.2],
+            [1.0, 1.0, 0.0],
+            [1.0, 0.1, 0.1],
+            [3.0, 0.0, 0.0],
+        ] {
+            let sd = Vector3::from(sd);
+            let radius = ball_radius_95(&Matrix3::from_diagonal(&sd.component_mul(&sd)));
+            let draws = 40_000;
+            let held = (0..draws)
+                .filter(|_| normal3(&mut rng).component_mul(&sd).norm() < radius)
+                .count();
+            let part = held as f64 / f64::from(draws);
+            // Standard error 0.1 %.
+            assert!((part - 0.95).abs() < 0.005, "{sd}: {part}");
+        }
+        assert_eq!(ball_radius_95(&Matrix3::zeros()), 0.0);
     }
 
     /// The analytic covariance against 20,000 draws of everything, through the nonlinear model.

@@ -3,10 +3,10 @@
 use crate::scene::normal as gauss;
 use crate::tally::Tally;
 use crate::{GRAVITY_SD, WEIGHT_LIMIT};
-use calibration::gain::{self, Direction, Gain, Reading, WEIGHTS_G};
+use calibration::gain::{self, Direction, Gain, Reading, Tolerance, WeightSet, WEIGHTS_G};
 use calibration::input::Location;
 use calibration::zero::{self, Limits};
-use calibration::STANDARD_GRAVITY_M_PER_S2;
+use calibration::{gravity, STANDARD_GRAVITY_M_PER_S2};
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 
@@ -96,10 +96,71 @@ pub fn cells(draws: u64) -> CellFigures {
     out
 }
 
+/// What the errors of a set of weights are in truth.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SetErrors {
+    /// Each weight has its own.
+    Own,
+    /// All have the same part of their limits.
+    Common,
+}
+
+/// Gains with weights of class M2, gravity known, by what their errors are and with which
+/// correlation the fit counts: relative errors and whether the 95 % intervals hold. One cell a
+/// draw.
+#[must_use]
+pub fn sets(draws: u64, errors: SetErrors, correlation: f64) -> Tally {
+    let mut out = Tally::default();
+    let weights = WeightSet {
+        correlation,
+        ..WeightSet::default()
+    };
+    let options = gain::Options {
+        gravity_relative_sd: 0.0,
+        weights,
+        ..gain::Options::default()
+    };
+    for draw in 0..draws {
+        let mut rng = ChaCha8Rng::seed_from_u64(0x5E7_0000 + draw);
+        out.new_draw();
+        let common: f64 = rng.random_range(-1.0..1.0);
+        let masses: Vec<f64> = WEIGHTS_G
+            .iter()
+            .map(|w| {
+                let part = match errors {
+                    SetErrors::Own => rng.random_range(-1.0..1.0),
+                    SetErrors::Common => common,
+                };
+                w * (1.0 + part * 3f64.sqrt() * weights.relative_sd(*w))
+            })
+            .collect();
+        let n_per_code = rng.random_range(6.2e-6..7.3e-6);
+        let cell = Cell {
+            n_per_code,
+            noise_sd_n: rng.random_range(0.0017..0.005),
+            zero_code: rng.random_range(-5.0..5.0) / n_per_code,
+        };
+        let in_air = STANDARD_GRAVITY_M_PER_S2 * (1.0 - gravity::AIR_BUOYANCY);
+        match gain::fit(&series(&cell, &masses, in_air, &mut rng), &options) {
+            Ok(found) => {
+                let error = (found.n_per_code - n_per_code).abs();
+                out.add(error / n_per_code);
+                out.interval(error < found.n_per_code_half_95);
+            }
+            Err(_) => out.refused(),
+        }
+    }
+    out
+}
+
 fn gain_options() -> gain::Options {
     gain::Options {
         gravity_relative_sd: GRAVITY_SD,
-        weight_limit_relative: WEIGHT_LIMIT,
+        air_buoyancy: 0.0,
+        weights: WeightSet {
+            tolerance: Tolerance::Relative(WEIGHT_LIMIT),
+            correlation: 0.0,
+        },
         ..gain::Options::default()
     }
 }

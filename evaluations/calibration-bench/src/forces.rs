@@ -17,11 +17,21 @@ pub struct ForceFigures {
     pub before: Tally,
     /// Calibrated; intervals are ellipsoids of 95 % about the stated force.
     pub after: Tally,
+    /// The same; intervals are the stated balls.
+    pub balls: Tally,
+    /// Radius of each ball, N.
+    pub radii_n: Vec<f64>,
 }
 
 /// Force at the tip believed from the cells' readings against the true one, at random poses and tensions, with gains and
-/// zeros of `cells` and geometry of `surveys`.
-pub fn forces(draws: u64, cells: &CellFigures, surveys: &GeometryFigures) -> ForceFigures {
+/// zeros of `cells` and geometry of `surveys`. The robot reports its tip with a standard deviation
+/// of `pose_sd_m` in each coordinate.
+pub fn forces(
+    draws: u64,
+    cells: &CellFigures,
+    surveys: &GeometryFigures,
+    pose_sd_m: f64,
+) -> ForceFigures {
     let mut out = ForceFigures::default();
     let limit = stats::chi_square_quantile(0.95, 3);
     for draw in 0..draws {
@@ -37,7 +47,9 @@ pub fn forces(draws: u64, cells: &CellFigures, surveys: &GeometryFigures) -> For
         };
         out.before.new_draw();
         out.after.new_draw();
+        out.balls.new_draw();
         let tip = Vector3::from(CENTER_M) + Vector3::from_fn(|_, _| rng.random_range(-0.04..0.04));
+        let reported = tip + gauss3(&mut rng) * pose_sd_m;
         let (mut truth, mut nominal) = (Vector3::zeros(), Vector3::zeros());
         let mut inputs = Vec::new();
         let mut common = 0.0;
@@ -55,28 +67,32 @@ pub fn forces(draws: u64, cells: &CellFigures, surveys: &GeometryFigures) -> For
             // Before: tape and protractor.
             let tape = exit + gauss3(&mut rng) * 0.005;
             let rough = (axis + gauss3(&mut rng) * 0.035).normalize();
-            let d_tape = (tape - tip).normalize();
+            let d_tape = (tape - reported).normalize();
             nominal += d_tape * (code_above_zero * 6.85e-6 / -rough.dot(&d_tape));
             // After: a zero that reads high by `error` takes it off each reading.
             let cell = found.force_n(code_above_zero) - zeros[i].0;
-            let d_now = (units[i].exit_m - tip).normalize();
+            let d_now = (units[i].exit_m - reported).normalize();
             inputs.push(UnitInput {
                 exit_m: units[i].exit_m,
                 axis: units[i].axis,
                 tension_n: cell / -units[i].axis.dot(&d_now),
-                gain_relative_sd: parts.readings,
+                gain_relative_sd: parts.readings.hypot(parts.beyond),
                 zero_sd_n: zeros[i].1,
                 held_sd_n: 0.0,
             });
         }
         let geometry = Geometry {
             covariance: covariance.clone(),
-            tip_covariance_m2: Matrix3::zeros(),
+            tip_covariance_m2: Matrix3::identity() * pose_sd_m.powi(2),
         };
-        let stated = uncertainty::tip_force(&inputs, &tip, &geometry, common).expect("sound units");
+        let stated =
+            uncertainty::tip_force(&inputs, &reported, &geometry, common).expect("sound units");
         let error = stated.force_n - truth;
         out.before.add((nominal - truth).norm());
         out.after.add(error.norm());
+        out.balls.add(error.norm());
+        out.balls.interval(error.norm() < stated.radius_95_n());
+        out.radii_n.push(stated.radius_95_n());
         let inverse = stated.covariance_n2.try_inverse().expect("a covariance");
         out.after
             .interval((error.transpose() * inverse * error)[0] < limit);

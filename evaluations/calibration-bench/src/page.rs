@@ -1,7 +1,7 @@
 //! The figures as a page in Markdown.
 
 use crate::cells::{
-    self, PayOutFigures, PowerUpFigures, LEARNT, POWER_UP_LIMIT_SD, POWER_UP_MISS_N,
+    self, PayOutFigures, PowerUpFigures, SetErrors, LEARNT, POWER_UP_LIMIT_SD, POWER_UP_MISS_N,
 };
 use crate::surveys::{Estimator, GeometryFigures, Layout};
 use crate::tally::Tally;
@@ -43,6 +43,16 @@ const LAYOUTS: [(&str, f64, u8, bool, usize); 6] = [
     ("closed", 0.15, 4, true, 10),
 ];
 
+/// Standard deviations of the robot's pose that are compared, m.
+const POSES_M: [f64; 3] = [0.0, 5e-4, 1e-3];
+/// Sets of weights: what their errors are, and the correlation that the fit counts with.
+const SETS: [(SetErrors, f64); 4] = [
+    (SetErrors::Own, 1.0),
+    (SetErrors::Common, 1.0),
+    (SetErrors::Own, 0.0),
+    (SetErrors::Common, 0.0),
+];
+
 /// Draws everything and writes the page. `progress` is told what goes on.
 #[must_use]
 pub fn draw(draws: u64, progress: &mut dyn FnMut(&str)) -> String {
@@ -74,11 +84,14 @@ pub fn draw(draws: u64, progress: &mut dyn FnMut(&str)) -> String {
     progress("open chains");
     let chains = chains(draws.div_ceil(10));
     progress("force at the tip");
-    let force = forces::forces(draws, &cells, best);
+    let force = POSES_M.map(|sd_m| (sd_m, forces::forces(draws, &cells, best, sd_m)));
+    progress("sets of weights");
+    let sets = SETS.map(|(errors, correlation)| cells::sets(draws, errors, correlation));
 
     head(&mut out, draws);
     goals(&mut out, &cells, best, &moving);
     cell_tables(&mut out, &cells, (&power_ups, &pay_outs), draws);
+    set_table(&mut out, &sets);
     geometry_table(&mut out, &found, draws);
     chain_table(&mut out, &chains);
     run_table(&mut out, &moving);
@@ -409,20 +422,55 @@ and their distance from its middle. The joint estimate is used, which is as good
     out.push('\n');
 }
 
-fn force_table(out: &mut String, force: &forces::ForceFigures) {
-    let _ = write!(
-        out,
+fn force_table(out: &mut String, force: &[(f64, forces::ForceFigures)]) {
+    out.push_str(
         "## Force at the tip\n\n\
-Tensions of 2 to 12 N at random poses. Left out: friction between cell and tip, noise of a single reading, errors of the robot's own pose.\n\
+Tensions of 2 to 12 N at random poses. *Pose*: standard deviation of each coordinate of the tip as the robot reports it. *Ball*: the radius that is\n\
+stated for the mean force, median over the draws. Left out: friction between cell and tip, noise of a single reading.\n\
 The real force at the tip is worse by these.\n\n\
-| | error, RMS | 95 % below | coverage of the stated 95 % ellipsoid |\n\
-| --- | ---: | ---: | ---: |\n\
-| before: nominal scale, tape measure (5 mm), protractor (2 degrees) | {:.3} N | {:.3} N | |\n\
-| after: gains, zeros, closed survey of 10 touches | {:.4} N | {:.4} N | {} |\n",
-        force.before.rms(),
-        force.before.p95(),
-        force.after.rms(),
-        force.after.p95(),
-        percent(force.after.coverage())
+| | pose | error, RMS | 95 % below | ball | coverage of the ball | of the ellipsoid |\n\
+| --- | ---: | ---: | ---: | ---: | ---: | ---: |\n",
     );
+    if let Some((sd_m, figures)) = force.first() {
+        let _ = writeln!(
+            out,
+            "| before: nominal scale, tape measure (5 mm), protractor (2 degrees) | {:.1} mm | {:.3} N | {:.3} N | | | |",
+            1e3 * sd_m,
+            figures.before.rms(),
+            figures.before.p95(),
+        );
+    }
+    for (sd_m, figures) in force {
+        let _ = writeln!(
+            out,
+            "| after: gains, zeros, closed survey of 10 touches | {:.1} mm | {:.4} N | {:.4} N | {:.4} N | {} | {} |",
+            1e3 * sd_m,
+            figures.after.rms(),
+            figures.after.p95(),
+            calibration::stats::median(&figures.radii_n),
+            percent(figures.balls.coverage()),
+            percent(figures.after.coverage())
+        );
+    }
+}
+
+fn set_table(out: &mut String, sets: &[Tally]) {
+    out.push_str(
+        "Sets of weights of class M2, gravity known, one cell a draw. *Own*: each weight has its own error within the limits of the class.\n\
+*Common*: all have the same part of their limits. *Correlation*: what the fit counts with (`--correlation`; 1 without it).\n\n\
+| errors of the set | correlation | 95 % below | coverage |\n| --- | ---: | ---: | ---: |\n",
+    );
+    for ((errors, correlation), found) in SETS.iter().zip(sets) {
+        let what = match errors {
+            SetErrors::Own => "own",
+            SetErrors::Common => "common",
+        };
+        let _ = writeln!(
+            out,
+            "| {what} | {correlation} | {:.4} % | {} |",
+            100.0 * found.p95(),
+            percent(found.coverage())
+        );
+    }
+    out.push('\n');
 }

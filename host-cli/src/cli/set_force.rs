@@ -42,6 +42,10 @@ pub struct SetForce {
     /// Time for which the force is held
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = values::seconds)]
     duration: f64,
+    /// Standard deviation of a coordinate of the robot's tip, mm [default: position_sd_mm of [pose]
+    /// in the rig file, else what is usual for its source]
+    #[arg(long, value_name = "MM", value_parser = values::pose_sd_mm)]
+    pose_sd: Option<f64>,
     /// Folder for the plot (SVG) and the figures (JSON); created where it does not exist
     #[arg(long, value_name = "DIR", default_value = "forcectl-out")]
     out: PathBuf,
@@ -71,7 +75,8 @@ impl SetForce {
             ],
         )?;
         self.connection.require_rig_file(&rig)?;
-        let rig = self.connection.calibrated(rig, context)?;
+        let mut rig = self.connection.calibrated(rig, context)?;
+        rig.pose_sd_m = self.pose_sd.map_or(rig.pose_sd_m, |mm| 1e-3 * mm);
         let options = Options {
             robot_moves: !self.still,
             injections: self.inject.clone(),
@@ -331,11 +336,22 @@ fn uncertainty_lines(out: &mut String, outcome: &Outcome) {
         .map_or_else(String::new, |d| format!(", direction +- {d:.2} deg"));
     row!(
         out,
-        "uncertainty         size +- {:.3} N{direction} (one sd); within {:.3} N with 95 %; calibration of {}",
+        "uncertainty         size +- {:.3} N{direction} (one sd), pose +- {:.1} mm; calibration of {}",
         u.size_sd_n,
-        u.radius_95_n,
+        1e3 * u.pose_sd_m,
         u.date
     );
+    for (what, radius_n, of) in [
+        (
+            "mean of the run",
+            u.radius_95_n,
+            "the mean by the load cells",
+        ),
+        ("any instant", u.instant_95_n, "the commanded force"),
+        ("cells in a cycle", u.estimate_95_n, "their estimate in it"),
+    ] {
+        row!(out, "  {what:<17} within {radius_n:.3} N of {of} with 95 %");
+    }
     if !u.nominal.is_empty() {
         row!(
             out,

@@ -41,6 +41,14 @@ pub fn seconds_or_zero(text: &str) -> Result<f64, String> {
     seconds(text).map_err(|error| format!("{error}, or 0 for none"))
 }
 
+/// Standard deviation of the robot's pose, mm.
+pub fn pose_sd_mm(text: &str) -> Result<f64, String> {
+    let parsed = text.parse().ok().filter(|mm| (0.0..=50.0).contains(mm));
+    parsed.ok_or_else(|| {
+        format!("`{text}` is no standard deviation of a pose; give 0 to 50 mm, for example 1")
+    })
+}
+
 /// The seed of the embedded rig.
 pub fn seed(text: &str) -> Result<u64, String> {
     text.parse()

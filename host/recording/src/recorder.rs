@@ -140,6 +140,9 @@ impl Recorder {
             told_trouble: None,
         };
         recorder.write_configuration();
+        if let Some(warning) = known::base::expiry(&recorder.metadata.rig) {
+            recorder.notice(&warning);
+        }
         Ok(recorder)
     }
 
@@ -368,7 +371,7 @@ impl Recorder {
         );
         if let Some(record) = self.metadata.rig.calibration.as_deref() {
             // As it was in force, with covariances, and what it says of the force that was held.
-            let uncertainty = self.steady.uncertainty(record);
+            let uncertainty = (self.steady).uncertainty(record, self.metadata.rig.pose_sd_m);
             for (key, value) in [
                 ("calibration", serde_json::to_value(record)),
                 ("force_uncertainty", serde_json::to_value(uncertainty)),

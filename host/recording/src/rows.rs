@@ -39,6 +39,7 @@ table! {
     tip_m: [f64; 3], "m", "tip of the robot, robot base frame";
     commanded_n: [f64; 3], "N", "commanded force on the tip after its slew limit, robot base frame";
     estimated_n: [f64; 3], "N", "force on the tip by the measured tensions along the surveyed cables, robot base frame";
+    estimated_95_n: Option<f64>, "N", "radius of the ball about estimated_n that holds the force on the tip with 95 %; missing without a calibration and in the first 0.2 s";
     applied_n: Option<[f64; 3]>, "N", "force on the tip in the plant (emulated rig), robot base frame";
     tension_setpoint_n: [f64; 6], "N", "setpoints of the cable tensions, units 1 to 6";
     measured_tension_n: [f64; 6], "N", "measured tensions, units 1 to 6";
@@ -168,14 +169,15 @@ impl SampleRow {
 }
 
 impl CycleRow {
-    /// From a cycle.
-    pub(super) fn new(at: At<'_>, step: &Step) -> Self {
+    /// From a cycle, with the radius of its estimate, N.
+    pub(super) fn new(at: At<'_>, step: &Step, estimated_95_n: Option<f64>) -> Self {
         row!(CycleRow, at, {
             configuration: at.configuration,
             since_command_s: step.t_s,
             tip_m: step.tip_m.into(),
             commanded_n: step.commanded_n.into(),
             estimated_n: step.estimated_n.into(),
+            estimated_95_n: estimated_95_n,
             applied_n: step.applied_n.map(Into::into),
             tension_setpoint_n: step.tension_setpoint_n,
             measured_tension_n: step.measured_tension_n,

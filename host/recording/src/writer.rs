@@ -8,6 +8,7 @@ use crate::sink::{Sink, Storage};
 use crate::table::{row, ColumnTable, Row, Times, Utc};
 use crate::utc::UtcClock;
 use force::metrics::Step;
+use known::uncertainty::Running;
 use mcap::records::MessageHeader;
 use mcap::write::NoSeek;
 use serde::Serialize;
@@ -69,6 +70,8 @@ pub(super) struct Writer {
     /// What happened before anything told the time of the link: a service's began long before.
     early: Vec<Item>,
     timed: bool,
+    /// The uncertainty of each cycle's estimate, where the rig has a calibration.
+    uncertainty: Option<Running>,
 }
 
 impl Writer {
@@ -145,6 +148,8 @@ impl Writer {
             rows: (0, 0),
             early: Vec::new(),
             timed: false,
+            uncertainty: (metadata.rig.calibration.as_deref())
+                .map(|record| Running::new(record, metadata.rig.pose_sd_m)),
         };
         writer.mcap.flush()?;
         Ok(writer)
@@ -369,7 +374,8 @@ impl Writer {
     }
 
     fn cycle(&mut self, step: &Step) {
-        let row = CycleRow::new(self.now(), step);
+        let estimated_95_n = (self.uncertainty.as_mut()).and_then(|known| known.radius_95_n(step));
+        let row = CycleRow::new(self.now(), step, estimated_95_n);
         self.rows.1 += u64::from(self.write_row(&row));
         self.write(TipPose::TOPIC, row.utc, &TipPose::new(row.utc, row.tip_m));
     }

@@ -44,6 +44,10 @@ pub struct Rig {
     pub link: LinkChoice,
     /// Where the robot's pose comes from.
     pub pose: PoseChoice,
+    /// Standard deviation of a coordinate of the tip as the pose's source tells it, m. It changes
+    /// nothing that the rig does, only what is said of the force: no part of the hash.
+    #[serde(skip)]
+    pub pose_sd_m: f64,
     /// Where the tip works.
     pub workspace: Workspace,
     /// The host's force controller.

@@ -80,3 +80,18 @@ pub enum PoseChoice {
         position_m: Vector3<f64>,
     },
 }
+
+impl PoseChoice {
+    /// Standard deviation of a coordinate of the tip, m, where the rig file says none. An emulated
+    /// rig reports the tip where it is; a cable robot's own kinematics are right to some
+    /// millimetres, to about 1 mm once corrected; a clamped tip is measured with the digitizer or a
+    /// ruler. Estimates: the real one of a robot is worth measuring.
+    #[must_use]
+    pub fn usual_sd_m(&self) -> f64 {
+        match self {
+            Self::Rig => 0.0,
+            Self::Udp { .. } => 1e-3,
+            Self::Static { .. } => 5e-4,
+        }
+    }
+}

@@ -362,8 +362,8 @@ impl<'a> Hold<'a> {
         });
         let held = &self.steps[..until];
         let metrics = metrics::of_run(self.options.commanded_n, held);
-        let uncertainty =
-            (self.rig.calibration.as_deref()).and_then(|record| uncertainty::of_run(record, held));
+        let uncertainty = (self.rig.calibration.as_deref())
+            .and_then(|record| uncertainty::of_run(record, held, self.rig.pose_sd_m));
         let amplifiers_off_s = self.amplifiers_off_ms as f64 * 1e-3;
         if stopped.is_some() {
             self.append_truth(&last.truth);

@@ -10,7 +10,8 @@ use calibrate::moving::{self, Collector, Run};
 use calibrate::picture::{bars, Bar};
 use calibration::self_calibration::{MovedVerdict, Prior, Sample};
 use clap::Args;
-use force::metrics::STEADY_AFTER_S;
+use force::metrics::{Step, STEADY_AFTER_S};
+use known::uncertainty::ForceUncertainty;
 use known::ZeroStore;
 use nalgebra::Vector3;
 use rig::Rig;
@@ -229,6 +230,10 @@ pub struct Verify {
     /// Time for which each is held
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = values::seconds)]
     duration: f64,
+    /// Standard deviation of a coordinate of the robot's tip, mm [default: position_sd_mm of [pose]
+    /// in the rig file, else what is usual for its source]
+    #[arg(long, value_name = "MM", value_parser = values::pose_sd_mm)]
+    pose_sd: Option<f64>,
     /// Folder for the picture
     #[arg(long, value_name = "DIR", default_value = "forcectl-out")]
     out: PathBuf,
@@ -240,6 +245,75 @@ pub struct Verify {
 struct Held {
     commanded_n: Vector3<f64>,
     outcome: Outcome,
+}
+
+/// A single cycle against the stated radii of one force.
+struct Cycles {
+    /// Radius about the commanded force, N, and part of the cycles in which the true force lies
+    /// within (emulated rig).
+    instant_95_n: f64,
+    instants_within: Option<f64>,
+    /// The same about the estimate of the load cells.
+    estimate_95_n: f64,
+    estimates_within: Option<f64>,
+}
+
+impl Cycles {
+    fn of(stated: &ForceUncertainty, steady: &[&Step]) -> Self {
+        let part = |within: &dyn Fn(&Step, Vector3<f64>) -> bool| {
+            let all: Option<Vec<bool>> = steady
+                .iter()
+                .map(|step| Some(within(step, step.applied_n?)))
+                .collect();
+            all.map(|all| all.iter().filter(|held| **held).count() as f64 / all.len() as f64)
+        };
+        Self {
+            instant_95_n: stated.instant_95_n,
+            instants_within: part(&|step, truth| {
+                (truth - step.commanded_n).norm() <= stated.instant_95_n
+            }),
+            estimate_95_n: stated.estimate_95_n,
+            estimates_within: part(&|step, truth| {
+                (truth - step.estimated_n).norm() <= stated.estimate_95_n
+            }),
+        }
+    }
+}
+
+fn cycles_lines(text: &mut String, cycles: &[Cycles]) {
+    if cycles.is_empty() {
+        return;
+    }
+    let count = cycles.len() as f64;
+    row!(
+        text,
+        "\na single cycle, mean over the forces: within 95 %, N   true force within"
+    );
+    let mut line = |what: &str, radius_n: f64, within: Option<f64>| {
+        row!(
+            text,
+            "  {what:<42} {radius_n:>8.3}   {:>17}",
+            within.map_or_else(
+                || "not known".to_owned(),
+                |part| format!("{:.1} %", 100.0 * part)
+            )
+        );
+    };
+    let mean = |of: fn(&Cycles) -> Option<f64>| {
+        let all: Option<Vec<f64>> = cycles.iter().map(of).collect();
+        all.map(|all| all.iter().sum::<f64>() / count)
+    };
+    let radius = |of: fn(&Cycles) -> f64| cycles.iter().map(of).sum::<f64>() / count;
+    line(
+        "any instant, of the commanded force",
+        radius(|c| c.instant_95_n),
+        mean(|c| c.instants_within),
+    );
+    line(
+        "the cells, of their estimate in the cycle",
+        radius(|c| c.estimate_95_n),
+        mean(|c| c.estimates_within),
+    );
 }
 
 impl Verify {
@@ -255,7 +329,8 @@ impl Verify {
         }
         let bench = Bench::load(&self.connection, context)?;
         let stored = bench.store.current()?.is_some();
-        let rig = bench.calibrated();
+        let mut rig = bench.calibrated();
+        rig.pose_sd_m = self.pose_sd.map_or(rig.pose_sd_m, |mm| 1e-3 * mm);
         rig.check_force(Vector3::new(self.force, 0.0, 0.0))
             .map_err(Failure::usage)?;
         let _controlled_stop = context.interrupt.controlled_stop();
@@ -309,10 +384,11 @@ impl Verify {
         samples: Option<&[Vec<calibration::self_calibration::Sample>; wire::UNITS]>,
         context: &Context,
     ) -> Result<Reply> {
-        let mut text = "commanded, N          held, N (by load cells)      off, N    stated 95 %, N   true force off, N\n".to_owned();
+        let mut text = "commanded, N          held, N (by load cells)      off, N    stated 95 %, N   true force off, N   (means of the run)\n".to_owned();
         let mut rows = Vec::new();
         let mut picture_rows = Vec::new();
         let mut outside = 0;
+        let mut cycles = Vec::new();
         for h in held {
             let Some(metrics) = &h.outcome.metrics else {
                 continue;
@@ -354,8 +430,15 @@ impl Verify {
                     sd: stated.map_or(0.1, |s| s / 2.8),
                 });
             }
-            rows.push(json!({"commanded_n": c.as_slice(), "measured_n": measured.as_slice(), "stated_95_n": stated, "true_off_n": truth}));
+            let uncertainty = h.outcome.uncertainty.as_ref();
+            let single = uncertainty.map(|u| Cycles::of(u, &steady));
+            rows.push(json!({"commanded_n": c.as_slice(), "measured_n": measured.as_slice(), "stated_95_n": stated, "true_off_n": truth,
+                "instant_95_n": uncertainty.map(|u| u.instant_95_n), "estimate_95_n": uncertainty.map(|u| u.estimate_95_n),
+                "instants_within": single.as_ref().and_then(|s| s.instants_within),
+                "estimates_within": single.as_ref().and_then(|s| s.estimates_within)}));
+            cycles.extend(single);
         }
+        cycles_lines(&mut text, &cycles);
         if let Some(samples) = samples {
             row!(
                 text,

@@ -93,7 +93,7 @@ fn read_root<'c, 't>(context: &'c Context<'t>, table: &'c Spanned<DeTable<'t>>) 
     }
     let name = root.text("name", "my-rig").value;
     let link = read_link(&root);
-    let pose = read_pose(&root);
+    let (pose, pose_sd_m) = read_pose(&root);
     let workspace = read_workspace(&root);
     let controller = read_controller(&root);
     let allocation = read_allocation(&root);
@@ -103,6 +103,7 @@ fn read_root<'c, 't>(context: &'c Context<'t>, table: &'c Spanned<DeTable<'t>>) 
         name,
         link,
         pose,
+        pose_sd_m,
         workspace,
         controller,
         allocation,
@@ -124,7 +125,8 @@ fn read_link(root: &Section<'_, '_>) -> super::LinkChoice {
     link
 }
 
-fn read_pose(root: &Section<'_, '_>) -> PoseChoice {
+/// The source, and the standard deviation of its poses, m.
+fn read_pose(root: &Section<'_, '_>) -> (PoseChoice, f64) {
     let section = root.section("pose");
     let source = section.text("source", "rig");
     let pose = match source.value.as_str() {
@@ -160,8 +162,10 @@ fn read_pose(root: &Section<'_, '_>) -> PoseChoice {
             PoseChoice::Rig
         }
     };
+    let usual = 1e3 * pose.usual_sd_m();
+    let sd_mm = section.optional("position_sd_mm", 0.0..=50.0, usual).value;
     section.finish();
-    pose
+    (pose, 1e-3 * sd_mm)
 }
 
 fn read_workspace(root: &Section<'_, '_>) -> Workspace {

@@ -1,0 +1,49 @@
+//! How often the stated radii hold, on rigs whose truth is known: 25 rigs of the fast model, each
+//! calibrated with the errors of real tools, six forces on each while the robot moves.
+
+mod common;
+
+use common::{expect, run};
+use serde_json::Value;
+
+const RIGS: u64 = 25;
+
+#[test]
+fn each_quantity_lies_within_its_radius_in_93_to_97_percent() {
+    let folder = tempfile::tempdir().unwrap();
+    let (mut means, mut instants, mut estimates) = (Vec::new(), Vec::new(), Vec::new());
+    for seed in 1..=RIGS {
+        let rig = format!("--link fast --seed {seed}");
+        for step in [
+            "geometry --yes --touches 3",
+            // The emulated rig has the standard gravity, and its weights are those of class M2.
+            "gain --yes --rounds 1 --creep 0 --gravity 9.80665 --gravity-sd 1e-6",
+            "zero --yes",
+        ] {
+            expect(folder.path(), &format!("calibrate {step} {rig}"), 0, &[]);
+        }
+        let line = format!("calibrate verify --duration 3 --json {rig}");
+        let said = run(folder.path(), &line);
+        // 6: two of six means outside, which happens.
+        assert!(matches!(said.code, Some(0 | 6)), "seed {seed}: {said:?}");
+        let reply: Value = serde_json::from_str(&said.out).unwrap();
+        for force in reply["forces"].as_array().unwrap() {
+            let number = |key: &str| force[key].as_f64().unwrap();
+            means.push(f64::from(u8::from(
+                number("true_off_n") <= number("stated_95_n"),
+            )));
+            instants.push(number("instants_within"));
+            estimates.push(number("estimates_within"));
+        }
+    }
+    for (what, held) in [
+        ("mean of the run", means),
+        ("any instant", instants),
+        ("estimate of a cycle", estimates),
+    ] {
+        assert_eq!(held.len() as u64, 6 * RIGS);
+        let part = held.iter().sum::<f64>() / held.len() as f64;
+        println!("{what}: {:.1} %", 100.0 * part);
+        assert!((0.93..=0.97).contains(&part), "{what}: {part}");
+    }
+}
