@@ -5,10 +5,11 @@
 //! the cables' directions at the tip that the robot reports. What the plant truly does goes into another table.
 
 use force::controller::{problem, Cables};
+use known::uncertainty::Systematic;
 use nalgebra::Vector3;
 pub use recording::table::Column;
 use recording::table::ColumnTable;
-use rig::Rig;
+use rig::{PoseChoice, Rig};
 use robot::state::RobotState;
 use session::TimedSample;
 use std::collections::VecDeque;
@@ -83,7 +84,7 @@ const fn joined<const N: usize>(parts: &[&[Column]]) -> [Column; N] {
 }
 
 /// Columns of the dataset.
-pub const COLUMNS: [Column; 38] = joined(&[
+pub const COLUMNS: [Column; 39] = joined(&[
     &[
         ("t_s", "s", "time since the force profile's start, on the board's clock"),
         ("board_time_s", "s", "the same instant since the board's power-on"),
@@ -119,6 +120,7 @@ pub const COLUMNS: [Column; 38] = joined(&[
         ("force_age_s", "s", "distance in time from the row to the nearest load-cell sample, the largest of the used units"),
         ("sync_error_s", "s", "uncertainty of the time between robot and board"),
         ("tip_age_s", "s", "age of the tip at the time of the row, by the robot's stamps of both; below 0: the tip is the younger one"),
+        ("force_95_n", "N", "radius of the ball about the label that holds the force with 95 %, by calibration and pose; missing without a calibration"),
         ("saturated", "1", "1: a unit's command was at its limit in the control cycle of this row"),
         ("operating_state", "1", "CRTK: 0 disabled, 1 enabled, 2 paused, 3 fault; missing where the robot tells none"),
         ("quality", "1", "1: the row can be used; 0: a value that it needs is missing"),
@@ -213,6 +215,8 @@ pub struct Worst {
 pub struct Joiner {
     rig: Rig,
     configs: [UnitConfig; UNITS],
+    /// What the calibration says of the label, where there is one.
+    known: Option<Systematic>,
     /// Time and force along the cell's axis of each unit's latest samples, s and N.
     samples: [VecDeque<(f64, f64)>; UNITS],
     waiting: VecDeque<Waiting>,
@@ -243,6 +247,19 @@ impl Joiner {
         Self {
             rig: rig.clone(),
             configs: *configs,
+            known: rig.calibration.as_deref().map(|record| {
+                // The tip is the robot's, and the rig file may know of none.
+                let usual = PoseChoice::Udp {
+                    listen: String::new(),
+                    max_age_s: 0.0,
+                }
+                .usual_sd_m();
+                let pose_sd_m = match rig.pose {
+                    PoseChoice::Rig => usual,
+                    _ => rig.pose_sd_m,
+                };
+                Systematic::new(record, pose_sd_m)
+            }),
             samples: Default::default(),
             waiting: VecDeque::new(),
             start_s,
@@ -355,6 +372,16 @@ impl Joiner {
             let tip_ns = tip.stamp_ns.unwrap_or(state.stamp.t_ns);
             state.stamp.t_ns.saturating_sub(tip_ns) as f64 * 1e-9
         }));
+        let enabled = self.rig.units.map(|unit| unit.enabled);
+        let radius_n = found.and(tip_m).and_then(|tip| {
+            let known = self.known.as_ref()?;
+            known.radius_95_n(
+                &tip.into(),
+                &tension_n.map(|t| if t.is_nan() { 0.0 } else { t }),
+                &enabled,
+            )
+        });
+        row.push(radius_n.unwrap_or(f64::NAN));
         row.push(f64::from(u8::from(waiting.saturated)));
         row.push(
             state
@@ -456,6 +483,28 @@ mod tests {
         assert!(get("force_age_s") <= 0.5 * 0.003_125 + 1e-6);
         assert_eq!((get("quality"), get("trial")), (1.0, 4.0));
         assert!(get("joint_position_1").is_nan());
+        assert!(get("force_95_n").is_nan());
+    }
+
+    #[test]
+    fn a_label_has_the_radius_of_its_calibration() {
+        let mut rig = Rig::built_in().unwrap();
+        let record = known::base::nominal(&rig, "2026-11-22");
+        rig.calibration = Some(Box::new(record));
+        let configs = rig.units.map(|unit| unit.to_wire());
+        let mut joiner = Joiner::new(&rig, &configs, 0.0, 1, 1);
+        for n in 0..100 {
+            for unit in 0..UNITS as u8 {
+                joiner.samples(&[sample(unit, f64::from(n) * 0.003_125, 2.0)]);
+            }
+        }
+        joiner.state(state(&rig, 0.2));
+        joiner.state(state(&rig, 0.9));
+        joiner.join(1.0, true);
+        let radii = joiner.rows.column("force_95_n").unwrap();
+        // Nominal gains of 5 %, exit points of 5 mm: 2 N of each cable.
+        assert!((0.2..1.5).contains(&radii[0]), "{radii:?}");
+        assert!(radii[1].is_nan(), "a row without force has none");
     }
 
     #[test]

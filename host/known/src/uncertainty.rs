@@ -285,6 +285,29 @@ impl Running {
     }
 }
 
+/// Radius of the ball of what calibration and pose leave of a force, at one tip after the other: for labels whose age is taken off.
+#[derive(Debug, Clone)]
+pub struct Systematic(Known);
+
+impl Systematic {
+    /// With a calibration; `pose_sd_m` as for [`Steady::uncertainty`].
+    #[must_use]
+    pub fn new(record: &Record, pose_sd_m: f64) -> Self {
+        Self(Known::of(record, pose_sd_m))
+    }
+
+    /// Radius for these tensions, N, at a tip, m, in N. `None` where a cable stands across its cell.
+    #[must_use]
+    pub fn radius_95_n(
+        &self,
+        tip_m: &Vector3<f64>,
+        tension_n: &[f64; UNITS],
+        available: &[bool; UNITS],
+    ) -> Option<f64> {
+        Some(self.0.force(tip_m, tension_n, available)?.radius_95_n())
+    }
+}
+
 /// What a calibration says of the units, ready for one tip after the other.
 #[derive(Debug, Clone)]
 struct Known {
