@@ -9,6 +9,7 @@ use known::uncertainty::Systematic;
 use nalgebra::Vector3;
 pub use recording::table::Column;
 use recording::table::ColumnTable;
+use rig::link_pose::ROBOT_SD_M;
 use rig::{PoseChoice, Rig};
 use robot::state::RobotState;
 use session::TimedSample;
@@ -249,13 +250,8 @@ impl Joiner {
             configs: *configs,
             known: rig.calibration.as_deref().map(|record| {
                 // The tip is the robot's, and the rig file may know of none.
-                let usual = PoseChoice::Udp {
-                    listen: String::new(),
-                    max_age_s: 0.0,
-                }
-                .usual_sd_m();
                 let pose_sd_m = match rig.pose {
-                    PoseChoice::Rig => usual,
+                    PoseChoice::Rig => ROBOT_SD_M,
                     _ => rig.pose_sd_m,
                 };
                 Systematic::new(record, pose_sd_m)

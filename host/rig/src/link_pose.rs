@@ -81,6 +81,10 @@ pub enum PoseChoice {
     },
 }
 
+/// Standard deviation of a coordinate of the tip of a robot that tells its pose, m (estimate): a cable
+/// robot's own kinematics are right to some millimetres, to about 1 mm once corrected.
+pub const ROBOT_SD_M: f64 = 1e-3;
+
 impl PoseChoice {
     /// Standard deviation of a coordinate of the tip, m, where the rig file says none. An emulated
     /// rig reports the tip where it is; a cable robot's own kinematics are right to some
@@ -90,7 +94,7 @@ impl PoseChoice {
     pub fn usual_sd_m(&self) -> f64 {
         match self {
             Self::Rig => 0.0,
-            Self::Udp { .. } => 1e-3,
+            Self::Udp { .. } => ROBOT_SD_M,
             Self::Static { .. } => 5e-4,
         }
     }
