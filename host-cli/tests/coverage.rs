@@ -9,7 +9,7 @@ use serde_json::Value;
 const RIGS: u64 = 25;
 
 #[test]
-fn each_quantity_lies_within_its_radius_in_93_to_97_percent() {
+fn each_quantity_lies_within_its_radius_as_often_as_stated() {
     let folder = tempfile::tempdir().unwrap();
     let (mut means, mut instants, mut estimates) = (Vec::new(), Vec::new(), Vec::new());
     for seed in 1..=RIGS {
@@ -36,14 +36,16 @@ fn each_quantity_lies_within_its_radius_in_93_to_97_percent() {
             estimates.push(number("estimates_within"));
         }
     }
-    for (what, held) in [
-        ("mean of the run", means),
-        ("any instant", instants),
-        ("estimate of a cycle", estimates),
+    // The six means of a rig share its errors: that is one draw, not six. Of 25 draws with 95 % each, 22 to 25
+    // hold with a probability of 97 %.
+    for (what, held, least, most) in [
+        ("mean of the run", means, 0.88, 1.0),
+        ("any instant", instants, 0.93, 0.97),
+        ("estimate of a cycle", estimates, 0.93, 0.97),
     ] {
         assert_eq!(held.len() as u64, 6 * RIGS);
         let part = held.iter().sum::<f64>() / held.len() as f64;
         println!("{what}: {:.1} %", 100.0 * part);
-        assert!((0.93..=0.97).contains(&part), "{what}: {part}");
+        assert!((least..=most).contains(&part), "{what}: {part}");
     }
 }

@@ -253,7 +253,11 @@ impl Suite<'_> {
         let mut log = fs::create_dir_all(&folder)
             .and_then(|()| fs::File::create(&path))
             .map_err(|error| Failure::new(format!("{} can't be made: {error}", path.display())))?;
+        // What this user has calibrated is none of the tests' business: they begin with an empty folder.
+        let state = folder.join("state");
+        let _ = fs::remove_dir_all(&state);
         let mut child = command
+            .env("FORCECTL_STATE_DIR", &state)
             .stdout(Stdio::piped())
             .spawn()
             .map_err(|error| process::not_started(command, &error))?;

@@ -448,7 +448,8 @@ pub(super) enum Rests {
 }
 
 /// Whether the readings tell a curve from an error of one weight. They do where they are more
-/// likely by [`CURVE_ODDS`] with a curve than with a straight cell of which any one weight is off.
+/// likely by [`CURVE_ODDS`] with a curve than with a straight cell of which the largest weight is off.
+/// A smaller one would not bend the line.
 pub(super) fn curve_rests(
     used: &[Reading],
     options: &Options,
@@ -460,6 +461,7 @@ pub(super) fn curve_rests(
     else {
         return Rests::OnAll;
     };
+    let largest_g = used.iter().map(|r| r.weight_g).fold(0.0, f64::max);
     let mut curved = f64::NEG_INFINITY;
     let mut straight: Option<(f64, Best)> = None;
     let scanned = compared.scan(|model| {
@@ -471,7 +473,7 @@ pub(super) fn curve_rests(
                 let better = straight
                     .as_ref()
                     .is_none_or(|(l, _)| model.log_posterior > *l);
-                if better && matches!(compared.kinds[column], Kind::Weight(_)) {
+                if better && matches!(compared.kinds[column], Kind::Weight(weight_g) if weight_g == largest_g) {
                     let best = Best {
                         column,
                         coefficient,

@@ -114,8 +114,11 @@ fn a_pulled_plug_and_the_e_stop_end_the_same_way() {
             )
         };
         let (image, quick) = (of(&mut rig(4)), of(&mut fast(4)));
-        // Details of a fault hold times in microseconds.
-        let head = |text: &str| text.split("detail").next().unwrap_or_default().to_owned();
+        // Details of a fault hold times in microseconds; the force that would be left depends on where the tip was then.
+        let head = |text: &str| {
+            let head = text.split("detail").next().unwrap_or_default();
+            head.replace(|c: char| c.is_ascii_digit(), "#")
+        };
         assert_eq!(head(&image), head(&quick), "{injection:?}");
     }
 }

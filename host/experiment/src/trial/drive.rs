@@ -26,6 +26,9 @@ const ROBOT_START_S: f64 = 1.5;
 /// How long the first state of the robot may take, s.
 const FIRST_STATE_S: f64 = 5.0;
 
+/// Cycles after the end of a trial whose samples are taken: 20 ms, while the setpoints are valid.
+const LAST_CYCLES: u32 = 2;
+
 impl Run<'_> {
     pub(super) fn drive(
         &mut self,
@@ -143,6 +146,12 @@ impl Run<'_> {
         loop {
             let t_s = (session.now_ns() as f64 - start_ns as f64) * 1e-9;
             if t_s >= setup.experiment.trial_s() {
+                // The last rows need samples from after them, which the cell's filter and the link delay.
+                for _ in 0..LAST_CYCLES {
+                    session.exchange(PERIOD)?;
+                    let received = session.drain();
+                    self.take(&received);
+                }
                 return Ok(());
             }
             if setup.stop.load(Ordering::Relaxed) {
