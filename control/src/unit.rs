@@ -290,7 +290,12 @@ impl Controller {
             .watch(config, &input, strongest, tension, travel_nm)
             .or_else(|| {
                 let drives = jumped && input.drive != Drive::Off;
-                drives.then(|| (Fault::EncoderError, JUMPED | jump_nm.unsigned_abs() / 1_000))
+                drives.then(|| {
+                    (
+                        Fault::EncoderError,
+                        JUMPED | (jump_nm.unsigned_abs() / 1_000),
+                    )
+                })
             });
         let mut output = Output {
             tension,

@@ -48,7 +48,7 @@ impl Rig {
             host: Host::new(random),
             hold_n,
         };
-        let steps = rig.from_power_on();
+        let steps = rig.after_power_on();
         rig.host.plan(steps);
         rig
     }
@@ -110,7 +110,7 @@ impl Rig {
     }
 
     /// What the host does before all else, and then as after a configuration.
-    fn from_power_on(&mut self) -> Vec<Step> {
+    fn after_power_on(&mut self) -> Vec<Step> {
         let hello = Command::Hello {
             abi: ABI_VERSION,
             schema: SCHEMA_HASH,
@@ -124,12 +124,12 @@ impl Rig {
             }));
         }
         steps.push(Step::Must(Command::CommitConfig));
-        steps.extend(self.from_commit());
+        steps.extend(self.after_commit());
         steps
     }
 
-    fn from_commit(&self) -> [Step; 6] {
-        let [arm, hold, wait] = self.from_ready();
+    fn after_commit(&self) -> [Step; 6] {
+        let [arm, hold, wait] = self.after_ready();
         [
             Step::Ready(BRING_UP_MS),
             Step::Must(Command::Zero { units: ALL_UNITS }),
@@ -140,7 +140,7 @@ impl Rig {
         ]
     }
 
-    fn from_ready(&self) -> [Step; 3] {
+    fn after_ready(&self) -> [Step; 3] {
         [
             Step::Must(Command::Arm),
             Step::Hold(Some(self.hold_n)),
@@ -199,7 +199,7 @@ impl Rig {
             Step::Must(Command::CommitConfig),
             Step::Ready(BRING_UP_MS),
         ];
-        let steps: Vec<Step> = steps.into_iter().chain(self.from_ready()).collect();
+        let steps: Vec<Step> = steps.into_iter().chain(self.after_ready()).collect();
         self.host.plan(steps);
     }
 

@@ -8,6 +8,9 @@ use control::Fault;
 use std::collections::{BTreeMap, BTreeSet};
 use std::fmt::Write;
 
+/// What is counted, and whether a case is one.
+type Counted<'a> = (&'a str, &'a dyn Fn(&Outcome) -> bool);
+
 /// Outcomes by seed and number.
 pub type Outcomes = BTreeMap<(u64, u64), Outcome>;
 
@@ -113,7 +116,7 @@ pub fn drawn(outcomes: &Outcomes, current_limit_a: f64) -> String {
         count(&cleared),
         count(&|outcome| cleared(outcome) && !outcome.hazards.is_empty())
     );
-    let kinds: [(&str, &dyn Fn(&Outcome) -> bool); 3] = [
+    let kinds: [Counted; 3] = [
         ("hazards", &|outcome| !outcome.hazards.is_empty()),
         ("undetected", &Outcome::is_undetected),
         (

@@ -131,9 +131,8 @@ fn results(out: &mut String, record: &Record) {
     let rows: Vec<Vec<String>> = (record.units.iter())
         .map(|unit| {
             let gain = unit.gain.as_ref();
-            let figure = |of: &dyn Fn(&GainRecord) -> String| {
-                gain.map_or_else(|| "&ndash;".to_owned(), |g| of(g))
-            };
+            let figure =
+                |of: &dyn Fn(&GainRecord) -> String| gain.map_or_else(|| "&ndash;".to_owned(), of);
             vec![
                 unit.number.to_string(),
                 or_dash(&unit.cell_serial),

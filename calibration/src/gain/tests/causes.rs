@@ -157,7 +157,8 @@ fn rounds_that_differ_are_no_drift() {
 #[test]
 fn what_a_cell_does_by_itself_is_no_mistake() {
     let time = |line: usize| 20.0 * (line - 2) as f64;
-    let shapes: [(&str, &dyn Fn(usize, f64, f64) -> f64); 4] = [
+    type Shape<'a> = (&'a str, &'a dyn Fn(usize, f64, f64) -> f64);
+    let shapes: [Shape; 4] = [
         ("straight", &|_, _, n| n),
         ("curved", &|_, _, n| n + 2e-3 * n * n),
         ("drifting", &|line, _, n| n + 3e-5 * time(line)),

@@ -95,7 +95,7 @@ enum Step {
     Zero(zero::Zero),
     /// Find newtons per code from weights
     #[command(allow_negative_numbers = true)]
-    Gain(gain::Gain),
+    Gain(Box<gain::Gain>),
     /// Find exit points and load-cell axes from points of a digitizer
     Geometry(geometry::Geometry),
     /// Find exit points from a run with the robot moving, and whether the rig was moved

@@ -857,7 +857,8 @@ fn a_code_within_the_range_is_known_by_its_repetition() {
         "{seen:?}"
     );
     // Steps of a reading, a force that is nothing out of contact, levels of a command: none is one.
-    let good: [fn(usize, &mut Vec<[f64; 3]>); 4] = [
+    type Change = fn(usize, &mut Vec<[f64; 3]>);
+    let good: [Change; 4] = [
         |_, _| {},
         |_, rows| {
             rows.iter_mut()

@@ -468,13 +468,19 @@ struct Columns<'a> {
     path: &'a Path,
 }
 
+/// Column by column: the first text with its line, and the kind of its times.
+type Seen<'a> = (
+    &'a mut [Option<(String, u64)>],
+    &'a mut [Option<dates::Kind>],
+);
+
 /// Reads the cells of one line into `values`. The `first` row says which columns are `text`.
 fn row(
     record: &csv::StringRecord,
     line: u64,
     columns: &Columns,
     first: bool,
-    (text, times): (&mut [Option<(String, u64)>], &mut [Option<dates::Kind>]),
+    (text, times): Seen,
     values: &mut Vec<f64>,
 ) -> Line {
     let Columns {

@@ -204,7 +204,7 @@ impl Row<'_> {
         let count = self.is_number.len();
         let is_text = |c: &&str| !c.is_empty() && !is_number(c, self.decimal);
         let longer = cells.len() > count && cells.len() <= count + 2 && self.separator != "blank";
-        let named = longer && cells.iter().all(|c| is_text(&c)) && usable_as_they_are(&cells);
+        let named = longer && cells.iter().all(is_text) && usable_as_they_are(&cells);
         named.then(|| cells[..count].to_vec())
     }
 

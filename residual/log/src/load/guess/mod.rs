@@ -104,10 +104,10 @@ impl Table {
             .names
             .iter()
             .flat_map(|a| self.names.iter().map(move |b| (a, b)));
-        let stamped = pairs
+        let mut stamped = pairs
             .filter(|(a, b)| is_stamp(a, b))
             .map(|(a, b)| (a.clone(), b.clone()));
-        let Some((a, b)) = dated.or_else(|| stamped.last()) else {
+        let Some((a, b)) = dated.or_else(|| stamped.next_back()) else {
             return;
         };
         let name = format!("{a}+{b}");

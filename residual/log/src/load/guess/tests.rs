@@ -559,7 +559,7 @@ fn runs_as(bytes: &[u8]) -> (Spec, String) {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("a.txt");
     std::fs::write(&path, bytes).unwrap();
-    let text = guess(&[path.clone()]).unwrap();
+    let text = guess(std::slice::from_ref(&path)).unwrap();
     let spec = Spec::parse(&text).unwrap_or_else(|e| panic!("{e}\n{text}"));
     crate::load::load(&[path], &spec).unwrap_or_else(|e| panic!("{e}\n{text}"));
     (spec, text)
