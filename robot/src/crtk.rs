@@ -18,7 +18,7 @@
 //! | Raven | `_cp` is a TransformStamped (as in CRTK before 01/2022) | both types |
 //! | Raven, force_control branch | `force_applied` is the command, not a measurement | [`force_applied`]: [`Meaning::Commanded`] |
 //! | dVRK | `measured_cf` is computed from motor efforts, friction included | [`Meaning::Estimated`] |
-//! | dVRK | `measured_cf` is below `body/` and `spatial/`; `body/` is the frame of the tool | [`Robot::measured_cf`], [`frame_of_force`] |
+//! | dVRK | `measured_cf` is below `body/` and `spatial/`; `body/` is the frame of the tool | `Robot::measured_cf`, [`frame_of_force`] |
 
 use crate::state::{
     Acts, Clock, Effort, Frame, JointState, Meaning, Operating, OperatingState, RobotState, Stamp,

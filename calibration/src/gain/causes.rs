@@ -9,7 +9,7 @@
 //! below. A curve that only the largest weight shows is as likely as an error of that weight, and
 //! one that all weights show is not.
 //!
-//! A mistake is named where it is more likely than everything else by [`ODDS`], and large enough to
+//! A mistake is named where it is more likely than everything else by `ODDS`, and large enough to
 //! matter.
 
 use super::least_squares::{design, own_covariance, solve, weight_covariance, Model, Solution};

@@ -42,7 +42,7 @@ pub struct SetForce {
     /// Time for which the force is held
     #[arg(long, value_name = "SECONDS", default_value = "5", value_parser = values::seconds)]
     duration: f64,
-    /// Standard deviation of a coordinate of the robot's tip, mm [default: position_sd_mm of [pose]
+    /// Standard deviation of a coordinate of the robot's tip, mm [default: position_sd_mm of `[pose]`
     /// in the rig file, else what is usual for its source]
     #[arg(long, value_name = "MM", value_parser = values::pose_sd_mm)]
     pose_sd: Option<f64>,

@@ -2,7 +2,7 @@
 //!
 //! The folder depends on variables that differ between logins of one account (ssh, su, cron, an old
 //! tmux), so a client looks into every folder that they may have led to ([`folders`]). On Linux a
-//! service also announces its socket where every account can read it ([`elsewhere`]), so that a
+//! service also announces its socket where every account can read it (`elsewhere`), so that a
 //! stop knows of a rig that it may not reach.
 
 use super::account;

@@ -16,7 +16,7 @@ pub struct Finding {
     pub what: String,
 }
 
-/// Name of the check that more than [`LOSS`] of the rows were left out.
+/// Name of the check that more than `LOSS` of the rows were left out.
 pub const LEFT_OUT: &str = "rows left out";
 
 /// Share of the rows that may be left out without a word in the verdict.
