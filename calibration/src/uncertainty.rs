@@ -271,8 +271,8 @@ impl TipForce {
 ///
 /// The square of the error's length is a sum of chi-squares with the eigenvalues as weights. Its
 /// quantile is that of the chi-square with the same first three moments (Hall, Buckley and
-/// Eagleson; Bodenham and Adams, *Stat. Comput.* 26 (2016) 917), within 1 % of the radius for three
-/// weights at 95 %.
+/// Eagleson; Bodenham and Adams, *Statistics and Computing* 26 (2016) 917), within 1 % of the
+/// radius for three weights at 95 %.
 #[must_use]
 pub fn ball_radius_95(covariance: &Matrix3<f64>) -> f64 {
     let weights = SymmetricEigen::new(*covariance)

@@ -488,7 +488,7 @@ mod tests {
     fn what_changes_within_the_age_of_an_estimate_is_in_its_radius() {
         let rig = Rig::built_in().unwrap();
         let record = base::nominal(&rig, "2026-11-22");
-        // 0.4 N to and fro: slowly, and so fast that an estimate that is two cycles old says
+        // 0.4 N up and down: slowly, and so fast that an estimate that is two cycles old says
         // nothing.
         let of = |period: f64| {
             let steps: Vec<Step> = (0..2000)
