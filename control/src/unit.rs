@@ -32,9 +32,14 @@ pub const TRIP_SAMPLES: u8 = 2;
 /// allocation's smallest tension.
 pub const SLACK_TENSION: Newton = Newton::from_un(1_000_000);
 
-/// Largest setpoint while a cable is slack: the allocation's smallest tension. The ramp goes on from here once the cable is tight.
-/// A loop that works towards 12 N when a slack cable closes passes 13 N.
+/// Largest setpoint while a slack cable is wound in: the allocation's smallest tension. The ramp goes on from here once the cable
+/// is tight. A loop that works towards 12 N when a slack cable closes passes 13 N.
 pub const TAKE_UP_TENSION: Newton = Newton::from_un(2_000_000);
+
+/// Reel speed from which a cable without tension counts as being closed, in nanometres a nominal sample: 20 mm/s, below the speed
+/// that the brake holds. Slower, the cable closes with less than 1 N more (below). A reel that friction holds must get the whole
+/// setpoint: an open loop has nothing else that frees it.
+const CLOSING_NM: i32 = 62_500;
 
 /// Reel speed at which the brake on taking up slack begins, in nanometres a nominal sample: 30 mm/s. A cable
 /// that closes at that speed rises by v sqrt(k m) = 0.03 m/s * sqrt(5,000 N/m * 0.46 kg) = 1.4 N; a stiff one of
@@ -267,7 +272,7 @@ impl Controller {
             moved_nm
         };
         state.last_travel_nm = travel_nm >> periods_shift(dt_us);
-        state.reel_speed.step(travel_nm >> periods_shift(dt_us));
+        state.reel_speed.step(state.last_travel_nm);
         let last_error = if state.closed {
             state.setpoint.value().saturating_sub(tension)
         } else {
@@ -285,7 +290,11 @@ impl Controller {
         // Before the filter, which would delay a sudden pull by milliseconds.
         let direct = times_inv_cos(gated, input.setpoint.inv_cos);
         // A wrong correction of the cell must not hide a pull.
-        let strongest = direct.max(times_inv_cos(uncorrected, input.setpoint.inv_cos));
+        let strongest = if uncorrected > gated {
+            times_inv_cos(uncorrected, input.setpoint.inv_cos)
+        } else {
+            direct
+        };
         let fault = state
             .watch(config, &input, strongest, tension, travel_nm)
             .or_else(|| {
@@ -336,7 +345,8 @@ impl Controller {
                         .setpoint
                         .set(tension.clamp_to(Newton::ZERO, config.force_limit));
                 }
-                let target = if tension < SLACK_TENSION {
+                let closing = tension < SLACK_TENSION && state.last_travel_nm > CLOSING_NM;
+                let target = if closing {
                     requested.min(TAKE_UP_TENSION)
                 } else {
                     requested

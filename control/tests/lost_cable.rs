@@ -1,5 +1,5 @@
-//! "Cable lost": a reel that winds in far without tension. In the rig the watches on the tension come first, so the condition is
-//! tested on the control core alone.
+//! A reel that winds in without tension: what its setpoint is, and "cable lost" where it goes on. In the rig the watches on the
+//! tension come first, so both are tested on the control core alone.
 
 use control::unit::{Drive, Setpoint, LOST_TRAVEL_NM};
 use control::{
@@ -30,33 +30,60 @@ impl Unit {
         }
     }
 
+    /// A sample after so much travel, in nanometres, at a tension and with a setpoint.
+    fn sample(&mut self, step_nm: i64, tension_un: i64, setpoint_un: i32, drive: Drive) -> Output {
+        let wire = self.config.wire();
+        let code = tension_un * 1_000_000 / i64::from(wire.scale_pn_per_count);
+        let adc_code = AdcCode::new(wire.zero_code + code as i32);
+        self.counts += step_nm / i64::from(wire.travel_nm_per_count);
+        self.at += PERIOD_US;
+        let input = Input {
+            adc_code,
+            encoder_counts: EncoderCounts(self.counts),
+            at: Micros(self.at),
+            setpoint: Setpoint {
+                tension: Newton::from_un(setpoint_un),
+                inv_cos: InvCos::from_q16(1 << 16),
+            },
+            drive,
+        };
+        Controller::step(&self.config, &mut self.state, input)
+    }
+
     /// Winds in about so many millimetres (pays out where negative), half a millimetre in each sample, at a tension. Returns the
     /// first output with a fault, and what was wound in until then in nanometres.
     fn wind(&mut self, mm: i64, tension_un: i64, drive: Drive) -> Option<(Output, i64)> {
-        let wire = self.config.wire();
-        let per_count = i64::from(wire.travel_nm_per_count);
-        let code = tension_un * 1_000_000 / i64::from(wire.scale_pn_per_count);
-        let code = AdcCode::new(wire.zero_code + code as i32);
+        let per_count = i64::from(self.config.wire().travel_nm_per_count);
         let begin = self.counts;
         for _ in 0..(mm * 1_000_000 / STEP_NM).abs() {
-            self.counts += mm.signum() * STEP_NM / per_count;
-            self.at += PERIOD_US;
-            let input = Input {
-                adc_code: code,
-                encoder_counts: EncoderCounts(self.counts),
-                at: Micros(self.at),
-                setpoint: Setpoint {
-                    tension: Newton::from_un(3_000_000),
-                    inv_cos: InvCos::from_q16(1 << 16),
-                },
-                drive,
-            };
-            let output = Controller::step(&self.config, &mut self.state, input);
+            let output = self.sample(mm.signum() * STEP_NM, tension_un, 3_000_000, drive);
             if output.fault.is_some() {
                 return Some((output, (self.counts - begin) * per_count));
             }
         }
         None
+    }
+}
+
+/// The setpoint of 8 N is in force only when a slack cable has closed; a cable that friction holds below 1 N gets it all.
+#[test]
+fn the_setpoint_waits_while_a_slack_cable_is_wound_in_and_only_then() {
+    let after_a_second = |speed_mm_s: i64, tension_un: i64| {
+        let mut unit = Unit::new();
+        let step_nm = speed_mm_s * i64::from(PERIOD_US);
+        let outputs: Vec<Output> = (0..320)
+            .map(|_| unit.sample(step_nm, tension_un, 8_000_000, Drive::Follow))
+            .collect();
+        outputs.last().expect("samples").setpoint.to_un()
+    };
+    assert!((1_999_000..2_001_000).contains(&after_a_second(30, 0)));
+    assert!((1_999_000..2_001_000).contains(&after_a_second(30, 900_000)));
+    for (speed_mm_s, tension_un) in [(0, 400_000), (10, 400_000), (-30, 400_000), (30, 1_500_000)] {
+        let setpoint_un = after_a_second(speed_mm_s, tension_un);
+        assert!(
+            setpoint_un > 7_999_000,
+            "{speed_mm_s} mm/s at {tension_un} uN: {setpoint_un} uN"
+        );
     }
 }
 

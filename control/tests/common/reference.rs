@@ -299,7 +299,7 @@ impl Reference {
                 } else {
                     tension.clamp(0.0, limit)
                 };
-                let target = if tension < 1.0 {
+                let target = if tension < 1.0 && self.travel_nm > 62_500.0 {
                     requested.min(2.0)
                 } else {
                     requested
