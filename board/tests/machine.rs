@@ -588,7 +588,7 @@ fn a_changed_register_is_cleared_only_once_it_has_its_value_again() {
 #[test]
 fn a_missed_conversion_is_counted_and_flagged() {
     let mut bench = Bench::ready();
-    let (_, pending) = bench.machine.sample(
+    let (_, mut pending) = bench.machine.sample(
         UnitIndex::Unit1,
         AdcCode::new(0),
         EncoderCounts(0),
@@ -596,6 +596,7 @@ fn a_missed_conversion_is_counted_and_flagged() {
         2,
         &mut bench.board,
     );
+    bench.machine.check(&mut pending, &mut bench.board);
     assert_ne!(pending.describe().flags & flags::MISSED, 0);
     assert_eq!(bench.status().units[0].missed, 2);
 }

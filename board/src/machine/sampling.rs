@@ -16,7 +16,8 @@ pub struct PendingSample {
     adc_code: AdcCode,
     encoder_counts: EncoderCounts,
     at: Micros,
-    missed: bool,
+    /// Conversions lost before it.
+    missed: u8,
     drive: Drive,
     tip_force_mn: u16,
     output: Output,
@@ -36,7 +37,7 @@ impl PendingSample {
         };
         self.output.describe(&mut sample);
         sample.tip_force_mn = self.tip_force_mn;
-        if self.missed {
+        if self.missed > 0 {
             sample.flags |= flags::MISSED;
         }
         sample
@@ -61,23 +62,21 @@ impl Machine {
             adc_code,
             encoder_counts,
             at,
-            missed: missed > 0,
+            missed,
             drive,
             tip_force_mn: 0,
             output,
             measured,
         };
         let slot = &mut self.units[unit as usize];
-        if !slot.sensor_up && slot.came_up.is_none() {
-            // It was under way when its converter was stopped or started anew: of nothing that is in force.
-            let pending = pending(Drive::Off, Output::default(), false);
-            return (DacCode::ZERO_VOLT, pending);
+        if !slot.sensor_up {
+            if slot.came_up.take().is_none() {
+                // It was under way when its converter was stopped or started anew: of nothing that is in force.
+                let pending = pending(Drive::Off, Output::default(), false);
+                return (DacCode::ZERO_VOLT, pending);
+            }
+            slot.sensor_up = true;
         }
-        slot.samples = slot.samples.wrapping_add(1);
-        slot.missed = slot.missed.wrapping_add(u32::from(missed));
-        slot.rate.observe(at, missed);
-        slot.sensor_up = true;
-        slot.came_up = None;
         if !slot.config.is_sealed() {
             // The output follows from numbers that are wrong: none.
             self.fault_board_once(Fault::ConfigCrc, unit as u32 + 1, at, fx);
@@ -107,16 +106,22 @@ impl Machine {
         (output.dac, pending(drive, output, true))
     }
 
-    /// What must be checked of a sample, and does not have to stand between it and its DAC word: whether load cell, motor
-    /// and encoder can be believed, the force at the tip, the average of a zero. Call it once the word is on its way; a
+    /// What must be checked of a sample, and does not have to stand between it and its DAC word: the converter's rate, whether
+    /// load cell, motor and encoder can be believed, the force at the tip, the average of a zero. Call it once the word is on its way; a
     /// fault writes 0 V behind it.
     pub fn check(&mut self, pending: &mut PendingSample, fx: &mut impl Effects) {
         let (unit, at, output) = (pending.unit, pending.at, pending.output);
+        let others_drive = self.system.drives();
+        let slot = &mut self.units[unit as usize];
+        // Not one that was left out.
+        if slot.sensor_up {
+            slot.samples = slot.samples.wrapping_add(1);
+            slot.missed = slot.missed.wrapping_add(u32::from(pending.missed));
+            slot.rate.observe(at, pending.missed);
+        }
         if !pending.measured {
             return;
         }
-        let others_drive = self.system.drives();
-        let slot = &mut self.units[unit as usize];
         if output.flags & flags::SPIKE != 0 {
             slot.spikes = slot.spikes.wrapping_add(1);
         }

@@ -31,7 +31,9 @@ impl Machine {
         match event {
             bus::Event::Edge { .. } | bus::Event::Sample { .. } => {}
             bus::Event::Up { unit } => {
-                self.units[unit as usize].came_up = Some(now);
+                let slot = &mut self.units[unit as usize];
+                slot.sensor_up = false;
+                slot.came_up = Some(now);
             }
             bus::Event::BringUpFailed { unit, error } => {
                 self.fault_unit(unit, Fault::BringUpFailed, bring_up_detail(&error), now, fx);
