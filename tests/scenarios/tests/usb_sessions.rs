@@ -204,22 +204,21 @@ fn both_links_stream_every_sample_and_nothing_is_lost() {
     }
 }
 
-/// The session goes by USART3; the host at the USB port opens it, asks for every sample, and stops reading.
-#[test]
-fn a_host_that_stops_reading_is_not_noticed_by_the_sample_path() {
+/// Times of the sample path in three parts of a session over USART3, while the host at the USB port has opened it, asks for
+/// every sample, and reads in those parts that `reads` says; and the rig after it.
+fn paths_beside_usb(reads: [bool; 3]) -> ([[f64; 3]; 3], UsbRig) {
     let mut rig = UsbRig::open(74);
     rig.session = Link::Serial;
     rig.other.stream_all();
     let mut stand = Stand::armed(&mut rig, TENSION_N);
     stand.ask(&wire::Command::Stream { decimation: 1 });
-    let mut figures = Vec::new();
-    for reads in [true, false, true] {
+    let figures = reads.map(|reads| {
         stand.inject(Injection::ReadUsb(reads));
         stand.run(0.5);
         stand.report();
         let missed = stand.status().units.map(|unit| unit.missed);
         stand.run(3.0);
-        figures.push(path_us(&stand.report().latencies));
+        let path = path_us(&stand.report().latencies);
         assert_eq!(
             stand.status().units.map(|unit| unit.missed),
             missed,
@@ -231,8 +230,8 @@ fn a_host_that_stops_reading_is_not_noticed_by_the_sample_path() {
             held.iter().all(|tension| (tension - TENSION_N).abs() < 0.3),
             "{held:?}"
         );
-    }
-    println!("DRDY to DAC in us (median, p99, largest): host reads, does not, reads again: {figures:.1?}");
+        path
+    });
     let counters = stand.session.counters();
     assert_eq!(
         (counters.frames_lost, counters.frames_bad),
@@ -240,9 +239,18 @@ fn a_host_that_stops_reading_is_not_noticed_by_the_sample_path() {
         "USART3 goes on"
     );
     drop(stand);
-    // The largest is that of the sample which meets most others on the bus, 99 us for each: which one is chance.
-    for ((with, without), more) in figures[1].iter().zip(figures[0]).zip([10.0, 10.0, 100.0]) {
-        assert!(*with < without + more, "{figures:?}");
+    (figures, rig)
+}
+
+#[test]
+fn a_host_that_stops_reading_is_not_noticed_by_the_sample_path() {
+    // Part by part against a host that always reads: how samples of six converters meet on the bus changes with time, so
+    // one part says nothing of the next.
+    let (reading, _) = paths_beside_usb([true; 3]);
+    let (stopping, rig) = paths_beside_usb([true, false, true]);
+    println!("DRDY to DAC in us (median, p99, largest): host reads {reading:.1?}, stops in the second part {stopping:.1?}");
+    for (with, without) in stopping.iter().flatten().zip(reading.iter().flatten()) {
+        assert!(*with < without + 10.0, "{stopping:?} against {reading:?}");
     }
     // What did not fit is counted by the board and missing in the numbers; no frame is damaged.
     let status = rig.other.status.as_ref().expect("status frames");
