@@ -5,7 +5,7 @@
 //!
 //! | quantity | ball about | beside the calibration and the pose |
 //! | --- | --- | --- |
-//! | mean of the run | the mean of what the load cells say | that, over the root of the cycles |
+//! | mean of the run | the mean of what the load cells say | how the means of parts of the run scatter, over the root of their number |
 //! | any instant | the commanded force | how far the cells' estimate is from the command |
 //! | the estimate of a cycle | the cells' estimate in this cycle | how much the estimate changes while it grows old |
 //!
@@ -65,8 +65,7 @@ pub struct PartsN {
     pub geometry: f64,
     /// The robot's pose.
     pub pose: f64,
-    /// How the tensions are held: what changes within the age of an estimate, in the mean of the
-    /// run. The fast part of it meets the cycles at random.
+    /// How the tensions are held: standard error of the run's mean by the means of its parts.
     pub held: f64,
 }
 
@@ -138,6 +137,61 @@ impl Newest {
     }
 }
 
+/// Means over parts of a run, for the variance of the run's mean. How they scatter holds what the cycles share: vibration of the
+/// motors and the age of an estimate cancel within a part, a slow change does not.
+#[derive(Debug, Clone)]
+struct Batches {
+    /// Sums over whole parts, N.
+    sums: Vec<Vector3<f64>>,
+    /// Cycles of a part.
+    length: u64,
+    sum: Vector3<f64>,
+    in_sum: u64,
+}
+
+/// Cycles of a part at first: 0.2 s, ten times the age of an estimate.
+const BATCH: u64 = 10 * AGE_CYCLES as u64;
+/// Whole parts that are kept; then each two become one.
+const MOST_BATCHES: usize = 64;
+
+impl Default for Batches {
+    fn default() -> Self {
+        Self {
+            sums: Vec::new(),
+            length: BATCH,
+            sum: Vector3::zeros(),
+            in_sum: 0,
+        }
+    }
+}
+
+impl Batches {
+    fn add(&mut self, force_n: Vector3<f64>) {
+        self.sum += force_n;
+        self.in_sum += 1;
+        if self.in_sum < self.length {
+            return;
+        }
+        self.sums.push(std::mem::take(&mut self.sum));
+        self.in_sum = 0;
+        if self.sums.len() == MOST_BATCHES {
+            self.sums = self.sums.chunks(2).map(|two| two[0] + two[1]).collect();
+            self.length *= 2;
+        }
+    }
+
+    /// Variance of the mean over all parts in one of three directions, N^2; 0 with fewer than two parts.
+    fn mean_variance_n2(&self) -> f64 {
+        let count = self.sums.len() as f64;
+        if count < 2.0 {
+            return 0.0;
+        }
+        let mean = self.sums.iter().sum::<Vector3<f64>>() / count;
+        let squares: f64 = self.sums.iter().map(|s| (s - mean).norm_squared()).sum();
+        squares / (self.length as f64).powi(2) / 3.0 / (count - 1.0) / count
+    }
+}
+
 /// What a run held while steady, added up cycle by cycle.
 #[derive(Debug, Clone, Default)]
 pub struct Steady {
@@ -150,8 +204,7 @@ pub struct Steady {
     off_before_n: Option<Vector3<f64>>,
     off_command_n: Sizes,
     change_n: Sizes,
-    /// Sum of the squares of these changes, N^2, and their number.
-    change_square: (f64, u64),
+    batches: Batches,
 }
 
 impl Steady {
@@ -178,9 +231,8 @@ impl Steady {
             .flatten()
         {
             self.change_n.add(change_n);
-            self.change_square.0 += change_n * change_n;
-            self.change_square.1 += 1;
         }
+        self.batches.add(off_command_n);
     }
 
     /// Uncertainty of the force. `pose_sd_m`: standard deviation of a coordinate of the tip, m.
@@ -191,16 +243,13 @@ impl Steady {
             return None;
         }
         let count = self.count as f64;
-        let (square_n2, changes) = self.change_square;
-        // In one of three directions.
-        let single_n2 = square_n2 / 3.0 / changes.max(1) as f64;
         let mut found = stated(
             record,
             &(self.tip_m / count),
             &self.tension_n.map(|sum| sum / count),
             &self.available,
             pose_sd_m,
-            single_n2 / count,
+            self.batches.mean_variance_n2(),
         )?;
         let systematic_n = found.instant_95_n;
         found.instant_95_n = systematic_n.hypot(self.off_command_n.quantile_95());
@@ -509,10 +558,10 @@ mod tests {
         let of_calibration =
             of_tensions(&record, &rig_tip, &[3.0; UNITS], &[true; UNITS], 0.0).unwrap();
         let calibration = of_calibration.radius_95_n;
-        // 2000 cycles of which each says nothing of the next: 0.28 N of each of three directions at
-        // most over the root.
-        assert!(slow.radius_95_n < calibration * 1.0001);
-        assert!((0.005..0.01).contains(&fast.parts_n.held), "{fast:?}");
+        // Two whole periods are not steady: parts of 0.4 s have means of +-0.4 N along one of three directions. A part of a
+        // fast one has a mean of 0.
+        assert!((0.015..0.03).contains(&slow.parts_n.held), "{slow:?}");
+        assert!(fast.parts_n.held < 0.002, "{fast:?}");
         // The 95 % quantile of a slow sine is 0.997 of its amplitude; the mean of two cycles takes
         // 0.3 of the fast one off.
         for (found, most) in [(&slow, 1.0), (&fast, 0.985)] {
@@ -525,6 +574,40 @@ mod tests {
         assert!((0.75..0.81).contains(&change), "{fast:?}");
         assert!((slow_last / slow.estimate_95_n - 1.0).abs() < 0.01);
         assert!((fast_last / fast.estimate_95_n - 1.0).abs() < 0.01);
+    }
+
+    /// Against the variance of the means of many runs: independent cycles, cycles that cancel, cycles that hang together.
+    #[test]
+    fn the_variance_of_a_mean_is_that_of_many_runs() {
+        const CYCLES: usize = 3000;
+        const RUNS: usize = 400;
+        let mut random = random::SplitMix64::stream(5, "means", 0);
+        let mut noise = || Vector3::from_fn(|_, _| random.normal());
+        for (name, moving, keeps) in [
+            ("white", 0.0, 0.0),
+            ("cancels", 1.0, 0.0),
+            ("slow", 0.0, 0.9),
+        ] {
+            let (mut squares, mut stated) = (0.0, 0.0);
+            for _ in 0..RUNS {
+                let mut batches = Batches::default();
+                let (mut sum, mut before, mut held) = (Vector3::zeros(), noise(), Vector3::zeros());
+                for _ in 0..CYCLES {
+                    let new = noise();
+                    held = held * keeps + new - before * moving;
+                    before = new;
+                    batches.add(held);
+                    sum += held;
+                }
+                squares += (sum / CYCLES as f64).norm_squared() / 3.0 / RUNS as f64;
+                stated += batches.mean_variance_n2() / RUNS as f64;
+            }
+            let ratio = (stated / squares).sqrt();
+            // What cancels does so within a part: its two ends are left, so many times as there are parts.
+            let range = if moving > 0.0 { 1.0..9.0 } else { 0.85..1.15 };
+            assert!(range.contains(&ratio), "{name}: {ratio}");
+        }
+        assert_eq!(Batches::default().mean_variance_n2(), 0.0);
     }
 
     #[test]
