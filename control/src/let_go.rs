@@ -7,7 +7,7 @@
 //! | the reel speeds up | speed of winding in with the least since 0 V | two samples, 6 ms |
 //! | the reel winds in | without a load cell: travel from where it had paid out furthest | [`COASTING_MS`], then at once |
 //! | the reel winds in | for [`TRIAL_MS`] after the amplifiers got their power: travel from where it had paid out furthest | at once |
-//! | the cable tightens | for [`TRIAL_MS`] after the amplifiers got their power: tension above the least since then | [`TIGHTER_SAMPLES`] |
+//! | the cable tightens | for [`TRIAL_MS`] after the amplifiers got their power: tension above the least since then | `TIGHTER_SAMPLES` |
 //!
 //! Those of the reel need no load cell that can be believed. At 0 V nothing drives a reel inwards: friction and the cable both brake
 //! it. A reel that winds in faster than before, or on and on, is driven by its motor.
@@ -55,7 +55,7 @@ pub const DRIVEN_NM: i32 = 78_125;
 const SETTLING_TRAVELS: u8 = 2;
 
 /// Time after the amplifiers got their power in which no reel may wind in, in milliseconds: the PLC waits for ten edges of the
-/// alive line (10 ms), an output that is stuck with 2 N winds in [`WOUND_IN_NM`] in 10 ms. The rest is for a relay and an amplifier
+/// alive line (10 ms), an output that is stuck with 2 N winds in `WOUND_IN_NM` in 10 ms. The rest is for a relay and an amplifier
 /// that are slower than those of the emulated rig.
 pub const TRIAL_MS: u16 = 300;
 

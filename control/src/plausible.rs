@@ -92,7 +92,7 @@ const SURGE_SAMPLES: usize = 4;
 /// Tension below which a cable is slack for [`SLACK_SAMPLES`].
 const SLACK: Newton = Newton::from_un(500_000);
 
-/// Samples in a row in which a cable is slack, the reel rests and the command would tighten it by [`SLACK`] and more: 100 ms. A reel
+/// Samples in a row in which a cable is slack, the reel rests and the command would tighten it by `SLACK` and more: 100 ms. A reel
 /// that takes up slack moves.
 pub const SLACK_SAMPLES: u8 = 32;
 
