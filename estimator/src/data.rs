@@ -22,8 +22,8 @@ pub trait Columns {
 pub struct Part {
     /// Unbroken stretches, with the force's three components as targets where the log has them.
     pub sequences: Vec<Sequence>,
-    /// Joints (rad, rad, m) and reported tips (m), about a thousand rows.
-    pub tips: Vec<([f64; 3], [f64; 3])>,
+    /// Trial, joints (rad, rad, m) and reported tips (m), about a thousand rows.
+    pub tips: Vec<(usize, ([f64; 3], [f64; 3]))>,
     /// Rate of the file, Hz.
     pub rate_hz: f64,
     /// Rows that were left out because they are not usable.
@@ -210,10 +210,9 @@ pub fn read<'a>(
         taken += 1;
         if !tip.is_empty() && (taken - 1).is_multiple_of((rows / every / 1_000).max(1)) {
             check(file, row, &time, tip.iter())?;
-            part.tips.push((
-                core::array::from_fn(|i| inputs[i].at(row)),
-                core::array::from_fn(|i| tip[i].at(row)),
-            ));
+            let joints = core::array::from_fn(|i| inputs[i].at(row));
+            let tip = core::array::from_fn(|i| tip[i].at(row));
+            part.tips.push((number, (joints, tip)));
         }
     }
     close(&mut part, open.take());
@@ -314,16 +313,15 @@ fn step_s(file: &str, time: &Column<'_>) -> Result<f64, DataError> {
     Ok(median)
 }
 
-/// The robot's base from parts, or the CRTK frame where logs have no tips.
+/// The robot's base from joints (rad, rad, m) and reported tips (m), or the CRTK frame where logs have no tips.
 ///
 /// # Errors
 /// The tips do not fit the kinematics.
-pub fn base(parts: &[Part]) -> Result<Base, crate::geometry::BaseError> {
-    let pairs: Vec<_> = parts.iter().flat_map(|p| p.tips.iter().copied()).collect();
+pub fn base(pairs: &[([f64; 3], [f64; 3])]) -> Result<Base, crate::geometry::BaseError> {
     if pairs.is_empty() {
         return Ok(Base::default());
     }
-    Base::fit(&pairs)
+    Base::fit(pairs)
 }
 
 #[cfg(test)]

@@ -2,13 +2,15 @@
 
 use crate::baseline::{Constant, Linear};
 use crate::geometry::Base;
-use crate::interval::{HeldOut, Interval};
+use crate::interval::{error_n, HeldOut, Interval, Started};
 pub use crate::kind::Kind;
 use crate::model::{Epochs, Model, ModelError, Progress};
-use crate::motion::{INPUTS, INPUT_NAMES};
+use crate::motion::{Motion, INPUTS, INPUT_NAMES};
 use crate::physics::Physics;
 use crate::sequence::Sequence;
+use crate::stream::{Before, Breaks};
 use crate::trees::{Boosted, StoredBoosted, TreesConfig};
+use robot::random::Random;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
 
@@ -242,6 +244,10 @@ impl Estimator {
                 "axes of the force are 0 (x), 1 (y), 2 (z)".to_owned(),
             ));
         }
+        if training.intervals {
+            // Now, and not after the minutes of the first training.
+            folds(sequences)?;
+        }
         progress(&Progress {
             done: 0.0,
             text: format!(
@@ -446,25 +452,28 @@ impl Estimator {
     }
 }
 
+/// Trials in order, and the number of folds for intervals.
+fn folds(sequences: &[&Sequence]) -> Result<(Vec<usize>, usize), ModelError> {
+    let trials: BTreeSet<usize> = sequences.iter().map(|s| s.trial).collect();
+    let trials: Vec<usize> = trials.into_iter().collect();
+    let folds = trials.len().min(FOLDS);
+    if folds < 2 {
+        return Err(ModelError::Data(format!(
+            "intervals need at least two training trials, because one is held out at a time, and there is {trials:?} alone; give more trials or --no-intervals"
+        )));
+    }
+    Ok((trials, folds))
+}
+
 /// Intervals from folds of trials, each estimated by a model that has not seen it.
 fn calibrated(
     training: &Training,
     sequences: &[&Sequence],
     progress: &mut dyn FnMut(&Progress),
 ) -> Result<Interval, ModelError> {
-    let trials: Vec<usize> = sequences
-        .iter()
-        .map(|s| s.trial)
-        .collect::<BTreeSet<_>>()
-        .into_iter()
-        .collect();
-    let folds = trials.len().min(FOLDS);
-    if folds < 2 {
-        return Err(ModelError::Data(
-            "intervals need at least two training trials, because one is held out at a time; give more trials or --no-intervals".to_owned(),
-        ));
-    }
+    let (trials, folds) = folds(sequences)?;
     let mut held_out = Vec::new();
+    let mut started = Started::default();
     for fold in 0..folds {
         progress(&Progress {
             done: (fold + 1) as f64 / (folds + 1) as f64,
@@ -483,7 +492,47 @@ fn calibrated(
                 sequence,
                 predicted: body.model().predict(sequence),
             });
+            after_breaks(training, body.model(), sequence, &mut started);
         }
     }
-    Interval::fit(&held_out, training.base, &training.axes)
+    Interval::fit(&held_out, &started, training.base, &training.axes)
+}
+
+/// Rows of a sequence that are replayed with breaks at most: enough for a hundred of them, and slow networks end in minutes.
+const BROKEN_ROWS: usize = 15_000;
+
+/// Rows after starts and gaps of a replay of a held-out sequence.
+fn after_breaks(
+    training: &Training,
+    model: &dyn Model,
+    sequence: &Sequence,
+    started: &mut Started,
+) {
+    let step_s = sequence.step_s;
+    let rows = sequence.rows().min(BROKEN_ROWS);
+    let mut random = Random::stream(training.trees.seed, "breaks", sequence.trial as u64);
+    let breaks = Breaks::dense(rows, step_s, &mut random);
+    let mut motion = Motion::new(step_s);
+    let mut stepper = model.stepper();
+    let mut force = vec![0.0; training.axes.len()];
+    for (k, before) in breaks.rows(rows, step_s, Before::Start) {
+        match before {
+            Before::Row => {}
+            Before::Start => {
+                stepper.reset();
+                motion.reset();
+            }
+            Before::Gap(elapsed_s) => {
+                stepper.gap(elapsed_s);
+                motion.gap(elapsed_s);
+            }
+        }
+        let input = sequence.input_row(k);
+        stepper.step(input, &mut force);
+        let moment = motion.step(input);
+        if !moment.settled() {
+            let error_n = error_n(&force, sequence.target_row(k), &training.axes);
+            started.push(moment, &training.base, error_n);
+        }
+    }
 }

@@ -5,13 +5,18 @@
 //! quantile of |error| / scale over the rows of held-out trials, each estimated by a model that has not seen it, separately for six
 //! classes of the scale. Rows of a trial are not independent; trials are. So the coverage of one new trial scatters around the
 //! stated one by as much as the trials differ.
+//!
+//! Rows after a start or a gap have a scale and factors of their own, in which also stands how much of the friction's state is unknown.
+//! They are fitted to replays of the held-out trials with many starts and gaps. Such a row is valid once its interval is no wider than
+//! [`WIDEST`] of the others are.
 
 use crate::geometry::Base;
 use crate::model::ModelError;
-use crate::motion::{Moment, Motion, LEVELS};
+use crate::motion::{Moment, Motion, FILTER_S, LEVELS, PLACES};
 use crate::physics::settle_rows;
 use crate::ridge::{Ridge, Sums};
 use crate::sequence::Sequence;
+use crate::stream::Sure;
 use serde::{Deserialize, Serialize};
 
 /// Added to absolute errors before the logarithm, N: the noise of the label.
@@ -20,17 +25,38 @@ const FLOOR_N: f64 = 0.02;
 const CLASSES: usize = 6;
 /// Share that is covered.
 pub const COVERAGE: f64 = 0.90;
+/// Share of the rows without a break whose interval is at most as wide as that of a row that is valid after one.
+pub const WIDEST: f64 = 0.99;
 
 /// Predicted scale and conformal factors.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
+    // By name in the file: what stood there before starts had their own.
+    #[serde(flatten)]
+    settled: Scaled,
+    base: Base,
+    axes: Vec<usize>,
+    /// Rows after a start or a gap. Models of before have none: such rows are invalid, and their width is that of the others.
+    #[serde(default)]
+    start: Option<AfterStart>,
+}
+
+/// A scale with the factors of its classes.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Scaled {
     scale: Ridge,
     /// Upper ends of the classes of scale but the last, N.
     edges: Vec<f64>,
     /// Half width per scale, by class.
     factors: Vec<f64>,
-    base: Base,
-    axes: Vec<usize>,
+}
+
+/// Intervals after a start or a gap.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct AfterStart {
+    scaled: Scaled,
+    /// Half width up to which a row is valid, N.
+    widest_n: f64,
 }
 
 /// What the motion tells about the size of the error.
@@ -54,6 +80,29 @@ fn features(m: &Moment, base: &Base, row: &mut Vec<f64>) {
 
 const FEATURES: usize = 1 + 3 * 5 + 2 * LEVELS + 3;
 
+/// Age of a row below which it is never valid, s: three time constants of the filters.
+const FIRST_S: f64 = 3.0 * FILTER_S - 1e-9;
+/// Time constants with which what a start leaves fades, s: filters, the observer's memory, slow averages.
+const FADES_S: [f64; 3] = [0.05, 0.2, 1.0];
+
+/// The same after a start or a gap.
+fn start_features(m: &Moment, base: &Base, row: &mut Vec<f64>) {
+    features(m, base, row);
+    row.extend(m.unknown);
+    let at: [f64; 3] = core::array::from_fn(|i| m.unknown_at(i));
+    // The scale of the error grows with what is unknown, down to the noise of the estimate.
+    row.extend(at.map(|share| (share + 0.01).ln()));
+    row.extend([
+        at[0] * at[1],
+        at[1] * at[2],
+        at[0] * at[2],
+        at[0] * at[1] * at[2],
+    ]);
+    row.extend(FADES_S.map(|time_s| (-m.age_s / time_s).exp()));
+}
+
+const START_FEATURES: usize = FEATURES + PLACES + 3 + 4 + FADES_S.len();
+
 /// Errors of a held-out trial.
 #[derive(Debug, Clone)]
 pub struct HeldOut<'a> {
@@ -63,23 +112,65 @@ pub struct HeldOut<'a> {
     pub predicted: Vec<f32>,
 }
 
-impl HeldOut<'_> {
-    fn error(&self, k: usize, axes: &[usize]) -> f64 {
-        let square = |(a, axis): (usize, &usize)| {
-            let error = f64::from(self.predicted[k * axes.len() + a])
-                - f64::from(self.sequence.target_row(k)[*axis]);
-            error * error
-        };
-        axes.iter().enumerate().map(square).sum::<f64>().sqrt()
+/// What the motion tells at rows, one row of features after another, and their errors.
+#[derive(Debug, Clone, Default)]
+struct Scores {
+    features: Vec<f64>,
+    error_n: Vec<f64>,
+}
+
+impl Scores {
+    fn push(&mut self, features: &[f64], error_n: f64) {
+        self.features.extend_from_slice(features);
+        self.error_n.push(error_n);
+    }
+
+    fn rows(&self) -> impl Iterator<Item = (&[f64], f64)> {
+        let width = self.features.len() / self.error_n.len().max(1);
+        let rows = self.features.chunks_exact(width.max(1));
+        rows.zip(self.error_n.iter().copied())
     }
 }
 
+/// Rows after starts and gaps in replays of held-out trials.
+#[derive(Debug, Clone, Default)]
+pub struct Started(Scores);
+
+impl Started {
+    /// Adds a row and the length of its error, N.
+    pub fn push(&mut self, moment: &Moment, base: &Base, error_n: f64) {
+        let mut row = Vec::with_capacity(START_FEATURES);
+        start_features(moment, base, &mut row);
+        self.0.push(&row, error_n);
+    }
+}
+
+impl HeldOut<'_> {
+    fn error(&self, k: usize, axes: &[usize]) -> f64 {
+        let force = &self.predicted[k * axes.len()..(k + 1) * axes.len()];
+        error_n(force, self.sequence.target_row(k), axes)
+    }
+}
+
+/// Length of the error of a force, N. `label`: three components.
+#[must_use]
+pub fn error_n(force: &[f32], label: &[f32], axes: &[usize]) -> f64 {
+    let square =
+        |(force, axis): (&f32, &usize)| (f64::from(*force) - f64::from(label[*axis])).powi(2);
+    force.iter().zip(axes).map(square).sum::<f64>().sqrt()
+}
+
 impl Interval {
-    /// Fits scale and factors to held-out trials.
+    /// Fits scales and factors to held-out trials, and to what their replays with breaks have left.
     ///
     /// # Errors
     /// Fewer than two trials.
-    pub fn fit(held_out: &[HeldOut<'_>], base: Base, axes: &[usize]) -> Result<Self, ModelError> {
+    pub fn fit(
+        held_out: &[HeldOut<'_>],
+        started: &Started,
+        base: Base,
+        axes: &[usize],
+    ) -> Result<Self, ModelError> {
         let mut trials: Vec<usize> = held_out.iter().map(|h| h.sequence.trial).collect();
         trials.dedup();
         if trials.len() < 2 {
@@ -87,49 +178,27 @@ impl Interval {
                 "intervals need at least two training trials: one is held out at a time".to_owned(),
             ));
         }
-        let mut sums = Sums::new(FEATURES, 1);
         let mut row = Vec::new();
+        let mut rows = Scores::default();
         for held in held_out {
             walk(held, |k, moment| {
                 features(moment, &base, &mut row);
-                sums.push(&row, &[(held.error(k, axes) + FLOOR_N).ln()]);
+                rows.push(&row, held.error(k, axes));
             });
         }
-        let scale = sums
-            .solve()
-            .ok_or_else(|| ModelError::Data("too few held-out rows for intervals".to_owned()))?;
-        let mut interval = Self {
-            scale,
-            edges: Vec::new(),
-            factors: Vec::new(),
+        let few = || ModelError::Data("too few held-out rows for intervals".to_owned());
+        let settled = Scaled::fit(FEATURES, &rows).ok_or_else(few)?;
+        let mut widths: Vec<f64> = rows.rows().map(|(row, _)| settled.half_n(row)).collect();
+        widths.sort_by(f64::total_cmp);
+        let widest_n = quantile(&widths, WIDEST);
+        let start =
+            Scaled::fit(START_FEATURES, &started.0).map(|scaled| AfterStart { scaled, widest_n });
+        Ok(Self {
+            settled,
             base,
             axes: axes.to_vec(),
-        };
-        let mut scored: Vec<(usize, f64, f64)> = Vec::new();
-        for held in held_out {
-            walk(held, |k, moment| {
-                let scale = interval.scale_n(moment, &mut row);
-                scored.push((held.sequence.trial, scale, held.error(k, axes) / scale));
-            });
-        }
-        let mut scales: Vec<f64> = scored.iter().map(|(_, scale, _)| *scale).collect();
-        scales.sort_by(f64::total_cmp);
-        interval.edges = (1..CLASSES)
-            .map(|c| scales[scales.len() * c / CLASSES])
-            .collect();
-        interval.factors = (0..CLASSES)
-            .map(|c| factor(&scored, |scale| interval.class(scale) == c))
-            .collect();
-        Ok(interval)
-    }
-
-    fn scale_n(&self, moment: &Moment, row: &mut Vec<f64>) -> f64 {
-        features(moment, &self.base, row);
-        self.scale.value(0, row).clamp(-6.0, 4.0).exp()
-    }
-
-    fn class(&self, scale: f64) -> usize {
-        self.edges.partition_point(|edge| *edge <= scale)
+            start,
+        })
     }
 
     /// Half widths of every row of a sequence, N.
@@ -137,7 +206,7 @@ impl Interval {
     pub fn widths(&self, sequence: &Sequence) -> Vec<f64> {
         let mut live = self.live(sequence.step_s);
         (0..sequence.rows())
-            .map(|k| live.step(sequence.input_row(k)))
+            .filter_map(|k| live.step(sequence.input_row(k)).half_n)
             .collect()
     }
 
@@ -167,11 +236,37 @@ pub struct Live<'a> {
 }
 
 impl Live<'_> {
-    /// Half width for the next row, N.
-    pub fn step(&mut self, input: &[f32]) -> f64 {
+    /// Half width for the next row, N, and whether the row is valid.
+    pub fn step(&mut self, input: &[f32]) -> Sure {
         let moment = self.motion.step(input);
-        let scale = self.interval.scale_n(moment, &mut self.row);
-        scale * self.interval.factors[self.interval.class(scale)]
+        let Interval { base, start, .. } = self.interval;
+        let settled = moment.settled();
+        let (half_n, valid) = match start {
+            Some(start) if !settled => {
+                start_features(moment, base, &mut self.row);
+                let half_n = start.scaled.half_n(&self.row);
+                let valid = half_n <= start.widest_n && moment.age_s >= FIRST_S;
+                (half_n, valid)
+            }
+            _ => {
+                features(moment, base, &mut self.row);
+                (self.interval.settled.half_n(&self.row), settled)
+            }
+        };
+        Sure {
+            half_n: Some(half_n),
+            valid,
+        }
+    }
+
+    /// Forgets the past.
+    pub fn reset(&mut self) {
+        self.motion.reset();
+    }
+
+    /// The next row comes `elapsed_s` after the one before it.
+    pub fn gap(&mut self, elapsed_s: f64) {
+        self.motion.gap(elapsed_s);
     }
 }
 
@@ -186,17 +281,67 @@ fn walk(held: &HeldOut<'_>, mut visit: impl FnMut(usize, &Moment)) {
     }
 }
 
-/// Factor that covers [`COVERAGE`] of the rows of held-out trials.
-fn factor(scored: &[(usize, f64, f64)], within: impl Fn(f64) -> bool) -> f64 {
+impl Scaled {
+    /// Fits a scale to rows of `features` values and their errors, N, and a factor to each class; `None` with too few rows.
+    fn fit(features: usize, scores: &Scores) -> Option<Self> {
+        let mut sums = Sums::new(features, 1);
+        for (row, error_n) in scores.rows() {
+            sums.push(row, &[(error_n + FLOOR_N).ln()]);
+        }
+        let mut scaled = Self {
+            scale: sums.solve()?,
+            edges: Vec::new(),
+            factors: Vec::new(),
+        };
+        let scored: Vec<(f64, f64)> = scores
+            .rows()
+            .map(|(row, error_n)| {
+                let scale = scaled.scale_n(row);
+                (scale, error_n / scale)
+            })
+            .collect();
+        let mut scales: Vec<f64> = scored.iter().map(|(scale, _)| *scale).collect();
+        scales.sort_by(f64::total_cmp);
+        scaled.edges = (1..CLASSES)
+            .map(|c| scales[scales.len() * c / CLASSES])
+            .collect();
+        scaled.factors = (0..CLASSES)
+            .map(|c| factor(&scored, |scale| scaled.class(scale) == c))
+            .collect();
+        Some(scaled)
+    }
+
+    fn scale_n(&self, row: &[f64]) -> f64 {
+        self.scale.value(0, row).clamp(-6.0, 4.0).exp()
+    }
+
+    fn class(&self, scale: f64) -> usize {
+        self.edges.partition_point(|edge| *edge <= scale)
+    }
+
+    /// Half width, N.
+    fn half_n(&self, row: &[f64]) -> f64 {
+        let scale = self.scale_n(row);
+        scale * self.factors[self.class(scale)]
+    }
+}
+
+/// Factor that covers [`COVERAGE`] of the rows of held-out trials: scale and error per scale.
+fn factor(scored: &[(f64, f64)], within: impl Fn(f64) -> bool) -> f64 {
     let mut scores: Vec<f64> = scored
         .iter()
-        .filter(|(_, scale, _)| within(*scale))
-        .map(|(_, _, score)| *score)
+        .filter(|(scale, _)| within(*scale))
+        .map(|(_, score)| *score)
         .collect();
     if scores.is_empty() {
         return 3.0;
     }
     scores.sort_by(f64::total_cmp);
-    let at = (COVERAGE * scores.len() as f64) as usize;
-    scores[at.min(scores.len() - 1)]
+    quantile(&scores, COVERAGE)
+}
+
+/// Value below which a share of sorted ones lies; there is one at least.
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let at = (share * sorted.len() as f64) as usize;
+    sorted[at.min(sorted.len() - 1)]
 }

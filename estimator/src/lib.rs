@@ -2,7 +2,7 @@
 //! cable-driven robot to the force on its tool.
 //!
 //! [`data`] turns logs into sequences, [`sequence`] is what every model reads, [`model`] what every model does, `network` the
-//! neural ones. [`estimator`] is a model with all that belongs to it, [`metrics`] how good it is, [`interval`] how sure.
+//! neural ones. [`estimator`] is a model with all that belongs to it, [`mod@stream`] runs it row by row, [`metrics`] is how good it is, [`interval`] how sure.
 
 pub mod baseline;
 pub mod data;
@@ -22,4 +22,5 @@ pub mod physics;
 pub mod refusal;
 pub mod ridge;
 pub mod sequence;
+pub mod stream;
 pub mod trees;

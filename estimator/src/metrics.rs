@@ -22,6 +22,8 @@ pub struct Rows {
     pub estimate: Vec<f64>,
     /// Label, the first component, N.
     pub label: Vec<f64>,
+    /// Sum of the absolute errors of each component, N.
+    pub component_n: Vec<f64>,
     /// Smallest and largest label over all components, N.
     pub range: Option<[f64; 2]>,
     /// Speed of the tip, m/s.
@@ -142,6 +144,10 @@ fn add(rows: &mut Rows, sequence: &Sequence, predicted: &[f32], base: &Base, axe
         }
         let label = sequence.target_row(k);
         let error = |a: usize| f64::from(predicted[k * axes.len() + a]) - f64::from(label[axes[a]]);
+        rows.component_n.resize(axes.len(), 0.0);
+        for (a, sum) in rows.component_n.iter_mut().enumerate() {
+            *sum += error(a).abs();
+        }
         rows.error.push(if axes.len() == 1 {
             error(0)
         } else {
@@ -185,6 +191,17 @@ pub fn figures(trials: &[Rows]) -> Figures {
         rows: all().count(),
         trials: trials.len(),
     }
+}
+
+/// Mean absolute error of each component, N.
+#[must_use]
+pub fn by_component(trials: &[Rows]) -> Vec<f64> {
+    let components = trials.first().map_or(0, |t| t.component_n.len());
+    let rows: usize = trials.iter().map(|t| t.error.len()).sum();
+    let sum = |a: usize| trials.iter().map(|t| t.component_n[a]).sum::<f64>();
+    (0..components)
+        .map(|a| sum(a) / rows.max(1) as f64)
+        .collect()
 }
 
 /// Upper ends of six bins of equal width from 0 to the speed that 99.5 % of the rows stay below (the last bin is open), m/s.
@@ -313,6 +330,10 @@ mod tests {
         };
         let trials = compare(&Nothing, &Base::default(), &[0, 1, 2], &[&sequence]);
         let f = figures(&trials);
+        let components = by_component(&trials);
+        for (got, expected) in components.iter().zip([0.01, 3.0, 0.0]) {
+            assert!((got - expected).abs() < 1e-6, "{components:?}");
+        }
         assert!((f.rmse_n - 3.0).abs() < 1e-3, "{f:?}");
         assert!((f.nrmse.unwrap() - 0.5).abs() < 1e-3, "{f:?}");
     }

@@ -64,6 +64,13 @@ pub trait Stepper {
 
     /// Forgets the past: the next row begins a sequence.
     fn reset(&mut self);
+
+    /// The next row comes `elapsed_s` after the one before it, because rows are missing between them. A model that cannot go on
+    /// over a gap forgets the past.
+    fn gap(&mut self, elapsed_s: f64) {
+        let _ = elapsed_s;
+        self.reset();
+    }
 }
 
 /// Forces of a sequence by steps from its start: `rows * targets` values.

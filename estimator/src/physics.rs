@@ -21,7 +21,7 @@
 
 use crate::geometry::Base;
 use crate::model::{Model, ModelError, Stepper};
-use crate::motion::{Moment, Motion, FADE, LEVELS, STOPS};
+use crate::motion::{Moment, Motion, FADE, LEVELS, LONGEST_GAP_S, STOPS};
 use crate::ridge::{Ridge, Sums};
 use crate::sequence::Sequence;
 use nalgebra::{Matrix3, Vector3};
@@ -318,6 +318,7 @@ impl Physics {
             model: self,
             motion: Motion::with_friction(self.step_s, self.coulomb),
             keep: (-self.step_s / MEMORY_S).exp(),
+            steps: 1.0,
             information: Matrix3::zeros(),
             evidence: Vector3::zeros(),
             row: Vec::with_capacity(REGRESSORS),
@@ -363,6 +364,8 @@ pub struct Observer<'a> {
     model: &'a Physics,
     motion: Motion,
     keep: f64,
+    /// Rows from the last one to the next, more than one over a gap.
+    steps: f64,
     information: Matrix3<f64>,
     evidence: Vector3<f64>,
     row: Vec<f64>,
@@ -378,16 +381,24 @@ impl Observer<'_> {
         for i in 0..3 {
             regressors(moment, i, self.model.coulomb[i], &mut self.row);
             let contact = self.model.motors[i].value(0, &self.row) - moment.torque[i];
-            let variance = self.model.noise[i].variance(moment.rate[i].abs());
+            // Where a start or a gap has left the friction's state unknown, the motor tells little.
+            let unknown = self.model.coulomb[i] * moment.unknown_at(i);
+            let variance = self.model.noise[i].variance(moment.rate[i].abs()) + unknown * unknown;
             let lever = levers.row(i).transpose();
             information += lever * lever.transpose() / variance;
             evidence += lever * (contact / variance);
             self.seen.contact[i] = contact;
             self.seen.deviation[i] = variance.sqrt();
         }
-        let fresh = 1.0 - self.keep;
-        self.information = self.information * self.keep + information * fresh;
-        self.evidence = self.evidence * self.keep + evidence * fresh;
+        let keep = if self.steps == 1.0 {
+            self.keep
+        } else {
+            self.keep.powf(self.steps)
+        };
+        self.steps = 1.0;
+        let fresh = 1.0 - keep;
+        self.information = self.information * keep + information * fresh;
+        self.evidence = self.evidence * keep + evidence * fresh;
         let prior = Matrix3::from_fn(|i, j| self.model.prior[i][j]);
         // Positive definite: the prior is.
         if let Some(covariance) = (self.information + prior).try_inverse() {
@@ -401,8 +412,19 @@ impl Observer<'_> {
     /// Forgets the past.
     pub fn forget(&mut self) {
         self.motion.reset();
+        self.steps = 1.0;
         self.information = Matrix3::zeros();
         self.evidence = Vector3::zeros();
+    }
+
+    /// The next row comes `elapsed_s` after the one before it: rows are missing between them.
+    pub fn miss(&mut self, elapsed_s: f64) {
+        if elapsed_s > LONGEST_GAP_S {
+            self.forget();
+        } else {
+            self.motion.gap(elapsed_s);
+            self.steps = (elapsed_s / self.model.step_s).max(1.0);
+        }
     }
 }
 
@@ -417,6 +439,10 @@ impl Stepper for Observer<'_> {
 
     fn reset(&mut self) {
         self.forget();
+    }
+
+    fn gap(&mut self, elapsed_s: f64) {
+        self.miss(elapsed_s);
     }
 }
 

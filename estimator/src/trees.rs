@@ -1,7 +1,7 @@
 //! Gradient-boosted trees (crate `forust-ml`), alone on features of the motion, or on what the physical model leaves.
 
 use crate::model::{by_steps, Model, ModelError, Stepper};
-use crate::motion::{LowPass, Moment, LEVELS};
+use crate::motion::{share_after, LowPass, Moment, LEVELS, LONGEST_GAP_S};
 use crate::physics::{settle_rows, Observer, Physics, Seen};
 use crate::sequence::Sequence;
 use forust_ml::{GradientBooster, Matrix};
@@ -157,6 +157,8 @@ struct Features {
     correct: bool,
     /// Slow filters of the motors' shares and of the force, two time constants each.
     slow: [[LowPass; 4]; 2],
+    /// Rows from the last one to the next, more than one over a gap.
+    steps: f64,
     row: Vec<f64>,
 }
 
@@ -172,11 +174,13 @@ impl Features {
         Self {
             correct,
             slow: SLOW_S.map(|time_s| [LowPass::new(time_s, step_s); 4]),
+            steps: 1.0,
             row: Vec::new(),
         }
     }
 
     fn step(&mut self, m: &Moment, seen: &Seen, axes: &[usize]) -> &[f64] {
+        let steps = std::mem::replace(&mut self.steps, 1.0);
         let row = &mut self.row;
         row.clear();
         row.extend(m.joints);
@@ -204,9 +208,9 @@ impl Features {
             }
             for slow in &mut self.slow {
                 for (filter, contact) in slow.iter_mut().zip(seen.contact) {
-                    row.push(filter.step(contact));
+                    row.push(filter.step_after(contact, steps));
                 }
-                row.push(slow[3].step(seen.force[main]));
+                row.push(slow[3].step_after(seen.force[main], steps));
             }
         }
         row
@@ -333,12 +337,18 @@ struct BoostedStepper<'a> {
 impl Stepper for BoostedStepper<'_> {
     fn step(&mut self, input: &[f32], force: &mut [f32]) {
         let axes = self.model.physics.axes();
+        let steps = self.features.steps;
         let (moment, seen) = self.observer.take(input);
         let row = self.features.step(moment, seen, axes);
         let speed = (seen.levers.transpose() * Vector3::from(moment.rate)).norm();
         let step_s = self.model.physics.step_s();
         let memory_s = STANDING_S * (-(speed / SLOW_M_PER_S).powi(2)).exp();
-        let share = step_s / (step_s + memory_s);
+        let share = if moment.friction_known() {
+            share_after(step_s / (step_s + memory_s), steps)
+        } else {
+            // Nothing that was estimated with an unknown state of the friction is held.
+            1.0
+        };
         for (k, (out, axis)) in force.iter_mut().zip(axes).enumerate() {
             let known = if self.model.correct {
                 seen.force[*axis]
@@ -358,5 +368,14 @@ impl Stepper for BoostedStepper<'_> {
         self.observer.forget();
         self.held.clear();
         self.features = Features::new(self.model.correct, self.model.physics.step_s());
+    }
+
+    fn gap(&mut self, elapsed_s: f64) {
+        if elapsed_s > LONGEST_GAP_S {
+            self.reset();
+        } else {
+            self.observer.miss(elapsed_s);
+            self.features.steps = (elapsed_s / self.model.physics.step_s()).max(1.0);
+        }
     }
 }

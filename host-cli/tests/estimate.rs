@@ -5,6 +5,7 @@
 mod common;
 
 use common::{expect, folder, run};
+use experiment::table::Table;
 use robot::kinematics::{forward, to_crtk};
 use std::fmt::Write as _;
 use std::path::Path;
@@ -296,6 +297,129 @@ fn a_file_of_a_dataset_is_of_the_robot_of_its_card() {
     std::fs::copy(folder.join("m.2.card.json"), folder.join("m.1.card.json")).unwrap();
     let refused = ["m.1.card.json", "card of another model file"];
     expect(folder, eval, 2, &refused);
+}
+
+#[test]
+fn a_replay_gives_every_estimate_with_its_interval_and_its_label() {
+    let temporary = folder();
+    let folder = temporary.path();
+    day(&folder.join("day"), 3.0, &[]);
+    let train = "estimate train day --model physics --rate 50 --test 3 --out m.model";
+    expect(folder, train, 0, &[]);
+    let line = "estimate run m.model --replay day/trial-3.csv --json --every 100 --out rows.parquet --plot rows.svg";
+    let said = expect(folder, line, 0, &[]);
+    let objects: Vec<serde_json::Value> = (said.out.lines())
+        .map(|line| serde_json::from_str(line).expect("one object per line"))
+        .collect();
+    // 15 rows of 1500, and the sum.
+    assert_eq!(objects.len(), 16);
+    assert_eq!(objects[0]["valid"], false);
+    assert!(objects[1]["half_width_n"].as_f64().expect("a width") > 0.0);
+    assert!(objects[1]["estimate_y_n"].is_f64());
+    assert_eq!(objects[15]["rows"], 1500);
+    let rows = Table::read(&folder.join("rows.parquet")).expect("the rows");
+    assert_eq!(rows.rows(), 1500);
+    let column = |name: &str| rows.column(name).expect(name);
+    let valid = column("valid").iter().sum::<f64>();
+    assert_eq!(Some(valid as u64), objects[15]["valid"].as_u64());
+    assert!(column("force_y_n").iter().any(|force| force.abs() > 1.0));
+    assert_eq!(
+        column("estimate_y_n")[100],
+        objects[1]["estimate_y_n"].as_f64().unwrap()
+    );
+    let svg = std::fs::read_to_string(folder.join("rows.svg")).unwrap();
+    assert!(svg.contains("90 % interval") && svg.contains("measured"));
+
+    // Starts and gaps are counted, and each row of them.
+    let eval = "estimate eval m.model day --starts 2 --gaps 2";
+    expect(
+        folder,
+        eval,
+        0,
+        &["row by row, 3 starts and 2 gaps", "valid rows"],
+    );
+}
+
+#[test]
+fn a_robot_is_known_by_its_name_and_not_by_its_address() {
+    let temporary = folder();
+    let folder = temporary.path();
+    for trial in 1..3 {
+        log(&folder.join("day"), trial, 30, 3.0, &[]);
+    }
+    let card = |robot: &str| {
+        let text = format!("{{\"experiment\": {{\"robot\": {robot}, \"force\": {{\"kind\": \"one_axis\", \"axis\": [0, 1, 0]}}}}}}");
+        std::fs::write(folder.join("day/card.json"), text).unwrap();
+    };
+    let train = |out: &str, words: &[&str]| {
+        let line = format!("estimate train day --model zero --no-intervals --out {out}");
+        let said = expect(folder, &line, 0, &[]);
+        assert!(words.iter().all(|w| said.err.contains(w)), "{said:?}");
+    };
+    card(r#"{"kind": "udp", "listen": "127.0.0.1:18901", "name": "left arm"}"#);
+    train("named.model", &[]);
+    card(r#"{"kind": "udp", "listen": "127.0.0.1:18901"}"#);
+    train("unnamed.model", &["nothing will tell", "`name` in [robot]"]);
+
+    let live = |model: &str, name: &str, code: i32, words: &[&str]| {
+        let robot = format!("[robot]\nkind = \"udp\"\nlisten = \"127.0.0.1:0\"\n{name}");
+        std::fs::write(folder.join("robot.toml"), robot).unwrap();
+        let line = format!("estimate run {model}.model --robot robot.toml --duration 0.1");
+        expect(folder, &line, code, words);
+    };
+    // The same name at another port is the same robot.
+    live("named", "name = \"left arm\"", 0, &["0 rows"]);
+    live(
+        "named",
+        "name = \"right arm\"",
+        2,
+        &["`right arm`", "`left arm`"],
+    );
+    live("named", "", 2, &["has no `name`", "name = \"left arm\""]);
+    live(
+        "unnamed",
+        "name = \"left arm\"",
+        2,
+        &["nothing named the robot"],
+    );
+}
+
+#[test]
+fn tips_of_test_trials_do_not_reach_a_model() {
+    let temporary = folder();
+    let folder = temporary.path();
+    day(&folder.join("day"), 3.0, &[]);
+    let train = "estimate train day --model physics --test 3 --no-intervals --out";
+    expect(folder, &format!("{train} a.model"), 0, &[]);
+    // Another mount of the test trial: a millimetre here and there turns its base.
+    let file = folder.join("day/trial-3.csv");
+    let text = std::fs::read_to_string(&file).unwrap();
+    let names: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    let place = |name: &str| names.iter().position(|n| *n == name).unwrap();
+    let (x, y) = (place("tip_x_m"), place("tip_y_m"));
+    let turned: Vec<String> = (text.lines().enumerate())
+        .map(|(k, line)| {
+            let mut cells: Vec<String> = line.split(',').map(str::to_owned).collect();
+            if k > 0 {
+                let at: f64 = cells[y].parse().unwrap();
+                let tip: f64 = cells[x].parse().unwrap();
+                cells[x] = (tip + 0.02 * at).to_string();
+            }
+            cells.join(",")
+        })
+        .collect();
+    std::fs::write(&file, turned.join("\n") + "\n").unwrap();
+    expect(folder, &format!("{train} b.model"), 0, &[]);
+    let read = |name: &str| std::fs::read_to_string(folder.join(name)).unwrap();
+    assert_eq!(read("a.model"), read("b.model"));
+    // With that trial in the training it is another one.
+    let other = "estimate train day --model physics --test 1 --no-intervals --out";
+    expect(folder, &format!("{other} c.model"), 0, &[]);
+    let base = |name: &str| {
+        let model: serde_json::Value = serde_json::from_str(&read(name)).unwrap();
+        model["base"].clone()
+    };
+    assert_ne!(base("a.model"), base("c.model"));
 }
 
 #[test]

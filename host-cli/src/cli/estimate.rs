@@ -7,7 +7,8 @@ use super::exit::{self, Failure, Reply, Result};
 use super::output::path_json;
 use super::Context;
 use clap::{Args, Subcommand};
-use estimate::card::{percent, ModelCard, Run};
+use estimate::card::{newtons, percent, ModelCard, Run};
+use estimate::evaluate::Streamed;
 use estimate::{self, evaluate, load, Data};
 use estimator::data::Mapping;
 use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
@@ -111,6 +112,15 @@ struct Eval {
     /// Trials [default: those that the model was not trained on]
     #[arg(long, value_name = "N,N", value_delimiter = ',')]
     trials: Vec<usize>,
+    /// Let the replay of each trial begin anew at so many more places
+    #[arg(long, value_name = "N", default_value = "0")]
+    starts: usize,
+    /// Let so many gaps of 0.06 to 3 s be in the replay of each trial
+    #[arg(long, value_name = "N", default_value = "0")]
+    gaps: usize,
+    /// Seed of the places of starts and gaps
+    #[arg(long, value_name = "N", default_value = "1")]
+    seed: u64,
     /// Use the model although it was trained on another robot
     #[arg(long)]
     any_robot: bool,
@@ -245,7 +255,7 @@ impl Train {
             } else {
                 data.axes.clone()
             },
-            base: data.base,
+            base: data.base(&training)?,
             robot: data.robot.clone(),
             trees: TreesConfig {
                 seed: self.seed,
@@ -259,6 +269,9 @@ impl Train {
             intervals: !self.no_intervals,
             absent: data.absent.clone(),
         };
+        if data.robot == load::UNNAMED {
+            context.output.note(NO_NAME);
+        }
         let began = Instant::now();
         let trained = Estimator::train(&settings, &rows, &mut |p: &Progress| {
             context.output.note(&p.text)
@@ -355,7 +368,17 @@ impl Eval {
                 data.trials()
             )));
         }
-        let (evaluation, _) = evaluate::evaluate(&estimator, &sequences).map_err(Failure::usage)?;
+        let (mut evaluation, _) =
+            evaluate::evaluate(&estimator, &sequences).map_err(Failure::usage)?;
+        if self.starts + self.gaps > 0 {
+            evaluation.stream = Some(evaluate::streamed(
+                &estimator,
+                &sequences,
+                self.starts,
+                self.gaps,
+                self.seed,
+            ));
+        }
         let mut text = String::new();
         let f = &evaluation.figures;
         let half = f
@@ -382,10 +405,17 @@ impl Eval {
         );
         row!(
             text,
-            "turning round  {:.3} N, sliding {:.3} N",
-            evaluation.mae_reversing_n,
-            evaluation.mae_sliding_n
+            "turning round  {} N, sliding {} N",
+            newtons(evaluation.mae_reversing_n),
+            newtons(evaluation.mae_sliding_n)
         );
+        if evaluation.mae_by_component_n.len() > 1 {
+            let by: Vec<String> = (estimator.axes.iter())
+                .zip(&evaluation.mae_by_component_n)
+                .map(|(axis, mae_n)| format!("{} {mae_n:.3} N", ["x", "y", "z"][*axis]))
+                .collect();
+            row!(text, "MAE by axis    {}", by.join(", "));
+        }
         if let Some(covered) = evaluation.covered {
             row!(text, "90 % interval  covers {:.1} %", 100.0 * covered);
         }
@@ -402,11 +432,14 @@ impl Eval {
                 .map_or_else(|| "-".to_owned(), |c| format!("{:.1}", 100.0 * c));
             row!(
                 text,
-                "{:>17.1}   {:>6.3}   {:>6}   {covered}",
+                "{:>17.1}   {:>6}   {:>6}   {covered}",
                 bin.below_m_per_s * 1e3,
-                bin.mae_n,
+                newtons(bin.mae_n),
                 bin.rows
             );
+        }
+        if let Some(streamed) = &evaluation.stream {
+            text += &stream_lines(streamed);
         }
         Ok(Reply::new(text, json!(evaluation)))
     }
@@ -433,6 +466,46 @@ impl Eval {
     }
 }
 
+/// The replay row by row, from the first row of each stretch.
+fn stream_lines(s: &Streamed) -> String {
+    let mut text = String::new();
+    row!(
+        text,
+        "row by row, {} starts and {} gaps: valid {:.1} % of the time",
+        s.starts,
+        s.gaps,
+        100.0 * s.valid_share
+    );
+    if let Some([half, most]) = s.until_valid_s {
+        row!(
+            text,
+            "valid          after {half:.2} s (median), {most:.2} s (95 %) from a start or a gap; {} ended before",
+            s.never_valid
+        );
+    }
+    row!(
+        text,
+        "                     rows   MAE, N   covered, %   half width, N"
+    );
+    for (name, rows) in [
+        ("all rows", &s.all),
+        ("valid rows", &s.valid),
+        ("of these in 1 s", &s.early),
+    ] {
+        let covered = rows
+            .covered
+            .map_or_else(|| "-".to_owned(), |c| format!("{:.1}", 100.0 * c));
+        row!(
+            text,
+            "{name:<15}   {:>7}   {:>6}   {covered:>10}   {:>13}",
+            rows.rows,
+            newtons(rows.mae_n),
+            newtons(rows.half_width_n)
+        );
+    }
+    text
+}
+
 /// Refuses a model of another robot.
 fn check_robot(estimator: &Estimator, robot: &str, any: bool) -> Result<()> {
     if any || estimator.robot == robot {
@@ -443,6 +516,9 @@ fn check_robot(estimator: &Estimator, robot: &str, any: bool) -> Result<()> {
         estimator.robot
     )))
 }
+
+/// Told where nothing names the robot of the training.
+const NO_NAME: &str = "neither [robot] of the experiment nor a mapping file names this robot: nothing will tell a model of it from that of another one. Give `name` in [robot], or `robot` in the mapping file";
 
 fn sha256(path: &Path) -> Result<String> {
     files::sha256(path)

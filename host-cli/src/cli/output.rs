@@ -1,7 +1,7 @@
 //! Everything that the program writes to standard output and standard error.
 //!
-//! * A result goes to standard output: a text, or with `--json` exactly one JSON object. `monitor --json` writes one
-//!   object per line.
+//! * A result goes to standard output: a text, or with `--json` exactly one JSON object. `monitor --json` and
+//!   `estimate run --json` write one object per line.
 //! * Progress, notices and errors go to standard error. An error that cannot be shown is dropped.
 //! * A reader that closes the pipe (`forcectl explain | head -1`) ends the output and nothing else: the command goes on,
 //!   and its exit code stays.
@@ -18,7 +18,7 @@ use std::sync::{Mutex, PoisonError, TryLockError};
 #[derive(Debug, Clone, Copy, Default, Args)]
 #[command(next_help_heading = "Output")]
 pub struct OutputArgs {
-    /// Print one JSON object instead of text; `monitor` prints one object per line
+    /// Print one JSON object instead of text; `monitor` and `estimate run` print one object per line
     #[arg(long, global = true)]
     pub json: bool,
     /// Print details on standard error; -vv adds one line per second of a run

@@ -69,6 +69,12 @@ pub fn percent(share: Option<f64>) -> String {
     share.map_or_else(|| "-".to_owned(), |s| format!("{:.2} %", 100.0 * s))
 }
 
+/// A figure in N, or that there is none.
+#[must_use]
+pub fn newtons(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |n| format!("{n:.3}"))
+}
+
 /// A file beside a model's: `.model` is left out of its name, any other end stays, since it may be all that tells models apart.
 fn beside(model: &Path, end: &str) -> PathBuf {
     if model.extension().is_some_and(|e| e == "model") {
@@ -143,7 +149,7 @@ impl ModelCard {
                 format!("For the robot `{}` alone, with the tool and payload of the training data.", estimator.robot),
                 "Within the ranges of the training inputs; outside of them the error grows without a sign of it.".to_owned(),
                 "The force may change as fast as in training. The memory of the physical model is 0.2 s: faster changes come late.".to_owned(),
-                "In the first 10 s, and until each joint has turned round once, the state of the friction is not known.".to_owned(),
+                "After a start or a gap, until each joint has moved a few mrad, the state of the friction is not known: such estimates are marked invalid. The figures by speed leave out the first 10 s of each stretch.".to_owned(),
                 "It is a measurement with an error, not a safety device.".to_owned(),
             ],
         }
@@ -267,13 +273,11 @@ impl ModelCard {
                 let covered = bin
                     .covered
                     .map_or_else(|| "-".to_owned(), |c| format!("{:.1} %", 100.0 * c));
-                let width = bin
-                    .half_width_n
-                    .map_or_else(|| "-".to_owned(), |w| format!("{w:.3}"));
+                let width = newtons(bin.half_width_n);
                 line(format!(
-                    "| {:.1} | {:.3} | {} | {covered} | {width} |",
+                    "| {:.1} | {} | {} | {covered} | {width} |",
                     bin.below_m_per_s * 1e3,
-                    bin.mae_n,
+                    newtons(bin.mae_n),
                     bin.rows
                 ));
             }

@@ -1,11 +1,14 @@
 //! Figures of a model on trials that it has not seen.
 
 use estimator::estimator::Estimator;
+use estimator::interval::error_n;
 use estimator::metrics::{
     self, by_bin, compare, speed_bin, speed_edges, Figures, Rows, StepTime, SPEED_BINS,
 };
 use estimator::model::ModelError;
 use estimator::sequence::Sequence;
+use estimator::stream::{self, Before, Breaks, Stream};
+use robot::random::Random;
 use serde::{Deserialize, Serialize};
 
 /// Rows of one trial on which the time of a step is measured.
@@ -16,8 +19,8 @@ const TIMED_ROWS: usize = 20_000;
 pub struct SpeedBin {
     /// Speeds of the tip below this, m/s; the last bin is open.
     pub below_m_per_s: f64,
-    /// Mean absolute error, N.
-    pub mae_n: f64,
+    /// Mean absolute error, N; `None` without rows.
+    pub mae_n: Option<f64>,
     /// Rows.
     pub rows: usize,
     /// Share of the rows within the interval, where there is one.
@@ -35,19 +38,181 @@ pub struct Evaluation {
     pub figures: Figures,
     /// By speed of the tip.
     pub by_speed: Vec<SpeedBin>,
-    /// Mean absolute error while a motor turns round, N.
-    pub mae_reversing_n: f64,
-    /// Mean absolute error otherwise, N.
-    pub mae_sliding_n: f64,
+    /// Mean absolute error of each component, N. Cards of before have none.
+    #[serde(default)]
+    pub mae_by_component_n: Vec<f64>,
+    /// Mean absolute error while a motor turns round, N; `None` without such rows.
+    pub mae_reversing_n: Option<f64>,
+    /// Mean absolute error otherwise, N; `None` without such rows.
+    pub mae_sliding_n: Option<f64>,
     /// Share of the rows within the interval, where there is one.
     pub covered: Option<f64>,
     /// The same for each trial.
     pub covered_by_trial: Vec<f64>,
     /// Time of a step on the machine that wrote this.
     pub step: StepTime,
+    /// What a user receives, row by row. Cards of before have none.
+    #[serde(default)]
+    pub stream: Option<Streamed>,
 }
 
-/// Evaluates on sequences. The first 10 s of each are left out.
+/// A replay row by row, with what comes after starts and gaps.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+pub struct Streamed {
+    /// Starts, that of each log among them.
+    pub starts: usize,
+    /// Gaps.
+    pub gaps: usize,
+    /// Rows, valid or not.
+    pub all: Emitted,
+    /// Rows that are valid: what is published.
+    pub valid: Emitted,
+    /// Valid rows of the first second after a start or a gap.
+    pub early: Emitted,
+    /// Share of the time that has a valid estimate: rows that are missing in a gap count as time without one.
+    pub valid_share: f64,
+    /// Time from a start or a gap to the first valid row: median and 95 % point over those that were followed by one, s.
+    pub until_valid_s: Option<[f64; 2]>,
+    /// Starts and gaps that the next break came after before any row was valid.
+    pub never_valid: usize,
+}
+
+/// Rows of a stream.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct Emitted {
+    /// Rows.
+    pub rows: usize,
+    /// Mean absolute error, N; `None` without rows.
+    pub mae_n: Option<f64>,
+    /// Share within the interval; `None` without rows or intervals.
+    pub covered: Option<f64>,
+    /// Mean half width, N.
+    pub half_width_n: Option<f64>,
+}
+
+#[derive(Debug, Clone, Copy, Default)]
+struct Sum {
+    rows: usize,
+    error_n: f64,
+    covered: usize,
+    half_n: f64,
+}
+
+impl Sum {
+    fn add(&mut self, error_n: f64, half_n: Option<f64>) {
+        self.rows += 1;
+        self.error_n += error_n;
+        if let Some(half_n) = half_n {
+            self.half_n += half_n;
+            self.covered += usize::from(error_n <= half_n);
+        }
+    }
+
+    fn emitted(self, intervals: bool) -> Emitted {
+        let per_row = |sum: f64| (self.rows > 0).then(|| sum / self.rows as f64);
+        Emitted {
+            rows: self.rows,
+            mae_n: per_row(self.error_n),
+            covered: per_row(self.covered as f64).filter(|_| intervals),
+            half_width_n: per_row(self.half_n).filter(|_| intervals),
+        }
+    }
+}
+
+/// Replays each trial row by row with so many more starts and gaps in each, at places that the seed draws, and counts every row.
+#[must_use]
+pub fn streamed(
+    estimator: &Estimator,
+    sequences: &[&Sequence],
+    starts: usize,
+    gaps: usize,
+    seed: u64,
+) -> Streamed {
+    let mut stream = Stream::new(estimator);
+    let (mut all, mut valid, mut early) = (Sum::default(), Sum::default(), Sum::default());
+    let mut out = Streamed::default();
+    let (mut times_s, mut missing_s) = (Vec::new(), 0.0);
+    // Time since the last start or gap, until a row is valid.
+    let mut waiting: Option<f64> = None;
+    let mut age_s = 0.0;
+    let mut last: Option<&Sequence> = None;
+    for sequence in sequences {
+        let step_s = sequence.step_s;
+        // A trial of several stretches shares its breaks.
+        let of_trial = |s: &&&Sequence| s.trial == sequence.trial;
+        let trial_rows: usize = sequences.iter().filter(of_trial).map(|s| s.rows()).sum();
+        let share = |count: usize| {
+            (count as f64 * sequence.rows() as f64 / trial_rows.max(1) as f64).round() as usize
+        };
+        let mut random = Random::stream(seed, "breaks of a replay", sequence.trial as u64);
+        let breaks = Breaks::drawn(
+            sequence.rows(),
+            step_s,
+            share(starts),
+            share(gaps),
+            &mut random,
+        );
+        let first = stream::between(last.replace(sequence), sequence);
+        stream::replay(
+            &mut stream,
+            sequence,
+            &breaks,
+            first,
+            |k, before, force, sure| {
+                if before != Before::Row {
+                    out.never_valid += usize::from(waiting.is_some());
+                    waiting = Some(0.0);
+                    age_s = 0.0;
+                }
+                match before {
+                    Before::Row => {}
+                    Before::Start => out.starts += 1,
+                    Before::Gap(elapsed_s) => {
+                        out.gaps += 1;
+                        missing_s += elapsed_s - step_s;
+                    }
+                }
+                let error_n = error_n(force, sequence.target_row(k), &estimator.axes);
+                all.add(error_n, sure.half_n);
+                if sure.valid {
+                    valid.add(error_n, sure.half_n);
+                    if age_s < EARLY_S {
+                        early.add(error_n, sure.half_n);
+                    }
+                    times_s.extend(waiting.take());
+                } else if let Some(waited_s) = &mut waiting {
+                    *waited_s += step_s;
+                }
+                age_s += step_s;
+            },
+        );
+    }
+    out.never_valid += usize::from(waiting.is_some());
+    let intervals = estimator.interval.is_some();
+    out.all = all.emitted(intervals);
+    out.valid = valid.emitted(intervals);
+    out.early = early.emitted(intervals);
+    let step_s = sequences.first().map_or(0.0, |s| s.step_s);
+    let time_s = all.rows as f64 * step_s + missing_s;
+    out.valid_share = if time_s > 0.0 {
+        valid.rows as f64 * step_s / time_s
+    } else {
+        0.0
+    };
+    times_s.sort_by(f64::total_cmp);
+    let at = |share: f64| {
+        times_s
+            .get((times_s.len() as f64 * share) as usize)
+            .copied()
+    };
+    out.until_valid_s = at(0.5).zip(at(0.95)).map(|(half, most)| [half, most]);
+    out
+}
+
+/// Time after a start or a gap of [`Streamed::early`], s.
+const EARLY_S: f64 = 1.0;
+
+/// Evaluates on sequences. The first 10 s of each are left out, but of [`Evaluation::stream`].
 ///
 /// # Errors
 /// [`ModelError::Data`]: no sequence is longer than that.
@@ -102,20 +267,19 @@ pub fn evaluate(
             .zip(inside)
             .map(|(((mae_n, rows), edge), (covered, width))| SpeedBin {
                 below_m_per_s: edge,
-                mae_n: *mae_n,
+                mae_n: mean_of((*mae_n, *rows)),
                 rows: *rows,
-                covered: widths
-                    .as_ref()
-                    .map(|_| covered as f64 / (*rows).max(1) as f64),
-                half_width_n: widths.as_ref().map(|_| width / (*rows).max(1) as f64),
+                covered: (widths.is_some() && *rows > 0).then(|| covered as f64 / *rows as f64),
+                half_width_n: (widths.is_some() && *rows > 0).then(|| width / *rows as f64),
             });
     let reversal = by_bin(&trials, 2, |rows, k| usize::from(rows.reversing[k]));
     let step = metrics::step_time(estimator.model(), longest, estimator.axes.len(), TIMED_ROWS);
     let evaluation = Evaluation {
         trials: trials.iter().map(|t| t.trial).collect(),
         by_speed: by_speed.collect(),
-        mae_reversing_n: reversal[1].0,
-        mae_sliding_n: reversal[0].0,
+        mae_by_component_n: metrics::by_component(&trials),
+        mae_reversing_n: mean_of(reversal[1]),
+        mae_sliding_n: mean_of(reversal[0]),
         covered: widths.as_ref().map(|_| {
             inside.iter().map(|(n, _)| n).sum::<usize>() as f64 / figures.rows.max(1) as f64
         }),
@@ -126,8 +290,14 @@ pub fn evaluate(
         },
         figures,
         step,
+        stream: Some(streamed(estimator, sequences, 0, 0, 0)),
     };
     Ok((evaluation, trials))
+}
+
+/// The mean over rows, where there are any.
+fn mean_of((mean_n, rows): (f64, usize)) -> Option<f64> {
+    (rows > 0).then_some(mean_n)
 }
 
 /// Half widths of the rows that [`compare`] keeps, by trial.

@@ -14,6 +14,9 @@ use std::path::{Path, PathBuf};
 #[error("{0}")]
 pub struct LoadError(pub String);
 
+/// Joints, rad, rad, m, and the tip that the robot reports, m.
+type Pair = ([f64; 3], [f64; 3]);
+
 /// Name of a robot that neither a data card nor a mapping names.
 pub const UNNAMED: &str = "unnamed";
 
@@ -54,8 +57,8 @@ pub struct Data {
     pub sources: Vec<Source>,
     /// Unbroken stretches in order of their trials, with the force's three components as targets.
     pub sequences: Vec<Sequence>,
-    /// Where the robot's base stands in the frame of the force.
-    pub base: Base,
+    /// Joints (rad, rad, m) and reported tips (m) by trial: see [`Data::base`].
+    tips: Vec<(usize, Pair)>,
     /// Rows per second of the files.
     pub file_rate_hz: f64,
     /// Time of the label; `None` where the log has no data card.
@@ -178,6 +181,9 @@ pub fn load(
         .map_err(|e| LoadError(e.to_string()))?;
         if mapping.trial().is_none() {
             part.sequences.iter_mut().for_each(|s| s.trial = number + 1);
+            part.tips
+                .iter_mut()
+                .for_each(|(trial, _)| *trial = number + 1);
         }
         let mut trials: Vec<usize> = part.sequences.iter().map(|s| s.trial).collect();
         trials.sort_unstable();
@@ -203,7 +209,11 @@ pub fn load(
         });
         parts.push(part);
     }
-    let base = data::base(&parts).map_err(|error| failed(path, error))?;
+    let tips: Vec<(usize, Pair)> = (parts.iter())
+        .flat_map(|p| p.tips.iter().copied())
+        .collect();
+    // A check alone: what a model takes from it is fitted to its training.
+    base_of(path, &tips, |_| true)?;
     let absent = parts.first().map_or_else(Vec::new, |p| p.absent.clone());
     let file_rate_hz = parts.first().map_or(rate_hz, |p| p.rate_hz);
     let mut sequences: Vec<Sequence> = parts.into_iter().flat_map(|p| p.sequences).collect();
@@ -223,10 +233,22 @@ pub fn load(
         axes,
         sources,
         sequences,
-        base,
+        tips,
         file_rate_hz,
         absent,
     })
+}
+
+fn base_of(
+    path: &Path,
+    tips: &[(usize, Pair)],
+    of: impl Fn(usize) -> bool,
+) -> Result<Base, LoadError> {
+    let pairs: Vec<Pair> = (tips.iter())
+        .filter(|(trial, _)| of(*trial))
+        .map(|(_, pair)| *pair)
+        .collect();
+    data::base(&pairs).map_err(|error| failed(path, error))
 }
 
 /// Components of the force that the data have.
@@ -250,10 +272,14 @@ fn axes_of(
     Ok(axes)
 }
 
-/// Name of the robot by the data card: where its states came from, and which one.
+/// Name of the robot by the data card: `name` of its `[robot]`. A virtual arm is named after what it is drawn from. An address is no
+/// name: any robot can publish there.
 fn robot_of(card: &serde_json::Value) -> String {
     let experiment = &card["experiment"];
     let robot = &experiment["robot"];
+    if let Some(name) = robot["name"].as_str() {
+        return name.to_owned();
+    }
     let kind = robot["kind"].as_str().unwrap_or("robot");
     let which = if kind == "virtual" {
         let seed = robot["seed"]
@@ -266,11 +292,7 @@ fn robot_of(card: &serde_json::Value) -> String {
             .map_or_else(String::new, |kg| format!(", payload {kg} kg"));
         format!("seed {}{payload}", seed.unwrap_or_default())
     } else {
-        robot["namespace"]
-            .as_str()
-            .or_else(|| robot["listen"].as_str())
-            .unwrap_or("")
-            .to_owned()
+        return UNNAMED.to_owned();
     };
     format!("{kind} {which}").trim().to_owned()
 }
@@ -312,6 +334,16 @@ impl Data {
         let mut trials: Vec<usize> = self.sequences.iter().map(|s| s.trial).collect();
         trials.dedup();
         trials
+    }
+
+    /// Where the robot's base stands in the frame of the force, from the reported tips of these trials alone.
+    ///
+    /// # Errors
+    /// The tips do not fit the kinematics, or hardly move.
+    pub fn base(&self, trials: &[usize]) -> Result<Base, LoadError> {
+        base_of(Path::new(&self.name), &self.tips, |trial| {
+            trials.contains(&trial)
+        })
     }
 
     /// Brings the inputs to those of a model.

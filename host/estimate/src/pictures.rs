@@ -1,6 +1,7 @@
 //! Pictures of estimates as the thesis has them: prediction against truth, errors of each model, errors over joints and speed.
 
 use estimator::metrics::Rows;
+use experiment::table::Table;
 use scene::{color, range, shade, Anchor, Axes, Color, Scene, BLACK, GRAY};
 
 /// Most points of a curve.
@@ -71,6 +72,45 @@ pub fn prediction(
     scene.line(&points(&first.label), 1.6, BLACK, false);
     axes.legend(&mut scene, 0, "measured", BLACK);
     axes.draw(&mut scene, "force on the tool, N", "time in the trial, s");
+    scene
+}
+
+/// A replay: estimate and interval of the component `axis`, and the measured force where there is one. Columns are those of
+/// `forcectl estimate run --out`.
+#[must_use]
+pub fn replay(rows: &Table, axis: &str) -> Scene {
+    let (mut scene, mut axes) = wide("Estimated contact force, replay");
+    let column = |name: &str| rows.column(name).unwrap_or_default();
+    let (time, valid) = (column("t_s"), column("valid"));
+    let estimate = column(&format!("estimate_{axis}_n"));
+    let half = column("half_width_n");
+    let label = column(&format!("force_{axis}_n"));
+    let ends = time.first().zip(time.last());
+    let (from, to) = ends.map_or((0.0, 1.0), |(from, to)| (*from, *to));
+    axes.x = (from, to.max(from + 1.0));
+    let shown = |k: &usize| valid[*k] == 1.0;
+    let values = (0..time.len()).filter(shown).map(|k| estimate[k]);
+    axes.y = range(values.chain(label.iter().copied().filter(|v| v.is_finite())));
+    let stride = time.len().div_ceil(POINTS).max(1);
+    // Stretches of valid rows: what is invalid is not drawn.
+    let taken: Vec<usize> = (0..time.len()).step_by(stride).collect();
+    for stretch in taken.split(|k| !shown(k)).filter(|s| s.len() > 1) {
+        let of =
+            |value: &dyn Fn(usize) -> f64| axes.at(stretch.iter().map(|k| (time[*k], value(*k))));
+        if half[stretch[0]].is_finite() {
+            scene.line(&of(&|k| estimate[k] - half[k]), 0.8, GRAY, false);
+            scene.line(&of(&|k| estimate[k] + half[k]), 0.8, GRAY, false);
+        }
+        scene.line(&of(&|k| estimate[k]), 1.2, color(0), false);
+    }
+    axes.legend(&mut scene, 0, "estimate", color(0));
+    axes.legend(&mut scene, 1, "90 % interval", GRAY);
+    if label.iter().any(|v| v.is_finite()) {
+        let points = taken.iter().map(|k| (time[*k], label[*k]));
+        scene.line(&axes.at(points), 1.6, BLACK, false);
+        axes.legend(&mut scene, 2, "measured", BLACK);
+    }
+    axes.draw(&mut scene, "force on the tool, N", "time in the log, s");
     scene
 }
 
@@ -314,6 +354,7 @@ mod tests {
         let n = 20_000;
         Rows {
             trial: 1,
+            component_n: Vec::new(),
             error: (0..n).map(|k| f64::from(k % 10) - 4.5).collect(),
             estimate: (0..n).map(|k| f64::from(k).sin()).collect(),
             label: vec![0.0; n as usize],

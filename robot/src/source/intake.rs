@@ -1,7 +1,7 @@
 //! What a ROS client's thread brings, and how it becomes a [`Poll`]: the same for ROS 1 and ROS 2.
 
 use super::geometry::Pair;
-use super::{arrival, sift, Poll};
+use super::{arrival, sift, Estimate, Poll};
 use crate::crtk::{self, Adapter, AdapterConfig, Header, Topic};
 use crate::ravenstate::{self, Ravenstate};
 use crate::state::{Acts, Frame, Meaning, Mount, RobotState, StateError, TipForce};
@@ -130,5 +130,21 @@ impl Intake {
             told => told.to_owned(),
         };
         (frame_id, wrench)
+    }
+
+    /// The half widths of an estimate, in the place of a force, in the frame in which we publish it.
+    pub fn half_width(&self, estimate: &Estimate) -> Option<(String, Pair)> {
+        let half_n = estimate.half_n?;
+        let as_force = TipForce {
+            force_n: half_n,
+            torque_n_m: None,
+            ..estimate.force.clone()
+        };
+        let (frame, mut pair) = self.wrench(&as_force);
+        let turned: [f64; 3] = pair.linear.into();
+        // A ball is the same in every frame. A width along an axis has no sign.
+        let ball = half_n[0] == half_n[1] && half_n[1] == half_n[2];
+        pair.linear = if ball { half_n } else { turned.map(f64::abs) }.into();
+        Some((frame, pair))
     }
 }

@@ -119,15 +119,33 @@ pub trait Source: Send {
         Ok(())
     }
 
-    /// Tells the robot's side a contact force that a model estimates (`measured_cf_estimated` beside CRTK's `measured_cf`).
-    /// Sources without a way back do nothing.
+    /// Tells the robot's side a contact force that a model estimates: `measured_cf_estimated` beside CRTK's `measured_cf`, and its
+    /// interval as `measured_cf_estimated_half_width`, since a wrench has no place for it. Sources without a way back do nothing.
     ///
     /// # Errors
     /// The source is gone and stays so.
-    fn publish_estimate(&mut self, estimated: &TipForce) -> Result<(), SourceError> {
-        let _ = estimated;
+    fn publish_estimate(&mut self, estimate: &Estimate) -> Result<(), SourceError> {
+        let _ = estimate;
         Ok(())
     }
+}
+
+/// A contact force that a model estimates.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Estimate {
+    /// Force.
+    pub force: TipForce,
+    /// Half width of the 90 % interval in each component of the force, N: 0 where it is not estimated, the same in all where the
+    /// interval is a ball. `None`: the model has no intervals.
+    pub half_n: Option<[f64; 3]>,
+    /// Stamp of the state from which it is estimated: the instant that it is about, not that of its computation.
+    pub stamp: Stamp,
+}
+
+/// A stamp as a time since 1970. CRTK marks data with a stamp of 0 as invalid: a time before that is one.
+#[cfg(any(feature = "ros1", feature = "ros2"))]
+fn since_1970(t_ns: i64) -> std::time::Duration {
+    std::time::Duration::from_nanos(u64::try_from(t_ns).unwrap_or(0))
 }
 
 /// Why a source can't be opened or has gone.
@@ -204,6 +222,20 @@ pub enum SourceConfig {
     Static(StaticConfig),
 }
 
+impl SourceConfig {
+    /// Name of the robot, where `[robot]` has one. What its models are for is told by this name and never by an address.
+    #[must_use]
+    pub fn robot(&self) -> Option<&str> {
+        let name = match self {
+            Self::Virtual(_) | Self::Static(_) => return None,
+            Self::CrtkRos1(c) => &c.name,
+            Self::CrtkRos2(c) => &c.name,
+            Self::Udp(c) => &c.name,
+        };
+        name.as_deref()
+    }
+}
+
 /// The virtual arm.
 #[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
@@ -221,6 +253,9 @@ pub struct VirtualConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ros1Config {
+    /// Name of the robot: see [`SourceConfig::robot`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
     /// URI of the master; `None`: the environment variable ROS_MASTER_URI, else `http://localhost:11311`.
     pub master: Option<String>,
     /// Name of our node.
@@ -251,6 +286,7 @@ pub struct Ros1Config {
 impl Default for Ros1Config {
     fn default() -> Self {
         Self {
+            name: None,
             master: None,
             node: "/force_rig".to_owned(),
             namespace: "/PSM1".to_owned(),
@@ -271,6 +307,9 @@ impl Default for Ros1Config {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct Ros2Config {
+    /// Name of the robot: see [`SourceConfig::robot`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
     /// DDS domain; `None`: the environment variable ROS_DOMAIN_ID, else 0.
     pub domain: Option<u16>,
     /// Name of our node.
@@ -297,6 +336,7 @@ pub struct Ros2Config {
 impl Default for Ros2Config {
     fn default() -> Self {
         Self {
+            name: None,
             domain: None,
             node: "force_rig".to_owned(),
             namespace: "/PSM1".to_owned(),
@@ -352,6 +392,9 @@ fn adapter_for(config: &AdapterConfig, topics: &Topics) -> AdapterConfig {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct UdpConfig {
+    /// Name of the robot: see [`SourceConfig::robot`].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
     /// Address and port to listen on.
     pub listen: String,
     /// Frame of the poses.
@@ -365,6 +408,7 @@ pub struct UdpConfig {
 impl Default for UdpConfig {
     fn default() -> Self {
         Self {
+            name: None,
             listen: "127.0.0.1:4712".to_owned(),
             frame: Frame::Rig,
             mount: Mount::default(),

@@ -7,11 +7,11 @@ use clap::Args;
 use estimate::load;
 use estimate::pace::{Anew, Pace, Take};
 use estimator::estimator::Estimator;
-use estimator::interval::Live as Width;
-use estimator::model::Stepper;
 use estimator::motion::INPUTS;
+use estimator::stream::{self, Before, Stream, Sure};
+use experiment::table::Table;
 use nalgebra::Vector3;
-use robot::source::{self, SourceConfig};
+use robot::source::{self, Estimate, SourceConfig};
 use robot::state::{Acts, Frame, Meaning, RobotState, TipForce};
 use serde_json::json;
 use std::path::{Path, PathBuf};
@@ -39,6 +39,12 @@ pub struct Live {
     /// Print every N-th row
     #[arg(long, value_name = "N", default_value = "5", value_parser = clap::value_parser!(u32).range(1..))]
     every: u32,
+    /// Write every row as Parquet: time, estimate, half width, valid; of a replay the measured force too
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+    /// Draw a replay as SVG: estimate, interval and measured force
+    #[arg(long, value_name = "FILE", requires = "replay")]
+    plot: Option<PathBuf>,
     /// End after this time of rows, s
     #[arg(long, value_name = "SECONDS")]
     duration: Option<f64>,
@@ -52,62 +58,96 @@ pub struct Live {
 
 const AXES: [&str; 3] = ["x", "y", "z"];
 
-/// The model on a stream, with what is printed of it.
-struct Stream<'a> {
-    estimator: &'a Estimator,
-    stepper: Box<dyn Stepper + 'a>,
-    width: Option<Width<'a>>,
-    force: Vec<f32>,
+/// The model on a stream, with what is printed and written of it.
+struct Run<'a> {
+    stream: Stream<'a>,
+    context: &'a Context,
+    every: usize,
+    rows: Option<Table>,
     times_us: Vec<f64>,
-    /// Times that the past was forgotten.
+    /// Times that the past was forgotten, wholly or over a gap.
     anew: usize,
+    valid: usize,
 }
 
-impl<'a> Stream<'a> {
-    fn new(estimator: &'a Estimator) -> Self {
+impl<'a> Run<'a> {
+    fn new(estimator: &'a Estimator, context: &'a Context, of: &Live) -> Self {
+        let axes = || estimator.axes.iter().map(|axis| AXES[*axis]);
+        let mut names = vec!["t_s".to_owned()];
+        names.extend(axes().map(|axis| format!("estimate_{axis}_n")));
+        names.extend(["half_width_n".to_owned(), "valid".to_owned()]);
+        names.extend(axes().map(|axis| format!("force_{axis}_n")));
         Self {
-            estimator,
-            stepper: estimator.model().stepper(),
-            width: Self::width(estimator),
-            force: vec![0.0; estimator.axes.len()],
+            stream: Stream::new(estimator),
+            context,
+            every: of.every as usize,
+            rows: (of.out.is_some() || of.plot.is_some()).then(|| Table::new(names)),
             times_us: Vec::new(),
             anew: 0,
+            valid: 0,
         }
     }
 
-    fn width(estimator: &'a Estimator) -> Option<Width<'a>> {
-        let interval = estimator.interval.as_ref();
-        interval.map(|i| i.live(estimator.step_s))
-    }
-
-    /// Forgets the past: what the friction's state was before a break is not what it is after it.
     fn reset(&mut self) {
-        self.stepper.reset();
-        self.width = Self::width(self.estimator);
+        self.stream.reset();
         self.anew += 1;
     }
 
-    /// Takes a row; force, N, and the half width of its interval, N.
-    fn step(&mut self, input: &[f32]) -> Option<f64> {
-        let began = Instant::now();
-        self.stepper.step(input, &mut self.force);
-        let width = self.width.as_mut().map(|w| w.step(input));
-        self.times_us.push(began.elapsed().as_secs_f64() * 1e6);
-        width
+    fn gap(&mut self, elapsed_s: f64) {
+        self.stream.gap(elapsed_s);
+        self.anew += 1;
     }
 
-    fn line(&self, time_s: f64, width: Option<f64>) -> String {
+    /// Takes a row; `label`: the measured force, where there is one.
+    fn step(&mut self, time_s: f64, input: &[f32], label: Option<&[f32]>) -> Sure {
+        let began = Instant::now();
+        let sure = self.stream.step(input);
+        self.times_us.push(began.elapsed().as_secs_f64() * 1e6);
+        self.valid += usize::from(sure.valid);
+        if let Some(rows) = &mut self.rows {
+            let axes = &self.stream.estimator().axes;
+            let mut row = vec![time_s];
+            row.extend(self.stream.force().iter().copied().map(f64::from));
+            row.extend([
+                sure.half_n.unwrap_or(f64::NAN),
+                f64::from(u8::from(sure.valid)),
+            ]);
+            row.extend((axes.iter()).map(|a| label.map_or(f64::NAN, |l| f64::from(l[*a]))));
+            rows.push(&row);
+        }
+        if (self.times_us.len() - 1).is_multiple_of(self.every) {
+            self.context.output.line(&self.line(time_s, sure));
+        }
+        sure
+    }
+
+    fn line(&self, time_s: f64, sure: Sure) -> String {
+        let axes = self.stream.estimator().axes.iter();
+        let forces = axes.zip(self.stream.force());
+        if self.context.output.json() {
+            let mut object = serde_json::Map::new();
+            object.insert("t_s".to_owned(), json!(time_s));
+            for (axis, force) in forces {
+                object.insert(format!("estimate_{}_n", AXES[*axis]), json!(force));
+            }
+            object.insert("half_width_n".to_owned(), json!(sure.half_n));
+            object.insert("valid".to_owned(), json!(sure.valid));
+            return serde_json::Value::Object(object).to_string();
+        }
         let mut line = format!("{time_s:10.3}");
-        for (axis, force) in self.estimator.axes.iter().zip(&self.force) {
+        for (axis, force) in forces {
             line += &format!("  {} {force:7.3} N", AXES[*axis]);
         }
-        if let Some(width) = width {
-            line += &format!("  +- {width:.3}");
+        if let Some(half_n) = sure.half_n {
+            line += &format!("  +- {half_n:.3}");
+        }
+        if !sure.valid {
+            line += "  invalid";
         }
         line
     }
 
-    fn done(mut self) -> Reply {
+    fn done(mut self, of: &Live) -> Result<Reply> {
         self.times_us.sort_by(f64::total_cmp);
         let at = |share: f64| {
             let last = self.times_us.len().saturating_sub(1);
@@ -117,11 +157,23 @@ impl<'a> Stream<'a> {
                 .unwrap_or(0.0)
         };
         let (rows, median, p99) = (self.times_us.len(), at(0.5), at(0.99));
-        let anew = self.anew;
-        Reply::new(
-            format!("{rows} rows, begun anew {anew} times; a step takes {median:.1} us (median), {p99:.1} us (p99)\n"),
-            json!({"rows": rows, "begun_anew": anew, "median_us": median, "p99_us": p99}),
-        )
+        let (anew, valid) = (self.anew, self.valid);
+        if let Some(table) = &self.rows {
+            let estimator = self.stream.estimator();
+            if let Some(path) = &of.out {
+                let metadata = [("robot", estimator.robot.clone())];
+                let written = table.write(path, &metadata);
+                written.map_err(|error| Failure::new(exit::FILE, error))?;
+            }
+            if let Some(path) = &of.plot {
+                let svg = estimate::pictures::replay(table, AXES[estimator.axes[0]]).to_svg();
+                std::fs::write(path, svg).map_err(|error| Failure::file(path, &error))?;
+            }
+        }
+        Ok(Reply::new(
+            format!("{rows} rows, begun anew {anew} times, {valid} valid; a step takes {median:.1} us (median), {p99:.1} us (p99)\n"),
+            json!({"rows": rows, "begun_anew": anew, "valid": valid, "median_us": median, "p99_us": p99}),
+        ))
     }
 }
 
@@ -137,26 +189,37 @@ impl Live {
     }
 
     fn replay(&self, context: &Context, estimator: &Estimator, log: &Path) -> Result<Reply> {
-        let mut data = load::load(
-            log,
-            &mapping(self.mapping.as_ref())?,
-            1.0 / estimator.step_s,
-            false,
-        )?;
+        let mapping = mapping(self.mapping.as_ref())?;
+        let rate_hz = 1.0 / estimator.step_s;
+        // With the measured force where the log has it; a replay does not need it.
+        let with_label = load::load(log, &mapping, rate_hz, true);
+        let labelled = with_label.is_ok();
+        let mut data = match with_label {
+            Ok(data) => data,
+            Err(_) => load::load(log, &mapping, rate_hz, false)?,
+        };
         // A log alone names no robot; a data card beside it, or a mapping, does.
-        if data.robot == load::UNNAMED && estimator.robot != data.robot {
+        if data.robot == load::UNNAMED || estimator.robot == load::UNNAMED {
             context.output.note(&format!(
-                "{}: neither a data card nor a mapping file names the robot of this log; the model is of `{}`, and on another robot its forces are wrong",
-                data.name, estimator.robot
+                "{}: nothing tells whether its robot is that of the model: neither a data card nor a mapping file names the robot of {}; on another robot than the model's the forces are wrong",
+                data.name,
+                if data.robot == load::UNNAMED {
+                    format!("this log, the model is of `{}`", estimator.robot)
+                } else {
+                    "the training".to_owned()
+                }
             ));
         } else {
             check_robot(estimator, &data.robot, self.any_robot)?;
         }
         data.fit_inputs(estimator).map_err(Failure::usage)?;
-        let mut stream = Stream::new(estimator);
-        for (number, sequence) in data.sequences.iter().enumerate() {
-            if number > 0 {
-                stream.reset();
+        let mut run = Run::new(estimator, context, self);
+        let mut last = None;
+        for sequence in &data.sequences {
+            match stream::between(last.replace(sequence), sequence) {
+                Before::Gap(elapsed_s) => run.gap(elapsed_s),
+                _ if run.times_us.is_empty() => {}
+                _ => run.reset(),
             }
             for k in 0..sequence.rows() {
                 let time_s = sequence.start_s + k as f64 * sequence.step_s;
@@ -167,28 +230,21 @@ impl Live {
                 {
                     break;
                 }
-                let width = stream.step(sequence.input_row(k));
-                if k % self.every as usize == 0 && !context.output.json() {
-                    context.output.line(&stream.line(time_s, width));
-                }
+                let label = labelled.then(|| sequence.target_row(k));
+                run.step(time_s, sequence.input_row(k), label);
             }
         }
-        Ok(stream.done())
+        run.done(self)
     }
 
     fn live(&self, context: &Context, estimator: &Estimator, file: &Path) -> Result<Reply> {
         let config = robot_table(file)?;
-        let name = match &config {
-            SourceConfig::Virtual(_) => {
-                return Err(Failure::usage("the virtual arm lives inside a run of `forcectl experiment run`; estimate from its dataset with --replay"));
-            }
-            SourceConfig::CrtkRos1(c) => format!("crtk-ros1 {}", c.namespace),
-            SourceConfig::Udp(c) => format!("udp {}", c.listen),
-            SourceConfig::CrtkRos2(_) | SourceConfig::Static(_) => String::new(),
-        };
-        check_robot(estimator, &name, self.any_robot)?;
+        if matches!(config, SourceConfig::Virtual(_)) {
+            return Err(Failure::usage("the virtual arm lives inside a run of `forcectl experiment run`; estimate from its dataset with --replay"));
+        }
+        self.check_name(estimator, config.robot(), file)?;
         let mut source = source::open(&config).map_err(|error| Failure::new(exit::LINK, error))?;
-        let mut stream = Stream::new(estimator);
+        let mut run = Run::new(estimator, context, self);
         let began = Instant::now();
         let mut pace = Pace::new(estimator.step_s);
         let mut gap_noted = false;
@@ -214,7 +270,7 @@ impl Live {
                 context
                     .output
                     .note("the stream of states broke off: the estimate begins anew");
-                stream.reset();
+                run.reset();
                 pace.broke_off();
             }
             for state in &poll.states {
@@ -229,14 +285,17 @@ impl Live {
                             context.output.note(&why.to_string());
                         }
                         gap_noted |= gap;
-                        stream.reset();
+                        match why {
+                            Anew::Gap { distance_ns } => run.gap(distance_ns as f64 * 1e-9),
+                            Anew::Back => run.reset(),
+                        }
                     }
                 }
                 let input = match inputs(state, &estimator.absent) {
                     Ok(input) => input,
                     // Told with its flaw above; it may be there again in the next state.
                     Err(_) if !poll.left_out.is_empty() => {
-                        stream.reset();
+                        run.reset();
                         pace.broke_off();
                         continue;
                     }
@@ -245,17 +304,40 @@ impl Live {
                         return Err(Failure::new(exit::LINK, why));
                     }
                 };
-                let width = stream.step(&input);
-                let published = source.publish_estimate(&tip_force(estimator, &stream.force));
-                published.map_err(|error| Failure::new(exit::LINK, error))?;
-                let rows = stream.times_us.len();
-                if rows.is_multiple_of(self.every as usize) && !context.output.json() {
-                    context.output.line(&stream.line(t_ns as f64 * 1e-9, width));
+                let sure = run.step(t_ns as f64 * 1e-9, &input, None);
+                // CRTK has no word for a force that is not known: it is not published.
+                if sure.valid {
+                    let estimate = Estimate {
+                        force: tip_force(estimator, run.stream.force()),
+                        half_n: sure.half_n.map(|half_n| half_widths(estimator, half_n)),
+                        stamp: state.stamp.clone(),
+                    };
+                    let published = source.publish_estimate(&estimate);
+                    published.map_err(|error| Failure::new(exit::LINK, error))?;
                 }
             }
             std::thread::sleep(LOOK);
         }
-        Ok(stream.done())
+        run.done(self)
+    }
+
+    /// Refuses a robot whose name is not that of the model's training.
+    fn check_name(&self, estimator: &Estimator, name: Option<&str>, file: &Path) -> Result<()> {
+        if self.any_robot {
+            return Ok(());
+        }
+        if estimator.robot == load::UNNAMED {
+            return Err(Failure::usage(
+                "nothing named the robot of this model's training, so nothing tells whether it is this one. Give `name` in [robot] of the experiment and train again, or take the model with --any-robot",
+            ));
+        }
+        match name {
+            Some(name) => check_robot(estimator, name, false),
+            None => Err(Failure::usage(format!(
+                "{}: [robot] has no `name`, and an address does not tell which robot publishes there. The model is of the robot `{}`: if this is it, write name = {:?}, else train a model of it. --any-robot takes the model as it is",
+                file.display(), estimator.robot, estimator.robot
+            ))),
+        }
     }
 }
 
@@ -322,4 +404,15 @@ fn tip_force(estimator: &Estimator, force: &[f32]) -> TipForce {
         force_n: vector.into(),
         torque_n_m: None,
     }
+}
+
+/// Half widths of the components of a force, N. Of several components the interval is a ball.
+fn half_widths(estimator: &Estimator, half_n: f64) -> [f64; 3] {
+    core::array::from_fn(|axis| {
+        if estimator.axes.contains(&axis) {
+            half_n
+        } else {
+            0.0
+        }
+    })
 }

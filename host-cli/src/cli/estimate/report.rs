@@ -122,7 +122,7 @@ fn beside(path: &Path, data: &Data, training: &[usize]) -> Result<(Estimator, f6
     let estimator = model(path)?;
     check_robot(&estimator, &data.robot, false)?;
     let card = ModelCard::read(path)?;
-    let differences = differences(&estimator, &card, data, training);
+    let differences = differences(&estimator, &card, data, training)?;
     if !differences.is_empty() {
         return Err(Failure::usage(format!(
             "--with {}: it was not trained as the report trains, so their figures cannot be compared. The model and the report differ in: {}. Train it again on {}",
@@ -140,7 +140,7 @@ fn differences(
     card: &ModelCard,
     data: &Data,
     training: &[usize],
-) -> Vec<String> {
+) -> Result<Vec<String>> {
     let mut found = Vec::new();
     let mut differ = |differs: bool, what: String| {
         if differs {
@@ -163,7 +163,7 @@ fn differences(
             estimator.axes, data.axes
         ),
     );
-    let turned = estimator.base.distance(&data.base);
+    let turned = estimator.base.distance(&data.base(training)?);
     differ(
         turned > SAME_BASE,
         format!("direction of the robot's base (by {turned:.4})"),
@@ -180,5 +180,5 @@ fn differences(
         card.sources != data.sources,
         format!("files ({}, {})", card.data, data.name),
     );
-    found
+    Ok(found)
 }

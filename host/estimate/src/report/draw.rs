@@ -58,7 +58,9 @@ pub(super) fn models(
     let speeds: Vec<(String, Vec<f64>)> = (results.models.iter())
         .filter(|m| SHOWN.contains(&m.model.as_str()))
         .map(|m| {
-            let errors = m.evaluation.by_speed.iter().map(|b| b.mae_n);
+            // A bin without rows has no bar.
+            let errors = m.evaluation.by_speed.iter();
+            let errors = errors.map(|b| b.mae_n.unwrap_or(0.0));
             (m.model.clone(), errors.collect())
         })
         .collect();

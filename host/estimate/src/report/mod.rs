@@ -181,11 +181,19 @@ pub enum ReportError {
     Json(#[from] serde_json::Error),
 }
 
-fn training(data: &Data, kind: Kind, seed: u64, intervals: bool) -> Training {
-    Training {
+/// How a model is trained on these trials.
+fn training(
+    data: &Data,
+    trials: &[usize],
+    kind: Kind,
+    seed: u64,
+    intervals: bool,
+) -> Result<Training, ReportError> {
+    let base = data.base(trials);
+    Ok(Training {
         kind,
         axes: data.axes.clone(),
-        base: data.base,
+        base: base.map_err(|error| ReportError::Data(error.to_string()))?,
         robot: data.robot.clone(),
         trees: TreesConfig {
             seed,
@@ -194,7 +202,7 @@ fn training(data: &Data, kind: Kind, seed: u64, intervals: bool) -> Training {
         networks: NetworkLimits::default(),
         intervals,
         absent: data.absent.clone(),
-    }
+    })
 }
 
 /// A trained model on the test trials.
@@ -303,8 +311,9 @@ impl Report<'_> {
         self.elsewhere(&shipped, &physics)?;
         self.three_axes()?;
 
-        let hybrid = training(data, Kind::Hybrid, seed, false);
-        let quick = training(data, Kind::Physics, seed, false);
+        let trials = &self.settings.training;
+        let hybrid = training(data, trials, Kind::Hybrid, seed, false)?;
+        let quick = training(data, trials, Kind::Physics, seed, false)?;
         self.note("minutes of training");
         for settings in [&quick, &hybrid] {
             let points = self
@@ -380,7 +389,9 @@ impl Report<'_> {
         for kind in Kind::ALL {
             self.note(&format!("model `{}`", kind.name()));
             let intervals = matches!(kind, Kind::Physics | Kind::Hybrid);
-            let settings = training(self.inputs.data, kind, self.settings.seed, intervals);
+            let trials = &self.settings.training;
+            let seed = self.settings.seed;
+            let settings = training(self.inputs.data, trials, kind, seed, intervals)?;
             let (estimator, training_s) = trained(&settings, rows)?;
             let (result, trials) = tested(&estimator, training_s, test)?;
             self.found(result, trials, &mut compared)?;
@@ -413,7 +424,9 @@ impl Report<'_> {
         for (name, other) in self.inputs.also {
             self.note(&format!("other data: {name}"));
             let sequences: Vec<&Sequence> = other.sequences.iter().collect();
-            let none = training(self.inputs.data, Kind::Zero, self.settings.seed, false);
+            let trials = &self.settings.training;
+            let seed = self.settings.seed;
+            let none = training(self.inputs.data, trials, Kind::Zero, seed, false)?;
             let none = Estimator::train(&none, &sequences, &mut |_| {})?;
             let mut models = Vec::new();
             for estimator in [&none, physics, shipped] {
@@ -438,7 +451,8 @@ impl Report<'_> {
         let (rows, test) = (other.of(&trials[..last]), other.of(&trials[last..]));
         for kind in [Kind::Zero, Kind::Linear, Kind::Physics, Kind::Hybrid] {
             self.note(&format!("three-dimensional forces: `{}`", kind.name()));
-            let settings = training(other, kind, self.settings.seed, false);
+            let seed = self.settings.seed;
+            let settings = training(other, &trials[..last], kind, seed, false)?;
             let (estimator, training_s) = trained(&settings, &rows)?;
             let result = tested(&estimator, training_s, &test)?.0;
             self.results.three_axes.push(result);

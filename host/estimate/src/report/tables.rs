@@ -1,6 +1,6 @@
 //! The figures of a report as Markdown.
 
-use super::super::card::percent as percent_2;
+use super::super::card::{newtons, percent as percent_2};
 use super::super::study::{CHOICE_MARGIN_N, WHOLE};
 use super::goals::NOT_TRIED;
 use super::{ModelResult, Results};
@@ -59,6 +59,7 @@ pub fn tables(r: &Results) -> String {
             "## Three-dimensional forces: length of the error vector\n"
         );
         models_table(&mut text, &r.three_axes);
+        components(&mut text, &r.three_axes);
     }
     studies(&mut text, r);
     text.trim_end().to_owned() + "\n"
@@ -147,20 +148,17 @@ fn by_speed(text: &mut String, models: &[ModelResult]) {
     line!(text, "| rows | {} | | | |", rows.join(" | "));
     for m in models {
         let e = &m.evaluation;
-        let bins: Vec<String> = e
-            .by_speed
-            .iter()
-            .map(|b| format!("{:.3}", b.mae_n))
-            .collect();
-        let slowest = e.by_speed.first().map_or(0.0, |b| b.mae_n);
+        let bins: Vec<String> = e.by_speed.iter().map(|b| newtons(b.mae_n)).collect();
+        let slowest = e.by_speed.first().and_then(|b| b.mae_n);
+        let ratio = slowest.map(|s| format!("{:.2}", s / e.figures.mae_n));
         line!(
             text,
-            "| {} | {} | {:.2} | {:.3} | {:.3} |",
+            "| {} | {} | {} | {} | {} |",
             m.model,
             bins.join(" | "),
-            slowest / e.figures.mae_n,
-            e.mae_reversing_n,
-            e.mae_sliding_n
+            ratio.unwrap_or_else(|| "-".to_owned()),
+            newtons(e.mae_reversing_n),
+            newtons(e.mae_sliding_n)
         );
     }
     line!(text, "");
@@ -197,9 +195,7 @@ fn intervals(text: &mut String, models: &[ModelResult]) {
             "| speed below, mm/s | covers, % | half width, N |\n| --- | --- | --- |"
         );
         for b in &m.evaluation.by_speed {
-            let width = b
-                .half_width_n
-                .map_or_else(|| "-".to_owned(), |w| format!("{w:.3}"));
+            let width = newtons(b.half_width_n);
             line!(
                 text,
                 "| {:.1} | {} | {width} |",
@@ -209,6 +205,20 @@ fn intervals(text: &mut String, models: &[ModelResult]) {
         }
         line!(text, "");
     }
+}
+
+/// Errors of the components of a force.
+fn components(text: &mut String, models: &[ModelResult]) {
+    line!(
+        text,
+        "| model, MAE in N | x | y | z |\n| --- | --- | --- | --- |"
+    );
+    for m in models {
+        let by = m.evaluation.mae_by_component_n.iter();
+        let by: Vec<String> = by.map(|n| format!("{n:.3}")).collect();
+        line!(text, "| {} | {} |", m.model, by.join(" | "));
+    }
+    line!(text, "");
 }
 
 fn elsewhere(text: &mut String, r: &Results) {
@@ -221,12 +231,12 @@ fn elsewhere(text: &mut String, r: &Results) {
         for (model, e) in &other.models {
             line!(
                 text,
-                "| {} | {model} | {:.3}{} | {:.3} | {:.3} | {} | {} |",
+                "| {} | {model} | {:.3}{} | {:.3} | {} | {} | {} |",
                 other.name,
                 e.figures.mae_n,
                 interval(e.figures.mae_half_n),
                 e.figures.rmse_n,
-                e.by_speed.first().map_or(0.0, |b| b.mae_n),
+                newtons(e.by_speed.first().and_then(|b| b.mae_n)),
                 e.figures.rows,
                 percent(e.covered)
             );

@@ -13,7 +13,7 @@ mod master;
 mod messages;
 
 use super::intake::{Incoming, Intake, Outlet};
-use super::{adapter_for, device, Poll, Ros1Config, Source, SourceError};
+use super::{adapter_for, device, since_1970, Estimate, Poll, Ros1Config, Source, SourceError};
 use crate::crtk::{Header, Joints, Topic};
 use crate::ravenstate::{self, Ravenstate, Version};
 use crate::state::{Operating, OperatingState, StateError, TipForce};
@@ -44,6 +44,7 @@ pub struct Ros1 {
     measured_cf: Publisher<m::WrenchStamped>,
     setpoint_cf: Publisher<m::WrenchStamped>,
     estimated_cf: Publisher<m::WrenchStamped>,
+    estimated_half_width: Publisher<m::WrenchStamped>,
     operating: Publisher<m::OperatingState>,
     node: NodeHandle,
     runtime: Runtime,
@@ -122,7 +123,7 @@ impl Ros1 {
         let started = runtime
             .block_on(async { tokio::time::timeout(PATIENCE, start(config, &uri, sender)).await });
         let watched = watched(config);
-        let (node, [measured_cf, setpoint_cf, estimated_cf], operating) = started
+        let (node, ours, operating) = started
             .map_err(|_| {
                 let dead = look(&master, &watched, 0).dead;
                 let dead: Vec<String> = dead.into_iter().map(|(name, _)| name).collect();
@@ -136,6 +137,7 @@ impl Ros1 {
                 })
             })?
             .map_err(there)?;
+        let [measured_cf, setpoint_cf, estimated_cf, estimated_half_width] = ours;
         let seen = Arc::new(Mutex::new(Seen::default()));
         keep_looking(master.clone(), watched, &seen);
         let mut source = Self {
@@ -144,6 +146,7 @@ impl Ros1 {
             measured_cf,
             setpoint_cf,
             estimated_cf,
+            estimated_half_width,
             node,
             runtime,
             sequence: 0,
@@ -211,11 +214,16 @@ impl Ros1 {
         let now = SystemTime::now()
             .duration_since(UNIX_EPOCH)
             .unwrap_or_default();
+        self.header_at(frame_id, now)
+    }
+
+    /// A header with a time since 1970.
+    fn header_at(&self, frame_id: String, at: Duration) -> m::Header {
         m::Header {
             seq: self.sequence,
             stamp: m::Time {
-                secs: now.as_secs() as u32,
-                nsecs: now.subsec_nanos(),
+                secs: at.as_secs() as u32,
+                nsecs: at.subsec_nanos(),
             },
             frame_id,
         }
@@ -256,7 +264,7 @@ fn watched(config: &Ros1Config) -> Vec<Watched> {
 
 type Started = (
     NodeHandle,
-    [Publisher<m::WrenchStamped>; 3],
+    [Publisher<m::WrenchStamped>; 4],
     Publisher<m::OperatingState>,
 );
 
@@ -289,6 +297,7 @@ async fn start(config: &Ros1Config, master: &str, to: Outlet) -> Result<Started,
     let measured_cf = advertise(own("measured_cf")).await?;
     let setpoint_cf = advertise(own("setpoint_cf")).await?;
     let estimated_cf = advertise(own("measured_cf_estimated")).await?;
+    let half_width = advertise(own("measured_cf_estimated_half_width")).await?;
     let of_device = |topic: &str| format!("{}/{topic}", device(&config.publish));
     subscribe(
         &node,
@@ -302,7 +311,8 @@ async fn start(config: &Ros1Config, master: &str, to: Outlet) -> Result<Started,
         .advertise::<m::OperatingState>(&topic, QUEUE, true)
         .await;
     let operating = operating.map_err(|error| format!("{topic}: {error}"))?;
-    Ok((node, [measured_cf, setpoint_cf, estimated_cf], operating))
+    let ours = [measured_cf, setpoint_cf, estimated_cf, half_width];
+    Ok((node, ours, operating))
 }
 
 async fn subscribe_crtk(node: &NodeHandle, config: &Ros1Config, to: &Outlet) -> Result<(), String> {
@@ -475,10 +485,21 @@ impl Source for Ros1 {
         sent.map_err(|error| self.failed(format!("operating_state can't be published: {error}")))
     }
 
-    fn publish_estimate(&mut self, estimated: &TipForce) -> Result<(), SourceError> {
+    fn publish_estimate(&mut self, estimate: &Estimate) -> Result<(), SourceError> {
         self.sequence = self.sequence.wrapping_add(1);
-        let estimated = self.wrench(estimated);
-        let sent = self.runtime.block_on(self.estimated_cf.publish(&estimated));
+        let at = since_1970(estimate.stamp.t_ns);
+        let stamped = |(frame_id, wrench)| m::WrenchStamped {
+            header: self.header_at(frame_id, at),
+            wrench,
+        };
+        let force = stamped(self.intake.wrench(&estimate.force));
+        let half = self.intake.half_width(estimate).map(stamped);
+        let sent = self.runtime.block_on(async {
+            if let Some(half) = &half {
+                self.estimated_half_width.publish(half).await?;
+            }
+            self.estimated_cf.publish(&force).await
+        });
         sent.map_err(|error| self.failed(format!("a force can't be published: {error}")))
     }
 }

@@ -13,7 +13,7 @@
 mod messages;
 
 use super::intake::{Incoming, Intake, Outlet};
-use super::{adapter_for, device, Poll, Ros2Config, Source, SourceError};
+use super::{adapter_for, device, since_1970, Estimate, Poll, Ros2Config, Source, SourceError};
 use crate::crtk::{self, Topic};
 use crate::state::{Operating, OperatingState, TipForce};
 use messages as m;
@@ -40,6 +40,7 @@ pub struct Ros2 {
     measured_cf: Publisher<m::PairStamped>,
     setpoint_cf: Publisher<m::PairStamped>,
     estimated_cf: Publisher<m::PairStamped>,
+    estimated_half_width: Publisher<m::PairStamped>,
     operating: Publisher<m::OperatingState>,
     /// Dropped with the source: the thread ends then.
     _alive: Arc<()>,
@@ -74,8 +75,8 @@ impl Ros2 {
             node: &mut node,
             config,
         };
-        let (subscriptions, [measured_cf, setpoint_cf, estimated_cf], operating) =
-            topics.all().map_err(failed)?;
+        let (subscriptions, ours, operating) = topics.all().map_err(failed)?;
+        let [measured_cf, setpoint_cf, estimated_cf, estimated_half_width] = ours;
         let alive = Arc::new(());
         let weak = Arc::downgrade(&alive);
         std::thread::Builder::new()
@@ -89,6 +90,7 @@ impl Ros2 {
             measured_cf,
             setpoint_cf,
             estimated_cf,
+            estimated_half_width,
             operating,
             _alive: alive,
             _node: node,
@@ -121,10 +123,15 @@ fn header(frame_id: String) -> m::Header {
     let now = SystemTime::now()
         .duration_since(UNIX_EPOCH)
         .unwrap_or_default();
+    header_at(frame_id, now)
+}
+
+/// A header with a time since 1970.
+fn header_at(frame_id: String, at: Duration) -> m::Header {
     m::Header {
         stamp: m::Time {
-            sec: now.as_secs() as i32,
-            nanosec: now.subsec_nanos(),
+            sec: at.as_secs() as i32,
+            nanosec: at.subsec_nanos(),
         },
         frame_id,
     }
@@ -164,7 +171,7 @@ type Look = Box<dyn Fn(&Outlet) -> bool + Send>;
 
 type All = (
     Vec<Look>,
-    [Publisher<m::PairStamped>; 3],
+    [Publisher<m::PairStamped>; 4],
     Publisher<m::OperatingState>,
 );
 
@@ -240,6 +247,7 @@ impl Topics<'_> {
             self.publisher(&own("measured_cf"))?,
             self.publisher(&own("setpoint_cf"))?,
             self.publisher(&own("measured_cf_estimated"))?,
+            self.publisher(&own("measured_cf_estimated_half_width"))?,
         ];
         let of_device = |name: &str| format!("{}/{name}", device(&c.publish));
         let commands = self.subscribe::<m::StringStamped>(
@@ -398,8 +406,17 @@ impl Source for Ros2 {
         sent.map_err(|error| self.not_published(&error))
     }
 
-    fn publish_estimate(&mut self, estimated: &TipForce) -> Result<(), SourceError> {
-        let sent = self.estimated_cf.publish(self.wrench(estimated));
+    fn publish_estimate(&mut self, estimate: &Estimate) -> Result<(), SourceError> {
+        let at = since_1970(estimate.stamp.t_ns);
+        let stamped = |(frame_id, pair)| m::PairStamped {
+            header: header_at(frame_id, at),
+            pair,
+        };
+        let force = stamped(self.intake.wrench(&estimate.force));
+        let half = self.intake.half_width(estimate).map(stamped);
+        let sent = half
+            .map_or(Ok(()), |half| self.estimated_half_width.publish(half))
+            .and_then(|()| self.estimated_cf.publish(force));
         sent.map_err(|error| self.not_published(&error))
     }
 }
