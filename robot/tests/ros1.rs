@@ -8,8 +8,8 @@
 use common::{ros, Process, Ros, PATIENCE};
 use robot::crtk::AdapterConfig;
 use robot::source::ros1::Ros1;
-use robot::source::{Poll, Ros1Config, Source};
-use robot::state::{Acts, Frame, Meaning, TipForce};
+use robot::source::{Estimate, Poll, Ros1Config, Source};
+use robot::state::{Acts, Clock, Frame, Meaning, Stamp, TipForce};
 use robot::watch::{Event, WatchConfig};
 use std::process::Stdio;
 use std::time::{Duration, Instant};
@@ -160,6 +160,8 @@ fn our_force_reaches_a_bag(ros: &Ros, listener: &mut Listener) {
             "-O",
             path,
             "/cable_rig/spatial/measured_cf",
+            "/cable_rig/spatial/measured_cf_estimated",
+            "/cable_rig/spatial/measured_cf_estimated_half_width",
             "/arm/measured_js",
         ],
     );
@@ -167,6 +169,15 @@ fn our_force_reaches_a_bag(ros: &Ros, listener: &mut Listener) {
         listener.poll();
         let force = force(-2.5);
         (listener.source.publish(&force, &force)).expect("published");
+        let estimate = Estimate {
+            force,
+            half_n: Some([0.0, 0.3, 0.0]),
+            stamp: Stamp {
+                t_ns: 1_234_567_890_500_000_000,
+                clock: Clock::RobotUtc,
+            },
+        };
+        (listener.source.publish_estimate(&estimate)).expect("published");
     });
     let info = ros
         .command("rosbag", &["info", path])
@@ -179,21 +190,33 @@ fn our_force_reaches_a_bag(ros: &Ros, listener: &mut Listener) {
         info.contains("geometry_msgs/WrenchStamped [d78d3cb249ce23087ade7e7d0c40cfa7]"),
         "{info}"
     );
-    let text = ros
-        .command(
-            "rostopic",
-            &["echo", "-b", path, "-p", "/cable_rig/spatial/measured_cf"],
-        )
-        .stdout(Stdio::piped())
-        .output()
-        .expect("rostopic echo");
-    let text = String::from_utf8_lossy(&text.stdout).into_owned();
+    let line = |topic: &str| {
+        let topic = format!("/cable_rig/spatial/{topic}");
+        let text = ros
+            .command("rostopic", &["echo", "-b", path, "-p", &topic])
+            .stdout(Stdio::piped())
+            .output()
+            .expect("rostopic echo");
+        let text = String::from_utf8_lossy(&text.stdout).into_owned();
+        text.lines().nth(1).unwrap_or_default().to_owned()
+    };
     // By the tool -2.5 N is 2.5 N on the tool, which is what we publish, and say.
-    let line = text.lines().nth(1).unwrap_or_default();
+    let measured = line("measured_cf");
     assert!(
-        line.contains("raven_crtk") && line.contains(",2.5,"),
-        "{text}"
+        measured.contains("raven_crtk") && measured.contains(",2.5,"),
+        "{measured}"
     );
+    // The stamp of an estimate is that of its state, not that of the publication.
+    for (topic, force) in [
+        ("measured_cf_estimated", ",2.5,"),
+        ("measured_cf_estimated_half_width", ",0.3,"),
+    ] {
+        let line = line(topic);
+        assert!(
+            line.contains("1234567890500000000") && line.contains(force),
+            "{topic}: {line}"
+        );
+    }
 }
 
 #[test]

@@ -6,8 +6,8 @@
 
 use robot::crtk::{AdapterConfig, Robot};
 use robot::source::ros2::Ros2;
-use robot::source::{Poll, Ros2Config, Source};
-use robot::state::{Acts, Frame, Meaning, Operating, OperatingState, TipForce};
+use robot::source::{Estimate, Poll, Ros2Config, Source};
+use robot::state::{Acts, Clock, Frame, Meaning, Operating, OperatingState, Stamp, TipForce};
 use robot::watch::{Event, Unfit, WatchConfig};
 use std::io::{BufRead, BufReader, Write};
 use std::process::{Child, Command, Stdio};
@@ -119,7 +119,7 @@ impl Listener {
             let poll = self.source.poll(now_ns).expect("the node lives");
             self.all.extend(poll);
             self.source.publish(&force(), &force()).expect("published");
-            (self.source.publish_estimate(&force())).expect("published");
+            (self.source.publish_estimate(&estimate())).expect("published");
             if done(self) {
                 return;
             }
@@ -142,6 +142,18 @@ fn force() -> TipForce {
         meaning: Meaning::Measured,
         force_n: [0.0, -2.5, 0.0],
         torque_n_m: None,
+    }
+}
+
+/// Of a state long ago, with a half width of 0.3 N along y.
+fn estimate() -> Estimate {
+    Estimate {
+        force: force(),
+        half_n: Some([0.0, 0.3, 0.0]),
+        stamp: Stamp {
+            t_ns: 1_234_567_890_500_000_000,
+            clock: Clock::RobotUtc,
+        },
     }
 }
 
@@ -187,9 +199,14 @@ fn a_robot_by_another_dds() {
     });
     listener.until("our estimate at the peer", |_| {
         let lines = first.lines.lock().expect("lines");
-        lines
-            .iter()
-            .any(|line| line.contains("estimated") && line.contains("[0.0, 2.5, 0.0]"))
+        // The stamp is that of the state, not that of the publication.
+        let of_state = |line: &&String| line.contains("[1234567890, 500000000]");
+        let has = |topic: &str, force: &str| {
+            let topic = format!("\"{topic}\"");
+            (lines.iter().filter(of_state))
+                .any(|line| line.contains(&topic) && line.contains(force))
+        };
+        has("estimated", "[0.0, 2.5, 0.0]") && has("half_width", "[0.0, 0.3, 0.0]")
     });
     assert_eq!(listener.all.stop(), None);
 

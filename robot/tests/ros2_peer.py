@@ -1,7 +1,7 @@
 """A robot on ROS 2 for tests/ros2.rs, by another DDS (cyclonedds).
 
 Publishes measured_js, measured_cp, body/measured_cf and servo_cf for the domain in argv[1], named as rmw names them, and prints
-each measured_cf and measured_cf_estimated that it receives as a line of JSON. operating_state is published as a dVRK 2 does: once,
+each measured_cf, measured_cf_estimated and its half width that it receives as a line of JSON. operating_state is published as a dVRK 2 does: once,
 when it changes, reliable and transient local. Each line of standard input is a command: `silence` ends the poses while the
 joints go on, `command X` sends the rig the state_command X, another one is the robot's operating state from then on. The rig's
 operating_state is printed when it comes. Ends with its standard input.
@@ -112,6 +112,11 @@ def main() -> None:
     estimated = DataReader(
         participant, topic("/cable_rig/spatial/measured_cf_estimated", WrenchStamped), qos=qos
     )
+    half_width = DataReader(
+        participant,
+        topic("/cable_rig/spatial/measured_cf_estimated_half_width", WrenchStamped),
+        qos=qos,
+    )
     own = DataWriter(participant, topic("/arm/body/measured_cf", WrenchStamped), qos=qos)
     latched = Qos(
         Policy.Reliability.Reliable(duration(seconds=1)),
@@ -160,7 +165,11 @@ def main() -> None:
             )
         )
         request.write(WrenchStamped(header, Wrench(Vector3(0.5, 1.5, -0.5), zero)))
-        for name, reader in (("applied", applied), ("estimated", estimated)):
+        for name, reader in (
+            ("applied", applied),
+            ("estimated", estimated),
+            ("half_width", half_width),
+        ):
             # A writer that leaves is a sample without data.
             samples = (m for m in reader.take(N=100) if isinstance(m, WrenchStamped))
             for message in samples:
@@ -168,6 +177,7 @@ def main() -> None:
                 line = {
                     "topic": name,
                     "frame_id": message.header.frame_id,
+                    "stamp": [message.header.stamp.sec, message.header.stamp.nanosec],
                     "force": [force.x, force.y, force.z],
                 }
                 print(json.dumps(line), flush=True)
