@@ -129,7 +129,7 @@ fn may_be_light(workspace: &Workspace) -> bool {
 
 /// Whether a call of forcectl does without the crates that the light build leaves out.
 fn is_light(words: &[&str]) -> bool {
-    let more = ["--record", "--foxglove", "--help", "-h"];
+    let more = ["--record", "--foxglove", "--web", "--help", "-h"];
     let mut options = words
         .iter()
         .map(|word| word.split('=').next().unwrap_or(word));

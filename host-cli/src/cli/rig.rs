@@ -89,6 +89,6 @@ impl Rig {
             lockstep: self.wait,
             stop,
         };
-        serve::run(link, listening, options, context)
+        serve::run(link, listening, options, &self.listen, context)
     }
 }

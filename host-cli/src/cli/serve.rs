@@ -33,6 +33,15 @@ pub struct Listen {
     /// File with the token that clients over TCP have to give (at least 16 characters)
     #[arg(long, value_name = "FILE", requires = "tcp")]
     pub token_file: Option<PathBuf>,
+    /// Show the rig in a browser, at this address [default: 127.0.0.1:4750]. One that others can reach, for example
+    /// --web=0.0.0.0:4750, gets a token in its link
+    #[cfg(feature = "web")]
+    #[arg(long, value_name = "ADDRESS", num_args = 0..=1, require_equals = true, default_missing_value = "127.0.0.1:4750")]
+    pub web: Option<SocketAddr>,
+    /// File with the token of the page's link (at least 16 characters) [default: a new one each time; none on this computer]
+    #[cfg(feature = "web")]
+    #[arg(long, value_name = "FILE", requires = "web")]
+    pub web_token_file: Option<PathBuf>,
 }
 
 fn name(text: &str) -> std::result::Result<String, String> {
@@ -47,19 +56,59 @@ impl Listen {
         let (Some(address), Some(file)) = (self.tcp, &self.token_file) else {
             return Ok(None);
         };
-        let text = std::fs::read_to_string(file)
-            .map_err(|error| Failure::usage(format!("{}: {error}", file.display())))?;
-        let token = text.trim().to_owned();
-        if token.len() < 16 {
-            return Err(Failure::usage(format!(
-                    "{}: the token has {} characters, 16 are the least; `openssl rand -hex 16` makes one",
-                    file.display(),
-                    token.len()
-                ),
-            ));
-        }
-        Ok(Some((address, token)))
+        Ok(Some((address, token(file)?)))
     }
+
+    /// Starts the page of a rig, where it is wanted: the link to it.
+    fn page(&self, name: &str, socket: &Path) -> Result<Option<String>> {
+        #[cfg(feature = "web")]
+        if let Some(address) = self.web {
+            let failed = |error: std::io::Error| {
+                Failure::new(
+                    exit::LINK,
+                    format!("the page at {address}: {error}; --web=ADDRESS:PORT takes another"),
+                )
+            };
+            let made = |open: bool| (!open).then(web::make_token).transpose().map_err(failed);
+            let token = match &self.web_token_file {
+                Some(file) => Some(token(file)?),
+                None => made(address.ip().is_loopback())?,
+            };
+            if token
+                .as_ref()
+                .is_some_and(|token| !token.bytes().all(|b| b.is_ascii_alphanumeric()))
+            {
+                return Err(Failure::usage(
+                    "the token of a page stands in its link: letters and digits only",
+                ));
+            }
+            let options = web::WebOptions {
+                address,
+                token,
+                socket: socket.to_owned(),
+                program: std::env::current_exe().map_err(failed)?,
+                link: format!("rig:{name}"),
+            };
+            return web::start(options).map(Some).map_err(failed);
+        }
+        let _ = (name, socket);
+        Ok(None)
+    }
+}
+
+/// The token in a file.
+fn token(file: &Path) -> Result<String> {
+    let text = std::fs::read_to_string(file)
+        .map_err(|error| Failure::usage(format!("{}: {error}", file.display())))?;
+    let token = text.trim().to_owned();
+    if token.len() < 16 {
+        return Err(Failure::usage(format!(
+            "{}: the token has {} characters, 16 are the least; `openssl rand -hex 16` makes one",
+            file.display(),
+            token.len()
+        )));
+    }
+    Ok(token)
 }
 
 /// Arguments of `serve`.
@@ -125,7 +174,7 @@ impl Serve {
             lockstep: false,
             stop: context.interrupt.flag(),
         };
-        run(link, listening, options, context)
+        run(link, listening, options, &self.listen, context)
     }
 }
 
@@ -145,12 +194,15 @@ pub fn run(
     link: Box<dyn RigLink>,
     listening: Listening,
     options: ServeOptions,
+    listen: &Listen,
     context: &Context,
 ) -> Result<Reply> {
     let name = options.name.clone();
     let what = link.name();
+    let page = listen.page(&name, listening.path())?;
     serve(link, listening, options, |addresses| {
-        context.output.note(&announcement(&name, &what, addresses));
+        let text = announcement(&name, &what, addresses, page.as_deref());
+        context.output.note(&text);
     })
     .map_err(|error| Failure::new(exit::LINK, error))?;
     Ok(Reply::done(&format!(
@@ -158,7 +210,7 @@ pub fn run(
     )))
 }
 
-fn announcement(name: &str, link: &str, addresses: &Addresses) -> String {
+fn announcement(name: &str, link: &str, addresses: &Addresses, page: Option<&str>) -> String {
     let mut text = format!("rig `{name}` is served: {link}\n");
     row!(text, "socket     {}", addresses.socket.display());
     if let Some(terminal) = &addresses.terminal {
@@ -166,6 +218,9 @@ fn announcement(name: &str, link: &str, addresses: &Addresses) -> String {
     }
     if let Some(tcp) = &addresses.tcp {
         row!(text, "tcp        {tcp}");
+    }
+    if let Some(page) = page {
+        row!(text, "page       {page}");
     }
     let option = if name == socket::EMBEDDED_NAME {
         String::new()

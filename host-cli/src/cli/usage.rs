@@ -21,7 +21,8 @@ const WHOLE: bool = cfg!(all(
     feature = "estimate",
     feature = "foxglove",
     feature = "record",
-    feature = "residual"
+    feature = "residual",
+    feature = "web"
 ));
 
 /// Reads the command line. Where it is wrong, or asks for help, the answer is printed and the exit code returned.

@@ -48,16 +48,17 @@ pub(super) struct Running {
     pub number: u64,
     /// The client that asked for it.
     pub for_client: ClientId,
-    /// Whether it holds tensions, and does so already: then it outlives its client.
+    /// Whether it holds already.
     pub holds: bool,
-    is_hold: bool,
+    /// Whether it outlives its client then.
+    stays: bool,
 }
 
 impl Running {
     /// Whether it ends when its client goes away: nobody would get a force's result, and a hold that has not answered yet may
     /// not be wanted any more.
     pub(super) fn ends_with_client(&self) -> bool {
-        !(self.is_hold && self.holds)
+        !(self.stays && self.holds)
     }
 }
 
@@ -74,7 +75,7 @@ pub(super) fn start(order: Order, hub: &Sender<Inbound>) -> io::Result<Running> 
         number: order.number,
         for_client: order.for_client,
         holds: false,
-        is_hold: matches!(order.kind, Kind::Hold(_)),
+        stays: matches!(&order.kind, Kind::Hold(hold) if !hold.ends_with_client),
     };
     let to_hub = hub.clone();
     std::thread::Builder::new()

@@ -159,6 +159,8 @@ impl Hello {
 pub struct HoldParams {
     /// Tensions of units 1 to 6 in N; absent: the rig file's least tensions.
     pub tension_n: Option<[f64; UNITS]>,
+    /// The hold ends when this client goes away, as a force does.
+    pub ends_with_client: bool,
 }
 
 /// What `set_force` holds.

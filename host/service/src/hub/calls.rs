@@ -10,10 +10,24 @@ use crate::protocol::{
 use base64::prelude::{Engine as _, BASE64_STANDARD};
 use serde_json::{json, Value};
 use session::link::LinkError;
-use session::{explain_fault, explain_refusal};
+use session::{explain_refusal, LatchedFault};
 use std::sync::atomic::Ordering;
-use wire::message::Response;
+use wire::message::{Response, Status};
 use wire::Command;
+
+/// The fault that a status shows, in words: the board's, else that of a unit.
+fn latched(status: &Status) -> Option<String> {
+    let of_board = (status.fault != 0).then(|| LatchedFault::of_board(status));
+    let of_unit = || {
+        let mut units = (1..).zip(&status.units);
+        let (number, unit) = units.find(|(_, unit)| unit.fault != 0)?;
+        Some(LatchedFault {
+            unit: Some(number),
+            ..LatchedFault::new(unit.fault, unit.fault_detail)
+        })
+    };
+    of_board.or_else(of_unit).map(|fault| fault.to_string())
+}
 
 /// How long motors may take to 0 V, ns of the link's time.
 const DISARM_NS: u64 = 3_000_000_000;
@@ -273,11 +287,12 @@ impl Hub {
         }
         let result = match response {
             Response::Rejected(refusal) => Err((code::REFUSED, explain_refusal(&refusal))),
-            _ => {
-                let fault = self.status.as_ref().filter(|status| status.fault != 0);
-                let fault = fault.map(|status| explain_fault(status.fault, status.fault_detail));
-                Ok(json!({ "fault": fault }))
+            // The newest status may be of the time before.
+            Response::Done if *command == Command::ClearFaults => {
+                return self.send(Origin::Call(id, number), Command::GetStatus);
             }
+            Response::Status(status) => Ok(json!({"fault": latched(&status)})),
+            _ => Ok(json!({"fault": self.status.as_ref().and_then(latched)})),
         };
         self.answer(id, number.as_ref(), result);
     }
