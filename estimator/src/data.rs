@@ -17,13 +17,16 @@ pub trait Columns {
     fn names(&self) -> Vec<String>;
 }
 
+/// Joints (rad, rad, m) and the tip that the robot reports with them (m).
+pub type Pose = ([f64; 3], [f64; 3]);
+
 /// Rows of one file that can be used.
 #[derive(Debug, Clone)]
 pub struct Part {
     /// Unbroken stretches, with the force's three components as targets where the log has them.
     pub sequences: Vec<Sequence>,
-    /// Trial, joints (rad, rad, m) and reported tips (m), about a thousand rows.
-    pub tips: Vec<(usize, ([f64; 3], [f64; 3]))>,
+    /// Trial, with joints (rad, rad, m) and reported tip (m), of about a thousand rows.
+    pub tips: Vec<(usize, Pose)>,
     /// Rate of the file, Hz.
     pub rate_hz: f64,
     /// Rows that were left out because they are not usable.

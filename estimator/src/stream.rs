@@ -30,7 +30,7 @@ pub struct Stream<'a> {
 
 /// What tells how sure an estimate is.
 enum Width<'a> {
-    Interval(Live<'a>),
+    Interval(Box<Live<'a>>),
     /// The motion alone tells whether the friction's state is known.
     Motion(Box<Motion>),
 }
@@ -44,7 +44,7 @@ impl<'a> Stream<'a> {
             estimator,
             stepper: estimator.model().stepper(),
             width: match &estimator.interval {
-                Some(interval) => Width::Interval(interval.live(step_s)),
+                Some(interval) => Width::Interval(Box::new(interval.live(step_s))),
                 None => Width::Motion(Box::new(Motion::new(step_s))),
             },
             force: vec![0.0; estimator.axes.len()],
