@@ -28,7 +28,7 @@ mutants! { TESTED:
     "forget-forgets-driven": "control/src/let_go.rs", "            was_driven: self.was_driven,\n            trial" => "            trial";
     "wound-in-kept-for-ever": "control/src/let_go.rs", "self.wound_in_nm.max(0) - (self.wound_in_nm.max(0) >> WOUND_IN_SHIFT)" => "self.wound_in_nm.max(0)";
     "held-4-n": "control/src/let_go.rs", "const HELD: Newton = Newton::from_un(2_000_000);" => "const HELD: Newton = Newton::from_un(4_000_000);";
-    "stale-sample-accepted": "board/src/machine/sampling.rs", "if !slot.sensor_up && slot.came_up.is_none() {" => "if false {";
+    "stale-sample-accepted": "board/src/machine/sampling.rs", "if slot.came_up.take().is_none() {" => "if slot.came_up.take().is_none() && false {";
     "zero-of-staged-lost": "board/src/machine/sampling.rs", "slot.staged = slot.staged.map(|staged| staged.with_zero(zero));" => "";
     "unit-fault-drives-on": "board/src/machine/sampling.rs", "_ if self.latch.is_set() || slot.latch.is_set() => Drive::Off," => "_ if self.latch.is_set() => Drive::Off,";
     "stopping-follows": "board/src/machine/sampling.rs", "MotorState::Stopping => Drive::Ramp," => "MotorState::Stopping => Drive::Follow,";
@@ -56,7 +56,7 @@ mutants! { TESTED:
     "stuck-only-first-five": "board/src/machine/supervision.rs", "        for unit in UnitIndex::ALL {\n            self.watch_unit(unit, now, fx);" => "        for unit in UnitIndex::ALL.into_iter().take(5) {\n            self.watch_unit(unit, now, fx);";
     "ramp-keeps-loop-closed": "control/src/unit.rs", "            Drive::Off => {\n                state.command.set(Newton::ZERO);" => "            Drive::Off => {\n                state.command.set(state.command.value());";
     "trip-samples-8": "control/src/unit.rs", "pub const TRIP_SAMPLES: u8 = 2;" => "pub const TRIP_SAMPLES: u8 = 8;";
-    "over-tension-after-correction-only": "control/src/unit.rs", "let strongest = direct.max(times_inv_cos(uncorrected, input.setpoint.inv_cos));" => "let strongest = direct;";
+    "over-tension-after-correction-only": "control/src/unit.rs", "let strongest = if uncorrected > gated {" => "let strongest = if false {";
     "lost-cable-metre": "control/src/unit.rs", "pub const LOST_TRAVEL_NM: i32 = 150_000_000;" => "pub const LOST_TRAVEL_NM: i32 = 1_000_000_000;";
     "no-brake": "control/src/unit.rs", "let braked = unlimited.saturating_sub(brake(tension, setpoint, travel_nm));" => "let braked = unlimited.saturating_sub(Newton::ZERO);";
     "negative-samples-60": "control/src/plausible.rs", "pub const NEGATIVE_SAMPLES: u8 = 6;" => "pub const NEGATIVE_SAMPLES: u8 = 60;";
