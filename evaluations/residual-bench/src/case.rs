@@ -1,7 +1,7 @@
 //! Which sets are made.
 
 use evaluation::clap::{self, ValueEnum};
-use synthetic_sets::{Kind, Recipe};
+use synthetic_sets::{Circumstance, Kind, Recipe};
 
 /// What a set is there to test.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, ValueEnum)]
@@ -14,8 +14,14 @@ pub enum Group {
     Empty,
     /// Two effects of the catalogue.
     Two,
+    /// Three effects of the catalogue.
+    Three,
     /// One effect that is in no catalogue.
     Uncatalogued,
+    /// One effect of which the catalogue has the pure form only.
+    Impure,
+    /// One effect of the catalogue in unusual logs.
+    Unusual,
 }
 
 /// One set.
@@ -29,6 +35,8 @@ pub struct Case {
     pub strength: f64,
     /// Whether a controller drove the command.
     pub closed_loop: bool,
+    /// What is unusual about the logs.
+    pub circumstance: Circumstance,
     /// Seed within the bench.
     pub seed: u64,
     /// Distinguishes sets of equal seed, so that no two have the same motion.
@@ -43,6 +51,7 @@ impl Case {
             kinds: self.kinds.clone(),
             strength: self.strength,
             closed_loop: self.closed_loop,
+            circumstance: self.circumstance,
             seed: self.seed * 1000 + self.salt,
         }
     }
@@ -54,7 +63,10 @@ impl Case {
             return "none".into();
         }
         let names: Vec<&str> = self.kinds.iter().map(|kind| kind.name()).collect();
-        names.join("+")
+        match self.circumstance {
+            Circumstance::Usual => names.join("+"),
+            unusual => format!("{}, {}", names.join("+"), unusual.words()),
+        }
     }
 }
 
@@ -71,6 +83,38 @@ pub const PAIRS: [[Kind; 2]; 8] = [
     [Kind::Delay, Kind::Coulomb],
     [Kind::Quadratic, Kind::DriftTemperature],
     [Kind::Tone, Kind::Saturation],
+];
+
+/// Effects of which three act at once.
+pub const TRIPLES: [[Kind; 3]; 12] = [
+    [Kind::Coulomb, Kind::Viscous, Kind::Inertia],
+    [Kind::Coulomb, Kind::Gain, Kind::Offset],
+    [Kind::Coulomb, Kind::DriftTemperature, Kind::Crosstalk],
+    [
+        Kind::LoadDependentCoulomb,
+        Kind::Offset,
+        Kind::PeriodicAngle,
+    ],
+    [Kind::Viscous, Kind::Quadratic, Kind::Tone],
+    [Kind::Hysteresis, Kind::Gain, Kind::DriftTime],
+    [Kind::Delay, Kind::Coulomb, Kind::Offset],
+    [Kind::Inertia, Kind::Presliding, Kind::Tone],
+    [Kind::Stribeck, Kind::Viscous, Kind::Offset],
+    [Kind::Saturation, Kind::Coulomb, Kind::DriftTime],
+    [Kind::Creep, Kind::Gain, Kind::Coulomb],
+    [Kind::Viscous, Kind::PeriodicAngle, Kind::DriftTemperature],
+];
+
+/// Effects in unusual logs.
+pub const UNUSUAL: [Kind; 8] = [
+    Kind::Coulomb,
+    Kind::Viscous,
+    Kind::Inertia,
+    Kind::LoadDependentCoulomb,
+    Kind::Gain,
+    Kind::Offset,
+    Kind::Quadratic,
+    Kind::Crosstalk,
 ];
 
 /// Which sets to make.
@@ -90,57 +134,92 @@ pub fn kind_named(name: &str) -> Option<Kind> {
     Kind::KNOWN
         .into_iter()
         .chain(Kind::UNCATALOGUED)
+        .chain(Kind::IMPURE)
         .find(|kind| kind.name() == name)
 }
 
 impl Plan {
     /// All sets of the plan. With twenty seeds: 1140 known, 380 closed-loop, 200 empty, 80 with two
-    /// effects, 160 uncatalogued.
+    /// effects, 80 with three, 240 uncatalogued, 40 impure, 160 in unusual logs.
     #[must_use]
     pub fn cases(&self) -> Vec<Case> {
         let mut out = Vec::new();
-        let mut add = |group, kinds: &[Kind], strength, closed_loop, seed, salt| {
+        let mut push = |group, kinds: &[Kind], strength, closed_loop, circumstance, seed, salt| {
             out.push(Case {
                 group,
                 kinds: kinds.to_vec(),
                 strength,
                 closed_loop,
+                circumstance,
                 seed,
                 salt,
             });
         };
+        let usual = Circumstance::Usual;
         for (n, seed) in self.seeds.clone().enumerate() {
             for (i, kind) in (0u64..).zip(Kind::KNOWN) {
                 for (j, strength) in (0u64..).zip(STRENGTHS) {
                     if !self.quick || (n < 2 && j > 0) {
-                        add(Group::Known, &[kind], strength, false, seed, 10 * i + j);
+                        push(
+                            Group::Known,
+                            &[kind],
+                            strength,
+                            false,
+                            usual,
+                            seed,
+                            10 * i + j,
+                        );
                     }
                 }
                 if !self.quick || n < 1 {
-                    add(Group::Closed, &[kind], 1.0, true, seed, 10 * i + 5);
+                    push(Group::Closed, &[kind], 1.0, true, usual, seed, 10 * i + 5);
                 }
             }
             for k in 0..if self.quick { 2 } else { 10 } {
-                add(Group::Empty, &[], 0.0, k % 2 == 1, seed, 300 + k);
+                push(Group::Empty, &[], 0.0, k % 2 == 1, usual, seed, 300 + k);
             }
             if self.quick && n >= 2 {
                 continue;
             }
             for k in 0..4 {
                 let at = (4 * n + k) % PAIRS.len();
-                add(Group::Two, &PAIRS[at], 1.0, false, seed, 400 + at as u64);
+                let salt = 400 + at as u64;
+                push(Group::Two, &PAIRS[at], 1.0, false, usual, seed, salt);
+                let at = (4 * n + k) % TRIPLES.len();
+                let salt = 600 + at as u64;
+                push(Group::Three, &TRIPLES[at], 1.0, false, usual, seed, salt);
             }
             for (i, kind) in (0u64..).zip(Kind::UNCATALOGUED) {
-                for (j, strength) in [(0, 1.0), (1, 3.0)] {
-                    add(
+                for (j, strength) in [(0, 1.0), (1, 3.0), (2, 0.3)] {
+                    let salt = 500 + 10 * i + j;
+                    push(
                         Group::Uncatalogued,
                         &[kind],
                         strength,
                         false,
+                        usual,
                         seed,
-                        500 + 10 * i + j,
+                        salt,
                     );
                 }
+            }
+            for (i, kind) in (0u64..).zip(Kind::IMPURE) {
+                let salt = 700 + i;
+                push(Group::Impure, &[kind], 1.0, false, usual, seed, salt);
+            }
+            for k in 0..8 {
+                // Every effect in every circumstance within five seeds.
+                let unusual = Circumstance::UNUSUAL[(n + k) % Circumstance::UNUSUAL.len()];
+                let salt = 800 + k as u64;
+                push(
+                    Group::Unusual,
+                    &[UNUSUAL[k]],
+                    1.0,
+                    false,
+                    unusual,
+                    seed,
+                    salt,
+                );
             }
         }
         if let Some(kind) = self.kind {
@@ -170,7 +249,10 @@ mod tests {
         assert_eq!(count(Group::Known), 19 * 3 * 20);
         assert_eq!(count(Group::Empty), 200);
         assert_eq!(count(Group::Two), 80);
-        assert_eq!(count(Group::Uncatalogued), 160);
+        assert_eq!(count(Group::Uncatalogued), 240);
         assert_eq!(count(Group::Closed), 19 * 20);
+        assert_eq!(count(Group::Three), 80);
+        assert_eq!(count(Group::Impure), 40);
+        assert_eq!(count(Group::Unusual), 160);
     }
 }

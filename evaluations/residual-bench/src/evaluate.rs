@@ -69,6 +69,12 @@ pub struct Outcome {
 }
 
 impl Outcome {
+    /// Whether an effect is called found that is not there.
+    #[must_use]
+    pub fn finds_a_wrong_one(&self) -> bool {
+        self.extra > 0 && ["effect", "several"].contains(&self.verdict)
+    }
+
     /// Held-out RMSE of the final model over the oracle's.
     #[must_use]
     pub fn over_oracle(&self) -> f64 {
@@ -173,7 +179,7 @@ pub fn evaluate(case: &Case) -> Result<Outcome, String> {
     let uncatalogued = case
         .kinds
         .iter()
-        .any(|kind| Kind::UNCATALOGUED.contains(kind));
+        .any(|kind| Kind::UNCATALOGUED.contains(kind) || Kind::IMPURE.contains(kind));
     let mut estimates = Vec::new();
     let mut hits = 0;
     for truth in &set.truth.effects {

@@ -139,7 +139,7 @@ fn heading(line: &str) -> String {
          Written by `{line}` ({}); don't edit.\n\n\
          The generator (`evaluations/synthetic-sets`) shares no code and no constant with the analysis; a test \
          of `evaluations/residual-bench` enforces that. Each set is five to seven logs of 50 to 80 s at 20, 50 or 100 rows a \
-         second, with the declared model *force = command*, and up to two effects that the model lacks, scaled to a \
+         second, with the declared model *force = command*, and up to three effects that the model lacks, scaled to a \
          multiple of the noise's RMS. Blocks of 10 s are held out, in ten folds. What counts as right is written in `evaluations/residual-bench/src/judge.rs`. Seeds 1 to 20 \
          are reserved for this page; the analysis was tuned on seeds from 10000.\n\n",
         evaluation::sources()

@@ -163,6 +163,43 @@ pub fn rates(all: &[Outcome]) -> Vec<Rate> {
             Target::None,
         ),
         share(
+            "three effects: one of them first",
+            group(Group::Three),
+            right,
+            Target::None,
+        ),
+        share(
+            "... two of them or more named",
+            group(Group::Three),
+            |o| o.hits >= 2,
+            Target::AtLeast(0.95),
+        ),
+        share(
+            "... all three named",
+            group(Group::Three),
+            |o| o.hits == 3,
+            Target::AtLeast(0.70),
+        ),
+        share(
+            "unusual logs: right effect first",
+            group(Group::Unusual),
+            right,
+            Target::None,
+        ),
+        share(
+            "... another effect first",
+            group(Group::Unusual),
+            |o| o.class == Class::Wrong,
+            Target::None,
+        ),
+        share(
+            "an effect called found that is not there, all sets with effects of the catalogue",
+            all.iter()
+                .filter(|o| !matches!(o.case.group, Group::Impure | Group::Uncatalogued)),
+            Outcome::finds_a_wrong_one,
+            Target::AtMost(0.02),
+        ),
+        share(
             "false alarms on empty sets",
             group(Group::Empty),
             |o| o.class != Class::Right,
@@ -181,10 +218,16 @@ pub fn rates(all: &[Outcome]) -> Vec<Rate> {
             Target::None,
         ),
         share(
-            "effects outside the catalogue called `unknown`",
-            group(Group::Uncatalogued),
+            "effects outside the catalogue, RMS at least the noise's, called `unknown`",
+            group(Group::Uncatalogued).filter(|o| o.case.strength >= 1.0),
             right,
-            Target::AtLeast(0.80),
+            Target::AtLeast(0.95),
+        ),
+        share(
+            "... RMS 0.3 of the noise's",
+            group(Group::Uncatalogued).filter(|o| o.case.strength < 1.0),
+            right,
+            Target::AtLeast(0.85),
         ),
     ];
     let mut errors: Vec<f64> = known(1.0, 99.0)
@@ -323,11 +366,21 @@ pub fn text(all: &[Outcome]) -> String {
     table("Two effects, each with the noise's RMS", &|o| {
         o.case.group == Group::Two
     });
+    table("Three effects, each with the noise's RMS", &|o| {
+        o.case.group == Group::Three
+    });
+    table("One effect with the noise's RMS in unusual logs", &|o| {
+        o.case.group == Group::Unusual
+    });
+    table(
+        "Effects of which the catalogue has the pure form, RMS as the noise's",
+        &|o| o.case.group == Group::Impure,
+    );
     table("No effect; half of the logs closed loop", &|o| {
         o.case.group == Group::Empty
     });
     table(
-        "Effects in no catalogue, RMS once and three times the noise's",
+        "Effects in no catalogue, RMS 0.3, once and three times the noise's",
         &|o| o.case.group == Group::Uncatalogued,
     );
     let judged: Vec<bool> = rates.iter().filter_map(|rate| rate.reached).collect();

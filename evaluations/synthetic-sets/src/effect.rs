@@ -9,7 +9,7 @@ use rand::{Rng, RngExt};
 use std::f64::consts::TAU;
 
 /// What kind of effect is hidden in a set. The first block has names that a catalogue of physical effects
-/// would know; the last four are in no catalogue.
+/// would know; the next four are in no catalogue. The last two are a part of one that is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 #[allow(missing_docs)] // the table in `physics` says what each one does
 pub enum Kind {
@@ -36,6 +36,8 @@ pub enum Kind {
     SpeedWindow,
     NeighbourThreshold,
     Telegraph,
+    PartialDelay,
+    SoftKink,
 }
 
 impl Kind {
@@ -70,6 +72,10 @@ impl Kind {
         Self::Telegraph,
     ];
 
+    /// Effects as real drives have them, of which a catalogue has the pure form: a delay that a part of the
+    /// load has, and a change of slope that is no corner.
+    pub const IMPURE: [Self; 2] = [Self::PartialDelay, Self::SoftKink];
+
     /// Name in snake case, as a catalogue would spell it.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -97,18 +103,23 @@ impl Kind {
             Self::SpeedWindow => "speed_window",
             Self::NeighbourThreshold => "neighbour_threshold",
             Self::Telegraph => "telegraph",
+            Self::PartialDelay => "partial_delay",
+            Self::SoftKink => "soft_kink",
         }
     }
 
     /// Whether the force is proportional to `size`.
     const fn linear(self) -> bool {
-        !matches!(self, Self::Delay | Self::ClockSkew | Self::Saturation)
+        !matches!(
+            self,
+            Self::Delay | Self::ClockSkew | Self::Saturation | Self::PartialDelay
+        )
     }
 
     /// Smallest and largest `size` that the search may try, for the others.
     const fn bounds(self) -> (f64, f64) {
         match self {
-            Self::Delay => (0.0, 0.8),
+            Self::Delay | Self::PartialDelay => (0.0, 0.8),
             Self::ClockSkew => (0.0, 0.05),
             _ => (0.0, 8.0),
         }
@@ -155,6 +166,10 @@ impl Effect {
                 rng.random_range(0.003..0.005),
             ],
             Kind::NeighbourThreshold => [rng.random_range(3.0..4.5), 0.0],
+            // The share of the load that is late.
+            Kind::PartialDelay => [rng.random_range(0.13..0.22), 0.0],
+            // Where the slope changes, and over which range of the load.
+            Kind::SoftKink => [rng.random_range(4.0..5.5), rng.random_range(0.3..1.0)],
             _ => [0.0, 0.0],
         };
         Self {
@@ -191,9 +206,12 @@ impl Effect {
             Kind::Creep => vec![("fraction", self.size), ("time_constant_s", a)],
             Kind::Crosstalk => vec![("fraction", self.size)],
             Kind::Tone => vec![("amplitude_n", self.size), ("frequency_hz", a)],
-            Kind::TravelLoad | Kind::SpeedWindow | Kind::NeighbourThreshold | Kind::Telegraph => {
-                vec![("size", self.size)]
-            }
+            Kind::TravelLoad
+            | Kind::SpeedWindow
+            | Kind::NeighbourThreshold
+            | Kind::Telegraph
+            | Kind::PartialDelay
+            | Kind::SoftKink => vec![("size", self.size)],
         }
     }
 
@@ -220,6 +238,8 @@ impl Effect {
             Kind::PeriodicAngle => self.size * (a * drive.travel_m[k] * SHAFT_RAD_PER_M + b).sin(),
             Kind::Inertia => -self.size * drive.accel_m_s2[k],
             Kind::Delay => earlier(commands, k as f64 - self.size / STEP_S) - load,
+            Kind::PartialDelay => a * (earlier(commands, k as f64 - self.size / STEP_S) - load),
+            Kind::SoftKink => self.size * b * ((load - a) / b).exp().ln_1p(),
             Kind::ClockSkew => earlier(commands, k as f64 * (1.0 - self.size)) - load,
             Kind::Gain => self.size * load,
             Kind::Offset => self.size,

@@ -53,11 +53,12 @@ impl Waves {
 }
 
 /// Draws the signals of one log of `seconds`. The reel runs in both directions at many speeds and
-/// stops now and then, as in the gauge records of the thesis; forces stay between 1 and 10 N.
-pub fn draw(rng: &mut impl Rng, seconds: f64) -> Drive {
+/// stops now and then, as in the gauge records of the thesis; forces stay between 1 and 10 N. The lines of
+/// its path lie in `path_hz`.
+pub fn draw(rng: &mut impl Rng, seconds: f64, path_hz: (f64, f64)) -> Drive {
     let n = (seconds / STEP_S) as usize;
     let path_sd = 0.02 * rng.random_range(0.7..1.4);
-    let path = Waves::random(rng, 4, (0.04, 0.45), path_sd);
+    let path = Waves::random(rng, 4, path_hz, path_sd);
     let force_sd = rng.random_range(0.8..1.6);
     let force = Waves::random(rng, 3, (0.03, 0.8), force_sd);
     let mean_n = rng.random_range(3.0..6.5);

@@ -4,7 +4,7 @@
 //! or with the plant. It returns columns of numbers and, separately, the truth about them ([`Truth`]).
 //!
 //! The declared model of every set is the rig's own: *force = commanded force*. The generator moves a
-//! reel and commands a force, open loop or through a PI controller. It adds at most two effects of a given
+//! reel and commands a force, open loop or through a PI controller. It adds at most three effects of a given
 //! size, then noise, and samples the result at a logger's rate.
 //!
 //! * [`excitation`]: how the reel moves, what is commanded, what the surroundings do;
@@ -16,4 +16,4 @@ pub mod excitation;
 pub mod set;
 
 pub use effect::Kind;
-pub use set::{generate, Log, Recipe, Set, Truth};
+pub use set::{generate, Circumstance, Log, Recipe, Set, Truth};

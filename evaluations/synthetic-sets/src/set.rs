@@ -1,4 +1,4 @@
-//! Puts a set together: several logs of one rig with the same undeclared effects in all of them.
+//! Puts a set together: several logs of one rig with the same undeclared effects, usually in all of them.
 
 use crate::effect::{scale, AtWork, Effect, Kind};
 use crate::excitation::{draw, Drive, SHAFT_RAD_PER_M, STEP_S};
@@ -9,14 +9,91 @@ use rand_distr::{Distribution, StandardNormal};
 /// What to generate.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Recipe {
-    /// Effects, none to two.
+    /// Effects, none to three.
     pub kinds: Vec<Kind>,
     /// RMS of each effect as a multiple of the noise's.
     pub strength: f64,
     /// Whether a controller on the measured force drives the command.
     pub closed_loop: bool,
+    /// What is unusual about the logs.
+    pub circumstance: Circumstance,
     /// Seed of everything.
     pub seed: u64,
+}
+
+/// What is unusual about the logs of a set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Circumstance {
+    /// Nothing.
+    Usual,
+    /// A row each 14 ms, stamped in steps of 10 ms.
+    CoarseTime,
+    /// The reel turns back once or twice in a log.
+    FewReversals,
+    /// Five rows in a second.
+    SlowRows,
+    /// The effects act in the second log only.
+    OneLog,
+    /// The effects begin in the middle of each log.
+    FromTheMiddle,
+}
+
+impl Circumstance {
+    /// All but the usual one.
+    pub const UNUSUAL: [Self; 5] = [
+        Self::CoarseTime,
+        Self::FewReversals,
+        Self::SlowRows,
+        Self::OneLog,
+        Self::FromTheMiddle,
+    ];
+
+    /// In words, behind the name of an effect.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Usual => "",
+            Self::CoarseTime => "stamps in steps of 10 ms",
+            Self::FewReversals => "few reversals",
+            Self::SlowRows => "5 rows a second",
+            Self::OneLog => "in one log only",
+            Self::FromTheMiddle => "from the middle of each log",
+        }
+    }
+
+    /// Lines of the reel's path, in hertz.
+    const fn path_hz(self) -> (f64, f64) {
+        match self {
+            Self::FewReversals => (0.006, 0.03),
+            _ => (0.04, 0.45),
+        }
+    }
+
+    /// Steps of the generator's clock from row to row; `drawn` where nothing is unusual about them.
+    const fn every(self, drawn: u32) -> u32 {
+        match self {
+            Self::CoarseTime => 7,
+            Self::SlowRows => 100,
+            _ => drawn,
+        }
+    }
+
+    /// The stamp of a row, in seconds.
+    fn stamp(self, t: f64) -> f64 {
+        match self {
+            Self::CoarseTime => (t * 100.0 + 1e-6).floor() / 100.0,
+            _ => t,
+        }
+    }
+
+    /// Whether the effects act in a log at a share of its length.
+    fn acts(self, log: usize, share: f64) -> bool {
+        match self {
+            Self::OneLog => log == 1,
+            Self::FromTheMiddle => share >= 0.5,
+            _ => true,
+        }
+    }
 }
 
 /// One log: columns of equal length.
@@ -110,9 +187,12 @@ pub fn generate(recipe: &Recipe) -> Set {
     let mut rng = ChaCha12Rng::seed_from_u64(recipe.seed);
     let groups = rng.random_range(5..=7);
     let seconds = rng.random_range(50.0..80.0);
-    let every = [5, 10, 25][rng.random_range(0..3)];
+    let unusual = recipe.circumstance;
+    let every = unusual.every([5, 10, 25][rng.random_range(0..3)]);
     let noise_n = 0.02 * 4f64.powf(rng.random::<f64>());
-    let drives: Vec<Drive> = (0..groups).map(|_| draw(&mut rng, seconds)).collect();
+    let drives: Vec<Drive> = (0..groups)
+        .map(|_| draw(&mut rng, seconds, unusual.path_hz()))
+        .collect();
     let mut effects: Vec<Effect> = recipe
         .kinds
         .iter()
@@ -124,11 +204,12 @@ pub fn generate(recipe: &Recipe) -> Set {
     let mut sums = Sums::default();
     let logs = drives
         .iter()
-        .map(|drive| {
+        .enumerate()
+        .map(|(index, drive)| {
             log(
-                drive,
+                (index, drive),
                 &effects,
-                recipe.closed_loop,
+                recipe,
                 noise_n,
                 every,
                 &mut rng,
@@ -160,9 +241,9 @@ fn normal(rng: &mut impl Rng) -> f64 {
 
 /// Runs one log: controller, effects, noise, logger.
 fn log(
-    drive: &Drive,
+    (index, drive): (usize, &Drive),
     effects: &[Effect],
-    closed_loop: bool,
+    recipe: &Recipe,
     noise_n: f64,
     every: u32,
     rng: &mut impl Rng,
@@ -181,7 +262,11 @@ fn log(
     let mut correction = 0.0;
     for k in 0..drive.setpoint_n.len() {
         commands.push(drive.setpoint_n[k] + correction);
-        let effect = work.force(k, drive, &commands);
+        let share = k as f64 / drive.setpoint_n.len() as f64;
+        let effect = match recipe.circumstance.acts(index, share) {
+            true => work.force(k, drive, &commands),
+            false => 0.0,
+        };
         if k % every as usize != 0 {
             continue;
         }
@@ -189,7 +274,7 @@ fn log(
         let noise = white_n * normal(rng) + slow;
         // The converter's step.
         let force = ((commands[k] + effect + noise) / 0.002).round() * 0.002;
-        if closed_loop {
+        if recipe.closed_loop {
             let error = drive.setpoint_n[k] - force;
             integral = (integral + 2.0 * error * dt).clamp(-3.0, 3.0);
             correction = 0.3 * error + integral;
@@ -203,7 +288,8 @@ fn log(
         } else {
             0.01 * normal(rng)
         };
-        out.time_s.push(k as f64 * STEP_S);
+        out.time_s
+            .push(recipe.circumstance.stamp(k as f64 * STEP_S));
         out.force_n.push(force);
         out.command_n.push(commands[k]);
         out.speed_rad_s.push(speed + speed_noise);
@@ -225,13 +311,15 @@ mod tests {
             kinds: kinds.to_vec(),
             strength: 1.0,
             closed_loop: false,
+            circumstance: Circumstance::Usual,
             seed,
         }
     }
 
     #[test]
     fn every_effect_has_the_given_size() {
-        for kind in Kind::KNOWN.into_iter().chain(Kind::UNCATALOGUED) {
+        let all = Kind::KNOWN.into_iter().chain(Kind::UNCATALOGUED);
+        for kind in all.chain(Kind::IMPURE) {
             let truth = generate(&recipe(&[kind], 7)).truth;
             let ratio = truth.effect_rms_n / truth.noise_rms_n;
             assert!(
@@ -276,6 +364,56 @@ mod tests {
             };
             assert!(share(|v| *v > 1.0) > 0.1 && share(|v| *v < -1.0) > 0.1);
             assert!(share(|v| *v == 0.0) > 0.02, "no rest");
+        }
+    }
+
+    #[test]
+    fn an_unusual_log_is_what_it_is_called() {
+        let of = |circumstance| {
+            generate(&Recipe {
+                circumstance,
+                strength: 3.0,
+                ..recipe(&[Kind::Offset], 4)
+            })
+        };
+        let coarse = of(Circumstance::CoarseTime);
+        let steps: Vec<f64> = (coarse.logs[0].time_s.windows(2))
+            .map(|w| ((w[1] - w[0]) * 1e3).round())
+            .collect();
+        assert!(steps.iter().all(|s| [10.0, 20.0].contains(s)));
+        assert!(steps.contains(&10.0) && steps.contains(&20.0));
+        let reversals = |set: &Set| -> usize {
+            let of_log = |log: &Log| {
+                let moving: Vec<f64> = (log.speed_rad_s.iter().copied())
+                    .filter(|v| v.abs() > 0.1)
+                    .collect();
+                moving.windows(2).filter(|w| w[0] * w[1] < 0.0).count()
+            };
+            set.logs.iter().map(of_log).max().unwrap()
+        };
+        let few = reversals(&of(Circumstance::FewReversals));
+        assert!(few <= 4, "{few} reversals");
+        assert!(reversals(&of(Circumstance::Usual)) > 8);
+        assert_eq!(of(Circumstance::SlowRows).truth.rate_hz, 5.0);
+        // The mean error of each half of each log.
+        let halves = |set: &Set| -> Vec<[f64; 2]> {
+            let of_log = |log: &Log| {
+                let error = |r: std::ops::Range<usize>| {
+                    let n = r.len() as f64;
+                    r.map(|i| log.force_n[i] - log.command_n[i]).sum::<f64>() / n
+                };
+                let n = log.force_n.len();
+                [error(0..n / 2), error(n / 2 + 1..n)]
+            };
+            set.logs.iter().map(of_log).collect()
+        };
+        let one = of(Circumstance::OneLog);
+        let size = 0.5 * one.truth.effects[0].size;
+        for (k, means) in halves(&one).into_iter().enumerate() {
+            assert_eq!(means.map(|m| m > size), [k == 1; 2], "{means:?}");
+        }
+        for means in halves(&of(Circumstance::FromTheMiddle)) {
+            assert_eq!(means.map(|m| m > size), [false, true], "{means:?}");
         }
     }
 
