@@ -101,7 +101,7 @@ fn meaning(column: &ColumnDescriptor, durations: &[(String, f64)]) -> Meaning {
 pub(super) fn read(path: &Path) -> Result<Table, Error> {
     let fail = |e: String| {
         let what = if e.contains("Disabled feature") {
-            "its compression is not read; write it with snappy, gzip or none (in pandas: to_parquet(path, compression=\"snappy\"))"
+            "its compression is not read; write it with snappy, zstd, gzip or none (in pandas: to_parquet(path, compression=\"snappy\"))"
         } else {
             "copy or write the file again"
         };

@@ -712,11 +712,11 @@ pub(super) fn put_column<T: ::parquet::data_type::DataType>(
     column.close().unwrap();
 }
 
-/// Parquet logs: types of time, decimals and numbers without a sign; gzip.
+/// Parquet logs: types of time, decimals and numbers without a sign; gzip and zstd.
 #[cfg(feature = "parquet")]
 #[test]
 fn types_of_parquet_columns_are_converted() {
-    use ::parquet::basic::{Compression, GzipLevel};
+    use ::parquet::basic::{Compression, GzipLevel, ZstdLevel};
     use ::parquet::data_type::{DoubleType, Int32Type, Int64Type};
     use ::parquet::file::{properties::WriterProperties, writer::SerializedFileWriter};
     use ::parquet::schema::parser::parse_message_type;
@@ -736,8 +736,12 @@ fn types_of_parquet_columns_are_converted() {
         let folder = Folder::new();
         for run in 0..2 {
             let path = folder.0.path().join(format!("{run}.parquet"));
+            let compression = match run {
+                0 => Compression::GZIP(GzipLevel::default()),
+                _ => Compression::ZSTD(ZstdLevel::default()),
+            };
             let properties = WriterProperties::builder()
-                .set_compression(Compression::GZIP(GzipLevel::default()))
+                .set_compression(compression)
                 .build();
             let file = std::fs::File::create(path).unwrap();
             let mut writer =
