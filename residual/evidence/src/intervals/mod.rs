@@ -311,8 +311,10 @@ impl Own<'_> {
 
     /// In the place of an amplitude and phase for all sequences: the RMS over sequences.
     fn common_amplitude(&self, params: &mut Vec<Param>) -> Result<(), Error> {
-        let fit = self.search.fit(self.chosen)?.fit;
-        let size = fit.local.iter().map(|(_, r)| r * r).sum::<f64>().sqrt();
+        let fitted = self.search.fit(self.chosen)?;
+        let own = |i: &usize| fitted.model.terms[*i].chosen == Some(self.index);
+        let sizes = fitted.fit.local.iter().filter(|(i, _)| own(i));
+        let size = sizes.map(|(_, r)| r * r).sum::<f64>().sqrt();
         params.retain(|p| p.nature != Nature::Phase);
         params
             .iter_mut()

@@ -50,6 +50,26 @@ fn a_ripple_at_constant_speed_is_no_tone() {
     assert!((report.effects[0].params["order"] - 7.0).abs() < 0.01);
 }
 
+/// Of two tones with phases of their own in each run, each has its own amplitude.
+#[test]
+fn two_tones_have_an_amplitude_each() {
+    let report = crate::rig::simulate(&Default::default(), 1.0, &mut |s| {
+        let wave = |f: f64, phase: f64| {
+            let group = f64::from(s.group);
+            (std::f64::consts::TAU * f * s.elapsed + phase * group).sin()
+        };
+        0.3 * wave(3.7, 1.0) + 0.1 * wave(5.3, 2.3)
+    });
+    let tones: Vec<f64> = (report.effects.iter())
+        .filter(|e| e.name == "tone")
+        .map(|e| e.params["amplitude"])
+        .collect();
+    assert_eq!(tones.len(), 2, "{}", report.markdown());
+    for (found, truth) in tones.iter().zip([0.3, 0.1]) {
+        assert!((found / truth - 1.0).abs() < 0.1, "{tones:?}");
+    }
+}
+
 #[test]
 fn is_named() {
     crate::rig::names("tone", |s| {
