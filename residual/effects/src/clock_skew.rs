@@ -55,12 +55,12 @@ impl Effect for ClockSkew {
         out
     }
     /// A lag that is the same all along the run, up to twice the one that the skew reaches.
-    fn must_surpass(&self, form: &Variant, skew: f64, ctx: &Context) -> Option<Variant> {
+    fn must_surpass(&self, form: &Variant, skew: f64, ctx: &Context) -> Vec<Variant> {
         let build = (form.build)(skew);
         let (names, everywhere): (Vec<String>, _) = match build {
             Build::Swap(pairs) => (pairs.into_iter().map(|(n, _)| n).collect(), false),
             Build::SwapAll(pairs) => (pairs.into_iter().map(|(n, _)| n).collect(), true),
-            _ => return None,
+            _ => return vec![],
         };
         let end = skew * ctx.span;
         let psi = Psi::new(
@@ -71,7 +71,7 @@ impl Effect for ClockSkew {
                 .collect(),
         )
         .given();
-        Some(Variant::profiled("a constant delay", psi, move |lag| {
+        let constant = Variant::profiled("a constant delay", psi, move |lag| {
             let delay = |n: &String| (n.clone(), format!("delay({n}, {lag})"));
             let pairs = names.iter().map(delay).collect();
             if everywhere {
@@ -79,6 +79,7 @@ impl Effect for ClockSkew {
             } else {
                 Build::Swap(pairs)
             }
-        }))
+        });
+        vec![constant]
     }
 }

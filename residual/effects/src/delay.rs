@@ -1,6 +1,7 @@
 //! A delay: of the command, or of the target against all inputs.
 
 use super::{Build, Context, Effect, EffectKind, Estimate, Found, Psi, Remedy, Setting, Variant};
+use residual_columns::format::num;
 use std::collections::BTreeSet;
 
 /// Rows up to which a delay is looked for in any data.
@@ -30,12 +31,22 @@ impl Effect for Delay {
         vec![Remedy::Delay((found.get)("delay"))]
     }
     fn impossible(&self, e: &Estimate, ctx: &Context) -> Option<String> {
-        e.outside(
-            "delay",
-            -ctx.dt,
-            f64::INFINITY,
-            "the target would be ahead of its cause; look at the time stamps of the logs",
-        )
+        let hold = || {
+            let rate = ctx
+                .problem
+                .values_per_s
+                .filter(|_| repeats(&ctx.problem.y))?;
+            let delay = e.get("delay")?;
+            (delay > 0.0 && delay <= 1.0 / rate).then(|| {
+                format!(
+                    "the target holds each of its values for {} s, which delays it as much",
+                    num(1.0 / rate)
+                )
+            })
+        };
+        let ahead = "the target would be ahead of its cause; look at the time stamps of the logs";
+        e.outside("delay", -ctx.dt, f64::INFINITY, ahead)
+            .or_else(hold)
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let names = ctx.declared_columns();
@@ -85,6 +96,15 @@ impl Effect for Delay {
         }
         out
     }
+}
+
+/// Share of the rows that repeat the value before from which they are fitted as they are.
+const REPEATED: f64 = 0.1;
+
+/// Whether rows that repeat a value are fitted.
+fn repeats(y: &[f64]) -> bool {
+    let repeated = y.windows(2).filter(|w| w[0] == w[1]).count();
+    repeated as f64 >= REPEATED * y.len() as f64
 }
 
 /// Every column that terms use, those of the catalogue included. Columns that terms use by their

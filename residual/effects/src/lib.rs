@@ -45,6 +45,7 @@ pub use context::Context;
 pub use estimate::Estimate;
 pub use kind::{EffectKind, Form};
 pub use kind::{Found, Friction, Remedy, Setting};
+pub use tone::lines_of_inputs;
 use variant::{amplitude_phase, coefficients_alone, with_amplitude_phase};
 pub use variant::{ratio, Build, Nature, Param, Piece, Psi, Variant};
 
@@ -185,10 +186,10 @@ pub trait Effect: Sync {
     fn impossible(&self, _estimate: &Estimate, _ctx: &Context) -> Option<String> {
         None
     }
-    /// A simpler form that must explain less than this one with the value `psi` of its parameter,
-    /// at each value of its own grid: else the name says more than the data. `None` for most.
-    fn must_surpass(&self, _form: &Variant, _psi: f64, _ctx: &Context) -> Option<Variant> {
-        None
+    /// Simpler forms that must explain less than this one with the value `psi` of its parameter, at
+    /// each value of their own grids: else the name says more than the data. Empty for most.
+    fn must_surpass(&self, _form: &Variant, _psi: f64, _ctx: &Context) -> Vec<Variant> {
+        vec![]
     }
     /// Whether the nonlinear parameter of a form may lie at the lower and at the upper end of the
     /// range in which it is looked for. Most that do are another effect.

@@ -208,7 +208,7 @@ impl Spectrum {
 }
 
 /// The `count` largest peaks between `lowest` and `highest`.
-fn peaks(p: &Problem, u: &[f64], r: &[f64], look: &Look, count: usize) -> Vec<f64> {
+pub fn peaks(p: &Problem, u: &[f64], r: &[f64], look: &Look, count: usize) -> Vec<f64> {
     let Some(spectrum) = Spectrum::new(p, u, r, look.highest, look.coherent) else {
         return vec![];
     };

@@ -36,19 +36,8 @@ impl Effect for Tone {
     }
     fn variants(&self, ctx: &Context) -> Vec<Variant> {
         let time = ctx.values("time");
-        let highest = spectrum::highest_frequency(ctx.problem, &time, 0.5);
-        let lowest = (5.0 / ctx.span).min(0.2 * highest);
-        let inputs: Vec<Vec<f64>> = ctx
-            .velocity
-            .iter()
-            .cloned()
-            .chain(ctx.has_command().then(|| "command".to_string()))
-            .chain(ctx.spec.roles.pose.keys().cloned())
-            .map(|e| ctx.values(&e))
-            .filter(|v| !v.is_empty())
-            .collect();
-        let steady = SteadyTurn::new(ctx, &time);
-        let mut driven = None;
+        let highest = highest(ctx, &time);
+        let mut others = Others::new(ctx, &time, highest);
         let mut out = Vec::new();
         for (label, local) in [("one phase for all", false), ("a phase for each run", true)] {
             let mut grid = spectrum::proposals(
@@ -56,24 +45,13 @@ impl Effect for Tone {
                 &time,
                 &[],
                 &spectrum::Look {
-                    lowest,
+                    lowest: lowest(ctx, highest),
                     highest,
                     coherent: !local,
                     lines: true,
                 },
             );
-            // At constant speed a ripple is a sine in time. Of a whole order it is the likelier
-            // cause.
-            grid.retain(|f| !steady.as_ref().is_some_and(|turn| turn.has(*f)));
-            // At a frequency at which the rig itself is driven, a tone cannot be told from an
-            // answer.
-            grid.retain(|f| spectrum::share(ctx.problem, &time, &inputs, *f) < 0.1);
-            if grid.is_empty() {
-                continue;
-            }
-            // Neither at a harmonic of a motion that repeats, however small it is there.
-            let driven = driven.get_or_insert_with(|| driven_lines(ctx, &time, highest));
-            grid.retain(|f| !driven.iter().any(|d| d.has(*f)));
+            grid.retain(|f| !others.has(*f));
             if grid.is_empty() {
                 continue;
             }
@@ -100,6 +78,98 @@ impl Effect for Tone {
         }
         out
     }
+}
+
+/// What else a sine of a frequency can be.
+struct Others<'a> {
+    ctx: &'a Context<'a>,
+    time: &'a [f64],
+    highest: f64,
+    steady: Option<SteadyTurn>,
+    inputs: Vec<Vec<f64>>,
+    /// Made where a line needs them.
+    driven: Option<Vec<Driven>>,
+}
+
+impl<'a> Others<'a> {
+    fn new(ctx: &'a Context<'a>, time: &'a [f64], highest: f64) -> Others<'a> {
+        let names = ctx.velocity.iter().cloned();
+        Others {
+            inputs: names
+                .chain(ctx.has_command().then(|| "command".to_string()))
+                .chain(ctx.spec.roles.pose.keys().cloned())
+                .map(|e| ctx.values(&e))
+                .filter(|v| !v.is_empty())
+                .collect(),
+            steady: SteadyTurn::new(ctx, time),
+            ctx,
+            time,
+            highest,
+            driven: None,
+        }
+    }
+
+    /// Whether a sine of this frequency may be something else than a tone.
+    fn has(&mut self, f: f64) -> bool {
+        // At constant speed a ripple is a sine in time. Of a whole order it is the likelier cause.
+        self.steady.as_ref().is_some_and(|turn| turn.has(f))
+            // At a frequency at which the rig itself is driven, a tone cannot be told from an answer.
+            || spectrum::share(self.ctx.problem, self.time, &self.inputs, f) >= 0.1
+            // Neither at a harmonic of a motion that repeats, however small it is there.
+            || {
+                let (ctx, time, highest) = (self.ctx, self.time, self.highest);
+                let driven = self
+                    .driven
+                    .get_or_insert_with(|| driven_lines(ctx, time, highest));
+                driven.iter().any(|d| d.has(f))
+            }
+    }
+}
+
+/// Lines of the residual that are not looked for as tones, as an input has them too: frequency in Hz
+/// and share of the squared residual within the runs, the largest first. Those with a share of
+/// `least` or more.
+pub fn lines_of_inputs(ctx: &Context, least: f64) -> Vec<(f64, f64)> {
+    let time = ctx.values("time");
+    let highest = highest(ctx, &time);
+    let lowest = lowest(ctx, highest);
+    if time.len() != ctx.residual.len() || highest <= lowest || highest.is_nan() {
+        return vec![];
+    }
+    let look = spectrum::Look {
+        lowest,
+        highest,
+        coherent: false,
+        lines: true,
+    };
+    let residual = [ctx.residual.to_vec()];
+    let mut lines: Vec<(f64, f64)> =
+        spectrum::peaks(ctx.problem, &time, ctx.residual, &look, LINES)
+            .into_iter()
+            .map(|f| (f, spectrum::share(ctx.problem, &time, &residual, f)))
+            .filter(|(_, share)| *share >= least)
+            .collect();
+    if !lines.is_empty() {
+        let mut others = Others::new(ctx, &time, highest);
+        lines.retain(|(f, _)| others.has(*f));
+    }
+    lines.sort_by(|a, b| b.1.total_cmp(&a.1));
+    lines
+}
+
+/// Lines of the residual that are looked at.
+const LINES: usize = 5;
+
+/// The lowest frequency of a tone: five periods in the longest run.
+fn lowest(ctx: &Context, highest: f64) -> f64 {
+    (5.0 / ctx.span).min(0.2 * highest)
+}
+
+/// The highest frequency that the rows can carry. That of the values where rows repeat them: above half
+/// of their rate a held tone has images, which are none.
+fn highest(ctx: &Context, time: &[f64]) -> f64 {
+    let of_values = ctx.problem.values_per_s.map_or(f64::INFINITY, |r| 0.5 * r);
+    spectrum::highest_frequency(ctx.problem, time, 0.5).min(of_values)
 }
 
 /// Pieces of each sequence whose speeds are compared: a ripple changes the speed within a turn.

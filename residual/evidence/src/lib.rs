@@ -8,5 +8,6 @@ pub mod feedback;
 pub mod few;
 pub mod intervals;
 pub mod leftover;
+mod one_alone;
 pub mod residual_tests;
 pub mod verdict;

@@ -56,6 +56,8 @@ pub struct Data {
     pub(crate) files: Vec<PathBuf>,
     /// Rows that are fitted though their target is no measurement.
     pub(crate) suspects: Vec<usize>,
+    /// Values per second of a target that is logged more often than it is measured.
+    pub(crate) values_per_s: Option<f64>,
     pub(crate) hygiene: Vec<Finding>,
 }
 
@@ -126,6 +128,12 @@ impl Data {
     /// value: the model file did not ask to leave them out.
     pub fn suspects(&self) -> &[usize] {
         &self.suspects
+    }
+
+    /// Values per second of a target that is logged more often than it is measured; `None` where
+    /// each row is a value of its own.
+    pub fn values_per_s(&self) -> Option<f64> {
+        self.values_per_s
     }
 
     /// Flaws of the data.
@@ -234,6 +242,7 @@ impl DataBuilder {
             parts: vec![],
             files: vec![],
             suspects: vec![],
+            values_per_s: None,
             hygiene: vec![],
         })
     }

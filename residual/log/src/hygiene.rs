@@ -44,14 +44,15 @@ pub const HELD: &str = "held target";
 
 /// Looks for flaws in the target and the columns; corrects or masks rows as the model file says.
 /// `files` are those that the frame's `file` column counts. Gives the rows whose target is no
-/// measurement and that are still fitted.
+/// measurement and that are still fitted, and the values per second of a target that is logged more
+/// often than it is measured.
 pub fn inspect(
     frame: &mut Frame,
     keep: &mut [bool],
     spec: &Spec,
     files: &[PathBuf],
     log: &mut Findings,
-) -> Vec<usize> {
+) -> (Vec<usize>, Option<f64>) {
     let mut suspects = stand_ins(frame, keep, spec, files, log);
     time_base(frame, log);
     wrapped_angle(frame, spec, files, log);
@@ -86,6 +87,7 @@ pub fn inspect(
         found("clipping", &clipped, spec.clipping, &what, frame);
     }
 
+    let mut values_per_s = None;
     let repeated = repeats(frame);
     if repeated.len() * 100 > frame.len() {
         let what = "rows that repeat every value of the row before";
@@ -103,6 +105,7 @@ pub fn inspect(
             num(held.rate)
         );
         found(HELD, &held.rows, spec.repeats, &what, frame);
+        values_per_s = Some(held.rate);
     }
     quantised(frame, log);
     suspects.extend(spikes);
@@ -110,7 +113,7 @@ pub fn inspect(
     suspects.sort_unstable();
     suspects.dedup();
     suspects.retain(|i| keep[*i]);
-    suspects
+    (suspects, values_per_s)
 }
 
 /// Notes the rows of a check, and leaves them out of the fit where the model file asks for it.

@@ -4,6 +4,7 @@ use super::sections::{CHECKS, UNEXPLAINED};
 use super::words::joined;
 use super::{Effect, Figures, Report, Structure, Verdict};
 use residual_columns::format::{num, percent};
+use residual_evidence::leftover::LINE_OF_INPUT;
 use residual_log::finding::LEFT_OUT;
 use residual_log::hygiene::{
     BUNCHED, FEW_ROWS, HELD, REPEATED_MOTION, REPORTED_ONLY, SPEED_AGAINST_ANGLE,
@@ -25,7 +26,14 @@ const FAR_MORE: f64 = 10.0;
 const CERTAIN: f64 = 0.2;
 
 /// Checks of the data that make the answer doubtful.
-const AGAINST: [&str; 5] = [SPEED_AGAINST_ANGLE, FEW_ROWS, LEFT_OUT, BUNCHED, HELD];
+const AGAINST: [&str; 6] = [
+    SPEED_AGAINST_ANGLE,
+    FEW_ROWS,
+    LEFT_OUT,
+    BUNCHED,
+    HELD,
+    LINE_OF_INPUT,
+];
 
 impl Report {
     /// The verdict in some sentences, with the errors before and after.
@@ -122,20 +130,22 @@ impl Report {
     }
 
     /// What is to be known before the answer: few rows that decide it, stamps that are not those of
-    /// the rows.
+    /// the rows, rows that are no values of their own.
     fn before(&self) -> String {
         let seen = [FEW_ROWS, BUNCHED].iter().filter_map(|c| self.finding(c));
-        seen.map(|what| format!("{}. ", capitalised(what.trim_end_matches('.'))))
+        let held = self.finding(HELD).filter(|w| w.ends_with(REPORTED_ONLY));
+        seen.chain(held)
+            .map(|what| format!("{}. ", capitalised(what.trim_end_matches('.'))))
             .collect()
     }
 
     /// What the data themselves say against the answer.
     fn doubts(&self) -> String {
         let mut out = String::new();
-        let left = self
-            .finding(HELD)
-            .filter(|what| what.ends_with(REPORTED_ONLY));
-        for what in self.finding(LEFT_OUT).into_iter().chain(left) {
+        if let Some(what) = self.finding(LEFT_OUT) {
+            out += &format!(" {}.", capitalised(what));
+        }
+        if let Some(what) = self.finding(LINE_OF_INPUT) {
             out += &format!(" {}.", capitalised(what));
         }
         if self.flawed(SPEED_AGAINST_ANGLE) {
@@ -481,9 +491,14 @@ mod tests {
         );
         with(LEFT_OUT, "35.0 % of 600 rows", " 35.0 % of 600 rows.");
         with(
+            LINE_OF_INPUT,
+            "lines that an input has too",
+            " Lines that an input has too.",
+        );
+        with(
             HELD,
             "the target holds: reported only",
-            " The target holds: reported only.",
+            "The target holds: reported only. The model",
         );
     }
 

@@ -45,14 +45,16 @@ pub struct Baseline {
 
 /// The regression problem on data.
 pub fn problem(data: &Data, selection: &Selection) -> Problem {
-    Problem::new(
+    let mut problem = Problem::new(
         data.frame().clone(),
         data.keep(),
         data.fold(),
         selection.decoys,
         selection.seed,
     )
-    .with_parts(data.parts())
+    .with_parts(data.parts());
+    problem.values_per_s = data.values_per_s();
+    problem
 }
 
 /// Fits the declared model and holds out each group; looks for nothing.

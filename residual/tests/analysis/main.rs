@@ -2,6 +2,7 @@
 
 mod between_logs;
 mod catalogue;
+mod changes;
 mod effects;
 mod intervals;
 mod left_over;

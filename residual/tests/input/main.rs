@@ -1,6 +1,7 @@
 //! Input of every kind through the public entry: formats, units, groups, and data that cannot be
 //! analysed.
 
+mod held;
 mod text;
 
 use residual::{load, run, spec::Spec, Error, Options, Report, Verdict};

@@ -1,6 +1,8 @@
 //! Effects with what decides on their names.
 
 use super::contradiction::{contradictions, inertia_of_a_lag};
+use super::images::images_of_a_tone;
+use super::one_sequence::in_one_sequence;
 use super::over_the_angle::shapes_of_the_angle;
 use super::reasons::reasons;
 use super::refusal::{at_end, contrary, impossible, Against, Refusal};
@@ -67,7 +69,10 @@ impl Assessment {
             let own = parameters(search, &self.outcome.chosen, index)?;
             let why = match impossible(&ctx, &self.outcome, index, &own) {
                 Some(why) => Some(why),
-                None => contrary(search, &ctx, &self.outcome.chosen, index)?,
+                None => match contrary(search, &ctx, &self.outcome.chosen, index)? {
+                    Some(why) => Some(why),
+                    None => in_one_sequence(search, &self.outcome, index)?,
+                },
             };
             self.parameters[index] = Some(own);
             // Others may have driven a parameter to the end of its range.
@@ -82,6 +87,9 @@ impl Assessment {
         }
         shapes_of_the_angle(&mut self.why, &self.outcome.chosen, &ctx);
         let known: Vec<&Parameters> = self.parameters.iter().flatten().collect();
+        if ctx.problem.values_per_s.is_some() {
+            images_of_a_tone(&mut self.why, &self.outcome.chosen, &self.weights);
+        }
         contradictions(&mut self.why, &self.weights, &known);
         let all = || known.iter().flat_map(|(params, _)| params);
         let has = |nature: Nature| all().any(|p| p.nature == nature);

@@ -6,6 +6,7 @@
 //! * its parameters are possible ([`Effect::impossible`](residual_effects::Effect::impossible)),
 //!   and do not contradict those of another effect;
 //! * it does not, with others, take the shape of any curve over the angle;
+//! * it does not act in one sequence alone;
 //! * it is worth something beside the other found effects alone;
 //! * on data that the search has not seen, where there are such data, the model is better with it
 //!   than without.
@@ -14,6 +15,8 @@
 
 mod assessment;
 mod contradiction;
+mod images;
+mod one_sequence;
 mod over_the_angle;
 mod reasons;
 mod refusal;

@@ -74,7 +74,7 @@ pub(super) fn contrary(
 ) -> Result<Option<String>, Error> {
     let (own, rest) = without(chosen, index);
     let simpler = own.effect.must_surpass(&own.variant, own.psi, ctx);
-    if !own.variant.has_conditions() && simpler.is_none() {
+    if !own.variant.has_conditions() && simpler.is_empty() {
         return Ok(None);
     }
     let fitted = search.fit(&rest)?;
@@ -85,17 +85,21 @@ pub(super) fn contrary(
                 .to_string(),
         ));
     }
-    let Some((simpler, psi)) = simpler.as_ref().and_then(|s| Some((s, s.psi.as_ref()?))) else {
+    if simpler.is_empty() {
         return Ok(None);
-    };
+    }
     let most = scan.in_sample(&(own.variant.build)(own.psi));
-    let surpassed = |x: &&f64| scan.in_sample(&(simpler.build)(**x)) > most;
-    let as_good = psi.grid.iter().find(|x| !surpassed(x));
-    Ok(as_good.map(|x| {
+    let as_good = simpler.iter().find_map(|simpler| {
+        let psi = simpler.psi.as_ref()?;
+        let surpassed = |x: &&f64| scan.in_sample(&(simpler.build)(**x)) > most;
+        let x = psi.grid.iter().find(|x| !surpassed(x))?;
+        Some((simpler, *x, psi))
+    });
+    Ok(as_good.map(|(simpler, x, psi)| {
         format!(
             "{} of {} {} explains as much",
             simpler.label,
-            num(*x),
+            num(x),
             psi.unit
         )
     }))

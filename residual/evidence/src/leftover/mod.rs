@@ -10,11 +10,12 @@ mod structure;
 pub use nameless::Nameless;
 pub use structure::Structure;
 
+use crate::one_alone;
 use residual_columns::error::Error;
-use residual_columns::format::num;
+use residual_columns::format::{num, percent};
 use residual_columns::frame::Frame;
 use residual_columns::stats;
-use residual_effects::Context;
+use residual_effects::{lines_of_inputs, Context};
 use residual_fit::diagnostics::{switching, unlike_noise, Along, Growth, Sort, UnlikeNoise};
 use residual_log::finding::Finding;
 use residual_search::model::{Chosen, Fitted};
@@ -32,6 +33,13 @@ const BETTER_ALONE: f64 = 0.01;
 /// Fall of the RMSE by means of sequences that nothing explains from which on the verdict says so.
 /// Less is usual: the zero of a load cell drifts a little from one log to the next.
 const BETWEEN_LOGS: f64 = 0.1;
+
+/// Name of the check that lines of the inputs carry much of what is left.
+pub const LINE_OF_INPUT: &str = "line of an input";
+
+/// Share of the squared error that is left from which a line that an input has too is noted: without
+/// it the RMSE would be a tenth lower.
+const LINE_SHARE: f64 = 0.19;
 
 /// Share of the variance that the steps of the reading make, from which they can be a narrow band.
 const STEPS: f64 = 0.3;
@@ -137,6 +145,8 @@ impl Leftover {
         out.between_logs(&outcome.last, &acceptance);
         out.slow_noise(&outcome.last, &acceptance);
         out.by_sequence(search, fitted)?;
+        out.one_alone(search, fitted);
+        out.lines_of_inputs(search, fitted);
         let frame = search.problem.kept_frame();
         out.switching(search, &fitted.fit.residual, &frame, held);
         out.unlike_noise(search, &fitted.fit.residual, &frame, held);
@@ -242,6 +252,52 @@ impl Leftover {
             self.unexplained |= c.gain > BETWEEN_LOGS && self.large(c.base - c.held);
         }
         Ok(())
+    }
+
+    /// Notes lines that an input has as well, so that they were not looked for as tones, where they
+    /// carry much of what is left.
+    fn lines_of_inputs(&mut self, search: &Search, on: &Fitted) {
+        let lines = lines_of_inputs(&search.scan_on(on).context(), LINE_SHARE);
+        if lines.is_empty() {
+            return;
+        }
+        let each: Vec<String> = lines
+            .iter()
+            .map(|(f, share)| format!("{} Hz ({})", num(*f), percent(*share)))
+            .collect();
+        self.notes.push(Finding {
+            check: LINE_OF_INPUT.into(),
+            count: search.problem.y.len(),
+            first: "whole record".into(),
+            what: format!(
+                "lines that carry much of the squared error that is left, and that an input or its slope has too: {}. They were not \
+                 looked for as tones, as the answer to an input looks the same",
+                each.join(", ")
+            ),
+        });
+    }
+
+    /// Adds what one sequence has and all others do not.
+    fn one_alone(&mut self, search: &Search, on: &Fitted) {
+        let scan = search.scan_on(on);
+        let ctx = scan.context();
+        let Some(found) = one_alone::find(&ctx, &on.fit.residual) else {
+            return;
+        };
+        let total: f64 = on.fit.residual.iter().map(|r| r * r).sum();
+        let gain = 1.0
+            - (1.0 - found.squares / total.max(f64::MIN_POSITIVE))
+                .max(0.0)
+                .sqrt();
+        if search.acceptance().material(gain) {
+            self.structure.push(Structure {
+                depends_on: found.words,
+                gain,
+                p_value: found.p,
+            });
+            self.structure.sort_by(|x, y| y.gain.total_cmp(&x.gain));
+            self.unexplained |= self.large(found.squares);
+        }
     }
 
     /// Adds switching between levels.

@@ -98,6 +98,8 @@ pub struct Problem {
     /// What the declared model, fitted where the target does not stop, predicts, as an expression;
     /// `None` where it stops nowhere.
     pub unlimited: Option<String>,
+    /// Values per second of a target that was logged more often; `None` where each row is a value.
+    pub values_per_s: Option<f64>,
     /// The blocks, in the order of their rows.
     pub blocks: Vec<Block>,
     /// Number of folds.
@@ -143,6 +145,7 @@ impl Problem {
             kept,
             stops: ends::stops(&y),
             unlimited: None,
+            values_per_s: None,
             y,
             blocks: vec![],
             folds,

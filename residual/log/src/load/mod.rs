@@ -430,7 +430,8 @@ fn assemble(mut tables: Vec<Table>, spec: &Spec, mut findings: Findings) -> Resu
             .zip(&mask)
             .for_each(|(k, m)| *k = *m != 0.0 && !m.is_nan());
     }
-    let suspects = hygiene::inspect(&mut frame, &mut keep, spec, &files, &mut findings);
+    let (suspects, values_per_s) =
+        hygiene::inspect(&mut frame, &mut keep, spec, &files, &mut findings);
     let kept = keep.iter().filter(|k| **k).count();
     if kept < FEWEST_ROWS {
         return Err(Error::data(
@@ -470,6 +471,7 @@ fn assemble(mut tables: Vec<Table>, spec: &Spec, mut findings: Findings) -> Resu
         parts: folds.parts,
         files: used,
         suspects,
+        values_per_s,
         hygiene: findings.done(read),
     })
 }
