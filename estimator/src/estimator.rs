@@ -4,12 +4,14 @@ use crate::baseline::{Constant, Linear};
 use crate::geometry::Base;
 use crate::interval::{error_n, HeldOut, Interval, Started};
 pub use crate::kind::Kind;
+use crate::misfit::TIMES;
 use crate::model::{Epochs, Model, ModelError, Progress};
 use crate::motion::{Motion, INPUTS, INPUT_NAMES};
 use crate::physics::Physics;
+use crate::recalibration::Change;
 use crate::sequence::Sequence;
-use crate::stream::{Before, Breaks};
-use crate::trees::{Boosted, StoredBoosted, TreesConfig};
+use crate::stream::{Before, Breaks, Stream};
+use crate::trees::{Boosted, StoredBoosted, TreesConfig, NO_BALANCE};
 use robot::random::Random;
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeSet;
@@ -49,6 +51,17 @@ pub struct NetworkLimits {
     pub limit_s: Option<f64>,
     /// Whether an NVIDIA GPU trains them. Needs the feature `cuda`.
     pub gpu: bool,
+}
+
+/// What a recalibration on free motion has found.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Recalibration {
+    /// RMS of the estimated force before it, N: there was none.
+    pub before_n: f64,
+    /// The same after it.
+    pub after_n: f64,
+    /// What has changed, by motor.
+    pub changes: [Change; 3],
 }
 
 /// Most folds of trials for intervals: with up to this many trials each is held out alone, so that a fold's model has nearly
@@ -286,6 +299,42 @@ impl Estimator {
         Ok(())
     }
 
+    /// Adapts the model to what has changed of its robot, on a log of free motion: no force is on the tool.
+    ///
+    /// # Errors
+    /// The model has no torque balance, or the log does not tell the state of the friction.
+    pub fn recalibrate(&mut self, free: &[&Sequence]) -> Result<Recalibration, ModelError> {
+        let before_n = self.rms_n(free);
+        let changes = match &mut self.model {
+            Body::Physics(physics) => physics.recalibrate(free)?,
+            Body::Boosted(boosted) => boosted.recalibrate(free)?,
+            _ => return Err(ModelError::Data(NO_BALANCE.to_owned())),
+        };
+        let after_n = self.rms_n(free);
+        Ok(Recalibration {
+            before_n,
+            after_n,
+            changes,
+        })
+    }
+
+    /// RMS of the valid estimates, N.
+    fn rms_n(&self, sequences: &[&Sequence]) -> f64 {
+        let mut stream = Stream::new(self);
+        let (mut square, mut rows) = (0.0, 0_usize);
+        for sequence in sequences {
+            stream.reset();
+            for k in 0..sequence.rows() {
+                if stream.step(sequence.input_row(k)).valid {
+                    let force = stream.force().iter();
+                    square += force.map(|f| f64::from(*f).powi(2)).sum::<f64>();
+                    rows += 1;
+                }
+            }
+        }
+        (square / rows.max(1) as f64).sqrt()
+    }
+
     /// The model.
     #[must_use]
     pub fn model(&self) -> &dyn Model {
@@ -488,14 +537,33 @@ fn calibrated(
         let rest: Vec<&Sequence> = sequences.iter().copied().filter(|s| !held(s)).collect();
         let body = body(training, &rest, progress)?;
         for sequence in sequences.iter().filter(|s| held(s)) {
-            held_out.push(HeldOut {
-                sequence,
-                predicted: body.model().predict(sequence),
-            });
+            held_out.push(held_out_of(body.model(), sequence, training.axes.len()));
             after_breaks(training, body.model(), sequence, &mut started);
         }
     }
     Interval::fit(&held_out, &started, training.base, &training.axes)
+}
+
+/// Estimates of a model that has not seen the sequence, and its largest misfit.
+fn held_out_of<'a>(model: &dyn Model, sequence: &'a Sequence, axes: usize) -> HeldOut<'a> {
+    let mut stepper = model.stepper();
+    let mut predicted = vec![0.0; sequence.rows() * axes];
+    let mut misfit: Option<[f64; TIMES]> = None;
+    for (k, force) in predicted.chunks_exact_mut(axes).enumerate() {
+        stepper.step(sequence.input_row(k), force);
+        let Some(fit) = stepper.fit() else {
+            // It tells nothing of its fit, and many rows at once are faster for some.
+            predicted = model.predict(sequence);
+            break;
+        };
+        let most = misfit.unwrap_or_default();
+        misfit = Some(core::array::from_fn(|k| most[k].max(fit.misfit[k])));
+    }
+    HeldOut {
+        sequence,
+        predicted,
+        misfit,
+    }
 }
 
 /// Rows of a sequence that are replayed with breaks at most: enough for a hundred of them, and slow networks end in minutes.

@@ -11,6 +11,7 @@
 //! [`WIDEST`] of the others are.
 
 use crate::geometry::Base;
+use crate::misfit::TIMES;
 use crate::model::ModelError;
 use crate::motion::{Moment, Motion, FILTER_S, LEVELS, PLACES};
 use crate::physics::settle_rows;
@@ -28,6 +29,9 @@ pub const COVERAGE: f64 = 0.90;
 /// Share of the rows without a break whose interval is at most as wide as that of a row that is valid after one.
 pub const WIDEST: f64 = 0.99;
 
+/// Misfit above which a model no longer fits its robot, per the largest of held-out trials.
+const FITS: f64 = 1.3;
+
 /// Predicted scale and conformal factors.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Interval {
@@ -39,6 +43,9 @@ pub struct Interval {
     /// Rows after a start or a gap. Models of before have none: such rows are invalid, and their width is that of the others.
     #[serde(default)]
     start: Option<AfterStart>,
+    /// See [`Interval::fits_to`].
+    #[serde(default)]
+    fits_to: Option<[f64; TIMES]>,
 }
 
 /// A scale with the factors of its classes.
@@ -110,6 +117,8 @@ pub struct HeldOut<'a> {
     pub sequence: &'a Sequence,
     /// Estimates of a model that has not seen this trial: `rows * axes` values.
     pub predicted: Vec<f32>,
+    /// Largest misfit of the model in it, where it tells one.
+    pub misfit: Option<[f64; TIMES]>,
 }
 
 /// What the motion tells at rows, one row of features after another, and their errors.
@@ -198,7 +207,18 @@ impl Interval {
             base,
             axes: axes.to_vec(),
             start,
+            fits_to: (held_out.iter().filter_map(|held| held.misfit))
+                .reduce(|a, b| core::array::from_fn(|k| a[k].max(b[k])))
+                .map(|largest| largest.map(|largest| FITS * largest)),
         })
+    }
+
+    /// Whether a model with this misfit fits its robot: up to [`FITS`] times the largest of trials that it had not seen.
+    #[must_use]
+    pub fn fits(&self, misfit: &[f64; TIMES]) -> bool {
+        let pairs =
+            |limits: &[f64; TIMES]| misfit.iter().zip(*limits).all(|(m, limit)| *m <= limit);
+        self.fits_to.as_ref().is_none_or(pairs)
     }
 
     /// Half widths of every row of a sequence, N.
@@ -256,6 +276,7 @@ impl Live<'_> {
         Sure {
             half_n: Some(half_n),
             valid,
+            misfits: false,
         }
     }
 

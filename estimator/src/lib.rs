@@ -12,6 +12,7 @@ pub mod interval;
 pub mod kind;
 pub mod mapping;
 pub mod metrics;
+pub mod misfit;
 pub mod model;
 pub mod motion;
 #[cfg(feature = "networks")]
@@ -19,6 +20,7 @@ pub mod network;
 #[cfg(feature = "networks")]
 pub mod neural;
 pub mod physics;
+pub mod recalibration;
 pub mod refusal;
 pub mod ridge;
 pub mod sequence;

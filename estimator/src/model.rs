@@ -1,5 +1,6 @@
 //! What every model of the contact force does: learn from sequences, then turn rows into forces, one at a time and causally.
 
+use crate::misfit::TIMES;
 use crate::sequence::Sequence;
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -57,6 +58,15 @@ pub trait Model: Send {
     fn stepper(&self) -> Box<dyn Stepper + '_>;
 }
 
+/// How a model fits its robot.
+#[derive(Debug, Clone, Copy, Default, PartialEq)]
+pub struct Fit {
+    /// How far the motors' balances are from what any force could do to them, in units of their noise: see [`crate::misfit`].
+    pub misfit: [f64; TIMES],
+    /// Standard deviation of the components of the force by what a recalibration has left unknown, N.
+    pub unsure_n: [f64; 3],
+}
+
 /// A model on a live stream.
 pub trait Stepper {
     /// Takes the inputs of the next row, SI units, and writes the force, N.
@@ -70,6 +80,11 @@ pub trait Stepper {
     fn gap(&mut self, elapsed_s: f64) {
         let _ = elapsed_s;
         self.reset();
+    }
+
+    /// How the model fits its robot at the last row; `None`: it cannot tell.
+    fn fit(&self) -> Option<Fit> {
+        None
     }
 }
 

@@ -387,6 +387,12 @@ impl Motion {
         }
     }
 
+    /// What is known at the last row.
+    #[must_use]
+    pub const fn moment(&self) -> &Moment {
+        &self.moment
+    }
+
     /// Forgets the past.
     pub fn reset(&mut self) {
         *self = Self::with_friction(self.step_s, self.coulomb);

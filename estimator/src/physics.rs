@@ -20,8 +20,10 @@
 //! other motors, the memory, and at last the prior hold the estimate.
 
 use crate::geometry::Base;
-use crate::model::{Model, ModelError, Stepper};
+use crate::misfit::{Misfit, TIMES};
+use crate::model::{Fit, Model, ModelError, Stepper};
 use crate::motion::{Moment, Motion, FADE, LEVELS, LONGEST_GAP_S, STOPS};
+use crate::recalibration::{effects, Change, Found, Free};
 use crate::ridge::{Ridge, Sums};
 use crate::sequence::Sequence;
 use nalgebra::{Matrix3, Vector3};
@@ -41,10 +43,23 @@ const GRAVITY: usize = 14;
 /// Regressors of a motor.
 pub const REGRESSORS: usize =
     GRAVITY + 3 + 3 + 3 + 1 + 2 * STOPS + 6 + 3 + 3 + 16 + LEVELS * SHARES.len();
+/// Places of the regressors that are friction with a direction: not the rates of the stops, which are damping, nor loads without one.
+const FRICTION: [[usize; 2]; 3] = {
+    let stops = GRAVITY + 10;
+    let products = stops + 2 * STOPS;
+    let links = products + 6 + 3 + 3;
+    [
+        [stops, stops + STOPS],
+        [products, products + 6 + 3],
+        [links, REGRESSORS],
+    ]
+};
 /// Parts of a motor's Coulomb friction that may lie before its gear's load: which part it is, the fit finds.
 const SHARES: [f64; 4] = [0.0, 1.0 / 3.0, 2.0 / 3.0, 1.0];
 /// Speeds at which the excess of a link's breakaway fades: rad/s of link 2, m/s of link 3.
 const LINK_FADE: [[f64; 4]; 2] = [[0.001, 0.003, 0.01, 0.03], [1e-4, 3e-4, 1e-3, 3e-3]];
+/// Least time of free motion that recalibrates, s: half of the minute that is asked for, since a start and rests tell nothing.
+const FREE_S: f64 = 30.0;
 /// Every so many rows enters the fits where there are many: neighbours tell nearly the same.
 const EVERY: usize = 3;
 /// Rows for each regressor from which there are many.
@@ -64,6 +79,9 @@ pub struct Physics {
     prior: [[f64; 3]; 3],
     /// Components that are given out: 0 x, 1 y, 2 z.
     axes: Vec<usize>,
+    /// What a recalibration has found.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    found: Option<Found>,
 }
 
 /// Variance by speed.
@@ -281,7 +299,39 @@ impl Physics {
             noise: noise.map(Noise::fit),
             prior: prior(sequences),
             axes: axes.to_vec(),
+            found: None,
         })
+    }
+
+    /// Finds on free motion what has changed of the robot: no force is on the tool. What was found before is forgotten.
+    ///
+    /// # Errors
+    /// Too few rows in which all joints move. The model is as it was then.
+    pub fn recalibrate(&mut self, free: &[&Sequence]) -> Result<[Change; 3], ModelError> {
+        let before = self.found.take();
+        let mut sums = Free::default();
+        for sequence in free {
+            let mut observer = self.observer();
+            for k in 0..sequence.rows() {
+                observer.take(sequence.input_row(k));
+                if observer.motion.moment().settled() {
+                    let seen = &observer.seen;
+                    let variance = seen.deviation.map(|sd| sd * sd);
+                    sums.push(&seen.effects, seen.contact, variance, sequence.step_s);
+                }
+            }
+        }
+        let found = sums.found().filter(|_| sums.told_s >= FREE_S);
+        let Some(found) = found else {
+            self.found = before;
+            return Err(ModelError::Data(format!(
+                "{:.0} s of this log tell the state of the friction, at least {FREE_S} s must: move all three joints to and fro for a minute, with nothing at the tool",
+                sums.told_s
+            )));
+        };
+        let changes = core::array::from_fn(|i| found.of_motor(i, self.coulomb[i]));
+        self.found = Some(found);
+        Ok(changes)
     }
 
     /// Time between rows, s.
@@ -323,6 +373,7 @@ impl Physics {
             evidence: Vector3::zeros(),
             row: Vec::with_capacity(REGRESSORS),
             seen: Seen::default(),
+            misfit: Misfit::default(),
         }
     }
 }
@@ -343,6 +394,13 @@ fn prior(sequences: &[&Sequence]) -> [[f64; 3]; 3] {
     core::array::from_fn(|i| core::array::from_fn(|j| inverse[(i, j)]))
 }
 
+/// Part of a motor's balance that is friction with a direction, by the weights of its fit.
+fn friction(weights: &[f64], row: &[f64]) -> f64 {
+    let part = |[from, to]: [usize; 2]| weights[from..to].iter().zip(&row[from..to]);
+    let products = FRICTION.into_iter().flat_map(part).map(|(w, x)| w * x);
+    products.sum()
+}
+
 /// What the observer knows at a row.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct Seen {
@@ -356,6 +414,12 @@ pub struct Seen {
     pub levers: Matrix3<f64>,
     /// Standard deviation of the components by the weights, N.
     pub spread: Vector3<f64>,
+    /// What changes of a robot would add to the balances.
+    effects: [[f64; 6]; 3],
+    /// Standard deviation of the components by what a recalibration has left unknown, N.
+    pub unsure: Vector3<f64>,
+    /// See [`Misfit`]; 0 before a row told.
+    pub misfit: [f64; TIMES],
 }
 
 /// The model on a stream.
@@ -370,6 +434,7 @@ pub struct Observer<'a> {
     evidence: Vector3<f64>,
     row: Vec<f64>,
     seen: Seen,
+    misfit: Misfit,
 }
 
 impl Observer<'_> {
@@ -378,17 +443,37 @@ impl Observer<'_> {
         let moment = self.motion.step(input);
         let levers = self.model.base.at_motors(moment.joints);
         let (mut information, mut evidence) = (Matrix3::zeros(), Vector3::zeros());
+        let (mut contacts, mut variances, mut uncertain) =
+            (Vector3::zeros(), Vector3::zeros(), Vector3::zeros());
         for i in 0..3 {
+            let motor = &self.model.motors[i];
             regressors(moment, i, self.model.coulomb[i], &mut self.row);
-            let contact = self.model.motors[i].value(0, &self.row) - moment.torque[i];
+            let mut contact = motor.value(0, &self.row) - moment.torque[i];
             // Where a start or a gap has left the friction's state unknown, the motor tells little.
             let unknown = self.model.coulomb[i] * moment.unknown_at(i);
-            let variance = self.model.noise[i].variance(moment.rate[i].abs()) + unknown * unknown;
+            let mut variance =
+                self.model.noise[i].variance(moment.rate[i].abs()) + unknown * unknown;
+            let friction = friction(motor.weights(0), &self.row);
+            self.seen.effects[i] = effects(moment, i, self.model.coulomb[i], friction);
+            if let Some(found) = &self.model.found {
+                let (adds, more) = found.adds(i, &self.seen.effects[i]);
+                contact -= adds;
+                variance += more;
+                uncertain[i] = more;
+            }
             let lever = levers.row(i).transpose();
             information += lever * lever.transpose() / variance;
             evidence += lever * (contact / variance);
+            contacts[i] = contact;
+            variances[i] = variance;
             self.seen.contact[i] = contact;
             self.seen.deviation[i] = variance.sqrt();
+        }
+        let prior = Matrix3::from_fn(|i, j| self.model.prior[i][j]);
+        if moment.friction_known() {
+            let elapsed_s = self.steps * self.model.step_s;
+            self.seen.misfit =
+                (self.misfit).step(&contacts, &variances, &levers, &prior, elapsed_s);
         }
         let keep = if self.steps == 1.0 {
             self.keep
@@ -399,11 +484,16 @@ impl Observer<'_> {
         let fresh = 1.0 - keep;
         self.information = self.information * keep + information * fresh;
         self.evidence = self.evidence * keep + evidence * fresh;
-        let prior = Matrix3::from_fn(|i, j| self.model.prior[i][j]);
         // Positive definite: the prior is.
         if let Some(covariance) = (self.information + prior).try_inverse() {
             self.seen.force = covariance * self.evidence;
             self.seen.spread = covariance.diagonal().map(|v| v.max(0.0).sqrt());
+            // How the force follows the balances while they stay as they are.
+            let follows = covariance
+                * levers.transpose()
+                * Matrix3::from_diagonal(&variances.map(|v| 1.0 / v));
+            let covariance = follows * Matrix3::from_diagonal(&uncertain) * follows.transpose();
+            self.seen.unsure = covariance.diagonal().map(|v| v.max(0.0).sqrt());
         }
         self.seen.levers = levers;
         (moment, &self.seen)
@@ -415,6 +505,8 @@ impl Observer<'_> {
         self.steps = 1.0;
         self.information = Matrix3::zeros();
         self.evidence = Vector3::zeros();
+        self.misfit = Misfit::default();
+        self.seen.misfit = [0.0; TIMES];
     }
 
     /// The next row comes `elapsed_s` after the one before it: rows are missing between them.
@@ -435,6 +527,13 @@ impl Stepper for Observer<'_> {
         for (out, axis) in force.iter_mut().zip(axes) {
             *out = seen.force[*axis] as f32;
         }
+    }
+
+    fn fit(&self) -> Option<Fit> {
+        Some(Fit {
+            misfit: self.seen.misfit,
+            unsure_n: self.seen.unsure.into(),
+        })
     }
 
     fn reset(&mut self) {

@@ -5,7 +5,7 @@
 
 use crate::estimator::Estimator;
 use crate::interval::Live;
-use crate::model::Stepper;
+use crate::model::{Fit, Stepper};
 use crate::motion::Motion;
 use crate::sequence::Sequence;
 use robot::random::Random;
@@ -16,9 +16,23 @@ pub struct Sure {
     /// Half width of the 90 % interval, N; of the length of the error vector where several components are estimated. `None`: the model
     /// has no intervals.
     pub half_n: Option<f64>,
-    /// Whether the estimate can be used. After a start or a gap it cannot, until the motion has told the state of the friction.
+    /// Whether the state of the friction is known. After a start or a gap it is not, until the motion has told it.
     pub valid: bool,
+    /// Whether the motors' balances say that the model no longer fits this robot: see [`crate::misfit`]. Of a model with intervals and
+    /// balances.
+    pub misfits: bool,
 }
+
+impl Sure {
+    /// Whether the estimate can be used: its state is known, and the model fits the robot.
+    #[must_use]
+    pub const fn usable(&self) -> bool {
+        self.valid && !self.misfits
+    }
+}
+
+/// Half width of the 90 % interval of a normal distribution per its standard deviation.
+const NORMAL_90: f64 = 1.645;
 
 /// See the module's page.
 pub struct Stream<'a> {
@@ -84,13 +98,30 @@ impl<'a> Stream<'a> {
     /// Takes a row of inputs, SI units; the force is in [`Self::force`].
     pub fn step(&mut self, input: &[f32]) -> Sure {
         self.stepper.step(input, &mut self.force);
-        match &mut self.width {
+        let sure = match &mut self.width {
             Width::Interval(live) => live.step(input),
             Width::Motion(motion) => Sure {
                 half_n: None,
                 valid: motion.step(input).settled(),
+                misfits: false,
             },
+        };
+        let (Some(interval), Some(fit)) = (&self.estimator.interval, self.stepper.fit()) else {
+            return sure;
+        };
+        let axes = self.estimator.axes.iter();
+        let unsure_n = axes.map(|a| fit.unsure_n[*a].powi(2)).sum::<f64>().sqrt();
+        Sure {
+            half_n: sure.half_n.map(|half_n| half_n.hypot(NORMAL_90 * unsure_n)),
+            misfits: !interval.fits(&fit.misfit),
+            ..sure
         }
+    }
+
+    /// How the model fits its robot at the last row; `None`: it cannot tell.
+    #[must_use]
+    pub fn fit(&self) -> Option<Fit> {
+        self.stepper.fit()
     }
 }
 

@@ -1,8 +1,9 @@
 //! Gradient-boosted trees (crate `forust-ml`), alone on features of the motion, or on what the physical model leaves.
 
-use crate::model::{by_steps, Model, ModelError, Stepper};
+use crate::model::{by_steps, Fit, Model, ModelError, Stepper};
 use crate::motion::{share_after, LowPass, Moment, LEVELS, LONGEST_GAP_S};
 use crate::physics::{settle_rows, Observer, Physics, Seen};
+use crate::recalibration::Change;
 use crate::sequence::Sequence;
 use forust_ml::{GradientBooster, Matrix};
 use nalgebra::Vector3;
@@ -162,6 +163,10 @@ struct Features {
     row: Vec<f64>,
 }
 
+/// Why a model can't be recalibrated.
+pub(crate) const NO_BALANCE: &str =
+    "this model has no torque balance to recalibrate: train `physics` or `hybrid`";
+
 /// Tip speed below which the estimate is averaged over a longer time, m/s. There the motors hardly slide, and a single row tells little.
 const SLOW_M_PER_S: f64 = 0.003;
 /// Time constant of that average for a tip that stands, s.
@@ -277,6 +282,17 @@ impl Boosted {
         })
     }
 
+    /// Finds on free motion what has changed of the robot.
+    ///
+    /// # Errors
+    /// See [`Physics::recalibrate`]; trees alone have no balance.
+    pub fn recalibrate(&mut self, free: &[&Sequence]) -> Result<[Change; 3], ModelError> {
+        if !self.correct {
+            return Err(ModelError::Data(NO_BALANCE.to_owned()));
+        }
+        self.physics.recalibrate(free)
+    }
+
     /// What to store.
     ///
     /// # Errors
@@ -377,5 +393,9 @@ impl Stepper for BoostedStepper<'_> {
             self.observer.miss(elapsed_s);
             self.features.steps = (elapsed_s / self.model.physics.step_s()).max(1.0);
         }
+    }
+
+    fn fit(&self) -> Option<Fit> {
+        self.observer.fit().filter(|_| self.model.correct)
     }
 }

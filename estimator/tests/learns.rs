@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::trial;
+use common::{changed, trial};
 use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::geometry::Base;
 use estimator::metrics::{compare, figures};
@@ -10,6 +10,7 @@ use estimator::model::Progress;
 use estimator::sequence::Sequence;
 use estimator::stream::{replay, Before, Breaks, Stream};
 use estimator::trees::TreesConfig;
+use robot::arm::ChangeConfig;
 use robot::random::Random;
 use std::sync::OnceLock;
 
@@ -151,6 +152,22 @@ fn intervals_cover_the_unseen_minute_and_are_wider_where_the_error_is_larger() {
     assert!(wide > 1.2 * narrow, "narrow {narrow}, wide {wide}");
 }
 
+/// The physical model with intervals. Three minutes are too few for the shares of starts: seven more of the same arm.
+fn of_ten_minutes() -> Estimator {
+    static TEXT: OnceLock<String> = OnceLock::new();
+    let text = TEXT.get_or_init(|| {
+        let more: Vec<Sequence> = (20..27).map(|n| trial(7, n, 62.0)).collect();
+        let sequences: Vec<&Sequence> = data().0.iter().chain(&more).collect();
+        let with = Training {
+            intervals: true,
+            ..training(Kind::Physics)
+        };
+        let trained = Estimator::train(&with, &sequences, &mut |_: &Progress| {}).unwrap();
+        trained.to_json().unwrap()
+    });
+    Estimator::from_json(text).unwrap()
+}
+
 /// A row of a replay: time since the last start or gap, error, half width, valid.
 type Streamed = (f64, f64, f64, bool);
 
@@ -184,14 +201,7 @@ fn streamed(estimator: &Estimator, starts: usize, gaps: usize) -> Vec<Streamed> 
 
 #[test]
 fn after_starts_and_gaps_estimates_are_marked_or_as_sure_as_they_say() {
-    // Three minutes are too few for the shares of starts: seven more of the same arm.
-    let more: Vec<Sequence> = (20..27).map(|n| trial(7, n, 62.0)).collect();
-    let sequences: Vec<&Sequence> = data().0.iter().chain(&more).collect();
-    let with = Training {
-        intervals: true,
-        ..training(Kind::Physics)
-    };
-    let estimator = Estimator::train(&with, &sequences, &mut |_: &Progress| {}).unwrap();
+    let estimator = of_ten_minutes();
     let covered =
         |rows: &[Streamed]| rows.iter().filter(|r| r.1 <= r.2).count() as f64 / rows.len() as f64;
     let mae = |rows: &[Streamed]| rows.iter().map(|r| r.1).sum::<f64>() / rows.len() as f64;
@@ -255,6 +265,102 @@ fn a_gap_costs_less_than_a_start() {
     };
     let (start, gap) = (first_valid(None), first_valid(Some(0.3)));
     assert!(gap < start, "{gap} {start}");
+}
+
+/// Mean absolute error of valid rows, N, the share that is covered, and the first row at which the model does not fit.
+fn on(estimator: &Estimator, sequence: &Sequence) -> (f64, f64, Option<usize>) {
+    let mut stream = Stream::new(estimator);
+    let (mut error_n, mut rows, mut covered, mut misfits) = (0.0, 0.0, 0.0, None);
+    for k in 0..sequence.rows() {
+        let sure = stream.step(sequence.input_row(k));
+        if sure.misfits {
+            misfits.get_or_insert(k);
+        }
+        if sure.valid {
+            let error = f64::from(stream.force()[0] - sequence.target_row(k)[1]).abs();
+            error_n += error;
+            rows += 1.0;
+            covered += f64::from(u8::from(error <= sure.half_n.unwrap()));
+        }
+    }
+    (error_n / rows, covered / rows, misfits)
+}
+
+#[test]
+fn a_changed_robot_is_told_and_a_minute_of_free_motion_brings_the_model_back() {
+    let trained = of_ten_minutes();
+    let (usual_n, _, misfits) = on(&trained, &data().1);
+    assert_eq!(misfits, None);
+    let changes = [
+        ChangeConfig {
+            friction: -0.12,
+            ..ChangeConfig::default()
+        },
+        ChangeConfig {
+            gain_sd: 0.03,
+            offset_sd_a: 0.012,
+            ..ChangeConfig::default()
+        },
+        ChangeConfig {
+            ripple: 0.2,
+            asymmetry: 0.1,
+            ..ChangeConfig::default()
+        },
+    ];
+    for change in changes {
+        let loaded = changed(7, 31, 62.0, change, 1.0);
+        let (frozen_n, _, misfits) = on(&trained, &loaded);
+        assert!(frozen_n > 2.0 * usual_n, "{change:?}: {frozen_n} {usual_n}");
+        assert!(misfits.is_some(), "{change:?}");
+        // The same session and path without the force.
+        let free = changed(7, 31, 62.0, change, 0.0);
+        let mut today = of_ten_minutes();
+        let found = today.recalibrate(&[&free]).unwrap();
+        assert!(
+            found.after_n < 0.5 * found.before_n,
+            "{change:?}: {found:?}"
+        );
+        let (minute_n, covered, _) = on(&today, &loaded);
+        assert!(
+            minute_n < 0.4 * frozen_n,
+            "{change:?}: {minute_n} {frozen_n}"
+        );
+        // The goal of docs/estimation.md.
+        assert!(minute_n <= 0.30, "{change:?}: {minute_n}");
+        assert!((0.75..=1.0).contains(&covered), "{change:?}: {covered}");
+        if change.friction != 0.0 {
+            let elbow = found.changes[1].friction;
+            assert!((elbow - change.friction).abs() < 0.03, "{found:?}");
+        }
+        // What was found before is forgotten, and the file keeps it.
+        let text = today.to_json().unwrap();
+        today.recalibrate(&[&free]).unwrap();
+        assert_eq!(today.to_json().unwrap(), text);
+        assert_eq!(
+            on(&Estimator::from_json(&text).unwrap(), &loaded).0,
+            minute_n
+        );
+    }
+}
+
+#[test]
+fn a_recalibration_needs_balances_and_motion() {
+    let free = changed(7, 31, 20.0, ChangeConfig::default(), 0.0);
+    for kind in [Kind::Linear, Kind::Trees] {
+        let error = train(kind).recalibrate(&[&free]).unwrap_err().to_string();
+        assert!(error.contains("no torque balance"), "{error}");
+    }
+    let mut physics = train(Kind::Physics);
+    let before = physics.to_json().unwrap();
+    let error = physics.recalibrate(&[&free]).unwrap_err().to_string();
+    assert!(error.contains("at least 30 s"), "{error}");
+    assert_eq!(physics.to_json().unwrap(), before);
+    // An arm at rest tells nothing, however long.
+    let mut still = changed(7, 31, 62.0, ChangeConfig::default(), 0.0);
+    let first = still.input_row(0).to_vec();
+    still.input = first.repeat(still.rows());
+    let error = physics.recalibrate(&[&still]).unwrap_err().to_string();
+    assert!(error.contains("0 s of this log"), "{error}");
 }
 
 #[test]

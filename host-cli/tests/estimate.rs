@@ -341,6 +341,69 @@ fn a_replay_gives_every_estimate_with_its_interval_and_its_label() {
 }
 
 #[test]
+fn a_training_that_would_be_lost_is_refused_before_it_begins() {
+    let temporary = folder();
+    let folder = temporary.path();
+    day(&folder.join("day"), 3.0, &[]);
+    log(&folder.join("day"), 9, 9, 3.0, &[]);
+    for (line, code, words) in [
+        ("--test 9 --out a.model", 2, "no row is left to test on"),
+        ("--test 3 --out none/a.model", 7, "none/a.model"),
+    ] {
+        let said = expect(
+            folder,
+            &format!("estimate train day {line}"),
+            code,
+            &[words],
+        );
+        assert!(!said.err.contains("training `hybrid`"), "{said:?}");
+    }
+}
+
+#[test]
+fn a_model_is_recalibrated_on_free_motion_alone() {
+    let temporary = folder();
+    let folder = temporary.path();
+    day(&folder.join("day"), 3.0, &[]);
+    for (kind, file) in [("physics", "m"), ("linear", "l")] {
+        let line =
+            format!("estimate train day --model {kind} --no-intervals --test 3 --out {file}.model");
+        expect(folder, &line, 0, &[]);
+    }
+    log(&folder.join("loaded"), 8, 60, 3.0, &[]);
+    log(
+        &folder.join("free"),
+        8,
+        60,
+        0.0,
+        &["force_x_n", "force_y_n", "force_z_n"],
+    );
+    let to = "--out today.model";
+    let refused = |line: &str, words: &[&str]| {
+        expect(
+            folder,
+            &format!("estimate recalibrate {line} {to}"),
+            2,
+            words,
+        );
+        assert!(!folder.join("today.model").exists());
+    };
+    refused(
+        "m.model loaded/trial-8.csv",
+        &["N RMS on the tool", "nothing at the tool"],
+    );
+    refused("l.model free/trial-8.csv", &["no torque balance"]);
+    log(&folder.join("short"), 8, 20, 0.0, &[]);
+    refused("m.model short/trial-8.csv", &["at least 30 s"]);
+    let line = format!("estimate recalibrate m.model free/trial-8.csv {to}");
+    expect(folder, &line, 0, &["N RMS before", "elbow", "today.card"]);
+    let card = std::fs::read_to_string(folder.join("today.card.json")).unwrap();
+    assert!(card.contains("Recalibrated on"), "{card}");
+    let with = "estimate run today.model --replay loaded/trial-8.csv";
+    expect(folder, with, 0, &["3000 rows"]);
+}
+
+#[test]
 fn a_robot_is_known_by_its_name_and_not_by_its_address() {
     let temporary = folder();
     let folder = temporary.path();

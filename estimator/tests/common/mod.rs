@@ -2,7 +2,7 @@
 
 use estimator::motion::INPUTS;
 use estimator::sequence::Sequence;
-use robot::arm::{ArmConfig, VirtualArm};
+use robot::arm::{ArmConfig, ChangeConfig, VirtualArm};
 use robot::trajectory::{Trajectory, TrajectoryConfig};
 
 /// Steps of the plant per second.
@@ -10,6 +10,17 @@ const STEPS_HZ: f64 = 20_000.0;
 
 /// A trial: `seconds` of states at 50 Hz of the arm `robot`, on a path and under a force along y of their own.
 pub fn trial(robot: u64, trial: usize, seconds: f64) -> Sequence {
+    changed(robot, trial, seconds, ChangeConfig::default(), 1.0)
+}
+
+/// The same of an arm that has changed, under so much of the force.
+pub fn changed(
+    robot: u64,
+    trial: usize,
+    seconds: f64,
+    change: ChangeConfig,
+    loaded: f64,
+) -> Sequence {
     let config = TrajectoryConfig {
         duration_s: seconds + 5.0,
         // Faster than in the lab: a minute holds some reversals of each joint.
@@ -22,6 +33,8 @@ pub fn trial(robot: u64, trial: usize, seconds: f64) -> Sequence {
     let mut arm = VirtualArm::new(
         &ArmConfig {
             start,
+            change,
+            session: trial as u64,
             ..ArmConfig::default()
         },
         robot,
@@ -29,7 +42,8 @@ pub fn trial(robot: u64, trial: usize, seconds: f64) -> Sequence {
     .unwrap();
     arm.follow(path);
     let phase = trial as f64;
-    let force = |t: f64| 2.5 * (0.21 * t + phase).sin() + 1.5 * (0.083 * t + 2.0 * phase).sin();
+    let force =
+        |t: f64| loaded * (2.5 * (0.21 * t + phase).sin() + 1.5 * (0.083 * t + 2.0 * phase).sin());
     let mut sequence = Sequence {
         trial,
         start_s: 0.0,

@@ -27,6 +27,7 @@ Examples:
   forcectl estimate eval arm.model other-day                        figures on trials that the model has not seen
   forcectl estimate run arm.model --replay log.parquet              force of each row of a log
   forcectl estimate run arm.model --robot my.toml                   live, from the source that [robot] of the file names
+  forcectl estimate recalibrate arm.model free.parquet --out today.model    adapts a model to its robot of today
   forcectl estimate report lab-day --into docs                      all models, tables and pictures
 
 docs/estimation.md explains the models and what they reach.
@@ -49,6 +50,8 @@ enum Sub {
     Eval(Eval),
     /// Estimate live, or row by row from a log
     Run(live::Live),
+    /// Adapt a model to its robot of today, from a minute of free motion
+    Recalibrate(Recalibrate),
     /// Write a network as ONNX, with a card of its inputs and outputs
     Export(Export),
     /// Train and compare all models, and write the tables and pictures
@@ -127,6 +130,110 @@ struct Eval {
     /// Mapping file (TOML)
     #[arg(long, value_name = "FILE")]
     mapping: Option<PathBuf>,
+}
+
+/// Arguments of `estimate recalibrate`.
+#[derive(Debug, Args)]
+struct Recalibrate {
+    /// Model file: physics or hybrid
+    model: PathBuf,
+    /// Log of a minute in which all three joints move and nothing touches the tool
+    log: PathBuf,
+    /// Model file to write; its card lies beside it
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Use the log although it is of another robot
+    #[arg(long)]
+    any_robot: bool,
+    /// Mapping file (TOML) of the log
+    #[arg(long, value_name = "FILE")]
+    mapping: Option<PathBuf>,
+}
+
+/// Measured force above which a log is not of free motion, N RMS: some times the noise of the load cells.
+const FREE_N: f64 = 0.2;
+
+impl Recalibrate {
+    fn run(&self) -> Result<Reply> {
+        let mut estimator = model(&self.model)?;
+        let card = ModelCard::read(&self.model)?;
+        let mapping = mapping(self.mapping.as_ref())?;
+        let rate_hz = 1.0 / estimator.step_s;
+        let mut data = match load::load(&self.log, &mapping, rate_hz, true) {
+            Ok(data) => {
+                self.check_free(&data)?;
+                data
+            }
+            // Free motion needs no measured force.
+            Err(_) => load::load(&self.log, &mapping, rate_hz, false)?,
+        };
+        check_robot(&estimator, &data.robot, self.any_robot)?;
+        data.fit_inputs(&estimator).map_err(Failure::usage)?;
+        let free: Vec<&Sequence> = data.sequences.iter().collect();
+        let found = estimator.recalibrate(&free).map_err(Failure::usage)?;
+        let text = estimator
+            .to_json()
+            .map_err(|error| Failure::new(exit::FILE, error))?;
+        std::fs::write(&self.out, text).map_err(|error| Failure::file(&self.out, &error))?;
+        let written = card
+            .recalibrated(sha256(&self.out)?, &data.name)
+            .write(&self.out)
+            .map_err(|error| Failure::file(&self.out, &error))?;
+        let mut text = format!(
+            "estimated force where there is none: {:.3} N RMS before, {:.3} N after\n",
+            found.before_n, found.after_n
+        );
+        row!(
+            text,
+            "joint        offset            friction, %     gain, %        ripple, %   asymmetry, %"
+        );
+        for (i, c) in found.changes.iter().enumerate() {
+            let [offset, friction, gain, asymmetry] = c.deviation;
+            row!(
+                text,
+                "{:<9} {:>7.3} +- {offset:.3} {:<3} {:>6.1} +- {:.1}   {:>5.1} +- {:.1}   {:>8.1}   {:>6.1} +- {:.1}",
+                ["shoulder", "elbow", "insertion"][i],
+                c.offset,
+                ["N·m", "N·m", "N"][i],
+                100.0 * c.friction,
+                100.0 * friction,
+                100.0 * c.gain,
+                100.0 * gain,
+                100.0 * c.ripple,
+                100.0 * c.asymmetry,
+                100.0 * asymmetry
+            );
+        }
+        for (i, change) in found.changes.iter().enumerate() {
+            let sure = change.surely(["N·m", "N·m", "N"][i]);
+            if !sure.is_empty() {
+                let joint = ["shoulder", "elbow", "insertion"][i];
+                row!(text, "{joint}: {}", sure.join("; "));
+            }
+        }
+        row!(
+            text,
+            "model {}, card {}",
+            self.out.display(),
+            written.display()
+        );
+        Ok(Reply::new(text, json!(found)))
+    }
+
+    /// Refuses a log with a force on the tool.
+    fn check_free(&self, data: &Data) -> Result<()> {
+        let forces = data.sequences.iter().flat_map(|s| &s.target);
+        let rows: usize = data.sequences.iter().map(Sequence::rows).sum();
+        let square: f64 = forces.map(|f| f64::from(*f).powi(2)).sum();
+        let rms_n = (square / rows.max(1) as f64).sqrt();
+        if rms_n <= FREE_N {
+            return Ok(());
+        }
+        Err(Failure::usage(format!(
+            "{}: there was a force of {rms_n:.2} N RMS on the tool, and a recalibration takes every torque for the robot's own: move all three joints to and fro for a minute with nothing at the tool",
+            self.log.display()
+        )))
+    }
 }
 
 /// Arguments of `estimate export`.
@@ -220,6 +327,7 @@ impl Estimate {
             Sub::Train(command) => command.run(context),
             Sub::Eval(command) => command.run(context),
             Sub::Run(command) => command.run(context),
+            Sub::Recalibrate(command) => command.run(),
             Sub::Export(command) => command.run(),
             Sub::Report(command) => command.run(context),
         }
@@ -248,6 +356,9 @@ impl Train {
         let data = self.read.load(&self.data)?;
         let (training, test) = split(&data, &self.test)?;
         let rows: Vec<&Sequence> = data.of(&training);
+        // Now, and not after the minutes of a training that would be lost.
+        evaluate::testable(&data.of(&test)).map_err(Failure::usage)?;
+        estimate::report::probe_file(&self.out)?;
         let settings = Training {
             kind: self.model,
             axes: if self.all_axes {
@@ -481,6 +592,16 @@ fn stream_lines(s: &Streamed) -> String {
             text,
             "valid          after {half:.2} s (median), {most:.2} s (95 %) from a start or a gap; {} ended before",
             s.never_valid
+        );
+    }
+    let alarms: Vec<f64> = s.misfits_s.iter().copied().flatten().collect();
+    if !alarms.is_empty() {
+        let first_s = alarms.iter().copied().fold(f64::INFINITY, f64::min);
+        row!(
+            text,
+            "the model no longer fits this robot in {} of {} trials, at the earliest from {first_s:.0} s: see `forcectl estimate recalibrate`",
+            alarms.len(),
+            s.misfits_s.len()
         );
     }
     row!(

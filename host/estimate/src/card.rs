@@ -155,6 +155,18 @@ impl ModelCard {
         }
     }
 
+    /// The card of a model that was recalibrated on a log. The figures of the training are not its own.
+    #[must_use]
+    pub fn recalibrated(mut self, model_sha256: String, log: &str) -> Self {
+        self.limits.insert(
+            0,
+            format!("Recalibrated on {log}; made of the model file {}. Figures of it need data of the robot of that day.", self.model_sha256),
+        );
+        self.model_sha256 = model_sha256;
+        self.evaluation = None;
+        self
+    }
+
     /// Writes the card beside the model, as JSON and as Markdown; returns the Markdown's path.
     ///
     /// # Errors

@@ -75,6 +75,9 @@ pub struct Streamed {
     pub until_valid_s: Option<[f64; 2]>,
     /// Starts and gaps that the next break came after before any row was valid.
     pub never_valid: usize,
+    /// By trial: time of its rows until the model was found not to fit the robot, s; `None` where it fits to the end.
+    #[serde(default)]
+    pub misfits_s: Vec<Option<f64>>,
 }
 
 /// Rows of a stream.
@@ -138,6 +141,9 @@ pub fn streamed(
     let mut last: Option<&Sequence> = None;
     for sequence in sequences {
         let step_s = sequence.step_s;
+        if last.is_none_or(|last| last.trial != sequence.trial) {
+            out.misfits_s.push(None);
+        }
         // A trial of several stretches shares its breaks.
         let of_trial = |s: &&&Sequence| s.trial == sequence.trial;
         let trial_rows: usize = sequences.iter().filter(of_trial).map(|s| s.rows()).sum();
@@ -172,9 +178,14 @@ pub fn streamed(
                         missing_s += elapsed_s - step_s;
                     }
                 }
+                if sure.misfits {
+                    if let Some(misfit) = out.misfits_s.last_mut() {
+                        misfit.get_or_insert(sequence.start_s + k as f64 * step_s);
+                    }
+                }
                 let error_n = error_n(force, sequence.target_row(k), &estimator.axes);
                 all.add(error_n, sure.half_n);
-                if sure.valid {
+                if sure.usable() {
                     valid.add(error_n, sure.half_n);
                     if age_s < EARLY_S {
                         early.add(error_n, sure.half_n);
@@ -212,6 +223,21 @@ pub fn streamed(
 /// Time after a start or a gap of [`Streamed::early`], s.
 const EARLY_S: f64 = 1.0;
 
+/// Whether a row is left to test on: to be asked before a training.
+///
+/// # Errors
+/// [`ModelError::Data`]: no sequence is longer than what [`evaluate`] leaves out.
+pub fn testable(sequences: &[&Sequence]) -> Result<(), ModelError> {
+    let longer = |s: &&Sequence| s.rows() > estimator::physics::settle_rows(s.step_s);
+    if sequences.iter().any(longer) {
+        return Ok(());
+    }
+    Err(ModelError::Data(format!(
+        "no row is left to test on: the first {} s of each unbroken stretch are left out, because no model with a memory knows its state there; give longer stretches",
+        estimator::physics::SETTLE_S
+    )))
+}
+
 /// Evaluates on sequences. The first 10 s of each are left out, but of [`Evaluation::stream`].
 ///
 /// # Errors
@@ -220,18 +246,15 @@ pub fn evaluate(
     estimator: &Estimator,
     sequences: &[&Sequence],
 ) -> Result<(Evaluation, Vec<Rows>), ModelError> {
+    testable(sequences)?;
     let trials = compare(
         estimator.model(),
         &estimator.base,
         &estimator.axes,
         sequences,
     );
-    let (Some(longest), false) = (sequences.iter().max_by_key(|s| s.rows()), trials.is_empty())
-    else {
-        return Err(ModelError::Data(format!(
-            "no row is left to test on: the first {} s of each unbroken stretch are left out, because no model with a memory knows its state there; give longer stretches",
-            estimator::physics::SETTLE_S
-        )));
+    let Some(longest) = sequences.iter().max_by_key(|s| s.rows()) else {
+        return Err(ModelError::Data("there is no trial to test on".to_owned()));
     };
     let widths = estimator
         .interval

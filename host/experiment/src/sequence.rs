@@ -330,6 +330,7 @@ impl Sequence<'_> {
         let seed = config.seed.unwrap_or(self.experiment.seed);
         let arm = robot::arm::ArmConfig {
             start,
+            session: trial.number as u64,
             ..config.arm
         };
         let rig = FastRig::with(core_sim::Options {

@@ -5,6 +5,7 @@
 //! back and acts on the joints with the transpose of C. (The published cable law `ke (e^s - e^-s)` with s in m is linear to
 //! 1e-6 at these stretches.)
 
+use super::change::Change;
 use super::parameters::Parameters;
 use crate::kinematics::{COUPLING, TRANSMISSION};
 use nalgebra::Vector3;
@@ -53,12 +54,12 @@ impl Contact {
         self.slip.force_n() + damping * v
     }
 
-    /// Moves the contact by `travel` at velocity `v`; `more` adds to its Coulomb level.
+    /// Moves the contact by `travel` at velocity `v`; its Coulomb level is `scale` times its own and `more`.
     #[inline]
-    pub fn slide(&mut self, travel: f64, v: f64, more: f64) {
+    pub fn slide(&mut self, travel: f64, v: f64, more: f64, scale: f64) {
         let ratio = v / self.stribeck;
         let fade = 1.0 + ratio * ratio;
-        let level = (self.coulomb + more) * (1.0 + self.excess / (fade * fade));
+        let level = (self.coulomb + more) * scale * (1.0 + self.excess / (fade * fade));
         self.slip.slide(travel, level);
     }
 
@@ -137,9 +138,16 @@ impl Drives {
         }
     }
 
-    /// Moves the motors on by `h` with `torque` at the joints' units; returns the cables' forces on the joints.
+    /// Moves the motors on by `h` with `torque` at the joints' units; returns the cables' forces on the joints. `friction`: Coulomb
+    /// friction of all contacts per that of the parameters.
     #[inline]
-    pub fn step(&mut self, h: f64, torque: [f64; 3], q: [f64; 3], v: [f64; 3]) -> Vector3<f64> {
+    pub fn step(
+        &mut self,
+        h: f64,
+        torque: [f64; 3],
+        (q, v): ([f64; 3], [f64; 3]),
+        (change, friction): (&Change, f64),
+    ) -> Vector3<f64> {
         let (at, rate) = (coupled(q), coupled(v));
         for i in 0..3 {
             let cable = self.stiffness[i] * (self.phi[i] - at[i])
@@ -150,7 +158,11 @@ impl Drives {
             self.phi_rate[i] += h * force / self.inertia[i];
             let travel = h * self.phi_rate[i];
             self.phi[i] += travel;
-            contact.slide(travel, self.phi_rate[i], self.load_share[i] * cable.abs());
+            let rate = self.phi_rate[i];
+            let scale = friction
+                * change.one_way(rate)
+                * change.over_turn(i, self.phi[i] * TRANSMISSION[i]);
+            contact.slide(travel, rate, self.load_share[i] * cable.abs(), scale);
         }
         at_joints(self.cable)
     }

@@ -14,11 +14,13 @@
 //! The arm is a [`plant::TipModel`]: in the plant the cables' forces move its tip, and its tip moves the cables. Its
 //! parameters are drawn from the seed ([`parameters`]): every seed is another Raven.
 
+mod change;
 mod drive;
 pub mod dynamics;
 pub mod parameters;
 mod software;
 
+pub use change::ChangeConfig;
 pub use software::{Gains, COUNTS_PER_TURN, PERIOD_NS};
 
 use crate::kinematics::{forward, from_crtk, inverse, to_crtk, InverseError, TRANSMISSION};
@@ -27,6 +29,7 @@ use crate::ravenstate::{
 };
 use crate::state::{Clock, Frame, Mount, RobotState, Stamp, StateError};
 use crate::trajectory::{JointTarget, Trajectory};
+use change::Change;
 use drive::{Contact, Drives};
 use dynamics::{Body, Geometry, MASS_KG};
 use nalgebra::{Matrix3, Vector3};
@@ -57,6 +60,12 @@ pub struct ArmConfig {
     pub gains: Gains,
     /// Time in which the pace of a trajectory ramps in and out, s.
     pub ramp_s: f64,
+    /// What changes from trial to trial and within one.
+    #[serde(skip_serializing_if = "ChangeConfig::is_none")]
+    pub change: ChangeConfig,
+    /// Number of the trial, from which its changes are drawn.
+    #[serde(skip)]
+    pub session: u64,
 }
 
 #[allow(clippy::trivially_copy_pass_by_ref)] // serde gives a reference
@@ -80,6 +89,8 @@ impl Default for ArmConfig {
             payload_kg: 0.0,
             gains: Gains::default(),
             ramp_s: 1.0,
+            change: ChangeConfig::default(),
+            session: 0,
         }
     }
 }
@@ -144,6 +155,9 @@ pub struct Truth {
 pub struct VirtualArm {
     config: ArmConfig,
     parameters: Parameters,
+    change: Change,
+    /// Coulomb friction of all contacts per that of the parameters, now.
+    friction: f64,
     body: Body,
     software: Software,
     adapter: Adapter,
@@ -182,7 +196,12 @@ impl VirtualArm {
     /// [`ArmError`] names the key that can't be.
     pub fn new(config: &ArmConfig, seed: u64) -> Result<Self, ArmError> {
         check(config)?;
-        let parameters = Parameters::draw(seed, config.scatter);
+        let mut parameters = Parameters::draw(seed, config.scatter);
+        let change = Change::draw(&config.change, seed, config.session);
+        for i in 0..3 {
+            parameters.torque_gain[i] *= change.gain[i];
+            parameters.current_offset_a[i] += change.offset_a[i];
+        }
         let body = Body::new(core::array::from_fn(|i| {
             MASS_KG[i] * parameters.mass_factor[i]
         }))
@@ -218,6 +237,8 @@ impl VirtualArm {
         let mut arm = Self {
             config: *config,
             parameters,
+            friction: change.friction(0.0),
+            change,
             software: Software::new(config.gains),
             adapter: Adapter::gold(Version::V2023, 0, "virtual"),
             drives: Drives::new(&parameters, link_inertia, q, held),
@@ -270,15 +291,18 @@ impl VirtualArm {
         }
         if self.refresh == 0 {
             self.recompute();
+            self.friction = self.change.friction(self.steps_s);
             self.refresh = REFRESH_STEPS;
         }
         self.refresh -= 1;
         self.force_0 = self.rig_to_0 * Vector3::from(force_n);
-        let cable = self.drives.step(h_s, self.torque, self.q, self.v);
+        let change = (&self.change, self.friction);
+        let cable = (self.drives).step(h_s, self.torque, (self.q, self.v), change);
         let v = Vector3::from(self.v);
         let friction = Vector3::from_fn(|i, _| self.links[i].force(self.v[i]));
         let push = cable - friction - self.gravity - self.body.velocity_terms(&self.geometry, v)
-            + self.jacobian.tr_mul(&self.force_0);
+            + self.jacobian.tr_mul(&self.force_0)
+            + Vector3::new(0.0, self.change.drag_n_m(self.steps_s), 0.0);
         let v = v + self.inverse_inertia * push * h_s;
         // The tool's guide: friction grows with the lateral force at the tip.
         let axis = self.jacobian.column(2).into_owned();
@@ -292,7 +316,8 @@ impl VirtualArm {
             } else {
                 0.0
             };
-            self.links[i].slide(travel, v[i], more);
+            let scale = self.friction * self.change.one_way(v[i]);
+            self.links[i].slide(travel, v[i], more, scale);
         }
         self.steps_s += h_s;
         self.place_tip();
@@ -489,7 +514,10 @@ fn check(config: &ArmConfig) -> Result<(), ArmError> {
         ("scatter", config.scatter, 0.0, 1.0),
         ("payload_kg", config.payload_kg, 0.0, 1.0),
         ("ramp_s", config.ramp_s, 0.0, 60.0),
-    ] {
+    ]
+    .into_iter()
+    .chain(config.change.ranges())
+    {
         if !(min..=max).contains(&value) {
             return Err(ArmError::Range {
                 name,

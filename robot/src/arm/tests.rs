@@ -261,3 +261,61 @@ fn the_tip_starts_at_the_example_rigs_centre() {
         assert!((got - expected).abs() < 3e-3);
     }
 }
+
+/// Mean efforts in free motion, N·m, N·m, N.
+fn free(change: ChangeConfig, session: u64) -> [f64; 3] {
+    let path = TrajectoryConfig {
+        duration_s: 30.0,
+        ..TrajectoryConfig::default()
+    };
+    let path = Trajectory::new(&path, 5).unwrap();
+    let config = ArmConfig {
+        start: path.at(0.0).position,
+        change,
+        session,
+        ..ArmConfig::default()
+    };
+    let mut arm = VirtualArm::new(&config, 3).unwrap();
+    arm.follow(path);
+    run(&mut arm, 2.0, true, [0.0; 3]);
+    mean_effort(&mut arm, 4.0, true, [0.0; 3])
+}
+
+#[test]
+fn each_change_is_in_the_efforts_and_no_change_is_none() {
+    let none = free(ChangeConfig::default(), 1);
+    assert_eq!(none, free(ChangeConfig::default(), 2));
+    let with = |set: fn(&mut ChangeConfig)| {
+        let mut change = ChangeConfig::default();
+        set(&mut change);
+        change
+    };
+    let changes: [(&str, ChangeConfig); 7] = [
+        ("warm_up", with(|c| c.warm_up = 0.07)),
+        ("friction", with(|c| c.friction = -0.06)),
+        ("gain", with(|c| c.gain_sd = 0.03)),
+        ("offset", with(|c| c.offset_sd_a = 0.012)),
+        ("ripple", with(|c| c.ripple = 0.2)),
+        ("asymmetry", with(|c| c.asymmetry = 0.15)),
+        ("drag", with(|c| c.drag_n_m = 0.2)),
+    ];
+    for (name, change) in changes {
+        let efforts = free(change, 1);
+        let moved = efforts.iter().zip(none).map(|(a, b)| (a - b).abs());
+        assert!(
+            moved.fold(0.0, f64::max) > 2e-3,
+            "{name}: {efforts:?} {none:?}"
+        );
+    }
+    // Amplifiers are other ones in each trial, gears are not.
+    let offset = with(|c| c.offset_sd_a = 0.012);
+    assert_ne!(free(offset, 1), free(offset, 2));
+    let ripple = with(|c| c.ripple = 0.2);
+    assert_eq!(free(ripple, 1), free(ripple, 2));
+    let wrong = ArmConfig {
+        change: with(|c| c.ripple = 2.0),
+        ..ArmConfig::default()
+    };
+    let error = VirtualArm::new(&wrong, 1).unwrap_err().to_string();
+    assert!(error.contains("change.ripple = 2"), "{error}");
+}

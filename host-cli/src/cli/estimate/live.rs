@@ -68,14 +68,19 @@ struct Run<'a> {
     /// Times that the past was forgotten, wholly or over a gap.
     anew: usize,
     valid: usize,
+    /// Whether the model was found not to fit the robot.
+    misfits: bool,
 }
+
+/// Told once.
+const MISFITS: &str = "this model no longer fits this robot: the motors' torques are not what it expects, whatever the force. Its estimates are wrong and invalid until it fits. Move all three joints to and fro for a minute with nothing at the tool, and give the log to `forcectl estimate recalibrate`; a force along an axis that had none in the training looks the same";
 
 impl<'a> Run<'a> {
     fn new(estimator: &'a Estimator, context: &'a Context, of: &Live) -> Self {
         let axes = || estimator.axes.iter().map(|axis| AXES[*axis]);
         let mut names = vec!["t_s".to_owned()];
         names.extend(axes().map(|axis| format!("estimate_{axis}_n")));
-        names.extend(["half_width_n".to_owned(), "valid".to_owned()]);
+        names.extend(["half_width_n", "valid", "misfits"].map(str::to_owned));
         names.extend(axes().map(|axis| format!("force_{axis}_n")));
         Self {
             stream: Stream::new(estimator),
@@ -85,6 +90,7 @@ impl<'a> Run<'a> {
             times_us: Vec::new(),
             anew: 0,
             valid: 0,
+            misfits: false,
         }
     }
 
@@ -103,14 +109,20 @@ impl<'a> Run<'a> {
         let began = Instant::now();
         let sure = self.stream.step(input);
         self.times_us.push(began.elapsed().as_secs_f64() * 1e6);
-        self.valid += usize::from(sure.valid);
+        self.valid += usize::from(sure.usable());
+        if sure.misfits && !std::mem::replace(&mut self.misfits, true) {
+            self.context
+                .output
+                .note(&format!("{time_s:.1} s: {MISFITS}"));
+        }
         if let Some(rows) = &mut self.rows {
             let axes = &self.stream.estimator().axes;
             let mut row = vec![time_s];
             row.extend(self.stream.force().iter().copied().map(f64::from));
             row.extend([
                 sure.half_n.unwrap_or(f64::NAN),
-                f64::from(u8::from(sure.valid)),
+                f64::from(u8::from(sure.usable())),
+                f64::from(u8::from(sure.misfits)),
             ]);
             row.extend((axes.iter()).map(|a| label.map_or(f64::NAN, |l| f64::from(l[*a]))));
             rows.push(&row);
@@ -131,7 +143,8 @@ impl<'a> Run<'a> {
                 object.insert(format!("estimate_{}_n", AXES[*axis]), json!(force));
             }
             object.insert("half_width_n".to_owned(), json!(sure.half_n));
-            object.insert("valid".to_owned(), json!(sure.valid));
+            object.insert("valid".to_owned(), json!(sure.usable()));
+            object.insert("misfits".to_owned(), json!(sure.misfits));
             return serde_json::Value::Object(object).to_string();
         }
         let mut line = format!("{time_s:10.3}");
@@ -141,7 +154,9 @@ impl<'a> Run<'a> {
         if let Some(half_n) = sure.half_n {
             line += &format!("  +- {half_n:.3}");
         }
-        if !sure.valid {
+        if sure.misfits {
+            line += "  invalid: the model misfits";
+        } else if !sure.valid {
             line += "  invalid";
         }
         line
@@ -172,7 +187,7 @@ impl<'a> Run<'a> {
         }
         Ok(Reply::new(
             format!("{rows} rows, begun anew {anew} times, {valid} valid; a step takes {median:.1} us (median), {p99:.1} us (p99)\n"),
-            json!({"rows": rows, "begun_anew": anew, "valid": valid, "median_us": median, "p99_us": p99}),
+            json!({"rows": rows, "begun_anew": anew, "valid": valid, "misfits": self.misfits, "median_us": median, "p99_us": p99}),
         ))
     }
 }
@@ -306,7 +321,7 @@ impl Live {
                 };
                 let sure = run.step(t_ns as f64 * 1e-9, &input, None);
                 // CRTK has no word for a force that is not known: it is not published.
-                if sure.valid {
+                if sure.usable() {
                     let estimate = Estimate {
                         force: tip_force(estimator, run.stream.force()),
                         half_n: sure.half_n.map(|half_n| half_widths(estimator, half_n)),

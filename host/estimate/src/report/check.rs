@@ -27,16 +27,28 @@ pub fn probe(into: &Path) -> Result<(), ReportError> {
     std::fs::create_dir_all(into).map_err(|cause| failed(into, cause))?;
     // The pictures are new files, the figures may be files that are there.
     for name in FIGURES.into_iter().chain([".probe"]) {
-        let path = into.join(name);
-        let was_there = path.exists();
-        let opened = std::fs::OpenOptions::new()
-            .append(true)
-            .create(true)
-            .open(&path);
-        opened.map_err(|cause| failed(&path, cause))?;
-        if !was_there {
-            std::fs::remove_file(&path).map_err(|cause| failed(&path, cause))?;
-        }
+        probe_file(&into.join(name))?;
+    }
+    Ok(())
+}
+
+/// Whether a file can be written. One that is there stays as it is.
+///
+/// # Errors
+/// [`ReportError::File`].
+pub fn probe_file(path: &Path) -> Result<(), ReportError> {
+    let failed = |cause| ReportError::File {
+        path: path.display().to_string(),
+        cause,
+    };
+    let was_there = path.exists();
+    let opened = std::fs::OpenOptions::new()
+        .append(true)
+        .create(true)
+        .open(path);
+    opened.map_err(failed)?;
+    if !was_there {
+        std::fs::remove_file(path).map_err(failed)?;
     }
     Ok(())
 }

@@ -8,7 +8,7 @@ mod draw;
 mod goals;
 mod tables;
 
-pub use check::probe;
+pub use check::{probe, probe_file};
 
 pub use goals::Goal;
 pub use tables::tables;

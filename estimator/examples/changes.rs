@@ -1,0 +1,228 @@
+//! How estimates fare on a robot that has changed since the training, without and with a recalibration on a minute of free motion:
+//! `cargo run --release -p estimator --example changes -- MODEL SEED...` prints the table of docs/estimation.md.
+//!
+//! For each robot (seed) the model is trained on 30 minutes of the arm without changes. Each row is another change, in two trials of a
+//! minute of free motion and three minutes under load, begun at power-on. `frozen`: the model as it was trained. The label is the true
+//! force of the simulation, without the rig's cells. Rows are those that are valid.
+
+use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
+use estimator::geometry::Base;
+use estimator::motion::INPUTS;
+use estimator::sequence::Sequence;
+use estimator::stream::Stream;
+use estimator::trees::TreesConfig;
+use rayon::prelude::*;
+use robot::arm::{ArmConfig, ChangeConfig, VirtualArm};
+use robot::trajectory::{Trajectory, TrajectoryConfig};
+
+const STEPS_HZ: f64 = 20_000.0;
+const ROW_STEPS: usize = 400;
+const FREE_S: f64 = 60.0;
+/// Trials of each change.
+const TRIALS: usize = 2;
+
+/// Rows of an arm, the first `free_s` without a force.
+fn trial(
+    seed: u64,
+    session: u64,
+    change: ChangeConfig,
+    free_s: f64,
+    loaded_s: f64,
+) -> [Sequence; 2] {
+    let path = TrajectoryConfig {
+        duration_s: free_s + loaded_s + 10.0,
+        ..TrajectoryConfig::default()
+    };
+    let path = Trajectory::new(&path, 1_000 * seed + session).expect("a path");
+    let config = ArmConfig {
+        start: path.at(0.0).position,
+        change,
+        session,
+        ..ArmConfig::default()
+    };
+    let mut arm = VirtualArm::new(&config, seed).expect("an arm");
+    arm.follow(path);
+    let phase = session as f64;
+    // Rates of 0.1 to 0.3 N/s, as in the thesis.
+    let force = |t: f64| 2.5 * (0.083 * t + phase).sin() + 1.8 * (0.051 * t + 2.0 * phase).sin();
+    let empty = |start_s: f64| Sequence {
+        trial: session as usize,
+        start_s,
+        step_s: 0.02,
+        input: Vec::new(),
+        inputs: INPUTS,
+        target: Vec::new(),
+        targets: 3,
+    };
+    let mut parts = [empty(0.0), empty(free_s)];
+    for step in 0..((free_s + loaded_s) * STEPS_HZ) as usize {
+        let t = step as f64 / STEPS_HZ;
+        let y = if t < free_s { 0.0 } else { force(t) };
+        let on_tool = [0.02 * y, y, 0.01 * y];
+        arm.step(1.0 / STEPS_HZ, true, on_tool);
+        if t > 2.0 && step % ROW_STEPS == 0 {
+            let state = arm.state();
+            let joints = state.joints.expect("joints");
+            let effort = joints.effort.expect("efforts").value;
+            let velocity = joints.velocity.expect("velocities");
+            let part = &mut parts[usize::from(t >= free_s)];
+            for from in [&joints.position, &velocity, &effort] {
+                part.input.extend(from[..3].iter().map(|v| *v as f32));
+            }
+            part.target.extend(on_tool.map(|v| v as f32));
+        }
+    }
+    parts
+}
+
+fn train(kind: Kind, seed: u64, rows: &[&Sequence]) -> Estimator {
+    let training = Training {
+        kind,
+        axes: vec![1],
+        base: Base::default(),
+        robot: format!("virtual seed {seed}"),
+        trees: TreesConfig::default(),
+        networks: NetworkLimits::default(),
+        intervals: true,
+        absent: Vec::new(),
+    };
+    Estimator::train(&training, rows, &mut |_| {}).expect("trained")
+}
+
+/// A trial: error over its valid rows, N, the share that the interval covers, and when the alarm came, s.
+#[derive(Clone, Copy)]
+struct Score {
+    mae_n: f64,
+    covered: f64,
+    alarm_s: Option<f64>,
+}
+
+fn score(estimator: &Estimator, sequence: &Sequence) -> Score {
+    let mut stream = Stream::new(estimator);
+    let (mut error_n, mut rows, mut covered) = (0.0, 0.0, 0.0);
+    let mut alarm_s = None;
+    for k in 0..sequence.rows() {
+        let sure = stream.step(sequence.input_row(k));
+        if sure.misfits {
+            alarm_s.get_or_insert(k as f64 * sequence.step_s);
+        }
+        if sure.valid {
+            let error = f64::from(stream.force()[0] - sequence.target_row(k)[1]).abs();
+            error_n += error;
+            rows += 1.0;
+            covered += f64::from(u8::from(sure.half_n.is_some_and(|half| error <= half)));
+        }
+    }
+    Score {
+        mae_n: error_n / rows,
+        covered: covered / rows,
+        alarm_s,
+    }
+}
+
+/// Means over trials.
+fn cells(scores: &[Score]) -> String {
+    let mean = |of: fn(&Score) -> f64| scores.iter().map(of).sum::<f64>() / scores.len() as f64;
+    let (mae_n, covered) = (mean(|s| s.mae_n), mean(|s| s.covered));
+    format!("{mae_n:.3} | {:.1}", 100.0 * covered)
+}
+
+fn early(scores: &[Score]) -> usize {
+    let within = |s: &&Score| s.alarm_s.is_some_and(|t| t <= 60.0);
+    scores.iter().filter(within).count()
+}
+
+type Set = fn(&mut ChangeConfig);
+
+const CHANGES: [(&str, Set); 13] = [
+    ("none", |_| {}),
+    ("friction warms up, 3.5 % at power-on", |c| {
+        c.warm_up = 0.035
+    }),
+    ("friction warms up, 7 % at power-on", |c| c.warm_up = 0.07),
+    ("friction fell by 6 %", |c| c.friction = -0.06),
+    ("friction fell by 12 %", |c| c.friction = -0.12),
+    ("friction fell by 24 %", |c| c.friction = -0.24),
+    ("amplifiers: gain 3 %, offset 12 mA", |c| {
+        c.gain_sd = 0.03;
+        c.offset_sd_a = 0.012;
+    }),
+    ("amplifiers: gain 6 %, offset 24 mA", |c| {
+        c.gain_sd = 0.06;
+        c.offset_sd_a = 0.024;
+    }),
+    ("ripple, 20 % of Coulomb", |c| c.ripple = 0.2),
+    ("asymmetry, 15 %", |c| c.asymmetry = 0.15),
+    ("drag of a tool's cable, 0.1 N·m", |c| c.drag_n_m = 0.1),
+    ("drag of a tool's cable, 0.2 N·m", |c| c.drag_n_m = 0.2),
+    ("warm-up, amplifiers, ripple and drag at once", |c| {
+        *c = ChangeConfig {
+            warm_up: 0.07,
+            gain_sd: 0.03,
+            offset_sd_a: 0.012,
+            ripple: 0.2,
+            drag_n_m: 0.2,
+            ..*c
+        };
+    }),
+];
+
+fn main() {
+    let mut arguments = std::env::args().skip(1);
+    let kind = arguments.next().and_then(|name| Kind::of(&name));
+    let kind = kind.expect("`physics` or `hybrid`, then seeds");
+    let seeds: Vec<u64> = arguments.map(|a| a.parse().expect("a seed")).collect();
+    // By change: frozen, and recalibrated.
+    let mut scores = vec![[Vec::new(), Vec::new()]; CHANGES.len()];
+    for seed in &seeds {
+        let none = ChangeConfig::default();
+        let training: Vec<Sequence> = (1..7_u64)
+            .into_par_iter()
+            .map(|session| trial(*seed, session, none, 0.0, 300.0))
+            .map(|[_, loaded]| loaded)
+            .collect();
+        let rows: Vec<&Sequence> = training.iter().collect();
+        let text = train(kind, *seed, &rows).to_json().expect("stored");
+        eprintln!("robot {seed}: trained");
+        let found: Vec<[Score; 2]> = (0..CHANGES.len() * TRIALS)
+            .into_par_iter()
+            .map(|n| {
+                let mut change = ChangeConfig::default();
+                CHANGES[n / TRIALS].1(&mut change);
+                let session = 11 + (n % TRIALS) as u64;
+                let [free, loaded] = trial(*seed, session, change, FREE_S, 180.0);
+                let mut estimator = Estimator::from_json(&text).expect("a model");
+                let frozen = score(&estimator, &loaded);
+                estimator.recalibrate(&[&free]).expect("recalibrated");
+                [frozen, score(&estimator, &loaded)]
+            })
+            .collect();
+        for (n, of) in found.into_iter().enumerate() {
+            for (all, one) in scores[n / TRIALS].iter_mut().zip(of) {
+                all.push(one);
+            }
+        }
+    }
+    println!("| change | frozen: MAE, N | covers, % | alarm within 60 s | after a minute: MAE, N | covers, % | alarm |");
+    println!("| --- | --- | --- | --- | --- | --- | --- |");
+    for ((name, _), [frozen, minute]) in CHANGES.iter().zip(&scores) {
+        println!(
+            "| {name} | {} | {} of {} | {} | {} of {} |",
+            cells(frozen),
+            early(frozen),
+            frozen.len(),
+            cells(minute),
+            minute.iter().filter(|s| s.alarm_s.is_some()).count(),
+            minute.len()
+        );
+    }
+    let all = || scores.iter().flat_map(|[frozen, _]| frozen);
+    let bad: Vec<Score> = all().filter(|s| s.covered < 0.8).copied().collect();
+    println!(
+        "\nFrozen, covered below 80 %: alarm within 60 s in {} of {} trials; unchanged: an alarm in {} of {}.",
+        early(&bad),
+        bad.len(),
+        scores[0][0].iter().filter(|s| s.alarm_s.is_some()).count(),
+        scores[0][0].len()
+    );
+}
