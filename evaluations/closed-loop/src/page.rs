@@ -92,8 +92,8 @@ what the board can use into a rig file, and holds the force again. The effect is
 
 {HEAD}{rows}
 Kinds of effect that were named in most units, and the force was held better after: {}
-({}). Not all of that is due to the effect: the units' own scatter is corrected with it, and friction is declared
-0.1 N below what is found, which helps by itself, as the row with nothing undeclared shows.
+({}). Not all of that is due to the effect: the units' own scatter is corrected with it, as the row with nothing
+undeclared shows.
 
 Kinds that had cost the worst cable a tenth or more against *without it*, of whose cost at least half is gone: {}
 ({}).

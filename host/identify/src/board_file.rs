@@ -189,7 +189,7 @@ mod tests {
             let expected = UnitSettings {
                 friction_offset_n: 0.25,
                 // 0.1 N below what was found.
-                coulomb_n: 0.7,
+                coulomb_n: 0.8,
                 coulomb_per_n: 0.1,
                 ..*old
             };
@@ -222,8 +222,8 @@ mod tests {
             })
             .expect("applies");
         let rig = Rig::parse("new", &text).expect("still a rig file");
-        assert!((rig.units[0].coulomb_n - 1.009).abs() < 1e-9);
-        assert!((rig.units[1].coulomb_n - 0.6).abs() < 1e-9);
+        assert!((rig.units[0].coulomb_n - 1.109).abs() < 1e-9);
+        assert!((rig.units[1].coulomb_n - 0.7).abs() < 1e-9);
         assert!((rig.units[0].friction_gain - 1.0282).abs() < 1e-9);
         assert!((rig.units[0].coulomb_per_n - 0.1555).abs() < 1e-9);
         assert!(text.contains("coulomb_n = 0.6 # its own"), "{text}");
@@ -250,7 +250,7 @@ mod tests {
             .replacen("coulomb_n = 0.909", "\"coulomb_n\" = 0.909", 1);
         file.rig = Rig::parse("rig.toml", &file.text).expect("quoted keys are TOML");
         let (text, _) = file.edit(&board()).expect("quoted keys can be changed");
-        assert!(text.contains("\"coulomb_n\" = 0.7\n"), "{text}");
+        assert!(text.contains("\"coulomb_n\" = 0.8\n"), "{text}");
         Rig::parse("rig.toml", &text).expect("the result is a rig file");
     }
 }

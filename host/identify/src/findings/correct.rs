@@ -8,10 +8,6 @@ use std::f64::consts::TAU;
 
 /// Largest change of `coulomb_n`, N. More is a reel that rubs and needs repair.
 const MAX_COULOMB_CHANGE_N: f64 = 2.0;
-/// Dry friction is declared this much below what was found, N. On the plant (`tension_loop` example of `control`,
-/// `seconds=20 seeds=2 coulomb=...`) tensions are 0.030 N off with 0.1 N less than there is, 0.032 N with just that, and
-/// 0.042 N with 0.1 N more: too much of it drives the reel past the reversal.
-pub const FRICTION_MARGIN_N: f64 = 0.1;
 /// Largest change of `coulomb_per_n`.
 const MAX_COULOMB_PER_N_CHANGE: f64 = 0.25;
 /// Largest change of `friction_offset_n`, N.
@@ -193,7 +189,7 @@ fn correct_offset_and_friction(
             0.0..=5.0,
         )?;
         if frame.increment || compensation.friction != 0.0 {
-            new.coulomb_n = (found - FRICTION_MARGIN_N).max(0.0);
+            new.coulomb_n = found;
         }
     }
     Ok(())

@@ -26,8 +26,8 @@ fn ripple(order: f64, amplitude: f64, phase: f64, of_load: bool) -> Ripple {
     }
 }
 
-/// Force of a unit by its settings, as the board's documentation has it, with this much more dry friction.
-fn force(u: &UnitSettings, more: f64, dac: f64, speed: f64, travel: f64) -> f64 {
+/// Force of a unit by its settings, as the board's documentation has it.
+fn force(u: &UnitSettings, dac: f64, speed: f64, travel: f64) -> f64 {
     let command = dac / u.dac_codes_per_n;
     let ripples: f64 = u
         .ripples
@@ -36,7 +36,7 @@ fn force(u: &UnitSettings, more: f64, dac: f64, speed: f64, travel: f64) -> f64 
         .map(|r| r.amplitude_n * (TAU * travel / r.period_m + r.phase_rad).sin())
         .sum();
     u.friction_offset_n + u.friction_gain * command
-        - speed.signum() * (u.coulomb_n + more + u.coulomb_per_n * command)
+        - speed.signum() * (u.coulomb_n + u.coulomb_per_n * command)
         - u.viscous_n_s_per_m * speed
         + ripples
 }
@@ -68,10 +68,24 @@ fn new_settings_say_what_old_ones_and_findings_said() {
             + sign * (compensation.friction + compensation.friction_per_load * load)
             + compensation.viscous * speed
             + 0.5 * f64::sin(26.0 / 7.0 * travel / 0.010 + 1.2);
-        let expected = force(&old, 0.0, dac, speed, travel) + found;
-        let made = force(&new.unit, FRICTION_MARGIN_N, dac, speed, travel);
+        let expected = force(&old, dac, speed, travel) + found;
+        let made = force(&new.unit, dac, speed, travel);
         // Rounded to four digits.
         assert!((made - expected).abs() < 2e-3, "{made} {expected}");
+    }
+}
+
+/// A second `identify` on the result of the first finds what is left, and takes nothing away by itself.
+#[test]
+fn what_was_not_found_is_not_changed() {
+    let old = rig().units[0];
+    let per_load = Compensation {
+        friction_per_load: -0.05,
+        ..Compensation::default()
+    };
+    for compensation in [Compensation::default(), per_load] {
+        let new = correct(&old, &compensation, &frame());
+        assert_eq!(new.unit.coulomb_n, old.coulomb_n, "{compensation:?}");
     }
 }
 
