@@ -226,7 +226,7 @@ mod tests {
         assert!((rig.units[1].coulomb_n - 0.7).abs() < 1e-9);
         assert!((rig.units[0].friction_gain - 1.0282).abs() < 1e-9);
         assert!((rig.units[0].coulomb_per_n - 0.1555).abs() < 1e-9);
-        assert!(text.contains("coulomb_n = 0.6 # its own"), "{text}");
+        assert!(text.contains("coulomb_n = 0.7 # its own"), "{text}");
     }
 
     #[test]
