@@ -79,6 +79,9 @@ fn a_silent_converter_stops_its_unit_after_12_5_ms() {
         );
         bench.run(1);
         only(&mut bench, unit, Fault::SensorSilent, true);
+        // Microseconds without a sample.
+        assert_eq!(bench.status().units[unit].fault_detail, 13_000);
+        assert_eq!(bench.board.reports.last().expect("a report").detail, 13_000);
     }
 }
 
@@ -525,5 +528,77 @@ fn an_encoder_that_jumps_stops_its_unit_with_that_sample() {
         bench.wound[unit] += 3_000;
         bench.run(6);
         assert_eq!(bench.status().units[unit].fault, 0);
+    }
+}
+
+/// One cable alone pulls at the tip with its tension.
+#[test]
+fn each_cable_counts_at_the_tip() {
+    for unit in 0..UNITS {
+        for (tension_un, exceeded) in [(2_700_000, false), (4_000_000, true)] {
+            let mut bench = Bench::ready();
+            let config = wire::message::BoardConfig {
+                tip_force_limit_un: 3_000_000,
+                ..Default::default()
+            };
+            bench.done(Command::StageBoard { config });
+            bench.done(Command::CommitConfig);
+            bench.run(50);
+            bench.done(Command::Arm);
+            let units = core::array::from_fn(|other| UnitSetpoint {
+                tension_un: if other == unit { tension_un } else { 0 },
+                inv_cos_q16: 65_536,
+                direction_q14: bench.directions[other],
+            });
+            let mut above_ms = 0;
+            for ms in 0..300 {
+                if ms % 10 == 0 {
+                    let setpoints = Command::Setpoints {
+                        valid_ms: 100,
+                        units,
+                    };
+                    let _ = bench.ask(0, setpoints);
+                }
+                bench.run(1);
+                let status = bench.status();
+                if status.fault != 0 {
+                    break;
+                }
+                let largest_un = status.tip_force_un.iter().map(|un| un.abs()).max();
+                above_ms = if largest_un > Some(3_000_000) {
+                    above_ms + 1
+                } else {
+                    0
+                };
+                assert!(above_ms <= 12, "unit {unit}, {tension_un} uN");
+            }
+            let fault = Fault::from_code(bench.status().fault);
+            assert_eq!(
+                fault,
+                exceeded.then_some(Fault::TipForce),
+                "unit {unit}, {tension_un} uN"
+            );
+            bench.run(3);
+            assert_eq!(bench.all_at_zero(), exceeded);
+        }
+    }
+}
+
+/// A slack cable that somebody winds in, and a weight that is hung on it later, are no output that pulls.
+#[test]
+fn cable_that_was_wound_in_without_tension_is_forgotten() {
+    for unit in 0..UNITS {
+        let mut bench = held();
+        bench.done(Command::Stop);
+        bench.run(500);
+        for _ in 0..100 {
+            bench.wound[unit] += 30;
+            bench.run(3);
+        }
+        bench.run(1_000);
+        bench.cell_n[unit] = Some(3.0);
+        bench.run(300);
+        assert!(!bench.machine.withholds_alive(), "unit {unit}");
+        assert_eq!(bench.status().fault, Fault::HostStop.code());
     }
 }

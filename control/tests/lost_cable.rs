@@ -87,6 +87,28 @@ fn the_setpoint_waits_while_a_slack_cable_is_wound_in_and_only_then() {
     }
 }
 
+/// From 30 mm/s on a cable without tension is braked by 200 N s/m of what is faster, and none that is tight.
+#[test]
+fn a_reel_that_takes_up_slack_fast_is_braked() {
+    let after_a_second = |speed_mm_s: i64, tension_un: i64| {
+        let mut unit = Unit::new();
+        let step_nm = speed_mm_s * i64::from(PERIOD_US);
+        let outputs: Vec<Output> = (0..320)
+            .map(|_| unit.sample(step_nm, tension_un, 2_000_000, Drive::Follow))
+            .collect();
+        outputs.last().expect("samples").command.to_un()
+    };
+    let slow_un = after_a_second(29, 0);
+    assert!(slow_un > 2_000_000, "{slow_un}");
+    assert!(
+        after_a_second(35, 0) < slow_un - 500_000,
+        "1 N less, and the damping"
+    );
+    assert_eq!(after_a_second(100, 0), 0);
+    let tight_un = after_a_second(100, 1_500_000);
+    assert!(tight_un > 1_000_000, "{tight_un}");
+}
+
 #[test]
 fn a_reel_that_winds_in_without_tension_is_stopped_after_150_mm() {
     let mut unit = Unit::new();

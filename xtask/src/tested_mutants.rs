@@ -58,6 +58,14 @@ mutants! { TESTED:
     "trip-samples-8": "control/src/unit.rs", "pub const TRIP_SAMPLES: u8 = 2;" => "pub const TRIP_SAMPLES: u8 = 8;";
     "over-tension-after-correction-only": "control/src/unit.rs", "let strongest = if uncorrected > gated {" => "let strongest = if false {";
     "lost-cable-metre": "control/src/unit.rs", "pub const LOST_TRAVEL_NM: i32 = 150_000_000;" => "pub const LOST_TRAVEL_NM: i32 = 1_000_000_000;";
+    "setpoint-never-waits": "control/src/unit.rs", "let closing = tension < SLACK_TENSION && state.last_travel_nm > CLOSING_NM;" => "let closing = false;";
+    "setpoint-waits-at-rest": "control/src/unit.rs", "tension < SLACK_TENSION && state.last_travel_nm > CLOSING_NM;" => "tension < SLACK_TENSION;";
+    "setpoint-waits-when-tight": "control/src/unit.rs", "let closing = tension < SLACK_TENSION && state" => "let closing = state";
+    "closing-from-5-mm-s": "control/src/unit.rs", "const CLOSING_NM: i32 = 62_500;" => "const CLOSING_NM: i32 = 15_625;";
+    "closing-from-50-mm-s": "control/src/unit.rs", "const CLOSING_NM: i32 = 62_500;" => "const CLOSING_NM: i32 = 156_250;";
+    "take-up-at-4-n": "control/src/unit.rs", "pub const TAKE_UP_TENSION: Newton = Newton::from_un(2_000_000);" => "pub const TAKE_UP_TENSION: Newton = Newton::from_un(4_000_000);";
+    "brake-from-60-mm-s": "control/src/unit.rs", "pub const TAKE_UP_NM: i32 = 93_750;" => "pub const TAKE_UP_NM: i32 = 187_500;";
+    "brake-when-tight": "control/src/unit.rs", "let missing = slack.saturating_sub(tension.clamp_to(Newton::ZERO, slack));" => "let missing = slack;";
     "no-brake": "control/src/unit.rs", "let braked = unlimited.saturating_sub(brake(tension, setpoint, travel_nm));" => "let braked = unlimited.saturating_sub(Newton::ZERO);";
     "negative-samples-60": "control/src/plausible.rs", "pub const NEGATIVE_SAMPLES: u8 = 6;" => "pub const NEGATIVE_SAMPLES: u8 = 60;";
     "surge-tenfold": "control/src/plausible.rs", "pub const SURGE: Newton = Newton::from_un(2_000_000);" => "pub const SURGE: Newton = Newton::from_un(20_000_000);";
