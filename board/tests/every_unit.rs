@@ -602,3 +602,62 @@ fn cable_that_was_wound_in_without_tension_is_forgotten() {
         assert_eq!(bench.status().fault, Fault::HostStop.code());
     }
 }
+
+/// A reel that turns while its zero is measured has a tight cable, and the robot moves: however steady the load cell is.
+#[test]
+fn a_zero_is_refused_while_the_reel_turns() {
+    for unit in 0..UNITS {
+        // 4,229 nm a count: 23 are 97 um.
+        for (counts, refused) in [(30, true), (-30, true), (22, false), (-22, false)] {
+            let mut bench = Bench::ready();
+            bench.cell_n[unit] = Some(0.9);
+            bench.run(400);
+            bench.done(Command::Zero { units: 0b11_1111 });
+            bench.run(100);
+            bench.wound[unit] += counts;
+            bench.run(850);
+            let status = bench.status();
+            let fault = Fault::from_code(status.units[unit].fault);
+            assert_eq!(fault, refused.then_some(Fault::ZeroRefused), "{counts}");
+            if refused {
+                // Micrometres.
+                assert_eq!(status.units[unit].fault_detail, 126 | 1 << 30);
+            }
+            for other in (0..UNITS).filter(|other| *other != unit) {
+                assert_eq!(status.units[other].fault, 0);
+            }
+        }
+    }
+}
+
+/// Nothing shows how fast a slack cable is taken up where the encoder stands still: the command rises, and the reel rests.
+#[test]
+fn a_slack_cable_whose_encoder_stands_still_stops_its_unit() {
+    for unit in 0..UNITS {
+        let mut bench = Bench::ready();
+        bench.cell_n[unit] = Some(0.0);
+        bench.run(400);
+        bench.done(Command::Arm);
+        bench.board.zeroed.clear();
+        let (mut above_ms, mut most_n) = (0, 0.0f64);
+        for ms in 0..200 {
+            if ms % 5 == 0 {
+                bench.setpoints(8_000_000);
+            }
+            // As `Bench` turns a reel by its command.
+            let steps = f64::from(bench.last[unit].steps());
+            bench.wound[unit] = -((steps / 282.22 * 1.018 * 9.85) as i64);
+            bench.run(1);
+            if bench.status().units[unit].fault != 0 {
+                break;
+            }
+            let command_n = steps / 282.22;
+            most_n = most_n.max(command_n);
+            above_ms += u32::from(command_n > 1.2);
+        }
+        only(&mut bench, unit, Fault::Implausible, false);
+        // Friction is 0.9 N and more: from here on a reel that is free moves.
+        assert!(above_ms <= 50, "unit {unit}: {above_ms} ms");
+        assert!(most_n < 5.0, "unit {unit}: {most_n} N");
+    }
+}

@@ -192,9 +192,9 @@ faults! {
         detail: "travel wound in, in micrometres";
     /// Zeroing refused.
     ZeroRefused = 40, Unit, "zeroing refused",
-        meaning: "The load cell was not steady while its zero was averaged, or the zero is further from the stored one than the configuration permits.",
-        way_out: "Make sure the cable is slack and at rest, clear, and zero again. For another load cell or mounting angle, put the new zero into the rig file.",
-        detail: "0: saturated; bit 31 clear: spread in ADC counts; bit 31 set: bits 30 to 0 are the mean's distance from the stored zero in counts";
+        meaning: "The load cell was not steady while its zero was averaged, or the reel turned, or the zero is further from the stored one than the configuration permits.",
+        way_out: "Make sure the cable is slack and the robot at rest, clear, and zero again. For another load cell or mounting angle, put the new zero into the rig file.",
+        detail: "0: saturated; bits 31 and 30 clear: spread in ADC counts; bit 30 set: bits 29 to 0 are the micrometres of cable by which the reel turned; bit 31 set: bits 30 to 0 are the mean's distance from the stored zero in counts";
     /// Reads fail.
     SensorReads = 41, Unit, "sensor reads fail",
         meaning: "The converter signals samples, but reading them over I2C failed several times in a row.",

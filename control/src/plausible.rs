@@ -96,6 +96,11 @@ const SLACK: Newton = Newton::from_un(500_000);
 /// that takes up slack moves.
 pub const SLACK_SAMPLES: u8 = 32;
 
+/// Sum of what the command would tighten such a cable by, past [`SLACK`] and as much again and less what the reel has gained, that
+/// makes a fault, in newton times samples: 6 are 19 mN s, or 37 mm/s of a reel of 0.51 kg. More than half a sample of 12 N, by
+/// which the travel lags. A command that rises gets there in 35 ms, before a reel whose encoder stands still is fast.
+pub const SLACK_IMPULSE: Newton = Newton::from_un(6_000_000);
+
 /// How fast the command's envelopes follow it, 1/8 a sample (25 ms): the measured tension follows the command by the
 /// converter's 6 ms, the filter's 2 ms and a quarter of the cable's swing, 7 ms.
 const ENVELOPE_SHIFT: u32 = 3;
@@ -120,6 +125,10 @@ pub struct Watch {
     sliding_below: Difference,
     sliding_above: Difference,
     slack: u8,
+    /// What the command would tighten a slack cable by.
+    held: Difference,
+    /// Command of the last sample: what the reel answers in this one.
+    last_command: Newton,
     surge: Surge,
 }
 
@@ -325,14 +334,23 @@ impl Watch {
     /// A cable that stays slack though the command would tighten it. Call it behind [`Self::sliding`], which averages the travel.
     fn slack(&mut self, config: &Config, drive: Drive, output: &Output) -> Option<(Fault, u32)> {
         let least = config.friction.least(self.low);
+        let now = config.friction.least(output.command.min(self.last_command));
+        self.last_command = output.command;
         let rests = (self.sliding_nm_x8 >> SLIDING_SHIFT).abs() < SLIDING_NM;
-        let slack = drive == Drive::Follow
-            && rests
-            && output.tension < SLACK
-            && least > SLACK.saturating_add(SLACK);
-        self.slack = count(self.slack, slack);
-        (self.slack >= SLACK_SAMPLES).then(|| {
-            let difference = least.saturating_sub(output.tension);
+        let would = SLACK.saturating_add(SLACK);
+        let slack = drive == Drive::Follow && rests && output.tension < SLACK;
+        self.slack = count(self.slack, slack && least > would);
+        let excess = if slack {
+            now.saturating_sub(would)
+        } else {
+            Newton::ZERO
+        };
+        let held = self
+            .held
+            .add(excess, output.travel_nm, SLACK_IMPULSE)
+            .is_some();
+        (held || self.slack >= SLACK_SAMPLES).then(|| {
+            let difference = least.max(now).saturating_sub(output.tension);
             (Fault::Implausible, milli(difference))
         })
     }

@@ -5,7 +5,8 @@
 //! slack. A zero far from the one that was stored with the calibration is no zero: a cable under load would read too
 //! little from then on, and its motor pull too much.
 
-use crate::units::AdcCode;
+use crate::friction::travel;
+use crate::units::{AdcCode, EncoderCounts};
 
 /// Samples of an average: 0.8 s at 320 SPS, which takes the standard error of 5 mN noise to 0.3 mN and is
 /// 40 periods of 50 Hz mains.
@@ -16,6 +17,10 @@ pub const SAMPLES: u16 = 256;
 /// that swings spreads over more than 0.3 N.
 pub const MAX_SPREAD: u32 = 35_000;
 
+/// Travel of the reel meanwhile that makes a zero none, in nanometres: twice what a presliding contact springs back (50 um). A slack
+/// cable turns no reel: a robot that moves does, by a cable that friction of the reel holds tight.
+pub const MAX_TRAVEL_NM: i32 = 100_000;
+
 /// Why there is no zero. [`Refused::detail`] is the number that fault pages and telemetry show.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Refused {
@@ -25,6 +30,8 @@ pub enum Refused {
     FarOff(i32),
     /// The converter stands at the end of its range.
     Saturated,
+    /// The reel turned by this many nanometres of cable: the cable is tight, and the robot moves.
+    Turned(i32),
 }
 
 /// Result after a sample.
@@ -48,6 +55,8 @@ pub struct Averager {
     /// The zero found when the unit was calibrated, and how far a new one may be from it, in counts.
     stored: i32,
     deviation: u32,
+    /// The encoder at the first sample.
+    began: Option<EncoderCounts>,
 }
 
 impl Averager {
@@ -61,7 +70,15 @@ impl Averager {
             high: i32::MIN,
             stored,
             deviation,
+            began: None,
         }
+    }
+
+    /// The encoder at a sample; call it before [`Self::push`]. Why there is no zero, where the reel has turned.
+    pub fn turned(&mut self, counts: EncoderCounts, nm_per_count: i32) -> Option<Refused> {
+        let began = *self.began.get_or_insert(counts);
+        let travel_nm = travel(began, counts, nm_per_count);
+        (travel_nm.saturating_abs() > MAX_TRAVEL_NM).then_some(Refused::Turned(travel_nm))
     }
 
     /// Takes a sample. After `Done` or `Refused` a new average begins with the next sample.
@@ -95,12 +112,13 @@ impl Averager {
 
 impl Refused {
     /// Detail of [`crate::Fault::ZeroRefused`]: 0 saturated; otherwise the spread or the code's magnitude
-    /// in counts, with bit 31 set where it is a code.
+    /// in counts, with bit 31 set where it is a code; with bit 30 set the travel's size in micrometres.
     #[must_use]
     pub const fn detail(self) -> u32 {
         match self {
             Self::Saturated => 0,
             Self::Unsteady(spread) => spread,
+            Self::Turned(travel_nm) => travel_nm.unsigned_abs() / 1_000 | 1 << 30,
             Self::FarOff(code) => code.unsigned_abs() | 1 << 31,
         }
     }

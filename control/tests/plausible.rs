@@ -174,3 +174,62 @@ fn an_amplifier_that_jumps_is_found_within_20_ms() {
         );
     }
 }
+
+/// A slack cable, or one that breaks: its reel is free, and takes up what friction leaves of the command. The fault within 0.1 s.
+fn free_reel(command_n: f64, n_per_s: f64, friction: f64, mass_kg: f64) -> Option<(Fault, f64)> {
+    let config = Config::nominal();
+    let wire = Config::from_wire(&config).unwrap();
+    let mut watch = Watch::default();
+    let (mut speed, mut reel_m, mut last) = (0.0f64, 0.0f64, EncoderCounts(0));
+    for sample in 0..32 {
+        let t = f64::from(sample) * SAMPLE_S;
+        let command = command_n.min(n_per_s * t);
+        let pull = Newton::from_un((command * 1e6) as i32);
+        // What the model makes of it, with another friction.
+        let least = f64::from(wire.least_tension(pull).to_un()) * 1e-6;
+        let free_n = (command - friction * (command - least)).max(0.0);
+        let output = Output {
+            command: pull,
+            setpoint: Newton::from_un(2_000_000),
+            travel_nm: travel(
+                last,
+                EncoderCounts((reel_m * 1e9 / f64::from(config.travel_nm_per_count)) as i64),
+                config.travel_nm_per_count,
+            ),
+            ..Output::default()
+        };
+        last = EncoderCounts((reel_m * 1e9 / f64::from(config.travel_nm_per_count)) as i64);
+        let code = AdcCode::new(1_000 * sample);
+        if let Some((fault, _)) = watch.sample(&wire, Drive::Follow, code, &output) {
+            return Some((fault, t));
+        }
+        speed += free_n / mass_kg * SAMPLE_S;
+        reel_m += speed * SAMPLE_S;
+    }
+    None
+}
+
+proptest! {
+    /// However fast the command rises, or where it is when the cable breaks, and with other friction than configured.
+    #[test]
+    fn a_reel_that_is_free_is_no_fault(
+        command_n in 1.2..12.0,
+        n_per_s in 20.0..1e5,
+        friction in 0.7..1.3,
+    ) {
+        prop_assert_eq!(free_reel(command_n, n_per_s, friction, MASS_KG), None);
+    }
+}
+
+/// The same reel with an encoder that stands still: a mass without end.
+#[test]
+fn a_reel_that_rests_on_a_slack_cable_is_found_within_50_ms_of_what_would_move_it() {
+    for (command_n, n_per_s) in [(12.0, 100.0), (12.0, 1e5), (4.0, 100.0), (2.8, 1e5)] {
+        let found = free_reel(command_n, n_per_s, 1.0, f64::INFINITY);
+        let moves_s = 1.2 / n_per_s;
+        assert!(
+            matches!(found, Some((Fault::Implausible, t)) if t - moves_s < 0.05),
+            "{command_n} N at {n_per_s} N/s: {found:?}"
+        );
+    }
+}

@@ -67,6 +67,13 @@ mutants! { TESTED:
     "brake-from-60-mm-s": "control/src/unit.rs", "pub const TAKE_UP_NM: i32 = 93_750;" => "pub const TAKE_UP_NM: i32 = 187_500;";
     "brake-when-tight": "control/src/unit.rs", "let missing = slack.saturating_sub(tension.clamp_to(Newton::ZERO, slack));" => "let missing = slack;";
     "no-brake": "control/src/unit.rs", "let braked = unlimited.saturating_sub(brake(tension, setpoint, travel_nm));" => "let braked = unlimited.saturating_sub(Newton::ZERO);";
+    "slack-impulse-ignored": "control/src/plausible.rs", "(held || self.slack >= SLACK_SAMPLES)" => "(self.slack >= SLACK_SAMPLES)";
+    "slack-impulse-tenfold": "control/src/plausible.rs", "pub const SLACK_IMPULSE: Newton = Newton::from_un(6_000_000);" => "pub const SLACK_IMPULSE: Newton = Newton::from_un(60_000_000);";
+    "slack-impulse-of-half": "control/src/plausible.rs", "pub const SLACK_IMPULSE: Newton = Newton::from_un(6_000_000);" => "pub const SLACK_IMPULSE: Newton = Newton::from_un(1_000_000);";
+    "zero-while-turning": "control/src/zero.rs", "(travel_nm.saturating_abs() > MAX_TRAVEL_NM)" => "(false)";
+    "zero-turns-a-millimetre": "control/src/zero.rs", "pub const MAX_TRAVEL_NM: i32 = 100_000;" => "pub const MAX_TRAVEL_NM: i32 = 1_000_000;";
+    "zero-turns-one-way": "control/src/zero.rs", "(travel_nm.saturating_abs() > MAX_TRAVEL_NM)" => "(travel_nm > MAX_TRAVEL_NM)";
+    "zero-turns-less": "control/src/zero.rs", "pub const MAX_TRAVEL_NM: i32 = 100_000;" => "pub const MAX_TRAVEL_NM: i32 = 50_000;";
     "negative-samples-60": "control/src/plausible.rs", "pub const NEGATIVE_SAMPLES: u8 = 6;" => "pub const NEGATIVE_SAMPLES: u8 = 60;";
     "surge-tenfold": "control/src/plausible.rs", "pub const SURGE: Newton = Newton::from_un(2_000_000);" => "pub const SURGE: Newton = Newton::from_un(20_000_000);";
     "sliding-impulse-tenfold": "control/src/plausible.rs", "pub const SLIDING_IMPULSE: Newton = Newton::from_un(10_000_000);" => "pub const SLIDING_IMPULSE: Newton = Newton::from_un(100_000_000);";

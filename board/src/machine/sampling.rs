@@ -151,7 +151,7 @@ impl Machine {
         }
         pending.tip_force_mn = self.tip.sample(unit, output.tension);
         if slot.zero.is_some() {
-            self.average_zero(unit, pending.adc_code, at, fx);
+            self.average_zero(pending, fx);
         }
         if let Some((fault, detail)) = doubt {
             self.fault_unit(unit, fault, detail, at, fx);
@@ -168,12 +168,18 @@ impl Machine {
         }
     }
 
-    fn average_zero(&mut self, unit: UnitIndex, code: AdcCode, at: Micros, fx: &mut impl Effects) {
+    fn average_zero(&mut self, pending: &PendingSample, fx: &mut impl Effects) {
+        let (unit, at) = (pending.unit, pending.at);
         let slot = &mut self.units[unit as usize];
         let Some(averager) = &mut slot.zero else {
             return;
         };
-        match averager.push(code) {
+        let nm = slot.config.nm_per_count();
+        let progress = match averager.turned(pending.encoder_counts, nm) {
+            Some(why) => Progress::Refused(why),
+            None => averager.push(pending.adc_code),
+        };
+        match progress {
             Progress::Collecting(_) => {}
             Progress::Done(zero) => {
                 slot.zero = None;
