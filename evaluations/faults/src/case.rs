@@ -18,6 +18,9 @@ pub const HELD_N: (f64, f64) = (2.6, 11.4);
 /// Those of the expected faults, N: their times and tensions are of these.
 pub const EXPECTED_N: (f64, f64) = (3.0, 8.0);
 
+/// Slack of every cable at power-on, mm: of the bases in turn.
+pub const SLACK_MM: [f64; 4] = [0.0, 1.0, 5.0, 20.0];
+
 /// The rigs at the beginning of each phase, from which each case takes a copy.
 pub struct Bases(Vec<Vec<Rig>>);
 
@@ -25,15 +28,26 @@ impl Bases {
     /// Prepares them over the whole range of tension; takes some seconds.
     #[must_use]
     pub fn new(seed: u64, current_limit_a: f64) -> Self {
-        Self::between(seed, current_limit_a, HELD_N)
+        let slack_mm = |base: u64| SLACK_MM[base as usize % SLACK_MM.len()];
+        Self::prepared(seed, current_limit_a, HELD_N, slack_mm)
     }
 
-    /// Prepares them with tensions of this range, N.
+    /// Prepares them with tensions of this range, N, and without slack.
     #[must_use]
     pub fn between(seed: u64, current_limit_a: f64, range_n: (f64, f64)) -> Self {
+        Self::prepared(seed, current_limit_a, range_n, |_| 0.0)
+    }
+
+    fn prepared(
+        seed: u64,
+        current_limit_a: f64,
+        range_n: (f64, f64),
+        slack_mm: impl Fn(u64) -> f64,
+    ) -> Self {
         let rigs = (0..BASES).map(|n| {
             let plant = seed.wrapping_mul(1_000).wrapping_add(n + 1);
-            Rig::phases(plant, Self::held_n(n, range_n), current_limit_a)
+            let held_n = Self::held_n(n, range_n);
+            Rig::phases(plant, held_n, current_limit_a, 1e-3 * slack_mm(n))
         });
         Self(rigs.collect())
     }
@@ -84,7 +98,10 @@ pub fn run(bases: &Bases, number: u64, plan: Plan) -> Outcome {
 /// Runs a case on a rig at its first injection.
 #[must_use]
 pub fn run_on(mut rig: Rig, number: u64, plan: Plan) -> Outcome {
-    let mut watch = Watch::new(std::array::from_fn(|unit| rig.wound_m(unit)));
+    let mut watch = Watch::new(
+        std::array::from_fn(|unit| rig.wound_m(unit)),
+        std::array::from_fn(|unit| rig.tension_n(unit)),
+    );
     rig.inject(plan.first);
     let second_at = plan.second.map_or(0, |(_, ms)| ms);
     // Two different things of one kind would fight over one place; the second is what counts then.

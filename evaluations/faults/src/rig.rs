@@ -39,7 +39,13 @@ impl Rig {
     /// Where there can be none.
     #[must_use]
     pub fn at_power_on(seed: u64, hold_n: [f64; UNITS], current_limit_a: f64) -> Self {
+        Self::with_slack(seed, hold_n, current_limit_a, 0.0)
+    }
+
+    /// As [`Self::at_power_on`], with so much slack in each cable, m.
+    fn with_slack(seed: u64, hold_n: [f64; UNITS], current_limit_a: f64, slack_m: f64) -> Self {
         let mut config = PlantConfig::default();
+        config.cable.initial_slack_m = slack_m;
         config.amplifier.current_limit_a = current_limit_a;
         let plant = Plant::new(config, seed).expect("the default is valid");
         let random = Random::stream(seed, 0xFA);
@@ -73,12 +79,17 @@ impl Rig {
         (running && !rig.is_faulted()).then_some(rig)
     }
 
-    /// Rigs at the beginning of each phase, in the order of [`Phase::ALL`].
+    /// Rigs at the beginning of each phase, in the order of [`Phase::ALL`], with so much slack at power-on, m.
     ///
     /// # Panics
     /// As [`Self::armed`].
     #[must_use]
-    pub fn phases(seed: u64, hold_n: [f64; UNITS], current_limit_a: f64) -> Vec<Self> {
+    pub fn phases(
+        seed: u64,
+        hold_n: [f64; UNITS],
+        current_limit_a: f64,
+        slack_m: f64,
+    ) -> Vec<Self> {
         let begun = |phase| match phase {
             Phase::Boot => usize::MAX,
             Phase::BringUp => 6,
@@ -86,7 +97,7 @@ impl Rig {
             Phase::FirstSecond => 2,
             Phase::Holding | Phase::Clear | Phase::Reconfiguration => 0,
         };
-        let mut rig = Self::at_power_on(seed, hold_n, current_limit_a);
+        let mut rig = Self::with_slack(seed, hold_n, current_limit_a, slack_m);
         let rigs = Phase::ALL.iter().map(|(phase, _)| {
             while rig.host.steps_left() > begun(*phase) {
                 rig.run_ms(1);

@@ -1,6 +1,6 @@
 //! The summary of outcomes as text: a row for each category, pairs for themselves, and every hazard.
 
-use crate::case::HELD_N;
+use crate::case::{HELD_N, SLACK_MM};
 use crate::host::SWING_N;
 use crate::injection::{Category, Phase, BASES};
 use crate::outcome::Outcome;
@@ -97,6 +97,10 @@ pub fn drawn(outcomes: &Outcomes, current_limit_a: f64) -> String {
         "tensions of {:.1} to {:.1} N: {BASES} plants a seed hold {least} to {largest} N, and their setpoints swing by {SWING_N} N",
         least - SWING_N,
         largest + SWING_N
+    );
+    let _ = writeln!(
+        text,
+        "slack of the plants at power-on, in turn: {SLACK_MM:?} mm"
     );
     let phases = Phase::ALL.map(|(phase, _)| {
         let cases = count(&|outcome| outcome.plan.phase.0 == phase);
