@@ -1,11 +1,12 @@
 //! Panic handler and fault handlers: panic, HardFault, interrupts without a handler. All of them call
 //! [`crash_record::fail`]: 0 V, crash record, reset.
 //!
-//! HardFault may be entered with an invalid stack pointer (the stack lies in DTCM and faults when it overflows).
+//! HardFault may be entered with an invalid stack pointer (the stack lies in DTCM above a guard of the MPU, and faults when it
+//! overflows).
 //! So its handler starts in assembly, saves the old pointer and starts a new stack at the top.
 
 use board::hw::pac::SCB;
-use board::hw::{crash_record, gpio};
+use board::hw::{crash_record, gpio, startup};
 use control::Fault;
 use core::fmt::Write;
 use core::panic::PanicInfo;
@@ -61,8 +62,8 @@ extern "C" fn hard_fault(old_stack: *const u32) -> ! {
         static _stack_start: u8;
     }
     // Addresses only.
-    let stack =
-        core::ptr::addr_of!(_stack_end) as usize..core::ptr::addr_of!(_stack_start) as usize - 31;
+    let stack = core::ptr::addr_of!(_stack_end) as usize + startup::STACK_GUARD as usize
+        ..core::ptr::addr_of!(_stack_start) as usize - 31;
     let pc = if stack.contains(&(old_stack as usize)) && old_stack.is_aligned() {
         // SAFETY: within the stack, eight words below its top.
         unsafe { old_stack.add(6).read_volatile() }

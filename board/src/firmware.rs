@@ -96,6 +96,8 @@ impl Board {
         gpio::configure();
         let silicon = startup::revision(&part.DBGMCU);
         startup::axi_read_fix(silicon);
+        let option_bytes = part.FLASH.optsr_cur().read().bits();
+        startup::guards(&mut core.MPU);
         let startup::Clocks { reset_flags, hse } =
             startup::clocks(&part.RCC, &part.PWR, &part.FLASH);
         startup::caches(&mut core.SCB);
@@ -129,6 +131,7 @@ impl Board {
                 silicon,
                 hse,
                 reset_flags,
+                option_bytes,
                 crash_record,
             }),
             events,
@@ -230,12 +233,16 @@ impl Board {
         }
         self.machine.tick(now, health, &mut self.reports);
         sensors::set_pointer_ahead(self.machine.pointer_ahead());
-        // One counter a millisecond: noise at an encoder is seen within six.
+        // One counter a millisecond: noise at an encoder, and a chip that lost its registers, are seen within six.
         self.encoder_checked = (self.encoder_checked + 1) % UNITS;
         let unit = UnitIndex::ALL[self.encoder_checked];
+        if let Some(chip) = self.counters.lost(unit) {
+            (self.machine).fault_board(Fault::CounterBus, chip, now, &mut self.reports);
+        }
         if let Some(flags) = self.counters.noise(unit) {
             (self.machine).encoder_noise(unit, flags, now, &mut self.reports);
         }
+        self.machine.position(unit, self.counters.read(unit));
         let state = self.machine.system();
         if self.machine.holds_dacs() && !dac::is_held() {
             gpio::hold_dacs_at_zero();

@@ -126,9 +126,9 @@ faults! {
         detail: "SPI1 status register (RM0433 50.11.6)";
     /// Encoder counters.
     CounterBus = 14, Board, "encoder counter fault",
-        meaning: "An LS7266R1 does not keep what is written to it: the counter bus is not wired or not supplied, so positions and speeds would be wrong.",
-        way_out: "Check the 8-bit bus (PE8 to PE15), CS lines and supply of the counters, then clear.",
-        detail: "number of the counter, from 1";
+        meaning: "An LS7266R1 does not keep what is written to it: the counter bus is not wired or not supplied, so positions and speeds would be wrong. Or one that counted has lost its registers, as after a dip of its 5 V; it is set up again, and its positions begin anew.",
+        way_out: "Check the 8-bit bus (PE8 to PE15), CS lines and the 5 V of the counters, then restart the board: a clear does not end this fault.",
+        detail: "bits 7 to 0: number of the counter, from 1; bit 8 set: registers lost after the start";
     /// 0 V has no effect.
     OutputStuck = 15, Board, "0 V has no effect",
         meaning: "A motor was switched to 0 V, and its cable did not let go, or its reel wound in: the DAC, its select wire or the amplifier does not follow. All DACs are held at 0 V by RST, and the alive line is withheld, so that the PLC removes the amplifiers' power. A motor that had no force before (its amplifier is off) and a reel that is wound in by hand against 2 N look the same.",
@@ -173,8 +173,8 @@ faults! {
     /// Bring-up failed.
     BringUpFailed = 36, Unit, "bring-up failed",
         meaning: "The load-cell converter could not be set up.",
-        way_out: "Check the sensor module's supply and plug, then clear to try again. A failed calibration (stage 6) means an open or shorted bridge.",
-        detail: "bits 15 to 8: stage (1 address, 2 reset, 3 power-up, 4 revision, 5 registers, 6 calibration, 7 first sample), bits 7 to 0: register";
+        way_out: "Check the sensor module's supply and plug, then clear to try again. A failed calibration (stage 6) means an open or shorted bridge; no first sample (stage 7) means the DRDY line, which is broken or another unit's.",
+        detail: "bits 15 to 8: stage (1 address, 2 reset, 3 power-up, 4 revision, 5 registers, 6 calibration, 7 first sample: DRDY line), bits 7 to 0: register";
     /// ADC saturated.
     AdcSaturated = 37, Unit, "ADC saturated",
         meaning: "The converter was at the end of its range for several samples: the load cell is overloaded, unplugged or broken.",
@@ -217,7 +217,7 @@ faults! {
         detail: "size of the tension in millinewton";
     /// The measured tension does not fit the command.
     Implausible = 45, Unit, "tension implausible",
-        meaning: "The measured tension is outside the friction model's band around the command, and the reel does not move as the difference would make it; or the reel speeds up against a rising tension. The load cell reads wrong, the amplifier gives less or more than commanded, or friction is far from the configured one.",
+        meaning: "The measured tension is outside the friction model's band around the command, and the reel does not move as the difference would make it; or the reel speeds up against a rising tension; or the cable is slack and the reel rests against a command that would tighten it. The load cell reads wrong, the encoder stands still, the amplifier gives less or more than commanded, or friction is far from the configured one.",
         way_out: "Compare the load cell with a known weight, check the amplifier and its supply, and find friction with forcectl identify. plausible_n in the rig file is the permitted difference. Then clear and arm.",
         detail: "difference in millinewton; bit 31: more tension than the command makes";
     /// The command stands at its limit.

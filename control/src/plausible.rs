@@ -8,7 +8,7 @@
 //! | | the command with its limits, over time | [`Fault::CommandAtLimit`] |
 //! | | the tension with the friction model's band around the command, and the reel's motion with the difference | [`Fault::Implausible`] |
 //! | | the tension of a sliding reel with the edge of the band on that side | [`Fault::Implausible`] |
-//! | | a slack cable with what the command makes of a reel that rests, over time | [`Fault::Implausible`] |
+//! | | a slack cable with what the command makes of a reel that rests, over time and as a sum | [`Fault::Implausible`] |
 //! | | the speed that the reel gains while the tension rises, with what the command can give | [`Fault::Implausible`] |
 //!
 //! Whether 0 V has an effect: [`crate::let_go`].
@@ -96,7 +96,7 @@ const SLACK: Newton = Newton::from_un(500_000);
 /// that takes up slack moves.
 pub const SLACK_SAMPLES: u8 = 32;
 
-/// Sum of what the command would tighten such a cable by, past [`SLACK`] and as much again and less what the reel has gained, that
+/// Sum of what the command would tighten such a cable by, past twice `SLACK` and less what the reel has gained, that
 /// makes a fault, in newton times samples: 6 are 19 mN s, or 37 mm/s of a reel of 0.51 kg. More than half a sample of 12 N, by
 /// which the travel lags. A command that rises gets there in 35 ms, before a reel whose encoder stands still is fast.
 pub const SLACK_IMPULSE: Newton = Newton::from_un(6_000_000);
@@ -251,7 +251,8 @@ impl Watch {
 
     fn limited(&mut self, drive: Drive, output: &Output) -> Option<(Fault, u32)> {
         let error = output.setpoint.saturating_sub(output.tension);
-        let too_little = output.flags & flags::LIMITED != 0 && error > LIMIT_ERROR;
+        let bounds = flags::LIMITED | flags::AT_ZERO;
+        let too_little = output.flags & bounds != 0 && error > LIMIT_ERROR;
         let too_much =
             output.command <= Newton::ZERO && error < Newton::ZERO.saturating_sub(LIMIT_ERROR);
         self.at_limit = count(

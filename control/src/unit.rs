@@ -389,8 +389,10 @@ impl Controller {
                 output.setpoint = setpoint;
                 output.terms = terms;
                 output.feedforward = feedforward;
-                if limited != braked {
+                if limited < braked {
                     output.flags |= flags::LIMITED;
+                } else if limited > braked {
+                    output.flags |= flags::AT_ZERO;
                 }
                 if slewing {
                     output.flags |= flags::SLEWING;

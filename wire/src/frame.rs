@@ -172,6 +172,8 @@ mod tests {
                 spikes: u32::MAX,
                 period_us: u16::MAX,
                 tension_un: i32::MIN,
+                adc_code: i32::MIN,
+                encoder_counts: i32::MIN,
             }; crate::UNITS],
             tip_force_un: [i32::MIN; 3],
             alive_withheld: true,

@@ -23,7 +23,7 @@ pub use unit::{UnitIndex, UnitSet, UNITS};
 use postcard_schema::key::Key;
 
 /// Meaning of the messages. Counted up by hand when a field keeps its type but not its meaning.
-pub const ABI_VERSION: u16 = 3;
+pub const ABI_VERSION: u16 = 4;
 
 /// Layout of the messages, hashed from the types of both directions at compile time.
 pub const SCHEMA_HASH: [u8; 8] = {

@@ -308,7 +308,7 @@ pub enum CommandError {
     State(u8),
     /// A fault is latched (`control::faults`); clear it first.
     Faulted(u16),
-    /// The board has no unit with this number.
+    /// The board has no unit with this number; 255: no unit was named.
     UnknownUnit(u8),
     /// The unit exists but cannot take part now: it is disabled or its sensor is not up yet. No fault is latched.
     UnitNotReady {
@@ -343,8 +343,21 @@ pub struct BoardInfo {
     pub hse: bool,
     /// RCC_RSR at boot (RM0433 8.7.40): why it was reset.
     pub reset_flags: u32,
+    /// FLASH_OPTSR_CUR at boot (RM0433 section 4.4): the option bytes in force. See [`Self::brown_out_level`].
+    pub option_bytes: u32,
     /// Crash record of the previous run: the fault or panic that ended it, or `None`.
     pub crash_record: Option<CrashRecord>,
+}
+
+impl BoardInfo {
+    /// Level that docs/bring-up.md has set.
+    pub const BROWN_OUT_LEVEL: u8 = 3;
+
+    /// BOR_LEV of the option bytes, 0 to 3: below which supply the controller is reset; 0 is the factory's.
+    #[must_use]
+    pub const fn brown_out_level(&self) -> u8 {
+        (self.option_bytes >> 2 & 3) as u8
+    }
 }
 
 /// Why the run before this one ended.
@@ -428,6 +441,11 @@ pub struct UnitStatus {
     pub period_us: u16,
     /// Cable tension after the filter, in micronewton.
     pub tension_un: i32,
+    /// ADC code of the newest sample; 0: none since boot.
+    pub adc_code: i32,
+    /// Encoder position in counts, lowest 32 bits of the extended position. Read at least every 6 ms, whether the load cell
+    /// measures or not.
+    pub encoder_counts: i32,
 }
 
 /// Samples of any units, in the order they were taken.
@@ -476,7 +494,7 @@ pub struct Sample {
 pub mod flags {
     /// The spike gate replaced this sample.
     pub const SPIKE: u8 = 1;
-    /// The command is at its force limit.
+    /// The command is at its upper limit: the force limit, or the authority over the friction model.
     pub const LIMITED: u8 = 2;
     /// The command is at its slew limit.
     pub const SLEWING: u8 = 4;
@@ -488,4 +506,6 @@ pub mod flags {
     pub const ACTIVE: u8 = 32;
     /// A conversion before this one was not read in time.
     pub const MISSED: u8 = 64;
+    /// The command is at its lower limit: a motor pulls or does nothing.
+    pub const AT_ZERO: u8 = 128;
 }

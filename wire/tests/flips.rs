@@ -116,6 +116,8 @@ fn messages_of_the_board() {
         samples: 1_000,
         period_us: 3_120,
         tension_un: 3_012_345,
+        adc_code: 440_123,
+        encoder_counts: -1_200,
         ..UnitStatus::default()
     };
     let status = Status {
@@ -165,6 +167,7 @@ fn messages_of_the_board() {
         silicon: 0x2003,
         hse: true,
         reset_flags: 0x0040_0000,
+        option_bytes: 0x1006_AAF0,
         crash_record: None,
     };
     let messages = [

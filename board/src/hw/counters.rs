@@ -11,7 +11,7 @@ use crate::pins::{self, Pin};
 use control::{EncoderCounts, UnitIndex, UNITS};
 use core::convert::Infallible;
 use drivers::ls7266r1::{
-    Axis, Config, Direction, Error, Ls7266r1, ParallelBus, Port, PositionTracker, Target,
+    Axis, Config, CounterValue, Direction, Ls7266r1, ParallelBus, Port, PositionTracker, Target,
 };
 
 // Times in core cycles at 400 MHz. The part's minima are WR# 45 ns, RD# 80 ns, 90 ns between reads: 18, 32
@@ -87,10 +87,24 @@ impl ParallelBus for Pins {
     }
 }
 
+/// What a counter is loaded with at its start. One that loses its supply begins elsewhere, most likely at 0.
+const BEGIN: CounterValue = match CounterValue::new(0x55_5555) {
+    Some(value) => value,
+    None => CounterValue::ZERO,
+};
+
+/// Counts between two looks of [`Counters::lost`], 6 ms apart, that no motor makes: 0.4 m of cable.
+const LOST_COUNTS: u32 = 100_000;
+
+/// In the detail of "encoder counter fault": the chip worked, and has lost its registers.
+const LOST: u32 = 1 << 8;
+
 /// All six counters and their positions.
 pub struct Counters {
     chips: Ls7266r1<Pins>,
     positions: [PositionTracker; UNITS],
+    /// Each counter at the last look of [`Self::lost`]; `None`: it is to be set up.
+    looked: [Option<CounterValue>; UNITS],
 }
 
 const fn target(unit: UnitIndex) -> Target {
@@ -111,16 +125,47 @@ impl Counters {
         let mut counters = Self {
             chips: Ls7266r1::new(Pins),
             positions: [PositionTracker::new(Direction::Normal); UNITS],
+            looked: [None; UNITS],
         };
         let mut broken = None;
         for unit in UnitIndex::ALL {
-            if let Err(Error::SelfTest { target, .. }) =
-                counters.chips.init(target(unit), Config::MOTOR_ENCODER)
-            {
-                broken = broken.or(Some(u32::from(target.chip) + 1));
+            if !counters.set_up(unit) {
+                broken = broken.or(Some(u32::from(target(unit).chip) + 1));
             }
         }
         (counters, broken)
+    }
+
+    /// Sets a counter up and tests it; whether it works. Its position goes on from where it was.
+    fn set_up(&mut self, unit: UnitIndex) -> bool {
+        let target = target(unit);
+        let works = self.chips.init(target, Config::MOTOR_ENCODER).is_ok()
+            && self.chips.load(target, BEGIN).is_ok();
+        self.positions[unit as usize].forget_last();
+        self.looked[unit as usize] = works.then_some(BEGIN);
+        works
+    }
+
+    /// Looks whether a counter has lost its registers, as after a dip of its 5 V: it stands where no motor can have brought it. Both
+    /// counters of the chip are set up again then. Returns the detail of the fault, once.
+    pub fn lost(&mut self, unit: UnitIndex) -> Option<u32> {
+        let Some(before) = self.looked[unit as usize] else {
+            // It did not answer when it was set up. The fault is latched.
+            self.set_up(unit);
+            return None;
+        };
+        let now = self.chips.read(target(unit)).unwrap_or(before);
+        self.looked[unit as usize] = Some(now);
+        if now.counts_since(before).unsigned_abs() <= LOST_COUNTS {
+            return None;
+        }
+        let chip = target(unit).chip;
+        for other in UnitIndex::ALL {
+            if target(other).chip == chip {
+                self.set_up(other);
+            }
+        }
+        Some(u32::from(chip) + 1 | LOST)
     }
 
     /// Position of a unit's motor, now.

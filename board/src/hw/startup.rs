@@ -10,7 +10,7 @@
 
 use super::pac::{self, CRS, FLASH, PWR, RCC};
 use crate::clocks::{self, priority};
-use cortex_m::peripheral::{NVIC, SCB};
+use cortex_m::peripheral::{MPU, NVIC, SCB};
 
 /// Reads of a flag before it counts as missing: some milliseconds at 64 MHz; the slowest, HSE, takes 2 ms.
 const PATIENCE: u32 = 1_000_000;
@@ -186,6 +186,34 @@ pub fn trim_usb_clock() {
     crs.cfgr().modify(|_, w| unsafe { w.syncsrc().bits(3) });
     crs.cr()
         .modify(|_, w| w.autotrimen().enabled().cen().enabled());
+}
+
+/// Bytes at the bottom of the stack that nothing may access.
+pub const STACK_GUARD: u32 = 1 << STACK_GUARD_BITS;
+const STACK_GUARD_BITS: u32 = 10;
+
+/// Two regions of the MPU that nothing may access (PM0253 section 4.6): a null pointer would read and write ITCM RAM, which exists and
+/// which the firmware does not use; a stack that grows to its end would need memory below DTCM. Elsewhere the default map holds.
+/// An access is a HardFault, in whose handler the MPU is off.
+pub fn guards(mpu: &mut MPU) {
+    extern "C" {
+        static _stack_end: u8;
+    }
+    let stack_end = core::ptr::addr_of!(_stack_end) as u32;
+    for (number, base, bits) in [(0, 0, 12), (1, stack_end, STACK_GUARD_BITS)] {
+        // SAFETY: regions that no code of the firmware touches; each base is a multiple of its size.
+        unsafe {
+            mpu.rnr.write(number);
+            mpu.rbar.write(base);
+            // XN, no access, SIZE, ENABLE.
+            mpu.rasr.write(1 << 28 | (bits - 1) << 1 | 1);
+        }
+    }
+    // PRIVDEFENA, ENABLE.
+    // SAFETY: what the default map permits stays permitted, but for the two regions.
+    unsafe { mpu.ctrl.write(1 << 2 | 1) };
+    cortex_m::asm::dsb();
+    cortex_m::asm::isb();
 }
 
 /// Instruction cache on; data cache off, so that DMA and core see the same memory contents.

@@ -154,7 +154,10 @@ impl Machine {
     }
 
     fn zero(&mut self, mask: u8, fx: &mut impl Effects) -> Result<(), CommandError> {
-        if mask == 0 || mask >> UNITS != 0 {
+        if mask == 0 {
+            return Err(CommandError::UnknownUnit(u8::MAX));
+        }
+        if mask >> UNITS != 0 {
             return Err(CommandError::UnknownUnit(
                 mask.trailing_zeros().max(UNITS as u32) as u8,
             ));
@@ -316,6 +319,8 @@ impl Machine {
                         0
                     },
                     tension_un: unit.control.tension().to_un(),
+                    adc_code: unit.adc_code.get(),
+                    encoder_counts: unit.counts.0 as i32,
                 }
             }),
             tip_force_un: self.tip.force_un(),

@@ -29,7 +29,9 @@ use control::system::{self, Denied, Request};
 use control::tip::TipGuard;
 use control::unit::{self, Setpoint};
 use control::zero::{Averager, Refused};
-use control::{Config, Fault, Micros, MotorState, SystemState, UnitIndex, UNITS};
+use control::{
+    AdcCode, Config, EncoderCounts, Fault, Micros, MotorState, SystemState, UnitIndex, UNITS,
+};
 use wire::frame::crc32;
 use wire::message::{BoardConfig, BoardInfo, FaultReport, UnitConfig};
 
@@ -136,6 +138,10 @@ struct Unit {
     samples: u32,
     missed: u32,
     spikes: u32,
+    /// The newest code.
+    adc_code: AdcCode,
+    /// The newest position.
+    counts: EncoderCounts,
 }
 
 impl Unit {
@@ -161,6 +167,8 @@ impl Unit {
             samples: 0,
             missed: 0,
             spikes: 0,
+            adc_code: AdcCode::default(),
+            counts: EncoderCounts::default(),
         }
     }
 

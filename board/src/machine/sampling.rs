@@ -118,6 +118,8 @@ impl Machine {
             slot.samples = slot.samples.wrapping_add(1);
             slot.missed = slot.missed.wrapping_add(u32::from(pending.missed));
             slot.rate.observe(at, pending.missed);
+            slot.adc_code = pending.adc_code;
+            slot.counts = pending.encoder_counts;
         }
         if !pending.measured {
             return;

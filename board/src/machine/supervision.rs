@@ -277,6 +277,11 @@ impl Machine {
         slot.let_go.turned(counts, nm);
     }
 
+    /// Where an encoder stands, for the status: of one unit in turn each millisecond, whether its load cell measures or not.
+    pub fn position(&mut self, unit: UnitIndex, counts: EncoderCounts) {
+        self.units[unit as usize].counts = counts;
+    }
+
     pub(super) fn watch_let_go(&mut self, unit: UnitIndex, now: Micros, fx: &mut impl Effects) {
         let left = self.units[unit as usize].let_go.overdue(now);
         if let Some(left) = left.filter(|_| !self.latch.has(Fault::OutputStuck)) {

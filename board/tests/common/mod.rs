@@ -51,6 +51,7 @@ pub fn info(crash_record: Option<CrashRecord>) -> BoardInfo {
         silicon: 0x2003,
         hse: true,
         reset_flags: 0,
+        option_bytes: 0,
         crash_record,
     }
 }

@@ -209,7 +209,9 @@ fn one_run(r: &mut Random, wire: &UnitConfig, length: u64, found: &mut Found) {
             .worst_codes
             .max((f64::from(fixed.dac.steps()) - codes).abs());
         found.largest_command = found.largest_command.max(exact.command);
-        let slewing = wire::message::flags::SLEWING | wire::message::flags::LIMITED;
+        let slewing = wire::message::flags::SLEWING
+            | wire::message::flags::LIMITED
+            | wire::message::flags::AT_ZERO;
         if fixed.flags & slewing == 0 && exact.command > 0.0 {
             found.free += 1;
         }

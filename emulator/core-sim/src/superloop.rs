@@ -15,6 +15,8 @@ use wire::{BoardMessage, HostFrame, ABI_VERSION, SCHEMA_HASH};
 
 /// Period of the status frames in milliseconds, as in the firmware.
 const STATUS_MS: u32 = 50;
+/// Option bytes of the emulated controller: brown-out level 3.
+const OPTION_BYTES: u32 = 3 << 2;
 
 /// FLAG of a counter that reports noise at its encoder.
 const NOISE_FLAG: u8 = 0x10;
@@ -84,6 +86,7 @@ impl Superloop {
                 silicon: 0x2003,
                 hse: true,
                 reset_flags: 0,
+                option_bytes: OPTION_BYTES,
                 crash_record,
             }),
             requests: Requests::default(),
@@ -274,6 +277,9 @@ impl Superloop {
             self.machine.encoder(unit, counts);
         }
         self.machine.tick(now, health, &mut self.requests);
+        let unit = UnitIndex::ALL[(t_ns / TICK_NS) as usize % UNITS];
+        let counts = EncoderCounts(board.encoder_position(t_ns, unit as usize));
+        self.machine.position(unit, counts);
         self.encoder_noise(t_ns);
         self.execute(board, sensors, t_ns);
         if self.machine.holds_dacs() != self.dacs_held {

@@ -71,6 +71,8 @@ pub enum Injection {
     PullCable(u8, f64),
     /// Disconnect (`true`) or reconnect a unit's encoder: its counts stand still.
     FreezeEncoder(u8, bool),
+    /// The 5 V of an LS7266R1 (1 to 3) dips: it starts anew, as after power-on.
+    DipCounter(u8),
     /// Hang the superloop, with interrupts enabled: the watchdog has to find it.
     HangLoop,
     /// Flip one bit in RAM: address, bit.

@@ -1,6 +1,7 @@
 //! Fault injection, and the misuse that all devices have recorded.
 
 use super::Board;
+use crate::devices::ls7266r1::Ls7266r1;
 use crate::devices::Complaints;
 use crate::wiring::{self, UNITS};
 use emulator_link::Injection;
@@ -46,6 +47,12 @@ impl Board {
                 let unit = unit(number)?;
                 self.advance_plant(now);
                 self.frozen_encoder[unit] = frozen.then(|| self.encoder_edges(unit));
+            }
+            Injection::DipCounter(number) => {
+                let chip = usize::from(number).wrapping_sub(1);
+                let counter = (self.counters.get_mut(chip))
+                    .ok_or_else(|| format!("counter {number} does not exist: they are 1 to 3"))?;
+                *counter = Ls7266r1::new(usize::from(number));
             }
             Injection::OpenBridge(number, on) => {
                 self.converters[unit(number)?].defects().open_bridge = on;

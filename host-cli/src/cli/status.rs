@@ -41,6 +41,7 @@ impl Status {
                     "board": info,
                     "status": status,
                     "state": system_state_name(status.state),
+                    "brown_out_level": info.as_ref().map(BoardInfo::brown_out_level),
                     "calibration": calibration,
                 });
                 Ok(
@@ -66,6 +67,16 @@ fn table(info: Option<&BoardInfo>, status: &BoardStatus) -> String {
             info.core_hz / 1_000_000,
             info.reset_flags
         );
+        let level = info.brown_out_level();
+        if level != BoardInfo::BROWN_OUT_LEVEL {
+            row!(
+                out,
+                "WARNING    brown-out level {level} of the option bytes ({:#010x}), not {}: a dip of the supply may go on for long before \
+                 the controller is reset, and is not reported; set it (docs/bring-up.md, step 2)",
+                info.option_bytes,
+                BoardInfo::BROWN_OUT_LEVEL
+            );
+        }
         if let Some(kept) = &info.crash_record {
             row!(out, "last run   ended with {}", explain_crash_record(kept));
         }
@@ -109,7 +120,7 @@ fn table(info: Option<&BoardInfo>, status: &BoardStatus) -> String {
     );
     row!(
         out,
-        "\nunit  state      tension N   rate 1/s   samples   missed  spikes  fault"
+        "\nunit  state      tension N   rate 1/s   samples   missed  spikes   cell code  encoder counts  fault"
     );
     for (i, unit) in status.units.iter().enumerate() {
         let live =
@@ -129,14 +140,16 @@ fn table(info: Option<&BoardInfo>, status: &BoardStatus) -> String {
         };
         row!(
             out,
-            "{:>4}  {:<9} {:>10} {:>10} {:>9} {:>8} {:>7}  {fault}",
+            "{:>4}  {:<9} {:>10} {:>10} {:>9} {:>8} {:>7} {:>11} {:>15}  {fault}",
             i + 1,
             motor_state_name(unit.state),
             tension,
             rate,
             unit.samples,
             unit.missed,
-            unit.spikes
+            unit.spikes,
+            unit.adc_code,
+            unit.encoder_counts
         );
     }
     out

@@ -270,6 +270,54 @@ pub fn length_rms_m(samples: &[Sample], exit_m: &Vector3<f64>) -> Option<f64> {
     square.is_finite().then(|| square.sqrt())
 }
 
+/// What the length of a cable by the encoder says of the stored geometry, after a run with the robot moving.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LengthVerdict {
+    /// Unit, from 1.
+    pub unit: u8,
+    /// Root mean square difference to the length by the tip and the stored exit point, m.
+    pub rms_m: f64,
+    /// What it may be, m; `None`: the tip moved too little to tell.
+    pub limit_m: Option<f64>,
+}
+
+impl LengthVerdict {
+    /// The lengths disagree: exit point, frame, sign or counts per metre are wrong, or the cable is another unit's.
+    #[must_use]
+    pub fn disagrees(&self) -> bool {
+        self.limit_m.is_some_and(|limit_m| self.rms_m > limit_m)
+    }
+}
+
+/// Difference that stretch of the cable and the calibration's own errors make, m: 2 N on 5 N/mm are 0.4 mm.
+const LENGTH_FLOOR_M: f64 = 5e-4;
+
+/// What errors of the pose may add, in standard deviations of a coordinate: over a run their root mean square is one.
+const LENGTH_SDS: f64 = 1.5;
+
+/// Least root mean square distance of the tip from its middle for a verdict, m.
+const LEAST_MOTION_M: f64 = 5e-3;
+
+/// Judges the length of a unit's cable; `pose_sd_m` is the standard deviation of a coordinate of the tip. `None` without samples.
+#[must_use]
+pub fn judge_length(
+    unit: u8,
+    samples: &[Sample],
+    exit_m: &Vector3<f64>,
+    pose_sd_m: f64,
+) -> Option<LengthVerdict> {
+    let rms_m = length_rms_m(samples, exit_m)?;
+    let count = samples.len() as f64;
+    let middle = samples.iter().map(|s| s.tip_m).sum::<Vector3<f64>>() / count;
+    let square = samples.iter().map(|s| (s.tip_m - middle).norm_squared());
+    let moved_m = (square.sum::<f64>() / count).sqrt();
+    Some(LengthVerdict {
+        unit,
+        rms_m,
+        limit_m: (moved_m >= LEAST_MOTION_M).then_some(LENGTH_FLOOR_M + LENGTH_SDS * pose_sd_m),
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -335,5 +383,44 @@ mod tests {
         assert_eq!(length_rms_m(&[], &stored), None);
         let none: [Vec<Sample>; UNITS] = std::array::from_fn(|_| Vec::new());
         assert!(evaluate(&none, &record, &Prior::default()).is_err());
+    }
+
+    /// An exit that is mirrored, another unit's cable and a wrong sign are seen in the lengths; a tip that stands tells nothing.
+    #[test]
+    fn wrong_geometry_shows_in_the_lengths() {
+        let rig = Rig::built_in().unwrap();
+        let exits = rig.units.each_ref().map(|unit| unit.exit_m);
+        let center = exits.iter().sum::<Vector3<f64>>() / UNITS as f64;
+        let runs = run_of(&exits, &center);
+        let judge = |unit: usize, samples: &[Sample], exit_m: Vector3<f64>| {
+            judge_length(unit as u8 + 1, samples, &exit_m, 2e-4).expect("samples")
+        };
+        for (i, samples) in runs.iter().enumerate() {
+            let right = judge(i, samples, exits[i]);
+            assert!(!right.disagrees() && right.limit_m.is_some(), "{right:?}");
+            let mirrored = Vector3::new(exits[i].x, exits[i].y, 2.0 * center.z - exits[i].z);
+            let others = exits[(i + 1) % UNITS];
+            for wrong in [mirrored, others] {
+                if (wrong - exits[i]).norm() > 0.02 {
+                    assert!(judge(i, samples, wrong).disagrees(), "unit {}", i + 1);
+                }
+            }
+            let reversed: Vec<Sample> = samples
+                .iter()
+                .map(|s| Sample {
+                    travel_m: -s.travel_m,
+                    ..*s
+                })
+                .collect();
+            assert!(judge(i, &reversed, exits[i]).disagrees());
+            let still: Vec<Sample> = samples
+                .iter()
+                .map(|s| Sample {
+                    tip_m: center,
+                    ..*s
+                })
+                .collect();
+            assert_eq!(judge(i, &still, exits[i]).limit_m, None);
+        }
     }
 }

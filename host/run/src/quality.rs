@@ -84,8 +84,10 @@ pub(super) struct Saturation {
     /// Cycles with a compensated force out of reach and this cable at its largest setpoint.
     cable: [u64; UNITS],
     samples: [u64; UNITS],
-    /// Samples with the unit's command at its limit.
+    /// Samples with the unit's command at its upper limit.
     command: [u64; UNITS],
+    /// Samples with it at its lower limit.
+    at_zero: [u64; UNITS],
 }
 
 impl Saturation {
@@ -114,6 +116,7 @@ impl Saturation {
             if i < UNITS {
                 self.samples[i] += 1;
                 self.command[i] += u64::from(sample.flags & flags::LIMITED != 0);
+                self.at_zero[i] += u64::from(sample.flags & flags::AT_ZERO != 0);
             }
         }
     }
@@ -130,10 +133,18 @@ impl Saturation {
         };
         if let Some((part, i)) = worst(self.command, self.samples) {
             return Some(format!(
-                "unit {}'s command was at its limit of {} N (`force_limit_n`) for {:.0} % of the time: amplifier, motor or \
-                 cable gives less than the rig file says",
+                "unit {}'s command was at its limit of {} N (`force_limit_n`), or of `authority_n` over the friction model, for \
+                 {:.0} % of the time: amplifier, motor or cable gives less than the rig file says",
                 i + 1,
                 rig.units[i].force_limit_n,
+                100.0 * part
+            ));
+        }
+        if let Some((part, i)) = worst(self.at_zero, self.samples) {
+            return Some(format!(
+                "unit {}'s command was at its limit of 0 N for {:.0} % of the time: amplifier or motor gives more than the rig \
+                 file says, the load cell reads too much, or something else pulls the cable",
+                i + 1,
                 100.0 * part
             ));
         }
@@ -449,6 +460,13 @@ mod tests {
                     ..saturation.clone()
                 },
                 "unit 3's command was at its limit of 16 N",
+            ),
+            (
+                Saturation {
+                    at_zero: [0, 1200, 0, 0, 0, 0],
+                    ..saturation.clone()
+                },
+                "unit 2's command was at its limit of 0 N",
             ),
         ] {
             let found = judge(&steps(|_| 0.0), &change);

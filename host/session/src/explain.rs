@@ -137,6 +137,7 @@ pub fn explain_refusal(refusal: &CommandError) -> String {
             _ => format!("not in the state `{}`; see `forcectl status`", system_state_name(state)),
         },
         CommandError::Faulted(code) => format!("{}; then `forcectl clear`", explain_fault(code, 0)),
+        CommandError::UnknownUnit(u8::MAX) => "no unit was named; see `forcectl status` for those that can take part".to_owned(),
         CommandError::UnknownUnit(unit) => format!("it has no unit {}", u16::from(unit) + 1),
         CommandError::UnitNotReady { unit, state } => format!(
             "unit {} is not ready (its state is `{}`); see `forcectl status`",

@@ -48,6 +48,12 @@ pub struct Telemetry {
     /// State of each unit (`offline`, `ready`, `running`, `faulted`, ...); `null` without a status.
     #[serde(default)]
     pub unit_state: [Option<String>; UNITS],
+    /// Encoder position of each unit, counts (the lowest 32 bits), whether its load cell measures or not; `null` without a status.
+    #[serde(default)]
+    pub encoder_counts: [Option<i32>; UNITS],
+    /// Newest code of each load cell's converter, without zero and scale; `null` without a status, 0 before the first sample.
+    #[serde(default)]
+    pub adc_code: [Option<i32>; UNITS],
     /// Latched faults, that of the board first.
     #[serde(default)]
     pub faults: Vec<Latched>,
@@ -212,6 +218,8 @@ impl Gatherer {
                     .units
                     .map(|unit| Some(crate::motor_state_name(unit.state)))
             }),
+            encoder_counts: std::array::from_fn(|i| status.map(|s| s.units[i].encoder_counts)),
+            adc_code: std::array::from_fn(|i| status.map(|s| s.units[i].adc_code)),
             faults: status.map_or_else(Vec::new, latched),
             estop_closed: status.map(|status| status.estop_closed),
             setpoint_age_ms: status

@@ -81,6 +81,7 @@ fn machine() -> Machine {
         silicon: 0x2003,
         hse: true,
         reset_flags: 0,
+        option_bytes: 0,
         crash_record: None,
     })
 }

@@ -16,7 +16,7 @@ use rigless::device::{ErasedDevice, Level, RegisterFile, ResetCause};
 use rigless::emulator::{Access, AccessKind};
 use rigless::mcu::{Mcu, Operate};
 use rigless::snapshot::Store;
-use rigless::soc::stm32h743::generated::{gpioa, pwr, rcc, spi1};
+use rigless::soc::stm32h743::generated::{flash, gpioa, pwr, rcc, spi1};
 use rigless::soc::stm32h743::peripherals::gpio::{Gpio, Pin as PortPin, PORTS as PORT_NAMES};
 use rigless::soc::stm32h743::peripherals::rcc::Rcc;
 use rigless::soc::stm32h743::Stm32h743;
@@ -25,6 +25,8 @@ use rigless::time::VirtualNanos;
 
 /// Crystal input: 8 MHz from the ST-Link.
 const HSE_HZ: u64 = 8_000_000;
+/// BOR_LEV in FLASH_OPTSR_CUR.
+const BROWN_OUT_LEVEL_3: u64 = 3 << 2;
 /// Supply in millivolts.
 const SUPPLY_MV: u32 = 3_300;
 
@@ -98,6 +100,7 @@ struct Slots {
     spi1: usize,
     rcc: usize,
     pwr: usize,
+    flash: usize,
     ports: [usize; PORTS],
 }
 
@@ -138,6 +141,7 @@ impl RigMcu {
             spi1: bus.slot("SPI1")?,
             rcc: bus.slot("RCC")?,
             pwr: bus.slot("PWR")?,
+            flash: bus.slot("Flash")?,
             ports,
         };
         let mut mcu = Self {
@@ -160,6 +164,7 @@ impl RigMcu {
         };
         mcu.usb_slots.exchange(mcu.part.bus_mut());
         mcu.check()?;
+        mcu.load_option_bytes();
         mcu.sync(VirtualNanos(0));
         Ok(mcu)
     }
@@ -262,6 +267,17 @@ impl RigMcu {
             self.port_register_written(now, port, offset);
         }
         Ok(())
+    }
+
+    /// The option bytes, which the part loads at each reset: brown-out level 3, as docs/bring-up.md has it set.
+    fn load_option_bytes(&mut self) {
+        let registers = (self.part.bus_mut())
+            .slot_mut(self.slots.flash)
+            .registers_mut();
+        for register in [flash::Register::OptsrCur, flash::Register::OptsrCur_] {
+            let bytes = registers.get(register);
+            registers.set(register, bytes | BROWN_OUT_LEVEL_3);
+        }
     }
 
     /// The reset that comes next is one of the supply.
@@ -418,6 +434,7 @@ impl Mcu for RigMcu {
                 registers.set(register, rcc::rsr::BORRSTF.set(flags, 1));
             }
         }
+        self.load_option_bytes();
         // The events went with the old bus.
         self.scheduled = None;
         self.functions_checked = false;

@@ -27,14 +27,13 @@ const NMI: [u16; 8] = [
     0xED04, 0xE000, // .word 0xE000ED04
 ];
 
-/// The stack pointer below DTCM, then an instruction that faults. Pushes past the end of DTCM would not: the engine answers
-/// where the part has nothing.
+/// The stack pointer in the guard at the bottom of the stack, then a push. The undefined instruction ends it where the MPU does not.
 const OVERFLOW: [u16; 6] = [
     0x4801, // ldr r0, [pc, #4]
     0x4685, // mov sp, r0
+    0xB401, // push {r0}
     0xDE00, // udf #0
-    0xBF00, // nop
-    0xFF00, 0x1FFF, // .word 0x1FFFFF00
+    0x0200, 0x2000, // .word 0x20000200
 ];
 
 /// The registers of the interrupted code that the processor has put on the stack, in that order (PM0253 figure 12).

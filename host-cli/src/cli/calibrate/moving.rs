@@ -6,7 +6,7 @@ use super::super::values;
 use super::super::watch::Watch;
 use super::super::Context;
 use super::{picture, Bench};
-use calibrate::moving::{self, Collector, Run};
+use calibrate::moving::{self, Collector, LengthVerdict, Run};
 use calibrate::picture::{bars, Bar};
 use calibration::self_calibration::{MovedVerdict, Prior, Sample};
 use clap::Args;
@@ -316,6 +316,39 @@ fn cycles_lines(text: &mut String, cycles: &[Cycles]) {
     );
 }
 
+/// Cable lengths by the encoders against the geometry: a real rig has no other truth.
+fn length_lines(text: &mut String, lengths: &[LengthVerdict]) {
+    if lengths.is_empty() {
+        return;
+    }
+    row!(
+        text,
+        "\ncable length against the encoders while the robot moved, RMS, mm"
+    );
+    let cells: Vec<String> = (lengths.iter())
+        .map(|l| format!("{}: {:.3}", l.unit, 1e3 * l.rms_m))
+        .collect();
+    row!(text, "  unit {}", cells.join("  "));
+    for l in lengths {
+        if l.disagrees() {
+            row!(
+                text,
+                "  unit {}: DISAGREES, {:.1} mm where {:.1} are permitted: exit point, frame of the poses, sign or size of \
+                 travel_m_per_count, or the cable is another unit's; the forces above do not show it",
+                l.unit,
+                1e3 * l.rms_m,
+                1e3 * l.limit_m.unwrap_or_default()
+            );
+        }
+    }
+    if lengths.iter().all(|l| l.limit_m.is_none()) {
+        row!(
+            text,
+            "  not judged: the tip moved less than 5 mm; let the robot move"
+        );
+    }
+}
+
 impl Verify {
     /// Runs the command.
     pub fn run(&self, context: &Context) -> Result<Reply> {
@@ -439,22 +472,14 @@ impl Verify {
             cycles.extend(single);
         }
         cycles_lines(&mut text, &cycles);
-        if let Some(samples) = samples {
-            row!(
-                text,
-                "\ncable length against the encoders while the robot moved, RMS, mm"
-            );
-            let cells: Vec<String> = rig
-                .units
-                .iter()
-                .zip(samples)
-                .map(|(unit, samples)| {
-                    let rms = moving::length_rms_m(samples, &unit.exit_m);
-                    rms.map_or_else(|| "      -".to_owned(), |m| format!("{:>7.3}", 1e3 * m))
+        let lengths: Vec<LengthVerdict> = samples.map_or_else(Vec::new, |samples| {
+            (rig.units.iter().zip(samples))
+                .filter_map(|(unit, samples)| {
+                    moving::judge_length(unit.number, samples, &unit.exit_m, rig.pose_sd_m)
                 })
-                .collect();
-            row!(text, "  unit 1 to {}: {}", cells.len(), cells.join(" "));
-        }
+                .collect()
+        });
+        length_lines(&mut text, &lengths);
         if !stored {
             row!(
                 text,
@@ -469,9 +494,16 @@ impl Verify {
         .to_svg();
         let path = picture(&self.out, "calibrate-verify.svg", &svg)?;
         context.output.note(&format!("picture: {}", path.display()));
-        let reply = Reply::new(text, json!({"forces": rows, "outside": outside}));
+        let wrong = lengths.iter().any(LengthVerdict::disagrees);
+        let lengths: Vec<_> = (lengths.iter())
+            .map(|l| json!({"unit": l.unit, "rms_mm": 1e3 * l.rms_m, "limit_mm": l.limit_m.map(|m| 1e3 * m)}))
+            .collect();
+        let reply = Reply::new(
+            text,
+            json!({"forces": rows, "outside": outside, "lengths": lengths, "lengths_agree": !wrong}),
+        );
         // One of six may lie outside of 95 % by chance in a quarter of the runs; two hardly.
-        Ok(if outside > 1 {
+        Ok(if outside > 1 || wrong {
             reply.with_code(exit::DEGRADED)
         } else {
             reply

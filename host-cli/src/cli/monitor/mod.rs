@@ -9,8 +9,8 @@
 //! | the view as a picture | `picture` |
 //! | a live source for Foxglove | `foxglove` |
 //!
-//! With `--json` each line is one object: `{"t_s": ..., "tension_n": [...], "state": ..., "zeroed": [...], "force_n": [...]}` for
-//! tensions (`null` for a unit without a sample), `{"t_s": ..., "event": ..., "text": ...}` for what happens, with `fault`
+//! With `--json` each line is one object: `{"t_s": ..., "tension_n": [...], "state": ..., "zeroed": [...], "force_n": [...],
+//! "encoder_counts": [...], "adc_code": [...]}` for tensions (`null` for a unit without a sample), `{"t_s": ..., "event": ..., "text": ...}` for what happens, with `fault`
 //! and `unit` for a fault (`null` for the whole board). An error is the last line: `{"error": ..., "exit_code": ...}`.
 
 #[cfg(feature = "foxglove")]
@@ -57,6 +57,9 @@ pub struct Monitor {
     /// Print ten lines per second instead of the full-screen view [default where standard output is no terminal]
     #[arg(long)]
     plain: bool,
+    /// Lines with the positions of the encoders in counts, in place of tensions: turn a reel by hand and look
+    #[arg(long)]
+    counts: bool,
     /// Write the view as it is at the end to this SVG file
     #[arg(long, value_name = "FILE")]
     picture: Option<PathBuf>,
@@ -153,7 +156,7 @@ impl Monitor {
     /// Whether the view is shown.
     fn full_screen(&self, context: &Context) -> bool {
         let dumb = std::env::var_os("TERM").is_none_or(|term| term.is_empty() || term == "dumb");
-        !self.plain && !context.output.json() && stdout_is_terminal() && !dumb
+        !self.plain && !self.counts && !context.output.json() && stdout_is_terminal() && !dumb
     }
 
     fn watch(&self, mut watching: Watching<'_>, source: &mut dyn Source) -> Result<Reply> {
@@ -172,7 +175,7 @@ impl Monitor {
         };
         let watched = match screen {
             Some(mut screen) => watching.on(&mut screen, source),
-            None => watching.as_lines(source),
+            None => watching.as_lines(source, self.counts),
         };
         if let Some(path) = &self.picture {
             let svg = picture::svg(&watching.view(None));
@@ -241,9 +244,9 @@ impl<'a> Watching<'a> {
     }
 
     /// Lines until the end.
-    fn as_lines(&mut self, source: &mut dyn Source) -> Result<()> {
+    fn as_lines(&mut self, source: &mut dyn Source, counts: bool) -> Result<()> {
         let output: &Output = &self.context.output;
-        let mut plain = Plain::new(output);
+        let mut plain = Plain::new(output, counts);
         while !self.over() && output.is_open() {
             match source.next()? {
                 Some(update) => {

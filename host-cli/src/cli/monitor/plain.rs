@@ -17,6 +17,8 @@ const EARLY_S: f64 = 0.005;
 #[derive(Debug)]
 pub struct Plain<'o> {
     output: &'o Output,
+    /// Counts of the encoders in place of tensions.
+    counts: bool,
     due_s: Option<f64>,
     /// State in the last line.
     last_state: String,
@@ -24,12 +26,13 @@ pub struct Plain<'o> {
 
 impl<'o> Plain<'o> {
     /// Prints the head of the table.
-    pub fn new(output: &'o Output) -> Self {
+    pub fn new(output: &'o Output, counts: bool) -> Self {
         if !output.json() {
-            output.line(&head());
+            output.line(&head(if counts { "counts" } else { "N" }));
         }
         Self {
             output,
+            counts,
             due_s: None,
             last_state: String::new(),
         }
@@ -67,8 +70,12 @@ impl<'o> Plain<'o> {
                 "state": now.state,
                 "zeroed": now.zeroed,
                 "force_n": now.force_n,
+                "encoder_counts": now.encoder_counts,
+                "adc_code": now.adc_code,
             })
             .to_string()
+        } else if self.counts {
+            counts_line(now, t_s)
         } else {
             line(now, t_s)
         });
@@ -114,11 +121,22 @@ pub fn printable(text: &str) -> String {
         .collect()
 }
 
-fn head() -> String {
+fn head(unit: &str) -> String {
     let units: String = (1..=UNITS)
         .map(|n| format!("{:>9}", format!("unit {n}")))
         .collect();
-    format!("{:>9}  {:<9}{units}   (N)", "t s", "state")
+    format!("{:>9}  {:<9}{units}   ({unit})", "t s", "state")
+}
+
+/// One line of the table: where the encoders stand.
+pub fn counts_line(now: &Telemetry, t_s: f64) -> String {
+    let cell = |counts: Option<i32>| counts.map_or_else(|| "-".to_owned(), |n| n.to_string());
+    let cells: String = now
+        .encoder_counts
+        .iter()
+        .map(|counts| format!("{:>9}", cell(*counts)))
+        .collect();
+    format!("{t_s:>9.2}  {:<9}{cells}", printable(&now.state))
 }
 
 /// One line of the table.

@@ -228,8 +228,8 @@ impl View<'_> {
             return (format!("{head} {}", short(fault)), alarm());
         }
         match self.model.reading(i) {
-            Reading::None => (format!("{head} no sample"), warning()),
-            Reading::Offline => (head, Style::new().dim()),
+            Reading::None => (format!("{head} no sample{}", self.counts(i)), warning()),
+            Reading::Offline => (format!("{head}{}", self.counts(i)), Style::new().dim()),
             Reading::Zeroing => (format!("{head} zero is being taken"), warning()),
             Reading::NoZero(value) => {
                 let why = if now.zeroed[i].is_none() {
@@ -237,7 +237,10 @@ impl View<'_> {
                 } else {
                     "NO ZERO"
                 };
-                (format!("{head} {why} (raw {value:.3} N)"), warning())
+                (
+                    format!("{head} {why} (raw {value:.3} N){}", self.counts(i)),
+                    warning(),
+                )
             }
             Reading::Tension(tension_n) => match now.setpoint_n[i].filter(|_| self.runs(i)) {
                 Some(setpoint_n) => {
@@ -252,9 +255,17 @@ impl View<'_> {
                         style,
                     )
                 }
-                None => (format!("{head}{tension_n:>8.3}"), Style::new()),
+                None => (
+                    format!("{head}{tension_n:>8.3}{}", self.counts(i)),
+                    Style::new(),
+                ),
             },
         }
+    }
+
+    /// Where the encoder of a unit stands, for who turns its reel by hand.
+    fn counts(&self, i: usize) -> String {
+        self.now().encoder_counts[i].map_or_else(String::new, |counts| format!("  {counts} counts"))
     }
 
     /// A bar with a mark at the setpoint.

@@ -5,6 +5,7 @@ use super::{robot_gone, tip_of, End, Run};
 use robot::state::TipForce;
 use run::Observer;
 use session::{Received, Session};
+use wire::message::flags;
 
 impl Run<'_> {
     /// Takes what came in a period.
@@ -67,7 +68,7 @@ impl Run<'_> {
         self.saturated = received
             .samples
             .iter()
-            .any(|timed| timed.sample.flags & wire::message::flags::LIMITED != 0);
+            .any(|timed| timed.sample.flags & (flags::LIMITED | flags::AT_ZERO) != 0);
         if let Some(newest) = received.samples.iter().map(|timed| timed.t_us).max() {
             self.now_board_s = self.now_board_s.max(newest as f64 * 1e-6);
         }

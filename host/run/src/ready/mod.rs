@@ -211,6 +211,9 @@ fn zero(
     let units = (0..UNITS)
         .filter(|i| configs[*i].enabled)
         .fold(0, |mask, i| mask | 1 << i);
+    if units == 0 {
+        return Err(Fault::NoUnit.into());
+    }
     session.command(&Command::Zero { units })?;
     let status = wait_ready(session, ZERO_TIMEOUT, Phase::Zero, stop, observer)?;
     for (config, in_force) in configs.iter_mut().zip(session.get_configs()?) {

@@ -86,6 +86,8 @@ impl FakeBoard {
                 spikes: 0,
                 period_us: 3125,
                 tension_un: self.states[i].tension().to_un(),
+                adc_code: 0,
+                encoder_counts: self.plant.encoder_counts(i) as i32,
             }),
             tip_force_un: self.tip.force_un(),
             alive_withheld: false,
@@ -119,6 +121,7 @@ impl FakeBoard {
             silicon: 0x2003,
             hse: true,
             reset_flags: 0,
+            option_bytes: 3 << 2,
             crash_record: (self.resets > 0).then(|| wire::message::CrashRecord {
                 code: Fault::WatchdogReset.code(),
                 detail: 0,
