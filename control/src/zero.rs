@@ -118,7 +118,7 @@ impl Refused {
         match self {
             Self::Saturated => 0,
             Self::Unsteady(spread) => spread,
-            Self::Turned(travel_nm) => travel_nm.unsigned_abs() / 1_000 | 1 << 30,
+            Self::Turned(travel_nm) => (travel_nm.unsigned_abs() / 1_000) | (1 << 30),
             Self::FarOff(code) => code.unsigned_abs() | 1 << 31,
         }
     }

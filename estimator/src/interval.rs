@@ -213,7 +213,7 @@ impl Interval {
         })
     }
 
-    /// Whether a model with this misfit fits its robot: up to [`FITS`] times the largest of trials that it had not seen.
+    /// Whether a model with this misfit fits its robot: up to `FITS` times the largest of trials that it had not seen.
     #[must_use]
     pub fn fits(&self, misfit: &[f64; TIMES]) -> bool {
         let pairs =

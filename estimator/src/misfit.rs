@@ -2,7 +2,7 @@
 //!
 //! Three motors tell one force, and one of less than three components leaves equations to spare: what the balances lack must be what a
 //! force can do to them. The force that explains them best is taken out, with the spread of the training as prior. What is left, in units
-//! of its noise, averaged over each of [`ALIKE_S`] and squared over [`MISFIT_S`], is the misfit: what comes with each turn of a motor is in the
+//! of its noise, averaged over each of `ALIKE_S` and squared over `MISFIT_S`, is the misfit: what comes with each turn of a motor is in the
 //! first, a torque that stays in the last. Each is compared with that of trials which the model had not seen.
 
 use nalgebra::{Matrix3, Vector3};

@@ -165,7 +165,7 @@ impl Counters {
                 self.set_up(other);
             }
         }
-        Some(u32::from(chip) + 1 | LOST)
+        Some((u32::from(chip) + 1) | LOST)
     }
 
     /// Position of a unit's motor, now.

@@ -207,19 +207,11 @@ impl Plan {
                 let salt = 700 + i;
                 push(Group::Impure, &[kind], 1.0, false, usual, seed, salt);
             }
-            for k in 0..8 {
+            for (k, kind) in UNUSUAL.into_iter().enumerate() {
                 // Every effect in every circumstance within five seeds.
                 let unusual = Circumstance::UNUSUAL[(n + k) % Circumstance::UNUSUAL.len()];
                 let salt = 800 + k as u64;
-                push(
-                    Group::Unusual,
-                    &[UNUSUAL[k]],
-                    1.0,
-                    false,
-                    unusual,
-                    seed,
-                    salt,
-                );
+                push(Group::Unusual, &[kind], 1.0, false, unusual, seed, salt);
             }
         }
         if let Some(kind) = self.kind {

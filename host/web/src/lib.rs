@@ -7,7 +7,7 @@
 //!
 //! Each page is a client of the service like any other, over a connection of its own: who may command, what happens when the
 //! commander goes away, and a stop from everyone follow from there. A message of the WebSocket is a line of the service's protocol
-//! (docs/service.md). What the bridge adds: it says hello, keeps telemetry to [`bridge::PICTURES_PER_S`] pictures a second, drops
+//! (docs/service.md). What the bridge adds: it says hello, keeps telemetry to `bridge::PICTURES_PER_S` pictures a second, drops
 //! pictures for a slow browser, notices a browser that is gone, and starts `forcectl zero` and `forcectl record`.
 //!
 //! | question | file |
