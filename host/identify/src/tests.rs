@@ -110,7 +110,7 @@ fn runs_of_one_emulated_rig_have_figures_of_their_own() {
             ..Default::default()
         };
         let mut link = session::link::fast::FastRig::open(&options).unwrap();
-        let options = run::Options::new([0.0, 2.5, 0.0], 4.0);
+        let options = run::Options::new([0.0, 2.5, 0.0], 12.0);
         let outcome = run::set_force(&mut link, &rig(), &options, &mut NoopObserver).unwrap();
         Figures::of(&outcome).unwrap()
     };
