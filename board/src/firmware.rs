@@ -236,13 +236,14 @@ impl Board {
         // One counter a millisecond: noise at an encoder, and a chip that lost its registers, are seen within six.
         self.encoder_checked = (self.encoder_checked + 1) % UNITS;
         let unit = UnitIndex::ALL[self.encoder_checked];
-        if let Some(chip) = self.counters.lost(unit) {
+        let (position, lost) = self.counters.look(unit);
+        self.machine.position(unit, position);
+        if let Some(chip) = lost {
             (self.machine).fault_board(Fault::CounterBus, chip, now, &mut self.reports);
         }
         if let Some(flags) = self.counters.noise(unit) {
             (self.machine).encoder_noise(unit, flags, now, &mut self.reports);
         }
-        self.machine.position(unit, self.counters.read(unit));
         let state = self.machine.system();
         if self.machine.holds_dacs() && !dac::is_held() {
             gpio::hold_dacs_at_zero();

@@ -125,7 +125,9 @@ pub struct Watch {
     sliding_below: Difference,
     sliding_above: Difference,
     slack: u8,
-    /// What the command would tighten a slack cable by.
+    /// The cable has been tight since the motor acts.
+    tight: bool,
+    /// What the command would tighten a cable by that has not been tight yet.
     held: Difference,
     /// Command of the last sample: what the reel answers in this one.
     last_command: Newton,
@@ -251,8 +253,7 @@ impl Watch {
 
     fn limited(&mut self, drive: Drive, output: &Output) -> Option<(Fault, u32)> {
         let error = output.setpoint.saturating_sub(output.tension);
-        let bounds = flags::LIMITED | flags::AT_ZERO;
-        let too_little = output.flags & bounds != 0 && error > LIMIT_ERROR;
+        let too_little = output.flags & flags::AT_A_LIMIT != 0 && error > LIMIT_ERROR;
         let too_much =
             output.command <= Newton::ZERO && error < Newton::ZERO.saturating_sub(LIMIT_ERROR);
         self.at_limit = count(
@@ -341,7 +342,9 @@ impl Watch {
         let would = SLACK.saturating_add(SLACK);
         let slack = drive == Drive::Follow && rests && output.tension < SLACK;
         self.slack = count(self.slack, slack && least > would);
-        let excess = if slack {
+        self.tight |= output.tension >= SLACK;
+        // One that was tight has let go, or swings: the encoder's own watch says which.
+        let excess = if slack && !self.tight {
             now.saturating_sub(would)
         } else {
             Newton::ZERO

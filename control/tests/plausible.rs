@@ -257,3 +257,13 @@ fn a_reel_that_rests_on_a_slack_cable_is_found_within_50_ms_of_what_would_move_i
         );
     }
 }
+
+/// A cable that was tight and lets go while the encoder stands still is for the encoder's watch: this one waits for it.
+#[test]
+fn a_cable_that_was_tight_is_not_being_taken_up() {
+    for command_n in [2.0, 4.0, 8.0] {
+        let found = free_reel(command_n, f64::INFINITY, 1.0, f64::INFINITY);
+        let early = found.filter(|(_, t)| *t < 0.05);
+        assert_eq!(early, None, "{command_n} N");
+    }
+}

@@ -508,4 +508,6 @@ pub mod flags {
     pub const MISSED: u8 = 64;
     /// The command is at its lower limit: a motor pulls or does nothing.
     pub const AT_ZERO: u8 = 128;
+    /// The command is at one of its limits.
+    pub const AT_A_LIMIT: u8 = LIMITED | AT_ZERO;
 }

@@ -93,7 +93,7 @@ const BEGIN: CounterValue = match CounterValue::new(0x55_5555) {
     None => CounterValue::ZERO,
 };
 
-/// Counts between two looks of [`Counters::lost`], 6 ms apart, that no motor makes: 0.4 m of cable.
+/// Counts between two calls of [`Counters::look`], 6 ms apart, that no motor makes: 0.4 m of cable.
 const LOST_COUNTS: u32 = 100_000;
 
 /// In the detail of "encoder counter fault": the chip worked, and has lost its registers.
@@ -103,7 +103,7 @@ const LOST: u32 = 1 << 8;
 pub struct Counters {
     chips: Ls7266r1<Pins>,
     positions: [PositionTracker; UNITS],
-    /// Each counter at the last look of [`Self::lost`]; `None`: it is to be set up.
+    /// Each counter at the last call of [`Self::look`]; `None`: it is to be set up.
     looked: [Option<CounterValue>; UNITS],
 }
 
@@ -146,26 +146,39 @@ impl Counters {
         works
     }
 
-    /// Looks whether a counter has lost its registers, as after a dip of its 5 V: it stands where no motor can have brought it. Both
-    /// counters of the chip are set up again then. Returns the detail of the fault, once.
-    pub fn lost(&mut self, unit: UnitIndex) -> Option<u32> {
-        let Some(before) = self.looked[unit as usize] else {
+    /// Position of a unit's motor, now, and whether its counter has lost its registers, as after a dip of its 5 V: it stands where no
+    /// motor can have brought it. Both counters of the chip are set up again then, and their positions go on from where they were.
+    /// Gives the detail of the fault, once.
+    pub fn look(&mut self, unit: UnitIndex) -> (EncoderCounts, Option<u32>) {
+        let lost = match (self.looked[unit as usize], self.chips.read(target(unit))) {
+            (Some(before), Ok(now)) => {
+                self.looked[unit as usize] = Some(now);
+                let lost = now.counts_since(before).unsigned_abs() > LOST_COUNTS;
+                if !lost {
+                    self.positions[unit as usize].update(now);
+                }
+                lost
+            }
+            (Some(_), Err(_)) => false,
             // It did not answer when it was set up. The fault is latched.
-            self.set_up(unit);
-            return None;
+            (None, _) => {
+                self.set_up(unit);
+                false
+            }
         };
-        let now = self.chips.read(target(unit)).unwrap_or(before);
-        self.looked[unit as usize] = Some(now);
-        if now.counts_since(before).unsigned_abs() <= LOST_COUNTS {
-            return None;
-        }
         let chip = target(unit).chip;
-        for other in UnitIndex::ALL {
-            if target(other).chip == chip {
-                self.set_up(other);
+        if lost {
+            for other in UnitIndex::ALL {
+                if target(other).chip == chip {
+                    self.set_up(other);
+                }
             }
         }
-        Some((u32::from(chip) + 1) | LOST)
+        let position = self.positions[unit as usize].position();
+        (
+            EncoderCounts(position),
+            lost.then(|| (u32::from(chip) + 1) | LOST),
+        )
     }
 
     /// Position of a unit's motor, now.

@@ -209,9 +209,7 @@ fn one_run(r: &mut Random, wire: &UnitConfig, length: u64, found: &mut Found) {
             .worst_codes
             .max((f64::from(fixed.dac.steps()) - codes).abs());
         found.largest_command = found.largest_command.max(exact.command);
-        let slewing = wire::message::flags::SLEWING
-            | wire::message::flags::LIMITED
-            | wire::message::flags::AT_ZERO;
+        let slewing = wire::message::flags::SLEWING | wire::message::flags::AT_A_LIMIT;
         if fixed.flags & slewing == 0 && exact.command > 0.0 {
             found.free += 1;
         }

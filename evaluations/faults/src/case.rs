@@ -98,10 +98,7 @@ pub fn run(bases: &Bases, number: u64, plan: Plan) -> Outcome {
 /// Runs a case on a rig at its first injection.
 #[must_use]
 pub fn run_on(mut rig: Rig, number: u64, plan: Plan) -> Outcome {
-    let mut watch = Watch::new(
-        std::array::from_fn(|unit| rig.wound_m(unit)),
-        std::array::from_fn(|unit| rig.tension_n(unit)),
-    );
+    let mut watch = Watch::new(std::array::from_fn(|unit| rig.wound_m(unit)));
     rig.inject(plan.first);
     let second_at = plan.second.map_or(0, |(_, ms)| ms);
     // Two different things of one kind would fight over one place; the second is what counts then.

@@ -114,8 +114,8 @@ pub const EXPECTED: &[Expected] = &[
         .at_base(1)
         .power_off()
         .at_most_n(9.0),
-    // A load cell that begins to read too little behind a stuck DAC says that the cable has let go. The reel rests, whatever the command.
-    one(I::DacStuck(3), F::Implausible, 30)
+    // A load cell that begins to read too little behind a stuck DAC says that the cable has let go.
+    one(I::DacStuck(3), F::EncoderStill, 150)
         .then(5, I::OpenBridge(3))
         .power_off(),
     // Damage of the memory behind a stuck DAC: the tension cannot tell any more whether the cable lets go.

@@ -48,12 +48,12 @@ pub struct Watch {
 }
 
 impl Watch {
-    /// Begins with the reels and the cables as they are: one that is still slack since the arming was not tight.
+    /// Begins with the reels as they are.
     #[must_use]
-    pub fn new(wound_m: [f64; UNITS], tension_n: [f64; UNITS]) -> Self {
+    pub fn new(wound_m: [f64; UNITS]) -> Self {
         Self {
             began_m: wound_m,
-            tight: tension_n.map(|n| n >= SLACK_N),
+            tight: [true; UNITS],
             ..Self::default()
         }
     }
@@ -121,37 +121,5 @@ impl Watch {
         if self.fault != 0 && self.safe_ms.is_none() && safe {
             self.safe_ms = Some(ms);
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    /// A cable that was never tight since the arming is being taken up; one that was and is not any more is slack.
-    #[test]
-    fn a_cable_is_slack_only_once_it_was_tight() {
-        let hazards = |before_n: f64, tensions_n: &[f64]| {
-            let mut watch = Watch::new([0.0; UNITS], [before_n; UNITS]);
-            for (part, tension_n) in tensions_n.iter().enumerate() {
-                for ms in 0..=SLACK_MS {
-                    let view = View {
-                        armed: true,
-                        power: true,
-                        running: [true; UNITS],
-                        tension_n: [*tension_n; UNITS],
-                        ..View::default()
-                    };
-                    watch.look(&view, part as u32 * 1_000 + ms);
-                }
-            }
-            watch.hazards
-        };
-        assert_eq!(hazards(0.0, &[0.0, 0.4]), []);
-        assert_eq!(hazards(3.0, &[0.0]), [(Hazard::Slack, SLACK_MS)]);
-        assert_eq!(
-            hazards(0.0, &[0.0, 2.0, 0.4]),
-            [(Hazard::Slack, 2_000 + SLACK_MS)]
-        );
     }
 }

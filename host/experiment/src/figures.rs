@@ -126,7 +126,7 @@ impl Counts {
                 continue;
             }
             self.samples += 1;
-            self.limited += u64::from(timed.sample.flags & (flags::LIMITED | flags::AT_ZERO) != 0);
+            self.limited += u64::from(timed.sample.flags & flags::AT_A_LIMIT != 0);
             if let Some(before) = self.last_us[unit].replace(timed.t_us) {
                 let periods = timed.t_us.saturating_sub(before) as f64 * 1e-6 * CELL_RATE_HZ;
                 self.samples_lost += (periods.round() as u64).saturating_sub(1);

@@ -68,7 +68,7 @@ impl Run<'_> {
         self.saturated = received
             .samples
             .iter()
-            .any(|timed| timed.sample.flags & (flags::LIMITED | flags::AT_ZERO) != 0);
+            .any(|timed| timed.sample.flags & flags::AT_A_LIMIT != 0);
         if let Some(newest) = received.samples.iter().map(|timed| timed.t_us).max() {
             self.now_board_s = self.now_board_s.max(newest as f64 * 1e-6);
         }

@@ -230,8 +230,7 @@ impl Observer {
     fn new(plant: &PlantConfig, watch_ms: u32) -> Self {
         Self {
             watch_ms,
-            // Armed for a while: every cable is tight.
-            watch: Watch::new([0.0; UNITS], [1.0; UNITS]),
+            watch: Watch::new([0.0; UNITS]),
             plant: plant.clone(),
             wound_m: [0.0; UNITS],
             status: None,
