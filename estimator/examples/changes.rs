@@ -5,6 +5,9 @@
 //! minute of free motion and three minutes under load, begun at power-on. `frozen`: the model as it was trained. The label is the true
 //! force of the simulation, without the rig's cells. Rows are those that are valid.
 
+#[path = "../tests/common/rows.rs"]
+mod rows;
+
 use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::geometry::Base;
 use estimator::motion::INPUTS;
@@ -14,9 +17,8 @@ use estimator::trees::TreesConfig;
 use rayon::prelude::*;
 use robot::arm::{ArmConfig, ChangeConfig, VirtualArm};
 use robot::trajectory::{Trajectory, TrajectoryConfig};
+use rows::rows;
 
-const STEPS_HZ: f64 = 20_000.0;
-const ROW_STEPS: usize = 400;
 const FREE_S: f64 = 60.0;
 /// Trials of each change.
 const TRIALS: usize = 2;
@@ -45,34 +47,23 @@ fn trial(
     let phase = session as f64;
     // Rates of 0.1 to 0.3 N/s, as in the thesis.
     let force = |t: f64| 2.5 * (0.083 * t + phase).sin() + 1.8 * (0.051 * t + 2.0 * phase).sin();
-    let empty = |start_s: f64| Sequence {
-        trial: session as usize,
-        start_s,
-        step_s: 0.02,
-        input: Vec::new(),
-        inputs: INPUTS,
-        target: Vec::new(),
-        targets: 3,
-    };
-    let mut parts = [empty(0.0), empty(free_s)];
-    for step in 0..((free_s + loaded_s) * STEPS_HZ) as usize {
-        let t = step as f64 / STEPS_HZ;
+    let all = rows(&mut arm, session as usize, free_s + loaded_s, |t| {
         let y = if t < free_s { 0.0 } else { force(t) };
-        let on_tool = [0.02 * y, y, 0.01 * y];
-        arm.step(1.0 / STEPS_HZ, true, on_tool);
-        if t > 2.0 && step % ROW_STEPS == 0 {
-            let state = arm.state();
-            let joints = state.joints.expect("joints");
-            let effort = joints.effort.expect("efforts").value;
-            let velocity = joints.velocity.expect("velocities");
-            let part = &mut parts[usize::from(t >= free_s)];
-            for from in [&joints.position, &velocity, &effort] {
-                part.input.extend(from[..3].iter().map(|v| *v as f32));
-            }
-            part.target.extend(on_tool.map(|v| v as f32));
-        }
-    }
-    parts
+        [0.02 * y, y, 0.01 * y]
+    });
+    let targets = all.target.chunks_exact(3);
+    let free = if free_s > 0.0 {
+        targets.take_while(|force| force[1] == 0.0).count()
+    } else {
+        0
+    };
+    let part = |start_s: f64, rows: std::ops::Range<usize>| Sequence {
+        start_s,
+        input: all.input[rows.start * INPUTS..rows.end * INPUTS].to_vec(),
+        target: all.target[rows.start * 3..rows.end * 3].to_vec(),
+        ..all.clone()
+    };
+    [part(0.0, 0..free), part(free_s, free..all.rows())]
 }
 
 fn train(kind: Kind, seed: u64, rows: &[&Sequence]) -> Estimator {

@@ -62,7 +62,16 @@ fn absent(file: &str, mapping: &Mapping) -> Result<Vec<usize>, DataError> {
     Ok(absent)
 }
 
-/// Reads a log: rows at `rate_hz`, which divides the log's rate. `with_force`: the label is needed.
+/// What a log must have of the force on the tool.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Label {
+    /// A finite value in every row that is usable.
+    Needed,
+    /// What there is: NaN where a column or a value is missing.
+    WhereThere,
+}
+
+/// Reads a log: rows at `rate_hz`, which divides the log's rate.
 ///
 /// # Errors
 /// [`DataError`] with file and column.
@@ -71,7 +80,7 @@ pub fn read<'a>(
     log: &'a dyn Columns,
     mapping: &'a Mapping,
     rate_hz: f64,
-    with_force: bool,
+    label: Label,
 ) -> Result<Part, DataError> {
     let find = |role: &str, column: &str, instead: &'static str| {
         log.column(column).ok_or_else(|| DataError::Missing {
@@ -109,10 +118,14 @@ pub fn read<'a>(
     let mut inputs = three("a joint's position", &mapping.position, false)?;
     inputs.extend(three("a joint's velocity", &mapping.velocity, true)?);
     inputs.extend(three("a joint's effort", &mapping.effort, true)?);
-    let force = if with_force {
-        three("the force on the tool", &mapping.force, false)?
-    } else {
-        Vec::new()
+    let force = three("the force on the tool", &mapping.force, false);
+    let force = match label {
+        Label::Needed => force?,
+        Label::WhereThere => force.unwrap_or_default(),
+    };
+    let needed: &[Column<'_>] = match label {
+        Label::Needed => &force,
+        Label::WhereThere => &[],
     };
     let tip = match mapping.tip() {
         Some(tip) => three("the reported tip", tip, false)?,
@@ -182,7 +195,7 @@ pub fn read<'a>(
             file,
             row,
             &time,
-            std::iter::once(&time).chain(&inputs).chain(&force),
+            std::iter::once(&time).chain(&inputs).chain(needed),
         )?;
         let sequence = open.get_or_insert_with(|| {
             began = row;
@@ -203,7 +216,7 @@ pub fn read<'a>(
             .input
             .extend(inputs.iter().map(|c| c.at(row) as f32));
         if force.is_empty() {
-            sequence.target.extend([0.0; 3]);
+            sequence.target.extend([f32::NAN; 3]);
         } else {
             sequence
                 .target
@@ -320,7 +333,7 @@ fn step_s(file: &str, time: &Column<'_>) -> Result<f64, DataError> {
 ///
 /// # Errors
 /// The tips do not fit the kinematics.
-pub fn base(pairs: &[([f64; 3], [f64; 3])]) -> Result<Base, crate::geometry::BaseError> {
+pub fn base(pairs: &[Pose]) -> Result<Base, crate::geometry::BaseError> {
     if pairs.is_empty() {
         return Ok(Base::default());
     }
@@ -375,7 +388,13 @@ mod tests {
     }
 
     fn read_at(log: &Log, rate_hz: f64) -> Result<Part, DataError> {
-        read("a.parquet", log, &Mapping::default(), rate_hz, true)
+        read(
+            "a.parquet",
+            log,
+            &Mapping::default(),
+            rate_hz,
+            Label::Needed,
+        )
     }
 
     #[test]
@@ -489,7 +508,7 @@ mod tests {
         };
         let mut mapping = Mapping::default();
         mapping.effort[0] = absent.clone();
-        let part = read("c.csv", &other, &mapping, 100.0, true).unwrap();
+        let part = read("c.csv", &other, &mapping, 100.0, Label::Needed).unwrap();
         assert_eq!(part.absent, [6]);
         assert_eq!(
             part.sequences[0].input_row(5)[5..8],
@@ -497,7 +516,7 @@ mod tests {
         );
 
         let refused = |mapping: &Mapping| {
-            let error = read("c.csv", &other, mapping, 100.0, true).unwrap_err();
+            let error = read("c.csv", &other, mapping, 100.0, Label::Needed).unwrap_err();
             error.to_string()
         };
         let mut none = mapping.clone();
@@ -524,12 +543,12 @@ mod tests {
             if word.contains("trial") {
                 named.usable = String::new();
             }
-            let error = read("d.csv", &plain, &named, 100.0, true)
+            let error = read("d.csv", &plain, &named, 100.0, Label::Needed)
                 .unwrap_err()
                 .to_string();
             assert!(error.contains(word), "{error}");
         }
-        let part = read("d.csv", &plain, &bare, 100.0, true).unwrap();
+        let part = read("d.csv", &plain, &bare, 100.0, Label::Needed).unwrap();
         assert_eq!((part.sequences[0].rows(), part.tips.len()), (400, 0));
         let mut unnamed = mapping.clone();
         unnamed.velocity[2].column.clear();
@@ -551,7 +570,7 @@ mod tests {
             factor: std::f64::consts::PI / 180.0,
             absent: false,
         };
-        let part = read("b.csv", &other, &mapping, 100.0, true).unwrap();
+        let part = read("b.csv", &other, &mapping, 100.0, Label::Needed).unwrap();
         assert!((part.sequences[0].input_row(0)[0] - std::f32::consts::PI).abs() < 1e-6);
     }
 }

@@ -58,7 +58,7 @@ impl Misfit {
 mod tests {
     use super::*;
 
-    /// Misfit after a minute of a force along y that goes to and fro, with this much more at the balance of motor 1.
+    /// Misfit after a minute of a force along y that goes back and forth, with this much more at the balance of motor 1.
     fn after_a_minute(more: impl Fn(f64) -> f64, along_x: f64) -> [f64; TIMES] {
         let levers = Matrix3::new(0.1, 0.01, 0.04, 0.02, -0.08, 0.01, -0.4, 0.06, 0.9);
         let variance = Vector3::new(0.008, 0.005, 0.13).map(|sd: f64| sd * sd);

@@ -10,7 +10,7 @@
 //! Where a stream begins, nobody knows how far the contacts are bent. Two more stop operators, begun at both ends, enclose each: once they
 //! meet, which a travel of 2 r in one direction brings about, the past before the start has no more influence. A contact that begins to
 //! move is taken to have slid in that direction before. Across a gap the operators go on with what the positions moved in it, and the
-//! bounds open by what the joint could have gone to and fro.
+//! bounds open by what the joint could have gone back and forth.
 
 use robot::kinematics::COUPLING;
 
@@ -468,7 +468,7 @@ impl Motion {
             stretched[1],
             stretched[2],
         ];
-        // Travel to and fro in a gap, beyond that between its ends.
+        // Travel back and forth in a gap, beyond that between its ends.
         let unseen: [f64; PLACES] = core::array::from_fn(|k| match (gap_s, self.places) {
             (Some(gap_s), Some(places)) => {
                 let before = self.tracks[k].before.map_or(0.0, |(_, v)| v.abs());
@@ -603,7 +603,7 @@ mod tests {
         let after = *motion.step(&at(114));
         assert_eq!(after.age_s, 0.0);
         assert!(after.motor_stop(0, 5) > 0.9, "{after:?}");
-        // Up to half as fast again as it was: 1.4 mrad to and fro, of which the small thresholds forget all and the largest a fifth.
+        // Up to half as fast again as it was: 1.4 mrad back and forth, of which the small thresholds forget all and the largest a fifth.
         assert!(
             after.unknown[0] > 0.3 && after.unknown[0] < 0.95,
             "{after:?}"

@@ -325,7 +325,7 @@ impl Physics {
         let Some(found) = found else {
             self.found = before;
             return Err(ModelError::Data(format!(
-                "{:.0} s of this log tell the state of the friction, at least {FREE_S} s must: move all three joints to and fro for a minute, with nothing at the tool",
+                "{:.0} s of this log tell the state of the friction, at least {FREE_S} s must: move all three joints back and forth for a minute, with nothing at the tool",
                 sums.told_s
             )));
         };

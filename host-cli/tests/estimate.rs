@@ -392,6 +392,17 @@ fn a_model_is_recalibrated_on_free_motion_alone() {
         "m.model loaded/trial-8.csv",
         &["N RMS on the tool", "nothing at the tool"],
     );
+    // One value that is missing does not make the others unseen.
+    let log_file = folder.join("loaded/trial-8.csv");
+    let text = std::fs::read_to_string(&log_file).unwrap();
+    let names: Vec<&str> = text.lines().next().unwrap().split(',').collect();
+    let place = names.iter().position(|n| *n == "force_y_n").unwrap();
+    let mut lines: Vec<String> = text.lines().map(str::to_owned).collect();
+    let mut cells: Vec<&str> = lines[100].split(',').collect();
+    cells[place] = "";
+    lines[100] = cells.join(",");
+    std::fs::write(folder.join("gap.csv"), lines.join("\n") + "\n").unwrap();
+    refused("m.model gap.csv --any-robot", &["N RMS on the tool"]);
     refused("l.model free/trial-8.csv", &["no torque balance"]);
     log(&folder.join("short"), 8, 20, 0.0, &[]);
     refused("m.model short/trial-8.csv", &["at least 30 s"]);

@@ -8,13 +8,14 @@ use super::output::path_json;
 use super::Context;
 use clap::{Args, Subcommand};
 use estimate::card::{newtons, percent, ModelCard, Run};
-use estimate::evaluate::Streamed;
+use estimate::evaluate::{Replay, Streamed};
 use estimate::{self, evaluate, load, Data};
-use estimator::data::Mapping;
+use estimator::data::{Label, Mapping};
 use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
 use estimator::model::Progress;
 use estimator::sequence::Sequence;
 use estimator::trees::TreesConfig;
+use live::AXES;
 use serde_json::json;
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -150,6 +151,9 @@ struct Recalibrate {
     mapping: Option<PathBuf>,
 }
 
+/// The joints that a recalibration looks at, with the units of their torques.
+const JOINTS: [(&str, &str); 3] = [("shoulder", "N·m"), ("elbow", "N·m"), ("insertion", "N")];
+
 /// Measured force above which a log is not of free motion, N RMS: some times the noise of the load cells.
 const FREE_N: f64 = 0.2;
 
@@ -159,14 +163,9 @@ impl Recalibrate {
         let card = ModelCard::read(&self.model)?;
         let mapping = mapping(self.mapping.as_ref())?;
         let rate_hz = 1.0 / estimator.step_s;
-        let mut data = match load::load(&self.log, &mapping, rate_hz, true) {
-            Ok(data) => {
-                self.check_free(&data)?;
-                data
-            }
-            // Free motion needs no measured force.
-            Err(_) => load::load(&self.log, &mapping, rate_hz, false)?,
-        };
+        // Free motion needs no measured force. One that is there tells whether it was free.
+        let mut data = load::load(&self.log, &mapping, rate_hz, Label::WhereThere)?;
+        self.check_free(&data)?;
         check_robot(&estimator, &data.robot, self.any_robot)?;
         data.fit_inputs(&estimator).map_err(Failure::usage)?;
         let free: Vec<&Sequence> = data.sequences.iter().collect();
@@ -192,9 +191,9 @@ impl Recalibrate {
             row!(
                 text,
                 "{:<9} {:>7.3} +- {offset:.3} {:<3} {:>6.1} +- {:.1}   {:>5.1} +- {:.1}   {:>8.1}   {:>6.1} +- {:.1}",
-                ["shoulder", "elbow", "insertion"][i],
+                JOINTS[i].0,
                 c.offset,
-                ["N·m", "N·m", "N"][i],
+                JOINTS[i].1,
                 100.0 * c.friction,
                 100.0 * friction,
                 100.0 * c.gain,
@@ -205,9 +204,9 @@ impl Recalibrate {
             );
         }
         for (i, change) in found.changes.iter().enumerate() {
-            let sure = change.surely(["N·m", "N·m", "N"][i]);
+            let (joint, unit) = JOINTS[i];
+            let sure = change.surely(unit);
             if !sure.is_empty() {
-                let joint = ["shoulder", "elbow", "insertion"][i];
                 row!(text, "{joint}: {}", sure.join("; "));
             }
         }
@@ -222,15 +221,18 @@ impl Recalibrate {
 
     /// Refuses a log with a force on the tool.
     fn check_free(&self, data: &Data) -> Result<()> {
-        let forces = data.sequences.iter().flat_map(|s| &s.target);
-        let rows: usize = data.sequences.iter().map(Sequence::rows).sum();
-        let square: f64 = forces.map(|f| f64::from(*f).powi(2)).sum();
+        let forces = data.sequences.iter().flat_map(|s| s.target.chunks_exact(3));
+        let (mut square, mut rows) = (0.0, 0_usize);
+        for force in forces.filter(|force| force.iter().all(|f| f.is_finite())) {
+            square += force.iter().map(|f| f64::from(*f).powi(2)).sum::<f64>();
+            rows += 1;
+        }
         let rms_n = (square / rows.max(1) as f64).sqrt();
         if rms_n <= FREE_N {
             return Ok(());
         }
         Err(Failure::usage(format!(
-            "{}: there was a force of {rms_n:.2} N RMS on the tool, and a recalibration takes every torque for the robot's own: move all three joints to and fro for a minute with nothing at the tool",
+            "{}: there was a force of {rms_n:.2} N RMS on the tool, and a recalibration takes every torque for the robot's own: move all three joints back and forth for a minute with nothing at the tool",
             self.log.display()
         )))
     }
@@ -346,7 +348,7 @@ impl DataArgs {
             path,
             &mapping(self.mapping.as_ref())?,
             self.rate,
-            true,
+            Label::Needed,
         )?)
     }
 }
@@ -395,7 +397,7 @@ impl Train {
             training_s: began.elapsed().as_secs_f64(),
         };
         let unseen = data.of(&run.test);
-        let evaluation = evaluate::evaluate(&trained, &unseen)
+        let evaluation = evaluate::evaluate(&trained, &unseen, &Replay::default())
             .map_err(Failure::usage)?
             .0;
         // From here on Ctrl-C must not leave a model without its card.
@@ -462,7 +464,7 @@ impl Eval {
             &self.data,
             &mapping(self.mapping.as_ref())?,
             1.0 / estimator.step_s,
-            true,
+            Label::Needed,
         )?;
         check_robot(&estimator, &data.robot, self.any_robot)?;
         data.fit_inputs(&estimator).map_err(Failure::usage)?;
@@ -479,17 +481,13 @@ impl Eval {
                 data.trials()
             )));
         }
-        let (mut evaluation, _) =
-            evaluate::evaluate(&estimator, &sequences).map_err(Failure::usage)?;
-        if self.starts + self.gaps > 0 {
-            evaluation.stream = Some(evaluate::streamed(
-                &estimator,
-                &sequences,
-                self.starts,
-                self.gaps,
-                self.seed,
-            ));
-        }
+        let replay = Replay {
+            starts: self.starts,
+            gaps: self.gaps,
+            seed: self.seed,
+        };
+        let (evaluation, _) =
+            evaluate::evaluate(&estimator, &sequences, &replay).map_err(Failure::usage)?;
         let mut text = String::new();
         let f = &evaluation.figures;
         let half = f
@@ -523,7 +521,7 @@ impl Eval {
         if evaluation.mae_by_component_n.len() > 1 {
             let by: Vec<String> = (estimator.axes.iter())
                 .zip(&evaluation.mae_by_component_n)
-                .map(|(axis, mae_n)| format!("{} {mae_n:.3} N", ["x", "y", "z"][*axis]))
+                .map(|(axis, mae_n)| format!("{} {mae_n:.3} N", AXES[*axis]))
                 .collect();
             row!(text, "MAE by axis    {}", by.join(", "));
         }

@@ -122,15 +122,19 @@ impl Sum {
     }
 }
 
-/// Replays each trial row by row with so many more starts and gaps in each, at places that the seed draws, and counts every row.
-#[must_use]
-pub fn streamed(
-    estimator: &Estimator,
-    sequences: &[&Sequence],
-    starts: usize,
-    gaps: usize,
-    seed: u64,
-) -> Streamed {
+/// What a replay has beside its trials.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Replay {
+    /// More starts in each trial.
+    pub starts: usize,
+    /// Gaps in each trial.
+    pub gaps: usize,
+    /// Seed of their places.
+    pub seed: u64,
+}
+
+/// Replays each trial row by row, and counts every row.
+fn streamed(estimator: &Estimator, sequences: &[&Sequence], replay: &Replay) -> Streamed {
     let mut stream = Stream::new(estimator);
     let (mut all, mut valid, mut early) = (Sum::default(), Sum::default(), Sum::default());
     let mut out = Streamed::default();
@@ -150,12 +154,12 @@ pub fn streamed(
         let share = |count: usize| {
             (count as f64 * sequence.rows() as f64 / trial_rows.max(1) as f64).round() as usize
         };
-        let mut random = Random::stream(seed, "breaks of a replay", sequence.trial as u64);
+        let mut random = Random::stream(replay.seed, "breaks of a replay", sequence.trial as u64);
         let breaks = Breaks::drawn(
             sequence.rows(),
             step_s,
-            share(starts),
-            share(gaps),
+            share(replay.starts),
+            share(replay.gaps),
             &mut random,
         );
         let first = stream::between(last.replace(sequence), sequence);
@@ -245,6 +249,7 @@ pub fn testable(sequences: &[&Sequence]) -> Result<(), ModelError> {
 pub fn evaluate(
     estimator: &Estimator,
     sequences: &[&Sequence],
+    replay: &Replay,
 ) -> Result<(Evaluation, Vec<Rows>), ModelError> {
     testable(sequences)?;
     let trials = compare(
@@ -313,7 +318,7 @@ pub fn evaluate(
         },
         figures,
         step,
-        stream: Some(streamed(estimator, sequences, 0, 0, 0)),
+        stream: Some(streamed(estimator, sequences, replay)),
     };
     Ok((evaluation, trials))
 }

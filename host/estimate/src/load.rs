@@ -1,6 +1,6 @@
 //! Data of an estimator from files: the dataset folder of an experiment, or any logs with a mapping file.
 
-use estimator::data::{self, Columns, Mapping, Part};
+use estimator::data::{self, Columns, Label, Mapping, Part, Pose};
 use estimator::estimator::Estimator;
 use estimator::geometry::Base;
 use estimator::model::ModelError;
@@ -13,9 +13,6 @@ use std::path::{Path, PathBuf};
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
 pub struct LoadError(pub String);
-
-/// Joints, rad, rad, m, and the tip that the robot reports, m.
-type Pair = ([f64; 3], [f64; 3]);
 
 /// Name of a robot that neither a data card nor a mapping names.
 pub const UNNAMED: &str = "unnamed";
@@ -58,7 +55,7 @@ pub struct Data {
     /// Unbroken stretches in order of their trials, with the force's three components as targets.
     pub sequences: Vec<Sequence>,
     /// Joints (rad, rad, m) and reported tips (m) by trial: see [`Data::base`].
-    tips: Vec<(usize, Pair)>,
+    tips: Vec<(usize, Pose)>,
     /// Rows per second of the files.
     pub file_rate_hz: f64,
     /// Time of the label; `None` where the log has no data card.
@@ -152,12 +149,7 @@ fn files(path: &Path) -> Result<(Vec<PathBuf>, Option<PathBuf>), LoadError> {
 ///
 /// # Errors
 /// [`LoadError`]: what is refused is listed in [`estimator::data`].
-pub fn load(
-    path: &Path,
-    mapping: &Mapping,
-    rate_hz: f64,
-    with_force: bool,
-) -> Result<Data, LoadError> {
+pub fn load(path: &Path, mapping: &Mapping, rate_hz: f64, label: Label) -> Result<Data, LoadError> {
     let (files, card) = files(path)?;
     let card: Option<serde_json::Value> = match card {
         Some(card) => {
@@ -166,7 +158,7 @@ pub fn load(
         }
         None => None,
     };
-    let axes = axes_of(path, card.as_ref(), mapping, with_force)?;
+    let axes = axes_of(path, card.as_ref(), mapping, label)?;
     let mut parts: Vec<Part> = Vec::new();
     let mut sources: Vec<Source> = Vec::new();
     for (number, file) in files.iter().enumerate() {
@@ -176,7 +168,7 @@ pub fn load(
             &Read(&table),
             mapping,
             rate_hz,
-            with_force,
+            label,
         )
         .map_err(|e| LoadError(e.to_string()))?;
         if mapping.trial().is_none() {
@@ -209,7 +201,7 @@ pub fn load(
         });
         parts.push(part);
     }
-    let tips: Vec<(usize, Pair)> = (parts.iter())
+    let tips: Vec<(usize, Pose)> = (parts.iter())
         .flat_map(|p| p.tips.iter().copied())
         .collect();
     // A check alone: what a model takes from it is fitted to its training.
@@ -241,10 +233,10 @@ pub fn load(
 
 fn base_of(
     path: &Path,
-    tips: &[(usize, Pair)],
+    tips: &[(usize, Pose)],
     of: impl Fn(usize) -> bool,
 ) -> Result<Base, LoadError> {
-    let pairs: Vec<Pair> = (tips.iter())
+    let pairs: Vec<Pose> = (tips.iter())
         .filter(|(trial, _)| of(*trial))
         .map(|(_, pair)| *pair)
         .collect();
@@ -256,14 +248,14 @@ fn axes_of(
     path: &Path,
     card: Option<&serde_json::Value>,
     mapping: &Mapping,
-    with_force: bool,
+    label: Label,
 ) -> Result<Vec<usize>, LoadError> {
     if let Some(axis) = card.and_then(axis_of) {
         return Ok(vec![axis]);
     }
     // A component with the factor 0 was not measured: a model would learn that it is always 0.
     let axes: Vec<usize> = (0..3).filter(|a| mapping.force[*a].factor != 0.0).collect();
-    if axes.is_empty() && with_force {
+    if axes.is_empty() && label == Label::Needed {
         return Err(failed(
             path,
             "the mapping file has the factor 0 for all three components of `force`; give the measured one another",
@@ -449,7 +441,7 @@ mod tests {
             "trials": [{"figures": {"force_age_s": 0.001, "sync_error_s": 1e-6}}, {"figures": {"force_age_s": 0.002, "sync_error_s": 1e-6}}],
         });
         std::fs::write(inner.join("card.json"), card.to_string()).unwrap();
-        let data = load(folder.path(), &Mapping::default(), 50.0, true).unwrap();
+        let data = load(folder.path(), &Mapping::default(), 50.0, Label::Needed).unwrap();
         assert_eq!(
             (data.robot.as_str(), data.axes.as_slice()),
             ("virtual seed 3", [1].as_slice())
@@ -459,9 +451,9 @@ mod tests {
         assert_eq!(data.sources[0].sha256.len(), 64);
         // A file of it is of the same robot.
         let file = inner.join("trial-02.parquet");
-        let one = load(&file, &Mapping::default(), 50.0, true).unwrap();
+        let one = load(&file, &Mapping::default(), 50.0, Label::Needed).unwrap();
         assert_eq!((one.robot, one.axes), (data.robot, data.axes));
-        let error = load(folder.path(), &Mapping::default(), 30.0, true)
+        let error = load(folder.path(), &Mapping::default(), 30.0, Label::Needed)
             .unwrap_err()
             .to_string();
         assert!(
@@ -484,7 +476,7 @@ mod tests {
             text += &(cells.join(",") + "\n");
         }
         std::fs::write(&log, &text).unwrap();
-        let error = load(&log, &Mapping::default(), 50.0, true)
+        let error = load(&log, &Mapping::default(), 50.0, Label::Needed)
             .unwrap_err()
             .to_string();
         assert!(
@@ -499,17 +491,19 @@ mod tests {
             named("joint_effort_3")
         );
         std::fs::write(&map, format!("robot = \"mine\"\neffort = [{effort}]\n")).unwrap();
-        let data = load(&log, &mapping(&map).unwrap(), 100.0, true).unwrap();
+        let data = load(&log, &mapping(&map).unwrap(), 100.0, Label::Needed).unwrap();
         assert_eq!((data.robot.as_str(), data.axes.len()), ("mine", 3));
         // One component was measured, as in docs/estimation.md.
         let force = "robot = \"mine\"\ntrial = \"\"\nforce = [{ column = \"force_y_n\", factor = 0.0 }, { column = \"force_y_n\" }, { column = \"force_y_n\", factor = 0.0 }]\n";
         let one_axis = folder.path().join("one-axis.toml");
         std::fs::write(&one_axis, format!("{force}effort = [{effort}]\n")).unwrap();
-        let one = load(&log, &mapping(&one_axis).unwrap(), 100.0, true).unwrap();
+        let one = load(&log, &mapping(&one_axis).unwrap(), 100.0, Label::Needed).unwrap();
         assert_eq!(one.axes, [1]);
         let mut none = mapping(&one_axis).unwrap();
         none.force[1].factor = 0.0;
-        let error = load(&log, &none, 100.0, true).unwrap_err().to_string();
+        let error = load(&log, &none, 100.0, Label::Needed)
+            .unwrap_err()
+            .to_string();
         assert!(
             error.contains("day.csv") && error.contains("factor 0"),
             "{error}"
@@ -520,21 +514,21 @@ mod tests {
         for name in ["a.csv", "b.csv"] {
             std::fs::copy(&log, days.join(name)).unwrap();
         }
-        let error = load(&days, &mapping(&map).unwrap(), 50.0, true)
+        let error = load(&days, &mapping(&map).unwrap(), 50.0, Label::Needed)
             .unwrap_err()
             .to_string();
         for word in ["b.csv", "a.csv", "`trial`", "`trial = \"\"`"] {
             assert!(error.contains(word), "{error}");
         }
-        let both = load(&days, &mapping(&one_axis).unwrap(), 50.0, true).unwrap();
+        let both = load(&days, &mapping(&one_axis).unwrap(), 50.0, Label::Needed).unwrap();
         assert_eq!(both.trials(), [1, 2]);
-        let data = load(&log, &mapping(&map).unwrap(), 100.0, true).unwrap();
+        let data = load(&log, &mapping(&map).unwrap(), 100.0, Label::Needed).unwrap();
         assert!((data.sequences[0].input_row(0)[7] - 0.0005).abs() < 1e-9);
         // A time that is not a number, in the fifth row: without the word the same file is read.
         let broken = text.replacen("\n0.04,", "\nbroken,", 1);
         assert_ne!(broken, text);
         std::fs::write(&log, broken).unwrap();
-        let error = load(&log, &mapping(&map).unwrap(), 50.0, true)
+        let error = load(&log, &mapping(&map).unwrap(), 50.0, Label::Needed)
             .unwrap_err()
             .to_string();
         for word in ["day.csv", "`t_s`", "row 5", "line 6"] {

@@ -106,8 +106,10 @@ pub fn replay(rows: &Table, axis: &str) -> Scene {
     axes.legend(&mut scene, 0, "estimate", color(0));
     axes.legend(&mut scene, 1, "90 % interval", GRAY);
     if label.iter().any(|v| v.is_finite()) {
-        let points = taken.iter().map(|k| (time[*k], label[*k]));
-        scene.line(&axes.at(points), 1.6, BLACK, false);
+        for stretch in taken.split(|k| !label[*k].is_finite()) {
+            let points = stretch.iter().map(|k| (time[*k], label[*k]));
+            scene.line(&axes.at(points), 1.6, BLACK, false);
+        }
         axes.legend(&mut scene, 2, "measured", BLACK);
     }
     axes.draw(&mut scene, "force on the tool, N", "time in the log, s");

@@ -25,7 +25,7 @@ pub struct ChangeConfig {
     pub ripple: f64,
     /// Coulomb friction in positive direction above the mean of both, share of it.
     pub asymmetry: f64,
-    /// Torque of a tool's cable at the elbow, N·m: it goes to and fro within five minutes.
+    /// Torque of a tool's cable at the elbow, N·m: it goes back and forth within five minutes.
     pub drag_n_m: f64,
 }
 

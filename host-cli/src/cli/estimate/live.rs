@@ -6,6 +6,7 @@ use crate::cli::Context;
 use clap::Args;
 use estimate::load;
 use estimate::pace::{Anew, Pace, Take};
+use estimator::data::Label;
 use estimator::estimator::Estimator;
 use estimator::motion::INPUTS;
 use estimator::stream::{self, Before, Stream, Sure};
@@ -56,7 +57,7 @@ pub struct Live {
     mapping: Option<PathBuf>,
 }
 
-const AXES: [&str; 3] = ["x", "y", "z"];
+pub(super) const AXES: [&str; 3] = ["x", "y", "z"];
 
 /// The model on a stream, with what is printed and written of it.
 struct Run<'a> {
@@ -73,7 +74,7 @@ struct Run<'a> {
 }
 
 /// Told once.
-const MISFITS: &str = "this model no longer fits this robot: the motors' torques are not what it expects, whatever the force. Its estimates are wrong and invalid until it fits. Move all three joints to and fro for a minute with nothing at the tool, and give the log to `forcectl estimate recalibrate`; a force along an axis that had none in the training looks the same";
+const MISFITS: &str = "this model no longer fits this robot: the motors' torques are not what it expects, whatever the force. Its estimates are wrong and invalid until it fits. Move all three joints back and forth for a minute with nothing at the tool, and give the log to `forcectl estimate recalibrate`; a force along an axis that had none in the training looks the same";
 
 impl<'a> Run<'a> {
     fn new(estimator: &'a Estimator, context: &'a Context, of: &Live) -> Self {
@@ -207,12 +208,7 @@ impl Live {
         let mapping = mapping(self.mapping.as_ref())?;
         let rate_hz = 1.0 / estimator.step_s;
         // With the measured force where the log has it; a replay does not need it.
-        let with_label = load::load(log, &mapping, rate_hz, true);
-        let labelled = with_label.is_ok();
-        let mut data = match with_label {
-            Ok(data) => data,
-            Err(_) => load::load(log, &mapping, rate_hz, false)?,
-        };
+        let mut data = load::load(log, &mapping, rate_hz, Label::WhereThere)?;
         // A log alone names no robot; a data card beside it, or a mapping, does.
         if data.robot == load::UNNAMED || estimator.robot == load::UNNAMED {
             context.output.note(&format!(
@@ -245,8 +241,8 @@ impl Live {
                 {
                     break;
                 }
-                let label = labelled.then(|| sequence.target_row(k));
-                run.step(time_s, sequence.input_row(k), label);
+                let label = sequence.target_row(k);
+                run.step(time_s, sequence.input_row(k), Some(label));
             }
         }
         run.done(self)

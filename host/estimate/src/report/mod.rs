@@ -13,7 +13,7 @@ pub use check::{probe, probe_file};
 pub use goals::Goal;
 pub use tables::tables;
 
-use super::evaluate::{evaluate, Evaluation};
+use super::evaluate::{evaluate, Evaluation, Replay};
 use super::load::Data;
 use super::study::{Choice, Point, Study};
 use estimator::estimator::{Estimator, Kind, NetworkLimits, Training};
@@ -211,7 +211,7 @@ fn tested(
     training_s: f64,
     test: &[&Sequence],
 ) -> Result<(ModelResult, Vec<Rows>), ReportError> {
-    let (evaluation, trials) = evaluate(estimator, test)?;
+    let (evaluation, trials) = evaluate(estimator, test, &Replay::default())?;
     let result = ModelResult {
         model: estimator.kind.name().to_owned(),
         parameters: estimator.model().parameters(),
@@ -430,7 +430,7 @@ impl Report<'_> {
             let none = Estimator::train(&none, &sequences, &mut |_| {})?;
             let mut models = Vec::new();
             for estimator in [&none, physics, shipped] {
-                let evaluation = evaluate(estimator, &sequences)?.0;
+                let evaluation = evaluate(estimator, &sequences, &Replay::default())?.0;
                 models.push((estimator.kind.name().to_owned(), evaluation));
             }
             self.results.elsewhere.push(Elsewhere {
