@@ -14,7 +14,7 @@ use serde::{Deserialize, Serialize};
 use std::io::{self, Read, Write};
 
 /// Version of this link; both ends compare it in [`Response::Ready`].
-pub const LINK_VERSION: u32 = 6;
+pub const LINK_VERSION: u32 = 7;
 
 /// Number of force units of the rig.
 pub const UNITS: usize = 6;
@@ -136,6 +136,20 @@ pub enum Injection {
     /// Flip one bit of a core register of the code that the next exception of this number interrupts: exception (15 is
     /// SysTick, 16 + n interrupt n), register (0 to 12, 13 SP, 14 LR, 15 PC, 16 xPSR), bit.
     FlipCore(u8, u8, u8),
+    /// Exchange the plugs of two units' encoders, in place of an exchange before; a unit with itself: none.
+    ExchangeEncoders(u8, u8),
+    /// Exchange the cables of two units' motors, likewise.
+    ExchangeMotors(u8, u8),
+    /// Exchange the cables of two units' load cells, likewise: each converter with its DRDY line stays where it is.
+    ExchangeCells(u8, u8),
+    /// Exchange the DRDY lines of two units' converters, likewise.
+    ExchangeDrdy(u8, u8),
+    /// A unit's encoder has this many lines in place of 1,000.
+    EncoderLines(u8, u16),
+    /// A unit's amplifier gives this share of its current (1: in order; negative: the motor's wires are exchanged).
+    AmplifierShare(u8, f64),
+    /// A hand pulls so many millimetres of cable out of a unit at 50 mm/s, with 3 N; negative: winds them in by the reel.
+    PullOut(u8, f64),
 }
 
 /// Response of the rig.

@@ -196,6 +196,17 @@ impl Plant {
         Ok(())
     }
 
+    /// Lets a hand pull `travel_m` of cable out of `unit` (from 0), at 50 mm/s and with 3 N on the cell; negative: a hand winds
+    /// it in by turning the reel. The plant's tension is the cable's at the tip, and does not show the hand.
+    ///
+    /// # Errors
+    /// No such unit.
+    pub fn pull_out(&mut self, unit: usize, travel_m: f64) -> Result<(), InputError> {
+        self.check(unit)?;
+        self.units[unit].pull_out(travel_m);
+        Ok(())
+    }
+
     /// Switches the amplifiers' power: the relay of the PLC, opened by the E-stop.
     pub fn set_amplifier_power(&mut self, on: bool) {
         let due = self.due();

@@ -22,6 +22,10 @@ const MESH_DAMPING_N_S_PER_M: f64 = 27.0;
 pub(crate) const SMALLEST_REEL_MASS_KG: f64 = 0.02;
 /// Presliding of the reel's own bearing when there is play, m.
 const BEARING_PRESLIDING_M: f64 = 1.0e-5;
+/// Speed at which a hand pulls cable out or winds it in, m/s: 200 mm in 4 s.
+const HAND_M_PER_S: f64 = 0.05;
+/// Force with which a hand pulls cable out, N: three times the friction of a reel at rest.
+const HAND_N: f64 = 3.0;
 
 /// What was drawn from the seed for one unit: its true figures.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -183,6 +187,16 @@ impl LooseReel {
     }
 }
 
+/// Speed of a reel that a hand moves in this step, m/s; it stands still at the end. `left_m`: cable that is still to be pulled out.
+fn moved_by_hand(left_m: &mut f64, h_s: f64) -> f64 {
+    let step_m = left_m.clamp(-HAND_M_PER_S * h_s, HAND_M_PER_S * h_s);
+    *left_m -= step_m;
+    if *left_m == 0.0 {
+        return 0.0;
+    }
+    -step_m / h_s
+}
+
 /// State of one unit.
 #[derive(Clone, Debug)]
 pub(crate) struct Unit {
@@ -213,6 +227,8 @@ pub(crate) struct Unit {
     creep_n: Vec<f64>,
     /// Pull on the cell from outside, along its axis, N: a weight that hangs there.
     external_n: f64,
+    /// Cable that a hand is still to pull out, m; negative: to wind in.
+    by_hand_m: f64,
 }
 
 impl Unit {
@@ -272,6 +288,7 @@ impl Unit {
             flexure_m,
             flexure_m_per_s: 0.0,
             external_n: 0.0,
+            by_hand_m: 0.0,
         };
         // A cell that hung there for long has crept under the assembly's weight.
         let weight = unit.parameters.assembly_weight_n;
@@ -323,7 +340,11 @@ impl Unit {
             - self.contact.force_n()
             - damping * v
             - load_n;
-        let v = v + force * self.h_per_kg;
+        let v = if self.by_hand_m == 0.0 {
+            v + force * self.h_per_kg
+        } else {
+            moved_by_hand(&mut self.by_hand_m, h)
+        };
         self.speed_m_per_s = v;
         self.wound_m += h * v;
         let ratio = v * c.per_stribeck_velocity;
@@ -387,6 +408,11 @@ impl Unit {
         };
     }
 
+    /// Lets a hand pull so much cable out, m; negative: wind it in by turning the reel.
+    pub fn pull_out(&mut self, travel_m: f64) {
+        self.by_hand_m = travel_m;
+    }
+
     /// Makes the cable longer.
     pub fn lay_loose(&mut self, slack_m: f64) {
         self.rest_length_m += slack_m.max(0.0);
@@ -433,10 +459,11 @@ impl Unit {
         (c.counts_per_m * self.wound_m + self.parameters.encoder_phase_counts).floor() as i64
     }
 
-    /// Everything that the cell carries, N: cable along the axis, weight and inertia of the assembly, and what hangs on it. The
-    /// last without a swing: a weight that is at rest.
+    /// Everything that the cell carries, N: cable along the axis, weight and inertia of the assembly, what hangs on it, and a hand
+    /// that pulls cable out. The last two without a swing.
     pub fn cell_load_n(&self, c: &Shared) -> f64 {
-        c.cell_stiffness_n_per_m * self.flexure_m + self.external_n
+        let hand_n = if self.by_hand_m > 0.0 { HAND_N } else { 0.0 };
+        c.cell_stiffness_n_per_m * self.flexure_m + self.external_n + hand_n
     }
 
     /// Hangs a weight of so many newtons on the cell, along its axis, in place of the one before.

@@ -1,10 +1,17 @@
 //! Fault injection, and the misuse that all devices have recorded.
 
-use super::Board;
+use super::{Board, IN_ORDER};
 use crate::devices::ls7266r1::Ls7266r1;
 use crate::devices::Complaints;
 use crate::wiring::{self, UNITS};
 use emulator_link::Injection;
+
+/// Every part at its own place but for two.
+fn exchanged(a: usize, b: usize) -> [usize; UNITS] {
+    let mut wired = IN_ORDER;
+    wired.swap(a, b);
+    wired
+}
 
 impl Board {
     /// Injects a fault, or removes it.
@@ -115,6 +122,46 @@ impl Board {
             Injection::BusError => self.bus_error = true,
             Injection::StallUsart => self.stall = true,
             Injection::StopSpi(on) => self.spi_stopped = on,
+            Injection::ExchangeEncoders(a, b) => {
+                let wired = exchanged(unit(a)?, unit(b)?);
+                self.advance_plant(now);
+                self.turn_counters();
+                self.wired.encoder = wired;
+            }
+            Injection::ExchangeMotors(a, b) => {
+                self.wired.motor = exchanged(unit(a)?, unit(b)?);
+                self.move_outputs(now);
+            }
+            Injection::ExchangeCells(a, b) => {
+                let wired = exchanged(unit(a)?, unit(b)?);
+                self.advance_plant(now);
+                self.wired.cell = wired;
+            }
+            Injection::ExchangeDrdy(a, b) => self.wired.drdy = exchanged(unit(a)?, unit(b)?),
+            Injection::EncoderLines(number, lines) => {
+                let unit = unit(number)?;
+                if lines == 0 {
+                    return Err("an encoder has one line at least".to_owned());
+                }
+                self.advance_plant(now);
+                self.turn_counters();
+                self.encoder_lines[unit] = lines;
+            }
+            Injection::AmplifierShare(number, share) => {
+                let unit = unit(number)?;
+                if !share.is_finite() {
+                    return Err(format!("a share of {share} is not a number"));
+                }
+                self.set_amplifier_share(unit, share);
+            }
+            Injection::PullOut(number, mm) => {
+                let unit = unit(number)?;
+                if !mm.is_finite() {
+                    return Err(format!("{mm} mm of cable are not a number"));
+                }
+                self.advance_plant(now);
+                (self.plant.pull_out(unit, mm * 1e-3)).map_err(|error| error.to_string())?;
+            }
             Injection::HangLoop
             | Injection::FlipBit(..)
             | Injection::LoseClock(_)

@@ -55,6 +55,32 @@ impl Port {
     }
 }
 
+/// Lines of the plant's encoders.
+const NOMINAL_LINES: u16 = 1_000;
+
+/// Which unit's part is plugged in at each unit's place.
+#[derive(Debug, Clone, Copy)]
+struct Wired {
+    encoder: [usize; UNITS],
+    motor: [usize; UNITS],
+    cell: [usize; UNITS],
+    drdy: [usize; UNITS],
+}
+
+/// Every part at its own place.
+const IN_ORDER: [usize; UNITS] = [0, 1, 2, 3, 4, 5];
+
+impl Default for Wired {
+    fn default() -> Self {
+        Self {
+            encoder: IN_ORDER,
+            motor: IN_ORDER,
+            cell: IN_ORDER,
+            drdy: IN_ORDER,
+        }
+    }
+}
+
 /// See the module's page.
 #[derive(Debug, Clone)]
 pub struct Board {
@@ -71,6 +97,11 @@ pub struct Board {
     encoder_jump: [i64; UNITS],
     /// Share of the current that is asked for; 1: in order, 0: off, negative: the motor turns the other way.
     amplifier_share: [f64; UNITS],
+    /// Unit whose encoder is plugged in at each unit's counter, whose motor at its amplifier, whose load cell at its converter,
+    /// whose DRDY line at its pin.
+    wired: Wired,
+    /// Lines of each encoder.
+    encoder_lines: [u16; UNITS],
     /// Two channels of the multiplexer that are exchanged.
     exchanged: Option<[usize; 2]>,
     /// Amplifier inputs that another controller drives in place of the DACs, V.
@@ -136,6 +167,8 @@ impl Board {
             reversed_encoder: [None; UNITS],
             encoder_jump: [0; UNITS],
             amplifier_share: [1.0; UNITS],
+            wired: Wired::default(),
+            encoder_lines: [NOMINAL_LINES; UNITS],
             exchanged: None,
             outside_v: None,
             lose_drdy: [0; UNITS],
@@ -225,7 +258,8 @@ impl Board {
         while self.history.next_ns() <= t_ns {
             self.plant.advance_to(self.history.next_ns());
             // A known pull is a weight to calibrate with: it hangs on the plant's cell.
-            let row = std::array::from_fn(|unit| self.plant.bridge_v_per_v(unit));
+            let cell = self.wired.cell;
+            let row = std::array::from_fn(|unit| self.plant.bridge_v_per_v(cell[unit]));
             self.history.push(row);
             self.turn_counters();
         }
@@ -241,13 +275,23 @@ impl Board {
 
     /// Edges that a unit's encoder has given so far, with its defects.
     fn encoder_edges(&self, unit: usize) -> i64 {
-        let edges = self.plant.encoder_counts(unit);
+        let edges = self.disc_edges(unit);
         self.reversed_encoder[unit].map_or(edges, |turned| turned - edges) + self.encoder_jump[unit]
+    }
+
+    /// Edges of the disc that is plugged in at a unit's counter.
+    fn disc_edges(&self, unit: usize) -> i64 {
+        let source = self.wired.encoder[unit];
+        let edges = self.plant.encoder_counts(source);
+        match self.encoder_lines[source] {
+            NOMINAL_LINES => edges,
+            lines => (edges * i64::from(lines)).div_euclid(i64::from(NOMINAL_LINES)),
+        }
     }
 
     /// A unit's encoder counts the other way from its present count on, or the right way again.
     fn reverse_encoder(&mut self, unit: usize, reversed: bool) {
-        self.reversed_encoder[unit] = reversed.then(|| 2 * self.plant.encoder_counts(unit));
+        self.reversed_encoder[unit] = reversed.then(|| 2 * self.disc_edges(unit));
     }
 
     fn switch_power(&mut self, t_ns: u64) {

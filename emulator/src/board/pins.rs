@@ -18,12 +18,13 @@ impl Board {
 
     pub(super) fn show_drdy(&mut self, _t_ns: u64) {
         for unit in 0..UNITS {
-            let level = self.converters[unit].drdy();
+            let source = self.wired.drdy[unit];
+            let level = self.converters[source].drdy();
             if level != self.drdy[unit] {
                 if level == Some(true) && self.lose_drdy[unit] > 0 {
                     // The wire stays low until the next conversion.
                     self.lose_drdy[unit] -= 1;
-                    self.converters[unit].miss();
+                    self.converters[source].miss();
                     continue;
                 }
                 self.drdy[unit] = level;
@@ -125,7 +126,7 @@ impl Board {
                 share => share * volts,
             };
             self.plant
-                .set_amplifier_volts(unit, volts)
+                .set_amplifier_volts(self.wired.motor[unit], volts)
                 .expect("six units, finite volts");
         }
     }

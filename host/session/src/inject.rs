@@ -6,7 +6,9 @@ macro_rules! words {
     () => {
         "unplug=UNIT, plug=UNIT, nack=UNIT, stuck-sda, estop (the same: estop=open), estop-release (estop=close), \
          spike=UNIT:CODES, pull=UNIT:NEWTON, freeze-encoder=UNIT, thaw-encoder=UNIT, open-bridge=UNIT, \
-         frozen-code=UNIT, wrong-sign=UNIT, stuck-dac=UNIT, amplifier-off=UNIT, hang, usb-out, usb-in, \
+         frozen-code=UNIT, wrong-sign=UNIT, stuck-dac=UNIT, amplifier-off=UNIT, \
+         amplifier-share=UNIT:SHARE, reverse-encoder=UNIT, encoder-lines=UNIT:LINES, exchange-encoders=UNIT:UNIT, \
+         exchange-motors=UNIT:UNIT, exchange-cells=UNIT:UNIT, exchange-drdy=UNIT:UNIT, pull-out=UNIT:MM, hang, usb-out, usb-in, \
          usb-suspend, usb-resume (a rig started with --usb)"
     };
 }
@@ -51,6 +53,18 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
             .filter(|unit| (1..=UNITS as u8).contains(unit))
             .ok_or_else(|| wrong("a unit from 1 to 6 is needed"))
     };
+    let other = || {
+        value
+            .parse::<u8>()
+            .ok()
+            .filter(|unit| (1..=UNITS as u8).contains(unit))
+            .ok_or_else(|| wrong("two units from 1 to 6 are needed, as in 2:5"))
+    };
+    let number = |what: &str, within: std::ops::RangeInclusive<f64>| {
+        (value.parse::<f64>().ok())
+            .filter(|number| within.contains(number))
+            .ok_or_else(|| wrong(what))
+    };
     let injection = match name {
         "unplug" => Injection::UnplugSensor(unit()?),
         "plug" => Injection::PlugSensor(unit()?),
@@ -80,6 +94,24 @@ pub fn parse(text: &str) -> Result<(f64, Injection), String> {
         "wrong-sign" => Injection::WrongSign(unit()?, true),
         "stuck-dac" => Injection::StuckDac(unit()?, true),
         "amplifier-off" => Injection::AmplifierOff(unit()?, true),
+        "amplifier-share" => {
+            Injection::AmplifierShare(unit()?, number("a share of -4 to 4 is needed", -4.0..=4.0)?)
+        }
+        "reverse-encoder" => Injection::ReverseEncoder(unit()?, true),
+        "encoder-lines" => Injection::EncoderLines(
+            unit()?,
+            (value.parse().ok())
+                .filter(|lines| *lines > 0)
+                .ok_or_else(|| wrong("a number of lines from 1 to 65535 is needed"))?,
+        ),
+        "exchange-encoders" => Injection::ExchangeEncoders(unit()?, other()?),
+        "exchange-motors" => Injection::ExchangeMotors(unit()?, other()?),
+        "exchange-cells" => Injection::ExchangeCells(unit()?, other()?),
+        "exchange-drdy" => Injection::ExchangeDrdy(unit()?, other()?),
+        "pull-out" => Injection::PullOut(
+            unit()?,
+            number("-1000 to 1000 mm of cable are possible", -1e3..=1e3)?,
+        ),
         "hang" => Injection::HangLoop,
         "usb-out" => Injection::PlugUsb(false),
         "usb-in" => Injection::PlugUsb(true),
@@ -120,6 +152,14 @@ pub fn describe(injection: &Injection) -> Option<String> {
         Injection::WrongSign(unit, true) => format!("wrong-sign={unit}"),
         Injection::StuckDac(unit, true) => format!("stuck-dac={unit}"),
         Injection::AmplifierOff(unit, true) => format!("amplifier-off={unit}"),
+        Injection::AmplifierShare(unit, share) => format!("amplifier-share={unit}:{share}"),
+        Injection::ReverseEncoder(unit, true) => format!("reverse-encoder={unit}"),
+        Injection::EncoderLines(unit, lines) => format!("encoder-lines={unit}:{lines}"),
+        Injection::ExchangeEncoders(a, b) => format!("exchange-encoders={a}:{b}"),
+        Injection::ExchangeMotors(a, b) => format!("exchange-motors={a}:{b}"),
+        Injection::ExchangeCells(a, b) => format!("exchange-cells={a}:{b}"),
+        Injection::ExchangeDrdy(a, b) => format!("exchange-drdy={a}:{b}"),
+        Injection::PullOut(unit, mm) => format!("pull-out={unit}:{mm}"),
         // These have no word: they are for tests.
         _ => return None,
     })
@@ -197,6 +237,14 @@ mod tests {
             "usb-in",
             "usb-suspend",
             "usb-resume",
+            "amplifier-share=2:-0.5",
+            "reverse-encoder=3",
+            "encoder-lines=4:1024",
+            "exchange-encoders=1:6",
+            "exchange-motors=2:5",
+            "exchange-cells=3:4",
+            "exchange-drdy=1:2",
+            "pull-out=2:-200",
         ] {
             let (_, injection) = parse(&format!("{words}@start")).unwrap();
             assert_eq!(describe(&injection).as_deref(), Some(words));
@@ -211,6 +259,11 @@ mod tests {
             "explode@1s",
             "estop@nan",
             "spike=1@1s",
+            "exchange-motors=2@1s",
+            "exchange-cells=2:7@1s",
+            "encoder-lines=2:0@1s",
+            "pull-out=1:nan@1s",
+            "amplifier-share=1:9@1s",
             "@",
             "=@=",
         ] {
